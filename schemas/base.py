@@ -1,0 +1,90 @@
+"""Base classes of everything on the wire.
+
+Three kinds of model, one rule each about unknown fields (they differ because their readers differ):
+
+* ``Message``: published. Unknown fields are ignored, so a newer publisher of the same major version can be read.
+* ``Request``: asked of a queryable, or a command. Unknown fields are refused by name: a typo must not be obeyed.
+* ``Reply``: answered by a queryable. Unknown fields are ignored, as in messages.
+
+All are frozen and finite: JSON has no infinity or NaN, an absent number is ``null`` beside a status that says why.
+"""
+
+from typing import Annotated, ClassVar, Self
+
+from pydantic import BaseModel, ConfigDict, Field
+
+MAX_JOINTS = 64
+MAX_FEET = 8
+
+Vec2 = tuple[float, float]
+Vec3 = tuple[float, float, float]
+QuatWxyz = Annotated[
+    tuple[float, float, float, float], Field(description="unit quaternion, order w x y z (MuJoCo's), rotates body to world")
+]
+PerJoint = Annotated[tuple[float, ...], Field(max_length=MAX_JOINTS)]
+PerFoot = Annotated[tuple[float, ...], Field(max_length=MAX_FEET)]
+
+
+class Wire(BaseModel):
+    """A model with a name and a version on the wire."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
+
+    schema_version: ClassVar[str] = "1.0"
+    """major.minor: additions raise minor, everything else raises major."""
+
+    @classmethod
+    def schema_name(cls) -> str:
+        """Name and version as they stand in the Zenoh encoding, e.g. ``surefoot/Imu/1.0``."""
+        return f"surefoot/{cls.__name__}/{cls.schema_version}"
+
+
+class Header(Wire):
+    """What every published message begins with; the runtime fills it in."""
+
+    stamp_ns: int = Field(default=0, description="simulated (or hardware) time of the SAMPLE, ns")
+    tick: int = Field(default=0, ge=-1, description="control tick of the release of this message")
+    epoch: int = Field(default=0, ge=0, description="rises by one at every reset or restore")
+    seq: int = Field(default=0, ge=0, description="number of the message within its key and epoch: tick // period")
+    source: str = Field(default="", description="name of the publishing service")
+
+
+class Message(Header):
+    """Base of published messages."""
+
+    def stamped(self, stamp_ns: int, tick: int, epoch: int, seq: int, source: str) -> Self:
+        """The same message under a filled-in header."""
+        return self.model_copy(
+            update={"stamp_ns": stamp_ns, "tick": tick, "epoch": epoch, "seq": seq, "source": source}
+        )
+
+
+class Bulk(Message):
+    """A message whose numbers travel as raw bytes: payload = ``data``, the other fields are the attachment's JSON."""
+
+    data: bytes = Field(default=b"", exclude=True, repr=False, description="raw little-endian array")
+
+
+class Request(Wire):
+    """Base of requests and commands: unknown fields are refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class TickRequest(Request):
+    """A request whose answer depends on live state: the server answers once it has consumed ``tick`` of ``epoch``."""
+
+    epoch: int | None = Field(default=None, ge=0, description="epoch of the asker; null = whatever runs")
+    tick: int | None = Field(default=None, ge=0, description="tick the answer must have seen; null = the latest")
+
+
+class Reply(Wire):
+    """Base of replies."""
+
+
+class ErrorReply(Reply):
+    """What a queryable answers, as a Zenoh error reply, when it cannot serve a request."""
+
+    code: str = Field(description="short machine-readable reason, e.g. bad_request, not_ready, refused")
+    message: str = Field(description="one sentence with the received value and the allowed ones")
+    field: str | None = Field(default=None, description="path of the offending field, dots between levels")

@@ -1,0 +1,29 @@
+"""Commands to the walker."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from schemas.base import Reply, Request
+
+
+class WalkCommand(Request):
+    """Walk, turn, stand or stop. A later command replaces the present one; ``stop`` ends in a closing step."""
+
+    action: Literal["walk", "turn", "stand", "stop"] = Field(description="what to do")
+    distance: float | None = Field(default=None, ge=-100, le=100, description="m along the heading; null = until told")
+    velocity: float | None = Field(default=None, ge=-1, le=1, description="m/s along the heading; null = the gait's own")
+    angle: float | None = Field(default=None, ge=-31.5, le=31.5, description="rad, left positive; for turn")
+    duration: float | None = Field(default=None, ge=0, le=3600, description="s, for stand")
+    gait: str | None = Field(default=None, max_length=32, description="name of a gait of this robot; null = its default")
+    at_tick: int | None = Field(
+        default=None, ge=0, description="tick the command takes effect in (reproducible); null = the next one"
+    )
+
+
+class WalkReply(Reply):
+    """Answered at once; progress is in state/gait under ``id``."""
+
+    accepted: bool = Field(description="false: nothing changes")
+    id: int = Field(ge=0, description="number of the command, 0 when refused")
+    reason: str = Field(default="", description="why it was refused, in words")

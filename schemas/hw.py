@@ -1,0 +1,73 @@
+"""Hardware contract: what a driver (or the simulator) provides on ``hw/*`` and consumes on ``cmd/*``."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from schemas.base import MAX_FEET, Message, PerJoint, Reply, Request, Vec3
+
+
+class Tick(Message):
+    """Manifest of a control tick: what belongs to it and who must answer. Published after the samples of the tick."""
+
+    roster: tuple[str, ...] = Field(description="services that must finish this tick; changed by the driver only")
+    roster_version: int = Field(ge=0, description="counts the changes of the roster")
+    due: tuple[str, ...] = Field(description="hw keys that carry a sample in this tick")
+    mode: Literal["lockstep", "paced"] = Field(description="lockstep: the driver waits for the roster; paced: it does not")
+    seed: int = Field(default=0, ge=0, description="scenario seed, for the random streams of services")
+    end: bool = Field(default=False, description="true on the last tick of the run")
+
+
+class Imu(Message):
+    """Inertial sample, mean over its window; ``stamp_ns`` is the end of the window."""
+
+    acc: Vec3 = Field(description="specific force, m/s^2, IMU frame; at rest +9.81 along up")
+    gyro: Vec3 = Field(description="angular rate, rad/s, IMU frame")
+    saturated: bool = Field(default=False, description="true when an axis is at the end of its range")
+
+
+class JointState(Message):
+    """Encoders and servo loads, in the joint order of the robot description."""
+
+    position: PerJoint = Field(description="joint angles, rad")
+    velocity: PerJoint | None = Field(default=None, description="joint rates, rad/s")
+    current: PerJoint | None = Field(default=None, description="motor currents, A")
+    torque: PerJoint | None = Field(default=None, description="joint torques, Nm")
+
+
+class FootContacts(Message):
+    """Foot switches and foot forces, in the leg order of the robot description."""
+
+    touch: Annotated[tuple[tuple[bool, ...], ...], Field(max_length=MAX_FEET)] = Field(
+        description="per foot one to four switches, true = pressed"
+    )
+    normal_force_n: Annotated[tuple[float | None, ...], Field(max_length=MAX_FEET)] = Field(
+        description="per foot the force along the sole normal, N; null = no such sensor"
+    )
+
+
+class JointCommand(Message):
+    """Position set-points for the servos; stale after 100 ms of simulated time: the driver holds and reports."""
+
+    model_config = Request.model_config
+    position: PerJoint = Field(description="set-points, rad, joint order of the robot description")
+    torque_limit: PerJoint | None = Field(default=None, description="Nm; null = the servo's own")
+
+
+class EmergencyStop(Message):
+    """Stop now: the driver holds the present joint positions until the next reset."""
+
+    reason: str = Field(default="", description="who asks and why")
+
+
+class DescriptionRequest(Request):
+    """Asks the driver which robot description it was built from."""
+
+
+class DescriptionReply(Reply):
+    """The driver's robot description; another hash than ours means not ready."""
+
+    robot: str = Field(description="name of the robot")
+    hash: str = Field(description="sha256 of the canonical robot description")
+    joints: tuple[str, ...] = Field(description="joint names in message order")
+    feet: tuple[str, ...] = Field(description="leg names in message order")

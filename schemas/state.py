@@ -1,0 +1,76 @@
+"""What the function services say about the robot: velocity, odometry, gait."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from schemas.base import MAX_FEET, Message, PerFoot, QuatWxyz, Vec3
+
+Covariance6 = Annotated[tuple[float, ...], Field(min_length=36, max_length=36)]
+Covariance4 = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]
+
+
+class VelocityEstimate(Message):
+    """Velocity and gravity direction of base_link (Wawrzynski et al.)."""
+
+    mode: Literal["imu", "kinematics", "kinematics_gyro", "ekf", "best"] = Field(description="which estimator made it")
+    velocity: Vec3 = Field(description="m/s, velocity of the base_link origin in base_link axes")
+    velocity_imu: Vec3 = Field(description="m/s, velocity of the IMU in IMU axes (the paper's quantity)")
+    velocity_heading: Vec3 = Field(description="m/s, base_link velocity in heading axes: x forward horizontal, z up")
+    angular_velocity: Vec3 = Field(description="rad/s, base_link axes, gyro bias removed")
+    g_up: Vec3 = Field(description="m/s^2, base_link axes: specific force at rest, points UP, length about 9.81")
+    roll: float = Field(description="rad, from g_up")
+    pitch: float = Field(description="rad, from g_up")
+    gyro_bias: Vec3 = Field(description="rad/s, IMU frame")
+    acc_bias: Vec3 = Field(default=(0.0, 0.0, 0.0), description="m/s^2, IMU frame")
+    covariance: Covariance6 = Field(description="row-major 6x6 of (g, v), IMU axes, SI")
+    initialised: bool = Field(description="standstill calibration done; until then the covariance is wide")
+    standing: bool = Field(description="the robot is at rest by the sensors")
+    inputs_ok: bool = Field(description="all inputs of the last 100 ms were accepted")
+    filter_ok: bool = Field(description="covariance is finite and positive, innovation within bounds")
+    sensors_ok: bool = Field(description="no sensor saturated, frozen or absent")
+    slipping: Annotated[tuple[bool, ...], Field(max_length=MAX_FEET)] = Field(description="per foot: rejected as slipping")
+    nis: float | None = Field(default=None, description="normalised innovation squared of the last correction, 3 dof")
+    refused: int = Field(default=0, ge=0, description="inputs refused since the epoch began (late, NaN, duplicate, ...)")
+
+
+class Odometry(Message):
+    """Pose of base_link in ``odom``, dead-reckoned: yaw and position drift, and the covariance grows with them."""
+
+    position: Vec3 = Field(description="m, base_link origin in odom")
+    quat_wxyz: QuatWxyz
+    yaw: float = Field(description="rad, heading in odom, not wrapped")
+    velocity: Vec3 = Field(description="m/s, in odom axes")
+    covariance: Covariance4 = Field(description="row-major 4x4 of (x, y, z, yaw), m and rad")
+    initialised: bool = Field(description="as in VelocityEstimate")
+
+
+class PlannedFoothold(Message):
+    """A landing point the walker is about to use."""
+
+    leg: str = Field(description="leg name")
+    position: Vec3 = Field(description="m, foot centre in odom")
+    status: str = Field(description="ok, raise_trunk, infeasible, nominal (no answer from the selector)")
+
+
+class GaitState(Message):
+    """What the walker is doing."""
+
+    walk_id: int = Field(ge=0, description="number of the accepted walk command, 0 = none yet")
+    state: Literal["waiting", "standing", "walking", "stopping", "turning", "recovering", "refused", "hold"] = Field(
+        description="waiting: the estimator is not initialised; hold: inputs are stale or absent"
+    )
+    phase: float = Field(ge=0, le=1, description="phase of the present step")
+    stance: Annotated[tuple[bool, ...], Field(max_length=MAX_FEET)] = Field(description="per foot: planned on the ground")
+    footholds: Annotated[tuple[Vec3, ...], Field(max_length=MAX_FEET)] = Field(
+        description="m, per foot the present or planned foot centre in odom"
+    )
+    foothold_status: Annotated[tuple[str, ...], Field(max_length=MAX_FEET)] = Field(
+        default=(), description="per foot: ok, raise_trunk, infeasible, nominal"
+    )
+    trunk_height: float = Field(default=0.0, description="m, planned height of base_link over the mean foothold")
+    remaining: float = Field(description="m or rad still to go; 0 when there is no command")
+    margin: float | None = Field(default=None, description="m, static margin of the last step check; null = not checked")
+    reason: str = Field(default="", description="why a step was refused or degraded, in words")
+    steps: int = Field(default=0, ge=0, description="steps taken in this epoch")
+    feet_sensed: PerFoot = Field(default=(), description="per foot 1.0 if the switches say contact, else 0.0")

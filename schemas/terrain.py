@@ -1,0 +1,26 @@
+"""The terrain map as it travels: JSON header in the attachment, float32 heights as payload."""
+
+from pydantic import Field
+
+from schemas.base import Bulk, Reply, Request, Vec2
+
+
+class HeightMapMessage(Bulk):
+    """Heights of the ground, float32 little-endian, C order ``z[row = y, col = x]``, row 0 = y-min, NaN = unknown."""
+
+    rows: int = Field(gt=0, le=4096, description="cells along y")
+    cols: int = Field(gt=0, le=4096, description="cells along x")
+    cell: float = Field(gt=0, description="edge of a cell, m")
+    origin: Vec2 = Field(description="x, y of the CENTRE of cell [0, 0], m")
+    frame: str = Field(default="map", description="frame of origin and heights")
+    version: int = Field(default=0, ge=0, description="changes whenever the heights change")
+    kind: str = Field(default="", description="how the terrain was made")
+    profile: str = Field(default="exact", description="exact, noise or shifted: how far the map is from the ground")
+
+
+class MapRequest(Request):
+    """Asks for the latched map; the reply has the same form as the publication."""
+
+
+class MapReply(Reply):
+    """Placeholder reply type of ``terrain/map``: the payload is the raw map, see HeightMapMessage."""
