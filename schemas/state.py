@@ -45,14 +45,6 @@ class Odometry(Message):
     initialised: bool = Field(description="as in VelocityEstimate")
 
 
-class PlannedFoothold(Message):
-    """A landing point the walker is about to use."""
-
-    leg: str = Field(description="leg name")
-    position: Vec3 = Field(description="m, foot centre in odom")
-    status: str = Field(description="ok, raise_trunk, infeasible, nominal (no answer from the selector)")
-
-
 class GaitState(Message):
     """What the walker is doing."""
 

@@ -1,0 +1,161 @@
+"""The simulator's own topics and queries: truth, status, reset, step, push, faults. Simulation only."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from schemas.base import MAX_FEET, Message, PerFoot, PerJoint, QuatWxyz, Reply, Request, Vec3
+
+
+class Truth(Message):
+    """What no robot knows. Never read by a function service (a test proves it)."""
+
+    position: Vec3 = Field(description="m, base_link origin in world")
+    quat_wxyz: QuatWxyz
+    velocity: Vec3 = Field(description="m/s, base_link origin, world axes")
+    angular_velocity: Vec3 = Field(description="rad/s, base_link axes")
+    com: Vec3 = Field(description="m, centre of mass of the robot in world")
+    joints: PerJoint = Field(description="rad, true joint angles")
+    foot_position: Annotated[tuple[Vec3, ...], Field(max_length=MAX_FEET)] = Field(description="m, foot centres in world")
+    foot_force_n: PerFoot = Field(description="N, total normal contact force per foot")
+    foot_displacement: PerFoot = Field(
+        description="m, horizontal way of each foot centre since its touch-down (Walas & Belter's d); 0 in swing"
+    )
+    contact_sliding: PerFoot = Field(
+        description="m, way slid by the contact point in the present stance, gate 0.5 N; 0 in swing"
+    )
+    stance_sliding: PerFoot = Field(description="m, sliding of the last finished stance of each foot")
+    stances: tuple[int, ...] = Field(default=(), description="finished stances per foot since the epoch began")
+    tilt: float = Field(ge=0, description="rad, angle between the trunk's z axis and the vertical")
+    fallen: bool = Field(description="tilt over 45 deg or trunk contact, now or earlier in this epoch")
+
+
+class SimStatus(Message):
+    """State of the simulation, once a second of simulated time."""
+
+    state: Literal["idle", "joining", "running", "paused", "holding", "ended"] = Field(description="of the lockstep")
+    rtf: float = Field(ge=0, description="simulated over wall time since the last status (not reproducible)")
+    ticks: int = Field(ge=0, description="control ticks since the epoch began")
+    comparable: bool = Field(description="false after a time-out, a restart, or a degraded tick")
+    missing: tuple[str, ...] = Field(default=(), description="services awaited")
+    detail: str = Field(default="", description="in words")
+
+
+class World(Request):
+    """Which world to build."""
+
+    terrain: str = Field(default="flat", max_length=64, description="kind of terrain, or path of a terrain file")
+    amplitude: float | None = Field(default=None, ge=0, le=1, description="m, height of the terrain; null = the kind's own")
+    terrain_seed: int | None = Field(default=None, ge=0, description="seed of the terrain; null = the scenario's seed")
+    map_profile: Literal["exact", "noise", "shifted"] = Field(default="noise", description="how good the robot's map is")
+    friction: float | None = Field(default=None, gt=0, le=10, description="friction coefficient; null = the kind's own")
+    imu_profile: str | None = Field(default=None, max_length=64, description="sensor profile; null = the robot's own")
+    perturbation: float = Field(default=0.0, ge=0, le=10, description="level of model perturbation, 0 = nominal")
+
+
+class ResetRequest(Request):
+    """Builds the world anew and raises the epoch; the run begins when every expected service is ready."""
+
+    seed: int = Field(default=0, ge=0, lt=2**31, description="seed of everything random in the run")
+    world: World = Field(default_factory=World, description="which world")
+    expect: tuple[str, ...] = Field(default=(), description="services that must be ready before tick 0")
+    mode: Literal["lockstep", "paced"] = Field(default="lockstep", description="lockstep waits for the roster, paced does not")
+    rtf: float = Field(default=0.0, ge=0, le=1000, description="real-time factor of paced mode, 0 = as fast as it goes")
+    actuation_delay_ticks: int = Field(default=1, ge=0, le=5, description="0 = strict: a command acts in its own tick")
+    policy: Literal["hold", "degrade", "fail"] = Field(default="hold", description="what to do when a member dies")
+    max_ticks: int | None = Field(default=None, gt=0, description="end of the run; null = until paused")
+    paused: bool = Field(default=False, description="wait for sim/step instead of running")
+
+
+class ResetReply(Reply):
+    """The new epoch."""
+
+    epoch: int = Field(ge=0, description="every message of the new run carries it")
+    run_id: str = Field(description="seed, world and epoch in one word")
+
+
+class StepRequest(Request):
+    """Lets a paused simulation go on."""
+
+    ticks: int | None = Field(default=None, gt=0, description="ticks to run before pausing again; null = until paused")
+
+
+class PauseRequest(Request):
+    """Stops simulated time."""
+
+    at_tick: int | None = Field(default=None, ge=0, description="tick to stop after (reproducible); null = now")
+    end: bool = Field(default=False, description="true: that tick is the last of the run")
+
+
+class PushRequest(Request):
+    """An external force on the trunk."""
+
+    force: Vec3 = Field(description="N, world axes")
+    duration: float = Field(gt=0, le=10, description="s")
+    body: str = Field(default="trunk", max_length=64, description="link the force acts on, at its centre of mass")
+    at_tick: int | None = Field(default=None, ge=0, description="tick it begins in; null = the next one")
+
+
+class SetRequest(Request):
+    """Changes the world while it runs."""
+
+    quantity: Literal["friction", "mass", "servo"] = Field(description="what to change")
+    value: float = Field(gt=0, le=100, description="friction coefficient, or factor on mass or servo gain")
+    at_tick: int | None = Field(default=None, ge=0, description="tick it takes effect in; null = the next one")
+
+
+class FaultRequest(Request):
+    """Breaks something for a while."""
+
+    kind: Literal[
+        "imu_drop", "imu_freeze", "imu_bias", "imu_saturate", "joints_drop", "joints_freeze", "encoder_stuck",
+        "contacts_drop", "foot_stuck_on", "foot_stuck_off", "servo_dead", "servo_weak", "packet_delay", "packet_loss",
+    ] = Field(description="which fault")  # fmt: skip
+    target: str = Field(default="", max_length=64, description="joint or leg name where the fault has one")
+    value: float = Field(default=0.0, description="size: bias (SI), weakness factor, delay (ticks), loss probability")
+    duration: float = Field(default=1.0, gt=0, le=3600, description="s")
+    at_tick: int | None = Field(default=None, ge=0, description="tick it begins in; null = the next one")
+
+
+class SimReply(Reply):
+    """Answer of sim/step, pause, push, set, fault."""
+
+    accepted: bool = Field(description="false: nothing changed")
+    tick: int = Field(ge=-1, description="tick it takes effect in, or the present one")
+    reason: str = Field(default="", description="in words")
+
+
+class CheckpointRequest(Request):
+    """Stores the whole simulator under a name."""
+
+    name: str = Field(default="default", min_length=1, max_length=64, description="name of the checkpoint")
+
+
+class RestoreRequest(Request):
+    """Takes the simulator back; raises the epoch."""
+
+    name: str = Field(default="default", min_length=1, max_length=64, description="name of the checkpoint")
+
+
+class CheckpointReply(Reply):
+    """A stored or restored checkpoint."""
+
+    name: str = Field(description="name of the checkpoint")
+    tick: int = Field(ge=-1, description="tick it was made at")
+    epoch: int = Field(ge=0, description="epoch that runs now")
+    sha256: str = Field(description="of the stored state")
+
+
+class FeaturesRequest(Request):
+    """Asks what this simulator can do."""
+
+
+class FeaturesReply(Reply):
+    """What this simulator can do."""
+
+    robot: str = Field(description="name of the robot")
+    terrains: tuple[str, ...] = Field(description="kinds of terrain")
+    faults: tuple[str, ...] = Field(description="kinds of fault")
+    map_profiles: tuple[str, ...] = Field(description="map profiles")
+    queries: tuple[str, ...] = Field(description="keys served")
+    version: str = Field(description="MuJoCo's version")

@@ -1,0 +1,97 @@
+"""Messages of the runtime itself: lockstep, health, logs, the supervisor's status."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from schemas.base import Message, Reply, Request
+
+
+class Done(Message):
+    """A service has finished a tick; ``tick`` -1 = all its links are proved, ready to start."""
+
+    instance: str = Field(description="identity of the process: a late done of a dead one must not count")
+    ready: bool = Field(default=False, description="true in the answer to PRIME")
+    busy_ns: int = Field(default=0, ge=0, description="wall time spent in the tick, for the breakdown; not hashed")
+
+
+class JoinRequest(Request):
+    """A service asks the driver to be put on the roster at a tick boundary."""
+
+    service: str = Field(max_length=64, description="name of the service")
+    instance: str = Field(max_length=64, description="identity of the process")
+    version: str = Field(default="", max_length=64, description="version of the distribution")
+    config_hash: str = Field(default="", max_length=64, description="sha256 of the effective configuration")
+
+
+class JoinReply(Reply):
+    """Whether the driver will prime the newcomer; admission shows in the next tick's roster."""
+
+    accepted: bool = Field(description="false: the reason says why")
+    reason: str = Field(default="", description="in words")
+
+
+class TopicHealth(Message):
+    """Counters of one input or output of a service."""
+
+    key: str = Field(description="topic key")
+    count: int = Field(ge=0, description="messages since start")
+    rate_hz: float = Field(ge=0, description="messages per simulated second since the last report")
+    refused: int = Field(default=0, ge=0, description="messages refused since start")
+
+
+class Health(Message):
+    """Life of a service, once a second of wall time; ``health/<service>`` is also a queryable."""
+
+    service: str = Field(description="name of the service")
+    instance: str = Field(description="identity of the process")
+    state: Literal["starting", "compiling", "joining", "ready", "running", "stopping"] = Field(
+        description="ready: every link is proved; running: ticks are coming"
+    )
+    pid: int = Field(ge=0, description="process id")
+    kernels: Literal["warm", "compiling", "none"] = Field(default="none", description="state of compiled kernels")
+    tick_p50_us: float = Field(default=0, ge=0, description="median time in a tick, us")
+    tick_p99_us: float = Field(default=0, ge=0, description="99th percentile of it, us")
+    cpu_s: float = Field(default=0, ge=0, description="CPU time of the process, s")
+    rss_mb: float = Field(default=0, ge=0, description="memory, MB")
+    refused: dict[str, int] = Field(default_factory=dict, description="refusals by reason since start")
+    dropped: int = Field(default=0, ge=0, description="messages dropped for lack of room since start")
+    version: str = Field(default="", description="version of the distribution")
+    config_hash: str = Field(default="", description="sha256 of the effective configuration")
+    waiting_for: tuple[str, ...] = Field(default=(), description="links not yet proved, or inputs of the tick awaited")
+
+
+class HealthRequest(Request):
+    """Asks a service for its health."""
+
+
+class HealthReply(Reply):
+    """The health of a service, now."""
+
+    health: Health = Field(description="as published on health/<service>")
+
+
+class LogRecord(Message):
+    """One line of a service's log."""
+
+    level: Literal["debug", "info", "warning", "error"] = Field(description="severity")
+    text: str = Field(max_length=4096, description="the line")
+
+
+class ServiceStatus(Message):
+    """One row of the supervisor's table."""
+
+    service: str = Field(description="name of the service")
+    state: str = Field(description="stopped, starting, healthy, unhealthy, backoff, failed")
+    pid: int | None = Field(default=None, description="process id while it lives")
+    restarts: int = Field(default=0, ge=0, description="restarts since up")
+    detail: str = Field(default="", description="in words")
+
+
+class SupervisorStatus(Message):
+    """What the supervisor sees."""
+
+    system: str = Field(description="name of the compose file's system")
+    services: tuple[ServiceStatus, ...] = Field(description="one row per service")
+    scenario: str | None = Field(default=None, description="name of the running scenario")
+    detail: str = Field(default="", description="in words")

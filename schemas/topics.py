@@ -1,0 +1,140 @@
+"""THE table of topics and queries: one row per key, typed by the model it carries.
+
+Keys are relative to the session namespace ``<fleet>/<robot>``. A key that ends in ``/*`` is a family with one member
+per service; ``of(service)`` names the member.
+"""
+
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Any, Generic, TypeVar
+
+from schemas import base, cmd, footholds, hw, sim, stability, state, system, terrain
+
+M = TypeVar("M", bound=base.Message)
+Req = TypeVar("Req", bound=base.Request)
+Rep = TypeVar("Rep", bound=base.Reply)
+
+TICK_NS = 10_000_000
+"""Length of a control tick, ns (100 Hz)."""
+
+KINEMATICS_NS = 33_000_000
+"""Period of encoders and foot switches, ns (the Bioloid bus of Wawrzynski et al.: 33 ms)."""
+
+
+class Kind(Enum):
+    """How a topic is delivered; the bus maps it to Zenoh's quality of service."""
+
+    SAMPLE = "sample"  # hw/*: released by the driver, listed in the tick's manifest
+    STATE = "state"  # periodic output of a function service
+    COMMAND = "command"  # to the driver
+    LATCHED = "latched"  # one value per epoch or version
+    LOCKSTEP = "lockstep"  # the protocol's own
+    STATUS = "status"  # wall-clock, for people
+
+
+@dataclass(frozen=True)
+class Topic(Generic[M]):
+    """One row: key, model, kind, rate, owner."""
+
+    key: str
+    model: type[M]
+    kind: Kind
+    owner: str
+    """Name of the publishing service; ``driver`` is the simulator or a hardware driver; ``*`` is every service."""
+    period_ticks: int = 1
+    """Published in every n-th tick; 0 = no fixed tick (samples, latched, status)."""
+    period_ns: int = 0
+    """Sampling period of a SAMPLE topic in simulated ns, 0 = none."""
+    wall_period_s: float = 0.0
+    """Period of a STATUS topic in wall time, 0 = event."""
+    deterministic: bool = True
+    """Part of the run hash and recorded: same seed, same bytes."""
+    optional: bool = False
+    """Published only where the configuration asks for it."""
+
+    def of(self, service: str) -> "Topic[M]":
+        """The member of a ``/*`` family that belongs to ``service``."""
+        if not self.key.endswith("/*"):
+            raise ValueError(f"topic {self.key!r} is not a family; families end in '/*'")
+        return replace(self, key=f"{self.key[:-1]}{service}", owner=service)
+
+    def due(self, tick: int) -> bool:
+        """Whether a periodic topic carries a message in ``tick``."""
+        return self.period_ticks > 0 and tick % self.period_ticks == 0
+
+
+@dataclass(frozen=True)
+class Query(Generic[Req, Rep]):
+    """One row: key, request and reply models, owner."""
+
+    key: str
+    request: type[Req]
+    reply: type[Rep]
+    owner: str
+    timeout_s: float = 5.0
+
+    def of(self, service: str) -> "Query[Req, Rep]":
+        """The member of a ``/*`` family that belongs to ``service``."""
+        if not self.key.endswith("/*"):
+            raise ValueError(f"query {self.key!r} is not a family; families end in '/*'")
+        return replace(self, key=f"{self.key[:-1]}{service}", owner=service)
+
+
+# hardware contract: a driver provides hw/*, consumes cmd/*
+HW_TICK = Topic("hw/tick", hw.Tick, Kind.LOCKSTEP, "driver")
+HW_IMU = Topic("hw/imu", hw.Imu, Kind.SAMPLE, "driver", period_ticks=0, period_ns=TICK_NS)
+HW_JOINTS = Topic("hw/joints", hw.JointState, Kind.SAMPLE, "driver", period_ticks=0, period_ns=KINEMATICS_NS)
+HW_CONTACTS = Topic("hw/contacts", hw.FootContacts, Kind.SAMPLE, "driver", period_ticks=0, period_ns=KINEMATICS_NS)
+TERRAIN_MAP = Topic("terrain/map", terrain.HeightMapMessage, Kind.LATCHED, "driver", period_ticks=0)
+CMD_JOINTS = Topic("cmd/joints", hw.JointCommand, Kind.COMMAND, "walker")
+CMD_ESTOP = Topic("cmd/estop", hw.EmergencyStop, Kind.STATUS, "*", deterministic=False)
+
+# functions
+STATE_VELOCITY = Topic("state/velocity", state.VelocityEstimate, Kind.STATE, "estimator")
+STATE_VELOCITY_IMU = Topic("state/velocity/imu", state.VelocityEstimate, Kind.STATE, "estimator", optional=True)
+STATE_VELOCITY_KINEMATICS = Topic(
+    "state/velocity/kinematics", state.VelocityEstimate, Kind.STATE, "estimator", optional=True
+)
+STATE_VELOCITY_KINEMATICS_GYRO = Topic(
+    "state/velocity/kinematics_gyro", state.VelocityEstimate, Kind.STATE, "estimator", optional=True
+)
+STATE_VELOCITY_EKF = Topic("state/velocity/ekf", state.VelocityEstimate, Kind.STATE, "estimator", optional=True)
+STATE_ODOMETRY = Topic("state/odometry", state.Odometry, Kind.STATE, "estimator")
+STATE_GAIT = Topic("state/gait", state.GaitState, Kind.STATE, "walker")
+STATE_STABILITY = Topic("state/stability", stability.StabilityStatus, Kind.STATE, "stability", period_ticks=2)
+
+# simulation only
+SIM_TRUTH = Topic("sim/truth", sim.Truth, Kind.SAMPLE, "driver", period_ticks=0, period_ns=TICK_NS)
+SIM_STATUS = Topic("sim/status", sim.SimStatus, Kind.STATUS, "driver", period_ticks=0, deterministic=False)
+
+# runtime
+TICK_DONE = Topic("tick/*", system.Done, Kind.LOCKSTEP, "*", deterministic=False)
+HEALTH = Topic("health/*", system.Health, Kind.STATUS, "*", wall_period_s=1.0, deterministic=False, period_ticks=0)
+LOG = Topic("log/*", system.LogRecord, Kind.STATUS, "*", deterministic=False, period_ticks=0)
+SUPERVISOR_STATUS = Topic(
+    "supervisor/status", system.SupervisorStatus, Kind.STATUS, "supervisor",
+    wall_period_s=1.0, deterministic=False, period_ticks=0,
+)  # fmt: skip
+
+# queries
+CMD_WALK = Query("cmd/walk", cmd.WalkCommand, cmd.WalkReply, "walker")
+HW_DESCRIPTION = Query("hw/description", hw.DescriptionRequest, hw.DescriptionReply, "driver")
+TERRAIN_MAP_GET = Query("terrain/map", terrain.MapRequest, terrain.MapReply, "driver")
+FOOTHOLDS_SELECT = Query("footholds/select", footholds.SelectRequest, footholds.SelectReply, "footholds")
+FOOTHOLDS_ASSESS = Query("footholds/assess", footholds.AssessRequest, footholds.AssessReply, "footholds")
+STABILITY_REGION = Query("stability/region", stability.RegionRequest, stability.RegionReply, "stability")
+STABILITY_CHECK = Query("stability/check", stability.CheckRequest, stability.CheckReply, "stability")
+SIM_JOIN = Query("sim/join", system.JoinRequest, system.JoinReply, "driver")
+SIM_RESET = Query("sim/reset", sim.ResetRequest, sim.ResetReply, "driver", timeout_s=30.0)
+SIM_STEP = Query("sim/step", sim.StepRequest, sim.SimReply, "driver")
+SIM_PAUSE = Query("sim/pause", sim.PauseRequest, sim.SimReply, "driver")
+SIM_PUSH = Query("sim/push", sim.PushRequest, sim.SimReply, "driver")
+SIM_SET = Query("sim/set", sim.SetRequest, sim.SimReply, "driver")
+SIM_FAULT = Query("sim/fault", sim.FaultRequest, sim.SimReply, "driver")
+SIM_CHECKPOINT = Query("sim/checkpoint", sim.CheckpointRequest, sim.CheckpointReply, "driver")
+SIM_RESTORE = Query("sim/restore", sim.RestoreRequest, sim.CheckpointReply, "driver")
+SIM_FEATURES = Query("sim/features", sim.FeaturesRequest, sim.FeaturesReply, "driver")
+HEALTH_GET = Query("health/*", system.HealthRequest, system.HealthReply, "*", timeout_s=2.0)
+
+TOPICS: tuple[Topic[Any], ...] = tuple(v for v in list(globals().values()) if isinstance(v, Topic))
+QUERIES: tuple[Query[Any, Any], ...] = tuple(v for v in list(globals().values()) if isinstance(v, Query))
