@@ -336,7 +336,8 @@ def _demo(grid: _Grid, seed: int, amp: float, number: int, yaw: float) -> Terrai
     fade = _smooth((DEMO_STEPS_AT - x) / BLEND)
     z = fade * (_hill_field(grid, seed, amp) + _noise_field(grid, seed, scale * DEMO_NOISE))
     boxes, top = _stairs(grid, DEMO_STEPS_AT, scale * DEMO_RISER)
-    return Terrain("demo", seed, amp, grid.map(np.maximum(z, top)), grid.map(z), boxes=boxes)
+    surface = np.where(top > 0.0, np.maximum(z, top), z)
+    return Terrain("demo", seed, amp, grid.map(surface), grid.map(z), boxes=boxes)
 
 
 def box_top(box: Box, x: Array, y: Array) -> Array:
