@@ -1,0 +1,36 @@
+"""Gaits of a hexapod: which legs swing together and in which order.
+
+A biped's gait is another kind of plan (ZMP); it will stand beside this module, behind the same `step` of a walker.
+"""
+
+from dataclasses import dataclass
+
+LF, LM, LH, RF, RM, RH = range(6)
+
+
+@dataclass(frozen=True, slots=True)
+class Gait:
+    """Groups of legs that swing in turn; the others stand."""
+
+    name: str
+    groups: tuple[tuple[int, ...], ...]
+
+    @property
+    def steps_per_cycle(self) -> int:
+        """Steps until every leg has swung once."""
+        return len(self.groups)
+
+    @property
+    def lead(self) -> float:
+        """How far ahead of neutral a foot lands, in steps of the trunk.
+
+        A stance lasts `steps_per_cycle - 1` steps; landing half of that way ahead centres the stance on neutral.
+        """
+        return 0.5 * (len(self.groups) - 1)
+
+
+TRIPOD = Gait("tripod", ((LF, LH, RM), (LM, RF, RH)))
+RIPPLE = Gait("ripple", ((LH, RF), (LM, RH), (LF, RM)))
+WAVE = Gait("wave", ((LH,), (LM,), (LF,), (RH,), (RM,), (RF,)))
+
+HEXAPOD_GAITS: dict[str, Gait] = {gait.name: gait for gait in (TRIPOD, RIPPLE, WAVE)}

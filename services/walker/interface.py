@@ -1,0 +1,187 @@
+"""What goes into the walker and what comes out: plain frozen dataclasses, arrays in SI, frames in the field notes.
+
+Frame `odom` is the frame of the odometry; a scenario starts with `map` = `odom`.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Vec3 = tuple[float, float, float]
+
+WalkState = Literal["waiting", "standing", "walking", "stopping", "turning", "recovering", "refused", "hold"]
+Action = Literal["walk", "turn", "stand", "stop"]
+
+
+@dataclass(frozen=True, slots=True)
+class WalkerInputs:
+    """Everything the walker knows in one control tick."""
+
+    stamp: float
+    """Simulated time of the tick, s."""
+    roll: float = 0.0
+    """Estimated roll, rad."""
+    pitch: float = 0.0
+    """Estimated pitch, rad."""
+    x: float = 0.0
+    """Dead-reckoned base_link position in odom, m."""
+    y: float = 0.0
+    yaw: float = 0.0
+    """Dead-reckoned heading in odom, rad, not wrapped."""
+    estimate_stamp: float = 0.0
+    """Time of the sample behind the estimate, s."""
+    initialised: bool = False
+    """The estimator has finished its standstill calibration."""
+    joints: Array | None = None
+    """Measured joint angles of a sample released in this tick, (nj,) rad, or None."""
+    contacts: Flags | None = None
+    """Foot switches of a sample released in this tick, (L,), or None."""
+    margin: float | None = None
+    """Signed static margin the stability service published for the previous tick, m, or None."""
+
+
+@dataclass(frozen=True, slots=True)
+class WalkerOutputs:
+    """What the walker decides in one control tick."""
+
+    command: Array | None
+    """Joint set-points, (nj,) rad; None until the first joint sample."""
+    state: WalkState
+    walk_id: int
+    phase: float
+    """Phase of the present step, 0..1; 0 between steps."""
+    stance: Flags
+    """Per foot: planned on the ground, (L,)."""
+    footholds: Array
+    """Per foot the present or planned foot CENTRE in odom, (L, 3) m."""
+    foothold_status: tuple[str, ...]
+    """Per foot: ok, raise_trunk, infeasible, nominal (nobody was asked), no_answer."""
+    trunk_height: float
+    """Planned height of base_link over the ground under the mean foothold, m."""
+    remaining: float
+    """Way or angle still to go, m or rad."""
+    margin: float | None
+    """Static margin of the last step check, m."""
+    reason: str
+    """Why a step was refused or degraded, in words; empty when all is well."""
+    steps: int
+    """Steps finished since the start."""
+    unreachable: int
+    """Feet whose target was out of reach in this tick."""
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """What the robot is asked to do; a later command replaces an earlier one."""
+
+    action: Action
+    distance: float | None = None
+    """For walk: m along the heading, negative = backward, None = until told otherwise."""
+    velocity: float | None = None
+    """For walk: m/s along the heading, None = the gait's own speed."""
+    angle: float | None = None
+    """For turn: rad, left positive."""
+    gait: str | None = None
+    """Name of a gait, None = the default."""
+
+
+@dataclass(frozen=True, slots=True)
+class CommandReply:
+    """Answer to a command, at once."""
+
+    accepted: bool
+    walk_id: int = 0
+    code: str = ""
+    """not_initialised, unknown_gait, bad_value, too_fast, missing_field; empty when accepted."""
+    reason: str = ""
+    """The same in words."""
+
+
+@dataclass(frozen=True, slots=True)
+class FootholdRequest:
+    """One leg's landing."""
+
+    leg: int
+    nominal: Vec3
+    """Where the foot CENTRE would land without a better choice, map frame, m."""
+    stroke: Vec3
+    """Movement of the foot relative to the body in the coming stance, map axes, m (backward when walking forward)."""
+
+
+@dataclass(frozen=True, slots=True)
+class StepRequest:
+    """The landings of all legs that swing together, and where the trunk will be when they land."""
+
+    body: Vec3
+    """Planned base_link position at touch-down, map frame, m."""
+    yaw: float
+    """Planned heading at touch-down, rad."""
+    legs: tuple[FootholdRequest, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FootholdReply:
+    """One leg's foothold."""
+
+    status: Literal["ok", "raise_trunk", "infeasible", "no_answer"]
+    foothold: Vec3 | None = None
+    """Chosen landing, map frame, m; x and y count, the walker takes the height from its own map."""
+    trunk_shift: float = 0.0
+    """With raise_trunk: signed change of trunk height that makes a foothold reachable, m."""
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class CheckRequest:
+    """A step before it is taken: the feet that will stand and how the trunk will move over them."""
+
+    positions: Array
+    """Contact points of the stance feet, map frame, (n, 3) m."""
+    normals: Array
+    """Ground normals there, (n, 3), unit."""
+    mu: float
+    joints: Array
+    """Planned joint angles, (nj,) rad."""
+    base_position: Array
+    """(3,) m, map frame."""
+    base_quat: Array
+    """(4,) quat_wxyz, world from base."""
+    movement: Vec3
+    """Planned movement of the trunk in the step, map axes, m."""
+
+
+@dataclass(frozen=True, slots=True)
+class CheckReply:
+    """Whether the step is safe."""
+
+    stable: bool
+    margin: float | None = None
+    status: str = "ok"
+
+
+Select = Callable[[StepRequest], Sequence[FootholdReply]]
+Check = Callable[[CheckRequest], CheckReply]
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Planar pose with height."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    yaw: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Advance:
+    """Movement of the trunk in one step, heading axes."""
+
+    forward: float = 0.0
+    left: float = 0.0
+    turn: float = 0.0

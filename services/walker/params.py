@@ -1,0 +1,74 @@
+"""Settings of the hexapod walker; every default with its unit, robot-specific ones from `robot.toml`."""
+
+from dataclasses import dataclass, fields, replace
+
+from services.walker.swing import SwingShape
+from surefoot.robot import Robot
+
+
+@dataclass(frozen=True)
+class WalkerParams:
+    """Gait, limits and reactions of the walker."""
+
+    gait: str = "tripod"
+    period_s: float = 1.0
+    """Duration of two steps of the tripod gait; a step of any gait lasts half of it."""
+    stride_m: float = 0.050
+    """Way of the trunk in one full cycle of the gait at its own speed."""
+    max_stride_m: float = 0.070
+    hip_height_m: float = 0.085
+    """base_link over the mean ground under the feet."""
+    clearance_m: float = 0.030
+    """Level part of a swing over the highest swept ground."""
+    margin_m: float = 0.006
+    """Least distance of the foot sphere from the swept ground away from both ends."""
+    corridor_m: float = 0.012
+    """Half the width of the swept corridor."""
+    overlap: float = 0.15
+    """Part of a step, at each end, in which all feet stand."""
+    turn_step_rad: float = 0.12
+    """Largest change of heading in one step."""
+    level_gain: float = 0.025
+    """Part of the estimated tilt taken out in each tick."""
+    level_limit_rad: float = 0.25
+    stand_level_gain: float = 0.010
+    """The same while standing."""
+    sag: float = 1.0
+    """Part of the servos' compliance that the set-points compensate."""
+    belly_m: float = 0.012
+    """Least distance of the trunk's underside from the highest ground under it."""
+    trunk_step_m: float = 0.030
+    """Largest change of trunk height in one step."""
+    trunk_speed: float = 0.030
+    """m/s, speed of trunk movements on six feet."""
+    search_m: float = 0.040
+    """How far a foot looks for the ground below the map's height."""
+    hold_step_m: float = 0.012
+    """How far it looks before the trunk waits for it."""
+    press_speed: float = 0.060
+    """m/s, how fast a landed foot goes to its foothold."""
+    steer_gain: float = 0.5
+    """Part of the cross-track and heading error taken out in each step."""
+    steer_limit_m: float = 0.008
+    steer_limit_rad: float = 0.08
+    distance_tolerance_m: float = 0.003
+    angle_tolerance_rad: float = 0.01
+    close_tolerance_m: float = 0.010
+    """Feet nearer than this to neutral need no closing step."""
+    anchor_height: float = 0.5
+    """Part of the difference between the feet's and the map's heights taken out in each step."""
+    friction: float = 0.6
+    """Coefficient assumed in step checks."""
+    low_margin_m: float = 0.010
+    """A published margin below this halves the next step."""
+    max_attempts: int = 6
+    """Plans tried for one step before it is refused."""
+    stale_s: float = 0.1
+    """Estimates and samples older than this stop new steps."""
+    swing: SwingShape = SwingShape()
+
+    @classmethod
+    def for_robot(cls, robot: Robot, **overrides: object) -> "WalkerParams":
+        """Defaults, then the robot's own gait table, then `overrides`."""
+        own = {f.name: robot.gait[f.name] for f in fields(cls) if f.name in robot.gait}
+        return replace(cls(**own), **overrides)  # type: ignore[arg-type]

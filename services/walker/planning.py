@@ -1,0 +1,160 @@
+"""One step before it is taken: where the trunk goes, where the feet land, whether the legs reach."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.walker import posture, swing
+from services.walker.gaits import Gait
+from services.walker.ground import Ground
+from services.walker.interface import Advance, CheckRequest, FootholdRequest, Pose, StepRequest
+from services.walker.params import WalkerParams
+from services.walker.route import moved
+from surefoot import kinematics, rotations
+from surefoot.robot import Robot
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+HEIGHT_TRIALS = tuple(0.005 * k for n in range(9) for k in ((n, -n) if n else (0,)))  # m, nearest first
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What planning needs to know of robot and world; fixed over a step."""
+
+    robot: Robot
+    params: WalkerParams
+    ground: Ground | None
+    neutral: Array
+    """Feet of the neutral posture relative to the trunk, heading axes, (L, 2) m."""
+
+
+@dataclass(frozen=True, eq=False)
+class StepPlan:
+    """A step ready to be taken."""
+
+    swing: Flags
+    """Legs that swing, (L,)."""
+    begin: Pose
+    end: Pose
+    feet_from: Array
+    """Foot centres at lift-off, (L, 3) map."""
+    feet_to: Array
+    """Foot centres at touch-down; standing feet as in `feet_from`."""
+    top: Array
+    """Height of the level part of each swing, (L,) m."""
+    go: Array
+    arrive: Array
+    """Phases between which each foot moves sideways, (L,)."""
+    status: tuple[str, ...]
+    """Per foot, see WalkerOutputs."""
+
+
+def rotated(yaw: float, vectors: Array) -> Array:
+    """Plane vectors (n, 2) turned by yaw."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    return vectors @ np.array([[c, s], [-s, c]])
+
+
+def centre_height(frame: Frame, x: float, y: float, feet: Array) -> float:
+    """Foot-centre height at (x, y) by the map, or the mean of the present feet where it is unknown."""
+    z = frame.ground.centre_height(x, y) if frame.ground is not None else float("nan")
+    return z if np.isfinite(z) else float(np.mean(feet[:, 2]))
+
+
+def landings(frame: Frame, gait: Gait, legs: tuple[int, ...], end: Pose, after: Advance, feet: Array) -> Array:
+    """Nominal landings (n, 3): neutral about the trunk `lead` steps beyond the end of this one."""
+    ahead = moved(end, after, gait.lead)
+    xy = rotated(ahead.yaw, frame.neutral[list(legs)]) + np.array([ahead.x, ahead.y])
+    return np.array([[x, y, centre_height(frame, x, y, feet)] for x, y in xy])
+
+
+def foothold_request(legs: tuple[int, ...], nominal: Array, end: Pose, after: Advance, gait: Gait) -> StepRequest:
+    """The question to the foothold service for all legs of the step."""
+    stance_steps = 2.0 * gait.lead
+    x, y = rotated(end.yaw, np.array([[after.forward, after.left]]))[0] * -stance_steps
+    return StepRequest(
+        body=(end.x, end.y, end.z),
+        yaw=end.yaw,
+        legs=tuple(
+            FootholdRequest(leg=leg, nominal=(float(p[0]), float(p[1]), float(p[2])), stroke=(float(x), float(y), 0.0))
+            for leg, p in zip(legs, nominal, strict=True)
+        ),
+    )
+
+
+def trunk_height(frame: Frame, feet: Array, at: Pose, shift: float) -> float:
+    """Height of base_link: mean ground under the feet + hip height, and the trunk clear of the highest ground below.
+
+    Walas & Belter's rule over the last six footholds, here the six feet at the end of the step.
+    """
+    robot, params = frame.robot, frame.params
+    z = float(np.mean(feet[:, 2])) - robot.foot_radius + params.hip_height_m + shift
+    if frame.ground is not None:
+        half = 0.5 * robot.trunk.box
+        highest = frame.ground.highest_under(at.x, at.y, at.yaw, float(half[0]), float(half[1]))
+        if np.isfinite(highest):
+            z = max(z, highest + params.belly_m + float(half[2]))
+    return z
+
+
+def reaches(frame: Frame, begin: Pose, end: Pose, feet: Array) -> bool:
+    """Whether every leg reaches its foot with a level trunk at the middle and at the end of the step."""
+    for part in (0.5, 1.0):
+        body = np.array([begin.x + part * (end.x - begin.x), begin.y + part * (end.y - begin.y),
+                         begin.z + part * (end.z - begin.z)])  # fmt: skip
+        rot = rotations.matrix_from_rpy(0.0, 0.0, begin.yaw + part * (end.yaw - begin.yaw))
+        if not kinematics.legs_ik(frame.robot.model, posture.into_base(feet, body, rot))[1].all():
+            return False
+    return True
+
+
+def end_pose(frame: Frame, begin: Pose, planar: Pose, feet: Array, shift: float) -> Pose | None:
+    """The trunk at the end of the step: the wanted height, or the nearest one at which all legs reach, or None."""
+    limit = frame.params.trunk_step_m
+    wanted = trunk_height(frame, feet, planar, shift)
+    wanted = begin.z + max(-limit, min(limit, wanted - begin.z))
+    for trial in HEIGHT_TRIALS:
+        end = Pose(planar.x, planar.y, wanted + trial, planar.yaw)
+        if reaches(frame, begin, end, feet):
+            return end
+    return None
+
+
+def complete(
+    frame: Frame, legs: tuple[int, ...], begin: Pose, end: Pose, feet: Array, feet_to: Array, status: tuple[str, ...]
+) -> StepPlan:
+    """The step with its swing paths over the whole swept ground."""
+    n = feet.shape[0]
+    swinging = np.zeros(n, dtype=np.bool_)
+    top, go, arrive = np.zeros(n), np.zeros(n), np.ones(n)
+    for leg in legs:
+        swinging[leg] = True
+        if frame.ground is None:
+            swept = np.full(swing.SAMPLES, np.nan)
+        else:
+            swept = swing.swept_ground(frame.ground.centres, feet[leg], feet_to[leg], frame.params.corridor_m)
+        top[leg], go[leg], arrive[leg] = swing.plan(
+            frame.params.swing, feet[leg], feet_to[leg], swept, frame.params.clearance_m, frame.params.margin_m
+        )
+    return StepPlan(swinging, begin, end, feet.copy(), feet_to, top, go, arrive, status)
+
+
+def check_request(frame: Frame, plan: StepPlan, joints: Array, rot: Array) -> CheckRequest:
+    """The question to the stability service: the standing feet and the way of the trunk over them."""
+    r = frame.robot.foot_radius
+    standing = plan.feet_from[~plan.swing]
+    up = np.array([0.0, 0.0, 1.0])
+    normals = np.array([up if frame.ground is None else frame.ground.normal(p[0], p[1]) for p in standing])
+    begin, end = plan.begin, plan.end
+    return CheckRequest(
+        positions=standing - r * normals,
+        normals=normals,
+        mu=frame.params.friction,
+        joints=joints,
+        base_position=np.array([begin.x, begin.y, begin.z]),
+        base_quat=rotations.quat_from_matrix(rot),
+        movement=(end.x - begin.x, end.y - begin.y, end.z - begin.z),
+    )

@@ -1,0 +1,46 @@
+"""Simple answers to the walker's two questions, for use without the foothold and stability services."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.walker.interface import CheckReply, CheckRequest, FootholdReply, StepRequest
+from surefoot import kinematics, rotations
+from surefoot.robot import Robot
+
+
+def nominal_footholds(request: StepRequest) -> tuple[FootholdReply, ...]:
+    """Every foot lands on its nominal foothold."""
+    return tuple(FootholdReply("ok", leg.nominal) for leg in request.legs)
+
+
+def hull_margin(points: NDArray[np.float64], c: NDArray[np.float64]) -> float:
+    """Distance of c (2,) inside the convex hull of points (n, 2), negative outside (by the nearest edge's line), m."""
+    centre = points.mean(axis=0)
+    order = np.argsort(np.arctan2(points[:, 1] - centre[1], points[:, 0] - centre[0]))
+    ring = points[order]
+    margin = math.inf
+    for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
+        edge = b - a
+        length = math.hypot(edge[0], edge[1])
+        if length > 1e-9:
+            margin = min(margin, (edge[0] * (c[1] - a[1]) - edge[1] * (c[0] - a[0])) / length)
+    return margin
+
+
+class HullCheck:
+    """Static margin of the centre of mass over the hull of the standing feet."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._model = robot.model
+
+    def __call__(self, request: CheckRequest) -> CheckReply:
+        """Margin before and after the planned movement; the smaller one counts."""
+        if len(request.positions) < 3:
+            return CheckReply(False, None, "segment")
+        rot = rotations.matrix_from_quat(request.base_quat)
+        com = request.base_position + rot @ kinematics.com(self._model, request.joints)
+        feet = request.positions[:, :2]
+        margin = min(hull_margin(feet, com[:2]), hull_margin(feet, com[:2] + np.array(request.movement[:2])))
+        return CheckReply(margin >= 0.0, margin)
