@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from schemas.base import Bulk, Reply, Request, Vec2
+from schemas.base import Bulk, Request, Vec2
 
 
 class HeightMapMessage(Bulk):
@@ -19,8 +19,4 @@ class HeightMapMessage(Bulk):
 
 
 class MapRequest(Request):
-    """Asks for the latched map; the reply has the same form as the publication."""
-
-
-class MapReply(Reply):
-    """Placeholder reply type of ``terrain/map``: the payload is the raw map, see HeightMapMessage."""
+    """Asks for the latched map; the reply is a HeightMapMessage, as published."""

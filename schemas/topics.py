@@ -12,13 +12,17 @@ from schemas import base, cmd, footholds, hw, sim, stability, state, system, ter
 
 M = TypeVar("M", bound=base.Message)
 Req = TypeVar("Req", bound=base.Request)
-Rep = TypeVar("Rep", bound=base.Reply)
+Rep = TypeVar("Rep", bound=base.Wire)
 
 TICK_NS = 10_000_000
 """Length of a control tick, ns (100 Hz)."""
 
 KINEMATICS_NS = 33_000_000
 """Period of encoders and foot switches, ns (the Bioloid bus of Wawrzynski et al.: 33 ms)."""
+
+
+VARIANT_TICKS = 5
+"""The estimators run side by side at full rate; their variants are published in every fifth tick (20 Hz)."""
 
 
 class Kind(Enum):
@@ -49,8 +53,6 @@ class Topic(Generic[M]):
     """Period of a STATUS topic in wall time, 0 = event."""
     deterministic: bool = True
     """Part of the run hash and recorded: same seed, same bytes."""
-    optional: bool = False
-    """Published only where the configuration asks for it."""
 
     def of(self, service: str) -> "Topic[M]":
         """The member of a ``/*`` family that belongs to ``service``."""
@@ -91,14 +93,18 @@ CMD_ESTOP = Topic("cmd/estop", hw.EmergencyStop, Kind.STATUS, "*", deterministic
 
 # functions
 STATE_VELOCITY = Topic("state/velocity", state.VelocityEstimate, Kind.STATE, "estimator")
-STATE_VELOCITY_IMU = Topic("state/velocity/imu", state.VelocityEstimate, Kind.STATE, "estimator", optional=True)
+STATE_VELOCITY_IMU = Topic(
+    "state/velocity/imu", state.VelocityEstimate, Kind.STATE, "estimator", period_ticks=VARIANT_TICKS
+)
 STATE_VELOCITY_KINEMATICS = Topic(
-    "state/velocity/kinematics", state.VelocityEstimate, Kind.STATE, "estimator", optional=True
+    "state/velocity/kinematics", state.VelocityEstimate, Kind.STATE, "estimator", period_ticks=VARIANT_TICKS
 )
 STATE_VELOCITY_KINEMATICS_GYRO = Topic(
-    "state/velocity/kinematics_gyro", state.VelocityEstimate, Kind.STATE, "estimator", optional=True
+    "state/velocity/kinematics_gyro", state.VelocityEstimate, Kind.STATE, "estimator", period_ticks=VARIANT_TICKS
 )
-STATE_VELOCITY_EKF = Topic("state/velocity/ekf", state.VelocityEstimate, Kind.STATE, "estimator", optional=True)
+STATE_VELOCITY_EKF = Topic(
+    "state/velocity/ekf", state.VelocityEstimate, Kind.STATE, "estimator", period_ticks=VARIANT_TICKS
+)
 STATE_ODOMETRY = Topic("state/odometry", state.Odometry, Kind.STATE, "estimator")
 STATE_GAIT = Topic("state/gait", state.GaitState, Kind.STATE, "walker")
 STATE_STABILITY = Topic("state/stability", stability.StabilityStatus, Kind.STATE, "stability", period_ticks=2)
@@ -119,7 +125,7 @@ SUPERVISOR_STATUS = Topic(
 # queries
 CMD_WALK = Query("cmd/walk", cmd.WalkCommand, cmd.WalkReply, "walker")
 HW_DESCRIPTION = Query("hw/description", hw.DescriptionRequest, hw.DescriptionReply, "driver")
-TERRAIN_MAP_GET = Query("terrain/map", terrain.MapRequest, terrain.MapReply, "driver")
+TERRAIN_MAP_GET = Query("terrain/map", terrain.MapRequest, terrain.HeightMapMessage, "driver")
 FOOTHOLDS_SELECT = Query("footholds/select", footholds.SelectRequest, footholds.SelectReply, "footholds")
 FOOTHOLDS_ASSESS = Query("footholds/assess", footholds.AssessRequest, footholds.AssessReply, "footholds")
 STABILITY_REGION = Query("stability/region", stability.RegionRequest, stability.RegionReply, "stability")

@@ -1,0 +1,33 @@
+"""Failures with a name: every one says what came, what was allowed, and which field it was."""
+
+from schemas.base import ErrorReply
+
+
+class SurefootError(Exception):
+    """Base of the errors a user may see; ``str()`` is one sentence."""
+
+    def __init__(self, code: str, message: str, field: str | None = None) -> None:
+        super().__init__(message)
+        self.code = code
+        self.message = message
+        self.field = field
+
+    def reply(self) -> ErrorReply:
+        """The error as it travels."""
+        return ErrorReply(code=self.code, message=self.message[:2000], field=self.field)
+
+
+class Refusal(SurefootError):
+    """A bad input: counted under its code, answered or logged, and the service goes on."""
+
+
+class CallError(SurefootError):
+    """A query that brought no reply: ``absent``, ``timeout``, or the server's own refusal."""
+
+
+class ConfigError(SurefootError):
+    """A configuration that cannot be used; names the file or source and the field."""
+
+
+class BusError(SurefootError):
+    """The bus could not be opened: busy port, no router, closed session."""

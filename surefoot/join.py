@@ -1,0 +1,190 @@
+"""Which inputs belong to a tick, and whether they are all there: the participant's half of lockstep, without a bus.
+
+A service is a function of its own named inputs per tick. Inputs are joined by the tick in their header, never by the
+order of their arrival, so every run with the same seed sees the same inputs.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar, cast
+
+from schemas.base import Message
+from schemas.hw import Tick
+from schemas.topics import HW_TICK, Kind, Topic
+
+M = TypeVar("M", bound=Message)
+
+DRIVER = "driver"
+MAX_AHEAD = 64
+"""Inputs further ahead of the last finished tick are refused; the driver never runs more than a few ticks ahead."""
+
+PATIENCE_TICKS = 2
+"""In paced mode a tick whose inputs are incomplete is taken when this many later ticks have come."""
+
+
+@dataclass(frozen=True)
+class Delayed(Generic[M]):
+    """An input of tick t - 1: a feedback edge, so that the order within a tick stays free of cycles."""
+
+    topic: Topic[M]
+
+
+Input = Topic[Any] | Delayed[Any]
+
+
+@dataclass(frozen=True)
+class TickInputs:
+    """Everything that belongs to one tick."""
+
+    tick: Tick
+    messages: dict[str, Any] = field(repr=False)
+
+    @property
+    def number(self) -> int:
+        """The control tick."""
+        return self.tick.tick
+
+    def get(self, topic: Topic[M]) -> M | None:
+        """The message of this tick (of the last due tick for a delayed input, the latest for a latched one), or None."""
+        return cast(M | None, self.messages.get(topic.key))
+
+
+class Join:
+    """Collects the inputs of one service and hands them out tick by tick."""
+
+    def __init__(self, service: str, inputs: Iterable[Input]) -> None:
+        self.service = service
+        self.same_tick: list[Topic[Any]] = []
+        self.delayed: list[Topic[Any]] = []
+        self.latched: list[Topic[Any]] = []
+        for item in inputs:
+            if isinstance(item, Delayed):
+                self.delayed.append(item.topic)
+            elif item.kind is Kind.LATCHED:
+                self.latched.append(item)
+            else:
+                self.same_tick.append(item)
+        self.keys = {topic.key for topic in (*self.same_tick, *self.delayed, *self.latched)}
+        self.epoch = -1
+        self.last = -1
+        self.on_roster = False
+        self._ticks: dict[int, Tick] = {}
+        self._slots: dict[tuple[int, int], dict[str, Message]] = {}
+        self._latched: dict[str, Message] = {}
+        self._previous_roster: tuple[str, ...] = ()
+
+    def offer(self, topic: Topic[Any], message: Message) -> str | None:
+        """Takes an input; returns the reason when it is refused."""
+        if message.epoch < self.epoch:
+            return "stale_epoch"
+        if topic.key == HW_TICK.key:
+            return self._offer_tick(cast(Tick, message))
+        if topic.kind is Kind.LATCHED:
+            held = self._latched.get(topic.key)
+            if held is not None and held.epoch > message.epoch:
+                return "stale_epoch"
+            self._latched[topic.key] = message
+            return None
+        if message.epoch == self.epoch:
+            if message.tick <= self.last - 1 or (message.tick <= self.last and topic not in self.delayed):
+                return "duplicate"
+            if message.tick > self.last + MAX_AHEAD and self.on_roster:
+                return "too_far_ahead"
+        slot = self._slots.setdefault((message.epoch, message.tick), {})
+        if topic.key in slot:
+            return "duplicate"
+        slot[topic.key] = message
+        if len(self._slots) > 4 * MAX_AHEAD:  # not on the roster: nothing is ever taken, keep the newest
+            del self._slots[min(self._slots)]
+        return None
+
+    def _offer_tick(self, tick: Tick) -> str | None:
+        if tick.epoch > self.epoch:
+            self.epoch = tick.epoch
+            self.last = -1
+            self.on_roster = False
+            self._ticks.clear()
+            self._slots = {key: slot for key, slot in self._slots.items() if key[0] >= tick.epoch}
+        if self.service not in tick.roster:
+            self.on_roster = False
+            return "not_on_roster"
+        if tick.tick <= self.last:
+            return "replay"
+        if not self.on_roster:
+            self.on_roster = True
+            self.last = tick.tick - 1  # a newcomer begins with the first tick whose roster names it
+        held = self._ticks.get(tick.tick)
+        if held is None or tick.roster_version >= held.roster_version:
+            self._ticks[tick.tick] = tick
+        return None
+
+    def _wanted(self, tick: Tick) -> list[tuple[Topic[Any], int]]:
+        """Topics due in a tick with the tick their message carries."""
+        wanted: list[tuple[Topic[Any], int]] = []
+        for topic in self.same_tick:
+            if topic.kind is Kind.SAMPLE:
+                if topic.key in tick.due:
+                    wanted.append((topic, tick.tick))
+            elif topic.due(tick.tick) and (topic.owner == DRIVER or topic.owner in tick.roster):
+                wanted.append((topic, tick.tick))
+        return wanted
+
+    def missing(self) -> tuple[str, ...]:
+        """Keys the next tick still waits for; empty also when the tick itself has not come."""
+        tick = self._ticks.get(self.last + 1)
+        return () if tick is None else tuple(self._missing(tick))
+
+    def _missing(self, tick: Tick) -> list[str]:
+        slot = self._slots.get((tick.epoch, tick.tick), {})
+        lacking = [topic.key for topic, _ in self._wanted(tick) if topic.key not in slot]
+        before = self._slots.get((tick.epoch, tick.tick - 1), {})
+        for topic in self.delayed:
+            if tick.tick - 1 >= 0 and topic.due(tick.tick - 1) and topic.owner in self._previous_roster:
+                if topic.owner in tick.roster and topic.key not in before:
+                    lacking.append(topic.key)
+        for topic in self.latched:
+            held = self._latched.get(topic.key)
+            if held is None or held.epoch != tick.epoch:
+                lacking.append(topic.key)
+        return lacking
+
+    def take(self) -> TickInputs | None:
+        """The next tick if its inputs are complete (in paced mode: or if later ticks have overtaken it)."""
+        if not self._ticks or not self.on_roster:
+            return None
+        tick = self._ticks.get(self.last + 1)
+        if tick is not None and tick.mode == "lockstep":
+            return None if self._missing(tick) else self._bundle(tick)
+        return self._take_paced()
+
+    def _take_paced(self) -> TickInputs | None:
+        newest = max(self._ticks)
+        for number in sorted(self._ticks, reverse=True):
+            tick = self._ticks[number]
+            if tick.mode == "lockstep":
+                continue
+            if not self._missing(tick) or newest - number >= PATIENCE_TICKS:
+                return self._bundle(tick)
+        return None
+
+    def _bundle(self, tick: Tick) -> TickInputs:
+        slot = self._slots.pop((tick.epoch, tick.tick), {})
+        messages: dict[str, Any] = {topic.key: slot[topic.key] for topic, _ in self._wanted(tick) if topic.key in slot}
+        before = self._slots.get((tick.epoch, tick.tick - 1), {})
+        for topic in self.delayed:
+            if topic.key in before:
+                messages[topic.key] = before[topic.key]
+        for topic in self.latched:
+            if topic.key in self._latched:
+                messages[topic.key] = self._latched[topic.key]
+        skipped = tick.tick - self.last > 1
+        self.last = tick.tick
+        self._previous_roster = tick.roster
+        kept_for_next = {t.key: slot[t.key] for t in self.delayed if t.key in slot}
+        self._slots = {k: s for k, s in self._slots.items() if k > (tick.epoch, tick.tick)} if skipped else self._slots
+        self._slots.pop((tick.epoch, tick.tick - 1), None)
+        if kept_for_next:
+            self._slots[(tick.epoch, tick.tick)] = kept_for_next
+        for number in [n for n in self._ticks if n <= tick.tick]:
+            del self._ticks[number]
+        return TickInputs(tick, messages)

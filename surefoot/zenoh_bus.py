@@ -1,0 +1,260 @@
+"""The bus between processes: one Zenoh session, one namespace, typed keys."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from queue import Empty, SimpleQueue
+from typing import Any, Generic, TypeVar
+
+import zenoh
+from zenoh.handlers import Callback
+
+from schemas.base import ErrorReply, Message, Request, Wire
+from schemas.topics import Kind, Query, Topic
+from surefoot.bus import Delivery, Incoming, Life, Raw
+from surefoot.codec import check_encoding, decode, encode, encoding_of, validate_json
+from surefoot.errors import BusError, CallError, Refusal, SurefootError
+
+M = TypeVar("M", bound=Message)
+Req = TypeVar("Req", bound=Request)
+Rep = TypeVar("Rep", bound=Wire)
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+DEFAULT_FLEET = "surefoot"
+LEASE_MS = 1000
+"""A frozen process is noticed after this time; a crash at once (Zenoh's default is 10 s)."""
+CONNECT_TIMEOUT_MS = 8000
+PROBE = b"probe"
+LIVE = "alive"
+
+_DROP = zenoh.CongestionControl.DROP
+_BLOCK = zenoh.CongestionControl.BLOCK
+_QOS = {  # congestion control, priority, express (no batching: a tick waits for its messages)
+    Kind.SAMPLE: (_BLOCK, zenoh.Priority.REAL_TIME, True),
+    Kind.STATE: (_BLOCK, zenoh.Priority.DATA_HIGH, True),
+    Kind.COMMAND: (_BLOCK, zenoh.Priority.INTERACTIVE_HIGH, True),
+    Kind.LATCHED: (_BLOCK, zenoh.Priority.DATA, False),
+    Kind.LOCKSTEP: (_BLOCK, zenoh.Priority.REAL_TIME, True),
+    Kind.STATUS: (_DROP, zenoh.Priority.DATA_LOW, False),
+}
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """Where and as what a session joins the network."""
+
+    mode: str = "peer"
+    """router (the supervisor), peer (services), client (tools)."""
+    connect: tuple[str, ...] = (DEFAULT_ENDPOINT,)
+    listen: tuple[str, ...] = ()
+    namespace: str = f"{DEFAULT_FLEET}/ragno"
+
+
+def zenoh_config(endpoint: Endpoint) -> zenoh.Config:
+    """Zenoh settings of a session: no multicast, gossip between peers, no start-up delay, quick loss detection."""
+    listen = endpoint.listen
+    if endpoint.mode == "peer" and not listen:
+        listen = ("tcp/127.0.0.1:0",)  # a peer that does not listen gets no data from other peers
+    settings: dict[str, Any] = {
+        "mode": endpoint.mode,
+        "namespace": endpoint.namespace,
+        "connect/endpoints": list(endpoint.connect) if endpoint.mode != "router" else [],
+        "connect/timeout_ms": CONNECT_TIMEOUT_MS,
+        "connect/exit_on_failure": endpoint.mode == "client",
+        "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
+        "listen/endpoints": list(listen),
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": endpoint.mode != "client",
+        "scouting/delay": 0,
+        "transport/link/tx/lease": LEASE_MS,
+    }
+    if endpoint.mode != "client":
+        settings["scouting/gossip/autoconnect_strategy"] = {
+            "peer": {"to_router": "always", "to_peer": "greater-zid"},
+        }
+    config = zenoh.Config()
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+class ZenohPublisher(Generic[M]):
+    """One key on the network."""
+
+    def __init__(self, session: zenoh.Session, topic: Topic[M]) -> None:
+        congestion, priority, express = _QOS[topic.kind]
+        self.topic = topic
+        self._publisher = session.declare_publisher(
+            topic.key,
+            encoding=encoding_of(topic.model),
+            congestion_control=congestion,
+            priority=priority,
+            express=express,
+            reliability=zenoh.Reliability.RELIABLE,
+        )
+
+    def put(self, message: M) -> tuple[bytes, bytes | None]:
+        token = encode(message)
+        self._publisher.put(token[0], attachment=token[1])
+        return token
+
+    def resend(self, token: tuple[bytes, bytes | None]) -> None:
+        self._publisher.put(token[0], attachment=token[1])
+
+    def prime(self) -> None:
+        self._publisher.put(b"")
+
+
+class ZenohIncoming:
+    """A query over the network; it is ended by ``reply`` or ``fail``, else the asker would wait for its time-out."""
+
+    def __init__(self, query: Query[Any, Any], asked: zenoh.Query) -> None:
+        self.query = query
+        self._asked = asked
+        attachment = asked.attachment
+        self.probe = attachment is not None and attachment.to_bytes() == PROBE
+
+    def request(self) -> Request:
+        payload = self._asked.payload
+        encoding = self._asked.encoding
+        if encoding is not None:
+            check_encoding(self.query.request, str(encoding))
+        return validate_json(self.query.request, (payload.to_bytes() if payload is not None else b"") or b"{}")
+
+    def reply(self, reply: Wire) -> None:
+        payload, attachment = encode(reply)
+        self._send(lambda q: q.reply(self.query.key, payload, encoding=encoding_of(type(reply)), attachment=attachment))
+
+    def fail(self, error: SurefootError) -> None:
+        payload = encode(error.reply())[0]
+        self._send(lambda q: q.reply_err(payload, encoding=encoding_of(ErrorReply)))
+
+    def accept_probe(self) -> None:
+        self._send(lambda q: q.reply(self.query.key, b"", attachment=PROBE))
+
+    def _send(self, send: Callable[[zenoh.Query], None]) -> None:
+        with self._asked as asked:
+            try:
+                send(asked)
+            except zenoh.ZError:
+                return  # the asker is gone; nobody is left to tell
+
+
+class ZenohBus:
+    """Topics and queries of one robot over a Zenoh session."""
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        self.endpoint = endpoint
+        try:
+            self.session = zenoh.open(zenoh_config(endpoint))
+        except zenoh.ZError as error:
+            raise BusError("no_bus", _why_not_open(endpoint, str(error))) from None
+        self._keep: list[Any] = []
+        self._queriers: dict[tuple[str, float], zenoh.Querier] = {}
+
+    def publisher(self, topic: Topic[M]) -> ZenohPublisher[M]:
+        return ZenohPublisher(self.session, topic)
+
+    def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], None]) -> None:
+        def on_sample(sample: zenoh.Sample) -> None:
+            attachment = sample.attachment
+            raw = Raw(
+                sample.payload.to_bytes(),
+                None if attachment is None else attachment.to_bytes(),
+                str(sample.encoding),
+            )
+            sink(Delivery(topic, None, raw))
+
+        self._keep.append(self.session.declare_subscriber(topic.key, on_sample))
+
+    def serve(self, query: Query[Any, Any], sink: Callable[[Incoming], None]) -> None:
+        def on_query(asked: zenoh.Query) -> None:
+            sink(ZenohIncoming(query, asked))
+
+        self._keep.append(self.session.declare_queryable(query.key, on_query, complete=True))
+
+    def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None) -> Rep:
+        timeout = query.timeout_s if timeout_s is None else timeout_s
+        reply = self._ask(query, timeout, encode(request)[0], None)
+        if reply is None:
+            if not self._querier(query, timeout).matching_status.matching:
+                raise CallError("absent", f"nobody serves {query.key!r} in {self.endpoint.namespace!r}")
+            raise CallError("timeout", f"{query.key!r} did not answer within {timeout:g} s")
+        if reply.ok is None:
+            assert reply.err is not None
+            raise _call_error(reply.err.payload.to_bytes())
+        attachment = reply.ok.attachment
+        try:
+            return decode(
+                query.reply,
+                reply.ok.payload.to_bytes(),
+                None if attachment is None else attachment.to_bytes(),
+                str(reply.ok.encoding),
+            )
+        except Refusal as refusal:
+            raise CallError(refusal.code, refusal.message, refusal.field) from None
+
+    def probe(self, query: Query[Any, Any]) -> bool:
+        reply = self._ask(query, 0.2, b"", PROBE)
+        return reply is not None and reply.ok is not None
+
+    def _querier(self, query: Query[Any, Any], timeout: float) -> zenoh.Querier:
+        querier = self._queriers.get((query.key, timeout))
+        if querier is None:
+            querier = self.session.declare_querier(
+                query.key,
+                target=zenoh.QueryTarget.BEST_MATCHING,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                timeout=timeout,
+                congestion_control=_BLOCK,
+                priority=zenoh.Priority.INTERACTIVE_HIGH,
+                express=True,
+            )
+            self._queriers[(query.key, timeout)] = querier
+        return querier
+
+    def _ask(
+        self, query: Query[Any, Any], timeout: float, payload: bytes, attachment: bytes | None
+    ) -> zenoh.Reply | None:
+        """First reply, or None; the wait is bounded here too, should the network forget the query."""
+        replies: SimpleQueue[zenoh.Reply | None] = SimpleQueue()
+        self._querier(query, timeout).get(
+            handler=Callback(replies.put, lambda: replies.put(None), indirect=False),
+            payload=payload,
+            encoding=encoding_of(query.request),
+            attachment=attachment,
+        )
+        try:
+            return replies.get(timeout=timeout + 1.0)
+        except Empty:
+            return None
+
+    def announce(self, service: str, instance: str) -> None:
+        self._keep.append(self.session.liveliness().declare_token(f"{LIVE}/{service}/{instance}"))
+
+    def watch(self, sink: Callable[[Life], None]) -> None:
+        def on_life(sample: zenoh.Sample) -> None:
+            _, service, instance = str(sample.key_expr).rsplit("/", 2)
+            sink(Life(service, instance, sample.kind == zenoh.SampleKind.PUT))
+
+        self._keep.append(self.session.liveliness().declare_subscriber(f"{LIVE}/*/*", on_life, history=True))
+
+    def close(self) -> None:
+        if not self.session.is_closed():
+            self.session.close()
+
+
+def _call_error(payload: bytes) -> CallError:
+    try:
+        error = validate_json(ErrorReply, payload)
+    except Refusal:
+        return CallError("error", payload[:200].decode("utf-8", "replace"))
+    return CallError(error.code, error.message, error.field)
+
+
+def _why_not_open(endpoint: Endpoint, error: str) -> str:
+    addresses: Sequence[str] = endpoint.listen if endpoint.mode == "router" else endpoint.connect
+    where = ", ".join(addresses)
+    if endpoint.mode == "router":
+        return f"cannot listen on {where}: another router holds it (stop it, or choose another with --listen)"
+    return f"no router answers at {where} (start one with `surefoot up`, or name another with --connect): {error}"
