@@ -4,15 +4,15 @@ Only feet and belly spheres touch the terrain (leg segments by a switch); the ro
 The terrain's contact parameters hold (`priority`). The Robot object is read, never changed.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.heightmap import HeightMap
+from services.simulator.terrain import Terrain
 from surefoot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -25,39 +25,6 @@ PLANE_HALF_SIZE = 20.0  # m
 SEGMENT_RADIUS = 0.01  # m, capsules of the leg segments
 TRUNK_QPOS = slice(0, 7)  # of the free joint: position (3), quat_wxyz (4)
 TRUNK_DOF = slice(0, 6)  # of the free joint: velocity in the world (3), angular rate in base_link (3)
-
-
-class BoxShape(Protocol):
-    """A solid box of the terrain."""
-
-    @property
-    def position(self) -> Sequence[float] | Array:
-        """Centre in frame `map`, (3,) m."""
-        ...
-
-    @property
-    def half_size(self) -> Sequence[float] | Array:
-        """Half edges, (3,) m."""
-        ...
-
-    @property
-    def quat_wxyz(self) -> Sequence[float] | Array:
-        """rot_map_from_box, (4,)."""
-        ...
-
-
-class TerrainShape(Protocol):
-    """What physics needs of a terrain: a ground surface and boxes on it."""
-
-    @property
-    def ground(self) -> HeightMap | None:
-        """Surface below the boxes, fully known; None = the plane z = 0."""
-        ...
-
-    @property
-    def boxes(self) -> Sequence[BoxShape]:
-        """Solid boxes, exact vertical edges."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -109,7 +76,7 @@ class Addresses:
 
 def build_spec(
     robot: Robot,
-    terrain: TerrainShape | None = None,
+    terrain: Terrain | None = None,
     perturb: Perturbation | None = None,
     physics: Physics | None = None,
 ) -> mujoco.MjSpec:
@@ -139,7 +106,7 @@ def build_spec(
 
 def build_model(
     robot: Robot,
-    terrain: TerrainShape | None = None,
+    terrain: Terrain | None = None,
     perturb: Perturbation | None = None,
     physics: Physics | None = None,
 ) -> tuple[mujoco.MjModel, Addresses]:
@@ -232,7 +199,7 @@ def _servos(robot: Robot, perturb: Perturbation) -> tuple[Array, Array, Array]:
     return kp, kv, np.array([s.max_torque for s in servos]) * perturb.torque_scale
 
 
-def _add_terrain(spec: mujoco.MjSpec, terrain: TerrainShape | None, physics: Physics, perturb: Perturbation) -> None:
+def _add_terrain(spec: mujoco.MjSpec, terrain: Terrain | None, physics: Physics, perturb: Perturbation) -> None:
     contact = {
         "contype": TERRAIN_BIT,
         "conaffinity": 0,
@@ -245,8 +212,9 @@ def _add_terrain(spec: mujoco.MjSpec, terrain: TerrainShape | None, physics: Phy
     world, kind = spec.worldbody, mujoco.mjtGeom
     ground = terrain.ground if terrain is not None else None
     if ground is None:
-        size = [PLANE_HALF_SIZE, PLANE_HALF_SIZE, 0.1]
-        world.add_geom(name="terrain", type=kind.mjGEOM_PLANE, size=size, **contact)
+        size = [PLANE_HALF_SIZE, PLANE_HALF_SIZE, 0.1]  # contact is endless, the size is for viewers
+        quat = _quat_from_normal(terrain.normal) if terrain is not None else [1.0, 0.0, 0.0, 0.0]
+        world.add_geom(name="terrain", type=kind.mjGEOM_PLANE, size=size, quat=quat, **contact)
     else:
         z = np.asarray(ground.z, dtype=np.float64)
         if not np.all(np.isfinite(z)):
@@ -267,6 +235,15 @@ def _add_terrain(spec: mujoco.MjSpec, terrain: TerrainShape | None, physics: Phy
     for i, box in enumerate(terrain.boxes if terrain is not None else ()):
         pos, half_size, quat = (np.asarray(v, dtype=float) for v in (box.position, box.half_size, box.quat_wxyz))
         world.add_geom(name=f"terrain_box_{i}", type=kind.mjGEOM_BOX, size=half_size, pos=pos, quat=quat, **contact)
+
+
+def _quat_from_normal(normal: Sequence[float]) -> list[float]:
+    """Shortest rotation that turns +z into an upward unit normal, quat_wxyz."""
+    x, y, z = normal
+    if not (z > 0.0 and abs(x * x + y * y + z * z - 1.0) < 1e-6):
+        raise ValueError(f"terrain.normal: got {tuple(normal)}, expected an upward unit vector")
+    scale = math.sqrt(0.5 / (1.0 + z))
+    return [scale * (1.0 + z), -scale * y, scale * x, 0.0]
 
 
 def _add_robot(spec: mujoco.MjSpec, robot: Robot, physics: Physics, perturb: Perturbation) -> None:
