@@ -1,0 +1,126 @@
+"""Questions to the foothold service: where to step, and how good the ground is.
+
+Points named ``foot centre`` are centres of the foot sphere: what inverse kinematics takes. ``contact`` is the point of
+the ground under it, one foot radius below along the normal.
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from schemas.base import MAX_FEET, Bulk, QuatWxyz, Reply, Request, Vec2, Vec3
+
+MAX_WINDOW = 301
+LayerName = Literal["z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask"]
+FootholdStatus = Literal["ok", "raise_trunk", "infeasible"]
+
+
+class BasePose(Request):
+    """Pose of base_link."""
+
+    position: Vec3 = Field(description="origin of base_link, frame map, m")
+    quat_wxyz: QuatWxyz = Field(default=(1.0, 0.0, 0.0, 0.0), description="rotates base_link to map, order w x y z")
+
+
+class LegRequest(Request):
+    """The landing of one leg."""
+
+    leg: str = Field(min_length=1, max_length=32, description="name of the leg in the robot description, e.g. lf")
+    nominal: Vec3 = Field(
+        description="foot centre the gait would land on, frame map, m; x and y count, the height comes from the map"
+    )
+    stroke: Vec3 = Field(
+        description="movement of the foot relative to the body during the coming stance, map axes, m; backward when "
+        "walking forward"
+    )
+
+
+class SelectRequest(Request):
+    """Asks for the footholds of all legs that land together."""
+
+    base: BasePose = Field(description="where base_link will be when the feet land")
+    legs: Annotated[tuple[LegRequest, ...], Field(min_length=1, max_length=MAX_FEET)] = Field(
+        description="one entry for each landing leg, answered in the same order"
+    )
+    mode: Literal["robust", "paper"] = Field(
+        default="robust", description="robust: best mean over 3x3 cells; paper: best single cell (Walas & Belter, 3.3)"
+    )
+
+
+class MaskCounts(Reply):
+    """How many cells of the window each reason excludes; a cell may have several reasons."""
+
+    reach: int = Field(default=0, ge=0, description="cells the leg cannot reach with margin, at landing or lift-off")
+    collision: int = Field(default=0, ge=0, description="cells where the foot wedges or the leg cuts the ground")
+    unknown: int = Field(default=0, ge=0, description="cells with an unknown 3x3 neighbourhood or outside the model")
+    steep: int = Field(default=0, ge=0, description="cells on ground steeper than the limit")
+    slip: int = Field(default=0, ge=0, description="cells with a predicted slip over the limit")
+    free: int = Field(default=0, ge=0, description="cells with no reason against them")
+
+
+class LegFoothold(Reply):
+    """The foothold of one leg."""
+
+    leg: str = Field(description="name of the leg, as asked")
+    status: FootholdStatus = Field(
+        description="ok; raise_trunk: only with the trunk moved by trunk_shift; infeasible: no cell will do"
+    )
+    foothold: Vec3 | None = Field(
+        default=None, description="chosen foot CENTRE on landing, frame map, m; null when infeasible"
+    )
+    contact: Vec3 | None = Field(
+        default=None, description="ground contact point = foot centre - foot radius * normal, frame map, m"
+    )
+    normal: Vec3 | None = Field(default=None, description="unit normal of the ground there, map axes")
+    trunk_shift: float = Field(
+        default=0.0, description="signed change of trunk height that makes the foothold reachable, m; 0 when ok"
+    )
+    score: float | None = Field(default=None, description="Q = P + k K4 of the chosen cell, no unit; small is good")
+    slip: float | None = Field(default=None, description="P: predicted slip, way slipped per stroke, 0 to 1, no unit")
+    offset: Vec2 | None = Field(default=None, description="foothold minus nominal, map axes x and y, m")
+    counts: MaskCounts = Field(default_factory=MaskCounts, description="cells excluded, by reason")
+    reason: str = Field(default="", description="why the foothold is not ok, in words")
+
+
+class SelectReply(Reply):
+    """Footholds in the order of the request."""
+
+    legs: tuple[LegFoothold, ...] = Field(description="one answer for each leg asked about")
+    map_version: int = Field(ge=0, description="version of the terrain map the answer rests on")
+    model: str = Field(description="name of the slip model the answer rests on")
+
+
+class AssessRequest(Request):
+    """Asks for the scored ground: a window, or the whole map."""
+
+    centre: Vec2 | None = Field(
+        default=None, description="x, y of the window's centre and K4's zero, frame map, m; null = the whole map"
+    )
+    size: int = Field(default=15, ge=1, le=MAX_WINDOW, description="cells along an edge of the window, odd")
+    stroke: Vec3 = Field(
+        default=(-0.05, 0.0, 0.0), description="movement of the foot relative to the body in stance, map axes, m"
+    )
+    leg: str | None = Field(
+        default=None, max_length=32, description="leg for the reach and collision masks; null = neither is tested"
+    )
+    base: BasePose | None = Field(default=None, description="pose of base_link at landing; needed with leg")
+    layers: Annotated[tuple[LayerName, ...], Field(min_length=1, max_length=9)] = Field(
+        default=("k1", "k2", "cos_k3", "p", "q", "mask"), description="what to return, in this order"
+    )
+
+
+class AssessReply(Bulk):
+    """Layers of the scored ground: float32 little-endian, C order ``layer[row = y, col = x]``, NaN = unknown.
+
+    k1, k2, k4 and heights in m; cos_k3, p, q without unit; mask holds the sum of the bits of ``mask_bits``.
+    """
+
+    layers: tuple[str, ...] = Field(description="names of the layers in the payload, in order")
+    rows: int = Field(gt=0, description="cells along y")
+    cols: int = Field(gt=0, description="cells along x")
+    cell: float = Field(gt=0, description="edge of a cell, m")
+    origin: Vec2 = Field(description="x, y of the CENTRE of cell [0, 0], frame map, m")
+    mask_bits: dict[str, int] = Field(description="value of each reason in the mask layer")
+    counts: MaskCounts = Field(description="cells excluded, by reason")
+    map_version: int = Field(ge=0, description="version of the terrain map the answer rests on")
+    model: str = Field(description="name of the slip model the answer rests on")
