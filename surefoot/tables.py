@@ -1,8 +1,9 @@
 """Strict reading of nested TOML tables: every refusal names the field."""
 
+import difflib
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import cast
 
 import numpy as np
@@ -27,8 +28,14 @@ class TableError(ValueError):
         self.message = message
 
 
+def did_you_mean(word: str, allowed: Iterable[str]) -> str:
+    """Return ` (did you mean 'x'?)` for the nearest allowed word, or an empty string."""
+    near = difflib.get_close_matches(word, list(allowed), n=1, cutoff=0.6)
+    return f" (did you mean {near[0]!r}?)" if near else ""
+
+
 class Table:
-    """A table that counts which keys were read, so that `close` can refuse the others by name."""
+    """A table that notes which keys were asked for, so that `close` can refuse the others by name."""
 
     def __init__(self, data: object, path: str = "", error: type[TableError] = TableError) -> None:
         if not isinstance(data, Mapping):
@@ -36,7 +43,7 @@ class Table:
         self._data = cast("Mapping[str, object]", data)
         self._path = path
         self._error = error
-        self._read: set[str] = set()
+        self._known: set[str] = set()
 
     def refuse(self, code: str, key: str, message: str) -> TableError:
         """Build the error of a field of this table."""
@@ -47,7 +54,8 @@ class Table:
         return f"{self._path}.{key}" if self._path else key
 
     def has(self, key: str) -> bool:
-        """Tell whether the key is given."""
+        """Tell whether the key is given; to ask makes it an allowed one."""
+        self._known.add(key)
         return key in self._data
 
     def keys(self) -> list[str]:
@@ -56,9 +64,9 @@ class Table:
 
     def raw(self, key: str) -> object:
         """Value as read from the file."""
+        self._known.add(key)
         if key not in self._data:
             raise self.refuse("missing", key, "is missing")
-        self._read.add(key)
         return self._data[key]
 
     def text(self, key: str, allowed: tuple[str, ...] = ()) -> str:
@@ -67,7 +75,8 @@ class Table:
         if not isinstance(value, str) or not value:
             raise self.refuse("type", key, f"expected text, got {value!r}")
         if allowed and value not in allowed:
-            raise self.refuse("value", key, f"got {value!r}, allowed are {', '.join(allowed)}")
+            hint = did_you_mean(value, allowed)
+            raise self.refuse("value", key, f"got {value!r}{hint}, allowed are {', '.join(allowed)}")
         return value
 
     def name(self, key: str) -> str:
@@ -144,14 +153,15 @@ class Table:
             yield key, self.table(key)
 
     def close(self) -> None:
-        """Refuse the first key that nobody read.
+        """Refuse the first key that nobody asked for.
 
         Raises:
             TableError: code `unknown_key`.
         """
         for key in self._data:
-            if key not in self._read:
-                raise self.refuse("unknown_key", key, f"is not known here; known are {', '.join(sorted(self._read))}")
+            if key not in self._known:
+                hint, known = did_you_mean(key, self._known), ", ".join(sorted(self._known))
+                raise self.refuse("unknown_key", key, f"is not known here{hint}; known are {known}")
 
     def _finite(self, value: object, key: str) -> float:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
