@@ -110,6 +110,31 @@ def dilate(
 
 
 @kernel
+def median3(z: Heights, min_known: int, out: Heights) -> None:
+    """Median of the known heights in each 3 x 3 window; an unknown cell needs `min_known` known neighbours."""
+    ny, nx = z.shape
+    window = np.empty(9, dtype=np.float32)
+    for i in range(ny):
+        for j in range(nx):
+            n = 0
+            for r in range(max(0, i - 1), min(ny, i + 2)):
+                for c in range(max(0, j - 1), min(nx, j + 2)):
+                    value = z[r, c]
+                    if math.isnan(value):
+                        continue
+                    k = n
+                    while k > 0 and window[k - 1] > value:
+                        window[k] = window[k - 1]
+                        k -= 1
+                    window[k] = value
+                    n += 1
+            if n == 0 or (math.isnan(z[i, j]) and n < min_known):
+                out[i, j] = math.nan
+            else:
+                out[i, j] = np.float32(0.5) * (window[(n - 1) // 2] + window[n // 2])
+
+
+@kernel
 def _point_to_segment(px: float, py: float, ax: float, ay: float, dx: float, dy: float, length2: float) -> float:
     """Squared distance of a point from the segment (ax, ay) + t (dx, dy), 0 <= t <= 1."""
     t = 0.0

@@ -1,0 +1,161 @@
+"""Ground coefficients K1, K2, cos K3 and K4 of Walas & Belter (2011), section 2.4.
+
+Heights are `z[row = y, col = x]` in m; dz(p, q) is the height of the cell p columns (x) and q rows (y) away, minus
+the cell's own. A cell whose 3 x 3 window touches an unknown cell or the border has no coefficients (NaN).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.heightmap_kernels import patch
+from surefoot.jit import row_kernel
+
+Layer = NDArray[np.float32]
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Features:
+    """Coefficients of the cells of a window or map."""
+
+    k1: Layer
+    """(ny, nx) m: top edge > 0, hole < 0, any plane 0."""
+    k2: Layer
+    """(ny, nx) m: steepness and roughness, |k1| <= k2."""
+    cos_k3: Layer
+    """(ny, nx): cosine of the angle between the ground normal and the push; < 0 faces the push, > 0 slips."""
+
+
+def push_direction(stroke: Vector) -> tuple[float, float, float]:
+    """Unit vector of the stroke f, normalised in float64; zero or non-finite strokes give (0, 0, 0)."""
+    fx, fy, fz = float(stroke[0]), float(stroke[1]), float(stroke[2])
+    length = math.sqrt(fx * fx + fy * fy + fz * fz)
+    if not (math.isfinite(length) and length > 1e-12):
+        return (0.0, 0.0, 0.0)
+    return (fx / length, fy / length, fz / length)
+
+
+def map_features(z: Layer, stroke: Vector, cell: float) -> Features:
+    """Coefficients of every cell of a map.
+
+    Args:
+        z: heights, (ny, nx) m, NaN = unknown.
+        stroke: movement f of the foot relative to the body in stance, map axes, (3,) m; zero: cos K3 is 0.
+        cell: edge of a cell, m.
+    """
+    out = Features(np.empty_like(z), np.empty_like(z), np.empty_like(z))
+    coefficients(z, np.array(push_direction(stroke), dtype=np.float32), np.float32(cell), out.k1, out.k2, out.cos_k3)
+    return out
+
+
+def window_features(z: Layer, row: int, col: int, rows: int, cols: int, stroke: Vector, cell: float) -> Features:
+    """Coefficients of the window that starts at cell (row, col); a window of n x n cells reads n + 2 x n + 2."""
+    local = np.empty((rows + 2, cols + 2), dtype=np.float32)
+    patch(z, row - 1, col - 1, local)
+    whole = map_features(local, stroke, cell)
+    return Features(whole.k1[1:-1, 1:-1], whole.k2[1:-1, 1:-1], whole.cos_k3[1:-1, 1:-1])
+
+
+def map_features_numpy(z: Layer, stroke: Vector, cell: float) -> Features:
+    """The same as `map_features` in numpy slices and float64: the reference.
+
+    (1) K1 = sum (z_c - z_n), (2) K2 = sum |z_c - z_n| over the 8 neighbours,
+    (3) n = res (sx [dz(-sx,sy) - dz(sx,sy) - 2 dz(sx,0)], sy [dz(sx,-sy) - dz(sx,sy) - 2 dz(0,sy)], 4 res),
+    the sum of the cross products of the five neighbours within 90 deg of the quadrant (sx, sy) of the push,
+    (4) cos K3 = n.f / (|n| |f|).
+    """
+    fx, fy, fz = push_direction(stroke)
+    sx, sy = (1 if fx >= 0.0 else -1), (1 if fy >= 0.0 else -1)
+    padded = np.pad(z.astype(np.float64), 1, constant_values=np.nan)
+    ny, nx = z.shape
+
+    def dz(p: int, q: int) -> Vector:
+        return padded[1 + q : 1 + q + ny, 1 + p : 1 + p + nx] - padded[1:-1, 1:-1]
+
+    ring = np.stack([dz(p, q) for q in (-1, 0, 1) for p in (-1, 0, 1) if (p, q) != (0, 0)])
+    k1, k2 = -ring.sum(axis=0), np.abs(ring).sum(axis=0)
+    n_x = sx * (dz(-sx, sy) - dz(sx, sy) - 2.0 * dz(sx, 0))
+    n_y = sy * (dz(sx, -sy) - dz(sx, sy) - 2.0 * dz(0, sy))
+    n_z = 4.0 * cell
+    cos_k3 = (n_x * fx + n_y * fy + n_z * fz) / np.sqrt(n_x**2 + n_y**2 + n_z**2)
+    cos_k3[np.isnan(k2)] = np.nan
+    return Features(k1.astype(np.float32), k2.astype(np.float32), cos_k3.astype(np.float32))
+
+
+def distance(xs: Vector, ys: Vector, x0: float, y0: float) -> Vector:
+    """(5) K4 = hypot(x - x0, y - y0), m: planar distance of columns xs and rows ys from the nominal foothold."""
+    return np.hypot(xs[None, :] - x0, ys[:, None] - y0)
+
+
+@row_kernel
+def _row(
+    up: Layer, mid: Layer, down: Layer, near: Layer, far: Layer, fx: np.float32, fy: np.float32, n_z: np.float32,
+    lift: np.float32, ahead: bool, sx: np.float32, sy: np.float32, k1: Layer, k2: Layer, cos_k3: Layer,
+) -> None:  # fmt: skip
+    """One row of coefficients; `near` and `far` are the rows sy and -sy away, `ahead` tells sx > 0."""
+    n = mid.shape[0] - 2
+    half = np.float32(2.0)
+    front, back = (2, 0) if ahead else (0, 2)
+    mid_front = mid[front : front + n]
+    near_front, near_back = near[front : front + n], near[back : back + n]
+    near_mid, far_front = near[1 : 1 + n], far[front : front + n]
+    a0, a1, a2 = up[0:n], up[1 : 1 + n], up[2 : 2 + n]
+    b0, b1, b2 = mid[0:n], mid[1 : 1 + n], mid[2 : 2 + n]
+    c0, c1, c2 = down[0:n], down[1 : 1 + n], down[2 : 2 + n]
+    o1, o2, o3 = k1[1 : 1 + n], k2[1 : 1 + n], cos_k3[1 : 1 + n]
+    for j in range(n):
+        z = b1[j]
+        d0, d1, d2 = z - a0[j], z - a1[j], z - a2[j]
+        d3, d4 = z - b0[j], z - b2[j]
+        d5, d6, d7 = z - c0[j], z - c1[j], z - c2[j]
+        o1[j] = ((d0 + d1) + (d2 + d3)) + ((d4 + d5) + (d6 + d7))
+        total = ((abs(d0) + abs(d1)) + (abs(d2) + abs(d3))) + ((abs(d4) + abs(d5)) + (abs(d6) + abs(d7)))
+        o2[j] = total
+        n_x = sx * ((near_back[j] - near_front[j]) - half * (mid_front[j] - z))
+        n_y = sy * ((far_front[j] - near_front[j]) - half * (near_mid[j] - z))
+        dot = n_x * fx + n_y * fy + lift
+        # total - total is 0, or NaN where the window holds a NaN that the five neighbours miss
+        o3[j] = dot / np.sqrt(n_x * n_x + n_y * n_y + n_z * n_z) + (total - total)
+
+
+@row_kernel
+def coefficients(z: Layer, push: Layer, cell: np.float32, k1: Layer, k2: Layer, cos_k3: Layer) -> None:
+    """K1, K2, cos K3 of all cells in one pass over the rows, float32; `push` is a unit vector or zero, (3,)."""
+    ny, nx = z.shape
+    fx, fy, fz = push[0], push[1], push[2]
+    one = np.float32(1.0)
+    ahead, left = fx >= 0.0, fy >= 0.0
+    sx = one if ahead else -one
+    sy = one if left else -one
+    n_z = np.float32(4.0) * cell
+    lift = n_z * fz
+    unknown = np.float32(np.nan)
+    for i in range(ny):
+        if i == 0 or i == ny - 1 or nx < 3:
+            for j in range(nx):
+                k1[i, j] = unknown
+                k2[i, j] = unknown
+                cos_k3[i, j] = unknown
+            continue
+        for j in (0, nx - 1):
+            k1[i, j] = unknown
+            k2[i, j] = unknown
+            cos_k3[i, j] = unknown
+        near = z[i + 1] if left else z[i - 1]
+        far = z[i - 1] if left else z[i + 1]
+        _row(
+            z[i - 1], z[i], z[i + 1], near, far, fx, fy, n_z, lift, ahead, sx, sy, k1[i], k2[i], cos_k3[i]
+        )  # fmt: skip
+
+
+def warm() -> None:
+    """Compile every kernel of this module for the two kinds of array it meets (patches and read-only maps)."""
+    local = np.zeros((3, 3), dtype=np.float32)
+    frozen = local.copy()
+    frozen.flags.writeable = False
+    stroke = np.array([-1.0, 0.0, 0.0])
+    map_features(frozen, stroke, 0.005)
+    window_features(frozen, 1, 1, 1, 1, stroke, 0.005)
