@@ -24,7 +24,7 @@ class WalkerParams:
     """Least distance of the foot sphere from the swept ground away from both ends."""
     corridor_m: float = 0.012
     """Half the width of the swept corridor."""
-    overlap: float = 0.15
+    overlap: float = 0.10
     """Part of a step, at each end, in which all feet stand."""
     turn_step_rad: float = 0.12
     """Largest change of heading in one step."""

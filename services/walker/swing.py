@@ -25,13 +25,13 @@ SAMPLES = 13  # heights taken along a swept path
 class SwingShape(NamedTuple):
     """Phases of a swing, all in parts of the swing's duration."""
 
-    rise_end: float = 0.30
-    fall_start: float = 0.60
-    fall_end: float = 0.78
-    approach: float = 0.008  # m above the landing where the slow part begins
+    rise_end: float = 0.28
+    fall_start: float = 0.50
+    fall_end: float = 0.62
+    approach: float = 0.006  # m above the landing where the slow part begins
 
 
-WINDOWS = ((0.12, 0.78), (0.18, 0.70), (0.24, 0.64), (0.30, 0.60))
+WINDOWS = ((0.10, 0.66), (0.15, 0.60), (0.20, 0.56), (0.25, 0.52))
 """Phases between which the foot moves sideways, (go, arrive): the first that clears the ground is taken."""
 
 
