@@ -1,0 +1,96 @@
+"""The extended Kalman filter of Wawrzynski et al. (15)-(37), signs corrected, on filterpy.
+
+filterpy is imported here and nowhere else (it takes a second).
+"""
+
+from typing import Any, cast
+
+import numpy as np
+from filterpy.kalman import ExtendedKalmanFilter
+from numpy.typing import NDArray
+
+from services.estimator.inertial import process_noise, propagate, transition
+from services.estimator.legs import LegVelocity
+from services.estimator.params import EstimatorParams
+
+Array = NDArray[np.float64]
+
+G, V = slice(0, 3), slice(3, 6)  # parts of the state, equation (15)
+H = np.hstack([np.zeros((3, 3)), np.eye(3)])  # (3, 6), equation (33)
+
+
+class _Filter(ExtendedKalmanFilter):
+    """filterpy's filter with the prediction (28)-(30) in place of F x."""
+
+    def predict_x(self, u: Any = None) -> None:
+        w, q, d = u
+        self.x[G], self.x[V] = propagate(self.x[G], self.x[V], w, q, d)
+
+
+class PaperEkf:
+    """State (g, v), equation (15); prediction at every IMU sample, correction by v^KG."""
+
+    name = "ekf"
+
+    def __init__(self, params: EstimatorParams) -> None:
+        self._params = params
+        self._filter = _Filter(dim_x=6, dim_z=3)
+        self.nis: float | None = None
+        self.reset(np.array([0.0, 0.0, 9.81]), np.eye(6))
+
+    def reset(self, g: Array, p: Array) -> None:
+        """Start at rest: equation (1)."""
+        f = self._filter
+        f.x = np.concatenate([g, np.zeros(3)])
+        f.P = p.copy()
+        self.nis = None
+
+    def predict(self, w: Array, q: Array, d: float) -> None:
+        """Equations (28)-(31)."""
+        f, params = self._filter, self._params
+        f.F = transition(w, d, params.exact_transition)
+        f.Q = process_noise(f.x[G], f.x[V], d, params.sigma_w, params.sigma_q)
+        f.predict(cast(Any, (w, q, d)))
+
+    def correct(self, legs: LegVelocity) -> None:
+        """Equations (32)-(37) with v^KG, if a foot stands."""
+        if legs.feet_kg > 0:
+            self.correct_with(legs.v_kg, self._params.sigma_v)
+
+    def correct_with(self, v: Array, sigma: float) -> None:
+        """Equations (32)-(37); v = v^KG (3,) m/s with the standard deviation `sigma` per axis."""
+        f = self._filter
+        f.update(v, _h_jacobian, _h, R=np.eye(3) * sigma**2)
+        f.P = 0.5 * (f.P + f.P.T)
+        self.nis = float(f.y @ f.SI @ f.y)
+
+    def forget_velocity(self, sd: float) -> None:
+        """The velocity became unknown (a long gap): zero it, drop its correlations, variance sd^2."""
+        f = self._filter
+        f.x[V] = 0.0
+        f.P[V, :] = 0.0
+        f.P[:, V] = 0.0
+        f.P[V, V] = np.eye(3) * sd**2
+
+    @property
+    def g(self) -> Array:
+        """Specific force at rest, (3,) m/s^2, IMU axes; points up."""
+        return self._filter.x[G]
+
+    @property
+    def v(self) -> Array:
+        """Velocity of the IMU, (3,) m/s, IMU axes."""
+        return self._filter.x[V]
+
+    @property
+    def p(self) -> Array:
+        """Covariance of (g, v), (6, 6)."""
+        return self._filter.P
+
+
+def _h_jacobian(x: Array) -> Array:
+    return H
+
+
+def _h(x: Array) -> Array:
+    return x[V]

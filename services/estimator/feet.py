@@ -1,0 +1,262 @@
+"""Feet seen from the IMU, and the velocity of the IMU from two successive samples of them.
+
+p_f, rot_f = position and orientation of the foot in IMU axes. With D the time between the samples, w the MEAN gyro over
+it and p the mean of both positions, a foot that does not slide gives (identity proved in the tests against `chain`)
+
+    v^KG = -(p_1 - p_0)/D - w x p                        (5)-(14), robust to a twisting foot
+    v^K  = rot_1 (r_1 - r_0)/D,   r = -rot^T p           (5)-(10), right only if the foot keeps its orientation
+
+A round foot rolls: its centre moves by w_foot x (radius * up), which `v^KG` takes into account (note 2.3, (13) `best`).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.jit import kernel
+from surefoot.kinematics import forward
+from surefoot.robot import KinematicModel, Robot
+from surefoot.rotations import matrix_from_quat, rotvec_from_matrix
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+MIN_SPREAD = 1e-4  # m^2; three feet closer to one line than 1 cm cannot tell a rotation
+
+
+class FootSample(NamedTuple):
+    """All feet at one time, IMU axes."""
+
+    stamp_ns: int
+    position: Array  # (L, 3) m
+    rot: Array  # (L, 3, 3) rot_imu_from_foot
+    contact: Flags  # (L,)
+
+
+class FootMount(NamedTuple):
+    """What of a robot description is needed to see the feet from the IMU."""
+
+    model: KinematicModel
+    rot_imu_from_base: Array  # (3, 3)
+    imu_position: Array  # (3,) in base_link, m
+    radius: Array  # (L,) m, radius of a round foot; 0 = a sole
+
+
+def foot_mount(robot: Robot) -> FootMount:
+    """Mounting of the IMU and shape of the feet; a foot of several spheres is a sole."""
+    rot = np.ascontiguousarray(matrix_from_quat(robot.imu.quat_wxyz).T)
+    radius = np.array([leg.foot.radius if len(leg.foot.points) == 1 else 0.0 for leg in robot.legs])
+    return FootMount(robot.model, rot, np.ascontiguousarray(robot.imu.position, dtype=np.float64), radius)
+
+
+@kernel
+def feet_in_imu(mount: FootMount, q: Array) -> tuple[Array, Array]:
+    """Foot centres (L, 3) and rot_imu_from_foot (L, 3, 3) from joint angles q (nj,)."""
+    rot_base, pos_base = forward(mount.model, q)
+    feet = mount.model.foot_link.size
+    position, rot = np.empty((feet, 3)), np.empty((feet, 3, 3))
+    point = np.empty(3)
+    for f in range(feet):
+        link = mount.model.foot_link[f]
+        for i in range(3):
+            point[i] = pos_base[link, i] - mount.imu_position[i]
+            for k in range(3):
+                point[i] += rot_base[link, i, k] * mount.model.foot_point[f, k]
+        for i in range(3):
+            position[f, i] = 0.0
+            for k in range(3):
+                position[f, i] += mount.rot_imu_from_base[i, k] * point[k]
+                rot[f, i, k] = 0.0
+                for m in range(3):
+                    rot[f, i, k] += mount.rot_imu_from_base[i, m] * rot_base[link, m, k]
+    return position, rot
+
+
+def without_unknown_feet(sample: FootSample) -> FootSample:
+    """The sample with feet that are not finite (a dead encoder) lifted off the ground."""
+    if np.isfinite(sample.position).all() and np.isfinite(sample.rot).all():
+        return sample
+    lost = ~np.asarray(np.isfinite(sample.position).all(axis=1) & np.isfinite(sample.rot).all(axis=(1, 2)))
+    position, rot = sample.position.copy(), sample.rot.copy()
+    position[lost], rot[lost] = 0.0, np.eye(3)
+    return FootSample(sample.stamp_ns, position, rot, sample.contact & ~lost)
+
+
+@kernel
+def cross(a: Array, b: Array) -> Array:
+    """a x b, (3,)."""
+    out = np.empty(3)
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+    return out
+
+
+@kernel
+def foot_turn(rot_0: Array, rot_1: Array) -> Array:
+    """Rotation vector of the foot against the IMU between two samples, IMU axes, (3,) rad: log(rot_1 rot_0^T)."""
+    relative = np.empty((3, 3))
+    for i in range(3):
+        for k in range(3):
+            relative[i, k] = rot_1[i, 0] * rot_0[k, 0] + rot_1[i, 1] * rot_0[k, 1] + rot_1[i, 2] * rot_0[k, 2]
+    return rotvec_from_matrix(relative)
+
+
+@kernel
+def foot_velocities(
+    p_0: Array, p_1: Array, rot_0: Array, rot_1: Array, used: Flags, w: Array, up: Array, radius: Array, d: float
+) -> tuple[Array, Array]:
+    """Velocity of the IMU by each foot.
+
+    Args:
+        p_0: foot positions at the earlier sample, (L, 3) m, IMU axes.
+        p_1: at the later one.
+        rot_0: rot_imu_from_foot at the earlier sample, (L, 3, 3).
+        rot_1: at the later one.
+        used: feet to compute, (L,); the others give 0.
+        w: mean gyro between the samples, (3,) rad/s.
+        up: upward unit vector, IMU axes, (3,).
+        radius: radius of round feet, (L,) m.
+        d: time between the samples, s.
+
+    Returns:
+        v^KG (L, 3) and v^K (L, 3), m/s, IMU axes.
+    """
+    feet = p_0.shape[0]
+    v_kg, v_k = np.zeros((feet, 3)), np.zeros((feet, 3))
+    for f in range(feet):
+        if not used[f]:
+            continue
+        sweep = cross(w, 0.5 * (p_0[f] + p_1[f]))
+        for i in range(3):
+            v_kg[f, i] = -(p_1[f, i] - p_0[f, i]) / d - sweep[i]
+        if radius[f] > 0.0:
+            v_kg[f] += cross(w + foot_turn(rot_0[f], rot_1[f]) / d, radius[f] * up)
+        moved = np.empty(3)
+        for i in range(3):
+            moved[i] = 0.0
+            for k in range(3):
+                moved[i] += rot_0[f, k, i] * p_0[f, k] - rot_1[f, k, i] * p_1[f, k]
+        for i in range(3):
+            for k in range(3):
+                v_k[f, i] += rot_1[f, i, k] * moved[k] / d
+    return v_kg, v_k
+
+
+@kernel
+def rigid_fit(p_0: Array, p_1: Array, used: Flags, d: float) -> tuple[Array, Array, bool]:
+    """Twist of the IMU from three or more point feet, no gyro: min sum |v + w x p_f + (p_1 - p_0)/d|^2.
+
+    The kinematics-only estimate of a robot whose feet are points: (10) needs the orientation of a foot, which a point
+    does not have; three points that stay put have one.
+
+    Returns:
+        v (3,) m/s, w (3,) rad/s, IMU axes, and whether three feet off one line were there.
+    """
+    feet = p_0.shape[0]
+    n = 0
+    centre, mean = np.zeros(3), np.zeros(3)
+    for f in range(feet):
+        if used[f]:
+            n += 1
+            for i in range(3):
+                centre[i] += 0.5 * (p_0[f, i] + p_1[f, i])
+                mean[i] -= (p_1[f, i] - p_0[f, i]) / d
+    if n < 3:
+        return np.zeros(3), np.zeros(3), False
+    centre /= n
+    mean /= n
+    a, b = np.zeros((3, 3)), np.zeros(3)
+    for f in range(feet):
+        if used[f]:
+            arm = 0.5 * (p_0[f] + p_1[f]) - centre
+            b += cross(arm, -(p_1[f] - p_0[f]) / d - mean)
+            square = arm[0] * arm[0] + arm[1] * arm[1] + arm[2] * arm[2]
+            for i in range(3):
+                a[i, i] += square
+                for k in range(3):
+                    a[i, k] -= arm[i] * arm[k]
+    w, ok = _solve_3(a, b)
+    if not ok:
+        return np.zeros(3), np.zeros(3), False
+    return mean - cross(w, centre), w, True
+
+
+@kernel
+def _solve_3(a: Array, b: Array) -> tuple[Array, bool]:
+    """Solve the symmetric 3 x 3 system by cofactors; false if it is near singular."""
+    c = np.empty((3, 3))
+    for i in range(3):
+        i1, i2 = (i + 1) % 3, (i + 2) % 3
+        for k in range(3):
+            k1, k2 = (k + 1) % 3, (k + 2) % 3
+            c[i, k] = a[i1, k1] * a[i2, k2] - a[i1, k2] * a[i2, k1]
+    det = a[0, 0] * c[0, 0] + a[0, 1] * c[0, 1] + a[0, 2] * c[0, 2]
+    if det < MIN_SPREAD**3:
+        return np.zeros(3), False
+    x = np.zeros(3)
+    for i in range(3):
+        for k in range(3):
+            x[i] += c[k, i] * b[k] / det
+    return x, True
+
+
+@kernel
+def combine(v: Array, used: Flags, gate: float) -> tuple[Array, Flags, int]:
+    """One velocity from several feet, and which of them slip.
+
+    Median per axis, then the mean of the feet within `gate` of it: with three feet or more one sliding foot is left
+    out, and the mean of the rest has the least encoder noise. Two feet cannot say who slides: their mean.
+
+    Args:
+        v: velocity by each foot, (L, 3) m/s.
+        used: feet to take, (L,).
+        gate: largest distance from the median, m/s.
+
+    Returns:
+        velocity (3,), slipping (L,), number of feet in the mean (0: none, velocity 0).
+    """
+    feet = v.shape[0]
+    slipping = np.zeros(feet, dtype=np.bool_)
+    n = 0
+    for f in range(feet):
+        n += 1 if used[f] else 0
+    out = np.zeros(3)
+    if n == 0:
+        return out, slipping, 0
+    median = np.empty(3)
+    values = np.empty(n)
+    for i in range(3):
+        k = 0
+        for f in range(feet):
+            if used[f]:
+                values[k] = v[f, i]
+                k += 1
+        values.sort()
+        median[i] = 0.5 * (values[(n - 1) // 2] + values[n // 2])
+    kept = 0
+    for f in range(feet):
+        if not used[f]:
+            continue
+        x, y, z = v[f, 0] - median[0], v[f, 1] - median[1], v[f, 2] - median[2]
+        if n > 2 and x * x + y * y + z * z > gate * gate:
+            slipping[f] = True
+            continue
+        kept += 1
+        out += v[f]
+    if kept == 0:  # no two feet agree: the median is all there is
+        return median, slipping, 0
+    return out / kept, slipping, kept
+
+
+def warm() -> None:
+    """Compile every kernel of this module."""
+    from surefoot.robot import load_robot
+
+    robot = load_robot("ragno")
+    p, rot = feet_in_imu(foot_mount(robot), robot.neutral)
+    used, w, up = np.ones(len(p), dtype=np.bool_), np.zeros(3), np.array([0.0, 0.0, 1.0])
+    v, _ = foot_velocities(p, p, rot, rot, used, w, up, np.zeros(len(p)), 0.033)
+    combine(v, used, 0.05)
+    rigid_fit(p, p, used, 0.033)

@@ -1,0 +1,69 @@
+"""The last second of inertial data on its own clock, for kinematic samples whose stamps lie between."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.jit import kernel
+
+Array = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+
+ROWS = 128
+
+
+@kernel
+def _at(stamps: Stamps, values: Array, count: int, stamp_ns: int) -> Array:
+    """Linear interpolation, clamped to the oldest and the newest row."""
+    rows = stamps.size
+    stored = min(count, rows)
+    newest = (count - 1) % rows
+    if stamp_ns >= stamps[newest]:
+        return values[newest].copy()
+    later = newest
+    for back in range(1, stored):
+        row = (count - 1 - back) % rows
+        if stamps[row] <= stamp_ns:
+            part = (stamp_ns - stamps[row]) / (stamps[later] - stamps[row])
+            return values[row] + part * (values[later] - values[row])
+        later = row
+    return values[later].copy()
+
+
+@kernel
+def _put(stamps: Stamps, values: Array, count: int, stamp_ns: int, row: Array) -> None:
+    at = count % stamps.size
+    stamps[at] = stamp_ns
+    for i in range(row.size):
+        values[at, i] = row[i]
+
+
+class History:
+    """Ring of stamped rows of numbers."""
+
+    def __init__(self, width: int) -> None:
+        self._stamps = np.zeros(ROWS, dtype=np.int64)
+        self._values = np.zeros((ROWS, width))
+        self._count = 0
+
+    def put(self, stamp_ns: int, row: Array) -> None:
+        """Append a row (width,) of a later stamp."""
+        _put(self._stamps, self._values, self._count, stamp_ns, row)
+        self._count += 1
+
+    def at(self, stamp_ns: int) -> Array:
+        """Row (width,) at a stamp."""
+        return _at(self._stamps, self._values, self._count, stamp_ns)
+
+    def clear(self) -> None:
+        """Forget all rows."""
+        self._count = 0
+
+    def __len__(self) -> int:
+        return min(self._count, ROWS)
+
+
+def warm() -> None:
+    """Compile every kernel of this module."""
+    history = History(7)
+    history.put(0, np.zeros(7))
+    history.at(0)

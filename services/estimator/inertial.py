@@ -1,0 +1,117 @@
+"""Inertial part of Wawrzynski et al.: integration (1)-(4) and the linear model (24)-(26) of its error.
+
+State: g (3,) = specific force at rest, points UP, and v (3,) = velocity of the IMU, both in the immobile frame that is
+parallel to the IMU at the moment. Inputs: w (3,) rad/s, q (3,) m/s^2 from the IMU, d = time step in s.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.jit import kernel
+
+Array = NDArray[np.float64]
+
+GRAVITY = 9.81  # m/s^2
+SMALL_ANGLE_SQUARED = 1e-16  # rad^2; below it the series is exact to machine precision
+
+
+@kernel
+def rotate_by(b: Array, x: Array) -> Array:
+    """f(b, x) = exp([b]) x, (3,): one active rotation about the vector b by |b| rad (Rodrigues' formula)."""
+    angle_sq = b[0] * b[0] + b[1] * b[1] + b[2] * b[2]
+    if angle_sq > SMALL_ANGLE_SQUARED:
+        angle = math.sqrt(angle_sq)
+        s, c = math.sin(angle) / angle, (1.0 - math.cos(angle)) / angle_sq
+    else:
+        s, c = 1.0, 0.5
+    y0 = b[1] * x[2] - b[2] * x[1]
+    y1 = b[2] * x[0] - b[0] * x[2]
+    y2 = b[0] * x[1] - b[1] * x[0]
+    out = np.empty(3)
+    out[0] = x[0] + s * y0 + c * (b[1] * y2 - b[2] * y1)
+    out[1] = x[1] + s * y1 + c * (b[2] * y0 - b[0] * y2)
+    out[2] = x[2] + s * y2 + c * (b[0] * y1 - b[1] * y0)
+    return out
+
+
+@kernel
+def propagate(g: Array, v: Array, w: Array, q: Array, d: float) -> tuple[Array, Array]:
+    """Equations (2)-(4), also (28)-(30): half a turn of g, a turn and a push of v, half a turn of g.
+
+    Returns:
+        g (3,), v (3,) after the step.
+    """
+    half = -0.5 * d * w
+    g_mid = rotate_by(half, g)
+    v_next = rotate_by(-d * w, v) + (q - g_mid) * d
+    return rotate_by(half, g_mid), v_next
+
+
+@kernel
+def turn_jacobian(x: Array) -> Array:
+    """J(x) = df(b, x)/db at b = 0 = -[x], (3, 3).
+
+    Equation (26) with the corrected sign (printed: +[x]). C enters P only as C C^T, where the sign cancels.
+    """
+    j = np.zeros((3, 3))
+    j[0, 1], j[0, 2] = x[2], -x[1]
+    j[1, 0], j[1, 2] = -x[2], x[0]
+    j[2, 0], j[2, 1] = x[1], -x[0]
+    return j
+
+
+@kernel
+def transition(w: Array, d: float, exact: bool) -> Array:
+    """F, (6, 6): equation (24) [I 0; -d I I], or with the rotation it drops: [E 0; -d E_h E], E = exp(-[w] d)."""
+    f = np.zeros((6, 6))
+    axis = np.zeros(3)
+    for i in range(3):
+        axis[:] = 0.0
+        axis[i] = 1.0
+        if exact:
+            turned, half = rotate_by(-d * w, axis), rotate_by(-0.5 * d * w, axis)
+        else:
+            turned, half = axis, axis
+        for k in range(3):
+            f[k, i] = f[3 + k, 3 + i] = turned[k]
+            f[3 + k, i] = -d * half[k]
+    return f
+
+
+@kernel
+def input_noise(g: Array, v: Array, d: float, sigma_w: float, sigma_q: float) -> Array:
+    """C of equation (25), (6, 6): columns = unit noise of gyro and accelerometer, g and v taken before the step."""
+    c = np.zeros((6, 6))
+    jg, jv = turn_jacobian(g), turn_jacobian(v)
+    for i in range(3):
+        for k in range(3):
+            c[i, k] = jg[i, k] * d * sigma_w
+            c[3 + i, k] = jv[i, k] * d * sigma_w - 0.5 * jg[i, k] * d * d * sigma_w
+        c[3 + i, 3 + i] = -d * sigma_q
+    return c
+
+
+@kernel
+def process_noise(g: Array, v: Array, d: float, sigma_w: float, sigma_q: float) -> Array:
+    """Q = C C^T of equation (31), (6, 6)."""
+    c = input_noise(g, v, d, sigma_w, sigma_q)
+    return c @ c.T
+
+
+@kernel
+def propagate_covariance(p: Array, g: Array, v: Array, w: Array, d: float, noise: Array, exact: bool) -> Array:
+    """Equation (31): F P F^T + C C^T, symmetric, (6, 6); `noise` = (sigma_w, sigma_q)."""
+    f = transition(w, d, exact)
+    out = f @ p @ f.T + process_noise(g, v, d, noise[0], noise[1])
+    return 0.5 * (out + out.T)
+
+
+def warm() -> None:
+    """Compile every kernel of this module."""
+    g, v, w = np.array([0.0, 0.0, GRAVITY]), np.zeros(3), np.array([0.1, 0.0, 0.0])
+    propagate(g, v, w, g, 0.01)
+    propagate_covariance(np.eye(6), g, v, w, 0.01, np.array([0.01, 0.01]), False)
+    process_noise(g, v, 0.01, 0.01, 0.01)
+    transition(w, 0.01, True)

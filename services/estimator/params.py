@@ -1,0 +1,76 @@
+"""Parameters of the estimators. Every switch is separate; `paper` values are noted where ours differ."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Self
+
+from surefoot.robot import Robot
+
+STANDSTILL_FACTOR = 2.5  # standstill = below this many sigma of the sensor alone
+
+
+@dataclass(frozen=True)
+class EstimatorParams:
+    """Noises are standard deviations per IMU sample at `imu_period_ns`, SI."""
+
+    # sensors
+    sigma_w: float = 0.0054  # rad/s, gyro, (22); ADIS16365, 0.044 deg/s/rtHz at 100 Hz
+    sigma_q: float = 0.035  # m/s^2, accelerometer, (22); 0.5 mg/rtHz at 100 Hz
+    acc_bias_sd: float = 0.157  # m/s^2, turn-on bias of an axis; 16 mg
+    gyro_bias_floor: float = 2e-4  # rad/s, in-run drift: a bias is never known better
+    imu_period_ns: int = 10_000_000
+    kinematics_period_ns: int = 33_000_000
+    # limits of inputs (note, section 3)
+    max_gyro: float = math.radians(1000.0)  # rad/s
+    max_acc: float = 5.0 * 9.81  # m/s^2
+    gap_periods: float = 5.0  # a longer IMU gap is counted and widens the covariance
+    reset_gap_ns: int = 500_000_000  # a longer one makes the velocity unknown
+    late_ns: int = 100_000_000  # kinematics older than this are dropped
+    # start, equation (1)
+    standstill_samples: int = 50
+    standstill_gyro_sd: float = STANDSTILL_FACTOR * 0.0054  # rad/s
+    standstill_acc_sd: float = STANDSTILL_FACTOR * 0.035  # m/s^2
+    standstill_travel: float = 0.0025  # m, of a foot within the window; an encoder step moves it by 1 mm
+    prior_g: float = 0.02  # m/s^2, P0 = sigma_q^2/N + prior_g^2
+    prior_v: float = 0.01  # m/s
+    remove_gyro_bias: bool = True  # subtract the mean gyro of the rest (the paper: no)
+    refine_gyro_bias: bool = True  # ... of all rest so far, not of the first window only
+    start_slope_sd: float = math.inf  # rad, how level the ground under the feet is at the start; inf = unknown
+    # velocity from the legs
+    sigma_v: float = 0.015  # m/s, (27)
+    sigma_k: float = 0.05  # m/s, of v^K, for its covariance only
+    feet: str = "all"  # "all": mean of the stance feet; "one": keep the earlier foot until it lifts (paper)
+    slip_speed: float = 0.06  # m/s from the median of the feet: that foot slides
+    rolling: bool = True  # round feet roll (paper: the ankle is the fixed point)
+    gyro_mean: bool = True  # mean gyro between the kinematic samples (paper: the latest)
+    exact_transition: bool = False  # F with the rotation that (24) drops
+
+    @classmethod
+    def from_robot(cls, robot: Robot, **changes: object) -> Self:
+        """Noises and limits of the robot's own sensors."""
+        profile = robot.imu.profile
+        base = cls()
+        rate = 1e9 / base.imu_period_ns
+        sigma_w = _sample_noise(profile.gyro.noise_density, profile.gyro.lsb, rate)
+        sigma_q = _sample_noise(profile.accel.noise_density, profile.accel.lsb, rate)
+        values: dict[str, object] = {
+            "sigma_w": sigma_w,
+            "sigma_q": sigma_q,
+            "acc_bias_sd": profile.accel.bias_turn_on,
+            "gyro_bias_floor": max(profile.gyro.bias_in_run, 1e-4),
+            "standstill_gyro_sd": STANDSTILL_FACTOR * sigma_w,
+            "standstill_acc_sd": STANDSTILL_FACTOR * sigma_q,
+            "max_gyro": min(base.max_gyro, profile.gyro.limit),
+            "max_acc": min(base.max_acc, profile.accel.limit),
+        }
+        return replace(base, **(values | changes))  # type: ignore[arg-type]
+
+
+def paper_params(params: EstimatorParams) -> EstimatorParams:
+    """All switches as in the paper: one foot, its ankle fixed, the latest gyro, no bias removed."""
+    return replace(params, feet="one", rolling=False, gyro_mean=False, remove_gyro_bias=False, refine_gyro_bias=False)
+
+
+def _sample_noise(density: float, lsb: float, rate: float) -> float:
+    """Noise of the mean over one period: density sqrt(rate/2), and rounding lsb/sqrt(12)."""
+    return math.hypot(density * math.sqrt(rate / 2.0), lsb / math.sqrt(12.0))

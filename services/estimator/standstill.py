@@ -1,0 +1,178 @@
+"""Standstill: when the robot is at rest, and what a rest tells about the sensors (equation (1)).
+
+At rest the gyro reads its bias and the accelerometer reads g plus its bias.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.estimator.inertial import GRAVITY
+from services.estimator.params import EstimatorParams
+from surefoot.jit import kernel
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+MIN_SPREAD = 0.02  # m; feet closer to one line have no plane
+
+
+@kernel
+def push_sample(ring: Array, count: int, w: Array, q: Array) -> None:
+    """Write one IMU sample into the ring (n, 6)."""
+    row = count % ring.shape[0]
+    for i in range(3):
+        ring[row, i] = w[i]
+        ring[row, 3 + i] = q[i]
+
+
+@kernel
+def ring_statistics(ring: Array) -> tuple[Array, Array]:
+    """Mean (6,) and variance (6,) of the ring's rows."""
+    n = ring.shape[0]
+    mean, var = np.zeros(6), np.zeros(6)
+    for r in range(n):
+        for i in range(6):
+            mean[i] += ring[r, i]
+    mean /= n
+    for r in range(n):
+        for i in range(6):
+            var[i] += (ring[r, i] - mean[i]) ** 2
+    return mean, var / n
+
+
+@dataclass
+class Standstill:
+    """Tells rest from motion by the variances of the last `length` IMU samples and by the travel of the feet.
+
+    Attributes:
+        length: number of consecutive samples, 50 by the architecture.
+        gyro_sd: largest standard deviation of an axis at rest, rad/s.
+        acc_sd: the same, m/s^2.
+        travel: largest move of a foot in the IMU frame within `length` IMU samples at rest, m.
+    """
+
+    length: int
+    gyro_sd: float
+    acc_sd: float
+    travel: float
+
+    def __post_init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._ring = np.zeros((self.length, 6))
+        self._count = 0
+        self._still_since = 0
+        self._feet: Array | None = None
+        self.standing = False
+        self.mean = np.zeros(6)  # (6,) mean gyro rad/s and accelerometer m/s^2 of the last `length` samples
+
+    def break_off(self) -> None:
+        """Start the count anew, after a gap in the data."""
+        self._count = 0
+        self.standing = False
+
+    def on_imu(self, w: Array, q: Array) -> bool:
+        """Take a sample; returns whether the robot stands."""
+        push_sample(self._ring, self._count, w, q)
+        self._count += 1
+        if self._count < self.length:
+            self.standing = False
+            return False
+        self.mean, var = ring_statistics(self._ring)
+        self.standing = bool(
+            var[:3].max() <= self.gyro_sd**2
+            and var[3:].max() <= self.acc_sd**2
+            and (self._feet is None or self._count - self._still_since >= self.length)
+        )
+        return self.standing
+
+    def on_feet(self, position: Array) -> None:
+        """Take foot positions (L, 3) in IMU axes, NaN = unknown: they must stay where they are."""
+        if self._feet is None:
+            self._feet = position.copy()
+            return
+        moved = np.abs(position - self._feet)
+        if np.nanmax(moved, initial=0.0) > self.travel:
+            self._feet = position.copy()
+            self._still_since = self._count
+
+
+@dataclass
+class GyroBias:
+    """Mean gyro over all rest: b <- b + (w - b)/n, variance sigma^2/n + walk.
+
+    Attributes:
+        sigma: noise of one sample, rad/s.
+        floor: smallest standard deviation that is claimed, rad/s (in-run drift).
+        most: samples after which the mean forgets.
+    """
+
+    sigma: float
+    floor: float
+    most: int = 6000
+
+    def __post_init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Unknown bias."""
+        self.value = np.zeros(3)  # (3,) rad/s, IMU axes
+        self.samples = 0
+
+    @property
+    def sd(self) -> float:
+        """Standard deviation of one axis, rad/s; infinite before the first rest."""
+        if self.samples == 0:
+            return float("inf")
+        return float(np.hypot(self.sigma / np.sqrt(self.samples), self.floor))
+
+    def start(self, mean: Array, samples: int) -> None:
+        """Take the mean of a whole window."""
+        self.value = mean.copy()
+        self.samples = samples
+
+    def add(self, w: Array) -> None:
+        """Take one more sample at rest."""
+        self.samples = min(self.samples + 1, self.most)
+        self.value = self.value + (w - self.value) / self.samples
+
+
+def gravity_at_rest(mean_q: Array, up: Array | None, params: EstimatorParams) -> Array:
+    """g at rest, (3,): equation (1), or blended with the normal of the ground under the feet.
+
+    The accelerometer alone cannot tell its bias from a tilt. If the slope of the start place is known to be
+    0 +- s rad, the plane of the feet is a second witness. With b the sd of the bias of an axis and the weight
+    k = b^2/(b^2 + (9.81 s)^2):  g = (1 - k) mean q + k 9.81 up.
+
+    Args:
+        mean_q: mean accelerometer, (3,) m/s^2.
+        up: upward normal of the plane of the feet, (3,), or None.
+        params: `acc_bias_sd` = b, `start_slope_sd` = s, infinite if unknown.
+    """
+    if up is None or not np.isfinite(params.start_slope_sd):
+        return mean_q.copy()
+    known, bias = (GRAVITY * params.start_slope_sd) ** 2, params.acc_bias_sd**2
+    k = bias / (bias + known) if bias > 0.0 else 0.0
+    return (1.0 - k) * mean_q + k * GRAVITY * up
+
+
+def plane_normal(points: Array, used: Flags, g: Array) -> Array | None:
+    """Unit normal (3,), on the side of g, of the plane through the used points (L, 3); None if they span no plane."""
+    chosen = points[used]
+    if len(chosen) < 3:
+        return None
+    _, spread, axes = np.linalg.svd(chosen - chosen.mean(axis=0))
+    if spread[1] < MIN_SPREAD:
+        return None
+    return axes[2] if axes[2] @ g > 0.0 else -axes[2]
+
+
+def warm() -> None:
+    """Compile every kernel of this module."""
+    ring = np.zeros((2, 6))
+    push_sample(ring, 0, np.zeros(3), np.zeros(3))
+    ring_statistics(ring)
