@@ -15,7 +15,8 @@ from surefoot.rotations import matrix_from_axis_angle
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-LIMIT_SLACK = 1e-9  # rad; a joint on its limit counts as inside
+LIMIT_SLACK = 1e-7  # rad; a joint on its limit counts as inside
+REACH_SLACK = 1e-9  # of the knee's cosine; a stretched leg counts as reaching (less than 1e-10 m)
 
 
 @kernel
@@ -31,7 +32,7 @@ def forward(model: KinematicModel, q: Array) -> tuple[Array, Array]:
             continue
         turn = model.origin_rot[i].copy()
         if j >= 0:
-            _multiply_into(turn, model.origin_rot[i], matrix_from_axis_angle(model.axis[i], q[j]))
+            _multiply_into(turn, model.origin_rot[i], matrix_from_axis_angle(model.axis[i], float(q[j])))
         _multiply_into(rot[i], rot[up], turn)
         _point_into(pos[i], rot[up], pos[up], model.origin_pos[i])
     return rot, pos
@@ -75,7 +76,7 @@ def foot_jacobians(model: KinematicModel, q: Array) -> Array:
         _point_into(foot, rot[k], pos[k], model.foot_point[i])
         for c in range(width):
             j = model.leg_joints[i, c]
-            if j < 0 or not _moves(model, link_of[j], k):
+            if j < 0 or not _moves(model, int(link_of[j]), int(k)):
                 continue
             s = link_of[j]
             _cross_into(jac[i, :, c], rot[s], model.axis[s], foot - pos[s])
@@ -187,7 +188,7 @@ def leg_ik(model: KinematicModel, leg: int, p_base: Array) -> tuple[Array, bool]
     y = -math.sin(psi) * dx + math.cos(psi) * dy
     r = math.hypot(x, y) - c
     cos_knee = (r * r + z * z - f * f - t * t) / (2.0 * f * t)
-    reachable = abs(cos_knee) <= 1.0
+    reachable = abs(cos_knee) <= 1.0 + REACH_SLACK
     cos_knee = min(1.0, max(-1.0, cos_knee))
     q = np.empty(3)
     q[0] = math.atan2(y, x)
@@ -234,5 +235,6 @@ def warm() -> None:
     forward(model, q)
     foot_jacobians(model, q)
     com(model, q)
+    com_jacobian(model, q)
     total_mass(model)
     gravity_torques(model, q, np.array([0.0, 0.0, 9.81]))

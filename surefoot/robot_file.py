@@ -6,6 +6,7 @@ import math
 import tomllib
 from os import PathLike
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -42,9 +43,9 @@ def _load(path: Path) -> dict[str, object]:
 def canonical(value: object) -> object:
     """Content that changes behaviour: tables without sources and texts for people, all numbers as float."""
     if isinstance(value, dict):
-        return {str(k): canonical(v) for k, v in value.items() if k not in _NOT_HASHED}  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
+        return {k: canonical(v) for k, v in cast("dict[str, object]", value).items() if k not in _NOT_HASHED}
     if isinstance(value, list):
-        return [canonical(v) for v in value]  # pyright: ignore[reportUnknownVariableType]
+        return [canonical(v) for v in cast("list[object]", value)]
     if isinstance(value, int) and not isinstance(value, bool):
         return float(value)
     return value
@@ -58,7 +59,6 @@ class _Reader:
         self.links: list[r.Link] = []
         self.joints: list[r.Joint] = []
         self.legs: list[r.Leg] = []
-        self.hips: list[tuple[float, float]] = []  # heading and closed form per leg are added by _model
         self.servos: dict[str, r.Servo] = {}
 
     def robot(self) -> r.Robot:
@@ -67,7 +67,7 @@ class _Reader:
         name, kind = top.name("name"), top.text("kind", ("hexapod", "biped"))
         description = top.text("description")
         src = top.table("sources")
-        self.sources = {key: src.text(key) for key in src.keys()}
+        self.sources = {key: src.text(key) for key in src.keys()}  # noqa: SIM118 - a Table is no dict
         trunk = self._trunk(top.table("trunk"))
         for key, table in top.table("servos").items():
             self.servos[key] = self._servo(table)
@@ -143,9 +143,7 @@ class _Reader:
             self.legs.append(r.Leg(name, joints, links, hip, self._foot(chain.table("foot"), names, side)))
         chain.close()
 
-    def _link(
-        self, t: Table, limb: str, names: dict[str, int], side: float, mount: tuple[Array, Array] | None
-    ) -> None:
+    def _link(self, t: Table, limb: str, names: dict[str, int], side: float, mount: tuple[Array, Array] | None) -> None:
         index, name = len(self.links), f"{limb}_{t.name('name')}"
         if any(link.name == name for link in self.links):
             raise t.refuse("duplicate", "name", f"{name!r} is used twice")
@@ -161,7 +159,7 @@ class _Reader:
         if mount is not None:
             hip, turn = mount
             c, s = turn[0] ** 2 - turn[3] ** 2, 2 * turn[0] * turn[3]
-            position = hip + np.array([c * position[0] - s * position[1], s * position[0] + c * position[1], position[2]])
+            position = hip + np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ position
             quat = _quat_product(turn, quat)
         axis, joint = np.zeros(3), -1
         if t.has("axis"):
@@ -242,7 +240,8 @@ class _Reader:
 
     def _gait(self, t: Table) -> dict[str, float]:
         self._source(t)
-        gait = {key: t.number(key) for key in t.keys() if key != "source"}
+        keys = [key for key in t.keys() if key != "source"]  # noqa: SIM118 - a Table is no dict
+        gait = {key: t.number(key) for key in keys}
         t.close()
         return gait
 

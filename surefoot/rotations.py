@@ -249,6 +249,7 @@ def warm() -> None:
     matrix_from_rotvec(rotvec_from_matrix(m))
     rotvec_from_quat(quat_from_rotvec(v))
     matrix_from_axis_angle(v, 0.1)
+    conjugate(q)
     skew(v)
     yaw_from_quat(q)
     tilt_from_up(up_from_roll_pitch(0.1, 0.2))

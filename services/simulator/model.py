@@ -4,6 +4,8 @@ Only feet and belly spheres touch the terrain (leg segments by a switch); the ro
 The terrain's contact parameters hold (`priority`). The Robot object is read, never changed.
 """
 
+# mujoco has no type stubs for its compiled modules:
+# pyright: reportAttributeAccessIssue=false
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
