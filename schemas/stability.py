@@ -1,0 +1,171 @@
+"""Questions to the stability service, its answers, and what it says while the robot walks (Walas & Belter, section 4).
+
+Frame ``world``: any gravity-aligned frame, z up, metres. A region is the set of horizontal positions of the centre of
+mass (CoM) for which the contacts can hold the robot at rest; polygons run counter-clockwise and are not closed.
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from schemas.base import MAX_FEET, Message, PerJoint, QuatWxyz, Reply, Request, Vec2, Vec3
+
+MAX_CONTACTS = 64
+MAX_DIRECTIONS = 720
+
+RegionStatus = Literal["ok", "infeasible", "unbounded", "point", "segment"]
+SupportStatus = Literal["ok", "unbounded", "infeasible"]
+ExtentStatus = Literal["ok", "unbounded", "infeasible", "missed"]
+Twist4 = tuple[float, float, float, float]
+Polygon = tuple[Vec2, ...]
+
+
+class Contact(Request):
+    """A point where the robot may push against the ground, with a friction cone about the normal."""
+
+    position: Vec3 = Field(description="contact point, frame world, m")
+    normal: Vec3 = Field(description="normal of the ground towards the robot, frame world; any length but zero")
+    mu: float | None = Field(description="static friction coefficient, >= 0, no unit; null = unlimited", ge=0)
+    leg: str | None = Field(
+        default=None, max_length=32, description="leg that stands here; null = the leg whose foot is nearest"
+    )
+
+
+Directions = Annotated[tuple[Vec2, ...], Field(min_length=1, max_length=MAX_DIRECTIONS)]
+
+
+class RegionRequest(Request):
+    """Asks where the centre of mass may be."""
+
+    contacts: Annotated[tuple[Contact, ...], Field(max_length=MAX_CONTACTS)] = Field(description="0 to 64 contacts")
+    directions: Annotated[int, Field(ge=1, le=MAX_DIRECTIONS)] | Directions | None = Field(
+        default=None,
+        description="number of equally spaced horizontal directions from +x on, or the directions themselves (frame "
+        "world, any length but zero); null = adaptive",
+    )
+    adaptive: bool | None = Field(
+        default=None,
+        description="choose directions until inner and outer polygon differ by tolerance_m; default: when no "
+        "directions are given; with directions: begin with them",
+    )
+    tolerance_m: float = Field(
+        default=1e-4, gt=0, le=1.0, description="adaptive: largest distance between inner and outer polygon, m"
+    )
+    max_directions: int = Field(
+        default=128,
+        ge=4,
+        le=MAX_DIRECTIONS,
+        description="adaptive: at most so many directions, even if the tolerance is not met",
+    )
+    certificates: bool = Field(
+        default=False, description="return the proof of each value: a virtual twist, the forces and the gap"
+    )
+
+
+class SupportPoint(Reply):
+    """How far the region reaches in one direction."""
+
+    direction: Vec2 = Field(description="unit direction a, frame world")
+    value: float | None = Field(description="h(a) = largest a'c over the region, m; null unless status is ok")
+    point: Vec2 | None = Field(description="point of the region where a'c = h(a), frame world, m")
+    status: SupportStatus
+    gap: float | None = Field(default=None, description="duality gap, m: value is not exceeded, value - gap is reached")
+    certificate: Twist4 | None = Field(
+        default=None,
+        description="(v_x, v_y, v_z, w_z): the twist u(r) = v + Om x r, Om = w_z e_z - a x e_z (v in m, Om a number), "
+        "has n'u >= mu |u_t| at every contact, which proves a'c <= v_z",
+    )
+    forces: tuple[Vec3, ...] | None = Field(
+        default=None, description="contact forces that hold the CoM at point, in units of the weight, frame world"
+    )
+
+
+class RegionReply(Reply):
+    """Where the centre of mass may be."""
+
+    status: RegionStatus = Field(
+        description="ok: a polygon; infeasible: the contacts cannot hold the robot anywhere; unbounded: in some "
+        "direction without end; point, segment: no area"
+    )
+    inner: Polygon = Field(description="points of the region, frame world, m: their hull lies inside it")
+    outer: Polygon = Field(description="polygon that contains the region, frame world, m; empty if there is none")
+    support: tuple[SupportPoint, ...] = Field(description="one entry per direction: in the order given, else by angle")
+    gap: float | None = Field(default=None, description="largest distance of the outer polygon from the inner, m")
+    area: float | None = Field(default=None, ge=0, description="area of the inner polygon, m^2")
+    area_outer: float | None = Field(default=None, ge=0, description="area of the outer polygon, m^2")
+    certificate: Twist4 | None = Field(
+        default=None,
+        description="when infeasible: twist (v_x, v_y, v_z, w_z) with n'u >= mu |u_t| at every contact and v_z < 0: "
+        "the robot sinks however hard the contacts push",
+    )
+
+
+class BasePose(Request):
+    """Pose of base_link."""
+
+    position: Vec3 = Field(default=(0.0, 0.0, 0.0), description="origin of base_link, frame world, m")
+    quat_wxyz: QuatWxyz = Field(default=(1.0, 0.0, 0.0, 0.0), description="rotates base_link to world, order w x y z")
+
+
+class CheckRequest(RegionRequest):
+    """Asks whether the robot stands, and still stands after its trunk has moved over its feet (4.3, 4.6)."""
+
+    com: Vec2 | None = Field(
+        default=None, description="x, y of the centre of mass now, frame world, m; null = from joints and base"
+    )
+    movement: Vec3 = Field(default=(0.0, 0.0, 0.0), description="planned movement of the trunk, frame world, m")
+    joints: PerJoint | None = Field(
+        default=None, description="joint angles now, rad, order of the robot description: for the CoM and its shift"
+    )
+    base: BasePose = Field(default=BasePose(), description="pose of base_link now; used with joints")
+    robot: str | None = Field(
+        default=None, min_length=1, max_length=64, description="name of the robot description; null = the service's own"
+    )
+    polygons: bool = Field(default=True, description="false: leave inner, outer and support empty (a smaller reply)")
+
+
+class CheckReply(RegionReply):
+    """Whether the movement is safe, and by how much."""
+
+    stable: bool = Field(description="status is ok and margin >= 0")
+    margin: float | None = Field(
+        description="m, signed distance of the CoM after the movement to the edge of the region, positive inside; null "
+        "when there is no region, or no edge"
+    )
+    margin_now: float | None = Field(description="m, the same for the CoM now")
+    extent: float | None = Field(description="m, way along the movement from the CoM now to the edge of the region")
+    gsm: float | None = Field(
+        description="m, geometric stability margin: signed way along the movement from the CoM after the movement to "
+        "the edge (negative: the edge lies behind); null without horizontal movement"
+    )
+    extent_status: ExtentStatus | None = Field(
+        default=None, description="why extent is null; missed: the line along the movement does not meet the region"
+    )
+    gsm_status: ExtentStatus | None = Field(default=None, description="why gsm is null; as extent_status")
+    com: Vec2 = Field(description="CoM now, frame world, m")
+    com_after: Vec2 = Field(description="CoM after the movement = com + movement + shift, frame world, m")
+    shift: Vec3 = Field(
+        description="m, frame world: CoM shift in the trunk while the feet stay (r_KIN); zero without joints"
+    )
+    stance: tuple[str, ...] = Field(default=(), description="legs whose feet were held in place for the shift")
+    reachable: bool = Field(default=True, description="every stance leg reaches its foot after the movement")
+
+
+class StabilityStatus(Message):
+    """Static stability while the robot stands or walks.
+
+    Frame ``level``: origin of base_link, z up by the estimated gravity, x along the heading of the trunk.
+    """
+
+    status: RegionStatus = Field(description="as in RegionReply; infeasible also when no foot touches")
+    stance: Annotated[tuple[bool, ...], Field(max_length=MAX_FEET)] = Field(description="per foot: taken as a contact")
+    region: Annotated[tuple[Vec2, ...], Field(max_length=MAX_DIRECTIONS)] = Field(
+        description="inner polygon of the support region, frame level, m, counter-clockwise, not closed"
+    )
+    com_planned: Vec2 | None = Field(description="CoM by kinematics from the measured joints, frame level, m")
+    com_measured: Vec2 | None = Field(description="CoM from foot forces, frame level, m; null = not measured")
+    margin_planned: float | None = Field(description="m, signed distance of com_planned to the edge, positive inside")
+    margin_measured: float | None = Field(description="m, the same for com_measured")
+    weight_n: float | None = Field(default=None, description="N, sum of the measured foot forces; null = not measured")
+    mu: float = Field(ge=0, description="friction coefficient taken for every foot, no unit")
+    fresh: bool = Field(default=True, description="joints, contacts and tilt came within the last 100 ms")
