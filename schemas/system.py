@@ -12,7 +12,6 @@ class Done(Message):
 
     instance: str = Field(description="identity of the process: a late done of a dead one must not count")
     ready: bool = Field(default=False, description="true in the answer to PRIME")
-    busy_ns: int = Field(default=0, ge=0, description="wall time spent in the tick, for the breakdown; not hashed")
 
 
 class JoinRequest(Request):

@@ -7,6 +7,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 from schemas.base import Message, Request, Wire
 from schemas.topics import Query, Topic
 from surefoot.codec import decode, encode, encoding_of, read_header
+from surefoot.errors import SurefootError
 
 M = TypeVar("M", bound=Message)
 Req = TypeVar("Req", bound=Request)
@@ -80,8 +81,12 @@ class Incoming(Protocol):
         """Answers."""
         ...
 
-    def fail(self, error: Any) -> None:
-        """Answers with a typed error (a SurefootError)."""
+    def fail(self, error: SurefootError) -> None:
+        """Answers with a typed error."""
+        ...
+
+    def accept_probe(self) -> None:
+        """Answers a probe."""
         ...
 
 

@@ -187,7 +187,7 @@ class Leader:
         self.tick += 1
         manifest = Tick(
             stamp_ns=stamp_ns, tick=self.tick, epoch=self.epoch, seq=self.tick, source="driver",
-            roster=tuple(self.members), roster_version=self.roster_version, due=due, mode=self.mode,
+            roster=tuple(sorted(self.members)), roster_version=self.roster_version, due=due, mode=self.mode,
             seed=self.seed, end=self.tick == self.end_tick,
         )  # fmt: skip
         self._manifests[self.tick] = manifest
@@ -203,4 +203,4 @@ class Leader:
         manifest = self._manifests.get(tick)
         if manifest is None:
             return None
-        return manifest.model_copy(update={"roster": tuple(self.members), "roster_version": self.roster_version})
+        return manifest.model_copy(update={"roster": tuple(sorted(self.members)), "roster_version": self.roster_version})

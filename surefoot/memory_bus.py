@@ -53,6 +53,9 @@ class MemoryIncoming:
     def fail(self, error: SurefootError) -> None:
         self.error = error
 
+    def accept_probe(self) -> None:
+        return
+
 
 class MemoryBus:
     """Topics and queries of one robot inside one process.

@@ -1,0 +1,334 @@
+"""The runtime around a service: inbox, join, queries, health. One thread does everything a service sees.
+
+Whatever arrives, from whatever thread, is put into one inbox. ``pump`` handles what is there; ``run`` waits for more.
+On the in-memory bus nobody waits: the system pumps its nodes in turn.
+"""
+
+import os
+import resource
+import sys
+import time
+import uuid
+from collections import Counter, deque
+from queue import Empty, SimpleQueue
+from typing import Any, TypeVar
+
+from schemas.base import Message, Request, TickRequest, Wire
+from schemas.system import Done, Health, HealthReply, JoinRequest, LogRecord
+from schemas.topics import CMD_JOINTS, HEALTH, HEALTH_GET, HW_TICK, LOG, SIM_JOIN, TICK_DONE, Query, Topic
+from surefoot.bus import Bus, Delivery, Incoming, Life, Publisher
+from surefoot.config import config_hash
+from surefoot.errors import CallError, Refusal, SurefootError
+from surefoot.join import DRIVER, Delayed, Join, TickInputs
+from surefoot.service import Service
+from surefoot.version import VERSION
+
+Req = TypeVar("Req", bound=Request)
+Rep = TypeVar("Rep", bound=Wire)
+
+KEEP_TICKS = 20
+"""Outputs of so many ticks are kept, to be sent again when the driver repeats a tick."""
+JOIN_RETRY_S = 0.3
+HEALTH_PERIOD_S = 1.0
+NOT_READY_S = 2.0
+"""A query that asks about a tick which does not come is answered ``not_ready`` after this wall time."""
+
+_STOP = object()
+
+
+class Node:
+    """Runs one service on one bus."""
+
+    def __init__(self, service: Service[Any], bus: Bus) -> None:
+        self.service = service
+        self.bus = bus
+        self.name = service.name
+        self.instance = uuid.uuid4().hex[:12]
+        self.inbox: SimpleQueue[Any] = SimpleQueue()
+        self.join = Join(service.name, (*service.inputs, HW_TICK))
+        self.refused: Counter[str] = Counter()
+        self.counts: Counter[str] = Counter()
+        self.tick_us: deque[float] = deque(maxlen=2000)
+        self.state = "starting"
+        self.stopping = False
+        self._publishers: dict[str, Publisher[Any]] = {}
+        self._outbox: dict[tuple[int, int], list[tuple[Publisher[Any], Any]]] = {}
+        self._observed = {topic.key for topic in service.observes}
+        self._unproved: set[str] = set()
+        self._unproved_calls: dict[str, Query[Any, Any]] = {}
+        self._waiting: list[tuple[float, Incoming, TickRequest]] = []
+        self._tick: TickInputs | None = None
+        self._epoch = -1
+        self._primed_at = 0.0
+        self._next_health = 0.0
+        self._next_join = 0.0
+        self._counts_as_done = any(topic.key == CMD_JOINTS.key for topic in service.outputs)
+        self._done = TICK_DONE.of(self.name)
+
+    # -- life ---------------------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Declares everything, lets the service prepare, then becomes visible."""
+        service, put = self.service, self.inbox.put
+        service.attach(self)
+        for topic in (*service.outputs, self._done, HEALTH.of(self.name), LOG.of(self.name)):
+            self._publishers[topic.key] = self.bus.publisher(topic)
+        service.on_start()
+        for query in service.serves:
+            if query.key not in service.handlers:
+                raise ValueError(f"{self.name} declares {query.key!r} but registered no handler in on_start")
+        for item in self._subscriptions():
+            self.bus.subscribe(item, put)
+        for topic in service.observes:
+            self.bus.subscribe(topic, put)
+        for query in (*service.serves, HEALTH_GET.of(self.name)):
+            self.bus.serve(query, put)
+        self.bus.watch(put)
+        self._unproved = {topic.key for topic in self._subscriptions()}
+        self._unproved_calls = {query.key: query for query in service.calls}
+        self.state = "joining"
+        self.bus.announce(self.name, self.instance)
+
+    def _subscriptions(self) -> list[Topic[Any]]:
+        topics = [item.topic if isinstance(item, Delayed) else item for item in self.service.inputs]
+        return [HW_TICK, *topics]
+
+    def run(self) -> None:
+        """Works until ``stop``."""
+        try:
+            while not self.stopping:
+                self.pump()
+                try:
+                    self.handle(self.inbox.get(timeout=self._timers()))
+                except Empty:
+                    continue
+        finally:
+            self.state = "stopping"
+            self.service.on_stop()
+
+    def stop(self) -> None:
+        """Ends ``run``; may be called from any thread or a signal handler."""
+        self.stopping = True
+        self.inbox.put(_STOP)
+
+    def pump(self) -> bool:
+        """Handles everything that is there; returns whether there was anything."""
+        progressed = False
+        while not self.stopping:
+            while not self.inbox.empty():
+                self.handle(self.inbox.get_nowait())
+                progressed = True
+            if not self.work():
+                return progressed
+            progressed = True
+        return progressed
+
+    def pump_once(self) -> bool:
+        """Handles what is there and does at most one tick, so that nodes of one process take turns."""
+        progressed = False
+        while not self.inbox.empty():
+            self.handle(self.inbox.get_nowait())
+            progressed = True
+        return self.work() or progressed
+
+    def _timers(self) -> float:
+        """Does what the wall clock asks for; returns the seconds until it asks again."""
+        now = time.monotonic()
+        if now >= self._next_health:
+            self._next_health = now + HEALTH_PERIOD_S
+            self._publishers[f"health/{self.name}"].put(self.health())
+        if now >= self._next_join:
+            self._next_join = now + JOIN_RETRY_S
+            if not self.join.on_roster and now - self._primed_at > JOIN_RETRY_S:
+                self._ask_to_join()
+        for item in [item for item in self._waiting if now - item[0] > NOT_READY_S]:
+            self._waiting.remove(item)
+            item[1].fail(Refusal("not_ready", f"{self.name} has not seen tick {item[2].tick} of epoch {item[2].epoch}"))
+        return max(0.0, min(self._next_health, self._next_join) - time.monotonic())
+
+    def _ask_to_join(self) -> None:
+        request = JoinRequest(
+            service=self.name, instance=self.instance, version=VERSION, config_hash=config_hash(self.service.config)
+        )
+        try:
+            self.bus.call(SIM_JOIN, request, 0.3)
+        except CallError as error:
+            self.refused[f"join_{error.code}"] += 1
+
+    # -- what arrives ---------------------------------------------------------------------------------------------------
+
+    def handle(self, item: Any) -> None:
+        """One item of the inbox."""
+        if isinstance(item, Delivery):
+            if item.prime:
+                self._on_prime(item.topic)
+            else:
+                self._on_delivery(item)
+        elif isinstance(item, Life):
+            self.on_life(item)
+        elif item is not _STOP:
+            self._on_query(item)
+
+    def _on_delivery(self, delivery: Delivery) -> None:
+        topic = delivery.topic
+        self.counts[topic.key] += 1
+        try:
+            message: Any = delivery.message()
+            if topic.key in self._observed:
+                self.service.on_message(topic, message)
+                return
+        except Refusal as refusal:
+            self.refuse(refusal.code, f"{topic.key}: {refusal.message}")
+            return
+        reason = self.join.offer(topic, message)
+        if reason == "replay":
+            self._replay(message.epoch, message.tick)
+        elif reason is not None and reason != "duplicate":
+            self.refuse(reason)
+
+    def refuse(self, reason: str, detail: str = "") -> None:
+        """Counts a refusal; the first of each kind is logged."""
+        self.refused[reason] += 1
+        if detail and self.refused[reason] == 1:
+            self.log("warning", f"refused ({reason}): {detail}")
+
+    def _on_prime(self, topic: Topic[Any]) -> None:
+        self._unproved.discard(topic.key)
+        if topic.key != HW_TICK.key:
+            return
+        self._primed_at = time.monotonic()
+        for output in self.service.outputs:
+            self._publishers[output.key].prime()
+        for key, query in list(self._unproved_calls.items()):
+            if self.bus.probe(query):
+                del self._unproved_calls[key]
+        if not self._unproved and not self._unproved_calls:
+            if self.state == "joining":
+                self.state = "ready"
+            self._publishers[self._done.key].put(
+                Done(tick=-1, epoch=max(0, self._epoch), source=self.name, instance=self.instance, ready=True)
+            )
+
+    def on_life(self, life: Life) -> None:
+        """A process came or went; a new driver begins a new count of epochs."""
+        if life.service == DRIVER and not life.alive:
+            self.join = Join(self.name, (*self.service.inputs, HW_TICK))
+            self._outbox.clear()
+
+    def _on_query(self, incoming: Incoming) -> None:
+        if incoming.probe:
+            incoming.accept_probe()
+            return
+        try:
+            request = incoming.request()
+        except Refusal as refusal:
+            self.refuse(refusal.code, f"{incoming.query.key}: {refusal.message}")
+            incoming.fail(refusal)
+            return
+        if isinstance(request, TickRequest) and request.tick is not None and not self._has_seen(request):
+            self._waiting.append((time.monotonic(), incoming, request))
+            return
+        self._answer(incoming, request)
+
+    def _has_seen(self, request: TickRequest) -> bool:
+        assert request.tick is not None
+        epoch = self._epoch if request.epoch is None else request.epoch
+        return (self._epoch, self.join.last) >= (epoch, request.tick)
+
+    def _answer(self, incoming: Incoming, request: Request) -> None:
+        key = incoming.query.key
+        self.counts[key] += 1
+        try:
+            if key == f"health/{self.name}":
+                incoming.reply(HealthReply(health=self.health()))
+                return
+            incoming.reply(self.service.handlers[key](request))
+        except SurefootError as error:
+            self.refuse(error.code, f"{key}: {error.message}")
+            incoming.fail(error)
+        except Exception as error:  # a defect in a handler must not leave the asker without an answer
+            self.refuse("internal", f"{key}: {type(error).__name__}: {error}")
+            incoming.fail(SurefootError("internal", f"{key} failed: {type(error).__name__}: {error}"))
+
+    # -- ticks ----------------------------------------------------------------------------------------------------------
+
+    def work(self) -> bool:
+        """Does the next tick if its inputs are complete."""
+        inputs = self.join.take()
+        if inputs is None:
+            return False
+        began = time.perf_counter_ns()
+        self._tick = inputs
+        tick = inputs.tick
+        if tick.epoch != self._epoch:
+            self._epoch = tick.epoch
+            self._outbox.clear()
+            self.service.on_reset()
+        self.state = "running"
+        self._outbox[(tick.epoch, tick.tick)] = []
+        self.service.on_tick(inputs)
+        if not self._counts_as_done:
+            self._send(self._done, Done(tick=tick.tick, epoch=tick.epoch, source=self.name, instance=self.instance))
+        self._outbox.pop((tick.epoch, tick.tick - KEEP_TICKS), None)
+        self._tick = None
+        self.tick_us.append((time.perf_counter_ns() - began) * 1e-3)
+        if self._waiting:
+            for item in [item for item in self._waiting if self._has_seen(item[2])]:
+                self._waiting.remove(item)
+                self._answer(item[1], item[2])
+        return True
+
+    def _send(self, topic: Topic[Any], message: Message) -> None:
+        publisher = self._publishers[topic.key]
+        token = publisher.put(message)
+        box = self._outbox.get((message.epoch, message.tick))
+        if box is not None:
+            box.append((publisher, token))
+
+    def _replay(self, epoch: int, tick: int) -> None:
+        for publisher, token in self._outbox.get((epoch, tick), ()):
+            publisher.resend(token)
+
+    # -- what a service asks for ------------------------------------------------------------------------------------------
+
+    def publish(self, topic: Topic[Any], message: Message, stamp_ns: int | None) -> None:
+        if topic.key not in self._publishers:
+            raise ValueError(f"{self.name} publishes {topic.key!r} but does not declare it in outputs")
+        if self._tick is None:
+            self._publishers[topic.key].put(message.model_copy(update={"source": self.name}))
+            return
+        tick = self._tick.tick
+        stamp = tick.stamp_ns if stamp_ns is None else stamp_ns
+        seq = tick.tick // max(1, topic.period_ticks)
+        self._send(topic, message.stamped(stamp, tick.tick, tick.epoch, seq, self.name))
+
+    def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None) -> Rep:
+        if query not in self.service.calls:
+            raise ValueError(f"{self.name} calls {query.key!r} but does not declare it in calls")
+        if self._tick is not None and query.owner != DRIVER and query.owner not in self._tick.tick.roster:
+            raise CallError("absent", f"{query.owner} is not on the roster")
+        return self.bus.call(query, request, timeout_s)
+
+    def log(self, level: str, text: str) -> None:
+        sys.stderr.write(f"{level:<7} {self.name}: {text}\n")
+        sys.stderr.flush()
+        publisher = self._publishers.get(f"log/{self.name}")
+        if publisher is not None:
+            publisher.put(LogRecord(source=self.name, level=level, text=text[:4000]))  # pyright: ignore[reportArgumentType]
+
+    def health(self) -> Health:
+        """How the service does."""
+        times = sorted(self.tick_us)
+        usage = resource.getrusage(resource.RUSAGE_SELF)
+        waiting = (*sorted(self._unproved), *sorted(self._unproved_calls), *self.join.missing())
+        return Health(
+            source=self.name, service=self.name, instance=self.instance, pid=os.getpid(),
+            tick=self.join.last, epoch=max(0, self._epoch),
+            state=self.state,  # pyright: ignore[reportArgumentType] - one of the literal's names
+            kernels="warm" if "numba" in sys.modules else "none",
+            tick_p50_us=times[len(times) // 2] if times else 0.0,
+            tick_p99_us=times[min(len(times) - 1, len(times) * 99 // 100)] if times else 0.0,
+            cpu_s=usage.ru_utime + usage.ru_stime, rss_mb=usage.ru_maxrss / 1024.0,
+            refused=dict(self.refused), version=VERSION, config_hash=config_hash(self.service.config),
+            waiting_for=waiting,
+        )  # fmt: skip
