@@ -1,0 +1,35 @@
+"""The terrain map as the foothold functions look at it: prepared once per map version."""
+
+from dataclasses import dataclass
+
+from surefoot.heightmap import HeightMap
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """Layers over one grid."""
+
+    surface: HeightMap
+    """Ground heights, filtered."""
+    centres: HeightMap
+    """Heights of a foot CENTRE whose sphere rests on the surface: what a foot is sent to."""
+    foot_radius: float
+    """m."""
+
+    @property
+    def version(self) -> int:
+        """Version of the map the layers come from."""
+        return self.surface.version
+
+
+def build_ground(heights: HeightMap, foot_radius: float, smooth: bool = True) -> Ground:
+    """Filter a map and dilate it by the foot sphere.
+
+    Args:
+        heights: the map as received.
+        foot_radius: radius of the foot sphere, m.
+        smooth: 3 x 3 median. 3 mm of noise per cell give K1 a deviation of 25 mm on flat ground, the filter a tenth
+            of the cells' own; edges stay. Switch it off for exact maps.
+    """
+    surface = heights.smoothed() if smooth else heights
+    return Ground(surface=surface, centres=surface.dilated(foot_radius), foot_radius=foot_radius)

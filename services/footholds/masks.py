@@ -1,0 +1,248 @@
+"""Why a cell is no foothold: one bit per reason, several may be set."""
+
+import math
+from dataclasses import dataclass
+from enum import IntFlag
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.footholds.features import Layer
+from services.footholds.ground import Ground
+from services.footholds.reach import LEG_NUMBERS, solve
+from surefoot.jit import kernel, row_kernel
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.uint8]
+
+
+class Reason(IntFlag):
+    """Bits of a mask; the names are those of the replies."""
+
+    REACH = 1
+    """The leg does not reach the cell with margin, at landing or at the end of the stroke."""
+    COLLISION = 2
+    """The foot sphere would wedge against an edge, or the leg would cut the ground."""
+    UNKNOWN = 4
+    """The 3 x 3 window is not fully known, or the slip model has no valid prediction."""
+    STEEP = 8
+    """The ground is steeper than the limit."""
+    SLIP = 16
+    """The predicted slip is over the limit."""
+
+
+REASONS: tuple[str, ...] = tuple(str(reason.name).lower() for reason in Reason)
+"""Names of the bits, lowest first."""
+
+_REACH, _COLLISION, _UNKNOWN, _STEEP, _SLIP = (np.uint8(reason.value) for reason in Reason)
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a foothold must keep."""
+
+    slip: float = 0.4
+    """Largest predicted slip, way per stroke (footholds note 2.4, unverified)."""
+    slope: float = 0.9
+    """Largest slope, rise per way; 42 deg. Above the friction angle of most ground (mu 0.35 to 0.7) on a plane; a
+    foot that faces the push still stands. A vertical step of 10 mm has slope 1 in 5 mm cells."""
+    wedge: float = 0.5
+    """Share of the foot radius by which a neighbour may lift the foot off its own cell. More: it hangs on an edge."""
+    reach_margin: float = 0.010
+    """Distance from the edge of the leg's workspace at landing and lift-off, m: body error plus one cell."""
+    leg_radius: float = 0.005
+    """Radius of the leg about its centre line, m; kept off the ground."""
+
+
+class Placement(NamedTuple):
+    """A leg about to land: everything the reach and collision tests need; in the map frame unless said otherwise."""
+
+    leg: Array  # (LEG_NUMBERS,) table of the leg, see reach.leg_table
+    base: Array  # (3,) position of base_link at landing, m
+    rot: Array  # (3, 3) rot_map_from_base at landing
+    stroke: Array  # (3,) movement of the foot relative to the body in stance, m
+
+
+NO_LEG = Placement(np.full(LEG_NUMBERS, np.nan), np.zeros(3), np.eye(3), np.zeros(3))
+"""Stands for "no leg": neither reach nor the leg's collisions are tested."""
+
+
+def mask_window(ground: Ground, row: int, col: int, slip: Layer, limits: Limits, placement: Placement | None) -> Mask:
+    """Reasons against each cell of the window that starts at (row, col).
+
+    Args:
+        ground: the prepared map.
+        row: first row of the window; may lie outside the map, such cells are unknown.
+        col: first column.
+        slip: predicted slip P of the window's cells, (rows, cols), NaN = unknown.
+        limits: what a foothold must keep.
+        placement: the leg and the pose it lands from; None tests the ground alone.
+
+    Returns:
+        (rows, cols) uint8, sum of `Reason` bits; 0 = free.
+    """
+    out = np.empty(slip.shape, dtype=np.uint8)
+    surface = ground.surface
+    numbers = (limits.slip, limits.slope, limits.wedge * ground.foot_radius, limits.reach_margin, limits.leg_radius)
+    leg, base, rot, stroke = NO_LEG if placement is None else placement
+    grid = (surface.cell, surface.origin[0], surface.origin[1], ground.foot_radius)
+    _mask(
+        surface.z, ground.centres.z, grid, row, col, slip, numbers, placement is not None, leg, base, rot, stroke, out
+    )
+    return out
+
+
+@kernel
+def count_reasons(mask: Mask, counts: NDArray[np.int64]) -> None:
+    """Cells per bit into counts[0..4], free cells into counts[5]."""
+    counts[:] = 0
+    for i in range(mask.shape[0]):
+        for j in range(mask.shape[1]):
+            bits = mask[i, j]
+            if bits == 0:
+                counts[5] += 1
+            for k in range(5):
+                if bits >> k & 1:
+                    counts[k] += 1
+
+
+@row_kernel
+def gradient(z: Layer, cell: float, row: int, col: int) -> tuple[float, float]:
+    """Slope of the plane fitted to the 3 x 3 window (rise per way along x and y); NaN where it is not fully known."""
+    ny, nx = z.shape
+    if row < 1 or col < 1 or row >= ny - 1 or col >= nx - 1:
+        return math.nan, math.nan
+    gx, gy, known = 0.0, 0.0, 0.0
+    for k in range(-1, 2):
+        gx += float(z[row + k, col + 1]) - float(z[row + k, col - 1])
+        gy += float(z[row + 1, col + k]) - float(z[row - 1, col + k])
+    known = float(z[row, col]) - float(z[row, col])
+    return gx / (6.0 * cell) + known, gy / (6.0 * cell) + known
+
+
+@row_kernel
+def _cuts(
+    z: Layer, grid: tuple[float, float, float, float], ax: float, ay: float, az: float, bx: float, by: float, bz: float,
+    first: float, steps: int, radius: float, top: float,
+) -> bool:  # fmt: skip
+    """Whether the segment a-b, sampled from the share `first` of its way on, comes closer to the ground than radius.
+
+    `top` is the highest ground that can matter: most segments pass well above it and need no look at the map.
+    """
+    if min(az + first * (bz - az), bz) - radius >= top:
+        return False
+    per_cell, x0, y0 = 1.0 / grid[0], grid[1], grid[2]
+    ny, nx = z.shape
+    step = (1.0 - first) / (steps - 1)
+    du, dv, dh = (bx - ax) * per_cell, (by - ay) * per_cell, bz - az
+    u, v, h = (ax - x0) * per_cell + 0.5 + first * du, (ay - y0) * per_cell + 0.5 + first * dv, az + first * dh
+    du, dv, dh = du * step, dv * step, dh * step
+    h -= radius
+    for _ in range(steps):
+        if u >= 0.0 and u < nx and v >= 0.0 and v < ny and h < z[np.uint32(v), np.uint32(u)]:
+            return True
+        u += du
+        v += dv
+        h += dh
+    return False
+
+
+@row_kernel
+def _leg_bits(
+    z: Layer, grid: tuple[float, float, float, float], leg: Array, bx: float, by: float, bz: float, rot: Array,
+    x: float, y: float, height: float, margin: float, leg_radius: float, top: float, joints: Array,
+) -> int:  # fmt: skip
+    """Reach and collision of the leg with its foot centre at (x, y, height) and the base at (bx, by, bz)."""
+    dx, dy, dz = x - bx, y - by, height - bz
+    px = rot[0, 0] * dx + rot[1, 0] * dy + rot[2, 0] * dz
+    py = rot[0, 1] * dx + rot[1, 1] * dy + rot[2, 1] * dz
+    pz = rot[0, 2] * dx + rot[1, 2] * dy + rot[2, 2] * dz
+    if not solve(leg, px, py, pz, joints) >= margin:
+        return 1
+    hx = bx + rot[0, 0] * joints[0] + rot[0, 1] * joints[1] + rot[0, 2] * joints[2]
+    hy = by + rot[1, 0] * joints[0] + rot[1, 1] * joints[1] + rot[1, 2] * joints[2]
+    hz = bz + rot[2, 0] * joints[0] + rot[2, 1] * joints[1] + rot[2, 2] * joints[2]
+    kx = bx + rot[0, 0] * joints[3] + rot[0, 1] * joints[4] + rot[0, 2] * joints[5]
+    ky = by + rot[1, 0] * joints[3] + rot[1, 1] * joints[4] + rot[1, 2] * joints[5]
+    kz = bz + rot[2, 0] * joints[3] + rot[2, 1] * joints[4] + rot[2, 2] * joints[5]
+    # the foot's own end is left out: the sphere rests on the dilated map there
+    if _cuts(z, grid, x, y, height, kx, ky, kz, 0.2, 6, leg_radius, top):
+        return 2
+    if _cuts(z, grid, kx, ky, kz, hx, hy, hz, 0.25, 4, leg_radius, top):
+        return 2
+    return 0
+
+
+@row_kernel
+def _highest(
+    z: Layer, grid: tuple[float, float, float, float], row0: int, col0: int, shape: tuple[int, int], leg: Array,
+    base: Array, rot: Array, stroke: Array,
+) -> float:  # fmt: skip
+    """Highest known ground under any pose of the leg: over the window and a knee's reach about the hip, m."""
+    cell, x0, y0, _ = grid
+    ny, nx = z.shape
+    hx = base[0] + rot[0, 0] * leg[0] + rot[0, 1] * leg[1] + rot[0, 2] * leg[2]
+    hy = base[1] + rot[1, 0] * leg[0] + rot[1, 1] * leg[1] + rot[1, 2] * leg[2]
+    knee = leg[5] + leg[6]
+    if not abs(hx) + abs(hy) + knee < 1e6:  # no closed form: nothing is reached
+        return math.nan
+    rows, cols = shape
+    first_row = max(0, min(row0, math.floor((hy - knee - max(stroke[1], 0.0) - y0) / cell)))
+    last_row = min(ny, max(row0 + rows, math.ceil((hy + knee - min(stroke[1], 0.0) - y0) / cell) + 1))
+    first_col = max(0, min(col0, math.floor((hx - knee - max(stroke[0], 0.0) - x0) / cell)))
+    last_col = min(nx, max(col0 + cols, math.ceil((hx + knee - min(stroke[0], 0.0) - x0) / cell) + 1))
+    top = np.float32(-np.inf)
+    for row in range(first_row, last_row):
+        line = z[row, first_col : max(first_col, last_col)]
+        for col in range(line.shape[0]):
+            top = line[col] if line[col] > top else top
+    return float(top)
+
+
+@row_kernel
+def _mask(
+    z: Layer, centres: Layer, grid: tuple[float, float, float, float], row0: int, col0: int, slip: Layer,
+    limits: tuple[float, float, float, float, float], test_leg: bool, leg: Array, base: Array, rot: Array,
+    stroke: Array, out: Mask,
+) -> None:  # fmt: skip
+    slip_limit, slope_limit, wedge, margin, leg_radius = limits
+    cell, x0, y0, foot_radius = grid
+    ny, nx = z.shape
+    joints = np.zeros(6)
+    ex, ey, ez = base[0] - stroke[0], base[1] - stroke[1], base[2] - stroke[2]  # the base at lift-off
+    top = _highest(z, grid, row0, col0, out.shape, leg, base, rot, stroke) if test_leg else math.nan
+    moves = stroke[0] != 0.0 or stroke[1] != 0.0 or stroke[2] != 0.0
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            row, col = row0 + i, col0 + j
+            p = float(slip[i, j])
+            inside = row >= 0 and row < ny and col >= 0 and col < nx
+            height = math.nan
+            if inside:
+                height = float(centres[row, col])
+            bits = 0
+            if not (p >= 0.0 and p <= 1.0) or math.isnan(height):
+                bits |= _UNKNOWN
+            elif p > slip_limit:
+                bits |= _SLIP
+            gx, gy = gradient(z, cell, row, col)
+            if gx * gx + gy * gy > slope_limit * slope_limit:
+                bits |= _STEEP
+            if math.isnan(height):  # neither reach nor collision can be told: unknown is said already
+                out[i, j] = bits
+                continue
+            if height - (float(z[row, col]) + foot_radius) > wedge:
+                bits |= _COLLISION
+            if test_leg:
+                x, y = x0 + col * cell, y0 + row * cell
+                hit = _leg_bits(
+                    z, grid, leg, base[0], base[1], base[2], rot, x, y, height, margin, leg_radius, top, joints
+                )
+                if moves and hit == 0:
+                    hit = _leg_bits(z, grid, leg, ex, ey, ez, rot, x, y, height, margin, leg_radius, top, joints)
+                if hit == 1:
+                    bits |= _REACH
+                elif hit == 2:
+                    bits |= _COLLISION
+            out[i, j] = bits

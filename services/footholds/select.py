@@ -1,0 +1,240 @@
+"""Choice of a foothold for each landing leg (Walas & Belter 2011, sections 2.3, 3.3, 3.4).
+
+Two points per foothold, never to be mixed up: `foothold` is the foot CENTRE, taken from the map dilated by the foot
+sphere, and is what the leg is sent to; `contact` is the point of the ground, one foot radius below along the normal.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.footholds.features import Layer, window_features
+from services.footholds.ground import Ground
+from services.footholds.masks import REASONS, Limits, Mask, Placement, count_reasons, gradient, mask_window
+from services.footholds.model import SlipModel
+from services.footholds.reach import leg_table
+from surefoot.jit import kernel
+from surefoot.robot import Robot
+from surefoot.rotations import matrix_from_quat
+
+Array = NDArray[np.float64]
+Point = tuple[float, float, float]
+Status = Literal["ok", "raise_trunk", "infeasible"]
+
+
+@dataclass(frozen=True, slots=True)
+class SelectParams:
+    """How footholds are chosen."""
+
+    size: int = 15
+    """Cells along an edge of the window, odd (paper 3.4)."""
+    distance_weight: float = 8.0
+    """k of Q = P + k K4, 1/m (paper 3.3, Eq. 18)."""
+    robust: bool = True
+    """Smallest mean of Q over the free cells of the 3 x 3 block; False: smallest Q (the paper)."""
+    trunk_step: float = 0.005
+    """Step of the search for a trunk height that makes a cell reachable, m."""
+    trunk_range: float = 0.040
+    """Largest change of trunk height that is proposed, m."""
+    limits: Limits = field(default_factory=Limits)
+
+
+@dataclass(frozen=True, slots=True)
+class BasePose:
+    """base_link when the feet land, map frame."""
+
+    position: Point
+    """m."""
+    quat_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Landing:
+    """One leg about to land."""
+
+    leg: int
+    """Index in the robot description."""
+    nominal: Point
+    """Foot centre the gait would land on, map frame, m; the height is not used."""
+    stroke: Point
+    """Movement of the foot relative to the body in the coming stance, map axes, m."""
+
+
+@dataclass(frozen=True, slots=True)
+class Foothold:
+    """The answer for one leg."""
+
+    status: Status
+    foothold: Point | None = None
+    """Foot centre, map frame, m."""
+    contact: Point | None = None
+    """Contact point on the ground, map frame, m."""
+    normal: Point | None = None
+    """Unit normal of the ground, map axes."""
+    trunk_shift: float = 0.0
+    """Signed change of trunk height, m."""
+    score: float = math.nan
+    """Q of the chosen cell."""
+    slip: float = math.nan
+    """P of the chosen cell."""
+    counts: tuple[int, ...] = (0,) * (len(REASONS) + 1)
+    """Cells excluded per reason, then free cells."""
+    reason: str = ""
+    """Why the status is not ok."""
+
+
+def select(
+    ground: Ground,
+    robot: Robot,
+    model: SlipModel,
+    base: BasePose,
+    landings: Sequence[Landing],
+    params: SelectParams = SelectParams(),
+) -> tuple[Foothold, ...]:
+    """Footholds of all legs that land together, in the order asked; never an exception for what the numbers hold."""
+    return tuple(select_leg(ground, robot, model, base, landing, params) for landing in landings)
+
+
+def select_leg(
+    ground: Ground, robot: Robot, model: SlipModel, base: BasePose, landing: Landing, params: SelectParams
+) -> Foothold:
+    """Foothold of one leg: `ok`, `raise_trunk` with the change of trunk height, or `infeasible` with the reason."""
+    pose = (*base.position, *base.quat_wxyz)
+    if not all(math.isfinite(value) for value in (*pose, *landing.nominal[:2], *landing.stroke)):
+        return Foothold("infeasible", reason="base, nominal or stroke holds a number that is not finite")
+    norm = math.sqrt(sum(value * value for value in base.quat_wxyz))
+    if norm < 1e-6:
+        return Foothold("infeasible", reason="the base has a zero quaternion")
+    rot = matrix_from_quat(np.array(base.quat_wxyz) / norm)
+    stroke = np.array(landing.stroke)
+    surface, n = ground.surface, params.size
+    x0, y0 = landing.nominal[0], landing.nominal[1]
+    if abs(x0 - surface.origin[0]) > 1e6 * surface.cell or abs(y0 - surface.origin[1]) > 1e6 * surface.cell:
+        return Foothold("infeasible", reason="the nominal foothold is far outside the map")
+    row, col = surface.index(x0, y0)
+    row, col = row - n // 2, col - n // 2
+    features = window_features(surface.z, row, col, n, n, stroke, surface.cell)
+    slip = model.predict(features, surface.cell)
+    shift_x, shift_y = surface.origin[0] + col * surface.cell - x0, surface.origin[1] + row * surface.cell - y0
+    table = _table(robot, landing.leg)
+    counts = np.zeros(len(REASONS) + 1, dtype=np.int64)
+    first: tuple[int, ...] = ()
+    steps = round(params.trunk_range / params.trunk_step) if params.trunk_step > 0.0 else 0
+    best = np.zeros(2)  # Q of the block, Q of the cell
+    for change in _changes(steps):
+        shift = change * params.trunk_step
+        position = np.array((base.position[0], base.position[1], base.position[2] + shift))
+        mask = mask_window(ground, row, col, slip, params.limits, Placement(table, position, rot, stroke))
+        if not first:
+            count_reasons(mask, counts)
+            first = tuple(int(value) for value in counts)
+        index = choose(mask, slip, surface.cell, shift_x, shift_y, params.distance_weight, params.robust, best)
+        if index >= 0:
+            return _answer(ground, landing, row + index // n, col + index % n, shift, slip, index, best, first)
+        if not _hopeful(mask):
+            break  # no trunk height mends what the ground itself excludes
+    return Foothold("infeasible", counts=first, reason=_why(first, params))
+
+
+@kernel
+def choose(
+    mask: Mask, slip: Layer, cell: float, shift_x: float, shift_y: float, weight: float, robust: bool, best: Array
+) -> int:
+    """Index of the best free cell (row by row), -1 if there is none.
+
+    Args:
+        mask: reasons per cell, (n, n); 0 = free.
+        slip: P per cell, (n, n).
+        cell: edge of a cell, m.
+        shift_x: x of the first column's centre minus x of the nominal foothold, m.
+        shift_y: y of the first row's centre minus y of the nominal foothold, m.
+        weight: k, 1/m.
+        robust: mean of Q over the free cells of the 3 x 3 block instead of Q.
+        best: receives the value that decided and Q of the cell, (2,).
+    """
+    rows, cols = mask.shape
+    away = np.empty((rows, cols))  # K4
+    q = np.empty((rows, cols))
+    for i in range(rows):
+        y = shift_y + i * cell
+        for j in range(cols):
+            x = shift_x + j * cell
+            away[i, j] = math.sqrt(x * x + y * y)
+            q[i, j] = slip[i, j] + weight * away[i, j]
+    found = -1
+    best_value, best_distance = math.inf, math.inf
+    for i in range(rows):
+        for j in range(cols):
+            if mask[i, j] != 0:
+                continue
+            value, n = q[i, j], 1
+            if robust:
+                value, n = 0.0, 0
+                for r in range(max(0, i - 1), min(rows, i + 2)):
+                    for c in range(max(0, j - 1), min(cols, j + 2)):
+                        if mask[r, c] == 0:
+                            value += q[r, c]
+                            n += 1
+                value /= n
+            tie = abs(value - best_value) <= 1e-9 and away[i, j] < best_distance - 1e-9
+            if value < best_value - 1e-9 or tie:
+                best_value, best_distance, found = value, away[i, j], i * cols + j
+                best[0], best[1] = value, q[i, j]
+    return found
+
+
+def _changes(steps: int) -> list[int]:
+    """0, then the changes of trunk height in steps by size, upwards first: 0 1 -1 2 -2 ..."""
+    return [0, *(sign * k for k in range(1, steps + 1) for sign in (1, -1))]
+
+
+def _hopeful(mask: Mask) -> bool:
+    """Whether some cell is excluded only by what depends on the trunk height: reach and collision."""
+    return bool((mask < 4).any())
+
+
+def _answer(
+    ground: Ground, landing: Landing, row: int, col: int, shift: float, slip: Layer, index: int, best: Array,
+    counts: tuple[int, ...],
+) -> Foothold:  # fmt: skip
+    surface = ground.surface
+    x, y = surface.centre(row, col)
+    if (row, col) == surface.index(landing.nominal[0], landing.nominal[1]):
+        x, y = float(landing.nominal[0]), float(landing.nominal[1])  # the nominal cell: no reason to move within it
+    z = ground.centres.height_at(x, y)
+    if math.isnan(z):
+        z = float(ground.centres.z[row, col])
+    gx, gy = gradient(surface.z, surface.cell, row, col)
+    length = math.sqrt(gx * gx + gy * gy + 1.0)
+    normal = (-gx / length, -gy / length, 1.0 / length)
+    r = ground.foot_radius
+    return Foothold(
+        status="ok" if shift == 0.0 else "raise_trunk",
+        foothold=(x, y, z),
+        contact=(x - r * normal[0], y - r * normal[1], z - r * normal[2]),
+        normal=normal,
+        trunk_shift=shift,
+        score=float(best[1]),
+        slip=float(slip.flat[index]),
+        counts=counts,
+        reason="" if shift == 0.0 else f"no free cell at this trunk height, one with the trunk {1e3 * shift:+.0f} mm",
+    )
+
+
+def _why(counts: tuple[int, ...], params: SelectParams) -> str:
+    cells = params.size**2
+    told = ", ".join(f"{name} {count}" for name, count in zip(REASONS, counts, strict=False) if count)
+    if counts[REASONS.index("unknown")] == cells:
+        return f"all {cells} cells are unknown or outside the map"
+    span = f"{1e3 * params.trunk_range:.0f} mm"
+    return f"none of {cells} cells is free, nor with the trunk moved by up to +-{span}; excluded by: {told}"
+
+
+@lru_cache(maxsize=64)
+def _table(robot: Robot, leg: int) -> Array:
+    return leg_table(robot.model, leg)
