@@ -317,7 +317,7 @@ class HexapodWalker:
         v = max(0.0, (s.clock / duration - p.overlap) / (1.0 - 2.0 * p.overlap))
         if s.fresh and v > p.swing.fall_start + TOUCH_PHASE:
             self._touch(plan)
-        lost = plan.swing & ~s.landed & (plan.feet_to[:, 2] - s.feet[:, 2] > p.search_m)
+        lost = plan.swing & ~s.landed & (v > 1.0) & (plan.feet_to[:, 2] - s.feet[:, 2] > p.search_m)
         if lost.any():
             s.landed |= lost
             plan.feet_to[lost] = s.feet[lost]
