@@ -24,6 +24,7 @@ TERRAIN_BIT = 1  # contype of the terrain, conaffinity of what it may touch
 BASE_THICKNESS = 0.05  # m, solid ground below the lowest cell of a height field
 FLAT_HEIGHT = 1e-4  # m, MuJoCo wants a height field of some height
 PLANE_HALF_SIZE = 20.0  # m
+NO_TORQUE = 1e-9  # Nm, limit of a dead servo: MuJoCo refuses an empty force range
 SEGMENT_RADIUS = 0.01  # m, capsules of the leg segments
 TRUNK_QPOS = slice(0, 7)  # of the free joint: position (3), quat_wxyz (4)
 TRUNK_DOF = slice(0, 6)  # of the free joint: velocity in the world (3), angular rate in base_link (3)
@@ -198,7 +199,8 @@ def _servos(robot: Robot, perturb: Perturbation) -> tuple[Array, Array, Array]:
     servos = [joint.servo for joint in robot.joints]
     kp = np.array([s.kp for s in servos]) * perturb.kp_scale
     kv = np.array([s.kv for s in servos]) * perturb.kv_scale
-    return kp, kv, np.array([s.max_torque for s in servos]) * perturb.torque_scale
+    torque = np.array([s.max_torque for s in servos]) * perturb.torque_scale
+    return kp, kv, np.maximum(torque, NO_TORQUE)
 
 
 def _add_terrain(spec: mujoco.MjSpec, terrain: Terrain | None, physics: Physics, perturb: Perturbation) -> None:
