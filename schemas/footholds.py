@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from schemas.base import MAX_FEET, Bulk, QuatWxyz, Reply, Request, Vec2, Vec3
+from schemas.base import MAX_FEET, Bulk, QuatWxyz, Reply, Request, TickRequest, Vec2, Vec3
 
 MAX_WINDOW = 301
 LayerName = Literal["z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask"]
@@ -35,8 +35,11 @@ class LegRequest(Request):
     )
 
 
-class SelectRequest(Request):
-    """Asks for the footholds of all legs that land together."""
+class SelectRequest(TickRequest):
+    """Asks for the footholds of all legs that land together.
+
+    With ``tick`` the answer rests on the map of that tick, whatever arrives first: the way to reproducible runs.
+    """
 
     base: BasePose = Field(description="where base_link will be when the feet land")
     legs: Annotated[tuple[LegRequest, ...], Field(min_length=1, max_length=MAX_FEET)] = Field(
@@ -90,7 +93,7 @@ class SelectReply(Reply):
     model: str = Field(description="name of the slip model the answer rests on")
 
 
-class AssessRequest(Request):
+class AssessRequest(TickRequest):
     """Asks for the scored ground: a window, or the whole map."""
 
     centre: Vec2 | None = Field(

@@ -77,6 +77,21 @@ class LogRecord(Message):
     text: str = Field(max_length=4096, description="the line")
 
 
+class RecorderRequest(Request):
+    """Asks the recorder how far it is."""
+
+
+class RecorderReply(Reply):
+    """The present recording."""
+
+    path: str = Field(description="file that is written")
+    epoch: int = Field(ge=0, description="epoch of the recording")
+    tick: int = Field(ge=-1, description="last tick on disk")
+    messages: int = Field(ge=0, description="messages written")
+    finished: bool = Field(description="the last tick of the run is on disk and the file is closed")
+    run_hash: str = Field(default="", description="sha256 over all deterministic topics, once finished")
+
+
 class ServiceStatus(Message):
     """One row of the supervisor's table."""
 

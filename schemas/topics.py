@@ -83,7 +83,7 @@ class Query(Generic[Req, Rep]):
 
 
 # hardware contract: a driver provides hw/*, consumes cmd/*
-HW_TICK = Topic("hw/tick", hw.Tick, Kind.LOCKSTEP, "driver")
+HW_TICK = Topic("hw/tick", hw.Tick, Kind.LOCKSTEP, "driver", deterministic=False)
 HW_IMU = Topic("hw/imu", hw.Imu, Kind.SAMPLE, "driver", period_ticks=0, period_ns=TICK_NS)
 HW_JOINTS = Topic("hw/joints", hw.JointState, Kind.SAMPLE, "driver", period_ticks=0, period_ns=KINEMATICS_NS)
 HW_CONTACTS = Topic("hw/contacts", hw.FootContacts, Kind.SAMPLE, "driver", period_ticks=0, period_ns=KINEMATICS_NS)
@@ -140,6 +140,7 @@ SIM_FAULT = Query("sim/fault", sim.FaultRequest, sim.SimReply, "driver")
 SIM_CHECKPOINT = Query("sim/checkpoint", sim.CheckpointRequest, sim.CheckpointReply, "driver")
 SIM_RESTORE = Query("sim/restore", sim.RestoreRequest, sim.CheckpointReply, "driver")
 SIM_FEATURES = Query("sim/features", sim.FeaturesRequest, sim.FeaturesReply, "driver")
+RECORDER_STATUS = Query("recorder/status", system.RecorderRequest, system.RecorderReply, "recorder")
 HEALTH_GET = Query("health/*", system.HealthRequest, system.HealthReply, "*", timeout_s=2.0)
 
 TOPICS: tuple[Topic[Any], ...] = tuple(v for v in list(globals().values()) if isinstance(v, Topic))

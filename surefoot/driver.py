@@ -142,9 +142,9 @@ class DriverNode(Node):
         self.counts[topic.key] += 1
         try:
             message: Any = delivery.message()
-            if topic.key == CMD_JOINTS.key:
+            if isinstance(message, JointCommand):
                 self._on_command(message)
-            elif topic.key == TICK_DONE.key:
+            elif isinstance(message, Done):
                 self._on_done(message)
             else:
                 self.service.on_message(topic, message)

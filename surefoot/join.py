@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar, cast
 
-from schemas.base import Message
+from schemas.base import Header, Message
 from schemas.hw import Tick
 from schemas.topics import HW_TICK, Kind, Topic
 
@@ -69,21 +69,28 @@ class Join:
         self.last = -1
         self.on_roster = False
         self._ticks: dict[int, Tick] = {}
-        self._slots: dict[tuple[int, int], dict[str, Message]] = {}
-        self._latched: dict[str, Message] = {}
+        self._slots: dict[tuple[int, int], dict[str, Any]] = {}
+        self._latched: dict[str, tuple[int, Any]] = {}
         self._previous_roster: tuple[str, ...] = ()
 
-    def offer(self, topic: Topic[Any], message: Message) -> str | None:
-        """Takes an input; returns the reason when it is refused."""
+    def offer(self, topic: Topic[Any], message: Header, value: Any = None) -> str | None:
+        """Takes an input; returns the reason when it is refused.
+
+        Args:
+            topic: the row it came under.
+            message: the message, or its header alone.
+            value: what ``TickInputs.get`` shall return, default the message.
+        """
+        value = message if value is None else value
         if message.epoch < self.epoch:
             return "stale_epoch"
         if topic.key == HW_TICK.key:
             return self._offer_tick(cast(Tick, message))
         if topic.kind is Kind.LATCHED:
             held = self._latched.get(topic.key)
-            if held is not None and held.epoch > message.epoch:
+            if held is not None and held[0] > message.epoch:
                 return "stale_epoch"
-            self._latched[topic.key] = message
+            self._latched[topic.key] = (message.epoch, value)
             return None
         if message.epoch == self.epoch:
             if message.tick <= self.last - 1 or (message.tick <= self.last and topic not in self.delayed):
@@ -93,7 +100,7 @@ class Join:
         slot = self._slots.setdefault((message.epoch, message.tick), {})
         if topic.key in slot:
             return "duplicate"
-        slot[topic.key] = message
+        slot[topic.key] = value
         if len(self._slots) > 4 * MAX_AHEAD:  # not on the roster: nothing is ever taken, keep the newest
             del self._slots[min(self._slots)]
         return None
@@ -144,7 +151,7 @@ class Join:
                     lacking.append(topic.key)
         for topic in self.latched:
             held = self._latched.get(topic.key)
-            if held is None or held.epoch != tick.epoch:
+            if held is None or held[0] != tick.epoch:
                 lacking.append(topic.key)
         return lacking
 
@@ -176,7 +183,7 @@ class Join:
                 messages[topic.key] = before[topic.key]
         for topic in self.latched:
             if topic.key in self._latched:
-                messages[topic.key] = self._latched[topic.key]
+                messages[topic.key] = self._latched[topic.key][1]
         skipped = tick.tick - self.last > 1
         self.last = tick.tick
         self._previous_roster = tick.roster

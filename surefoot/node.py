@@ -45,7 +45,7 @@ class Node:
         self.name = service.name
         self.instance = uuid.uuid4().hex[:12]
         self.inbox: SimpleQueue[Any] = SimpleQueue()
-        self.join = Join(service.name, (*service.inputs, HW_TICK))
+        self.join = Join(service.name, service.inputs)
         self.refused: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
         self.tick_us: deque[float] = deque(maxlen=2000)
@@ -173,14 +173,15 @@ class Node:
         topic = delivery.topic
         self.counts[topic.key] += 1
         try:
-            message: Any = delivery.message()
             if topic.key in self._observed:
-                self.service.on_message(topic, message)
+                self.service.on_message(topic, delivery.message())
                 return
+            raw = self.service.raw and topic.key != HW_TICK.key
+            message: Any = delivery.header() if raw else delivery.message()
         except Refusal as refusal:
             self.refuse(refusal.code, f"{topic.key}: {refusal.message}")
             return
-        reason = self.join.offer(topic, message)
+        reason = self.join.offer(topic, message, delivery if raw else None)
         if reason == "replay":
             self._replay(message.epoch, message.tick)
         elif reason is not None and reason != "duplicate":
@@ -212,7 +213,7 @@ class Node:
     def on_life(self, life: Life) -> None:
         """A process came or went; a new driver begins a new count of epochs."""
         if life.service == DRIVER and not life.alive:
-            self.join = Join(self.name, (*self.service.inputs, HW_TICK))
+            self.join = Join(self.name, self.service.inputs)
             self._outbox.clear()
 
     def _on_query(self, incoming: Incoming) -> None:

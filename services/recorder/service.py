@@ -1,0 +1,118 @@
+"""Records everything on the bus into one MCAP file and computes the hash of the run."""
+
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field
+
+from schemas.base import Message
+from schemas.system import RecorderReply, RecorderRequest
+from schemas.terrain import HeightMapMessage
+from schemas.topics import HW_TICK, LOG, RECORDER_STATUS, SIM_STATUS, TERRAIN_MAP, TOPICS, Kind, Topic
+from surefoot.bus import Raw
+from surefoot.codec import encode, encoding_of
+from surefoot.config import ServiceConfig
+from surefoot.join import TickInputs
+from surefoot.recording import RecordingWriter
+from surefoot.runhash import RunHash
+from surefoot.service import Service
+from surefoot.version import VERSION
+
+JOINED = tuple(t for t in TOPICS if t.deterministic and t.kind not in (Kind.LATCHED, Kind.STATUS))
+
+
+class RecorderConfig(ServiceConfig):
+    """Where to write."""
+
+    path: str | None = Field(default="run.mcap", description="MCAP file; null = only the hash is computed")
+
+
+class Recorder(Service[RecorderConfig]):
+    """Takes every tick whole and undecoded, so nothing is lost and nothing is written twice."""
+
+    name = "recorder"
+    Config = RecorderConfig
+    inputs = JOINED
+    observes = (TERRAIN_MAP, SIM_STATUS, LOG)
+    serves = (RECORDER_STATUS,)
+    raw = True
+
+    def on_start(self) -> None:
+        self._writer: RecordingWriter | None = None
+        self._hash = RunHash()
+        self._pending: list[tuple[Topic[Any], Message]] = []
+        self._known: set[tuple[str, int, int]] = set()
+        self._tick, self._epoch, self._files = -1, 0, 0
+        self._finished, self._path = False, self.config.path or ""
+        self.handle(RECORDER_STATUS, self.status)
+
+    def on_reset(self) -> None:
+        self._close()
+        self._hash, self._finished = RunHash(), False
+
+    def on_message(self, topic: Topic[Any], message: Message) -> None:
+        if isinstance(message, HeightMapMessage):  # told again to every newcomer: kept once
+            identity = (topic.key, message.epoch, message.version)
+            if identity in self._known:
+                return
+            self._known.add(identity)
+        self._pending.append((topic, message))
+
+    def on_tick(self, inputs: TickInputs) -> None:
+        tick = inputs.tick
+        if self._writer is None and self.config.path is not None and not self._finished:
+            self._open(tick.epoch, tick.seed)
+        self._epoch = tick.epoch
+        self._flush()
+        self._write(HW_TICK, tick, Raw(*encode(tick), encoding_of(type(tick))))
+        for topic in JOINED:
+            delivery = inputs.messages.get(topic.key)
+            if delivery is not None:
+                header, raw = delivery.header(), delivery.raw()
+                self._hash.update(topic.key, header.epoch, header.stamp_ns, header.seq, raw.payload, raw.attachment)
+                self._write(topic, header, raw)
+        self._tick = tick.tick
+        if tick.end:
+            self._close()
+            self._finished = True
+
+    def on_stop(self) -> None:
+        self._close()
+
+    def status(self, request: RecorderRequest) -> RecorderReply:
+        """How far the recording is."""
+        return RecorderReply(
+            path=self._path, epoch=self._epoch, tick=self._tick, finished=self._finished,
+            messages=sum(self._hash.counts.values()), run_hash=self._hash.hexdigest() if self._finished else "",
+        )  # fmt: skip
+
+    def _open(self, epoch: int, seed: int) -> None:
+        assert self.config.path is not None
+        path = Path(self.config.path)
+        if self._files:
+            path = path.with_stem(f"{path.stem}-{self._files + 1}")
+        self._files += 1
+        self._path = str(path)
+        self._writer = RecordingWriter(
+            path, {"robot": self.config.robot, "epoch": str(epoch), "seed": str(seed), "version": VERSION}
+        )
+
+    def _flush(self) -> None:
+        pending, self._pending = self._pending, []
+        for topic, message in pending:
+            raw = Raw(*encode(message), encoding_of(type(message)))
+            self._write(topic, message, raw)
+            if topic.deterministic and message.epoch == self._epoch:
+                self._hash.update(topic.key, message.epoch, 0, message.seq, raw.payload, raw.attachment)
+
+    def _write(self, topic: Topic[Any], header: Any, raw: Raw) -> None:
+        if self._writer is not None:
+            self._writer.write(topic, header, raw)
+
+    def _close(self) -> None:
+        if self._writer is not None:
+            self._writer.close({"run_hash": self._hash.hexdigest(), "last_tick": str(self._tick)})
+            self._writer = None
+
+
+SERVICE = Recorder

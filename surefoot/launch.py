@@ -1,0 +1,80 @@
+"""Starts one service as a process: command line, configuration, bus, signals, and the exit."""
+
+import argparse
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import Any, NoReturn
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: small matrices, and the cores belong to the services
+
+from surefoot.config import load_config
+from surefoot.errors import SurefootError
+from surefoot.service import Service
+from surefoot.version import VERSION
+
+EXIT_USAGE = 2
+
+
+def main(service: type[Service[Any]], arguments: list[str] | None = None) -> NoReturn:
+    """Runs a service until it is told to stop; ends the process."""
+    sys.exit(run(service, arguments))
+
+
+def run(service: type[Service[Any]], arguments: list[str] | None = None) -> int:
+    """Runs a service until SIGTERM or SIGINT; returns the exit code."""
+    options = _parser(service).parse_args(arguments)
+    options.connect = options.connect or [_default_router()]
+    try:
+        config = load_config(service.Config, service.name, options.config, os.environ, options.set)
+        if options.print_config:
+            sys.stdout.write(config.model_dump_json(indent=2) + "\n")
+            return 0
+        return _serve(service(config), options)
+    except SurefootError as error:
+        sys.stderr.write(f"surefoot {service.name}: {error.message}\n")
+        return EXIT_USAGE
+
+
+def _serve(service: Service[Any], options: argparse.Namespace) -> int:
+    from surefoot.local import node_of
+    from surefoot.zenoh_bus import Endpoint, ZenohBus
+
+    bus = ZenohBus(
+        Endpoint(mode=options.mode, connect=tuple(options.connect), listen=tuple(options.listen), namespace=options.namespace)
+    )
+    try:
+        node = node_of(service, bus)
+
+        def stop(signum: int, frame: Any) -> None:
+            node.stop()
+
+        signal.signal(signal.SIGTERM, stop)
+        signal.signal(signal.SIGINT, stop)
+        node.start()
+        node.run()
+    finally:
+        bus.close()  # a session that stays open would keep the process alive for ever
+    return 0
+
+
+def _default_router() -> str:
+    return os.environ.get("SUREFOOT_CONNECT", "tcp/127.0.0.1:7447")
+
+
+def _parser(service: type[Service[Any]]) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog=f"surefoot-service {service.name}", description=(service.__doc__ or "").strip().split("\n")[0]
+    )
+    parser.add_argument("--connect", action="append", default=[], help=f"router to connect to [{_default_router()}]")
+    parser.add_argument("--listen", action="append", default=[], help="endpoint to listen on [tcp/127.0.0.1:0]")
+    parser.add_argument("--mode", choices=("peer", "client", "router"), default="peer", help="Zenoh mode [peer]")
+    robot = os.environ.get("SUREFOOT_ROBOT", "ragno")
+    namespace = os.environ.get("SUREFOOT_NAMESPACE", f"surefoot/{Path(robot).name}")
+    parser.add_argument("--namespace", default=namespace, help=f"<fleet>/<robot> [{namespace}]")
+    parser.add_argument("--config", type=Path, default=None, help="TOML file with one table per service")
+    parser.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", help="one field, the strongest")
+    parser.add_argument("--print-config", action="store_true", help="print the effective configuration and end")
+    parser.add_argument("--version", action="version", version=VERSION)
+    return parser

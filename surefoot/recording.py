@@ -1,0 +1,135 @@
+"""MCAP recordings: the bytes of the bus as they were, with their JSON Schemas. Foxglove and PlotJuggler open them."""
+
+import json
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+from schemas.base import Bulk, Header, Message
+from schemas.topics import TOPICS, Topic
+from surefoot.bus import Raw
+from surefoot.codec import decode, encoding_of, json_schema
+from surefoot.errors import SurefootError
+from surefoot.version import VERSION
+
+BULK = "surefoot-bulk"
+"""Message encoding of arrays: uint32 length of the JSON header, header, raw array."""
+CHUNK_BYTES = 1 << 18
+SUMMARY = "surefoot"
+
+
+class RecordingWriter:
+    """Appends messages to an MCAP file; what is in a full chunk survives a crash."""
+
+    def __init__(self, path: Path, metadata: dict[str, str]) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.path = path
+        self.messages = 0
+        self._file = path.open("wb")
+        self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._writer.start(profile="", library=f"surefoot {VERSION}")
+        self._writer.add_metadata("run", metadata)
+        self._channels: dict[str, int] = {}
+
+    def write(self, topic: Topic[Any], header: Header, raw: Raw) -> None:
+        """Adds a message as it came."""
+        bulk = issubclass(topic.model, Bulk)
+        key = topic.key if not topic.key.endswith("/*") else f"{topic.key[:-1]}{header.source}"
+        channel = self._channels.get(key)
+        if channel is None:
+            schema = self._writer.register_schema(
+                topic.model.schema_name(), "jsonschema", json.dumps(json_schema(topic.model)).encode()
+            )
+            channel = self._writer.register_channel(key, BULK if bulk else "json", schema)
+            self._channels[key] = channel
+        data = raw.payload
+        if bulk:
+            head = raw.attachment or b"{}"
+            data = struct.pack("<I", len(head)) + head + raw.payload
+        self._writer.add_message(channel, header.stamp_ns, data, header.stamp_ns, header.seq)
+        self.messages += 1
+
+    def close(self, summary: dict[str, str]) -> None:
+        """Writes the summary and the index."""
+        self._writer.add_metadata(SUMMARY, summary)
+        self._writer.finish()
+        self._file.close()
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """One message of a recording."""
+
+    key: str
+    stamp_ns: int
+    model: type[Message] | None
+    data: bytes
+
+    def raw(self) -> Raw:
+        """The bytes on the wire."""
+        if self.model is not None and issubclass(self.model, Bulk):
+            (length,) = struct.unpack_from("<I", self.data)
+            return Raw(self.data[4 + length :], self.data[4 : 4 + length], encoding_of(self.model))
+        return Raw(self.data, None, "" if self.model is None else encoding_of(self.model))
+
+    def message(self) -> Message:
+        """The decoded message (raises Refusal; SurefootError for a key this version does not know)."""
+        if self.model is None:
+            raise SurefootError("unknown_key", f"{self.key!r} is not a topic of this version")
+        return decode(self.model, *self.raw())
+
+
+def topic_of(key: str) -> Topic[Any] | None:
+    """The row of the table a key belongs to."""
+    for topic in TOPICS:
+        if topic.key == key or (topic.key.endswith("/*") and key.startswith(topic.key[:-1])):
+            return topic
+    return None
+
+
+def read_recording(path: Path, keys: tuple[str, ...] | None = None) -> Iterator[Recorded]:
+    """The messages of a recording in the order of their stamps.
+
+    Raises:
+        SurefootError: the file cannot be read or is not an MCAP file.
+    """
+    try:
+        with path.open("rb") as file:
+            reader = make_reader(file)
+            for _, channel, message in reader.iter_messages(topics=list(keys) if keys else None, log_time_order=True):
+                row = topic_of(channel.topic)
+                yield Recorded(channel.topic, message.log_time, None if row is None else row.model, message.data)
+    except OSError as error:
+        raise SurefootError("unreadable", f"{path}: {error.strerror}") from None
+    except McapError as error:
+        raise SurefootError("malformed", f"{path} is not a complete MCAP file: {error}") from None
+
+
+def recording_info(path: Path) -> dict[str, Any]:
+    """Counts, times and metadata of a recording (raises as ``read_recording``)."""
+    try:
+        with path.open("rb") as file:
+            reader = make_reader(file)
+            summary = reader.get_summary()
+            metadata = {record.name: dict(record.metadata) for record in reader.iter_metadata()}
+    except OSError as error:
+        raise SurefootError("unreadable", f"{path}: {error.strerror}") from None
+    except McapError as error:
+        raise SurefootError("malformed", f"{path} is not a complete MCAP file: {error}") from None
+    if summary is None or summary.statistics is None:
+        raise SurefootError("malformed", f"{path} has no summary; the recorder did not finish")
+    counts = summary.statistics.channel_message_counts
+    return {
+        "path": str(path),
+        "messages": summary.statistics.message_count,
+        "start_ns": summary.statistics.message_start_time,
+        "end_ns": summary.statistics.message_end_time,
+        "topics": {c.topic: counts.get(i, 0) for i, c in sorted(summary.channels.items(), key=lambda p: p[1].topic)},
+        "metadata": metadata,
+    }

@@ -1,0 +1,75 @@
+"""Lockstep on the in-memory bus: order does not matter, lost members are handled as told."""
+
+import itertools
+from typing import Any
+
+import pytest
+
+from surefoot.driver import DriverNode
+from surefoot.local import LocalSystem
+from tests.surefoot.toys import ToyObserver, toys
+
+EXPECT = ("estimator", "walker", "recorder")
+TICKS = 60
+
+
+def run(order: tuple[int, ...] = (0, 1, 2, 3), delay: int = 1, ticks: int = TICKS) -> tuple[list[float], Any]:
+    driver, services = toys()
+    system = LocalSystem([services[i] for i in order])
+    node = driver.node
+    node.begin(EXPECT, "lockstep", 0.0, delay, "hold", 0)
+    node.leader.end_tick = ticks
+    system.run_until(lambda: node.leader.state == "ended" and node.leader.all_done())
+    return driver.history, services[3]
+
+
+def test_every_start_order_gives_the_same_run() -> None:
+    reference, _ = run()
+    for order in itertools.permutations(range(4)):
+        assert run(order)[0] == reference
+
+
+def test_delay_changes_the_system_but_stays_reproducible() -> None:
+    assert run(delay=0)[0] == run(delay=0)[0]
+    assert run(delay=0)[0] != run(delay=1)[0]
+
+
+def test_strict_run_equals_the_plain_recursion() -> None:
+    history, _ = run(delay=0)
+    x, before, expected = 0.0, None, []
+    for _ in range(TICKS):
+        u = 1.0 + 0.1 * x - 0.3 * (0.5 * x) + (0.0 if before is None else 0.01 * before)
+        before = abs(u)
+        x = 0.9 * x + u
+        expected.append(x)
+    assert history == pytest.approx(expected, rel=1e-12)
+
+
+def test_observer_sees_every_tick_once_and_in_order() -> None:
+    _, observer = run()
+    assert isinstance(observer, ToyObserver)
+    assert [tick for tick, _ in observer.seen] == list(range(TICKS + 1))
+    for tick, messages in observer.seen:
+        assert {message.tick for message in messages.values()} == {tick}
+
+
+@pytest.mark.parametrize("policy", ["degrade", "hold"])
+def test_dead_estimator(policy: str) -> None:
+    driver, services = toys()
+    system = LocalSystem(services)
+    node: DriverNode = driver.node
+    node.begin(EXPECT, "lockstep", 0.0, 1, policy, 0)
+    system.run_until(lambda: node.leader.tick >= 20)
+    dead = system.nodes.pop(1)
+    system.bus.depart("estimator")
+    if policy == "degrade":
+        node.leader.end_tick = 40
+        system.run_until(lambda: node.leader.state == "ended" and node.leader.all_done())
+        assert "estimator" not in node.leader.members
+    else:
+        for other in system.nodes:
+            other.pump_once()
+        assert node.leader.state == "holding"
+        assert node.leader.missing() == ("estimator",)
+    assert not node.leader.comparable
+    assert dead.name == "estimator"
