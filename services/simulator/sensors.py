@@ -110,6 +110,18 @@ class ImuSensor:
 
 
 @kernel
+def window_mean(acc: Array, gyro: Array) -> Array:
+    """Mean of the samples (n, 3) of both instruments: acc then gyro, (6,)."""
+    out = np.zeros(6)
+    n = acc.shape[0]
+    for i in range(n):
+        for k in range(3):
+            out[k] += acc[i, k]
+            out[3 + k] += gyro[i, k]
+    return out / n
+
+
+@kernel
 def _imu(exact: Array, turn_on: Array, gauss_markov: Array, normal: Array, table: Array) -> Array:
     out = np.empty(6)
     for i in range(6):
@@ -194,4 +206,5 @@ class FootSensor:
 
 def warm() -> None:
     """Compile the kernels."""
+    window_mean(np.zeros((1, 3)), np.zeros((1, 3)))
     _imu(np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(12), np.ones((5, 6)))

@@ -56,9 +56,9 @@ class TerrainError(ValueError):
 class Box:
     """One solid box of the ground."""
 
-    centre: tuple[float, float, float]
-    """m, frame `map`."""
-    half: tuple[float, float, float]
+    position: tuple[float, float, float]
+    """Centre, m, frame `map`."""
+    half_size: tuple[float, float, float]
     """Half edges, m."""
     quat_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     """rot_map_from_box."""
@@ -343,11 +343,11 @@ def _demo(grid: _Grid, seed: int, amp: float, number: int, yaw: float) -> Terrai
 def box_top(box: Box, x: Array, y: Array) -> Array:
     """Height of a box's top face over the points (x, y), NaN beside it; m."""
     rot = matrix_from_quat(np.array(box.quat_wxyz))
-    top = np.array(box.centre) + box.half[2] * rot[:, 2]
+    top = np.array(box.position) + box.half_size[2] * rot[:, 2]
     dx, dy = x - top[0], y - top[1]
     z = top[2] - (rot[0, 2] * dx + rot[1, 2] * dy) / rot[2, 2]
     rel = np.stack((dx, dy, z - top[2]), axis=-1) @ rot
-    inside = (np.abs(rel[..., 0]) <= box.half[0]) & (np.abs(rel[..., 1]) <= box.half[1])
+    inside = (np.abs(rel[..., 0]) <= box.half_size[0]) & (np.abs(rel[..., 1]) <= box.half_size[1])
     return np.where(inside, z, np.nan)
 
 

@@ -1,0 +1,133 @@
+"""What a world hands out: samples of the hardware, the exact truth, checkpoints."""
+
+import hashlib
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class ImuSample(NamedTuple):
+    """Mean over the tick, IMU frame; the stamp is the end of the window."""
+
+    stamp_ns: int
+    seq: int
+    acc: Array
+    """Specific force, (3,), m/s2."""
+    gyro: Array
+    """Angular rate, (3,), rad/s."""
+    saturated: bool
+
+
+class JointSample(NamedTuple):
+    """Encoders and currents in the robot's order."""
+
+    stamp_ns: int
+    seq: int
+    position: Array
+    """(nj,), rad."""
+    current: Array
+    """(nj,), A."""
+    torque: Array
+    """(nj,), Nm, from the current."""
+
+
+class ContactSample(NamedTuple):
+    """Foot sensors in the robot's order."""
+
+    stamp_ns: int
+    seq: int
+    touch: tuple[tuple[bool, ...], ...]
+    """Per foot one to four switches."""
+    normal_force: Array | None
+    """(L,), N; None = switches only."""
+
+
+class Samples(NamedTuple):
+    """What the hardware releases in one tick; None = nothing due, or lost."""
+
+    imu: ImuSample | None
+    joints: JointSample | None
+    contacts: ContactSample | None
+
+
+_ARRAYS = frozenset({"acc", "gyro", "position", "current", "torque", "normal_force"})
+
+
+def pack(sample: NamedTuple) -> dict[str, Any]:
+    """A sample as plain JSON values."""
+    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in sample._asdict().items()}
+
+
+def unpack(kind: type[Any], values: dict[str, Any]) -> Any:
+    """The sample that `pack` took apart."""
+    known = {k: np.array(v) if k in _ARRAYS and v is not None else v for k, v in values.items()}
+    if "touch" in known:
+        known["touch"] = tuple(tuple(foot) for foot in known["touch"])
+    return kind(**known)
+
+
+class Truth(NamedTuple):
+    """Exact state at the end of a tick; forces are those of the last physics step. Arrays are copies."""
+
+    stamp_ns: int
+    position: Array
+    """(3,), m, origin of base_link in the world."""
+    quat_wxyz: Array
+    """(4,), rot_world_from_base."""
+    velocity: Array
+    """(3,), m/s, of that origin, world axes."""
+    angular_velocity: Array
+    """(3,), rad/s, base_link axes."""
+    com: Array
+    """(3,), m, centre of mass in the world."""
+    joints: Array
+    """(nj,), rad."""
+    foot_position: Array
+    """(L, 3), m, foot centres in the world."""
+    foot_force: Array
+    """(L, 3), N, contact force on each foot, world axes."""
+    foot_force_n: Array
+    """(L,), N, normal part."""
+    foot_displacement: Array
+    """(L,), m, horizontal way of the foot centre since touch-down."""
+    contact_sliding: Array
+    """(L,), m, way slid by the contact point in this stance."""
+    stance_sliding: Array
+    """(L,), m, sliding of the last finished stance."""
+    stance_displacement: Array
+    """(L,), m, displacement of the last finished stance."""
+    stances: NDArray[np.int64]
+    """(L,), finished stances."""
+    tilt: float
+    """rad, of the trunk's z axis against the vertical."""
+    fallen: bool
+    """Tilt above 45 deg or trunk contact, now or earlier."""
+
+
+@dataclass(frozen=True, eq=False)
+class Checkpoint:
+    """Everything that decides the future of a world."""
+
+    physics: Array
+    """MuJoCo's integration state."""
+    meta: str
+    """JSON: random streams, biases, dividers, faults, pushes, changes to the model."""
+
+    @property
+    def sha256(self) -> str:
+        """Digest of the content."""
+        return hashlib.sha256(self.to_bytes()).hexdigest()
+
+    def to_bytes(self) -> bytes:
+        """One line of JSON, then little-endian float64."""
+        return self.meta.encode() + b"\n" + self.physics.astype("<f8").tobytes()
+
+    @classmethod
+    def from_bytes(cls, payload: bytes) -> "Checkpoint":
+        """Read what `to_bytes` wrote."""
+        meta, physics = payload.split(b"\n", 1)
+        return cls(np.frombuffer(physics, dtype="<f8").astype(np.float64), meta.decode())
