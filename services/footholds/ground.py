@@ -21,6 +21,12 @@ class Ground:
         """Version of the map the layers come from."""
         return self.surface.version
 
+    def near(self, x: float, y: float) -> bool:
+        """Whether a point is finite and near enough to the map to have a cell number."""
+        far = 1e6 * self.surface.cell
+        x0, y0 = self.surface.origin
+        return abs(x - x0) <= far and abs(y - y0) <= far
+
 
 def build_ground(heights: HeightMap, foot_radius: float, smooth: bool = True) -> Ground:
     """Filter a map and dilate it by the foot sphere.

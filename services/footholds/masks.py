@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.footholds.features import Layer
-from services.footholds.ground import Ground
+from services.footholds.ground import Ground, build_ground
 from services.footholds.reach import LEG_NUMBERS, solve
+from surefoot.heightmap import HeightMap
 from surefoot.jit import kernel, row_kernel
 
 Array = NDArray[np.float64]
@@ -124,14 +125,9 @@ def gradient(z: Layer, cell: float, row: int, col: int) -> tuple[float, float]:
 @row_kernel
 def _cuts(
     z: Layer, grid: tuple[float, float, float, float], ax: float, ay: float, az: float, bx: float, by: float, bz: float,
-    first: float, steps: int, radius: float, top: float,
+    first: float, steps: int, radius: float,
 ) -> bool:  # fmt: skip
-    """Whether the segment a-b, sampled from the share `first` of its way on, comes closer to the ground than radius.
-
-    `top` is the highest ground that can matter: most segments pass well above it and need no look at the map.
-    """
-    if min(az + first * (bz - az), bz) - radius >= top:
-        return False
+    """Whether the segment a-b, sampled from the share `first` of its way on, comes closer to the ground than radius."""
     per_cell, x0, y0 = 1.0 / grid[0], grid[1], grid[2]
     ny, nx = z.shape
     step = (1.0 - first) / (steps - 1)
@@ -166,10 +162,12 @@ def _leg_bits(
     kx = bx + rot[0, 0] * joints[3] + rot[0, 1] * joints[4] + rot[0, 2] * joints[5]
     ky = by + rot[1, 0] * joints[3] + rot[1, 1] * joints[4] + rot[1, 2] * joints[5]
     kz = bz + rot[2, 0] * joints[3] + rot[2, 1] * joints[4] + rot[2, 2] * joints[5]
-    # the foot's own end is left out: the sphere rests on the dilated map there
-    if _cuts(z, grid, x, y, height, kx, ky, kz, 0.2, 6, leg_radius, top):
+    # the foot's own end is left out: the sphere rests on the dilated map there; most legs pass above all ground
+    low = height + 0.2 * (kz - height)
+    if min(low, kz) < top + leg_radius and _cuts(z, grid, x, y, height, kx, ky, kz, 0.2, 6, leg_radius):
         return 2
-    if _cuts(z, grid, kx, ky, kz, hx, hy, hz, 0.25, 4, leg_radius, top):
+    low = kz + 0.25 * (hz - kz)
+    if min(low, hz) < top + leg_radius and _cuts(z, grid, kx, ky, kz, hx, hy, hz, 0.25, 4, leg_radius):
         return 2
     return 0
 
@@ -246,3 +244,11 @@ def _mask(
                 elif hit == 2:
                     bits |= _COLLISION
             out[i, j] = bits
+
+
+def warm() -> None:
+    """Compile the kernels, for maps as they are and as `select` and `assess` call them."""
+    ground = build_ground(HeightMap(z=np.zeros((3, 3), dtype=np.float32), cell=0.005), 0.008)
+    mask = mask_window(ground, 0, 0, np.zeros((3, 3), dtype=np.float32), Limits(), NO_LEG)
+    count_reasons(mask, np.zeros(len(REASONS) + 1, dtype=np.int64))
+    gradient(ground.surface.z, 0.005, 1, 1)

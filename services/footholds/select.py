@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.footholds.features import Layer, window_features
-from services.footholds.ground import Ground
+from services.footholds.ground import Ground, build_ground
 from services.footholds.masks import REASONS, Limits, Mask, Placement, count_reasons, gradient, mask_window
 from services.footholds.model import SlipModel
 from services.footholds.reach import leg_table
+from services.footholds.score import HandScore
+from surefoot.heightmap import HeightMap
 from surefoot.jit import kernel
-from surefoot.robot import Robot
+from surefoot.robot import Robot, load_robot
 from surefoot.rotations import matrix_from_quat
 
 Array = NDArray[np.float64]
@@ -104,32 +106,29 @@ def select_leg(
     ground: Ground, robot: Robot, model: SlipModel, base: BasePose, landing: Landing, params: SelectParams
 ) -> Foothold:
     """Foothold of one leg: `ok`, `raise_trunk` with the change of trunk height, or `infeasible` with the reason."""
-    pose = (*base.position, *base.quat_wxyz)
-    if not all(math.isfinite(value) for value in (*pose, *landing.nominal[:2], *landing.stroke)):
+    finite = (*base.position, *base.quat_wxyz, *landing.nominal[:2], *landing.stroke)
+    if not all(math.isfinite(value) for value in finite):
         return Foothold("infeasible", reason="base, nominal or stroke holds a number that is not finite")
-    norm = math.sqrt(sum(value * value for value in base.quat_wxyz))
-    if norm < 1e-6:
-        return Foothold("infeasible", reason="the base has a zero quaternion")
-    rot = matrix_from_quat(np.array(base.quat_wxyz) / norm)
-    stroke = np.array(landing.stroke)
-    surface, n = ground.surface, params.size
     x0, y0 = landing.nominal[0], landing.nominal[1]
-    if abs(x0 - surface.origin[0]) > 1e6 * surface.cell or abs(y0 - surface.origin[1]) > 1e6 * surface.cell:
+    if not ground.near(x0, y0):
         return Foothold("infeasible", reason="the nominal foothold is far outside the map")
+    placed = placement(robot, landing.leg, base, landing.stroke)
+    if placed is None:
+        return Foothold("infeasible", reason="the base has a zero quaternion")
+    surface, n = ground.surface, params.size
     row, col = surface.index(x0, y0)
     row, col = row - n // 2, col - n // 2
-    features = window_features(surface.z, row, col, n, n, stroke, surface.cell)
+    features = window_features(surface.z, row, col, n, n, placed.stroke, surface.cell)
     slip = model.predict(features, surface.cell)
     shift_x, shift_y = surface.origin[0] + col * surface.cell - x0, surface.origin[1] + row * surface.cell - y0
-    table = _table(robot, landing.leg)
     counts = np.zeros(len(REASONS) + 1, dtype=np.int64)
     first: tuple[int, ...] = ()
     steps = round(params.trunk_range / params.trunk_step) if params.trunk_step > 0.0 else 0
     best = np.zeros(2)  # Q of the block, Q of the cell
     for change in _changes(steps):
         shift = change * params.trunk_step
-        position = np.array((base.position[0], base.position[1], base.position[2] + shift))
-        mask = mask_window(ground, row, col, slip, params.limits, Placement(table, position, rot, stroke))
+        at = placed if shift == 0.0 else placed._replace(base=placed.base + np.array((0.0, 0.0, shift)))
+        mask = mask_window(ground, row, col, slip, params.limits, at)
         if not first:
             count_reasons(mask, counts)
             first = tuple(int(value) for value in counts)
@@ -139,6 +138,17 @@ def select_leg(
         if not _hopeful(mask):
             break  # no trunk height mends what the ground itself excludes
     return Foothold("infeasible", counts=first, reason=_why(first, params))
+
+
+def placement(robot: Robot, leg: int, base: BasePose, stroke: Sequence[float]) -> Placement | None:
+    """The leg and its base as arrays; None if the quaternion is no rotation."""
+    norm = math.sqrt(sum(value * value for value in base.quat_wxyz))
+    if not (norm > 1e-6 and math.isfinite(norm)):
+        return None
+    rot = matrix_from_quat(np.array(base.quat_wxyz) / norm)
+    return Placement(
+        _table(robot, leg), np.array(base.position, dtype=np.float64), rot, np.array(stroke, dtype=np.float64)
+    )
 
 
 @kernel
@@ -238,3 +248,12 @@ def _why(counts: tuple[int, ...], params: SelectParams) -> str:
 @lru_cache(maxsize=64)
 def _table(robot: Robot, leg: int) -> Array:
     return leg_table(robot.model, leg)
+
+
+def warm() -> None:
+    """Compile every kernel a choice needs, by choosing on a flat map."""
+    robot = load_robot("ragno")
+    heights = HeightMap(z=np.zeros((17, 17), dtype=np.float32), cell=0.005)
+    flat = build_ground(heights, robot.foot_radius)
+    select(flat, robot, HandScore(), BasePose((0.0, 0.0, 0.1)), [Landing(0, (0.04, 0.04, 0.0), (-0.05, 0.0, 0.0))])
+    choose(np.zeros((1, 1), dtype=np.uint8), np.zeros((1, 1), dtype=np.float32), 1.0, 0.0, 0.0, 1.0, True, np.zeros(2))

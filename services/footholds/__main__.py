@@ -1,0 +1,6 @@
+"""``python -m services.footholds``."""
+
+from services.footholds.service import SERVICE
+from surefoot.launch import main
+
+main(SERVICE)

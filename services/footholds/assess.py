@@ -1,0 +1,106 @@
+"""The scored ground, layer by layer: what the choice of footholds sees, for people and planners."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from services.footholds.features import Features, Layer, distance, map_features, window_features
+from services.footholds.ground import Ground
+from services.footholds.masks import REASONS, Limits, Placement, count_reasons, mask_window
+from services.footholds.model import SlipModel
+from surefoot.heightmap_kernels import patch
+
+LAYERS = ("z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask")
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A rectangle of cells; may reach beyond the map."""
+
+    row: int
+    col: int
+    rows: int
+    cols: int
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """Layers of one window."""
+
+    layers: Layer
+    """(number of layers, rows, cols) float32, in the order asked."""
+    counts: tuple[int, ...]
+    """Cells excluded per reason, then free cells."""
+
+
+def window_about(ground: Ground, x: float, y: float, size: int) -> Window:
+    """The window of size x size cells about the cell that holds the point."""
+    row, col = ground.surface.index(x, y)
+    return Window(row - size // 2, col - size // 2, size, size)
+
+
+def whole_map(ground: Ground) -> Window:
+    """All cells of the map."""
+    return Window(0, 0, *ground.surface.shape)
+
+
+def assess(
+    ground: Ground,
+    model: SlipModel,
+    window: Window,
+    nominal: tuple[float, float] | None,
+    stroke: Sequence[float],
+    names: Sequence[str],
+    limits: Limits,
+    distance_weight: float,
+    placement: Placement | None = None,
+) -> Assessment:
+    """Score every cell of a window.
+
+    Args:
+        ground: the prepared map.
+        model: predicts the slip.
+        window: which cells.
+        nominal: zero of K4, map frame, m; None: K4 = 0 everywhere, so q = p.
+        stroke: movement of the foot relative to the body in stance, map axes, (3,) m.
+        names: layers wanted, of `LAYERS`.
+        limits: what a foothold must keep.
+        distance_weight: k of Q = P + k K4, 1/m.
+        placement: the leg for the reach and collision tests; None tests the ground alone.
+    """
+    surface = ground.surface
+    push = np.asarray(stroke, dtype=np.float64)
+    features = _features(surface.z, window, push, surface.cell)
+    slip = model.predict(features, surface.cell)
+    mask = mask_window(ground, window.row, window.col, slip, limits, placement)
+    counts = np.zeros(len(REASONS) + 1, dtype=np.int64)
+    count_reasons(mask, counts)
+    away = np.zeros(slip.shape, dtype=np.float32)
+    if nominal is not None:
+        xs = surface.origin[0] + surface.cell * (window.col + np.arange(window.cols, dtype=np.float64))
+        ys = surface.origin[1] + surface.cell * (window.row + np.arange(window.rows, dtype=np.float64))
+        away = distance(xs, ys, *nominal).astype(np.float32)
+    out = np.empty((len(names), window.rows, window.cols), dtype=np.float32)
+    for k, name in enumerate(names):
+        if name == "z":
+            patch(surface.z, window.row, window.col, out[k])
+        elif name == "centre":
+            patch(ground.centres.z, window.row, window.col, out[k])
+        elif name == "p":
+            out[k] = slip
+        elif name == "q":
+            out[k] = slip + np.float32(distance_weight) * away
+        elif name == "k4":
+            out[k] = away
+        elif name == "mask":
+            out[k] = mask
+        else:
+            out[k] = getattr(features, name)
+    return Assessment(out, tuple(int(value) for value in counts))
+
+
+def _features(z: Layer, window: Window, stroke: np.ndarray, cell: float) -> Features:
+    if window == Window(0, 0, z.shape[0], z.shape[1]):
+        return map_features(z, stroke, cell)
+    return window_features(z, window.row, window.col, window.rows, window.cols, stroke, cell)

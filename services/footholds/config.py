@@ -1,0 +1,58 @@
+"""Configuration of the foothold service."""
+
+from pydantic import Field
+
+from services.footholds.masks import Limits
+from services.footholds.score import HandScore
+from services.footholds.select import SelectParams
+from surefoot.config import ServiceConfig
+
+_LIMITS, _SCORE, _SELECT = Limits(), HandScore(), SelectParams()
+
+
+class FootholdsConfig(ServiceConfig):
+    """How footholds are chosen; the classes the defaults come from say why each has its value."""
+
+    smooth: bool = Field(default=True, description="3x3 median over the map: for maps with noise")
+    window_cells: int = Field(default=_SELECT.size, ge=1, le=61, description="edge of the window, made odd")
+    distance_weight: float = Field(default=_SELECT.distance_weight, ge=0, le=1000, description="k of Q = P + k K4, 1/m")
+    trunk_step_m: float = Field(default=_SELECT.trunk_step, gt=0, le=0.1, description="step of proposed heights, m")
+    trunk_range_m: float = Field(default=_SELECT.trunk_range, ge=0, le=0.2, description="largest proposed change, m")
+    slip_limit: float = Field(default=_LIMITS.slip, ge=0, le=1, description="largest predicted slip, way per stroke")
+    slope_limit: float = Field(default=_LIMITS.slope, gt=0, le=100, description="steepest ground, rise per way")
+    wedge_limit: float = Field(default=_LIMITS.wedge, ge=0, le=100, description="lift by an edge, foot radii")
+    reach_margin_m: float = Field(default=_LIMITS.reach_margin, ge=0, le=0.2, description="inside the workspace, m")
+    leg_radius_m: float = Field(default=_LIMITS.leg_radius, ge=0, le=0.1, description="leg about its centre line, m")
+    score_flat: float = Field(default=_SCORE.flat, ge=0, le=1, description="slip on flat ground")
+    score_peak: float = Field(default=_SCORE.peak, ge=0, le=10, description="weight of peaks and top edges")
+    score_hole: float = Field(default=_SCORE.hole, ge=0, le=10, description="weight of holes")
+    score_face: float = Field(default=_SCORE.face, ge=0, le=10, description="weight of ground that faces the push")
+    score_rough: float = Field(default=_SCORE.rough, ge=0, le=10, description="weight of roughness")
+    score_dead: float = Field(default=_SCORE.dead, ge=0, le=10, description="convexity and roughness held for noise")
+
+    def model(self) -> HandScore:
+        """The slip model; a learned one will be chosen here."""
+        return HandScore(
+            flat=self.score_flat,
+            peak=self.score_peak,
+            hole=self.score_hole,
+            face=self.score_face,
+            rough=self.score_rough,
+            dead=self.score_dead,
+        )
+
+    def params(self) -> SelectParams:
+        """The parameters of the choice."""
+        return SelectParams(
+            size=self.window_cells | 1,
+            distance_weight=self.distance_weight,
+            trunk_step=self.trunk_step_m,
+            trunk_range=self.trunk_range_m,
+            limits=Limits(
+                slip=self.slip_limit,
+                slope=self.slope_limit,
+                wedge=self.wedge_limit,
+                reach_margin=self.reach_margin_m,
+                leg_radius=self.leg_radius_m,
+            ),
+        )

@@ -1,0 +1,41 @@
+"""Between the messages of `schemas.footholds` and the dataclasses of the choice."""
+
+import math
+
+from schemas.footholds import BasePose as BaseMessage
+from schemas.footholds import LegFoothold, LegRequest, MaskCounts
+from services.footholds.masks import REASONS
+from services.footholds.select import BasePose, Foothold
+
+
+def base_pose(message: BaseMessage) -> BasePose:
+    """The pose of a request."""
+    return BasePose(message.position, message.quat_wxyz)
+
+
+def mask_bits() -> dict[str, int]:
+    """Value of each reason in a mask."""
+    return {name: 1 << bit for bit, name in enumerate(REASONS)}
+
+
+def mask_counts(counts: tuple[int, ...]) -> MaskCounts:
+    """Cells per reason, then free cells."""
+    return MaskCounts(**dict(zip((*REASONS, "free"), counts, strict=True)))
+
+
+def leg_foothold(asked: LegRequest, found: Foothold) -> LegFoothold:
+    """The reply for one leg; numbers that do not exist become null."""
+    point = found.foothold
+    return LegFoothold(
+        leg=asked.leg,
+        status=found.status,
+        foothold=point,
+        contact=found.contact,
+        normal=found.normal,
+        trunk_shift=found.trunk_shift,
+        score=None if math.isnan(found.score) else found.score,
+        slip=None if math.isnan(found.slip) else found.slip,
+        offset=None if point is None else (point[0] - asked.nominal[0], point[1] - asked.nominal[1]),
+        counts=mask_counts(found.counts),
+        reason=found.reason,
+    )

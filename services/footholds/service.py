@@ -1,0 +1,110 @@
+"""Foothold service: latches the terrain map, answers `footholds/select` and `footholds/assess`."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from schemas.footholds import AssessReply, AssessRequest, SelectReply, SelectRequest
+from schemas.terrain import HeightMapMessage
+from schemas.topics import FOOTHOLDS_ASSESS, FOOTHOLDS_SELECT, TERRAIN_MAP
+from services.footholds.assess import assess, whole_map, window_about
+from services.footholds.config import FootholdsConfig
+from services.footholds.ground import Ground, build_ground
+from services.footholds.messages import base_pose, leg_foothold, mask_bits, mask_counts
+from services.footholds.select import Landing, placement, select, warm
+from surefoot.errors import Refusal
+from surefoot.heightmap import HeightMap, HeightMapError
+from surefoot.join import TickInputs
+from surefoot.robot import load_robot
+from surefoot.service import Service
+
+
+class Footholds(Service[FootholdsConfig]):
+    """Tells each leg where to step on the latched map."""
+
+    name = "footholds"
+    Config = FootholdsConfig
+    inputs = (TERRAIN_MAP,)
+    serves = (FOOTHOLDS_SELECT, FOOTHOLDS_ASSESS)
+
+    def on_start(self) -> None:
+        """Load the robot, compile the kernels, register the handlers."""
+        self.robot = load_robot(self.config.robot)
+        self.model = self.config.model()
+        self.params = self.config.params()
+        self.legs = {leg.name: index for index, leg in enumerate(self.robot.legs)}
+        self._message: HeightMapMessage | None = None
+        self._ground: Ground | None = None
+        warm()
+        self.handle(FOOTHOLDS_SELECT, self.select)
+        self.handle(FOOTHOLDS_ASSESS, self.assess)
+
+    def on_reset(self) -> None:
+        """Forget the map; the new epoch brings its own."""
+        self._message = self._ground = None
+
+    def on_tick(self, inputs: TickInputs) -> None:
+        """Prepare the map when it is another one."""
+        message = inputs.get(TERRAIN_MAP)
+        if message is None or message is self._message:
+            return
+        self._message = message
+        try:
+            heights = HeightMap.from_wire(message.model_dump(), message.data)
+        except HeightMapError as error:
+            self._ground = None
+            self.log("error", f"terrain/map refused: {error}")
+            return
+        self._ground = build_ground(heights, self.robot.foot_radius, self.config.smooth)
+
+    def select(self, request: SelectRequest) -> SelectReply:
+        """Footholds of all legs of a request."""
+        ground = self._map()
+        landings = [
+            Landing(self._leg(leg.leg, f"legs.{i}.leg"), leg.nominal, leg.stroke) for i, leg in enumerate(request.legs)
+        ]
+        params = self.params if request.mode == "robust" else replace(self.params, robust=False)
+        found = select(ground, self.robot, self.model, base_pose(request.base), landings, params)
+        legs = tuple(map(leg_foothold, request.legs, found))
+        return SelectReply(legs=legs, map_version=ground.version, model=self.model.name)
+
+    def assess(self, request: AssessRequest) -> AssessReply:
+        """Layers of a window or of the whole map."""
+        ground = self._map()
+        if request.size % 2 == 0:
+            raise Refusal("invalid", f"size must be odd, got {request.size}", "size")
+        window = whole_map(ground)
+        if request.centre is not None:
+            if not ground.near(*request.centre):
+                raise Refusal("invalid", f"centre must lie near the map, got {request.centre}", "centre")
+            window = window_about(ground, *request.centre, request.size)
+        leg = None
+        if request.leg is not None:
+            if request.base is None:
+                raise Refusal("invalid", "leg needs base: where the trunk is when the foot lands", "base")
+            leg = placement(self.robot, self._leg(request.leg, "leg"), base_pose(request.base), request.stroke)
+            if leg is None:
+                raise Refusal("invalid", f"no rotation: {request.base.quat_wxyz}", "base.quat_wxyz")
+        p = self.params
+        found = assess(
+            ground, self.model, window, request.centre, request.stroke, request.layers, p.limits, p.distance_weight, leg
+        )
+        return AssessReply(
+            layers=request.layers, rows=window.rows, cols=window.cols, cell=ground.surface.cell,
+            origin=ground.surface.centre(window.row, window.col),
+            mask_bits=mask_bits(), counts=mask_counts(found.counts), map_version=ground.version, model=self.model.name,
+            data=np.ascontiguousarray(found.layers, dtype="<f4").tobytes(),
+        )  # fmt: skip
+
+    def _map(self) -> Ground:
+        if self._ground is None:
+            raise Refusal("not_ready", "no terrain map has come yet")
+        return self._ground
+
+    def _leg(self, name: str, field: str) -> int:
+        if name not in self.legs:
+            raise Refusal("unknown_leg", f"{self.robot.name} has the legs {', '.join(self.legs)}; got {name!r}", field)
+        return self.legs[name]
+
+
+SERVICE = Footholds
