@@ -1,0 +1,44 @@
+# Everything one does with the project. `make` alone lists it.
+.DEFAULT_GOAL := help
+PYTHON ?= python3
+BIN := .venv/bin
+export OPENBLAS_NUM_THREADS := 1
+
+.PHONY: help demo setup check test test-all bench warm lock clean
+
+help: ## this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+demo: ## set up, then walk the hexapod over rough terrain with every service live
+	@PYTHON=$(PYTHON) scripts/setup core
+	@$(BIN)/surefoot warm
+	@$(BIN)/surefoot run rough-terrain
+
+setup: ## virtual environment with everything tests need
+	@PYTHON=$(PYTHON) scripts/setup dev
+
+warm: setup ## compile the numeric kernels
+	@$(BIN)/surefoot warm
+
+check: setup ## style, types, layers, quick tests (< 1 min)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-cache > .lint-imports.log || { cat .lint-imports.log; exit 1; }
+	$(BIN)/pyright --pythonpath $(BIN)/python
+	$(BIN)/pytest tests/schemas tests/surefoot tests/contract -m "not slow and not e2e"
+
+test: warm ## all tests but the long ones (< 8 min)
+	$(BIN)/pytest -m "not slow"
+
+test-all: warm ## all tests
+	$(BIN)/pytest
+
+bench: warm ## the long studies and side-by-side timings
+	$(BIN)/python -m benchmarks
+
+lock: ## pin the newest allowed packages
+	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header --no-annotate pyproject.toml -o requirements.lock
+	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --extra dev pyproject.toml -o requirements-dev.lock
+
+clean: ## remove what the commands above made
+	rm -rf .venv build dist *.egg-info .lint-imports.log

@@ -1,0 +1,6 @@
+"""``python -m services.stability``."""
+
+from services.stability.service import SERVICE
+from surefoot.launch import main
+
+main(SERVICE)
