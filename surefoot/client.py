@@ -1,0 +1,104 @@
+"""The public client: ten lines that watch and ask a running system.
+
+    from schemas.topics import STABILITY_REGION, STATE_VELOCITY
+    from surefoot.client import connect
+
+    with connect() as robot:
+        print(robot.latest(STATE_VELOCITY).velocity)
+        print(robot.call("stability/region", contacts=[{"position": [0, 0, 0]}]))
+"""
+
+from collections.abc import Callable, Iterator
+from queue import Empty, SimpleQueue
+from typing import Any, Self, TypeVar
+
+from schemas.base import Message, Wire
+from schemas.topics import QUERIES, TOPICS, Query, Topic
+from surefoot.bus import Delivery
+from surefoot.codec import refusal_of
+from surefoot.errors import CallError, SurefootError
+from surefoot.zenoh_bus import DEFAULT_ENDPOINT, Endpoint, ZenohBus
+
+M = TypeVar("M", bound=Message)
+
+
+def topic_named(key: str) -> Topic[Any]:
+    """The row of a topic key (raises SurefootError with the near ones)."""
+    for topic in TOPICS:
+        if topic.key == key or (topic.key.endswith("/*") and key.startswith(topic.key[:-1]) and key != topic.key):
+            return topic if topic.key == key else topic.of(key[len(topic.key) - 1 :])
+    raise SurefootError("unknown_topic", f"no topic {key!r}; known are {', '.join(t.key for t in TOPICS)}")
+
+
+def query_named(key: str) -> Query[Any, Any]:
+    """The row of a query key (raises SurefootError with the known ones)."""
+    for query in QUERIES:
+        if query.key == key or (query.key.endswith("/*") and key.startswith(query.key[:-1]) and key != query.key):
+            return query if query.key == key else query.of(key[len(query.key) - 1 :])
+    raise SurefootError("unknown_query", f"no query {key!r}; known are {', '.join(q.key for q in QUERIES)}")
+
+
+class Client:
+    """A tool's view of one robot: reads every topic, asks every query, is never waited for."""
+
+    def __init__(self, bus: ZenohBus) -> None:
+        self.bus = bus
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leaves the network."""
+        self.bus.close()
+
+    def call(self, query: Query[Any, Any] | str, timeout_s: float | None = None, **fields: Any) -> Any:
+        """Asks a query by its row or key; ``fields`` are those of the request.
+
+        Raises:
+            SurefootError: no such query, or a field the request does not have.
+            CallError: absent, timeout, or the service's refusal.
+        """
+        row = query_named(query) if isinstance(query, str) else query
+        return self.bus.call(row, make_request(row, fields), timeout_s)
+
+    def subscribe(self, topic: Topic[Any] | str, sink: Callable[[Delivery], None]) -> None:
+        """Delivers every message from now on, on another thread."""
+        self.bus.subscribe(topic_named(topic) if isinstance(topic, str) else topic, sink)
+
+    def messages(self, topic: Topic[M], timeout_s: float = 5.0) -> Iterator[M]:
+        """Messages as they come; ends when none comes for ``timeout_s``."""
+        queue: SimpleQueue[Delivery] = SimpleQueue()
+        self.subscribe(topic, queue.put)
+        while True:
+            try:
+                delivery = queue.get(timeout=timeout_s)
+            except Empty:
+                return
+            if not delivery.prime:
+                message = delivery.message()
+                assert isinstance(message, topic.model)
+                yield message
+
+    def latest(self, topic: Topic[M], timeout_s: float = 5.0) -> M:
+        """The next message of a topic (raises CallError when none comes)."""
+        for message in self.messages(topic, timeout_s):
+            return message
+        raise CallError("timeout", f"no message on {topic.key!r} within {timeout_s:g} s")
+
+
+def make_request(query: Query[Any, Any], fields: dict[str, Any]) -> Wire:
+    """The validated request of a query (raises SurefootError naming the field)."""
+    from pydantic import ValidationError
+
+    try:
+        return query.request.model_validate(fields)
+    except ValidationError as error:
+        raise refusal_of(error, query.key) from None
+
+
+def connect(robot: str = "ragno", endpoint: str = DEFAULT_ENDPOINT, fleet: str = "surefoot") -> Client:
+    """Joins the network as a client (raises BusError when no router answers)."""
+    return Client(ZenohBus(Endpoint(mode="client", connect=(endpoint,), namespace=f"{fleet}/{robot}")))

@@ -1,0 +1,40 @@
+"""The layers hold, files stay readable, and nothing names a machine or a registry."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+MAX_LINES = 400
+HOSTS = re.compile(r"pypi\.org|files\.pythonhosted|npmjs|index-url|find-links", re.IGNORECASE)
+
+
+def tracked() -> list[Path]:
+    try:
+        listing = subprocess.run(["git", "ls-files"], cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("not a git checkout")
+    return [ROOT / line for line in listing.splitlines()]
+
+
+def test_no_long_module() -> None:
+    long = {str(p.relative_to(ROOT)): n for p in tracked() if p.suffix == ".py" and (n := len(p.read_text().splitlines())) > MAX_LINES}
+    assert not long
+
+
+def test_nothing_names_a_registry_or_a_machine() -> None:
+    here = str(ROOT.parent) + "/"
+    for path in tracked():
+        if path.suffix in (".py", ".toml", ".md", ".yaml", ".lock", ".cff", "") and path != Path(__file__):
+            text = path.read_text(errors="ignore")
+            assert not HOSTS.search(text), path
+            assert len(here) < 4 or here not in text, path
+
+
+def test_function_services_do_not_speak_zenoh_or_read_the_clock() -> None:
+    clock = re.compile(r"^\s*(import time|from time|import zenoh|from zenoh|import datetime|from datetime)", re.MULTILINE)
+    for name in ("estimator", "walker", "footholds", "stability"):
+        for path in (ROOT / "services" / name).glob("*.py"):
+            assert not clock.search(path.read_text()), path

@@ -1,0 +1,126 @@
+"""Rules of the wire that hold for every model and every row, none of them listed by hand."""
+
+import math
+from typing import Any
+
+import jsonschema
+import pytest
+from pydantic import ValidationError
+
+from schemas.base import Message, Reply, Request, Wire
+from schemas.hw import Imu, JointCommand
+from schemas.topics import QUERIES, TOPICS, Kind, Query, Topic
+from surefoot.codec import check_encoding, decode, encode, encoding_of, json_schema
+from surefoot.errors import Refusal
+
+MODELS: list[type[Wire]] = sorted(
+    {t.model for t in TOPICS} | {q.request for q in QUERIES} | {q.reply for q in QUERIES}, key=lambda m: m.__name__
+)
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda m: m.__name__)
+def test_every_field_is_described(model: type[Wire]) -> None:
+    for name, field in model.model_fields.items():
+        described = field.description or any(getattr(m, "description", None) for m in field.metadata)
+        assert described, f"{model.__name__}.{name} has no description (unit and frame)"
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda m: m.__name__)
+def test_models_are_frozen_finite_and_have_a_valid_schema(model: type[Wire]) -> None:
+    assert model.model_config.get("frozen") is True
+    assert model.model_config.get("allow_inf_nan") is False
+    schema = json_schema(model)
+    jsonschema.Draft202012Validator.check_schema(schema)
+    assert schema["$id"] == model.schema_name()
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda m: m.__name__)
+def test_unknown_fields(model: type[Wire]) -> None:
+    extra = model.model_config.get("extra")
+    if issubclass(model, Request) or model is JointCommand:
+        assert extra == "forbid"
+    elif issubclass(model, Message | Reply):
+        assert extra == "ignore"
+
+
+@pytest.mark.parametrize("topic", TOPICS, ids=lambda t: t.key)
+def test_rows_are_consistent(topic: Topic[Any]) -> None:
+    assert topic.key == topic.key.lower()
+    assert all(part == "*" or part.replace("_", "").isalnum() for part in topic.key.split("/"))
+    if topic.kind is Kind.SAMPLE:
+        assert topic.period_ns > 0
+        assert topic.period_ticks == 0
+    if topic.kind is Kind.STATUS:
+        assert not topic.deterministic
+
+
+def test_keys_are_unique() -> None:
+    assert len({t.key for t in TOPICS}) == len(TOPICS)
+    assert len({q.key for q in QUERIES}) == len(QUERIES)
+
+
+IMU = Imu(acc=(0.1, -1 / 3, 9.81), gyro=(1e-17, 0.0, -5.5), stamp_ns=123, tick=4, epoch=1, seq=4, source="driver")
+
+
+def test_round_trip_is_exact() -> None:
+    assert decode(Imu, *encode(IMU), encoding_of(Imu)) == IMU
+
+
+def test_newer_minor_version_is_read_and_unknown_fields_of_messages_ignored() -> None:
+    payload = encode(IMU)[0][:-1] + b',"temperature":21.5}'
+    assert decode(Imu, payload, None, "application/json;surefoot/Imu/1.7") == IMU
+
+
+@pytest.mark.parametrize(
+    ("encoding", "code"),
+    [("application/json;surefoot/Imu/2.0", "schema"), ("application/json;surefoot/JointState/1.0", "schema")],
+)
+def test_another_named_schema_or_major_version_is_refused(encoding: str, code: str) -> None:
+    with pytest.raises(Refusal) as caught:
+        decode(Imu, encode(IMU)[0], None, encoding)
+    assert caught.value.code == code
+
+
+@pytest.mark.parametrize("encoding", ["", "application/json", "zenoh/bytes", "text/plain", "application/json;other/Thing"])
+def test_absent_or_generic_encoding_means_the_current_schema(encoding: str) -> None:
+    check_encoding(Imu, encoding)
+    assert decode(Imu, encode(IMU)[0], None, encoding) == IMU
+
+
+@pytest.mark.parametrize(
+    ("payload", "code", "field"),
+    [
+        (b"{", "malformed", None),
+        (b"\xff\xfe", "malformed", None),
+        (b'{"acc":[0,0,NaN],"gyro":[0,0,0]}', "invalid", "acc.2"),
+        (b'{"acc":[0,0,1e999],"gyro":[0,0,0]}', "invalid", "acc.2"),
+        (b'{"acc":[0,0],"gyro":[0,0,0]}', "invalid", "acc"),
+        (b'{"gyro":[0,0,0]}', "invalid", "acc"),
+        (b'{"acc":' + b"9" * 10_000_000 + b"}", "too_large", None),
+    ],
+)
+def test_bad_payloads_are_named_refusals(payload: bytes, code: str, field: str | None) -> None:
+    with pytest.raises(Refusal) as caught:
+        decode(Imu, payload)
+    assert caught.value.code == code
+    if field is not None:
+        assert caught.value.field is not None
+        assert caught.value.field.startswith(field.split(".")[0])
+
+
+def test_unknown_field_of_a_command_is_refused_by_name() -> None:
+    with pytest.raises(Refusal) as caught:
+        decode(JointCommand, b'{"position":[0.0],"speed":1}')
+    assert caught.value.field == "speed"
+
+
+def test_infinity_cannot_be_built_either() -> None:
+    with pytest.raises(ValidationError):
+        Imu(acc=(math.inf, 0.0, 0.0), gyro=(0.0, 0.0, 0.0))
+
+
+def test_models_hold_no_query_without_request_and_reply() -> None:
+    for query in QUERIES:
+        assert isinstance(query, Query)
+        assert issubclass(query.request, Request)
+        assert issubclass(query.reply, Wire)
