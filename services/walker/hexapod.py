@@ -9,8 +9,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from services.walker import planning, posture, swing
-from services.walker.gaits import HEXAPOD_GAITS, Gait
+from services.walker import anchor, planning, posture, stepping
+from services.walker.commands import refusal_of
+from services.walker.gaits import HEXAPOD_GAITS
 from services.walker.ground import Ground
 from services.walker.interface import (
     Advance,
@@ -34,9 +35,6 @@ from surefoot.robot import Robot
 Array = NDArray[np.float64]
 
 DT = 0.01  # s, control tick
-SETTLE_SPEED = 0.04  # m/s, how fast a lifted foot looks for the ground after a start
-SETTLE_DEPTH = 0.08  # m, how far
-TOUCH_PHASE = 0.05  # of the swing after the fall begins: earlier switch readings belong to the lift-off
 
 
 class HexapodWalker:
@@ -65,7 +63,7 @@ class HexapodWalker:
         self._compliance = self.params.sag / np.array([joint.servo.kp for joint in robot.joints])
         self.state = WalkerState(robot.nlegs, robot.nj, gait=HEXAPOD_GAITS[self.params.gait])
 
-    # --- inputs that come now and then ---------------------------------------------------------------------------
+    # --- inputs that come now and then -----------------------------------------------------------------------------
 
     def set_map(self, heights: HeightMap | None) -> None:
         """Take a new terrain map, or none (then the ground is where the feet are)."""
@@ -74,7 +72,7 @@ class HexapodWalker:
 
     def command(self, command: Command) -> CommandReply:
         """Accept or refuse a command; an accepted one replaces the present one at the next step."""
-        refusal = self._refusal(command)
+        refusal = refusal_of(command, self.params, self.state.calibrated)
         if refusal is not None:
             return refusal
         s = self.state
@@ -89,25 +87,6 @@ class HexapodWalker:
         s.closing = not walking and (s.closing or s.stage is Stage.STEP or s.steps_in_walk > 0)
         return CommandReply(True, s.walk_id)
 
-    def _refusal(self, command: Command) -> CommandReply | None:
-        values = (command.distance, command.velocity, command.angle)
-        if any(value is not None and not math.isfinite(value) for value in values):
-            return CommandReply(False, 0, "bad_value", f"numbers must be finite, got {values}")
-        if command.gait is not None and command.gait not in HEXAPOD_GAITS:
-            known = ", ".join(HEXAPOD_GAITS)
-            return CommandReply(False, 0, "unknown_gait", f"gait must be one of {known}, got {command.gait!r}")
-        if command.action in ("stand", "stop"):
-            return None
-        if not self.state.calibrated:
-            return CommandReply(False, 0, "not_initialised", "the estimator has not finished its standstill calibration")
-        if command.action == "turn" and command.angle is None:
-            return CommandReply(False, 0, "missing_field", "turn needs an angle")
-        fastest = self.params.max_stride_m / self.params.period_s
-        if command.velocity is not None and not 0.0 < abs(command.velocity) <= fastest:
-            text = f"velocity must be within 0 and {fastest:.3f} m/s, got {command.velocity:g}"
-            return CommandReply(False, 0, "too_fast", text)
-        return None
-
     # --- the tick --------------------------------------------------------------------------------------------------
 
     def step(self, inputs: WalkerInputs) -> WalkerOutputs:
@@ -115,19 +94,19 @@ class HexapodWalker:
         s = self.state
         self._take(inputs)
         if s.stage is Stage.WAIT and s.measured is not None:
-            self._start(inputs)
+            anchor.begin(s, self.robot, inputs)
         if s.stage is not Stage.WAIT:
             if inputs.initialised and not s.calibrated:
-                self._anchor(inputs)
+                anchor.lay_over(s, self.params, self.frame.ground, inputs)
                 s.calibrated = True
             if s.calibrated and not s.held:
                 self._level(inputs)
             if s.stage is Stage.SETTLE:
-                self._settle()
+                stepping.settle(s, DT)
             elif s.stage is Stage.STAND:
                 self._stand(inputs)
             if s.stage is Stage.STEP:
-                self._swing(inputs)
+                self._step(inputs)
             self._posture()
         return self._outputs()
 
@@ -141,45 +120,6 @@ class HexapodWalker:
         oldest = min(inputs.estimate_stamp, s.measured_stamp, s.contacts_stamp)
         s.held = s.calibrated and (inputs.stamp - oldest > self.params.stale_s or not inputs.initialised)
 
-    def _start(self, inputs: WalkerInputs) -> None:
-        """Lay the plan under the measured joints; feet without contact will be lowered first."""
-        s = self.state
-        assert s.measured is not None
-        rot = rotations.matrix_from_rpy(inputs.roll, inputs.pitch, inputs.yaw)
-        feet = posture.into_map(kinematics.foot_positions(self.robot.model, s.measured), np.zeros(3), rot)
-        down = s.contacts if s.contacts.any() else np.ones(self.robot.nlegs, dtype=np.bool_)
-        s.body[:] = (inputs.x, inputs.y, -float(np.mean(feet[down, 2])) + self.robot.foot_radius)
-        s.yaw, s.level[:] = inputs.yaw, (inputs.roll, inputs.pitch)
-        s.feet = feet + s.body
-        s.footholds = s.feet.copy()
-        s.support[:] = down
-        s.landed = down.copy()
-        s.recovering = not down.all()
-        s.stage = Stage.STAND if down.all() else Stage.SETTLE
-
-    def _anchor(self, inputs: WalkerInputs) -> None:
-        """Lay the whole plan over the estimated pose, tilt and the map's heights; body-frame feet stay as they are."""
-        s = self.state
-        old = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
-        limit = self.params.level_limit_rad
-        s.level[:] = max(-limit, min(limit, inputs.roll)), max(-limit, min(limit, inputs.pitch))
-        s.yaw = inputs.yaw
-        new = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
-        at = np.array([inputs.x, inputs.y, s.body[2]])
-        s.feet = posture.into_map(posture.into_base(s.feet, s.body, old), at, new)
-        s.footholds = posture.into_map(posture.into_base(s.footholds, s.body, old), at, new)
-        s.body = at
-        ground = self.frame.ground
-        if ground is not None:
-            gaps = np.array([ground.centre_height(p[0], p[1]) - p[2] for p in s.footholds[s.landed]])
-            gaps = gaps[np.isfinite(gaps)]
-            if gaps.size:
-                part = self.params.anchor_height if s.calibrated else 1.0
-                rise = part * float(np.median(gaps))
-                s.body[2] += rise
-                s.feet[:, 2] += rise
-                s.footholds[:, 2] += rise
-
     def _level(self, inputs: WalkerInputs) -> None:
         s, p = self.state, self.params
         gain = p.level_gain if s.stage is Stage.STEP else p.stand_level_gain
@@ -187,24 +127,18 @@ class HexapodWalker:
         s.level[0] = max(-limit, min(limit, s.level[0] - gain * inputs.roll))
         s.level[1] = max(-limit, min(limit, s.level[1] - gain * inputs.pitch))
 
-    def _settle(self) -> None:
-        """Lower every foot that has no contact until all stand."""
-        s = self.state
-        if s.fresh:
-            s.landed |= s.contacts
-        deep = s.footholds[:, 2] - s.feet[:, 2] > SETTLE_DEPTH
-        s.landed |= deep
-        s.feet[~s.landed, 2] -= SETTLE_SPEED * DT
-        s.support = np.minimum(1.0, s.support + s.landed * (DT / 0.1))
-        if s.landed.all():
-            s.footholds = s.feet.copy()
-            s.stage = Stage.STAND
+    # --- standing --------------------------------------------------------------------------------------------------
 
-    # --- standing ----------------------------------------------------------------------------------------------------
+    def _step(self, inputs: WalkerInputs) -> None:
+        s = self.state
+        if stepping.advance(s, self.robot, self.params, DT):
+            s.stage = Stage.STAND
+            if not s.held:
+                self._next_step(inputs)
 
     def _stand(self, inputs: WalkerInputs) -> None:
         s, p = self.state, self.params
-        s.support = np.minimum(1.0, s.support + DT / 0.1)
+        stepping.load(s, DT)
         if not s.calibrated:
             return
         wanted = planning.trunk_height(self.frame, s.footholds, self._pose(), s.trunk_shift)
@@ -221,13 +155,14 @@ class HexapodWalker:
     def _next_step(self, inputs: WalkerInputs) -> None:
         """Plan the next step and begin it, end the walk, or try again in the next tick."""
         s, p = self.state, self.params
-        self._anchor(inputs)
+        anchor.lay_over(s, self.params, self.frame.ground, inputs)
         begin = self._pose()
         if s.route is not None and finished(s.route, begin, p):
             s.route, s.closing = None, True
         if s.route is None:
             legs, step, after = self._closing_group(), Advance(), Advance()
             if not legs:
+                s.closed.clear()
                 s.closing = s.recovering = False
                 s.steps_in_walk, s.trunk_shift = 0, 0.0
                 s.stage, s.plan = Stage.STAND, None
@@ -245,18 +180,22 @@ class HexapodWalker:
                 s.route, s.closing, s.recovering, s.refused = None, False, False, True
             return
         s.attempts, s.scale, s.trunk_shift = 0, 1.0, 0.5 * s.trunk_shift
+        s.closed = s.closed | {legs} if s.route is None else set()
         s.plan, s.stage, s.clock = plan, Stage.STEP, 0.0
         s.landed = ~plan.swing
         s.group = (s.group + 1) % s.gait.steps_per_cycle if s.route is not None else s.group
 
     def _closing_group(self) -> tuple[int, ...]:
-        """The group of legs farthest from neutral, none when all are near."""
+        """The group of legs farthest from neutral, each group once; none when all are near."""
         s = self.state
         wanted = planning.rotated(s.yaw, self.frame.neutral) + s.body[:2]
         off = np.hypot(*(s.footholds[:, :2] - wanted).T)
-        groups = s.gait.groups
-        worst = max(range(len(groups)), key=lambda g: float(max(off[list(groups[g])])))
-        return groups[worst] if max(off[list(groups[worst])]) > self.params.close_tolerance_m else ()
+        worst, far = (), self.params.close_tolerance_m
+        for group in s.gait.groups:
+            reach = float(max(off[list(group)]))
+            if reach > far and group not in s.closed:
+                worst, far = group, reach
+        return worst
 
     def _plan(
         self, inputs: WalkerInputs, legs: tuple[int, ...], begin: Pose, step: Advance, after: Advance
@@ -306,52 +245,7 @@ class HexapodWalker:
         s.reason = ""
         return plan
 
-    # --- stepping ----------------------------------------------------------------------------------------------------
-
-    def _swing(self, inputs: WalkerInputs) -> None:
-        s, p, plan = self.state, self.params, self.state.plan
-        assert plan is not None
-        duration = 0.5 * p.period_s
-        s.clock += DT
-        u = min(1.0, s.clock / duration)
-        v = max(0.0, (s.clock / duration - p.overlap) / (1.0 - 2.0 * p.overlap))
-        if s.fresh and v > p.swing.fall_start + TOUCH_PHASE:
-            self._touch(plan)
-        lost = plan.swing & ~s.landed & (v > 1.0) & (plan.feet_to[:, 2] - s.feet[:, 2] > p.search_m)
-        if lost.any():
-            s.landed |= lost
-            plan.feet_to[lost] = s.feet[lost]
-            s.reason = "no ground found under " + ", ".join(n for n, f in zip(self.robot.leg_names, lost, strict=True) if f)
-        s.feet = swing.targets(
-            p.swing, plan.swing, s.landed, plan.feet_from, plan.feet_to, plan.top, plan.go, plan.arrive,
-            v, s.feet, p.press_speed * DT,
-        )  # fmt: skip
-        rate = DT / (p.overlap * duration)
-        s.support = np.clip(s.support + np.where(s.landed, rate, -rate), 0.0, 1.0)
-        a, b, ease = plan.begin, plan.end, swing.smooth(u)
-        s.body[:] = (a.x + u * (b.x - a.x), a.y + u * (b.y - a.y), a.z + ease * (b.z - a.z))
-        s.yaw = a.yaw + u * (b.yaw - a.yaw)
-        if u >= 1.0 and s.landed.all():
-            s.footholds = plan.feet_to.copy()
-            s.steps += 1
-            s.steps_in_walk += 1
-            s.stage = Stage.STAND
-            if not s.held:
-                self._next_step(inputs)
-
-    def _touch(self, plan: planning.StepPlan) -> None:
-        """Feet that swing and touch stay where they are; their height is the measured one."""
-        s = self.state
-        touched = plan.swing & ~s.landed & s.contacts
-        if not touched.any() or s.measured is None:
-            return
-        rot = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
-        measured = posture.into_map(kinematics.foot_positions(self.robot.model, s.measured), s.body, rot)
-        plan.feet_to[touched] = s.feet[touched]
-        plan.feet_to[touched, 2] = measured[touched, 2]
-        s.landed |= touched
-
-    # --- outputs -------------------------------------------------------------------------------------------------------
+    # --- outputs ---------------------------------------------------------------------------------------------------
 
     def _pose(self) -> Pose:
         s = self.state
@@ -389,9 +283,9 @@ class HexapodWalker:
             command=s.command,
             state=self._walk_state(),
             walk_id=s.walk_id,
-            phase=0.0 if plan is None else min(1.0, s.clock / (0.5 * self.params.period_s)),
-            stance=s.landed,
-            footholds=s.footholds if plan is None else plan.feet_to,
+            phase=0.0 if plan is None else min(1.0, s.clock / plan.duration),
+            stance=s.landed.copy(),
+            footholds=(s.footholds if plan is None else plan.feet_to).copy(),
             foothold_status=s.status,
             trunk_height=float(s.body[2] - np.mean(s.footholds[:, 2])) + self.robot.foot_radius,
             remaining=left if math.isfinite(left) else 0.0,

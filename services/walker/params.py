@@ -20,6 +20,10 @@ class WalkerParams:
     """base_link over the mean ground under the feet."""
     clearance_m: float = 0.030
     """Level part of a swing over the highest swept ground."""
+    full_speed_fall_m: float = 0.045
+    """A foot that falls farther from its top to the ground makes the step longer in proportion,"""
+    longest_step: float = 2.0
+    """up to this factor."""
     margin_m: float = 0.006
     """Least distance of the foot sphere from the swept ground away from both ends."""
     corridor_m: float = 0.012
@@ -43,8 +47,6 @@ class WalkerParams:
     """m/s, speed of trunk movements on six feet."""
     search_m: float = 0.040
     """How far a foot looks for the ground below the map's height."""
-    hold_step_m: float = 0.012
-    """How far it looks before the trunk waits for it."""
     press_speed: float = 0.060
     """m/s, how fast a landed foot goes to its foothold."""
     steer_gain: float = 0.5
@@ -65,7 +67,7 @@ class WalkerParams:
     """Plans tried for one step before it is refused."""
     stale_s: float = 0.1
     """Estimates and samples older than this stop new steps."""
-    swing: SwingShape = SwingShape()
+    swing: SwingShape = SwingShape()  # noqa: RUF009 - a named tuple
 
     @classmethod
     def for_robot(cls, robot: Robot, **overrides: object) -> "WalkerParams":

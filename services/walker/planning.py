@@ -50,6 +50,8 @@ class StepPlan:
     """Phases between which each foot moves sideways, (L,)."""
     status: tuple[str, ...]
     """Per foot, see WalkerOutputs."""
+    duration: float
+    """s, longer than half a period when a foot has far to fall."""
 
 
 def rotated(yaw: float, vectors: Array) -> Array:
@@ -127,7 +129,7 @@ def complete(
     frame: Frame, legs: tuple[int, ...], begin: Pose, end: Pose, feet: Array, feet_to: Array, status: tuple[str, ...]
 ) -> StepPlan:
     """The step with its swing paths over the whole swept ground."""
-    n = feet.shape[0]
+    n, params = feet.shape[0], frame.params
     swinging = np.zeros(n, dtype=np.bool_)
     top, go, arrive = np.zeros(n), np.zeros(n), np.ones(n)
     for leg in legs:
@@ -135,11 +137,13 @@ def complete(
         if frame.ground is None:
             swept = np.full(swing.SAMPLES, np.nan)
         else:
-            swept = swing.swept_ground(frame.ground.centres, feet[leg], feet_to[leg], frame.params.corridor_m)
+            swept = swing.swept_ground(frame.ground.centres, feet[leg], feet_to[leg], params.corridor_m)
         top[leg], go[leg], arrive[leg] = swing.plan(
-            frame.params.swing, feet[leg], feet_to[leg], swept, frame.params.clearance_m, frame.params.margin_m
+            params.swing, feet[leg], feet_to[leg], swept, params.clearance_m, params.margin_m
         )
-    return StepPlan(swinging, begin, end, feet.copy(), feet_to, top, go, arrive, status)
+    fall = max(float(top[leg] - feet_to[leg, 2]) for leg in legs) / params.full_speed_fall_m
+    duration = 0.5 * params.period_s * min(params.longest_step, max(1.0, fall))
+    return StepPlan(swinging, begin, end, feet.copy(), feet_to, top, go, arrive, status, duration)
 
 
 def check_request(frame: Frame, plan: StepPlan, joints: Array, rot: Array) -> CheckRequest:

@@ -35,6 +35,8 @@ class WalkerState:
     walk_id: int = 0
     closing: bool = False
     """Bringing the feet to neutral: after a command, on stop, after a restart."""
+    closed: set[tuple[int, ...]] = field(default_factory=set)
+    """Groups that have stepped to neutral since closing began."""
     recovering: bool = False
     """Restarted from measured joints and not yet in the neutral stance."""
     refused: bool = False

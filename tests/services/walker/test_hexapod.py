@@ -1,0 +1,321 @@
+"""The walker in a loop of kinematics: commands, phases, reactions, refusals, restart. Physics is in test_walk."""
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from services.walker.hexapod import HexapodWalker
+from services.walker.interface import CheckReply, Command, FootholdReply, WalkerInputs
+from services.walker.params import WalkerParams
+from services.walker.standins import nominal_footholds
+from surefoot import kinematics
+from surefoot.heightmap import HeightMap
+from surefoot.robot import load_robot
+from tests.services.walker.plant import Plant
+
+ROBOT = load_robot("ragno")
+PARAMS = WalkerParams.for_robot(ROBOT)
+
+
+def plant(**kwargs):
+    return Plant(HexapodWalker(ROBOT, **kwargs))
+
+
+def test_walks_a_distance_and_ends_in_the_neutral_stance():
+    p = plant()
+    outs = p.obey(Command("walk", distance=0.3))
+    s = p.walker.state
+    assert outs[-1].state == "standing"
+    assert s.body[0] == pytest.approx(0.3, abs=0.005)
+    assert abs(s.body[1]) < 0.005
+    feet = s.footholds[:, :2] - s.body[:2]
+    assert np.hypot(*(feet - p.walker.frame.neutral).T).max() < PARAMS.close_tolerance_m
+    assert outs[-1].trunk_height == pytest.approx(PARAMS.hip_height_m, abs=0.004)
+
+
+def test_tripods_alternate_with_three_feet_down_and_all_targets_in_reach():
+    p = plant()
+    outs = p.obey(Command("walk", distance=0.3))
+    assert all(np.count_nonzero(o.stance) >= 3 for o in outs)
+    assert all(o.unreachable == 0 for o in outs)
+    groups = [tuple(o.stance) for o in outs if np.count_nonzero(o.stance) == 3]
+    order = [g for i, g in enumerate(groups) if i == 0 or g != groups[i - 1]]
+    assert set(order) == {(True, False) * 3, (False, True) * 3}
+    assert all(a != b for a, b in itertools.pairwise(order))
+
+
+def test_set_points_are_continuous_and_within_limits():
+    p = plant()
+    outs = p.obey(Command("walk", distance=0.2))
+    commands = np.array([o.command for o in outs])
+    assert (commands >= ROBOT.joint_lower).all()
+    assert (commands <= ROBOT.joint_upper).all()
+    assert np.abs(np.diff(commands, axis=0)).max() < 0.15  # rad in a tick: 15 rad/s at the swing's fastest
+
+
+@pytest.mark.parametrize("angle", [0.8, -0.8])
+def test_turns_on_the_spot(angle):
+    p = plant()
+    p.obey(Command("turn", angle=angle))
+    assert p.walker.state.yaw == pytest.approx(angle, abs=0.02)
+    assert np.hypot(*p.walker.state.body[:2]) < 0.01
+
+
+def test_walks_backward():
+    p = plant()
+    p.obey(Command("walk", distance=-0.1))
+    assert p.walker.state.body[0] == pytest.approx(-0.1, abs=0.005)
+
+
+@pytest.mark.parametrize("gait", ["ripple", "wave"])
+def test_other_gaits_keep_more_feet_down(gait):
+    p = plant()
+    outs = p.obey(Command("walk", distance=0.1, gait=gait))
+    assert p.walker.state.body[0] == pytest.approx(0.1, abs=0.005)
+    assert min(np.count_nonzero(o.stance) for o in outs) == {"ripple": 4, "wave": 5}[gait]
+
+
+def test_stop_in_the_middle_of_a_swing_closes_and_stands():
+    p = plant()
+    p.run(1.0)
+    assert p.walker.command(Command("walk", velocity=0.05)).accepted
+    p.run(1.75)
+    assert p.out.state == "walking"
+    assert not p.out.stance.all()
+    where = p.walker.state.body[0]
+    assert p.walker.command(Command("stop")).accepted
+    outs = p.until("standing", limit=3.0)
+    assert {o.state for o in outs} == {"stopping", "standing"}
+    assert p.walker.state.body[0] - where < 0.03
+    feet = p.walker.state.footholds[:, :2] - p.walker.state.body[:2]
+    assert np.hypot(*(feet - p.walker.frame.neutral).T).max() < PARAMS.close_tolerance_m
+
+
+def test_a_later_command_replaces_an_earlier_one():
+    p = plant()
+    p.run(1.0)
+    first = p.walker.command(Command("walk", distance=1.0))
+    p.run(2.0)
+    second = p.walker.command(Command("turn", angle=0.3))
+    assert second.walk_id == first.walk_id + 1
+    p.step()
+    p.until("standing")
+    assert p.walker.state.yaw == pytest.approx(0.3, abs=0.02)
+    assert p.walker.state.body[0] < 0.15
+
+
+def test_refuses_to_walk_before_the_estimator_is_initialised_but_stands():
+    p = Plant(HexapodWalker(ROBOT), initialised=False)
+    outs = p.run(0.5)
+    assert {o.state for o in outs} == {"waiting"}
+    still = np.array([o.command for o in outs])
+    assert np.abs(np.diff(still, axis=0)).max() == 0.0  # the standstill calibration needs it
+    reply = p.walker.command(Command("walk", distance=1.0))
+    assert (reply.accepted, reply.code) == (False, "not_initialised")
+    assert p.walker.command(Command("stop")).accepted
+    p.initialised = True
+    p.run(1.0)
+    assert p.walker.command(Command("walk", distance=0.1)).accepted
+
+
+@pytest.mark.parametrize(
+    ("command", "code"),
+    [
+        (Command("walk", distance=math.nan), "bad_value"),
+        (Command("walk", velocity=math.inf), "bad_value"),
+        (Command("walk", velocity=0.5), "too_fast"),
+        (Command("walk", velocity=0.0), "too_fast"),
+        (Command("turn"), "missing_field"),
+        (Command("walk", distance=1.0, gait="trot"), "unknown_gait"),
+    ],
+)
+def test_impossible_commands_are_refused_and_change_nothing(command, code):
+    p = plant()
+    p.run(1.0)
+    reply = p.walker.command(command)
+    assert (reply.accepted, reply.code, reply.walk_id) == (False, code, 0)
+    assert reply.reason
+    p.run(0.2)
+    assert p.out.state == "standing"
+
+
+def test_no_new_step_on_a_stale_estimate_and_on_again_when_it_returns():
+    p = plant()
+    p.run(1.0)
+    p.walker.command(Command("walk", velocity=0.05))
+    p.run(1.3)
+    p.estimate_age = 0.2
+    p.run(1.5)
+    assert p.out.state == "hold"
+    assert p.out.stance.all()
+    steps = p.out.steps
+    p.run(0.5)
+    assert p.out.steps == steps
+    p.estimate_age = 0.0
+    p.run(1.5)
+    assert p.out.state == "walking"
+    assert p.out.steps > steps
+
+
+def test_footholds_of_the_selector_are_stepped_on():
+    asked = []
+
+    def select(request):
+        asked.append(request)
+        return [FootholdReply("ok", (leg.nominal[0] + 0.01, leg.nominal[1], 9.9)) for leg in request.legs]
+
+    p = plant(select=select)
+    outs = p.obey(Command("walk", distance=0.15))
+    assert outs[-1].state == "standing"
+    assert all(len(request.legs) == 3 for request in asked)  # one question for a whole tripod
+    assert len(asked) == outs[-1].steps
+    walking = [request.legs[0].stroke for request in asked[1:-3]]
+    assert all(stroke[0] == pytest.approx(-0.025, abs=1e-3) for stroke in walking)
+    assert (np.abs(p.walker.state.footholds[:, 2] - ROBOT.foot_radius) < 0.01).all()
+
+
+def test_infeasible_footholds_shorten_the_step_and_end_in_a_refusal_with_the_reason():
+    strokes = []
+
+    def select(request):
+        strokes.append(abs(request.legs[0].stroke[0]))
+        return [FootholdReply("infeasible", None, 0.0, "water") for _ in request.legs]
+
+    p = plant(select=select)
+    outs = p.obey(Command("walk", distance=0.3))
+    assert outs[-1].state == "refused"
+    assert "water" in outs[-1].reason
+    assert len(strokes) == PARAMS.max_attempts
+    assert strokes[-1] < 0.2 * strokes[0]
+    assert outs[-1].stance.all()
+    assert p.walker.command(Command("stand")).accepted
+    p.step()
+    assert p.out.state == "standing"
+
+
+def test_raise_trunk_moves_the_trunk_and_then_the_step_is_taken():
+    shifts = [0.02]
+
+    def select(request):
+        if shifts:
+            dz = shifts.pop()
+            return [FootholdReply("raise_trunk", None, dz) for _ in request.legs]
+        return nominal_footholds(request)
+
+    p = plant(select=select)
+    outs = p.obey(Command("walk", distance=0.1))
+    assert max(o.trunk_height for o in outs) == pytest.approx(PARAMS.hip_height_m + 0.02, abs=0.003)
+    assert p.walker.state.body[0] == pytest.approx(0.1, abs=0.005)
+
+
+def test_unstable_steps_are_shortened_then_refused():
+    moves = []
+
+    def check(request):
+        moves.append(request.movement[0])
+        return CheckReply(stable=abs(request.movement[0]) < 0.008, margin=-0.01)
+
+    p = plant(check=check)
+    outs = p.obey(Command("walk", distance=0.05))
+    assert outs[-1].state == "standing"
+    assert p.walker.state.body[0] == pytest.approx(0.05, abs=0.005)
+    assert any(abs(move) > 0.008 for move in moves)
+    p = plant(check=lambda request: CheckReply(False, -0.02, "infeasible"))
+    outs = p.obey(Command("walk", distance=0.05))
+    assert outs[-1].state == "refused"
+    assert outs[-1].steps == 0
+    assert "infeasible" in outs[-1].reason
+
+
+def test_the_check_sees_the_standing_feet_and_the_movement():
+    seen = []
+
+    def check(request):
+        seen.append(request)
+        return CheckReply(True, 0.05)
+
+    p = plant(check=check)
+    p.obey(Command("walk", distance=0.1))
+    request = seen[1]
+    assert request.positions.shape == (3, 3)
+    assert request.positions[:, 2] == pytest.approx(np.zeros(3), abs=2e-3)
+    assert request.movement[0] == pytest.approx(0.025, abs=1e-3)
+    assert request.joints.shape == (ROBOT.nj,)
+
+
+def test_a_restart_with_feet_in_the_air_puts_them_down_closes_and_walks_on():
+    p = plant()
+    p.run(1.0)
+    p.walker.command(Command("walk", distance=1.0))
+    p.run(1.25)
+    assert not p.out.stance.all()
+    again = Plant(HexapodWalker(ROBOT))
+    again.joints, again.contacts = p.joints, p.contacts
+    assert not again.contacts.all()
+    again.walker.state.body[:] = 0.0
+    first = again.step()
+    jump = kinematics.foot_positions(ROBOT.model, again.joints) - kinematics.foot_positions(ROBOT.model, p.joints)
+    assert np.abs(jump).max() < 0.006  # nothing moves at once
+    assert first.state == "recovering"
+    again.until("standing", limit=10.0)
+    assert again.contacts.all()
+    again.obey(Command("walk", distance=0.1))
+    assert again.walker.state.body[0] == pytest.approx(0.1, abs=0.02)
+
+
+def test_climbs_a_step_of_the_map_and_keeps_the_trunk_over_it():
+    z = np.zeros((161, 401), dtype=np.float32)
+    z[:, 160:] = 0.025  # x >= 0.4 m
+    heights = HeightMap(z=z, cell=0.005, origin=(-0.4, -0.4))
+    p = Plant(HexapodWalker(ROBOT), heights)
+    outs = p.obey(Command("walk", distance=0.9))
+    assert outs[-1].state == "standing"
+    s = p.walker.state
+    assert (s.footholds[:, 2] > 0.02).all()
+    assert s.body[2] == pytest.approx(0.025 + PARAMS.hip_height_m, abs=0.006)
+    assert all(o.unreachable == 0 for o in outs)
+
+
+def test_a_hole_in_the_map_and_in_the_ground_is_found_by_the_foot():
+    """The map says z = 0, the ground is 20 mm lower: the feet go on looking until the switches close."""
+    p = Plant(
+        HexapodWalker(ROBOT), HeightMap(z=np.zeros((161, 161), dtype=np.float32), cell=0.005, origin=(-0.4, -0.4))
+    )
+    p.run(1.0)
+    p.heights = HeightMap(z=np.full((161, 161), -0.02, dtype=np.float32), cell=0.005, origin=(-0.4, -0.4))
+    p.walker.command(Command("walk", distance=0.05))
+    p.step()
+    while p.walker.state.steps < 1:
+        p.step()
+        assert p.tick < 400
+    landed = p.walker.state.footholds[[0, 2, 4], 2] - p.walker.state.footholds[[1, 3, 5], 2]
+    assert landed == pytest.approx(np.full(3, -0.02), abs=0.004)
+
+
+def test_levelling_works_against_the_estimated_tilt_within_its_limit():
+    walker = HexapodWalker(ROBOT)
+    p = Plant(walker)
+    p.run(1.0)
+    for _ in range(2000):
+        base = p.inputs()
+        walker.step(dataclasses.replace(base, roll=0.1, pitch=-0.05))
+        p.tick += 1
+    assert walker.state.level[0] == pytest.approx(-PARAMS.level_limit_rad)
+    assert walker.state.level[1] == pytest.approx(PARAMS.level_limit_rad)
+
+
+def test_equal_inputs_give_equal_outputs():
+    a, b = plant(), plant()
+    for p in (a, b):
+        p.obey(Command("walk", distance=0.1))
+    assert np.array_equal(a.out.command, b.out.command)
+    assert a.tick == b.tick
+
+
+def test_nothing_is_commanded_before_the_first_joint_sample():
+    out = HexapodWalker(ROBOT).step(WalkerInputs(stamp=0.0))
+    assert out.command is None
+    assert out.state == "waiting"
