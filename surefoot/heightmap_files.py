@@ -4,6 +4,7 @@ import hashlib
 import json
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,16 +64,17 @@ def load(path: str | Path) -> HeightMap:
     if sidecar.exists():
         _check_sidecar(source, sidecar)
     try:
-        with np.load(source, allow_pickle=False) as archive:
+        with source.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+            unpacked = sum(member.file_size for member in archive.zip.infolist())
+            if unpacked > MAX_FILE_BYTES:
+                raise HeightMapError("file", f"{source.name} unpacks to {unpacked} bytes, more than {MAX_FILE_BYTES}")
             z, origin = archive["z"], archive["origin"]
             cell, version, frame = float(archive["cell"]), int(archive["version"]), str(archive["frame"])
+    except HeightMapError:
+        raise
     except KeyError as error:
         raise HeightMapError("file", f"{source.name} lacks an array: {error}") from error
-    except (ValueError, OSError, EOFError, AttributeError) as error:
-        raise HeightMapError("file", f"{source.name} is no .npz height map: {error}") from error
-    except Exception as error:  # zipfile raises its own family; named here without importing it at start-up
-        if type(error).__name__ != "BadZipFile":
-            raise
+    except (ValueError, OSError, EOFError, AttributeError, BadZipFile) as error:
         raise HeightMapError("file", f"{source.name} is no .npz height map: {error}") from error
     if frame != FRAME:
         raise HeightMapError("frame", f"must be {FRAME!r}, got {frame!r}")
