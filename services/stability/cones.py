@@ -1,0 +1,216 @@
+"""The part of an interior-point step that belongs to one contact's cone, for all lanes.
+
+Cone Q = {(x0, x1, x2): x0 >= norm(x1, x2)}. Scaling of Nesterov and Todd: W = eta [w0, w1'; w1, I + w1 w1'/(1 + w0)] with
+W x = W^-1 s = the scaled point. Steps are taken in the scaled space and added to s and x as increments: recomputing
+s and x from the scaled point loses eight digits near the boundary.
+"""
+
+import math
+
+from services.stability.lanes import (
+    AXIS,
+    D_TAU,
+    DUAL_RES,
+    ETA,
+    FIRST,
+    GAIN,
+    LENGTH,
+    MASK,
+    MU,
+    REACH,
+    RES,
+    RHS,
+    RHS_S,
+    S,
+    SCALED,
+    SECOND,
+    SIGMA,
+    STEP,
+    TARGET,
+    TAU,
+    Array,
+    X,
+)
+from surefoot.jit import row_kernel
+
+
+@row_kernel
+def start(w: Array, o: int, lanes: int) -> None:
+    """s = x = (1, 0, 0), the centre."""
+    o &= MASK
+    for k in range(lanes):
+        w[o + S + k] = w[o + X + k] = 1.0
+        w[o + S + 8 + k] = w[o + S + 16 + k] = w[o + X + 8 + k] = w[o + X + 16 + k] = 0.0
+
+
+@row_kernel
+def residual(w: Array, o: int, g: Array, lanes: int) -> None:
+    """RES = s + b tau; adds b'x to GAIN and s'x to MU."""
+    o &= MASK
+    for k in range(lanes):
+        tau = g[TAU + k]
+        b0, b1, b2 = w[o + RHS + k], w[o + RHS + 8 + k], w[o + RHS + 16 + k]
+        s0, s1, s2 = w[o + S + k], w[o + S + 8 + k], w[o + S + 16 + k]
+        x0, x1, x2 = w[o + X + k], w[o + X + 8 + k], w[o + X + 16 + k]
+        w[o + RES + k], w[o + RES + 8 + k], w[o + RES + 16 + k] = s0 + b0 * tau, s1 + b1 * tau, s2 + b2 * tau
+        g[GAIN + k] += b0 * x0 + b1 * x1 + b2 * x2
+        g[MU + k] += s0 * x0 + s1 * x1 + s2 * x2
+
+
+@row_kernel
+def residual_column(
+    w: Array, o: int, a0: float, a1: float, a2: float, g: Array, y: int, r: int, lanes: int
+) -> None:
+    """RES -= a y and r -= a'x for one column a of the contact's matrix."""
+    o, y, r = o & MASK, y & MASK, r & MASK
+    for k in range(lanes):
+        t = g[y + k]
+        g[r + k] -= a0 * w[o + X + k] + a1 * w[o + X + 8 + k] + a2 * w[o + X + 16 + k]
+        w[o + RES + k] -= a0 * t
+        w[o + RES + 8 + k] -= a1 * t
+        w[o + RES + 16 + k] -= a2 * t
+
+
+@row_kernel
+def largest_residual(w: Array, o: int, g: Array, lanes: int) -> None:
+    """DUAL_RES = max(DUAL_RES, abs(RES))."""
+    o &= MASK
+    for k in range(lanes):
+        r = max(abs(w[o + RES + k]), max(abs(w[o + RES + 8 + k]), abs(w[o + RES + 16 + k])))
+        g[DUAL_RES + k] = max(g[DUAL_RES + k], r)
+
+
+@row_kernel
+def scale(w: Array, o: int, lanes: int) -> None:
+    """Scaling of (s, x); the scaled point; right-hand side and residual in the scaled space."""
+    o &= MASK
+    for k in range(lanes):
+        s0, s1, s2 = w[o + S + k], w[o + S + 8 + k], w[o + S + 16 + k]
+        x0, x1, x2 = w[o + X + k], w[o + X + 8 + k], w[o + X + 16 + k]
+        gs, gx = math.sqrt(s1 * s1 + s2 * s2), math.sqrt(x1 * x1 + x2 * x2)
+        ns, nx = math.sqrt((s0 - gs) * (s0 + gs)), math.sqrt((x0 - gx) * (x0 + gx))
+        i_s, i_x = 1.0 / ns, 1.0 / nx
+        s0, s1, s2, x0, x1, x2 = s0 * i_s, s1 * i_s, s2 * i_s, x0 * i_x, x1 * i_x, x2 * i_x
+        h = 0.5 / math.sqrt(0.5 * (1.0 + s0 * x0 + s1 * x1 + s2 * x2))
+        w0, w1, w2 = (s0 + x0) * h, (s1 - x1) * h, (s2 - x2) * h
+        eta = math.sqrt(ns * i_x)
+        r = 1.0 / (1.0 + w0)
+        t = w1 * x1 + w2 * x2
+        f, c = eta * nx, x0 + t * r
+        w[o + SCALED + k], w[o + SCALED + 8 + k] = f * (w0 * x0 + t), f * (x1 + w1 * c)
+        w[o + SCALED + 16 + k] = f * (x2 + w2 * c)
+        w[o + AXIS + k], w[o + AXIS + 8 + k], w[o + AXIS + 16 + k], w[o + ETA + k] = w0, w1, w2, eta
+        f = 1.0 / eta
+        v0, v1, v2 = w[o + RHS + k], w[o + RHS + 8 + k], w[o + RHS + 16 + k]
+        t = w1 * v1 + w2 * v2
+        c = t * r - v0
+        w[o + RHS_S + k], w[o + RHS_S + 8 + k] = f * (w0 * v0 - t), f * (v1 + w1 * c)
+        w[o + RHS_S + 16 + k] = f * (v2 + w2 * c)
+        v0, v1, v2 = w[o + RES + k], w[o + RES + 8 + k], w[o + RES + 16 + k]
+        t = w1 * v1 + w2 * v2
+        c = t * r - v0
+        w[o + RES + k], w[o + RES + 8 + k], w[o + RES + 16 + k] = f * (w0 * v0 - t), f * (v1 + w1 * c), f * (v2 + w2 * c)
+
+
+@row_kernel
+def scale_column(w: Array, o: int, out: int, v0: float, v1: float, v2: float, lanes: int) -> None:
+    """out = W^-1 v for one column v of the contact's matrix."""
+    o, out = o & MASK, out & MASK
+    for k in range(lanes):
+        w0, w1, w2, f = w[o + AXIS + k], w[o + AXIS + 8 + k], w[o + AXIS + 16 + k], 1.0 / w[o + ETA + k]
+        t = w1 * v1 + w2 * v2
+        c = t / (1.0 + w0) - v0
+        w[out + k], w[out + 8 + k], w[out + 16 + k] = f * (w0 * v0 - t), f * (v1 + w1 * c), f * (v2 + w2 * c)
+
+
+@row_kernel
+def copy_rhs(w: Array, o: int, lanes: int) -> None:
+    """SECOND = RHS_S."""
+    o &= MASK
+    for k in range(lanes):
+        w[o + SECOND + k] = w[o + RHS_S + k]
+        w[o + SECOND + 8 + k] = w[o + RHS_S + 8 + k]
+        w[o + SECOND + 16 + k] = w[o + RHS_S + 16 + k]
+
+
+@row_kernel
+def predictor(w: Array, o: int, lanes: int) -> None:
+    """TARGET = - scaled point (complementarity zero at once); FIRST = TARGET + RES."""
+    o &= MASK
+    for k in range(lanes):
+        q0, q1, q2 = -w[o + SCALED + k], -w[o + SCALED + 8 + k], -w[o + SCALED + 16 + k]
+        w[o + TARGET + k], w[o + TARGET + 8 + k], w[o + TARGET + 16 + k] = q0, q1, q2
+        w[o + FIRST + k], w[o + FIRST + 8 + k] = q0 + w[o + RES + k], q1 + w[o + RES + 8 + k]
+        w[o + FIRST + 16 + k] = q2 + w[o + RES + 16 + k]
+
+
+@row_kernel
+def corrector(w: Array, o: int, g: Array, lanes: int) -> None:
+    """TARGET = p \\ (sigma mu e - p o p - dx o ds) with p the scaled point (Mehrotra); FIRST = TARGET + (1 - sigma) RES."""
+    o &= MASK
+    for k in range(lanes):
+        p0, p1, p2 = w[o + SCALED + k], w[o + SCALED + 8 + k], w[o + SCALED + 16 + k]
+        d0, d1, d2 = w[o + STEP + k], w[o + STEP + 8 + k], w[o + STEP + 16 + k]
+        e0, e1, e2 = -p0 - d0, -p1 - d1, -p2 - d2
+        sigma = g[SIGMA + k]
+        f0 = sigma * g[MU + k] - (p0 * p0 + p1 * p1 + p2 * p2) - (d0 * e0 + d1 * e1 + d2 * e2)
+        f1 = -2.0 * p0 * p1 - (d0 * e1 + e0 * d1)
+        f2 = -2.0 * p0 * p2 - (d0 * e2 + e0 * d2)
+        norm = math.sqrt(p1 * p1 + p2 * p2)
+        det = 1.0 / ((p0 - norm) * (p0 + norm))
+        z, inv = p1 * f1 + p2 * f2, 1.0 / p0
+        t = (z * inv - f0) * det
+        q0, q1, q2 = (p0 * f0 - z) * det, f1 * inv + t * p1, f2 * inv + t * p2
+        rest = 1.0 - sigma
+        w[o + TARGET + k], w[o + TARGET + 8 + k], w[o + TARGET + 16 + k] = q0, q1, q2
+        w[o + FIRST + k], w[o + FIRST + 8 + k] = q0 + rest * w[o + RES + k], q1 + rest * w[o + RES + 8 + k]
+        w[o + FIRST + 16 + k] = q2 + rest * w[o + RES + 16 + k]
+
+
+@row_kernel
+def direction(w: Array, o: int, g: Array, lanes: int) -> None:
+    """STEP = FIRST + SECOND dtau; raises REACH to 1 / (longest step that stays in both cones)."""
+    o &= MASK
+    for k in range(lanes):
+        t = g[D_TAU + k]
+        d0, d1 = w[o + FIRST + k] + t * w[o + SECOND + k], w[o + FIRST + 8 + k] + t * w[o + SECOND + 8 + k]
+        d2 = w[o + FIRST + 16 + k] + t * w[o + SECOND + 16 + k]
+        w[o + STEP + k], w[o + STEP + 8 + k], w[o + STEP + 16 + k] = d0, d1, d2
+        e0, e1, e2 = w[o + TARGET + k] - d0, w[o + TARGET + 8 + k] - d1, w[o + TARGET + 16 + k] - d2
+        p0, p1, p2 = w[o + SCALED + k], w[o + SCALED + 8 + k], w[o + SCALED + 16 + k]
+        norm = math.sqrt(p1 * p1 + p2 * p2)
+        inv = 1.0 / math.sqrt((p0 - norm) * (p0 + norm))
+        p0, p1, p2 = p0 * inv, p1 * inv, p2 * inv
+        c = 1.0 / (1.0 + p0)
+        r0 = p0 * d0 - p1 * d1 - p2 * d2
+        f = (r0 + d0) * c
+        r1, r2 = d1 - f * p1, d2 - f * p2
+        a = (math.sqrt(r1 * r1 + r2 * r2) - r0) * inv
+        r0 = p0 * e0 - p1 * e1 - p2 * e2
+        f = (r0 + e0) * c
+        r1, r2 = e1 - f * p1, e2 - f * p2
+        b = (math.sqrt(r1 * r1 + r2 * r2) - r0) * inv
+        g[REACH + k] = max(g[REACH + k], max(a, b))
+
+
+@row_kernel
+def move(w: Array, o: int, g: Array, lanes: int) -> None:
+    """x += length W^-1 STEP, s += length W (TARGET - STEP)."""
+    o &= MASK
+    for k in range(lanes):
+        d0, d1, d2 = w[o + STEP + k], w[o + STEP + 8 + k], w[o + STEP + 16 + k]
+        e0, e1, e2 = w[o + TARGET + k] - d0, w[o + TARGET + 8 + k] - d1, w[o + TARGET + 16 + k] - d2
+        w0, w1, w2, eta = w[o + AXIS + k], w[o + AXIS + 8 + k], w[o + AXIS + 16 + k], w[o + ETA + k]
+        r = 1.0 / (1.0 + w0)
+        f = g[LENGTH + k] / eta
+        t = w1 * d1 + w2 * d2
+        c = t * r - d0
+        w[o + X + k] += f * (w0 * d0 - t)
+        w[o + X + 8 + k] += f * (d1 + w1 * c)
+        w[o + X + 16 + k] += f * (d2 + w2 * c)
+        f = g[LENGTH + k] * eta
+        t = w1 * e1 + w2 * e2
+        c = t * r + e0
+        w[o + S + k] += f * (w0 * e0 + t)
+        w[o + S + 8 + k] += f * (e1 + w1 * c)
+        w[o + S + 16 + k] += f * (e2 + w2 * c)
