@@ -6,7 +6,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from services.simulator.terrain import random_stream
+from services.simulator.shapes import random_stream
 
 Array = NDArray[np.float64]
 Kind = Literal[

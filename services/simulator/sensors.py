@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from services.simulator.terrain import random_stream
+from services.simulator.shapes import random_stream
 from surefoot.jit import kernel
 from surefoot.robot import ContactSensor, CurrentSensor, Encoder, ImuProfile
 
