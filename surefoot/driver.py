@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, cast
 
 from schemas.base import Message
-from schemas.hw import JointCommand
+from schemas.hw import JointCommand, Tick
 from schemas.system import Done, JoinReply, JoinRequest
 from schemas.topics import CMD_JOINTS, HW_TICK, SIM_JOIN, TICK_DONE, TICK_NS, Topic
 from surefoot.bus import Bus, Delivery, Life
@@ -56,6 +56,9 @@ class Driver(Service[C]):
         """Latched messages of this epoch."""
         return []
 
+    def on_begin(self) -> None:
+        """Once, when the runtime is up: may begin the first run."""
+
     def check(self, command: JointCommand) -> None:
         """Refuses a command the hardware must not obey (raises Refusal)."""
 
@@ -89,9 +92,10 @@ class DriverNode(Node):
         self.bus.subscribe(TICK_DONE, self.inbox.put)
         self.bus.subscribe(CMD_JOINTS, self.inbox.put)
         self.bus.announce(DRIVER, self.instance)
+        self.driver.on_begin()
 
     def _subscriptions(self) -> list[Topic[Any]]:
-        return []
+        return []  # the driver proves no links: participants do, and say so
 
     # -- epochs ---------------------------------------------------------------------------------------------------------
 
@@ -181,9 +185,6 @@ class DriverNode(Node):
             if self.leader.state == "holding":
                 self._since = time.monotonic()
 
-    def _on_prime(self, topic: Topic[Any]) -> None:
-        return  # participants answer a prime with their own; nothing is proved here
-
     # -- ticks --------------------------------------------------------------------------------------------------------------
 
     def work(self) -> bool:
@@ -217,8 +218,16 @@ class DriverNode(Node):
         if now < self._next_prime:
             return
         self._next_prime = now + PRIME_S
-        for topic in (*self.service.outputs, HW_TICK):
+        for topic in self.service.outputs:
             self._publishers[topic.key].prime()
+        leader = self.leader
+        roster = sorted({*leader.expect, *leader.members, *self._joining})
+        self._publishers[HW_TICK.key].put(
+            Tick(
+                tick=-1, epoch=leader.epoch, source=self.name, roster=tuple(roster), due=(), mode=leader.mode,
+                roster_version=leader.roster_version, seed=leader.seed,
+            )  # fmt: skip
+        )
 
     def _tell_latched(self) -> None:
         for topic, message in self.driver.latched():

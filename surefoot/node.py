@@ -14,6 +14,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
 from schemas.base import Message, Request, TickRequest, Wire
+from schemas.hw import Tick
 from schemas.system import Done, Health, HealthReply, JoinRequest, LogRecord
 from schemas.topics import CMD_JOINTS, HEALTH, HEALTH_GET, HW_TICK, LOG, SIM_JOIN, TICK_DONE, Query, Topic
 from surefoot.bus import Bus, Delivery, Incoming, Life, Publisher
@@ -54,8 +55,9 @@ class Node:
         self._publishers: dict[str, Publisher[Any]] = {}
         self._outbox: dict[tuple[int, int], list[tuple[Publisher[Any], Any]]] = {}
         self._observed = {topic.key for topic in service.observes}
-        self._unproved: set[str] = set()
-        self._unproved_calls: dict[str, Query[Any, Any]] = {}
+        self._links: tuple[Topic[Any] | Query[Any, Any], ...] = ()
+        self._proved: set[str] = set()
+        self._unproved: list[str] = []
         self._waiting: list[tuple[float, Incoming, TickRequest]] = []
         self._tick: TickInputs | None = None
         self._epoch = -1
@@ -84,8 +86,7 @@ class Node:
         for query in (*service.serves, HEALTH_GET.of(self.name)):
             self.bus.serve(query, put)
         self.bus.watch(put)
-        self._unproved = {topic.key for topic in self._subscriptions()}
-        self._unproved_calls = {query.key: query for query in service.calls}
+        self._links = (*(t for t in self._subscriptions() if t.key != HW_TICK.key), *service.calls)
         self.state = "joining"
         self.bus.announce(self.name, self.instance)
 
@@ -161,7 +162,7 @@ class Node:
         """One item of the inbox."""
         if isinstance(item, Delivery):
             if item.prime:
-                self._on_prime(item.topic)
+                self._proved.add(item.topic.key)
             else:
                 self._on_delivery(item)
         elif isinstance(item, Life):
@@ -181,6 +182,9 @@ class Node:
         except Refusal as refusal:
             self.refuse(refusal.code, f"{topic.key}: {refusal.message}")
             return
+        if isinstance(message, Tick) and message.tick < 0:
+            self._on_prime(message)
+            return
         reason = self.join.offer(topic, message, delivery if raw else None)
         if reason == "replay":
             self._replay(message.epoch, message.tick)
@@ -193,22 +197,26 @@ class Node:
         if detail and self.refused[reason] == 1:
             self.log("warning", f"refused ({reason}): {detail}")
 
-    def _on_prime(self, topic: Topic[Any]) -> None:
-        self._unproved.discard(topic.key)
-        if topic.key != HW_TICK.key:
-            return
+    def _on_prime(self, prime: Tick) -> None:
+        """The driver proves its links before tick 0: answer in kind, and report when all of ours are proved.
+
+        Only the links from services of the roster are awaited; a prime of another topic is an empty payload.
+        """
         self._primed_at = time.monotonic()
         for output in self.service.outputs:
             self._publishers[output.key].prime()
-        for key, query in list(self._unproved_calls.items()):
-            if self.bus.probe(query):
-                del self._unproved_calls[key]
-        if not self._unproved and not self._unproved_calls:
-            if self.state == "joining":
-                self.state = "ready"
-            self._publishers[self._done.key].put(
-                Done(tick=-1, epoch=max(0, self._epoch), source=self.name, instance=self.instance, ready=True)
-            )
+        present = {DRIVER, *prime.roster}
+        for query in self.service.calls:
+            if query.key not in self._proved and query.owner in present and self.bus.probe(query):
+                self._proved.add(query.key)
+        self._unproved = sorted(row.key for row in self._links if row.owner in present and row.key not in self._proved)
+        if self._unproved:
+            return
+        if self.state == "joining":
+            self.state = "ready"
+        self._publishers[self._done.key].put(
+            Done(tick=-1, epoch=prime.epoch, source=self.name, instance=self.instance, ready=True)
+        )
 
     def on_life(self, life: Life) -> None:
         """A process came or went; a new driver begins a new count of epochs."""
@@ -321,7 +329,7 @@ class Node:
         """How the service does."""
         times = sorted(self.tick_us)
         usage = resource.getrusage(resource.RUSAGE_SELF)
-        waiting = (*sorted(self._unproved), *sorted(self._unproved_calls), *self.join.missing())
+        waiting = (*self._unproved, *self.join.missing())
         return Health(
             source=self.name, service=self.name, instance=self.instance, pid=os.getpid(),
             tick=self.join.last, epoch=max(0, self._epoch),

@@ -1,0 +1,58 @@
+"""Between the world's arrays and the messages on the bus."""
+
+from schemas.hw import FootContacts, Imu, JointState
+from schemas.sim import Truth as TruthMessage
+from schemas.terrain import HeightMapMessage
+from schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, SIM_TRUTH
+from services.simulator.samples import Samples, Truth
+from services.simulator.terrain import Terrain
+from surefoot.driver import Sample
+from surefoot.heightmap import HeightMap
+
+
+def sample_messages(samples: Samples) -> list[Sample]:
+    """Messages of what the hardware releases in a tick."""
+    imu, joints, contacts = samples
+    out: list[Sample] = []
+    if imu is not None:
+        message = Imu(acc=tuple(imu.acc.tolist()), gyro=tuple(imu.gyro.tolist()), saturated=imu.saturated)
+        out.append(Sample(HW_IMU, message, imu.stamp_ns, imu.seq))
+    if joints is not None:
+        state = JointState(
+            position=tuple(joints.position.tolist()),
+            current=tuple(joints.current.tolist()),
+            torque=tuple(joints.torque.tolist()),
+        )
+        out.append(Sample(HW_JOINTS, state, joints.stamp_ns, joints.seq))
+    if contacts is not None:
+        force = contacts.normal_force
+        normal = (None,) * len(contacts.touch) if force is None else tuple(force.tolist())
+        feet = FootContacts(touch=contacts.touch, normal_force_n=normal)
+        out.append(Sample(HW_CONTACTS, feet, contacts.stamp_ns, contacts.seq))
+    return out
+
+
+def truth_message(truth: Truth, tick: int) -> Sample:
+    """The exact state as it travels."""
+    message = TruthMessage(
+        position=tuple(truth.position.tolist()),
+        quat_wxyz=tuple(truth.quat_wxyz.tolist()),
+        velocity=tuple(truth.velocity.tolist()),
+        angular_velocity=tuple(truth.angular_velocity.tolist()),
+        com=tuple(truth.com.tolist()),
+        joints=tuple(truth.joints.tolist()),
+        foot_position=tuple(map(tuple, truth.foot_position.tolist())),
+        foot_force_n=tuple(truth.foot_force_n.tolist()),
+        foot_displacement=tuple(truth.foot_displacement.tolist()),
+        contact_sliding=tuple(truth.contact_sliding.tolist()),
+        stance_sliding=tuple(truth.stance_sliding.tolist()),
+        stances=tuple(truth.stances.tolist()),
+        tilt=truth.tilt,
+        fallen=truth.fallen,
+    )
+    return Sample(SIM_TRUTH, message, truth.stamp_ns, tick)
+
+
+def map_message(heights: HeightMap, terrain: Terrain, profile: str) -> HeightMapMessage:
+    """The robot's map as it travels."""
+    return HeightMapMessage(**heights.header(), kind=terrain.kind, profile=profile, data=heights.to_bytes())

@@ -1,0 +1,306 @@
+"""The simulator as a service: stands in for all hardware, owns simulated time, answers ``sim/*``."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from pydantic import Field
+
+from schemas import sim
+from schemas.base import Message
+from schemas.hw import DescriptionReply, DescriptionRequest, JointCommand
+from schemas.terrain import HeightMapMessage, MapRequest
+from schemas.topics import (
+    HW_CONTACTS,
+    HW_DESCRIPTION,
+    HW_IMU,
+    HW_JOINTS,
+    SIM_CHECKPOINT,
+    SIM_FAULT,
+    SIM_FEATURES,
+    SIM_JOIN,
+    SIM_PAUSE,
+    SIM_PUSH,
+    SIM_RESET,
+    SIM_RESTORE,
+    SIM_SET,
+    SIM_STATUS,
+    SIM_STEP,
+    SIM_TRUTH,
+    TERRAIN_MAP,
+    TERRAIN_MAP_GET,
+    Topic,
+)
+from services.simulator import world as worlds
+from services.simulator.command import STALE_NS, CommandGuard
+from services.simulator.faults import KINDS as FAULTS
+from services.simulator.faults import Fault, FaultError
+from services.simulator.messages import map_message, sample_messages, truth_message
+from services.simulator.model import Perturbation, Physics
+from services.simulator.samples import Checkpoint
+from services.simulator.terrain import (
+    KINDS,
+    MAP_PROFILES,
+    Terrain,
+    TerrainError,
+    make_terrain,
+    observed_map,
+    random_stream,
+    terrain_from_map,
+)
+from services.simulator.world import World, WorldConfig, WorldError
+from surefoot.config import ServiceConfig
+from surefoot.driver import Driver, Sample
+from surefoot.errors import Refusal
+from surefoot.heightmap import HeightMap, HeightMapError
+from surefoot.robot import load_robot
+
+STATUS_TICKS = 100
+
+
+class SimulatorConfig(ServiceConfig):
+    """The world until the first ``sim/reset``, and how it runs."""
+
+    expect: tuple[str, ...] = Field(default=(), description="services that must be ready before tick 0 of the first run")
+    terrain: str = Field(default="flat", description="terrain of the first run")
+    seed: int = Field(default=0, ge=0, lt=2**31, description="seed of the first run")
+    autostart: bool = Field(default=True, description="begin a paced run at once instead of waiting for sim/reset")
+    rtf: float = Field(default=1.0, ge=0, le=1000, description="real-time factor of that run, 0 = as fast as it goes")
+
+
+class Simulator(Driver[SimulatorConfig]):
+    """MuJoCo world behind the hardware contract."""
+
+    name = "simulator"
+    Config = SimulatorConfig
+    outputs = (HW_IMU, HW_JOINTS, HW_CONTACTS, SIM_TRUTH, TERRAIN_MAP, SIM_STATUS)
+    serves = (
+        SIM_JOIN, HW_DESCRIPTION, TERRAIN_MAP_GET, SIM_RESET, SIM_STEP, SIM_PAUSE, SIM_PUSH, SIM_SET, SIM_FAULT,
+        SIM_CHECKPOINT, SIM_RESTORE, SIM_FEATURES,
+    )  # fmt: skip
+
+    def on_start(self) -> None:
+        self.robot = load_robot(self.config.robot)
+        self.guard = CommandGuard(self.robot.joint_lower, self.robot.joint_upper)
+        self._maps = 0
+        self._later: list[tuple[int, Callable[[], None]]] = []
+        self._saved: dict[str, tuple[Checkpoint, sim.ResetRequest]] = {}
+        self._wall = (time.perf_counter(), 0)
+        self._held = 0
+        worlds.warm()
+        for query, handler in (
+            (SIM_RESET, self.reset), (SIM_STEP, self.step), (SIM_PAUSE, self.pause), (SIM_PUSH, self.push),
+            (SIM_SET, self.set), (SIM_FAULT, self.fault), (SIM_CHECKPOINT, self.checkpoint),
+            (SIM_RESTORE, self.restore), (SIM_FEATURES, self.features), (HW_DESCRIPTION, self.description),
+            (TERRAIN_MAP_GET, self.terrain_map),
+        ):  # fmt: skip
+            self.handle(query, handler)  # pyright: ignore[reportArgumentType] - each pair is of one row
+        c = self.config
+        self._request = sim.ResetRequest(
+            seed=c.seed, world=sim.World(terrain=c.terrain), expect=c.expect, mode="paced", rtf=c.rtf
+        )
+        self._build(self._request)
+        self._begin_on_first_work = c.autostart
+
+    def on_begin(self) -> None:
+        if self._begin_on_first_work:
+            self._begin()
+
+    # -- hardware -----------------------------------------------------------------------------------------------------
+
+    def release(self, tick: int) -> list[Sample]:
+        if tick > 0 and tick % STATUS_TICKS == 0:
+            self.publish(SIM_STATUS, self._status())
+        return [*sample_messages(self.world.samples), truth_message(self.world.truth(), tick)]
+
+    def actuate(self, tick: int, command: JointCommand | None) -> None:
+        now = self.world.stamp_ns
+        for item in [item for item in self._later if item[0] <= tick]:
+            self._later.remove(item)
+            item[1]()
+        if command is not None:
+            self._held = 0
+            self.world.step_tick(np.array(command.position))
+            return
+        self._held += 1
+        if self._held * worlds.TICK_NS == STALE_NS:
+            self.log("warning", f"no command for {STALE_NS // 1_000_000} ms at {now * 1e-9:.2f} s: joints are held")
+        self.world.step_tick(None)
+
+    def latched(self) -> list[tuple[Topic, Message]]:  # pyright: ignore[reportMissingTypeArgument] - rows of any model
+        return [(TERRAIN_MAP, self._map)]
+
+    def check(self, command: JointCommand) -> None:
+        reason = self.guard.offer(command.position, command.stamp_ns)
+        if reason is not None:
+            lower, upper = self.robot.joint_lower, self.robot.joint_upper
+            worst = ""
+            if reason == "out_of_range":
+                q = np.array(command.position)
+                i = int(np.argmax(np.maximum(q - upper, lower - q)))
+                worst = f": {self.robot.joint_names[i]} = {q[i]:.4f} rad, allowed {lower[i]:.4f} to {upper[i]:.4f}"
+            raise Refusal(reason, f"joint command of tick {command.tick} refused ({reason}){worst}", "position")
+
+    # -- worlds -------------------------------------------------------------------------------------------------------
+
+    def _terrain(self, request: sim.ResetRequest) -> Terrain:
+        w = request.world
+        if w.terrain in KINDS:
+            seed = request.seed if w.terrain_seed is None else w.terrain_seed
+            return make_terrain(w.terrain, seed, w.amplitude)
+        if not w.terrain.endswith(".npz"):
+            known = ", ".join(KINDS)
+            raise Refusal("invalid", f"terrain {w.terrain!r} is neither a kind ({known}) nor a .npz file", "world.terrain")
+        return terrain_from_map(HeightMap.load(Path(w.terrain)))
+
+    def _build(self, request: sim.ResetRequest) -> None:
+        w = request.world
+        try:
+            terrain = self._terrain(request)
+            physics = Physics() if w.friction is None else Physics(friction=w.friction)
+            config = WorldConfig(
+                physics=physics, perturbation=_perturbation(request, self.robot.nj), imu_profile=w.imu_profile
+            )
+            self.world = World(self.robot, terrain, request.seed, config)
+            heights = observed_map(terrain, w.map_profile, request.seed)
+        except (TerrainError, WorldError, HeightMapError) as error:
+            raise Refusal("invalid", str(error), f"world.{error.field}") from None
+        self._maps += 1
+        self._map = map_message(heights.with_z(heights.z, version=1), terrain, w.map_profile)
+        self._request = request
+
+    def _begin(self) -> int:
+        r = self._request
+        self._begin_on_first_work = False
+        self.guard.clear(self.robot.neutral)
+        self._later.clear()
+        epoch = self.node.begin(r.expect, r.mode, r.rtf, r.actuation_delay_ticks, r.policy, r.seed)
+        self.node.leader.end_tick = None if r.max_ticks is None else r.max_ticks - 1
+        self.node.leader.pause_tick = 0 if r.paused else None
+        self._wall = (time.perf_counter(), 0)
+        return epoch
+
+    def reset(self, request: sim.ResetRequest) -> sim.ResetReply:
+        """Builds the world and raises the epoch."""
+        self._build(request)
+        epoch = self._begin()
+        return sim.ResetReply(epoch=epoch, run_id=f"{self.world.terrain.name}-seed{request.seed}-epoch{epoch}")
+
+    def checkpoint(self, request: sim.CheckpointRequest) -> sim.CheckpointReply:
+        """Stores the world under a name."""
+        saved = self.world.checkpoint()
+        self._saved[request.name] = (saved, self._request)
+        leader = self.node.leader
+        return sim.CheckpointReply(name=request.name, tick=leader.tick, epoch=leader.epoch, sha256=saved.sha256)
+
+    def restore(self, request: sim.RestoreRequest) -> sim.CheckpointReply:
+        """Takes the world back; a new epoch begins there."""
+        if request.name not in self._saved:
+            known = ", ".join(sorted(self._saved)) or "none"
+            raise Refusal("unknown_checkpoint", f"no checkpoint {request.name!r}; there are: {known}", "name")
+        saved, built_from = self._saved[request.name]
+        if built_from is not self._request:
+            self._build(built_from)
+        self.world.restore(saved)
+        epoch = self._begin()
+        return sim.CheckpointReply(name=request.name, tick=-1, epoch=epoch, sha256=saved.sha256)
+
+    # -- time ---------------------------------------------------------------------------------------------------------
+
+    def step(self, request: sim.StepRequest) -> sim.SimReply:
+        """Goes on after a pause."""
+        self.node.resume(request.ticks)
+        return self._accepted(None)
+
+    def pause(self, request: sim.PauseRequest) -> sim.SimReply:
+        """Stops simulated time after a tick."""
+        return self._accepted(self.node.pause(request.at_tick, request.end))
+
+    # -- disturbances -------------------------------------------------------------------------------------------------
+
+    def push(self, request: sim.PushRequest) -> sim.SimReply:
+        """Pulls at a link."""
+        names = ("trunk", *(link.name for link in self.robot.links))
+        if request.body not in names:
+            raise Refusal("invalid", f"no link {request.body!r}; known are {', '.join(names)}", "body")
+        return self._at(request.at_tick, lambda: self.world.push(request.force, request.duration, request.body))
+
+    def set(self, request: sim.SetRequest) -> sim.SimReply:
+        """Changes the world."""
+        return self._at(request.at_tick, lambda: self.world.set(request.quantity, request.value))
+
+    def fault(self, request: sim.FaultRequest) -> sim.SimReply:
+        """Breaks something for a while."""
+        tick = self._tick(request.at_tick)
+        # The world counts ticks from its own reset: after a restore it is ahead of the lockstep tick.
+        ahead = self.world.tick - max(0, self.node.leader.tick)
+        start = tick + ahead + 1
+        try:
+            self.world.add_fault(Fault(request.kind, start, request.duration, request.target, request.value))
+        except FaultError as error:
+            raise Refusal("invalid", str(error), error.field) from None
+        return self._accepted(tick)
+
+    def _tick(self, at_tick: int | None) -> int:
+        coming = self.node.leader.tick + 1
+        if at_tick is None:
+            return coming
+        if at_tick < coming:
+            raise Refusal("late", f"at_tick {at_tick} has passed; the next tick is {coming}", "at_tick")
+        return at_tick
+
+    def _at(self, at_tick: int | None, action: Callable[[], None]) -> sim.SimReply:
+        tick = self._tick(at_tick)
+        self._later.append((tick, action))
+        return self._accepted(tick)
+
+    def _accepted(self, tick: int | None) -> sim.SimReply:
+        return sim.SimReply(accepted=True, tick=self.node.leader.tick if tick is None else tick)
+
+    # -- what it is ---------------------------------------------------------------------------------------------------
+
+    def description(self, request: DescriptionRequest) -> DescriptionReply:
+        """Which robot this hardware is."""
+        r = self.robot
+        return DescriptionReply(robot=r.name, hash=r.hash, joints=r.joint_names, feet=r.leg_names)
+
+    def terrain_map(self, request: MapRequest) -> HeightMapMessage:
+        """The latched map."""
+        return self._map
+
+    def features(self, request: sim.FeaturesRequest) -> sim.FeaturesReply:
+        """What can be asked."""
+        return sim.FeaturesReply(
+            robot=self.robot.name, terrains=KINDS, faults=FAULTS, map_profiles=MAP_PROFILES,
+            queries=tuple(query.key for query in self.serves), version=mujoco.__version__,
+        )  # fmt: skip
+
+    def _status(self) -> sim.SimStatus:
+        leader = self.node.leader
+        now, tick = time.perf_counter(), leader.tick
+        wall, before = now - self._wall[0], tick - self._wall[1]
+        self._wall = (now, tick)
+        rtf = before * worlds.TICK_NS * 1e-9 / wall if wall > 0.0 and before > 0 else 0.0
+        return sim.SimStatus(
+            state=leader.state, rtf=rtf, ticks=tick + 1, comparable=leader.comparable, missing=leader.missing(),
+            detail=leader.reason, tick=max(-1, tick), epoch=leader.epoch,
+        )  # fmt: skip
+
+
+def _perturbation(request: sim.ResetRequest, nj: int) -> Perturbation:
+    """Level 1 of simulator.md 3.3, scaled: how the simulated robot differs from its description."""
+    level = request.world.perturbation
+    if level == 0.0:
+        return Perturbation()
+    rng = random_stream(request.seed, "perturbation")
+    return Perturbation(
+        trunk_mass_scale=1.0 + 0.08 * level * rng.uniform(-1.0, 1.0),
+        trunk_com_offset=tuple((level * np.array([0.004, 0.003, 0.005]) * rng.uniform(-1.0, 1.0, 3)).tolist()),
+        kp_scale=1.0 + 0.15 * level * rng.uniform(-1.0, 1.0, nj),
+        friction_scale=1.0 + 0.4 * min(level, 2.0) * rng.uniform(-1.0, 1.0),
+    )
+
+
+SERVICE = Simulator
