@@ -167,8 +167,8 @@ def walk(
     way = setting.distance if setting.command is None else 0.0
     return Walk(
         seed=seed,
-        reached=started and not truth.fallen and out.state == "standing" and truth.position[0] >= REACHED * way,
-        fallen=truth.fallen,
+        reached=bool(started and not truth.fallen and out.state == "standing" and truth.position[0] >= REACHED * way),
+        fallen=bool(truth.fallen),
         state=out.state,
         reason=out.reason,
         x=round(float(truth.position[0]), 4),

@@ -45,6 +45,8 @@ class WalkerParams:
     """Largest change of trunk height in one step."""
     trunk_speed: float = 0.030
     """m/s, speed of trunk movements on six feet."""
+    press_m: float = 0.002
+    """Landings are planned this far below the map's height, so that a foot meets the ground before its time is up."""
     search_m: float = 0.040
     """How far a foot looks for the ground below the map's height."""
     press_speed: float = 0.060

@@ -143,7 +143,9 @@ def complete(
         )
     fall = max(float(top[leg] - feet_to[leg, 2]) for leg in legs) / params.full_speed_fall_m
     duration = 0.5 * params.period_s * min(params.longest_step, max(1.0, fall))
-    return StepPlan(swinging, begin, end, feet.copy(), feet_to, top, go, arrive, status, duration)
+    landing = feet_to.copy()
+    landing[list(legs), 2] -= params.press_m
+    return StepPlan(swinging, begin, end, feet.copy(), landing, top, go, arrive, status, duration)
 
 
 def check_request(frame: Frame, plan: StepPlan, joints: Array, rot: Array) -> CheckRequest:

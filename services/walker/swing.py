@@ -115,13 +115,47 @@ def swept_ground(centres: HeightMap, p0: Array, p1: Array, halfwidth: float) -> 
         p1: landing, (3,).
         halfwidth: half the width of the swept corridor, m.
     """
-    ground = np.full(SAMPLES, np.nan)
-    steps = np.linspace(0.0, 1.0, SAMPLES + 1)
-    for k in range(SAMPLES):
-        a = p0 + (steps[k]) * (p1 - p0)
-        b = p0 + (steps[k + 1]) * (p1 - p0)
-        ground[k] = centres.max_in_path((a[0], a[1]), (b[0], b[1]), halfwidth)
-    return ground
+    out = np.empty(SAMPLES)
+    _swept(centres.z, centres.cell, centres.origin[0], centres.origin[1], p0, p1, halfwidth, out)
+    return out
+
+
+@kernel
+def _swept(
+    z: NDArray[np.float32], cell: float, x0: float, y0: float, p0: Array, p1: Array, halfwidth: float, out: Array
+) -> None:
+    """Highest cell per piece of the way; a cell counts one cell's width around its centre, so no height slips by."""
+    ny, nx = z.shape
+    out[:] = -math.inf
+    dx, dy = p1[0] - p0[0], p1[1] - p0[1]
+    length = math.hypot(dx, dy)
+    ux, uy = (dx / length, dy / length) if length > 1e-9 else (1.0, 0.0)
+    wide = halfwidth + cell
+    row0 = max(0, math.floor((min(p0[1], p1[1]) - wide - y0) / cell))
+    row1 = min(ny - 1, math.ceil((max(p0[1], p1[1]) + wide - y0) / cell))
+    col0 = max(0, math.floor((min(p0[0], p1[0]) - wide - x0) / cell))
+    col1 = min(nx - 1, math.ceil((max(p0[0], p1[0]) + wide - x0) / cell))
+    pieces = out.size
+    for row in range(row0, row1 + 1):
+        ry = y0 + row * cell - p0[1]
+        for col in range(col0, col1 + 1):
+            high = z[row, col]
+            if math.isnan(high):
+                continue
+            rx = x0 + col * cell - p0[0]
+            along = rx * ux + ry * uy
+            if abs(ux * ry - uy * rx) >= wide or along <= -wide or along >= length + wide:
+                continue
+            if length > 1e-9:
+                first = math.floor((along - cell) / length * pieces)
+                last = math.floor((along + cell) / length * pieces)
+            else:
+                first, last = 0, pieces - 1
+            for k in range(min(pieces - 1, max(0, first)), max(0, min(pieces - 1, last)) + 1):
+                out[k] = max(out[k], high)
+    for k in range(pieces):
+        if out[k] == -math.inf:
+            out[k] = math.nan
 
 
 def plan(
@@ -173,4 +207,5 @@ def warm() -> None:
     """Compile the kernels of this module."""
     shape, feet, ones = SwingShape(), np.zeros((2, 3)), np.ones(2)
     plan(shape, feet[0], feet[1], np.zeros(SAMPLES), 0.02, 0.005)
+    swept_ground(HeightMap(z=np.zeros((3, 3), dtype=np.float32), cell=0.005), feet[0], feet[1], 0.01)
     targets(shape, ones > 0, ones < 0, feet, feet, ones, 0.1 * ones, ones, 0.5, feet, 0.001)
