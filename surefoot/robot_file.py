@@ -197,20 +197,11 @@ class _Reader:
     def _imu(self, t: Table) -> tuple[r.Imu, dict[str, object]]:
         self._source(t)
         name = t.text("profile")
-        path = ROBOTS / "sensors" / f"{name}.toml"
-        known = sorted(p.stem for p in path.parent.glob("*.toml"))
-        if name not in known:
-            raise t.refuse("unknown_name", "profile", f"got {name!r}, known are {', '.join(known)}")
-        data = _load(path)
-        p = Table(data, f"sensors.{name}", RobotError)
-        p.text("schema", ("surefoot.imu/1",))
-        p.text("name", (name,))
-        p.text("source")
-        g, a, deg = p.table("gyro"), p.table("accel"), math.radians(1.0)
-        gyro = _noise(g, (("deg_s", deg),) * 3 + (("deg_s_rthz", deg),))
-        accel = _noise(a, (("mg", MILLI_G), ("g", GRAVITY), ("mg", MILLI_G), ("mg_rthz", MILLI_G)))
-        p.close()
-        imu = r.Imu(t.vector("position", 3), _unit(t, "quat_wxyz", 4), r.ImuProfile(name, gyro, accel))
+        if name not in imu_profile_names():
+            known = ", ".join(imu_profile_names())
+            raise t.refuse("unknown_name", "profile", f"got {name!r}, known are {known}")
+        profile, data = _imu_profile(name)
+        imu = r.Imu(t.vector("position", 3), _unit(t, "quat_wxyz", 4), profile)
         t.close()
         return imu, data
 
@@ -244,6 +235,35 @@ class _Reader:
         gait = {key: t.number(key) for key in keys}
         t.close()
         return gait
+
+
+def imu_profile_names() -> tuple[str, ...]:
+    """Names of the sensor profiles that come with the package."""
+    return tuple(sorted(path.stem for path in (ROBOTS / "sensors").glob("*.toml")))
+
+
+def read_imu_profile(name: str) -> r.ImuProfile:
+    """Read a sensor profile by name.
+
+    Raises:
+        RobotError: unknown name, or a number that cannot be.
+    """
+    if name not in imu_profile_names():
+        raise RobotError("unknown_name", "profile", f"got {name!r}, known are {', '.join(imu_profile_names())}")
+    return _imu_profile(name)[0]
+
+
+def _imu_profile(name: str) -> tuple[r.ImuProfile, dict[str, object]]:
+    data = _load(ROBOTS / "sensors" / f"{name}.toml")
+    p = Table(data, f"sensors.{name}", RobotError)
+    p.text("schema", ("surefoot.imu/1",))
+    p.text("name", (name,))
+    p.text("source")
+    g, a, deg = p.table("gyro"), p.table("accel"), math.radians(1.0)
+    gyro = _noise(g, (("deg_s", deg),) * 3 + (("deg_s_rthz", deg),))
+    accel = _noise(a, (("mg", MILLI_G), ("g", GRAVITY), ("mg", MILLI_G), ("mg_rthz", MILLI_G)))
+    p.close()
+    return r.ImuProfile(name, gyro, accel), data
 
 
 def _noise(t: Table, units: tuple[tuple[str, float], ...]) -> r.AxisNoise:

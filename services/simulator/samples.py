@@ -64,9 +64,9 @@ def pack(sample: NamedTuple) -> dict[str, Any]:
 
 def unpack(kind: type[Any], values: dict[str, Any]) -> Any:
     """The sample that `pack` took apart."""
-    known = {k: np.array(v) if k in _ARRAYS and v is not None else v for k, v in values.items()}
-    if "touch" in known:
-        known["touch"] = tuple(tuple(foot) for foot in known["touch"])
+    known: dict[str, Any] = {k: np.array(v) if k in _ARRAYS and v is not None else v for k, v in values.items()}
+    if "touch" in values:
+        known["touch"] = tuple(tuple(foot) for foot in values["touch"])
     return kind(**known)
 
 

@@ -82,8 +82,8 @@ class Grid:
     def axes(self) -> tuple[Array, Array]:
         """x (1, nx) and y (ny, 1) of the cell centres, for broadcasting."""
         return (
-            (self.x0 + self.cell * np.arange(self.nx))[None, :],
-            (self.y0 + self.cell * np.arange(self.ny))[:, None],
+            (self.x0 + self.cell * np.arange(self.nx, dtype=np.float64))[None, :],
+            (self.y0 + self.cell * np.arange(self.ny, dtype=np.float64))[:, None],
         )
 
 
@@ -202,7 +202,7 @@ def _primitive(r: Wanted) -> Shape:
     shapes: tuple[Callable[[], Array], ...] = (
         lambda: np.zeros_like(u),
         lambda: amp * np.clip(u / 0.1, -1.0, 1.0),
-        lambda: amp * (u >= 0.0),
+        lambda: np.where(u >= 0.0, amp, 0.0),
         lambda: amp * np.exp(-0.5 * (u * u + v * v) / sigma**2),
         lambda: amp * np.exp(-0.5 * (v / sigma) ** 2) * np.ones_like(u),
         lambda: -amp * np.exp(-0.5 * (u * u + v * v) / sigma**2),

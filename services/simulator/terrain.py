@@ -23,6 +23,7 @@ __all__ = [
     "TerrainError",
     "make_terrain",
     "observed_map",
+    "random_stream",
     "terrain_from_map",
 ]
 

@@ -7,6 +7,8 @@ kept: `displacement` (Walas & Belter's d) and `sliding`. Ticks are integrated wh
 less than one tick at each end of a stance is left out.
 """
 
+# mujoco has no type stubs for its compiled modules:
+# pyright: reportAttributeAccessIssue=false
 import math
 from typing import Any, NamedTuple
 

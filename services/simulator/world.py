@@ -8,18 +8,20 @@ Inertial samples are the mean over the ten steps of the tick. MuJoCo's sensors b
 so the ten accelerations are those that lead from t - 10 ms to t: their mean is the change of velocity over the tick.
 """
 
+# mujoco has no type stubs for its compiled modules:
+# pyright: reportAttributeAccessIssue=false
 import json
 import math
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from services.simulator import sensors, truth
-from services.simulator.faults import Fault, FaultBank
-from services.simulator.model import Perturbation, Physics, build_spec, find_addresses, retune
+from services.simulator.disturb import Disturbances, WorldError, at_limit, by_foot
+from services.simulator.faults import Fault
+from services.simulator.model import Perturbation, Physics, build_spec, find_addresses
 from services.simulator.samples import (
     Checkpoint,
     ContactSample,
@@ -32,6 +34,7 @@ from services.simulator.samples import (
 )
 from services.simulator.terrain import Terrain
 from surefoot.robot import ImuProfile, Robot
+from surefoot.robot_file import imu_profile_names, read_imu_profile
 from surefoot.rotations import multiply, quat_from_rotvec, quat_from_rpy
 
 Array = NDArray[np.float64]
@@ -47,14 +50,6 @@ NO_LIMIT = 1e9
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
-class WorldError(ValueError):
-    """A request the world cannot fulfil: `field` names what is wrong."""
-
-    def __init__(self, field_name: str, message: str) -> None:
-        super().__init__(f"{field_name}: {message}")
-        self.field = field_name
-
-
 @dataclass(frozen=True, eq=False)
 class WorldConfig:
     """What is fixed when a world is built."""
@@ -63,7 +58,7 @@ class WorldConfig:
     perturbation: Perturbation = field(default_factory=Perturbation)
     """How the simulated robot differs from its description."""
     imu_profile: ImuProfile | str | None = None
-    """None = the robot's own; "ideal" = exact."""
+    """A profile or its name; None = the robot's own; "ideal" = exact."""
     kinematics_period_ms: int = 33
     """Of joints and contacts, ms."""
     torque_per_ampere: float | None = None
@@ -106,7 +101,14 @@ class World:
         self._acc, self._gyro = (history[s : s + 3 * TICK_STEPS].reshape(TICK_STEPS, 3) for s in starts)
         self._points = tuple(len(leg.foot.points) for leg in robot.legs)
         self._period = self.config.kinematics_period_ms
-        self._changed = False
+        self.disturb = Disturbances(
+            robot,
+            self.model,
+            self.address,
+            self.config.perturbation,
+            self.config.physics,
+            self.tracker.foot_of_sphere,
+        )
         self.reset()
 
     # --- time ---------------------------------------------------------------------------------------------------
@@ -130,12 +132,7 @@ class World:
         if stance.shape != (robot.nj,) or not ((stance >= robot.joint_lower) & (stance <= robot.joint_upper)).all():
             raise WorldError("stance", f"must be {robot.nj} joint angles within their limits, got {stance!r}")
         self.tick, self.steps = 0, 0
-        self._pushes: list[tuple[int, int, int, tuple[float, ...]]] = []  # first and end tick, body, force
-        self.faults = FaultBank(robot.joint_names, robot.leg_names)
-        self._tuning = {"friction": None, "mass": 1.0, "servo": 1.0}
-        if self._changed:
-            self._retune()
-            self._changed = False
+        self.disturb.clear()
         self._make_sensors()
         mujoco.mj_resetData(self.model, self.data)
         self._place(pose, stance)
@@ -158,12 +155,9 @@ class World:
             command: joint positions for the servos, (nj,), rad, checked by the caller (`CommandGuard`); None = hold.
         """
         self.tick += 1
-        if self.faults:
-            command = self._broken_servos(command)
+        command = self.disturb.before_step(self.tick, self.data, command)
         if command is not None:
             self.command = command
-        if self._pushes:
-            self._push()
         model, data = self.model, self.data
         data.ctrl[:] = self.command - self.joint_sensor.zero
         end = self.steps + TICK_STEPS
@@ -210,9 +204,7 @@ class World:
         robot, config = self.robot, self.config
         profile = robot.imu.profile if config.imu_profile is None else config.imu_profile
         if isinstance(profile, str):
-            if profile != "ideal":
-                raise WorldError("imu_profile", f"got {profile!r}: give a profile or 'ideal'")
-            profile = None
+            profile = _imu_profile(profile)
         self._imu_limit = np.full(6, NO_LIMIT)
         if profile is not None:
             self._imu_limit = np.repeat([profile.accel.limit, profile.gyro.limit], 3)
@@ -229,35 +221,18 @@ class World:
         joints = self.joint_sensor.measure(self.data.qpos[self.address.joint_qpos_slice], self.data.actuator_force)
         touch, force = self.foot_sensor.measure(self.tracker.sphere_force)
         stamp, seq = self.steps * STEP_NS, self.steps // self._period
-        self._due = (JointSample(stamp, seq, *joints), ContactSample(stamp, seq, self._by_foot(touch.tolist()), force))
-
-    def _by_foot(self, flags: list[bool]) -> tuple[tuple[bool, ...], ...]:
-        rest = iter(flags)
-        return tuple(tuple(next(rest) for _ in range(n)) for n in self._points)
+        feet = by_foot(touch.tolist(), self._points)
+        self._due = (JointSample(stamp, seq, *joints), ContactSample(stamp, seq, feet, force))
 
     def _release(self) -> None:
         y = self.imu_sensor.measure(sensors.window_mean(self._acc, self._gyro))
-        joints, contacts = self._due
+        imu = ImuSample(self.stamp_ns, self.tick, y[:3], y[3:], at_limit(y, self._imu_limit))
+        self.samples = Samples(imu, *self._due)
         self._due = (None, None)
-        if self.faults:
-            self.samples = self._broken_sensors(y, joints, contacts)
-        else:
-            self.samples = Samples(self._imu_sample(y, self._imu_limit), joints, contacts)
-
-    def _imu_sample(self, y: Array, limit: Array) -> ImuSample:
-        return ImuSample(self.stamp_ns, self.tick, y[:3], y[3:], bool((np.abs(y) >= limit).any()))
+        if self.disturb.faults:
+            self.samples = self.disturb.after_step(self.tick, self.samples, self._imu_limit)
 
     # --- disturbances -------------------------------------------------------------------------------------------
-
-    def add_fault(self, fault: Fault) -> None:
-        """Plan a fault; see `faults.Fault`. Its random stream depends on the world's seed too.
-
-        Raises:
-            FaultError: what is wrong with it.
-        """
-        self.faults.add(replace(fault, seed=fault.seed + self.seed))
-        if fault.start_tick <= self.tick and fault.kind.startswith("servo"):
-            self._retune()
 
     def push(
         self, force: tuple[float, float, float], duration: float, body: str = "trunk", start_tick: int = 0
@@ -273,15 +248,7 @@ class World:
         Raises:
             WorldError: unknown link, or numbers that are not finite.
         """
-        names = [link.name for link in self.robot.links]
-        name = names[0] if body == "trunk" else body
-        if name not in names:
-            raise WorldError("body", f"got {body!r}, known are trunk, {', '.join(names)}")
-        if not all(math.isfinite(f) for f in force) or not (math.isfinite(duration) and duration > 0.0):
-            raise WorldError("force", f"must be finite, for a duration > 0, got {force!r}, {duration!r}")
-        start = max(start_tick, self.tick + 1)
-        end = start + max(1, round(duration * 1e9 / TICK_NS))
-        self._pushes.append((start, end, int(self.address.bodies[names.index(name)]), tuple(map(float, force))))
+        self.disturb.push(max(start_tick, self.tick + 1), force, duration, body)
 
     def set(self, quantity: str, value: float) -> None:
         """Change the world while it runs.
@@ -293,72 +260,15 @@ class World:
         Raises:
             WorldError: unknown quantity or impossible value.
         """
-        if quantity not in self._tuning:
-            raise WorldError("quantity", f"got {quantity!r}, known are {', '.join(self._tuning)}")
-        if not (math.isfinite(value) and 0.0 < value <= 100.0):
-            raise WorldError("value", f"must be in (0, 100], got {value!r}")
-        self._tuning[quantity] = float(value)
-        self._retune()
+        self.disturb.set(self.tick, quantity, value)
 
-    def _retune(self) -> None:
-        """Bring the compiled model to the present settings, always from the description."""
-        base, tuning = self.config.perturbation, self._tuning
-        strength = self.faults.servo_strength(self.tick)
-        now = replace(
-            base,
-            trunk_mass_scale=base.trunk_mass_scale * tuning["mass"],
-            leg_mass_scale=base.leg_mass_scale * tuning["mass"],
-            kp_scale=base.kp_scale * tuning["servo"] * strength,
-            kv_scale=base.kv_scale * tuning["servo"] * strength,
-            torque_scale=base.torque_scale * strength,
-        )
-        physics = self.config.physics
-        if tuning["friction"] is not None:
-            physics, now = replace(physics, friction=tuning["friction"]), replace(now, friction_scale=1.0)
-        retune(self.model, self.address, self.robot, now, physics)
-        self._changed = True
+    def add_fault(self, fault: Fault) -> None:
+        """Plan a fault; see `faults.Fault`.
 
-    def _push(self) -> None:
-        wrench = self.data.xfrc_applied
-        wrench[:] = 0.0
-        for start, end, body, force in self._pushes:
-            if start <= self.tick < end:
-                wrench[body, :3] += force
-        self._pushes = [push for push in self._pushes if push[1] >= self.tick]
-
-    def _broken_servos(self, command: Array | None) -> Array | None:
-        """Servo faults that begin or end now, and the command after its bad line."""
-        if self.faults.changes_servos(self.tick):
-            self._retune()
-        if not self.faults.packets:
-            return command
-        sent = None if command is None else {"q": command.tolist()}
-        arrived = self.faults.packet(self.tick, "command", sent)
-        return None if arrived is None else np.array(arrived["q"])
-
-    def _broken_sensors(self, y: Array, joints: JointSample | None, contacts: ContactSample | None) -> Samples:
-        """The samples after all faults of sensors and lines."""
-        bank, tick, limit = self.faults, self.tick, self._imu_limit.copy()
-        broken = bank.imu(tick, y, limit)
-        imu = None if broken is None else self._imu_sample(broken, limit)
-        if joints is not None:
-            table = bank.joints(tick, joints.position, joints.current, joints.torque)
-            joints = None if table is None else JointSample(joints.stamp_ns, joints.seq, *table)
-        if contacts is not None:
-            flat = np.array([flag for foot in contacts.touch for flag in foot])
-            touch = bank.contacts(tick, flat, self.tracker.foot_of_sphere)
-            contacts = None if touch is None else contacts._replace(touch=self._by_foot(touch.tolist()))
-        if not bank.packets:
-            return Samples(imu, joints, contacts)
-        arrived: list[Any] = []
-        for name, kind, sample in (
-            ("imu", ImuSample, imu),
-            ("joints", JointSample, joints),
-            ("contacts", ContactSample, contacts),
-        ):
-            content = bank.packet(tick, name, None if sample is None else pack(sample))
-            arrived.append(None if content is None else unpack(kind, content))
-        return Samples(*arrived)
+        Raises:
+            FaultError: what is wrong with it.
+        """
+        self.disturb.add_fault(self.tick, fault, self.seed)
 
     # --- what is so ---------------------------------------------------------------------------------------------
 
@@ -384,9 +294,7 @@ class World:
             "tick": self.tick,
             "steps": self.steps,
             "command": self.command.tolist(),
-            "tuning": self._tuning,
-            "pushes": self._pushes,
-            "faults": self.faults.state(),
+            "disturb": self.disturb.state(),
             "truth": self.tracker.state(),
             "imu": self.imu_sensor.state(),
             "joints": self.joint_sensor.state(),
@@ -406,10 +314,7 @@ class World:
             raise WorldError("checkpoint", f"is of {meta['world']!r}, this world is {self._identity()!r}")
         self.seed, self.tick, self.steps = meta["seed"], meta["tick"], meta["steps"]
         self.command = np.array(meta["command"])
-        self._tuning = meta["tuning"]
-        self._pushes = [(a, b, body, tuple(force)) for a, b, body, force in meta["pushes"]]
-        self.faults.restore(meta["faults"])
-        self._retune()
+        self.disturb.restore(self.tick, meta["disturb"])
         mujoco.mj_setState(self.model, self.data, saved.physics, STATE)
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
@@ -435,6 +340,14 @@ def _tilt(terrain: Terrain) -> Array:
         return np.array([1.0, 0.0, 0.0, 0.0])
     angle = math.atan2(sine, nz)
     return quat_from_rotvec(np.array([-ny, nx, 0.0]) * (angle / sine))
+
+
+def _imu_profile(name: str) -> ImuProfile | None:
+    if name == "ideal":
+        return None
+    if name not in imu_profile_names():
+        raise WorldError("imu_profile", f"got {name!r}, known are ideal, {', '.join(imu_profile_names())}")
+    return read_imu_profile(name)
 
 
 def warm() -> None:
