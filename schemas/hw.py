@@ -50,7 +50,9 @@ class JointCommand(Message):
     """Position set-points for the servos; stale after 100 ms of simulated time: the driver holds and reports."""
 
     model_config = Request.model_config
-    position: PerJoint = Field(description="set-points, rad, joint order of the robot description")
+    position: PerJoint | None = Field(
+        description="set-points, rad, joint order of the robot description; null = hold what was"
+    )
     torque_limit: PerJoint | None = Field(default=None, description="Nm; null = the servo's own")
 
 

@@ -120,7 +120,7 @@ class Simulator(Driver[SimulatorConfig]):
         for item in [item for item in self._later if item[0] <= tick]:
             self._later.remove(item)
             item[1]()
-        if command is not None:
+        if command is not None and command.position is not None:
             self._held = 0
             self.world.step_tick(np.array(command.position))
             return
@@ -133,6 +133,8 @@ class Simulator(Driver[SimulatorConfig]):
         return [(TERRAIN_MAP, self._map)]
 
     def check(self, command: JointCommand) -> None:
+        if command.position is None:
+            return
         reason = self.guard.offer(command.position, command.stamp_ns)
         if reason is not None:
             lower, upper = self.robot.joint_lower, self.robot.joint_upper

@@ -47,7 +47,7 @@ class ToyDriver(Driver[ServiceConfig]):
         return [Sample(HW_IMU, Imu(acc=acc, gyro=(0.0, 0.0, 0.0)), tick * TICK_NS, tick)]
 
     def actuate(self, tick: int, command: JointCommand | None) -> None:
-        self.x = 0.9 * self.x + (0.0 if command is None else command.position[0])
+        self.x = 0.9 * self.x + (0.0 if command is None else (command.position or (0.0,))[0])
         self.history.append(self.x)
 
 

@@ -1,0 +1,214 @@
+"""The walker service: walk commands in, joint commands out; asks for footholds and stability before each step."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from pydantic import Field
+
+from schemas.cmd import WalkCommand, WalkReply
+from schemas.footholds import BasePose, LegRequest, SelectRequest
+from schemas.hw import JointCommand
+from schemas.stability import BasePose as CheckBase
+from schemas.stability import CheckRequest, Contact
+from schemas.state import GaitState
+from schemas.topics import (
+    CMD_JOINTS,
+    CMD_WALK,
+    FOOTHOLDS_SELECT,
+    HW_CONTACTS,
+    HW_JOINTS,
+    STABILITY_CHECK,
+    STATE_GAIT,
+    STATE_ODOMETRY,
+    STATE_STABILITY,
+    STATE_VELOCITY,
+    TERRAIN_MAP,
+)
+from services.walker import interface, swing
+from services.walker.hexapod import HexapodWalker
+from services.walker.interface import FootholdReply, WalkerInputs, WalkerOutputs
+from services.walker.params import WalkerParams
+from services.walker.standins import HullCheck, nominal_footholds
+from surefoot import kinematics, rotations
+from surefoot.config import ServiceConfig
+from surefoot.errors import CallError, Refusal
+from surefoot.heightmap import HeightMap, HeightMapError
+from surefoot.join import Delayed, TickInputs
+from surefoot.robot import load_robot
+from surefoot.service import Service
+
+ANSWER_S = 1.0
+"""A question to another service that is not answered in this wall time is answered by the walker's own stand-in."""
+
+
+class WalkerConfig(ServiceConfig):
+    """How the walker walks; null = as the robot description says."""
+
+    hip_height_m: float | None = Field(default=None, gt=0, lt=1, description="m, base_link over the ground")
+    stride_m: float | None = Field(default=None, gt=0, lt=1, description="m, way of the trunk in one gait cycle")
+    period_s: float | None = Field(default=None, gt=0, lt=10, description="s, two steps of the tripod gait")
+    clearance_m: float | None = Field(default=None, gt=0, lt=1, description="m, height of a swing over the ground")
+    ask_footholds: bool = Field(default=True, description="ask footholds/select for each landing")
+    ask_stability: bool = Field(default=True, description="ask stability/check before each step")
+
+
+class Walker(Service[WalkerConfig]):
+    """Gait of the robot; the only one who may command its joints."""
+
+    name = "walker"
+    Config = WalkerConfig
+    inputs = (STATE_VELOCITY, STATE_ODOMETRY, HW_JOINTS, HW_CONTACTS, TERRAIN_MAP, Delayed(STATE_STABILITY))
+    outputs = (CMD_JOINTS, STATE_GAIT)
+    serves = (CMD_WALK,)
+    calls = (FOOTHOLDS_SELECT, STABILITY_CHECK)
+
+    def on_start(self) -> None:
+        self.robot = load_robot(self.config.robot)
+        for module in (rotations, kinematics, swing):
+            module.warm()
+        chosen = {k: v for k, v in self.config.model_dump().items() if k in _TUNABLE and v is not None}
+        self.params = WalkerParams.for_robot(self.robot, **chosen)
+        self.own_check = HullCheck(self.robot)
+        self.on_reset()
+        self.handle(CMD_WALK, self.walk)
+
+    def on_reset(self) -> None:
+        self.walker = HexapodWalker(self.robot, self.params, self._select, self._check)
+        self._map: object = None
+        self._planned: list[tuple[int, int, WalkCommand]] = []
+        self._tick, self._given = -1, 0
+        self._degraded = ""
+
+    # -- commands -----------------------------------------------------------------------------------------------------
+
+    def walk(self, request: WalkCommand) -> WalkReply:
+        """Accepts or refuses a command; with ``at_tick`` it is kept until then."""
+        if request.at_tick is not None:
+            if request.at_tick <= self._tick:
+                reason = f"at_tick {request.at_tick} has passed; the next tick is {self._tick + 1}"
+                raise Refusal("late", reason, "at_tick")
+            number = self.walker.state.walk_id + len(self._planned) + 1
+            self._planned.append((request.at_tick, number, request))
+            return WalkReply(accepted=True, id=number)
+        return self._command(request)
+
+    def _command(self, request: WalkCommand) -> WalkReply:
+        reply = self.walker.command(
+            interface.Command(request.action, request.distance, request.velocity, request.angle, request.gait)
+        )
+        return WalkReply(accepted=reply.accepted, id=reply.walk_id, reason=reply.reason)
+
+    # -- ticks --------------------------------------------------------------------------------------------------------
+
+    def on_tick(self, inputs: TickInputs) -> None:
+        self._tick = inputs.number
+        self._take_map(inputs)
+        self._degraded = ""
+        for item in [item for item in self._planned if item[0] <= inputs.number]:
+            self._planned.remove(item)
+            reply = self._command(item[2])
+            if not reply.accepted:
+                self.log("warning", f"command {item[1]} ({item[2].action}) refused in its tick: {reply.reason}")
+                self._degraded = reply.reason
+        out = self.walker.step(self._inputs(inputs))
+        position = None if out.command is None else tuple(out.command.tolist())
+        self.publish(STATE_GAIT, self._gait(out))
+        self.publish(CMD_JOINTS, JointCommand(position=position))
+
+    def _take_map(self, inputs: TickInputs) -> None:
+        message = inputs.get(TERRAIN_MAP)
+        if message is None or message is self._map:
+            return
+        self._map = message
+        try:
+            self.walker.set_map(HeightMap.from_wire(message.model_dump(), message.data))
+        except HeightMapError as error:
+            self.walker.set_map(None)
+            self.log("error", f"terrain/map refused: {error}")
+
+    def _inputs(self, inputs: TickInputs) -> WalkerInputs:
+        velocity, odometry = inputs.get(STATE_VELOCITY), inputs.get(STATE_ODOMETRY)
+        joints, contacts = inputs.get(HW_JOINTS), inputs.get(HW_CONTACTS)
+        stability = inputs.get(STATE_STABILITY)
+        known = velocity is not None and odometry is not None
+        return WalkerInputs(
+            stamp=inputs.tick.stamp_ns * 1e-9,
+            roll=velocity.roll if velocity else 0.0,
+            pitch=velocity.pitch if velocity else 0.0,
+            x=odometry.position[0] if odometry else 0.0,
+            y=odometry.position[1] if odometry else 0.0,
+            yaw=odometry.yaw if odometry else 0.0,
+            estimate_stamp=velocity.stamp_ns * 1e-9 if velocity is not None and known else -1.0,
+            initialised=velocity.initialised if velocity is not None and known else False,
+            joints=None if joints is None else np.array(joints.position),
+            contacts=None if contacts is None else np.array([any(foot) for foot in contacts.touch]),
+            margin=None if stability is None else stability.margin_planned,
+        )
+
+    def _gait(self, out: WalkerOutputs) -> GaitState:
+        return GaitState(
+            walk_id=out.walk_id,
+            state=out.state,
+            phase=min(1.0, max(0.0, out.phase)),
+            stance=tuple(out.stance.tolist()),
+            footholds=tuple(map(tuple, out.footholds.tolist())),
+            foothold_status=out.foothold_status,
+            trunk_height=out.trunk_height,
+            remaining=out.remaining,
+            margin=out.margin,
+            reason=self._degraded or out.reason,
+            steps=out.steps,
+        )
+
+    # -- questions ----------------------------------------------------------------------------------------------------
+
+    def _select(self, step: interface.StepRequest) -> Sequence[FootholdReply]:
+        """Footholds of a step, all legs in one question."""
+        if not self.config.ask_footholds:
+            return nominal_footholds(step)
+        quat = rotations.quat_from_rpy(0.0, 0.0, step.yaw)
+        request = SelectRequest(
+            base=BasePose(position=_floats(step.body), quat_wxyz=_floats(quat)),
+            legs=tuple(
+                LegRequest(leg=self.robot.leg_names[leg.leg], nominal=_floats(leg.nominal), stroke=_floats(leg.stroke))
+                for leg in step.legs
+            ),
+        )
+        try:
+            reply = self.call(FOOTHOLDS_SELECT, request, ANSWER_S)
+        except CallError as error:
+            self._degraded = f"no foothold advice: {error.message}"
+            return [dataclasses.replace(own, status="no_answer") for own in nominal_footholds(step)]
+        return [FootholdReply(leg.status, leg.foothold, leg.trunk_shift, leg.reason) for leg in reply.legs]
+
+    def _check(self, step: interface.CheckRequest) -> interface.CheckReply:
+        """Whether a step is safe; without an answer the hull of the feet decides."""
+        if not self.config.ask_stability:
+            return self.own_check(step)
+        request = CheckRequest(
+            contacts=tuple(
+                Contact(position=_floats(p), normal=_floats(n), mu=step.mu)
+                for p, n in zip(step.positions, step.normals, strict=True)
+            ),
+            joints=_floats(step.joints),
+            base=CheckBase(position=_floats(step.base_position), quat_wxyz=_floats(step.base_quat)),
+            movement=_floats(step.movement),
+            polygons=False,
+        )
+        try:
+            reply = self.call(STABILITY_CHECK, request, ANSWER_S)
+        except CallError as error:
+            self._degraded = f"no stability advice: {error.message}"
+            return self.own_check(step)
+        return interface.CheckReply(reply.stable, reply.margin, reply.status)
+
+
+_TUNABLE = ("hip_height_m", "stride_m", "period_s", "clearance_m")
+
+
+def _floats(values: Sequence[float] | np.ndarray) -> tuple[float, ...]:  # pyright: ignore[reportMissingTypeArgument]
+    return tuple(float(value) for value in values)
+
+
+SERVICE = Walker
