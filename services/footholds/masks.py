@@ -36,7 +36,7 @@ class Reason(IntFlag):
 REASONS: tuple[str, ...] = tuple(str(reason.name).lower() for reason in Reason)
 """Names of the bits, lowest first."""
 
-_REACH, _COLLISION, _UNKNOWN, _STEEP, _SLIP = (np.uint8(reason.value) for reason in Reason)
+_REACH, _COLLISION, _UNKNOWN, _STEEP, _SLIP = (int(reason) for reason in Reason)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,13 +125,17 @@ def gradient(z: Layer, cell: float, row: int, col: int) -> tuple[float, float]:
 @row_kernel
 def _cuts(
     z: Layer, grid: tuple[float, float, float, float], ax: float, ay: float, az: float, bx: float, by: float, bz: float,
-    first: float, steps: int, radius: float,
+    first: float, radius: float,
 ) -> bool:  # fmt: skip
-    """Whether the segment a-b, sampled from the share `first` of its way on, comes closer to the ground than radius."""
+    """Whether the segment a-b from the share `first` of its way on comes closer to the ground than radius.
+
+    Looked at in steps of at most a cell.
+    """
     per_cell, x0, y0 = 1.0 / grid[0], grid[1], grid[2]
     ny, nx = z.shape
-    step = (1.0 - first) / (steps - 1)
     du, dv, dh = (bx - ax) * per_cell, (by - ay) * per_cell, bz - az
+    steps = int((1.0 - first) * max(abs(du), abs(dv))) + 2
+    step = (1.0 - first) / (steps - 1)
     u, v, h = (ax - x0) * per_cell + 0.5 + first * du, (ay - y0) * per_cell + 0.5 + first * dv, az + first * dh
     du, dv, dh = du * step, dv * step, dh * step
     h -= radius
@@ -155,7 +159,7 @@ def _leg_bits(
     py = rot[0, 1] * dx + rot[1, 1] * dy + rot[2, 1] * dz
     pz = rot[0, 2] * dx + rot[1, 2] * dy + rot[2, 2] * dz
     if not solve(leg, px, py, pz, joints) >= margin:
-        return 1
+        return _REACH
     hx = bx + rot[0, 0] * joints[0] + rot[0, 1] * joints[1] + rot[0, 2] * joints[2]
     hy = by + rot[1, 0] * joints[0] + rot[1, 1] * joints[1] + rot[1, 2] * joints[2]
     hz = bz + rot[2, 0] * joints[0] + rot[2, 1] * joints[1] + rot[2, 2] * joints[2]
@@ -164,11 +168,11 @@ def _leg_bits(
     kz = bz + rot[2, 0] * joints[3] + rot[2, 1] * joints[4] + rot[2, 2] * joints[5]
     # the foot's own end is left out: the sphere rests on the dilated map there; most legs pass above all ground
     low = height + 0.2 * (kz - height)
-    if min(low, kz) < top + leg_radius and _cuts(z, grid, x, y, height, kx, ky, kz, 0.2, 6, leg_radius):
-        return 2
+    if min(low, kz) < top + leg_radius and _cuts(z, grid, x, y, height, kx, ky, kz, 0.2, leg_radius):
+        return _COLLISION
     low = kz + 0.25 * (hz - kz)
-    if min(low, hz) < top + leg_radius and _cuts(z, grid, kx, ky, kz, hx, hy, hz, 0.25, 4, leg_radius):
-        return 2
+    if min(low, hz) < top + leg_radius and _cuts(z, grid, kx, ky, kz, hx, hy, hz, 0.25, leg_radius):
+        return _COLLISION
     return 0
 
 
@@ -237,12 +241,9 @@ def _mask(
                 hit = _leg_bits(
                     z, grid, leg, base[0], base[1], base[2], rot, x, y, height, margin, leg_radius, top, joints
                 )
-                if moves and hit == 0:
-                    hit = _leg_bits(z, grid, leg, ex, ey, ez, rot, x, y, height, margin, leg_radius, top, joints)
-                if hit == 1:
-                    bits |= _REACH
-                elif hit == 2:
-                    bits |= _COLLISION
+                if moves and hit != _REACH:
+                    hit |= _leg_bits(z, grid, leg, ex, ey, ez, rot, x, y, height, margin, leg_radius, top, joints)
+                bits |= hit
             out[i, j] = bits
 
 

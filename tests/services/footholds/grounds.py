@@ -1,0 +1,49 @@
+"""Grounds and poses the foothold tests share."""
+
+from functools import lru_cache
+
+import numpy as np
+
+from services.footholds.ground import Ground, build_ground
+from services.footholds.select import BasePose, Landing
+from surefoot.heightmap import HeightMap
+from surefoot.kinematics import foot_positions
+from surefoot.robot import Robot, load_robot
+
+CELL = 0.005
+STROKE = (-0.05, 0.0, 0.0)
+
+
+@lru_cache
+def ragno() -> Robot:
+    """The robot of the tests."""
+    return load_robot("ragno")
+
+
+def ground_of(
+    z: np.ndarray, origin: tuple[float, float] = (-0.5, -0.4), version: int = 1, smooth: bool = False
+) -> Ground:
+    """Prepared ground from heights (ny, nx)."""
+    heights = HeightMap(z=z.astype(np.float32), cell=CELL, origin=origin, version=version)
+    return build_ground(heights, ragno().foot_radius, smooth)
+
+
+def flat(ny: int = 160, nx: int = 200) -> np.ndarray:
+    """Heights of flat ground."""
+    return np.zeros((ny, nx))
+
+
+def neutral(leg: int) -> np.ndarray:
+    """Neutral foot centre in base_link, (3,) m."""
+    return foot_positions(ragno().model, ragno().neutral)[leg]
+
+
+def standing(x: float = 0.0, y: float = 0.0, ground: float = 0.0) -> BasePose:
+    """The base over flat ground of a height, legs neutral."""
+    return BasePose((x, y, ground + ragno().foot_radius - float(neutral(0)[2])))
+
+
+def landing(leg: int, x: float = 0.0, y: float = 0.0, stroke: tuple[float, float, float] = STROKE) -> Landing:
+    """A landing at the leg's neutral foothold with the base at (x, y)."""
+    at = neutral(leg)
+    return Landing(leg, (x + float(at[0]), y + float(at[1]), 0.0), stroke)

@@ -1,0 +1,58 @@
+"""Layers of the scored ground."""
+
+import numpy as np
+import pytest
+
+from services.footholds.assess import LAYERS, Window, assess, whole_map, window_about
+from services.footholds.features import map_features_numpy
+from services.footholds.masks import Limits, Reason
+from services.footholds.score import HandScore
+from services.footholds.select import placement
+from tests.services.footholds.grounds import CELL, STROKE, flat, ground_of, neutral, ragno, standing
+
+MODEL = HandScore()
+
+
+def layers(z: np.ndarray, window: Window, nominal: tuple[float, float] | None) -> dict[str, np.ndarray]:
+    found = assess(ground_of(z), MODEL, window, nominal, STROKE, LAYERS, Limits(), 8.0)
+    return dict(zip(LAYERS, found.layers, strict=True))
+
+
+def bumps() -> np.ndarray:
+    return np.random.default_rng(0).normal(0.0, 0.004, (60, 80))
+
+
+def test_whole_map() -> None:
+    z = bumps()
+    ground = ground_of(z)
+    got = layers(z, whole_map(ground), None)
+    expected = map_features_numpy(ground.surface.z, np.array(STROKE), CELL)
+    np.testing.assert_allclose(got["k1"], expected.k1, atol=1e-6)
+    np.testing.assert_allclose(got["cos_k3"], expected.cos_k3, atol=1e-6)
+    np.testing.assert_array_equal(got["q"], got["p"])
+    np.testing.assert_array_equal(got["k4"], 0.0)
+    np.testing.assert_array_equal(got["z"], ground.surface.z)
+    np.testing.assert_array_equal(got["centre"], ground.centres.z)
+    assert (got["mask"][0].astype(int) & Reason.UNKNOWN).all()
+
+
+def test_window_is_a_part_of_the_map() -> None:
+    z = bumps()
+    ground = ground_of(z)
+    window = window_about(ground, -0.35, -0.25, 15)
+    whole, part = layers(z, whole_map(ground), None), layers(z, window, (-0.35, -0.25))
+    cut = (slice(window.row, window.row + 15), slice(window.col, window.col + 15))
+    for name in ("z", "centre", "k1", "k2", "cos_k3", "p", "mask"):
+        np.testing.assert_array_equal(part[name], whole[name][cut])
+    np.testing.assert_allclose(part["q"], part["p"] + 8.0 * part["k4"], atol=1e-6)
+    assert part["k4"][7, 7] == pytest.approx(0.0, abs=1e-6)
+    assert part["k4"][7, 9] == pytest.approx(2 * CELL, abs=1e-6)
+
+
+def test_leg_adds_reach() -> None:
+    ground, foot = ground_of(flat()), neutral(0)
+    window = window_about(ground, float(foot[0]), float(foot[1]), 61)
+    placed = placement(ragno(), 0, standing(), STROKE)
+    found = assess(ground, MODEL, window, None, STROKE, ("mask",), Limits(), 8.0, placed)
+    assert 0 < found.counts[0] < 61 * 61
+    assert found.counts[0] == np.count_nonzero(found.layers[0].astype(int) & Reason.REACH)

@@ -1,0 +1,197 @@
+"""The service around the choice: latched map, queries, refusals."""
+
+import json
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from schemas.footholds import AssessRequest, BasePose, LegRequest, SelectRequest
+from schemas.hw import Tick
+from schemas.terrain import HeightMapMessage
+from schemas.topics import FOOTHOLDS_ASSESS, FOOTHOLDS_SELECT, TERRAIN_MAP
+from services.footholds.config import FootholdsConfig
+from services.footholds.service import SERVICE, Footholds
+from surefoot.errors import CallError, Refusal
+from surefoot.heightmap import HeightMap
+from surefoot.join import TickInputs
+from surefoot.local import LocalSystem
+from tests.services.footholds.grounds import CELL, STROKE, flat, neutral, ragno
+
+BASE = BasePose(position=(0.0, 0.0, 0.008 - float(neutral(0)[2])))
+
+
+def message(z: np.ndarray, version: int = 3) -> HeightMapMessage:
+    heights = HeightMap(z=z.astype(np.float32), cell=CELL, origin=(-0.5, -0.4), version=version)
+    return HeightMapMessage(**heights.header(), data=heights.to_bytes())
+
+
+def give(service: Footholds, terrain: HeightMapMessage) -> None:
+    tick = Tick.model_construct(tick=0, epoch=0)
+    service.on_tick(TickInputs(tick, {TERRAIN_MAP.key: terrain}))
+
+
+@pytest.fixture
+def service() -> Footholds:
+    one = Footholds(FootholdsConfig())
+    system = LocalSystem([one])
+    yield one
+    system.close()
+
+
+def asked(*legs: str, **changes: object) -> SelectRequest:
+    names = [leg.name for leg in ragno().legs]
+    requests = tuple(
+        LegRequest(leg=leg, nominal=tuple(neutral(names.index(leg))), stroke=STROKE) if leg in names
+        else LegRequest(leg=leg, nominal=(0, 0, 0), stroke=STROKE)
+        for leg in legs
+    )  # fmt: skip
+    return SelectRequest(**({"base": BASE, "legs": requests} | changes))
+
+
+def test_discovered_by_its_name() -> None:
+    assert SERVICE.name == "footholds"
+
+
+def test_all_six_legs_in_one_request(service: Footholds) -> None:
+    give(service, message(flat(), version=5))
+    names = [leg.name for leg in ragno().legs]
+    reply = service.select(asked(*names))
+    assert [leg.leg for leg in reply.legs] == names
+    assert reply.map_version == 5
+    assert reply.model == "hand-made/1"
+    for index, leg in enumerate(reply.legs):
+        assert leg.status == "ok"
+        assert leg.foothold == pytest.approx((*neutral(index)[:2], 0.008), abs=1e-7)
+        assert leg.contact == pytest.approx((*neutral(index)[:2], 0.0), abs=1e-7)
+        assert leg.offset == pytest.approx((0.0, 0.0))
+        assert leg.counts.free + leg.counts.reach >= 225
+    json.loads(reply.model_dump_json())
+
+
+def test_infeasible_has_nulls_not_nan(service: Footholds) -> None:
+    give(service, message(np.full((160, 200), np.nan)))
+    leg = service.select(asked("lf")).legs[0]
+    assert leg.status == "infeasible"
+    assert (leg.foothold, leg.contact, leg.normal, leg.score, leg.slip, leg.offset) == (None,) * 6
+    assert leg.counts.unknown == 225
+
+
+def test_paper_mode_is_the_best_single_cell(service: Footholds) -> None:
+    z = np.random.default_rng(2).normal(0, 0.003, (160, 200))
+    give(service, message(z))
+    names = [leg.name for leg in ragno().legs]
+    robust, paper = (service.select(asked(*names, mode=mode)).legs for mode in ("robust", "paper"))
+    scores = [(one.score or 0.0, best.score or 0.0) for one, best in zip(robust, paper, strict=True)]
+    assert all(best <= one for one, best in scores)
+    assert any(best < one for one, best in scores)
+
+
+def test_over_the_bus(service: Footholds) -> None:
+    bus = service.runtime.bus  # type: ignore[attr-defined]
+    with pytest.raises(CallError) as error:
+        bus.call(FOOTHOLDS_SELECT, asked("lf"))
+    assert error.value.code == "not_ready"
+    give(service, message(flat()))
+    assert bus.call(FOOTHOLDS_SELECT, asked("lf")).legs[0].status == "ok"
+    reply = bus.call(FOOTHOLDS_ASSESS, AssessRequest(centre=(0.0, 0.0), layers=("z",)))
+    assert len(reply.data) == 4 * 15 * 15
+    assert reply.counts.free == 225
+
+
+def test_no_map_is_not_ready_and_a_new_epoch_forgets(service: Footholds) -> None:
+    for _ in range(2):
+        with pytest.raises(Refusal) as refusal:
+            service.select(asked("lf"))
+        assert refusal.value.code == "not_ready"
+        give(service, message(flat()))
+        service.select(asked("lf"))
+        service.on_reset()
+
+
+def test_a_wrong_map_is_no_map(service: Footholds) -> None:
+    give(service, message(flat()))
+    give(service, message(flat()).model_copy(update={"data": b"short"}))
+    with pytest.raises(Refusal):
+        service.select(asked("lf"))
+
+
+def test_unknown_leg_is_named(service: Footholds) -> None:
+    give(service, message(flat()))
+    with pytest.raises(Refusal) as refusal:
+        service.select(asked("lf", "tail"))
+    assert (refusal.value.code, refusal.value.field) == ("unknown_leg", "legs.1.leg")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"legs": ()},
+        {"speed": 1},
+        {"mode": "best"},
+        {"base": {"position": [0, 0, float("nan")]}},
+        {"base": {"position": [0, 0]}},
+        {"base": {"position": [0, 0, 0.1], "yaw": 0.1}},
+    ],
+)
+def test_wrong_requests_do_not_validate(changes: dict[str, object]) -> None:
+    with pytest.raises(ValidationError):
+        asked("lf", **changes)
+
+
+def test_assess_window_and_map(service: Footholds) -> None:
+    give(service, message(flat()))
+    reply = service.assess(AssessRequest(centre=(0.1, 0.1), size=15, layers=("p", "q", "mask")))
+    assert (reply.rows, reply.cols, reply.layers, reply.map_version) == (15, 15, ("p", "q", "mask"), 3)
+    layers = np.frombuffer(reply.data, "<f4").reshape(3, 15, 15)
+    assert layers[0] == pytest.approx(0.04)
+    assert layers[1, 7, 7] == pytest.approx(0.04, abs=1e-6)
+    assert reply.counts.free == 225
+    assert reply.origin == pytest.approx((0.1 - 7 * CELL, 0.1 - 7 * CELL))
+    whole = service.assess(AssessRequest(layers=("k1",)))
+    assert (whole.rows, whole.cols, len(whole.data)) == (160, 200, 4 * 160 * 200)
+
+
+def test_assess_for_a_leg(service: Footholds) -> None:
+    give(service, message(flat()))
+    x, y = float(neutral(0)[0]), float(neutral(0)[1])
+    reply = service.assess(AssessRequest(centre=(x, y), size=61, leg="lf", base=BASE))
+    assert 0 < reply.counts.reach < 61 * 61
+    assert reply.mask_bits == {"reach": 1, "collision": 2, "unknown": 4, "steep": 8, "slip": 16}
+
+
+@pytest.mark.parametrize(
+    ("request_", "field"),
+    [
+        (AssessRequest(centre=(0.0, 0.0), size=14), "size"),
+        (AssessRequest(centre=(1e30, 0.0)), "centre"),
+        (AssessRequest(centre=(0.0, 0.0), leg="lf"), "base"),
+        (AssessRequest(centre=(0.0, 0.0), leg="tail", base=BASE), "leg"),
+        (
+            AssessRequest(centre=(0.0, 0.0), leg="lf", base=BasePose(position=(0, 0, 0.1), quat_wxyz=(0, 0, 0, 0))),
+            "base.quat_wxyz",
+        ),
+    ],
+)
+def test_wrong_assessments_name_the_field(service: Footholds, request_: AssessRequest, field: str) -> None:
+    give(service, message(flat()))
+    with pytest.raises(Refusal) as refusal:
+        service.assess(request_)
+    assert refusal.value.field == field
+
+
+def test_same_map_is_prepared_once(service: Footholds, monkeypatch: pytest.MonkeyPatch) -> None:
+    terrain, built = message(flat()), []
+    monkeypatch.setattr("services.footholds.service.build_ground", lambda *a: built.append(a))
+    for _ in range(3):
+        give(service, terrain)
+    give(service, message(flat(), version=4))
+    assert len(built) == 2
+
+
+def test_configuration_reaches_the_choice() -> None:
+    config = FootholdsConfig(slip_limit=0.3, score_flat=0.35, window_cells=8)
+    assert config.params().limits.slip == 0.3
+    assert config.params().size == 9
+    assert config.model().flat == 0.35
+    assert FootholdsConfig().params().limits.reach_margin == 0.010

@@ -1,0 +1,60 @@
+"""The workspace of a leg against the closed-form inverse kinematics."""
+
+import numpy as np
+import pytest
+
+from services.footholds import reach
+from services.footholds.reach import leg_table, solve
+from surefoot.kinematics import foot_positions, forward, leg_ik
+from surefoot.robot import load_robot
+
+
+@pytest.mark.parametrize("name", ["ragno", "messor"])
+def test_same_workspace_as_inverse_kinematics(name: str) -> None:
+    robot = load_robot(name)
+    model, rng, out = robot.model, np.random.default_rng(4), np.empty(6)
+    tables = [leg_table(model, leg) for leg in range(6)]
+    feet = foot_positions(model, robot.neutral)
+    size = 2.0 * float(np.linalg.norm(feet[0] - model.hip[0, :3]))
+    inside = 0
+    for _ in range(6000):
+        leg = int(rng.integers(6))
+        point = model.hip[leg, :3] + rng.uniform(-size, size, 3)
+        margin = solve(tables[leg], *point, out)
+        assert leg_ik(model, leg, point)[1] == (margin >= 0.0), (leg, point)
+        if margin < 0.0:
+            continue
+        inside += 1
+        aside = rng.normal(size=3)
+        aside *= 0.999 * margin / np.linalg.norm(aside)
+        assert leg_ik(model, leg, point + aside)[1], (leg, point, margin)
+    assert inside > 300
+
+
+@pytest.mark.parametrize("leg", range(6))
+def test_inner_joints(leg: int) -> None:
+    robot = load_robot("ragno")
+    model, out = robot.model, np.empty(6)
+    q = robot.neutral + np.random.default_rng(leg).uniform(-0.3, 0.3, robot.neutral.size)
+    _, pos = forward(model, q)
+    foot = foot_positions(model, q)[leg]
+    assert solve(leg_table(model, leg), *foot, out) > 0.0
+    femur, tibia = robot.legs[leg].links[1:3]
+    np.testing.assert_allclose(out[:3], pos[femur], atol=1e-9)
+    np.testing.assert_allclose(out[3:], pos[tibia], atol=1e-9)
+
+
+def test_far_points_and_nan_are_outside() -> None:
+    table, out = leg_table(load_robot("ragno").model, 0), np.empty(6)
+    assert solve(table, 5.0, 0.0, 0.0, out) == reach.OUTSIDE
+    assert solve(table, float("nan"), 0.0, 0.0, out) == reach.OUTSIDE
+
+
+def test_leg_without_closed_form_reaches_nothing() -> None:
+    model = load_robot("ragno").model
+    unknown = model._replace(segment=np.full_like(model.segment, np.nan))
+    assert solve(leg_table(unknown, 0), 0.18, 0.12, -0.07, np.empty(6)) == reach.OUTSIDE
+
+
+def test_warm() -> None:
+    reach.warm()

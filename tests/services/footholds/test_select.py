@@ -1,0 +1,228 @@
+"""Properties of the choice."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from services.footholds import select as module
+from services.footholds.features import Features, window_features
+from services.footholds.ground import Ground
+from services.footholds.masks import REASONS, Limits, mask_window
+from services.footholds.score import HandScore
+from services.footholds.select import BasePose, Foothold, Landing, SelectParams, choose, placement, select
+from tests.services.footholds.grounds import CELL, STROKE, flat, ground_of, landing, neutral, ragno, standing
+
+NAN = float("nan")
+MODEL = HandScore()
+RADIUS = 0.008
+
+
+def ask(ground: Ground, base: BasePose, *landings: Landing, params: SelectParams | None = None) -> tuple[Foothold, ...]:
+    return select(ground, ragno(), MODEL, base, landings, params or SelectParams())
+
+
+def rough(seed: int, amplitude: float = 0.01) -> np.ndarray:
+    """Hills and steps under the robot."""
+    rng = np.random.default_rng(seed)
+    x, y = np.meshgrid(CELL * np.arange(200), CELL * np.arange(160))
+    z = amplitude * np.sin(x / rng.uniform(0.02, 0.1) + rng.uniform(0, 6)) * np.cos(y / rng.uniform(0.02, 0.1))
+    return z + amplitude * (rng.random((20, 25)).repeat(8, 0).repeat(8, 1) > 0.6)
+
+
+def test_flat_ground_picks_the_nominal_footholds() -> None:
+    legs = [landing(leg, 0.013, 0.007) for leg in range(6)]
+    for found, asked in zip(ask(ground_of(flat()), standing(0.013, 0.007), *legs), legs, strict=True):
+        assert found.status == "ok"
+        assert found.foothold == pytest.approx((asked.nominal[0], asked.nominal[1], RADIUS), abs=1e-7)
+        assert found.contact == pytest.approx((asked.nominal[0], asked.nominal[1], 0.0), abs=1e-7)
+        assert found.normal == (0.0, 0.0, 1.0)
+        assert found.slip == pytest.approx(MODEL.flat)
+        assert found.trunk_shift == 0.0
+        assert found.reason == ""
+        assert found.counts[-1] > 100
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 30), st.integers(0, 5), st.integers(-9, 9), st.integers(-9, 9), st.integers(-8, 8))
+def test_moving_everything_moves_the_foothold(seed: int, leg: int, cols: int, rows: int, up: int) -> None:
+    dx, dy, dz = cols * CELL, rows * CELL, up / 64.0
+    z = rough(seed)
+    here = ask(ground_of(z), standing(), landing(leg))[0]
+    moved_ground = ground_of(z + dz, origin=(-0.5 + dx, -0.4 + dy))
+    there = ask(moved_ground, standing(dx, dy, dz), landing(leg, dx, dy))[0]
+    assert there.status == here.status
+    assert there.counts == here.counts
+    if here.foothold is None or there.foothold is None:
+        return
+    assert np.subtract(there.foothold, here.foothold) == pytest.approx((dx, dy, dz), abs=1e-6)
+    assert there.normal == pytest.approx(here.normal, abs=1e-5)
+    assert there.score == pytest.approx(here.score, abs=1e-4)
+
+
+@settings(max_examples=60)
+@given(st.integers(0, 10_000), st.integers(0, 5), st.booleans(), st.floats(-0.03, 0.03))
+def test_never_picks_a_masked_cell(seed: int, leg: int, robust: bool, height: float) -> None:
+    rng = np.random.default_rng(seed)
+    z = rough(seed, 0.02)
+    z[rng.random(z.shape) < 0.01] = np.nan
+    ground = ground_of(z)
+    base = standing(ground=0.01 + height)
+    asked = landing(leg)
+    params = SelectParams(robust=robust)
+    found = ask(ground, base, asked, params=params)[0]
+    assert found.status in ("ok", "raise_trunk", "infeasible")
+    if found.foothold is None:
+        assert found.status == "infeasible"
+        assert found.reason
+        return
+    assert (found.trunk_shift == 0.0) == (found.status == "ok")
+    x, y = found.foothold[:2]
+    raised = replace(base, position=(*base.position[:2], base.position[2] + found.trunk_shift))
+    placed = placement(ragno(), leg, raised, STROKE)
+    assert placed is not None
+    row, col = ground.surface.index(x, y)
+    cell = window_features(ground.surface.z, row, col, 1, 1, np.array(STROKE), CELL)
+    slip = MODEL.predict(cell, CELL)
+    assert mask_window(ground, row, col, slip, params.limits, placed)[0, 0] == 0
+    assert found.slip == pytest.approx(float(slip[0, 0]))
+    assert max(abs(x - asked.nominal[0]), abs(y - asked.nominal[1])) <= 8 * CELL
+    assert found.foothold[2] == pytest.approx(ground.centres.height_at(x, y))
+    assert found.normal is not None
+    assert math.hypot(*found.normal) == pytest.approx(1.0)
+    assert math.dist(found.contact or (), found.foothold) == pytest.approx(RADIUS)
+
+
+def reference(mask: np.ndarray, slip: np.ndarray, sx: float, sy: float, weight: float, robust: bool) -> int:
+    """The choice in plain loops."""
+    n, best = mask.shape[0], []
+    q = {(i, j): slip[i, j] + weight * math.hypot(sx + j * CELL, sy + i * CELL) for i in range(n) for j in range(n)}
+    for i in range(n):
+        for j in range(n):
+            if mask[i, j]:
+                continue
+            block = [(i + a, j + b) for a in (-1, 0, 1) for b in (-1, 0, 1)] if robust else [(i, j)]
+            values = [q[cell] for cell in block if cell in q and not mask[cell]]
+            best.append((round(sum(values) / len(values), 8), math.hypot(sx + j * CELL, sy + i * CELL), i * n + j))
+    return min(best)[2] if best else -1
+
+
+@given(st.integers(0, 10_000), st.booleans(), st.floats(0.0, 1.0))
+def test_choice_equals_plain_loops(seed: int, robust: bool, share: float) -> None:
+    rng = np.random.default_rng(seed)
+    mask = (rng.random((15, 15)) < share).astype(np.uint8)
+    slip = rng.uniform(0.0, 0.5, (15, 15)).astype(np.float32)
+    sx, sy = rng.uniform(-8 * CELL, -6 * CELL, 2)
+    got = choose(mask, slip, CELL, sx, sy, 8.0, robust, np.zeros(2))
+    assert got == reference(mask, slip, sx, sy, 8.0, robust)
+
+
+def test_equal_cells_go_to_the_nearer_then_to_the_first() -> None:
+    slip, mask = np.zeros((15, 15), dtype=np.float32), np.zeros((15, 15), dtype=np.uint8)
+    best = np.zeros(2)
+    middle = -7 * CELL
+    assert choose(mask, slip, CELL, middle, middle, 0.0, False, best) == 7 * 15 + 7  # K4 decides though k = 0
+    mask[7, 7] = 1
+    assert choose(mask, slip, CELL, middle, middle, 0.0, False, best) == 6 * 15 + 7
+    assert choose(np.ones_like(mask), slip, CELL, middle, middle, 0.0, True, best) == -1
+
+
+def test_avoids_a_peak_and_an_edge() -> None:
+    asked = landing(0)
+    x, y = asked.nominal[:2]
+    ground = ground_of(flat())
+    row, col = ground.surface.index(x, y)
+    peak = flat()
+    peak[row, col] = 0.012
+    found = ask(ground_of(peak), standing(), asked)[0]
+    assert found.foothold is not None
+    assert math.dist(found.foothold[:2], (x, y)) > 1.4 * CELL
+    assert found.normal == pytest.approx((0.0, 0.0, 1.0), abs=1e-6)
+    edge = flat()
+    edge[:, : col + 1] = 0.02  # the nominal cell is the last before the ground drops
+    found = ask(ground_of(edge), standing(ground=0.01), asked)[0]
+    assert found.foothold is not None
+    assert abs(found.foothold[0] - x) > 1.4 * CELL
+
+
+def test_robust_choice_shuns_a_lone_good_cell() -> None:
+    class Painted:
+        name = "painted"
+
+        def predict(self, features: Features, cell: float) -> np.ndarray:
+            p = np.full(features.k1.shape, 0.1, dtype=np.float32)
+            p[3, 3] = 0.0
+            p[2:5, 2:5][p[2:5, 2:5] > 0] = 0.35
+            return p
+
+    params = SelectParams(distance_weight=1.0)
+    ground, base, asked = ground_of(flat()), standing(), landing(4)
+    single = select(ground, ragno(), Painted(), base, [asked], replace(params, robust=False))[0]
+    robust = select(ground, ragno(), Painted(), base, [asked], params)[0]
+    assert single.slip == 0.0
+    assert robust.slip == pytest.approx(0.1)
+
+
+def test_trunk_too_high_is_lowered_and_too_low_is_raised() -> None:
+    for height, sign in ((0.185, -1), (0.0, 1)):
+        base = BasePose((0.0, 0.0, height))
+        found = ask(ground_of(flat()), base, landing(0), params=SelectParams(limits=Limits(reach_margin=0.02)))[0]
+        assert found.status == "raise_trunk", (height, found)
+        assert math.copysign(1, found.trunk_shift) == sign
+        assert found.foothold is not None
+        assert "trunk" in found.reason
+        moved = BasePose((0.0, 0.0, height + found.trunk_shift))
+        again = ask(ground_of(flat()), moved, landing(0), params=SelectParams(limits=Limits(reach_margin=0.02)))[0]
+        assert again.status == "ok"
+        assert again.foothold == pytest.approx(found.foothold)
+
+
+@pytest.mark.parametrize(
+    ("base", "asked", "word"),
+    [
+        (BasePose((0.0, 0.0, 1.0)), landing(0), "reach"),
+        (BasePose((NAN, 0.0, 0.1)), landing(0), "finite"),
+        (BasePose((0.0, 0.0, 0.1), (0.0, 0.0, 0.0, 0.0)), landing(0), "quaternion"),
+        (BasePose((0.0, 0.0, 0.1), (1e300, 1e300, 0.0, 0.0)), landing(0), "quaternion"),
+        (standing(), Landing(0, (NAN, 0.0, 0.0), STROKE), "finite"),
+        (standing(), Landing(0, (1e30, 0.0, 0.0), STROKE), "outside"),
+        (standing(), Landing(0, (5.0, 5.0, 0.0), STROKE), "unknown"),
+        (standing(), Landing(0, (0.18, 0.12, 0.0), (math.inf, 0.0, 0.0)), "finite"),
+    ],
+)
+def test_what_cannot_be_is_typed(base: BasePose, asked: Landing, word: str) -> None:
+    found = ask(ground_of(flat()), base, asked)[0]
+    assert found.status == "infeasible"
+    assert word in found.reason
+    assert found.foothold is None
+
+
+def test_unknown_map_and_tiny_maps() -> None:
+    for z in (np.full((160, 200), np.nan), np.zeros((1, 1)), np.zeros((2, 3))):
+        assert ask(ground_of(z), standing(), landing(0))[0].status == "infeasible"
+
+
+def test_a_zero_stroke_and_an_unused_nominal_height_are_fine() -> None:
+    asked = Landing(0, (*landing(0).nominal[:2], NAN), (0.0, 0.0, 0.0))
+    assert ask(ground_of(flat()), standing(), asked)[0].status == "ok"
+
+
+def test_window_at_the_border_of_the_map() -> None:
+    x, y = landing(0).nominal[:2]
+    ground = ground_of(np.zeros((100, 100)), origin=(x - 0.01, y - 0.01))
+    found = ask(ground, standing(), landing(0))[0]
+    assert found.status == "ok"
+    assert found.counts[REASONS.index("unknown")] == 225 - 9 * 9
+
+
+def test_legs_are_answered_in_order() -> None:
+    found = ask(ground_of(rough(1, 0.002)), standing(), landing(5), landing(0))
+    assert [np.sign(one.foothold[1]) for one in found if one.foothold] == [-1, 1]
+    assert abs(found[0].foothold[0] - neutral(5)[0]) < 0.04  # type: ignore[index]
+
+
+def test_warm() -> None:
+    module.warm()
