@@ -103,8 +103,8 @@ def _slope(r: Wanted) -> Shape:
     return Shape(r.amp * x, normal=(-r.amp / n, 0.0, 1.0 / n))
 
 
-def _hill_field(grid: Grid, seed: int, amp: float) -> Array:
-    """Sum of 40 Gaussians, scaled to [0, amp] in the lane and faded out on the pad. (ny, nx)"""
+def _hill_field(grid: Grid, seed: int, amp: float, end: float = math.inf) -> Array:
+    """Sum of 40 Gaussians, scaled to [0, amp] in the lane up to x = end and faded out on the pad. (ny, nx)"""
     x, y = grid.axes()
     rng = random_stream(seed, "terrain/hills")
     z = np.zeros((grid.ny, grid.nx))
@@ -114,7 +114,7 @@ def _hill_field(grid: Grid, seed: int, amp: float) -> Array:
         sigma, height = rng.uniform(*HILL_SIGMA), rng.uniform(0.3, 1.0)
         gx, gy = np.exp(-0.5 * ((x - cx) / sigma) ** 2), np.exp(-0.5 * ((y - cy) / sigma) ** 2)
         z += height * gx * gy
-    lane = z[np.abs(y[:, 0]) <= CORRIDOR][:, x[0] >= PAD_END + BLEND]
+    lane = z[np.abs(y[:, 0]) <= CORRIDOR][:, (x[0] >= PAD_END + BLEND) & (x[0] <= end)]
     low, high = lane.min(), lane.max()
     z = np.clip((z - low) * (amp / max(high - low, 1e-9)), 0.0, amp)
     return z * _smooth((x - PAD_END) / BLEND)
@@ -202,7 +202,7 @@ def _primitive(r: Wanted) -> Shape:
     shapes: tuple[Callable[[], Array], ...] = (
         lambda: np.zeros_like(u),
         lambda: amp * np.clip(u / 0.1, -1.0, 1.0),
-        lambda: np.where(u >= 0.0, amp, 0.0),
+        lambda: np.where(u >= -1e-9, amp, 0.0),
         lambda: amp * np.exp(-0.5 * (u * u + v * v) / sigma**2),
         lambda: amp * np.exp(-0.5 * (v / sigma) ** 2) * np.ones_like(u),
         lambda: -amp * np.exp(-0.5 * (u * u + v * v) / sigma**2),
@@ -225,7 +225,8 @@ def _demo(r: Wanted) -> Shape:
     x, _ = grid.axes()
     scale = r.amp / DEMO_HILLS
     fade = _smooth((DEMO_STEPS_AT - x) / BLEND)
-    z = fade * (_hill_field(grid, r.seed, r.amp) + _noise_field(grid, r.seed, scale * DEMO_NOISE))
+    hills = _hill_field(grid, r.seed, r.amp, DEMO_STEPS_AT - BLEND)
+    z = fade * (hills + _noise_field(grid, r.seed, scale * DEMO_NOISE))
     boxes, top = _stairs(grid, DEMO_STEPS_AT, scale * DEMO_RISER)
     surface = np.where(top > 0.0, np.maximum(z, top), z)
     return Shape(surface, z, boxes)
@@ -238,18 +239,27 @@ def box_top(box: Box, x: Array, y: Array) -> Array:
     dx, dy = x - top[0], y - top[1]
     z = top[2] - (rot[0, 2] * dx + rot[1, 2] * dy) / rot[2, 2]
     rel = np.stack((dx, dy, z - top[2]), axis=-1) @ rot
-    inside = (np.abs(rel[..., 0]) <= box.half_size[0]) & (np.abs(rel[..., 1]) <= box.half_size[1])
+    inside = (np.abs(rel[..., 0]) <= box.half_size[0] + 1e-9) & (np.abs(rel[..., 1]) <= box.half_size[1] + 1e-9)
     return np.where(inside, z, np.nan)
 
 
-SHAPES: dict[str, tuple[float, Callable[[Wanted], Shape]]] = {
-    "flat": (0.0, _flat),
-    "slope": (math.tan(math.radians(15.0)), _slope),
-    "hills": (0.06, _hills),
-    "rough": (0.02, _rough),
-    "steps": (0.025, _steps),
-    "flagstones": (0.03, _flagstones),
-    "primitive": (0.02, _primitive),
-    "demo": (DEMO_HILLS, _demo),
+class Kind(NamedTuple):
+    """One kind of terrain."""
+
+    amp: float
+    """Its own amplitude, m (slope: rise per metre)."""
+    least_end: float
+    """The map must reach this x, m."""
+    make: Callable[[Wanted], Shape]
+
+
+SHAPES: dict[str, Kind] = {
+    "flat": Kind(0.0, -math.inf, _flat),
+    "slope": Kind(math.tan(math.radians(15.0)), -math.inf, _slope),
+    "hills": Kind(0.06, 0.6, _hills),
+    "rough": Kind(0.02, 0.6, _rough),
+    "steps": Kind(0.025, 1.0, _steps),
+    "flagstones": Kind(0.03, 0.6, _flagstones),
+    "primitive": Kind(0.02, -math.inf, _primitive),
+    "demo": Kind(DEMO_HILLS, DEMO_STEPS_AT + N_RISERS * TREAD, _demo),
 }
-"""Per kind its own amplitude in m (slope: rise per metre) and its generator."""

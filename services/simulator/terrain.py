@@ -100,8 +100,8 @@ def make_terrain(
         raise TerrainError("cell", f"must be in (0, 0.1] m, got {cell!r}")
     if seed < 0:
         raise TerrainError("seed", f"must be >= 0, got {seed!r}")
-    default, make = SHAPES[kind]
-    amp = default if amp is None else float(amp)
+    known = SHAPES[kind]
+    amp = known.amp if amp is None else float(amp)
     if not math.isfinite(amp) or amp < 0.0 or amp > 1.0:
         raise TerrainError("amp", f"must be in [0, 1], got {amp!r}")
     nx, ny = round(size[0] / cell) + 1, 2 * round(size[1] / (2.0 * cell)) + 1
@@ -111,8 +111,10 @@ def make_terrain(
         if number not in range(1, 8):
             raise TerrainError("number", f"must be 1..7, got {number!r}")
         start_x = -0.5 * (nx - 1) * cell
+    if start_x + size[0] < known.least_end:
+        raise TerrainError("size", f"{kind} needs ground up to x = {known.least_end} m, got {start_x + size[0]:g} m")
     grid = Grid(start_x, -0.5 * (ny - 1) * cell, nx, ny, cell)
-    shape = make(Wanted(grid, seed, amp, number, yaw))
+    shape = known.make(Wanted(grid, seed, amp, number, yaw))
     surface = _map(grid, shape.surface)
     ground = None if shape.ground is None else surface if shape.ground is shape.surface else _map(grid, shape.ground)
     return Terrain(kind, seed, amp, surface, ground, shape.normal, shape.boxes)

@@ -1,0 +1,147 @@
+"""Terrains: pure, bounded, flat at the start, and the map tells what the boxes are."""
+
+import math
+
+import numpy as np
+import pytest
+
+from services.simulator import shapes
+from services.simulator.terrain import (
+    KINDS,
+    MAP_PROFILES,
+    TerrainError,
+    make_terrain,
+    observed_map,
+    terrain_from_map,
+)
+from surefoot.heightmap import HeightMap
+
+RANDOM = ("hills", "rough", "flagstones", "demo")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_equal_arguments_give_equal_bits(kind: str) -> None:
+    a, b = make_terrain(kind, 7), make_terrain(kind, 7)
+    assert a.map.sha256 == b.map.sha256
+    assert a.boxes == b.boxes or all(x.position == y.position for x, y in zip(a.boxes, b.boxes, strict=True))
+    assert (make_terrain(kind, 8).map.sha256 == a.map.sha256) == (kind not in RANDOM)
+
+
+@pytest.mark.parametrize("kind", [k for k in KINDS if k not in ("slope", "primitive")])
+def test_the_start_is_flat(kind: str) -> None:
+    terrain = make_terrain(kind, 3)
+    start = terrain.map.xs() < shapes.PAD_END - 1e-9
+    assert not terrain.map.z[:, start].any()
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("amp", [0.06, 0.087])
+def test_demo_holds_what_it_promises(seed: int, amp: float) -> None:
+    terrain = make_terrain("demo", seed, amp)
+    scale = amp / 0.06
+    assert terrain.ground is not None
+    z = terrain.ground.z[:, terrain.map.xs() < shapes.DEMO_STEPS_AT]
+    assert amp - 0.01 * scale <= z.max() <= amp + 0.01 * scale
+    assert z.min() >= -0.01 * scale
+    assert len(terrain.boxes) == 3
+    heights = [terrain.map.height_at(shapes.DEMO_STEPS_AT + 0.25 * k + 0.1, 0.0) for k in range(3)]
+    assert heights == pytest.approx([0.025 * scale, 0.05 * scale, 0.075 * scale], abs=1e-6)
+
+
+def test_hills_reach_their_height_in_the_lane() -> None:
+    for seed in range(5):
+        terrain = make_terrain("hills", seed)
+        lane = np.abs(terrain.map.ys()) <= shapes.CORRIDOR
+        assert terrain.map.z[lane].max() == pytest.approx(0.06, abs=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["steps", "flagstones", "demo"])
+def test_boxes_are_where_the_map_has_them(kind: str) -> None:
+    terrain = make_terrain(kind, 2)
+    rng = np.random.default_rng(0)
+    rows = rng.integers(0, terrain.map.shape[0], 300)
+    cols = rng.integers(int(1.0 / terrain.map.cell), terrain.map.shape[1], 300)
+    x, y = terrain.map.xs()[cols], terrain.map.ys()[rows]
+    if kind == "flagstones":  # a point on the joint of two tiles may belong to either
+        u, v = (((c + 0.004) / shapes.TILE) % 1.0 for c in (x - shapes.PAD_END, y))
+        inner = (u > 0.08) & (v > 0.08)
+        x, y, rows, cols = x[inner], y[inner], rows[inner], cols[inner]
+    tops = np.array([shapes.box_top(box, x, y) for box in terrain.boxes])
+    top = np.max(np.where(np.isnan(tops), -1.0, tops), axis=0)
+    if terrain.ground is not None:
+        top = np.maximum(top, terrain.ground.z[rows, cols])
+    np.testing.assert_allclose(terrain.map.z[rows, cols], np.maximum(top, 0.0) if kind != "demo" else top, atol=1e-6)
+
+
+def test_slope_is_an_exact_plane() -> None:
+    terrain = make_terrain("slope", amp=math.tan(math.radians(15.0)))
+    assert terrain.ground is None
+    x, z = terrain.map.xs(), terrain.map.z[0]
+    n = terrain.normal
+    assert n[2] == pytest.approx(math.cos(math.radians(15.0)))
+    np.testing.assert_allclose(n[0] * x + n[2] * z, 0.0, atol=1e-7)
+
+
+@pytest.mark.parametrize("number", range(1, 8))
+def test_primitives_turn_with_yaw(number: int) -> None:
+    a = make_terrain("primitive", number=number, amp=0.03, size=(0.2, 0.2))
+    b = make_terrain("primitive", number=number, amp=0.03, size=(0.2, 0.2), yaw=math.pi / 2)
+    assert np.abs(a.map.z).max() <= 0.03 + 1e-6
+    np.testing.assert_allclose(b.map.z[1:-1, 1:-1], np.rot90(a.map.z, 3)[1:-1, 1:-1], atol=1e-6)
+
+
+@pytest.mark.parametrize("profile", MAP_PROFILES)
+def test_observed_map_is_seeded(profile: str) -> None:
+    terrain = make_terrain("demo", 1)
+    a, b, c = (observed_map(terrain, profile, seed) for seed in (5, 5, 6))
+    assert a.sha256 == b.sha256
+    assert (a.sha256 == c.sha256) == (profile == "exact")
+
+
+def test_noisy_map_has_its_noise_and_its_holes() -> None:
+    terrain = make_terrain("demo", 1)
+    found = observed_map(terrain, "noise", 5)
+    known = np.isfinite(found.z)
+    assert 0.01 < 1.0 - known.mean() < 0.03
+    assert np.std((found.z - terrain.map.z)[known]) == pytest.approx(0.003, rel=0.02)
+
+
+def test_shifted_map_is_the_same_surface_elsewhere() -> None:
+    terrain = make_terrain("demo", 1)
+    found = observed_map(terrain, "shifted", 5)
+    dz = found.z.astype(np.float64) - terrain.map.z
+    assert np.ptp(dz) < 1e-6
+    assert 0.0 < math.hypot(found.origin[0] - terrain.map.origin[0], found.origin[1] - terrain.map.origin[1]) < 0.05
+
+
+def test_file_round_trip(tmp_path: object) -> None:
+    ground = make_terrain("hills", 4, size=(1.4, 0.4)).map
+    path = ground.save(f"{tmp_path}/hills", kind="hills", seed=4)
+    again = terrain_from_map(HeightMap.load(path))
+    assert again.map.sha256 == ground.sha256
+    assert again.ground is not None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "field"),
+    [
+        ({"kind": "moon"}, "kind"),
+        ({"kind": "hills", "amp": float("nan")}, "amp"),
+        ({"kind": "hills", "cell": 0.0}, "cell"),
+        ({"kind": "hills", "seed": -1}, "seed"),
+        ({"kind": "hills", "size": (1e6, 1.0)}, "size"),
+        ({"kind": "hills", "size": (0.6, 1.0)}, "size"),
+        ({"kind": "primitive", "number": 8}, "number"),
+    ],
+)
+def test_refusals_name_the_field(arguments: dict[str, object], field: str) -> None:
+    with pytest.raises(TerrainError) as error:
+        make_terrain(**arguments)  # type: ignore[arg-type]
+    assert error.value.field == field
+
+
+def test_unknown_map_profile_and_empty_map() -> None:
+    with pytest.raises(TerrainError):
+        observed_map(make_terrain("flat"), "dream", 0)
+    with pytest.raises(TerrainError):
+        terrain_from_map(HeightMap(z=np.full((4, 4), np.nan, dtype=np.float32), cell=0.01))
