@@ -24,7 +24,7 @@ JOINED = tuple(t for t in TOPICS if t.deterministic and t.kind not in (Kind.LATC
 class RecorderConfig(ServiceConfig):
     """Where to write."""
 
-    path: str | None = Field(default="run.mcap", description="MCAP file; null = only the hash is computed")
+    path: str | None = Field(default="run.mcap", description="MCAP file; null or empty = only the hash is computed")
 
 
 class Recorder(Service[RecorderConfig]):
@@ -60,7 +60,7 @@ class Recorder(Service[RecorderConfig]):
 
     def on_tick(self, inputs: TickInputs) -> None:
         tick = inputs.tick
-        if self._writer is None and self.config.path is not None and not self._finished:
+        if self._writer is None and self.config.path and not self._finished:
             self._open(tick.epoch, tick.seed)
         self._epoch = tick.epoch
         self._flush()
