@@ -8,12 +8,15 @@ import fcntl
 import json
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, Any
 
 from services.supervisor.process import Identity, end, identify
+
+FILES = ("endpoint.json", "processes.json", "supervisor.json", "status.json", "ready.json")
+"""What describes a running system, and is removed with it."""
 
 
 class RunFolderError(Exception):
@@ -79,13 +82,14 @@ class RunFolder:
             raise RunFolderError(
                 f"system {self.name!r} is already run{by}; stop it with `surefoot down {self.name}`"
             ) from exc
+        os.utime(self.path / "lock")
         self._lock = stream
 
     def release(self) -> None:
         """Leave the system: no process, no endpoint, logs stay."""
         if self._lock is None:
             return
-        for name in ("endpoint.json", "processes.json", "supervisor.json"):
+        for name in FILES:
             (self.path / name).unlink(missing_ok=True)
         self._lock.close()
         self._lock = None
@@ -120,6 +124,34 @@ class RunFolder:
         """Return the supervising process, None when there is none that lives."""
         found = _identity(self._read("supervisor.json"))
         return found if found is not None and found.alive() else None
+
+    def write_rows(self, rows: Sequence[Any]) -> None:
+        """Store the table of `surefoot status`."""
+        self._write("status.json", [asdict(row) for row in rows])
+
+    def read_rows(self) -> list[dict[str, Any]]:
+        """Return the table of `surefoot status`."""
+        rows = self._read("status.json")
+        return rows if isinstance(rows, list) else []
+
+    def write_ready(self) -> None:
+        """Tell whoever waits that everything is there."""
+        self._write("ready.json", True)
+
+    def clear_ready(self) -> None:
+        """Forget what an earlier system said."""
+        (self.path / "ready.json").unlink(missing_ok=True)
+
+    def ready(self) -> bool:
+        """Tell whether everything is there."""
+        return self.held() and self._read("ready.json") is True
+
+    def touched(self) -> float:
+        """Return when this system was last taken, in wall time."""
+        try:
+            return (self.path / "lock").stat().st_mtime
+        except OSError:
+            return 0.0
 
     def write_processes(self, processes: Mapping[str, Identity]) -> None:
         """Store which processes are ours."""

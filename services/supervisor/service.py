@@ -1,11 +1,12 @@
 """The supervisor as a participant of lockstep: sends a scenario's commands in their tick, collects what happens."""
 
 import threading
+import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 from schemas.base import Message
-from schemas.sim import SimStatus, Truth
+from schemas.sim import SimStatus
 from schemas.system import Health, ServiceStatus, SupervisorStatus
 from schemas.topics import (
     CMD_WALK,
@@ -20,6 +21,10 @@ from schemas.topics import (
     STATE_ODOMETRY,
     STATE_STABILITY,
     STATE_VELOCITY,
+    STATE_VELOCITY_EKF,
+    STATE_VELOCITY_IMU,
+    STATE_VELOCITY_KINEMATICS,
+    STATE_VELOCITY_KINEMATICS_GYRO,
     SUPERVISOR_STATUS,
     TERRAIN_MAP,
     Topic,
@@ -27,10 +32,13 @@ from schemas.topics import (
 from services.supervisor.director import Director, Order
 from services.supervisor.system import System
 from services.supervisor.traces import Traces
+from surefoot.bus import Delivery
 from surefoot.config import ServiceConfig
-from surefoot.errors import CallError
+from surefoot.errors import CallError, Refusal
 from surefoot.join import TickInputs
 from surefoot.service import Service
+
+M = TypeVar("M", bound=Message)
 
 WELL = ("joining", "ready", "running")
 """States of a service in which it is healthy: it answers queries; whether all links are proved is another matter."""
@@ -42,13 +50,20 @@ JUDGED: tuple[Topic[Any], ...] = (
     STATE_ODOMETRY,
     STATE_GAIT,
     STATE_STABILITY,
+    STATE_VELOCITY_IMU,
+    STATE_VELOCITY_KINEMATICS,
+    STATE_VELOCITY_KINEMATICS_GYRO,
+    STATE_VELOCITY_EKF,
     TERRAIN_MAP,
 )
 """What the verdict is made from."""
 
 
 class Supervisor(Service[ServiceConfig]):
-    """Watches the system, conducts a scenario, keeps the traces of the run."""
+    """Watches the system, conducts a scenario, keeps what the verdict is made from.
+
+    Messages of a run are kept as they came and read after its end: to read all of them at once would cost each tick.
+    """
 
     name = "supervisor"
     Config = ServiceConfig
@@ -56,6 +71,7 @@ class Supervisor(Service[ServiceConfig]):
     outputs = (SUPERVISOR_STATUS,)
     calls = (CMD_WALK, SIM_PUSH, SIM_SET, SIM_FAULT, SIM_PAUSE)
     observes = (HEALTH, SIM_STATUS)
+    raw = True
 
     def __init__(
         self,
@@ -67,29 +83,48 @@ class Supervisor(Service[ServiceConfig]):
         super().__init__(config)
         self.director = director
         self.system = system
-        self.traces = Traces()
         self.health: dict[str, Health] = {}
         self.status: SimStatus | None = None
         self.ended = threading.Event()
         self.ticks = 0
+        self.began = self.last = 0.0
         self._kill = kill
+        self._kept: list[Delivery] = []
+        self._notes: list[tuple[float, str]] = []
+
+    @property
+    def wall_s(self) -> float:
+        """Wall time between the first and the last tick, s."""
+        return self.last - self.began
+
+    def traces(self) -> Traces:
+        """Read everything that was kept. Call it after the end of the run."""
+        traces = Traces()
+        for delivery in self._kept:
+            try:
+                traces.feed(delivery.topic.key, delivery.message())
+            except Refusal as refusal:
+                traces.note(0.0, f"{delivery.topic.key} could not be read: {refusal.message}")
+        for time_s, text in self._notes:
+            traces.note(time_s, text)
+        return traces
 
     def on_reset(self) -> None:
-        """A new run: the traces begin anew by the epoch of their messages."""
+        """A new run: forget the one before."""
         self.ended.clear()
+        self._kept.clear()
+        self._notes.clear()
         self.ticks = 0
+        self.began = time.monotonic()
 
     def on_tick(self, inputs: TickInputs) -> None:
         """Keep what happened; send what the scenario asks for."""
-        for topic in JUDGED:
-            message = inputs.get(topic)
-            if message is not None:
-                self.traces.feed(topic.key, message)
-        self.ticks = inputs.number + 1
+        self.ticks, self.last = inputs.number + 1, time.monotonic()
         if self.director is not None:
-            truth: Truth | None = inputs.get(SIM_TRUTH)
+            self._kept += inputs.messages.values()
+            truth, gait = _read(inputs, SIM_TRUTH), _read(inputs, STATE_GAIT)
             fallen = truth is not None and truth.fallen
-            for order in self.director.on_tick(inputs.number, inputs.get(STATE_GAIT), fallen=fallen):
+            for order in self.director.on_tick(inputs.number, gait, fallen=fallen):
                 self._send(self.director, order, inputs.tick.stamp_ns * 1e-9)
         if inputs.tick.end:
             self.ended.set()
@@ -106,8 +141,8 @@ class Supervisor(Service[ServiceConfig]):
         elif self.system is not None:
             self.system.heard(message.service, well=message.state in WELL)
 
-    def _send(self, director: Director, order: Order, time: float) -> None:
-        self.traces.note(time, order.text)
+    def _send(self, director: Director, order: Order, time_s: float) -> None:
+        self._notes.append((time_s, order.text))
         if order.kill:
             self._kill(order.kill)
         if order.query is None or order.request is None:
@@ -127,6 +162,11 @@ class Supervisor(Service[ServiceConfig]):
             ),
             scenario=self.director.scenario.name if self.director is not None else None,
         )
+
+
+def _read(inputs: TickInputs, topic: Topic[M]) -> M | None:
+    delivery = inputs.messages.get(topic.key)
+    return None if delivery is None else delivery.message()
 
 
 SERVICE = Supervisor

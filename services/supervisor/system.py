@@ -88,6 +88,11 @@ class System:
         self._notes: dict[str, Action] = {}
         self._restarts = dict.fromkeys(self._services, 0)
 
+    @property
+    def service_names(self) -> tuple[str, ...]:
+        """Services that are processes of their own, in dependency order."""
+        return tuple(self._services)
+
     def heard(self, service: str, *, well: bool) -> None:
         """Note a heartbeat (or, with `well` false, the loss of liveliness). Any thread may call it."""
         self._heartbeats[service] = Heartbeat(self._clock(), well)

@@ -92,9 +92,7 @@ def test_an_unknown_key_names_the_allowed_ones_and_the_nearest():
         assert word in message
 
 
-@pytest.mark.parametrize(
-    ("content", "code"), [(None, "not_found"), (b"\xff\xfe", "syntax"), (b"#" * 300_000, "value")]
-)
+@pytest.mark.parametrize(("content", "code"), [(None, "not_found"), (b"\xff\xfe", "syntax"), (b"#" * 300_000, "value")])
 def test_refuses_files_that_cannot_be_read(tmp_path, content, code):
     path = tmp_path / "system.yaml"
     if content is not None:

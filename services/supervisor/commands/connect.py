@@ -1,0 +1,55 @@
+"""Finding the running system a command speaks to."""
+
+import os
+import re
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from surefoot.client import Client
+
+
+@contextmanager
+def client(connect: str | None = None, namespace: str | None = None) -> Iterator["Client"]:
+    """Join the system as a client: the one named, else the one that runs here, else the default endpoint.
+
+    Raises:
+        BusError: nobody answers there.
+    """
+    from surefoot.client import Client
+    from surefoot.zenoh_bus import Endpoint, ZenohBus
+
+    where, prefix = endpoint(connect, namespace)
+    _knock(where)
+    with Client(ZenohBus(Endpoint(mode="client", connect=(where,), namespace=prefix))) as robot:
+        yield robot
+
+
+def endpoint(connect: str | None = None, namespace: str | None = None) -> tuple[str, str]:
+    """Return (endpoint, namespace) of the system to speak to."""
+    from services.supervisor.rundir import run_folders
+
+    connect = connect or os.environ.get("SUREFOOT_CONNECT")
+    namespace = namespace or os.environ.get("SUREFOOT_NAMESPACE")
+    running = [found for folder in run_folders() if (found := folder.endpoint()) is not None]
+    for found in running:
+        if connect in (None, found.connect) and namespace in (None, found.namespace):
+            return found.connect, found.namespace
+    robot = os.environ.get("SUREFOOT_ROBOT", "ragno")
+    return connect or "tcp/127.0.0.1:7447", namespace or f"surefoot/{robot}"
+
+
+def _knock(where: str) -> None:
+    """Fail at once when nobody listens, instead of after Zenoh's patience."""
+    from surefoot.errors import BusError
+
+    match = re.fullmatch(r"tcp/(\[?)([^\]]+)\]?:(\d+)", where)
+    if match is None:
+        return
+    try:
+        socket.create_connection((match.group(2), int(match.group(3))), timeout=2.0).close()
+    except OSError:
+        message = f"no system answers at {where}; start one with `surefoot up`, or name another with --connect"
+        raise BusError("absent", message) from None

@@ -1,0 +1,108 @@
+"""What all commands share: exit codes, JSON or tables, one sentence for an error."""
+
+import json
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import typer
+
+EXIT_OK, EXIT_CHECK, EXIT_USAGE, EXIT_INTERRUPT = 0, 1, 2, 130
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
+Connect = Annotated[
+    str | None, typer.Option("--connect", help="Router of the system, e.g. tcp/127.0.0.1:7447 [SUREFOOT_CONNECT].")
+]
+Namespace = Annotated[
+    str | None, typer.Option("--namespace", help="Prefix of its keys, e.g. surefoot/ragno [SUREFOOT_NAMESPACE].")
+]
+Listen = Annotated[
+    str | None, typer.Option("--listen", help="Endpoint of the router, e.g. tcp/127.0.0.1:7448 [SUREFOOT_LISTEN].")
+]
+
+
+@dataclass
+class State:
+    """What the whole command line remembers."""
+
+    debug: bool = False
+    json: bool = False
+
+
+state = State()
+
+
+def use_json(wanted: bool) -> bool:
+    """Note that this command answers in JSON, so that an error does so too."""
+    state.json = wanted
+    return wanted
+
+
+def write(text: str) -> None:
+    """Write one line to the output."""
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()
+
+
+def tell(text: str) -> None:
+    """Write one line for people beside the output."""
+    sys.stderr.write(text + "\n")
+    sys.stderr.flush()
+
+
+def write_json(content: Any) -> None:
+    """Write one JSON value to the output."""
+    write(json.dumps(content, indent=None if isinstance(content, str) else 1, default=_plain))
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "model_dump"):
+        return value.model_dump(mode="json")
+    if hasattr(value, "__dataclass_fields__"):
+        return {name: getattr(value, name) for name in value.__dataclass_fields__}
+    return str(value)
+
+
+def write_table(
+    columns: Sequence[str], rows: Iterable[Sequence[Any]], title: str = "", right: Sequence[int] = ()
+) -> None:
+    """Write a table; coloured words where the terminal wants colours. A cell may be (text, style)."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=title or None, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
+    for number, column in enumerate(columns):
+        table.add_column(column, justify="right" if number in right else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*(Text(*cell) if isinstance(cell, tuple) else Text(str(cell)) for cell in row))
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=160)
+    console.print(table)
+
+
+def fail(error: Exception) -> int:
+    """Write an error as one sentence (or one JSON object) and return the exit code."""
+    code = str(getattr(error, "code", "") or "internal")
+    message = str(error) or type(error).__name__
+    exit_code = EXIT_CHECK
+    if _is_usage(error):
+        exit_code = EXIT_USAGE
+    elif not hasattr(error, "code") and not isinstance(error, OSError) and type(error).__name__ != "RunFolderError":
+        message = f"internal error: {type(error).__name__}: {message} (surefoot --debug ... shows where)"
+    if state.json:
+        content: Mapping[str, Any] = {"code": code, "message": message, "field": getattr(error, "field", None)}
+        write_json({"error": content})
+    else:
+        tell(f"surefoot: {message}")
+    return exit_code
+
+
+def _is_usage(error: Exception) -> bool:
+    """Tell whether the user's own words or files are at fault, not the system."""
+    if getattr(error, "code", "") in ("unknown_topic", "unknown_query", "malformed", "invalid", "unknown_key"):
+        return True
+    return any(kind.__name__ in ("TableError", "ConfigError") for kind in type(error).__mro__)

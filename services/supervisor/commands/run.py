@@ -1,0 +1,140 @@
+"""`surefoot run` and `surefoot list`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from services.supervisor.commands.output import EXIT_CHECK, Json, Listen, tell, use_json, write, write_json, write_table
+
+if TYPE_CHECKING:
+    from services.supervisor.run import Outcome, Progress
+
+
+def run(
+    scenario: Annotated[str, typer.Argument(help="Name of a scenario (see `surefoot list`) or path of its file.")],
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of everything random [the scenario's].")] = None,
+    record: Annotated[bool, typer.Option("--record/--no-record", help="Write an MCAP recording.")] = True,
+    rtf: Annotated[
+        float | None, typer.Option(min=0.01, help="Pace at this real-time factor instead of lockstep at full speed.")
+    ] = None,
+    strict: Annotated[bool, typer.Option("--strict", help="Lockstep without actuation delay.")] = False,
+    listen: Listen = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for recording and report [a new one under runs/].")] = None,
+    json: Json = False,
+) -> None:
+    """Run a scenario with every service live, judge it, and write a report. Exit code 1: a limit was not met."""
+    from services.supervisor.run import Options, run_scenario
+    from services.supervisor.scenario import find_scenario, load_scenario
+    from services.supervisor.warming import warm_if_cold
+
+    use_json(json)
+    loaded = load_scenario(find_scenario(scenario))
+    warm_if_cold(tell)
+    options = Options(seed, record, rtf, strict, listen, out)
+    with _ProgressLine(loaded.name, loaded.max_duration_s, quiet=json) as line:
+        outcome = run_scenario(loaded, options, line.tell, line.show)
+    if json:
+        write_json(_as_json(outcome))
+    else:
+        _show(outcome)
+    if not outcome.verdict.ok:
+        raise typer.Exit(EXIT_CHECK)
+
+
+def list_all(json: Json = False) -> None:
+    """List scenarios, systems, robots and services."""
+    from services.supervisor.compose import ComposeError, load_compose
+    from services.supervisor.files import find, names
+    from services.supervisor.launch import service_names
+    from services.supervisor.scenario import find_scenario, load_scenario
+    from surefoot.robot import robot_names
+
+    use_json(json)
+    scenarios = {name: load_scenario(find_scenario(name)).description for name in names("scenarios", ".toml")}
+    systems = {
+        name: load_compose(find("compose", name, ".yaml", ComposeError)).service_names
+        for name in names("compose", ".yaml")
+    }
+    content = {"scenarios": scenarios, "systems": systems, "robots": robot_names(), "services": service_names()}
+    if json:
+        write_json(content)
+        return
+    write_table(("scenario", "what happens"), scenarios.items())
+    write_table(("system", "services"), [(name, " ".join(found)) for name, found in systems.items()])
+    write(f"robots:   {' '.join(robot_names())}\nservices: {' '.join(service_names())}")
+
+
+def _as_json(outcome: "Outcome") -> dict[str, object]:
+    verdict = outcome.verdict
+    return {
+        "scenario": outcome.scenario,
+        "seed": outcome.seed,
+        "ok": verdict.ok,
+        "values": {row.name: row.value for row in verdict.rows},
+        "failed": [row.name for row in verdict.rows if row.ok is False],
+        "problems": verdict.problems,
+        "notes": verdict.notes,
+        "message_hash": verdict.message_hash,
+        "comparable": verdict.comparable,
+        "start_s": round(outcome.start_s, 3),
+        "report": str(outcome.report),
+        "recording": None if outcome.recording is None else str(outcome.recording),
+    }
+
+
+def _show(outcome: "Outcome") -> None:
+    from services.supervisor.judge import METRICS
+
+    verdict = outcome.verdict
+    marks = {True: ("ok", "bold green"), False: ("FAILED", "bold red"), None: ("", "")}
+    rows = [
+        (METRICS[row.name].title, row.text, row.limit_text, marks[row.ok])
+        for row in verdict.rows
+        if row.value is not None or row.limits
+    ]
+    title = f"{outcome.scenario}, seed {outcome.seed}"
+    write_table(("quantity", "value", "limit", "verdict"), rows, title, right=(1, 2))
+    if verdict.message_hash:
+        write(f"message hash  {verdict.message_hash}" + ("" if verdict.comparable else "  (not comparable)"))
+    for note in verdict.notes:
+        write(f"note          {note}")
+    for problem in verdict.problems:
+        write(f"problem       {problem}")
+    if outcome.recording is not None:
+        write(f"recording     {outcome.recording}")
+    write(f"report        {outcome.report}")
+    write(f"verdict       {'PASS' if verdict.ok else 'FAIL'}")
+
+
+class _ProgressLine:
+    """One line that is rewritten on a terminal, and a few lines otherwise."""
+
+    def __init__(self, name: str, total_s: float, *, quiet: bool) -> None:
+        from rich.console import Console
+
+        self._name, self._total = name, total_s
+        self._console = Console(stderr=True, quiet=quiet)
+        self._status = self._console.status(f"{name}: starting") if self._console.is_terminal and not quiet else None
+
+    def __enter__(self) -> "_ProgressLine":
+        if self._status is not None:
+            self._status.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._status is not None:
+            self._status.stop()
+
+    def tell(self, text: str) -> None:
+        """Show what the system does."""
+        if self._status is not None:
+            self._status.update(f"{self._name}: {text}")
+        else:
+            self._console.print(text, style="dim", highlight=False)
+
+    def show(self, progress: "Progress") -> None:
+        """Show how far the run is."""
+        if self._status is not None:
+            done = f"{progress.time:6.2f} s simulated of at most {self._total:g} s"
+            self._status.update(f"{self._name}: {done}, {progress.rtf:.1f}x real time")

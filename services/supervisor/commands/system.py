@@ -1,0 +1,271 @@
+"""`surefoot up`, `down`, `status`, `logs`, `health`, `supervise`: systems as a whole."""
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from services.supervisor.commands.connect import client
+from services.supervisor.commands.output import (
+    EXIT_CHECK,
+    Connect,
+    Json,
+    Listen,
+    Namespace,
+    tell,
+    use_json,
+    write,
+    write_json,
+    write_table,
+)
+
+if TYPE_CHECKING:
+    from services.supervisor.compose import Compose
+    from services.supervisor.rundir import RunFolder
+
+System = Annotated[str, typer.Argument(help="Name of a compose file (see `surefoot list`) or its path.")]
+
+
+def up(
+    system: System = "ragno",
+    detach: Annotated[bool, typer.Option("--detach", "-d", help="Return when everything is ready.")] = False,
+    terrain: Annotated[str, typer.Option(help="Kind of terrain or path of a terrain file (simulation).")] = "flat",
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the world (simulation).")] = 0,
+    rtf: Annotated[float, typer.Option(min=0.0, help="Real-time factor, 0 = as fast as it goes.")] = 1.0,
+    record: Annotated[Path | None, typer.Option(help="MCAP file to write [no recording].")] = None,
+    listen: Listen = None,
+    json: Json = False,
+) -> None:
+    """Start the services of a compose file and keep them running."""
+    from schemas.sim import World
+    from services.supervisor.keep import Order, keep
+    from services.supervisor.warming import warm_if_cold
+
+    use_json(json)
+    compose = _compose(system)
+    order = Order(World(terrain=terrain), seed, rtf, record)
+    if detach:
+        _detach(compose, system, order, listen, json=json)
+        return
+    warm_if_cold(tell)
+    with _until_signal() as stop:
+        keep(compose, order, stop, listen=listen, tell=tell, ready=lambda: _show_up(compose, json=json))
+
+
+def supervise(
+    system: System = "ragno",
+    no_spawn: Annotated[
+        bool, typer.Option("--no-spawn", help="Start no processes: a container engine does that.")
+    ] = False,
+    terrain: Annotated[str, typer.Option(help="Kind of terrain (simulation).")] = "flat",
+    listen: Listen = None,
+) -> None:
+    """Hold the router and watch a system whose services are started by somebody else."""
+    from schemas.sim import World
+    from services.supervisor.keep import Order, keep
+
+    with _until_signal() as stop:
+        keep(_compose(system), Order(World(terrain=terrain)), stop, listen=listen, spawn=not no_spawn, tell=tell)
+
+
+def down(
+    system: Annotated[str | None, typer.Argument(help="Name of the system [the one that runs].")] = None,
+    json: Json = False,
+) -> None:
+    """Stop a system that runs, or what is left of one that crashed."""
+    from services.supervisor.process import end
+
+    use_json(json)
+    stopped: list[str] = []
+    for folder in _folders(system):
+        supervisor = folder.supervisor() if folder.held() else None
+        if supervisor is not None:
+            if not end(supervisor, grace_s=30.0):
+                tell(f"surefoot: process {supervisor.pid} could not be ended")
+                raise typer.Exit(EXIT_CHECK)
+            stopped.append(folder.name)
+        folder.acquire()
+        if folder.end_leftovers() and folder.name not in stopped:
+            stopped.append(folder.name)
+        folder.release()
+    if json:
+        write_json({"stopped": stopped})
+    else:
+        write(f"stopped {', '.join(stopped)}" if stopped else "nothing is running")
+
+
+def status(
+    system: Annotated[str | None, typer.Argument(help="Name of the system [the one that runs].")] = None,
+    json: Json = False,
+) -> None:
+    """Show what runs and how it does. Exit code 1: nothing runs, or a service is not well."""
+    use_json(json)
+    found = {folder.name: _status(folder) for folder in _folders(system) if folder.held()}
+    if json:
+        write_json(found)
+    elif not found:
+        write("nothing is running; start a system with `surefoot up`")
+    else:
+        for name, content in found.items():
+            _show_status(name, content)
+    if not found or any(row["state"] != "healthy" for content in found.values() for row in content["services"]):
+        raise typer.Exit(EXIT_CHECK)
+
+
+def logs(
+    service: Annotated[str | None, typer.Argument(help="Name of a service [all].")] = None,
+    system: Annotated[str | None, typer.Option(help="Name of the system [the last one that ran].")] = None,
+    lines: Annotated[int, typer.Option("--lines", "-n", min=0, help="Lines from the end of each log.")] = 20,
+    follow: Annotated[bool, typer.Option("--follow", "-f", help="Go on as lines come; end with Ctrl-C.")] = False,
+    json: Json = False,
+) -> None:
+    """Show the logs of the services."""
+    from services.supervisor.logs import follow_logs, tail
+
+    use_json(json)
+    folders = _folders(system)
+    found = {name: path for folder in folders[-1:] for name, path in folder.logs().items()}
+    if service is not None and service not in found:
+        raise typer.BadParameter(f"no log of {service!r}; there are {', '.join(found) or 'none'}")
+    chosen = {name: path for name, path in found.items() if service in (None, name)}
+    for name, line in [(name, line) for name, path in chosen.items() for line in tail(path, lines)]:
+        _show_line(name, line, json=json)
+    if follow:
+        for name, line in follow_logs(chosen):
+            _show_line(name, line, json=json)
+
+
+def health(
+    service: Annotated[str, typer.Argument(help="Name of a service.")],
+    connect: Connect = None,
+    namespace: Namespace = None,
+    json: Json = False,
+) -> None:
+    """Ask a service how it does: the probe of the compose files. Exit code 1: it is not well."""
+    from schemas.system import HealthRequest
+    from schemas.topics import HEALTH_GET
+
+    use_json(json)
+    with client(connect, namespace) as robot:
+        found = robot.bus.call(HEALTH_GET.of(service), HealthRequest(), 2.0).health
+    if json:
+        write_json(found)
+    else:
+        write(f"{service}: {found.state}" + (f", waits for {', '.join(found.waiting_for)}" * bool(found.waiting_for)))
+    if found.state not in ("joining", "ready", "running"):
+        raise typer.Exit(EXIT_CHECK)
+
+
+def _compose(system: str) -> "Compose":
+    from services.supervisor.compose import ComposeError, load_compose
+    from services.supervisor.files import find
+
+    return load_compose(find("compose", system, ".yaml", ComposeError))
+
+
+def _folders(system: str | None) -> list["RunFolder"]:
+    """Return the run folders of a system, or all, the ones that run last."""
+    from services.supervisor.rundir import RunFolder, run_folders
+
+    if system is not None:
+        return [RunFolder(Path(system).stem)]
+    return sorted(run_folders(), key=lambda folder: (folder.held(), folder.touched()))
+
+
+@contextmanager
+def _until_signal() -> Iterator[threading.Event]:
+    """Turn SIGTERM and SIGINT into an event, so that everything is stopped in order."""
+    stop = threading.Event()
+    before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _detach(compose: "Compose", system: str, order: Any, listen: str | None, *, json: bool) -> None:
+    from services.supervisor.keep import start_detached
+
+    start_detached(compose, system, order, listen, tell)
+    _show_up(compose, json=json)
+
+
+def _show_up(compose: "Compose", *, json: bool) -> None:
+    from services.supervisor.rundir import RunFolder
+
+    content = _status(RunFolder(compose.name))
+    if json:
+        write_json(content)
+        return
+    _show_status(compose.name, content)
+    prefix = content["namespace"]
+    write("Watch it from another shell, or from any Zenoh client:")
+    write("  surefoot topic echo state/velocity")
+    write(f"  zenoh --mode client --connect {content['connect']} --decoder json subscribe -k {prefix}/state/velocity")
+    write(f"Stop it with `surefoot down {compose.name}`.")
+
+
+def _status(folder: "RunFolder") -> dict[str, Any]:
+    """Return what the run folder says, with live numbers where the services answer."""
+    from schemas.system import HealthRequest
+    from schemas.topics import HEALTH_GET
+    from surefoot.errors import SurefootError
+
+    found = folder.endpoint()
+    content: dict[str, Any] = {"connect": "", "namespace": "", "services": folder.read_rows()}
+    if found is None:
+        return content
+    content |= {"connect": found.connect, "namespace": found.namespace}
+    try:
+        with client(found.connect, found.namespace) as robot:
+            for row in content["services"]:
+                if row["pid"] is not None:
+                    _add_health(row, robot.bus.call(HEALTH_GET.of(row["service"]), HealthRequest(), 1.0).health)
+    except SurefootError as error:
+        content["detail"] = error.message
+    return content
+
+
+def _add_health(row: dict[str, Any], found: Any) -> None:
+    row |= {
+        "doing": found.state,
+        "tick": found.tick,
+        "tick_p50_us": found.tick_p50_us,
+        "tick_p99_us": found.tick_p99_us,
+        "cpu_s": found.cpu_s,
+        "rss_mb": found.rss_mb,
+        "refused": found.refused,
+        "waiting_for": found.waiting_for,
+    }
+
+
+def _show_status(name: str, content: dict[str, Any]) -> None:
+    colours = {"healthy": "green", "starting": "yellow", "backoff": "yellow"}
+    rows = [
+        (
+            row["service"],
+            (row["state"], colours.get(row["state"], "bold red")),
+            row.get("doing", ""),
+            row["pid"] or "",
+            row["restarts"],
+            f"{row['tick_p50_us']:.0f} / {row['tick_p99_us']:.0f}" if "tick_p50_us" in row else "",
+            f"{row['rss_mb']:.0f}" if "rss_mb" in row else "",
+            row["detail"] or ", ".join(f"{n}x {reason}" for reason, n in row.get("refused", {}).items()),
+        )
+        for row in content["services"]
+    ]
+    title = f"{name}: {content['namespace']} at {content['connect']}"
+    columns = ("service", "state", "doing", "pid", "restarts", "tick us p50 / p99", "MB", "remarks")
+    write_table(columns, rows, title, right=(3, 4, 5, 6))
+
+
+def _show_line(name: str, line: str, *, json: bool) -> None:
+    if json:
+        write_json({"service": name, "line": line})
+    else:
+        write(f"{name:<10} {line}")

@@ -1,0 +1,50 @@
+"""Who holds a port: the kernel's socket tables and the open files of this user's processes."""
+
+import os
+import re
+from pathlib import Path
+
+_LISTEN = "0A"  # state of a listening socket in /proc/net/tcp
+
+
+def port_of(endpoint: str) -> int | None:
+    """Return the port of an endpoint such as `tcp/127.0.0.1:7447`."""
+    match = re.fullmatch(r"\w+/.*:(\d+)", endpoint)
+    return int(match.group(1)) if match else None
+
+
+def owner_of(port: int) -> str:
+    """Return `process 4711 (surefoot up ragno)` for the process that listens on a port, empty when unknown."""
+    inodes = _listening(port)
+    if not inodes:
+        return ""
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            links = {os.readlink(entry) for entry in (process / "fd").iterdir()}
+        except OSError:
+            continue  # gone, or somebody else's
+        if any(f"socket:[{inode}]" in links for inode in inodes):
+            return f"process {process.name} ({_command(process)})"
+    return "a process of another user"
+
+
+def _listening(port: int) -> set[str]:
+    inodes: set[str] = set()
+    for table in ("tcp", "tcp6"):
+        try:
+            lines = Path(f"/proc/net/{table}").read_text(encoding="ascii").splitlines()[1:]
+        except OSError:
+            continue
+        for line in lines:
+            fields = line.split()
+            if fields[3] == _LISTEN and int(fields[1].rpartition(":")[2], 16) == port:
+                inodes.add(fields[9])
+    return inodes
+
+
+def _command(process: Path) -> str:
+    try:
+        words = (process / "cmdline").read_bytes().decode("utf-8", "replace").split("\0")
+    except OSError:
+        return "unknown"
+    return " ".join(Path(word).name if i < 2 else word for i, word in enumerate(words) if word)[:80]

@@ -1,0 +1,209 @@
+"""One scenario from start to verdict."""
+
+import shlex
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from schemas.sim import ResetReply, ResetRequest
+from schemas.system import RecorderReply, RecorderRequest
+from schemas.topics import RECORDER_STATUS, SIM_RESET
+from services.supervisor.compose import ComposeError, load_compose
+from services.supervisor.director import Director
+from services.supervisor.files import find
+from services.supervisor.judge import Verdict, judge
+from services.supervisor.plots import Timing
+from services.supervisor.report import About, write_report
+from services.supervisor.scenario import Scenario
+from services.supervisor.session import DRIVER_SERVICE, Session
+from services.supervisor.traces import Traces
+from surefoot.errors import BusError, CallError
+from surefoot.robot import load_robot
+from surefoot.version import VERSION
+
+START_S = 90.0  # s wall, until the simulator serves: cold kernels are compiled at the first start
+STALL_S = 40.0  # s wall without a tick after which a run is given up (longer than the simulator's own patience)
+RECORDER_S = 10.0  # s wall, for the recorder to close its file
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a scenario is run.
+
+    Attributes:
+        seed: None = the scenario's own.
+        record: write an MCAP file.
+        rtf: None = lockstep as fast as it goes; else paced at this real-time factor.
+        strict: no actuation delay.
+        listen: endpoint of the router, None = SUREFOOT_LISTEN or the default.
+        out: folder for recording and report, None = a new one under `runs`.
+    """
+
+    seed: int | None = None
+    record: bool = True
+    rtf: float | None = None
+    strict: bool = False
+    listen: str | None = None
+    out: Path | None = None
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run is: control ticks, simulated time (s), real-time factor so far."""
+
+    ticks: int
+    time: float
+    rtf: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a run."""
+
+    scenario: str
+    seed: int
+    verdict: Verdict
+    report: Path
+    recording: Path | None
+    start_s: float
+    """Wall time from the command to tick 0."""
+
+
+def run_scenario(
+    scenario: Scenario,
+    options: Options,
+    tell: Callable[[str], None] = lambda text: None,
+    show: Callable[[Progress], None] = lambda progress: None,
+) -> Outcome:
+    """Start the system, conduct the scenario, judge it, write the report, stop everything.
+
+    Raises:
+        FileError: the compose file cannot be used.
+        BusError: the system could not be brought up, or stalled; the report of a stalled run is not written.
+    """
+    began = time.monotonic()
+    seed = scenario.seed if options.seed is None else options.seed
+    compose = load_compose(find("compose", scenario.compose, ".yaml", ComposeError))
+    out = options.out or _new_folder(scenario.name, seed)
+    out.mkdir(parents=True, exist_ok=True)
+    recording = (out / "run.mcap").resolve() if options.record else None
+    director = Director(scenario)
+    environment = {
+        "SUREFOOT_RECORDER_PATH": str(recording) if recording else "",
+        "SUREFOOT_SIMULATOR_AUTOSTART": "false",  # the first epoch is ours
+    }
+    with Session(compose, listen=options.listen, director=director, environment=environment, tell=tell) as session:
+        if DRIVER_SERVICE not in session.system.service_names:
+            raise BusError("no_simulator", f"a scenario needs the {DRIVER_SERVICE}; {compose.path} does not list it")
+        reset = _reset(session, scenario, options, seed)
+        tell(f"run {reset.run_id} begins")
+        start_s, problems = _follow(session, scenario, director, began, show)
+        recorded = _recorder(session) if "recorder" in session.alive else None
+        timings = {n: Timing(h.tick_p50_us, h.tick_p99_us) for n, h in session.health().items() if h.tick_p50_us > 0}
+        restarts = [f"{row.service} was restarted {row.restarts}x" for row in session.system.rows() if row.restarts]
+        status, wall_s = session.supervisor.status, session.supervisor.wall_s
+    comparable = not restarts and options.rtf is None and (status is None or status.comparable)
+    traces = session.supervisor.traces()
+    verdict = judge(
+        traces,
+        scenario.limits,
+        wall_s=wall_s,
+        message_hash=recorded.run_hash if recorded else "",
+        comparable=comparable,
+        problems=(*problems, *director.problems, *director.unfinished()),
+        notes=(*director.notes, *restarts),
+    )
+    written = recording if recording is not None and recording.exists() else None
+    report = _report(out, scenario, seed, session.robot, traces, verdict, timings, written, options)
+    return Outcome(scenario.name, seed, verdict, report, written, start_s)
+
+
+def _reset(session: Session, scenario: Scenario, options: Options, seed: int) -> ResetReply:
+    """Build the world as soon as the simulator serves; the others may still be starting."""
+    if not session.wait_for(lambda: DRIVER_SERVICE in session.alive, START_S):
+        raise BusError("not_ready", f"the {DRIVER_SERVICE} is not there after {START_S:g} s")
+    return session.call(
+        SIM_RESET,
+        ResetRequest(
+            seed=seed,
+            world=scenario.world,
+            expect=session.expected,
+            mode="lockstep" if options.rtf is None else "paced",
+            rtf=options.rtf or 0.0,
+            actuation_delay_ticks=0 if options.strict else scenario.actuation_delay_ticks,
+            policy=scenario.policy,
+            max_ticks=scenario.max_ticks,
+        ),
+    )
+
+
+def _follow(
+    session: Session, scenario: Scenario, director: Director, began: float, show: Callable[[Progress], None]
+) -> tuple[float, list[str]]:
+    """Look after the system until the last tick; return the start-up time and what went wrong."""
+    supervisor = session.supervisor
+    start_s, last, moved = 0.0, 0, time.monotonic()
+    while not supervisor.ended.is_set():
+        session.step()
+        now = time.monotonic()
+        if supervisor.ticks != last:
+            if last == 0:
+                start_s = now - began
+            last, moved = supervisor.ticks, now
+            wall = max(supervisor.wall_s, 1e-3)
+            show(Progress(last, last * 0.01, last * 0.01 / wall))
+        if now - moved > STALL_S:
+            waiting = {name: health.waiting_for for name, health in session.health().items() if health.waiting_for}
+            words = "; ".join(f"{name} waits for {', '.join(keys)}" for name, keys in waiting.items())
+            raise BusError("stalled", f"no tick for {STALL_S:g} s at tick {last}" + (f": {words}" if words else ""))
+        supervisor.ended.wait(0.05)
+    return start_s, ["it was ended by max_duration_s"] if not director.ended and scenario.steps else []
+
+
+def _recorder(session: Session) -> RecorderReply | None:
+    """Wait until the recorder has the last tick on disk."""
+    deadline = time.monotonic() + RECORDER_S
+    while True:
+        try:
+            reply = session.call(RECORDER_STATUS, RecorderRequest(), 2.0)
+        except CallError:
+            return None
+        if reply.finished or time.monotonic() > deadline:
+            return reply
+        time.sleep(0.02)
+
+
+def _new_folder(scenario: str, seed: int) -> Path:
+    stem = Path("runs") / f"{scenario}-seed{seed}-{datetime.now():%Y%m%d-%H%M%S}"
+    folder, number = stem, 1
+    while folder.exists():
+        number += 1
+        folder = stem.with_name(f"{stem.name}-{number}")
+    return folder
+
+
+def _report(
+    out: Path,
+    scenario: Scenario,
+    seed: int,
+    robot: str,
+    traces: Traces,
+    verdict: Verdict,
+    timings: dict[str, Timing],
+    recording: Path | None,
+    options: Options,
+) -> Path:
+    flags = f" --rtf {options.rtf:g}" * (options.rtf is not None) + " --strict" * options.strict
+    facts = {
+        "Again": f"surefoot run {shlex.quote(scenario.name)} --seed {seed}{flags}",
+        "Robot": robot,
+        "World": scenario.world.model_dump_json(exclude_none=True),
+        "Version": VERSION,
+    }
+    if recording is not None:
+        facts["Recording"] = recording.name
+    feet = tuple(leg.name for leg in load_robot(robot).legs)
+    about = About(scenario.name, scenario.description, seed, facts, scenario.limits, feet, timings)
+    return write_report(out / "report.html", about, traces, verdict)

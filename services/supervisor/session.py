@@ -1,0 +1,224 @@
+"""A system that is up: run folder, router, the supervisor's own node, and the processes of the others."""
+
+import os
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Self, TypeVar
+
+from schemas.base import Request, Wire
+from schemas.system import Health, HealthRequest
+from schemas.topics import HEALTH_GET, Query
+from services.supervisor.compose import Compose
+from services.supervisor.director import Director
+from services.supervisor.ports import owner_of, port_of
+from services.supervisor.reconcile import Action
+from services.supervisor.rundir import Endpoint, RunFolder
+from services.supervisor.service import Supervisor
+from services.supervisor.system import SELF, System
+from surefoot.bus import Life
+from surefoot.config import ServiceConfig
+from surefoot.errors import BusError, CallError
+from surefoot.node import Node
+from surefoot.zenoh_bus import DEFAULT_ENDPOINT, DEFAULT_FLEET, ZenohBus
+from surefoot.zenoh_bus import Endpoint as BusEndpoint
+
+Req = TypeVar("Req", bound=Request)
+Rep = TypeVar("Rep", bound=Wire)
+
+STEP_S = 0.05  # s, how often the main thread looks at the processes
+DRIVER_SERVICE = "simulator"
+
+
+class Session:
+    """Everything `run`, `up` and `supervise` have in common; a context manager that leaves nothing behind."""
+
+    def __init__(
+        self,
+        compose: Compose,
+        *,
+        listen: str | None = None,
+        director: Director | None = None,
+        environment: Mapping[str, str] | None = None,
+        spawn: bool = True,
+        tell: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self.compose = compose
+        self.listen = listen or os.environ.get("SUREFOOT_LISTEN") or DEFAULT_ENDPOINT
+        self.robot = _robot(compose)
+        self.namespace = os.environ.get("SUREFOOT_NAMESPACE", f"{DEFAULT_FLEET}/{self.robot}")
+        self.folder = RunFolder(compose.name)
+        self._spawn = spawn
+        self._tell = tell
+        own = {"SUREFOOT_CONNECT": self.listen, "SUREFOOT_NAMESPACE": self.namespace, "SUREFOOT_ROBOT": self.robot}
+        self.system = System(
+            compose, self.folder, environment={**own, **(environment or {})}, on_action=self._on_action
+        )
+        self.supervisor = Supervisor(
+            ServiceConfig(robot=self.robot), director, self.system if spawn else None, self.system.signal_kill
+        )
+        self._bus: ZenohBus | None = None
+        self._node: Node | None = None
+        self._thread: threading.Thread | None = None
+        self._alive: dict[str, str] = {}
+        self.failure: BaseException | None = None
+        """What ended the supervisor's own thread, None while all is well."""
+
+    # -- life ---------------------------------------------------------------------------------------------------------
+
+    def __enter__(self) -> Self:
+        """Take the run folder, open the router, become visible.
+
+        Raises:
+            RunFolderError: the system is up already.
+            BusError: the port is taken; the sentence names the owner and the flag.
+        """
+        self.folder.acquire()
+        try:
+            self._clean_up()
+            self._bus = self._open_router()
+            self.folder.write_endpoint(
+                Endpoint(self.listen, self.namespace, str(self.compose.path.resolve()), self.robot)
+            )
+            self._bus.watch(self._on_life)
+            self._node = Node(self.supervisor, self._bus)
+            self._node.start()
+            self._thread = threading.Thread(target=self._run_node, name="supervisor", daemon=True)
+            self._thread.start()
+        except BaseException:
+            self._close()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop all processes, close the session, give the run folder back."""
+        self._close()
+
+    def _close(self) -> None:
+        try:
+            if self._spawn and not self.system.stop():
+                self._tell("some processes could not be ended")
+        finally:
+            if self._node is not None:
+                self._node.stop()
+            if self._thread is not None:
+                self._thread.join(2.0)
+            if self._bus is not None:
+                self._bus.close()
+            self.folder.release()
+
+    def _clean_up(self) -> None:
+        left = self.folder.end_leftovers()
+        if left:
+            self._tell(f"ended what an earlier run had left behind: {', '.join(left)}")
+
+    def _open_router(self) -> ZenohBus:
+        try:
+            return ZenohBus(BusEndpoint(mode="router", connect=(), listen=(self.listen,), namespace=self.namespace))
+        except BusError:
+            port = port_of(self.listen)
+            owner = owner_of(port) if port is not None else ""
+            if not owner:
+                raise
+            message = f"{self.listen} is taken by {owner}; stop it, or choose another endpoint with --listen"
+            raise BusError("busy", message) from None
+
+    def _run_node(self) -> None:
+        assert self._node is not None
+        try:
+            self._node.run()
+        except BaseException as error:
+            self.failure = error
+
+    # -- what happens -------------------------------------------------------------------------------------------------
+
+    def _on_life(self, life: Life) -> None:
+        self.system.heard(life.service, well=life.alive)
+        if life.alive:
+            self._alive[life.service] = life.instance
+        elif self._alive.get(life.service) == life.instance:
+            del self._alive[life.service]
+
+    def _on_action(self, action: Action) -> None:
+        self._tell(f"{action.verb} {action.service}" + (f" ({action.reason})" if action.reason else ""))
+
+    @property
+    def expected(self) -> tuple[str, ...]:
+        """Services that must be ready before tick 0: all but the driver."""
+        return tuple(name for name in (*self.system.service_names, SELF) if name != DRIVER_SERVICE)
+
+    @property
+    def alive(self) -> tuple[str, ...]:
+        """Services that are visible on the bus."""
+        return tuple(sorted(self._alive))
+
+    def instance_of(self, service: str) -> str:
+        """Return the identity of a visible service's process, empty when it is not visible."""
+        return self._alive.get(service, "")
+
+    def step(self) -> None:
+        """Look after the processes once.
+
+        Raises:
+            BusError: a service is not restarted any more, or the supervisor's own thread has ended.
+        """
+        if self.failure is not None:
+            raise BusError("internal", f"the supervisor has failed: {type(self.failure).__name__}: {self.failure}")
+        if not self._spawn:
+            return
+        self.system.step()
+        lost = self.system.given_up()
+        if lost:
+            raise BusError("service_failed", self._why(lost[0]))
+
+    def wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """Look after the processes until the condition holds; False after `timeout_s`."""
+        deadline = time.monotonic() + timeout_s
+        while not condition():
+            if time.monotonic() > deadline:
+                return False
+            self.step()
+            time.sleep(STEP_S)
+        return True
+
+    def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None) -> Rep:
+        """Ask a service (raises CallError)."""
+        assert self._bus is not None
+        return self._bus.call(query, request, timeout_s)
+
+    def health(self) -> dict[str, Health]:
+        """Return the health of every service that answers."""
+        found: dict[str, Health] = {}
+        for name in self.alive:
+            try:
+                found[name] = self.call(HEALTH_GET.of(name), HealthRequest(), 1.0).health
+            except CallError:
+                continue
+        return found
+
+    def _why(self, service: str) -> str:
+        """Why a service does not run, with its own last words."""
+        row = next(row for row in self.system.rows() if row.service == service)
+        log = self.folder.log(service)
+        words = _last_line(log)
+        return f"{service} does not run ({row.detail or 'ended'})" + (f": {words}" if words else "") + f"; see {log}"
+
+
+def _robot(compose: Compose) -> str:
+    """Return the robot a compose file is for: what its services are told."""
+    for service in compose.services:
+        if "SUREFOOT_ROBOT" in service.environment:
+            return service.environment["SUREFOOT_ROBOT"]
+    return os.environ.get("SUREFOOT_ROBOT", "ragno")
+
+
+def _last_line(log: Path) -> str:
+    try:
+        lines = log.read_text(encoding="utf-8", errors="replace").split("\n")
+    except OSError:
+        return ""
+    return next((line.strip() for line in reversed(lines) if line.strip()), "")[:300]

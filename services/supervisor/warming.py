@@ -1,0 +1,86 @@
+"""Compiling the numeric kernels ahead of time, once per installation and version."""
+
+import hashlib
+import importlib
+import os
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+_MARK = "\ndef warm() -> None:"
+
+
+def kernel_modules() -> tuple[str, ...]:
+    """Return the modules that offer `warm`, the shared ones first; found by their text, nothing is imported."""
+    found: list[str] = []
+    for package in ("surefoot", "services"):
+        for path in sorted((ROOT / package).rglob("*.py")):
+            if _MARK in path.read_text(encoding="utf-8"):
+                found.append(".".join(path.relative_to(ROOT).with_suffix("").parts))
+    return tuple(found)
+
+
+def signature(modules: tuple[str, ...]) -> str:
+    """Return a hash of everything compiled code depends on: sources, Python, numba, processor."""
+    from importlib.metadata import version
+
+    digest = hashlib.sha256(f"{sys.version}|{version('numba')}|{os.uname().machine}|{ROOT}".encode())
+    for path in sorted((ROOT / "surefoot").glob("*.py")):
+        digest.update(path.read_bytes())
+    for module in modules:
+        digest.update((ROOT / Path(*module.split("."))).with_suffix(".py").read_bytes())
+    return digest.hexdigest()
+
+
+def is_cold() -> bool:
+    """Tell whether kernels have to be compiled before a system starts quickly."""
+    return not (_stamps() / signature(kernel_modules())).exists()
+
+
+def warm_if_cold(tell: Callable[[str], None]) -> None:
+    """Compile all kernels unless that was done before."""
+    if is_cold():
+        tell("compiling numeric kernels (once, up to a minute or two)")
+        warm_all(tell)
+
+
+def warm_all(tell: Callable[[str], None] = lambda text: None) -> dict[str, float]:
+    """Compile all kernels in two steps: the shared ones, then those of the services side by side.
+
+    Returns:
+        Seconds by module.
+    """
+    modules = kernel_modules()
+    shared = [module for module in modules if module.startswith("surefoot.")]
+    own = [module for module in modules if not module.startswith("surefoot.")]
+    services = sorted({module.split(".")[1] for module in own})
+    groups = [shared, *([module for module in own if module.split(".")[1] == name] for name in services)]
+    took: dict[str, float] = {}
+    with ProcessPoolExecutor(max_workers=os.cpu_count() or 1, mp_context=get_context("spawn")) as pool:
+        took |= pool.submit(_warm, groups[0]).result()
+        tell(f"  shared: {sum(took.values()):.1f} s")
+        for name, result in zip(services, pool.map(_warm, groups[1:]), strict=True):
+            took |= result
+            tell(f"  {name}: {sum(result.values()):.1f} s")
+    stamps = _stamps()
+    stamps.mkdir(parents=True, exist_ok=True)
+    (stamps / signature(modules)).touch()
+    return took
+
+
+def _warm(modules: list[str]) -> dict[str, float]:
+    took: dict[str, float] = {}
+    for name in modules:
+        began = time.monotonic()
+        importlib.import_module(name).warm()
+        took[name] = round(time.monotonic() - began, 3)
+    return took
+
+
+def _stamps() -> Path:
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    return (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "surefoot" / "warm"
