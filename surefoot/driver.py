@@ -232,7 +232,7 @@ class DriverNode(Node):
     def _tell_latched(self) -> None:
         for topic, message in self.driver.latched():
             tick = max(0, self.leader.tick)
-            self._publishers[topic.key].put(message.stamped(tick * TICK_NS, tick, self.leader.epoch, 0, self.name))
+            self._publishers[topic.key].put(message.relabelled(tick * TICK_NS, tick, self.leader.epoch, 0, self.name))
 
     def _hold(self) -> bool:
         leader = self.leader
