@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from services.footholds.features import Layer
 from services.footholds.ground import Ground, build_ground
-from services.footholds.reach import LEG_NUMBERS, solve
+from services.footholds.reach import LEG_NUMBERS, LegTable, solve
 from surefoot.heightmap import HeightMap
 from surefoot.jit import kernel, row_kernel
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.uint8]
+Rotation = tuple[float, float, float, float, float, float, float, float, float]
 
 
 class Reason(IntFlag):
@@ -59,13 +60,13 @@ class Limits:
 class Placement(NamedTuple):
     """A leg about to land: everything the reach and collision tests need; in the map frame unless said otherwise."""
 
-    leg: Array  # (LEG_NUMBERS,) table of the leg, see reach.leg_table
+    leg: LegTable  # table of the leg, see reach.leg_table
     base: Array  # (3,) position of base_link at landing, m
     rot: Array  # (3, 3) rot_map_from_base at landing
     stroke: Array  # (3,) movement of the foot relative to the body in stance, m
 
 
-NO_LEG = Placement(np.full(LEG_NUMBERS, np.nan), np.zeros(3), np.eye(3), np.zeros(3))
+NO_LEG = Placement((math.nan,) * LEG_NUMBERS, np.zeros(3), np.eye(3), np.zeros(3))
 """Stands for "no leg": neither reach nor the leg's collisions are tested."""
 
 
@@ -150,22 +151,19 @@ def _cuts(
 
 @row_kernel
 def _leg_bits(
-    z: Layer, grid: tuple[float, float, float, float], leg: Array, bx: float, by: float, bz: float, rot: Array,
-    x: float, y: float, height: float, margin: float, leg_radius: float, top: float, joints: Array,
+    z: Layer, grid: tuple[float, float, float, float], leg: LegTable, bx: float, by: float, bz: float, rot: Rotation,
+    x: float, y: float, height: float, margin: float, leg_radius: float, top: float,
 ) -> int:  # fmt: skip
     """Reach and collision of the leg with its foot centre at (x, y, height) and the base at (bx, by, bz)."""
     dx, dy, dz = x - bx, y - by, height - bz
-    px = rot[0, 0] * dx + rot[1, 0] * dy + rot[2, 0] * dz
-    py = rot[0, 1] * dx + rot[1, 1] * dy + rot[2, 1] * dz
-    pz = rot[0, 2] * dx + rot[1, 2] * dy + rot[2, 2] * dz
-    if not solve(leg, px, py, pz, joints) >= margin:
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = rot
+    reached, jx, jy, jz, nx, ny, nz = solve(
+        leg, xx * dx + yx * dy + zx * dz, xy * dx + yy * dy + zy * dz, xz * dx + yz * dy + zz * dz
+    )
+    if not reached >= margin:
         return _REACH
-    hx = bx + rot[0, 0] * joints[0] + rot[0, 1] * joints[1] + rot[0, 2] * joints[2]
-    hy = by + rot[1, 0] * joints[0] + rot[1, 1] * joints[1] + rot[1, 2] * joints[2]
-    hz = bz + rot[2, 0] * joints[0] + rot[2, 1] * joints[1] + rot[2, 2] * joints[2]
-    kx = bx + rot[0, 0] * joints[3] + rot[0, 1] * joints[4] + rot[0, 2] * joints[5]
-    ky = by + rot[1, 0] * joints[3] + rot[1, 1] * joints[4] + rot[1, 2] * joints[5]
-    kz = bz + rot[2, 0] * joints[3] + rot[2, 1] * joints[4] + rot[2, 2] * joints[5]
+    hx, hy, hz = bx + xx * jx + xy * jy + xz * jz, by + yx * jx + yy * jy + yz * jz, bz + zx * jx + zy * jy + zz * jz
+    kx, ky, kz = bx + xx * nx + xy * ny + xz * nz, by + yx * nx + yy * ny + yz * nz, bz + zx * nx + zy * ny + zz * nz
     # the foot's own end is left out: the sphere rests on the dilated map there; most legs pass above all ground
     low = height + 0.2 * (kz - height)
     if min(low, kz) < top + leg_radius and _cuts(z, grid, x, y, height, kx, ky, kz, 0.2, leg_radius):
@@ -178,7 +176,7 @@ def _leg_bits(
 
 @row_kernel
 def _highest(
-    z: Layer, grid: tuple[float, float, float, float], row0: int, col0: int, shape: tuple[int, int], leg: Array,
+    z: Layer, grid: tuple[float, float, float, float], row0: int, col0: int, shape: tuple[int, int], leg: LegTable,
     base: Array, rot: Array, stroke: Array,
 ) -> float:  # fmt: skip
     """Highest known ground under any pose of the leg: over the window and a knee's reach about the hip, m."""
@@ -205,14 +203,15 @@ def _highest(
 @row_kernel
 def _mask(
     z: Layer, centres: Layer, grid: tuple[float, float, float, float], row0: int, col0: int, slip: Layer,
-    limits: tuple[float, float, float, float, float], test_leg: bool, leg: Array, base: Array, rot: Array,
+    limits: tuple[float, float, float, float, float], test_leg: bool, leg: LegTable, base: Array, rot: Array,
     stroke: Array, out: Mask,
 ) -> None:  # fmt: skip
     slip_limit, slope_limit, wedge, margin, leg_radius = limits
     cell, x0, y0, foot_radius = grid
     ny, nx = z.shape
-    joints = np.zeros(6)
-    ex, ey, ez = base[0] - stroke[0], base[1] - stroke[1], base[2] - stroke[2]  # the base at lift-off
+    bx, by, bz = base[0], base[1], base[2]
+    turn = (rot[0, 0], rot[0, 1], rot[0, 2], rot[1, 0], rot[1, 1], rot[1, 2], rot[2, 0], rot[2, 1], rot[2, 2])
+    ex, ey, ez = bx - stroke[0], by - stroke[1], bz - stroke[2]  # the base at lift-off
     top = _highest(z, grid, row0, col0, out.shape, leg, base, rot, stroke) if test_leg else math.nan
     moves = stroke[0] != 0.0 or stroke[1] != 0.0 or stroke[2] != 0.0
     for i in range(out.shape[0]):
@@ -238,11 +237,9 @@ def _mask(
                 bits |= _COLLISION
             if test_leg:
                 x, y = x0 + col * cell, y0 + row * cell
-                hit = _leg_bits(
-                    z, grid, leg, base[0], base[1], base[2], rot, x, y, height, margin, leg_radius, top, joints
-                )
+                hit = _leg_bits(z, grid, leg, bx, by, bz, turn, x, y, height, margin, leg_radius, top)
                 if moves and hit != _REACH:
-                    hit |= _leg_bits(z, grid, leg, ex, ey, ez, rot, x, y, height, margin, leg_radius, top, joints)
+                    hit |= _leg_bits(z, grid, leg, ex, ey, ez, turn, x, y, height, margin, leg_radius, top)
                 bits |= hit
             out[i, j] = bits
 

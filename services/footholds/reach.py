@@ -7,21 +7,20 @@ it gives the distance from the point to the nearest edge of the workspace, which
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from surefoot.jit import row_kernel
 from surefoot.robot import KinematicModel
 
-Array = NDArray[np.float64]
+LegTable = tuple[float, ...]
+"""One leg as numbers, see `leg_table`: a tuple, as kernels handle numbers faster than arrays."""
 LEG_NUMBERS = 21
-"""Length of the table of one leg, see `leg_table`."""
 OUTSIDE = -1.0
 """Margin of a point that cannot be reached."""
 SLACK = 1e-9
 """m and 1: a point on the edge counts as inside, as in the closed-form solution."""
 
 
-def leg_table(model: KinematicModel, leg: int) -> Array:
+def leg_table(model: KinematicModel, leg: int) -> LegTable:
     """The leg as numbers for the kernels, (LEG_NUMBERS,).
 
     0-2 hip, 3-4 cos and sin of the heading, 5-7 coxa, femur, tibia; 8-11 cos, sin of the coxa's lower and upper
@@ -33,7 +32,7 @@ def leg_table(model: KinematicModel, leg: int) -> Array:
     coxa, femur, tibia = (float(value) for value in model.segment[leg])
     table = np.full(LEG_NUMBERS, np.nan)
     if not np.isfinite([coxa, femur, tibia]).all():
-        return table
+        return tuple(table.tolist())
     joints = model.leg_joints[leg]
     low, high = model.lower[joints], model.upper[joints]
     table[0:3] = hip
@@ -46,15 +45,15 @@ def leg_table(model: KinematicModel, leg: int) -> Array:
     for k, knee in ((18, bent), (19, straight)):
         table[k] = math.sqrt(max(femur**2 + tibia**2 + 2.0 * femur * tibia * math.cos(knee), 0.0))
     table[20] = float(bent <= straight)
-    return table
+    return tuple(table.tolist())
 
 
 @row_kernel
-def _sector(x: float, y: float, limits: Array, start: int) -> float:
+def _sector(x: float, y: float, cos_low: float, sin_low: float, cos_high: float, sin_high: float, wide: float) -> float:
     """Signed distance of (x, y) from the two rays that bound a sector of angles; > 0 inside."""
-    low = limits[start] * y - limits[start + 1] * x
-    high = limits[start + 3] * x - limits[start + 2] * y
-    return max(low, high) if limits[start + 4] > 0.5 else min(low, high)
+    low = cos_low * y - sin_low * x
+    high = sin_high * x - cos_high * y
+    return max(low, high) if wide > 0.5 else min(low, high)
 
 
 @row_kernel
@@ -67,52 +66,52 @@ def _arc(r: float, z: float, cos: float, sin: float, femur: float, tibia: float)
 
 
 @row_kernel
-def solve(leg: Array, px: float, py: float, pz: float, out: Array) -> float:
-    """Reach margin of a foot centre in base_link and the two inner joints.
+def solve(leg: LegTable, px: float, py: float, pz: float) -> tuple[float, float, float, float, float, float, float]:
+    """Reach margin of a foot centre in base_link, and the two inner joints.
 
     Args:
         leg: table of the leg.
-        px: foot centre, base_link, m.
-        py: as px.
-        pz: as px.
-        out: receives the femur joint and the knee in base_link, (6,) m, when the point is in reach.
+        px: x of the foot centre, base_link, m.
+        py: y of it.
+        pz: z of it.
 
     Returns:
-        Distance to the nearest edge of the workspace, m (never more than the true one near corners), or OUTSIDE.
+        Distance to the nearest edge of the workspace, m (never more than the true one), or OUTSIDE; then x, y, z of
+        the femur joint and of the knee, base_link, m (0 when outside).
     """
-    dx, dy, z = px - leg[0], py - leg[1], pz - leg[2]
-    x = leg[3] * dx + leg[4] * dy
-    y = leg[3] * dy - leg[4] * dx
-    coxa, femur, tibia = leg[5], leg[6], leg[7]
+    hip_x, hip_y, hip_z, cos, sin, coxa, femur, tibia = leg[0], leg[1], leg[2], leg[3], leg[4], leg[5], leg[6], leg[7]
+    dx, dy, z = px - hip_x, py - hip_y, pz - hip_z
+    x = cos * dx + sin * dy
+    y = cos * dy - sin * dx
     radius = math.sqrt(x * x + y * y)
-    yaw_margin = _sector(x, y, leg, 8)
-    if not yaw_margin >= -SLACK:  # also refuses NaN
-        return OUTSIDE
+    yaw_margin = _sector(x, y, leg[8], leg[9], leg[10], leg[11], leg[12])
     r = radius - coxa
     d2 = r * r + z * z
     d = math.sqrt(d2)
     ring = min(d - leg[18], leg[19] - d)
-    if not ring >= -SLACK or leg[20] < 0.5 or d < 1e-9:
-        return OUTSIDE
+    # the comparisons also refuse NaN
+    if not (yaw_margin >= -SLACK and ring >= -SLACK and leg[20] > 0.5 and d > 1e-9):
+        return OUTSIDE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     cos_femur = min(1.0, max(-1.0, (femur * femur + d2 - tibia * tibia) / (2.0 * femur * d)))
     sin_femur = math.sqrt(1.0 - cos_femur * cos_femur)
     ux, uz = r / d, z / d
     kx, kz = ux * cos_femur - uz * sin_femur, uz * cos_femur + ux * sin_femur
-    if not _sector(kx, kz, leg, 13) >= -SLACK:
-        return OUTSIDE
+    if not _sector(kx, kz, leg[13], leg[14], leg[15], leg[16], leg[17]) >= -SLACK:
+        return OUTSIDE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     margin = min(yaw_margin, ring)
     margin = min(margin, _arc(r, z, leg[13], leg[14], femur, tibia))
     margin = min(margin, _arc(r, z, leg[15], leg[16], femur, tibia))
-    if radius < 1e-12:
-        hx, hy = leg[3], leg[4]
-    else:
-        hx, hy = (leg[3] * x - leg[4] * y) / radius, (leg[4] * x + leg[3] * y) / radius
-    out[0], out[1], out[2] = leg[0] + coxa * hx, leg[1] + coxa * hy, leg[2]
+    hx, hy = cos, sin
+    if radius > 1e-12:
+        hx, hy = (cos * x - sin * y) / radius, (sin * x + cos * y) / radius
     knee = coxa + femur * kx
-    out[3], out[4], out[5] = leg[0] + knee * hx, leg[1] + knee * hy, leg[2] + femur * kz
-    return max(margin, 0.0)
+    return (
+        max(margin, 0.0),
+        hip_x + coxa * hx, hip_y + coxa * hy, hip_z,
+        hip_x + knee * hx, hip_y + knee * hy, hip_z + femur * kz,
+    )  # fmt: skip
 
 
 def warm() -> None:
     """Compile the kernels."""
-    solve(np.ones(LEG_NUMBERS), 0.0, 0.0, 0.0, np.zeros(6))
+    solve((1.0,) * LEG_NUMBERS, 0.0, 0.0, 0.0)

@@ -17,7 +17,7 @@ from services.footholds.features import Layer, window_features
 from services.footholds.ground import Ground, build_ground
 from services.footholds.masks import REASONS, Limits, Mask, Placement, count_reasons, gradient, mask_window
 from services.footholds.model import SlipModel
-from services.footholds.reach import leg_table
+from services.footholds.reach import LegTable, leg_table
 from services.footholds.score import HandScore
 from surefoot.heightmap import HeightMap
 from surefoot.jit import kernel
@@ -246,7 +246,7 @@ def _why(counts: tuple[int, ...], params: SelectParams) -> str:
 
 
 @lru_cache(maxsize=64)
-def _table(robot: Robot, leg: int) -> Array:
+def _table(robot: Robot, leg: int) -> LegTable:
     return leg_table(robot.model, leg)
 
 

@@ -12,7 +12,7 @@ from surefoot.robot import load_robot
 @pytest.mark.parametrize("name", ["ragno", "messor"])
 def test_same_workspace_as_inverse_kinematics(name: str) -> None:
     robot = load_robot(name)
-    model, rng, out = robot.model, np.random.default_rng(4), np.empty(6)
+    model, rng = robot.model, np.random.default_rng(4)
     tables = [leg_table(model, leg) for leg in range(6)]
     feet = foot_positions(model, robot.neutral)
     size = 2.0 * float(np.linalg.norm(feet[0] - model.hip[0, :3]))
@@ -20,7 +20,7 @@ def test_same_workspace_as_inverse_kinematics(name: str) -> None:
     for _ in range(6000):
         leg = int(rng.integers(6))
         point = model.hip[leg, :3] + rng.uniform(-size, size, 3)
-        margin = solve(tables[leg], *point, out)
+        margin = solve(tables[leg], *point)[0]
         assert leg_ik(model, leg, point)[1] == (margin >= 0.0), (leg, point)
         if margin < 0.0:
             continue
@@ -34,26 +34,27 @@ def test_same_workspace_as_inverse_kinematics(name: str) -> None:
 @pytest.mark.parametrize("leg", range(6))
 def test_inner_joints(leg: int) -> None:
     robot = load_robot("ragno")
-    model, out = robot.model, np.empty(6)
+    model = robot.model
     q = robot.neutral + np.random.default_rng(leg).uniform(-0.3, 0.3, robot.neutral.size)
     _, pos = forward(model, q)
     foot = foot_positions(model, q)[leg]
-    assert solve(leg_table(model, leg), *foot, out) > 0.0
+    margin, *joints = solve(leg_table(model, leg), *foot)
+    assert margin > 0.0
     femur, tibia = robot.legs[leg].links[1:3]
-    np.testing.assert_allclose(out[:3], pos[femur], atol=1e-9)
-    np.testing.assert_allclose(out[3:], pos[tibia], atol=1e-9)
+    np.testing.assert_allclose(joints[:3], pos[femur], atol=1e-9)
+    np.testing.assert_allclose(joints[3:], pos[tibia], atol=1e-9)
 
 
 def test_far_points_and_nan_are_outside() -> None:
-    table, out = leg_table(load_robot("ragno").model, 0), np.empty(6)
-    assert solve(table, 5.0, 0.0, 0.0, out) == reach.OUTSIDE
-    assert solve(table, float("nan"), 0.0, 0.0, out) == reach.OUTSIDE
+    table = leg_table(load_robot("ragno").model, 0)
+    assert solve(table, 5.0, 0.0, 0.0)[0] == reach.OUTSIDE
+    assert solve(table, float("nan"), 0.0, 0.0)[0] == reach.OUTSIDE
 
 
 def test_leg_without_closed_form_reaches_nothing() -> None:
     model = load_robot("ragno").model
     unknown = model._replace(segment=np.full_like(model.segment, np.nan))
-    assert solve(leg_table(unknown, 0), 0.18, 0.12, -0.07, np.empty(6)) == reach.OUTSIDE
+    assert solve(leg_table(unknown, 0), 0.18, 0.12, -0.07)[0] == reach.OUTSIDE
 
 
 def test_warm() -> None:

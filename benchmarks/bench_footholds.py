@@ -1,0 +1,110 @@
+"""Speed of the foothold functions: ground coefficients of a map, one decision, the whole map scored.
+
+python benchmarks/bench_footholds.py [--cells 1000]
+"""
+
+import argparse
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from services.footholds import features, score
+from services.footholds.assess import assess, whole_map
+from services.footholds.features import coefficients, map_features_numpy, push_direction, window_features
+from services.footholds.ground import build_ground
+from services.footholds.masks import Limits
+from services.footholds.select import BasePose, Landing, SelectParams, select, warm
+from surefoot.heightmap import HeightMap
+from surefoot.kinematics import foot_positions
+from surefoot.robot import load_robot
+
+CELL = 0.005
+STROKE = np.array([-0.05, 0.0, 0.0])
+
+
+def best_of(function: Callable[[], object], repeats: int = 5, calls: int = 1) -> float:
+    """Smallest mean time of one call over blocks of calls, s: short blocks see through a loaded machine."""
+    function()
+    times: list[float] = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        for _ in range(calls):
+            function()
+        times.append((time.perf_counter() - began) / calls)
+    return min(times)
+
+
+def python_loops(z: np.ndarray) -> float:
+    """K1 and K2 cell by cell in plain Python on a small part; s per cell."""
+    part = z[:42, :42].tolist()
+    began = time.perf_counter()
+    for i in range(1, 41):
+        for j in range(1, 41):
+            ring = [part[i][j] - part[i + a][j + b] for a in (-1, 0, 1) for b in (-1, 0, 1)]
+            sum(ring), sum(map(abs, ring))
+    return (time.perf_counter() - began) / 1600
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cells", type=int, default=1000, help="edge of the map in cells")
+    n = parser.parse_args().cells
+    features.warm()
+    score.warm()
+    warm()
+    robot = load_robot("ragno")
+    rng = np.random.default_rng(0)
+    x = CELL * np.arange(n)
+    z = 0.01 * np.sin(x[None, :] / 0.07) * np.cos(x[:, None] / 0.05) + rng.normal(0.0, 0.002, (n, n))
+    heights = HeightMap(z=z.astype(np.float32), cell=CELL, origin=(-0.5 * n * CELL, -0.5 * n * CELL))
+    out = [np.empty_like(heights.z) for _ in range(3)]
+    push = np.array(push_direction(STROKE), dtype=np.float32)
+    model = score.HandScore()
+
+    print(f"whole map, {n} x {n} cells, ns per cell (best of 5)")
+    fast = best_of(lambda: coefficients(heights.z, push, np.float32(CELL), *out))
+    slices = best_of(lambda: map_features_numpy(heights.z, STROKE, CELL), repeats=3)
+    copy = best_of(lambda: [np.copyto(layer, heights.z) for layer in out])
+    loops = python_loops(heights.z)
+    ground = build_ground(heights, robot.foot_radius)
+    built = best_of(lambda: build_ground(heights, robot.foot_radius), repeats=3)
+    scored = best_of(
+        lambda: assess(ground, model, whole_map(ground), None, STROKE, ("p", "mask"), Limits(), 8.0), repeats=3
+    )
+    for name, seconds in (
+        ("K1 K2 cosK3, row kernel", fast),
+        ("K1 K2 cosK3, numpy slices", slices),
+        ("three copies of the map (memory floor)", copy),
+        ("median filter + foot dilation, per map version", built),
+        ("K1 K2 cosK3, P, masks without a leg", scored),
+    ):
+        print(f"  {name:<50}{seconds * 1e9 / n**2:10.2f}")
+    print(f"  {'K1 K2 only, plain Python loops':<50}{loops * 1e9:10.0f}")
+    print(f"  numpy / kernel {slices / fast:.0f}x, loops / kernel {loops * n**2 / fast:.0f}x")
+
+    feet = foot_positions(robot.model, robot.neutral)
+    base = BasePose((0.0, 0.0, 0.008 - float(feet[0, 2]) + 0.005))
+    landings = [Landing(leg, (float(feet[leg, 0]), float(feet[leg, 1]), 0.0), (-0.05, 0.0, 0.0)) for leg in range(6)]
+    row, col = heights.index(float(feet[0, 0]), float(feet[0, 1]))
+    print("one 15 x 15 window, us (best of 100 blocks of 10)")
+    window = best_of(lambda: window_features(heights.z, row - 7, col - 7, 15, 15, STROKE, CELL), repeats=100, calls=10)
+    patch = heights.patch(float(feet[0, 0]), float(feet[0, 1]), 17)
+    window_numpy = best_of(lambda: map_features_numpy(patch, STROKE, CELL), repeats=100, calls=10)
+    leg = best_of(lambda: select(ground, robot, model, base, landings[:1]), repeats=100, calls=10)
+    six = best_of(lambda: select(ground, robot, model, base, landings), repeats=100, calls=10)
+    far = BasePose((0.0, 0.0, 1.0))
+    worst = best_of(lambda: select(ground, robot, model, far, landings[:1], SelectParams()), repeats=100, calls=10)
+    for name, seconds in (
+        ("K1 K2 cosK3, kernel", window),
+        ("K1 K2 cosK3, numpy", window_numpy),
+        ("decision for one leg, all masks", leg),
+        ("decision for six legs", six),
+        ("one leg, nothing in reach, all trunk heights tried", worst),
+    ):
+        print(f"  {name:<50}{seconds * 1e6:10.1f}")
+
+
+if __name__ == "__main__":
+    main()
