@@ -39,23 +39,30 @@ def run(service: type[Service[Any]], arguments: list[str] | None = None) -> int:
 
 def _serve(service: Service[Any], options: argparse.Namespace) -> int:
     from surefoot.local import node_of
+    from surefoot.node import Node
     from surefoot.zenoh_bus import Endpoint, ZenohBus
 
-    bus = ZenohBus(
-        Endpoint(mode=options.mode, connect=tuple(options.connect), listen=tuple(options.listen), namespace=options.namespace)
+    endpoint = Endpoint(
+        mode=options.mode, connect=tuple(options.connect), listen=tuple(options.listen), namespace=options.namespace
     )
+    bus: ZenohBus | None = None
+    node: Node | None = None
+
+    def stop(signum: int, frame: Any) -> None:
+        if node is None or node.state == "starting":
+            raise SystemExit(0)  # still preparing: nothing to finish
+        node.stop()
+
+    signal.signal(signal.SIGTERM, stop)
+    signal.signal(signal.SIGINT, stop)
     try:
+        bus = ZenohBus(endpoint)
         node = node_of(service, bus)
-
-        def stop(signum: int, frame: Any) -> None:
-            node.stop()
-
-        signal.signal(signal.SIGTERM, stop)
-        signal.signal(signal.SIGINT, stop)
         node.start()
         node.run()
     finally:
-        bus.close()  # a session that stays open would keep the process alive for ever
+        if bus is not None:
+            bus.close()  # a session that stays open would keep the process alive for ever
     return 0
 
 

@@ -140,7 +140,7 @@ class Node:
             self._publishers[f"health/{self.name}"].put(self.health())
         if now >= self._next_join:
             self._next_join = now + JOIN_RETRY_S
-            if not self.join.on_roster and now - self._primed_at > JOIN_RETRY_S:
+            if not self.stopping and not self.join.on_roster and now - self._primed_at > JOIN_RETRY_S:
                 self._ask_to_join()
         for item in [item for item in self._waiting if now - item[0] > NOT_READY_S]:
             self._waiting.remove(item)

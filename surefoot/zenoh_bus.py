@@ -225,7 +225,7 @@ class ZenohBus:
             attachment=attachment,
         )
         try:
-            return replies.get(timeout=timeout + 1.0)
+            return replies.get(timeout=timeout + 0.2)
         except Empty:
             return None
 
