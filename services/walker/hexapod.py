@@ -170,6 +170,9 @@ class HexapodWalker:
         else:
             legs = s.gait.groups[s.group]
             first = 0.5 if s.steps_in_walk == 0 else 1.0
+            if inputs.margin is not None and inputs.margin < p.low_margin_m:
+                first *= 0.5
+                s.reason = f"margin {1e3 * inputs.margin:.0f} mm is low: shorter step"
             step = advance(s.route, begin, p, s.gait.steps_per_cycle, first * s.scale)
             after = advance(s.route, moved(begin, step), p, s.gait.steps_per_cycle, s.scale)
         plan = self._plan(inputs, legs, begin, step, after)

@@ -24,6 +24,8 @@ class WalkerParams:
     """A foot that falls farther from its top to the ground makes the step longer in proportion,"""
     longest_step: float = 2.0
     """up to this factor."""
+    touch_speed: float = 0.040
+    """m/s, downward speed of a foot that expects the ground."""
     margin_m: float = 0.006
     """Least distance of the foot sphere from the swept ground away from both ends."""
     corridor_m: float = 0.012

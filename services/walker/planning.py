@@ -52,6 +52,8 @@ class StepPlan:
     """Per foot, see WalkerOutputs."""
     duration: float
     """s, longer than half a period when a foot has far to fall."""
+    shape: swing.SwingShape
+    """Phases of the swings, with the height of the slow part."""
 
 
 def rotated(yaw: float, vectors: Array) -> Array:
@@ -130,22 +132,26 @@ def complete(
 ) -> StepPlan:
     """The step with its swing paths over the whole swept ground."""
     n, params = feet.shape[0], frame.params
+    feet_to = feet_to.copy()
+    feet_to[list(legs), 2] -= params.press_m
+    swept = {leg: _swept(frame, feet[leg], feet_to[leg]) for leg in legs}
+    highest = {leg: swing.top_of(feet[leg], feet_to[leg], swept[leg], params.clearance_m) for leg in legs}
+    fall = max(highest[leg] - float(feet_to[leg, 2]) for leg in legs)
+    duration = 0.5 * params.period_s * min(params.longest_step, max(1.0, fall / params.full_speed_fall_m))
+    slow = (1.0 - params.swing.fall_end) * (1.0 - 2.0 * params.overlap) * duration
+    shape = params.swing._replace(approach=min(params.touch_speed * slow, 0.5 * params.clearance_m))
     swinging = np.zeros(n, dtype=np.bool_)
     top, go, arrive = np.zeros(n), np.zeros(n), np.ones(n)
     for leg in legs:
-        swinging[leg] = True
-        if frame.ground is None:
-            swept = np.full(swing.SAMPLES, np.nan)
-        else:
-            swept = swing.swept_ground(frame.ground.centres, feet[leg], feet_to[leg], params.corridor_m)
-        top[leg], go[leg], arrive[leg] = swing.plan(
-            params.swing, feet[leg], feet_to[leg], swept, params.clearance_m, params.margin_m
-        )
-    fall = max(float(top[leg] - feet_to[leg, 2]) for leg in legs) / params.full_speed_fall_m
-    duration = 0.5 * params.period_s * min(params.longest_step, max(1.0, fall))
-    landing = feet_to.copy()
-    landing[list(legs), 2] -= params.press_m
-    return StepPlan(swinging, begin, end, feet.copy(), landing, top, go, arrive, status, duration)
+        swinging[leg], top[leg] = True, highest[leg]
+        go[leg], arrive[leg] = swing.window(shape, feet[leg], feet_to[leg], highest[leg], swept[leg], params.margin_m)
+    return StepPlan(swinging, begin, end, feet.copy(), feet_to, top, go, arrive, status, duration, shape)
+
+
+def _swept(frame: Frame, p0: Array, p1: Array) -> Array:
+    if frame.ground is None:
+        return np.full(swing.SAMPLES, np.nan)
+    return swing.swept_ground(frame.ground.centres, p0, p1, frame.params.corridor_m)
 
 
 def check_request(frame: Frame, plan: StepPlan, joints: Array, rot: Array) -> CheckRequest:

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from surefoot import kinematics
 from surefoot.jit import kernel
-from surefoot.robot import KinematicModel
+from surefoot.robot import KinematicModel, load_robot
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -116,3 +116,11 @@ def set_points(
     for j in range(q.size):
         command[j] = min(model.upper[j], max(model.lower[j], q[j] + compliance[j] * torque[j]))
     return command, q, reachable
+
+
+def warm() -> None:
+    """Compile the kernels of this module."""
+    robot = load_robot("ragno")
+    feet, body = kinematics.foot_positions(robot.model, robot.neutral), np.zeros(3)
+    into_map(feet, body, np.eye(3))
+    set_points(robot.model, feet, body, np.eye(3), np.ones(len(feet)), np.zeros(robot.nj))

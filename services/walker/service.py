@@ -25,7 +25,7 @@ from schemas.topics import (
     STATE_VELOCITY,
     TERRAIN_MAP,
 )
-from services.walker import interface, swing
+from services.walker import ground, interface, posture, swing
 from services.walker.hexapod import HexapodWalker
 from services.walker.interface import FootholdReply, WalkerInputs, WalkerOutputs
 from services.walker.params import WalkerParams
@@ -65,7 +65,7 @@ class Walker(Service[WalkerConfig]):
 
     def on_start(self) -> None:
         self.robot = load_robot(self.config.robot)
-        for module in (rotations, kinematics, swing):
+        for module in (rotations, kinematics, swing, posture, ground):
             module.warm()
         chosen = {k: v for k, v in self.config.model_dump().items() if k in _TUNABLE and v is not None}
         self.params = WalkerParams.for_robot(self.robot, **chosen)

@@ -25,12 +25,12 @@ def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -
     s.clock += dt
     u = min(1.0, s.clock / plan.duration)
     v = max(0.0, (s.clock / plan.duration - p.overlap) / (1.0 - 2.0 * p.overlap))
-    if s.fresh and v > p.swing.fall_start + TOUCH_PHASE:
+    if s.fresh and v > plan.shape.fall_start + TOUCH_PHASE:
         _touch(s, robot, plan)
     if v > 1.0:
         _give_up(s, robot, p, plan)
     s.feet = swing.targets(
-        p.swing, plan.swing, s.landed, plan.feet_from, plan.feet_to, plan.top, plan.go, plan.arrive,
+        plan.shape, plan.swing, s.landed, plan.feet_from, plan.feet_to, plan.top, plan.go, plan.arrive,
         v, s.feet, p.press_speed * dt,
     )  # fmt: skip
     rate = dt / (p.overlap * plan.duration)

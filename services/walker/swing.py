@@ -28,7 +28,7 @@ class SwingShape(NamedTuple):
     rise_end: float = 0.28
     fall_start: float = 0.50
     fall_end: float = 0.62
-    approach: float = 0.006  # m above the landing where the slow part begins
+    approach: float = 0.006  # m above the landing where the slow part begins; set for each step
 
 
 WINDOWS = ((0.10, 0.66), (0.15, 0.60), (0.20, 0.56), (0.25, 0.52))
@@ -158,20 +158,18 @@ def _swept(
             out[k] = math.nan
 
 
-def plan(
-    shape: SwingShape, p0: Array, p1: Array, ground: Array, clearance: float, margin: float
-) -> tuple[float, float, float]:
-    """Top height and sideways window (top, go, arrive) of a swing that clears the swept ground.
+def top_of(p0: Array, p1: Array, ground: Array, clearance: float) -> float:
+    """Height of the level part, m: `clearance` over the higher of the two ends and over the highest swept ground."""
+    high = float(np.nanmax(ground)) if not np.isnan(ground).all() else -math.inf
+    return max(float(p0[2]), float(p1[2]), high) + clearance
 
-    The top lies `clearance` over the higher of the two ends and over the highest swept ground. The gentlest window
-    whose path clears the ground by `margin` is taken, the most upright one if none does.
-    """
-    high = np.nanmax(ground) if not np.isnan(ground).all() else -math.inf
-    top = max(p0[2], p1[2], float(high)) + clearance
+
+def window(shape: SwingShape, p0: Array, p1: Array, top: float, ground: Array, margin: float) -> tuple[float, float]:
+    """Phases (go, arrive) of the sideways movement: the gentlest that clears the ground by `margin`, else the last."""
     for go, arrive in WINDOWS:
         if clears(shape, p0[2], p1[2], top, go, arrive, ground, margin):
-            return top, go, arrive
-    return top, *WINDOWS[-1]
+            return go, arrive
+    return WINDOWS[-1]
 
 
 @kernel
@@ -206,6 +204,6 @@ def targets(
 def warm() -> None:
     """Compile the kernels of this module."""
     shape, feet, ones = SwingShape(), np.zeros((2, 3)), np.ones(2)
-    plan(shape, feet[0], feet[1], np.zeros(SAMPLES), 0.02, 0.005)
+    window(shape, feet[0], feet[1], 0.02, np.zeros(SAMPLES), 0.005)
     swept_ground(HeightMap(z=np.zeros((3, 3), dtype=np.float32), cell=0.005), feet[0], feet[1], 0.01)
     targets(shape, ones > 0, ones < 0, feet, feet, ones, 0.1 * ones, ones, 0.5, feet, 0.001)

@@ -13,6 +13,11 @@ heights = st.floats(-0.08, 0.08)
 grounds = st.lists(st.floats(-0.08, 0.08), min_size=swing.SAMPLES, max_size=swing.SAMPLES)
 
 
+def plan(p0, p1, ground, clearance=0.03, margin=0.006):
+    top = swing.top_of(p0, p1, ground, clearance)
+    return top, *swing.window(SHAPE, p0, p1, top, ground, margin)
+
+
 def path(p0, p1, top, go, arrive, n=1001):
     return np.array([swing.point(SHAPE, p0, p1, top, go, arrive, v) for v in np.linspace(0.0, 1.0, n)])
 
@@ -20,7 +25,7 @@ def path(p0, p1, top, go, arrive, n=1001):
 @given(z0=heights, z1=heights, ground=grounds, dx=st.floats(-0.1, 0.1), dy=st.floats(-0.1, 0.1))
 def test_begins_and_ends_on_the_footholds_and_never_jumps(z0, z1, ground, dx, dy):
     p0, p1 = np.array([0.1, -0.2, z0]), np.array([0.1 + dx, -0.2 + dy, z1])
-    top, go, arrive = swing.plan(SHAPE, p0, p1, np.array(ground), 0.03, 0.006)
+    top, go, arrive = plan(p0, p1, np.array(ground))
     points = path(p0, p1, top, go, arrive)
     assert points[0] == pytest.approx(p0, abs=1e-12)
     assert points[-1] == pytest.approx(p1, abs=1e-12)
@@ -33,7 +38,7 @@ def test_clears_the_swept_ground_away_from_the_ends(z0, z1, ground):
     ground = np.array(ground)
     ground[0], ground[-1] = min(ground[0], z0), min(ground[-1], z1)  # the foot stands on, not in, the ground
     p0, p1 = np.array([0.0, 0.0, z0]), np.array([0.05, 0.0, z1])
-    top, go, arrive = swing.plan(SHAPE, p0, p1, ground, 0.03, 0.006)
+    top, go, arrive = plan(p0, p1, ground)
     points = path(p0, p1, top, go, arrive)
     at = points[:, 0] / 0.05 * (swing.SAMPLES - 1)
     low = ground[np.minimum(at.astype(int), swing.SAMPLES - 2)]
@@ -46,8 +51,8 @@ def test_a_cliff_beside_the_foot_is_climbed_upright():
     ground = np.full(swing.SAMPLES, 0.04)
     ground[0] = 0.0
     p0, p1 = np.zeros(3), np.array([0.05, 0.0, 0.04])
-    _, go, arrive = swing.plan(SHAPE, p0, p1, ground, 0.03, 0.006)
-    _, flat_go, flat_arrive = swing.plan(SHAPE, p0, p1, np.zeros(swing.SAMPLES), 0.03, 0.006)
+    _, go, arrive = plan(p0, p1, ground)
+    _, flat_go, flat_arrive = plan(p0, p1, np.zeros(swing.SAMPLES))
     assert (go, arrive) != (flat_go, flat_arrive)
     assert go > flat_go
 
