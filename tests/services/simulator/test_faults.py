@@ -1,0 +1,156 @@
+"""Faults: each kind does what it says, in its time and nowhere else, and continues from a checkpoint."""
+
+import itertools
+import json
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from services.simulator.faults import KINDS, Fault, FaultBank, FaultError
+
+JOINTS = ("lf_coxa", "lf_femur", "rf_coxa", "rf_femur")
+LEGS = ("lf", "rf")
+FEET = np.array([0, 1])
+WIDE = np.full(6, 1e9)
+ON = range(5, 8)  # ticks
+
+
+def bank(*faults: Fault) -> FaultBank:
+    found = FaultBank(JOINTS, LEGS)
+    for fault in faults:
+        found.add(fault)
+    return found
+
+
+def fault(kind: str, target: str = "", value: float = 0.0, seed: int = 0) -> Fault:
+    return Fault(kind, ON[0], 0.03, target, value, seed)
+
+
+def imu(found: FaultBank, tick: int, limit: np.ndarray = WIDE) -> np.ndarray | None:
+    return found.imu(tick, np.full(6, float(tick)), limit.copy())
+
+
+def joints(found: FaultBank, tick: int) -> np.ndarray | None:
+    table = found.joints(tick, np.full(4, 1.0 * tick), np.full(4, 2.0 * tick), np.full(4, 3.0 * tick))
+    return None if table is None else np.array(table)
+
+
+def test_an_empty_bank_is_false() -> None:
+    assert not bank()
+    assert bank(fault("imu_drop"))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_nothing_happens_outside_its_time(kind: str) -> None:
+    found = bank(fault(kind, value=0.5))
+    for tick in (1, 4, 12, 13):
+        np.testing.assert_array_equal(imu(found, tick), np.full(6, float(tick)))
+        np.testing.assert_array_equal(joints(found, tick)[0], np.full(4, float(tick)))  # type: ignore[index]
+        assert found.contacts(tick, np.array([True, False]), FEET).tolist() == [True, False]
+        assert found.packet(tick, "imu", {"x": tick}) == {"x": tick}
+        np.testing.assert_array_equal(found.servo_strength(tick), np.ones(4))
+
+
+@pytest.mark.parametrize(("kind", "call"), [("imu_drop", imu), ("joints_drop", joints)])
+def test_drop(kind: str, call: Callable[[FaultBank, int], object]) -> None:
+    found = bank(fault(kind))
+    assert [tick for tick in range(12) if call(found, tick) is None] == list(ON)
+
+
+def test_contacts_drop_and_stuck() -> None:
+    assert bank(fault("contacts_drop")).contacts(5, np.array([True, True]), FEET) is None
+    assert bank(fault("foot_stuck_on", "rf")).contacts(5, np.array([False, False]), FEET).tolist() == [False, True]
+    assert bank(fault("foot_stuck_off", "lf")).contacts(5, np.array([True, True]), FEET).tolist() == [False, True]
+
+
+@pytest.mark.parametrize(("kind", "call"), [("imu_freeze", imu), ("joints_freeze", joints)])
+def test_freeze_repeats_the_last_good_sample(kind: str, call: Callable[[FaultBank, int], np.ndarray]) -> None:
+    found = bank(fault(kind))
+    seen = [float(np.ravel(call(found, tick))[0]) for tick in range(3, 10)]
+    assert seen == [3, 4, 4, 4, 4, 8, 9]
+
+
+def test_encoder_stuck_holds_one_position_only() -> None:
+    found = bank(fault("encoder_stuck", "lf_femur"))
+    for tick in range(4, 7):
+        table = joints(found, tick)
+    assert table is not None
+    assert table[0].tolist() == [6, 4, 6, 6]
+    assert table[1].tolist() == [12, 12, 12, 12]
+
+
+def test_bias_and_saturation_of_single_axes_or_instruments() -> None:
+    np.testing.assert_array_equal(imu(bank(fault("imu_bias", "gyro", 0.5)), 5), [5, 5, 5, 5.5, 5.5, 5.5])
+    np.testing.assert_array_equal(imu(bank(fault("imu_bias", "acc_z", -1.0)), 5), [5, 5, 4, 5, 5, 5])
+    limit = WIDE.copy()
+    y = bank(fault("imu_saturate", "acc", 3.0)).imu(5, np.array([5.0, -5.0, 1.0, 9.0, 9.0, 9.0]), limit)
+    np.testing.assert_array_equal(y, [3, -3, 1, 9, 9, 9])
+    assert limit[:3].tolist() == [3, 3, 3]
+
+
+def test_servos() -> None:
+    found = bank(fault("servo_dead", "lf_coxa"), fault("servo_weak", "rf", 0.25))
+    np.testing.assert_array_equal(found.servo_strength(5), [0.0, 1.0, 0.25, 0.25])
+    assert [tick for tick in range(12) if found.changes_servos(tick)] == [5, 8]
+
+
+def test_packet_delay_arrives_late_with_its_content() -> None:
+    found = bank(fault("packet_delay", "imu", 2.0))
+    seen = [found.packet(tick, "imu", {"sent": tick}) for tick in range(3, 11)]
+    assert [None if c is None else c["sent"] for c in seen] == [3, 4, None, None, 5, 8, 9, 10]
+    assert found.lost == 2  # 6 and 7 arrived together with later ones
+    assert found.packet(11, "joints", {"sent": 11}) == {"sent": 11}
+
+
+def test_packet_loss_has_its_rate_and_its_seed() -> None:
+    def lost(seed: int) -> list[int]:
+        found = bank(Fault("packet_loss", 0, 20.0, "", 0.3, seed))
+        return [tick for tick in range(2000) if found.packet(tick, "imu", {}) is None]
+
+    assert lost(1) == lost(1) != lost(2)
+    assert 0.25 < len(lost(1)) / 2000 < 0.35
+
+
+def test_packet_reorder_lets_stamps_go_back() -> None:
+    found = bank(Fault("packet_reorder", 0, 2.0, "imu", 5.0, 1))
+    seen = [found.packet(tick, "imu", {"sent": tick}) for tick in range(200)]
+    sent = [c["sent"] for c in seen if c is not None]
+    assert any(b < a for a, b in itertools.pairwise(sent))
+    assert len(sent) + found.lost <= 200
+
+
+def test_state_continues_to_the_bit() -> None:
+    kinds = (("imu_freeze", "", 0.0), ("packet_delay", "imu", 3.0), ("packet_loss", "joints", 0.5))
+    found = bank(*(Fault(kind, 2, 1.0, target, value, 4) for kind, target, value in kinds))
+
+    def ahead(faults: FaultBank, begin: int) -> list[object]:
+        out: list[object] = []
+        for tick in range(begin, begin + 20):
+            out.append(np.ravel(imu(faults, tick)).tolist())
+            out += [faults.packet(tick, channel, {"n": tick}) for channel in ("imu", "joints")]
+        return out
+
+    ahead(found, 0)
+    saved = json.loads(json.dumps(found.state()))
+    again = bank()
+    again.restore(saved)
+    assert ahead(again, 20) == ahead(found, 20)
+
+
+@pytest.mark.parametrize(
+    ("made", "field"),
+    [
+        (Fault("meltdown", 0, 1.0), "kind"),
+        (Fault("imu_drop", 0, 0.0), "duration"),
+        (Fault("imu_drop", 0, float("nan")), "duration"),
+        (Fault("imu_drop", 0, 1.0, "left"), "target"),
+        (Fault("servo_dead", 0, 1.0, "tail"), "target"),
+        (Fault("servo_weak", 0, 1.0, "", 1.5), "value"),
+        (Fault("packet_loss", 0, 1.0, "imu", float("nan")), "value"),
+    ],
+)
+def test_refusals_name_the_field(made: Fault, field: str) -> None:
+    with pytest.raises(FaultError) as error:
+        bank(made)
+    assert error.value.field == field
