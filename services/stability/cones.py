@@ -1,8 +1,8 @@
 """The part of an interior-point step that belongs to one contact's cone, for all lanes.
 
-Cone Q = {(x0, x1, x2): x0 >= norm(x1, x2)}. Scaling of Nesterov and Todd: W = eta [w0, w1'; w1, I + w1 w1'/(1 + w0)] with
-W x = W^-1 s = the scaled point. Steps are taken in the scaled space and added to s and x as increments: recomputing
-s and x from the scaled point loses eight digits near the boundary.
+Cone Q = {(x0, x1, x2): x0 >= norm(x1, x2)}. Scaling of Nesterov and Todd: W x = W^-1 s = the scaled point, with
+W = eta [w0, w1'; w1, I + w1 w1'/(1 + w0)]. Steps are taken in the scaled space and added to s and x as increments:
+recomputing s and x from the scaled point loses eight digits near the boundary.
 """
 
 import math
@@ -21,7 +21,6 @@ from services.stability.lanes import (
     RES,
     RHS,
     RHS_S,
-    S,
     SCALED,
     SECOND,
     SIGMA,
@@ -29,6 +28,7 @@ from services.stability.lanes import (
     TARGET,
     TAU,
     Array,
+    S,
     X,
 )
 from surefoot.jit import row_kernel
@@ -58,9 +58,7 @@ def residual(w: Array, o: int, g: Array, lanes: int) -> None:
 
 
 @row_kernel
-def residual_column(
-    w: Array, o: int, a0: float, a1: float, a2: float, g: Array, y: int, r: int, lanes: int
-) -> None:
+def residual_column(w: Array, o: int, a0: float, a1: float, a2: float, g: Array, y: int, r: int, lanes: int) -> None:
     """RES -= a y and r -= a'x for one column a of the contact's matrix."""
     o, y, r = o & MASK, y & MASK, r & MASK
     for k in range(lanes):
@@ -109,7 +107,11 @@ def scale(w: Array, o: int, lanes: int) -> None:
         v0, v1, v2 = w[o + RES + k], w[o + RES + 8 + k], w[o + RES + 16 + k]
         t = w1 * v1 + w2 * v2
         c = t * r - v0
-        w[o + RES + k], w[o + RES + 8 + k], w[o + RES + 16 + k] = f * (w0 * v0 - t), f * (v1 + w1 * c), f * (v2 + w2 * c)
+        w[o + RES + k], w[o + RES + 8 + k], w[o + RES + 16 + k] = (
+            f * (w0 * v0 - t),
+            f * (v1 + w1 * c),
+            f * (v2 + w2 * c),
+        )
 
 
 @row_kernel
@@ -146,7 +148,7 @@ def predictor(w: Array, o: int, lanes: int) -> None:
 
 @row_kernel
 def corrector(w: Array, o: int, g: Array, lanes: int) -> None:
-    """TARGET = p \\ (sigma mu e - p o p - dx o ds) with p the scaled point (Mehrotra); FIRST = TARGET + (1 - sigma) RES."""
+    """TARGET = p \\ (sigma mu e - p o p - dx o ds), p the scaled point (Mehrotra); FIRST = TARGET + (1 - sigma) RES."""
     o &= MASK
     for k in range(lanes):
         p0, p1, p2 = w[o + SCALED + k], w[o + SCALED + 8 + k], w[o + SCALED + 16 + k]

@@ -9,6 +9,8 @@ Embedding: s = A lam - b tau, A'x = c tau, kappa = b'x - c'lam, all in their con
 kappa > 0 proves that one of them has no solution. Newton steps are reduced to the m x m normal equations.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -135,9 +137,7 @@ def _residuals(a: Array, c: Objective, w: Array, g: Array, lanes: int) -> None:
         o = i * BLOCK
         cones.residual(w, o, g, lanes)
         for j in range(m):
-            cones.residual_column(
-                w, o, a[i, 0, j], a[i, 1, j], a[i, 2, j], g, LAMBDA + 8 * j, RESIDUAL + 8 * j, lanes
-            )
+            cones.residual_column(w, o, a[i, 0, j], a[i, 1, j], a[i, 2, j], g, LAMBDA + 8 * j, RESIDUAL + 8 * j, lanes)
         cones.largest_residual(w, o, g, lanes)
     for j in range(m):
         for k in range(lanes):
@@ -159,7 +159,7 @@ def _judge(c: Objective, w: Array, g: Array, lam: Array, x: Array, error: Array,
         if worst < error[k]:
             status[k], error[k] = SOLVED, worst
             _save(m, w, g, k, 1.0 / tau, lam, x)
-        if not worst == worst or worst <= TOLERANCE:  # NaN: numerically at the end, the best one stays
+        if math.isnan(worst) or worst <= TOLERANCE:  # NaN: numerically at the end, the best one stays
             g[ACTIVE + k] = 0.0
             continue
         if cost < 0.0 and status[k] == FAILED:

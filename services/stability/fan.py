@@ -1,0 +1,265 @@
+"""A fan of support directions around a region: inner and outer polygon, refined where it matters.
+
+Region C (convex), support value h(a) = max over C of a'c, support point y(a). For neighbours a_k, a_l of the fan the
+border of C runs inside the triangle (y_k, o, y_l), o the crossing of the two support lines: inner polygon = hull of
+the y_k, outer = the support lines (Bretl and Lall 2008). All in the scaled frame of `reduced`.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.stability.interior import FAILED, SOLVED, solve_lanes
+from services.stability.lanes import LANES, Objective
+from surefoot.jit import row_kernel
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+PARALLEL = 1e-9  # neighbours whose directions differ by less are not split further
+SAME = 1e-13  # support points nearer than that are one point
+
+
+class Fan(NamedTuple):
+    """Answers in the order asked; `order` sorts them by angle."""
+
+    direction: Array  # (cap, 2) unit
+    value: Array  # (cap,) h(a)
+    point: Array  # (cap, 2) y(a)
+    unknown: Array  # (cap, 4) solution of the reduced dual
+    force: Array  # (cap, n, 3) cone coordinates
+    error: Array  # (cap,) largest of residuals and gap
+    status: Ints  # (cap,) as in `interior`
+    order: Ints  # (cap,)
+
+
+@row_kernel
+def new_fan(capacity: int, contacts: int) -> Fan:
+    """An empty fan."""
+    return Fan(
+        np.empty((capacity, 2)),
+        np.empty(capacity),
+        np.empty((capacity, 2)),
+        np.empty((capacity, 4)),
+        np.empty((capacity, contacts, 3)),
+        np.empty(capacity),
+        np.empty(capacity, dtype=np.int64),
+        np.empty(capacity, dtype=np.int64),
+    )
+
+
+@row_kernel
+def evaluate(a: Array, h: Array, c: Objective, fan: Fan, begin: int, end: int) -> bool:
+    """Solve for the directions begin .. end - 1 of the fan, eight at a time; tells whether all are solved."""
+    n = a.shape[0]
+    rhs, x = np.empty((n, 3, LANES)), np.empty((n, 3, LANES))
+    lam, error, status = np.empty((4, LANES)), np.empty(LANES), np.empty(LANES, dtype=np.int64)
+    fine = True
+    for first in range(begin, end, LANES):
+        for k in range(LANES):
+            s = min(first + k, end - 1)  # spare lanes repeat the last direction
+            ax, ay = fan.direction[s, 0], fan.direction[s, 1]
+            for i in range(n):
+                for q in range(3):
+                    rhs[i, q, k] = ax * h[i, q, 0] + ay * h[i, q, 1]
+        solve_lanes(a, rhs, c, lam, x, error, status)
+        for k in range(min(LANES, end - first)):
+            s = first + k
+            fan.status[s], fan.error[s] = status[k], error[k]
+            if status[k] == FAILED:
+                fine = False
+                continue
+            fine = fine and status[k] == SOLVED
+            value = 0.0
+            for j in range(4):
+                fan.unknown[s, j] = lam[j, k]
+                value += c[j] * lam[j, k]
+            px, py = 0.0, 0.0
+            for i in range(n):
+                for q in range(3):
+                    fan.force[s, i, q] = x[i, q, k]
+                    px += h[i, q, 0] * x[i, q, k]
+                    py += h[i, q, 1] * x[i, q, k]
+            fan.value[s], fan.point[s, 0], fan.point[s, 1] = value, px, py
+    return fine
+
+
+@row_kernel
+def _angle(x: float, y: float) -> float:
+    """Monotone in the angle of (x, y) from 0 at +x, without trigonometry: 0 .. 4."""
+    t = y / (abs(x) + abs(y))
+    if x < 0.0:
+        return 2.0 - t
+    return t if y >= 0.0 else 4.0 + t
+
+
+@row_kernel
+def insert(fan: Fan, begin: int, end: int) -> None:
+    """Put the directions begin .. end - 1 into the order by angle."""
+    for s in range(begin, end):
+        angle, j = _angle(fan.direction[s, 0], fan.direction[s, 1]), s
+        while j > 0:
+            k = fan.order[j - 1]
+            if _angle(fan.direction[k, 0], fan.direction[k, 1]) <= angle:
+                break
+            fan.order[j] = k
+            j -= 1
+        fan.order[j] = s
+
+
+@row_kernel
+def spread_axes(fan: Fan) -> int:
+    """Eight first directions: the axes exactly, and the diagonals."""
+    r = math.sqrt(0.5)
+    for k in range(8):
+        i = k // 2
+        x, y = (1.0, 0.0) if k % 2 == 0 else (r, r)
+        for _ in range(i):
+            x, y = -y, x
+        fan.direction[k, 0], fan.direction[k, 1] = x, y
+    return 8
+
+
+@row_kernel
+def triangle(fan: Fan, k: int, m: int) -> tuple[float, float, float, float]:
+    """Outward normal of the edge y_k y_m, height of the triangle over it, and its area; zeros if it cannot be split."""
+    ax, ay, bx, by = fan.direction[k, 0], fan.direction[k, 1], fan.direction[m, 0], fan.direction[m, 1]
+    ex, ey = fan.point[m, 0] - fan.point[k, 0], fan.point[m, 1] - fan.point[k, 1]
+    length, det = math.hypot(ex, ey), ax * by - ay * bx
+    if length < SAME or det < PARALLEL:
+        return 0.0, 0.0, 0.0, 0.0
+    nx, ny = ey / length, -ex / length
+    u, v = fan.value[k], fan.value[m]
+    ox, oy = (u * by - v * ay) / det, (v * ax - u * bx) / det
+    height = nx * (ox - fan.point[k, 0]) + ny * (oy - fan.point[k, 1])
+    return nx, ny, height, 0.5 * height * length
+
+
+@row_kernel
+def grow(a: Array, h: Array, c: Objective, fan: Fan, count: int, tolerance: float, limit: int) -> tuple[int, float]:
+    """Refine until the outer polygon is within `tolerance` of the inner, or `limit` directions are used.
+
+    Args:
+        a: matrices of `Reduced`, (n, 3, 4).
+        h: as above, (n, 3, 2).
+        c: as above.
+        fan: with `count` >= 3 solved directions, in order.
+        count: how many.
+        tolerance: scaled length.
+        limit: at most so many directions, <= capacity of the fan.
+
+    Returns:
+        Number of directions, and the largest distance left.
+    """
+    pick, rank = np.empty((LANES, 2)), np.empty(LANES)
+    while True:
+        gap, wanted = 0.0, 0
+        room = min(LANES, limit - count)
+        for i in range(count):
+            nx, ny, height, size = triangle(fan, fan.order[i], fan.order[(i + 1) % count])
+            gap = max(gap, height)
+            if height <= tolerance or room == 0 or (wanted == room and size <= rank[wanted - 1]):
+                continue
+            j = min(wanted, room - 1)
+            wanted = min(wanted + 1, room)
+            while j > 0 and rank[j - 1] < size:
+                rank[j], pick[j, 0], pick[j, 1] = rank[j - 1], pick[j - 1, 0], pick[j - 1, 1]
+                j -= 1
+            rank[j], pick[j, 0], pick[j, 1] = size, nx, ny
+        if wanted == 0:
+            return count, gap
+        for k in range(wanted):
+            fan.direction[count + k] = pick[k]
+        if not evaluate(a, h, c, fan, count, count + wanted):
+            return count, gap  # numerically at the end: what was there stays valid
+        insert(fan, count, count + wanted)
+        count += wanted
+
+
+@row_kernel
+def signed_margin(
+    a: Array, h: Array, c: Objective, fan: Fan, count: int, px: float, py: float, tolerance: float, limit: int
+) -> tuple[int, float, float, int]:
+    """min over unit directions of h(a) - a'p: the distance of p to the border inside, minus the distance outside.
+
+    Between neighbours a_k, a_l the value is at least that of the edge y_k y_l, so each arc has a lower bound; arcs
+    whose bound is below the best value are split at the direction of the bound.
+
+    Returns:
+        Number of directions now in the fan, the margin, a lower bound of it, and the index of its direction.
+    """
+    arcs, pick = np.empty(LANES), np.empty((LANES, 2))
+    while True:
+        best, bound, arg = math.inf, math.inf, 0
+        for s in range(count):
+            value = fan.value[s] - fan.direction[s, 0] * px - fan.direction[s, 1] * py
+            if value < best:
+                best, arg = value, s
+        wanted, room = 0, min(LANES, limit - count)
+        bound = best
+        for i in range(count):
+            k, m = fan.order[i], fan.order[(i + 1) % count]
+            dx, dy, low = _arc_bound(fan, k, m, px, py)
+            bound = min(bound, low)
+            if low >= best - tolerance or room == 0 or (wanted == room and low >= arcs[wanted - 1]):
+                continue
+            j = min(wanted, room - 1)
+            wanted = min(wanted + 1, room)
+            while j > 0 and arcs[j - 1] > low:
+                arcs[j], pick[j, 0], pick[j, 1] = arcs[j - 1], pick[j - 1, 0], pick[j - 1, 1]
+                j -= 1
+            arcs[j], pick[j, 0], pick[j, 1] = low, dx, dy
+        if wanted == 0:
+            return count, best, bound, arg
+        for k in range(wanted):
+            fan.direction[count + k] = pick[k]
+        extra = min(room, LANES) - wanted
+        for k in range(extra):  # spare lanes: closer and closer to the most promising direction, on both sides
+            turn = math.ldexp(0.25, -3 * (k // 2)) * (1.0 if k % 2 == 0 else -1.0)
+            dx, dy = pick[0, 0] - turn * pick[0, 1], pick[0, 1] + turn * pick[0, 0]
+            norm = math.hypot(dx, dy)
+            fan.direction[count + wanted + k, 0], fan.direction[count + wanted + k, 1] = dx / norm, dy / norm
+        if not evaluate(a, h, c, fan, count, count + wanted + extra):
+            return count, best, bound, arg
+        insert(fan, count, count + wanted + extra)
+        count += wanted + extra
+
+
+@row_kernel
+def _arc_bound(fan: Fan, k: int, m: int, px: float, py: float) -> tuple[float, float, float]:
+    """Lower bound of h(d) - d'p for directions d between two neighbours, and the direction where it is taken."""
+    ax, ay, bx, by = fan.direction[k, 0], fan.direction[k, 1], fan.direction[m, 0], fan.direction[m, 1]
+    ux, uy = fan.point[k, 0] - px, fan.point[k, 1] - py
+    vx, vy = fan.point[m, 0] - px, fan.point[m, 1] - py
+    if ax * by - ay * bx < PARALLEL:
+        return ax, ay, math.inf
+    ex, ey = vx - ux, vy - uy
+    length = math.hypot(ex, ey)
+    nx, ny = (ax + bx), (ay + by)
+    low = math.inf
+    if length > SAME:
+        nx, ny = ey / length, -ex / length
+        if ax * ny - ay * nx < 0.0 or nx * by - ny * bx < 0.0:  # rounding: the edge is a point as seen from here
+            nx, ny = ax + bx, ay + by
+            norm = math.hypot(nx, ny)
+            nx, ny = nx / norm, ny / norm
+        low = nx * ux + ny * uy
+    else:
+        norm = math.hypot(nx, ny)
+        nx, ny = nx / norm, ny / norm
+        low = min(ax * ux + ay * uy, bx * ux + by * uy)
+    dx, dy = nx, ny
+    for side in range(2):
+        wx, wy = (ux, uy) if side == 0 else (vx, vy)
+        norm = math.hypot(wx, wy)
+        if norm < SAME or -norm >= low:
+            continue
+        tx, ty = -wx / norm, -wy / norm
+        lx, ly, rx, ry = (ax, ay, nx, ny) if side == 0 else (nx, ny, bx, by)
+        if length <= SAME:
+            lx, ly, rx, ry = ax, ay, bx, by
+        if lx * ty - ly * tx > 0.0 and tx * ry - ty * rx > 0.0:
+            low, dx, dy = -norm, tx, ty
+    return dx, dy, low

@@ -1,0 +1,307 @@
+"""Support region of a contact set: status, inner and outer polygon, support values with proof.
+
+Three ways to the same answer: the hull where it is exact (`flat`), one kernel for ordinary sets (`_ordinary`), and
+`_careful` for everything that can go wrong: no contact, walls, ceilings, no friction, no area, no solution.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from services.stability import flat
+from services.stability.contacts import Array, ContactSet
+from services.stability.directions import equally_spaced
+from services.stability.fan import Fan, evaluate, grow, insert, new_fan
+from services.stability.interior import NO_PRIMAL, SOLVED
+from services.stability.oracle import FLAT, Oracle, Support
+from services.stability.reduced import RANK, SMALL_MU, matrices
+from surefoot.jit import row_kernel
+from surefoot.polygon import area, half_planes, hull
+
+RegionStatus = Literal["ok", "infeasible", "unbounded", "point", "segment"]
+
+THIN = 1e-7  # in units of the stance; a region narrower than that is a segment, a shorter one a point
+SLIM = 1e-5  # area / diameter^2 below which the width is looked at
+AXES = equally_spaced(8)
+MIN_DIRECTIONS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Solved:
+    """The fan behind a region with an inside, for margins: scaled frame, position = anchor + length * scaled."""
+
+    a: Array
+    h: Array
+    c: tuple[float, ...]
+    fan: Fan
+    count: int
+    anchor: Array  # (2,) m
+    length: float  # m
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """Where the centre of mass may be."""
+
+    contacts: ContactSet
+    status: RegionStatus
+    inner: Array
+    """(p, 2) m: polygon inside the region, or its point or segment."""
+    outer: Array
+    """(q, 2) m: polygon around the region; empty if there is none."""
+    support: Support
+    gap: float
+    """m, largest distance of outer from inner; NaN if there is no outer."""
+    exact: bool
+    """inner is the region itself, to rounding (hull, segment, point)."""
+    calls: int
+    """Directions solved for."""
+    sinking: Array | None = None
+    """(4,) twist (v m, w_z) with v_z < 0 that proves infeasibility, about the origin of the frame."""
+    solved: Solved | None = None
+
+
+def region(
+    contacts: ContactSet,
+    directions: Array | None = None,
+    *,
+    adaptive: bool | None = None,
+    tolerance: float = 1e-4,
+    limit: int = 128,
+) -> Region:
+    """Region of a contact set.
+
+    Args:
+        contacts: 0 to 64 contacts.
+        directions: (k, 2) unit directions, None = adaptive.
+        adaptive: refine until outer is within `tolerance` of inner; default: when no directions are given.
+        tolerance: m.
+        limit: at most so many directions when adaptive (not less than eight, and those given).
+    """
+    refine = directions is None if adaptive is None else adaptive
+    given = np.empty((0, 2)) if directions is None else directions
+    n = len(contacts)
+    if n > 2:
+        exact, p, q = flat.plane(contacts.position, contacts.normal, contacts.mu)
+        if exact:
+            return _hull_region(contacts, given if len(given) and not refine else AXES, p, q)
+    first = given if not refine and _has_axes(given) else np.concatenate((AXES, given))
+    skip = len(first) - len(given) if not refine else 0
+    if n > 1 and contacts.mu.min() > SMALL_MU and contacts.mu.max() < math.inf:
+        answer = _ordinary(
+            contacts.position, contacts.normal, contacts.mu, first, refine, tolerance, max(limit, len(first)), skip
+        )
+        if answer[0]:
+            return _from_kernel(contacts, answer)
+    if n == 0:
+        nothing = np.array([0.0, 0.0, -1.0, 0.0])
+        return _infeasible(contacts, first[skip:], nothing)
+    if n == 1:
+        return _single(contacts, first[skip:])
+    return _careful(contacts, first, skip, refine, tolerance, max(limit, len(first)))
+
+
+def _has_axes(directions: Array) -> bool:
+    """Whether the directions contain +-x and +-y, which decide if a region is bounded."""
+    flat_x, flat_y = directions[directions[:, 1] == 0.0, 0], directions[directions[:, 0] == 0.0, 1]
+    return flat_x.size > 1 and flat_y.size > 1 and flat_x.min() < 0 < flat_x.max() and flat_y.min() < 0 < flat_y.max()
+
+
+@row_kernel
+def _ordinary(
+    position: Array,
+    normal: Array,
+    mu: Array,
+    first: Array,
+    refine: bool,
+    tolerance: float,
+    limit: int,
+    skip: int,
+) -> tuple[bool, Array, Array, Fan, int, Array, float, Array, Array, float, Array, Array, Array, Array, Array]:
+    """Everything for a set with friction whose region is bounded and has an area; False in front if it is not."""
+    n, count = mu.size, first.shape[0]
+    c = (0.0, 0.0, 1.0, 0.0)
+    a, h, origin, length, spread = matrices(position, normal, mu)
+    fan = new_fan(limit if refine else count, n)
+    fan.direction[:count] = first
+    fine = spread > RANK * length and evaluate(a, h, c, fan, 0, count)
+    gap, inner, outer = 0.0, np.empty((0, 2)), np.empty((0, 2))
+    if fine:
+        insert(fan, 0, count)
+        inner = hull(fan.point[:count])
+        size = 0.0
+        for k in range(count):
+            size = max(size, fan.value[k])
+            for j in range(count):
+                reach = math.hypot(fan.point[j, 0] - fan.point[k, 0], fan.point[j, 1] - fan.point[k, 1])
+                size = max(size, reach)
+        fine = area(inner) > SLIM * size * size and size > THIN
+        if fine:
+            if refine:
+                count, gap = grow(a, h, c, fan, count, tolerance / length, limit)
+                inner = hull(fan.point[:count])
+            outer = hull(half_planes(fan.direction[:count], fan.value[:count], 8.0 * size))
+    k = count - skip if fine else 0
+    point, twist, force = np.empty((k, 2)), np.empty((k, 4)), np.zeros((k, n, 3))
+    direction, slack = np.empty((k, 2)), np.empty(k)
+    for i in range(k):
+        s = fan.order[i] if refine else skip + i
+        ax, ay, w = fan.direction[s, 0], fan.direction[s, 1], fan.unknown[s, 3]
+        ox, oy, oz = origin[0], origin[1], origin[2]
+        direction[i, 0], direction[i, 1] = ax, ay
+        point[i, 0], point[i, 1] = ox + length * fan.point[s, 0], oy + length * fan.point[s, 1]
+        twist[i, 0] = length * fan.unknown[s, 0] - (ax * oz - w * oy)
+        twist[i, 1] = length * fan.unknown[s, 1] - (w * ox + ay * oz)
+        twist[i, 2] = length * fan.value[s] + ax * ox + ay * oy
+        twist[i, 3] = w
+        slack[i] = length * (fan.value[s] - ax * fan.point[s, 0] - ay * fan.point[s, 1])
+        for j in range(n):
+            for q in range(3):
+                for d in range(3):
+                    force[i, j, d] += a[j, q, d] * fan.force[s, j, q]
+    for polygon in (inner, outer):
+        for i in range(polygon.shape[0]):
+            polygon[i, 0] = origin[0] + length * polygon[i, 0]
+            polygon[i, 1] = origin[1] + length * polygon[i, 1]
+    return fine, a, h, fan, count, origin, length, inner, outer, gap * length, direction, point, twist, force, slack
+
+
+def _from_kernel(
+    contacts: ContactSet,
+    answer: tuple[bool, Array, Array, Fan, int, Array, float, Array, Array, float, Array, Array, Array, Array, Array],
+) -> Region:
+    _, a, h, fan, count, origin, length, inner, outer, gap, direction, point, twist, force, slack = answer
+    support = Support(direction, twist[:, 2], point, ("ok",) * len(direction), slack, twist, force)
+    solved = Solved(a, h, (0.0, 0.0, 1.0, 0.0), fan, count, origin[:2], length)
+    if gap == 0.0:
+        gap = _distance(inner, outer)
+    return Region(contacts, "ok", inner, outer, support, gap, False, count, None, solved)
+
+
+def _distance(inner: Array, outer: Array) -> float:
+    """Largest distance of a vertex of outer from inner."""
+    from surefoot.polygon import signed_distance
+
+    if not len(inner) or not len(outer):
+        return math.nan
+    return max(0.0, max(-signed_distance(inner, v[0], v[1]) for v in outer))
+
+
+def _hull_region(contacts: ContactSet, direction: Array, p: float, q: float) -> Region:
+    value, point, twist, force = flat.support(contacts.position, direction, p, q)
+    support = Support(direction, value, point, ("ok",) * len(direction), np.zeros(len(direction)), twist, force)
+    polygon = hull(np.ascontiguousarray(contacts.position[:, :2]))
+    return Region(contacts, "ok", polygon, polygon, support, 0.0, True, 0)
+
+
+def _infeasible(contacts: ContactSet, direction: Array, sinking: Array) -> Region:
+    k, n = len(direction), len(contacts)
+    nan = np.full(k, np.nan)
+    support = Support(
+        direction, nan, np.full((k, 2), np.nan), ("infeasible",) * k, nan, np.full((k, 4), np.nan), np.zeros((k, n, 3))
+    )
+    empty = np.empty((0, 2))
+    return Region(contacts, "infeasible", empty, empty, support, math.nan, True, 0, sinking / abs(sinking[2]))
+
+
+def _single(contacts: ContactSet, direction: Array) -> Region:
+    """One contact: its own point if the vertical lies in its cone."""
+    normal, mu, position = contacts.normal[0], float(contacts.mu[0]), contacts.position[0]
+    side = math.hypot(normal[0], normal[1])
+    held = normal[2] >= 0.0 if math.isinf(mu) else mu * normal[2] >= side - flat.CONE and normal[2] > 0.0
+    if not held:
+        downhill = normal[2] * normal - np.array([0.0, 0.0, 1.0])
+        ceiling = math.isinf(mu) or side == 0.0
+        v = normal if ceiling else mu * normal + downhill / side
+        return _infeasible(contacts, direction, np.array([v[0], v[1], v[2], 0.0]))
+    k = len(direction)
+    spin = np.column_stack((-direction[:, 1], direction[:, 0], np.zeros(k)))
+    twist = np.column_stack((-np.cross(spin, position), np.zeros(k)))
+    force = np.zeros((k, 1, 3))
+    force[:, 0, 2] = 1.0
+    point = np.tile(position[:2], (k, 1))
+    support = Support(direction, direction @ position[:2], point, ("ok",) * k, np.zeros(k), twist, force)
+    return Region(contacts, "point", position[None, :2].copy(), position[None, :2].copy(), support, 0.0, True, 0)
+
+
+def _careful(contacts: ContactSet, first: Array, skip: int, refine: bool, tolerance: float, limit: int) -> Region:
+    oracle = Oracle(contacts)
+    if oracle.subspace is not None and oracle.subspace.sinking is not None:
+        return _infeasible(contacts, first[skip:], oracle.moved(oracle.subspace.sinking, np.zeros(2)))
+    fan, count = oracle.fan(first, limit if refine else len(first)), len(first)
+    status = fan.status[:count]
+    drifting = np.abs(oracle.drift(first)).max(initial=0.0) > FLAT
+    if np.any(status == NO_PRIMAL):
+        k = int(np.flatnonzero(status == NO_PRIMAL)[0])
+        twist = oracle.twist(fan.unknown[k], np.zeros(2))
+        return _infeasible(contacts, first[skip:], oracle.moved(twist, np.zeros(2)))
+    if drifting or np.any(status != SOLVED):
+        if oracle.sinking is not None:
+            return _infeasible(contacts, first[skip:], oracle.moved(oracle.sinking, np.zeros(2)))
+        support = oracle.support(fan, np.arange(skip, count))
+        everything = oracle.support(fan, np.arange(count))
+        found = everything.point[np.array([s == "ok" for s in everything.status])]
+        return Region(contacts, "unbounded", hull(found), np.empty((0, 2)), support, math.nan, False, count, None)
+    ends = _ends(oracle, fan, count)
+    r = oracle.reduced
+    if ends is not None:
+        polygon = oracle.anchor + r.length * ends
+        kind: RegionStatus = "point" if len(ends) == 1 else "segment"
+        support = oracle.support(fan, np.arange(skip, count))
+        return Region(contacts, kind, polygon, polygon, support, 0.0, True, count)
+    gap = math.nan
+    if refine:
+        count, gap = grow(r.a, r.h, r.c, fan, count, tolerance / r.length, limit)
+    chosen = fan.order[:count] if refine else np.arange(skip, count)
+    inner = hull(fan.point[:count])
+    size = float(np.abs(fan.value[:count]).max()) + float(np.abs(fan.point[:count]).max())
+    outer = hull(half_planes(fan.direction[:count], fan.value[:count], 8.0 * size))
+    inner, outer = oracle.anchor + r.length * inner, oracle.anchor + r.length * outer
+    solved = Solved(r.a, r.h, r.c, fan, count, oracle.anchor, r.length)
+    gap = gap * r.length if refine else _distance(inner, outer)
+    return Region(contacts, "ok", inner, outer, oracle.support(fan, chosen), gap, False, count, None, solved)
+
+
+def _ends(oracle: Oracle, fan: Fan, count: int) -> Array | None:
+    """The point (1, 2) or the ends (2, 2) of a region without area, scaled frame; None if it has one."""
+    points = fan.point[:count]
+    span = points[:, None, :] - points[None, :, :]
+    distance = np.hypot(span[..., 0], span[..., 1])
+    size = float(distance.max())
+    if size <= THIN:
+        width = fan.value[:8] + fan.value[[4, 5, 6, 7, 0, 1, 2, 3]] if count >= 8 else np.full(1, np.inf)
+        if width.max() <= THIN:
+            return points.mean(axis=0, keepdims=True)
+    if size > THIN and float(area(hull(points))) > SLIM * size * size:
+        return None
+    line = _line(oracle.contacts)
+    if line is None:
+        i, j = np.unravel_index(int(distance.argmax()), distance.shape)
+        line = span[i, j] / max(size, 1e-300)
+    across = np.array([-line[1], line[0]])
+    probe = oracle.fan(np.array([line, -line, across, -across]), 4)
+    if np.any(probe.status[:4] != SOLVED) or probe.value[2] + probe.value[3] > THIN:
+        return None
+    if probe.value[0] + probe.value[1] <= THIN:
+        return probe.point[:2].mean(axis=0, keepdims=True)
+    return probe.point[:2].copy()
+
+
+def _line(contacts: ContactSet) -> Array | None:
+    """Horizontal unit direction of the line on which all contacts lie; None if they do not, or if it is vertical."""
+    offset = contacts.position - contacts.position.mean(axis=0)
+    _, s, vt = np.linalg.svd(offset, full_matrices=False)
+    if len(s) > 1 and s[1] > 1e-9 * s[0]:
+        return None
+    length = math.hypot(vt[0, 0], vt[0, 1])
+    return vt[0, :2] / length if length > 1e-6 else None
+
+
+def warm() -> None:
+    """Compile the kernels behind `region`."""
+    feet = np.array([[0.1, 0.1, 0.0], [0.1, -0.1, 0.0], [-0.1, 0.0, 0.02], [0.0, 0.1, 0.0]])
+    up = np.tile([0.0, 0.0, 1.0], (4, 1))
+    region(ContactSet(feet, up, np.full(4, 0.5)))
+    region(ContactSet(feet[[0, 1, 3]], up[:3], np.full(3, 0.5)))
