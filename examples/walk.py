@@ -1,0 +1,18 @@
+"""Walk 20 cm, and tell when it is done. Start a system first: `surefoot up ragno`."""
+
+import sys
+
+from schemas.topics import CMD_WALK, STATE_GAIT
+from surefoot.client import connect
+
+endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7447"
+with connect("ragno", endpoint) as robot:
+    for gait in robot.messages(STATE_GAIT):  # the walker refuses to walk before the estimator has found its bearings
+        if gait.state == "standing":
+            break
+    reply = robot.call(CMD_WALK, action="walk", distance=0.2)
+    print(f"accepted: {reply.accepted} {reply.reason}")
+    for gait in robot.messages(STATE_GAIT):
+        if gait.walk_id == reply.id and gait.state == "standing":
+            print(f"arrived after {gait.steps} steps")
+            break
