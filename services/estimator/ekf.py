@@ -3,6 +3,7 @@
 filterpy is imported here and nowhere else (it takes a second).
 """
 
+import math
 from typing import Any, cast
 
 import numpy as np
@@ -53,9 +54,9 @@ class PaperEkf:
         f.predict(cast(Any, (w, q, d)))
 
     def correct(self, legs: LegVelocity) -> None:
-        """Equations (32)-(37) with v^KG, if a foot stands."""
+        """Equations (32)-(37) with v^KG, if a foot stands; the mean of n feet has sigma_v/sqrt(n)."""
         if legs.feet_kg > 0:
-            self.correct_with(legs.v_kg, self._params.sigma_v)
+            self.correct_with(legs.v_kg, self._params.sigma_v / math.sqrt(legs.feet_kg))
 
     def correct_with(self, v: Array, sigma: float) -> None:
         """Equations (32)-(37); v = v^KG (3,) m/s with the standard deviation `sigma` per axis."""

@@ -100,6 +100,7 @@ class Estimator:
 
     def on_imu(self, stamp_ns: int, w: Array, q: Array) -> InputResult:
         """Take an inertial sample: mean gyro w (3,) rad/s and specific force q (3,) m/s^2 up to `stamp_ns`."""
+        p = self.params
         result, step = self.judge.imu(stamp_ns, w, q)
         if not result.accepted:
             return result
@@ -113,9 +114,10 @@ class Estimator:
         standing = self.standstill.on_imu(w, q)
         if not self.initialised and standing:
             self._initialise()
-        elif standing and self.params.refine_gyro_bias:
-            self.gyro_bias.add(w)
-            self._bias = self.gyro_bias.value
+        elif self.standstill.settled is not None and self.params.refine_gyro_bias:
+            if self.gyro_bias.plausible(self.standstill.mean[:3], p.standstill_samples):
+                self.gyro_bias.add(self.standstill.settled[:3])
+                self._bias = self.gyro_bias.value
         self._w = w - self._bias
         self._advance(w, q - self._acc_bias, 1e-9 * step, step)
         return result
@@ -136,7 +138,8 @@ class Estimator:
 
     def on_kinematics(self, stamp_ns: int, q: Array, contact: Flags) -> InputResult:
         """Take joint angles q (nj,) rad and foot contacts (L,) at `stamp_ns`."""
-        if q.shape != self._mount.model.lower.shape or contact.shape != (self._feet,):
+        model = self._mount.model
+        if model is None or q.shape != model.lower.shape or contact.shape != (self._feet,):
             return self.judge.shape(stamp_ns)
         position, rot = feet_in_imu(self._mount, q)
         return self.on_feet(FootSample(stamp_ns, position, rot, contact))

@@ -37,7 +37,7 @@ class FootSample(NamedTuple):
 class FootMount(NamedTuple):
     """What of a robot description is needed to see the feet from the IMU."""
 
-    model: KinematicModel
+    model: KinematicModel | None  # None: feet come as positions, there are no joints
     rot_imu_from_base: Array  # (3, 3)
     imu_position: Array  # (3,) in base_link, m
     radius: Array  # (L,) m, radius of a round foot; 0 = a sole
@@ -50,26 +50,36 @@ def foot_mount(robot: Robot) -> FootMount:
     return FootMount(robot.model, rot, np.ascontiguousarray(robot.imu.position, dtype=np.float64), radius)
 
 
-@kernel
+def bare_mount(feet: int) -> FootMount:
+    """IMU in base_link, feet that do not roll: for logs of foot positions."""
+    return FootMount(None, np.eye(3), np.zeros(3), np.zeros(feet))
+
+
 def feet_in_imu(mount: FootMount, q: Array) -> tuple[Array, Array]:
     """Foot centres (L, 3) and rot_imu_from_foot (L, 3, 3) from joint angles q (nj,)."""
-    rot_base, pos_base = forward(mount.model, q)
-    feet = mount.model.foot_link.size
+    assert mount.model is not None, "a bare mount has no joints"
+    return _feet_in_imu(mount.model, mount.rot_imu_from_base, mount.imu_position, q)
+
+
+@kernel
+def _feet_in_imu(model: KinematicModel, rot_imu_from_base: Array, imu_position: Array, q: Array) -> tuple[Array, Array]:
+    rot_base, pos_base = forward(model, q)
+    feet = model.foot_link.size
     position, rot = np.empty((feet, 3)), np.empty((feet, 3, 3))
     point = np.empty(3)
     for f in range(feet):
-        link = mount.model.foot_link[f]
+        link = model.foot_link[f]
         for i in range(3):
-            point[i] = pos_base[link, i] - mount.imu_position[i]
+            point[i] = pos_base[link, i] - imu_position[i]
             for k in range(3):
-                point[i] += rot_base[link, i, k] * mount.model.foot_point[f, k]
+                point[i] += rot_base[link, i, k] * model.foot_point[f, k]
         for i in range(3):
             position[f, i] = 0.0
             for k in range(3):
-                position[f, i] += mount.rot_imu_from_base[i, k] * point[k]
+                position[f, i] += rot_imu_from_base[i, k] * point[k]
                 rot[f, i, k] = 0.0
                 for m in range(3):
-                    rot[f, i, k] += mount.rot_imu_from_base[i, m] * rot_base[link, m, k]
+                    rot[f, i, k] += rot_imu_from_base[i, m] * rot_base[link, m, k]
     return position, rot
 
 

@@ -20,11 +20,11 @@ Flags = NDArray[np.bool_]
 class OdometryParams:
     """Noises of the odometry filter, SI."""
 
-    sigma_p: float = 0.0006  # m, foot by kinematics: encoder steps and bending
-    sigma_c: float = 0.002  # m/sqrt(s), walk of a stance foot
+    sigma_p: float = 0.0004  # m, foot by kinematics: encoder steps and bending
+    sigma_c: float = 0.0005  # m/sqrt(s), walk of a stance foot
     sigma_turn: float = 0.0054 * 0.1  # rad/sqrt(s), heading by the gyro: sigma_w sqrt(IMU period)
     sigma_bias: float = 2e-5  # rad/s/sqrt(s), walk of the gyro bias
-    sigma_v: float = 0.05  # m/s, velocity that carries the pose between the feet
+    sigma_v: float = 0.1  # m/s, velocity that carries the pose between the feet
     gate: float = 16.0  # chi^2, 3 dof, 99.9 %: beyond it a foot slides
     reanchor: float = 100.0  # far beyond it the foot is anchored anew
 

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Self
 
+from surefoot.kinematics import foot_positions
 from surefoot.robot import Robot
 
 STANDSTILL_FACTOR = 2.5  # standstill = below this many sigma of the sensor alone
@@ -30,14 +31,14 @@ class EstimatorParams:
     standstill_samples: int = 50
     standstill_gyro_sd: float = STANDSTILL_FACTOR * 0.0054  # rad/s
     standstill_acc_sd: float = STANDSTILL_FACTOR * 0.035  # m/s^2
-    standstill_travel: float = 0.0025  # m, of a foot within the window; an encoder step moves it by 1 mm
+    standstill_travel: float = 0.0013  # m, of a foot within the window; an encoder step moves it by 0.9 mm
     prior_g: float = 0.02  # m/s^2, P0 = sigma_q^2/N + prior_g^2
     prior_v: float = 0.01  # m/s
     remove_gyro_bias: bool = True  # subtract the mean gyro of the rest (the paper: no)
     refine_gyro_bias: bool = True  # ... of all rest so far, not of the first window only
     start_slope_sd: float = math.inf  # rad, how level the ground under the feet is at the start; inf = unknown
     # velocity from the legs
-    sigma_v: float = 0.015  # m/s, (27)
+    sigma_v: float = 0.015  # m/s, (27), of one foot
     sigma_k: float = 0.05  # m/s, of v^K, for its covariance only
     feet: str = "all"  # "all": mean of the stance feet; "one": keep the earlier foot until it lifts (paper)
     slip_speed: float = 0.06  # m/s from the median of the feet: that foot slides
@@ -60,10 +61,17 @@ class EstimatorParams:
             "gyro_bias_floor": max(profile.gyro.bias_in_run, 1e-4),
             "standstill_gyro_sd": STANDSTILL_FACTOR * sigma_w,
             "standstill_acc_sd": STANDSTILL_FACTOR * sigma_q,
+            "standstill_travel": max(0.0005, 1.5 * robot.encoder.resolution * _reach(robot)),
             "max_gyro": min(base.max_gyro, profile.gyro.limit),
             "max_acc": min(base.max_acc, profile.accel.limit),
         }
         return replace(base, **(values | changes))  # type: ignore[arg-type]
+
+
+def _reach(robot: Robot) -> float:
+    """Longest way from a hip to its foot centre in the neutral stance, m."""
+    feet = foot_positions(robot.model, robot.neutral)
+    return max(math.dist(foot, leg.hip) for foot, leg in zip(feet, robot.legs, strict=True))
 
 
 def paper_params(params: EstimatorParams) -> EstimatorParams:

@@ -51,6 +51,9 @@ class Standstill:
         gyro_sd: largest standard deviation of an axis at rest, rad/s.
         acc_sd: the same, m/s^2.
         travel: largest move of a foot in the IMU frame within `length` IMU samples at rest, m.
+
+    A slow turn of the trunk looks like rest at first. What may be learned from a rest is therefore `settled`: the
+    sample of `length` ago, once the rest has lasted from `length` before it until now.
     """
 
     length: int
@@ -68,19 +71,24 @@ class Standstill:
         self._still_since = 0
         self._feet: Array | None = None
         self.standing = False
+        self.settled: Array | None = None  # (6,) gyro rad/s and accelerometer m/s^2
         self.mean = np.zeros(6)  # (6,) mean gyro rad/s and accelerometer m/s^2 of the last `length` samples
+        self._rest = 0
 
     def break_off(self) -> None:
         """Start the count anew, after a gap in the data."""
         self._count = 0
+        self._rest = 0
+        self._still_since = 0
+        self.settled = None
         self.standing = False
 
     def on_imu(self, w: Array, q: Array) -> bool:
         """Take a sample; returns whether the robot stands."""
+        oldest = self._ring[self._count % self.length].copy()
         push_sample(self._ring, self._count, w, q)
         self._count += 1
         if self._count < self.length:
-            self.standing = False
             return False
         self.mean, var = ring_statistics(self._ring)
         self.standing = bool(
@@ -88,6 +96,8 @@ class Standstill:
             and var[3:].max() <= self.acc_sd**2
             and (self._feet is None or self._count - self._still_since >= self.length)
         )
+        self._rest = self._rest + 1 if self.standing else 0
+        self.settled = oldest if self._rest > self.length else None
         return self.standing
 
     def on_feet(self, position: Array) -> None:
@@ -134,6 +144,13 @@ class GyroBias:
         """Take the mean of a whole window."""
         self.value = mean.copy()
         self.samples = samples
+
+    def plausible(self, mean: Array, samples: int) -> bool:
+        """Whether the mean gyro of a window can be the bias again: within 4 sigma; otherwise the robot turns slowly."""
+        if self.samples == 0:
+            return True
+        sd = np.hypot(self.sigma * np.sqrt(1.0 / samples + 1.0 / self.samples), self.floor)
+        return bool(np.abs(mean - self.value).max() <= 4.0 * sd)
 
     def add(self, w: Array) -> None:
         """Take one more sample at rest."""
