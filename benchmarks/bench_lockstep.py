@@ -1,0 +1,151 @@
+"""The rough-terrain demo over Zenoh beside the same services in one process, and where a tick's time goes.
+
+Conditions: all services of compose/ragno.yaml as processes on tcp loopback, seed 0, the machine otherwise idle. Each
+round runs every variant once, so ratios compare neighbours in time; medians over rounds.
+
+Targets: >= 6x real time with the default one-tick actuation delay, >= 4x strict; >= 0.65 (delay) and 0.45 (strict) of
+the same services in one process; recording costs <= 10 %.
+"""
+
+import json
+import os
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from services.supervisor.scenario import find_scenario, load_scenario
+from services.supervisor.study import run_local
+from surefoot.codec import decode, encode
+from surefoot.node import Node
+from surefoot.recording import read_recording
+
+SCENARIO = "rough-terrain"
+ROUNDS = 3
+
+
+def free_port() -> int:
+    """A port nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def zenoh_run(folder: Path, *flags: str) -> dict[str, Any]:
+    """One `surefoot run` as a user types it."""
+    command = [sys.executable, "-m", "services.supervisor.cli", "run", SCENARIO, "--seed", "0", "--json", *flags]
+    environment = dict(os.environ, SUREFOOT_LISTEN=f"tcp/127.0.0.1:{free_port()}", XDG_STATE_HOME=str(folder / "state"))
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    if not done.stdout.strip().startswith("{"):
+        raise RuntimeError(f"{' '.join(command)} printed no JSON: {done.stderr[-2000:]}")
+    return json.loads(done.stdout)
+
+
+def local_run(strict: bool) -> tuple[float, str]:
+    """The same services in one process, in a process of its own."""
+    code = (
+        "from services.supervisor.scenario import *; from services.supervisor.study import run_local;"
+        f"r = run_local(load_scenario(find_scenario({SCENARIO!r})), 0, strict={strict});"
+        "print(r.rtf, r.run_hash)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    rtf, run_hash = done.stdout.split()[-2:]
+    return float(rtf), run_hash
+
+
+def main(rounds: int = ROUNDS) -> None:
+    """Prints the table of variants and the breakdown of a tick."""
+    rtf: dict[str, list[float]] = {}
+    hashes: dict[str, set[str]] = {}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for _ in range(rounds):
+            for variant, flags in (("delay", ()), ("delay, no recording", ("--no-record",)), ("strict", ("--strict",))):
+                result = zenoh_run(folder, *flags)
+                rtf.setdefault(f"zenoh {variant}", []).append(result["values"]["real_time_factor"])
+                if variant != "delay, no recording":
+                    hashes.setdefault(variant, set()).add(result["message_hash"])
+                recording = result["recording"] or recording
+            for variant, strict in (("delay", False), ("strict", True)):
+                factor, run_hash = local_run(strict)
+                rtf.setdefault(f"one process {variant}", []).append(factor)
+                hashes[variant].add(run_hash)
+        print(f"real-time factor, {SCENARIO}, seed 0, {rounds} rounds, median (all)")
+        median = {key: statistics.median(values) for key, values in rtf.items()}
+        for key, values in rtf.items():
+            print(f"  {key:<28} {median[key]:6.2f}   ({', '.join(f'{v:.2f}' for v in values)})")
+        print(f"  zenoh / one process, delay   {median['zenoh delay'] / median['one process delay']:6.3f}   target 0.65")
+        print(f"  zenoh / one process, strict  {median['zenoh strict'] / median['one process strict']:6.3f}   target 0.45")
+        cost = 1.0 - median["zenoh delay"] / median["zenoh delay, no recording"]
+        print(f"  cost of recording            {100 * cost:5.1f} %   target 10 %")
+        for variant, found in hashes.items():
+            print(f"  hash {variant:<8} {'identical in all runs, zenoh and one process' if len(found) == 1 else found}")
+        breakdown(Path(recording), 1e6 * 0.01 / median["zenoh delay"], 1e6 * 0.01 / median["zenoh strict"])
+
+
+@contextmanager
+def timed(owner: Any, method: str, book: Callable[[Any, float], None]) -> Iterator[None]:
+    """Books the CPU time of every call of a method."""
+    original = getattr(owner, method)
+
+    def wrapper(self: Any, *args: Any) -> Any:
+        began = time.thread_time()
+        result = original(self, *args)
+        book(self, time.thread_time() - began)
+        return result
+
+    setattr(owner, method, wrapper)
+    try:
+        yield
+    finally:
+        setattr(owner, method, original)
+
+
+def breakdown(recording: Path, delay_us: float, strict_us: float) -> None:
+    """Where the time of a tick goes: CPU of each service, of physics and of the codec; transport is the rest."""
+    from services.simulator.world import World
+
+    spent: dict[str, float] = {}
+
+    def book_node(node: Any, seconds: float) -> None:
+        spent[node.name] = spent.get(node.name, 0.0) + seconds
+
+    def book_physics(world: Any, seconds: float) -> None:
+        spent["physics"] = spent.get("physics", 0.0) + seconds
+
+    with timed(Node, "pump_once", book_node), timed(World, "step_tick", book_physics):
+        run = run_local(load_scenario(find_scenario(SCENARIO)), 0)
+    per = {name: 1e6 * seconds / run.ticks for name, seconds in spent.items()}
+    per["simulator"] -= per["physics"]
+    coded = codec_us(recording) / run.ticks
+    print("a tick, CPU us (services by the in-memory run; a call counts with its caller)")
+    for name, value in sorted(per.items(), key=lambda item: -item[1]):
+        print(f"  {name:<28} {value:7.0f}")
+    print(f"  {'codec (each message, once)':<28} {coded:7.0f}")
+    print(f"  {'wall, zenoh delay':<28} {delay_us:7.0f}")
+    print(f"  {'wall, zenoh strict':<28} {strict_us:7.0f}")
+    path = per["physics"] + per["simulator"] + per["estimator"] + per["walker"]
+    print(f"  {'strict path without transport':<28} {path:7.0f}   transport and wake-ups: {strict_us - path:.0f}")
+
+
+def codec_us(recording: Path) -> float:
+    """Time to encode and decode every message of a recording once, us."""
+    total = 0.0
+    for item in read_recording(recording):
+        if item.model is None:
+            continue
+        raw = item.raw()
+        began = time.perf_counter()
+        encode(decode(item.model, *raw))
+        total += time.perf_counter() - began
+    return 1e6 * total
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else ROUNDS)
