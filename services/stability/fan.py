@@ -241,10 +241,10 @@ def _arc_bound(fan: Fan, k: int, m: int, px: float, py: float) -> tuple[float, f
     low = math.inf
     if length > SAME:
         nx, ny = ey / length, -ex / length
-        if ax * ny - ay * nx < 0.0 or nx * by - ny * bx < 0.0:  # rounding: the edge is a point as seen from here
-            nx, ny = ax + bx, ay + by
-            norm = math.hypot(nx, ny)
-            nx, ny = nx / norm, ny / norm
+        if ax * ny - ay * nx < 0.0:  # rounding: the edge was found already, its normal is one of the neighbours
+            nx, ny = ax, ay
+        elif nx * by - ny * bx < 0.0:
+            nx, ny = bx, by
         low = nx * ux + ny * uy
     else:
         norm = math.hypot(nx, ny)
