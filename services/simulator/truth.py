@@ -1,10 +1,13 @@
 """What no robot knows: contact forces, sliding and displacement of the feet, falls. For judging only.
 
-A foot stands while its normal force is at least `GATE_N`. Per control tick and standing foot, the material point of
-the foot at the contact moves by dc + dtheta x (p - c) (c foot centre, p contact point, dtheta rotation of the foot
-link); its part in the ground plane is sliding. Most of the way of a spherical foot's CENTRE is rolling, so both are
-kept: `displacement` (Walas & Belter's d) and `sliding`. Ticks are integrated when the foot stands at both ends, so
-less than one tick at each end of a stance is left out.
+A foot stands in a physics step while its normal force is at least `GATE_N`. Sliding is the way of the material point
+at the contact, in the ground plane, integrated over those steps:
+
+    s += |(1 - n n') (v_c + w x (-r n))| dt
+
+(v_c velocity of the foot sphere's centre, w angular rate of the link, r radius, n normal of the ground). Most of the
+way of a spherical foot's CENTRE is rolling, so both are kept: `displacement` (Walas & Belter's d) and `sliding`.
+Every physics step counts: the first milliseconds after touch-down hold a quarter of all sliding of a walk.
 """
 
 # mujoco has no type stubs for its compiled modules:
@@ -25,6 +28,7 @@ Ints = NDArray[np.int64]
 
 GATE_N = 0.5  # N, a foot stands from this normal force on
 LIFT_TICKS = 3  # ticks below the gate that end a stance: a bounce of 20 ms does not
+TOUCH_REACH = 1.3  # radii, the site of a touch sensor must enclose the contact
 FALL_TILT = math.radians(45.0)
 
 
@@ -34,14 +38,28 @@ class FeetTruth(NamedTuple):
     force: Array  # (L, 3) N, contact force on the foot, world axes
     normal_force: Array  # (L,) N
     centre: Array  # (L, 3) m, foot centre in world
-    rot: Array  # (L, 9) rot_world_from_link, row by row
+    normal: Array  # (L, 3) of the ground under each foot, last seen
     start: Array  # (L, 3) m, centre at touch-down
     sliding: Array  # (L,) m, in the present stance
     displacement: Array  # (L,) m, horizontal, in the present stance
     last_sliding: Array  # (L,) m, of the last finished stance
     last_displacement: Array  # (L,) m
     stances: Ints  # (L,) finished stances
-    below: Ints  # (L,) ticks since the force fell below the gate; -1 = in swing, 0 = stands
+    below: Ints  # (L,) ticks since the foot last stood; -1 = in swing, 0 = stood in this tick
+
+
+def add_sensors(spec: mujoco.MjSpec, robot: Robot, steps: int) -> None:
+    """Add what the tracker reads: force and velocity of each foot sphere in each of the last `steps` steps."""
+    sensor, site = mujoco.mjtSensor, mujoco.mjtObj.mjOBJ_SITE
+    names: list[str] = []
+    for leg in robot.legs:
+        body = spec.body(robot.links[leg.foot.link].name)
+        for k, point in enumerate(leg.foot.points):
+            names.append(f"truth_{leg.name}_{k}")
+            body.add_site(name=names[-1], pos=point, size=[TOUCH_REACH * leg.foot.radius] * 3)
+    for kind in (sensor.mjSENS_TOUCH, sensor.mjSENS_FRAMELINVEL, sensor.mjSENS_FRAMEANGVEL):
+        for name in names:
+            spec.add_sensor(name=f"{name}_{kind.name}", type=kind, objtype=site, objname=name, nsample=steps)
 
 
 class TruthTracker:
@@ -49,6 +67,7 @@ class TruthTracker:
 
     def __init__(self, robot: Robot, model: mujoco.MjModel, addresses: Addresses) -> None:
         n = robot.nlegs
+        self.step_s = float(model.opt.timestep)
         self.trunk = addresses.trunk
         self.bodies = addresses.foot_bodies
         self.local = np.array([leg.foot.position for leg in robot.legs])
@@ -60,10 +79,14 @@ class TruthTracker:
         self.contact = np.zeros((n, 6))  # force-weighted contact point and normal of each foot
         self.sphere_force = np.zeros(len(self.spheres))
         self.fallen = False
-        self.feet = FeetTruth(
-            np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3)), np.zeros((n, 9)), np.zeros((n, 3)), np.zeros(n),
-            np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.int64), np.full(n, -1, dtype=np.int64),
-        )  # fmt: skip
+        self.radius = np.array([leg.foot.radius for leg in robot.legs])
+        self.feet = _feet_at_rest(n)
+        types = np.array(model.sensor_type)
+        sensor = mujoco.mjtSensor
+        self._windows = tuple(
+            _Window(model, int(np.flatnonzero(types == int(kind))[0]), len(self.spheres))
+            for kind in (sensor.mjSENS_TOUCH, sensor.mjSENS_FRAMELINVEL, sensor.mjSENS_FRAMEANGVEL)
+        )
 
     def forces(self, data: mujoco.MjData) -> bool:
         """Read the contact forces of the last physics step.
@@ -97,7 +120,12 @@ class TruthTracker:
         """
         touched = self.forces(data)
         xmat = data.xmat
-        _feet(data.xpos, xmat, self.bodies, self.local, self.contact, self.feet, first)
+        history = data.history
+        touch, linear, angular = (window.of(history) for window in self._windows)
+        _feet(
+            data.xpos, xmat, self.bodies, self.local, self.radius, self.contact, touch, linear, angular,
+            self.foot_of_sphere, self.step_s, self.feet, first,
+        )  # fmt: skip
         tilted = float(xmat[self.trunk, 8]) < math.cos(FALL_TILT)
         self.fallen = (self.fallen and not first) or touched or tilted
 
@@ -155,64 +183,70 @@ def _forces(
 
 
 @kernel
-def _feet(xpos: Array, xmat: Array, bodies: Ints, local: Array, contact: Array, feet: FeetTruth, first: bool) -> None:
-    theta = np.empty(3)
-    move = np.empty(3)
-    normal = np.empty(3)
-    arm = np.empty(3)
+def _feet(
+    xpos: Array,
+    xmat: Array,
+    bodies: Ints,
+    local: Array,
+    radius: Array,
+    contact: Array,
+    touch: Array,
+    linear: Array,
+    angular: Array,
+    foot_of_sphere: Ints,
+    step_s: float,
+    feet: FeetTruth,
+    first: bool,
+) -> None:
+    """Advance the feet by one tick; `touch` (P, steps), `linear` and `angular` (P, 3 steps) belong to its steps."""
+    n_steps = touch.shape[1]
     for i in range(bodies.shape[0]):
         b = bodies[i]
         size = 0.0
         for k in range(3):
-            normal[k] = contact[i, 3 + k]
-            size += normal[k] * normal[k]
-        size = math.sqrt(size)
-        # The normal force is along the force-weighted mean normal: equal to the sum for one contact per foot.
-        feet.normal_force[i] = size
-        stands = size >= GATE_N
-        rot_now = xmat[b]
-        rot_then = feet.rot[i]
-        for k in range(3):
-            centre = xpos[b, k]
+            size += contact[i, 3 + k] ** 2
+            feet.centre[i, k] = xpos[b, k]
             for j in range(3):
-                centre += rot_now[3 * k + j] * local[i, j]
-            move[k] = centre - feet.centre[i, k]
-            feet.centre[i, k] = centre
-        if stands and feet.below[i] == 0 and not first:
-            # rotation vector of R_now R_then': small, so twice the skew part is exact to the third order
+                feet.centre[i, k] += xmat[b, 3 * k + j] * local[i, j]
+        size = math.sqrt(size)
+        # The normal force lies along the force-weighted mean normal: equal to the sum for one contact per foot.
+        feet.normal_force[i] = size
+        if size > 0.0:
             for k in range(3):
-                u, v = (k + 1) % 3, (k + 2) % 3
-                vu = 0.0
-                uv = 0.0
-                for j in range(3):
-                    vu += rot_now[3 * v + j] * rot_then[3 * u + j]
-                    uv += rot_now[3 * u + j] * rot_then[3 * v + j]
-                theta[k] = 0.5 * (vu - uv)
-                arm[k] = contact[i, k] / size - feet.centre[i, k]
-                normal[k] /= size
-            move[0] += theta[1] * arm[2] - theta[2] * arm[1]
-            move[1] += theta[2] * arm[0] - theta[0] * arm[2]
-            move[2] += theta[0] * arm[1] - theta[1] * arm[0]
-            along = move[0] * normal[0] + move[1] * normal[1] + move[2] * normal[2]
-            slid = 0.0
-            for k in range(3):
-                slid += (move[k] - along * normal[k]) ** 2
-            feet.sliding[i] += math.sqrt(slid)
-        for k in range(9):
-            rot_then[k] = rot_now[k]
+                feet.normal[i, k] = contact[i, 3 + k] / size
+        stood, slid = False, 0.0
+        for step in range(n_steps):
+            force, vx, vy, vz = 0.0, 0.0, 0.0, 0.0
+            nx, ny, nz = feet.normal[i, 0], feet.normal[i, 1], feet.normal[i, 2]
+            for p in range(foot_of_sphere.shape[0]):
+                if foot_of_sphere[p] != i or touch[p, step] <= 0.0:
+                    continue
+                f, c = touch[p, step], 3 * step
+                wx, wy, wz = angular[p, c], angular[p, c + 1], angular[p, c + 2]
+                force += f
+                vx += f * (linear[p, c] - radius[i] * (wy * nz - wz * ny))
+                vy += f * (linear[p, c + 1] - radius[i] * (wz * nx - wx * nz))
+                vz += f * (linear[p, c + 2] - radius[i] * (wx * ny - wy * nx))
+            if force >= GATE_N:
+                stood = True
+                along = vx * nx + vy * ny + vz * nz
+                vx, vy, vz = vx - along * nx, vy - along * ny, vz - along * nz
+                slid += math.sqrt(vx * vx + vy * vy + vz * vz) / force * step_s
         if first:
+            slid = 0.0
             feet.below[i] = -1
             feet.stances[i] = 0
             feet.last_sliding[i] = 0.0
             feet.last_displacement[i] = 0.0
             feet.sliding[i] = 0.0
             feet.displacement[i] = 0.0
-        if stands:
+        if stood:
             if feet.below[i] < 0:
                 feet.sliding[i] = 0.0
                 for k in range(3):
                     feet.start[i, k] = feet.centre[i, k]
             feet.below[i] = 0
+            feet.sliding[i] += slid
             feet.displacement[i] = math.hypot(
                 feet.centre[i, 0] - feet.start[i, 0], feet.centre[i, 1] - feet.start[i, 1]
             )
@@ -227,6 +261,29 @@ def _feet(xpos: Array, xmat: Array, bodies: Ints, local: Array, contact: Array, 
                 feet.displacement[i] = 0.0
 
 
+class _Window:
+    """Where the history of a run of equal sensors lies: per sensor a user value, the cursor, the times, the values."""
+
+    def __init__(self, model: mujoco.MjModel, sensor: int, count: int) -> None:
+        steps, dim = int(model.sensor_history[sensor][0]), int(model.sensor_dim[sensor])
+        self.start, self.count = int(model.sensor_historyadr[sensor]), count
+        self.width, self.values = 2 + steps * (1 + dim), 2 + steps
+
+    def of(self, history: Array) -> Array:
+        """View of the values, (count, steps x dim)."""
+        end = self.start + self.count * self.width
+        return history[self.start : end].reshape(self.count, self.width)[:, self.values :]
+
+
+def _feet_at_rest(n: int) -> FeetTruth:
+    up = np.zeros((n, 3))
+    up[:, 2] = 1.0
+    return FeetTruth(
+        np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3)), up, np.zeros((n, 3)), np.zeros(n), np.zeros(n), np.zeros(n),
+        np.zeros(n), np.zeros(n, dtype=np.int64), np.full(n, -1, dtype=np.int64),
+    )  # fmt: skip
+
+
 def warm() -> None:
     """Compile the kernels."""
     one, three = np.zeros(1, dtype=np.int64), np.zeros((1, 3))
@@ -236,9 +293,8 @@ def warm() -> None:
         np.zeros((0, 2), dtype=np.int32), np.zeros((0, 9)), none, np.zeros(0, dtype=np.int32), zeros[:0], one, one,
         flags, zeros, three, contact,
     )  # fmt: skip
-    copies = (np.zeros(1) for _ in range(8))
-    feet = FeetTruth(
-        np.zeros((1, 3)), next(copies), np.zeros((1, 3)), np.zeros((1, 9)), np.zeros((1, 3)), next(copies),
-        next(copies), next(copies), next(copies), np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64),
+    strided, two = np.zeros((2, 4))[:, 1:], np.zeros(2, dtype=np.int64)  # as the views of the history are
+    _feet(
+        three, np.zeros((1, 9)), one, three, zeros, contact, strided[:, :1], strided, strided, two, 1e-3,
+        _feet_at_rest(1), True,
     )  # fmt: skip
-    _feet(np.zeros((1, 3)), np.zeros((1, 9)), one, np.zeros((1, 3)), contact, feet, True)

@@ -92,6 +92,7 @@ class World:
             # The history holds the samples of one tick, so that ten steps run in one call.
             site = mujoco.mjtObj.mjOBJ_SITE
             spec.add_sensor(name=name, type=kind, objtype=site, objname="imu", nsample=TICK_STEPS)
+        truth.add_sensors(spec, robot, TICK_STEPS)
         self.model = spec.compile()
         self.address = find_addresses(self.model, robot)
         self.data = mujoco.MjData(self.model)
