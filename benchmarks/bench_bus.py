@@ -138,7 +138,7 @@ def _measure(bus: ZenohBus, ready: Any) -> dict[str, list[float]]:
                 velocity=model.velocity,
                 current=model.current,
                 torque=model.torque,
-            ).model_dump_json()  # fmt: skip
+            ).model_dump_json()
         )
         Plain.model_validate_json(got.get(timeout=5.0))
 

@@ -64,7 +64,7 @@ def main(rounds: int = ROUNDS) -> None:
     rtf: dict[str, list[float]] = {}
     hashes: dict[str, set[str]] = {}
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
+        folder, recording = Path(name), ""
         for _ in range(rounds):
             for variant, flags in (("delay", ()), ("delay, no recording", ("--no-record",)), ("strict", ("--strict",))):
                 result = zenoh_run(folder, *flags)
@@ -80,8 +80,12 @@ def main(rounds: int = ROUNDS) -> None:
         median = {key: statistics.median(values) for key, values in rtf.items()}
         for key, values in rtf.items():
             print(f"  {key:<28} {median[key]:6.2f}   ({', '.join(f'{v:.2f}' for v in values)})")
-        print(f"  zenoh / one process, delay   {median['zenoh delay'] / median['one process delay']:6.3f}   target 0.65")
-        print(f"  zenoh / one process, strict  {median['zenoh strict'] / median['one process strict']:6.3f}   target 0.45")
+        print(
+            f"  zenoh / one process, delay   {median['zenoh delay'] / median['one process delay']:6.3f}   target 0.65"
+        )
+        print(
+            f"  zenoh / one process, strict  {median['zenoh strict'] / median['one process strict']:6.3f}   target 0.45"
+        )
         cost = 1.0 - median["zenoh delay"] / median["zenoh delay, no recording"]
         print(f"  cost of recording            {100 * cost:5.1f} %   target 10 %")
         for variant, found in hashes.items():

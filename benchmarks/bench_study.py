@@ -1,8 +1,8 @@
 """A hundred seeds of each walking scenario: the real services of a seed in one process, on the in-memory bus.
 
 Targets: rough-terrain 95 of 100 reach the end without a fall; flat 100 of 100 with contact sliding <= 0.5 mm mean per
-stance (gate 0.5 N). The 8.7 cm terrain is reported without a target. ``python -m benchmarks.bench_study rough-terrain 10``
-runs fewer.
+stance (gate 0.5 N). The 8.7 cm terrain is reported without a target. Fewer:
+``python -m benchmarks.bench_study rough-terrain 10``.
 """
 
 import math
@@ -59,7 +59,14 @@ def _print(name: str, runs: list[LocalRun]) -> None:
         for row in run.verdict.rows:
             if row.value is not None:
                 values.setdefault(row.name, []).append(float(row.value))
-    for key in ("distance_m", "max_tilt_deg", "mean_slip_mm", "velocity_rmse_mps", "odometry_error_percent", "min_margin_m"):
+    for key in (
+        "distance_m",
+        "max_tilt_deg",
+        "mean_slip_mm",
+        "velocity_rmse_mps",
+        "odometry_error_percent",
+        "min_margin_m",
+    ):
         if key in values:
             v = sorted(values[key])
             print(f"  {key:<24} median {statistics.median(v):9.4f}   worst {v[0]:9.4f} .. {v[-1]:9.4f}")

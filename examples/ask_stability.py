@@ -7,7 +7,9 @@ import zenoh
 
 endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7447"
 config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [endpoint]}}))
-feet = [{"position": [x, y, 0.0], "normal": [0.0, 0.0, 1.0], "mu": 0.5} for x, y in [(0.1, 0.1), (0.1, -0.1), (-0.1, 0.0)]]
+feet = [
+    {"position": [x, y, 0.0], "normal": [0.0, 0.0, 1.0], "mu": 0.5} for x, y in [(0.1, 0.1), (0.1, -0.1), (-0.1, 0.0)]
+]
 with zenoh.open(config) as session:
     for step in (0.02, 0.05, 0.10):
         question = {"contacts": feet, "com": [0.02, 0.0], "movement": [step, 0.0, 0.0]}

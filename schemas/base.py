@@ -19,7 +19,8 @@ MAX_FEET = 8
 Vec2 = tuple[float, float]
 Vec3 = tuple[float, float, float]
 QuatWxyz = Annotated[
-    tuple[float, float, float, float], Field(description="unit quaternion, order w x y z (MuJoCo's), rotates body to world")
+    tuple[float, float, float, float],
+    Field(description="unit quaternion, order w x y z (MuJoCo's), rotates body to world"),
 ]
 PerJoint = Annotated[tuple[float, ...], Field(max_length=MAX_JOINTS)]
 PerFoot = Annotated[tuple[float, ...], Field(max_length=MAX_FEET)]
@@ -58,7 +59,7 @@ class Message(Header):
         Fills in the header of this very object, which its maker has just made and nobody else holds: a copy would cost
         more than the validation did. ``relabelled`` makes the copy.
         """
-        self.__dict__.update(stamp_ns=stamp_ns, tick=tick, epoch=epoch, seq=seq, source=source)
+        vars(self).update(stamp_ns=stamp_ns, tick=tick, epoch=epoch, seq=seq, source=source)
         return self
 
     def relabelled(self, stamp_ns: int, tick: int, epoch: int, seq: int, source: str) -> Self:

@@ -12,10 +12,14 @@ class WalkCommand(Request):
 
     action: Literal["walk", "turn", "stand", "stop"] = Field(description="what to do")
     distance: float | None = Field(default=None, ge=-100, le=100, description="m along the heading; null = until told")
-    velocity: float | None = Field(default=None, ge=-1, le=1, description="m/s along the heading; null = the gait's own")
+    velocity: float | None = Field(
+        default=None, ge=-1, le=1, description="m/s along the heading; null = the gait's own"
+    )
     angle: float | None = Field(default=None, ge=-31.5, le=31.5, description="rad, left positive; for turn")
     duration: float | None = Field(default=None, ge=0, le=3600, description="s, for stand")
-    gait: str | None = Field(default=None, max_length=32, description="name of a gait of this robot; null = its default")
+    gait: str | None = Field(
+        default=None, max_length=32, description="name of a gait of this robot; null = its default"
+    )
     at_tick: int | None = Field(
         default=None, ge=0, description="tick the command takes effect in (reproducible); null = the next one"
     )

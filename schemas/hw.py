@@ -13,7 +13,9 @@ class Tick(Message):
     roster: tuple[str, ...] = Field(description="services that must finish this tick; changed by the driver only")
     roster_version: int = Field(ge=0, description="counts the changes of the roster")
     due: tuple[str, ...] = Field(description="hw keys that carry a sample in this tick")
-    mode: Literal["lockstep", "paced"] = Field(description="lockstep: the driver waits for the roster; paced: it does not")
+    mode: Literal["lockstep", "paced"] = Field(
+        description="lockstep: the driver waits for the roster; paced: it does not"
+    )
     seed: int = Field(default=0, ge=0, description="scenario seed, for the random streams of services")
     end: bool = Field(default=False, description="true on the last tick of the run")
 

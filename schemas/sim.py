@@ -16,7 +16,9 @@ class Truth(Message):
     angular_velocity: Vec3 = Field(description="rad/s, base_link axes")
     com: Vec3 = Field(description="m, centre of mass of the robot in world")
     joints: PerJoint = Field(description="rad, true joint angles")
-    foot_position: Annotated[tuple[Vec3, ...], Field(max_length=MAX_FEET)] = Field(description="m, foot centres in world")
+    foot_position: Annotated[tuple[Vec3, ...], Field(max_length=MAX_FEET)] = Field(
+        description="m, foot centres in world"
+    )
     foot_force_n: PerFoot = Field(description="N, total normal contact force per foot")
     foot_displacement: PerFoot = Field(
         description="m, horizontal way of each foot centre since its touch-down (Walas & Belter's d); 0 in swing"
@@ -45,9 +47,13 @@ class World(Request):
     """Which world to build."""
 
     terrain: str = Field(default="flat", max_length=64, description="kind of terrain, or path of a terrain file")
-    amplitude: float | None = Field(default=None, ge=0, le=1, description="m, height of the terrain; null = the kind's own")
+    amplitude: float | None = Field(
+        default=None, ge=0, le=1, description="m, height of the terrain; null = the kind's own"
+    )
     terrain_seed: int | None = Field(default=None, ge=0, description="seed of the terrain; null = the scenario's seed")
-    map_profile: Literal["exact", "noise", "shifted"] = Field(default="noise", description="how good the robot's map is")
+    map_profile: Literal["exact", "noise", "shifted"] = Field(
+        default="noise", description="how good the robot's map is"
+    )
     friction: float | None = Field(default=None, gt=0, le=10, description="friction coefficient; null = the kind's own")
     imu_profile: str | None = Field(default=None, max_length=64, description="sensor profile; null = the robot's own")
     perturbation: float = Field(default=0.0, ge=0, le=10, description="level of model perturbation, 0 = nominal")
@@ -59,7 +65,9 @@ class ResetRequest(Request):
     seed: int = Field(default=0, ge=0, lt=2**31, description="seed of everything random in the run")
     world: World = Field(default_factory=World, description="which world")
     expect: tuple[str, ...] = Field(default=(), description="services that must be ready before tick 0")
-    mode: Literal["lockstep", "paced"] = Field(default="lockstep", description="lockstep waits for the roster, paced does not")
+    mode: Literal["lockstep", "paced"] = Field(
+        default="lockstep", description="lockstep waits for the roster, paced does not"
+    )
     rtf: float = Field(default=0.0, ge=0, le=1000, description="real-time factor of paced mode, 0 = as fast as it goes")
     actuation_delay_ticks: int = Field(default=1, ge=0, le=5, description="0 = strict: a command acts in its own tick")
     policy: Literal["hold", "degrade", "fail"] = Field(default="hold", description="what to do when a member dies")

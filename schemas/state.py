@@ -29,9 +29,13 @@ class VelocityEstimate(Message):
     inputs_ok: bool = Field(description="all inputs of the last 100 ms were accepted")
     filter_ok: bool = Field(description="covariance is finite and positive, innovation within bounds")
     sensors_ok: bool = Field(description="no sensor saturated, frozen or absent")
-    slipping: Annotated[tuple[bool, ...], Field(max_length=MAX_FEET)] = Field(description="per foot: rejected as slipping")
+    slipping: Annotated[tuple[bool, ...], Field(max_length=MAX_FEET)] = Field(
+        description="per foot: rejected as slipping"
+    )
     nis: float | None = Field(default=None, description="normalised innovation squared of the last correction, 3 dof")
-    refused: int = Field(default=0, ge=0, description="inputs refused since the epoch began (late, NaN, duplicate, ...)")
+    refused: int = Field(
+        default=0, ge=0, description="inputs refused since the epoch began (late, NaN, duplicate, ...)"
+    )
 
 
 class Odometry(Message):
@@ -53,7 +57,9 @@ class GaitState(Message):
         description="waiting: the estimator is not initialised; hold: inputs are stale or absent"
     )
     phase: float = Field(ge=0, le=1, description="phase of the present step")
-    stance: Annotated[tuple[bool, ...], Field(max_length=MAX_FEET)] = Field(description="per foot: planned on the ground")
+    stance: Annotated[tuple[bool, ...], Field(max_length=MAX_FEET)] = Field(
+        description="per foot: planned on the ground"
+    )
     footholds: Annotated[tuple[Vec3, ...], Field(max_length=MAX_FEET)] = Field(
         description="m, per foot the present or planned foot centre in odom"
     )
@@ -62,7 +68,9 @@ class GaitState(Message):
     )
     trunk_height: float = Field(default=0.0, description="m, planned height of base_link over the mean foothold")
     remaining: float = Field(description="m or rad still to go; 0 when there is no command")
-    margin: float | None = Field(default=None, description="m, static margin of the last step check; null = not checked")
+    margin: float | None = Field(
+        default=None, description="m, static margin of the last step check; null = not checked"
+    )
     reason: str = Field(default="", description="why a step was refused or degraded, in words")
     steps: int = Field(default=0, ge=0, description="steps taken in this epoch")
     feet_sensed: PerFoot = Field(default=(), description="per foot 1.0 if the switches say contact, else 0.0")

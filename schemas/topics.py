@@ -6,7 +6,7 @@ per service; ``of(service)`` names the member.
 
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 from schemas import base, cmd, footholds, hw, sim, stability, state, system, terrain
 
@@ -143,5 +143,6 @@ SIM_FEATURES = Query("sim/features", sim.FeaturesRequest, sim.FeaturesReply, "dr
 RECORDER_STATUS = Query("recorder/status", system.RecorderRequest, system.RecorderReply, "recorder")
 HEALTH_GET = Query("health/*", system.HealthRequest, system.HealthReply, "*", timeout_s=2.0)
 
-TOPICS: tuple[Topic[Any], ...] = tuple(v for v in list(globals().values()) if isinstance(v, Topic))
-QUERIES: tuple[Query[Any, Any], ...] = tuple(v for v in list(globals().values()) if isinstance(v, Query))
+_ROWS: list[object] = list(globals().values())
+TOPICS: tuple[Topic[Any], ...] = tuple(cast("Topic[Any]", row) for row in _ROWS if isinstance(row, Topic))
+QUERIES: tuple[Query[Any, Any], ...] = tuple(cast("Query[Any, Any]", row) for row in _ROWS if isinstance(row, Query))

@@ -10,6 +10,7 @@ from surefoot.codec import decode, encode, encoding_of, read_header
 from surefoot.errors import SurefootError
 
 M = TypeVar("M", bound=Message)
+M_contra = TypeVar("M_contra", bound=Message, contravariant=True)
 Req = TypeVar("Req", bound=Request)
 Rep = TypeVar("Rep", bound=Wire)
 
@@ -59,7 +60,7 @@ class Delivery:
         """The bytes on the wire, encoded here when the message came as an object."""
         if self._raw is None:
             assert self._message is not None
-            self._raw = Raw(*encode(self._message), encoding_of(type(self._message)))
+            self._raw = Raw(*encode(self._message), encoding_of(self.topic.model))
         return self._raw
 
 
@@ -99,10 +100,10 @@ class Life:
     alive: bool
 
 
-class Publisher(Protocol, Generic[M]):
+class Publisher(Protocol, Generic[M_contra]):
     """One key, one writer."""
 
-    def put(self, message: M) -> Any:
+    def put(self, message: M_contra) -> Any:
         """Publishes and returns a token for ``resend``."""
         ...
 

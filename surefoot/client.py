@@ -1,11 +1,11 @@
 """The public client: ten lines that watch and ask a running system.
 
-    from schemas.topics import STABILITY_REGION, STATE_VELOCITY
-    from surefoot.client import connect
+from schemas.topics import STABILITY_REGION, STATE_VELOCITY
+from surefoot.client import connect
 
-    with connect() as robot:
-        print(robot.latest(STATE_VELOCITY).velocity)
-        print(robot.call("stability/region", contacts=[{"position": [0, 0, 0]}]))
+with connect() as robot:
+    print(robot.latest(STATE_VELOCITY).velocity)
+    print(robot.call("stability/region", contacts=[{"position": [0, 0, 0]}]))
 """
 
 from collections.abc import Callable, Iterator

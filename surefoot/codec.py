@@ -81,7 +81,9 @@ def check_encoding(model: type[Wire], encoding: str) -> None:
     if name != model.__name__:
         raise Refusal("schema", f"got a {name!r}, expected {model.__name__!r}")
     if version.split(".")[0] != model.schema_version.split(".")[0]:
-        raise Refusal("schema", f"{name} version {version!r} has another major number than ours, {model.schema_version!r}")
+        raise Refusal(
+            "schema", f"{name} version {version!r} has another major number than ours, {model.schema_version!r}"
+        )
 
 
 def read_header(payload: bytes, attachment: bytes | None) -> Header:

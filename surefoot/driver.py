@@ -97,7 +97,7 @@ class DriverNode(Node):
     def _subscriptions(self) -> list[Topic[Any]]:
         return []  # the driver proves no links: participants do, and say so
 
-    # -- epochs ---------------------------------------------------------------------------------------------------------
+    # -- epochs ------------------------------------------------------------------------------------------------
 
     def begin(self, expect: tuple[str, ...], mode: str, rtf: float, delay: int, policy: str, seed: int) -> int:
         """Starts a new epoch: everybody proves their links anew, then tick 0 comes. Returns the epoch."""
@@ -133,7 +133,7 @@ class DriverNode(Node):
         leader.state = "running"
         self._pace_origin = (time.monotonic(), leader.tick)
 
-    # -- what arrives -----------------------------------------------------------------------------------------------------
+    # -- what arrives ------------------------------------------------------------------------------------------
 
     def _on_join(self, request: JoinRequest) -> JoinReply:
         if self.leader.state in ("idle", "ended"):
@@ -185,7 +185,7 @@ class DriverNode(Node):
             if self.leader.state == "holding":
                 self._since = time.monotonic()
 
-    # -- ticks --------------------------------------------------------------------------------------------------------------
+    # -- ticks -------------------------------------------------------------------------------------------------
 
     def work(self) -> bool:
         leader = self.leader
@@ -224,9 +224,15 @@ class DriverNode(Node):
         roster = sorted({*leader.expect, *leader.members, *self._joining})
         self._publishers[HW_TICK.key].put(
             Tick(
-                tick=-1, epoch=leader.epoch, source=self.name, roster=tuple(roster), due=(), mode=leader.mode,
-                roster_version=leader.roster_version, seed=leader.seed,
-            )  # fmt: skip
+                tick=-1,
+                epoch=leader.epoch,
+                source=self.name,
+                roster=tuple(roster),
+                due=(),
+                mode=leader.mode,
+                roster_version=leader.roster_version,
+                seed=leader.seed,
+            )
         )
 
     def _tell_latched(self) -> None:

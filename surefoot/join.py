@@ -45,7 +45,7 @@ class TickInputs:
         return self.tick.tick
 
     def get(self, topic: Topic[M]) -> M | None:
-        """The message of this tick (of the last due tick for a delayed input, the latest for a latched one), or None."""
+        """The message of this tick (of the tick before for a delayed input, the latest for a latched one), or None."""
         return cast(M | None, self.messages.get(topic.key))
 
 
@@ -146,9 +146,10 @@ class Join:
         lacking = [topic.key for topic, _ in self._wanted(tick) if topic.key not in slot]
         before = self._slots.get((tick.epoch, tick.tick - 1), {})
         for topic in self.delayed:
-            if tick.tick - 1 >= 0 and topic.due(tick.tick - 1) and topic.owner in self._previous_roster:
-                if topic.owner in tick.roster and topic.key not in before:
-                    lacking.append(topic.key)
+            expected = tick.tick > 0 and topic.due(tick.tick - 1)
+            present = topic.owner in self._previous_roster and topic.owner in tick.roster
+            if expected and present and topic.key not in before:
+                lacking.append(topic.key)
         for topic in self.latched:
             held = self._latched.get(topic.key)
             if held is None or held[0] != tick.epoch:

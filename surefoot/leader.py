@@ -63,7 +63,7 @@ class Leader:
         self._manifests.clear()
         self.roster_version, self.comparable, self.reason = 0, True, ""
 
-    # -- events -----------------------------------------------------------------------------------------------------
+    # -- events ------------------------------------------------------------------------------------------------
 
     def on_ready(self, service: str, instance: str) -> None:
         """A service proved its links (done of tick -1)."""
@@ -120,7 +120,7 @@ class Leader:
         self.lost.discard(service)
         self.roster_version += 1
 
-    # -- progress ---------------------------------------------------------------------------------------------------
+    # -- progress ----------------------------------------------------------------------------------------------
 
     def missing(self) -> tuple[str, ...]:
         """Who is awaited."""
@@ -203,4 +203,6 @@ class Leader:
         manifest = self._manifests.get(tick)
         if manifest is None:
             return None
-        return manifest.model_copy(update={"roster": tuple(sorted(self.members)), "roster_version": self.roster_version})
+        return manifest.model_copy(
+            update={"roster": tuple(sorted(self.members)), "roster_version": self.roster_version}
+        )

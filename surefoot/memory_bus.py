@@ -1,4 +1,4 @@
-"""The bus inside one process: same interface, no bytes, deterministic. For tests, replay and studies over many seeds."""
+"""The bus inside one process: same interface, no bytes, deterministic. For tests, replay and studies over seeds."""
 
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar

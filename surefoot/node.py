@@ -67,7 +67,7 @@ class Node:
         self._counts_as_done = any(topic.key == CMD_JOINTS.key for topic in service.outputs)
         self._done = TICK_DONE.of(self.name)
 
-    # -- life ---------------------------------------------------------------------------------------------------------
+    # -- life --------------------------------------------------------------------------------------------------
 
     def start(self) -> None:
         """Declares everything, lets the service prepare, then becomes visible."""
@@ -156,7 +156,7 @@ class Node:
         except CallError as error:
             self.refused[f"join_{error.code}"] += 1
 
-    # -- what arrives ---------------------------------------------------------------------------------------------------
+    # -- what arrives ------------------------------------------------------------------------------------------
 
     def handle(self, item: Any) -> None:
         """One item of the inbox."""
@@ -259,7 +259,7 @@ class Node:
             self.refuse("internal", f"{key}: {type(error).__name__}: {error}")
             incoming.fail(SurefootError("internal", f"{key} failed: {type(error).__name__}: {error}"))
 
-    # -- ticks ----------------------------------------------------------------------------------------------------------
+    # -- ticks -------------------------------------------------------------------------------------------------
 
     def work(self) -> bool:
         """Does the next tick if its inputs are complete."""
@@ -298,7 +298,7 @@ class Node:
         for publisher, token in self._outbox.get((epoch, tick), ()):
             publisher.resend(token)
 
-    # -- what a service asks for ------------------------------------------------------------------------------------------
+    # -- what a service asks for -------------------------------------------------------------------------------
 
     def publish(self, topic: Topic[Any], message: Message, stamp_ns: int | None) -> None:
         if topic.key not in self._publishers:

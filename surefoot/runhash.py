@@ -2,6 +2,7 @@
 
 import hashlib
 from collections import Counter
+from typing import Any
 
 _HEAD = "{}|{}|{}|".format
 
@@ -13,7 +14,7 @@ class RunHash:
     """
 
     def __init__(self) -> None:
-        self._digests: dict[str, "hashlib._Hash"] = {}
+        self._digests: dict[str, Any] = {}
         self.counts: Counter[str] = Counter()
 
     def update(self, key: str, epoch: int, stamp_ns: int, seq: int, payload: bytes, attachment: bytes | None) -> None:

@@ -53,7 +53,7 @@ class Service(Generic[C]):
         self.handlers: dict[str, Callable[[Any], Wire]] = {}
         self._runtime: Runtime | None = None
 
-    # -- overridden ---------------------------------------------------------------------------------------------------
+    # -- overridden --------------------------------------------------------------------------------------------
 
     def on_start(self) -> None:
         """Once, before anything arrives: register handlers, load the robot, warm the kernels."""
@@ -70,7 +70,7 @@ class Service(Generic[C]):
     def on_stop(self) -> None:
         """Once, at the end: close files."""
 
-    # -- used ---------------------------------------------------------------------------------------------------------
+    # -- used --------------------------------------------------------------------------------------------------
 
     def attach(self, runtime: Runtime) -> None:
         """Gives the service its runtime."""

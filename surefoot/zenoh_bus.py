@@ -1,4 +1,6 @@
 """The bus between processes: one Zenoh session, one namespace, typed keys."""
+# pyright: reportUnknownMemberType=false, reportUnknownLambdaType=false
+# (the stubs of zenoh leave return types out)
 
 import json
 from collections.abc import Callable, Sequence
@@ -177,7 +179,8 @@ class ZenohBus:
         timeout = query.timeout_s if timeout_s is None else timeout_s
         reply = self._ask(query, timeout, encode(request)[0], None)
         if reply is None:
-            if not self._querier(query, timeout).matching_status.matching:
+            status: Any = self._querier(query, timeout).matching_status  # the stubs say bool
+            if not status.matching:
                 raise CallError("absent", f"nobody serves {query.key!r} in {self.endpoint.namespace!r}")
             raise CallError("timeout", f"{query.key!r} did not answer within {timeout:g} s")
         if reply.ok is None:

@@ -19,7 +19,8 @@ from schemas.topics import (
     STATE_VELOCITY_KINEMATICS_GYRO,
 )
 from services.estimator import estimator as algorithm
-from services.estimator import feet, history, inertial, inputs, odometry, odometry_kernel, output, standstill
+from services.estimator import feet, history, inertial, odometry, odometry_kernel, output, standstill
+from services.estimator import inputs as judging
 from services.estimator.output import Estimate
 from surefoot import kinematics, rotations
 from surefoot.config import ServiceConfig
@@ -34,7 +35,7 @@ VARIANTS = {
     "ekf": STATE_VELOCITY_EKF,
 }
 
-_KERNELS = (rotations, kinematics, feet, history, inertial, inputs, odometry, odometry_kernel, output, standstill)
+_KERNELS = (rotations, kinematics, feet, history, inertial, judging, odometry, odometry_kernel, output, standstill)
 
 
 class EstimatorConfig(ServiceConfig):
@@ -71,8 +72,8 @@ class Estimator(Service[EstimatorConfig]):
         self.estimator.reset()
         self._contacts = None
 
-    def on_tick(self, due: TickInputs) -> None:
-        imu, joints, contacts = due.get(HW_IMU), due.get(HW_JOINTS), due.get(HW_CONTACTS)
+    def on_tick(self, inputs: TickInputs) -> None:
+        imu, joints, contacts = inputs.get(HW_IMU), inputs.get(HW_JOINTS), inputs.get(HW_CONTACTS)
         if imu is not None:
             self._imu(imu)
         if contacts is not None:
@@ -83,7 +84,7 @@ class Estimator(Service[EstimatorConfig]):
         self.publish(STATE_VELOCITY, velocity_message(self.estimator.estimate(self.config.mode)), stamp)
         self.publish(STATE_ODOMETRY, self._odometry(), stamp)
         for name, topic in VARIANTS.items():
-            if topic.due(due.number):
+            if topic.due(inputs.number):
                 self.publish(topic, velocity_message(self.estimator.estimate(name)), stamp)
 
     def _imu(self, imu: Imu) -> None:

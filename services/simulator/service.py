@@ -63,7 +63,9 @@ STATUS_TICKS = 100
 class SimulatorConfig(ServiceConfig):
     """The world until the first ``sim/reset``, and how it runs."""
 
-    expect: tuple[str, ...] = Field(default=(), description="services that must be ready before tick 0 of the first run")
+    expect: tuple[str, ...] = Field(
+        default=(), description="services that must be ready before tick 0 of the first run"
+    )
     terrain: str = Field(default="flat", description="terrain of the first run")
     seed: int = Field(default=0, ge=0, lt=2**31, description="seed of the first run")
     autostart: bool = Field(default=True, description="begin a paced run at once instead of waiting for sim/reset")
@@ -108,7 +110,7 @@ class Simulator(Driver[SimulatorConfig]):
         if self._begin_on_first_work:
             self._begin()
 
-    # -- hardware -----------------------------------------------------------------------------------------------------
+    # -- hardware ----------------------------------------------------------------------------------------------
 
     def release(self, tick: int) -> list[Sample]:
         if tick > 0 and tick % STATUS_TICKS == 0:
@@ -145,7 +147,7 @@ class Simulator(Driver[SimulatorConfig]):
                 worst = f": {self.robot.joint_names[i]} = {q[i]:.4f} rad, allowed {lower[i]:.4f} to {upper[i]:.4f}"
             raise Refusal(reason, f"joint command of tick {command.tick} refused ({reason}){worst}", "position")
 
-    # -- worlds -------------------------------------------------------------------------------------------------------
+    # -- worlds ------------------------------------------------------------------------------------------------
 
     def _terrain(self, request: sim.ResetRequest) -> Terrain:
         w = request.world
@@ -154,7 +156,9 @@ class Simulator(Driver[SimulatorConfig]):
             return make_terrain(w.terrain, seed, w.amplitude)
         if not w.terrain.endswith(".npz"):
             known = ", ".join(KINDS)
-            raise Refusal("invalid", f"terrain {w.terrain!r} is neither a kind ({known}) nor a .npz file", "world.terrain")
+            raise Refusal(
+                "invalid", f"terrain {w.terrain!r} is neither a kind ({known}) nor a .npz file", "world.terrain"
+            )
         return terrain_from_map(HeightMap.load(Path(w.terrain)))
 
     def _build(self, request: sim.ResetRequest) -> None:
@@ -209,7 +213,7 @@ class Simulator(Driver[SimulatorConfig]):
         epoch = self._begin()
         return sim.CheckpointReply(name=request.name, tick=-1, epoch=epoch, sha256=saved.sha256)
 
-    # -- time ---------------------------------------------------------------------------------------------------------
+    # -- time --------------------------------------------------------------------------------------------------
 
     def step(self, request: sim.StepRequest) -> sim.SimReply:
         """Goes on after a pause."""
@@ -220,7 +224,7 @@ class Simulator(Driver[SimulatorConfig]):
         """Stops simulated time after a tick."""
         return self._accepted(self.node.pause(request.at_tick, request.end))
 
-    # -- disturbances -------------------------------------------------------------------------------------------------
+    # -- disturbances ------------------------------------------------------------------------------------------
 
     def push(self, request: sim.PushRequest) -> sim.SimReply:
         """Pulls at a link."""
@@ -261,7 +265,7 @@ class Simulator(Driver[SimulatorConfig]):
     def _accepted(self, tick: int | None) -> sim.SimReply:
         return sim.SimReply(accepted=True, tick=self.node.leader.tick if tick is None else tick)
 
-    # -- what it is ---------------------------------------------------------------------------------------------------
+    # -- what it is --------------------------------------------------------------------------------------------
 
     def description(self, request: DescriptionRequest) -> DescriptionReply:
         """Which robot this hardware is."""

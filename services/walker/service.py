@@ -1,7 +1,8 @@
 """The walker service: walk commands in, joint commands out; asks for footholds and stability before each step."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from pydantic import Field
@@ -80,7 +81,7 @@ class Walker(Service[WalkerConfig]):
         self._tick, self._given = -1, 0
         self._degraded = ""
 
-    # -- commands -----------------------------------------------------------------------------------------------------
+    # -- commands ----------------------------------------------------------------------------------------------
 
     def walk(self, request: WalkCommand) -> WalkReply:
         """Accepts or refuses a command; with ``at_tick`` it is kept until then."""
@@ -99,7 +100,7 @@ class Walker(Service[WalkerConfig]):
         )
         return WalkReply(accepted=reply.accepted, id=reply.walk_id, reason=reply.reason)
 
-    # -- ticks --------------------------------------------------------------------------------------------------------
+    # -- ticks -------------------------------------------------------------------------------------------------
 
     def on_tick(self, inputs: TickInputs) -> None:
         self._tick = inputs.number
@@ -161,7 +162,7 @@ class Walker(Service[WalkerConfig]):
             steps=out.steps,
         )
 
-    # -- questions ----------------------------------------------------------------------------------------------------
+    # -- questions ---------------------------------------------------------------------------------------------
 
     def _select(self, step: interface.StepRequest) -> Sequence[FootholdReply]:
         """Footholds of a step, all legs in one question."""
@@ -207,7 +208,8 @@ class Walker(Service[WalkerConfig]):
 _TUNABLE = ("hip_height_m", "stride_m", "period_s", "clearance_m")
 
 
-def _floats(values: Sequence[float] | np.ndarray) -> tuple[float, ...]:  # pyright: ignore[reportMissingTypeArgument]
+def _floats(values: Iterable[float]) -> Any:
+    """Numbers of an array or sequence as the tuple a message wants; its model checks the length."""
     return tuple(float(value) for value in values)
 
 

@@ -20,7 +20,11 @@ def tracked() -> list[Path]:
 
 
 def test_no_long_module() -> None:
-    long = {str(p.relative_to(ROOT)): n for p in tracked() if p.suffix == ".py" and (n := len(p.read_text().splitlines())) > MAX_LINES}
+    long = {
+        str(p.relative_to(ROOT)): n
+        for p in tracked()
+        if p.suffix == ".py" and (n := len(p.read_text().splitlines())) > MAX_LINES
+    }
     assert not long
 
 
@@ -34,7 +38,9 @@ def test_nothing_names_a_registry_or_a_machine() -> None:
 
 
 def test_function_services_do_not_speak_zenoh_or_read_the_clock() -> None:
-    clock = re.compile(r"^\s*(import time|from time|import zenoh|from zenoh|import datetime|from datetime)", re.MULTILINE)
+    clock = re.compile(
+        r"^\s*(import time|from time|import zenoh|from zenoh|import datetime|from datetime)", re.MULTILINE
+    )
     for name in ("estimator", "walker", "footholds", "stability"):
         for path in (ROOT / "services" / name).glob("*.py"):
             assert not clock.search(path.read_text()), path

@@ -81,7 +81,9 @@ def test_another_named_schema_or_major_version_is_refused(encoding: str, code: s
     assert caught.value.code == code
 
 
-@pytest.mark.parametrize("encoding", ["", "application/json", "zenoh/bytes", "text/plain", "application/json;other/Thing"])
+@pytest.mark.parametrize(
+    "encoding", ["", "application/json", "zenoh/bytes", "text/plain", "application/json;other/Thing"]
+)
 def test_absent_or_generic_encoding_means_the_current_schema(encoding: str) -> None:
     check_encoding(Imu, encoding)
     assert decode(Imu, encode(IMU)[0], None, encoding) == IMU
