@@ -4,6 +4,7 @@ Laying the plan anew moves trunk and feet together, so the feet keep their place
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from services.walker import posture
 from services.walker.ground import Ground
@@ -12,6 +13,12 @@ from services.walker.params import WalkerParams
 from services.walker.state import Stage, WalkerState
 from surefoot import kinematics, rotations
 from surefoot.robot import Robot
+
+Array = NDArray[np.float64]
+
+MIN_FEET = 5  # standing feet on known ground from which a tilt is learned
+MIN_SPREAD = 0.1  # m, of the feet
+MAX_TILT_OFFSET = 0.06  # rad; an accelerometer bias of 3 sigma (ADIS16365: 16 mg turn-on)
 
 
 def begin(state: WalkerState, robot: Robot, inputs: WalkerInputs) -> None:
@@ -35,7 +42,8 @@ def lay_over(state: WalkerState, params: WalkerParams, ground: Ground | None, in
     """Lay the whole plan over the estimated position, heading and tilt, and part of the way over the map's heights."""
     s, limit = state, params.level_limit_rad
     old = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
-    s.level[:] = max(-limit, min(limit, inputs.roll)), max(-limit, min(limit, inputs.pitch))
+    roll, pitch = tilt(s, inputs)
+    s.level[:] = max(-limit, min(limit, roll)), max(-limit, min(limit, pitch))
     s.yaw = inputs.yaw
     new = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
     at = np.array([inputs.x, inputs.y, s.body[2]])
@@ -44,10 +52,36 @@ def lay_over(state: WalkerState, params: WalkerParams, ground: Ground | None, in
     s.body = at
     if ground is None:
         return
-    gaps = np.array([ground.centre_height(p[0], p[1]) - p[2] for p in s.footholds[s.landed]])
-    gaps = gaps[np.isfinite(gaps)]
-    if gaps.size:
-        rise = (params.anchor_height if s.calibrated else 1.0) * float(np.median(gaps))
-        s.body[2] += rise
-        s.feet[:, 2] += rise
-        s.footholds[:, 2] += rise
+    standing = s.footholds[s.landed]
+    gaps = np.array([ground.centre_height(p[0], p[1]) - p[2] for p in standing])
+    known = np.isfinite(gaps)
+    gaps, standing = gaps[known], standing[known]
+    if not gaps.size:
+        return
+    rise = (params.anchor_height if s.calibrated else 1.0) * float(np.median(gaps))
+    s.body[2] += rise
+    s.feet[:, 2] += rise
+    s.footholds[:, 2] += rise
+    if gaps.size >= MIN_FEET:
+        _correct_tilt(s, params.anchor_tilt, standing[:, :2] - s.body[:2], gaps)
+
+
+def _correct_tilt(state: WalkerState, gain: float, xy: Array, gaps: Array) -> None:
+    """Learn a constant error of the estimated tilt: gaps that grow forward mean a nose higher than estimated."""
+    s = state
+    c, n = np.cos(s.yaw), np.sin(s.yaw)
+    ahead, left = c * xy[:, 0] + n * xy[:, 1], -n * xy[:, 0] + c * xy[:, 1]
+    ahead, left, gaps = ahead - ahead.mean(), left - left.mean(), gaps - gaps.mean()
+    xx, xy_, yy = float(ahead @ ahead), float(ahead @ left), float(left @ left)
+    det = xx * yy - xy_ * xy_
+    if det < MIN_SPREAD**4:
+        return
+    gx, gy = float(ahead @ gaps), float(left @ gaps)
+    s.tilt_offset[0] += gain * (xx * gy - xy_ * gx) / det
+    s.tilt_offset[1] -= gain * (yy * gx - xy_ * gy) / det
+    np.clip(s.tilt_offset, -MAX_TILT_OFFSET, MAX_TILT_OFFSET, out=s.tilt_offset)
+
+
+def tilt(state: WalkerState, inputs: WalkerInputs) -> tuple[float, float]:
+    """Estimated roll and pitch less their learned error, rad."""
+    return inputs.roll + float(state.tilt_offset[0]), inputs.pitch + float(state.tilt_offset[1])

@@ -124,8 +124,9 @@ class HexapodWalker:
         s, p = self.state, self.params
         gain = p.level_gain if s.stage is Stage.STEP else p.stand_level_gain
         limit = p.level_limit_rad
-        s.level[0] = max(-limit, min(limit, s.level[0] - gain * inputs.roll))
-        s.level[1] = max(-limit, min(limit, s.level[1] - gain * inputs.pitch))
+        roll, pitch = anchor.tilt(s, inputs)
+        s.level[0] = max(-limit, min(limit, s.level[0] - gain * roll))
+        s.level[1] = max(-limit, min(limit, s.level[1] - gain * pitch))
 
     # --- standing --------------------------------------------------------------------------------------------------
 
@@ -232,12 +233,13 @@ class HexapodWalker:
             s.trunk_shift = max(-0.05, min(0.05, s.trunk_shift + shift))
             s.adjusting = True
             return None
-        end = planning.end_pose(frame, begin, planar, feet_to, s.trunk_shift)
+        swings = planning.swing_tops(frame, legs, s.footholds, feet_to)
+        end = planning.end_pose(frame, begin, planar, s.footholds, feet_to, legs, swings[1], s.trunk_shift)
         if end is None:
             s.scale *= 0.5
             s.reason = "a leg does not reach its foothold at any trunk height"
             return None
-        plan = planning.complete(frame, legs, begin, end, s.footholds, feet_to, s.status)
+        plan = planning.complete(frame, legs, begin, end, s.footholds, feet_to, swings, s.status)
         rot = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
         verdict = self.check(planning.check_request(frame, plan, s.q, rot))
         s.margin = verdict.margin

@@ -63,6 +63,8 @@ class WalkerParams:
     """Feet nearer than this to neutral need no closing step."""
     anchor_height: float = 0.5
     """Part of the difference between the feet's and the map's heights taken out in each step."""
+    anchor_tilt: float = 0.1
+    """Part of the tilt between the feet's and the map's heights learned as an error of the estimate in each step."""
     friction: float = 0.6
     """Coefficient assumed in step checks."""
     low_margin_m: float = 0.010

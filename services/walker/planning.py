@@ -11,6 +11,7 @@ from services.walker.ground import Ground
 from services.walker.interface import Advance, CheckRequest, FootholdRequest, Pose, StepRequest
 from services.walker.params import WalkerParams
 from services.walker.route import moved
+from services.walker.swing import SwingShape
 from surefoot import kinematics, rotations
 from surefoot.robot import Robot
 
@@ -52,7 +53,7 @@ class StepPlan:
     """Per foot, see WalkerOutputs."""
     duration: float
     """s, longer than half a period when a foot has far to fall."""
-    shape: swing.SwingShape
+    shape: SwingShape
     """Phases of the swings, with the height of the slow part."""
 
 
@@ -104,54 +105,79 @@ def trunk_height(frame: Frame, feet: Array, at: Pose, shift: float) -> float:
     return z
 
 
-def reaches(frame: Frame, begin: Pose, end: Pose, feet: Array) -> bool:
-    """Whether every leg reaches its foot with a level trunk at the middle and at the end of the step."""
-    for part in (0.5, 1.0):
-        body = np.array([begin.x + part * (end.x - begin.x), begin.y + part * (end.y - begin.y),
-                         begin.z + part * (end.z - begin.z)])  # fmt: skip
-        rot = rotations.matrix_from_rpy(0.0, 0.0, begin.yaw + part * (end.yaw - begin.yaw))
-        if not kinematics.legs_ik(frame.robot.model, posture.into_base(feet, body, rot))[1].all():
-            return False
-    return True
+def swing_tops(frame: Frame, legs: tuple[int, ...], feet: Array, feet_to: Array) -> tuple[Array, Array]:
+    """Swept ground (n, SAMPLES) and height of the level part (n,) of the swings of `legs`, m."""
+    swept = np.full((len(legs), swing.SAMPLES), np.nan)
+    if frame.ground is not None:
+        for k, leg in enumerate(legs):
+            swept[k] = swing.swept_ground(frame.ground.centres, feet[leg], feet_to[leg], frame.params.corridor_m)
+    clearance = frame.params.clearance_m
+    top = np.array([swing.top_of(feet[leg], feet_to[leg], swept[k], clearance) for k, leg in enumerate(legs)])
+    return swept, top
 
 
-def end_pose(frame: Frame, begin: Pose, planar: Pose, feet: Array, shift: float) -> Pose | None:
-    """The trunk at the end of the step: the wanted height, or the nearest one at which all legs reach, or None."""
+def end_pose(
+    frame: Frame,
+    begin: Pose,
+    planar: Pose,
+    feet: Array,
+    feet_to: Array,
+    legs: tuple[int, ...],
+    top: Array,
+    shift: float,
+) -> Pose | None:
+    """The trunk at the end of the step: the wanted height, or the nearest one at which all legs reach, or None.
+
+    A height at which the swings reach their tops too is preferred.
+    """
     limit = frame.params.trunk_step_m
-    wanted = trunk_height(frame, feet, planar, shift)
+    wanted = trunk_height(frame, feet_to, planar, shift)
     wanted = begin.z + max(-limit, min(limit, wanted - begin.z))
+    apex = feet_to.copy()
+    apex[list(legs)] = 0.5 * (feet[list(legs)] + feet_to[list(legs)])
+    apex[list(legs), 2] = top
+    second: Pose | None = None
     for trial in HEIGHT_TRIALS:
         end = Pose(planar.x, planar.y, wanted + trial, planar.yaw)
-        if reaches(frame, begin, end, feet):
-            return end
-    return None
+        if _reaches(frame, begin, end, feet_to, 0.5) and _reaches(frame, begin, end, feet_to, 1.0):
+            if _reaches(frame, begin, end, apex, 0.5):
+                return end
+            second = second or end
+    return second
+
+
+def _reaches(frame: Frame, begin: Pose, end: Pose, feet: Array, part: float) -> bool:
+    """Whether every leg reaches its foot with a level trunk after a part of the step."""
+    a, b = begin, end
+    body = np.array([a.x + part * (b.x - a.x), a.y + part * (b.y - a.y), a.z + part * (b.z - a.z)])
+    rot = rotations.matrix_from_rpy(0.0, 0.0, a.yaw + part * (b.yaw - a.yaw))
+    return bool(kinematics.legs_ik(frame.robot.model, posture.into_base(feet, body, rot))[1].all())
 
 
 def complete(
-    frame: Frame, legs: tuple[int, ...], begin: Pose, end: Pose, feet: Array, feet_to: Array, status: tuple[str, ...]
+    frame: Frame,
+    legs: tuple[int, ...],
+    begin: Pose,
+    end: Pose,
+    feet: Array,
+    feet_to: Array,
+    swings: tuple[Array, Array],
+    status: tuple[str, ...],
 ) -> StepPlan:
-    """The step with its swing paths over the whole swept ground."""
-    n, params = feet.shape[0], frame.params
+    """The step with its swing paths over the whole swept ground; `swings` as from `swing_tops`."""
+    n, params, (swept, highest) = feet.shape[0], frame.params, swings
     feet_to = feet_to.copy()
     feet_to[list(legs), 2] -= params.press_m
-    swept = {leg: _swept(frame, feet[leg], feet_to[leg]) for leg in legs}
-    highest = {leg: swing.top_of(feet[leg], feet_to[leg], swept[leg], params.clearance_m) for leg in legs}
-    fall = max(highest[leg] - float(feet_to[leg, 2]) for leg in legs)
+    fall = float(np.max(highest - feet_to[list(legs), 2]))
     duration = 0.5 * params.period_s * min(params.longest_step, max(1.0, fall / params.full_speed_fall_m))
     slow = (1.0 - params.swing.fall_end) * (1.0 - 2.0 * params.overlap) * duration
     shape = params.swing._replace(approach=min(params.touch_speed * slow, 0.5 * params.clearance_m))
     swinging = np.zeros(n, dtype=np.bool_)
     top, go, arrive = np.zeros(n), np.zeros(n), np.ones(n)
-    for leg in legs:
-        swinging[leg], top[leg] = True, highest[leg]
-        go[leg], arrive[leg] = swing.window(shape, feet[leg], feet_to[leg], highest[leg], swept[leg], params.margin_m)
+    for k, leg in enumerate(legs):
+        swinging[leg], top[leg] = True, highest[k]
+        go[leg], arrive[leg] = swing.window(shape, feet[leg], feet_to[leg], highest[k], swept[k], params.margin_m)
     return StepPlan(swinging, begin, end, feet.copy(), feet_to, top, go, arrive, status, duration, shape)
-
-
-def _swept(frame: Frame, p0: Array, p1: Array) -> Array:
-    if frame.ground is None:
-        return np.full(swing.SAMPLES, np.nan)
-    return swing.swept_ground(frame.ground.centres, p0, p1, frame.params.corridor_m)
 
 
 def check_request(frame: Frame, plan: StepPlan, joints: Array, rot: Array) -> CheckRequest:

@@ -48,6 +48,8 @@ class WalkerState:
     yaw: float = 0.0
     level: Array = field(default_factory=lambda: np.zeros(2))
     """Commanded roll and pitch."""
+    tilt_offset: Array = field(default_factory=lambda: np.zeros(2))
+    """Learned correction of the estimated roll and pitch, from the heights of standing feet on the map."""
     feet: Array = field(default_factory=lambda: np.zeros((0, 3)))
     """Foot centres as commanded in the last tick, (L, 3)."""
     footholds: Array = field(default_factory=lambda: np.zeros((0, 3)))
