@@ -1,0 +1,21 @@
+"""Configuration of the stability service."""
+
+from pydantic import Field
+
+from services.stability.state import WatchParams
+from surefoot.config import ServiceConfig
+
+
+class StabilityConfig(ServiceConfig):
+    """What the service takes for granted about the ground."""
+
+    mu: float = Field(default=0.6, ge=0, description="friction coefficient taken for every foot while walking, no unit")
+    tolerance_m: float = Field(
+        default=1e-3, gt=0, le=1, description="m, accuracy of the region in state/stability (margins are exact)"
+    )
+    directions: int = Field(default=24, ge=8, le=128, description="at most so many directions for that region")
+    measured_com: bool = Field(default=True, description="work out the CoM from joint torques when they are measured")
+
+    def watch(self) -> WatchParams:
+        """Parameters of the continuous status."""
+        return WatchParams(mu=self.mu, tolerance=self.tolerance_m, directions=self.directions)

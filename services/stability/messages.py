@@ -1,0 +1,174 @@
+"""Between the messages of `schemas.stability` and the arrays of the algorithms."""
+
+import math
+import re
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from schemas.stability import BasePose, CheckReply, CheckRequest, Contact, RegionReply, RegionRequest, SupportPoint
+from services.stability.contacts import Array, ContactSet, StabilityError, contact_set
+from services.stability.directions import equally_spaced, unit
+from services.stability.margin import Extent
+from services.stability.movement import Check, check
+from services.stability.oracle import Support
+from services.stability.region import Region, region
+from services.stability.shift import Shift, kinematic_shift, stance_legs
+from surefoot.kinematics import com
+from surefoot.polygon import area
+from surefoot.robot import Robot, load_robot
+from surefoot.rotations import matrix_from_quat
+from surefoot.tables import TableError
+
+_NAME = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def contacts_of(contacts: tuple[Contact, ...]) -> ContactSet:
+    """Arrays of the contacts of a request."""
+    return contact_set(
+        [c.position for c in contacts],
+        [c.normal for c in contacts],
+        [math.inf if c.mu is None else c.mu for c in contacts],
+    )
+
+
+def region_of(request: RegionRequest) -> Region:
+    """The region a request asks for."""
+    given = request.directions
+    directions = None if given is None else equally_spaced(given) if isinstance(given, int) else unit(given)
+    return region(
+        contacts_of(request.contacts),
+        directions,
+        adaptive=request.adaptive,
+        tolerance=request.tolerance_m,
+        limit=request.max_directions,
+    )
+
+
+def region_reply(found: Region, request: RegionRequest) -> RegionReply:
+    """The region as it travels."""
+    return RegionReply(**_fields(found, request.certificates, polygons=True))
+
+
+def _fields(found: Region, certificates: bool, polygons: bool) -> dict[str, Any]:
+    closed = len(found.outer) > 0
+    return {
+        "status": found.status,
+        "inner": _pairs(found.inner) if polygons else (),
+        "outer": _pairs(found.outer) if polygons else (),
+        "support": _support(found.support, certificates) if polygons else (),
+        "gap": _finite(found.gap),
+        "area": max(0.0, float(area(found.inner))),
+        "area_outer": max(0.0, float(area(found.outer))) if closed else None,
+        "certificate": None if found.sinking is None else tuple(found.sinking.tolist()),
+    }
+
+
+def _support(support: Support, certificates: bool) -> tuple[SupportPoint, ...]:
+    direction, value, point = _pairs(support.direction), support.value.tolist(), _pairs(support.point)
+    gap = support.gap.tolist()
+    out: list[SupportPoint] = []
+    for i, status in enumerate(support.status):
+        ok = status == "ok"
+        proof: dict[str, Any] = {}
+        if certificates and ok:
+            proof["certificate"] = tuple(support.twist[i].tolist())
+        if certificates and status != "infeasible":
+            proof["forces"] = tuple(map(tuple, support.force[i].tolist()))
+        out.append(
+            SupportPoint(
+                direction=direction[i],
+                value=value[i] if ok else None,
+                point=point[i] if ok else None,
+                status=status,
+                gap=max(0.0, gap[i]) if ok else None,
+                **proof,
+            )
+        )
+    return tuple(out)
+
+
+def _pairs(points: Array) -> tuple[tuple[float, float], ...]:
+    return tuple(map(tuple, points.tolist()))  # pyright: ignore[reportReturnType] - rows of two
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+# -- stability/check --------------------------------------------------------------------------------------------------
+
+
+def check_reply(request: CheckRequest, own: Robot) -> CheckReply:
+    """Answer to `stability/check`; `own` is the robot when the request names none."""
+    found = region_of(request)
+    movement = np.array(request.movement)
+    shift, stance, now = Shift(np.zeros(3), np.empty(0), True), np.zeros(0, dtype=np.bool_), request.com
+    legs: tuple[str, ...] = ()
+    if request.joints is not None:
+        robot = named_robot(request.robot) if request.robot is not None else own
+        joints, base, rot = _posture(robot, request.joints, request.base)
+        names = tuple(c.leg for c in request.contacts)
+        stance = stance_legs(robot, joints, rot, base, found.contacts, names)
+        shift = kinematic_shift(robot, joints, rot, movement, stance)
+        legs = tuple(leg.name for leg, stands in zip(robot.legs, stance, strict=True) if stands)
+        if now is None:
+            c = base + rot @ com(robot.model, joints)
+            now = (float(c[0]), float(c[1]))
+    if now is None:
+        raise StabilityError("missing", "com", "neither com nor joints are given; one of them is needed")
+    verdict = check(found, np.array(now), movement, shift.vector)
+    return _check_reply(request, found, verdict, now, shift, legs)
+
+
+def _check_reply(
+    request: CheckRequest,
+    found: Region,
+    verdict: Check,
+    now: tuple[float, float],
+    shift: Shift,
+    legs: tuple[str, ...],
+) -> CheckReply:
+    return CheckReply(
+        **_fields(found, request.certificates, request.polygons),
+        stable=verdict.stable,
+        margin=verdict.margin.value,
+        margin_now=verdict.margin_now.value,
+        extent=_length(verdict.extent),
+        gsm=_length(verdict.gsm),
+        extent_status=None if verdict.extent is None else verdict.extent.status,
+        gsm_status=None if verdict.gsm is None else verdict.gsm.status,
+        com=now,
+        com_after=(float(verdict.com_after[0]), float(verdict.com_after[1])),
+        shift=(float(shift.vector[0]), float(shift.vector[1]), float(shift.vector[2])),
+        stance=legs,
+        reachable=shift.reachable,
+    )
+
+
+def _length(extent: Extent | None) -> float | None:
+    return None if extent is None else extent.value
+
+
+def _posture(robot: Robot, joints: tuple[float, ...], base: BasePose) -> tuple[Array, Array, Array]:
+    q = np.array(joints)
+    if q.size != len(robot.joint_names):
+        wanted = len(robot.joint_names)
+        raise StabilityError("shape", "joints", f"got {q.size} angles, {robot.name} has {wanted} joints")
+    quat = np.array(base.quat_wxyz)
+    length = float(np.linalg.norm(quat))
+    if not 1e-6 < length < 1e6:
+        raise StabilityError("not_unit", "base.quat_wxyz", f"got {base.quat_wxyz}, must be a unit quaternion")
+    return q, np.array(base.position), matrix_from_quat(quat / length)
+
+
+@lru_cache(maxsize=16)
+def named_robot(name: str) -> Robot:
+    """Robot description by name (not by path: a request must not read files of its own choice)."""
+    if not _NAME.fullmatch(name):
+        raise StabilityError("unknown_robot", "robot", f"got {name!r}, expected the name of a robot description")
+    try:
+        return load_robot(name)
+    except TableError as error:
+        raise StabilityError("unknown_robot", "robot", str(error)) from None

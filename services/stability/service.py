@@ -1,0 +1,134 @@
+"""Stability service: answers `stability/region` and `stability/check`, and watches the margin while the robot walks."""
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+
+from schemas.base import Reply, Request
+from schemas.hw import FootContacts, JointState
+from schemas.stability import CheckReply, CheckRequest, RegionReply, RegionRequest, StabilityStatus
+from schemas.state import VelocityEstimate
+from schemas.topics import (
+    HW_CONTACTS,
+    HW_JOINTS,
+    STABILITY_CHECK,
+    STABILITY_REGION,
+    STATE_STABILITY,
+    STATE_VELOCITY,
+)
+from services.stability import interior, margin, region, shift, state
+from services.stability.config import StabilityConfig
+from services.stability.contacts import StabilityError
+from services.stability.messages import check_reply, region_of, region_reply
+from surefoot import kinematics, polygon, rotations
+from surefoot.errors import Refusal
+from surefoot.join import TickInputs
+from surefoot.robot import load_robot
+from surefoot.service import Service
+
+Req = TypeVar("Req", bound=Request)
+Rep = TypeVar("Rep", bound=Reply)
+
+STALE_NS = 100_000_000
+"""An input older than that makes the status not fresh."""
+
+_KERNELS = (rotations, kinematics, polygon, interior, region, margin, shift)
+
+
+class Stability(Service[StabilityConfig]):
+    """Tells where the centre of mass may be, and how far it is from the edge."""
+
+    name = "stability"
+    Config = StabilityConfig
+    inputs = (HW_JOINTS, HW_CONTACTS, STATE_VELOCITY)
+    outputs = (STATE_STABILITY,)
+    serves = (STABILITY_REGION, STABILITY_CHECK)
+
+    def on_start(self) -> None:
+        """Load the robot, compile the kernels, register the handlers."""
+        self.robot = load_robot(self.config.robot)
+        self.params = self.config.watch()
+        for module in _KERNELS:
+            module.warm()
+        state.warm(self.robot)
+        self.on_reset()
+        self.handle(STABILITY_REGION, _answer(self.region))
+        self.handle(STABILITY_CHECK, _answer(self.check))
+
+    def on_reset(self) -> None:
+        """A new epoch: forget joints, contacts, tilt."""
+        self._joints: JointState | None = None
+        self._contacts: FootContacts | None = None
+        self._velocity: VelocityEstimate | None = None
+
+    def region(self, request: RegionRequest) -> RegionReply:
+        """Support region of a contact set."""
+        return region_reply(region_of(request), request)
+
+    def check(self, request: CheckRequest) -> CheckReply:
+        """Planned-movement check."""
+        return check_reply(request, self.robot)
+
+    def on_tick(self, inputs: TickInputs) -> None:
+        """Keep the latest samples; every second tick say how the robot stands."""
+        self._joints = inputs.get(HW_JOINTS) or self._joints
+        self._contacts = inputs.get(HW_CONTACTS) or self._contacts
+        self._velocity = inputs.get(STATE_VELOCITY) or self._velocity
+        if not STATE_STABILITY.due(inputs.number):
+            return
+        joints, contacts, velocity = self._joints, self._contacts, self._velocity
+        if joints is None or contacts is None or velocity is None:
+            self.publish(STATE_STABILITY, self._nothing())
+            return
+        oldest = min(joints.stamp_ns, contacts.stamp_ns, velocity.stamp_ns)
+        torque = np.array(joints.torque) if joints.torque is not None and self.config.measured_com else None
+        touch = np.array([any(foot) for foot in contacts.touch])
+        now = state.watch(self.robot, np.array(joints.position), touch, np.array(velocity.g_up), torque, self.params)
+        fresh = inputs.tick.stamp_ns - oldest <= STALE_NS
+        self.publish(STATE_STABILITY, status_message(now, self.config.mu, fresh), joints.stamp_ns)
+
+    def _nothing(self) -> StabilityStatus:
+        return StabilityStatus(
+            status="infeasible",
+            stance=(False,) * len(self.robot.legs),
+            region=(),
+            com_planned=None,
+            com_measured=None,
+            margin_planned=None,
+            margin_measured=None,
+            mu=self.config.mu,
+            fresh=False,
+        )
+
+
+def status_message(now: state.Status, mu: float, fresh: bool) -> StabilityStatus:
+    """A status as it travels."""
+    measured = now.com_measured
+    return StabilityStatus(
+        status=now.region.status,
+        stance=tuple(now.stance.tolist()),
+        region=tuple(map(tuple, now.region.inner.tolist())),  # pyright: ignore[reportArgumentType] - rows of two
+        com_planned=(float(now.com_planned[0]), float(now.com_planned[1])),
+        com_measured=None if measured is None else (float(measured.com[0]), float(measured.com[1])),
+        margin_planned=now.margin_planned.value,
+        margin_measured=None if now.margin_measured is None else now.margin_measured.value,
+        weight_n=None if measured is None else measured.weight,
+        mu=mu,
+        fresh=fresh,
+    )
+
+
+def _answer(handler: Callable[[Req], Rep]) -> Callable[[Req], Rep]:
+    """A handler whose typed errors become refusals."""
+
+    def answer(request: Req) -> Rep:
+        try:
+            return handler(request)
+        except StabilityError as error:
+            raise Refusal(error.code, str(error), error.field) from None
+
+    return answer
+
+
+SERVICE = Stability
