@@ -7,7 +7,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy, as in every 
 
 import typer
 
-from services.supervisor.commands import bag, doctor, graph, robot, run, schema, service, system, topic, warm
+from services.supervisor.commands import bag, doctor, graph, report, robot, run, schema, service, system, topic, warm
 from services.supervisor.commands.output import EXIT_CHECK, EXIT_INTERRUPT, EXIT_USAGE, fail, state
 
 app = typer.Typer(
@@ -26,6 +26,7 @@ app.command("status")(system.status)
 app.command("logs")(system.logs)
 app.command("health")(system.health)
 app.command("supervise")(system.supervise)
+app.command("report")(report.report)
 app.command("warm")(warm.warm)
 app.command("call")(service.call)
 app.command("doctor")(doctor.doctor)

@@ -74,7 +74,7 @@ def keep(
             if simulator and simulator != reset_by and wanted <= set(session.alive):
                 _reset(session, order, tell)
                 reset_by = simulator
-            if not told and wanted <= set(session.alive) and (session.system.settled() or not spawn):
+            if not told and session.supervisor.ticks > 0 and (session.system.settled() or not spawn):
                 session.folder.write_ready()
                 ready()
                 told = True

@@ -267,22 +267,26 @@ def _variants(traces: Traces, mark: Moment | None) -> Figure:
     truth = traces.series("sim/truth")
     overall = judge.variants(traces)
     curves = {name: (f"state/velocity/{name}", COLOURS[name]) for name in overall} or {"used": ("state/velocity", BLUE)}
-    highest = 0.0
     for name, (key, colour) in curves.items():
         error = judge.velocity_error(truth, traces.series(key))
         if not len(error):
             continue
-        width = min(50, len(error))
-        power = np.convolve(np.square(error[:, 1:]).sum(axis=1), np.ones(width) / width, mode="same")
-        rows = _thin(np.column_stack([error[:, 0], np.sqrt(power)]))
-        label = f"{name} (RMS {judge.rms(error[:, 1:]):.3f})"
-        axes.plot(rows[:, 0], rows[:, 1], color=colour, label=label)
-        highest = max(highest, float(np.quantile(rows[:, 1], 0.98)))
-    axes.set(xlabel="time, s", ylabel="error, m/s (0.5 s RMS)", ylim=(0.0, 1.25 * highest + 1e-3))
+        rows = _thin(np.column_stack([error[:, 0], _moving_rms(error)]))
+        axes.plot(rows[:, 0], rows[:, 1], color=colour, label=f"{name} (RMS {judge.rms(error[:, 1:]):.3f})")
+    axes.set_yscale("log")  # an estimator without corrections drifts by metres per second
+    axes.set(xlabel="time, s", ylabel="error, m/s (0.5 s RMS)")
     if mark is not None:
         axes.axvline(mark.time, color=RED, linewidth=0.8, linestyle=":")
     _legend(axes)
     return figure
+
+
+def _moving_rms(error: Array, span_s: float = 0.5) -> Array:
+    """Return the length of the error vectors (n, 1 + 3; first the time) as RMS over a moving window, (n,)."""
+    period = float(np.median(np.diff(error[:, 0]))) if len(error) > 1 else span_s
+    window = np.ones(min(len(error), max(1, round(span_s / max(period, 1e-6)))))
+    power = np.convolve(np.square(error[:, 1:]).sum(axis=1), window, mode="same")
+    return np.sqrt(power / np.convolve(np.ones(len(error)), window, mode="same")) + 1e-6
 
 
 def _odometry(traces: Traces) -> Figure:

@@ -1,5 +1,6 @@
 """Who holds a port: the kernel's socket tables and the open files of this user's processes."""
 
+import contextlib
 import os
 import re
 from pathlib import Path
@@ -15,15 +16,11 @@ def port_of(endpoint: str) -> int | None:
 
 def owner_of(port: int) -> str:
     """Return `process 4711 (surefoot up ragno)` for the process that listens on a port, empty when unknown."""
-    inodes = _listening(port)
+    inodes = {f"socket:[{inode}]" for inode in _listening(port)}
     if not inodes:
         return ""
     for process in Path("/proc").glob("[0-9]*"):
-        try:
-            links = {os.readlink(entry) for entry in (process / "fd").iterdir()}
-        except OSError:
-            continue  # gone, or somebody else's
-        if any(f"socket:[{inode}]" in links for inode in inodes):
+        if inodes & _sockets(process):
             return f"process {process.name} ({_command(process)})"
     return "a process of another user"
 
@@ -40,6 +37,18 @@ def _listening(port: int) -> set[str]:
             if fields[3] == _LISTEN and int(fields[1].rpartition(":")[2], 16) == port:
                 inodes.add(fields[9])
     return inodes
+
+
+def _sockets(process: Path) -> set[str]:
+    """Return the open files of a process as the kernel names them; none when it is gone or somebody else's."""
+    links: set[str] = set()
+    try:
+        for entry in os.scandir(process / "fd"):
+            with contextlib.suppress(OSError):  # closed meanwhile
+                links.add(os.readlink(entry.path))
+    except OSError:
+        return set()
+    return links
 
 
 def _command(process: Path) -> str:

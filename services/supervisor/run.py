@@ -87,7 +87,6 @@ def run_scenario(
     seed = scenario.seed if options.seed is None else options.seed
     compose = load_compose(find("compose", scenario.compose, ".yaml", ComposeError))
     out = options.out or _new_folder(scenario.name, seed)
-    out.mkdir(parents=True, exist_ok=True)
     recording = (out / "run.mcap").resolve() if options.record else None
     director = Director(scenario)
     environment = {
@@ -195,7 +194,8 @@ def _report(
     recording: Path | None,
     options: Options,
 ) -> Path:
-    flags = f" --rtf {options.rtf:g}" * (options.rtf is not None) + " --strict" * options.strict
+    flags = " --strict" if options.strict else ""
+    flags += f" --rtf {options.rtf:g}" if options.rtf is not None else ""
     facts = {
         "Again": f"surefoot run {shlex.quote(scenario.name)} --seed {seed}{flags}",
         "Robot": robot,

@@ -1,5 +1,6 @@
 """`surefoot run` and `surefoot list`."""
 
+import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -32,6 +33,7 @@ def run(
     loaded = load_scenario(find_scenario(scenario))
     warm_if_cold(tell)
     options = Options(seed, record, rtf, strict, listen, out)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does: everything is stopped
     with _ProgressLine(loaded.name, loaded.max_duration_s, quiet=json) as line:
         outcome = run_scenario(loaded, options, line.tell, line.show)
     if json:

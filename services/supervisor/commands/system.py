@@ -26,6 +26,7 @@ from services.supervisor.commands.output import (
 if TYPE_CHECKING:
     from services.supervisor.compose import Compose
     from services.supervisor.rundir import RunFolder
+    from surefoot.client import Client
 
 System = Annotated[str, typer.Argument(help="Name of a compose file (see `surefoot list`) or its path.")]
 
@@ -212,8 +213,6 @@ def _show_up(compose: "Compose", *, json: bool) -> None:
 
 def _status(folder: "RunFolder") -> dict[str, Any]:
     """Return what the run folder says, with live numbers where the services answer."""
-    from schemas.system import HealthRequest
-    from schemas.topics import HEALTH_GET
     from surefoot.errors import SurefootError
 
     found = folder.endpoint()
@@ -224,14 +223,22 @@ def _status(folder: "RunFolder") -> dict[str, Any]:
     try:
         with client(found.connect, found.namespace) as robot:
             for row in content["services"]:
-                if row["pid"] is not None:
-                    _add_health(row, robot.bus.call(HEALTH_GET.of(row["service"]), HealthRequest(), 1.0).health)
+                _add_health(row, robot)
     except SurefootError as error:
         content["detail"] = error.message
     return content
 
 
-def _add_health(row: dict[str, Any], found: Any) -> None:
+def _add_health(row: dict[str, Any], robot: "Client") -> None:
+    from schemas.system import HealthRequest
+    from schemas.topics import HEALTH_GET
+    from surefoot.errors import CallError
+
+    try:
+        found = robot.bus.call(HEALTH_GET.of(row["service"]), HealthRequest(), 0.5).health
+    except CallError as error:
+        row["detail"] = row["detail"] or error.message
+        return
     row |= {
         "doing": found.state,
         "tick": found.tick,
@@ -255,13 +262,18 @@ def _show_status(name: str, content: dict[str, Any]) -> None:
             row["restarts"],
             f"{row['tick_p50_us']:.0f} / {row['tick_p99_us']:.0f}" if "tick_p50_us" in row else "",
             f"{row['rss_mb']:.0f}" if "rss_mb" in row else "",
-            row["detail"] or ", ".join(f"{n}x {reason}" for reason, n in row.get("refused", {}).items()),
+            row["detail"] or ", ".join(f"{n}x {reason}" for reason, n in _refusals(row)),
         )
         for row in content["services"]
     ]
     title = f"{name}: {content['namespace']} at {content['connect']}"
     columns = ("service", "state", "doing", "pid", "restarts", "tick us p50 / p99", "MB", "remarks")
     write_table(columns, rows, title, right=(3, 4, 5, 6))
+
+
+def _refusals(row: dict[str, Any]) -> list[tuple[str, int]]:
+    """Return what a service has refused; that a newcomer asked too early to be let in is no news."""
+    return [(reason, n) for reason, n in row.get("refused", {}).items() if not reason.startswith("join_")]
 
 
 def _show_line(name: str, line: str, *, json: bool) -> None:
