@@ -209,7 +209,7 @@ class Simulator(Driver[SimulatorConfig]):
         saved, built_from = self._saved[request.name]
         if built_from is not self._request:
             self._build(built_from)
-        self.world.restore(saved)
+        self.world.restore(saved, restart=True)
         epoch = self._begin()
         return sim.CheckpointReply(name=request.name, tick=-1, epoch=epoch, sha256=saved.sha256)
 

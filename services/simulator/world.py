@@ -13,6 +13,7 @@ so the ten accelerations are those that lead from t - 10 ms to t: their mean is 
 import json
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -133,7 +134,7 @@ class World:
         stance = np.array(robot.neutral if stance is None else stance, dtype=np.float64)
         if stance.shape != (robot.nj,) or not ((stance >= robot.joint_lower) & (stance <= robot.joint_upper)).all():
             raise WorldError("stance", f"must be {robot.nj} joint angles within their limits, got {stance!r}")
-        self.tick, self.steps = 0, 0
+        self.tick, self.steps, self._first_tick = 0, 0, 0
         self.disturb.clear()
         self._make_sensors()
         mujoco.mj_resetData(self.model, self.data)
@@ -177,8 +178,8 @@ class World:
 
     @property
     def stamp_ns(self) -> int:
-        """Simulated time since the reset, ns."""
-        return self.steps * STEP_NS
+        """Simulated time since the reset or the restart from a checkpoint, ns."""
+        return self.steps * STEP_NS - self._first_tick * TICK_NS
 
     def _finish_tick(self, first: bool = False) -> None:
         mujoco.mj_kinematics(self.model, self.data)
@@ -222,13 +223,14 @@ class World:
         self.tracker.forces(self.data)
         joints = self.joint_sensor.measure(self.data.qpos[self.address.joint_qpos_slice], self.data.actuator_force)
         touch, force = self.foot_sensor.measure(self.tracker.sphere_force)
-        stamp, seq = self.steps * STEP_NS, self.steps // self._period
+        stamp = self.stamp_ns
+        seq = self.steps // self._period - self._first_tick * TICK_STEPS // self._period
         feet = by_foot(touch.tolist(), self._points)
         self._due = (JointSample(stamp, seq, *joints), ContactSample(stamp, seq, feet, force))
 
     def _release(self) -> None:
         y = self.imu_sensor.measure(sensors.window_mean(self._acc, self._gyro))
-        imu = ImuSample(self.stamp_ns, self.tick, y[:3], y[3:], at_limit(y, self._imu_limit))
+        imu = ImuSample(self.stamp_ns, self.tick - self._first_tick, y[:3], y[3:], at_limit(y, self._imu_limit))
         self.samples = Samples(imu, *self._due)
         self._due = (None, None)
         if self.disturb.faults:
@@ -294,6 +296,7 @@ class World:
             "world": self._identity(),
             "seed": self.seed,
             "tick": self.tick,
+            "first_tick": self._first_tick,
             "steps": self.steps,
             "command": self.command.tolist(),
             "disturb": self.disturb.state(),
@@ -305,8 +308,13 @@ class World:
         }
         return Checkpoint(state, json.dumps(meta, sort_keys=True))
 
-    def restore(self, saved: Checkpoint) -> None:
+    def restore(self, saved: Checkpoint, *, restart: bool = False) -> None:
         """Go back to a checkpoint of this world; the future is the same to the bit.
+
+        Args:
+            saved: what `checkpoint` gave.
+            restart: count stamps and sequence numbers from here, as a new epoch does; `tick` goes on, so that pushes
+                and faults keep their time. A sample that was released at the checkpoint keeps its age.
 
         Raises:
             WorldError: the checkpoint is of another robot, ground or configuration.
@@ -327,6 +335,15 @@ class World:
         kinds = (ImuSample, JointSample, ContactSample)
         pairs = zip(kinds, meta["samples"], strict=True)
         self.samples = Samples(*(None if s is None else unpack(kind, s) for kind, s in pairs))
+        self._first_tick = meta["first_tick"]
+        if restart:
+            self._restart()
+
+    def _restart(self) -> None:
+        gone = self.stamp_ns
+        fresh: list[Any] = [s and s._replace(stamp_ns=s.stamp_ns - gone, seq=0) for s in self.samples]
+        self.samples = Samples(*fresh)
+        self._first_tick = self.tick
 
     def _identity(self) -> list[str]:
         """Robot, ground and profile; a checkpoint fits no other world."""

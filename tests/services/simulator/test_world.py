@@ -178,6 +178,31 @@ def test_checkpoint_continues_in_another_world_object(demo: World) -> None:
     assert run(other, 30) == expected
 
 
+def test_restart_from_a_checkpoint_counts_from_zero(flat: World) -> None:
+    for tick in range(24):
+        flat.step_tick(march(tick))
+    saved = flat.checkpoint()
+    ahead = []
+    for tick in range(20):
+        flat.step_tick(march(tick))
+        ahead.append(flat.samples)
+    flat.restore(saved, restart=True)
+    assert flat.stamp_ns == 0
+    assert flat.samples.joints is not None
+    assert flat.samples.joints.stamp_ns == 231_000_000 - 240_000_000
+    for tick, before in enumerate(ahead):
+        flat.step_tick(march(tick))
+        now = flat.samples
+        assert now.imu is not None
+        assert before.imu is not None
+        assert (now.imu.stamp_ns, now.imu.seq) == ((tick + 1) * TICK_NS, tick + 1)
+        np.testing.assert_array_equal(now.imu.acc, before.imu.acc)
+        if now.joints is not None:
+            assert before.joints is not None
+            assert now.joints.stamp_ns == before.joints.stamp_ns - 240_000_000
+            assert now.joints.seq == before.joints.seq - 7
+
+
 def test_checkpoint_of_another_world_is_refused(demo: World, flat: World) -> None:
     with pytest.raises(WorldError) as error:
         flat.restore(demo.checkpoint())
