@@ -1,6 +1,7 @@
 """Starts one service as a process: command line, configuration, bus, signals, and the exit."""
 
 import argparse
+import gc
 import os
 import signal
 import sys
@@ -18,8 +19,18 @@ EXIT_USAGE = 2
 
 
 def main(service: type[Service[Any]], arguments: list[str] | None = None) -> NoReturn:
-    """Runs a service until it is told to stop; ends the process."""
-    sys.exit(run(service, arguments))
+    """Runs a service until it is told to stop; ends the process.
+
+    Everything of ours is closed by then. Taking down the interpreter with compiled kernels and a compiler in it takes
+    up to seconds on a busy machine, and two are promised from SIGTERM to exit: so it is left out.
+    """
+    try:
+        code = run(service, arguments)
+    except SystemExit as end:  # --help, or told to stop while starting
+        code = end.code if isinstance(end.code, int) else 0
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
 
 
 def run(service: type[Service[Any]], arguments: list[str] | None = None) -> int:
@@ -59,6 +70,7 @@ def _serve(service: Service[Any], options: argparse.Namespace) -> int:
         bus = ZenohBus(endpoint)
         node = node_of(service, bus)
         node.start()
+        gc.freeze()  # what start-up made stays: collections in ticks need not look at it again
         node.run()
     finally:
         if bus is not None:
