@@ -118,6 +118,7 @@ class FaultRequest(Request):
     kind: Literal[
         "imu_drop", "imu_freeze", "imu_bias", "imu_saturate", "joints_drop", "joints_freeze", "encoder_stuck",
         "contacts_drop", "foot_stuck_on", "foot_stuck_off", "servo_dead", "servo_weak", "packet_delay", "packet_loss",
+        "packet_reorder",
     ] = Field(description="which fault")  # fmt: skip
     target: str = Field(default="", max_length=64, description="joint or leg name where the fault has one")
     value: float = Field(default=0.0, description="size: bias (SI), weakness factor, delay (ticks), loss probability")

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -10,9 +9,10 @@ from pydantic import Field
 
 from schemas import sim
 from schemas.base import Message
-from schemas.hw import DescriptionReply, DescriptionRequest, JointCommand
+from schemas.hw import DescriptionReply, DescriptionRequest, EmergencyStop, JointCommand
 from schemas.terrain import HeightMapMessage, MapRequest
 from schemas.topics import (
+    CMD_ESTOP,
     HW_CONTACTS,
     HW_DESCRIPTION,
     HW_IMU,
@@ -37,24 +37,16 @@ from services.simulator import world as worlds
 from services.simulator.command import STALE_NS, CommandGuard
 from services.simulator.faults import KINDS as FAULTS
 from services.simulator.faults import Fault, FaultError
+from services.simulator.ground import find_ground, perturbation
 from services.simulator.messages import map_message, sample_messages, truth_message
-from services.simulator.model import Perturbation, Physics
+from services.simulator.model import Physics
 from services.simulator.samples import Checkpoint
-from services.simulator.terrain import (
-    KINDS,
-    MAP_PROFILES,
-    Terrain,
-    TerrainError,
-    make_terrain,
-    observed_map,
-    random_stream,
-    terrain_from_map,
-)
+from services.simulator.terrain import KINDS, MAP_PROFILES, TerrainError, observed_map
 from services.simulator.world import World, WorldConfig, WorldError
 from surefoot.config import ServiceConfig
 from surefoot.driver import Driver, Sample
 from surefoot.errors import Refusal
-from surefoot.heightmap import HeightMap, HeightMapError
+from surefoot.heightmap import HeightMapError
 from surefoot.robot import load_robot
 
 STATUS_TICKS = 100
@@ -78,6 +70,7 @@ class Simulator(Driver[SimulatorConfig]):
     name = "simulator"
     Config = SimulatorConfig
     outputs = (HW_IMU, HW_JOINTS, HW_CONTACTS, SIM_TRUTH, TERRAIN_MAP, SIM_STATUS)
+    observes = (CMD_ESTOP,)
     serves = (
         SIM_JOIN, HW_DESCRIPTION, TERRAIN_MAP_GET, SIM_RESET, SIM_STEP, SIM_PAUSE, SIM_PUSH, SIM_SET, SIM_FAULT,
         SIM_CHECKPOINT, SIM_RESTORE, SIM_FEATURES,
@@ -91,6 +84,7 @@ class Simulator(Driver[SimulatorConfig]):
         self._saved: dict[str, tuple[Checkpoint, sim.ResetRequest]] = {}
         self._wall = (time.perf_counter(), 0)
         self._held = 0
+        self._stopped = ""
         worlds.warm()
         for query, handler in (
             (SIM_RESET, self.reset), (SIM_STEP, self.step), (SIM_PAUSE, self.pause), (SIM_PUSH, self.push),
@@ -122,7 +116,7 @@ class Simulator(Driver[SimulatorConfig]):
         for item in [item for item in self._later if item[0] <= tick]:
             self._later.remove(item)
             item[1]()
-        if command is not None and command.position is not None:
+        if command is not None and command.position is not None and not self._stopped:
             self._held = 0
             self.world.step_tick(np.array(command.position))
             return
@@ -134,7 +128,16 @@ class Simulator(Driver[SimulatorConfig]):
     def latched(self) -> list[tuple[Topic, Message]]:  # pyright: ignore[reportMissingTypeArgument] - rows of any model
         return [(TERRAIN_MAP, self._map)]
 
+    def on_message(self, topic: Topic, message: Message) -> None:  # pyright: ignore[reportMissingTypeArgument]
+        """Emergency stop: hold the joints where they are until the next reset."""
+        if isinstance(message, EmergencyStop) and not self._stopped:
+            self._stopped = message.reason or "no reason given"
+            self.world.command = self.world.truth().joints
+            self.log("warning", f"emergency stop at {self.world.stamp_ns * 1e-9:.2f} s: {self._stopped}")
+
     def check(self, command: JointCommand) -> None:
+        if self._stopped:
+            raise Refusal("stopped", f"joint command refused after the emergency stop: {self._stopped}", "position")
         if command.position is None:
             return
         reason = self.guard.offer(command.position, command.stamp_ns)
@@ -149,26 +152,14 @@ class Simulator(Driver[SimulatorConfig]):
 
     # -- worlds ------------------------------------------------------------------------------------------------
 
-    def _terrain(self, request: sim.ResetRequest) -> Terrain:
-        w = request.world
-        if w.terrain in KINDS:
-            seed = request.seed if w.terrain_seed is None else w.terrain_seed
-            return make_terrain(w.terrain, seed, w.amplitude)
-        if not w.terrain.endswith(".npz"):
-            known = ", ".join(KINDS)
-            raise Refusal(
-                "invalid", f"terrain {w.terrain!r} is neither a kind ({known}) nor a .npz file", "world.terrain"
-            )
-        return terrain_from_map(HeightMap.load(Path(w.terrain)))
-
     def _build(self, request: sim.ResetRequest) -> None:
         w = request.world
         try:
-            terrain = self._terrain(request)
+            seed = request.seed if w.terrain_seed is None else w.terrain_seed
+            terrain = find_ground(w.terrain, seed, w.amplitude)
             physics = Physics() if w.friction is None else Physics(friction=w.friction)
-            config = WorldConfig(
-                physics=physics, perturbation=_perturbation(request, self.robot.nj), imu_profile=w.imu_profile
-            )
+            differs = perturbation(w.perturbation, request.seed, self.robot.nj)
+            config = WorldConfig(physics=physics, perturbation=differs, imu_profile=w.imu_profile)
             self.world = World(self.robot, terrain, request.seed, config)
             heights = observed_map(terrain, w.map_profile, request.seed)
         except (TerrainError, WorldError, HeightMapError) as error:
@@ -181,6 +172,7 @@ class Simulator(Driver[SimulatorConfig]):
         r = self._request
         self._begin_on_first_work = False
         self.guard.clear(self.robot.neutral)
+        self._stopped = ""
         self._later.clear()
         epoch = self.node.begin(r.expect, r.mode, r.rtf, r.actuation_delay_ticks, r.policy, r.seed)
         self.node.leader.end_tick = None if r.max_ticks is None else r.max_ticks - 1
@@ -293,20 +285,6 @@ class Simulator(Driver[SimulatorConfig]):
             state=leader.state, rtf=rtf, ticks=tick + 1, comparable=leader.comparable, missing=leader.missing(),
             detail=leader.reason, tick=max(-1, tick), epoch=leader.epoch,
         )  # fmt: skip
-
-
-def _perturbation(request: sim.ResetRequest, nj: int) -> Perturbation:
-    """Level 1 of simulator.md 3.3, scaled: how the simulated robot differs from its description."""
-    level = request.world.perturbation
-    if level == 0.0:
-        return Perturbation()
-    rng = random_stream(request.seed, "perturbation")
-    return Perturbation(
-        trunk_mass_scale=1.0 + 0.08 * level * rng.uniform(-1.0, 1.0),
-        trunk_com_offset=tuple((level * np.array([0.004, 0.003, 0.005]) * rng.uniform(-1.0, 1.0, 3)).tolist()),
-        kp_scale=1.0 + 0.15 * level * rng.uniform(-1.0, 1.0, nj),
-        friction_scale=1.0 + 0.4 * min(level, 2.0) * rng.uniform(-1.0, 1.0),
-    )
 
 
 SERVICE = Simulator

@@ -1,0 +1,47 @@
+"""From what a scenario asks for to a ground and a robot that differs a little from its description."""
+
+from pathlib import Path
+
+import numpy as np
+
+from services.simulator.model import Perturbation
+from services.simulator.terrain import KINDS, Terrain, TerrainError, make_terrain, random_stream, terrain_from_map
+from surefoot.heightmap import HeightMap
+
+COM_M = (0.004, 0.003, 0.005)  # m, level 1 of the perturbation: uniform within these,
+TRUNK_MASS = 0.08  # of the trunk's mass,
+SERVO_GAIN = 0.15  # of each servo's gain,
+FRICTION = 0.4  # of the friction coefficient
+MAX_FRICTION_LEVEL = 2.0  # beyond it a coefficient could become negative
+
+
+def find_ground(name: str, seed: int, amplitude: float | None) -> Terrain:
+    """The terrain of a kind, or of a `.npz` or `.asc` file.
+
+    Raises:
+        TerrainError: neither a kind nor a readable file.
+        HeightMapError: the file is no height map.
+    """
+    if name in KINDS:
+        return make_terrain(name, seed, amplitude)
+    if not name.endswith((".npz", ".asc")):
+        known = ", ".join(KINDS)
+        raise TerrainError("terrain", f"got {name!r}, which is neither a kind ({known}) nor a .npz or .asc file")
+    try:
+        return terrain_from_map(HeightMap.load(Path(name)))
+    except OSError as error:
+        raise TerrainError("terrain", f"{name!r} cannot be read: {error.strerror}") from None
+
+
+def perturbation(level: float, seed: int, nj: int) -> Perturbation:
+    """How the simulated robot differs from its description: uniform draws, scaled by the level; 0 = as described."""
+    if level == 0.0:
+        return Perturbation()
+    rng = random_stream(seed, "perturbation")
+    x, y, z = level * np.array(COM_M) * rng.uniform(-1.0, 1.0, 3)
+    return Perturbation(
+        trunk_mass_scale=1.0 + TRUNK_MASS * level * rng.uniform(-1.0, 1.0),
+        trunk_com_offset=(float(x), float(y), float(z)),
+        kp_scale=1.0 + SERVO_GAIN * level * rng.uniform(-1.0, 1.0, nj),
+        friction_scale=1.0 + FRICTION * min(level, MAX_FRICTION_LEVEL) * rng.uniform(-1.0, 1.0),
+    )

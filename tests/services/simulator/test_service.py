@@ -1,0 +1,247 @@
+"""The simulator as a service, on the in-memory bus: messages, queries, refusals."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from schemas import sim
+from schemas.base import Request
+from schemas.hw import DescriptionRequest, EmergencyStop, JointCommand
+from schemas.terrain import MapRequest
+from schemas.topics import (
+    CMD_ESTOP,
+    CMD_JOINTS,
+    HW_CONTACTS,
+    HW_DESCRIPTION,
+    HW_IMU,
+    HW_JOINTS,
+    SIM_CHECKPOINT,
+    SIM_FAULT,
+    SIM_FEATURES,
+    SIM_PAUSE,
+    SIM_PUSH,
+    SIM_RESET,
+    SIM_RESTORE,
+    SIM_SET,
+    SIM_STEP,
+    SIM_TRUTH,
+    TERRAIN_MAP_GET,
+    TICK_NS,
+    Query,
+)
+from services.simulator.faults import KINDS as FAULTS
+from services.simulator.service import Simulator, SimulatorConfig
+from services.simulator.terrain import KINDS as TERRAINS
+from surefoot.config import ServiceConfig
+from surefoot.errors import CallError
+from surefoot.heightmap import HeightMap
+from surefoot.join import TickInputs
+from surefoot.local import LocalSystem
+from surefoot.robot import load_robot
+from surefoot.service import Service
+
+RAGNO = load_robot("ragno")
+
+
+class Holder(Service[ServiceConfig]):
+    """A walker that stands, or that commands what a test tells it."""
+
+    name = "walker"
+    inputs = (HW_IMU, HW_JOINTS, HW_CONTACTS)
+    outputs = (CMD_JOINTS,)
+    position = tuple(RAGNO.neutral.tolist())
+
+    def on_tick(self, inputs: TickInputs) -> None:
+        self.publish(CMD_JOINTS, JointCommand(position=self.position))
+
+
+class Witness(Service[ServiceConfig]):
+    """Keeps everything the simulator publishes in lockstep."""
+
+    name = "recorder"
+    inputs = (HW_IMU, HW_JOINTS, HW_CONTACTS, SIM_TRUTH)
+    outputs = ()
+
+    def on_start(self) -> None:
+        self.seen: list[dict[str, Any]] = []
+
+    def on_reset(self) -> None:
+        self.seen.clear()
+
+    def on_tick(self, inputs: TickInputs) -> None:
+        self.seen.append(dict(inputs.messages))
+
+
+class Bench:
+    """Simulator, holder and witness, and the way to ask."""
+
+    def __init__(self) -> None:
+        self.simulator = Simulator(SimulatorConfig(autostart=False))
+        self.walker, self.witness = Holder(ServiceConfig()), Witness(ServiceConfig())
+        self.system = LocalSystem([self.simulator, self.walker, self.witness])
+
+    def ask(self, query: Query[Any, Any], request: Request) -> Any:
+        return self.system.bus.call(query, request)
+
+    def reset(self, ticks: int = 20, **request: Any) -> sim.ResetReply:
+        expect = ("walker", "recorder")
+        return self.ask(SIM_RESET, sim.ResetRequest(expect=expect, max_ticks=ticks, **request))
+
+    def finish(self) -> list[dict[str, Any]]:
+        leader = self.simulator.node.leader
+        self.system.run_until(lambda: leader.state in ("ended", "paused") and leader.all_done())
+        return self.witness.seen
+
+
+@pytest.fixture(scope="module")
+def module_bench() -> Iterator[Bench]:
+    made = Bench()
+    yield made
+    made.system.close()
+
+
+@pytest.fixture
+def bench(module_bench: Bench) -> Bench:
+    module_bench.walker.position = Holder.position
+    return module_bench
+
+
+def truths(seen: list[dict[str, Any]]) -> list[sim.Truth]:
+    return [messages[SIM_TRUTH.key] for messages in seen]
+
+
+def test_every_tick_has_its_samples_and_stamps(bench: Bench) -> None:
+    epoch = bench.reset().epoch
+    seen = bench.finish()
+    assert len(seen) == 20
+    for tick, messages in enumerate(seen):
+        assert messages[SIM_TRUTH.key].tick == messages[HW_IMU.key].tick == tick
+        assert messages[HW_IMU.key].stamp_ns == tick * TICK_NS
+        assert messages[HW_IMU.key].epoch == epoch
+        assert (HW_JOINTS.key in messages) == (tick in (0, 4, 7, 10, 14, 17))
+    assert seen[4][HW_JOINTS.key].stamp_ns == 33_000_000
+    assert seen[4][HW_CONTACTS.key].seq == 1
+    assert not truths(seen)[-1].fallen
+
+
+def test_same_seed_same_run_another_seed_another(bench: Bench) -> None:
+    def imu(seed: int) -> list[tuple[float, ...]]:
+        bench.reset(seed=seed)
+        return [messages[HW_IMU.key].acc for messages in bench.finish()]
+
+    assert imu(3) == imu(3) != imu(4)
+
+
+def test_world_is_built_as_asked(bench: Bench) -> None:
+    bench.reset(world=sim.World(terrain="demo", terrain_seed=2, map_profile="exact"))
+    found = bench.ask(TERRAIN_MAP_GET, MapRequest())
+    heights = HeightMap.from_wire(found.model_dump(), found.data)
+    assert found.kind == "demo"
+    assert heights.sha256 == bench.simulator.world.terrain.map.sha256
+    reply = bench.ask(HW_DESCRIPTION, DescriptionRequest())
+    assert reply.hash == RAGNO.hash
+    features = bench.ask(SIM_FEATURES, sim.FeaturesRequest())
+    assert set(features.terrains) == set(TERRAINS)
+    assert set(features.faults) == set(FAULTS)
+
+
+def test_every_announced_fault_can_be_asked_for(bench: Bench) -> None:
+    bench.reset(ticks=4)
+    for kind in FAULTS:
+        request = sim.FaultRequest.model_validate({"kind": kind, "duration": 0.02, "value": 0.5})
+        assert bench.ask(SIM_FAULT, request).accepted
+    bench.finish()
+
+
+def test_push_and_set_act_in_their_tick(bench: Bench) -> None:
+    bench.reset()
+    bench.ask(SIM_PUSH, sim.PushRequest(force=(0.0, 6.0, 0.0), duration=0.05, at_tick=10))
+    bench.ask(SIM_SET, sim.SetRequest(quantity="mass", value=1.5, at_tick=10))
+    speed = [abs(truth.velocity[1]) for truth in truths(bench.finish())]
+    assert max(speed[:11]) < 1e-4 < speed[11]
+
+
+def test_fault_begins_in_its_tick(bench: Bench) -> None:
+    bench.reset()
+    bench.ask(SIM_FAULT, sim.FaultRequest(kind="imu_drop", duration=0.03, at_tick=8))
+    seen = bench.finish()
+    assert [tick for tick, messages in enumerate(seen) if HW_IMU.key not in messages] == [9, 10, 11]
+
+
+def test_pause_step_and_end(bench: Bench) -> None:
+    bench.reset(ticks=100, paused=True)
+    assert len(bench.finish()) == 1
+    bench.ask(SIM_STEP, sim.StepRequest(ticks=5))
+    assert len(bench.finish()) == 6
+    bench.ask(SIM_PAUSE, sim.PauseRequest(at_tick=9, end=True))
+    bench.ask(SIM_STEP, sim.StepRequest())
+    assert len(bench.finish()) == 10
+
+
+def test_restore_repeats_the_run_under_a_new_epoch(bench: Bench) -> None:
+    bench.reset(ticks=100, paused=True, world=sim.World(terrain="demo"))
+    bench.finish()
+    bench.ask(SIM_STEP, sim.StepRequest(ticks=17))
+    bench.finish()
+    saved = bench.ask(SIM_CHECKPOINT, sim.CheckpointRequest(name="half"))
+    bench.ask(SIM_PAUSE, sim.PauseRequest(at_tick=40, end=True))
+    bench.ask(SIM_STEP, sim.StepRequest())
+    first = list(bench.finish())[18:]
+    reply = bench.ask(SIM_RESTORE, sim.RestoreRequest(name="half"))
+    assert reply.sha256 == saved.sha256
+    assert reply.epoch == saved.epoch + 1
+    bench.finish()  # paused at once, as the first run was
+    bench.ask(SIM_PAUSE, sim.PauseRequest(at_tick=23, end=True))
+    bench.ask(SIM_STEP, sim.StepRequest())
+    again = bench.finish()
+    assert again[0][HW_IMU.key].stamp_ns == 0
+    for before, after in zip(first, again[1:], strict=True):
+        assert before[HW_IMU.key].acc == after[HW_IMU.key].acc
+        assert before[SIM_TRUTH.key].position == after[SIM_TRUTH.key].position
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [(9.0, "out_of_range"), (None, "wrong_length")],
+)
+def test_bad_commands_are_refused_counted_and_the_robot_stands(bench: Bench, change: float | None, reason: str) -> None:
+    bench.walker.position = Holder.position[:3] if change is None else (change, *Holder.position[1:])
+    before = bench.simulator.node.refused[reason]
+    bench.reset()
+    seen = bench.finish()
+    assert bench.simulator.node.refused[reason] > before
+    assert not truths(seen)[-1].fallen
+
+
+def test_emergency_stop_holds_until_the_next_reset(bench: Bench) -> None:
+    bench.reset()
+    bench.system.bus.publisher(CMD_ESTOP).put(EmergencyStop(reason="a hand in the way"))
+    bench.finish()
+    assert bench.simulator.node.refused["stopped"] > 0
+    refused = bench.simulator.node.refused["stopped"]
+    bench.reset()
+    bench.finish()
+    assert bench.simulator.node.refused["stopped"] == refused
+
+
+@pytest.mark.parametrize(
+    ("query", "request_", "field"),
+    [
+        (SIM_RESET, sim.ResetRequest(world=sim.World(terrain="moon")), "world.terrain"),
+        (SIM_RESET, sim.ResetRequest(world=sim.World(terrain="nowhere.npz")), "world.terrain"),
+        (SIM_RESET, sim.ResetRequest(world=sim.World(imu_profile="crystal")), "world.imu_profile"),
+        (SIM_PUSH, sim.PushRequest(force=(1.0, 0.0, 0.0), duration=0.1, body="tail"), "body"),
+        (SIM_FAULT, sim.FaultRequest(kind="servo_dead", target="tail"), "target"),
+        (SIM_FAULT, sim.FaultRequest(kind="packet_loss", value=2.0), "value"),
+        (SIM_PUSH, sim.PushRequest(force=(1.0, 0.0, 0.0), duration=0.1, at_tick=0), "at_tick"),
+        (SIM_RESTORE, sim.RestoreRequest(name="never"), "name"),
+    ],
+)
+def test_refusals_name_the_field(bench: Bench, query: Query[Any, Any], request_: Request, field: str) -> None:
+    bench.reset(ticks=3)
+    bench.finish()
+    with pytest.raises(CallError) as error:
+        bench.ask(query, request_)
+    assert error.value.field == field
+    assert error.value.code != "internal"
