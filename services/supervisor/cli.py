@@ -58,7 +58,7 @@ def common(
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; end the process with 0 ok, 1 check failed, 2 usage, 130 interrupted."""
     try:
-        app(args=arguments)
+        app(args=arguments, prog_name="surefoot")
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPT)
     except BrokenPipeError:

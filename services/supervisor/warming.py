@@ -2,13 +2,16 @@
 
 import hashlib
 import importlib
+import json
 import os
+import subprocess
 import sys
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+
+from surefoot.errors import SurefootError
 
 ROOT = Path(__file__).resolve().parents[2]
 _MARK = "\ndef warm() -> None:"
@@ -59,17 +62,26 @@ def warm_all(tell: Callable[[str], None] = lambda text: None) -> dict[str, float
     own = [module for module in modules if not module.startswith("surefoot.")]
     services = sorted({module.split(".")[1] for module in own})
     groups = [shared, *([module for module in own if module.split(".")[1] == name] for name in services)]
-    took: dict[str, float] = {}
-    with ProcessPoolExecutor(max_workers=os.cpu_count() or 1, mp_context=get_context("spawn")) as pool:
-        took |= pool.submit(_warm, groups[0]).result()
-        tell(f"  shared: {sum(took.values()):.1f} s")
-        for name, result in zip(services, pool.map(_warm, groups[1:]), strict=True):
+    took = _warm_apart(groups[0])
+    tell(f"  shared: {sum(took.values()):.1f} s")
+    with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
+        for name, result in zip(services, pool.map(_warm_apart, groups[1:]), strict=True):
             took |= result
             tell(f"  {name}: {sum(result.values()):.1f} s")
     stamps = _stamps()
     stamps.mkdir(parents=True, exist_ok=True)
     (stamps / signature(modules)).touch()
     return took
+
+
+def _warm_apart(modules: list[str]) -> dict[str, float]:
+    """Compile in a process of its own: compilers are neither thread-safe nor small."""
+    command = [sys.executable, "-m", "services.supervisor.warming", *modules]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        words = done.stderr.strip().splitlines()[-1:] or [f"exit code {done.returncode}"]
+        raise SurefootError("warm", f"the kernels of {', '.join(modules)} could not be compiled: {words[0]}")
+    return json.loads(done.stdout.splitlines()[-1])
 
 
 def _warm(modules: list[str]) -> dict[str, float]:
@@ -84,3 +96,7 @@ def _warm(modules: list[str]) -> dict[str, float]:
 def _stamps() -> Path:
     base = os.environ.get("XDG_CACHE_HOME", "")
     return (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "surefoot" / "warm"
+
+
+if __name__ == "__main__":
+    sys.stdout.write(json.dumps(_warm(sys.argv[1:])) + "\n")

@@ -1,0 +1,68 @@
+"""Every compose file names services that exist, and can be started by `surefoot up` and by a container engine alike."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from services.supervisor.compose import load_compose
+from services.supervisor.launch import service_names
+from surefoot.robot import robot_names
+
+ROOT = Path(__file__).parents[2]
+FILES = sorted((ROOT / "compose").glob("*.yaml"))
+
+
+def test_there_are_some() -> None:
+    assert FILES
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_names_services_that_exist(path: Path) -> None:
+    compose = load_compose(path)
+    assert compose.name == path.stem
+    assert set(compose.service_names) <= set(service_names())
+    assert "supervisor" in compose.service_names
+    for service in compose.services:
+        if service.name != "supervisor":
+            assert service.command == ("surefoot-service", service.name)
+            assert ("supervisor", "service_healthy") in service.depends_on
+            assert service.healthcheck is not None
+            assert service.restart != "no"
+        assert service.environment["SUREFOOT_ROBOT"] in robot_names()
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_containers_share_the_network_of_the_host(path: Path) -> None:
+    """The router listens on loopback only, so every container has to be there."""
+    import yaml
+
+    for service in yaml.safe_load(path.read_text(encoding="utf-8"))["services"].values():
+        assert service["network_mode"] == "host"
+        assert (ROOT / "compose" / service["build"]["context"] / service["build"]["dockerfile"]).is_file()
+
+
+def test_every_service_is_in_a_system() -> None:
+    assert set(service_names()) == {name for path in FILES for name in load_compose(path).service_names}
+
+
+@pytest.mark.parametrize("name", ["up", "down"])
+def test_scripts_hand_over_to_the_command(name: str, tmp_path: Path) -> None:
+    script = ROOT / "compose" / name
+    assert os.access(script, os.X_OK)
+    fake = tmp_path / "surefoot"
+    fake.write_text('#!/bin/sh\necho "$@"\n')
+    fake.chmod(0o755)
+    environment = {"PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}"}
+    for given, said in (([], f"{name} ragno"), (["other", "-d"], f"{name} other -d")):
+        done = subprocess.run([script, *given], env=environment, capture_output=True, text=True, check=True)
+        assert done.stdout.strip() == said
+
+
+def test_scripts_are_plain_shell() -> None:
+    if shutil.which("sh") is None:
+        pytest.skip("no shell here")
+    for name in ("up", "down"):
+        subprocess.run(["sh", "-n", ROOT / "compose" / name], check=True)

@@ -1,0 +1,51 @@
+"""Every scenario can be run: its system, terrain, commands and limits exist."""
+
+from pathlib import Path
+
+import pytest
+
+from schemas.base import Request
+from services.simulator.terrain import KINDS
+from services.supervisor.compose import ComposeError, load_compose
+from services.supervisor.director import LEAD_TICKS
+from services.supervisor.files import find
+from services.supervisor.judge import LIMITS, METRICS
+from services.supervisor.scenario import COMMANDS, load_scenario
+from surefoot.robot import load_robot
+
+ROOT = Path(__file__).parents[2]
+FILES = sorted((ROOT / "scenarios").glob("*.toml"))
+
+
+def test_there_are_some() -> None:
+    assert {"rough-terrain", "flat", "stand", "push"} <= {path.stem for path in FILES}
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_can_be_run(path: Path) -> None:
+    scenario = load_scenario(path)
+    assert scenario.name == path.stem
+    assert scenario.description
+    assert scenario.steps
+    assert "no_fall" in scenario.limits
+    assert scenario.world.terrain in KINDS
+    compose = load_compose(find("compose", scenario.compose, ".yaml", ComposeError))
+    assert "simulator" in compose.service_names
+    for service in compose.services:
+        load_robot(service.environment["SUREFOOT_ROBOT"])
+    for step in scenario.steps:
+        assert step.do == "kill" or step.request is not None
+        assert not step.service or step.service in compose.service_names
+        assert step.at_tick is None or LEAD_TICKS <= step.at_tick < scenario.max_ticks
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_every_step_is_a_command_with_a_tick(name: str) -> None:
+    query, model = COMMANDS[name]
+    assert issubclass(model, Request)
+    assert query.request is model
+    assert "at_tick" in model.model_fields
+
+
+def test_every_limit_has_a_metric() -> None:
+    assert {limit.metric for limit in LIMITS.values()} <= set(METRICS)

@@ -1,0 +1,182 @@
+"""The command line: exit codes, JSON everywhere, one sentence for an error, quick help."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+
+from services.supervisor import cli
+from services.supervisor.commands.output import state
+
+PLAIN = {
+    "list": ["list"],
+    "topic list": ["topic", "list"],
+    "topic info": ["topic", "info", "state/velocity"],
+    "service list": ["service", "list"],
+    "service info": ["service", "info", "stability/check"],
+    "schema list": ["schema", "list"],
+    "schema show": ["schema", "show", "Imu"],
+    "robot list": ["robot", "list"],
+    "robot check": ["robot", "check", "ragno"],
+    "graph": ["graph"],
+}
+
+
+@pytest.fixture(autouse=True)
+def apart(monkeypatch, tmp_path):
+    """Own run folders, no port of anybody else, no colours, a wide terminal."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.setenv("SUREFOOT_CONNECT", "tcp/127.0.0.1:9")
+    monkeypatch.setenv("SUREFOOT_LISTEN", "tcp/127.0.0.1:9")
+    monkeypatch.setenv("NO_COLOR", "1")
+    monkeypatch.setattr(state, "json", False)
+    monkeypatch.setattr(state, "debug", False)
+
+
+@pytest.fixture
+def surefoot(capsys):
+    def run(*words):
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            cli.main([*map(str, words)])
+        out, err = capsys.readouterr()
+        return ended.value.code or 0, out, err
+
+    return run
+
+
+@pytest.mark.parametrize("words", PLAIN.values(), ids=PLAIN)
+def test_answers_as_table_and_as_json(surefoot, words):
+    code, out, _ = surefoot(*words)
+    assert code == 0
+    assert out.strip()
+    code, out, _ = surefoot(*words, "--json")
+    assert code == 0
+    assert json.loads(out)
+
+
+def commands(app, prefix=()):
+    for command in app.registered_commands:
+        yield (*prefix, command.name or command.callback.__name__.replace("_", "-"))
+    for group in app.registered_groups:
+        yield from commands(group.typer_instance, (*prefix, group.name))
+
+
+@pytest.mark.parametrize("words", sorted(commands(cli.app)), ids=" ".join)
+def test_every_command_has_help_and_json(surefoot, words):
+    code, out, _ = surefoot(*words, "--help")
+    assert code == 0
+    assert "Usage:" in out
+    assert "--json" in out or words == ("supervise",)
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        (["topik"], "topic"),
+        (["run", "rough-terain"], "rough-terrain"),
+        (["up", "ragmo"], "ragno"),
+        (["topic", "info", "state/velocty"], "state/velocity"),
+        (["topic", "echo", "state/velocity", "--field", "speed"], "velocity"),
+        (["schema", "show", "Imo"], "Imu"),
+        (["call", "stability/chek", "{}"], "stability/check"),
+        (["call", "cmd/walk", '{"acton": "walk"}'], "did you mean 'action'"),
+        (["call", "cmd/walk", "not json"], "not JSON"),
+        (["call", "cmd/walk", "[1]"], "JSON object"),
+        (["robot", "check", "ragmo"], "ragno"),
+        (["run"], "scenario"),
+        (["run", "stand", "--seed", "-1"], "seed"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_usage_errors_name_what_was_meant(surefoot, words, hint):
+    code, out, err = surefoot(*words)
+    assert code == cli.EXIT_USAGE
+    assert hint in err
+    assert "Traceback" not in err
+    assert not out
+
+
+@pytest.mark.parametrize(
+    "words", [["status"], ["topic", "hz", "state/gait"], ["health", "walker"], ["call", "cmd/walk"]]
+)
+def test_nothing_running_is_told_at_once(surefoot, words):
+    began = time.monotonic()
+    code, out, err = surefoot(*words, "--json")
+    assert code in (cli.EXIT_CHECK, cli.EXIT_USAGE)
+    assert json.loads(out) == {} or "error" in json.loads(out)
+    assert not err
+    assert time.monotonic() - began < 3.0
+
+
+def test_down_with_nothing_running_is_fine(surefoot):
+    assert surefoot("down")[0] == 0
+
+
+def test_a_broken_compose_file_is_one_sentence(surefoot, tmp_path):
+    path = tmp_path / "bad.yaml"
+    path.write_text("services: {a: {prots: [1]}}")
+    code, _, err = surefoot("up", path)
+    assert code == cli.EXIT_USAGE
+    assert err.count("\n") == 1
+    assert "services.a.prots" in err
+    assert str(path) in err
+
+
+def test_a_recording_that_is_none_is_one_sentence(surefoot, tmp_path):
+    path = tmp_path / "none.mcap"
+    for content in (None, b"", b"not a recording"):
+        if content is not None:
+            path.write_bytes(content)
+        code, _, err = surefoot("bag", "info", path)
+        assert code != 0
+        assert err.count("\n") == 1
+        assert "Traceback" not in err
+
+
+def test_schemas_are_exported(surefoot, tmp_path):
+    code, _, _ = surefoot("schema", "export", tmp_path / "schemas")
+    assert code == 0
+    keys = json.loads((tmp_path / "schemas" / "keys.json").read_text())
+    assert (tmp_path / "schemas" / f"{keys['topics']['hw/imu']['schema']}.json").is_file()
+
+
+@pytest.mark.parametrize("form", ["mermaid", "dot"])
+def test_the_graph_is_drawn(surefoot, form):
+    code, out, _ = surefoot("graph", "--format", form)
+    assert code == 0
+    assert "simulator" in out
+    assert "walker" in out
+
+
+def test_an_internal_error_is_a_sentence_unless_debugging(surefoot, monkeypatch):
+    def broken(*_):
+        raise ZeroDivisionError("oops")
+
+    monkeypatch.setattr("surefoot.robot.load_robot", broken)
+    code, _, err = surefoot("robot", "list")
+    assert code == cli.EXIT_CHECK
+    assert "ZeroDivisionError" in err
+    assert "--debug" in err
+    with pytest.raises(ZeroDivisionError):
+        cli.main(["--debug", "robot", "list"])
+
+
+def test_help_is_quick_and_imports_nothing_heavy():
+    code = (
+        "import sys, time; began = time.perf_counter()\n"
+        "from services.supervisor import cli\n"
+        "try: cli.main(['--help'])\n"
+        "except SystemExit: pass\n"
+        "heavy = {'numpy', 'zenoh', 'pydantic', 'mujoco', 'matplotlib', 'scipy', 'numba', 'mcap'} & set(sys.modules)\n"
+        "sys.stderr.write(f'{heavy or None} {time.perf_counter() - began:.3f}')"
+    )
+    environment = {**os.environ, "COLUMNS": "100"}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    heavy, seconds = done.stderr.split()
+    assert heavy == "None"
+    assert float(seconds) < 1.0  # 0.1 s on a quiet machine; the tests share theirs
+    assert "Usage:" in done.stdout
