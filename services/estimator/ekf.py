@@ -10,7 +10,7 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 
-from services.estimator.inertial import process_noise, propagate, transition
+from services.estimator.inertial import process_noise, propagate, transition, widened, without_velocity
 from services.estimator.legs import LegVelocity
 from services.estimator.params import EstimatorParams
 
@@ -66,12 +66,14 @@ class PaperEkf:
         self.nis = float(f.y @ f.SI @ f.y)
 
     def forget_velocity(self, sd: float) -> None:
-        """The velocity became unknown (a long gap): zero it, drop its correlations, variance sd^2."""
+        """The velocity became unknown: 0 +- sd m/s."""
         f = self._filter
         f.x[V] = 0.0
-        f.P[V, :] = 0.0
-        f.P[:, V] = 0.0
-        f.P[V, V] = np.eye(3) * sd**2
+        f.P = without_velocity(f.P, sd)
+
+    def widen(self, sd_g: float, sd_v: float) -> None:
+        """Samples are missing: add these standard deviations, m/s^2 and m/s, to those of g and v."""
+        self._filter.P = widened(self._filter.P, sd_g, sd_v)
 
     @property
     def g(self) -> Array:

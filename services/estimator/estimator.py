@@ -26,6 +26,8 @@ THETA, PSI, G = slice(0, 3), 3, slice(4, 7)  # columns of the history
 SILENT_NS = 200_000_000  # kinematics older than this: sensors_ok is false
 NO_CONTACT_NS = 500_000_000  # the same for the last contact of any foot
 UNCORRECTED_NS = 1_000_000_000  # prediction only for longer: filter_ok is false
+GAP_TURN = 0.1  # rad/s, unseen turning in a gap; rad in a long one
+GAP_PUSH = 1.0  # m/s^2, unseen acceleration in a gap
 MAX_NIS = 50.0  # smoothed; a filter that is so surprised is not to be trusted
 NIS_MEMORY = 0.1  # weight of the last correction in the smoothed value
 MAX_LEG_SPEED = 3.0  # m/s; faster by the legs is no walk but a broken encoder
@@ -111,24 +113,33 @@ class Estimator:
             self._history.clear()
             self._legs.reset()
             self._last_feet_ns = self._last_contact_ns = self._last_velocity_ns = stamp_ns
+            step = p.reset_gap_ns + 1
         standing = self.standstill.on_imu(w, q)
         if not self.initialised and standing:
             self._initialise()
-        elif self.standstill.settled is not None and self.params.refine_gyro_bias:
-            if self.gyro_bias.plausible(self.standstill.mean[:3], p.standstill_samples):
-                self.gyro_bias.add(self.standstill.settled[:3])
-                self._bias = self.gyro_bias.value
+        elif self.standstill.settled is not None and p.refine_gyro_bias:
+            self._refine_bias(self.standstill.settled)
         self._w = w - self._bias
         self._advance(w, q - self._acc_bias, 1e-9 * step, step)
         return result
 
+    def _refine_bias(self, settled: Array) -> None:
+        if self.gyro_bias.plausible(self.standstill.mean[:3], self.params.standstill_samples):
+            self.gyro_bias.add(settled[:3])
+            self._bias = self.gyro_bias.value
+
     def _advance(self, w: Array, q: Array, d: float, step_ns: int) -> None:
-        row = self._row
-        if self.initialised and step_ns > 0:
+        row, p = self._row, self.params
+        if self.initialised and step_ns > p.reset_gap_ns:
+            d = 1e-9 * p.imu_period_ns  # what happened since then is unknown
             for one in self.filters.values():
-                if step_ns > self.params.reset_gap_ns:
-                    one.forget_velocity(UNKNOWN_SPEED)
+                one.forget_velocity(UNKNOWN_SPEED)
+                one.widen(GRAVITY * GAP_TURN, 0.0)
+        elif self.initialised and step_ns > 0:
+            for one in self.filters.values():
                 one.predict(self._w, q, d)
+                if step_ns > p.gap_periods * p.imu_period_ns:
+                    one.widen(GRAVITY * GAP_TURN * d, GAP_PUSH * d)
         g = self._g(self._leader)
         row[THETA] += w * d
         rot = level(self._rot_base_from_imu, g)

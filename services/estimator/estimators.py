@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from services.estimator.inertial import propagate, propagate_covariance
+from services.estimator.inertial import propagate, propagate_covariance, widened, without_velocity
 from services.estimator.legs import LegVelocity
 from services.estimator.params import EstimatorParams
 
@@ -34,8 +34,12 @@ class VelocityEstimator(Protocol):
         """Velocities by the legs."""
         ...
 
+    def widen(self, sd_g: float, sd_v: float) -> None:
+        """Samples are missing: add these standard deviations, m/s^2 and m/s, to those of g and v."""
+        ...
+
     def forget_velocity(self, sd: float) -> None:
-        """The velocity became unknown."""
+        """The velocity became unknown: 0 +- sd m/s."""
         ...
 
     @property
@@ -75,8 +79,11 @@ class _Inertial:
     def correct(self, legs: LegVelocity) -> None:
         pass
 
+    def widen(self, sd_g: float, sd_v: float) -> None:
+        self.p = widened(self.p, sd_g, sd_v)
+
     def forget_velocity(self, sd: float) -> None:
-        self.p[3:, 3:] += np.eye(3) * sd**2
+        self.v, self.p = np.zeros(3), without_velocity(self.p, sd)
 
 
 class _Legs:
@@ -108,8 +115,12 @@ class _Legs:
             self._since = 0.0
             self._known = True
 
+    def widen(self, sd_g: float, sd_v: float) -> None:
+        pass
+
     def forget_velocity(self, sd: float) -> None:
         self._known = False
+        self.v = np.zeros(3)
 
     @property
     def p(self) -> Array:

@@ -108,6 +108,19 @@ def propagate_covariance(p: Array, g: Array, v: Array, w: Array, d: float, noise
     return 0.5 * (out + out.T)
 
 
+def widened(p: Array, sd_g: float, sd_v: float) -> Array:
+    """P (6, 6) with these standard deviations added to those of g and v."""
+    return p + np.diag([sd_g**2] * 3 + [sd_v**2] * 3)
+
+
+def without_velocity(p: Array, sd: float) -> Array:
+    """P (6, 6) with v independent of g and of variance sd^2."""
+    out = np.zeros((6, 6))
+    out[:3, :3] = p[:3, :3]
+    out[3:, 3:] = np.eye(3) * sd**2
+    return out
+
+
 def warm() -> None:
     """Compile every kernel of this module."""
     g, v, w = np.array([0.0, 0.0, GRAVITY]), np.zeros(3), np.array([0.1, 0.0, 0.0])

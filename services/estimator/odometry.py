@@ -3,6 +3,7 @@
 Yaw and position are unobservable here: they drift, and their covariance grows with the way.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,10 +11,14 @@ from numpy.typing import NDArray
 
 from services.estimator import odometry_kernel as k
 from services.estimator.feet import FootSample, foot_turn
+from surefoot.jit import kernel
 from surefoot.rotations import quat_from_matrix
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+
+
+MAX_INTERVAL_S = 0.12  # s without feet after which nobody knows which of them lifted
 
 
 @dataclass(frozen=True)
@@ -97,10 +102,11 @@ class Odometry:
         last, self._last = self._last, sample
         if last is None or sample.stamp_ns <= last.stamp_ns:
             self._psi = psi
-            self._stance[:] = False
             self._anchor_all(sample.contact, seen)
             return
         d = 1e-9 * (sample.stamp_ns - last.stamp_ns)
+        if d > MAX_INTERVAL_S:
+            self._stance[:] = False
         turn = feet_turn(last.rot, sample.rot, w * d)
         roll = k.heading_roll(rot @ self._rot_base_from_imu, turn, self._radius)
         nis = k.step(
@@ -117,17 +123,13 @@ class Odometry:
 
     def pose(self, since_s: float, psi: float, g: Array, v_heading: Array) -> Pose:
         """Pose now, carried on from the last foot sample by `since_s`."""
-        turn = (psi - self._psi) - self.x[k.BIAS] * since_s if self._last is not None else 0.0
-        yaw = float(self.x[k.YAW] + turn)
-        c, s = np.cos(yaw), np.sin(yaw)
-        rot_odom_from_heading = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        velocity = rot_odom_from_heading @ v_heading
-        rot = rot_odom_from_heading @ k.level(self._rot_base_from_imu, g)
+        since_s, turn = (since_s, psi - self._psi) if self._last is not None else (0.0, 0.0)
+        rows = carry_on(self.x, since_s, turn, v_heading, self._rot_base_from_imu, g)
         return Pose(
-            position=self.x[k.P] + (velocity * since_s if self._last is not None else 0.0),
-            quat_wxyz=quat_from_matrix(rot),
-            yaw=yaw,
-            velocity=velocity,
+            position=rows[:3],
+            quat_wxyz=rows[3:7],
+            yaw=float(rows[7]),
+            velocity=rows[8:],
             covariance=self.cov[: k.YAW + 1, : k.YAW + 1].copy(),
         )
 
@@ -137,7 +139,29 @@ class Odometry:
         return self._last is not None
 
 
-@k.kernel
+@kernel
+def carry_on(x: Array, since_s: float, turn: float, v_heading: Array, rot_base_from_imu: Array, g: Array) -> Array:
+    """Position (3), quaternion (4), yaw and velocity in odom (3) at `since_s` after the last foot sample, (11,)."""
+    out = np.empty(11)
+    yaw = x[k.YAW] + turn - x[k.BIAS] * since_s
+    c, s = math.cos(yaw), math.sin(yaw)
+    velocity = out[8:]
+    velocity[0] = c * v_heading[0] - s * v_heading[1]
+    velocity[1] = s * v_heading[0] + c * v_heading[1]
+    velocity[2] = v_heading[2]
+    for i in range(3):
+        out[i] = x[i] + velocity[i] * since_s
+    tilt = k.level(rot_base_from_imu, g)
+    rot = tilt.copy()
+    for i in range(3):
+        rot[0, i] = c * tilt[0, i] - s * tilt[1, i]
+        rot[1, i] = s * tilt[0, i] + c * tilt[1, i]
+    out[3:7] = quat_from_matrix(rot)
+    out[7] = yaw
+    return out
+
+
+@kernel
 def feet_turn(rot_0: Array, rot_1: Array, turn_imu: Array) -> Array:
     """Rotation of each foot over the ground between two samples, IMU axes, (L, 3) rad."""
     out = np.empty((rot_0.shape[0], 3))
@@ -150,3 +174,4 @@ def warm() -> None:
     """Compile every kernel of this module."""
     rot = np.eye(3)[None].copy()
     feet_turn(rot, rot, np.zeros(3))
+    carry_on(np.zeros(k.FEET), 0.0, 0.0, np.zeros(3), np.eye(3), np.array([0.0, 0.0, 9.81]))

@@ -154,6 +154,28 @@ def observe(x: Array, cov: Array, foot: int, seen: Array, noise: Array) -> float
 
 
 @kernel
+def agreement(x: Array, seen: Array, used: Flags) -> NDArray[np.int64]:
+    """Used feet, (k,), those first that agree best with the median of all about where base_link is.
+
+    The predicted position is loose, so the foot that is taken first decides: it must not be the one that slides.
+    """
+    feet = np.flatnonzero(used)
+    gap, apart = np.empty((feet.size, 3)), np.zeros(feet.size)
+    c, s = math.cos(x[YAW]), math.sin(x[YAW])
+    for i in range(feet.size):
+        f = feet[i]
+        at = FEET + 3 * f
+        gap[i, 0] = x[at] - c * seen[f, 0] + s * seen[f, 1]
+        gap[i, 1] = x[at + 1] - s * seen[f, 0] - c * seen[f, 1]
+        gap[i, 2] = x[at + 2] - seen[f, 2]
+    for k in range(3):
+        middle = np.median(gap[:, k]) if feet.size > 0 else 0.0
+        for i in range(feet.size):
+            apart[i] += (gap[i, k] - middle) ** 2
+    return feet[np.argsort(apart)]
+
+
+@kernel
 def step(
     x: Array,
     cov: Array,
@@ -188,9 +210,8 @@ def step(
     for f in range(now.size):
         if was[f] and not now[f]:
             lift(cov, f)
-    for f in range(now.size):
-        if was[f] and now[f]:
-            nis[f] = observe(x, cov, f, seen[f], noise)
+    for f in agreement(x, seen, was & now):
+        nis[f] = observe(x, cov, f, seen[f], noise)
     for f in range(now.size):
         if now[f] and not was[f]:
             anchor(x, cov, f, seen[f], noise)

@@ -31,7 +31,7 @@ class EstimatorParams:
     standstill_samples: int = 50
     standstill_gyro_sd: float = STANDSTILL_FACTOR * 0.0054  # rad/s
     standstill_acc_sd: float = STANDSTILL_FACTOR * 0.035  # m/s^2
-    standstill_travel: float = 0.0013  # m, of a foot within the window; an encoder step moves it by 0.9 mm
+    standstill_travel: float = 0.0013  # m, of a foot within the window; an encoder step of a short leg moves it by 0.6
     prior_g: float = 0.02  # m/s^2, P0 = sigma_q^2/N + prior_g^2
     prior_v: float = 0.01  # m/s
     remove_gyro_bias: bool = True  # subtract the mean gyro of the rest (the paper: no)

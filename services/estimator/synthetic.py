@@ -155,7 +155,7 @@ class _Path:
 
 
 def _path(walk: WalkParams, rng: np.random.Generator) -> _Path:
-    t = np.arange(round(walk.duration_s / FINE) + 1) * FINE
+    t = np.arange(round(walk.duration_s / FINE) + 1, dtype=np.float64) * FINE
     go = _smooth((t - walk.rest_s) / walk.step_s)
     rate = rng.uniform(*walk.yaw_rate) * rng.choice([-1.0, 1.0])
     way = np.concatenate([[0.0], np.cumsum(0.5 * (go[1:] + go[:-1])) * FINE * walk.speed])

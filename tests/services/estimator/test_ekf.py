@@ -1,0 +1,79 @@
+"""The filter on filterpy, equations (15)-(37), and its kernel."""
+
+import numpy as np
+import pytest
+
+from services.estimator import ekf_kernel
+from services.estimator.ekf import PaperEkf
+from services.estimator.params import EstimatorParams
+
+
+def inputs(n, seed):
+    rng = np.random.default_rng(seed)
+    t = np.arange(n)[:, None] * 0.01
+    w = 0.3 * np.sin(t * [5.0, 7.0, 3.0]) + 0.0054 * rng.normal(size=(n, 3))
+    q = [0.0, 0.0, 9.81] + 0.5 * np.cos(t * [4.0, 6.0, 9.0]) + 0.035 * rng.normal(size=(n, 3))
+    has = np.arange(n) % 3 == 2
+    measured = 0.1 * np.sin(t * [2.0, 3.0, 5.0]) + 0.03 * rng.normal(size=(n, 3))
+    return w, q, has, measured
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_kernel_equals_filterpy(exact):
+    n, params = 10_000, EstimatorParams(exact_transition=exact)
+    w, q, has, measured = inputs(n, 0)
+    g0, p0 = np.array([0.1, -0.2, 9.8]), np.eye(6) * 1e-3
+    ekf = PaperEkf(params)
+    ekf.reset(g0, p0)
+    out = np.empty((n, 6))
+    for k in range(n):
+        ekf.predict(w[k], q[k], 0.01)
+        if has[k]:
+            ekf.correct_with(measured[k], params.sigma_v)
+        out[k, :3], out[k, 3:] = ekf.g, ekf.v
+    noise, sigma = np.array([params.sigma_w, params.sigma_q]), np.full(n, params.sigma_v)
+    g, v, p = ekf_kernel.run(g0, p0, w, q, np.full(n, 0.01), measured, has, sigma, noise, exact)
+    np.testing.assert_allclose(np.hstack([g, v]), out, atol=1e-9)
+    np.testing.assert_allclose(p, ekf.p, atol=1e-9)
+
+
+def test_covariance_stays_symmetric_positive():
+    ekf = PaperEkf(EstimatorParams())
+    ekf.reset(np.array([0.0, 0.0, 9.81]), np.eye(6) * 1e-4)
+    w, q, has, measured = inputs(2000, 1)
+    for k in range(2000):
+        ekf.predict(w[k], q[k], 0.01)
+        if has[k]:
+            ekf.correct_with(measured[k], 0.015)
+            np.testing.assert_array_equal(ekf.p, ekf.p.T)
+        assert np.linalg.eigvalsh(ekf.p).min() > 0.0
+    assert ekf.nis is not None
+    assert ekf.nis > 0.0
+
+
+def test_a_correction_is_equations_32_to_37():
+    params, p, v = EstimatorParams(), np.diag([1.0, 2.0, 3.0, 0.1, 0.2, 0.3]), np.array([0.1, -0.2, 0.3])
+    p[0, 3] = p[3, 0] = 0.05
+    ekf = PaperEkf(params)
+    ekf.reset(np.array([0.0, 0.0, 9.81]), p)
+    ekf.correct_with(v, 0.1)
+    h = np.hstack([np.zeros((3, 3)), np.eye(3)])
+    gain = p @ h.T @ np.linalg.inv(h @ p @ h.T + 0.01 * np.eye(3))
+    np.testing.assert_allclose(np.concatenate([ekf.g, ekf.v]), [0.0, 0.0, 9.81, 0.0, 0.0, 0.0] + gain @ v)
+    np.testing.assert_allclose(ekf.p, (np.eye(6) - gain @ h) @ p, atol=1e-12)
+
+
+def test_missing_samples_widen_the_covariance():
+    ekf = PaperEkf(EstimatorParams())
+    ekf.reset(np.array([0.0, 0.0, 9.81]), np.eye(6))
+    ekf.widen(2.0, 3.0)
+    np.testing.assert_array_equal(np.diag(ekf.p), [5.0] * 3 + [10.0] * 3)
+
+
+def test_forgetting_the_velocity_keeps_gravity():
+    ekf = PaperEkf(EstimatorParams())
+    ekf.reset(np.array([0.0, 0.0, 9.81]), np.eye(6) + 0.1)
+    ekf.forget_velocity(2.0)
+    np.testing.assert_array_equal(ekf.p[3:, 3:], 4.0 * np.eye(3))
+    assert not ekf.p[:3, 3:].any()
+    np.testing.assert_array_equal(ekf.p[:3, :3], np.eye(3) + 0.1)

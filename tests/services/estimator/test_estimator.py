@@ -1,0 +1,323 @@
+"""All estimators on one stream: start, faults, numbers of feet, frames."""
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+import pytest
+
+from services.estimator import feet as feet_module
+from services.estimator.estimator import Estimator, StartPose
+from services.estimator.estimators import ESTIMATORS
+from services.estimator.feet import FootSample, bare_mount
+from services.estimator.inputs import InputResult
+from services.estimator.odometry import OdometryParams
+from services.estimator.params import EstimatorParams, paper_params
+from services.estimator.replay import replay, score, tilt_errors
+from services.estimator.synthetic import WalkParams, synthesize
+from surefoot.robot import load_robot
+
+TICK = 10_000_000
+PERIOD = 33_000_000
+
+
+@cache
+def walk(feet=2, seed=0):
+    return synthesize(WalkParams(feet=feet, encoders=False, duration_s=8.0), seed)
+
+
+def make(feet=2, **changes):
+    return Estimator(bare_mount(feet), EstimatorParams(**changes), OdometryParams())
+
+
+def run(log, estimator, change=None):
+    """Replays with the inputs changed; yields the estimates."""
+    waiting = list(log.feet)
+    for k, stamp in enumerate(log.stamp_ns.tolist()):
+        w, q = log.w[k], log.q[k]
+        due = [waiting.pop(0) for _ in range(len(waiting)) if waiting[0].stamp_ns <= stamp]
+        if change is not None:
+            stamp, w, q, due = change(k, stamp, w, q, due)
+        if stamp is not None:
+            estimator.on_imu(stamp, w, q)
+        for sample in due:
+            estimator.on_feet(sample)
+        yield estimator.estimate()
+
+
+def finite(e):
+    arrays = (e.velocity, e.velocity_imu, e.velocity_heading, e.angular_velocity, e.g_up, e.covariance, e.gyro_bias)
+    return all(np.isfinite(a).all() for a in arrays) and np.isfinite([e.roll, e.pitch]).all()
+
+
+@pytest.mark.parametrize("feet", range(2, 9))
+def test_two_to_eight_feet(feet):
+    log, estimator = walk(feet), make(feet)
+    out = replay(log, estimator)
+    assert estimator.initialised
+    assert estimator.judge.refused == 0
+    assert score(log, out.v["ekf"], 3.0).rmse < 0.02
+    assert score(log, out.v["ekf"], 3.0).rmse < score(log, out.v["kinematics_gyro"], 3.0).rmse
+    moved = log.position[-1] - log.position[100]
+    np.testing.assert_allclose(out.position[-1] - out.position[100], moved, atol=0.02)
+
+
+def test_every_estimator_of_the_table_speaks():
+    estimator = make()
+    assert set(ESTIMATORS) == {"imu", "kinematics", "kinematics_gyro", "ekf"}
+    replay(walk(), estimator)
+    for name in ESTIMATORS:
+        e = estimator.estimate(name)
+        assert e.mode == name
+        assert finite(e)
+        assert (np.diag(e.covariance) > 0.0).all()
+
+
+def test_start_is_the_fiftieth_sample_at_rest():
+    estimator, log = make(), walk()
+    flags = [e.initialised for e in run(log, estimator)]
+    assert flags.index(True) == 49
+    early = make()
+    first = next(iter(run(log, early)))
+    assert np.diag(first.covariance).min() > 0.5
+    assert not first.filter_ok
+
+
+def test_at_the_start_g_is_the_mean_and_the_bias_is_gone():
+    estimator, log = make(refine_gyro_bias=False), walk()
+    estimates = [e for _, e in zip(range(50), run(log, estimator), strict=False)]
+    np.testing.assert_allclose(estimates[-1].g_up, log.q[:50].mean(axis=0), atol=0.01)
+    np.testing.assert_allclose(estimates[-1].gyro_bias, log.w[:50].mean(axis=0), atol=1e-12)
+    off = make(remove_gyro_bias=False, refine_gyro_bias=False)
+    assert not [e for _, e in zip(range(60), run(log, off), strict=False)][-1].gyro_bias.any()
+
+
+def test_tilt_is_good_to_the_accelerometer_bias():
+    log, estimator = walk(seed=2), make()
+    out = replay(log, estimator)
+    assert np.degrees(tilt_errors(log, out.g)[300:]).max() < 1.0  # 0.05 m/s^2 of bias = 0.3 deg per axis
+
+
+def test_standing_is_told_from_walking():
+    states = np.array([e.standing for e in run(walk(), make())])
+    assert states[60:190].all()
+    assert not states[300:].any()
+
+
+def test_frames():
+    """A turned and shifted IMU gives the same velocity of base_link."""
+    log = walk()
+    rot_imu_from_base, at = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([0.05, -0.02, 0.1])
+    mount = bare_mount(2)._replace(rot_imu_from_base=rot_imu_from_base, imu_position=at)
+    estimator = Estimator(mount, EstimatorParams(), OdometryParams())
+    for e in run(log, estimator):
+        last = e
+    np.testing.assert_allclose(last.velocity_imu, estimator.filters["ekf"].v)
+    rot = rot_imu_from_base.T
+    np.testing.assert_allclose(last.g_up, rot @ estimator.filters["ekf"].g)
+    expected = rot @ last.velocity_imu + np.cross(last.angular_velocity, -at)
+    np.testing.assert_allclose(last.velocity, expected, atol=1e-12)
+    assert last.velocity_heading[2] == pytest.approx(last.velocity @ last.g_up / np.linalg.norm(last.g_up))
+    assert np.linalg.norm(last.velocity_heading) == pytest.approx(np.linalg.norm(last.velocity))
+
+
+def nan_burst(k, stamp, w, q, due):
+    return stamp, w * np.nan if 300 <= k < 330 else w, q, due
+
+
+def feet_nan(k, stamp, w, q, due):
+    return stamp, w, q, [s._replace(position=s.position * np.nan) for s in due] if 300 <= k < 400 else due
+
+
+def one_foot_nan(k, stamp, w, q, due):
+    broken = [s._replace(position=np.where(np.array([[True], [False]]), np.nan, s.position)) for s in due]
+    return stamp, w, q, broken if k >= 300 else due
+
+
+def clock_ahead(k, stamp, w, q, due):
+    return stamp + (10_000_000_000 if 300 <= k < 330 else 0), w, q, due
+
+
+def clock_back(k, stamp, w, q, due):
+    shift = 10_000_000_000 if k < 300 else 0
+    return stamp + shift, w, q, [s._replace(stamp_ns=s.stamp_ns + shift) for s in due]
+
+
+def duplicates(k, stamp, w, q, due):
+    return (
+        stamp - (TICK if k > 300 and k % 5 == 0 else 0),
+        w,
+        q,
+        [x for s in due for x in ((s, s) if k > 300 else (s,))],
+    )
+
+
+def no_contact(k, stamp, w, q, due):
+    gone = [s._replace(contact=np.zeros_like(s.contact)) for s in due]
+    return stamp, w, q, gone if 300 <= k < 700 else due
+
+
+def no_feet(k, stamp, w, q, due):
+    return stamp, w, q, [] if k >= 300 else due
+
+
+def saturated(k, stamp, w, q, due):
+    return stamp, w, q * 20.0 if 300 <= k < 310 else q, due
+
+
+def frozen_unit(k, stamp, w, q, due):
+    return stamp, walk().w[300] if k >= 300 else w, walk().q[300] if k >= 300 else q, due
+
+
+def frozen_legs(k, stamp, w, q, due):
+    return stamp, w, q, [s._replace(position=walk().feet[90].position) for s in due] if k >= 300 else due
+
+
+def hole(k, stamp, w, q, due):
+    return (stamp, w, q, due) if not 300 <= k < 400 else (None, w, q, [])
+
+
+@pytest.mark.parametrize(
+    ("fault", "flag", "count"),
+    [
+        (nan_burst, "inputs_ok", "imu_nonfinite"),
+        (feet_nan, "inputs_ok", "kinematics_nonfinite"),
+        (one_foot_nan, "inputs_ok", "kinematics_nonfinite"),
+        (clock_ahead, "inputs_ok", "imu_restart"),
+        (clock_back, "inputs_ok", "imu_restart"),
+        (duplicates, "inputs_ok", "imu_duplicate"),
+        (no_contact, "sensors_ok", None),
+        (no_feet, "sensors_ok", None),
+        (no_feet, "filter_ok", None),
+        (saturated, "sensors_ok", "imu_saturated"),
+        (frozen_unit, "sensors_ok", None),
+        (frozen_legs, "sensors_ok", None),
+        (hole, "inputs_ok", "imu_gap"),
+    ],
+)
+def test_faults_raise_flags_and_nothing_else(fault, flag, count):
+    estimator = make()
+    estimates = list(run(walk(), estimator, fault))
+    assert all(finite(e) for e in estimates)
+    for e in estimates[::10]:
+        assert np.linalg.eigvalsh(e.covariance).min() > 0.0
+    assert not all(getattr(e, flag) for e in estimates[300:])
+    assert all(getattr(e, flag) for e in estimates[100:299])
+    assert np.linalg.norm([e.velocity for e in estimates], axis=1).max() < 2.0
+    assert count is None or estimator.judge.counts[count] > 0
+
+
+@pytest.mark.parametrize("fault", [nan_burst, clock_ahead, clock_back, saturated, hole, feet_nan])
+def test_the_estimate_recovers(fault):
+    log, estimator = walk(), make()
+    speeds = np.array([e.velocity_imu for e in run(log, estimator, fault)])
+    assert np.sqrt(np.mean(np.sum((speeds[600:] - log.v[600:]) ** 2, axis=1))) < 0.03
+
+
+def test_reset_forgets_everything():
+    log, estimator = walk(), make()
+    first = [e.velocity for e in run(log, estimator)]
+    estimator.reset()
+    assert not estimator.initialised
+    second = [e.velocity for e in run(log, estimator)]
+    np.testing.assert_array_equal(first, second)
+
+
+def test_paper_mode_uses_one_foot():
+    params = paper_params(EstimatorParams())
+    assert (params.feet, params.rolling, params.gyro_mean, params.remove_gyro_bias) == ("one", False, False, False)
+    estimator = Estimator(bare_mount(2), params, OdometryParams())
+    replay(walk(), estimator)
+    assert estimator.estimate().g_up[2] > 9.0
+
+
+def test_a_sliding_foot_of_six_is_told():
+    log, estimator = walk(6), make(6)
+    slid = np.zeros(6, dtype=bool)
+
+    def slide(k, stamp, w, q, due):
+        out = []
+        for s in due:
+            position = s.position.copy()
+            position[0, 0] += 0.15 * max(0.0, 1e-9 * s.stamp_ns - 1.0)  # 15 cm/s while the robot stands
+            out.append(s._replace(position=position))
+        return stamp, w, q, out if k < 190 else due
+
+    for k, e in enumerate(run(log, estimator, slide)):
+        if 110 < k < 190:
+            slid |= e.slipping
+            assert np.linalg.norm(e.velocity) < 0.03
+    assert slid.tolist() == [True] + [False] * 5
+
+
+class TestRobot:
+    """With joints of a real description."""
+
+    @pytest.fixture
+    def robot(self):
+        return load_robot("ragno")
+
+    def stand(self, estimator, robot, n=120, q=None):
+        rng = np.random.default_rng(0)
+        q = robot.neutral if q is None else q
+        for k in range(1, n):
+            estimator.on_imu(k * TICK, 0.0054 * rng.normal(size=3), [0.0, 0.0, 9.81] + 0.035 * rng.normal(size=3))
+            if (k * TICK) // PERIOD > ((k - 1) * TICK) // PERIOD:
+                estimator.on_kinematics((k * TICK) // PERIOD * PERIOD, q, np.ones(6, dtype=bool))
+
+    def test_noises_come_from_the_description(self, robot):
+        params = EstimatorParams.from_robot(robot)
+        assert params.sigma_w == pytest.approx(0.0054, abs=2e-4)
+        assert params.sigma_q == pytest.approx(0.036, abs=2e-3)
+        assert params.standstill_travel == pytest.approx(0.0009, abs=2e-4)
+
+    def test_stands_over_the_start_pose(self, robot):
+        estimator = Estimator.for_robot(robot, StartPose(1.0, -0.5, 0.3, 0.2))
+        self.stand(estimator, robot)
+        pose = estimator.pose()
+        height = (
+            0.2 + robot.foot_radius - feet_module.feet_in_imu(feet_module.foot_mount(robot), robot.neutral)[0][0, 2]
+        )
+        np.testing.assert_allclose(pose.position, [1.0, -0.5, height], atol=2e-3)
+        assert pose.yaw == pytest.approx(0.3, abs=5e-3)
+        np.testing.assert_allclose(estimator.estimate().velocity, 0.0, atol=5e-3)
+        assert estimator.estimate().sensors_ok
+
+    def test_wrong_lengths_are_refused(self, robot):
+        estimator = Estimator.for_robot(robot)
+        assert estimator.on_kinematics(PERIOD, np.zeros(7), np.ones(6, dtype=bool)) is InputResult.SHAPE
+        assert estimator.on_kinematics(PERIOD, robot.neutral, np.ones(4, dtype=bool)) is InputResult.SHAPE
+        assert estimator.on_imu(TICK, np.zeros(2), np.zeros(3)) is InputResult.SHAPE
+        assert make().on_kinematics(PERIOD, robot.neutral, np.ones(2, dtype=bool)) is InputResult.SHAPE
+
+    def test_known_level_ground_takes_the_accelerometer_bias_out(self, robot):
+        rng = np.random.default_rng(1)
+        tilts = {}
+        for slope in (np.inf, 0.003):
+            estimator = Estimator.for_robot(robot, start_slope_sd=slope)
+            for k in range(1, 80):
+                acc = [0.2, 0.0, 9.81] + 0.035 * rng.normal(size=3)
+                if k % 3 == 1:
+                    estimator.on_kinematics(k * TICK, robot.neutral, np.ones(6, dtype=bool))
+                estimator.on_imu(k * TICK, 0.0054 * rng.normal(size=3), acc)
+            tilts[slope] = abs(estimator.estimate().pitch)
+        assert tilts[np.inf] > 0.015
+        assert tilts[0.003] < 0.003
+
+    def test_legs_faster_than_any_robot_are_refused(self, robot):
+        estimator = Estimator.for_robot(robot)
+        self.stand(estimator, robot)
+        q = robot.neutral.copy()
+        q[1::3] += 1.0
+        estimator.on_kinematics(120 * TICK, q, np.ones(6, dtype=bool))
+        assert estimator.judge.counts["kinematics_implausible"] == 1
+        assert np.linalg.norm(estimator.estimate().velocity) < 0.05
+
+
+def test_the_legs_do_not_need_aligned_stamps():
+    log = walk()
+    shifted = dataclasses.replace(
+        log, feet=tuple(FootSample(s.stamp_ns, *s[1:]) for s in log.feet if s.stamp_ns % TICK)
+    )
+    out = replay(shifted, make())
+    assert score(shifted, out.v["ekf"], 3.0).rmse < 0.03

@@ -1,0 +1,102 @@
+"""Rest, and what is learned from it."""
+
+import numpy as np
+import pytest
+
+from services.estimator.params import EstimatorParams
+from services.estimator.standstill import GyroBias, Standstill, gravity_at_rest, plane_normal
+
+GRAVITY = np.array([0.0, 0.0, 9.81])
+
+
+def feed(standstill, rng, n, w=0.0, noise=1.0):
+    out = []
+    for _ in range(n):
+        gyro = np.array([w, 0.0, 0.0]) + noise * 0.0054 * rng.normal(size=3)
+        out.append(standstill.on_imu(gyro, GRAVITY + noise * 0.035 * rng.normal(size=3)))
+    return out
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(0)
+
+
+@pytest.fixture
+def standstill():
+    return Standstill(50, 0.0135, 0.0875, 0.0013)
+
+
+def test_rest_is_seen_after_fifty_samples(standstill, rng):
+    assert feed(standstill, rng, 60).index(True) == 49
+
+
+def test_shaking_is_no_rest(standstill, rng):
+    assert not any(feed(standstill, rng, 200, noise=6.0))
+
+
+def test_a_gap_starts_the_count_anew(standstill, rng):
+    feed(standstill, rng, 60)
+    standstill.break_off()
+    assert feed(standstill, rng, 60).index(True) == 49
+
+
+def test_moving_feet_are_no_rest(standstill, rng):
+    feet = np.zeros((6, 3))
+    standstill.on_feet(feet)
+    for k in range(40):
+        standstill.on_feet(feet + 0.001 * k)
+        feed(standstill, rng, 3)
+        assert not standstill.standing
+    assert feed(standstill, rng, 60)[-1]
+
+
+def test_a_dead_encoder_does_not_hide_rest(standstill, rng):
+    feet = np.zeros((6, 3))
+    feet[2] = np.nan
+    standstill.on_feet(feet)
+    standstill.on_feet(feet)
+    assert feed(standstill, rng, 60)[-1]
+
+
+def test_only_rest_with_rest_around_it_is_settled(standstill, rng):
+    for k in range(1, 160):
+        feed(standstill, rng, 1)
+        assert (standstill.settled is not None) == (k >= 100)
+    feed(standstill, rng, 1, noise=60.0)
+    assert standstill.settled is None
+
+
+def test_bias_converges_and_says_how_well():
+    rng, bias = np.random.default_rng(1), GyroBias(0.0054, 1e-4)
+    true = np.array([0.05, -0.02, 0.01])
+    assert bias.sd == float("inf")
+    bias.start(true + rng.normal(size=3) * 0.0054 / np.sqrt(50), 50)
+    for _ in range(950):
+        bias.add(true + rng.normal(size=3) * 0.0054)
+    assert np.abs(bias.value - true).max() < 4 * bias.sd
+    assert bias.sd == pytest.approx(np.hypot(0.0054 / np.sqrt(1000), 1e-4))
+
+
+def test_a_slow_turn_is_not_taken_for_the_bias():
+    bias = GyroBias(0.0054, 1e-4)
+    bias.start(np.zeros(3), 50)
+    assert bias.plausible(np.full(3, 0.002), 50)
+    assert not bias.plausible(np.array([0.0, 0.006, 0.0]), 50)
+
+
+def test_gravity_is_the_accelerometer_unless_the_ground_is_known():
+    mean, up = np.array([0.2, 0.0, 9.81]), np.array([0.0, 0.0, 1.0])
+    np.testing.assert_array_equal(gravity_at_rest(mean, up, EstimatorParams()), mean)
+    np.testing.assert_array_equal(gravity_at_rest(mean, None, EstimatorParams(start_slope_sd=0.0)), mean)
+    np.testing.assert_allclose(gravity_at_rest(mean, up, EstimatorParams(start_slope_sd=0.0)), GRAVITY)
+    even = EstimatorParams(start_slope_sd=0.157 / 9.81, acc_bias_sd=0.157)
+    np.testing.assert_allclose(gravity_at_rest(mean, up, even), 0.5 * (mean + GRAVITY))
+
+
+def test_plane_of_the_feet():
+    feet = np.array([[0.1, 0.1, -0.1], [0.1, -0.1, -0.1], [-0.1, 0.1, -0.08], [-0.1, -0.1, -0.08]])
+    used = np.ones(4, dtype=bool)
+    np.testing.assert_allclose(plane_normal(feet, used, GRAVITY), np.array([0.1, 0.0, 1.0]) / np.hypot(0.1, 1.0))
+    assert plane_normal(feet, np.array([True, True, False, False]), GRAVITY) is None
+    assert plane_normal(np.outer([1.0, 2.0, 3.0], [0.1, 0.0, 0.0]), np.ones(3, dtype=bool), GRAVITY) is None
