@@ -20,18 +20,19 @@ def twist_violation(contacts: ContactSet, twist: Array, direction: Array) -> flo
     u = twist_velocity(np.asarray(twist), np.asarray(direction), contacts.position)
     normal = np.einsum("ij,ij->i", contacts.normal, u)
     tangential = np.linalg.norm(u - normal[:, None] * contacts.normal, axis=1)
-    size = np.hypot(1.0, contacts.mu)
-    limited = np.where(np.isinf(contacts.mu), tangential, (contacts.mu * tangential - normal) / size)
-    return float(np.max(np.maximum(limited, np.where(np.isinf(contacts.mu), -normal, limited)), initial=-np.inf))
+    finite = np.isfinite(contacts.mu)
+    mu = np.where(finite, contacts.mu, 0.0)
+    limited = (mu * tangential - normal) / np.hypot(1.0, mu)
+    return float(np.max(np.where(finite, limited, np.maximum(tangential, -normal)), initial=-np.inf))
 
 
 def force_violation(contacts: ContactSet, force: Array) -> float:
     """Largest |f_t| - mu n'f over the contacts (mu unlimited: -n'f), in units of the weight."""
     normal = np.einsum("ij,ij->i", contacts.normal, force)
     tangential = np.linalg.norm(force - normal[:, None] * contacts.normal, axis=1)
-    size = np.hypot(1.0, contacts.mu)
     finite = np.isfinite(contacts.mu)
-    excess = np.where(finite, (tangential - np.where(finite, contacts.mu, 0.0) * normal) / size, -normal)
+    mu = np.where(finite, contacts.mu, 0.0)
+    excess = np.where(finite, (tangential - mu * normal) / np.hypot(1.0, mu), -normal)
     return float(np.max(excess, initial=-np.inf))
 
 

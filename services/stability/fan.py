@@ -138,7 +138,9 @@ def triangle(fan: Fan, k: int, m: int) -> tuple[float, float, float, float]:
 
 
 @row_kernel
-def grow(a: Array, h: Array, c: Objective, fan: Fan, count: int, tolerance: float, limit: int) -> tuple[int, float]:
+def grow(
+    a: Array, h: Array, c: Objective, fan: Fan, count: int, tolerance: float, limit: int, batch: int
+) -> tuple[int, float]:
     """Refine until the outer polygon is within `tolerance` of the inner, or `limit` directions are used.
 
     Args:
@@ -149,6 +151,7 @@ def grow(a: Array, h: Array, c: Objective, fan: Fan, count: int, tolerance: floa
         count: how many.
         tolerance: scaled length.
         limit: at most so many directions, <= capacity of the fan.
+        batch: at most so many at once, <= 8: fewer use what the last ones showed, more are quicker.
 
     Returns:
         Number of directions, and the largest distance left.
@@ -156,7 +159,7 @@ def grow(a: Array, h: Array, c: Objective, fan: Fan, count: int, tolerance: floa
     pick, rank = np.empty((LANES, 2)), np.empty(LANES)
     while True:
         gap, wanted = 0.0, 0
-        room = min(LANES, limit - count)
+        room = min(batch, limit - count)
         for i in range(count):
             nx, ny, height, size = triangle(fan, fan.order[i], fan.order[(i + 1) % count])
             gap = max(gap, height)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.stability.contacts import Array
-from surefoot.jit import kernel
+from surefoot.jit import row_kernel
 from surefoot.kinematics import foot_jacobians, gravity_torques
 from surefoot.robot import KinematicModel, Robot, load_robot
 
@@ -58,7 +58,7 @@ def forces_from_torques(robot: Robot, joints: Array, torque: Array, g_up: Array,
     return FootForces(*_leg_forces(robot.model, joints, torque, g_up, torque_variance))
 
 
-@kernel
+@row_kernel
 def inverse3(m: Array) -> tuple[Array, float]:
     """Inverse of a 3x3 matrix by the adjugate, and its condition number in the Frobenius norm (inf: not inverted)."""
     inv = np.empty((3, 3))
@@ -74,7 +74,7 @@ def inverse3(m: Array) -> tuple[Array, float]:
     return inv, math.sqrt(np.sum(m * m) * np.sum(inv * inv))
 
 
-@kernel
+@row_kernel
 def _leg_forces(
     model: KinematicModel, joints: Array, torque: Array, g_up: Array, variance: float
 ) -> tuple[Array, Array, Flags]:
@@ -119,7 +119,7 @@ def com_from_forces(position: Array, force: Array, covariance: Array, floor: flo
     return MeasuredCom(com, spread, float(weight), float(misfit)) if weight > floor else None
 
 
-@kernel
+@row_kernel
 def _com(position: Array, force: Array, covariance: Array) -> tuple[Array, Array, float, float]:
     n = position.shape[0]
     centroid = np.zeros(3)

@@ -13,6 +13,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from services.stability.contacts import Array, ContactSet
 from services.stability.lanes import Objective
@@ -95,7 +96,7 @@ def reduce(contacts: ContactSet) -> tuple[Reduced, Subspace | None]:
     return _special(reduced, contacts, np.isinf(mu))
 
 
-def _special(reduced: Reduced, contacts: ContactSet, unlimited: Array) -> tuple[Reduced, Subspace]:
+def _special(reduced: Reduced, contacts: ContactSet, unlimited: NDArray[np.bool_]) -> tuple[Reduced, Subspace]:
     """Take out free forces (unlimited friction) and twists that no contact feels (no friction, one vertical line).
 
     A free tangential force demands that the twist does not move its point tangentially: linear equations E lam = e a,
@@ -114,7 +115,8 @@ def _special(reduced: Reduced, contacts: ContactSet, unlimited: Array) -> tuple[
         null = vt[rank:].T  # (4, m)
     drift = sides - rows @ offset
     drift[np.abs(drift) < RANK] = 0.0
-    _, s, vt = np.linalg.svd((a @ null).reshape(-1, null.shape[1]))
+    felt = (a @ null).reshape(3 * len(a), null.shape[1])
+    s, vt = np.linalg.svd(felt)[1:] if felt.size else (np.empty(0), np.empty((0, 0)))
     rank = int(np.count_nonzero(s > RANK))
     unfelt = null @ vt[rank:].T
     sinking: Array | None = None

@@ -30,7 +30,7 @@ class Reference:
     """clarabel on the cones of one contact set."""
 
     def __init__(self, a: Array, c: Objective, tolerance: float = 1e-11) -> None:
-        import clarabel  # 0.1 s, needed by the fallback and the tests only
+        import clarabel  # pyright: ignore[reportMissingImports] - no stubs; 0.1 s, for the fallback and tests only
         from scipy import sparse
 
         n, _, m = a.shape

@@ -25,7 +25,7 @@ RegionStatus = Literal["ok", "infeasible", "unbounded", "point", "segment"]
 THIN = 1e-7  # in units of the stance; a region narrower than that is a segment, a shorter one a point
 SLIM = 1e-5  # area / diameter^2 below which the width is looked at
 AXES = equally_spaced(8)
-MIN_DIRECTIONS = 8
+FEW = 16  # directions; with no more than that each batch is small, so that it uses what the last one showed
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ def region(
         directions: (k, 2) unit directions, None = adaptive.
         adaptive: refine until outer is within `tolerance` of inner; default: when no directions are given.
         tolerance: m.
-        limit: at most so many directions when adaptive (not less than eight, and those given).
+        limit: at most so many directions when adaptive (not less than it begins with: 3 to 8, and those given).
     """
     refine = directions is None if adaptive is None else adaptive
     given = np.empty((0, 2)) if directions is None else directions
@@ -90,8 +90,9 @@ def region(
     first = given if not refine and _has_axes(given) else np.concatenate((AXES, given))
     skip = len(first) - len(given) if not refine else 0
     if n > 1 and contacts.mu.min() > SMALL_MU and contacts.mu.max() < math.inf:
+        begin = np.concatenate((_edge_normals(contacts.position), given)) if refine else first
         answer = _ordinary(
-            contacts.position, contacts.normal, contacts.mu, first, refine, tolerance, max(limit, len(first)), skip
+            contacts.position, contacts.normal, contacts.mu, begin, refine, tolerance, max(limit, len(begin)), skip
         )
         if answer[0]:
             return _from_kernel(contacts, answer)
@@ -107,6 +108,25 @@ def _has_axes(directions: Array) -> bool:
     """Whether the directions contain +-x and +-y, which decide if a region is bounded."""
     flat_x, flat_y = directions[directions[:, 1] == 0.0, 0], directions[directions[:, 0] == 0.0, 1]
     return flat_x.size > 1 and flat_y.size > 1 and flat_x.min() < 0 < flat_x.max() and flat_y.min() < 0 < flat_y.max()
+
+
+@row_kernel
+def _edge_normals(position: Array) -> Array:
+    """Where refinement begins: outward normals of the hull of the contacts if it has 3 to 8 edges, else the axes.
+
+    On mild ground these are the edges of the region, so that later directions go where it is curved.
+    """
+    corners = hull(position[:, :2].copy())
+    n = corners.shape[0]
+    if n < 3 or n > 8:
+        return AXES.copy()
+    out = np.empty((n, 2))
+    for i in range(n):
+        j = (i + 1) % n
+        dx, dy = corners[j, 0] - corners[i, 0], corners[j, 1] - corners[i, 1]
+        length = math.hypot(dx, dy)
+        out[i, 0], out[i, 1] = dy / length, -dx / length
+    return out
 
 
 @row_kernel
@@ -140,7 +160,7 @@ def _ordinary(
         fine = area(inner) > SLIM * size * size and size > THIN
         if fine:
             if refine:
-                count, gap = grow(a, h, c, fan, count, tolerance / length, limit)
+                count, gap = grow(a, h, c, fan, count, tolerance / length, limit, 4 if limit <= FEW else 8)
                 inner = hull(fan.point[:count])
             outer = hull(half_planes(fan.direction[:count], fan.value[:count], 8.0 * size))
     k = count - skip if fine else 0
@@ -218,7 +238,7 @@ def _single(contacts: ContactSet, direction: Array) -> Region:
         return _infeasible(contacts, direction, np.array([v[0], v[1], v[2], 0.0]))
     k = len(direction)
     spin = np.column_stack((-direction[:, 1], direction[:, 0], np.zeros(k)))
-    twist = np.column_stack((-np.cross(spin, position), np.zeros(k)))
+    twist = np.column_stack((np.cross(position, spin).astype(np.float64), np.zeros(k)))
     force = np.zeros((k, 1, 3))
     force[:, 0, 2] = 1.0
     point = np.tile(position[:2], (k, 1))
@@ -253,7 +273,7 @@ def _careful(contacts: ContactSet, first: Array, skip: int, refine: bool, tolera
         return Region(contacts, kind, polygon, polygon, support, 0.0, True, count)
     gap = math.nan
     if refine:
-        count, gap = grow(r.a, r.h, r.c, fan, count, tolerance / r.length, limit)
+        count, gap = grow(r.a, r.h, r.c, fan, count, tolerance / r.length, limit, 4 if limit <= FEW else 8)
     chosen = fan.order[:count] if refine else np.arange(skip, count)
     inner = hull(fan.point[:count])
     size = float(np.abs(fan.value[:count]).max()) + float(np.abs(fan.point[:count]).max())

@@ -1,5 +1,6 @@
 """Stability service: answers `stability/region` and `stability/check`, and watches the margin while the robot walks."""
 
+import math
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -32,6 +33,9 @@ Rep = TypeVar("Rep", bound=Reply)
 
 STALE_NS = 100_000_000
 """An input older than that makes the status not fresh."""
+
+LEAST_GRAVITY = 1.0
+"""m/s^2; a shorter g_up is no direction."""
 
 _KERNELS = (rotations, kinematics, polygon, interior, region, margin, shift)
 
@@ -78,7 +82,7 @@ class Stability(Service[StabilityConfig]):
         if not STATE_STABILITY.due(inputs.number):
             return
         joints, contacts, velocity = self._joints, self._contacts, self._velocity
-        if joints is None or contacts is None or velocity is None:
+        if joints is None or contacts is None or velocity is None or not _points_up(velocity.g_up):
             self.publish(STATE_STABILITY, self._nothing())
             return
         oldest = min(joints.stamp_ns, contacts.stamp_ns, velocity.stamp_ns)
@@ -100,6 +104,11 @@ class Stability(Service[StabilityConfig]):
             mu=self.config.mu,
             fresh=False,
         )
+
+
+def _points_up(g_up: tuple[float, float, float]) -> bool:
+    """Whether the estimator knows where up is."""
+    return math.hypot(*g_up) > LEAST_GRAVITY
 
 
 def status_message(now: state.Status, mu: float, fresh: bool) -> StabilityStatus:

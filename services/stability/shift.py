@@ -72,13 +72,14 @@ def hold_feet(model: KinematicModel, joints: Array, move: Array, stance: Flags) 
                     q[j] += min(LONGEST_TURN, max(-LONGEST_TURN, turn))
         if worst < 1e-12:
             break
-    reachable = worst < REACHED
+    reachable = bool(worst < REACHED)
     for i in range(legs):
         for k in range(width):
             j = model.leg_joints[i, k]
             if stance[i] and j >= 0:
                 inside = model.lower[j] - LIMIT_SLACK <= q[j] <= model.upper[j] + LIMIT_SLACK
-                reachable = reachable and (inside or abs(q[j] - joints[j]) < LIMIT_SLACK)
+                if not inside and abs(q[j] - joints[j]) > LIMIT_SLACK:
+                    reachable = False
     return q, reachable
 
 

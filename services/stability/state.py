@@ -9,7 +9,7 @@ from services.stability.contacts import Array, ContactSet
 from services.stability.forces import MeasuredCom, com_from_forces, forces_from_torques
 from services.stability.margin import Margin, margin
 from services.stability.region import Region, region
-from surefoot.jit import kernel
+from surefoot.jit import row_kernel
 from surefoot.kinematics import com, foot_positions
 from surefoot.robot import KinematicModel, Robot
 
@@ -46,7 +46,7 @@ class Status:
     margin_measured: Margin | None
 
 
-@kernel
+@row_kernel
 def level_from_base(g_up: Array) -> Array:
     """rot_level_from_base (3, 3): z along g_up, x the horizontal part of the trunk's x axis."""
     rot = np.empty((3, 3))
@@ -63,7 +63,7 @@ def level_from_base(g_up: Array) -> Array:
     return rot
 
 
-@kernel
+@row_kernel
 def _place(model: KinematicModel, joints: Array, g_up: Array, radius: Array) -> tuple[Array, Array, Array]:
     """Contact points (L, 3) and CoM (3,) in frame level, and rot_level_from_base; the ground is touched below."""
     rot = level_from_base(g_up)

@@ -1,0 +1,247 @@
+"""The service without a bus: requests in, replies out, typed refusals, and the continuous status."""
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from schemas.base import Message
+from schemas.hw import FootContacts, JointState, Tick
+from schemas.stability import CheckRequest, RegionRequest, StabilityStatus
+from schemas.state import VelocityEstimate
+from schemas.topics import HW_CONTACTS, HW_JOINTS, STATE_STABILITY, STATE_VELOCITY
+from services.stability.certificate import twist_violation
+from services.stability.config import StabilityConfig
+from services.stability.contacts import contact_set
+from services.stability.messages import check_reply
+from services.stability.service import SERVICE, Stability
+from surefoot.codec import decode, encode
+from surefoot.errors import Refusal
+from surefoot.join import TickInputs
+from surefoot.kinematics import com, foot_positions
+from surefoot.robot import load_robot
+from tests.services.stability.sets import SQUARE, UP
+
+RAGNO = load_robot("ragno")
+FLOOR = [{"position": p, "normal": UP, "mu": 0.5} for p in SQUARE]
+
+
+@pytest.fixture(scope="module")
+def service() -> Stability:
+    made = SERVICE(StabilityConfig())
+    made.on_start()
+    return made
+
+
+def ask(service: Stability, what: str, **fields: Any) -> dict[str, Any]:
+    """Request and reply through the codec, as an outside client sees them."""
+    model = {"region": RegionRequest, "check": CheckRequest}[what]
+    reply = service.handlers[f"stability/{what}"](decode(model, json.dumps(fields).encode()))
+    return json.loads(encode(reply)[0])
+
+
+def test_region_of_the_contract(service: Stability) -> None:
+    got = ask(service, "region", contacts=FLOOR, directions=16)
+    assert got["status"] == "ok"
+    assert len(got["support"]) == 16
+    assert got["support"][0] == {
+        "direction": [1.0, 0.0], "value": 0.1, "point": [0.1, 0.1], "status": "ok",
+        "gap": 0.0, "certificate": None, "forces": None,
+    }  # fmt: skip
+    assert sorted(map(tuple, got["inner"])) == sorted(p[:2] for p in SQUARE)
+    given = ask(service, "region", contacts=FLOOR, directions=[[0, 2]])
+    assert given["support"][0]["direction"] == [0.0, 1.0]
+    assert ask(service, "region", contacts=FLOOR)["area"] == pytest.approx(0.04)
+
+
+def test_region_without_contacts(service: Stability) -> None:
+    got = ask(service, "region", contacts=[], directions=4)
+    assert (got["status"], got["inner"], got["outer"]) == ("infeasible", [], [])
+    assert {s["status"] for s in got["support"]} == {"infeasible"}
+    assert all(s["value"] is None and s["point"] is None for s in got["support"])
+    assert got["certificate"] == [0.0, 0.0, -1.0, 0.0]
+
+
+def test_unlimited_friction_and_walls(service: Stability) -> None:
+    walls = [
+        {"position": [-1, 0, 0], "normal": [1, 0, 0], "mu": None},
+        {"position": [1, 0, 0], "normal": [-1, 0, 0], "mu": None},
+    ]
+    got = ask(service, "region", contacts=walls, directions=8, certificates=True)
+    assert got["status"] == "unbounded"
+    assert [s["status"] for s in got["support"]][:3] == ["unbounded", "unbounded", "ok"]
+    assert got["support"][0]["value"] is None
+    assert got["gap"] is None
+
+
+def test_certificates_on_request(service: Stability) -> None:
+    uneven = [*FLOOR, {"position": [0.0, 0.15, 0.05], "normal": [0.1, 0.0, 1.0], "mu": 0.4}]
+    got = ask(service, "region", contacts=uneven, certificates=True)
+    contacts = contact_set([c["position"] for c in uneven], [c["normal"] for c in uneven], [c["mu"] for c in uneven])
+    for s in got["support"]:
+        assert s["certificate"][2] == s["value"]
+        assert twist_violation(contacts, np.array(s["certificate"]), np.array(s["direction"])) < 1e-9
+        assert np.array(s["forces"]).sum(axis=0) == pytest.approx([0.0, 0.0, 1.0], abs=1e-8)
+
+
+def test_check_with_com_only(service: Stability) -> None:
+    got = ask(service, "check", contacts=FLOOR, com=[0.0, 0.0], movement=[0.05, 0.0, 0.0])
+    assert got["stable"] is True
+    assert got["margin"] == pytest.approx(0.05)
+    assert got["margin_now"] == pytest.approx(0.1)
+    assert got["extent"] == pytest.approx(0.1)
+    assert got["gsm"] == pytest.approx(0.05)
+    assert got["shift"] == [0.0, 0.0, 0.0]
+    still = ask(service, "check", contacts=FLOOR, com=[0.3, 0.0])
+    assert (still["gsm"], still["extent"]) == (None, None)
+    assert still["margin"] == pytest.approx(-0.2)
+    assert still["stable"] is False
+
+
+def test_check_with_joints(service: Stability) -> None:
+    feet = foot_positions(RAGNO.model, RAGNO.neutral) + [0.3, 0.2, 0.1] * np.ones((6, 1))
+    contacts = [{"position": p, "normal": UP, "mu": 0.5} for p in feet.tolist()]
+    body = {"joints": RAGNO.neutral.tolist(), "base": {"position": [0.3, 0.2, 0.1]}}
+    got = ask(service, "check", contacts=contacts, movement=[0.03, 0.0, 0.0], **body)
+    centre = com(RAGNO.model, RAGNO.neutral)
+    np.testing.assert_allclose(got["com"], centre[:2] + np.array([0.3, 0.2]))
+    assert got["shift"][0] < -0.003
+    np.testing.assert_allclose(got["com_after"][0], got["com"][0] + 0.03 + got["shift"][0])
+    assert got["stance"] == [leg.name for leg in RAGNO.legs]
+    given = ask(service, "check", contacts=contacts, movement=[0.03, 0.0, 0.0], com=[0.31, 0.2], robot="ragno", **body)
+    assert given["com"] == [0.31, 0.2]
+    assert given["shift"] == got["shift"]
+    small = ask(service, "check", contacts=contacts, movement=[0.03, 0.0, 0.0], polygons=False, **body)
+    assert small["inner"] == small["support"] == []
+    assert small["margin"] == pytest.approx(got["margin"])
+
+
+def test_check_without_a_region(service: Stability) -> None:
+    got = ask(service, "check", contacts=[], com=[0.0, 0.0], movement=[0.1, 0.0, 0.0])
+    assert (got["status"], got["stable"], got["margin"], got["gsm"]) == ("infeasible", False, None, None)
+    assert got["gsm_status"] == "infeasible"
+
+
+@pytest.mark.parametrize(
+    ("what", "fields", "code", "field"),
+    [
+        (
+            "region",
+            {"contacts": [{"position": [0, 0, 0], "normal": [0, 0, 0], "mu": 1}]},
+            "zero_normal",
+            "contacts.0.normal",
+        ),
+        ("region", {"contacts": FLOOR, "directions": [[0, 0]]}, "zero_direction", "directions.0"),
+        (
+            "region",
+            {"contacts": [{"position": [0, 0, 1e9], "normal": UP, "mu": 1}]},
+            "too_large",
+            "contacts.0.position",
+        ),
+        ("check", {"contacts": FLOOR}, "missing", "com"),
+        ("check", {"contacts": FLOOR, "joints": [0.0]}, "shape", "joints"),
+        ("check", {"contacts": FLOOR, "joints": [0.0], "robot": "nobody"}, "unknown_robot", "robot"),
+        ("check", {"contacts": FLOOR, "joints": [0.0], "robot": "../../etc"}, "unknown_robot", "robot"),
+        (
+            "check",
+            {"contacts": FLOOR, "joints": [0.0] * 18, "base": {"quat_wxyz": [0, 0, 0, 0]}},
+            "not_unit",
+            "base.quat_wxyz",
+        ),
+        ("check", {"contacts": [FLOOR[0] | {"leg": "x"}], "joints": [0.0] * 18}, "unknown_leg", "contacts.0.leg"),
+    ],
+)
+def test_refusals_of_the_service(service: Stability, what: str, fields: dict, code: str, field: str) -> None:
+    with pytest.raises(Refusal) as refused:
+        ask(service, what, **fields)
+    assert (refused.value.code, refused.value.field) == (code, field)
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"contacts": FLOOR * 17}, "contacts"),
+        ({"directions": 721}, "directions"),
+        ({"directions": []}, "directions"),
+        ({"tolerance_m": 0.0}, "tolerance_m"),
+        ({"direction": 16}, "direction"),
+        ({"contacts": [{"position": [0, 0], "normal": UP, "mu": 0.5}]}, "contacts.0.position"),
+        ({"contacts": [{"position": [0, 0, 0], "normal": UP, "mu": -0.5}]}, "contacts.0.mu"),
+        ({"contacts": [{"position": [0, 0, math.nan], "normal": UP, "mu": 0.5}]}, "contacts.0.position.2"),
+        ({"contacts": [{"position": [0, 0, 0], "normal": UP}]}, "contacts.0.mu"),
+    ],
+)
+def test_refusals_of_the_schema(service: Stability, change: dict, field: str) -> None:
+    with pytest.raises(Refusal) as refused:
+        ask(service, "region", **({"contacts": FLOOR} | change))
+    assert refused.value.code == "invalid"
+    assert (refused.value.field or "").startswith(field)
+
+
+def test_reply_does_not_depend_on_what_was_asked_before(service: Stability) -> None:
+    fields = {"contacts": FLOOR, "com": [0.01, 0.0], "movement": [0.02, 0.01, 0.0], "joints": RAGNO.neutral.tolist()}
+    first = ask(service, "check", **fields)
+    ask(service, "region", contacts=FLOOR[:3])
+    assert ask(service, "check", **fields) == first
+    own = check_reply(CheckRequest.model_validate(fields), RAGNO)
+    assert json.loads(encode(own)[0]) == first
+
+
+# -- state/stability --------------------------------------------------------------------------------------------------
+
+
+class Bench:
+    """Feeds ticks to a service and keeps what it publishes."""
+
+    def __init__(self, service: Stability) -> None:
+        self.sent: list[StabilityStatus] = []
+        self.service = service
+        service.on_reset()
+        service.attach(self)  # type: ignore[arg-type]
+
+    def publish(self, topic: Any, message: Message, stamp_ns: int | None) -> None:
+        assert topic is STATE_STABILITY
+        self.sent.append(message)  # type: ignore[arg-type]
+
+    def tick(self, number: int, **messages: Message) -> None:
+        tick = Tick(tick=number, stamp_ns=10_000_000 * number, roster=(), roster_version=0, due=(), mode="lockstep")
+        keys = {"joints": HW_JOINTS, "contacts": HW_CONTACTS, "velocity": STATE_VELOCITY}
+        self.service.on_tick(TickInputs(tick, {keys[name].key: message for name, message in messages.items()}))
+
+
+def samples(stamp_ns: int, touch: tuple[bool, ...] = (True,) * 6, g_up: tuple = (0.0, 0.0, 9.81)) -> dict[str, Message]:
+    velocity = VelocityEstimate.model_construct(g_up=g_up, stamp_ns=stamp_ns)
+    return {
+        "joints": JointState(position=tuple(RAGNO.neutral.tolist()), stamp_ns=stamp_ns),
+        "contacts": FootContacts(touch=tuple((t,) for t in touch), normal_force_n=(None,) * 6, stamp_ns=stamp_ns),
+        "velocity": velocity,
+    }
+
+
+def test_status_every_second_tick(service: Stability) -> None:
+    bench = Bench(service)
+    bench.tick(0)
+    assert bench.sent[0].status == "infeasible"
+    assert not bench.sent[0].fresh
+    bench.tick(1, **samples(10_000_000))
+    assert len(bench.sent) == 1
+    bench.tick(2)
+    now = bench.sent[1]
+    assert (now.status, now.fresh, now.stance) == ("ok", True, (True,) * 6)
+    assert now.margin_planned == pytest.approx(0.13, abs=0.02)
+    assert (now.com_measured, now.margin_measured) == (None, None)
+    bench.tick(20)
+    assert not bench.sent[2].fresh
+    service.on_reset()
+    bench.tick(22)
+    assert bench.sent[3].status == "infeasible"
+
+
+def test_status_in_the_air_and_without_gravity(service: Stability) -> None:
+    bench = Bench(service)
+    bench.tick(0, **samples(0, touch=(False,) * 6))
+    assert (bench.sent[0].status, bench.sent[0].region, bench.sent[0].margin_planned) == ("infeasible", (), None)
+    bench.tick(2, **samples(0, g_up=(0.0, 0.0, 0.0)))
+    assert not bench.sent[1].fresh

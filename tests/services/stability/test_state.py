@@ -1,0 +1,85 @@
+"""Stability of the present stance."""
+
+import numpy as np
+import pytest
+
+from services.stability.state import WatchParams, level_from_base, watch
+from surefoot.kinematics import com, foot_jacobians, foot_positions, gravity_torques
+from surefoot.polygon import hull, signed_distance
+from surefoot.robot import load_robot
+from surefoot.rotations import matrix_from_rpy
+
+RAGNO = load_robot("ragno")
+UP = np.array([0.0, 0.0, 9.81])
+TRIPOD = np.array([True, False, True, False, True, False])
+ALL = np.ones(6, dtype=bool)
+
+
+def test_level_frame() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        roll, pitch, yaw = rng.uniform(-1.0, 1.0, 3)
+        up = matrix_from_rpy(roll, pitch, yaw).T @ UP
+        rot = level_from_base(up)
+        np.testing.assert_allclose(rot, matrix_from_rpy(roll, pitch, 0.0), atol=1e-12)
+    assert np.linalg.det(level_from_base(np.array([9.81, 0.0, 0.0]))) == pytest.approx(1.0)
+
+
+def test_neutral_stance_on_flat_ground() -> None:
+    now = watch(RAGNO, RAGNO.neutral, ALL, UP, None, WatchParams())
+    feet = foot_positions(RAGNO.model, RAGNO.neutral)[:, :2].copy()
+    assert now.region.status == "ok"
+    np.testing.assert_allclose(now.com_planned, com(RAGNO.model, RAGNO.neutral)[:2])
+    assert now.margin_planned.value == pytest.approx(signed_distance(hull(feet), *now.com_planned), abs=1e-9)
+    assert now.com_measured is None
+    assert now.margin_measured is None
+
+
+def test_tripod_has_less_margin() -> None:
+    six = watch(RAGNO, RAGNO.neutral, ALL, UP, None, WatchParams()).margin_planned.value
+    three = watch(RAGNO, RAGNO.neutral, TRIPOD, UP, None, WatchParams()).margin_planned.value
+    assert six is not None
+    assert three is not None
+    assert 0.0 < three < six
+
+
+def test_tilt_moves_the_com_towards_the_lower_feet() -> None:
+    up = np.array([0.0, 9.81 * np.sin(0.2), 9.81 * np.cos(0.2)])  # left side high
+    level, tilted = (watch(RAGNO, RAGNO.neutral, ALL, g, None, WatchParams()) for g in (UP, up))
+    feet = foot_positions(RAGNO.model, RAGNO.neutral)
+    shift = tilted.com_planned[1] - level.com_planned[1]
+    assert shift == pytest.approx(np.cos(0.2) * 0.0 - np.sin(0.2) * com(RAGNO.model, RAGNO.neutral)[2], abs=1e-9)
+    assert tilted.region.inner[:, 1].mean() - level.region.inner[:, 1].mean() == pytest.approx(
+        -np.sin(0.2) * feet[0, 2], abs=5e-3
+    )
+
+
+@pytest.mark.parametrize(
+    "touch", [np.zeros(6, dtype=bool), np.eye(6, dtype=bool)[0], np.eye(6, dtype=bool)[:2].any(axis=0)]
+)
+def test_few_feet(touch: np.ndarray) -> None:
+    now = watch(RAGNO, RAGNO.neutral, touch, UP, np.zeros(18), WatchParams())
+    assert now.region.status == ("infeasible", "point", "segment")[int(touch.sum())]
+    value = now.margin_planned.value
+    assert value is None if not touch.any() else value is not None and value < 0.0
+
+
+def test_measured_com_from_torques() -> None:
+    """The torques of a stance that carries a load show where the load has put the CoM."""
+    q, feet = RAGNO.neutral, foot_positions(RAGNO.model, RAGNO.neutral)
+    c = np.array([0.01, -0.02])
+    # vertical forces f_i = weight (1/n + p_i'u) with sum f = weight and sum p f = weight c
+    xy = feet[:, :2]
+    lean = np.linalg.solve((xy - xy.mean(0)).T @ (xy - xy.mean(0)), c - xy.mean(0))
+    weight = 1.2 * RAGNO.mass * 9.81
+    vertical = weight * (1.0 / 6.0 + (xy - xy.mean(0)) @ lean)
+    torque, jacobian = gravity_torques(RAGNO.model, q, UP), foot_jacobians(RAGNO.model, q)
+    for i, leg in enumerate(RAGNO.legs):
+        torque[list(leg.joints)] -= jacobian[i].T @ [0.0, 0.0, vertical[i]]
+    now = watch(RAGNO, q, ALL, UP, torque, WatchParams())
+    assert now.com_measured is not None
+    np.testing.assert_allclose(now.com_measured.com, c, atol=1e-9)
+    assert now.com_measured.weight == pytest.approx(weight)
+    assert now.margin_measured is not None
+    light = watch(RAGNO, q, ALL, UP, gravity_torques(RAGNO.model, q, UP), WatchParams())
+    assert light.com_measured is None  # the feet carry nothing: no CoM is better than a wild one
