@@ -14,34 +14,36 @@ from pathlib import Path
 from surefoot.errors import SurefootError
 
 ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("surefoot", "services")
 _MARK = "\ndef warm() -> None:"
 
 
 def kernel_modules() -> tuple[str, ...]:
     """Return the modules that offer `warm`, the shared ones first; found by their text, nothing is imported."""
     found: list[str] = []
-    for package in ("surefoot", "services"):
+    for package in PACKAGES:
         for path in sorted((ROOT / package).rglob("*.py")):
             if _MARK in path.read_text(encoding="utf-8"):
                 found.append(".".join(path.relative_to(ROOT).with_suffix("").parts))
     return tuple(found)
 
 
-def signature(modules: tuple[str, ...]) -> str:
+def signature() -> str:
     """Return a hash of everything compiled code depends on: sources, Python, numba, processor."""
     from importlib.metadata import version
 
     digest = hashlib.sha256(f"{sys.version}|{version('numba')}|{os.uname().machine}|{ROOT}".encode())
-    for path in sorted((ROOT / "surefoot").glob("*.py")):
-        digest.update(path.read_bytes())
-    for module in modules:
-        digest.update((ROOT / Path(*module.split("."))).with_suffix(".py").read_bytes())
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            content = path.read_bytes()
+            if b"njit" in content:
+                digest.update(content)
     return digest.hexdigest()
 
 
 def is_cold() -> bool:
     """Tell whether kernels have to be compiled before a system starts quickly."""
-    return not (_stamps() / signature(kernel_modules())).exists()
+    return not (_stamps() / signature()).exists()
 
 
 def warm_if_cold(tell: Callable[[str], None]) -> None:
@@ -70,7 +72,7 @@ def warm_all(tell: Callable[[str], None] = lambda text: None) -> dict[str, float
             tell(f"  {name}: {sum(result.values()):.1f} s")
     stamps = _stamps()
     stamps.mkdir(parents=True, exist_ok=True)
-    (stamps / signature(modules)).touch()
+    (stamps / signature()).touch()
     return took
 
 

@@ -1,5 +1,10 @@
-"""An invented run for the tests of judge and report: walks along x, sways, slips a little."""
+"""What several tests need: an invented run for judge and report, and the command line for live tests."""
 
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -103,3 +108,46 @@ def invented():
     """Makers of invented messages, and `walk`, a whole run of them."""
     makers = (truth, velocity, odometry, gait, ground, stability, walk)
     return SimpleNamespace(**{make.__name__: make for make in makers})
+
+
+@pytest.fixture(scope="session")
+def command_line():
+    """`surefoot`, run by this Python."""
+    return [sys.executable, "-m", "services.supervisor.cli"]
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """Own state folder and port; the kernels' stamps stay shared."""
+    folder = tmp_path_factory.mktemp("live")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    environment = {
+        **{key: value for key, value in os.environ.items() if not key.startswith("SUREFOOT_")},
+        "XDG_STATE_HOME": str(folder / "state"),
+        "SUREFOOT_LISTEN": f"tcp/127.0.0.1:{port}",
+        "PYTHONPATH": str(Path(__file__).parents[3]),
+        "NO_COLOR": "1",
+    }
+    return folder, environment
+
+
+@pytest.fixture(scope="module")
+def surefoot(place, command_line):
+    folder, environment = place
+
+    def run(*words, timeout=120.0):
+        done = subprocess.run(
+            [*command_line, *map(str, words)],
+            cwd=folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            check=False,
+        )
+        assert "Traceback" not in done.stderr, done.stderr
+        return done
+
+    return run

@@ -1,0 +1,80 @@
+"""A system that is up, by the command line."""
+
+import json
+import os
+import re
+import signal
+import time
+
+import pytest
+
+from services.supervisor.rundir import RunFolder
+
+pytestmark = pytest.mark.e2e
+
+
+def processes(place):
+    return RunFolder("ragno", place[0] / "state" / "surefoot").processes()
+
+
+@pytest.fixture(scope="module")
+def system(surefoot):
+    began = time.monotonic()
+    done = surefoot("up", "ragno", "-d")
+    assert done.returncode == 0, done.stderr
+    yield time.monotonic() - began
+    assert surefoot("down").returncode == 0
+
+
+def test_tells_how_to_watch_it(system, surefoot):
+    done = surefoot("status")
+    assert done.returncode == 0
+    assert len(re.findall(r"\bhealthy\b", done.stdout)) == 6
+
+
+def test_topics_can_be_heard_and_measured(system, surefoot):
+    done = surefoot("topic", "echo", "state/odometry", "-n", "3", "--timeout", "10")
+    assert done.returncode == 0
+    assert len([json.loads(line) for line in done.stdout.splitlines()]) == 3
+    rate = json.loads(surefoot("topic", "hz", "hw/imu", "--window", "1", "--json").stdout)
+    assert rate["simulated_hz"] == pytest.approx(100.0, rel=0.02)
+
+
+def test_queries_are_answered_or_refused_in_words(system, surefoot):
+    reply = json.loads(surefoot("call", "sim/features").stdout)
+    assert reply["robot"] == "ragno"
+    done = surefoot("call", "sim/push", '{"force": [0, 1, 0], "duration": 0.1, "body": "tail"}')
+    assert done.returncode != 0
+    assert "tail" in done.stderr
+
+
+def test_it_cannot_be_started_twice(system, surefoot):
+    for words in (["up", "ragno", "-d"], ["run", "stand"]):
+        done = surefoot(*words)
+        assert done.returncode == 1
+        assert "surefoot down ragno" in done.stderr
+
+
+def test_a_killed_service_is_healthy_again(system, surefoot, place):
+    before = processes(place)["footholds"]
+    os.kill(before.pid, signal.SIGKILL)
+    deadline = time.monotonic() + 20.0
+    while time.monotonic() < deadline:
+        rows = {row["service"]: row for row in json.loads(surefoot("status", "--json").stdout)["ragno"]["services"]}
+        if rows["footholds"]["restarts"] == 1 and rows["footholds"]["state"] == "healthy":
+            break
+    assert rows["footholds"]["restarts"] == 1
+    assert rows["footholds"]["state"] == "healthy"
+    assert processes(place)["footholds"] != before
+
+
+def test_bags_are_recorded_and_played(system, surefoot, tmp_path):
+    bag = tmp_path / "x.mcap"
+    done = surefoot("bag", "record", "-o", bag, "--duration", "0.5", "-k", "state/odometry")
+    assert done.returncode == 0
+    assert json.loads(surefoot("bag", "info", bag, "--json").stdout)["topics"]["state/odometry"] > 10
+
+
+def test_logs_are_kept(system, surefoot):
+    assert surefoot("logs", "supervisor").returncode == 0
+    assert surefoot("logs", "nobody").returncode == 2
