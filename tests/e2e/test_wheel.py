@@ -17,10 +17,10 @@ pytestmark = pytest.mark.e2e
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An environment with the wheel; its dependencies are those of this one, found by a path file."""
     folder = tmp_path_factory.mktemp("wheel")
-    build = [sys.executable, "-c", "from setuptools.build_meta import build_wheel; import sys; build_wheel(sys.argv[1])"]
+    build = "from setuptools.build_meta import build_wheel; import sys; build_wheel(sys.argv[1])"
     source = folder / "source"
     subprocess.run(["git", "clone", "-q", "--depth", "1", f"file://{ROOT}", str(source)], check=True)
-    subprocess.run([*build, str(folder)], cwd=source, check=True, capture_output=True)
+    subprocess.run([sys.executable, "-c", build, str(folder)], cwd=source, check=True, capture_output=True)
     (wheel,) = folder.glob("*.whl")
     environment = folder / "env"
     venv.create(environment, with_pip=False, symlinks=True)
