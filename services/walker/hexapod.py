@@ -83,7 +83,7 @@ class HexapodWalker:
         s.refused, s.reason, s.attempts, s.scale = False, "", 0, 1.0
         s.steps_in_walk = s.steps_in_walk if s.route is not None else 0
         walking = command.action in ("walk", "turn")
-        s.route = Route(command, self._pose(), s.walk_id) if walking else None
+        s.route = Route(command, None, s.walk_id) if walking else None
         s.closing = not walking and (s.closing or s.stage is Stage.STEP or s.steps_in_walk > 0)
         return CommandReply(True, s.walk_id)
 
@@ -128,14 +128,7 @@ class HexapodWalker:
         s.level[0] = max(-limit, min(limit, s.level[0] - gain * roll))
         s.level[1] = max(-limit, min(limit, s.level[1] - gain * pitch))
 
-    # --- standing --------------------------------------------------------------------------------------------------
-
-    def _step(self, inputs: WalkerInputs) -> None:
-        s = self.state
-        if stepping.advance(s, self.robot, self.params, DT):
-            s.stage = Stage.STAND
-            if not s.held:
-                self._next_step(inputs)
+    # --- standing and stepping -------------------------------------------------------------------------------------
 
     def _stand(self, inputs: WalkerInputs) -> None:
         s, p = self.state, self.params
@@ -153,11 +146,20 @@ class HexapodWalker:
         if s.route is not None or s.closing or s.recovering:
             self._next_step(inputs)
 
+    def _step(self, inputs: WalkerInputs) -> None:
+        s = self.state
+        if stepping.advance(s, self.robot, self.params, DT):
+            s.stage = Stage.STAND
+            if not s.held:
+                self._next_step(inputs)
+
     def _next_step(self, inputs: WalkerInputs) -> None:
         """Plan the next step and begin it, end the walk, or try again in the next tick."""
         s, p = self.state, self.params
         anchor.lay_over(s, self.params, self.frame.ground, inputs)
-        begin = self._pose()
+        begin, low = self._pose(), ""
+        if s.route is not None:
+            s.route = s.route.begun(begin)
         if s.route is not None and finished(s.route, begin, p):
             s.route, s.closing = None, True
         if s.route is None:
@@ -173,16 +175,17 @@ class HexapodWalker:
             first = 0.5 if s.steps_in_walk == 0 else 1.0
             if inputs.margin is not None and inputs.margin < p.low_margin_m:
                 first *= 0.5
-                s.reason = f"margin {1e3 * inputs.margin:.0f} mm is low: shorter step"
+                low = f"margin {1e3 * inputs.margin:.0f} mm is low: shorter step"
             step = advance(s.route, begin, p, s.gait.steps_per_cycle, first * s.scale)
             after = advance(s.route, moved(begin, step), p, s.gait.steps_per_cycle, s.scale)
-        plan = self._plan(inputs, legs, begin, step, after)
+        plan = self._plan(legs, begin, step, after)
         if plan is None:
             s.stage, s.plan = Stage.STAND, None
             s.attempts += 1
             if s.attempts >= p.max_attempts:
                 s.route, s.closing, s.recovering, s.refused = None, False, False, True
             return
+        s.reason = low
         s.attempts, s.scale, s.trunk_shift = 0, 1.0, 0.5 * s.trunk_shift
         s.closed = s.closed | {legs} if s.route is None else set()
         s.plan, s.stage, s.clock = plan, Stage.STEP, 0.0
@@ -201,9 +204,7 @@ class HexapodWalker:
                 worst, far = group, reach
         return worst
 
-    def _plan(
-        self, inputs: WalkerInputs, legs: tuple[int, ...], begin: Pose, step: Advance, after: Advance
-    ) -> planning.StepPlan | None:
+    def _plan(self, legs: tuple[int, ...], begin: Pose, step: Advance, after: Advance) -> planning.StepPlan | None:
         """Ask for footholds and for the step's safety; None with the reason set when the step cannot be taken."""
         s, frame, gait = self.state, self.frame, self.state.gait
         planar = moved(begin, step)
@@ -247,7 +248,6 @@ class HexapodWalker:
             s.scale *= 0.5
             s.reason = f"step would not be stable (status {verdict.status}, margin {verdict.margin})"
             return None
-        s.reason = ""
         return plan
 
     # --- outputs ---------------------------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """What a command still asks for: the next advance of the trunk, from the dead-reckoned pose."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from services.walker.interface import Advance, Command, Pose
 from services.walker.params import WalkerParams
@@ -9,11 +9,15 @@ from services.walker.params import WalkerParams
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """A command with the pose it began at."""
+    """A command with the pose it began at, None until its first step is planned."""
 
     command: Command
-    start: Pose
+    start: Pose | None
     walk_id: int
+
+    def begun(self, pose: Pose) -> "Route":
+        """The route with its start: `pose` if it has not begun yet."""
+        return self if self.start is not None else replace(self, start=pose)
 
 
 def wrap(angle: float) -> float:
@@ -23,14 +27,14 @@ def wrap(angle: float) -> float:
 
 def remaining(route: Route, pose: Pose) -> float:
     """Signed way (m) or angle (rad) still to go; infinite for a walk without an end, 0 for stand and stop."""
-    command = route.command
+    command, start = route.command, route.start or pose
     if command.action == "walk":
         if command.distance is None:
             return math.copysign(math.inf, command.velocity if command.velocity is not None else 1.0)
-        c, s = math.cos(route.start.yaw), math.sin(route.start.yaw)
-        return command.distance - (c * (pose.x - route.start.x) + s * (pose.y - route.start.y))
+        c, s = math.cos(start.yaw), math.sin(start.yaw)
+        return command.distance - (c * (pose.x - start.x) + s * (pose.y - start.y))
     if command.action == "turn":
-        return (command.angle or 0.0) - (pose.yaw - route.start.yaw)
+        return (command.angle or 0.0) - (pose.yaw - start.yaw)
     return 0.0
 
 
@@ -63,7 +67,7 @@ def advance(route: Route, pose: Pose, params: WalkerParams, steps_per_cycle: int
     Returns:
         The advance; cross-track and heading errors are taken out by `steer_gain` within limits.
     """
-    command = route.command
+    command, start = route.command, route.start or pose
     if command.action not in ("walk", "turn") or finished(route, pose, params):
         return Advance()
     left = remaining(route, pose)
@@ -72,9 +76,9 @@ def advance(route: Route, pose: Pose, params: WalkerParams, steps_per_cycle: int
         step = params.turn_step_rad * 2.0 / steps_per_cycle
         return Advance(turn=scale * max(-step, min(step, left)))
     step = stride(command, params, steps_per_cycle)
-    c, s = math.cos(route.start.yaw), math.sin(route.start.yaw)
-    across = -s * (pose.x - route.start.x) + c * (pose.y - route.start.y)
-    heading = wrap(pose.yaw - route.start.yaw)
+    c, s = math.cos(start.yaw), math.sin(start.yaw)
+    across = -s * (pose.x - start.x) + c * (pose.y - start.y)
+    heading = wrap(pose.yaw - start.yaw)
     along = max(-step, min(step, left))
     side = max(-params.steer_limit_m, min(params.steer_limit_m, -params.steer_gain * across))
     ch, sh = math.cos(heading), math.sin(heading)

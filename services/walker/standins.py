@@ -26,7 +26,7 @@ def hull_margin(points: NDArray[np.float64], c: NDArray[np.float64]) -> float:
         length = math.hypot(edge[0], edge[1])
         if length > 1e-9:
             margin = min(margin, (edge[0] * (c[1] - a[1]) - edge[1] * (c[0] - a[0])) / length)
-    return margin
+    return float(margin)
 
 
 class HullCheck:

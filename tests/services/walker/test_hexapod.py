@@ -319,3 +319,34 @@ def test_nothing_is_commanded_before_the_first_joint_sample():
     out = HexapodWalker(ROBOT).step(WalkerInputs(stamp=0.0))
     assert out.command is None
     assert out.state == "waiting"
+
+
+def test_a_low_published_margin_shortens_the_steps_and_says_so():
+    strides = {}
+    for margin in (0.05, 0.004):
+        p = plant()
+        p.run(1.0)
+        p.walker.command(Command("walk", velocity=0.05))
+        for _ in range(300):
+            p.walker.step(dataclasses.replace(p.inputs(), margin=margin))
+            p.joints, p.tick = p.walker.state.q.copy(), p.tick + 1
+            p.contacts = p.walker.state.feet[:, 2] < ROBOT.foot_radius + 1e-3
+        strides[margin] = p.walker.state.body[0] / p.walker.state.steps
+        low = "margin 4 mm is low" in p.walker.state.reason
+        assert low == (margin < PARAMS.low_margin_m)
+    assert strides[0.004] == pytest.approx(0.5 * strides[0.05], rel=0.15)
+
+
+def test_a_walk_counts_from_the_estimate_at_its_first_step_not_from_the_old_plan():
+    """The odometry moved by 3 cm while the robot stood (a push): the way begins where the robot is now."""
+    p = plant()
+    p.run(1.0)
+    shifted = p.inputs
+
+    def pushed():
+        base = shifted()
+        return dataclasses.replace(base, x=base.x + (0.03 if p.walker.state.steps == 0 and base.x < 0.03 else 0.0))
+
+    p.inputs = pushed
+    p.obey(Command("walk", distance=0.1))
+    assert p.walker.state.body[0] == pytest.approx(0.13, abs=0.005)
