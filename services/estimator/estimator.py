@@ -1,5 +1,6 @@
 """All estimators side by side on one stream of inputs, and the odometry."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 from services.estimator.estimators import ESTIMATORS, UNKNOWN_SPEED, UNKNOWN_TILT, VelocityEstimator
 from services.estimator.feet import FootMount, FootSample, feet_in_imu, foot_mount, without_unknown_feet
 from services.estimator.history import History
-from services.estimator.inertial import GRAVITY
+from services.estimator.inertial import GRAVITY, widened
 from services.estimator.inputs import InputJudge, InputResult
 from services.estimator.legs import LegTracker
 from services.estimator.odometry import Odometry, OdometryParams, Pose
@@ -26,6 +27,8 @@ THETA, PSI, G = slice(0, 3), 3, slice(4, 7)  # columns of the history
 SILENT_NS = 200_000_000  # kinematics older than this: sensors_ok is false
 NO_CONTACT_NS = 500_000_000  # the same for the last contact of any foot
 UNCORRECTED_NS = 1_000_000_000  # prediction only for longer: filter_ok is false
+START_SD = 1e-3  # m and rad, of a stated start pose
+LOST_SD = 1.0  # m and rad, of a pose nobody knows
 GAP_TURN = 0.1  # rad/s, unseen turning in a gap; rad in a long one
 GAP_PUSH = 1.0  # m/s^2, unseen acceleration in a gap
 MAX_NIS = 50.0  # smoothed; a filter that is so surprised is not to be trusted
@@ -70,9 +73,15 @@ class Estimator:
         turn = params.sigma_w * np.sqrt(1e-9 * params.imu_period_ns)
         return cls(foot_mount(robot), params, OdometryParams(sigma_turn=float(turn)), start)
 
-    def reset(self) -> None:
-        """Drop all state: a new epoch."""
+    def reset(self, stated: bool = True) -> None:
+        """Drop all state: a new epoch.
+
+        Args:
+            stated: whether start pose and level ground still hold; no after a restart in the middle of a walk, which
+                begins again at the same numbers but says with its covariance that they mean nothing.
+        """
         p = self.params
+        self._stated = stated
         self.judge = InputJudge(p)
         self.standstill = Standstill(
             p.standstill_samples, p.standstill_gyro_sd, p.standstill_acc_sd, p.standstill_travel
@@ -81,6 +90,7 @@ class Estimator:
         self._bias, self._fixed_bias, self._acc_bias = np.zeros(3), np.zeros(3), np.zeros(3)
         self._history = History(7)
         self._row = np.zeros(7)
+        self._g_hidden = 0.0  # m^2/s^4
         self.initialised = False
         self.stamp_ns = 0
         self._w = np.zeros(3)  # latest gyro, bias removed
@@ -207,12 +217,14 @@ class Estimator:
         """Equation (1) at the first standstill, with biases and P0."""
         p, mean = self.params, self.standstill.mean
         feet = self._legs.last
-        up = plane_normal(feet.position, feet.contact, mean[3:]) if feet is not None else None
+        up = None
+        if feet is not None and self._stated:
+            up = plane_normal(feet.position, feet.contact, mean[3:])
         if p.remove_gyro_bias:
             self.gyro_bias.start(mean[:3], p.standstill_samples)
             self._bias = self.gyro_bias.value
         self._fixed_bias = self._bias
-        g = gravity_at_rest(mean[3:], up, p)
+        g, self._g_hidden = gravity_at_rest(mean[3:], up, p)
         self._acc_bias = mean[3:] - g
         start = np.diag([p.sigma_q**2 / p.standstill_samples + p.prior_g**2] * 3 + [p.prior_v**2] * 3)
         for one in self.filters.values():
@@ -230,7 +242,7 @@ class Estimator:
             seen = heading_view(rot, self._rot_base_from_imu, self._mount.imu_position, feet.position)
             z = float(np.mean((self._mount.radius - seen[:, 2])[feet.contact]))
         position = np.array([self._start.x, self._start.y, self._start.ground + z])
-        sd = np.full(4, UNKNOWN_SPEED if wide else 1e-3)
+        sd = np.full(4, START_SD if self._stated and not wide else LOST_SD)
         bias_sd = self.gyro_bias.sd if self.gyro_bias.samples else 0.05
         self._odometry.start(position, self._start.yaw, bias_sd, sd)
 
@@ -243,10 +255,14 @@ class Estimator:
     def _expressed(self, one: VelocityEstimator) -> Array:
         return express(self._g(one), one.v, self._w, self._rot_base_from_imu, self._mount.imu_position)
 
+    def _covariance(self, one: VelocityEstimator) -> Array:
+        """P of the filter, and on g what its model leaves out: an accelerometer bias looks like a tilt for ever."""
+        return widened(one.p, math.sqrt(self._g_hidden), 0.0) if self.initialised else self._wide
+
     def estimate(self, name: str = "ekf") -> Estimate:
         """The present estimate of one estimator; g of those that do not estimate it is the leader's."""
         one, now = self.filters[name], self.stamp_ns
-        g, v, p = self._g(one), one.v, one.p if self.initialised else self._wide
+        g, v, p = self._g(one), one.v, self._covariance(one)
         rows = express(g, v, self._w, self._rot_base_from_imu, self._mount.imu_position)
         moving = self.initialised and not self.standstill.standing
         return Estimate(

@@ -1,5 +1,6 @@
 """The estimator service: hardware samples in, velocity, tilt and odometry out."""
 
+import math
 from typing import Literal
 
 import numpy as np
@@ -48,6 +49,12 @@ class EstimatorConfig(ServiceConfig):
     start_x: float = Field(default=0.0, description="m, start pose in map: map = odom by this statement")
     start_y: float = Field(default=0.0, description="m")
     start_yaw: float = Field(default=0.0, description="rad")
+    start_slope_sd: float | None = Field(
+        default=0.003,
+        ge=0,
+        description="rad, the ground under the feet is level to this at the start, unless the accelerometer contradicts "
+        "by 4 sigma of its bias; tells that bias from a tilt. null = unknown slope",
+    )
     start_ground: float = Field(default=0.0, description="m, mean height of the ground under the feet at the start")
 
 
@@ -65,7 +72,10 @@ class Estimator(Service[EstimatorConfig]):
         self.robot = load_robot(c.robot)
         for module in _KERNELS:
             module.warm()
-        self.estimator = algorithm.Estimator.for_robot(self.robot, start, remove_gyro_bias=c.remove_gyro_bias)
+        slope_sd = math.inf if c.start_slope_sd is None else c.start_slope_sd
+        self.estimator = algorithm.Estimator.for_robot(
+            self.robot, start, remove_gyro_bias=c.remove_gyro_bias, start_slope_sd=slope_sd
+        )
         self._contacts: FootContacts | None = None
 
     def on_reset(self) -> None:

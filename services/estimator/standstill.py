@@ -15,6 +15,7 @@ from surefoot.jit import kernel
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+DISAGREE = 4.0  # sigma
 MIN_SPREAD = 0.02  # m; feet closer to one line have no plane
 
 
@@ -158,23 +159,30 @@ class GyroBias:
         self.value = self.value + (w - self.value) / self.samples
 
 
-def gravity_at_rest(mean_q: Array, up: Array | None, params: EstimatorParams) -> Array:
-    """g at rest, (3,): equation (1), or blended with the normal of the ground under the feet.
+def gravity_at_rest(mean_q: Array, up: Array | None, params: EstimatorParams) -> tuple[Array, float]:
+    """g at rest: equation (1), or blended with the normal of the ground under the feet.
 
-    The accelerometer alone cannot tell its bias from a tilt. If the slope of the start place is known to be
-    0 +- s rad, the plane of the feet is a second witness. With b the sd of the bias of an axis and the weight
-    k = b^2/(b^2 + (9.81 s)^2):  g = (1 - k) mean q + k 9.81 up.
+    The accelerometer alone cannot tell its bias from a tilt. If the slope of the start place is stated as 0 +- s rad,
+    the plane of the feet is a second witness. With b the sd of the bias of an axis, s' = 9.81 s and the weight
+    k = b^2/(b^2 + s'^2):  g = (1 - k) mean q + k 9.81 up, variance of its direction k s'^2.
+    Witnesses further apart than `DISAGREE` sigma contradict the statement: then the accelerometer alone counts.
 
     Args:
         mean_q: mean accelerometer, (3,) m/s^2.
         up: upward normal of the plane of the feet, (3,), or None.
         params: `acc_bias_sd` = b, `start_slope_sd` = s, infinite if unknown.
+
+    Returns:
+        g (3,) m/s^2, and the variance of an axis of it that no motion will ever reveal, m^2/s^4.
     """
-    if up is None or not np.isfinite(params.start_slope_sd):
-        return mean_q.copy()
-    known, bias = (GRAVITY * params.start_slope_sd) ** 2, params.acc_bias_sd**2
-    k = bias / (bias + known) if bias > 0.0 else 0.0
-    return (1.0 - k) * mean_q + k * GRAVITY * up
+    bias, stated = params.acc_bias_sd**2, (GRAVITY * params.start_slope_sd) ** 2
+    if up is None or not np.isfinite(stated) or bias == 0.0:
+        return mean_q.copy(), bias
+    apart = GRAVITY * (mean_q / np.linalg.norm(mean_q) - up)
+    if apart @ apart > DISAGREE**2 * (bias + stated):
+        return mean_q.copy(), bias
+    k = bias / (bias + stated)
+    return (1.0 - k) * mean_q + k * GRAVITY * up, k * stated
 
 
 def plane_normal(points: Array, used: Flags, g: Array) -> Array | None:
