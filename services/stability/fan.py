@@ -54,18 +54,19 @@ def new_fan(capacity: int, contacts: int) -> Fan:
 def evaluate(a: Array, h: Array, c: Objective, fan: Fan, begin: int, end: int) -> bool:
     """Solve for the directions begin .. end - 1 of the fan, eight at a time; tells whether all are solved."""
     n = a.shape[0]
-    rhs, x = np.empty((n, 3, LANES)), np.empty((n, 3, LANES))
-    lam, error, status = np.empty((4, LANES)), np.empty(LANES), np.empty(LANES, dtype=np.int64)
+    lanes = LANES if end - begin > 2 else end - begin  # eight cost as much as two: a row is one vector
+    rhs, x = np.empty((n, 3, lanes)), np.empty((n, 3, lanes))
+    lam, error, status = np.empty((4, lanes)), np.empty(lanes), np.empty(lanes, dtype=np.int64)
     fine = True
     for first in range(begin, end, LANES):
-        for k in range(LANES):
+        for k in range(lanes):
             s = min(first + k, end - 1)  # spare lanes repeat the last direction
             ax, ay = fan.direction[s, 0], fan.direction[s, 1]
             for i in range(n):
                 for q in range(3):
                     rhs[i, q, k] = ax * h[i, q, 0] + ay * h[i, q, 1]
         solve_lanes(a, rhs, c, lam, x, error, status)
-        for k in range(min(LANES, end - first)):
+        for k in range(min(lanes, end - first)):
             s = first + k
             fan.status[s], fan.error[s] = status[k], error[k]
             if status[k] == FAILED:

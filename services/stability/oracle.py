@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from services.stability.contacts import Array, ContactSet, StabilityError
 from services.stability.fan import Fan, evaluate, insert, new_fan
 from services.stability.interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED, solve_lanes
-from services.stability.lanes import LANES
 from services.stability.reduced import SMALL_MU, matrices, reduce
 from services.stability.reference import Reference
 
@@ -163,9 +162,9 @@ class Oracle:
 def solve_one(a: Array, rhs: Array, c: tuple[float, ...]) -> tuple[int, float, Array, Array, float]:
     """One program of m unknowns: status, c'lam, lam (m,), x (n, 3), error; clarabel when the kernel gives up."""
     n, m = a.shape[0], a.shape[2]
-    lam, x = np.empty((m, LANES)), np.empty((n, 3, LANES))
-    error, status = np.empty(LANES), np.empty(LANES, dtype=np.int64)
-    solve_lanes(a, np.repeat(rhs[:, :, None], LANES, axis=2), c, lam, x, error, status)
+    lam, x = np.empty((m, 1)), np.empty((n, 3, 1))
+    error, status = np.empty(1), np.empty(1, dtype=np.int64)
+    solve_lanes(a, np.ascontiguousarray(rhs[:, :, None]), c, lam, x, error, status)
     if status[0] == FAILED:
         answer = Reference(a, c).solve(rhs)
         if answer.status == FAILED:
