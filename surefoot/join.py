@@ -16,7 +16,7 @@ M = TypeVar("M", bound=Message)
 
 DRIVER = "driver"
 MAX_AHEAD = 64
-"""Inputs further ahead of the last finished tick are refused; the driver never runs more than a few ticks ahead."""
+"""Inputs further ahead of the newest tick are refused; the driver never runs more than a few ticks ahead."""
 
 PATIENCE_TICKS = 2
 """In paced mode a tick whose inputs are incomplete is taken when this many later ticks have come."""
@@ -68,6 +68,7 @@ class Join:
         self.epoch = -1
         self.last = -1
         self.on_roster = False
+        self._newest = -1
         self._ticks: dict[int, Tick] = {}
         self._slots: dict[tuple[int, int], dict[str, Any]] = {}
         self._latched: dict[str, tuple[int, Any]] = {}
@@ -95,7 +96,7 @@ class Join:
         if message.epoch == self.epoch:
             if message.tick <= self.last - 1 or (message.tick <= self.last and topic not in self.delayed):
                 return "duplicate"
-            if message.tick > self.last + MAX_AHEAD and self.on_roster:
+            if message.tick > max(self.last, self._newest) + MAX_AHEAD and self.on_roster:
                 return "too_far_ahead"
         slot = self._slots.setdefault((message.epoch, message.tick), {})
         if topic.key in slot:
@@ -108,7 +109,7 @@ class Join:
     def _offer_tick(self, tick: Tick) -> str | None:
         if tick.epoch > self.epoch:
             self.epoch = tick.epoch
-            self.last = -1
+            self.last = self._newest = -1
             self.on_roster = False
             self._ticks.clear()
             self._slots = {key: slot for key, slot in self._slots.items() if key[0] >= tick.epoch}
@@ -120,6 +121,9 @@ class Join:
         if not self.on_roster:
             self.on_roster = True
             self.last = tick.tick - 1  # a newcomer begins with the first tick whose roster names it
+        elif tick.mode == "lockstep" and tick.tick > self.last + MAX_AHEAD:
+            return "too_far_ahead"
+        self._newest = max(self._newest, tick.tick)
         held = self._ticks.get(tick.tick)
         if held is None or tick.roster_version >= held.roster_version:
             self._ticks[tick.tick] = tick
