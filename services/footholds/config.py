@@ -26,7 +26,10 @@ class FootholdsConfig(ServiceConfig):
     score_flat: float = Field(default=_SCORE.flat, ge=0, le=1, description="slip on flat ground")
     score_peak: float = Field(default=_SCORE.peak, ge=0, le=10, description="weight of peaks and top edges")
     score_hole: float = Field(default=_SCORE.hole, ge=0, le=10, description="weight of holes")
-    score_face: float = Field(default=_SCORE.face, ge=0, le=10, description="weight of ground that faces the push")
+    score_face: float = Field(
+        default=_SCORE.face, ge=0, le=10, description="weight of ground that falls away from the push"
+    )
+    score_lean: float = Field(default=_SCORE.lean, ge=0, le=10, description="gain of ground that faces the push")
     score_rough: float = Field(default=_SCORE.rough, ge=0, le=10, description="weight of roughness")
     score_dead: float = Field(default=_SCORE.dead, ge=0, le=10, description="convexity and roughness held for noise")
 
@@ -37,6 +40,7 @@ class FootholdsConfig(ServiceConfig):
             peak=self.score_peak,
             hole=self.score_hole,
             face=self.score_face,
+            lean=self.score_lean,
             rough=self.score_rough,
             dead=self.score_dead,
         )

@@ -34,8 +34,8 @@ def test_formula(k1: float, k2: float, cos_k3: float) -> None:
     def s(x: float) -> float:
         return max(x, 0.0) / (1.0 + max(x, 0.0))
 
-    face = m.face * cos_k3 * (1.0 if cos_k3 > 0 else 0.5)
-    value = m.flat + m.peak * s(a - m.dead) - m.hole * s(-a - m.dead) + m.rough * s(b - m.dead) + face
+    face = (m.face if cos_k3 > 0 else m.lean) * cos_k3
+    value = m.flat + m.peak * s(a - m.dead) - m.hole * s(-a - m.dead) + m.rough * s(b - abs(a) - m.dead) + face
     assert one(k1, k2, cos_k3) == pytest.approx(min(max(value, 0.0), 1.0), abs=2e-6)
 
 
@@ -51,7 +51,7 @@ def test_the_papers_order() -> None:
     assert centre(flat) < centre(slope) < centre(edge_behind) < centre(peak)
     assert centre(flat) < centre(edge_ahead) < centre(edge_behind)
     assert centre(flat) < centre(ridge) < centre(peak)
-    assert centre(-slope) < centre(flat) < centre(slope)
+    assert centre(flat) < centre(-slope) < centre(slope)  # as in walks, other than under a single foot
 
 
 def test_same_shape_same_score_in_any_cell() -> None:
