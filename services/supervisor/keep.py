@@ -66,7 +66,7 @@ def keep(
         reset_by = ""
         while not stop.is_set():
             session.step()
-            rows = session.system.rows()
+            rows = session.rows()
             if rows != written:
                 session.folder.write_rows(rows)
                 written = rows

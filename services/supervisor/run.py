@@ -2,7 +2,7 @@
 
 import shlex
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -69,6 +69,8 @@ class Outcome:
     recording: Path | None
     start_s: float
     """Wall time from the command to tick 0."""
+    timings: Mapping[str, Timing]
+    """Time in a tick by service."""
 
 
 def run_scenario(
@@ -101,7 +103,7 @@ def run_scenario(
         start_s, problems = _follow(session, scenario, director, began, show)
         recorded = _recorder(session) if "recorder" in session.alive else None
         timings = {n: Timing(h.tick_p50_us, h.tick_p99_us) for n, h in session.health().items() if h.tick_p50_us > 0}
-        restarts = [f"{row.service} was restarted {row.restarts}x" for row in session.system.rows() if row.restarts]
+        restarts = [f"{row.service} was restarted {row.restarts}x" for row in session.rows() if row.restarts]
         status, wall_s = session.supervisor.status, session.supervisor.wall_s
     comparable = not restarts and options.rtf is None and (status is None or status.comparable)
     traces = session.supervisor.traces()
@@ -116,7 +118,7 @@ def run_scenario(
     )
     written = recording if recording is not None and recording.exists() else None
     report = _report(out, scenario, seed, session.robot, traces, verdict, timings, written, options)
-    return Outcome(scenario.name, seed, verdict, report, written, start_s)
+    return Outcome(scenario.name, seed, verdict, report, written, start_s, timings)
 
 
 def _reset(session: Session, scenario: Scenario, options: Options, seed: int) -> ResetReply:

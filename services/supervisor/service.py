@@ -2,8 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from schemas.base import Message
 from schemas.sim import SimStatus
@@ -30,7 +29,7 @@ from schemas.topics import (
     Topic,
 )
 from services.supervisor.director import Director, Order
-from services.supervisor.system import System
+from services.supervisor.system import Row
 from services.supervisor.traces import Traces
 from surefoot.bus import Delivery
 from surefoot.config import ServiceConfig
@@ -59,6 +58,22 @@ JUDGED: tuple[Topic[Any], ...] = (
 """What the verdict is made from."""
 
 
+class Watched(Protocol):
+    """The system around the supervisor, as far as it needs it."""
+
+    name: str
+
+    def heard(self, service: str, *, well: bool) -> None:
+        """Note a heartbeat."""
+
+    def signal_kill(self, service: str) -> None:
+        """End a service without warning."""
+
+    def rows(self) -> tuple[Row, ...]:
+        """Return how every service does."""
+        ...
+
+
 class Supervisor(Service[ServiceConfig]):
     """Watches the system, conducts a scenario, keeps what the verdict is made from.
 
@@ -77,18 +92,16 @@ class Supervisor(Service[ServiceConfig]):
         self,
         config: ServiceConfig,
         director: Director | None = None,
-        system: System | None = None,
-        kill: Callable[[str], None] = lambda service: None,
+        watched: Watched | None = None,
     ) -> None:
         super().__init__(config)
         self.director = director
-        self.system = system
+        self.watched = watched
         self.health: dict[str, Health] = {}
         self.status: SimStatus | None = None
         self.ended = threading.Event()
         self.ticks = 0
         self.began = self.last = 0.0
-        self._kill = kill
         self._kept: list[Delivery] = []
         self._notes: list[tuple[float, str]] = []
 
@@ -138,13 +151,13 @@ class Supervisor(Service[ServiceConfig]):
         self.health[message.service] = message
         if message.service == self.name:
             self.publish(SUPERVISOR_STATUS, self._status())
-        elif self.system is not None:
-            self.system.heard(message.service, well=message.state in WELL)
+        elif self.watched is not None:
+            self.watched.heard(message.service, well=message.state in WELL)
 
     def _send(self, director: Director, order: Order, time_s: float) -> None:
         self._notes.append((time_s, order.text))
-        if order.kill:
-            self._kill(order.kill)
+        if order.kill and self.watched is not None:
+            self.watched.signal_kill(order.kill)
         if order.query is None or order.request is None:
             return
         try:
@@ -153,9 +166,9 @@ class Supervisor(Service[ServiceConfig]):
             director.failed(order, error.message)
 
     def _status(self) -> SupervisorStatus:
-        rows = self.system.rows() if self.system is not None else ()
+        rows = self.watched.rows() if self.watched is not None else ()
         return SupervisorStatus(
-            system=self.system.compose.name if self.system is not None else "",
+            system=self.watched.name if self.watched is not None else "",
             services=tuple(
                 ServiceStatus(service=r.service, state=r.state, pid=r.pid, restarts=r.restarts, detail=r.detail)
                 for r in rows

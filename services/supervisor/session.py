@@ -17,7 +17,7 @@ from services.supervisor.ports import owner_of, port_of
 from services.supervisor.reconcile import Action
 from services.supervisor.rundir import Endpoint, RunFolder
 from services.supervisor.service import Supervisor
-from services.supervisor.system import SELF, System
+from services.supervisor.system import SELF, Row, System
 from surefoot.bus import Life
 from surefoot.config import ServiceConfig
 from surefoot.errors import BusError, CallError
@@ -46,6 +46,7 @@ class Session:
         tell: Callable[[str], None] = lambda text: None,
     ) -> None:
         self.compose = compose
+        self.name = compose.name
         self.listen = listen or os.environ.get("SUREFOOT_LISTEN") or DEFAULT_ENDPOINT
         self.robot = _robot(compose)
         self.namespace = os.environ.get("SUREFOOT_NAMESPACE", f"{DEFAULT_FLEET}/{self.robot}")
@@ -56,9 +57,7 @@ class Session:
         self.system = System(
             compose, self.folder, environment={**own, **(environment or {})}, on_action=self._on_action
         )
-        self.supervisor = Supervisor(
-            ServiceConfig(robot=self.robot), director, self.system if spawn else None, self.system.signal_kill
-        )
+        self.supervisor = Supervisor(ServiceConfig(robot=self.robot), director, self)
         self._bus: ZenohBus | None = None
         self._node: Node | None = None
         self._thread: threading.Thread | None = None
@@ -156,6 +155,21 @@ class Session:
         """Services that are visible on the bus."""
         return tuple(sorted(self._alive))
 
+    def heard(self, service: str, *, well: bool) -> None:
+        """Note a heartbeat."""
+        self.system.heard(service, well=well)
+
+    def signal_kill(self, service: str) -> None:
+        """End a service without warning."""
+        self.system.signal_kill(service)
+
+    def rows(self) -> tuple[Row, ...]:
+        """Return how every service does: by its process, or by the bus where the processes are not ours."""
+        if self._spawn:
+            return self.system.rows()
+        alive = self.alive
+        return tuple(Row(n, "healthy" if n in alive else "stopped", None, 0, "") for n in self.system.service_names)
+
     def instance_of(self, service: str) -> str:
         """Return the identity of a visible service's process, empty when it is not visible."""
         return self._alive.get(service, "")
@@ -202,7 +216,7 @@ class Session:
 
     def _why(self, service: str) -> str:
         """Why a service does not run, with its own last words."""
-        row = next(row for row in self.system.rows() if row.service == service)
+        row = next(row for row in self.rows() if row.service == service)
         log = self.folder.log(service)
         words = _last_line(log)
         return f"{service} does not run ({row.detail or 'ended'})" + (f": {words}" if words else "") + f"; see {log}"

@@ -80,6 +80,7 @@ def _as_json(outcome: "Outcome") -> dict[str, object]:
         "message_hash": verdict.message_hash,
         "comparable": verdict.comparable,
         "start_s": round(outcome.start_s, 3),
+        "tick_us": {name: {"p50": t.p50_us, "p99": t.p99_us} for name, t in outcome.timings.items()},
         "report": str(outcome.report),
         "recording": None if outcome.recording is None else str(outcome.recording),
     }

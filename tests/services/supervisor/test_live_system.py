@@ -78,3 +78,20 @@ def test_bags_are_recorded_and_played(system, surefoot, tmp_path):
 def test_logs_are_kept(system, surefoot):
     assert surefoot("logs", "supervisor").returncode == 0
     assert surefoot("logs", "nobody").returncode == 2
+
+
+def test_what_a_killed_supervisor_leaves_behind_is_found_and_ended(system, surefoot, place):
+    folder = RunFolder("ragno", place[0] / "state" / "surefoot")
+    os.kill(folder.supervisor().pid, signal.SIGKILL)
+    left = processes(place)
+    assert len(left) == 6
+    deadline = time.monotonic() + 5.0
+    while folder.held() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    done = surefoot("status")
+    assert done.returncode == 1
+    assert "nothing is running" in done.stdout
+    done = surefoot("down", "ragno")
+    assert done.returncode == 0
+    assert "ragno" in done.stdout
+    assert processes(place) == {}
