@@ -155,6 +155,10 @@ class InputJudge:
         """Note a sample of the wrong length."""
         return self._note("kinematics", InputResult.SHAPE, stamp_ns)
 
+    def clipped(self, stamp_ns: int) -> InputResult:
+        """Note an inertial sample that its driver marks as clipped."""
+        return self._note("imu", InputResult.SATURATED, stamp_ns)
+
     def implausible(self, stamp_ns: int) -> InputResult:
         """Note legs that move faster than any robot."""
         return self._note("kinematics", InputResult.IMPLAUSIBLE, stamp_ns)

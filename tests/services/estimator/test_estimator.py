@@ -304,6 +304,15 @@ class TestRobot:
         assert tilts[np.inf] > 0.015
         assert tilts[0.003] < 0.003
 
+    def test_a_restart_in_mid_walk_does_not_claim_to_know_where_it_is(self, robot):
+        estimator = Estimator.for_robot(robot, start_slope_sd=0.003)
+        self.stand(estimator, robot)
+        assert np.diag(estimator.pose().covariance).max() < 1e-4
+        estimator.reset(stated=False)
+        self.stand(estimator, robot)
+        assert np.diag(estimator.pose().covariance).min() > 0.5
+        assert not estimator.estimate().acc_bias.any()
+
     def test_legs_faster_than_any_robot_are_refused(self, robot):
         estimator = Estimator.for_robot(robot)
         self.stand(estimator, robot)
