@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from schemas.base import Request
+from schemas.sim import World
 from services.simulator.terrain import KINDS
 from services.supervisor.compose import ComposeError, load_compose
 from services.supervisor.director import LEAD_TICKS
@@ -49,3 +50,9 @@ def test_every_step_is_a_command_with_a_tick(name: str) -> None:
 
 def test_every_limit_has_a_metric() -> None:
     assert {limit.metric for limit in LIMITS.values()} <= set(METRICS)
+
+
+def test_the_page_names_every_step_and_limit() -> None:
+    page = (ROOT / "docs" / "systems.md").read_text(encoding="utf-8")
+    for word in (*COMMANDS, *LIMITS, *World.model_fields):
+        assert f"`{word}`" in page or f"`{word} = " in page, word
