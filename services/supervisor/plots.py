@@ -1,10 +1,7 @@
-"""Plots of a run as SVG texts that can stand side by side in one HTML page. The only module that draws."""
+"""Plots of a run as SVG texts that can stand side by side in one HTML page. Only here and in `drawing` is matplotlib used."""
 
-import io
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -13,32 +10,12 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from services.supervisor import judge
+from services.supervisor.drawing import BLUE, GREEN, GREY, INK, ORANGE, PAPER, PURPLE, RED, STYLE, svg_of
 from services.supervisor.traces import VARIANTS, Array, Traces
 
-INK, GRID, PAPER = "#1c2733", "#dfe5ea", "none"
-BLUE, ORANGE, GREEN, RED, PURPLE, GREY = "#1f6fb2", "#e07b1a", "#2a9d63", "#cc3b3b", "#7a4fb5", "#8a97a3"
 COLOURS: dict[str, str] = dict(zip(VARIANTS, (PURPLE, ORANGE, GREEN, BLUE, RED), strict=True))
 MAX_POINTS = 1500  # of one curve: more cannot be seen and only makes the page heavy
 BAND_POINTS = 300  # of a band, which is smooth
-
-STYLE: dict[Any, Any] = {
-    "svg.fonttype": "none",
-    "font.family": "sans-serif",
-    "font.size": 9.0,
-    "axes.edgecolor": GREY,
-    "axes.labelcolor": INK,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "grid.color": GRID,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "text.color": INK,
-    "lines.linewidth": 1.3,
-    "legend.frameon": False,
-    "legend.fontsize": 8.5,
-}
 
 
 @dataclass(frozen=True)
@@ -110,7 +87,7 @@ def draw(
     }
     with mpl.rc_context(STYLE):
         return {
-            title: _svg(figure(), f"plot{i}") for i, (title, figure) in enumerate(plots.items()) if figure is not None
+            title: svg_of(figure(), f"plot{i}") for i, (title, figure) in enumerate(plots.items()) if figure is not None
         }
 
 
@@ -346,19 +323,3 @@ def _timing(timings: Mapping[str, Timing]) -> Figure:
     axes.grid(visible=False, axis="y")
     _legend(axes)
     return figure
-
-
-def _svg(figure: Figure, prefix: str) -> str:
-    """Return the figure as an SVG element for use inside HTML: no prologue, no metadata, ids of its own."""
-    stream = io.StringIO()
-    with mpl.rc_context({"svg.hashsalt": prefix}):
-        nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-        figure.savefig(stream, format="svg", metadata=nothing, transparent=True)
-    text = stream.getvalue()
-    text = text[text.index("<svg") :]
-    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    text = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", text)
-    text = re.sub(r'<svg ([^>]*?)width="[^"]*" height="[^"]*"|<svg ', r"<svg \1", text, count=1)
-    text = re.sub(r"(\d\.\d\d)\d+", r"\1", text)  # hundredths of a pixel are enough
-    text = re.sub(r'\bid="', f'id="{prefix}-', text)
-    return re.sub(r'(url\(#|href="#)', rf"\g<1>{prefix}-", text)
