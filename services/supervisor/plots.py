@@ -1,4 +1,4 @@
-"""Plots of a run as SVG texts that can stand side by side in one HTML page. Only here and in `drawing` is matplotlib used."""
+"""Plots of a run as SVG texts for one HTML page. Only here and in `drawing` is matplotlib used."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
