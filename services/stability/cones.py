@@ -9,16 +9,21 @@ import math
 
 from services.stability.lanes import (
     AXIS,
+    COLUMNS,
     D_TAU,
     DUAL_RES,
     ETA,
     FIRST,
     GAIN,
+    I_ETA,
+    I_W0,
+    LAMBDA,
     LENGTH,
     MASK,
     MU,
     REACH,
     RES,
+    RESIDUAL,
     RHS,
     RHS_S,
     SCALED,
@@ -58,21 +63,32 @@ def residual(w: Array, o: int, g: Array, lanes: int) -> None:
 
 
 @row_kernel
-def residual_column(w: Array, o: int, a0: float, a1: float, a2: float, g: Array, y: int, r: int, lanes: int) -> None:
-    """RES -= a y and r -= a'x for one column a of the contact's matrix."""
-    o, y, r = o & MASK, y & MASK, r & MASK
-    for k in range(lanes):
-        t = g[y + k]
-        g[r + k] -= a0 * w[o + X + k] + a1 * w[o + X + 8 + k] + a2 * w[o + X + 16 + k]
-        w[o + RES + k] -= a0 * t
-        w[o + RES + 8 + k] -= a1 * t
-        w[o + RES + 16 + k] -= a2 * t
-
-
-@row_kernel
-def largest_residual(w: Array, o: int, g: Array, lanes: int) -> None:
-    """DUAL_RES = max(DUAL_RES, abs(RES))."""
+def residual_columns(w: Array, o: int, a: Array, i: int, g: Array, unknowns: int, lanes: int) -> None:
+    """RES -= A lam, RESIDUAL -= A'x for the contact's matrix a[i] (3, m); DUAL_RES = max(DUAL_RES, abs(RES))."""
     o &= MASK
+    if unknowns == 4:
+        a00, a01, a02, a03 = a[i, 0, 0], a[i, 0, 1], a[i, 0, 2], a[i, 0, 3]
+        a10, a11, a12, a13 = a[i, 1, 0], a[i, 1, 1], a[i, 1, 2], a[i, 1, 3]
+        a20, a21, a22, a23 = a[i, 2, 0], a[i, 2, 1], a[i, 2, 2], a[i, 2, 3]
+        for k in range(lanes):
+            x0, x1, x2 = w[o + X + k], w[o + X + 8 + k], w[o + X + 16 + k]
+            g[RESIDUAL + k] -= a00 * x0 + a10 * x1 + a20 * x2
+            g[RESIDUAL + 8 + k] -= a01 * x0 + a11 * x1 + a21 * x2
+            g[RESIDUAL + 16 + k] -= a02 * x0 + a12 * x1 + a22 * x2
+            g[RESIDUAL + 24 + k] -= a03 * x0 + a13 * x1 + a23 * x2
+            y0, y1, y2, y3 = g[LAMBDA + k], g[LAMBDA + 8 + k], g[LAMBDA + 16 + k], g[LAMBDA + 24 + k]
+            w[o + RES + k] -= a00 * y0 + a01 * y1 + a02 * y2 + a03 * y3
+            w[o + RES + 8 + k] -= a10 * y0 + a11 * y1 + a12 * y2 + a13 * y3
+            w[o + RES + 16 + k] -= a20 * y0 + a21 * y1 + a22 * y2 + a23 * y3
+    else:
+        for j in range(unknowns):
+            a0, a1, a2, y, r = a[i, 0, j], a[i, 1, j], a[i, 2, j], (LAMBDA + 8 * j) & MASK, (RESIDUAL + 8 * j) & MASK
+            for k in range(lanes):
+                t = g[y + k]
+                g[r + k] -= a0 * w[o + X + k] + a1 * w[o + X + 8 + k] + a2 * w[o + X + 16 + k]
+                w[o + RES + k] -= a0 * t
+                w[o + RES + 8 + k] -= a1 * t
+                w[o + RES + 16 + k] -= a2 * t
     for k in range(lanes):
         r = max(abs(w[o + RES + k]), max(abs(w[o + RES + 8 + k]), abs(w[o + RES + 16 + k])))
         g[DUAL_RES + k] = max(g[DUAL_RES + k], r)
@@ -99,6 +115,7 @@ def scale(w: Array, o: int, lanes: int) -> None:
         w[o + SCALED + 16 + k] = f * (x2 + w2 * c)
         w[o + AXIS + k], w[o + AXIS + 8 + k], w[o + AXIS + 16 + k], w[o + ETA + k] = w0, w1, w2, eta
         f = 1.0 / eta
+        w[o + I_ETA + k], w[o + I_W0 + k] = f, r
         v0, v1, v2 = w[o + RHS + k], w[o + RHS + 8 + k], w[o + RHS + 16 + k]
         t = w1 * v1 + w2 * v2
         c = t * r - v0
@@ -115,14 +132,16 @@ def scale(w: Array, o: int, lanes: int) -> None:
 
 
 @row_kernel
-def scale_column(w: Array, o: int, out: int, v0: float, v1: float, v2: float, lanes: int) -> None:
-    """out = W^-1 v for one column v of the contact's matrix."""
-    o, out = o & MASK, out & MASK
-    for k in range(lanes):
-        w0, w1, w2, f = w[o + AXIS + k], w[o + AXIS + 8 + k], w[o + AXIS + 16 + k], 1.0 / w[o + ETA + k]
-        t = w1 * v1 + w2 * v2
-        c = t / (1.0 + w0) - v0
-        w[out + k], w[out + 8 + k], w[out + 16 + k] = f * (w0 * v0 - t), f * (v1 + w1 * c), f * (v2 + w2 * c)
+def scale_columns(w: Array, o: int, a: Array, i: int, unknowns: int, lanes: int) -> None:
+    """COLUMNS = W^-1 A for the contact's matrix a[i] (3, m)."""
+    o &= MASK
+    for j in range(unknowns):
+        v0, v1, v2, out = a[i, 0, j], a[i, 1, j], a[i, 2, j], (o + COLUMNS + 24 * j) & MASK
+        for k in range(lanes):
+            w0, w1, w2, f = w[o + AXIS + k], w[o + AXIS + 8 + k], w[o + AXIS + 16 + k], w[o + I_ETA + k]
+            t = w1 * v1 + w2 * v2
+            c = t * w[o + I_W0 + k] - v0
+            w[out + k], w[out + 8 + k], w[out + 16 + k] = f * (w0 * v0 - t), f * (v1 + w1 * c), f * (v2 + w2 * c)
 
 
 @row_kernel
@@ -203,8 +222,8 @@ def move(w: Array, o: int, g: Array, lanes: int) -> None:
         d0, d1, d2 = w[o + STEP + k], w[o + STEP + 8 + k], w[o + STEP + 16 + k]
         e0, e1, e2 = w[o + TARGET + k] - d0, w[o + TARGET + 8 + k] - d1, w[o + TARGET + 16 + k] - d2
         w0, w1, w2, eta = w[o + AXIS + k], w[o + AXIS + 8 + k], w[o + AXIS + 16 + k], w[o + ETA + k]
-        r = 1.0 / (1.0 + w0)
-        f = g[LENGTH + k] / eta
+        r = w[o + I_W0 + k]
+        f = g[LENGTH + k] * w[o + I_ETA + k]
         t = w1 * d1 + w2 * d2
         c = t * r - d0
         w[o + X + k] += f * (w0 * d0 - t)

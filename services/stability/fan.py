@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.stability.interior import FAILED, SOLVED, solve_lanes
-from services.stability.lanes import LANES, Objective
+from services.stability.lanes import LANES
 from surefoot.jit import row_kernel
 
 Array = NDArray[np.float64]
@@ -51,7 +51,7 @@ def new_fan(capacity: int, contacts: int) -> Fan:
 
 
 @row_kernel
-def evaluate(a: Array, h: Array, c: Objective, fan: Fan, begin: int, end: int) -> bool:
+def evaluate(a: Array, h: Array, c: Array, fan: Fan, begin: int, end: int) -> bool:
     """Solve for the directions begin .. end - 1 of the fan, eight at a time; tells whether all are solved."""
     n = a.shape[0]
     lanes = LANES if end - begin > 2 else end - begin  # eight cost as much as two: a row is one vector
@@ -140,7 +140,7 @@ def triangle(fan: Fan, k: int, m: int) -> tuple[float, float, float, float]:
 
 @row_kernel
 def grow(
-    a: Array, h: Array, c: Objective, fan: Fan, count: int, tolerance: float, limit: int, batch: int
+    a: Array, h: Array, c: Array, fan: Fan, count: int, tolerance: float, limit: int, batch: int
 ) -> tuple[int, float]:
     """Refine until the outer polygon is within `tolerance` of the inner, or `limit` directions are used.
 
@@ -184,7 +184,7 @@ def grow(
 
 @row_kernel
 def signed_margin(
-    a: Array, h: Array, c: Objective, fan: Fan, count: int, px: float, py: float, tolerance: float, limit: int
+    a: Array, h: Array, c: Array, fan: Fan, count: int, px: float, py: float, tolerance: float, limit: int
 ) -> tuple[int, float, float, int]:
     """min over unit directions of h(a) - a'p: the distance of p to the border inside, minus the distance outside.
 

@@ -18,7 +18,6 @@ from services.stability import cones
 from services.stability.lanes import (
     ACTIVE,
     BLOCK,
-    COLUMNS,
     COST,
     D_KAPPA,
     D_TAU,
@@ -48,13 +47,13 @@ from services.stability.lanes import (
     SIZE,
     TAU,
     Array,
-    Objective,
     X,
     add_dot,
     add_gram,
+    add_products,
     factor,
     solve,
-    subtract_column,
+    subtract_combination,
 )
 from surefoot.jit import row_kernel
 
@@ -70,13 +69,13 @@ STEP_SHARE = 0.99  # of the way to the boundary
 
 
 @row_kernel
-def solve_lanes(a: Array, rhs: Array, c: Objective, lam: Array, x: Array, error: Array, status: Ints) -> int:
+def solve_lanes(a: Array, rhs: Array, c: Array, lam: Array, x: Array, error: Array, status: Ints) -> int:
     """Solve up to eight programs that share the matrix.
 
     Args:
         a: (n, 3, m) matrices A_i.
         rhs: (n, 3, 8) right-hand sides b_i, last index = lane.
-        c: objective, a tuple of m numbers (its length is known to the compiler).
+        c: objective, (m,).
         lam: (m, 8) result: the twist; with NO_PRIMAL a ray with c'lam = -1.
         x: (n, 3, 8) result: forces in cone coordinates; with NO_DUAL a ray with b'x = 1.
         error: (8,) result: largest of residuals and gap.
@@ -85,7 +84,7 @@ def solve_lanes(a: Array, rhs: Array, c: Objective, lam: Array, x: Array, error:
     Returns:
         Number of iterations.
     """
-    n, m, lanes = a.shape[0], len(c), rhs.shape[2]
+    n, m, lanes = a.shape[0], c.size, rhs.shape[2]
     w, g = np.empty(n * BLOCK), np.empty(SIZE)
     for i in range(n):
         cones.start(w, i * BLOCK, lanes)
@@ -123,9 +122,9 @@ def solve_lanes(a: Array, rhs: Array, c: Objective, lam: Array, x: Array, error:
 
 
 @row_kernel
-def _residuals(a: Array, c: Objective, w: Array, g: Array, lanes: int) -> None:
+def _residuals(a: Array, c: Array, w: Array, g: Array, lanes: int) -> None:
     """RES = s - A lam + b tau, RESIDUAL = c tau - A'x, GAP = kappa + c'lam - b'x, MU = mean complementarity."""
-    n, m = a.shape[0], len(c)
+    n, m = a.shape[0], c.size
     for k in range(lanes):
         g[MU + k] = g[TAU + k] * g[KAPPA + k]
         g[DUAL_RES + k] = g[PRIMAL_RES + k] = g[COST + k] = g[GAIN + k] = 0.0
@@ -136,9 +135,7 @@ def _residuals(a: Array, c: Objective, w: Array, g: Array, lanes: int) -> None:
     for i in range(n):
         o = i * BLOCK
         cones.residual(w, o, g, lanes)
-        for j in range(m):
-            cones.residual_column(w, o, a[i, 0, j], a[i, 1, j], a[i, 2, j], g, LAMBDA + 8 * j, RESIDUAL + 8 * j, lanes)
-        cones.largest_residual(w, o, g, lanes)
+        cones.residual_columns(w, o, a, i, g, m, lanes)
     for j in range(m):
         for k in range(lanes):
             g[PRIMAL_RES + k] = max(g[PRIMAL_RES + k], abs(g[RESIDUAL + 8 * j + k]))
@@ -148,9 +145,9 @@ def _residuals(a: Array, c: Objective, w: Array, g: Array, lanes: int) -> None:
 
 
 @row_kernel
-def _judge(c: Objective, w: Array, g: Array, lam: Array, x: Array, error: Array, status: Ints) -> bool:
+def _judge(c: Array, w: Array, g: Array, lam: Array, x: Array, error: Array, status: Ints) -> bool:
     """Keep what has become better, retire what is done; tells whether a lane is left."""
-    n, m, left = x.shape[0], len(c), False
+    n, m, left = x.shape[0], c.size, False
     for k in range(status.size):
         if g[ACTIVE + k] == 0.0:
             continue
@@ -194,9 +191,9 @@ def _save(m: int, w: Array, g: Array, k: int, factor_: float, lam: Array, x: Arr
 
 
 @row_kernel
-def _factorise(a: Array, c: Objective, w: Array, g: Array, lanes: int) -> None:
+def _factorise(a: Array, c: Array, w: Array, g: Array, lanes: int) -> None:
     """Scale, factor M = A'W^-2 A, and solve for the part of the step that is proportional to dtau (P2, SECOND, DEN)."""
-    n, m = a.shape[0], len(c)
+    n, m = a.shape[0], c.size
     for j in range(4 * m * (m + 1)):
         g[MATRIX + j] = 0.0
     for j in range(m):
@@ -206,10 +203,8 @@ def _factorise(a: Array, c: Objective, w: Array, g: Array, lanes: int) -> None:
         o = i * BLOCK
         cones.scale(w, o, lanes)
         cones.copy_rhs(w, o, lanes)
-        for j in range(m):
-            column = o + COLUMNS + 24 * j
-            cones.scale_column(w, o, column, a[i, 0, j], a[i, 1, j], a[i, 2, j], lanes)
-            add_dot(g, P2 + 8 * j, 1.0, w, column, o + RHS_S, lanes)
+        cones.scale_columns(w, o, a, i, m, lanes)
+        add_products(w, o, RHS_S, g, P2, m, lanes)
         add_gram(w, o, g, m, lanes)
     factor(g, m, lanes)
     solve(g, m, P2, lanes)
@@ -220,15 +215,14 @@ def _factorise(a: Array, c: Objective, w: Array, g: Array, lanes: int) -> None:
             g[DEN + k] += c[j] * g[P2 + 8 * j + k]
     for i in range(n):
         o = i * BLOCK
-        for j in range(m):
-            subtract_column(w, o + SECOND, o + COLUMNS + 24 * j, g, P2 + 8 * j, lanes)
+        subtract_combination(w, o, SECOND, g, P2, m, lanes)
         add_dot(g, DEN, -1.0, w, o + RHS_S, o + SECOND, lanes)
 
 
 @row_kernel
-def _step(c: Objective, w: Array, g: Array, n: int, lanes: int, correct: bool) -> None:
+def _step(c: Array, w: Array, g: Array, n: int, lanes: int, correct: bool) -> None:
     """Predictor (sigma = 0), or corrector with the second-order terms of the predictor's step."""
-    m = len(c)
+    m = c.size
     for j in range(m):
         for k in range(lanes):
             g[P1 + 8 * j + k] = (g[SIGMA + k] - 1.0) * g[RESIDUAL + 8 * j + k]
@@ -238,8 +232,7 @@ def _step(c: Objective, w: Array, g: Array, n: int, lanes: int, correct: bool) -
             cones.corrector(w, o, g, lanes)
         else:
             cones.predictor(w, o, lanes)
-        for j in range(m):
-            add_dot(g, P1 + 8 * j, 1.0, w, o + COLUMNS + 24 * j, o + FIRST, lanes)
+        add_products(w, o, FIRST, g, P1, m, lanes)
     solve(g, m, P1, lanes)
     for k in range(lanes):
         second = g[D_TAU + k] * g[D_KAPPA + k] if correct else 0.0
@@ -250,8 +243,7 @@ def _step(c: Objective, w: Array, g: Array, n: int, lanes: int, correct: bool) -
             g[NUM + k] -= c[j] * g[P1 + 8 * j + k]
     for i in range(n):
         o = i * BLOCK
-        for j in range(m):
-            subtract_column(w, o + FIRST, o + COLUMNS + 24 * j, g, P1 + 8 * j, lanes)
+        subtract_combination(w, o, FIRST, g, P1, m, lanes)
         add_dot(g, NUM, 1.0, w, o + RHS_S, o + FIRST, lanes)
     for k in range(lanes):
         t = g[NUM + k] / g[DEN + k]
@@ -268,4 +260,4 @@ def warm() -> None:
         a = np.zeros((1, 3, m))
         a[0, :, :3] = np.eye(3)[[2, 0, 1]]
         lam, x, error = np.empty((m, LANES)), np.empty((1, 3, LANES)), np.empty(LANES)
-        solve_lanes(a, np.zeros((1, 3, LANES)), (0.0, 0.0, 1.0, 0.0, 0.0)[:m], lam, x, error, np.empty(LANES, np.int64))
+        solve_lanes(a, np.zeros((1, 3, LANES)), np.eye(5)[2, :m].copy(), lam, x, error, np.empty(LANES, np.int64))

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from surefoot.jit import row_kernel
 
 Array = NDArray[np.float64]
-Objective = tuple[float, ...]
 
 LANES = 8
 MASK = 0xFFFFFF
@@ -26,8 +25,8 @@ MAX_UNKNOWNS = 6
 S, X, SCALED, RHS, RHS_S, RES, TARGET, FIRST, SECOND, STEP = (24 * row for row in range(10))
 # dual slack, primal force, scaled point, right-hand side, the same scaled, dual residual (scaled in place),
 # right-hand side of complementarity, the two parts of the primal step, the step
-AXIS, ETA = 240, 264  # Nesterov-Todd scaling point (unit) and its length
-COLUMNS = 272  # scaled columns of the matrix, 3 rows for each unknown
+AXIS, ETA, I_ETA, I_W0 = 240, 264, 272, 280  # Nesterov-Todd scaling point (unit), its length, 1 / ETA, 1 / (1 + w0)
+COLUMNS = 288  # scaled columns of the matrix, 3 rows for each unknown
 BLOCK = COLUMNS + 24 * MAX_UNKNOWNS
 
 # rows of g
@@ -147,19 +146,51 @@ def add_dot(g: Array, out: int, sign: float, w: Array, a: int, b: int, lanes: in
 
 
 @row_kernel
-def subtract_column(w: Array, v: int, a: int, g: Array, y: int, lanes: int) -> None:
-    """v -= a y for two 3-vectors of a block and a row y of g."""
-    v, a, y = v & MASK, a & MASK, y & MASK
+def add_products(w: Array, o: int, v: int, g: Array, out: int, unknowns: int, lanes: int) -> None:
+    """out_j += column_j'v for the 3-vector at row `v` of the block at `o` and all scaled columns."""
+    if unknowns != 4:
+        for j in range(unknowns):
+            add_dot(g, out + 8 * j, 1.0, w, o + COLUMNS + 24 * j, o + v, lanes)
+        return
+    v, o, out = (o + v) & MASK, (o + COLUMNS) & MASK, out & MASK
     for k in range(lanes):
-        t = g[y + k]
-        w[v + k] -= w[a + k] * t
-        w[v + 8 + k] -= w[a + 8 + k] * t
-        w[v + 16 + k] -= w[a + 16 + k] * t
+        v0, v1, v2 = w[v + k], w[v + 8 + k], w[v + 16 + k]
+        g[out + k] += w[o + k] * v0 + w[o + 8 + k] * v1 + w[o + 16 + k] * v2
+        g[out + 8 + k] += w[o + 24 + k] * v0 + w[o + 32 + k] * v1 + w[o + 40 + k] * v2
+        g[out + 16 + k] += w[o + 48 + k] * v0 + w[o + 56 + k] * v1 + w[o + 64 + k] * v2
+        g[out + 24 + k] += w[o + 72 + k] * v0 + w[o + 80 + k] * v1 + w[o + 88 + k] * v2
 
 
 @row_kernel
-def add_gram4(w: Array, o: int, g: Array, lanes: int) -> None:
-    """MATRIX += A_i'A_i of the scaled columns of a block, four unknowns in one pass."""
+def subtract_combination(w: Array, o: int, v: int, g: Array, y: int, unknowns: int, lanes: int) -> None:
+    """v -= sum of column_j y_j for the 3-vector at row `v` of the block at `o` and the rows y_j of g."""
+    v, o, y = (o + v) & MASK, (o + COLUMNS) & MASK, y & MASK
+    if unknowns != 4:
+        for j in range(unknowns):
+            a = (o + 24 * j) & MASK
+            b = (y + 8 * j) & MASK
+            for k in range(lanes):
+                t = g[b + k]
+                w[v + k] -= w[a + k] * t
+                w[v + 8 + k] -= w[a + 8 + k] * t
+                w[v + 16 + k] -= w[a + 16 + k] * t
+        return
+    for k in range(lanes):
+        y0, y1, y2, y3 = g[y + k], g[y + 8 + k], g[y + 16 + k], g[y + 24 + k]
+        w[v + k] -= w[o + k] * y0 + w[o + 24 + k] * y1 + w[o + 48 + k] * y2 + w[o + 72 + k] * y3
+        w[v + 8 + k] -= w[o + 8 + k] * y0 + w[o + 32 + k] * y1 + w[o + 56 + k] * y2 + w[o + 80 + k] * y3
+        w[v + 16 + k] -= w[o + 16 + k] * y0 + w[o + 40 + k] * y1 + w[o + 64 + k] * y2 + w[o + 88 + k] * y3
+
+
+@row_kernel
+def add_gram(w: Array, o: int, g: Array, unknowns: int, lanes: int) -> None:
+    """MATRIX += A_i'A_i of the scaled columns of a block."""
+    if unknowns != 4:
+        for j in range(unknowns):
+            for i in range(j + 1):
+                a, b = o + COLUMNS + 24 * j, o + COLUMNS + 24 * i
+                add_dot(g, MATRIX + 8 * (j * (j + 1) // 2 + i), 1.0, w, a, b, lanes)
+        return
     o = (o + COLUMNS) & MASK
     for k in range(lanes):
         a0, a1, a2 = w[o + k], w[o + 8 + k], w[o + 16 + k]
@@ -176,15 +207,3 @@ def add_gram4(w: Array, o: int, g: Array, lanes: int) -> None:
         g[MATRIX + 56 + k] += b0 * d0 + b1 * d1 + b2 * d2
         g[MATRIX + 64 + k] += c0 * d0 + c1 * d1 + c2 * d2
         g[MATRIX + 72 + k] += d0 * d0 + d1 * d1 + d2 * d2
-
-
-@row_kernel
-def add_gram(w: Array, o: int, g: Array, unknowns: int, lanes: int) -> None:
-    """MATRIX += A_i'A_i of the scaled columns of a block."""
-    if unknowns == 4:
-        add_gram4(w, o, g, lanes)
-        return
-    for j in range(unknowns):
-        for i in range(j + 1):
-            a, b = o + COLUMNS + 24 * j, o + COLUMNS + 24 * i
-            add_dot(g, MATRIX + 8 * (j * (j + 1) // 2 + i), 1.0, w, a, b, lanes)

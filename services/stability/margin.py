@@ -86,10 +86,10 @@ def extent(region: Region, point: Array, direction: Array) -> Extent:
     return _solve(r.a, r.h, r.c, start, a, r.length)
 
 
-def _solve(a: Array, h: Array, c: tuple[float, ...], start: Array, direction: Array, length: float) -> Extent:
+def _solve(a: Array, h: Array, c: Array, start: Array, direction: Array, length: float) -> Extent:
     across = np.array([-direction[1], direction[0]])
     wide = np.concatenate((a, (h @ across)[:, :, None]), axis=2)
-    status, value, _, _, _ = solve_one(wide, h @ direction, (*c, float(across @ start)))
+    status, value, _, _, _ = solve_one(wide, h @ direction, np.append(c, across @ start))
     if status == NO_PRIMAL:
         return Extent(None, "missed")
     if status == NO_DUAL:

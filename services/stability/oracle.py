@@ -131,9 +131,11 @@ class Oracle:
 
     def moved(self, scaled: Array, direction: Array) -> Array:
         """Twist of the scaled frame about the origin of the request's frame, m."""
-        spin = np.array([-direction[1], direction[0], scaled[3]])
-        v = self.reduced.length * scaled[:3] - np.cross(spin, self.reduced.origin)
-        return np.array([v[0], v[1], v[2], scaled[3]])
+        (x, y, z), s, w = self.reduced.origin, self.reduced.length, scaled[3]
+        ax, ay = direction  # v' = v - Om x origin, Om = (-a_y, a_x, w)
+        return np.array(
+            [s * scaled[0] - ax * z + w * y, s * scaled[1] - w * x - ay * z, s * scaled[2] + ay * y + ax * x, w]
+        )
 
     def forces(self, cone: Array, weight: float, free: Array | None = None) -> Array:
         """Forces (n, 3) in the frame of the request from cone coordinates; free tangential ones balance the rest."""
@@ -159,7 +161,7 @@ class Oracle:
         return matrices(self.contacts.position, self.contacts.normal, mu)[0]
 
 
-def solve_one(a: Array, rhs: Array, c: tuple[float, ...]) -> tuple[int, float, Array, Array, float]:
+def solve_one(a: Array, rhs: Array, c: Array) -> tuple[int, float, Array, Array, float]:
     """One program of m unknowns: status, c'lam, lam (m,), x (n, 3), error; clarabel when the kernel gives up."""
     n, m = a.shape[0], a.shape[2]
     lam, x = np.empty((m, 1)), np.empty((n, 3, 1))

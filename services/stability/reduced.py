@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.stability.contacts import Array, ContactSet
-from services.stability.lanes import Objective
 from surefoot.jit import row_kernel
 
 RANK = 1e-10  # relative; smaller singular values are taken as zero
@@ -28,7 +27,7 @@ class Reduced(NamedTuple):
 
     a: Array  # (n, 3, 4)
     h: Array  # (n, 3, 2)
-    c: Objective  # objective of the unknowns
+    c: Array  # (4,) objective of the unknowns
     origin: Array  # (3,) m, centroid
     length: float  # m, unit of length
 
@@ -90,7 +89,7 @@ def reduce(contacts: ContactSet) -> tuple[Reduced, Subspace | None]:
     """Programs of a set of at least one contact; the subspace is None for sets with ordinary friction."""
     mu = np.where(contacts.mu < SMALL_MU, 0.0, contacts.mu)
     a, h, origin, length, spread = matrices(contacts.position, contacts.normal, mu)
-    reduced = Reduced(a, h, (0.0, 0.0, 1.0, 0.0), origin, length)
+    reduced = Reduced(a, h, np.array([0.0, 0.0, 1.0, 0.0]), origin, length)
     if mu.min() > 0.0 and mu.max() < math.inf and spread > RANK * length:
         return reduced, None
     return _special(reduced, contacts, np.isinf(mu))
@@ -102,7 +101,7 @@ def _special(reduced: Reduced, contacts: ContactSet, unlimited: NDArray[np.bool_
     A free tangential force demands that the twist does not move its point tangentially: linear equations E lam = e a,
     solved by lam = offset a + basis eta. Where they contradict each other the free forces can shift the CoM at will.
     """
-    a, h, c = reduced.a, reduced.h, np.array(reduced.c)
+    a, h, c = reduced.a, reduced.h, reduced.c
     clone = ContactSet(contacts.position, contacts.normal, np.ones(len(contacts)))
     ea, eh = matrices(clone.position, clone.normal, clone.mu)[:2]
     rows = math.sqrt(2.0) * ea[unlimited, 1:].reshape(-1, 4)  # E, (2k, 4); undoes the size of the cone columns
@@ -129,7 +128,7 @@ def _special(reduced: Reduced, contacts: ContactSet, unlimited: NDArray[np.bool_
     special = Reduced(
         np.ascontiguousarray(a @ basis),
         np.ascontiguousarray(h - a @ offset),
-        tuple(float(v) for v in basis.T @ c),
+        basis.T @ c,
         reduced.origin,
         reduced.length,
     )

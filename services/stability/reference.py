@@ -10,7 +10,6 @@ import numpy as np
 
 from services.stability.contacts import Array
 from services.stability.interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED
-from services.stability.lanes import Objective
 
 LOOSE = 1e-6  # residual above which an "almost solved" answer is refused
 
@@ -29,12 +28,12 @@ class ReferenceAnswer:
 class Reference:
     """clarabel on the cones of one contact set."""
 
-    def __init__(self, a: Array, c: Objective, tolerance: float = 1e-11) -> None:
+    def __init__(self, a: Array, c: Array, tolerance: float = 1e-11) -> None:
         import clarabel  # pyright: ignore[reportMissingImports] - no stubs; 0.1 s, for the fallback and tests only
         from scipy import sparse
 
         n, _, m = a.shape
-        self._a, self._c, self._shape = a, np.array(c), (n, 3)
+        self._a, self._c, self._shape = a, c, (n, 3)
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.presolve_enable = False

@@ -34,7 +34,7 @@ class Solved:
 
     a: Array
     h: Array
-    c: tuple[float, ...]
+    c: Array
     fan: Fan
     count: int
     anchor: Array  # (2,) m
@@ -142,7 +142,7 @@ def _ordinary(
 ) -> tuple[bool, Array, Array, Fan, int, Array, float, Array, Array, float, Array, Array, Array, Array, Array]:
     """Everything for a set with friction whose region is bounded and has an area; False in front if it is not."""
     n, count = mu.size, first.shape[0]
-    c = (0.0, 0.0, 1.0, 0.0)
+    c = np.array([0.0, 0.0, 1.0, 0.0])
     a, h, origin, length, spread = matrices(position, normal, mu)
     fan = new_fan(limit if refine else count, n)
     fan.direction[:count] = first
@@ -150,19 +150,19 @@ def _ordinary(
     gap, inner, outer = 0.0, np.empty((0, 2)), np.empty((0, 2))
     if fine:
         insert(fan, 0, count)
+        if refine:
+            count, gap = grow(a, h, c, fan, count, tolerance / length, limit, 4 if limit <= FEW else 8)
         inner = hull(fan.point[:count])
         size = 0.0
-        for k in range(count):
-            size = max(size, fan.value[k])
-            for j in range(count):
-                reach = math.hypot(fan.point[j, 0] - fan.point[k, 0], fan.point[j, 1] - fan.point[k, 1])
-                size = max(size, reach)
-        fine = area(inner) > SLIM * size * size and size > THIN
+        for k in range(inner.shape[0]):
+            for j in range(k):
+                size = max(size, math.hypot(inner[j, 0] - inner[k, 0], inner[j, 1] - inner[k, 1]))
+        fine = size > THIN and area(inner) > SLIM * size * size
         if fine:
-            if refine:
-                count, gap = grow(a, h, c, fan, count, tolerance / length, limit, 4 if limit <= FEW else 8)
-                inner = hull(fan.point[:count])
-            outer = hull(half_planes(fan.direction[:count], fan.value[:count], 8.0 * size))
+            far = 0.0
+            for k in range(count):
+                far = max(far, abs(fan.value[k]))
+            outer = hull(half_planes(fan.direction[:count], fan.value[:count], 8.0 * (size + far)))
     k = count - skip if fine else 0
     point, twist, force = np.empty((k, 2)), np.empty((k, 4)), np.zeros((k, n, 3))
     direction, slack = np.empty((k, 2)), np.empty(k)
@@ -194,7 +194,7 @@ def _from_kernel(
 ) -> Region:
     _, a, h, fan, count, origin, length, inner, outer, gap, direction, point, twist, force, slack = answer
     support = Support(direction, twist[:, 2], point, ("ok",) * len(direction), slack, twist, force)
-    solved = Solved(a, h, (0.0, 0.0, 1.0, 0.0), fan, count, origin[:2], length)
+    solved = Solved(a, h, np.array([0.0, 0.0, 1.0, 0.0]), fan, count, origin[:2], length)
     if gap == 0.0:
         gap = _distance(inner, outer)
     return Region(contacts, "ok", inner, outer, support, gap, False, count, None, solved)
@@ -323,5 +323,13 @@ def warm() -> None:
     """Compile the kernels behind `region`."""
     feet = np.array([[0.1, 0.1, 0.0], [0.1, -0.1, 0.0], [-0.1, 0.0, 0.02], [0.0, 0.1, 0.0]])
     up = np.tile([0.0, 0.0, 1.0], (4, 1))
-    region(ContactSet(feet, up, np.full(4, 0.5)))
-    region(ContactSet(feet[[0, 1, 3]], up[:3], np.full(3, 0.5)))
+    for chosen, mu in (
+        ([0, 1, 2, 3], 0.5),
+        ([0, 1, 3], 0.5),
+        ([0, 2], 0.5),
+        ([0, 1, 2, 3], 0.0),
+        ([0, 1, 2, 3], math.inf),
+    ):
+        some = ContactSet(feet[chosen], up[: len(chosen)], np.full(len(chosen), mu))
+        region(some)
+        region(some, AXES)

@@ -72,7 +72,7 @@ def test_five_unknowns_equal_clarabel() -> None:
         r = reduce(contacts)[0]
         a, b = SIXTEEN[3], np.array([-SIXTEEN[3][1], SIXTEEN[3][0]])
         wide = np.concatenate((r.a, (r.h @ b)[:, :, None]), axis=2)
-        c = (*r.c, float(rng.uniform(-0.2, 0.2)))
+        c = np.append(r.c, rng.uniform(-0.2, 0.2))
         status, value, *_ = solve_one(wide, r.h @ a, c)
         answer = Reference(wide, c).solve(r.h @ a)
         assert status == answer.status
@@ -86,14 +86,14 @@ def test_verdicts_of_hand_made_programs() -> None:
     a[0, 0, 2] = 1.0
     lam, x, error, status = np.empty((4, 8)), np.empty((1, 3, 8)), np.empty(8), np.empty(8, dtype=np.int64)
     rhs = np.zeros((1, 3, 8))
-    solve_lanes(a, rhs, (0.0, 0.0, 1.0, 0.0), lam, x, error, status)
+    solve_lanes(a, rhs, np.array([0.0, 0.0, 1.0, 0.0]), lam, x, error, status)
     assert (status == SOLVED).all()
     np.testing.assert_allclose(lam[2], 0.0, atol=1e-8)
-    solve_lanes(a, rhs, (0.0, 0.0, -1.0, 0.0), lam, x, error, status)
+    solve_lanes(a, rhs, np.array([0.0, 0.0, -1.0, 0.0]), lam, x, error, status)
     assert (status == NO_PRIMAL).all()
     np.testing.assert_allclose(lam[2], 1.0)  # the ray: objective -1
     rhs[0, 1] = 1.0  # pulls along a cone coordinate that the unknown does not reach
-    solve_lanes(np.zeros((1, 3, 4)), rhs, (0.0, 0.0, 0.0, 0.0), lam, x, error, status)
+    solve_lanes(np.zeros((1, 3, 4)), rhs, np.array([0.0, 0.0, 0.0, 0.0]), lam, x, error, status)
     assert (status == NO_DUAL).all()
     np.testing.assert_allclose((x * rhs).sum(axis=(0, 1)), 1.0)
 
