@@ -35,6 +35,35 @@ class Fan(NamedTuple):
     order: Ints  # (cap,)
 
 
+ANSWER, ENCLOSE, APPROACH = 0, 1, 2
+"""Goals: only answer what is asked; bring the outer polygon close to the inner; find the nearest edge to a point."""
+
+
+class Goal(NamedTuple):
+    """What directions are added for; lengths in the scaled frame."""
+
+    kind: int
+    tolerance: float
+    """Distance of outer from inner polygon (ENCLOSE), or of the best value from its bound (APPROACH)."""
+    x: float
+    y: float
+    """The point to approach."""
+
+
+class Outlook(NamedTuple):
+    """What is known about a goal."""
+
+    best: float
+    """Largest distance of outer from inner (ENCLOSE); smallest h(a) - a'p (APPROACH)."""
+    bound: float
+    """Lower bound of the smallest h(a) - a'p over all directions."""
+    index: int
+    """Direction of the best."""
+
+
+ASKED = Goal(ANSWER, 0.0, 0.0, 0.0)
+
+
 @row_kernel
 def new_fan(capacity: int, contacts: int) -> Fan:
     """An empty fan."""
@@ -111,19 +140,6 @@ def insert(fan: Fan, begin: int, end: int) -> None:
 
 
 @row_kernel
-def spread_axes(fan: Fan) -> int:
-    """Eight first directions: the axes exactly, and the diagonals."""
-    r = math.sqrt(0.5)
-    for k in range(8):
-        i = k // 2
-        x, y = (1.0, 0.0) if k % 2 == 0 else (r, r)
-        for _ in range(i):
-            x, y = -y, x
-        fan.direction[k, 0], fan.direction[k, 1] = x, y
-    return 8
-
-
-@row_kernel
 def triangle(fan: Fan, k: int, m: int) -> tuple[float, float, float, float]:
     """Outward normal of the edge y_k y_m, height of the triangle over it, and its area; zeros if it cannot be split."""
     ax, ay, bx, by = fan.direction[k, 0], fan.direction[k, 1], fan.direction[m, 0], fan.direction[m, 1]
@@ -139,96 +155,98 @@ def triangle(fan: Fan, k: int, m: int) -> tuple[float, float, float, float]:
 
 
 @row_kernel
-def grow(
-    a: Array, h: Array, c: Array, fan: Fan, count: int, tolerance: float, limit: int, batch: int
-) -> tuple[int, float]:
-    """Refine until the outer polygon is within `tolerance` of the inner, or `limit` directions are used.
+def explore(
+    a: Array, h: Array, c: Array, fan: Fan, solved: int, count: int, goal: Goal, limit: int, batch: int
+) -> tuple[int, bool, Outlook]:
+    """Solve for the directions given, then for those that a goal asks for. The only kernel that contains the solver.
 
     Args:
         a: matrices of `Reduced`, (n, 3, 4).
         h: as above, (n, 3, 2).
-        c: as above.
-        fan: with `count` >= 3 solved directions, in order.
-        count: how many.
-        tolerance: scaled length.
-        limit: at most so many directions, <= capacity of the fan.
+        c: as above, (4,).
+        fan: the first `solved` directions have answers and an order, those up to `count` are to be answered.
+        solved: how many are.
+        count: how many there are.
+        goal: what to refine for.
+        limit: at most so many directions in the end, <= capacity of the fan.
         batch: at most so many at once, <= 8: fewer use what the last ones showed, more are quicker.
 
     Returns:
-        Number of directions, and the largest distance left.
+        Number of directions that have an answer, whether all given ones are solved, and what is known about the goal.
     """
-    pick, rank = np.empty((LANES, 2)), np.empty(LANES)
-    while True:
-        gap, wanted = 0.0, 0
+    pick = np.empty((LANES, 2))
+    outlook = Outlook(math.inf, -math.inf, 0)
+    if count > solved:
+        if not evaluate(a, h, c, fan, solved, count):
+            return solved, False, outlook
+        insert(fan, solved, count)
+    while goal.kind != ANSWER:
         room = min(batch, limit - count)
-        for i in range(count):
-            nx, ny, height, size = triangle(fan, fan.order[i], fan.order[(i + 1) % count])
-            gap = max(gap, height)
-            if height <= tolerance or room == 0 or (wanted == room and size <= rank[wanted - 1]):
-                continue
-            j = min(wanted, room - 1)
-            wanted = min(wanted + 1, room)
-            while j > 0 and rank[j - 1] < size:
-                rank[j], pick[j, 0], pick[j, 1] = rank[j - 1], pick[j - 1, 0], pick[j - 1, 1]
-                j -= 1
-            rank[j], pick[j, 0], pick[j, 1] = size, nx, ny
+        if goal.kind == ENCLOSE:
+            wanted, outlook = _wide_triangles(fan, count, goal, pick, room)
+        else:
+            wanted, outlook = _near_arcs(fan, count, goal, pick, room)
         if wanted == 0:
-            return count, gap
+            break
         for k in range(wanted):
             fan.direction[count + k] = pick[k]
         if not evaluate(a, h, c, fan, count, count + wanted):
-            return count, gap  # numerically at the end: what was there stays valid
+            break  # numerically at the end: what was there stays valid
         insert(fan, count, count + wanted)
         count += wanted
+    return count, True, outlook
 
 
 @row_kernel
-def signed_margin(
-    a: Array, h: Array, c: Array, fan: Fan, count: int, px: float, py: float, tolerance: float, limit: int
-) -> tuple[int, float, float, int]:
+def _wide_triangles(fan: Fan, count: int, goal: Goal, pick: Array, room: int) -> tuple[int, Outlook]:
+    """The edges of the inner polygon with the largest triangles over them; outlook: the largest height."""
+    rank, gap, wanted = np.empty(LANES), 0.0, 0
+    for i in range(count):
+        nx, ny, height, size = triangle(fan, fan.order[i], fan.order[(i + 1) % count])
+        gap = max(gap, height)
+        if height <= goal.tolerance or room == 0 or (wanted == room and size <= rank[wanted - 1]):
+            continue
+        j = min(wanted, room - 1)
+        wanted = min(wanted + 1, room)
+        while j > 0 and rank[j - 1] < size:
+            rank[j], pick[j, 0], pick[j, 1] = rank[j - 1], pick[j - 1, 0], pick[j - 1, 1]
+            j -= 1
+        rank[j], pick[j, 0], pick[j, 1] = size, nx, ny
+    return wanted, Outlook(gap, 0.0, 0)
+
+
+@row_kernel
+def _near_arcs(fan: Fan, count: int, goal: Goal, pick: Array, room: int) -> tuple[int, Outlook]:
     """min over unit directions of h(a) - a'p: the distance of p to the border inside, minus the distance outside.
 
     Between neighbours a_k, a_l the value is at least that of the edge y_k y_l, so each arc has a lower bound; arcs
-    whose bound is below the best value are split at the direction of the bound.
-
-    Returns:
-        Number of directions now in the fan, the margin, a lower bound of it, and the index of its direction.
+    whose bound is below the best value are split at the direction of the bound. Outlook: best value, bound, its index.
     """
-    arcs, pick = np.empty(LANES), np.empty((LANES, 2))
-    while True:
-        best, bound, arg = math.inf, math.inf, 0
-        for s in range(count):
-            value = fan.value[s] - fan.direction[s, 0] * px - fan.direction[s, 1] * py
-            if value < best:
-                best, arg = value, s
-        wanted, room = 0, min(LANES, limit - count)
-        bound = best
-        for i in range(count):
-            k, m = fan.order[i], fan.order[(i + 1) % count]
-            dx, dy, low = _arc_bound(fan, k, m, px, py)
-            bound = min(bound, low)
-            if low >= best - tolerance or room == 0 or (wanted == room and low >= arcs[wanted - 1]):
-                continue
-            j = min(wanted, room - 1)
-            wanted = min(wanted + 1, room)
-            while j > 0 and arcs[j - 1] > low:
-                arcs[j], pick[j, 0], pick[j, 1] = arcs[j - 1], pick[j - 1, 0], pick[j - 1, 1]
-                j -= 1
-            arcs[j], pick[j, 0], pick[j, 1] = low, dx, dy
-        if wanted == 0:
-            return count, best, bound, arg
-        for k in range(wanted):
-            fan.direction[count + k] = pick[k]
-        extra = min(room, LANES) - wanted
-        for k in range(extra):  # spare lanes: closer and closer to the most promising direction, on both sides
+    rank, best, arg, wanted = np.empty(LANES), math.inf, 0, 0
+    for s in range(count):
+        value = fan.value[s] - fan.direction[s, 0] * goal.x - fan.direction[s, 1] * goal.y
+        if value < best:
+            best, arg = value, s
+    bound = best
+    for i in range(count):
+        dx, dy, low = _arc_bound(fan, fan.order[i], fan.order[(i + 1) % count], goal.x, goal.y)
+        bound = min(bound, low)
+        if low >= best - goal.tolerance or room == 0 or (wanted == room and low >= rank[wanted - 1]):
+            continue
+        j = min(wanted, room - 1)
+        wanted = min(wanted + 1, room)
+        while j > 0 and rank[j - 1] > low:
+            rank[j], pick[j, 0], pick[j, 1] = rank[j - 1], pick[j - 1, 0], pick[j - 1, 1]
+            j -= 1
+        rank[j], pick[j, 0], pick[j, 1] = low, dx, dy
+    if wanted > 0:
+        for k in range(room - wanted):  # spare lanes: ever closer to the most promising direction, on both sides
             turn = math.ldexp(0.25, -3 * (k // 2)) * (1.0 if k % 2 == 0 else -1.0)
             dx, dy = pick[0, 0] - turn * pick[0, 1], pick[0, 1] + turn * pick[0, 0]
             norm = math.hypot(dx, dy)
-            fan.direction[count + wanted + k, 0], fan.direction[count + wanted + k, 1] = dx / norm, dy / norm
-        if not evaluate(a, h, c, fan, count, count + wanted + extra):
-            return count, best, bound, arg
-        insert(fan, count, count + wanted + extra)
-        count += wanted + extra
+            pick[wanted + k, 0], pick[wanted + k, 1] = dx / norm, dy / norm
+        wanted = room
+    return wanted, Outlook(best, bound, arg)
 
 
 @row_kernel

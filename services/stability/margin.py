@@ -7,8 +7,9 @@ from typing import Literal
 import numpy as np
 
 from services.stability.contacts import Array
-from services.stability.fan import Fan, new_fan, signed_margin
+from services.stability.fan import APPROACH, Fan, Goal, explore, new_fan
 from services.stability.interior import NO_DUAL, NO_PRIMAL
+from services.stability.lanes import LANES
 from services.stability.oracle import FLAT, Oracle, solve_one
 from services.stability.region import Region
 from surefoot.polygon import ray, signed_distance
@@ -51,8 +52,9 @@ def margin(region: Region, point: Array) -> Margin:
     x, y = (point - s.anchor) / s.length
     capacity = s.count + MARGIN_DIRECTIONS
     fan = _with_room(s.fan, s.count, capacity)
-    _, value, _, k = signed_margin(s.a, s.h, s.c, fan, s.count, x, y, MARGIN_TOLERANCE, capacity)
-    return Margin(value * s.length, fan.direction[k].copy())
+    goal = Goal(APPROACH, MARGIN_TOLERANCE, float(x), float(y))
+    outlook = explore(s.a, s.h, s.c, fan, s.count, s.count, goal, capacity, LANES)[2]
+    return Margin(outlook.best * s.length, fan.direction[outlook.index].copy())
 
 
 def _with_room(fan: Fan, count: int, capacity: int) -> Fan:

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.stability.contacts import Array, ContactSet, StabilityError
-from services.stability.fan import Fan, evaluate, insert, new_fan
+from services.stability.fan import ASKED, Fan, explore, insert, new_fan
 from services.stability.interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED, solve_lanes
+from services.stability.lanes import LANES
 from services.stability.reduced import SMALL_MU, matrices, reduce
 from services.stability.reference import Reference
 
@@ -62,7 +63,7 @@ class Oracle:
         n = len(self.contacts)
         fan = new_fan(1, n)
         fan.direction[0] = 0.0
-        self._evaluate(fan, 0, 1)
+        self._answer(fan, 1)
         return self.twist(fan.unknown[0], np.zeros(2)) if fan.status[0] == NO_PRIMAL else None
 
     def drift(self, direction: Array) -> Array:
@@ -76,15 +77,15 @@ class Oracle:
         count = len(direction)
         fan = new_fan(max(capacity, count), len(self.contacts))
         fan.direction[:count] = direction
-        self._evaluate(fan, 0, count)
-        insert(fan, 0, count)
+        self._answer(fan, count)
         return fan
 
-    def _evaluate(self, fan: Fan, begin: int, end: int) -> None:
+    def _answer(self, fan: Fan, count: int) -> None:
         r = self.reduced
-        if evaluate(r.a, r.h, r.c, fan, begin, end):
+        if explore(r.a, r.h, r.c, fan, 0, count, ASKED, count, LANES)[1]:
             return
-        for k in begin + np.flatnonzero(fan.status[begin:end] == FAILED):
+        insert(fan, 0, count)
+        for k in np.flatnonzero(fan.status[:count] == FAILED):
             answer = self._reference.solve(r.h @ fan.direction[k])
             if answer.status == FAILED:
                 raise StabilityError(

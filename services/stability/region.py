@@ -13,19 +13,20 @@ import numpy as np
 from services.stability import flat
 from services.stability.contacts import Array, ContactSet
 from services.stability.directions import equally_spaced
-from services.stability.fan import Fan, evaluate, grow, insert, new_fan
+from services.stability.fan import ANSWER, ENCLOSE, Fan, Goal, explore, new_fan
 from services.stability.interior import NO_PRIMAL, SOLVED
+from services.stability.lanes import LANES
 from services.stability.oracle import FLAT, Oracle, Support
 from services.stability.reduced import RANK, SMALL_MU, matrices
 from surefoot.jit import row_kernel
-from surefoot.polygon import area, half_planes, hull
+from surefoot.polygon import area, half_planes, hull, signed_distance
 
 RegionStatus = Literal["ok", "infeasible", "unbounded", "point", "segment"]
 
 THIN = 1e-7  # in units of the stance; a region narrower than that is a segment, a shorter one a point
 SLIM = 1e-5  # area / diameter^2 below which the width is looked at
 AXES = equally_spaced(8)
-FEW = 16  # directions; with no more than that each batch is small, so that it uses what the last one showed
+FEW, FEW_AT_ONCE = 16, 4  # with no more directions than that the batches are small, to use what the last one showed
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,11 +92,9 @@ def region(
     skip = len(first) - len(given) if not refine else 0
     if n > 1 and contacts.mu.min() > SMALL_MU and contacts.mu.max() < math.inf:
         begin = np.concatenate((_edge_normals(contacts.position), given)) if refine else first
-        answer = _ordinary(
-            contacts.position, contacts.normal, contacts.mu, begin, refine, tolerance, max(limit, len(begin)), skip
-        )
-        if answer[0]:
-            return _from_kernel(contacts, answer)
+        found = _ordinary(contacts, begin, refine, tolerance, max(limit, len(begin)), skip)
+        if found is not None:
+            return found
     if n == 0:
         nothing = np.array([0.0, 0.0, -1.0, 0.0])
         return _infeasible(contacts, first[skip:], nothing)
@@ -129,47 +128,57 @@ def _edge_normals(position: Array) -> Array:
     return out
 
 
-@row_kernel
 def _ordinary(
-    position: Array,
-    normal: Array,
-    mu: Array,
-    first: Array,
-    refine: bool,
-    tolerance: float,
-    limit: int,
-    skip: int,
-) -> tuple[bool, Array, Array, Fan, int, Array, float, Array, Array, float, Array, Array, Array, Array, Array]:
-    """Everything for a set with friction whose region is bounded and has an area; False in front if it is not."""
-    n, count = mu.size, first.shape[0]
+    contacts: ContactSet, first: Array, refine: bool, tolerance: float, limit: int, skip: int
+) -> Region | None:
+    """Region of a set with friction that is bounded and has an area; None if it is not so simple."""
+    a, h, origin, length, spread = matrices(contacts.position, contacts.normal, contacts.mu)
+    if spread <= RANK * length:
+        return None
     c = np.array([0.0, 0.0, 1.0, 0.0])
-    a, h, origin, length, spread = matrices(position, normal, mu)
-    fan = new_fan(limit if refine else count, n)
-    fan.direction[:count] = first
-    fine = spread > RANK * length and evaluate(a, h, c, fan, 0, count)
-    gap, inner, outer = 0.0, np.empty((0, 2)), np.empty((0, 2))
-    if fine:
-        insert(fan, 0, count)
-        if refine:
-            count, gap = grow(a, h, c, fan, count, tolerance / length, limit, 4 if limit <= FEW else 8)
-        inner = hull(fan.point[:count])
-        size = 0.0
-        for k in range(inner.shape[0]):
-            for j in range(k):
-                size = max(size, math.hypot(inner[j, 0] - inner[k, 0], inner[j, 1] - inner[k, 1]))
-        fine = size > THIN and area(inner) > SLIM * size * size
-        if fine:
-            far = 0.0
-            for k in range(count):
-                far = max(far, abs(fan.value[k]))
-            outer = hull(half_planes(fan.direction[:count], fan.value[:count], 8.0 * (size + far)))
-    k = count - skip if fine else 0
+    fan = new_fan(limit if refine else len(first), len(contacts))
+    fan.direction[: len(first)] = first
+    goal = Goal(ENCLOSE if refine else ANSWER, tolerance / length, 0.0, 0.0)
+    count, fine, outlook = explore(a, h, c, fan, 0, len(first), goal, limit, FEW_AT_ONCE if limit <= FEW else LANES)
+    if not fine:
+        return None
+    fine, inner, outer, direction, point, twist, force, slack = _finish(a, fan, count, origin, length, refine, skip)
+    if not fine:
+        return None
+    support = Support(direction, twist[:, 2], point, ("ok",) * len(direction), slack, twist, force)
+    gap = outlook.best * length if refine else _distance(inner, outer)
+    solved = Solved(a, h, c, fan, count, origin[:2], length)
+    return Region(contacts, "ok", inner, outer, support, gap, False, count, None, solved)
+
+
+@row_kernel
+def _polygons(fan: Fan, count: int) -> tuple[bool, Array, Array]:
+    """Whether the region has an area, inner and outer polygon, scaled."""
+    inner = hull(fan.point[:count])
+    size, far = 0.0, 0.0
+    for k in range(inner.shape[0]):
+        for j in range(k):
+            size = max(size, math.hypot(inner[j, 0] - inner[k, 0], inner[j, 1] - inner[k, 1]))
+    if size <= THIN or area(inner) <= SLIM * size * size:
+        return False, inner, inner
+    for k in range(count):
+        far = max(far, abs(fan.value[k]))
+    return True, inner, hull(half_planes(fan.direction[:count], fan.value[:count], 8.0 * (size + far)))
+
+
+@row_kernel
+def _finish(
+    a: Array, fan: Fan, count: int, origin: Array, length: float, by_angle: bool, skip: int
+) -> tuple[bool, Array, Array, Array, Array, Array, Array, Array]:
+    """Polygons and answers in metres, in the frame of the request; False in front if there is no area."""
+    fine, inner, outer = _polygons(fan, count)
+    n, k = a.shape[0], count - skip if fine else 0
     point, twist, force = np.empty((k, 2)), np.empty((k, 4)), np.zeros((k, n, 3))
     direction, slack = np.empty((k, 2)), np.empty(k)
+    ox, oy, oz = origin[0], origin[1], origin[2]
     for i in range(k):
-        s = fan.order[i] if refine else skip + i
+        s = fan.order[i] if by_angle else skip + i
         ax, ay, w = fan.direction[s, 0], fan.direction[s, 1], fan.unknown[s, 3]
-        ox, oy, oz = origin[0], origin[1], origin[2]
         direction[i, 0], direction[i, 1] = ax, ay
         point[i, 0], point[i, 1] = ox + length * fan.point[s, 0], oy + length * fan.point[s, 1]
         twist[i, 0] = length * fan.unknown[s, 0] - (ax * oz - w * oy)
@@ -183,27 +192,13 @@ def _ordinary(
                     force[i, j, d] += a[j, q, d] * fan.force[s, j, q]
     for polygon in (inner, outer):
         for i in range(polygon.shape[0]):
-            polygon[i, 0] = origin[0] + length * polygon[i, 0]
-            polygon[i, 1] = origin[1] + length * polygon[i, 1]
-    return fine, a, h, fan, count, origin, length, inner, outer, gap * length, direction, point, twist, force, slack
-
-
-def _from_kernel(
-    contacts: ContactSet,
-    answer: tuple[bool, Array, Array, Fan, int, Array, float, Array, Array, float, Array, Array, Array, Array, Array],
-) -> Region:
-    _, a, h, fan, count, origin, length, inner, outer, gap, direction, point, twist, force, slack = answer
-    support = Support(direction, twist[:, 2], point, ("ok",) * len(direction), slack, twist, force)
-    solved = Solved(a, h, np.array([0.0, 0.0, 1.0, 0.0]), fan, count, origin[:2], length)
-    if gap == 0.0:
-        gap = _distance(inner, outer)
-    return Region(contacts, "ok", inner, outer, support, gap, False, count, None, solved)
+            polygon[i, 0] = ox + length * polygon[i, 0]
+            polygon[i, 1] = oy + length * polygon[i, 1]
+    return fine, inner, outer, direction, point, twist, force, slack
 
 
 def _distance(inner: Array, outer: Array) -> float:
     """Largest distance of a vertex of outer from inner."""
-    from surefoot.polygon import signed_distance
-
     if not len(inner) or not len(outer):
         return math.nan
     return max(0.0, max(-signed_distance(inner, v[0], v[1]) for v in outer))
@@ -273,11 +268,12 @@ def _careful(contacts: ContactSet, first: Array, skip: int, refine: bool, tolera
         return Region(contacts, kind, polygon, polygon, support, 0.0, True, count)
     gap = math.nan
     if refine:
-        count, gap = grow(r.a, r.h, r.c, fan, count, tolerance / r.length, limit, 4 if limit <= FEW else 8)
+        goal = Goal(ENCLOSE, tolerance / r.length, 0.0, 0.0)
+        batch = FEW_AT_ONCE if limit <= FEW else LANES
+        count, _, outlook = explore(r.a, r.h, r.c, fan, count, count, goal, limit, batch)
+        gap = outlook.best
     chosen = fan.order[:count] if refine else np.arange(skip, count)
-    inner = hull(fan.point[:count])
-    size = float(np.abs(fan.value[:count]).max()) + float(np.abs(fan.point[:count]).max())
-    outer = hull(half_planes(fan.direction[:count], fan.value[:count], 8.0 * size))
+    _, inner, outer = _polygons(fan, count)
     inner, outer = oracle.anchor + r.length * inner, oracle.anchor + r.length * outer
     solved = Solved(r.a, r.h, r.c, fan, count, oracle.anchor, r.length)
     gap = gap * r.length if refine else _distance(inner, outer)

@@ -5,6 +5,7 @@ import pytest
 
 from services.stability.certificate import balance, force_violation, twist_violation
 from services.stability.directions import equally_spaced
+from services.stability.fan import Fan
 from services.stability.interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED, solve_lanes
 from services.stability.lanes import factor, solve
 from services.stability.oracle import Oracle, solve_one
@@ -137,11 +138,11 @@ def test_the_fallback_answers_when_the_kernel_gives_up(monkeypatch: pytest.Monke
     contacts = random_set(np.random.default_rng(7), 4)
     expected = Oracle(contacts).fan(SIXTEEN, 16).value.copy()
 
-    def gives_up(a: object, h: object, c: object, fan: object, begin: int, end: int) -> bool:
-        fan.status[begin:end] = FAILED  # type: ignore[attr-defined]
-        return False
+    def gives_up(a: object, h: object, c: object, fan: Fan, *rest: object) -> tuple[int, bool, None]:
+        fan.status[:16] = FAILED
+        return 0, False, None
 
-    monkeypatch.setattr(module, "evaluate", gives_up)
+    monkeypatch.setattr(module, "explore", gives_up)
     fan = Oracle(contacts).fan(SIXTEEN, 16)
     np.testing.assert_allclose(fan.value, expected, atol=1e-8)
     assert (fan.status == SOLVED).all()
