@@ -27,6 +27,8 @@ SILENCE_S = 0.25
 """Without progress for this long the last ticks are sent again."""
 RESENDS = 8
 """After so many repetitions (2 s) the slowest member counts as lost although its process lives (frozen)."""
+STALE_TICKS = 10
+"""A command older than 100 ms is not obeyed any more."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,7 @@ class DriverNode(Node):
         self.rtf = 0.0
         self.measured_rtf = 0.0
         self._commands: dict[int, JointCommand | None] = {}
+        self._obeyed = -1
         self._joining: dict[str, float] = {}
         self._next_prime = 0.0
         self._since = 0.0
@@ -107,6 +110,7 @@ class DriverNode(Node):
         leader.end_tick = leader.pause_tick = None
         self.rtf = rtf
         self._commands.clear()
+        self._obeyed = -1
         self._outbox.clear()
         leader.begin(leader.epoch + 1)
         self._since, self._resends, self._end_told = time.monotonic(), 0, False
@@ -160,9 +164,10 @@ class DriverNode(Node):
         if command.epoch != leader.epoch:
             self.refuse("stale_epoch")
             return
-        if command.tick in self._commands:
+        if self._commands.get(command.tick) is not None:
+            leader.on_command(command.tick)  # of a walker that came back: what the lost one sent holds
             return
-        if command.tick > leader.tick or command.tick < leader.tick - leader.window:
+        if command.tick > leader.tick or command.tick < leader.tick - STALE_TICKS:
             raise Refusal("stale", f"command of tick {command.tick} at tick {leader.tick}", "tick")
         try:
             self.driver.check(command)
@@ -174,9 +179,11 @@ class DriverNode(Node):
             leader.on_command(command.tick)
 
     def _on_done(self, done: Done) -> None:
+        if done.epoch != self.leader.epoch:
+            return
         if done.ready:
             self.leader.on_ready(done.source, done.instance)
-        elif done.epoch == self.leader.epoch:
+        else:
             self.leader.on_done(done.source, done.instance, done.tick)
 
     def on_life(self, life: Life) -> None:
@@ -264,12 +271,23 @@ class DriverNode(Node):
             self._watch_silence()
             return False
         if leader.tick >= 0:
-            self.driver.actuate(leader.tick, self._commands.get(leader.tick - leader.delay))
+            self.driver.actuate(leader.tick, self._command())
             self._commands.pop(leader.tick - 4 * leader.window, None)
         if leader.newcomers():
             self._tell_latched()
         self._emit()
         return True
+
+    def _command(self) -> JointCommand | None:
+        """The command of tick t - delay; in paced mode the newest until then that was not obeyed yet."""
+        wanted = self.leader.tick - self.leader.delay
+        oldest = wanted if self.leader.mode == "lockstep" else max(self._obeyed, wanted - STALE_TICKS) + 1
+        for tick in range(wanted, oldest - 1, -1):
+            command = self._commands.get(tick)
+            if command is not None:
+                self._obeyed = tick
+                return command
+        return None
 
     def _emit(self) -> None:
         leader = self.leader
@@ -308,7 +326,8 @@ class DriverNode(Node):
             return
         leader = self.leader
         order = {name: place for place, name in enumerate(leader.expect)}
-        silent = sorted(leader.missing(), key=lambda n: (leader.members[n].done, order.get(n, len(order))))
+        behind = [name for name, member in leader.members.items() if member.done < leader.tick]
+        silent = sorted(behind, key=lambda n: (leader.members[n].done, order.get(n, len(order))))
         if silent:
             self.log("error", f"{silent[0]} is silent in tick {leader.tick}; it counts as lost")
             leader.drop(silent[0], f"{silent[0]} is silent")

@@ -121,6 +121,7 @@ class Join:
         if not self.on_roster:
             self.on_roster = True
             self.last = tick.tick - 1  # a newcomer begins with the first tick whose roster names it
+            self._previous_roster = ()  # what was published while it was away is not awaited
         elif tick.mode == "lockstep" and tick.tick > self.last + MAX_AHEAD:
             return "too_far_ahead"
         self._newest = max(self._newest, tick.tick)

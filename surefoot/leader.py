@@ -68,7 +68,7 @@ class Leader:
     def on_ready(self, service: str, instance: str) -> None:
         """A service proved its links (done of tick -1)."""
         member = self.members.get(service)
-        if member is None or member.instance != instance:
+        if member is None or member.instance != instance or service in self.lost:
             self.ready[service] = instance
 
     def on_done(self, service: str, instance: str, tick: int) -> None:

@@ -298,8 +298,13 @@ class Node:
             box.append((publisher, token))
 
     def _replay(self, epoch: int, tick: int) -> None:
+        """A repeated tick: the same bytes again, and how far this service is, so that the driver sees who is silent."""
         for publisher, token in self._outbox.get((epoch, tick), ()):
             publisher.resend(token)
+        if not self._counts_as_done:
+            self._publishers[self._done.key].put(
+                Done(tick=self.join.last, epoch=epoch, source=self.name, instance=self.instance)
+            )
 
     # -- what a service asks for -------------------------------------------------------------------------------
 
