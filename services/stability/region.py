@@ -103,10 +103,17 @@ def region(
     return _careful(contacts, first, skip, refine, tolerance, max(limit, len(first)))
 
 
+@row_kernel
 def _has_axes(directions: Array) -> bool:
     """Whether the directions contain +-x and +-y, which decide if a region is bounded."""
-    flat_x, flat_y = directions[directions[:, 1] == 0.0, 0], directions[directions[:, 0] == 0.0, 1]
-    return flat_x.size > 1 and flat_y.size > 1 and flat_x.min() < 0 < flat_x.max() and flat_y.min() < 0 < flat_y.max()
+    found = 0
+    for k in range(directions.shape[0]):
+        x, y = directions[k, 0], directions[k, 1]
+        if y == 0.0:
+            found |= 1 if x > 0.0 else 2
+        elif x == 0.0:
+            found |= 4 if y > 0.0 else 8
+    return found == 15
 
 
 @row_kernel
@@ -197,11 +204,13 @@ def _finish(
     return fine, inner, outer, direction, point, twist, force, slack
 
 
+@row_kernel
 def _distance(inner: Array, outer: Array) -> float:
-    """Largest distance of a vertex of outer from inner."""
-    if not len(inner) or not len(outer):
-        return math.nan
-    return max(0.0, max(-signed_distance(inner, v[0], v[1]) for v in outer))
+    """Largest distance of a vertex of outer from inner; NaN if there is no outer."""
+    far = 0.0 if outer.shape[0] > 0 else math.nan
+    for i in range(outer.shape[0]):
+        far = max(far, -signed_distance(inner, outer[i, 0], outer[i, 1]))
+    return far
 
 
 def _hull_region(contacts: ContactSet, direction: Array, p: float, q: float) -> Region:
