@@ -1,0 +1,129 @@
+"""Raw and latched inputs, and paced time."""
+
+import pytest
+
+from schemas.hw import JointState, Tick
+from schemas.terrain import HeightMapMessage
+from schemas.topics import HW_IMU, TERRAIN_MAP, TICK_NS
+from surefoot.bus import Delivery, Raw
+from surefoot.codec import decode, encode, encoding_of
+from surefoot.config import ServiceConfig
+from surefoot.errors import Refusal
+from surefoot.join import MAX_AHEAD, TickInputs
+from surefoot.service import Service
+from tests.surefoot.node_bench import IMU, MEGABYTE, Bench, Subject
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+# -- raw, latched, paced -----------------------------------------------------------------------------------------------
+
+
+class Keeper(Service[ServiceConfig]):
+    """Takes inputs undecoded, as the recorder does."""
+
+    name = "estimator"
+    inputs = (HW_IMU, TERRAIN_MAP)
+    raw = True
+
+    def __init__(self) -> None:
+        super().__init__(ServiceConfig())
+        self.seen: list[dict[str, Delivery]] = []
+
+    def on_tick(self, inputs: TickInputs) -> None:
+        self.seen.append(dict(inputs.messages))
+
+
+def height_map(epoch: int, version: int = 1) -> HeightMapMessage:
+    message = HeightMapMessage(rows=1, cols=2, cell=0.02, origin=(0.0, 0.0), version=version, data=b"\0" * 8)
+    return message.stamped(0, 0, epoch, 0, "driver")
+
+
+def test_raw_inputs_are_handed_over_as_they_came() -> None:
+    bench = Bench(Keeper())
+    payload = encode(IMU.stamped(0, 0, 1, 0, "driver"))[0].replace(b'"acc"', b'"new":1,"acc"')
+    data, attachment = encode(height_map(1))
+    bench.raw(TERRAIN_MAP, data, encoding_of(HeightMapMessage), attachment)
+    bench.raw(HW_IMU, payload)
+    bench.tick(0)
+    assert isinstance(bench.service, Keeper)
+    assert bench.service.seen[0][HW_IMU.key].raw().payload == payload
+    assert bench.service.seen[0][TERRAIN_MAP.key].raw() == Raw(data, attachment, encoding_of(HeightMapMessage))
+
+
+@pytest.mark.parametrize("payload", [b"{", b"1" * 2 * MEGABYTE, b'{"tick":-5}'])
+def test_raw_inputs_need_a_readable_header(payload: bytes) -> None:
+    bench = Bench(Keeper())
+    bench.raw(HW_IMU, payload)
+    assert sum(bench.node.refused.values()) == 1
+
+
+class Mapped(Subject):
+    inputs = (HW_IMU, TERRAIN_MAP)
+
+
+def test_latched_input_is_awaited_and_then_stays() -> None:
+    bench = Bench(Mapped())
+    bench.both(0)
+    assert bench.subject.ticks == []
+    assert bench.node.health().waiting_for == ("terrain/map",)
+    bench.bus.publisher(TERRAIN_MAP).put(height_map(1))
+    bench.node.pump()
+    bench.both(1)
+    assert [seen[TERRAIN_MAP.key].version for seen in bench.subject.seen] == [1, 1]
+
+
+def test_latched_input_of_an_epoch_before_is_not_the_map() -> None:
+    bench = Bench(Mapped())
+    bench.bus.publisher(TERRAIN_MAP).put(height_map(1))
+    bench.both(0, epoch=2)
+    assert bench.subject.ticks == []
+    bench.bus.publisher(TERRAIN_MAP).put(height_map(2, version=3))
+    bench.node.pump()
+    assert bench.subject.seen[0][TERRAIN_MAP.key].version == 3
+    bench.bus.publisher(TERRAIN_MAP).put(height_map(1))
+    bench.node.pump()
+    assert bench.node.refused["stale_epoch"] == 1
+
+
+def test_paced_mode_goes_on_without_what_is_late_and_never_back(bench: Bench) -> None:
+    for tick in range(4):
+        bench.tick(tick, mode="paced")  # no imu at all
+    assert bench.subject.ticks == [0, 1]
+    bench.imu(3)
+    assert bench.subject.ticks == [0, 1, 3]
+    bench.imu(2)
+    bench.tick(2, mode="paced")
+    assert bench.subject.ticks == [0, 1, 3]
+
+
+def test_paced_mode_is_never_stale_however_long_the_service_slept(bench: Bench) -> None:
+    bench.both(0, mode="paced")
+    for tick in range(1, 3 * MAX_AHEAD):  # all at once, as after a long sleep
+        bench.imu_publisher.put(IMU.model_copy().stamped(tick * TICK_NS, tick, 1, tick, "driver"))
+        bench.tick_publisher.put(
+            Tick(tick=tick, epoch=1, roster=("estimator",), due=("hw/imu",), mode="paced", roster_version=1)
+        )
+    bench.node.pump()
+    last = 3 * MAX_AHEAD - 1
+    assert bench.subject.ticks[-1] == last
+    assert len(bench.subject.ticks) < 10
+    bench.both(last + 1, mode="paced")
+    assert bench.subject.ticks[-1] == last + 1
+    assert HW_IMU.key in bench.subject.seen[-1]
+
+
+def test_joint_state_of_any_length_within_the_limit_is_read() -> None:
+    with pytest.raises(Refusal) as caught:
+        decode(JointState, b'{"position":[' + b"0," * 100 + b"0]}")
+    assert caught.value.field == "position"
+
+
+def test_stop_ends_run_and_the_service_is_told(bench: Bench) -> None:
+    bench.node.stop()
+    bench.node.run()
+    assert bench.subject.stopped
+    assert bench.node.state == "stopping"
