@@ -305,4 +305,6 @@ class Estimator:
         """Dead-reckoned pose of base_link in odom at the last inertial sample."""
         since = 1e-9 * max(0, self.stamp_ns - self._last_feet_ns) if self._odometry.ready else 0.0
         g, psi = self._row[G], float(self._row[PSI])
-        return self._odometry.pose(since, psi, g, self._expressed(self._leader)[1])
+        return self._odometry.pose(
+            since, psi, g, self._expressed(self._leader)[1], self._g_hidden / (GRAVITY * GRAVITY)
+        )

@@ -25,7 +25,7 @@ MAX_INTERVAL_S = 0.12  # s without feet after which nobody knows which of them l
 class OdometryParams:
     """Noises of the odometry filter, SI."""
 
-    sigma_p: float = 0.0004  # m, foot by kinematics: encoder steps and bending
+    sigma_p: float = 0.0006  # m, foot by kinematics: encoder steps, bending, uneven ground under a round foot
     sigma_c: float = 0.0005  # m/sqrt(s), walk of a stance foot
     sigma_turn: float = 0.0054 * 0.1  # rad/sqrt(s), heading by the gyro: sigma_w sqrt(IMU period)
     sigma_bias: float = 2e-5  # rad/s/sqrt(s), walk of the gyro bias
@@ -79,6 +79,7 @@ class Odometry:
         n = k.FEET + 3 * self._feet
         self.x, self.cov = np.zeros(n), np.eye(n) * k.FREE
         self.x[k.P], self.x[k.YAW] = position, yaw
+        self._begin = position.copy()
         for i in range(4):
             self.cov[i, i] = pose_sd[i] ** 2
         self.cov[k.BIAS, k.BIAS] = bias_sd**2
@@ -121,8 +122,11 @@ class Odometry:
             k.anchor(self.x, self.cov, int(foot), seen[foot], self._noise)
         self._stance = contact.copy()
 
-    def pose(self, since_s: float, psi: float, g: Array, v_heading: Array) -> Pose:
-        """Pose now, carried on from the last foot sample by `since_s`."""
+    def pose(self, since_s: float, psi: float, g: Array, v_heading: Array, tilt_variance: float = 0.0) -> Pose:
+        """Pose now, carried on from the last foot sample by `since_s`.
+
+        A constant error of the tilt (rad^2 per axis) bends the whole way up or down: it adds to the covariance.
+        """
         since_s, turn = (since_s, psi - self._psi) if self._last is not None else (0.0, 0.0)
         rows = carry_on(self.x, since_s, turn, v_heading, self._rot_base_from_imu, g)
         return Pose(
@@ -130,8 +134,16 @@ class Odometry:
             quat_wxyz=rows[3:7],
             yaw=float(rows[7]),
             velocity=rows[8:],
-            covariance=self.cov[: k.YAW + 1, : k.YAW + 1].copy(),
+            covariance=self._pose_covariance(tilt_variance),
         )
+
+    def _pose_covariance(self, tilt_variance: float) -> Array:
+        covariance = self.cov[: k.YAW + 1, : k.YAW + 1].copy()
+        x, y, z = (self.x[k.P] - self._begin).tolist()
+        covariance[0, 0] += tilt_variance * z * z
+        covariance[1, 1] += tilt_variance * z * z
+        covariance[2, 2] += tilt_variance * (x * x + y * y)
+        return covariance
 
     @property
     def ready(self) -> bool:

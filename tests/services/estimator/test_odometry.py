@@ -195,6 +195,14 @@ def test_level_and_heading_rate():
         assert k.heading_rate(rot, w) == pytest.approx(yaw_rate, abs=1e-5)
 
 
+def test_a_constant_tilt_error_bends_the_way():
+    odometry, walk = make(), Walk(rate=0.0)
+    walk.go(odometry, 300)
+    plain, bent = (odometry.pose(0.0, walk.psi, G, np.zeros(3), v).covariance for v in (0.0, 0.01**2))
+    way = np.linalg.norm(odometry.x[k.P] - [0.0, 0.0, 0.1])
+    assert np.sqrt(bent[2, 2] - plain[2, 2]) == pytest.approx(0.01 * way, rel=1e-3)
+
+
 def test_pose_is_carried_on_between_the_feet():
     odometry, walk = make(), Walk(rate=0.0)
     walk.go(odometry, 60)
