@@ -73,6 +73,8 @@ class Join:
         self._slots: dict[tuple[int, int], dict[str, Any]] = {}
         self._latched: dict[str, tuple[int, Any]] = {}
         self._previous_roster: tuple[str, ...] = ()
+        self._lacking: set[str] | None = None
+        """What tick ``last + 1`` still waits for; None = not worked out yet. Kept, for every message asks."""
 
     def offer(self, topic: Topic[Any], message: Header, value: Any = None) -> str | None:
         """Takes an input; returns the reason when it is refused.
@@ -92,6 +94,7 @@ class Join:
             if held is not None and held[0] > message.epoch:
                 return "stale_epoch"
             self._latched[topic.key] = (message.epoch, value)
+            self._lacking = None
             return None
         if message.epoch == self.epoch:
             if message.tick <= self.last - 1 or (message.tick <= self.last and topic not in self.delayed):
@@ -102,11 +105,15 @@ class Join:
         if topic.key in slot:
             return "duplicate"
         slot[topic.key] = value
+        if self._lacking is not None and message.epoch == self.epoch:
+            if message.tick == self.last + (0 if topic in self.delayed else 1):
+                self._lacking.discard(topic.key)
         if len(self._slots) > 4 * MAX_AHEAD:  # not on the roster: nothing is ever taken, keep the newest
             del self._slots[min(self._slots)]
         return None
 
     def _offer_tick(self, tick: Tick) -> str | None:
+        self._lacking = None
         if tick.epoch > self.epoch:
             self.epoch = tick.epoch
             self.last = self._newest = -1
@@ -130,15 +137,15 @@ class Join:
             self._ticks[tick.tick] = tick
         return None
 
-    def _wanted(self, tick: Tick) -> list[tuple[Topic[Any], int]]:
-        """Topics due in a tick with the tick their message carries."""
-        wanted: list[tuple[Topic[Any], int]] = []
+    def _wanted(self, tick: Tick) -> list[str]:
+        """Keys due in a tick."""
+        wanted: list[str] = []
         for topic in self.same_tick:
             if topic.kind is Kind.SAMPLE:
                 if topic.key in tick.due:
-                    wanted.append((topic, tick.tick))
+                    wanted.append(topic.key)
             elif topic.due(tick.tick) and (topic.owner == DRIVER or topic.owner in tick.roster):
-                wanted.append((topic, tick.tick))
+                wanted.append(topic.key)
         return wanted
 
     def missing(self) -> tuple[str, ...]:
@@ -148,7 +155,7 @@ class Join:
 
     def _missing(self, tick: Tick) -> list[str]:
         slot = self._slots.get((tick.epoch, tick.tick), {})
-        lacking = [topic.key for topic, _ in self._wanted(tick) if topic.key not in slot]
+        lacking = [key for key in self._wanted(tick) if key not in slot]
         before = self._slots.get((tick.epoch, tick.tick - 1), {})
         for topic in self.delayed:
             expected = tick.tick > 0 and topic.due(tick.tick - 1)
@@ -167,7 +174,9 @@ class Join:
             return None
         tick = self._ticks.get(self.last + 1)
         if tick is not None and tick.mode == "lockstep":
-            return None if self._missing(tick) else self._bundle(tick)
+            if self._lacking is None:
+                self._lacking = set(self._missing(tick))
+            return None if self._lacking else self._bundle(tick)
         return self._take_paced()
 
     def _take_paced(self) -> TickInputs | None:
@@ -182,7 +191,7 @@ class Join:
 
     def _bundle(self, tick: Tick) -> TickInputs:
         slot = self._slots.pop((tick.epoch, tick.tick), {})
-        messages: dict[str, Any] = {topic.key: slot[topic.key] for topic, _ in self._wanted(tick) if topic.key in slot}
+        messages: dict[str, Any] = {key: slot[key] for key in self._wanted(tick) if key in slot}
         before = self._slots.get((tick.epoch, tick.tick - 1), {})
         for topic in self.delayed:
             if topic.key in before:
@@ -193,6 +202,7 @@ class Join:
         skipped = tick.tick - self.last > 1
         self.last = tick.tick
         self._previous_roster = tick.roster
+        self._lacking = None
         kept_for_next = {t.key: slot[t.key] for t in self.delayed if t.key in slot}
         self._slots = {k: s for k, s in self._slots.items() if k > (tick.epoch, tick.tick)} if skipped else self._slots
         self._slots.pop((tick.epoch, tick.tick - 1), None)

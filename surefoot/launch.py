@@ -70,7 +70,8 @@ def _serve(service: Service[Any], options: argparse.Namespace) -> int:
         bus = ZenohBus(endpoint)
         node = node_of(service, bus)
         node.start()
-        gc.freeze()  # what start-up made stays: collections in ticks need not look at it again
+        gc.freeze()  # what start-up made stays: collections in ticks need not look at it again,
+        gc.set_threshold(50_000, 20, 50)  # and messages are freed by their counts
         node.run()
     finally:
         if bus is not None:

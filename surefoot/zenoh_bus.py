@@ -28,6 +28,7 @@ LEASE_MS = 1000
 CONNECT_TIMEOUT_MS = 8000
 PROBE = b"probe"
 LIVE = "alive"
+_TIMEOUT = b"Timeout"  # what Zenoh itself puts into the error reply of a query that nobody ended in time
 
 _DROP = zenoh.CongestionControl.DROP
 _BLOCK = zenoh.CongestionControl.BLOCK
@@ -158,16 +159,20 @@ class ZenohBus:
         return ZenohPublisher(self.session, topic)
 
     def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], None]) -> None:
+        ours = encoding_of(topic.model)
+
         def on_sample(sample: zenoh.Sample) -> None:
             attachment = sample.attachment
+            encoding = sample.encoding
             raw = Raw(
                 sample.payload.to_bytes(),
                 None if attachment is None else attachment.to_bytes(),
-                str(sample.encoding),
+                "" if encoding == ours else str(encoding),
             )
             sink(Delivery(topic, None, raw))
 
-        self._keep.append(self.session.declare_subscriber(topic.key, on_sample))
+        # Called on the network's own thread: the sink only queues, and a thread per subscriber would be one more switch.
+        self._keep.append(self.session.declare_subscriber(topic.key, Callback(on_sample, indirect=False)))
 
     def serve(self, query: Query[Any, Any], sink: Callable[[Incoming], None]) -> None:
         def on_query(asked: zenoh.Query) -> None:
@@ -185,7 +190,7 @@ class ZenohBus:
             raise CallError("timeout", f"{query.key!r} did not answer within {timeout:g} s")
         if reply.ok is None:
             assert reply.err is not None
-            raise _call_error(reply.err.payload.to_bytes())
+            raise _call_error(reply.err.payload.to_bytes(), query.key, timeout)
         attachment = reply.ok.attachment
         try:
             return decode(
@@ -247,10 +252,12 @@ class ZenohBus:
             self.session.close()
 
 
-def _call_error(payload: bytes) -> CallError:
+def _call_error(payload: bytes, key: str, timeout: float) -> CallError:
     try:
         error = validate_json(ErrorReply, payload)
     except Refusal:
+        if payload == _TIMEOUT:
+            return CallError("timeout", f"{key!r} did not answer within {timeout:g} s")
         return CallError("error", payload[:200].decode("utf-8", "replace"))
     return CallError(error.code, error.message, error.field)
 
