@@ -105,9 +105,9 @@ class Join:
         if topic.key in slot:
             return "duplicate"
         slot[topic.key] = value
-        if self._lacking is not None and message.epoch == self.epoch:
-            if message.tick == self.last + (0 if topic in self.delayed else 1):
-                self._lacking.discard(topic.key)
+        awaited = self.last + (0 if topic in self.delayed else 1)
+        if self._lacking is not None and (message.epoch, message.tick) == (self.epoch, awaited):
+            self._lacking.discard(topic.key)
         if len(self._slots) > 4 * MAX_AHEAD:  # not on the roster: nothing is ever taken, keep the newest
             del self._slots[min(self._slots)]
         return None
