@@ -33,9 +33,6 @@ MEGABYTE = 1 << 20
 IMU = Imu(acc=(0.5, 0.0, 9.81), gyro=(0.0, 0.0, 0.0))
 LEG = {"leg": "lf", "nominal": (0.1, 0.1, 0.0), "stroke": (-0.05, 0.0, 0.0)}
 SELECT = {"base": {"position": (0.0, 0.0, 0.1), "quat_wxyz": (1.0, 0.0, 0.0, 0.0)}, "legs": [LEG]}
-    "base": {"position": (0.0, 0.0, 0.1), "quat_wxyz": (1.0, 0.0, 0.0, 0.0)},
-    "legs": [{"leg": "lf", "nominal": (0.1, 0.1, 0.0), "stroke": (-0.05, 0.0, 0.0)}],
-}
 
 
 class Subject(Service[ServiceConfig]):

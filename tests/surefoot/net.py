@@ -1,0 +1,98 @@
+"""A router and sessions on a loopback port, inside this process; for tests over Zenoh."""
+
+import socket
+import threading
+import time
+from queue import Empty, SimpleQueue
+from typing import Any
+
+import pytest
+import zenoh
+
+from schemas.topics import STABILITY_REGION
+from surefoot.bus import Incoming
+from surefoot.errors import Refusal
+from surefoot.zenoh_bus import Endpoint, ZenohBus
+
+WAIT_S = 5.0  # bound of every wait; all come in milliseconds
+
+
+def free_port() -> int:
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
+class Net:
+    """A router and sessions that join it."""
+
+    def __init__(self, namespace: str = "test/net") -> None:
+        self.address, self.namespace = f"tcp/127.0.0.1:{free_port()}", namespace
+        self.buses: list[ZenohBus] = []
+        self.router = self.open("router")
+
+    def open(self, mode: str = "peer", namespace: str | None = None) -> ZenohBus:
+        listen = (self.address,) if mode == "router" else ()
+        bus = ZenohBus(Endpoint(mode, (self.address,), listen, namespace or self.namespace))
+        self.buses.append(bus)
+        return bus
+
+    def plain(self) -> zenoh.Session:
+        """A session of somebody who knows nothing of us."""
+        config = zenoh.Config()
+        config.insert_json5("mode", '"client"')
+        config.insert_json5("connect/endpoints", f'["{self.address}"]')
+        config.insert_json5("scouting/multicast/enabled", "false")
+        return zenoh.open(config)
+
+    def close(self) -> None:
+        for bus in reversed(self.buses):
+            bus.close()
+
+
+class Inbox:
+    """What came, in order, with bounded waits."""
+
+    def __init__(self) -> None:
+        self.queue: SimpleQueue[Any] = SimpleQueue()
+        self.put = self.queue.put
+
+    def get(self) -> Any:
+        try:
+            return self.queue.get(timeout=WAIT_S)
+        except Empty:
+            pytest.fail(f"nothing came within {WAIT_S} s")
+
+
+def serve(bus: ZenohBus, answer: Any) -> None:
+    """Answers region queries on Zenoh's own thread."""
+
+    def on_query(incoming: Incoming) -> None:
+        if incoming.probe:
+            incoming.accept_probe()
+            return
+        try:
+            reply = answer(incoming.request())
+        except Refusal as refusal:
+            incoming.fail(refusal)
+            return
+        incoming.reply(reply)
+
+    bus.serve(STABILITY_REGION, on_query)
+
+
+def reached(bus: ZenohBus, query: Any) -> None:
+    """Waits until a query is known here."""
+    deadline = time.monotonic() + WAIT_S
+    while not bus.probe(query):
+        assert time.monotonic() < deadline
+
+
+def matched(bus: ZenohBus, topic: Any) -> Any:
+    """A publisher that somebody listens to."""
+    publisher = bus.publisher(topic)
+    deadline = time.monotonic() + WAIT_S
+    while not publisher._publisher.matching_status.matching:
+        assert time.monotonic() < deadline
+        threading.Event().wait(0.005)
+    return publisher
