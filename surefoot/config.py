@@ -67,10 +67,10 @@ def load_config(
 
 def _from_file(model: type[BaseModel], service: str, file: Path) -> dict[str, Any]:
     try:
-        tables = tomllib.loads(file.read_text())
+        tables = tomllib.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError("unreadable", f"{file}: {error.strerror}") from None
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ConfigError("malformed", f"{file}: {error}") from None
     table = tables.get(service, {})
     if not isinstance(table, dict):

@@ -1,0 +1,73 @@
+"""The public client: names that are wrong are told, what runs is seen and asked in a few lines."""
+
+import threading
+
+import pytest
+
+from schemas.stability import RegionReply
+from schemas.state import VelocityEstimate
+from schemas.topics import HEALTH, STABILITY_REGION, STATE_VELOCITY
+from surefoot.client import Client, connect, make_request, query_named, topic_named
+from surefoot.errors import CallError, SurefootError
+from tests.surefoot.net import Net, matched, reached, serve
+from tests.surefoot.toys import estimate
+
+EMPTY = RegionReply(status="infeasible", inner=(), outer=(), support=())
+
+
+def test_rows_are_found_by_key_also_members_of_families() -> None:
+    assert topic_named("state/velocity") == STATE_VELOCITY
+    assert topic_named("health/walker") == HEALTH.of("walker")
+    assert query_named("stability/region") == STABILITY_REGION
+    assert query_named("health/walker").owner == "walker"
+
+
+@pytest.mark.parametrize(("named", "code"), [(topic_named, "unknown_topic"), (query_named, "unknown_query")])
+def test_unknown_keys_are_told_with_the_known_ones(named: object, code: str) -> None:
+    assert callable(named)
+    with pytest.raises(SurefootError) as caught:
+        named("state/velocityy")
+    assert caught.value.code == code
+    assert "/" in caught.value.message.split("known are")[1]
+
+
+@pytest.mark.parametrize(
+    ("fields", "field"), [({"contact": []}, "contacts"), ({"contacts": 3}, "contacts"), ({"contacts": [], "x": 1}, "x")]
+)
+def test_wrong_requests_name_the_field_before_anything_is_sent(fields: dict[str, object], field: str) -> None:
+    with pytest.raises(SurefootError) as caught:
+        make_request(STABILITY_REGION, fields)
+    assert caught.value.field == field
+
+
+def test_watch_and_ask(net: Net) -> None:
+    server = net.open()
+    serve(server, lambda request: EMPTY)
+    fleet, _, robot = net.namespace.partition("/")
+    with connect(robot, net.address, fleet) as tool:
+        reached(tool.bus, STABILITY_REGION)
+        assert tool.call("stability/region", contacts=[]) == EMPTY
+        heard: list[VelocityEstimate] = []
+
+        def listen() -> None:
+            heard.append(tool.latest(STATE_VELOCITY))
+
+        listener = threading.Thread(target=listen)
+        listener.start()
+        publisher = matched(server, STATE_VELOCITY)
+        publisher.prime()
+        publisher.put(estimate(0.25))
+        listener.join(5.0)
+        assert heard == [estimate(0.25)]
+    tool.close()
+
+
+def test_silence_ends_after_the_time_given(net: Net) -> None:
+    tool = Client(net.open("client"))
+    assert list(tool.messages(STATE_VELOCITY, timeout_s=0.05)) == []
+    with pytest.raises(CallError) as caught:
+        tool.latest(STATE_VELOCITY, timeout_s=0.05)
+    assert caught.value.code == "timeout"
+    with pytest.raises(CallError) as caught:
+        tool.call("stability/region", contacts=[])
+    assert caught.value.code == "absent"
