@@ -12,6 +12,7 @@ from schemas.base import MAX_FEET, Message, PerJoint, QuatWxyz, Reply, Request, 
 
 MAX_CONTACTS = 64
 MAX_DIRECTIONS = 720
+MAX_SETS = 1000
 
 RegionStatus = Literal["ok", "infeasible", "unbounded", "point", "segment"]
 SupportStatus = Literal["ok", "unbounded", "infeasible"]
@@ -68,7 +69,7 @@ class SupportPoint(Reply):
     direction: Vec2 = Field(description="unit direction a, frame world")
     value: float | None = Field(description="h(a) = largest a'c over the region, m; null unless status is ok")
     point: Vec2 | None = Field(description="point of the region where a'c = h(a), frame world, m")
-    status: SupportStatus
+    status: SupportStatus = Field(description="unbounded: without end that way; infeasible: the set holds nothing")
     gap: float | None = Field(default=None, description="duality gap, m: value is not exceeded, value - gap is reached")
     certificate: Twist4 | None = Field(
         default=None,
@@ -149,6 +150,112 @@ class CheckReply(RegionReply):
     )
     stance: tuple[str, ...] = Field(default=(), description="legs whose feet were held in place for the shift")
     reachable: bool = Field(default=True, description="every stance leg reaches its foot after the movement")
+
+
+class Variant(Reply):
+    """Stability of a contact set for a CoM."""
+
+    status: RegionStatus = Field(description="as in RegionReply")
+    margin: float | None = Field(description="m, signed distance of the CoM to the edge; null: no region, or no edge")
+    stable: bool = Field(description="status is ok and margin >= 0")
+
+
+class WhatifRequest(Request):
+    """Asks what happens when a leg is lifted, or when one more foot stands at a candidate place."""
+
+    contacts: Annotated[tuple[Contact, ...], Field(max_length=MAX_CONTACTS)] = Field(description="contacts now")
+    com: Vec2 = Field(description="x, y of the centre of mass, frame world, m")
+    candidates: Annotated[tuple[Contact, ...], Field(max_length=MAX_CONTACTS)] = Field(
+        default=(), description="places for one more foot, each tried alone"
+    )
+
+
+class WhatifReply(Reply):
+    """Every variant in the order of the request."""
+
+    now: Variant = Field(description="the contacts as they are")
+    lifts: tuple[Variant, ...] = Field(description="for each contact: the set without it")
+    candidates: tuple[Variant, ...] = Field(description="for each candidate: the set with it")
+
+
+class EquilibriumRequest(Request):
+    """Asks for forces that hold the robot with its CoM at a place."""
+
+    contacts: Annotated[tuple[Contact, ...], Field(max_length=MAX_CONTACTS)] = Field(description="contacts")
+    com: Vec2 = Field(description="x, y of the centre of mass, frame world, m")
+    weight_n: float = Field(default=1.0, gt=0, description="N, weight of the robot; 1 = forces in units of the weight")
+
+
+class EquilibriumReply(Reply):
+    """Forces that hold the robot, or the proof that there are none."""
+
+    held: bool = Field(description="there are such forces")
+    forces_n: tuple[Vec3, ...] | None = Field(
+        description="N, per contact, frame world: the smallest sum of squares; null if not held"
+    )
+    friction_share: float | None = Field(
+        description="smallest share of every friction coefficient that still holds, 0 to 1; null if not held"
+    )
+    certificate: tuple[float, float, float, float, float, float] | None = Field(
+        default=None,
+        description="when not held: twist (v, Om) about the origin of the frame with n'u >= mu |u_t| at every contact "
+        "that lowers the CoM: the robot falls however the contacts push",
+    )
+
+
+class BatchSet(Request):
+    """One contact set with its CoM."""
+
+    contacts: Annotated[tuple[Contact, ...], Field(max_length=MAX_CONTACTS)] = Field(description="contacts")
+    com: Vec2 = Field(description="x, y of the centre of mass, frame world, m")
+
+
+class BatchRequest(Request):
+    """Asks about many contact sets at once."""
+
+    sets: Annotated[tuple[BatchSet, ...], Field(max_length=MAX_SETS)] = Field(description="up to 1000 contact sets")
+
+
+class BatchReply(Reply):
+    """Answers in the order of the request."""
+
+    results: tuple[Variant, ...] = Field(description="one answer for each set")
+
+
+class ComRequest(Request):
+    """Asks where the centre of mass is: by kinematics and, with torques, by the forces under the feet."""
+
+    joints: PerJoint = Field(description="joint angles, rad, order of the robot description")
+    base: BasePose = Field(default=BasePose(), description="pose of base_link")
+    torque: PerJoint | None = Field(default=None, description="torques of the servos on the joints, Nm; null = unknown")
+    touch: Annotated[tuple[bool, ...], Field(max_length=MAX_FEET)] | None = Field(
+        default=None, description="per foot: on the ground, order of the robot description; null = all"
+    )
+    robot: str | None = Field(
+        default=None, min_length=1, max_length=64, description="name of the robot description; null = the service's own"
+    )
+
+
+class ComReply(Reply):
+    """The centre of mass."""
+
+    com: Vec3 = Field(description="m, frame world: by kinematics")
+    mass_kg: float = Field(gt=0, description="kg, mass of the robot description")
+    com_measured: Vec2 | None = Field(description="m, frame world: by foot forces; null = no torques, or not observed")
+    covariance: tuple[float, float, float, float] | None = Field(
+        default=None, description="m^2, row-major 2x2 covariance of com_measured"
+    )
+    weight_n: float | None = Field(default=None, description="N, sum of the vertical foot forces")
+    misfit: float | None = Field(
+        default=None,
+        description="chi-square with 3 degrees of freedom of what must vanish at rest; large = not at rest",
+    )
+    forces_n: tuple[Vec3, ...] | None = Field(
+        default=None, description="N, ground on each foot, frame world, order of the legs; zero where not observed"
+    )
+    observed: Annotated[tuple[bool, ...], Field(max_length=MAX_FEET)] = Field(
+        default=(), description="per foot: the posture lets the torques tell the force"
+    )
 
 
 class StabilityStatus(Message):

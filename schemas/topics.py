@@ -130,6 +130,12 @@ FOOTHOLDS_SELECT = Query("footholds/select", footholds.SelectRequest, footholds.
 FOOTHOLDS_ASSESS = Query("footholds/assess", footholds.AssessRequest, footholds.AssessReply, "footholds")
 STABILITY_REGION = Query("stability/region", stability.RegionRequest, stability.RegionReply, "stability")
 STABILITY_CHECK = Query("stability/check", stability.CheckRequest, stability.CheckReply, "stability")
+STABILITY_COM = Query("stability/com", stability.ComRequest, stability.ComReply, "stability")
+STABILITY_WHATIF = Query("stability/whatif", stability.WhatifRequest, stability.WhatifReply, "stability")
+STABILITY_EQUILIBRIUM = Query(
+    "stability/equilibrium", stability.EquilibriumRequest, stability.EquilibriumReply, "stability"
+)
+STABILITY_BATCH = Query("stability/batch", stability.BatchRequest, stability.BatchReply, "stability")
 SIM_JOIN = Query("sim/join", system.JoinRequest, system.JoinReply, "driver")
 SIM_RESET = Query("sim/reset", sim.ResetRequest, sim.ResetReply, "driver", timeout_s=30.0)
 SIM_STEP = Query("sim/step", sim.StepRequest, sim.SimReply, "driver")

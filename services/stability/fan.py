@@ -57,7 +57,7 @@ class Outlook(NamedTuple):
     """Largest distance of outer from inner (ENCLOSE); smallest h(a) - a'p (APPROACH)."""
     bound: float
     """Lower bound of the smallest h(a) - a'p over all directions."""
-    index: int
+    arg: int
     """Direction of the best."""
 
 

@@ -54,7 +54,7 @@ def margin(region: Region, point: Array) -> Margin:
     fan = _with_room(s.fan, s.count, capacity)
     goal = Goal(APPROACH, MARGIN_TOLERANCE, float(x), float(y))
     outlook = explore(s.a, s.h, s.c, fan, s.count, s.count, goal, capacity, LANES)[2]
-    return Margin(outlook.best * s.length, fan.direction[outlook.index].copy())
+    return Margin(outlook.best * s.length, fan.direction[outlook.arg].copy())
 
 
 def _with_room(fan: Fan, count: int, capacity: int) -> Fan:

@@ -7,30 +7,56 @@ from typing import Any
 
 import numpy as np
 
-from schemas.stability import BasePose, CheckReply, CheckRequest, Contact, RegionReply, RegionRequest, SupportPoint
+from schemas.stability import (
+    BasePose,
+    BatchReply,
+    BatchRequest,
+    CheckReply,
+    CheckRequest,
+    ComReply,
+    ComRequest,
+    Contact,
+    EquilibriumReply,
+    EquilibriumRequest,
+    RegionReply,
+    RegionRequest,
+    SupportPoint,
+    Variant,
+    WhatifReply,
+    WhatifRequest,
+)
+from services.stability import whatif
 from services.stability.contacts import Array, ContactSet, StabilityError, contact_set
 from services.stability.directions import equally_spaced, unit
+from services.stability.equilibrium import equilibrium, friction_needed, least_forces
+from services.stability.forces import com_from_forces, forces_from_torques
 from services.stability.margin import Extent
 from services.stability.movement import Check, check
 from services.stability.oracle import Support
 from services.stability.region import Region, region
 from services.stability.shift import Shift, kinematic_shift, stance_legs
-from surefoot.kinematics import com
+from services.stability.state import WatchParams
+from surefoot.kinematics import com, foot_positions
 from surefoot.polygon import area
 from surefoot.robot import Robot, load_robot
 from surefoot.rotations import matrix_from_quat
 from surefoot.tables import TableError
 
+GRAVITY = 9.81  # m/s2
+
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 
 
-def contacts_of(contacts: tuple[Contact, ...]) -> ContactSet:
-    """Arrays of the contacts of a request."""
-    return contact_set(
-        [c.position for c in contacts],
-        [c.normal for c in contacts],
-        [math.inf if c.mu is None else c.mu for c in contacts],
-    )
+def contacts_of(contacts: tuple[Contact, ...], field: str = "contacts") -> ContactSet:
+    """Arrays of the contacts of a request; refusals name `field`."""
+    try:
+        return contact_set(
+            [c.position for c in contacts],
+            [c.normal for c in contacts],
+            [math.inf if c.mu is None else c.mu for c in contacts],
+        )
+    except StabilityError as error:
+        raise StabilityError(error.code, error.field.replace("contacts", field, 1), error.message) from None
 
 
 def region_of(request: RegionRequest) -> Region:
@@ -104,7 +130,7 @@ def check_reply(request: CheckRequest, own: Robot) -> CheckReply:
     """Answer to `stability/check`; `own` is the robot when the request names none."""
     found = region_of(request)
     movement = np.array(request.movement)
-    shift, stance, now = Shift(np.zeros(3), np.empty(0), True), np.zeros(0, dtype=np.bool_), request.com
+    shift, now = Shift(np.zeros(3), np.empty(0), True), request.com
     legs: tuple[str, ...] = ()
     if request.joints is not None:
         robot = named_robot(request.robot) if request.robot is not None else own
@@ -172,3 +198,84 @@ def named_robot(name: str) -> Robot:
         return load_robot(name)
     except TableError as error:
         raise StabilityError("unknown_robot", "robot", str(error)) from None
+
+
+# -- the smaller questions --------------------------------------------------------------------------------------------
+
+
+def whatif_reply(request: WhatifRequest) -> WhatifReply:
+    """Answer to `stability/whatif`."""
+    contacts, com_now = contacts_of(request.contacts), np.array(request.com)
+    candidates = contacts_of(request.candidates, "candidates")
+    return WhatifReply(
+        now=_variant(whatif.assess(contacts, com_now)),
+        lifts=tuple(map(_variant, whatif.lifts(contacts, com_now))),
+        candidates=tuple(map(_variant, whatif.additions(contacts, candidates, com_now))),
+    )
+
+
+def batch_reply(request: BatchRequest) -> BatchReply:
+    """Answer to `stability/batch`."""
+    sets = [(contacts_of(s.contacts, f"sets.{i}.contacts"), np.array(s.com)) for i, s in enumerate(request.sets)]
+    return BatchReply(results=tuple(map(_variant, whatif.batch(sets))))
+
+
+def _variant(found: whatif.Variant) -> Variant:
+    return Variant(status=found.status, margin=found.margin.value, stable=found.stable)
+
+
+def equilibrium_reply(request: EquilibriumRequest) -> EquilibriumReply:
+    """Answer to `stability/equilibrium`."""
+    contacts, place = contacts_of(request.contacts), np.array(request.com)
+    found = equilibrium(contacts, place)
+    if not found.held:
+        proof = None if found.twist is None else tuple(found.twist.tolist())
+        return EquilibriumReply(held=False, forces_n=None, friction_share=None, certificate=proof)
+    least = least_forces(contacts, place)
+    force = found.force if least is None else least
+    return EquilibriumReply(
+        held=True,
+        forces_n=None if force is None else _triples(request.weight_n * force),
+        friction_share=friction_needed(contacts, place),
+    )
+
+
+def com_reply(request: ComRequest, own: Robot) -> ComReply:
+    """Answer to `stability/com`; `own` is the robot when the request names none."""
+    robot = named_robot(request.robot) if request.robot is not None else own
+    joints, base, rot = _posture(robot, request.joints, request.base)
+    c = base + rot @ com(robot.model, joints)
+    planned = (float(c[0]), float(c[1]), float(c[2]))
+    if request.torque is None:
+        return ComReply(com=planned, mass_kg=robot.mass, com_measured=None)
+    torque = np.array(request.torque)
+    if torque.size != joints.size:
+        raise StabilityError("shape", "torque", f"got {torque.size} torques, {robot.name} has {joints.size} joints")
+    legs = len(robot.legs)
+    touch = np.ones(legs, dtype=np.bool_) if request.touch is None else np.array(request.touch)
+    if touch.size != legs:
+        raise StabilityError("shape", "touch", f"got {touch.size} feet, {robot.name} has {legs}")
+    up = rot.T @ np.array([0.0, 0.0, GRAVITY])
+    found = forces_from_torques(robot, joints, torque, np.ascontiguousarray(up), WatchParams().torque_variance)
+    force, spread = found.force @ rot.T, rot @ found.covariance @ rot.T
+    measured = None
+    if touch.any() and found.observed[touch].all():
+        feet = base + foot_positions(robot.model, joints) @ rot.T
+        feet[:, 2] -= [leg.foot.radius for leg in robot.legs]
+        measured = com_from_forces(feet[touch], force[touch], spread[touch])
+    fields: dict[str, Any] = {}
+    if measured is not None:
+        fields = {"weight_n": measured.weight, "misfit": measured.misfit}
+        fields["covariance"] = tuple(measured.covariance.ravel().tolist())
+    return ComReply(
+        com=planned,
+        mass_kg=robot.mass,
+        com_measured=None if measured is None else (float(measured.com[0]), float(measured.com[1])),
+        forces_n=_triples(force),
+        observed=tuple(found.observed.tolist()),
+        **fields,
+    )
+
+
+def _triples(rows: Array) -> tuple[tuple[float, float, float], ...]:
+    return tuple(map(tuple, rows.tolist()))  # pyright: ignore[reportReturnType] - rows of three

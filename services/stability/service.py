@@ -8,20 +8,32 @@ import numpy as np
 
 from schemas.base import Reply, Request
 from schemas.hw import FootContacts, JointState
-from schemas.stability import CheckReply, CheckRequest, RegionReply, RegionRequest, StabilityStatus
+from schemas.stability import StabilityStatus
 from schemas.state import VelocityEstimate
 from schemas.topics import (
     HW_CONTACTS,
     HW_JOINTS,
+    STABILITY_BATCH,
     STABILITY_CHECK,
+    STABILITY_COM,
+    STABILITY_EQUILIBRIUM,
     STABILITY_REGION,
+    STABILITY_WHATIF,
     STATE_STABILITY,
     STATE_VELOCITY,
 )
 from services.stability import interior, margin, region, shift, state
 from services.stability.config import StabilityConfig
 from services.stability.contacts import StabilityError
-from services.stability.messages import check_reply, region_of, region_reply
+from services.stability.messages import (
+    batch_reply,
+    check_reply,
+    com_reply,
+    equilibrium_reply,
+    region_of,
+    region_reply,
+    whatif_reply,
+)
 from surefoot import kinematics, polygon, rotations
 from surefoot.errors import Refusal
 from surefoot.join import TickInputs
@@ -47,7 +59,14 @@ class Stability(Service[StabilityConfig]):
     Config = StabilityConfig
     inputs = (HW_JOINTS, HW_CONTACTS, STATE_VELOCITY)
     outputs = (STATE_STABILITY,)
-    serves = (STABILITY_REGION, STABILITY_CHECK)
+    serves = (
+        STABILITY_REGION,
+        STABILITY_CHECK,
+        STABILITY_COM,
+        STABILITY_WHATIF,
+        STABILITY_EQUILIBRIUM,
+        STABILITY_BATCH,
+    )
 
     def on_start(self) -> None:
         """Load the robot, compile the kernels, register the handlers."""
@@ -57,22 +76,18 @@ class Stability(Service[StabilityConfig]):
             module.warm()
         state.warm(self.robot)
         self.on_reset()
-        self.handle(STABILITY_REGION, _answer(self.region))
-        self.handle(STABILITY_CHECK, _answer(self.check))
+        self.handle(STABILITY_REGION, _answer(lambda r: region_reply(region_of(r), r)))
+        self.handle(STABILITY_CHECK, _answer(lambda r: check_reply(r, self.robot)))
+        self.handle(STABILITY_COM, _answer(lambda r: com_reply(r, self.robot)))
+        self.handle(STABILITY_WHATIF, _answer(whatif_reply))
+        self.handle(STABILITY_EQUILIBRIUM, _answer(equilibrium_reply))
+        self.handle(STABILITY_BATCH, _answer(batch_reply))
 
     def on_reset(self) -> None:
         """A new epoch: forget joints, contacts, tilt."""
         self._joints: JointState | None = None
         self._contacts: FootContacts | None = None
         self._velocity: VelocityEstimate | None = None
-
-    def region(self, request: RegionRequest) -> RegionReply:
-        """Support region of a contact set."""
-        return region_reply(region_of(request), request)
-
-    def check(self, request: CheckRequest) -> CheckReply:
-        """Planned-movement check."""
-        return check_reply(request, self.robot)
 
     def on_tick(self, inputs: TickInputs) -> None:
         """Keep the latest samples; every second tick say how the robot stands."""

@@ -9,7 +9,7 @@ import pytest
 
 from schemas.base import Message
 from schemas.hw import FootContacts, JointState, Tick
-from schemas.stability import CheckRequest, RegionRequest, StabilityStatus
+from schemas.stability import CheckRequest, StabilityStatus
 from schemas.state import VelocityEstimate
 from schemas.topics import HW_CONTACTS, HW_JOINTS, STATE_STABILITY, STATE_VELOCITY
 from services.stability.certificate import twist_violation
@@ -20,7 +20,7 @@ from services.stability.service import SERVICE, Stability
 from surefoot.codec import decode, encode
 from surefoot.errors import Refusal
 from surefoot.join import TickInputs
-from surefoot.kinematics import com, foot_positions
+from surefoot.kinematics import com, foot_jacobians, foot_positions, gravity_torques
 from surefoot.robot import load_robot
 from tests.services.stability.sets import SQUARE, UP
 
@@ -37,7 +37,7 @@ def service() -> Stability:
 
 def ask(service: Stability, what: str, **fields: Any) -> dict[str, Any]:
     """Request and reply through the codec, as an outside client sees them."""
-    model = {"region": RegionRequest, "check": CheckRequest}[what]
+    model = {query.key: query.request for query in SERVICE.serves}[f"stability/{what}"]
     reply = service.handlers[f"stability/{what}"](decode(model, json.dumps(fields).encode()))
     return json.loads(encode(reply)[0])
 
@@ -124,9 +124,64 @@ def test_check_without_a_region(service: Stability) -> None:
     assert got["gsm_status"] == "infeasible"
 
 
+def test_whatif_and_batch(service: Stability) -> None:
+    candidate = {"position": [0.3, 0.0, 0.0], "normal": UP, "mu": 0.5}
+    got = ask(service, "whatif", contacts=FLOOR, com=[0.02, 0.05], candidates=[candidate])
+    assert [v["stable"] for v in got["lifts"]] == [False, False, True, True]
+    assert got["now"]["margin"] == pytest.approx(0.05)
+    assert got["candidates"][0]["margin"] == pytest.approx(0.05)
+    sets = [
+        {"contacts": FLOOR, "com": [0.02, 0.05]},
+        {"contacts": FLOOR[1:], "com": [0.02, 0.05]},
+        {"contacts": [], "com": [0, 0]},
+    ]
+    many = ask(service, "batch", sets=sets)["results"]
+    assert many[0] == got["now"]
+    assert many[1] == got["lifts"][0]
+    assert many[2] == {"status": "infeasible", "margin": None, "stable": False}
+
+
+def test_equilibrium(service: Stability) -> None:
+    got = ask(service, "equilibrium", contacts=FLOOR, com=[0.0, 0.0], weight_n=20.0)
+    np.testing.assert_allclose(got["forces_n"], np.tile([0.0, 0.0, 5.0], (4, 1)), atol=1e-5)
+    assert got["friction_share"] == 0.0
+    outside = ask(service, "equilibrium", contacts=FLOOR, com=[0.2, 0.0])
+    assert (outside["held"], outside["forces_n"]) == (False, None)
+    assert len(outside["certificate"]) == 6
+
+
+def test_com(service: Stability) -> None:
+    q = RAGNO.neutral.tolist()
+    plain = ask(service, "com", joints=q, base={"position": [1.0, 2.0, 0.1]})
+    np.testing.assert_allclose(plain["com"], com(RAGNO.model, RAGNO.neutral) + np.array([1.0, 2.0, 0.1]))
+    assert plain["com_measured"] is None
+    load = np.array([0.0, 0.0, RAGNO.mass * 9.81 / 6.0])
+    torque = gravity_torques(RAGNO.model, RAGNO.neutral, np.array([0.0, 0.0, 9.81]))
+    for i, leg in enumerate(RAGNO.legs):
+        torque[list(leg.joints)] -= foot_jacobians(RAGNO.model, RAGNO.neutral)[i].T @ load
+    got = ask(service, "com", joints=q, torque=torque.tolist())
+    np.testing.assert_allclose(got["com_measured"], [0.0, 0.0], atol=1e-9)
+    assert got["weight_n"] == pytest.approx(RAGNO.mass * 9.81)
+    np.testing.assert_allclose(got["forces_n"], np.tile(load, (6, 1)), atol=1e-9)
+    assert ask(service, "com", joints=q, torque=torque.tolist(), touch=[False] * 6)["com_measured"] is None
+
+
 @pytest.mark.parametrize(
     ("what", "fields", "code", "field"),
     [
+        ("com", {"joints": [0.0] * 18, "torque": [0.0]}, "shape", "torque"),
+        ("com", {"joints": [0.0] * 18, "torque": [0.0] * 18, "touch": [True]}, "shape", "touch"),
+        (
+            "batch",
+            {
+                "sets": [
+                    {"contacts": FLOOR, "com": [0, 0]},
+                    {"contacts": [FLOOR[0] | {"normal": [0, 0, 0]}], "com": [0, 0]},
+                ]
+            },
+            "zero_normal",
+            "sets.1.contacts.0.normal",
+        ),
         (
             "region",
             {"contacts": [{"position": [0, 0, 0], "normal": [0, 0, 0], "mu": 1}]},
