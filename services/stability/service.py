@@ -22,7 +22,7 @@ from schemas.topics import (
     STATE_STABILITY,
     STATE_VELOCITY,
 )
-from services.stability import interior, margin, region, shift, state
+from services.stability import forces, interior, margin, region, shift, state
 from services.stability.config import StabilityConfig
 from services.stability.contacts import StabilityError
 from services.stability.messages import (
@@ -49,7 +49,7 @@ STALE_NS = 100_000_000
 LEAST_GRAVITY = 1.0
 """m/s^2; a shorter g_up is no direction."""
 
-_KERNELS = (rotations, kinematics, polygon, interior, region, margin, shift)
+_KERNELS = (rotations, kinematics, polygon, interior, region, margin, shift, forces, state)
 
 
 class Stability(Service[StabilityConfig]):
@@ -74,7 +74,6 @@ class Stability(Service[StabilityConfig]):
         self.params = self.config.watch()
         for module in _KERNELS:
             module.warm()
-        state.warm(self.robot)
         self.on_reset()
         self.handle(STABILITY_REGION, _answer(lambda r: region_reply(region_of(r), r)))
         self.handle(STABILITY_CHECK, _answer(lambda r: check_reply(r, self.robot)))

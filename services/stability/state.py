@@ -11,7 +11,7 @@ from services.stability.margin import Margin, margin
 from services.stability.region import Region, region
 from surefoot.jit import row_kernel
 from surefoot.kinematics import com, foot_positions
-from surefoot.robot import KinematicModel, Robot
+from surefoot.robot import KinematicModel, Robot, load_robot
 
 Flags = NDArray[np.bool_]
 
@@ -115,7 +115,8 @@ def watch(robot: Robot, joints: Array, touch: Flags, g_up: Array, torque: Array 
     )
 
 
-def warm(robot: Robot) -> None:
+def warm() -> None:
     """Compile everything a status needs."""
+    robot = load_robot("ragno")
     touch = np.ones(len(robot.legs), dtype=np.bool_)
     watch(robot, robot.neutral, touch, np.array([0.0, 0.0, 9.81]), np.zeros(len(robot.neutral)), WatchParams())
