@@ -17,6 +17,7 @@ class Tick(Message):
         description="lockstep: the driver waits for the roster; paced: it does not"
     )
     seed: int = Field(default=0, ge=0, description="scenario seed, for the random streams of services")
+    report: bool = Field(default=True, description="true: every member answers this tick with its done")
     end: bool = Field(default=False, description="true on the last tick of the run")
 
 

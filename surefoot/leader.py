@@ -15,6 +15,10 @@ State = Literal["idle", "joining", "running", "paused", "holding", "ended"]
 WINDOW_TICKS = 5
 """How far the slowest member may lag."""
 
+REPORT_TICKS = 3
+"""Members answer every third tick, and the last one before a pause or the end: the window is five, and each answer
+costs the driver as much as a sample."""
+
 COMMANDER = "walker"
 """The service whose command a tick waits for; its command counts as its done."""
 
@@ -185,16 +189,18 @@ class Leader:
         if self.state == "running":
             self._admit()
         self.tick += 1
+        end = self.tick == self.end_tick
+        pause = self.pause_tick is not None and self.tick >= self.pause_tick
         manifest = Tick(
             stamp_ns=stamp_ns, tick=self.tick, epoch=self.epoch, seq=self.tick, source="driver",
             roster=tuple(sorted(self.members)), roster_version=self.roster_version, due=due, mode=self.mode,
-            seed=self.seed, end=self.tick == self.end_tick,
+            seed=self.seed, end=end, report=end or pause or self.tick % REPORT_TICKS == REPORT_TICKS - 1,
         )  # fmt: skip
         self._manifests[self.tick] = manifest
         self._manifests.pop(self.tick - 4 * self.window, None)
         if manifest.end:
             self.state = "ended"
-        elif self.pause_tick is not None and self.tick >= self.pause_tick:
+        elif pause:
             self.state, self.pause_tick = "paused", None
         return manifest
 

@@ -29,8 +29,6 @@ Rep = TypeVar("Rep", bound=Wire)
 
 KEEP_TICKS = 20
 """Outputs of so many ticks are kept, to be sent again when the driver repeats a tick."""
-DONE_TICKS = 3
-"""Done is reported for every third tick: the window is five, and each report costs the driver as much as a sample."""
 JOIN_RETRY_S = 0.3
 HEALTH_PERIOD_S = 1.0
 NOT_READY_S = 2.0
@@ -279,7 +277,7 @@ class Node:
         self.state = "running"
         self._outbox[(tick.epoch, tick.tick)] = []
         self.service.on_tick(inputs)
-        if not self._counts_as_done and (tick.end or tick.tick % DONE_TICKS == DONE_TICKS - 1):
+        if tick.report and not self._counts_as_done:
             self._send(self._done, Done(tick=tick.tick, epoch=tick.epoch, source=self.name, instance=self.instance))
         self._outbox.pop((tick.epoch, tick.tick - KEEP_TICKS), None)
         self._tick = None
