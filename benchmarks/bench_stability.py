@@ -133,7 +133,8 @@ def refuted(found: Region) -> str:
         size = max(1.0, np.abs(force).max())
         if status == "ok":
             forces = max(force_violation(s, force), balance(s, force, support.point[k])) / size
-            if max(twist_violation(s, support.twist[k], a), forces) > 1e-7 or abs(support.gap[k]) > 1e-8 * size:
+            twist = twist_violation(s, support.twist[k], a) / max(1.0, np.abs(support.twist[k]).max())
+            if max(twist, forces) > 1e-7 or abs(support.gap[k]) > 1e-8 * max(1.0, abs(support.value[k])):
                 return "value"
         elif status == "unbounded":
             moment = np.cross(s.position, force).sum(axis=0)

@@ -62,7 +62,7 @@ Ints = NDArray[np.int64]
 FAILED, SOLVED, NO_PRIMAL, NO_DUAL = 0, 1, 2, 3
 """Outcome of a lane. NO_PRIMAL: no forces exist, lam proves it. NO_DUAL: the gain has no bound, x proves it."""
 
-TOLERANCE = 1e-9  # of residuals and gap, in units of the problem (lengths ~ 1, weight 1)
+TOLERANCE = 1e-9  # of residuals and gap; lengths ~ 1, weight 1, relative to the value where that is larger
 ACCEPTABLE = 1e-7  # taken when no better one came
 MAX_ITERATIONS = 60
 STEP_SHARE = 0.99  # of the way to the boundary
@@ -86,7 +86,7 @@ def solve_lanes(a: Array, rhs: Array, c: Array, lam: Array, x: Array, error: Arr
         c: objective, (m,).
         lam: (m, 8) result: the twist; with NO_PRIMAL a ray with c'lam = -1.
         x: (n, 3, 8) result: forces in cone coordinates; with NO_DUAL a ray with b'x = 1.
-        error: (8,) result: largest of residuals and gap.
+        error: (8,) result: largest of residuals and gap, relative to max(1, value).
         status: (8,) result: FAILED, SOLVED, NO_PRIMAL or NO_DUAL.
 
     Returns:
@@ -161,7 +161,7 @@ def _judge(c: Array, w: Array, g: Array, lam: Array, x: Array, error: Array, sta
         if g[ACTIVE + k] == 0.0:
             continue
         tau, cost, gain = g[TAU + k], g[COST + k], g[GAIN + k]
-        worst = max(max(g[PRIMAL_RES + k], g[DUAL_RES + k]), abs(cost - gain)) / tau
+        worst = max(max(g[PRIMAL_RES + k], g[DUAL_RES + k]), abs(cost - gain)) / max(tau, abs(cost))
         if worst < error[k]:
             status[k], error[k] = SOLVED, worst
             _save(m, w, g, k, 1.0 / tau, lam, x)

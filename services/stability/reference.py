@@ -11,7 +11,7 @@ import numpy as np
 from services.stability.contacts import Array
 from services.stability.interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED
 
-LOOSE = 1e-6  # residual above which an "almost solved" answer is refused
+LOOSE = 1e-6  # residual, relative to max(1, value), above which an "almost solved" answer is refused
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,4 +63,5 @@ class Reference:
         s = self._a @ z - rhs  # (n, 3)
         outside = max(np.max(np.hypot(v[:, 1], v[:, 2]) - v[:, 0], initial=0.0) for v in (s, x))
         balance = np.abs(np.einsum("iqj,iq->j", self._a, x) - self._c).max(initial=0.0)
-        return float(max(outside, balance, abs(self._c @ z - np.sum(rhs * x))))
+        cost = float(self._c @ z)
+        return float(max(outside, balance, abs(cost - np.sum(rhs * x))) / max(1.0, abs(cost)))
