@@ -1,0 +1,116 @@
+"""From outside, nothing of ours imported: plain Zenoh, zenoh-cli and the examples against a live system."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from schemas.topics import STATE_VELOCITY
+from services.supervisor.scenario import find_scenario, load_scenario
+from services.supervisor.study import run_local
+from surefoot.client import connect
+from surefoot.errors import BusError
+
+ROOT = Path(__file__).parents[2]
+BIN = Path(sys.executable).parent
+
+pytestmark = pytest.mark.e2e
+
+PLAIN = """
+import json, sys, zenoh
+config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [sys.argv[1]]}}))
+with zenoh.open(config) as session:
+    subscriber = session.declare_subscriber("surefoot/ragno/state/velocity")
+    v = json.loads(subscriber.recv().payload.to_string())
+    feet = [{"position": [x, y, 0], "normal": [0, 0, 1], "mu": 0.5} for x, y in [(0.1, 0.1), (0.1, -0.1), (-0.1, 0)]]
+    answers = session.get("surefoot/ragno/stability/region", payload=json.dumps({"contacts": feet}), timeout=10.0)
+    region = json.loads(next(iter(answers)).ok.payload.to_string())
+    wrong = session.get("surefoot/ragno/stability/region", payload=json.dumps({"contacts": feet, "direction": 8}), timeout=10.0)
+    error = json.loads(next(iter(wrong)).err.payload.to_string())
+print(json.dumps({"velocity": v["velocity"], "region": region, "error": error, "ours": "surefoot" in sys.modules}))
+"""
+
+
+@pytest.fixture(scope="module")
+def endpoint(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A system that is up on a port of its own."""
+    folder = tmp_path_factory.mktemp("up")
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        where = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    environment = dict(os.environ, SUREFOOT_LISTEN=where, XDG_STATE_HOME=str(folder))
+    with (folder / "up.log").open("w") as log:
+        command = [sys.executable, "-m", "services.supervisor.cli", "up", "ragno"]
+        up = subprocess.Popen(command, cwd=folder, env=environment, stdout=log, stderr=log)
+    try:
+        _wait_until_it_walks(where, up)
+        yield where
+    finally:
+        up.send_signal(signal.SIGINT)
+        up.wait(20)
+
+
+def _wait_until_it_walks(where: str, up: subprocess.Popen[bytes]) -> None:
+    for _ in range(5):  # a client waits 8 s for the router
+        assert up.poll() is None, "surefoot up ended"
+        try:
+            with connect("ragno", where) as robot:
+                robot.latest(STATE_VELOCITY, 90.0)
+                return
+        except BusError as error:
+            last = error
+    raise AssertionError(f"not up: {last}")
+
+
+def test_plain_zenoh_python(endpoint: str, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-I", "-c", PLAIN, endpoint], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    got = json.loads(done.stdout)
+    assert len(got["velocity"]) == 3
+    assert got["region"]["status"] == "ok"
+    assert len(got["region"]["inner"]) == 3
+    assert got["error"]["code"] == "invalid"
+    assert got["error"]["field"] == "direction"
+    assert got["ours"] is False
+
+
+def test_zenoh_cli_asks_for_a_region(endpoint: str, tmp_path: Path) -> None:
+    contacts = [{"position": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0], "mu": 0.5}]
+    done = subprocess.run(
+        [
+            str(BIN / "zenoh"), "--mode", "client", "--connect", endpoint, "get",
+            "--selector", "surefoot/ragno/stability/region", "--value", json.dumps({"contacts": contacts}),
+            "--encoder", "text", "--decoder", "json",
+        ],
+        cwd=tmp_path, capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert "point" in done.stdout, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("name", sorted(p.name for p in (ROOT / "examples").glob("*.py")))
+def test_example_runs(endpoint: str, name: str, tmp_path: Path) -> None:
+    command = [sys.executable, str(ROOT / "examples" / name), endpoint]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=90)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout
+
+
+def test_a_run_in_one_process_has_the_hash_of_the_run_over_zenoh(tmp_path: Path) -> None:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        where = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    environment = dict(os.environ, SUREFOOT_LISTEN=where, XDG_STATE_HOME=str(tmp_path))
+    command = [sys.executable, "-m", "services.supervisor.cli", "run", "stand", "--seed", "5", "--json"]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+    result = json.loads(done.stdout)
+    assert result["comparable"], result
+    local = run_local(load_scenario(find_scenario("stand")), 5)
+    assert local.run_hash == result["message_hash"]
