@@ -10,6 +10,7 @@ from typing import Any
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
+from zstandard import ZstdError
 
 from schemas.base import Bulk, Header, Message
 from schemas.topics import TOPICS, Topic
@@ -22,6 +23,9 @@ BULK = "surefoot-bulk"
 """Message encoding of arrays: uint32 length of the JSON header, header, raw array."""
 CHUNK_BYTES = 1 << 18
 SUMMARY = "surefoot"
+
+_BROKEN = (McapError, ZstdError, struct.error, ValueError, EOFError)
+"""What reading a torn file raises: its records, their compression and their texts may each be damaged."""
 
 
 class RecordingWriter:
@@ -107,7 +111,7 @@ def read_recording(path: Path, keys: tuple[str, ...] | None = None) -> Iterator[
                 yield Recorded(channel.topic, message.log_time, None if row is None else row.model, message.data)
     except OSError as error:
         raise SurefootError("unreadable", f"{path}: {error.strerror}") from None
-    except McapError as error:
+    except _BROKEN as error:
         raise SurefootError("malformed", f"{path} is not a complete MCAP file: {error}") from None
 
 
@@ -120,7 +124,7 @@ def recording_info(path: Path) -> dict[str, Any]:
             metadata = {record.name: dict(record.metadata) for record in reader.iter_metadata()}
     except OSError as error:
         raise SurefootError("unreadable", f"{path}: {error.strerror}") from None
-    except McapError as error:
+    except _BROKEN as error:
         raise SurefootError("malformed", f"{path} is not a complete MCAP file: {error}") from None
     if summary is None or summary.statistics is None:
         raise SurefootError("malformed", f"{path} has no summary; the recorder did not finish")

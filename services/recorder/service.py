@@ -43,12 +43,12 @@ class Recorder(Service[RecorderConfig]):
         self._pending: list[tuple[Topic[Any], Message]] = []
         self._known: set[tuple[str, int, int]] = set()
         self._tick, self._epoch, self._files = -1, 0, 0
-        self._finished, self._path = False, self.config.path or ""
+        self._finished, self._failed, self._path = False, False, self.config.path or ""
         self.handle(RECORDER_STATUS, self.status)
 
     def on_reset(self) -> None:
         self._close()
-        self._hash, self._finished = RunHash(), False
+        self._hash, self._finished, self._failed = RunHash(), False, False
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
         if isinstance(message, HeightMapMessage):  # told again to every newcomer: kept once
@@ -60,7 +60,7 @@ class Recorder(Service[RecorderConfig]):
 
     def on_tick(self, inputs: TickInputs) -> None:
         tick = inputs.tick
-        if self._writer is None and self.config.path and not self._finished:
+        if self._writer is None and self.config.path and not self._finished and not self._failed:
             self._open(tick.epoch, tick.seed)
         self._epoch = tick.epoch
         self._flush()
@@ -92,14 +92,25 @@ class Recorder(Service[RecorderConfig]):
         if self._files:
             path = path.with_stem(f"{path.stem}-{self._files + 1}")
         self._files += 1
+        about = {"robot": self.config.robot, "epoch": str(epoch), "seed": str(seed), "version": VERSION}
+        try:
+            self._writer = RecordingWriter(path, about)
+        except OSError as error:
+            self._give_up(path, error)
+            return
         self._path = str(path)
-        self._writer = RecordingWriter(
-            path, {"robot": self.config.robot, "epoch": str(epoch), "seed": str(seed), "version": VERSION}
-        )
+
+    def _give_up(self, path: str | Path, error: OSError) -> None:
+        """A disk that fails ends the recording, not the run: the hash goes on."""
+        self._writer, self._path, self._failed = None, "", True
+        self.log("error", f"no recording: {path}: {error.strerror or error}")
 
     def _flush(self) -> None:
         pending, self._pending = self._pending, []
         for topic, message in pending:
+            if topic.deterministic and message.epoch > self._epoch:
+                self._pending.append((topic, message))  # early: of the run to come
+                continue
             raw = Raw(*encode(message), encoding_of(type(message)))
             self._write(topic, message, raw)
             if topic.deterministic and message.epoch == self._epoch:
@@ -107,12 +118,18 @@ class Recorder(Service[RecorderConfig]):
 
     def _write(self, topic: Topic[Any], header: Any, raw: Raw) -> None:
         if self._writer is not None:
-            self._writer.write(topic, header, raw)
+            try:
+                self._writer.write(topic, header, raw)
+            except OSError as error:
+                self._give_up(self._path, error)
 
     def _close(self) -> None:
-        if self._writer is not None:
-            self._writer.close({"run_hash": self._hash.hexdigest(), "last_tick": str(self._tick)})
-            self._writer = None
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            try:
+                writer.close({"run_hash": self._hash.hexdigest(), "last_tick": str(self._tick)})
+            except OSError as error:
+                self._give_up(self._path, error)
 
 
 SERVICE = Recorder

@@ -1,0 +1,188 @@
+"""The recorder: every tick whole, the hash of the run, and a disk that fails does not end the run."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from schemas.base import Message
+from schemas.system import LogRecord, RecorderReply, RecorderRequest
+from schemas.terrain import HeightMapMessage
+from schemas.topics import (
+    CMD_JOINTS,
+    HW_IMU,
+    HW_TICK,
+    LOG,
+    RECORDER_STATUS,
+    STATE_GAIT,
+    STATE_VELOCITY,
+    TERRAIN_MAP,
+    Topic,
+)
+from services.recorder.service import JOINED, Recorder, RecorderConfig
+from surefoot.config import ServiceConfig
+from surefoot.local import LocalSystem
+from surefoot.recording import read_recording, recording_info
+from tests.surefoot.toys import ToyDriver, ToyEstimator, ToyWalker
+
+EXPECT = ("estimator", "walker", "recorder")
+
+
+MAP = HeightMapMessage(rows=1, cols=1, cell=0.1, origin=(0.0, 0.0), version=1, data=b"\0" * 4)
+
+
+class ToyRecorder(Recorder):
+    """Joins what the toys publish; otherwise the real one."""
+
+    inputs = (HW_IMU, STATE_VELOCITY, STATE_GAIT, CMD_JOINTS)
+
+
+class MappedDriver(ToyDriver):
+    """Starts where the seed says, and tells a map."""
+
+    outputs = (*ToyDriver.outputs, TERRAIN_MAP)
+
+    def __init__(self, seed: int) -> None:
+        super().__init__()
+        self.x = 0.001 * seed
+
+    def latched(self) -> list[tuple[Topic[Any], Message]]:
+        return [(TERRAIN_MAP, MAP)]
+
+
+def record(path: Path | None, *, ticks: int = 30, seed: int = 0, order: tuple[int, ...] = (0, 1, 2, 3)) -> Any:
+    """Runs the toys with a real recorder."""
+    driver = MappedDriver(seed)
+    recorder = ToyRecorder(RecorderConfig(path=None if path is None else str(path)))
+    services = [driver, ToyEstimator(ServiceConfig()), ToyWalker(ServiceConfig()), recorder]
+    system = LocalSystem([services[i] for i in order])
+    begin(driver, ticks, seed)
+    finish(system, driver)
+    return system, driver
+
+
+def begin(driver: ToyDriver, ticks: int, seed: int = 0) -> None:
+    driver.node.begin(EXPECT, "lockstep", 0.0, 1, "hold", seed)
+    driver.node.leader.end_tick = ticks - 1
+
+
+def finish(system: LocalSystem, driver: ToyDriver) -> None:
+    leader = driver.node.leader
+    system.run_until(lambda: leader.state == "ended" and leader.all_done())
+
+
+def status(system: LocalSystem) -> RecorderReply:
+    return system.bus.call(RECORDER_STATUS, RecorderRequest())
+
+
+def test_every_message_of_every_tick_is_on_disk_once(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    system, _ = record(path)
+    info = recording_info(path)
+    for topic in (HW_TICK, HW_IMU, STATE_VELOCITY, STATE_GAIT, CMD_JOINTS):
+        assert info["topics"][topic.key] == 30
+    assert info["metadata"]["run"]["seed"] == "0"
+    reply = status(system)
+    assert reply.finished
+    assert reply.run_hash == info["metadata"]["surefoot"]["run_hash"]
+    assert (reply.tick, reply.epoch, reply.path) == (29, 1, str(path))
+    assert [m.message().tick for m in read_recording(path, ("hw/imu",))] == list(range(30))
+
+
+def test_same_seed_same_hash_whatever_the_order_and_the_file(tmp_path: Path) -> None:
+    reference = status(record(None)[0]).run_hash
+    assert len(reference) == 64
+    for order in ((3, 2, 1, 0), (1, 3, 0, 2)):
+        assert status(record(None, order=order)[0]).run_hash == reference
+    assert status(record(tmp_path / "x.mcap")[0]).run_hash == reference
+    assert status(record(None, seed=1)[0]).run_hash != reference
+    assert status(record(None, ticks=29)[0]).run_hash != reference
+
+
+def test_the_map_is_kept_and_hashed_once_however_often_it_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    driver = MappedDriver(0)
+    recorder = ToyRecorder(RecorderConfig(path=str(path)))
+    system = LocalSystem([driver, ToyEstimator(ServiceConfig()), ToyWalker(ServiceConfig()), recorder])
+    begin(driver, 30)
+    for tick in (5, 15):
+        system.run_until(lambda tick=tick: driver.node.leader.tick > tick)
+        driver.node._tell_latched()
+    finish(system, driver)
+    assert recording_info(path)["topics"]["terrain/map"] == 1
+    assert status(system).run_hash == status(record(None)[0]).run_hash
+
+
+def test_a_map_of_the_coming_epoch_that_is_early_belongs_to_its_own_run() -> None:
+    system, driver = record(None, ticks=10)
+    first = status(system).run_hash
+    driver.x = 0.0
+    early = MAP.relabelled(0, 0, 2, 0, "simulator")
+    system.nodes[3].service.on_message(TERRAIN_MAP, early)  # before the last tick of the run before is worked on
+    begin(driver, 10)
+    finish(system, driver)
+    second = status(system)
+    again, other = record(None, ticks=10)
+    other.x = 0.0
+    begin(other, 10)
+    finish(again, other)
+    assert second.run_hash == status(again).run_hash != first
+
+
+def test_no_hash_before_the_end() -> None:
+    driver = MappedDriver(0)
+    recorder = ToyRecorder(RecorderConfig(path=None))
+    system = LocalSystem([driver, ToyEstimator(ServiceConfig()), ToyWalker(ServiceConfig()), recorder])
+    begin(driver, 30)
+    system.run_until(lambda: driver.node.leader.tick > 10)
+    assert status(system).run_hash == ""
+    assert not status(system).finished
+
+
+def test_a_second_epoch_is_a_second_file(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    system, driver = record(path, ticks=10)
+    driver.x = 0.0
+    begin(driver, 20)
+    finish(system, driver)
+    assert recording_info(path)["topics"]["hw/imu"] == 10
+    assert recording_info(tmp_path / "run-2.mcap")["topics"]["hw/imu"] == 20
+    assert status(system).path.endswith("run-2.mcap")
+
+
+def test_a_run_that_is_cut_off_has_its_file_closed(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    driver = MappedDriver(0)
+    recorder = ToyRecorder(RecorderConfig(path=str(path)))
+    system = LocalSystem([driver, ToyEstimator(ServiceConfig()), ToyWalker(ServiceConfig()), recorder])
+    begin(driver, 30)
+    system.run_until(lambda: driver.node.leader.tick > 10)
+    system.close()
+    assert 5 < recording_info(path)["topics"]["hw/imu"] < 30
+
+
+@pytest.mark.parametrize("kind", ["folder", "file in the way"])
+def test_a_path_that_cannot_be_written_is_told_and_the_run_goes_on(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "x" / "run.mcap"
+    if kind == "folder":
+        path.mkdir(parents=True)
+    else:
+        (tmp_path / "x").write_text("")
+    told: list[LogRecord] = []
+    driver = MappedDriver(0)
+    recorder = ToyRecorder(RecorderConfig(path=str(path)))
+    system = LocalSystem([driver, ToyEstimator(ServiceConfig()), ToyWalker(ServiceConfig()), recorder])
+    system.bus.subscribe(LOG, lambda delivery: told.append(delivery.message()))  # type: ignore[arg-type]
+    begin(driver, 30)
+    finish(system, driver)
+    assert status(system).run_hash == status(record(None)[0]).run_hash
+    assert status(system).path == ""
+    errors = [line.text for line in told if line.level == "error"]
+    assert len(errors) == 1
+    assert str(path) in errors[0]
+
+
+def test_everything_deterministic_is_joined() -> None:
+    assert {HW_IMU, STATE_VELOCITY, STATE_GAIT, CMD_JOINTS} <= set(JOINED)
+    assert all(topic.deterministic for topic in JOINED)
+    assert HeightMapMessage not in {topic.model for topic in JOINED}  # latched: comes beside the ticks
