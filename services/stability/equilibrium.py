@@ -1,5 +1,8 @@
 """Forces that hold the CoM at a place: is there any, which are the smallest, how much friction do they need."""
 
+# pyright: reportAttributeAccessIssue=false
+# (the names of clarabel come from its compiled part, which has no stubs)
+
 import math
 from dataclasses import dataclass
 

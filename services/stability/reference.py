@@ -4,6 +4,9 @@ clarabel minimises q'z subject to A z + s = b, s in cones. Here z = (v, w_z), A 
 only b depends on the direction, so one solver serves all directions of a set.
 """
 
+# pyright: reportAttributeAccessIssue=false
+# (the names of clarabel come from its compiled part, which has no stubs)
+
 from dataclasses import dataclass
 
 import numpy as np
