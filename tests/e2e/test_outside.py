@@ -31,7 +31,8 @@ with zenoh.open(config) as session:
     feet = [{"position": [x, y, 0], "normal": [0, 0, 1], "mu": 0.5} for x, y in [(0.1, 0.1), (0.1, -0.1), (-0.1, 0)]]
     answers = session.get("surefoot/ragno/stability/region", payload=json.dumps({"contacts": feet}), timeout=10.0)
     region = json.loads(next(iter(answers)).ok.payload.to_string())
-    wrong = session.get("surefoot/ragno/stability/region", payload=json.dumps({"contacts": feet, "direction": 8}), timeout=10.0)
+    typo = json.dumps({"contacts": feet, "direction": 8})
+    wrong = session.get("surefoot/ragno/stability/region", payload=typo, timeout=10.0)
     error = json.loads(next(iter(wrong)).err.payload.to_string())
 print(json.dumps({"velocity": v["velocity"], "region": region, "error": error, "ours": "surefoot" in sys.modules}))
 """
