@@ -171,8 +171,7 @@ class ZenohBus:
             )
             sink(Delivery(topic, None, raw))
 
-        # Called on the network's own thread: the sink only queues; a thread per subscriber would be one more switch.
-        self._keep.append(self.session.declare_subscriber(topic.key, Callback(on_sample, indirect=False)))
+        self._keep.append(self.session.declare_subscriber(topic.key, on_sample))
 
     def serve(self, query: Query[Any, Any], sink: Callable[[Incoming], None]) -> None:
         def on_query(asked: zenoh.Query) -> None:
