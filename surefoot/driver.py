@@ -270,12 +270,15 @@ class DriverNode(Node):
         if not leader.may_advance():
             self._watch_silence()
             return False
+        began = time.perf_counter_ns()
         if leader.tick >= 0:
             self.driver.actuate(leader.tick, self._command())
             self._commands.pop(leader.tick - 4 * leader.window, None)
         if leader.newcomers():
             self._tell_latched()
         self._emit()
+        self.join.last, self._epoch = leader.tick, leader.epoch  # for health
+        self.tick_us.append((time.perf_counter_ns() - began) * 1e-3)
         return True
 
     def _command(self) -> JointCommand | None:
