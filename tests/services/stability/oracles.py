@@ -40,17 +40,22 @@ def pyramid_support(contacts: ContactSet, direction: np.ndarray, sides: int, out
     return float(-found.fun) if found.status == 0 else np.nan
 
 
-def literal_support(contacts: ContactSet, direction: np.ndarray, mass: float = 2.0, tolerance: float = 1e-11) -> float:
-    """(23) as printed but with one cone per contact, solved by clarabel: F in N, y in m."""
-    n, g = len(contacts), 9.81
+def literal_matrices(contacts: ContactSet, mass: float = 2.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A1 (6, 3n), A2 (6, 2) and t (6,) of (23): A1 F + A2 y = t, F in N, y in m."""
 
     def cross(v: np.ndarray) -> np.ndarray:
         return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
-    mg = mass * np.array([0.0, 0.0, -g])
+    mg = mass * np.array([0.0, 0.0, -9.81])
     a1 = np.hstack([np.vstack((np.eye(3), cross(r))) for r in contacts.position])
     a2 = np.vstack((np.zeros((3, 2)), -cross(mg)[:, :2]))
-    t = np.concatenate((-mg, np.zeros(3)))
+    return a1, a2, np.concatenate((-mg, np.zeros(3)))
+
+
+def literal_support(contacts: ContactSet, direction: np.ndarray, mass: float = 2.0, tolerance: float = 1e-11) -> float:
+    """(23) as printed but with one cone per contact, solved by clarabel: F in N, y in m."""
+    n = len(contacts)
+    a1, a2, t = literal_matrices(contacts, mass)
     rows, cones = [np.hstack((a1, a2))[:5], np.hstack((a1, a2))[5:]], [clarabel.ZeroConeT(6)]
     right = [t]
     for i in range(n):

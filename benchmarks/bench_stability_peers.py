@@ -1,0 +1,251 @@
+"""Support regions beside those of other packages, side by side in one run: time and error.
+
+python -m benchmarks.bench_stability_peers [--repeats 40]
+
+Peers are never needed by the product; one that is not installed is said to be absent and skipped:
+hpp-centroidal-dynamics with its dual LP (a shim in C++ is compiled against it: a compiler and Eigen are needed),
+cvxpy with clarabel, and pypoman. They know one friction coefficient for all contacts and replace each cone by a
+pyramid of k edges (cvxpy: exact cones). All get the same stances: 20 cm wide, slopes to 11.5 degrees, mu 0.5.
+"""
+
+import argparse
+import ctypes
+import importlib.metadata
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from services.stability.contacts import ContactSet, contact_set
+from services.stability.directions import equally_spaced
+from services.stability.margin import extent, warm
+from services.stability.oracle import Oracle
+from services.stability.region import region
+from tests.services.stability.oracles import literal_matrices
+
+SIXTEEN = equally_spaced(16)
+MU, SLOPE_DEG = 0.5, 11.5
+SHIM = Path(__file__).parent / "peers" / "hpp_rays.cpp"
+TARGETS = {3: {"hpp k=4": 0.66, "hpp k=16": 0.35}, 6: {"hpp k=4": 0.60, "hpp k=16": 0.20}}
+
+Call = Callable[[ContactSet], Any]
+
+
+def stance(rng: np.random.Generator, n: int) -> ContactSet:
+    """20 cm stance on mild ground; the region is not simply the hull."""
+    while True:
+        xy, z = rng.uniform(-0.1, 0.1, (n, 2)), rng.uniform(-0.03, 0.03, n)
+        s, h = np.radians(rng.uniform(0.0, SLOPE_DEG, n)), rng.uniform(0.0, 2.0 * np.pi, n)
+        normal = np.column_stack((np.sin(s) * np.cos(h), np.sin(s) * np.sin(h), np.cos(s)))
+        found = contact_set(np.column_stack((xy, z)), normal, MU)
+        seen = region(found, SIXTEEN)
+        if seen.status == "ok" and not seen.exact:
+            return found
+
+
+class Hpp:
+    """Rays by hpp-centroidal-dynamics; `reason` tells why it is absent."""
+
+    def __init__(self) -> None:
+        self.reason, self._library = "", None
+        try:
+            files = importlib.metadata.files("hpp-centroidal-dynamics") or []
+        except importlib.metadata.PackageNotFoundError:
+            self.reason = "not installed"
+            return
+        library = next((f for f in files if f.name == "libhpp-centroidal-dynamics.so"), None)
+        if library is None:
+            self.reason = "has no library for C++"
+            return
+        prefix = Path(str(library.locate())).resolve().parents[1]
+        out = Path(tempfile.mkdtemp(prefix="hpp-rays-")) / "hpp_rays.so"
+        include = [f"-I{prefix / 'include' / name}" for name in ("", "eigen3", "cddlib")]
+        link = [f"-L{prefix / 'lib'}", "-lhpp-centroidal-dynamics", f"-Wl,--disable-new-dtags,-rpath,{prefix / 'lib'}"]
+        command = ["g++", "-O3", "-march=native", "-shared", "-fPIC", "-o", str(out), str(SHIM), *include, *link]
+        try:
+            subprocess.run([*command, "-Wl,--allow-shlib-undefined"], check=True, capture_output=True, text=True)
+        except (OSError, subprocess.CalledProcessError) as error:
+            words = getattr(error, "stderr", "") or str(error)
+            self.reason = "the shim does not compile: " + next(
+                (line for line in words.splitlines() if "error" in line), words.strip()[:100]
+            )
+            return
+        self._library = ctypes.CDLL(str(out))
+        self._library.hpp_new.restype = ctypes.c_void_p
+        self._library.hpp_region.argtypes = [ctypes.c_void_p, ctypes.c_int] + [ctypes.c_void_p] * 2 + [
+            ctypes.c_double, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p,
+        ]  # fmt: skip
+
+    def solver(self, generators: int) -> Call:
+        """16 rays from the centroid with a pyramid of so many edges; arrays are passed by address (1 us)."""
+        assert self._library is not None
+        function, handle = self._library.hpp_region, self._library.hpp_new(generators)
+        rays = np.ascontiguousarray(SIXTEEN)
+
+        def rays_of(s: ContactSet) -> np.ndarray:
+            start, out = s.position.mean(axis=0), np.empty(len(rays))
+            function(
+                handle, len(s), s.position.ctypes.data, s.normal.ctypes.data, MU, start.ctypes.data, len(rays),
+                rays.ctypes.data, out.ctypes.data,
+            )  # fmt: skip
+            return out
+
+        return rays_of
+
+
+def cvxpy_region() -> tuple[Call | None, str]:
+    """(23) with one cone a contact, compiled once per set, the direction a parameter, by clarabel."""
+    try:
+        import cvxpy as cp
+    except ImportError:
+        return None, "not installed"
+
+    def solve(s: ContactSet) -> np.ndarray:
+        n = len(s)
+        a1, a2, t = literal_matrices(s)
+        f, y, a = cp.Variable(3 * n), cp.Variable(2), cp.Parameter(2)
+        rules = [a1 @ f + a2 @ y == t]
+        for i in range(n):
+            v, fi = s.normal[i], f[3 * i : 3 * i + 3]
+            rules.append(cp.norm((np.eye(3) - np.outer(v, v)) @ fi) <= s.mu[i] * (v @ fi))
+        problem = cp.Problem(cp.Maximize(a @ y), rules)
+        values = []
+        for direction in SIXTEEN:
+            a.value = direction
+            values.append(problem.solve(solver=cp.CLARABEL))
+        return np.array(values)
+
+    return solve, ""
+
+
+def pypoman_region(method: str, edges: int = 8) -> tuple[Call | None, str]:
+    """Projection of the linearised constraints on the CoM plane."""
+    try:
+        import pypoman
+    except ImportError:
+        return None, "not installed"
+    angle = 2.0 * np.pi * np.arange(edges) / edges
+
+    def solve(s: ContactSet) -> Any:
+        n = len(s)
+        a1, a2, t = literal_matrices(s)
+        rows = []
+        for i in range(n):
+            v = s.normal[i]
+            e1 = np.cross(v, [1.0, 0.0, 0.0] if abs(v[0]) < 0.8 else [0.0, 1.0, 0.0])
+            e1 /= np.linalg.norm(e1)
+            e2 = np.cross(v, e1)
+            block = np.zeros((edges, 3 * n))
+            inside = MU * np.cos(np.pi / edges)  # the pyramid lies inside the cone
+            block[:, 3 * i : 3 * i + 3] = np.outer(np.cos(angle), e1) + np.outer(np.sin(angle), e2) - inside * v
+            rows.append(block)
+        cone = np.vstack(rows)
+        a = np.hstack((cone, np.zeros((len(cone), 2))))
+        c, d = np.hstack((a1, a2)), t
+        keep = np.abs(np.hstack((c, d[:, None]))).max(axis=1) > 0.0
+        e, f = np.hstack((np.zeros((2, 3 * n)), np.eye(2))), np.zeros(2)
+        return pypoman.project_polytope(
+            (e, f), (a, np.zeros(len(a))), eq=(c[keep], d[keep]), method=method, **({"max_radius": 10.0})
+        )
+
+    return solve, ""
+
+
+def clock(call: Call, s: ContactSet, calls: int) -> float:
+    """Mean time of so many calls, us."""
+    began = time.perf_counter()
+    for _ in range(calls):
+        call(s)
+    return 1e6 * (time.perf_counter() - began) / calls
+
+
+def peers() -> tuple[dict[str, tuple[Call, int]], dict[str, str]]:
+    """Peers that are here, with calls in a block, and why others are not."""
+    here: dict[str, tuple[Call, int]] = {}
+    absent: dict[str, str] = {}
+    hpp = Hpp()
+    for k in (4, 8, 16):
+        if hpp.reason:
+            absent["hpp-centroidal-dynamics"] = hpp.reason
+        else:
+            here[f"hpp k={k}"] = (hpp.solver(k), 5)
+    for name, (call, reason) in {"cvxpy": cvxpy_region(), "pypoman bretl k=8": pypoman_region("bretl")}.items():
+        if call is None:
+            absent[name] = reason
+        else:
+            here[name] = (call, 1)
+    return here, absent
+
+
+def compare(n: int, repeats: int, others: dict[str, tuple[Call, int]]) -> dict[str, float]:
+    """Prints a table for stances of n contacts; ratios of our region to each peer (medians over stances)."""
+    rng = np.random.default_rng(n)
+    mine: dict[str, tuple[Call, int]] = {
+        "region, 16 directions": (lambda s: region(s, SIXTEEN), 5),
+        "  kernel alone": (lambda s: Oracle(s).fan(SIXTEEN, 16), 5),
+        "one direction": (lambda s: region_one(s), 5),
+    }
+    times: dict[str, list[float]] = {name: [] for name in (*mine, *others)}
+    errors: dict[str, list[float]] = {name: [] for name in others}
+    for _ in range(repeats):
+        s = stance(rng, n)
+        best = dict.fromkeys(times, np.inf)
+        for block in range(4):  # interleaved; the first one warms up
+            for name, (call, calls) in (*mine.items(), *others.items()):
+                if calls > 1 or block < 2:
+                    best[name] = min(best[name], clock(call, s, calls))
+        for name, value in best.items():
+            times[name].append(value)
+        whole = region(s, SIXTEEN)
+        centre = s.position[:, :2].mean(axis=0)
+        for name, (call, _) in others.items():
+            found = call(s)
+            if name.startswith("hpp"):
+                exact = np.array([extent(whole, centre, a).value for a in SIXTEEN], dtype=float)
+            else:
+                exact = whole.support.value
+                found = found if name == "cvxpy" else (SIXTEEN @ np.array(found).T).max(axis=1)
+            if np.isfinite(exact).all():  # a centroid outside the region gives rays that miss
+                errors[name].append(float(np.nanmax(np.abs(found - exact))))
+    ours = np.array(times["region, 16 directions"])
+    print(
+        f"{n} contacts, {repeats} stances: median us (best of 3 interleaved blocks) | ours / peer | largest error, mm"
+    )
+    ratios: dict[str, float] = {}
+    for name, column in times.items():
+        line = f"  {name:<24}{np.median(column):10.1f}"
+        if name in others:
+            ratios[name] = float(np.median(ours / np.array(column)))
+            wrong = 1e3 * float(np.median(errors[name])) if errors[name] else np.nan
+            limit = TARGETS.get(n, {}).get(name)
+            line += f" {ratios[name]:12.4f} {wrong:18.2g}" + (f"   target <= {limit}" if limit else "")
+        print(line)
+    return ratios
+
+
+def region_one(s: ContactSet) -> Any:
+    """One support value with its point: the smallest question."""
+    return Oracle(s).fan(SIXTEEN[1:2], 1)
+
+
+def main() -> dict[str, float]:
+    """Print the tables; returns the ratios."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeats", type=int, default=40, help="stances of each size")
+    options, _ = parser.parse_known_args()
+    warm()
+    others, absent = peers()
+    for name, reason in absent.items():
+        print(f"{name}: absent ({reason}), skipped")
+    out: dict[str, float] = {}
+    for n in (3, 6):
+        out |= {f"{name}, {n} contacts": ratio for name, ratio in compare(n, options.repeats, others).items()}
+    return out
+
+
+if __name__ == "__main__":
+    main()
