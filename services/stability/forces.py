@@ -2,23 +2,26 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from services.stability.contacts import Array
 from surefoot.jit import row_kernel
-from surefoot.kinematics import foot_jacobians, gravity_torques
+from surefoot.kinematics import foot_jacobians, forward, gravity_torques
 from surefoot.robot import KinematicModel, Robot, load_robot
 
 Flags = NDArray[np.bool_]
 
+LEAST_SHARE = 0.02  # of the weight: torques that make less of it tell nothing about their gain
+BLIND = 0.5  # standard deviation of a tangential force that nothing measures, as a share of the normal force
 STRAIGHT = 30.0  # condition number of a leg's Jacobian above which its force is not observed (2.4 in a neutral stance)
 
 
 @dataclass(frozen=True, slots=True)
 class FootForces:
-    """Force of the ground on each foot."""
+    """Force of the ground on each foot; base_link, unless it has been turned."""
 
     force: Array
     """(L, 3) N, base_link."""
@@ -46,7 +49,7 @@ def forces_from_torques(robot: Robot, joints: Array, torque: Array, g_up: Array,
     """F = J^-T (G(q) - tau): ground on foot, with the weight of the leg itself.
 
     (30) prints F = J^-T Q, which is the force of the foot on the ground and leaves the leg's weight out (20 % of the
-    load of a Ragno leg).
+    load of a Ragno leg). J belongs to the point of the foot sphere that touches level ground.
 
     Args:
         robot: the robot; legs of three joints are read.
@@ -55,7 +58,76 @@ def forces_from_torques(robot: Robot, joints: Array, torque: Array, g_up: Array,
         g_up: upward specific force at rest, base_link, (3,) m/s2.
         torque_variance: of each torque, Nm^2.
     """
-    return FootForces(*_leg_forces(robot.model, joints, torque, g_up, torque_variance))
+    found = leg_inverses(robot, joints, g_up)
+    force, covariance = _leg_forces(robot.model, found.inverse, found.own, torque, torque_variance)
+    return FootForces(force, covariance, found.observed)
+
+
+class LegInverses(NamedTuple):
+    """What turns joint torques into foot forces in one posture."""
+
+    inverse: Array
+    """(L, 3, 3) J^-T of each leg, base_link; zero where not observed."""
+    own: Array
+    """(nj,) G(q), Nm: what the servos hold against the links' own weight."""
+    observed: Flags
+    """(L,)"""
+
+
+def leg_inverses(robot: Robot, joints: Array, g_up: Array) -> LegInverses:
+    """J^-T of the points where the feet touch level ground, and G(q); see `forces_from_torques`."""
+    radius = np.array([leg.foot.radius for leg in robot.legs])
+    return LegInverses(*_leg_inverses(robot.model, joints, g_up, radius))
+
+
+def gain_from_weight(robot: Robot, joints: Array, torque: Array, g_up: Array, stance: Flags) -> float | None:
+    """Common factor s of all torques with which the feet carry the known weight: makes the CoM free of the gain.
+
+    Read with a wrong gain, forces are not just scaled, because the leg's own weight is known and not measured:
+    F = J^-T (G - s tau). Level rows give s = (sum [J^-T G]_z - m g) / sum [J^-T tau]_z over the standing feet.
+
+    Returns:
+        None when a standing leg is not observed, or the torques tell nothing.
+    """
+    found = leg_inverses(robot, joints, g_up)
+    if not stance.any() or not found.observed[stance].all():
+        return None
+    size = float(np.linalg.norm(g_up))
+    rows = np.einsum("r,irk->ik", g_up / size, found.inverse[stance])  # vertical force per torque, (n, 3)
+    index = robot.model.leg_joints[stance][:, :3]
+    measured = float(np.sum(rows * torque[index]))
+    if abs(measured) < LEAST_SHARE * robot.mass * size:
+        return None
+    return (float(np.sum(rows * found.own[index])) - robot.mass * size) / measured
+
+
+def fuse_normal(found: FootForces, normal: Array, load: Array, variance: Array) -> FootForces:
+    """Fuse forces from torques with what the sensors under the feet say of n'F, each weighed by its covariance.
+
+    F += K (p - n'F), K = R n / (n'R n + s^2). A leg that torques do not tell is taken from its sensor alone: F = p n,
+    with tangential parts as uncertain as `BLIND` of the load.
+
+    Args:
+        found: forces from torques.
+        normal: unit normal of each sole, axes of the forces, (L, 3).
+        load: n'F, (L,) N; NaN = says nothing.
+        variance: of each load, (L,) N^2.
+    """
+    force, covariance, observed = found.force.copy(), found.covariance.copy(), found.observed.copy()
+    for i in np.flatnonzero(np.isfinite(load)):
+        n = normal[i]
+        if not observed[i]:
+            side = (BLIND * max(float(load[i]), 0.0)) ** 2 + float(variance[i])
+            force[i] = load[i] * n
+            covariance[i] = variance[i] * np.outer(n, n) + side * (np.eye(3) - np.outer(n, n))
+            observed[i] = True
+            continue
+        seen = covariance[i] @ n
+        gain = seen / (float(n @ seen) + float(variance[i]))
+        force[i] = force[i] + gain * (load[i] - float(n @ force[i]))
+        rest = np.eye(3) - np.outer(gain, n)
+        covariance[i] = rest @ covariance[i] @ rest.T + variance[i] * np.outer(gain, gain)
+    return FootForces(force, covariance, observed)
 
 
 @row_kernel
@@ -75,26 +147,57 @@ def inverse3(m: Array) -> tuple[Array, float]:
 
 
 @row_kernel
-def _leg_forces(
-    model: KinematicModel, joints: Array, torque: Array, g_up: Array, variance: float
-) -> tuple[Array, Array, Flags]:
-    jacobian, own = foot_jacobians(model, joints), gravity_torques(model, joints, g_up)
+def contact_jacobians(model: KinematicModel, joints: Array, up: Array, radius: Array) -> Array:
+    """d p_i / d (joints of leg i) for the lowest point p of each foot sphere, (L, 3, n); `up` is a unit vector."""
+    jacobian, rot = foot_jacobians(model, joints), forward(model, joints)[0]
+    for i in range(model.leg_joints.shape[0]):
+        k = model.foot_link[i]
+        while k >= 0:
+            for c in range(model.leg_joints.shape[1]):
+                if model.joint[k] >= 0 and model.leg_joints[i, c] == model.joint[k]:
+                    x, y, z = 0.0, 0.0, 0.0
+                    for q in range(3):
+                        x += rot[k, 0, q] * model.axis[k, q]
+                        y += rot[k, 1, q] * model.axis[k, q]
+                        z += rot[k, 2, q] * model.axis[k, q]
+                    jacobian[i, 0, c] -= radius[i] * (y * up[2] - z * up[1])
+                    jacobian[i, 1, c] -= radius[i] * (z * up[0] - x * up[2])
+                    jacobian[i, 2, c] -= radius[i] * (x * up[1] - y * up[0])
+            k = model.parent[k]
+    return jacobian
+
+
+@row_kernel
+def _leg_inverses(model: KinematicModel, joints: Array, g_up: Array, radius: Array) -> tuple[Array, Array, Flags]:
+    jacobian = contact_jacobians(model, joints, g_up / math.sqrt(np.sum(g_up * g_up)), radius)
     count, width = model.leg_joints.shape
-    force, covariance, observed = np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros(count, dtype=np.bool_)
+    inverse, observed = np.zeros((count, 3, 3)), np.zeros(count, dtype=np.bool_)
     for i in range(count):
         if width != 3 or model.leg_joints[i, 2] < 0:
             continue
         inv, condition = inverse3(jacobian[i].T)  # J^-T
-        if condition > STRAIGHT:
-            continue
-        observed[i] = True
+        if condition <= STRAIGHT:
+            observed[i] = True
+            inverse[i] = inv
+    return inverse, gravity_torques(model, joints, g_up), observed
+
+
+@row_kernel
+def _leg_forces(
+    model: KinematicModel, inverse: Array, own: Array, torque: Array, variance: float
+) -> tuple[Array, Array]:
+    count = inverse.shape[0]
+    force, covariance = np.zeros((count, 3)), np.zeros((count, 3, 3))
+    for i in range(count):
         for r in range(3):
-            for k in range(3):
+            for k in range(min(3, model.leg_joints.shape[1])):
                 j = model.leg_joints[i, k]
-                force[i, r] += inv[r, k] * (own[j] - torque[j])
+                if j < 0:
+                    continue
+                force[i, r] += inverse[i, r, k] * (own[j] - torque[j])
                 for s in range(3):
-                    covariance[i, r, s] += variance * inv[r, k] * inv[s, k]
-    return force, covariance, observed
+                    covariance[i, r, s] += variance * inverse[i, r, k] * inverse[i, s, k]
+    return force, covariance
 
 
 def com_from_forces(position: Array, force: Array, covariance: Array, floor: float = 1e-9) -> MeasuredCom | None:

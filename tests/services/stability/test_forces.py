@@ -4,14 +4,42 @@ import numpy as np
 import pytest
 
 from services.stability.directions import equally_spaced
-from services.stability.forces import com_from_forces, forces_from_torques
+from services.stability.forces import (
+    FootForces,
+    com_from_forces,
+    contact_jacobians,
+    forces_from_torques,
+    fuse_normal,
+    gain_from_weight,
+)
 from services.stability.region import region
-from surefoot.kinematics import foot_jacobians, gravity_torques
+from surefoot.kinematics import foot_jacobians, foot_positions, forward, gravity_torques
 from surefoot.robot import load_robot
 from tests.services.stability.sets import feasible_sets
 
 RAGNO = load_robot("ragno")
 UP = np.array([0.0, 0.0, 9.81])
+RADIUS = np.array([leg.foot.radius for leg in RAGNO.legs])
+ALL = np.ones(6, dtype=bool)
+
+
+def standing(force: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Joint torques with which the feet press with `force` (6, 3) on the ground, N."""
+    jacobian, torque = contact_jacobians(RAGNO.model, q, UP / 9.81, RADIUS), gravity_torques(RAGNO.model, q, UP)
+    for i, leg in enumerate(RAGNO.legs):
+        torque[list(leg.joints)] -= jacobian[i].T @ force[i]
+    return torque
+
+
+def held(q: np.ndarray, com: np.ndarray) -> np.ndarray:
+    """Forces of least squares with which six feet hold the weight at a CoM (2,), with some tension between them."""
+    feet = foot_positions(RAGNO.model, q) - RADIUS[:, None] * [0.0, 0.0, 1.0]
+    balance = np.hstack([np.vstack((np.eye(3), np.cross(p, np.eye(3)).T)) for p in feet])
+    weight = RAGNO.mass * 9.81
+    wanted = np.array([0.0, 0.0, weight, weight * com[1], -weight * com[0], 0.0])
+    force = np.linalg.lstsq(balance, wanted, rcond=None)[0]
+    null = np.linalg.svd(balance)[2][6:]
+    return (force + 0.8 * null.T @ np.random.default_rng(5).normal(size=12)).reshape(6, 3)
 
 
 def eye(n: int, variance: float = 1.0) -> np.ndarray:
@@ -66,7 +94,7 @@ def test_torques_back_to_forces_with_the_weight_of_the_legs() -> None:
     rng = np.random.default_rng(1)
     q = RAGNO.neutral + 0.1 * rng.normal(size=18)
     force = rng.normal(size=(6, 3)) + [0.0, 0.0, 3.5] * np.ones((6, 1))
-    jacobian, torque = foot_jacobians(RAGNO.model, q), gravity_torques(RAGNO.model, q, UP)
+    jacobian, torque = contact_jacobians(RAGNO.model, q, UP / 9.81, RADIUS), gravity_torques(RAGNO.model, q, UP)
     for i, leg in enumerate(RAGNO.legs):
         torque[list(leg.joints)] -= jacobian[i].T @ force[i]
     found = forces_from_torques(RAGNO, q, torque, UP, 1e-4)
@@ -107,3 +135,75 @@ def test_one_foot() -> None:
     found = com_from_forces(np.array([[1.0, 2.0, 3.0]]), np.array([[0.1, 0.2, 5.0]]), eye(1))
     assert found is not None
     np.testing.assert_allclose(found.com, [1.0, 2.0], atol=1e-12)
+
+
+def test_jacobian_of_the_contact_point_against_differences() -> None:
+    q = RAGNO.neutral + 0.1 * np.random.default_rng(3).normal(size=18)
+    rot0 = forward(RAGNO.model, q)[0]
+    points = [rot0[k].T @ (-RADIUS[i] * UP / 9.81) for i, k in enumerate(RAGNO.model.foot_link)]  # fixed to the foot
+
+    def touched(angles: np.ndarray) -> np.ndarray:
+        rot, feet = forward(RAGNO.model, angles)[0], foot_positions(RAGNO.model, angles)
+        return np.array([feet[i] + rot[k] @ points[i] for i, k in enumerate(RAGNO.model.foot_link)])
+
+    jacobian = contact_jacobians(RAGNO.model, q, UP / 9.81, RADIUS)
+    for i, leg in enumerate(RAGNO.legs):
+        for c, j in enumerate(leg.joints):
+            step = np.zeros(18)
+            step[j] = 1e-6
+            slope = (touched(q + step)[i] - touched(q - step)[i]) / 2e-6
+            np.testing.assert_allclose(jacobian[i, :, c], slope, atol=1e-8)
+
+
+@pytest.mark.parametrize("gain", [0.7, 1.0, 1.3])
+def test_com_is_free_of_the_gain_of_the_torques(gain: float) -> None:
+    """Known weight, unknown gain: CoM to 1e-9 m where the told torques alone miss by millimetres (note 2.8)."""
+    q = RAGNO.neutral + 0.1 * np.random.default_rng(4).normal(size=18)
+    com = np.array([0.02, -0.015])
+    told = standing(held(q, com), q) / gain
+    found = gain_from_weight(RAGNO, q, told, UP, ALL)
+    assert found == pytest.approx(gain, abs=1e-9)
+    feet = foot_positions(RAGNO.model, q) - RADIUS[:, None] * [0.0, 0.0, 1.0]
+    errors = []
+    for factor in (1.0, found):
+        forces = forces_from_torques(RAGNO, q, factor * told, UP, 1e-4)
+        seen = com_from_forces(feet, forces.force, forces.covariance)
+        assert seen is not None
+        errors.append(np.linalg.norm(seen.com - com))
+    assert errors[1] < 1e-9
+    assert gain == 1.0 or errors[0] > 1e-3
+
+
+def test_gain_needs_load_and_observed_legs() -> None:
+    assert gain_from_weight(RAGNO, RAGNO.neutral, np.zeros(18), UP, ALL) is None
+    assert gain_from_weight(RAGNO, RAGNO.neutral, np.ones(18), UP, ~ALL) is None
+    q = RAGNO.neutral.copy()
+    q[list(RAGNO.legs[3].joints)] = [0.0, 0.3, 0.0]
+    assert gain_from_weight(RAGNO, q, np.ones(18), UP, ALL) is None
+
+
+def test_fusion_is_the_weighted_mean_along_the_normal() -> None:
+    normal = np.tile([0.0, 0.0, 1.0], (2, 1))
+    force, covariance = np.array([[1.0, 2.0, 4.0], [0.0, 0.0, 0.0]]), np.tile(np.diag([1.0, 1.0, 3.0]), (2, 1, 1))
+    given = FootForces(force, covariance, np.array([True, False]))
+    found = fuse_normal(given, normal, np.array([5.0, 6.0]), np.array([1.0, 0.25]))
+    np.testing.assert_allclose(found.force[0], [1.0, 2.0, (4.0 / 3.0 + 5.0) / (1.0 / 3.0 + 1.0)])
+    np.testing.assert_allclose(np.diag(found.covariance[0]), [1.0, 1.0, 0.75])
+    np.testing.assert_allclose(found.force[1], [0.0, 0.0, 6.0])  # torques tell nothing: the sensor alone
+    assert found.observed.all()
+    assert found.covariance[1, 0, 0] > 1.0
+    silent = fuse_normal(given, normal, np.array([np.nan, np.nan]), np.ones(2))
+    np.testing.assert_array_equal(silent.force, force)
+    np.testing.assert_array_equal(silent.observed, given.observed)
+
+
+def test_fusion_is_never_less_certain() -> None:
+    rng = np.random.default_rng(6)
+    for _ in range(20):
+        root = rng.normal(size=(1, 3, 3))
+        normal = rng.normal(size=(1, 3))
+        normal /= np.linalg.norm(normal)
+        given = FootForces(rng.normal(size=(1, 3)), root @ root.transpose(0, 2, 1), np.array([True]))
+        found = fuse_normal(given, normal, rng.normal(size=1), rng.uniform(0.01, 1.0, 1))
+        assert np.linalg.eigvalsh(given.covariance[0] - found.covariance[0]).min() > -1e-9
+        assert np.linalg.eigvalsh(found.covariance[0]).min() > -1e-9
