@@ -70,35 +70,25 @@ def foot_jacobians(model: KinematicModel, q: Array) -> Array:
     legs, width = model.leg_joints.shape
     jac = np.zeros((legs, 3, width))
     foot = np.empty(3)
-    link_of = _links_of_joints(model)
     for i in range(legs):
         k = model.foot_link[i]
         _point_into(foot, rot[k], pos[k], model.foot_point[i])
         for c in range(width):
             j = model.leg_joints[i, c]
-            if j < 0 or not _moves(model, int(link_of[j]), int(k)):
-                continue
-            s = link_of[j]
-            _cross_into(jac[i, :, c], rot[s], model.axis[s], foot - pos[s])
+            s = _moved_link(model, int(j), int(k))
+            if s >= 0:
+                _cross_into(jac[i, :, c], rot[s], model.axis[s], foot - pos[s])
     return jac
 
 
 @kernel
-def _links_of_joints(model: KinematicModel) -> NDArray[np.int64]:
-    link_of = np.zeros(model.lower.size, dtype=np.int64)
-    for i in range(model.joint.size):
-        if model.joint[i] >= 0:
-            link_of[model.joint[i]] = i
-    return link_of
-
-
-@kernel
-def _moves(model: KinematicModel, link: int, tip: int) -> bool:
-    while tip >= 0:
-        if tip == link:
-            return True
+def _moved_link(model: KinematicModel, joint: int, tip: int) -> int:
+    """The link between the trunk and `tip` that a joint moves, -1 = none."""
+    while tip >= 0 and joint >= 0:
+        if model.joint[tip] == joint:
+            return tip
         tip = model.parent[tip]
-    return False
+    return -1
 
 
 @kernel
@@ -141,11 +131,17 @@ def com_jacobian(model: KinematicModel, q: Array) -> Array:
         up = model.parent[i]
         mass[up] += mass[i]
         moment[up] += moment[i]
-    jac = np.zeros((3, model.lower.size))
+    jac, seen, part = np.zeros((3, model.lower.size)), np.zeros(model.lower.size, dtype=np.bool_), np.empty(3)
     for i in range(n):
         j = model.joint[i]
-        if j >= 0:
+        if j < 0:
+            continue
+        if seen[j]:  # one motor moves several links
+            _cross_into(part, rot[i], model.axis[i], (moment[i] - mass[i] * pos[i]) / mass[0])
+            jac[:, j] += part
+        else:
             _cross_into(jac[:, j], rot[i], model.axis[i], (moment[i] - mass[i] * pos[i]) / mass[0])
+            seen[j] = True
     return jac
 
 

@@ -25,7 +25,7 @@ class KinematicModel(NamedTuple):
     """Link tree as contiguous arrays for numba kernels; link 0 is the trunk, parents come before children."""
 
     parent: Ints  # (nl,) index of the parent link, -1 for the trunk
-    joint: Ints  # (nl,) joint that moves the link, -1 = fixed to its parent
+    joint: Ints  # (nl,) joint that moves the link, -1 = fixed to its parent; links may share one (one motor)
     origin_pos: Array  # (nl, 3) link frame in the parent frame at joint angle zero
     origin_rot: Array  # (nl, 3, 3) rot_parent_from_link at joint angle zero
     axis: Array  # (nl, 3) unit joint axis in the link frame
@@ -49,6 +49,9 @@ class Servo:
     max_torque: float  # Nm
     armature: float  # kg m2
     frictionloss: float  # Nm
+    resolution: float = 0.0  # rad, step of the set-point, 0 = exact
+    backlash: float = 0.0  # rad, free play of the output shaft, end to end
+    latency: float = 0.0  # s, between a set-point's arrival and its effect
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +59,7 @@ class Joint:
     """One hinge."""
 
     name: str
-    link: int
+    link: int  # that it moves; the first one where one motor moves several
     lower: float
     upper: float
     neutral: float

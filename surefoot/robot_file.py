@@ -17,6 +17,7 @@ from surefoot.tables import Table
 ROBOTS = Path(__file__).parent / "robots"
 GRAVITY = 9.81  # m/s2
 MILLI_G = 1e-3 * GRAVITY
+BIPED_LEG_JOINTS = 6
 _NOT_HASHED = frozenset({"source", "sources", "description", "schema"})
 
 
@@ -60,11 +61,13 @@ class _Reader:
         self.joints: list[r.Joint] = []
         self.legs: list[r.Leg] = []
         self.servos: dict[str, r.Servo] = {}
+        self.kind = ""
 
     def robot(self) -> r.Robot:
         top = self.top
         top.text("schema", ("surefoot.robot/1",))
         name, kind = top.name("name"), top.text("kind", ("hexapod", "biped"))
+        self.kind = kind
         description = top.text("description")
         src = top.table("sources")
         self.sources = {key: src.text(key) for key in src.keys()}  # noqa: SIM118 - a Table is no dict
@@ -113,6 +116,9 @@ class _Reader:
             max_torque=t.number("max_torque", above=0),
             armature=t.number("armature", at_least=0),
             frictionloss=t.number("frictionloss", at_least=0),
+            resolution=math.radians(t.number("resolution_deg", default=0.0, at_least=0, at_most=5)),
+            backlash=math.radians(t.number("backlash_deg", default=0.0, at_least=0, at_most=5)),
+            latency=1e-3 * t.number("latency_ms", default=0.0, at_least=0, at_most=100),
         )
         t.close()
         return servo
@@ -127,6 +133,7 @@ class _Reader:
             raise limb.refuse("unknown_name", "chain", f"got {key!r}, known are {', '.join(chains.keys())}")
         side = -1.0 if limb.flag("mirror", False) else 1.0
         hip, yaw = limb.vector("position", 3), math.radians(limb.number("yaw_deg", default=0.0))
+        shared = limb.table("shared") if limb.has("shared") else Table({}, limb.field("shared"), RobotError)
         limb.close()
         chain = chains.table(key)
         self._source(chain)
@@ -135,15 +142,29 @@ class _Reader:
         names: dict[str, int] = {}
         for t in chain.tables("links"):
             names[t.name("name")] = len(self.links)
-            self._link(t, name, names, side, (hip, mount) if len(self.links) == first else None)
+            self._link(t, name, names, side, (hip, mount) if len(self.links) == first else None, shared)
+        shared.close()
         links, joints = tuple(range(first, len(self.links))), tuple(range(first_joint, len(self.joints)))
+        if self.links[first].joint >= 0 and self.links[first].joint < first_joint:
+            joints = (self.links[first].joint, *joints)
         if not joints:
             raise chain.refuse("missing", "links", "has no joint: give one of the links an axis")
+        if chain.has("foot") and self.kind == "biped" and len(joints) != BIPED_LEG_JOINTS:
+            got = ", ".join(self.joints[j].name for j in joints)
+            raise chain.refuse("missing", "links", f"a biped's leg has {BIPED_LEG_JOINTS} joints, this one has {got}")
         if chain.has("foot"):
             self.legs.append(r.Leg(name, joints, links, hip, self._foot(chain.table("foot"), names, side)))
         chain.close()
 
-    def _link(self, t: Table, limb: str, names: dict[str, int], side: float, mount: tuple[Array, Array] | None) -> None:
+    def _link(
+        self,
+        t: Table,
+        limb: str,
+        names: dict[str, int],
+        side: float,
+        mount: tuple[Array, Array] | None,
+        shared: Table,
+    ) -> None:
         index, name = len(self.links), f"{limb}_{t.name('name')}"
         if any(link.name == name for link in self.links):
             raise t.refuse("duplicate", "name", f"{name!r} is used twice")
@@ -164,12 +185,28 @@ class _Reader:
         axis, joint = np.zeros(3), -1
         if t.has("axis"):
             axis, joint = _unit(t, "axis", 3), len(self.joints)
-            self.joints.append(self._joint(t, name, index))
+            mirrored = t.text("mirrored", ("no", "axis", "limits")) if t.has("mirrored") else "no"
+            if side < 0 and mirrored == "axis":  # a rotation's mirror image: equal angles are symmetric
+                axis = axis * np.array([-1.0, 1.0, -1.0])
+            made = self._joint(t, name, index, side < 0 and mirrored == "limits")
+            if shared.has(t.text("name")):
+                joint = self._shared(shared, t.text("name"), mount is not None)
+            else:
+                self.joints.append(made)
         mass, com = t.number("mass", above=0), t.vector("com", 3) * flip
         self.links.append(r.Link(name, parent, joint, position, quat, axis, mass, com, _sizes(t, "inertia_box")))
         t.close()
 
-    def _joint(self, t: Table, name: str, link: int) -> r.Joint:
+    def _shared(self, shared: Table, key: str, first: bool) -> int:
+        """Index of the joint whose motor moves this link too."""
+        wanted, known = shared.text(key), [joint.name for joint in self.joints]
+        if wanted not in known:
+            raise shared.refuse("unknown_name", key, f"got {wanted!r}, known are {', '.join(known)}")
+        if not first:
+            raise shared.refuse("value", key, "only the first link of a limb can share a motor")
+        return known.index(wanted)
+
+    def _joint(self, t: Table, name: str, link: int, mirror: bool) -> r.Joint:
         lower, upper = t.number("lower_deg", at_least=-360), t.number("upper_deg", at_most=360)
         if not lower < upper:
             raise t.refuse("value", "upper_deg", f"got {upper}, must be above lower_deg = {lower}")
@@ -177,6 +214,8 @@ class _Reader:
         servo = t.text("servo")
         if servo not in self.servos:
             raise t.refuse("unknown_name", "servo", f"got {servo!r}, known are {', '.join(self.servos)}")
+        if mirror:
+            lower, upper, neutral = -upper, -lower, -neutral
         low, high, mid = (math.radians(x) for x in (lower, upper, neutral))
         return r.Joint(name, link, low, high, mid, self.servos[servo])
 

@@ -26,6 +26,10 @@ FLAT_HEIGHT = 1e-4  # m, MuJoCo wants a height field of some height
 PLANE_HALF_SIZE = 20.0  # m
 NO_TORQUE = 1e-9  # Nm, limit of a dead servo: MuJoCo refuses an empty force range
 SEGMENT_RADIUS = 0.01  # m, capsules of the leg segments
+COUPLING_SOLREF = (0.004, 1.0)  # s, damping ratio, of one motor's second axis
+BACKLASH_ARMATURE = 2e-4  # kg m2
+BACKLASH_DAMPING = 0.02  # Nm s/rad
+BACKLASH_SOLREF = (0.004, 1.0)  # s, damping ratio, of the ends of the play
 TRUNK_QPOS = slice(0, 7)  # of the free joint: position (3), quat_wxyz (4)
 TRUNK_DOF = slice(0, 6)  # of the free joint: velocity in the world (3), angular rate in base_link (3)
 
@@ -54,6 +58,8 @@ class Perturbation:
     kp_scale: float | Array = 1.0
     kv_scale: float | Array = 1.0
     torque_scale: float | Array = 1.0  # 0 = dead servo
+    zero_sigma: float = 0.0  # rad, standard deviation of servo zero errors beyond the encoder's own
+    floor_tilt: tuple[float, float] = (0.0, 0.0)  # rad, roll and pitch of the floor against the horizontal
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +71,12 @@ class Addresses:
     joint_qpos: Ints  # (nj,)
     joint_dof: Ints  # (nj,)
     actuators: Ints  # (nj,)
-    joint_qpos_slice: slice  # the same as a slice: free joint first, then joints in order
-    joint_dof_slice: slice
+    joint_qpos_slice: slice | Ints  # the same as a slice where the joints follow each other in order
+    joint_dof_slice: slice | Ints
+    coupled: Ints  # (c,) joints whose motor also turns another axis,
+    coupled_qpos: Ints  # (c,) and that axis
+    coupled_dof: Ints  # (c,)
+    backlash_qpos: Ints  # (nj,) play behind each joint, -1 = none; empty when no servo has any
     foot_bodies: Ints  # (L,)
     foot_geoms: Ints  # (L, k), -1 pads
     foot_of_geom: Ints  # (ngeom,) foot index, -1 = no foot
@@ -98,7 +108,7 @@ def build_spec(
     spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
     option = spec.option
     option.timestep = physics.timestep
-    option.gravity = [0.0, 0.0, -physics.gravity]
+    option.gravity = _gravity(physics.gravity, perturb.floor_tilt)
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     option.impratio = physics.impratio
@@ -139,14 +149,24 @@ def find_addresses(model: mujoco.MjModel, robot: Robot) -> Addresses:
     solid = np.asarray(model.geom_conaffinity) == TERRAIN_BIT
     qpos = np.array([model.joint(name).qposadr[0] for name in robot.joint_names], dtype=np.int64)
     dof = np.array([model.joint(name).dofadr[0] for name in robot.joint_names], dtype=np.int64)
+    coupled = _coupled_links(robot)
+    hinges = {model.joint(i).name for i in range(model.njnt)}
+    play = [
+        int(model.joint(f"{name}_backlash").qposadr[0]) if f"{name}_backlash" in hinges else -1
+        for name in robot.joint_names
+    ]
     return Addresses(
         trunk=int(bodies[0]),
         bodies=bodies,
         joint_qpos=qpos,
         joint_dof=dof,
         actuators=np.array([model.actuator(name).id for name in robot.joint_names], dtype=np.int64),
-        joint_qpos_slice=slice(7, 7 + robot.nj),
-        joint_dof_slice=slice(6, 6 + robot.nj),
+        joint_qpos_slice=_as_slice(qpos),
+        joint_dof_slice=_as_slice(dof),
+        coupled=np.array([robot.links[i].joint for i in coupled], dtype=np.int64),
+        coupled_qpos=np.array([model.joint(robot.links[i].name).qposadr[0] for i in coupled], dtype=np.int64),
+        coupled_dof=np.array([model.joint(robot.links[i].name).dofadr[0] for i in coupled], dtype=np.int64),
+        backlash_qpos=np.array(play if any(i >= 0 for i in play) else [], dtype=np.int64),
         foot_bodies=bodies[[leg.foot.link for leg in robot.legs]],
         foot_geoms=foot_geoms,
         foot_of_geom=foot_of_geom,
@@ -156,6 +176,33 @@ def find_addresses(model: mujoco.MjModel, robot: Robot) -> Addresses:
         is_belly=solid & (foot_of_geom < 0) & ~is_terrain,
         imu_site=model.site("imu").id,
     )
+
+
+def _as_slice(index: Ints) -> slice | Ints:
+    first, n = int(index[0]), len(index)
+    return slice(first, first + n) if (index == np.arange(first, first + n)).all() else index
+
+
+def _coupled_links(robot: Robot) -> list[int]:
+    """Links turned by a motor that another link already has."""
+    return [i for i, link in enumerate(robot.links) if link.joint >= 0 and robot.joints[link.joint].link != i]
+
+
+def place_joints(qpos: Array, addresses: Addresses, q: Array) -> None:
+    """Write joint angles q (nj,) into MuJoCo's positions, both axes of a coupled motor; play is centred."""
+    qpos[addresses.joint_qpos_slice] = q
+    qpos[addresses.coupled_qpos] = q[addresses.coupled]
+    if addresses.backlash_qpos.size:
+        qpos[addresses.backlash_qpos[addresses.backlash_qpos >= 0]] = 0.0
+
+
+def read_joints(qpos: Array, addresses: Addresses) -> Array:
+    """Angles of the output shafts, (nj,): motor and play; a copy."""
+    q = qpos[addresses.joint_qpos_slice].copy()
+    if addresses.backlash_qpos.size:
+        has = addresses.backlash_qpos >= 0
+        q[has] += qpos[addresses.backlash_qpos[has]]
+    return q
 
 
 def foot_geom_name(leg: str, point: int) -> str:
@@ -203,6 +250,14 @@ def _servos(robot: Robot, perturb: Perturbation) -> tuple[Array, Array, Array]:
     kv = np.array([s.kv for s in servos]) * perturb.kv_scale
     torque = np.array([s.max_torque for s in servos]) * perturb.torque_scale
     return kp, kv, np.maximum(torque, NO_TORQUE)
+
+
+def _gravity(size: float, tilt: tuple[float, float]) -> list[float]:
+    """Gravity in the axes of a floor rolled and pitched against the horizontal; level: straight down."""
+    roll, pitch = tilt
+    if roll == 0.0 and pitch == 0.0:
+        return [0.0, 0.0, -size]
+    return [size * math.sin(pitch), -size * math.sin(roll) * math.cos(pitch), -size * math.cos(roll) * math.cos(pitch)]
 
 
 def _add_terrain(spec: mujoco.MjSpec, terrain: Terrain | None, physics: Physics, perturb: Perturbation) -> None:
@@ -274,7 +329,11 @@ def _add_robot(spec: mujoco.MjSpec, robot: Robot, physics: Physics, perturb: Per
         )  # fmt: skip
         bodies.append(body)
         if link.joint >= 0:
-            _add_joint(spec, body, robot, link.joint, float(kp[link.joint]), float(kv[link.joint]), torque)
+            if robot.joints[link.joint].link == i:
+                _add_joint(spec, body, robot, link.joint, float(kp[link.joint]), float(kv[link.joint]), torque)
+            else:
+                _add_coupled(spec, body, robot, i)
+            _add_backlash(body, robot, i)
     trunk = bodies[0]
     trunk.add_freejoint(name="base")
     trunk.add_geom(name="trunk", type=kind.mjGEOM_BOX, size=0.5 * robot.trunk.box, **seen)
@@ -322,4 +381,37 @@ def _add_joint(
         biasprm=[0.0, -kp, -kv] + [0.0] * 7,
         forcelimited=mujoco.mjtLimited.mjLIMITED_TRUE,
         forcerange=[-limit, limit],
+    )
+
+
+def _add_coupled(spec: mujoco.MjSpec, body: mujoco.MjsBody, robot: Robot, link: int) -> None:
+    """Second axis of a motor: its angle equals the first one's."""
+    joint, name = robot.joints[robot.links[link].joint], robot.links[link].name
+    body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=robot.links[link].axis)
+    spec.add_equality(
+        name=name,
+        type=mujoco.mjtEq.mjEQ_JOINT,
+        objtype=mujoco.mjtObj.mjOBJ_JOINT,
+        name1=name,
+        name2=joint.name,
+        data=[0.0, 1.0] + [0.0] * 10,
+        solref=COUPLING_SOLREF,
+    )
+
+
+def _add_backlash(body: mujoco.MjsBody, robot: Robot, link: int) -> None:
+    """Free play of a servo's output shaft, in series with the joint."""
+    joint = robot.joints[robot.links[link].joint]
+    if joint.servo.backlash == 0.0:
+        return
+    own = joint.link == link
+    body.add_joint(
+        name=f"{joint.name if own else robot.links[link].name}_backlash",
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=robot.links[link].axis,
+        range=[-0.5 * joint.servo.backlash, 0.5 * joint.servo.backlash],
+        limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+        armature=BACKLASH_ARMATURE,
+        damping=BACKLASH_DAMPING,
+        solref_limit=BACKLASH_SOLREF,
     )

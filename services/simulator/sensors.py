@@ -142,12 +142,18 @@ class JointSensor:
     """
 
     def __init__(
-        self, encoder: Encoder, current: CurrentSensor, nj: int, seed: int, true_torque_per_ampere: float | None = None
+        self,
+        encoder: Encoder,
+        current: CurrentSensor,
+        nj: int,
+        seed: int,
+        true_torque_per_ampere: float | None = None,
+        more_zero_sigma: float = 0.0,
     ) -> None:
         self.resolution, self.noise_ampere = encoder.resolution, current.noise_ampere
         self.known_k, self.true_k = current.torque_per_ampere, true_torque_per_ampere or current.torque_per_ampere
         self.normal = NormalStream(seed, "joints", nj)
-        self.zero = encoder.zero_sigma * self.normal.next()
+        self.zero = math.hypot(encoder.zero_sigma, more_zero_sigma) * self.normal.next()
 
     def measure(self, position: Array, torque: Array) -> tuple[Array, Array, Array]:
         """One sample: position rad, current A, torque Nm, (nj,) each."""

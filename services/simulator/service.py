@@ -158,7 +158,7 @@ class Simulator(Driver[SimulatorConfig]):
             seed = request.seed if w.terrain_seed is None else w.terrain_seed
             terrain = find_ground(w.terrain, seed, w.amplitude)
             physics = Physics() if w.friction is None else Physics(friction=w.friction)
-            differs = perturbation(w.perturbation, request.seed, self.robot.nj)
+            differs = perturbation(w.perturbation, request.seed, self.robot.nj, self.robot.kind)
             config = WorldConfig(physics=physics, perturbation=differs, imu_profile=w.imu_profile)
             self.world = World(self.robot, terrain, request.seed, config)
             heights = observed_map(terrain, w.map_profile, request.seed)

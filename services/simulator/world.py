@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from services.simulator import sensors, truth
 from services.simulator.disturb import Disturbances, WorldError, at_limit, by_foot
 from services.simulator.faults import Fault
-from services.simulator.model import Perturbation, Physics, build_spec, find_addresses
+from services.simulator.model import Perturbation, Physics, build_spec, find_addresses, place_joints, read_joints
 from services.simulator.samples import (
     Checkpoint,
     ContactSample,
@@ -104,6 +104,10 @@ class World:
         self._acc, self._gyro = (history[s : s + 3 * TICK_STEPS].reshape(TICK_STEPS, 3) for s in starts)
         self._points = tuple(len(leg.foot.points) for leg in robot.legs)
         self._period = self.config.kinematics_period_ms
+        # A servo without steps takes any set-point: a step of 1e-9 rad changes nothing that can be seen.
+        steps = np.array([joint.servo.resolution or 1e-9 for joint in robot.joints])
+        self._resolution = steps if any(joint.servo.resolution for joint in robot.joints) else None
+        self._latency_steps = round(max(joint.servo.latency for joint in robot.joints) * 1e9) // STEP_NS
         self.disturb = Disturbances(
             robot,
             self.model,
@@ -140,7 +144,8 @@ class World:
         mujoco.mj_resetData(self.model, self.data)
         self._place(pose, stance)
         self.command = stance
-        self.data.ctrl[:] = stance - self.joint_sensor.zero
+        self.data.ctrl[:] = self._set_points()
+        self._coming: list[tuple[int, list[float]]] = []
         for _ in range(SETTLE_TRIES):
             mujoco.mj_step(self.model, self.data, SETTLE_STEPS)
             if float(np.abs(self.data.qvel).max()) < SETTLED:
@@ -161,20 +166,41 @@ class World:
         command = self.disturb.before_step(self.tick, self.data, command)
         if command is not None:
             self.command = command
-        model, data = self.model, self.data
-        data.ctrl[:] = self.command - self.joint_sensor.zero
+        self._actuate()
         end = self.steps + TICK_STEPS
         sample = (self.steps // self._period + 1) * self._period
         while sample <= end:
-            mujoco.mj_step(model, data, sample - self.steps)
-            self.steps = sample
+            self._run_to(sample)
             self._take_kinematics()
             sample += self._period
-        if self.steps < end:
-            mujoco.mj_step(model, data, end - self.steps)
-            self.steps = end
+        self._run_to(end)
         self._finish_tick()
         self._release()
+
+    def _set_points(self) -> Array:
+        """What the servos hear: the command less their zero errors, in their steps. (nj,)"""
+        ctrl = self.command - self.joint_sensor.zero
+        if self._resolution is not None:
+            ctrl = self._resolution * np.rint(ctrl / self._resolution)
+        return ctrl
+
+    def _actuate(self) -> None:
+        if self._latency_steps == 0:
+            self.data.ctrl[:] = self._set_points()
+        else:
+            self._coming.append((self.steps + self._latency_steps, self._set_points().tolist()))
+
+    def _run_to(self, step: int) -> None:
+        """Physics up to a step; set-points that arrive on the way take effect at their time."""
+        while self._coming and self._coming[0][0] <= step:
+            at, ctrl = self._coming.pop(0)
+            if at > self.steps:
+                mujoco.mj_step(self.model, self.data, at - self.steps)
+                self.steps = at
+            self.data.ctrl[:] = ctrl
+        if self.steps < step:
+            mujoco.mj_step(self.model, self.data, step - self.steps)
+            self.steps = step
 
     @property
     def stamp_ns(self) -> int:
@@ -191,7 +217,7 @@ class World:
         d = self.data
         d.qpos[:3] = (pose[0], pose[1], 0.0)
         d.qpos[3:7] = multiply(_tilt(self.terrain), quat_from_rpy(0.0, 0.0, pose[2]))
-        d.qpos[self.address.joint_qpos_slice] = stance
+        place_joints(d.qpos, self.address, stance)
         mujoco.mj_kinematics(self.model, d)
         spheres = self.tracker.spheres
         centre, radius = d.geom_xpos[spheres], self.model.geom_size[spheres, 0]
@@ -213,7 +239,7 @@ class World:
             self._imu_limit = np.repeat([profile.accel.limit, profile.gyro.limit], 3)
         self.imu_sensor = sensors.ImuSensor(profile, self.seed, 1e9 / TICK_NS)
         self.joint_sensor = sensors.JointSensor(
-            robot.encoder, robot.current, robot.nj, self.seed, config.torque_per_ampere
+            robot.encoder, robot.current, robot.nj, self.seed, config.torque_per_ampere, config.perturbation.zero_sigma
         )
         self.foot_sensor = sensors.FootSensor(robot.contacts, self._points)
         self._due: tuple[JointSample | None, ContactSample | None] = (None, None)
@@ -221,7 +247,7 @@ class World:
     def _take_kinematics(self) -> None:
         """Sample joints and feet now, for release at the end of the tick."""
         self.tracker.forces(self.data)
-        joints = self.joint_sensor.measure(self.data.qpos[self.address.joint_qpos_slice], self.data.actuator_force)
+        joints = self.joint_sensor.measure(read_joints(self.data.qpos, self.address), self.data.actuator_force)
         touch, force = self.foot_sensor.measure(self.tracker.sphere_force)
         stamp = self.stamp_ns
         seq = self.steps // self._period - self._first_tick * TICK_STEPS // self._period
@@ -282,7 +308,7 @@ class World:
         qpos, qvel = d.qpos, d.qvel
         return Truth(
             self.stamp_ns, qpos[:3].copy(), qpos[3:7].copy(), qvel[:3].copy(), qvel[3:6].copy(),
-            d.subtree_com[self.address.trunk].copy(), qpos[self.address.joint_qpos_slice].copy(), feet.centre.copy(),
+            d.subtree_com[self.address.trunk].copy(), read_joints(qpos, self.address), feet.centre.copy(),
             feet.force.copy(), feet.normal_force.copy(), feet.displacement.copy(), feet.sliding.copy(),
             feet.last_sliding.copy(), feet.last_displacement.copy(), feet.stances.copy(),
             math.acos(min(1.0, max(-1.0, float(d.xmat[self.address.trunk, 8])))), self.tracker.fallen,
@@ -299,6 +325,7 @@ class World:
             "first_tick": self._first_tick,
             "steps": self.steps,
             "command": self.command.tolist(),
+            "coming": [[step - self.steps, ctrl] for step, ctrl in self._coming],
             "disturb": self.disturb.state(),
             "truth": self.tracker.state(),
             "imu": self.imu_sensor.state(),
@@ -324,6 +351,7 @@ class World:
             raise WorldError("checkpoint", f"is of {meta['world']!r}, this world is {self._identity()!r}")
         self.seed, self.tick, self.steps = meta["seed"], meta["tick"], meta["steps"]
         self.command = np.array(meta["command"])
+        self._coming = [(self.steps + ahead, ctrl) for ahead, ctrl in meta["coming"]]
         self.disturb.restore(self.tick, meta["disturb"])
         mujoco.mj_setState(self.model, self.data, saved.physics, STATE)
         mujoco.mj_kinematics(self.model, self.data)

@@ -47,7 +47,8 @@ def feet_force(model, data, addresses):
 def test_compiled_model_equals_the_description(name):
     robot = load_robot(name)
     model, at = build_model(robot)
-    assert model.nq == robot.nj + 7
+    play = sum(robot.joints[link.joint].servo.backlash > 0 for link in robot.links if link.joint >= 0)
+    assert model.nq == robot.nj + 7 + len(at.coupled) + play
     assert model.nu == robot.nj
     assert np.array_equal(at.joint_qpos, np.arange(model.nq)[at.joint_qpos_slice])
     assert np.array_equal(at.joint_dof, np.arange(model.nv)[at.joint_dof_slice])
