@@ -14,6 +14,8 @@ class Gait:
 
     name: str
     groups: tuple[tuple[int, ...], ...]
+    careful: str | None = None
+    """The gait that lifts fewer legs at a time, for when a step of this one is not safe."""
 
     @property
     def steps_per_cycle(self) -> int:
@@ -29,8 +31,8 @@ class Gait:
         return 0.5 * (len(self.groups) - 1)
 
 
-TRIPOD = Gait("tripod", ((LF, LH, RM), (LM, RF, RH)))
-RIPPLE = Gait("ripple", ((LH, RF), (LM, RH), (LF, RM)))
+TRIPOD = Gait("tripod", ((LF, LH, RM), (LM, RF, RH)), careful="ripple")
+RIPPLE = Gait("ripple", ((LH, RF), (LM, RH), (LF, RM)), careful="wave")
 WAVE = Gait("wave", ((LH,), (LM,), (LF,), (RH,), (RM,), (RF,)))
 
 HEXAPOD_GAITS: dict[str, Gait] = {gait.name: gait for gait in (TRIPOD, RIPPLE, WAVE)}

@@ -13,6 +13,9 @@ Array = NDArray[np.float64]
 Heights = NDArray[np.float32]
 
 FILL_ROUNDS = 6  # cells by which known ground grows into unknown ground
+NORMAL_REACH = 0.020  # m, ground about a foot whose slope counts: eight cells wide, enough for 3 mm of noise
+NORMAL_SCALE = 0.002  # m, a cell that lies much further off the plane belongs to another face: noise after the filter
+NORMAL_ROUNDS = 4
 
 
 @kernel
@@ -69,6 +72,51 @@ def box_max(
     return best if best > -math.inf else math.nan
 
 
+@kernel
+def face_normal(z: Heights, cell: float, x0: float, y0: float, x: float, y: float, bottom: float) -> Array:
+    """Normal of the face a foot stands on, (3,): plane through the cells near the lowest point of the foot.
+
+    Robust least squares, weights 1 / (1 + (e / scale)^2) with e first the height over `bottom`, then the distance
+    from the plane of the round before: a foot beside or upon a step sees the level ground it stands on, not the mean
+    of both levels. Vertical where fewer than three cells, or cells on one line, are known.
+    """
+    ny, nx = z.shape
+    row0, row1 = (
+        max(0, math.ceil((y - NORMAL_REACH - y0) / cell)),
+        min(ny - 1, math.floor((y + NORMAL_REACH - y0) / cell)),
+    )
+    col0, col1 = (
+        max(0, math.ceil((x - NORMAL_REACH - x0) / cell)),
+        min(nx - 1, math.floor((x + NORMAL_REACH - x0) / cell)),
+    )
+    h, gx, gy, scale = bottom, 0.0, 0.0, 2.0 * NORMAL_SCALE
+    for _ in range(NORMAL_ROUNDS):
+        w, wx, wy, wz, wxx, wxy, wyy, wxz, wyz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for row in range(row0, row1 + 1):
+            dy = y0 + row * cell - y
+            for col in range(col0, col1 + 1):
+                dx, height = x0 + col * cell - x, z[row, col]
+                if math.isnan(height) or dx * dx + dy * dy > NORMAL_REACH * NORMAL_REACH:
+                    continue
+                off = (height - h - gx * dx - gy * dy) / scale
+                k = 1.0 / (1.0 + off * off)
+                w, wx, wy, wz = w + k, wx + k * dx, wy + k * dy, wz + k * height
+                wxx, wxy, wyy = wxx + k * dx * dx, wxy + k * dx * dy, wyy + k * dy * dy
+                wxz, wyz = wxz + k * dx * height, wyz + k * dy * height
+        if w <= 0.0:
+            break
+        mx, my, mz = wx / w, wy / w, wz / w
+        xx, xy, yy = wxx / w - mx * mx, wxy / w - mx * my, wyy / w - my * my
+        det = xx * yy - xy * xy
+        if det < 1e-3 * cell**4:
+            break
+        xz, yz = wxz / w - mx * mz, wyz / w - my * mz
+        gx, gy = (yy * xz - xy * yz) / det, (xx * yz - xy * xz) / det
+        h, scale = mz - gx * mx - gy * my, NORMAL_SCALE
+    size = math.sqrt(gx * gx + gy * gy + 1.0)
+    return np.array([-gx / size, -gy / size, 1.0 / size])
+
+
 @dataclass(frozen=True, eq=False)
 class Ground:
     """Terrain layers the walker looks at; built once per map version."""
@@ -99,15 +147,10 @@ class Ground:
         """Height of a foot centre that stands at (x, y), m; NaN where unknown."""
         return self.centres.height_at(x, y)
 
-    def normal(self, x: float, y: float, reach: float = 0.01) -> Array:
-        """Unit normal of the ground, (3,), from central differences over +-`reach`; vertical where unknown."""
-        at = self.surface.height_at
-        dx = at(x + reach, y) - at(x - reach, y)
-        dy = at(x, y + reach) - at(x, y - reach)
-        if not (math.isfinite(dx) and math.isfinite(dy)):
-            return np.array([0.0, 0.0, 1.0])
-        n = np.array([-dx, -dy, 2.0 * reach])
-        return n / math.sqrt(float(n @ n))
+    def normal(self, x: float, y: float, bottom: float) -> Array:
+        """Unit normal of the ground under a foot whose lowest point is at (x, y, bottom), (3,)."""
+        s = self.surface
+        return face_normal(s.z, s.cell, s.origin[0], s.origin[1], x, y, bottom)
 
     def highest_under(self, x: float, y: float, yaw: float, half_x: float, half_y: float) -> float:
         """Highest ground under a rectangle about (x, y) turned by yaw, m; NaN where all is unknown."""
@@ -119,4 +162,6 @@ def warm() -> None:
     """Compile the kernels of this module."""
     z = np.full((3, 3), np.nan, dtype=np.float32)
     z[0, 0] = 0.0
-    Ground.build(HeightMap(z=z, cell=0.005), 0.006).highest_under(0.0, 0.0, 0.0, 0.01, 0.01)
+    ground = Ground.build(HeightMap(z=z, cell=0.005), 0.006)
+    ground.highest_under(0.0, 0.0, 0.0, 0.01, 0.01)
+    ground.normal(0.0, 0.0, 0.0)

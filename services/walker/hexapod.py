@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from services.walker import anchor, planning, posture, stepping
+from services.walker import anchor, balance, planning, posture, stepping
 from services.walker.commands import refusal_of
 from services.walker.gaits import HEXAPOD_GAITS
 from services.walker.ground import Ground
@@ -61,7 +61,8 @@ class HexapodWalker:
         neutral = kinematics.foot_positions(robot.model, robot.neutral)
         self.frame = planning.Frame(robot, self.params, None, np.ascontiguousarray(neutral[:, :2]))
         self._compliance = self.params.sag / np.array([joint.servo.kp for joint in robot.joints])
-        self.state = WalkerState(robot.nlegs, robot.nj, gait=HEXAPOD_GAITS[self.params.gait])
+        self.state = WalkerState(robot.nlegs, robot.nj)
+        balance.usual(self.state, HEXAPOD_GAITS[self.params.gait])
 
     # --- inputs that come now and then -----------------------------------------------------------------------------
 
@@ -78,9 +79,8 @@ class HexapodWalker:
         s = self.state
         s.walk_id += 1
         if command.gait is not None:
-            s.gait = HEXAPOD_GAITS[command.gait]
-            s.group %= s.gait.steps_per_cycle
-        s.refused, s.reason, s.attempts, s.scale = False, "", 0, 1.0
+            balance.usual(s, HEXAPOD_GAITS[command.gait])
+        s.refused, s.reason, s.attempts, s.scale, s.shifts = False, "", 0, 1.0, 0
         s.steps_in_walk = s.steps_in_walk if s.route is not None else 0
         walking = command.action in ("walk", "turn")
         s.route = Route(command, None, s.walk_id) if walking else None
@@ -141,7 +141,9 @@ class HexapodWalker:
         s.body[2] += rise
         if s.adjusting and abs(wanted - s.body[2]) < 0.002:
             s.adjusting = False
-        if s.held or s.adjusting:
+        if not s.held:
+            balance.shift(s, reach)
+        if s.held or s.adjusting or s.goal is not None:
             return
         if s.route is not None or s.closing or s.recovering:
             self._next_step(inputs)
@@ -150,6 +152,7 @@ class HexapodWalker:
         s = self.state
         if stepping.advance(s, self.robot, self.params, DT):
             s.stage = Stage.STAND
+            balance.relax(s, self.frame)
             if not s.held:
                 self._next_step(inputs)
 
@@ -181,7 +184,7 @@ class HexapodWalker:
         plan = self._plan(legs, begin, step, after)
         if plan is None:
             s.stage, s.plan = Stage.STAND, None
-            s.attempts += 1
+            s.attempts += s.goal is None
             if s.attempts >= p.max_attempts:
                 s.route, s.closing, s.recovering, s.refused = None, False, False, True
             return
@@ -191,6 +194,7 @@ class HexapodWalker:
         s.plan, s.stage, s.clock = plan, Stage.STEP, 0.0
         s.landed = ~plan.swing
         s.group = (s.group + 1) % s.gait.steps_per_cycle if s.route is not None else s.group
+        s.swung = legs
 
     def _closing_group(self) -> tuple[int, ...]:
         """The group of legs farthest from neutral, each group once; none when all are near."""
@@ -244,11 +248,8 @@ class HexapodWalker:
         rot = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
         verdict = self.check(planning.check_request(frame, plan, s.q, rot))
         s.margin = verdict.margin
-        if not verdict.stable:
-            s.scale *= 0.5
-            s.reason = f"step would not be stable (status {verdict.status}, margin {verdict.margin})"
-            return None
-        return plan
+        safe = verdict.stable and (verdict.margin is None or verdict.margin >= self.params.wanted_margin_m)
+        return plan if safe or balance.react(s, frame, begin, verdict) else None
 
     # --- outputs ---------------------------------------------------------------------------------------------------
 

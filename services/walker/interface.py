@@ -153,6 +153,8 @@ class CheckRequest:
     """(4,) quat_wxyz, world from base."""
     movement: Vec3
     """Planned movement of the trunk in the step, map axes, m."""
+    legs: tuple[str, ...] = ()
+    """Name of the leg behind each position."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +163,14 @@ class CheckReply:
 
     stable: bool
     margin: float | None = None
+    """Least signed margin before and after the movement, m; in between it is not less, as the region is convex."""
     status: str = "ok"
+    region: Array | None = None
+    """Where the centre of mass may be, counter-clockwise, (k, 2) m; None without an area."""
+    com: Array | None = None
+    """Centre of mass before the movement, (2,) m, and"""
+    com_after: Array | None = None
+    """after it."""
 
 
 Select = Callable[[StepRequest], Sequence[FootholdReply]]

@@ -69,7 +69,15 @@ class WalkerParams:
     """Coefficient assumed in step checks."""
     low_margin_m: float = 0.010
     """A published margin below this halves the next step."""
-    max_attempts: int = 6
+    wanted_margin_m: float = 0.020
+    """A step with less static margin makes the trunk move over its feet first,"""
+    shift_limit_m: float = 0.030
+    """by so much at most"""
+    max_shifts: int = 2
+    """and so often for one step."""
+    least_margin_m: float = 0.005
+    """A step that keeps less after that is taken in a gait that lifts fewer legs."""
+    max_attempts: int = 8
     """Plans tried for one step before it is refused."""
     stale_s: float = 0.1
     """Estimates and samples older than this stop new steps."""

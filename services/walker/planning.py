@@ -139,14 +139,14 @@ def end_pose(
     second: Pose | None = None
     for trial in HEIGHT_TRIALS:
         end = Pose(planar.x, planar.y, wanted + trial, planar.yaw)
-        if _reaches(frame, begin, end, feet_to, 0.5) and _reaches(frame, begin, end, feet_to, 1.0):
-            if _reaches(frame, begin, end, apex, 0.5):
+        if reaches(frame, begin, end, feet_to, 0.5) and reaches(frame, begin, end, feet_to, 1.0):
+            if reaches(frame, begin, end, apex, 0.5):
                 return end
             second = second or end
     return second
 
 
-def _reaches(frame: Frame, begin: Pose, end: Pose, feet: Array, part: float) -> bool:
+def reaches(frame: Frame, begin: Pose, end: Pose, feet: Array, part: float) -> bool:
     """Whether every leg reaches its foot with a level trunk after a part of the step."""
     a, b = begin, end
     body = np.array([a.x + part * (b.x - a.x), a.y + part * (b.y - a.y), a.z + part * (b.z - a.z)])
@@ -185,7 +185,7 @@ def check_request(frame: Frame, plan: StepPlan, joints: Array, rot: Array) -> Ch
     r = frame.robot.foot_radius
     standing = plan.feet_from[~plan.swing]
     up = np.array([0.0, 0.0, 1.0])
-    normals = np.array([up if frame.ground is None else frame.ground.normal(p[0], p[1]) for p in standing])
+    normals = np.array([up if frame.ground is None else frame.ground.normal(p[0], p[1], p[2] - r) for p in standing])
     begin, end = plan.begin, plan.end
     return CheckRequest(
         positions=standing - r * normals,
@@ -195,4 +195,5 @@ def check_request(frame: Frame, plan: StepPlan, joints: Array, rot: Array) -> Ch
         base_position=np.array([begin.x, begin.y, begin.z]),
         base_quat=rotations.quat_from_matrix(rot),
         movement=(end.x - begin.x, end.y - begin.y, end.z - begin.z),
+        legs=tuple(name for name, gone in zip(frame.robot.leg_names, plan.swing, strict=True) if not gone),
     )

@@ -26,7 +26,7 @@ from schemas.topics import (
     STATE_VELOCITY,
     TERRAIN_MAP,
 )
-from services.walker import ground, interface, posture, swing
+from services.walker import balance, ground, interface, posture, swing
 from services.walker.hexapod import HexapodWalker
 from services.walker.interface import FootholdReply, WalkerInputs, WalkerOutputs
 from services.walker.params import WalkerParams
@@ -41,6 +41,8 @@ from surefoot.service import Service
 
 ANSWER_S = 1.0
 """A question to another service that is not answered in this wall time is answered by the walker's own stand-in."""
+REGION_TOLERANCE_M = 1e-3
+"""Accuracy of the region in the answer; its margins are exact."""
 
 
 class WalkerConfig(ServiceConfig):
@@ -66,7 +68,7 @@ class Walker(Service[WalkerConfig]):
 
     def on_start(self) -> None:
         self.robot = load_robot(self.config.robot)
-        for module in (rotations, kinematics, swing, posture, ground):
+        for module in (rotations, kinematics, swing, posture, ground, balance):
             module.warm()
         chosen = {k: v for k, v in self.config.model_dump().items() if k in _TUNABLE and v is not None}
         self.params = WalkerParams.for_robot(self.robot, **chosen)
@@ -189,20 +191,28 @@ class Walker(Service[WalkerConfig]):
             return self.own_check(step)
         request = CheckRequest(
             contacts=tuple(
-                Contact(position=_floats(p), normal=_floats(n), mu=step.mu)
-                for p, n in zip(step.positions, step.normals, strict=True)
+                Contact(position=_floats(p), normal=_floats(n), mu=step.mu, leg=leg)
+                for p, n, leg in zip(step.positions, step.normals, step.legs, strict=True)
             ),
             joints=_floats(step.joints),
             base=CheckBase(position=_floats(step.base_position), quat_wxyz=_floats(step.base_quat)),
             movement=_floats(step.movement),
-            polygons=False,
+            tolerance_m=REGION_TOLERANCE_M,
         )
         try:
             reply = self.call(STABILITY_CHECK, request, ANSWER_S)
         except CallError as error:
             self._degraded = f"no stability advice: {error.message}"
             return self.own_check(step)
-        return interface.CheckReply(reply.stable, reply.margin, reply.status)
+        margins = [value for value in (reply.margin_now, reply.margin) if value is not None]
+        return interface.CheckReply(
+            stable=reply.stable and min(margins, default=0.0) >= 0.0,
+            margin=min(margins, default=None),
+            status=reply.status,
+            region=np.array(reply.inner) if reply.status == "ok" else None,
+            com=np.array(reply.com),
+            com_after=np.array(reply.com_after),
+        )
 
 
 _TUNABLE = ("hip_height_m", "stride_m", "period_s", "clearance_m")

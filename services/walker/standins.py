@@ -15,11 +15,15 @@ def nominal_footholds(request: StepRequest) -> tuple[FootholdReply, ...]:
     return tuple(FootholdReply("ok", leg.nominal) for leg in request.legs)
 
 
+def ring_of(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (n, 2) in counter-clockwise order about their mean."""
+    centre = points.mean(axis=0)
+    return points[np.argsort(np.arctan2(points[:, 1] - centre[1], points[:, 0] - centre[0]))]
+
+
 def hull_margin(points: NDArray[np.float64], c: NDArray[np.float64]) -> float:
     """Distance of c (2,) inside the convex hull of points (n, 2), negative outside (by the nearest edge's line), m."""
-    centre = points.mean(axis=0)
-    order = np.argsort(np.arctan2(points[:, 1] - centre[1], points[:, 0] - centre[0]))
-    ring = points[order]
+    ring = ring_of(points)
     margin = math.inf
     for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
         edge = b - a
@@ -42,5 +46,6 @@ class HullCheck:
         rot = rotations.matrix_from_quat(request.base_quat)
         com = request.base_position + rot @ kinematics.com(self._model, request.joints)
         feet = request.positions[:, :2]
-        margin = min(hull_margin(feet, com[:2]), hull_margin(feet, com[:2] + np.array(request.movement[:2])))
-        return CheckReply(margin >= 0.0, margin)
+        after = com[:2] + np.array(request.movement[:2])
+        margin = min(hull_margin(feet, com[:2]), hull_margin(feet, after))
+        return CheckReply(margin >= 0.0, margin, "ok", ring_of(feet), com[:2], after)

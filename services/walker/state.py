@@ -31,6 +31,13 @@ class WalkerState:
     joints: int
     stage: Stage = Stage.WAIT
     gait: Gait = TRIPOD
+    """In use."""
+    usual: Gait = TRIPOD
+    """As asked for; another one is in use after a step that was not safe."""
+    swung: tuple[int, ...] = ()
+    """Legs of the last step."""
+    careful_steps: int = 0
+    """Steps taken in the other gait."""
     route: Route | None = None
     walk_id: int = 0
     closing: bool = False
@@ -79,6 +86,10 @@ class WalkerState:
     """Change of trunk height asked for by the foothold service, m."""
     adjusting: bool = False
     """The trunk moves to its height before the next plan."""
+    goal: Array | None = None
+    """Where the trunk goes before the next plan, so that the standing feet carry it, (2,) m."""
+    shifts: int = 0
+    """Such movements tried for the present step."""
     steps: int = 0
     steps_in_walk: int = 0
     margin: float | None = None

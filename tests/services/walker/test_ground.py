@@ -16,7 +16,7 @@ def build(z, cell=0.005):
 def test_flat_ground_carries_the_foot_centre_one_radius_high():
     ground = build(np.zeros((40, 40)))
     assert ground.centre_height(0.1, 0.1) == pytest.approx(0.008)
-    assert ground.normal(0.1, 0.1) == pytest.approx([0.0, 0.0, 1.0])
+    assert ground.normal(0.1, 0.1, 0.0) == pytest.approx([0.0, 0.0, 1.0])
     assert ground.version == 7
 
 
@@ -45,13 +45,30 @@ def test_holes_are_filled_from_their_rim_up_to_a_limit():
     assert ground.surface.z[11, 11] == pytest.approx(0.02)
     assert ground.surface.z[25 + FILL_ROUNDS - 1, 40] == pytest.approx(0.02)
     assert np.isnan(ground.centre_height(0.2, 0.2))
-    assert ground.normal(0.2, 0.2) == pytest.approx([0.0, 0.0, 1.0])
+    assert ground.normal(0.2, 0.2, 0.02) == pytest.approx([0.0, 0.0, 1.0])
 
 
 def test_normal_of_a_slope_points_up_and_back():
     x = 0.005 * np.arange(60)
-    normal = build(np.broadcast_to(0.5 * x, (60, 60))).normal(0.15, 0.15)
+    normal = build(np.broadcast_to(0.5 * x, (60, 60))).normal(0.15, 0.15, 0.075)
     assert normal == pytest.approx(np.array([-0.5, 0.0, 1.0]) / np.hypot(1.0, 0.5), abs=1e-3)
+
+
+@pytest.mark.parametrize("level", [0.0, 0.025])
+@pytest.mark.parametrize("away", [0.004, 0.010, 0.016])
+def test_a_foot_beside_or_upon_a_step_stands_on_level_ground(level, away):
+    z = np.zeros((60, 60))
+    z[:, 30:] = 0.025  # from x = 0.1475 on
+    z += 0.001 * np.random.default_rng(5).standard_normal(z.shape)
+    x = 0.1475 + (away if level else -away)
+    normal = build(z).normal(x, 0.15, level)
+    assert np.degrees(np.arccos(normal[2])) < 6.0
+
+
+def test_noise_of_the_map_hardly_tilts_a_normal():
+    ground = build(0.003 * RNG.standard_normal((100, 100)))
+    tilts = [np.degrees(np.arccos(ground.normal(x, y, 0.0)[2])) for x, y in RNG.uniform(0.05, 0.45, (200, 2))]
+    assert np.percentile(tilts, 95) < 6.0
 
 
 def test_highest_under_looks_at_the_turned_rectangle_only():
