@@ -200,7 +200,9 @@ def _leg_forces(
     return force, covariance
 
 
-def com_from_forces(position: Array, force: Array, covariance: Array, floor: float = 1e-9) -> MeasuredCom | None:
+def com_from_forces(
+    position: Array, force: Array, covariance: Array, floor: float = 1e-9, tilt_sd: float = 0.0
+) -> MeasuredCom | None:
     """CoM and weight by least squares over the six equations of rest, both free: replaces (31).
 
     Three equations must hold whatever the CoM is: sum F_x = sum F_y = 0 and no yaw moment, C F = 0. The forces are
@@ -212,18 +214,20 @@ def com_from_forces(position: Array, force: Array, covariance: Array, floor: flo
         force: ground on foot, (n, 3) N, same axes.
         covariance: of each force, (n, 3, 3) N^2.
         floor: smallest weight that counts, N.
+        tilt_sd: of the frame's roll and pitch, rad: the weight seen in a tilted frame has a horizontal part, so
+            sum F_x = sum F_y = 0 holds only up to W times that.
 
     Returns:
         None when the feet carry less than `floor`.
     """
     if len(position) == 0:
         return None
-    com, spread, weight, misfit = _com(position, force, covariance)
+    com, spread, weight, misfit = _com(position, force, covariance, tilt_sd)
     return MeasuredCom(com, spread, float(weight), float(misfit)) if weight > floor else None
 
 
 @row_kernel
-def _com(position: Array, force: Array, covariance: Array) -> tuple[Array, Array, float, float]:
+def _com(position: Array, force: Array, covariance: Array, tilt_sd: float) -> tuple[Array, Array, float, float]:
     n = position.shape[0]
     centroid = np.zeros(3)
     for i in range(n):
@@ -243,6 +247,9 @@ def _com(position: Array, force: Array, covariance: Array) -> tuple[Array, Array
             for b in range(3):
                 for c in range(3):
                     square[a, b] += row[i, a, c] * gain[i, c, b]
+    lean = tilt_sd * np.sum(force[:, 2])
+    square[0, 0] += lean * lean
+    square[1, 1] += lean * lean
     for a in range(3):  # one foot feels no yaw moment: leave that equation out
         square[a, a] += 1e-12 * (square[0, 0] + square[1, 1] + square[2, 2]) + 1e-300
     inv = inverse3(square)[0]

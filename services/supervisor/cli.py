@@ -7,7 +7,20 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy, as in every 
 
 import typer
 
-from services.supervisor.commands import bag, doctor, graph, report, robot, run, schema, service, system, topic, warm
+from services.supervisor.commands import (
+    bag,
+    doctor,
+    graph,
+    report,
+    reproduce,
+    robot,
+    run,
+    schema,
+    service,
+    system,
+    topic,
+    warm,
+)
 from services.supervisor.commands.output import EXIT_CHECK, EXIT_INTERRUPT, EXIT_USAGE, fail, state
 
 app = typer.Typer(
@@ -27,6 +40,7 @@ app.command("logs")(system.logs)
 app.command("health")(system.health)
 app.command("supervise")(system.supervise)
 app.command("report")(report.report)
+app.command("reproduce")(reproduce.reproduce)
 app.command("warm")(warm.warm)
 app.command("call")(service.call)
 app.command("doctor")(doctor.doctor)

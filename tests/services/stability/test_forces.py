@@ -207,3 +207,23 @@ def test_fusion_is_never_less_certain() -> None:
         found = fuse_normal(given, normal, rng.normal(size=1), rng.uniform(0.01, 1.0, 1))
         assert np.linalg.eigvalsh(given.covariance[0] - found.covariance[0]).min() > -1e-9
         assert np.linalg.eigvalsh(found.covariance[0]).min() > -1e-9
+
+
+def test_a_tilted_frame_is_allowed_for() -> None:
+    """Forces seen in a frame that is 2 degrees off: with the tilt's uncertainty the CoM over the feet stays."""
+    contacts = feasible_sets(33, 1)[0]
+    flat = contacts.position * [1.0, 1.0, 0.0]
+    support = region(contacts, equally_spaced(16)).support
+    lean = np.radians(2.0)
+    rot = np.array([[np.cos(lean), 0.0, np.sin(lean)], [0.0, 1.0, 0.0], [-np.sin(lean), 0.0, np.cos(lean)]])
+    root = 0.1 * np.random.default_rng(9).normal(size=(len(contacts), 3, 3))
+    covariance = root @ root.transpose(0, 2, 1)
+    force = 20.0 * np.abs(support.force[0]) * [0.0, 0.0, 1.0]
+    exact = com_from_forces(flat, force, covariance)
+    errors = []
+    for tilt_sd in (0.0, lean):
+        seen = com_from_forces(flat, force @ rot.T, covariance, tilt_sd=tilt_sd)
+        assert exact is not None
+        assert seen is not None
+        errors.append(np.linalg.norm(seen.com - exact.com))
+    assert errors[1] < 0.6 * errors[0]
