@@ -1,0 +1,395 @@
+"""The biped walker: one call per control tick, from estimates and joints to servo set-points.
+
+WAIT (no joints) -> RISE -> STAND <-> START -> STEP ...; FOLD -> FALLEN when all is lost. The plan is open loop in odom:
+footsteps, a ZMP reference with double support, preview control, CoM iteration over all links, closed-form legs,
+compensation of the servos' sag and lag. Feedback: the trunk's rate at the standing ankles, and the capture point's
+error, which moves the next foothold.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.walker import biped_balance as balance
+from services.walker import biped_posture as posture
+from services.walker import biped_route as routes
+from services.walker.biped_ik import leg_geometry
+from services.walker.biped_params import BipedParams
+from services.walker.biped_plan import LEFT, RIGHT, between, placed, reference, smooth, support_point, swing
+from services.walker.biped_route import refusal_of, route_of, upcoming
+from services.walker.biped_state import BipedInputs, BipedState, Mode
+from services.walker.interface import Command, CommandReply, WalkerOutputs, WalkState
+from services.walker.preview import HORIZON, preview_gains, preview_step
+from surefoot import kinematics
+from surefoot.robot import Robot
+
+Array = NDArray[np.float64]
+
+DT = 0.01  # s, control tick
+GRAVITY = 9.81  # m/s2
+
+
+class BipedWalker:
+    """Gait of a robot with two legs of six joints.
+
+    Args:
+        robot: description; its legs in the order left, right.
+        params: settings; None = the robot's own.
+    """
+
+    def __init__(self, robot: Robot, params: BipedParams | None = None) -> None:
+        self.robot = robot
+        self.params = p = params or BipedParams.for_robot(robot)
+        self.geometry = g = leg_geometry(robot)
+        self.width = float(abs(g.hip[0, 1]))
+        self.height = p.crouch * (g.thigh + g.shin) + g.ankle - float(g.hip[0, 2])  # of base_link
+        self._kp = np.array([joint.servo.kp for joint in robot.joints])
+        self._kv = np.array([joint.servo.kv for joint in robot.joints])
+        self._ticks = round(p.step_s / DT)
+        self._double = max(1, round(p.double * self._ticks))
+        self._tilt = np.array([0.0, p.lean_rad])
+        self.state = BipedState(robot.nj)
+        self.stance = self._stance()
+        self.gains = preview_gains(self._com_height, DT)
+        self.omega = math.sqrt(GRAVITY / self._com_height)
+
+    def _stance(self) -> Array:
+        """Joint angles of the stance with both feet under the hips, (nj,)."""
+        q, trunk = self.robot.neutral.copy(), np.array([0.0, 0.0, 0.0, self.height])
+        feet = np.array([[0.0, self.width, 0.0, 0.0], [0.0, -self.width, 0.0, 0.0]])
+        for _ in range(5):
+            posture.place_com(self.robot.model, self.geometry, q, feet, trunk, self._tilt, self._middle(feet))
+        self._com_height = float(self.height + kinematics.com(self.robot.model, q)[2])
+        return q
+
+    # --- commands --------------------------------------------------------------------------------------------------
+
+    def command(self, command: Command) -> CommandReply:
+        """Accept or refuse a command; an accepted one replaces the present one at the next step."""
+        s = self.state
+        lost = s.mode in (Mode.FOLD, Mode.FALLEN)
+        refusal = refusal_of(command, self.params, s.calibrated, lost)
+        if refusal is not None:
+            return refusal
+        s.walk_id += 1
+        s.reason = ""
+        walking = command.action in ("walk", "turn")
+        s.route = route_of(command, self.params, s.walk_id) if walking else None
+        s.stopping = not walking and s.mode in (Mode.START, Mode.STEP)
+        if s.mode is Mode.STEP:
+            self._lay_reference()
+        elif s.mode is Mode.START:
+            if walking:
+                self._lay_reference()
+            else:
+                self._stand()
+        return CommandReply(True, s.walk_id)
+
+    # --- the tick --------------------------------------------------------------------------------------------------
+
+    def step(self, inputs: BipedInputs) -> WalkerOutputs:
+        """Advance by one control tick."""
+        s = self.state
+        self._take(inputs)
+        if s.mode is Mode.WAIT and s.measured is not None:
+            self._begin()
+        if s.mode in (Mode.FOLD, Mode.FALLEN):
+            self._fold()
+        elif s.mode is not Mode.WAIT:
+            self._advance()
+            self._posture()
+        return self._outputs()
+
+    def _take(self, inputs: BipedInputs) -> None:
+        s, p = self.state, self.params
+        if inputs.joints is not None:
+            s.measured = inputs.joints
+        if inputs.contacts is not None:
+            s.contacts = inputs.contacts
+        if inputs.initialised and not s.calibrated:
+            s.calibrated = True
+            s.rest[:] = inputs.roll, inputs.pitch
+        s.seen[:] = inputs.x, inputs.y, inputs.yaw
+        s.held = s.calibrated and (inputs.stamp - inputs.estimate_stamp > p.stale_s or not inputs.initialised)
+        if not s.calibrated or s.held:
+            s.rate[:] = 0.0
+            s.offset[:] = 0.0
+            return
+        s.rate = p.gyro_smooth * s.rate + (1.0 - p.gyro_smooth) * np.array(inputs.rate[:2])
+        measured = np.array([inputs.roll, inputs.pitch])
+        if s.mode is Mode.STAND and s.clock > 100:
+            s.rest += 0.02 * (measured - s.rest)  # slowly: what the stance looks like to the estimator
+        tilt = measured - s.rest
+        s.offset = balance.com_beside(tilt, np.array(inputs.rate[:2]), self._com_height, float(s.trunk[2]))
+        size = float(np.hypot(*tilt))
+        s.peak = max(s.peak, size)
+        if size > p.falling_rad and s.mode not in (Mode.FOLD, Mode.FALLEN, Mode.WAIT):
+            s.mode, s.clock, s.route = Mode.FOLD, 0, None
+            s.rise_from = s.command
+            s.reason = f"fallen: trunk tilted by {math.degrees(size):.0f} deg"
+
+    def _begin(self) -> None:
+        """Stand where the measured joints say."""
+        s, q = self.state, self.state.measured
+        assert q is not None
+        rot, _ = kinematics.forward(self.robot.model, q)
+        feet = kinematics.foot_positions(self.robot.model, q)
+        for leg in (LEFT, RIGHT):
+            ahead = rot[self.robot.model.foot_link[leg]][:, 0]
+            s.feet[leg] = [feet[leg, 0], feet[leg, 1], math.atan2(ahead[1], ahead[0])]
+        s.body = between(s.feet)
+        if routes.together(s.feet, s.body, self.width, self.params) or np.ptp(feet[:, 2]) > 0.02:
+            s.feet = np.array([placed(s.body, i, self.width) for i in (LEFT, RIGHT)])
+        s.rise_from, s.q = q.copy(), self.stance.copy()
+        s.trunk = np.array([*s.body[:2], s.body[2], self.height])
+        s.x[0] = self._middle(s.feet)
+        s.ref = s.x[:1].copy()
+        self._stand()
+        s.mode = Mode.RISE
+
+    def _stand(self) -> None:
+        """No step any more; the reference goes on to its end between the feet."""
+        s = self.state
+        if s.mode is Mode.START:
+            s.ref, s.row = s.ref[s.row : s.row + 1].copy(), 0
+        s.mode, s.clock, s.step = Mode.STAND, 0, None
+        s.stopping, s.scale, s.seen_then = False, 1.0, None
+        s.planned_way[:], s.measured_way[:] = 0.0, 0.0
+
+    def _advance(self) -> None:
+        s, p = self.state, self.params
+        s.clock += 1
+        if s.mode is Mode.RISE:
+            if s.clock >= p.rise_s / DT:
+                self._stand()
+        elif s.mode is Mode.STAND:
+            if s.calibrated and not s.held and (s.route is not None or self._apart()):
+                s.mode, s.clock = Mode.START, 0
+                s.next_swing = LEFT if s.route is None else routes.first_swing(s.route, s.feet)
+                s.zmp_from = s.ref[min(s.row, len(s.ref) - 1)].copy()
+                self._lay_reference()
+                s.row = -1
+        elif s.mode is Mode.START:
+            if s.held:
+                s.route = None
+                self._stand()
+            elif s.clock >= p.start_s / DT:
+                self._next_step()
+        elif s.clock >= self._ticks:
+            self._land()
+            self._next_step()
+        elif s.mode is Mode.STEP:
+            self._adjust()
+        s.row += 1
+        preview_step(self.gains, s.x, s.error, s.ref, s.row)
+
+    def _apart(self) -> bool:
+        return not routes.together(self.state.feet, self.state.body, self.width, self.params)
+
+    # --- steps -----------------------------------------------------------------------------------------------------
+
+    def _upcoming(self, ticks: int) -> list[routes.Footstep]:
+        s = self.state
+        feet, body, swing_next = s.feet, s.body, s.next_swing
+        if s.mode is Mode.STEP and s.step is not None:
+            feet = feet.copy()
+            feet[s.step.swing], body, swing_next = s.step.target, s.step.body, 1 - s.step.swing
+        return upcoming(s.route, feet, body, swing_next, self.params, self.width, s.scale, s.gain, ticks)
+
+    def _next_step(self) -> None:
+        s, p = self.state, self.params
+        s.scale = min(1.0, max(0.0, (p.slow_full_rad - s.peak) / (p.slow_full_rad - p.slow_from_rad)))
+        s.peak = 0.0
+        if s.held:
+            s.route, s.reason = None, "the estimate is stale or absent: the walk ends"
+        s.mode, s.step = Mode.STAND, None  # so that the steps are planned from the feet as they stand
+        steps = self._upcoming(1)
+        if not steps:
+            s.route = None
+            self._stand()
+            return
+        step = steps[0]
+        if s.route is not None and not s.route.finished:
+            s.route = s.route.next(s.scale)[2]
+        s.mode, s.clock, s.step = Mode.STEP, 0, step
+        s.begin = s.feet[step.swing].copy()
+        s.shift = np.zeros(2)
+        s.zmp_from = s.ref[min(s.row, len(s.ref) - 1)].copy()
+        self._lay_reference()
+        s.row = -1
+
+    def _land(self) -> None:
+        s = self.state
+        assert s.step is not None
+        self._learn(s.step.body)
+        s.feet[s.step.swing] = s.step.target
+        s.body = s.step.body
+        s.next_swing = 1 - s.step.swing
+        s.steps += 1
+        if np.any(s.shift != 0.0):
+            s.adjusted += 1
+            s.body = between(s.feet)
+            s.x[:2] += self.params.absorb * s.offset
+
+    def _learn(self, body: Array) -> None:
+        """Compare the way of a step with the odometry; the quotient of the whole walk counts."""
+        s, p = self.state, self.params
+        if s.seen_then is not None and p.learn > 0.0 and not s.held:
+            plan, seen = body - s.body, s.seen - s.seen_then
+            heading, back = body[2], s.seen[2]
+            s.planned_way += (math.cos(heading) * plan[0] + math.sin(heading) * plan[1], plan[2])
+            s.measured_way += (math.cos(back) * seen[0] + math.sin(back) * seen[1], seen[2])
+            for i, least in ((0, 4.0 * p.step_m), (1, 3.0 * p.turn_step_rad)):
+                if abs(s.planned_way[i]) > least:
+                    ratio = s.measured_way[i] / s.planned_way[i]
+                    wanted = min(1.0 + p.learn_limit, max(1.0 - p.learn_limit, ratio))
+                    s.gain[i] += p.learn * (wanted - s.gain[i])
+        s.seen_then = s.seen.copy()
+
+    def _lay_reference(self) -> None:
+        """ZMP reference from the beginning of the present step over all steps that are known."""
+        s, p = self.state, self.params
+        points, ticks, double = [s.zmp_from], [], []
+        feet = s.feet.copy()
+        if s.mode is Mode.START:
+            points.append(s.zmp_from)
+            ticks.append(round(p.start_s / DT))
+            double.append(1)
+        elif s.step is not None:
+            points.append(self._support(feet, 1 - s.step.swing))
+            ticks.append(self._ticks)
+            double.append(self._double)
+            feet[s.step.swing] = s.step.target
+        for step in self._upcoming(HORIZON + self._ticks):
+            points.append(self._support(feet, 1 - step.swing))
+            ticks.append(self._ticks)
+            double.append(self._double)
+            feet[step.swing] = step.target
+        points.append(self._middle(feet))
+        ticks.append(2 * self._double)
+        double.append(2 * self._double)
+        s.ref = reference(np.array(points), np.array(ticks, dtype=np.float64), np.array(double, dtype=np.float64))
+
+    def _support(self, feet: Array, side: int) -> Array:
+        return support_point(feet[side, :3], side, self.params.zmp_x_m, self.params.zmp_y_m)
+
+    def _middle(self, feet: Array) -> Array:
+        return 0.5 * (self._support(feet, LEFT) + self._support(feet, RIGHT))
+
+    def _adjust(self) -> None:
+        """Move the landing after the capture point while the foot is in the air."""
+        s, p = self.state, self.params
+        assert s.step is not None
+        if p.adjust == 0.0 or s.clock <= self._double or s.clock > self._ticks - 3:
+            return
+        left = (self._ticks - s.clock) * DT
+        wanted = p.adjust * balance.foothold_shift(s.offset, self.omega, left, p.adjust_from_m)
+        wanted = balance.limited(wanted, float(s.body[2]), p.adjust_max_m)
+        if float(np.hypot(*(wanted - s.shift))) < 0.002:
+            return
+        swinging = s.step.swing
+        nominal = s.step.target.copy()
+        nominal[:2] -= s.shift
+        target = nominal.copy()
+        target[:2] += wanted
+        target = balance.beside(target, s.feet[1 - swinging], swinging, 2.0 * p.least_width_m)
+        done = smooth(self._phase())
+        if done < 1.0 - 1e-9:  # the path goes on from where the foot is
+            now = s.begin + done * (s.step.target - s.begin)
+            s.begin = (now - done * target) / (1.0 - done)
+        s.shift = target[:2] - nominal[:2]
+        s.step = s.step._replace(target=target)
+        self._lay_reference()
+
+    def _phase(self) -> float:
+        return (self.state.clock - self._double) / (self._ticks - self._double)
+
+    # --- joints ----------------------------------------------------------------------------------------------------
+
+    def _soles(self) -> Array:
+        """Both soles now, (2, 4): x, y, yaw, height."""
+        s = self.state
+        soles = np.zeros((2, 4))
+        soles[:, :3] = s.feet
+        if s.mode is Mode.STEP and s.step is not None:
+            soles[s.step.swing] = swing(s.begin, s.step.target, self._phase(), self.params.lift_m)
+        return soles
+
+    def _posture(self) -> None:
+        s, p = self.state, self.params
+        soles = self._soles()
+        s.trunk[2] = between(soles)[2]
+        s.trunk[3] = self.height
+        q = s.q.copy()
+        _, reachable, rot = posture.place_com(self.robot.model, self.geometry, q, soles, s.trunk, self._tilt, s.x[0])
+        s.unreachable = 0 if reachable else 1
+        zmp = s.x[0] - self._com_height / GRAVITY * s.x[2]
+        share = posture.load_share(zmp, soles)
+        if s.mode is Mode.STEP and s.step is not None and s.clock > self._double:
+            share = np.zeros(2)
+            share[1 - s.step.swing] = 1.0
+        points = soles[:, :2] if share.min() > 0.0 else np.stack((zmp, zmp))
+        push = np.array([s.x[2, 0], s.x[2, 1], GRAVITY])
+        torque = posture.load_torques(self.robot.model, q, rot, s.trunk, push, share, np.ascontiguousarray(points))
+        command = q + p.sag * torque / self._kp + p.lag * (self._kv / self._kp) * (q - s.q) / DT
+        joints = self.geometry.joints
+        command[joints[:, 5]] += p.gyro_s * share * s.rate[0]
+        command[joints[:, 4]] += p.gyro_s * share * s.rate[1]
+        s.q = q
+        if s.mode is Mode.RISE and s.rise_from is not None:
+            part = smooth(s.clock * DT / p.rise_s)
+            command = s.rise_from + part * (command - s.rise_from)
+        s.command = np.clip(command, self.robot.joint_lower, self.robot.joint_upper)
+
+    def _fold(self) -> None:
+        """Go down on bent knees: the shorter way down, the softer the ground."""
+        s, p = self.state, self.params
+        s.clock += 1
+        part = smooth(s.clock * DT / p.fold_s)
+        folded = self.robot.neutral.copy()
+        for hip, knee, ankle in self.geometry.joints[:, [2, 3, 4]]:
+            folded[hip], folded[knee], folded[ankle] = -1.0, 1.8, -0.9
+        folded = np.clip(folded, self.robot.joint_lower, self.robot.joint_upper)
+        if s.rise_from is not None:
+            s.command = s.rise_from + part * (folded - s.rise_from)
+        if part >= 1.0:
+            s.mode = Mode.FALLEN
+
+    # --- outputs ---------------------------------------------------------------------------------------------------
+
+    def _walk_state(self) -> WalkState:
+        s = self.state
+        if s.mode in (Mode.FOLD, Mode.FALLEN):
+            return "refused"
+        if s.mode in (Mode.WAIT, Mode.RISE) or not s.calibrated:
+            return "waiting"
+        if s.held:
+            return "hold"
+        if s.route is not None:
+            return "turning" if s.route.turning else "walking"
+        return "standing" if s.mode is Mode.STAND else "stopping"
+
+    def _outputs(self) -> WalkerOutputs:
+        s = self.state
+        soles = self._soles()
+        stance = np.ones(2, dtype=np.bool_)
+        if s.mode is Mode.STEP and s.step is not None:
+            stance[s.step.swing] = s.clock <= self._double
+            soles[s.step.swing, :3] = s.step.target
+            soles[s.step.swing, 3] = 0.0
+        return WalkerOutputs(
+            command=s.command,
+            state=self._walk_state(),
+            walk_id=s.walk_id,
+            phase=min(1.0, s.clock / self._ticks) if s.mode is Mode.STEP else 0.0,
+            stance=stance,
+            footholds=np.column_stack((soles[:, :2], soles[:, 3])),
+            foothold_status=("nominal", "nominal"),
+            trunk_height=self.height,
+            remaining=0.0 if s.route is None else s.route.remaining,
+            margin=None,
+            reason=s.reason,
+            steps=s.steps,
+            unreachable=s.unreachable,
+        )
