@@ -16,7 +16,12 @@ class WalkCommand(Request):
         default=None, ge=-1, le=1, description="m/s along the heading; null = the gait's own"
     )
     angle: float | None = Field(default=None, ge=-31.5, le=31.5, description="rad, left positive; for turn")
-    duration: float | None = Field(default=None, ge=0, le=3600, description="s, for stand")
+    duration: float | None = Field(
+        default=None,
+        ge=0,
+        le=3600,
+        description="s from its first step on after which a walk or turn ends; for stand: how long a scenario waits",
+    )
     gait: str | None = Field(
         default=None, max_length=32, description="name of a gait of this robot; null = its default"
     )

@@ -61,7 +61,7 @@ class GaitState(Message):
         description="per foot: planned on the ground"
     )
     footholds: Annotated[tuple[Vec3, ...], Field(max_length=MAX_FEET)] = Field(
-        description="m, per foot the present or planned foot centre in odom"
+        description="m, per foot the present or planned foot centre in the map (= odom until the odometry begins anew)"
     )
     foothold_status: Annotated[tuple[str, ...], Field(max_length=MAX_FEET)] = Field(
         default=(), description="per foot: ok, raise_trunk, infeasible, nominal"

@@ -15,7 +15,8 @@ from typing import IO, Any
 
 from services.supervisor.process import Identity, end, identify
 
-FILES = ("endpoint.json", "processes.json", "supervisor.json", "status.json", "ready.json")
+WALKER_MEMORY = "walker.json"
+FILES = ("endpoint.json", "processes.json", "supervisor.json", "status.json", "ready.json", WALKER_MEMORY)
 """What describes a running system, and is removed with it."""
 
 
@@ -83,7 +84,13 @@ class RunFolder:
                 f"system {self.name!r} is already run{by}; stop it with `surefoot down {self.name}`"
             ) from exc
         os.utime(self.path / "lock")
+        self.walker_memory.unlink(missing_ok=True)
         self._lock = stream
+
+    @property
+    def walker_memory(self) -> Path:
+        """Where the walker keeps its command for the case that it is started again; gone with the run."""
+        return self.path / WALKER_MEMORY
 
     def release(self) -> None:
         """Leave the system: no process, no endpoint, logs stay."""

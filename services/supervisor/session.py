@@ -53,7 +53,12 @@ class Session:
         self.folder = RunFolder(compose.name)
         self._spawn = spawn
         self._tell = tell
-        own = {"SUREFOOT_CONNECT": self.listen, "SUREFOOT_NAMESPACE": self.namespace, "SUREFOOT_ROBOT": self.robot}
+        own = {
+            "SUREFOOT_CONNECT": self.listen,
+            "SUREFOOT_NAMESPACE": self.namespace,
+            "SUREFOOT_ROBOT": self.robot,
+            "SUREFOOT_WALKER_MEMORY": str(self.folder.walker_memory),
+        }
         self.system = System(
             compose, self.folder, environment={**own, **(environment or {})}, on_action=self._on_action
         )

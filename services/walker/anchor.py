@@ -3,6 +3,9 @@
 Laying the plan anew moves trunk and feet together, so the feet keep their place in the trunk frame and no joint moves.
 """
 
+import math
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,8 +37,8 @@ def begin(state: WalkerState, robot: Robot, inputs: WalkerInputs) -> None:
     s.footholds = s.feet.copy()
     s.support[:] = down
     s.landed = down.copy()
-    s.recovering = not bool(down.all())
-    s.stage = Stage.SETTLE if s.recovering else Stage.STAND
+    s.recovering = s.recovering or not bool(down.all())
+    s.stage = Stage.STAND if down.all() else Stage.SETTLE
 
 
 def lay_over(state: WalkerState, params: WalkerParams, ground: Ground | None, inputs: WalkerInputs) -> None:
@@ -80,6 +83,38 @@ def _correct_tilt(state: WalkerState, gain: float, xy: Array, gaps: Array) -> No
     s.tilt_offset[0] += gain * (xx * gy - xy_ * gx) / det
     s.tilt_offset[1] -= gain * (yy * gx - xy_ * gy) / det
     np.clip(s.tilt_offset, -MAX_TILT_OFFSET, MAX_TILT_OFFSET, out=s.tilt_offset)
+
+
+def placed(state: WalkerState, inputs: WalkerInputs) -> WalkerInputs:
+    """The inputs with the odometry's pose in the map.
+
+    An estimator that was started anew begins at the start pose, wherever the robot is. It does so at rest, so the robot
+    stands where the plan has it: from then on the odometry is laid there. What was learned of its tilt is void.
+    """
+    s = state
+    if not s.calibrated:
+        return inputs if s.offset == (0.0, 0.0, 0.0) else _moved(inputs, s.offset)
+    if not inputs.initialised:
+        s.lost = True
+    elif s.lost:
+        s.lost = False
+        turn = s.yaw - inputs.yaw
+        c, n = math.cos(turn), math.sin(turn)
+        x, y = float(s.body[0]), float(s.body[1])
+        s.offset = (x - c * inputs.x + n * inputs.y, y - n * inputs.x - c * inputs.y, turn)
+        s.tilt_offset[:] = 0.0
+    return inputs if s.offset == (0.0, 0.0, 0.0) else _moved(inputs, s.offset)
+
+
+def _moved(inputs: WalkerInputs, offset: tuple[float, float, float]) -> WalkerInputs:
+    x, y, turn = offset
+    c, n = math.cos(turn), math.sin(turn)
+    return replace(
+        inputs,
+        x=x + c * inputs.x - n * inputs.y,
+        y=y + n * inputs.x + c * inputs.y,
+        yaw=inputs.yaw + turn,
+    )
 
 
 def tilt(state: WalkerState, inputs: WalkerInputs) -> tuple[float, float]:

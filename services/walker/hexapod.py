@@ -87,11 +87,19 @@ class HexapodWalker:
         s.closing = not walking and (s.closing or s.stage is Stage.STEP or s.steps_in_walk > 0)
         return CommandReply(True, s.walk_id)
 
+    def resume(self, walk_id: int, route: Route | None, offset: tuple[float, float, float]) -> None:
+        """Go on after a restart: feet down, to neutral, then the rest of the route; before the first tick."""
+        s = self.state
+        s.walk_id, s.route, s.offset, s.recovering = walk_id, route, offset, True
+        if route is not None and route.command.gait is not None:
+            balance.usual(s, HEXAPOD_GAITS[route.command.gait])
+
     # --- the tick --------------------------------------------------------------------------------------------------
 
     def step(self, inputs: WalkerInputs) -> WalkerOutputs:
         """Advance by one control tick."""
         s = self.state
+        inputs = anchor.placed(s, inputs)
         self._take(inputs)
         if s.stage is Stage.WAIT and s.measured is not None:
             anchor.begin(s, self.robot, inputs)
@@ -112,6 +120,7 @@ class HexapodWalker:
 
     def _take(self, inputs: WalkerInputs) -> None:
         s = self.state
+        s.now = inputs.stamp
         if inputs.joints is not None:
             s.measured, s.measured_stamp = inputs.joints, inputs.stamp
         s.fresh = inputs.contacts is not None
@@ -162,17 +171,17 @@ class HexapodWalker:
         anchor.lay_over(s, self.params, self.frame.ground, inputs)
         begin, low = self._pose(), ""
         if s.route is not None:
-            s.route = s.route.begun(begin)
-        if s.route is not None and finished(s.route, begin, p):
+            s.route = s.route if s.recovering else s.route.begun(begin, s.now)
+        if s.route is not None and (s.route.over(s.now) or finished(s.route, begin, p)):
             s.route, s.closing = None, True
-        if s.route is None:
+        if s.route is None or s.recovering:
             legs, step, after = self._closing_group(), Advance(), Advance()
             if not legs:
                 s.closed.clear()
                 s.closing = s.recovering = False
                 s.steps_in_walk, s.trunk_shift = 0, 0.0
                 s.stage, s.plan = Stage.STAND, None
-                return
+                return  # a route that waits begins in the next tick
         else:
             legs = s.gait.groups[s.group]
             first = 0.5 if s.steps_in_walk == 0 else 1.0
@@ -190,7 +199,7 @@ class HexapodWalker:
             return
         s.reason = low
         s.attempts, s.scale, s.trunk_shift = 0, 1.0, 0.5 * s.trunk_shift
-        s.closed = s.closed | {legs} if s.route is None else set()
+        s.closed = s.closed | {legs} if s.route is None or s.recovering else set()
         s.plan, s.stage, s.clock = plan, Stage.STEP, 0.0
         s.landed = ~plan.swing
         s.group = (s.group + 1) % s.gait.steps_per_cycle if s.route is not None else s.group

@@ -88,6 +88,8 @@ class Command:
     """For turn: rad, left positive."""
     gait: str | None = None
     """Name of a gait, None = the default."""
+    duration: float | None = None
+    """For walk and turn: s from the first step on after which it ends, None = no limit."""
 
 
 @dataclass(frozen=True, slots=True)

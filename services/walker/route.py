@@ -14,10 +14,17 @@ class Route:
     command: Command
     start: Pose | None
     walk_id: int
+    began: float | None = None
+    """Simulated time of its first step, s."""
 
-    def begun(self, pose: Pose) -> "Route":
-        """The route with its start: `pose` if it has not begun yet."""
-        return self if self.start is not None else replace(self, start=pose)
+    def begun(self, pose: Pose, now: float) -> "Route":
+        """The route with its start: `pose` at the time `now` if it has not begun yet."""
+        return self if self.start is not None else replace(self, start=pose, began=now)
+
+    def over(self, now: float) -> bool:
+        """Whether its time is up."""
+        limit = self.command.duration
+        return limit is not None and self.began is not None and now - self.began >= limit
 
 
 def wrap(angle: float) -> float:

@@ -29,7 +29,9 @@ from schemas.topics import (
 from services.walker import balance, ground, interface, posture, swing
 from services.walker.hexapod import HexapodWalker
 from services.walker.interface import FootholdReply, WalkerInputs, WalkerOutputs
+from services.walker.memory import Kept, Memory
 from services.walker.params import WalkerParams
+from services.walker.route import Route
 from services.walker.standins import HullCheck, nominal_footholds
 from surefoot import kinematics, rotations
 from surefoot.config import ServiceConfig
@@ -54,6 +56,9 @@ class WalkerConfig(ServiceConfig):
     clearance_m: float | None = Field(default=None, gt=0, lt=1, description="m, height of a swing over the ground")
     ask_footholds: bool = Field(default=True, description="ask footholds/select for each landing")
     ask_stability: bool = Field(default=True, description="ask stability/check before each step")
+    memory: str | None = Field(
+        default=None, description="file of this run that keeps the command for a walker that is started again"
+    )
 
 
 class Walker(Service[WalkerConfig]):
@@ -73,6 +78,7 @@ class Walker(Service[WalkerConfig]):
         chosen = {k: v for k, v in self.config.model_dump().items() if k in _TUNABLE and v is not None}
         self.params = WalkerParams.for_robot(self.robot, **chosen)
         self.own_check = HullCheck(self.robot)
+        self.memory = Memory(self.config.memory)
         self.on_reset()
         self.handle(CMD_WALK, self.walk)
 
@@ -80,7 +86,7 @@ class Walker(Service[WalkerConfig]):
         self.walker = HexapodWalker(self.robot, self.params, self._select, self._check)
         self._map: object = None
         self._planned: list[tuple[int, int, WalkCommand]] = []
-        self._tick, self._given = -1, 0
+        self._tick, self._epoch = -1, 0
         self._degraded = ""
 
     # -- commands ----------------------------------------------------------------------------------------------
@@ -98,14 +104,51 @@ class Walker(Service[WalkerConfig]):
 
     def _command(self, request: WalkCommand) -> WalkReply:
         reply = self.walker.command(
-            interface.Command(request.action, request.distance, request.velocity, request.angle, request.gait)
+            interface.Command(
+                request.action, request.distance, request.velocity, request.angle, request.gait, request.duration
+            )
         )
         return WalkReply(accepted=reply.accepted, id=reply.walk_id, reason=reply.reason)
+
+    def _recall(self, tick: int) -> None:
+        """A newcomer in the middle of a run takes up what it left."""
+        kept = self.memory.recall(self._epoch, tick)
+        if kept is None:
+            return
+        route = None if kept.command is None else Route(kept.command, kept.start, kept.walk_id, kept.began)
+        self.walker.resume(kept.walk_id, route, kept.offset)
+        for number, item in enumerate(kept.planned, kept.walk_id + 1):
+            request = WalkCommand.model_validate(item)
+            self._planned.append((request.at_tick or tick, number, request))
+        self.log("info", f"started again in tick {tick}: {'goes on with its command' if route else 'no command'}")
+
+    def _keep(self) -> None:
+        s = self.walker.state
+        route = s.route
+        self.memory.keep(
+            self._epoch,
+            self._tick,
+            Kept(
+                walk_id=s.walk_id,
+                command=None if route is None else route.command,
+                start=None if route is None else route.start,
+                began=None if route is None else route.began,
+                offset=s.offset,
+                planned=tuple(item[2].model_dump() for item in self._planned),
+            ),
+        )
+        if self.memory.problem:
+            self.log("warning", self.memory.problem)
+            self.memory.problem = ""
 
     # -- ticks -------------------------------------------------------------------------------------------------
 
     def on_tick(self, inputs: TickInputs) -> None:
-        self._tick = inputs.number
+        first, self._tick, self._epoch = self._tick < 0, inputs.number, inputs.tick.epoch
+        if first and inputs.number > 0:
+            self._recall(inputs.number)
+        elif first:
+            self.memory.forget()
         self._take_map(inputs)
         self._degraded = ""
         for item in [item for item in self._planned if item[0] <= inputs.number]:
@@ -115,6 +158,8 @@ class Walker(Service[WalkerConfig]):
                 self.log("warning", f"command {item[1]} ({item[2].action}) refused in its tick: {reply.reason}")
                 self._degraded = reply.reason
         out = self.walker.step(self._inputs(inputs))
+        if self.memory.path is not None:
+            self._keep()
         position = None if out.command is None else tuple(out.command.tolist())
         self.publish(STATE_GAIT, self._gait(out))
         self.publish(CMD_JOINTS, JointCommand(position=position))
@@ -172,6 +217,8 @@ class Walker(Service[WalkerConfig]):
             return nominal_footholds(step)
         quat = rotations.quat_from_rpy(0.0, 0.0, step.yaw)
         request = SelectRequest(
+            epoch=self._epoch,
+            tick=self._tick,
             base=BasePose(position=_floats(step.body), quat_wxyz=_floats(quat)),
             legs=tuple(
                 LegRequest(leg=self.robot.leg_names[leg.leg], nominal=_floats(leg.nominal), stroke=_floats(leg.stroke))

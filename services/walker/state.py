@@ -51,6 +51,12 @@ class WalkerState:
     """The estimator has been initialised since the start."""
     held: bool = False
     """Inputs are stale: no new step begins."""
+    now: float = 0.0
+    """Simulated time, s."""
+    lost: bool = False
+    """The estimator began anew and has not found its feet yet."""
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Pose of odom in the map: x, y (m), heading (rad); changes when the odometry begins anew."""
     body: Array = field(default_factory=lambda: np.zeros(3))
     yaw: float = 0.0
     level: Array = field(default_factory=lambda: np.zeros(2))

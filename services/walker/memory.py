@@ -1,0 +1,86 @@
+"""The command under way, kept in a file, so that a walker that was killed and started again goes on with it.
+
+The file belongs to one run (its folder); a command of another epoch, or of a later tick than now, is not taken up.
+"""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from services.walker.interface import Command, Pose
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What a walker must know to go on."""
+
+    walk_id: int
+    command: Command | None
+    """None: nothing is under way."""
+    start: Pose | None
+    """Where the command began, map frame; None: it has not."""
+    began: float | None
+    """When, simulated time, s."""
+    offset: tuple[float, float, float]
+    """Pose of odom in the map, m and rad."""
+    planned: tuple[Mapping[str, Any], ...] = ()
+    """Commands that wait for their tick, as they came."""
+
+
+class Memory:
+    """One file.
+
+    Args:
+        path: None = nothing is kept.
+    """
+
+    def __init__(self, path: str | None) -> None:
+        self.path = None if path is None else Path(path)
+        self.problem = ""
+        self._last: Kept | None = None
+
+    def keep(self, epoch: int, tick: int, kept: Kept) -> None:
+        """Write what has changed; a disk that fails costs the memory, not the walk."""
+        if self.path is None or kept == self._last:
+            return
+        self._last = kept
+        fresh = self.path.with_suffix(".new")
+        try:
+            fresh.write_text(json.dumps({"epoch": epoch, "tick": tick, **asdict(kept)}), encoding="utf-8")
+            os.replace(fresh, self.path)
+        except OSError as error:
+            self.problem = f"the command cannot be kept for a restart: {error.strerror}"
+            self.path = None
+
+    def forget(self) -> None:
+        """A new run: what is kept belongs to an earlier one."""
+        self._last = None
+        if self.path is not None:
+            self.path.unlink(missing_ok=True)
+
+    def recall(self, epoch: int, tick: int) -> Kept | None:
+        """What was kept in this epoch before this tick, or None."""
+        if self.path is None or not self.path.exists():
+            return None
+        try:
+            found = json.loads(self.path.read_text(encoding="utf-8"))
+            if found["epoch"] != epoch or found["tick"] >= tick:
+                return None
+            return Kept(
+                walk_id=int(found["walk_id"]),
+                command=_made(Command, found["command"]),
+                start=_made(Pose, found["start"]),
+                began=found["began"],
+                offset=tuple(found["offset"]),
+                planned=tuple(found["planned"]),
+            )
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            self.problem = f"the kept command cannot be read: {error}"
+            return None
+
+
+def _made(kind: Any, values: Mapping[str, Any] | None) -> Any:
+    return None if values is None else kind(**{field.name: values[field.name] for field in fields(kind)})

@@ -1,0 +1,151 @@
+"""Started again in mid-run: the estimator's odometry from the start pose, the walker from its memory."""
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+
+from services.walker.hexapod import HexapodWalker
+from services.walker.interface import Command, Pose
+from services.walker.memory import Kept, Memory
+from services.walker.params import WalkerParams
+from services.walker.route import Route
+from surefoot.robot import load_robot
+from tests.services.walker.plant import KINEMATICS_TICKS, Plant
+
+ROBOT = load_robot("ragno")
+PARAMS = WalkerParams.for_robot(ROBOT)
+
+
+class Forgetful(Plant):
+    """Its odometry may begin anew: then it is at zero where the robot is, and initialised after half a second."""
+
+    origin = Pose()
+    uncertain_until = 0
+
+    def inputs(self):
+        base = super().inputs()
+        c, n = math.cos(self.origin.yaw), math.sin(self.origin.yaw)
+        dx, dy = base.x - self.origin.x, base.y - self.origin.y
+        return dataclasses.replace(
+            base,
+            x=c * dx + n * dy,
+            y=-n * dx + c * dy,
+            yaw=base.yaw - self.origin.yaw,
+            initialised=self.tick >= self.uncertain_until,
+        )
+
+    def restart_estimator(self):
+        s = self.walker.state
+        if self.walker.state.plan is not None:
+            end = s.plan.end  # the robot finishes its step and stands
+            self.origin = Pose(end.x, end.y, 0.0, end.yaw)
+        else:
+            self.origin = Pose(float(s.body[0]), float(s.body[1]), 0.0, s.yaw)
+        self.uncertain_until = self.tick + 150
+
+
+def test_after_a_restart_of_the_estimator_the_walk_goes_on_where_the_robot_is():
+    p = Forgetful(HexapodWalker(ROBOT))
+    p.run(1.0)
+    p.walker.command(Command("turn", angle=0.5))
+    p.step()
+    p.until("standing")
+    p.walker.command(Command("walk", distance=0.3))
+    p.run(3.1)
+    before = p.walker.state.body.copy()
+    p.restart_estimator()
+    outs = p.until("standing")
+    assert {"hold", "walking"} <= {out.state for out in outs}
+    body = p.walker.state.body
+    assert np.hypot(*(body[:2] - 0.3 * np.array([math.cos(0.5), math.sin(0.5)]))) < 0.03
+    assert np.hypot(*body[:2]) > np.hypot(*before[:2])
+    feet = np.array([out.footholds for out in outs])
+    assert np.abs(np.diff(feet, axis=0)).max() < 0.1  # no foothold jumps to the start pose
+    commands = np.array([out.command for out in outs])
+    assert np.abs(np.diff(commands, axis=0)).max() < 0.15
+
+
+def test_what_was_learned_of_the_old_estimate_is_forgotten():
+    p = Forgetful(HexapodWalker(ROBOT))
+    p.run(1.0)
+    p.walker.state.tilt_offset[:] = 0.03
+    p.restart_estimator()
+    p.run(2.0)
+    assert not p.walker.state.tilt_offset.any()
+    assert p.out.state == "standing"
+
+
+def kept_of(walker):
+    s = walker.state
+    assert s.route is not None
+    return Kept(s.walk_id, s.route.command, s.route.start, s.route.began, s.offset)
+
+
+@pytest.mark.parametrize("after_s", [2.25, 2.5, 2.7])
+def test_a_walker_started_again_closes_and_walks_the_rest(tmp_path, after_s):
+    p = Plant(HexapodWalker(ROBOT))
+    p.run(1.0)
+    p.walker.command(Command("walk", distance=0.3, gait="ripple"))
+    p.run(after_s)
+    memory = Memory(str(tmp_path / "walker.json"))
+    memory.keep(1, p.tick, kept_of(p.walker))
+    again = Plant(HexapodWalker(ROBOT))
+    again.joints, again.contacts, again.tick = p.joints, p.contacts, p.tick + -p.tick % KINEMATICS_TICKS
+    found = Memory(str(tmp_path / "walker.json")).recall(1, p.tick + 200)
+    assert found == kept_of(p.walker)
+    assert found.command is not None
+    again.walker.resume(found.walk_id, Route(found.command, found.start, found.walk_id, found.began), found.offset)
+    again.walker.state.body[:2] = p.walker.state.body[:2]  # what the plant takes for the odometry
+    outs = again.until("standing", "refused")
+    assert outs[-1].state == "standing"
+    assert outs[0].state == "recovering"
+    assert {out.walk_id for out in outs} == {p.walker.state.walk_id}
+    assert again.walker.state.body[0] == pytest.approx(0.3, abs=0.01)
+    assert again.walker.state.usual.name == "ripple"
+    assert all(out.unreachable == 0 for out in outs)
+
+
+def test_a_memory_of_another_run_or_of_later_is_not_taken_up(tmp_path):
+    path = tmp_path / "walker.json"
+    kept = Kept(3, Command("walk", distance=1.0), Pose(0.1, 0.2, 0.3, 0.4), 5.0, (0.0, 0.1, 0.2), ({"action": "stop"},))
+    Memory(str(path)).keep(2, 100, kept)
+    assert Memory(str(path)).recall(2, 101) == kept
+    assert Memory(str(path)).recall(1, 101) is None
+    assert Memory(str(path)).recall(2, 100) is None
+    assert Memory(None).recall(2, 101) is None
+    assert Memory(str(tmp_path / "none.json")).recall(2, 101) is None
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"epoch": 2}', '{"epoch": 2, "tick": 1, "walk_id": 1, "command": 7}'])
+def test_a_torn_memory_is_told_in_words(tmp_path, text):
+    path = tmp_path / "walker.json"
+    path.write_text(text)
+    memory = Memory(str(path))
+    assert memory.recall(2, 101) is None
+    assert "cannot be read" in memory.problem
+
+
+def test_a_disk_that_fails_costs_the_memory_only(tmp_path):
+    memory = Memory(str(tmp_path / "no such folder" / "walker.json"))
+    memory.keep(1, 1, Kept(0, None, None, None, (0.0, 0.0, 0.0)))
+    assert "cannot be kept" in memory.problem
+    assert memory.path is None
+
+
+def test_it_writes_only_what_has_changed(tmp_path):
+    path = tmp_path / "walker.json"
+    memory, kept = Memory(str(path)), Kept(1, None, None, None, (0.0, 0.0, 0.0))
+    for tick in range(5):
+        memory.keep(1, tick, kept)
+    assert json.loads(path.read_text())["tick"] == 0
+
+
+def test_a_walk_with_a_duration_ends_after_it():
+    p = Plant(HexapodWalker(ROBOT))
+    outs = p.obey(Command("walk", velocity=0.05, duration=2.0))
+    assert outs[-1].state == "standing"
+    assert 2.0 <= 0.01 * len(outs) < 5.0
+    assert 0.05 < p.walker.state.body[0] < 0.15

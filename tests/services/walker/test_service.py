@@ -1,0 +1,151 @@
+"""The walker service without a bus: what it asks, and what it takes up after a restart."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from schemas.cmd import WalkCommand
+from schemas.footholds import LegFoothold, SelectReply
+from schemas.hw import FootContacts, JointState, Tick
+from schemas.state import Odometry, VelocityEstimate
+from schemas.topics import (
+    CMD_JOINTS,
+    FOOTHOLDS_SELECT,
+    HW_CONTACTS,
+    HW_JOINTS,
+    STABILITY_CHECK,
+    STATE_GAIT,
+    STATE_ODOMETRY,
+    STATE_VELOCITY,
+)
+from services.walker.service import SERVICE, WalkerConfig
+from surefoot.errors import CallError
+from surefoot.join import TickInputs
+from surefoot.robot import load_robot
+
+ROBOT = load_robot("ragno")
+EPOCH = 3
+
+
+class Stage:
+    """A runtime that keeps what is published and asked; footholds are as wished, nobody answers about stability."""
+
+    def __init__(self) -> None:
+        self.said: dict[str, Any] = {}
+        self.asked: list[tuple[str, Any]] = []
+
+    def publish(self, topic: Any, message: Any, stamp_ns: int | None) -> None:
+        self.said[topic.key] = message
+
+    def call(self, query: Any, request: Any, timeout_s: float | None) -> Any:
+        self.asked.append((query.key, request))
+        if query.key == STABILITY_CHECK.key:
+            raise CallError("absent", "stability is not on the roster")
+        legs = tuple(LegFoothold(leg=leg.leg, status="ok", foothold=leg.nominal) for leg in request.legs)
+        return SelectReply(legs=legs, map_version=0, model="test")
+
+    def log(self, level: str, text: str) -> None:
+        self.said["log"] = text
+
+
+class Robot:
+    """Perfect servos, switches by the planned stance, odometry as planned."""
+
+    def __init__(self, memory: str | None, tick: int = 0) -> None:
+        self.stage, self.tick = Stage(), tick
+        self.service = SERVICE(WalkerConfig(memory=memory))
+        self.service.attach(self.stage)
+        self.service.on_start()
+        self.joints = ROBOT.neutral.copy()
+
+    def step(self) -> Any:
+        s = self.service.walker.state
+        now = self.tick * 10_000_000
+        head: dict[str, Any] = {"stamp_ns": now, "tick": self.tick, "epoch": EPOCH, "seq": 0, "source": "test"}
+        touch = (
+            tuple((bool(foot[2] < ROBOT.foot_radius + 1e-3),) for foot in s.feet) if s.feet.any() else ((True,),) * 6
+        )
+        q, zero = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        messages = {
+            HW_JOINTS.key: JointState(**head, position=tuple(self.joints.tolist())),
+            HW_CONTACTS.key: FootContacts(**head, touch=touch, normal_force_n=(None,) * 6),
+            STATE_ODOMETRY.key: Odometry(
+                **head, position=(float(s.body[0]), float(s.body[1]), 0.0), quat_wxyz=q, yaw=s.yaw, velocity=zero,
+                covariance=(0.0,) * 16, initialised=True,
+            ),
+            STATE_VELOCITY.key: VelocityEstimate(
+                **head, mode="ekf", velocity=zero, velocity_imu=zero, velocity_heading=zero, angular_velocity=zero,
+                g_up=(0.0, 0.0, 9.81), roll=0.0, pitch=0.0, gyro_bias=zero, covariance=(0.0,) * 36, initialised=True,
+                standing=False, inputs_ok=True, filter_ok=True, sensors_ok=True, slipping=(False,) * 6,
+            ),
+        }  # fmt: skip
+        roster = ("estimator", "walker", "footholds")
+        tick = Tick(**head, roster=roster, roster_version=1, due=(), mode="lockstep")
+        self.service.on_tick(TickInputs(tick, messages))
+        command = self.stage.said[CMD_JOINTS.key].position
+        if command is not None:
+            self.joints = self.service.walker.state.q.copy()
+        self.tick += 1
+        return self.stage.said[STATE_GAIT.key]
+
+    def run(self, ticks: int) -> list[Any]:
+        return [self.step() for _ in range(ticks)]
+
+
+@pytest.fixture
+def robot(tmp_path: Any) -> Robot:
+    return Robot(str(tmp_path / "walker.json"))
+
+
+def test_a_question_about_footholds_names_its_tick(robot: Robot) -> None:
+    robot.run(20)
+    assert robot.service.walk(WalkCommand(action="walk", distance=0.1)).accepted
+    robot.run(100)
+    asked = [request for key, request in robot.stage.asked if key == FOOTHOLDS_SELECT.key]
+    assert asked
+    assert {request.epoch for request in asked} == {EPOCH}
+    assert all(20 <= request.tick < robot.tick for request in asked)
+
+
+def test_a_walker_killed_in_mid_step_goes_on_with_its_command_under_the_same_number(
+    robot: Robot, tmp_path: Any
+) -> None:
+    robot.run(20)
+    number = robot.service.walk(WalkCommand(action="walk", distance=0.2)).id
+    assert robot.service.walk(WalkCommand(action="turn", angle=0.1, at_tick=900)).accepted
+    gaits = robot.run(190)
+    assert not all(gaits[-1].stance)
+    again = Robot(str(tmp_path / "walker.json"), robot.tick + 20)
+    again.joints = robot.joints
+    again.service.walker.state.body[:2] = robot.service.walker.state.body[:2]
+    gaits = again.run(450)
+    assert gaits[0].walk_id == number
+    assert gaits[0].state == "recovering"
+    assert {"walking", "standing"} <= {gait.state for gait in gaits}
+    assert "standing" not in {gait.state for gait in gaits[: [gait.state for gait in gaits].index("walking")]}
+    assert again.service.walker.state.body[0] == pytest.approx(0.2, abs=0.01)
+    again.run(400)
+    assert again.service.walker.state.walk_id == number + 1
+    assert again.service.walker.state.yaw == pytest.approx(0.1, abs=0.03)
+
+
+def test_a_new_run_begins_without_a_command(robot: Robot, tmp_path: Any) -> None:
+    robot.run(20)
+    robot.service.walk(WalkCommand(action="walk", distance=0.2))
+    robot.run(50)
+    assert (tmp_path / "walker.json").exists()
+    new = Robot(str(tmp_path / "walker.json"))
+    assert new.run(60)[-1].state == "standing"
+    assert new.service.walker.state.walk_id == 0
+
+
+def test_without_a_memory_the_tick_is_the_same(robot: Robot) -> None:
+    plain = Robot(None)
+    for one in (robot, plain):
+        one.run(20)
+        one.service.walk(WalkCommand(action="walk", distance=0.1))
+    for _ in range(200):
+        robot.step()
+        plain.step()
+        assert np.array_equal(robot.joints, plain.joints)
