@@ -28,8 +28,37 @@ class WatchParams:
     """At most so many directions a region."""
     torque_variance: float = 4e-4
     """Nm^2, of a measured joint torque (servo friction 0.02 Nm)."""
+    hold_s: float = 0.15
+    """s, an open switch of a foot that is planned to stand is bridged so long: four samples of 33 ms, and the age of
+    the sample. Of 69 gaps in 16 walks over rough ground 62 were shorter."""
     least_load: float = 0.5
     """Share of the weight the measured forces must carry before their CoM is believed."""
+
+
+class StandingFeet:
+    """Which feet stand, from switches that chatter.
+
+    A foot that has landed and is planned to stand is still at its place when its load vanishes for a moment (the impact
+    of another foot, a stiff edge): it takes load again as soon as the trunk sinks, so it bounds the static region. A
+    switch is therefore held for `hold_s`, but only in a planned stance; a foot that is planned to swing counts while
+    its switch is closed and not longer, one that has not touched the ground since it swung does not count at all.
+
+    Args:
+        legs: number of feet.
+        hold_s: how long an open switch of a planned stance is bridged, s.
+    """
+
+    def __init__(self, legs: int, hold_s: float) -> None:
+        self._hold_s = hold_s
+        self._touched = np.full(legs, -np.inf)  # time of the last closed switch in this stance
+
+    def update(self, stamp: float, touch: Flags, planned: Flags | None) -> Flags:
+        """Feet that stand at `stamp` (s); `planned` stance (L,), None = nobody plans: the switches alone count."""
+        self._touched[touch] = stamp
+        if planned is None:
+            return touch
+        self._touched[~planned & ~touch] = -np.inf
+        return touch | (planned & (stamp - self._touched <= self._hold_s + 1e-9))
 
 
 @dataclass(frozen=True, slots=True)

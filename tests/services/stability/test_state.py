@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from services.stability.state import WatchParams, level_from_base, watch
+from services.stability.state import StandingFeet, WatchParams, level_from_base, watch
 from surefoot.kinematics import com, foot_jacobians, foot_positions, gravity_torques
 from surefoot.polygon import hull, signed_distance
 from surefoot.robot import load_robot
@@ -83,3 +85,50 @@ def test_measured_com_from_torques() -> None:
     assert now.margin_measured is not None
     light = watch(RAGNO, q, ALL, UP, gravity_torques(RAGNO.model, q, UP), WatchParams())
     assert light.com_measured is None  # the feet carry nothing: no CoM is better than a wild one
+
+
+def flags(*legs: int) -> np.ndarray:
+    made = np.zeros(6, dtype=bool)
+    made[list(legs)] = True
+    return made
+
+
+def test_a_chattering_switch_of_a_planned_stance_is_bridged_for_the_hold_time_only() -> None:
+    feet, planned = StandingFeet(6, 0.15), flags(0, 2, 4)
+    assert feet.update(0.0, flags(0, 2, 4), planned).tolist() == planned.tolist()
+    for tick in range(1, 16):
+        assert feet.update(0.01 * tick, flags(0, 2), planned).tolist() == planned.tolist()
+    assert feet.update(0.16, flags(0, 2), planned).tolist() == flags(0, 2).tolist()
+    assert feet.update(0.17, planned, planned).tolist() == planned.tolist()
+
+
+def test_a_planned_swing_counts_while_its_switch_is_closed_and_is_not_held() -> None:
+    feet = StandingFeet(6, 0.15)
+    feet.update(0.0, ALL, ALL)
+    assert feet.update(0.01, ALL, flags(0, 2, 4)).all()  # not lifted yet
+    assert feet.update(0.02, flags(0, 2, 4), flags(0, 2, 4)).tolist() == flags(0, 2, 4).tolist()
+    # planned to stand again, but it has not touched since: an open switch of the stance before is no contact
+    assert feet.update(0.03, flags(0, 2, 4), ALL).tolist() == flags(0, 2, 4).tolist()
+    assert feet.update(0.04, ALL, ALL).all()
+
+
+def test_without_a_plan_the_switches_alone_count() -> None:
+    feet = StandingFeet(6, 0.15)
+    feet.update(0.0, ALL, None)
+    assert feet.update(0.01, flags(1), None).tolist() == flags(1).tolist()
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, 63), st.integers(0, 63), st.floats(0.001, 0.1)), max_size=30))
+def test_properties_of_the_standing_feet(history: list[tuple[int, int, float]]) -> None:
+    """Every closed switch counts; every foot that counts has touched within the hold time, in a planned stance."""
+    feet, now, last = StandingFeet(6, 0.15), 0.0, np.full(6, -np.inf)
+    for closed, wanted, step in history:
+        touch, planned = (np.array([bool(bits >> k & 1) for k in range(6)]) for bits in (closed, wanted))
+        now += step
+        last[touch] = now
+        standing = feet.update(now, touch, planned)
+        assert (standing >= touch).all()
+        held = standing & ~touch
+        assert (planned >= held).all()
+        assert (now - last[held] <= 0.15 + 1e-6).all()
