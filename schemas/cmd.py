@@ -1,15 +1,16 @@
 """Commands to the walker."""
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from schemas.base import Reply, Request
+from schemas.base import Reply, Request, Vec2
 
 
 class WalkCommand(Request):
     """Walk, turn, stand or stop. A later command replaces the present one; ``stop`` ends in a closing step."""
 
+    schema_version: ClassVar[str] = "1.1"
     action: Literal["walk", "turn", "stand", "stop"] = Field(description="what to do")
     distance: float | None = Field(default=None, ge=-100, le=100, description="m along the heading; null = until told")
     velocity: float | None = Field(
@@ -21,6 +22,10 @@ class WalkCommand(Request):
         ge=0,
         le=3600,
         description="s from its first step on after which a walk or turn ends; for stand: how long a scenario waits",
+    )
+    shift: Vec2 | None = Field(
+        default=None,
+        description="m forward and left, for stand: moves the trunk over its standing feet to so far from their middle",
     )
     gait: str | None = Field(
         default=None, max_length=32, description="name of a gait of this robot; null = its default"

@@ -1,6 +1,6 @@
 """The simulator's own topics and queries: truth, status, reset, step, push, faults. Simulation only."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -56,12 +56,16 @@ class World(Request):
     )
     friction: float | None = Field(default=None, gt=0, le=10, description="friction coefficient; null = the kind's own")
     imu_profile: str | None = Field(default=None, max_length=64, description="sensor profile; null = the robot's own")
+    torque_per_ampere: float | None = Field(
+        default=None, gt=0, le=100, description="Nm/A, true constant of the servo motors; null = as described"
+    )
     perturbation: float = Field(default=0.0, ge=0, le=10, description="level of model perturbation, 0 = nominal")
 
 
 class ResetRequest(Request):
     """Builds the world anew and raises the epoch; the run begins when every expected service is ready."""
 
+    schema_version: ClassVar[str] = "1.1"
     seed: int = Field(default=0, ge=0, lt=2**31, description="seed of everything random in the run")
     world: World = Field(default_factory=World, description="which world")
     expect: tuple[str, ...] = Field(default=(), description="services that must be ready before tick 0")

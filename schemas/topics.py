@@ -135,6 +135,7 @@ STABILITY_WHATIF = Query("stability/whatif", stability.WhatifRequest, stability.
 STABILITY_EQUILIBRIUM = Query(
     "stability/equilibrium", stability.EquilibriumRequest, stability.EquilibriumReply, "stability"
 )
+STABILITY_CALIBRATE = Query("stability/calibrate", stability.CalibrateRequest, stability.CalibrateReply, "stability")
 STABILITY_BATCH = Query("stability/batch", stability.BatchRequest, stability.BatchReply, "stability")
 SIM_JOIN = Query("sim/join", system.JoinRequest, system.JoinReply, "driver")
 SIM_RESET = Query("sim/reset", sim.ResetRequest, sim.ResetReply, "driver", timeout_s=30.0)

@@ -159,7 +159,9 @@ class Simulator(Driver[SimulatorConfig]):
             terrain = find_ground(w.terrain, seed, w.amplitude)
             physics = Physics() if w.friction is None else Physics(friction=w.friction)
             differs = perturbation(w.perturbation, request.seed, self.robot.nj, self.robot.kind)
-            config = WorldConfig(physics=physics, perturbation=differs, imu_profile=w.imu_profile)
+            config = WorldConfig(
+                physics=physics, perturbation=differs, imu_profile=w.imu_profile, torque_per_ampere=w.torque_per_ampere
+            )
             self.world = World(self.robot, terrain, request.seed, config)
             heights = observed_map(terrain, w.map_profile, request.seed)
         except (TerrainError, WorldError, HeightMapError) as error:

@@ -43,6 +43,35 @@ class Pose:
     """(L,) feet that stand."""
 
 
+class PoseCollector:
+    """Picks poses out of a stream of samples: the mean over a moment in which the robot rests, one for each place."""
+
+    def __init__(self, window: int = 15, still: float = 0.012, apart: float = 0.02) -> None:
+        """Window in samples; largest change of a joint in it and least change between poses, rad."""
+        self.poses: list[Pose] = []
+        self._window, self._still, self._apart = window, still, apart
+        self._recent: list[tuple[Array, Array, Array, Flags]] = []
+
+    def add(self, joints: Array, torque: Array, g_up: Array, stance: Flags) -> bool:
+        """Take a sample; tells whether it completed a pose."""
+        self._recent.append((joints, torque, g_up, stance))
+        del self._recent[: -self._window]
+        if len(self._recent) < self._window:
+            return False
+        q = np.array([row[0] for row in self._recent])
+        same = all(np.array_equal(row[3], stance) for row in self._recent)
+        if not same or not stance.any() or float(np.ptp(q, axis=0).max()) > self._still:
+            return False
+        middle = q.mean(axis=0)
+        if self.poses and float(np.abs(middle - self.poses[-1].joints).max()) < self._apart:
+            return False
+        torques = np.mean([row[1] for row in self._recent], axis=0)
+        up = np.mean([row[2] for row in self._recent], axis=0)
+        self.poses.append(Pose(middle, torques, up, stance.copy()))
+        self._recent.clear()
+        return True
+
+
 @dataclass(frozen=True, slots=True)
 class Calibration:
     """Factors by which told torques have to be multiplied."""

@@ -14,6 +14,7 @@ from schemas.topics import (
     HW_CONTACTS,
     HW_JOINTS,
     STABILITY_BATCH,
+    STABILITY_CALIBRATE,
     STABILITY_CHECK,
     STABILITY_COM,
     STABILITY_EQUILIBRIUM,
@@ -25,6 +26,7 @@ from schemas.topics import (
 from services.stability import forces, interior, margin, region, shift, state
 from services.stability.config import StabilityConfig
 from services.stability.contacts import StabilityError
+from services.stability.job import CalibrationJob
 from services.stability.messages import (
     batch_reply,
     check_reply,
@@ -66,6 +68,7 @@ class Stability(Service[StabilityConfig]):
         STABILITY_WHATIF,
         STABILITY_EQUILIBRIUM,
         STABILITY_BATCH,
+        STABILITY_CALIBRATE,
     )
 
     def on_start(self) -> None:
@@ -81,18 +84,24 @@ class Stability(Service[StabilityConfig]):
         self.handle(STABILITY_WHATIF, _answer(whatif_reply))
         self.handle(STABILITY_EQUILIBRIUM, _answer(equilibrium_reply))
         self.handle(STABILITY_BATCH, _answer(batch_reply))
+        self.handle(STABILITY_CALIBRATE, _answer(lambda r: self.calibration.answer(r)))
 
     def on_reset(self) -> None:
         """A new epoch: forget joints, contacts, tilt."""
         self._joints: JointState | None = None
         self._contacts: FootContacts | None = None
         self._velocity: VelocityEstimate | None = None
+        self.calibration = CalibrationJob(self.robot, self.params.torque_variance)
 
     def on_tick(self, inputs: TickInputs) -> None:
         """Keep the latest samples; every second tick say how the robot stands."""
         self._joints = inputs.get(HW_JOINTS) or self._joints
         self._contacts = inputs.get(HW_CONTACTS) or self._contacts
         self._velocity = inputs.get(STATE_VELOCITY) or self._velocity
+        if said := self.calibration.on_tick(inputs.number):
+            self.log("info", f"calibration: {said}")
+        if self.calibration.collector is not None and inputs.get(HW_JOINTS) is not None:
+            self._collect()
         if not STATE_STABILITY.due(inputs.number):
             return
         joints, contacts, velocity = self._joints, self._contacts, self._velocity
@@ -101,10 +110,21 @@ class Stability(Service[StabilityConfig]):
             return
         oldest = min(joints.stamp_ns, contacts.stamp_ns, velocity.stamp_ns)
         torque = np.array(joints.torque) if joints.torque is not None and self.config.measured_com else None
+        if torque is not None and self.calibration.gain is not None:
+            torque = self.calibration.gain * torque
         touch = np.array([any(foot) for foot in contacts.touch])
         now = state.watch(self.robot, np.array(joints.position), touch, np.array(velocity.g_up), torque, self.params)
         fresh = inputs.tick.stamp_ns - oldest <= STALE_NS
         self.publish(STATE_STABILITY, status_message(now, self.config.mu, fresh), joints.stamp_ns)
+
+    def _collect(self) -> None:
+        """Show the calibration the latest samples."""
+        joints, contacts, velocity = self._joints, self._contacts, self._velocity
+        if joints is None or joints.torque is None or contacts is None or velocity is None:
+            return
+        if velocity.initialised and _points_up(velocity.g_up):
+            touch = np.array([any(foot) for foot in contacts.touch])
+            self.calibration.sample(np.array(joints.position), np.array(joints.torque), np.array(velocity.g_up), touch)
 
     def _nothing(self) -> StabilityStatus:
         return StabilityStatus(

@@ -11,7 +11,7 @@ from typing import Any
 from schemas.base import Request
 from schemas.cmd import WalkCommand
 from schemas.sim import PauseRequest
-from schemas.topics import SIM_PAUSE, Query
+from schemas.topics import SIM_PAUSE, STABILITY_CALIBRATE, Query
 from services.supervisor.scenario import COMMANDS, TICK_S, WALKING, Scenario, Step
 from surefoot.leader import WINDOW_TICKS
 
@@ -100,6 +100,8 @@ class Director:
         if not reply.accepted:
             self.problems.append(f"{order.text} was refused: {reply.reason}")
             self._waiting.clear()
+        elif order.query is STABILITY_CALIBRATE and reply.reason:
+            self.notes.append(f"calibration: {reply.reason}")
         elif order.walking and isinstance(order.request, WalkCommand):
             self._walk = Walk(order.request, order.request.at_tick or 0, reply.id)
             self._walk_ended_at = None

@@ -17,7 +17,8 @@ from pydantic import ValidationError
 from schemas.base import Request
 from schemas.cmd import WalkCommand
 from schemas.sim import FaultRequest, PushRequest, SetRequest, World
-from schemas.topics import CMD_WALK, SIM_FAULT, SIM_PUSH, SIM_SET, TICK_NS, Query
+from schemas.stability import CalibrateRequest
+from schemas.topics import CMD_WALK, SIM_FAULT, SIM_PUSH, SIM_SET, STABILITY_CALIBRATE, TICK_NS, Query
 from services.supervisor.files import FileError, find, read_text
 from services.supervisor.judge import LIMITS
 from surefoot.tables import Table, did_you_mean
@@ -41,6 +42,7 @@ COMMANDS: Mapping[str, tuple[Query[Any, Any], type[Request]]] = {
     "push": (SIM_PUSH, PushRequest),
     "set": (SIM_SET, SetRequest),
     "fault": (SIM_FAULT, FaultRequest),
+    "calibrate": (STABILITY_CALIBRATE, CalibrateRequest),
 }
 """What a step can do, with the query that carries it. `kill` is the supervisor's own: it ends a service at once."""
 

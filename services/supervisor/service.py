@@ -16,6 +16,7 @@ from schemas.topics import (
     SIM_SET,
     SIM_STATUS,
     SIM_TRUTH,
+    STABILITY_CALIBRATE,
     STATE_GAIT,
     STATE_ODOMETRY,
     STATE_STABILITY,
@@ -84,7 +85,7 @@ class Supervisor(Service[ServiceConfig]):
     Config = ServiceConfig
     inputs = JUDGED
     outputs = (SUPERVISOR_STATUS,)
-    calls = (CMD_WALK, SIM_PUSH, SIM_SET, SIM_FAULT, SIM_PAUSE)
+    calls = (CMD_WALK, SIM_PUSH, SIM_SET, SIM_FAULT, STABILITY_CALIBRATE, SIM_PAUSE)
     observes = (HEALTH, SIM_STATUS)
     raw = True
 

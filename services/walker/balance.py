@@ -13,7 +13,7 @@ from services.walker import planning
 from services.walker.gaits import HEXAPOD_GAITS, Gait
 from services.walker.interface import CheckReply, Pose
 from services.walker.planning import Frame
-from services.walker.state import WalkerState
+from services.walker.state import Stage, WalkerState
 from surefoot.jit import kernel
 
 Array = NDArray[np.float64]
@@ -128,6 +128,20 @@ def shift(state: WalkerState, reach: float) -> None:
     s.body[:2] += way * min(1.0, reach / max(left, 1e-12))
     if left <= reach:
         s.goal = None
+
+
+def stand_at(state: WalkerState, frame: Frame, now: Pose, shift: tuple[float, float]) -> str | None:
+    """Give the standing trunk a goal, m forward and left of the middle of its feet; or why that cannot be, in words."""
+    s = state
+    if s.stage is not Stage.STAND or s.route is not None or s.closing or s.recovering:
+        return "the trunk is moved over its feet only while the robot stands"
+    middle = s.footholds[:, :2].mean(axis=0) - planning.rotated(s.yaw, frame.neutral).mean(axis=0)
+    goal = middle + planning.rotated(s.yaw, np.array([shift]))[0]
+    end = Pose(float(goal[0]), float(goal[1]), now.z, now.yaw)
+    if not (np.isfinite(goal).all() and planning.reaches(frame, now, end, s.footholds, 1.0)):
+        return f"the legs do not reach their feet with the trunk shifted by ({shift[0]:g}, {shift[1]:g}) m"
+    s.goal = goal
+    return None
 
 
 def lagging(state: WalkerState, frame: Frame) -> int:

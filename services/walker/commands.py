@@ -18,6 +18,8 @@ def refusal_of(command: Command, params: WalkerParams, calibrated: bool) -> Comm
     values = (command.distance, command.velocity, command.angle)
     if any(value is not None and not math.isfinite(value) for value in values):
         return _no("bad_value", f"numbers must be finite, got {values}")
+    if command.shift is not None and command.action != "stand":
+        return _no("bad_value", f"shift goes with stand, got it with {command.action!r}")
     if command.gait is not None and command.gait not in HEXAPOD_GAITS:
         return _no("unknown_gait", f"gait must be one of {', '.join(HEXAPOD_GAITS)}, got {command.gait!r}")
     if command.action in ("stand", "stop"):

@@ -77,6 +77,10 @@ class HexapodWalker:
         if refusal is not None:
             return refusal
         s = self.state
+        if command.shift is not None:
+            refusal = balance.stand_at(s, self.frame, self._pose(), command.shift)
+            if refusal is not None:
+                return CommandReply(False, 0, "bad_value", refusal)
         s.walk_id += 1
         if command.gait is not None:
             balance.usual(s, HEXAPOD_GAITS[command.gait])

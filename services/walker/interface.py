@@ -90,6 +90,8 @@ class Command:
     """Name of a gait, None = the default."""
     duration: float | None = None
     """For walk and turn: s from the first step on after which it ends, None = no limit."""
+    shift: tuple[float, float] | None = None
+    """For stand: trunk over its standing feet, m forward and left of their middle; None = it stays."""
 
 
 @dataclass(frozen=True, slots=True)

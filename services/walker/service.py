@@ -105,7 +105,13 @@ class Walker(Service[WalkerConfig]):
     def _command(self, request: WalkCommand) -> WalkReply:
         reply = self.walker.command(
             interface.Command(
-                request.action, request.distance, request.velocity, request.angle, request.gait, request.duration
+                request.action,
+                request.distance,
+                request.velocity,
+                request.angle,
+                request.gait,
+                request.duration,
+                request.shift,
             )
         )
         return WalkReply(accepted=reply.accepted, id=reply.walk_id, reason=reply.reason)
