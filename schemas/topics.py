@@ -60,6 +60,11 @@ class Topic(Generic[M]):
             raise ValueError(f"topic {self.key!r} is not a family; families end in '/*'")
         return replace(self, key=f"{self.key[:-1]}{service}", owner=service)
 
+    @property
+    def framed(self) -> bool:
+        """Whether participants get it inside the frame its owner publishes once per tick (see ``surefoot.bus``)."""
+        return self.kind in (Kind.SAMPLE, Kind.STATE, Kind.COMMAND) or self.key == HW_TICK.key
+
     def due(self, tick: int) -> bool:
         """Whether a periodic topic carries a message in ``tick``."""
         return self.period_ticks > 0 and tick % self.period_ticks == 0

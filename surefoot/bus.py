@@ -1,6 +1,11 @@
-"""What a bus offers, whatever carries it: Zenoh between processes, or plain calls inside one."""
+"""What a bus offers, whatever carries it: Zenoh between processes, or plain calls inside one.
 
-from collections.abc import Callable
+Participants of lockstep exchange *frames*: everything a service says in a tick travels to its peers as one message,
+for each message costs its sender and every reader a wake-up, however small it is. Onlookers subscribe to the topics
+themselves, which are published as well as soon as somebody listens.
+"""
+
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
@@ -23,15 +28,25 @@ class Raw(NamedTuple):
     encoding: str
 
 
+class Stamp(NamedTuple):
+    """The header of a message as the index of its frame tells it."""
+
+    tick: int
+    epoch: int
+    stamp_ns: int
+    seq: int
+
+
 class Delivery:
     """A message as it came: already an object (in-memory bus) or still bytes (Zenoh); read on the node's own thread."""
 
-    __slots__ = ("_message", "_raw", "topic")
+    __slots__ = ("_message", "_raw", "_stamp", "topic")
 
-    def __init__(self, topic: Topic[Any], message: Message | None, raw: Raw | None) -> None:
+    def __init__(self, topic: Topic[Any], message: Message | None, raw: Raw | None, stamp: Stamp | None = None) -> None:
         self.topic = topic
         self._message = message
         self._raw = raw
+        self._stamp = stamp
 
     @property
     def prime(self) -> bool:
@@ -53,6 +68,8 @@ class Delivery:
         """The header alone, without reading the rest (raises as ``message``)."""
         if self._message is not None:
             return self._message
+        if self._stamp is not None:
+            return self._stamp
         assert self._raw is not None
         return read_header(self._raw.payload, self._raw.attachment)
 
@@ -124,7 +141,25 @@ class Bus(Protocol):
         ...
 
     def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], None]) -> None:
-        """Delivers every message of a key, or of all keys of a ``/*`` family."""
+        """Delivers every message of a key, or of all keys of a ``/*`` family, whoever publishes it."""
+        ...
+
+    def take(self, topics: Iterable[Topic[Any]], sink: Callable[[Any], None], *, batched: bool = False) -> None:
+        """Delivers topics to a participant: framed ones as a Frame of their owner's, others as Deliveries.
+
+        Args:
+            topics: rows with one owner each.
+            sink: called from any thread.
+            batched: some ticks in one frame, for those whom nobody waits for.
+        """
+        ...
+
+    def cork(self) -> None:
+        """Holds back what is published on framed topics from now on."""
+        ...
+
+    def flush(self, *, batch: bool = True) -> None:
+        """Publishes what was held back as one frame; ``batch``: also what waits for those who take it batched."""
         ...
 
     def serve(self, query: Query[Any, Any], sink: Callable[[Incoming], None]) -> None:

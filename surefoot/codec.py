@@ -1,5 +1,6 @@
 """Wire format: JSON by pydantic, its name and version in the encoding; bulk arrays raw with a JSON attachment."""
 
+from functools import cache
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
@@ -19,6 +20,7 @@ _JSON = "application/json"
 _OCTETS = "application/octet-stream"
 
 
+@cache
 def encoding_of(model: type[Wire]) -> str:
     """Zenoh encoding of a model, e.g. ``application/json;surefoot/Imu/1.0``."""
     return f"{_OCTETS if issubclass(model, Bulk) else _JSON};{model.schema_name()}"

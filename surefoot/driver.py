@@ -93,7 +93,7 @@ class DriverNode(Node):
         super().start()
         self._publishers[HW_TICK.key] = self.bus.publisher(HW_TICK)
         self.bus.subscribe(TICK_DONE, self.inbox.put)
-        self.bus.subscribe(CMD_JOINTS, self.inbox.put)
+        self.bus.take((CMD_JOINTS,), self.inbox.put)
         self.bus.announce(DRIVER, self.instance)
         self.driver.on_begin()
 
@@ -225,6 +225,7 @@ class DriverNode(Node):
         if now < self._next_prime:
             return
         self._next_prime = now + PRIME_S
+        self.bus.cork()
         for topic in self.service.outputs:
             self._publishers[topic.key].prime()
         leader = self.leader
@@ -241,6 +242,7 @@ class DriverNode(Node):
                 seed=leader.seed,
             )
         )
+        self.bus.flush()
 
     def _tell_latched(self) -> None:
         for topic, message in self.driver.latched():
@@ -297,22 +299,27 @@ class DriverNode(Node):
         tick = leader.tick + 1
         box: list[Any] = []
         samples = self.driver.release(tick)
+        self.bus.cork()
         for sample in samples:
             publisher = self._publishers[sample.topic.key]
             message = sample.message.stamped(sample.stamp_ns, tick, leader.epoch, sample.seq, self.name)
             box.append((publisher, publisher.put(message)))
         manifest = leader.advance(tick * TICK_NS, tuple(sample.topic.key for sample in samples))
         self._publishers[HW_TICK.key].put(manifest)
+        self.bus.flush(batch=manifest.report)
         self._outbox[(leader.epoch, tick)] = box
         self._outbox.pop((leader.epoch, tick - 4 * leader.window), None)
         self._since, self._resends = time.monotonic(), 0
 
     def _repeat(self, ticks: range) -> None:
         for tick in ticks:
-            self._replay(self.leader.epoch, tick)
+            self.bus.cork()
+            for publisher, token in self._outbox.get((self.leader.epoch, tick), ()):
+                publisher.resend(token)
             manifest = self.leader.again(tick)
             if manifest is not None:
                 self._publishers[HW_TICK.key].put(manifest)
+            self.bus.flush()
         self._since = time.monotonic()
 
     def _repeat_all(self) -> None:

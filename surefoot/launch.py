@@ -70,13 +70,18 @@ def _serve(service: Service[Any], options: argparse.Namespace) -> int:
         bus = ZenohBus(endpoint)
         node = node_of(service, bus)
         node.start()
-        gc.freeze()  # what start-up made stays: collections in ticks need not look at it again,
-        gc.set_threshold(50_000, 20, 50)  # and messages are freed by their counts
+        spare_collector()
         node.run()
     finally:
         if bus is not None:
             bus.close()  # a session that stays open would keep the process alive for ever
     return 0
+
+
+def spare_collector() -> None:
+    """Keeps collections out of ticks: what start-up made stays, and messages are freed by their counts."""
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 50)
 
 
 def _default_router() -> str:

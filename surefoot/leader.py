@@ -12,12 +12,12 @@ from schemas.hw import Tick
 
 State = Literal["idle", "joining", "running", "paused", "holding", "ended"]
 
-WINDOW_TICKS = 5
+WINDOW_TICKS = 10
 """How far the slowest member may lag."""
 
-REPORT_TICKS = 3
-"""Members answer every third tick, and the last one before a pause or the end: the window is five, and each answer
-costs the driver as much as a sample."""
+REPORT_TICKS = 5
+"""Members answer every fifth tick, and the last one before a pause or the end: half the window, for each answer costs
+the driver as much as a frame."""
 
 COMMANDER = "walker"
 """The service whose command a tick waits for; its command counts as its done."""

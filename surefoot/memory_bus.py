@@ -1,6 +1,6 @@
 """The bus inside one process: same interface, no bytes, deterministic. For tests, replay and studies over seeds."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Generic, TypeVar
 
 from schemas.base import Message, Request, Wire
@@ -89,6 +89,16 @@ class MemoryBus:
             self._families.append((topic.key[:-1], sink))
         else:
             self._sinks.setdefault(topic.key, []).append(sink)
+
+    def take(self, topics: Iterable[Topic[Any]], sink: Callable[[Delivery], None], *, batched: bool = False) -> None:
+        for topic in topics:
+            self.subscribe(topic, sink)
+
+    def cork(self) -> None:
+        return  # a call costs the same for one message as for a frame of them
+
+    def flush(self, *, batch: bool = True) -> None:
+        return
 
     def serve(self, query: Query[Any, Any], sink: Callable[[Incoming], None]) -> None:
         self._servers[query.key] = sink

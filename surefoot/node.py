@@ -20,6 +20,7 @@ from schemas.topics import CMD_JOINTS, HEALTH, HEALTH_GET, HW_TICK, LOG, SIM_JOI
 from surefoot.bus import Bus, Delivery, Incoming, Life, Publisher
 from surefoot.config import config_hash
 from surefoot.errors import CallError, Refusal, SurefootError
+from surefoot.frame import Frame
 from surefoot.join import DRIVER, Delayed, Join, TickInputs
 from surefoot.service import Service
 from surefoot.version import VERSION
@@ -79,8 +80,7 @@ class Node:
         for query in service.serves:
             if query.key not in service.handlers:
                 raise ValueError(f"{self.name} declares {query.key!r} but registered no handler in on_start")
-        for item in self._subscriptions():
-            self.bus.subscribe(item, put)
+        self.bus.take(self._subscriptions(), put, batched=service.batched)
         for topic in service.observes:
             self.bus.subscribe(topic, put)
         for query in (*service.serves, HEALTH_GET.of(self.name)):
@@ -165,10 +165,21 @@ class Node:
                 self._proved.add(item.topic.key)
             else:
                 self._on_delivery(item)
+        elif isinstance(item, Frame):
+            self._on_frame(item)
         elif isinstance(item, Life):
             self.on_life(item)
         elif item is not _STOP:
             self._on_query(item)
+
+    def _on_frame(self, frame: Frame) -> None:
+        try:
+            deliveries = frame.deliveries()
+        except Refusal as refusal:
+            self.refuse(refusal.code, refusal.message)
+            return
+        for delivery in deliveries:
+            self.handle(delivery)
 
     def _on_delivery(self, delivery: Delivery) -> None:
         topic = delivery.topic
@@ -203,8 +214,10 @@ class Node:
         Only the links from services of the roster are awaited; a prime of another topic is an empty payload.
         """
         self._primed_at = time.monotonic()
+        self.bus.cork()
         for output in self.service.outputs:
             self._publishers[output.key].prime()
+        self.bus.flush()
         present = {DRIVER, *prime.roster}
         for query in self.service.calls:
             if query.key not in self._proved and query.owner in present and self.bus.probe(query):
@@ -276,7 +289,9 @@ class Node:
             self.service.on_reset()
         self.state = "running"
         self._outbox[(tick.epoch, tick.tick)] = []
+        self.bus.cork()
         self.service.on_tick(inputs)
+        self.bus.flush(batch=tick.report)
         if tick.report and not self._counts_as_done:
             self._send(self._done, Done(tick=tick.tick, epoch=tick.epoch, source=self.name, instance=self.instance))
         self._outbox.pop((tick.epoch, tick.tick - KEEP_TICKS), None)
@@ -297,8 +312,10 @@ class Node:
 
     def _replay(self, epoch: int, tick: int) -> None:
         """A repeated tick: the same bytes again, and how far this service is, so that the driver sees who is silent."""
+        self.bus.cork()
         for publisher, token in self._outbox.get((epoch, tick), ()):
             publisher.resend(token)
+        self.bus.flush()
         if not self._counts_as_done:
             self._publishers[self._done.key].put(
                 Done(tick=self.join.last, epoch=epoch, source=self.name, instance=self.instance)

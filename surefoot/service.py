@@ -45,6 +45,8 @@ class Service(Generic[C]):
     calls: ClassVar[tuple[Query[Any, Any], ...]] = ()
     observes: ClassVar[tuple[Topic[Any], ...]] = ()
     """Topics outside lockstep (health, logs): delivered to ``on_message`` as they come."""
+    batched: ClassVar[bool] = False
+    """Its ticks may come some at a time: for those whose output nobody awaits within a tick."""
     raw: ClassVar[bool] = False
     """Inputs are handed over undecoded, as ``Delivery``: for those who pass them on."""
 

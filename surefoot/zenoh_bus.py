@@ -3,7 +3,7 @@
 # (the stubs of zenoh leave return types out)
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from typing import Any, Generic, TypeVar
@@ -13,9 +13,10 @@ from zenoh.handlers import Callback
 
 from schemas.base import ErrorReply, Message, Request, Wire
 from schemas.topics import Kind, Query, Topic
-from surefoot.bus import Delivery, Incoming, Life, Raw
+from surefoot.bus import Delivery, Incoming, Life, Raw, Stamp
 from surefoot.codec import check_encoding, decode, encode, encoding_of, validate_json
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
+from surefoot.frame import Frame, Part, pack
 
 M = TypeVar("M", bound=Message)
 Req = TypeVar("Req", bound=Request)
@@ -33,13 +34,19 @@ _TIMEOUT = b"Timeout"  # what Zenoh itself puts into the error reply of a query 
 _DROP = zenoh.CongestionControl.DROP
 _BLOCK = zenoh.CongestionControl.BLOCK
 _QOS = {  # congestion control, priority, express (no batching: a tick waits for its messages)
-    Kind.SAMPLE: (_BLOCK, zenoh.Priority.REAL_TIME, True),
-    Kind.STATE: (_BLOCK, zenoh.Priority.DATA_HIGH, True),
-    Kind.COMMAND: (_BLOCK, zenoh.Priority.INTERACTIVE_HIGH, True),
+    Kind.SAMPLE: (_DROP, zenoh.Priority.DATA_HIGH, False),
+    Kind.STATE: (_DROP, zenoh.Priority.DATA_HIGH, False),
+    Kind.COMMAND: (_DROP, zenoh.Priority.DATA_HIGH, False),
     Kind.LATCHED: (_BLOCK, zenoh.Priority.DATA, False),
     Kind.LOCKSTEP: (_BLOCK, zenoh.Priority.REAL_TIME, True),
     Kind.STATUS: (_DROP, zenoh.Priority.DATA_LOW, False),
 }
+"""Participants get samples, states and commands in frames, which block rather than drop; on the topics themselves are
+only onlookers, and one that does not read must not stop a robot."""
+
+FRAME, BATCH = "frame/{}", "batch/{}"
+"""Keys of what a service says (``driver``: the simulator or a hardware driver) in each tick and in some ticks."""
+_JSON = "application/json"
 
 
 @dataclass(frozen=True)
@@ -85,16 +92,8 @@ class ZenohPublisher(Generic[M]):
     """One key on the network."""
 
     def __init__(self, session: zenoh.Session, topic: Topic[M]) -> None:
-        congestion, priority, express = _QOS[topic.kind]
         self.topic = topic
-        self._publisher = session.declare_publisher(
-            topic.key,
-            encoding=encoding_of(topic.model),
-            congestion_control=congestion,
-            priority=priority,
-            express=express,
-            reliability=zenoh.Reliability.RELIABLE,
-        )
+        self._publisher = _declare(session, topic.key, encoding_of(topic.model), *_QOS[topic.kind])
 
     def put(self, message: M) -> tuple[bytes, bytes | None]:
         token = encode(message)
@@ -106,6 +105,64 @@ class ZenohPublisher(Generic[M]):
 
     def prime(self) -> None:
         self._publisher.put(b"")
+
+
+class Framer:
+    """Collects what one owner says and publishes it, by the tick and by the batch."""
+
+    def __init__(self, session: zenoh.Session, owner: str) -> None:
+        self.frame: list[Part] = []
+        self._batch: list[Part] = []
+        self._frames = _declare(session, FRAME.format(owner), _JSON, *_QOS[Kind.LOCKSTEP])
+        self._batches = _declare(session, BATCH.format(owner), _JSON, *_QOS[Kind.LOCKSTEP])
+
+    def flush(self, batch: bool) -> None:
+        """Publishes what waits."""
+        if self.frame:
+            payload, index = pack(self.frame)
+            self._frames.put(payload, attachment=index)
+            self._batch += self.frame
+            self.frame = []
+        if batch and self._batch:
+            payload, index = pack(self._batch)
+            self._batches.put(payload, attachment=index)
+            self._batch = []
+
+
+class FramedPublisher(Generic[M]):
+    """A key whose messages travel in frames, and by themselves for onlookers."""
+
+    def __init__(self, bus: "ZenohBus", framer: Framer, topic: Topic[M]) -> None:
+        self.topic = topic
+        self._bus = bus
+        self._framer = framer
+        self._publisher = _declare(bus.session, topic.key, encoding_of(topic.model), *_QOS[topic.kind])
+        self._watched = False
+        self._listener = self._publisher.declare_matching_listener(self._on_match)
+        status: Any = self._publisher.matching_status  # the stubs say bool
+        self._watched = bool(status.matching)
+
+    def _on_match(self, status: Any) -> None:
+        self._watched = bool(status.matching)
+
+    def put(self, message: M) -> Part:
+        stamp = Stamp(message.tick, message.epoch, message.stamp_ns, message.seq)
+        part = Part(self.topic.key, encode(message)[0], stamp)
+        self.resend(part)
+        return part
+
+    def resend(self, token: Part) -> None:
+        self._frame(token)
+        if self._watched or not self._bus.corked:
+            self._publisher.put(token.payload)
+
+    def prime(self) -> None:
+        self._frame(Part(self.topic.key, b"", Stamp(-1, 0, 0, 0)))
+
+    def _frame(self, part: Part) -> None:
+        self._framer.frame.append(part)
+        if not self._bus.corked:
+            self._framer.flush(batch=True)
 
 
 class ZenohIncoming:
@@ -154,9 +211,25 @@ class ZenohBus:
             raise BusError("no_bus", _why_not_open(endpoint, str(error))) from None
         self._keep: list[Any] = []
         self._queriers: dict[tuple[str, float], zenoh.Querier] = {}
+        self._framers: dict[str, Framer] = {}
+        self.corked = False
 
-    def publisher(self, topic: Topic[M]) -> ZenohPublisher[M]:
-        return ZenohPublisher(self.session, topic)
+    def publisher(self, topic: Topic[M], *, framed: bool = True) -> ZenohPublisher[M] | FramedPublisher[M]:
+        """See ``Bus``; without ``framed`` only for onlookers, as a recording is played."""
+        if not (framed and topic.framed):
+            return ZenohPublisher(self.session, topic)
+        framer = self._framers.get(topic.owner)
+        if framer is None:
+            framer = self._framers[topic.owner] = Framer(self.session, topic.owner)
+        return FramedPublisher(self, framer, topic)
+
+    def cork(self) -> None:
+        self.corked = True
+
+    def flush(self, *, batch: bool = True) -> None:
+        self.corked = False
+        for framer in self._framers.values():
+            framer.flush(batch)
 
     def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], None]) -> None:
         ours = encoding_of(topic.model)
@@ -172,6 +245,18 @@ class ZenohBus:
             sink(Delivery(topic, None, raw))
 
         self._keep.append(self.session.declare_subscriber(topic.key, on_sample))
+
+    def take(self, topics: Iterable[Topic[Any]], sink: Callable[[Any], None], *, batched: bool = False) -> None:
+        family = BATCH if batched else FRAME
+        owners: dict[str, dict[str, Topic[Any]]] = {}
+        for topic in topics:
+            if topic.framed:
+                owners.setdefault(topic.owner, {})[topic.key] = topic
+            else:
+                self.subscribe(topic, sink)
+        for owner, wanted in owners.items():
+            handler = Callback(_frame_sink(wanted, sink), indirect=False)
+            self._keep.append(self.session.declare_subscriber(family.format(owner), handler))
 
     def serve(self, query: Query[Any, Any], sink: Callable[[Incoming], None]) -> None:
         def on_query(asked: zenoh.Query) -> None:
@@ -249,6 +334,27 @@ class ZenohBus:
     def close(self) -> None:
         if not self.session.is_closed():
             self.session.close()
+
+
+def _declare(
+    session: zenoh.Session, key: str, encoding: str, congestion: Any, priority: Any, express: bool
+) -> zenoh.Publisher:
+    return session.declare_publisher(
+        key,
+        encoding=encoding,
+        congestion_control=congestion,
+        priority=priority,
+        express=express,
+        reliability=zenoh.Reliability.RELIABLE,
+    )
+
+
+def _frame_sink(wanted: dict[str, Topic[Any]], sink: Callable[[Any], None]) -> Callable[[zenoh.Sample], None]:
+    def on_sample(sample: zenoh.Sample) -> None:
+        index = sample.attachment
+        sink(Frame(wanted, sample.payload.to_bytes(), b"" if index is None else index.to_bytes()))
+
+    return on_sample
 
 
 def _call_error(payload: bytes, key: str, timeout: float) -> CallError:

@@ -25,6 +25,7 @@ class Footholds(Service[FootholdsConfig]):
     name = "footholds"
     Config = FootholdsConfig
     inputs = (TERRAIN_MAP,)
+    batched = True
     serves = (FOOTHOLDS_SELECT, FOOTHOLDS_ASSESS)
 
     def on_start(self) -> None:

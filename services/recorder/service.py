@@ -35,7 +35,7 @@ class Recorder(Service[RecorderConfig]):
     inputs = JOINED
     observes = (TERRAIN_MAP, SIM_STATUS, LOG)
     serves = (RECORDER_STATUS,)
-    raw = True
+    raw = batched = True
 
     def on_start(self) -> None:
         self._writer: RecordingWriter | None = None

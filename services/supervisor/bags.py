@@ -100,7 +100,7 @@ def play_bag(
                     time.sleep(max(0.0, origin + (at_s - window[0]) / rate - time.monotonic()))
                 if item.key not in publishers:
                     member = topic.of(item.key[len(topic.key) - 1 :]) if topic.key.endswith("/*") else topic
-                    publishers[item.key] = bus.publisher(member)
+                    publishers[item.key] = bus.publisher(member, framed=False)
                 raw = item.raw()
                 publishers[item.key].resend((raw.payload, raw.attachment))
                 count += 1

@@ -1,7 +1,7 @@
 """What a scenario asks for, tick by tick. Pure: what was seen goes in, orders come out.
 
-The supervisor takes part in lockstep: while it works on tick t nobody is further than t + 5. An order for tick
-t + 6 therefore reaches everybody before that tick, and the run is the same each time.
+The supervisor takes part in lockstep: while it works on tick t nobody is further than t + ``WINDOW_TICKS``. An order
+for the tick after that reaches everybody in time, and the run is the same each time. It looks at the ticks it reports.
 """
 
 import math
@@ -13,9 +13,12 @@ from schemas.cmd import WalkCommand
 from schemas.sim import PauseRequest
 from schemas.topics import SIM_PAUSE, STABILITY_CALIBRATE, Query
 from services.supervisor.scenario import COMMANDS, TICK_S, WALKING, Scenario, Step
-from surefoot.leader import WINDOW_TICKS
+from surefoot.leader import REPORT_TICKS, WINDOW_TICKS
 
 LEAD_TICKS = WINDOW_TICKS + 1
+"""An order comes at least so long before its tick."""
+HORIZON_TICKS = LEAD_TICKS + REPORT_TICKS - 1
+"""Orders for ticks up to here are given now: the next look might be too late for them."""
 RESTING = ("standing", "refused")
 """States of the walker in which a walking command has ended."""
 
@@ -67,7 +70,7 @@ class Director:
         self._resend = False
 
     def on_tick(self, tick: int, gait: Any | None, *, fallen: bool = False) -> tuple[Order, ...]:
-        """Take in one tick and say what to send now.
+        """Take in a tick and say what to send now; called at least every ``REPORT_TICKS``.
 
         Args:
             tick: number of the control tick.
@@ -82,13 +85,13 @@ class Director:
         orders: list[Order] = []
         if self._resend and gait is not None and gait.state == "standing":
             orders.append(self._walk_again(tick))
-        due = [step for step in self._timed if step.at_tick is not None and step.at_tick <= tick + LEAD_TICKS]
+        due = [step for step in self._timed if step.at_tick is not None and step.at_tick <= tick + HORIZON_TICKS]
         for step in due:
             self._timed.remove(step)
             orders.append(self._order(step, max(step.at_tick or 0, tick + LEAD_TICKS)))
         while self._waiting and not any(order.walking for order in orders):
             at = self._time_of(self._waiting[0])
-            if at is None or at > tick + LEAD_TICKS:
+            if at is None or at > tick + HORIZON_TICKS:
                 break
             orders.append(self._order(self._waiting.pop(0), max(at, tick + LEAD_TICKS)))
         if not orders and self._nothing_left(tick):

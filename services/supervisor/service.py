@@ -87,7 +87,7 @@ class Supervisor(Service[ServiceConfig]):
     outputs = (SUPERVISOR_STATUS,)
     calls = (CMD_WALK, SIM_PUSH, SIM_SET, SIM_FAULT, STABILITY_CALIBRATE, SIM_PAUSE)
     observes = (HEALTH, SIM_STATUS)
-    raw = True
+    raw = batched = True
 
     def __init__(
         self,
@@ -136,6 +136,7 @@ class Supervisor(Service[ServiceConfig]):
         self.ticks, self.last = inputs.number + 1, time.monotonic()
         if self.director is not None:
             self._kept += inputs.messages.values()
+        if self.director is not None and inputs.tick.report:
             truth, gait = _read(inputs, SIM_TRUTH), _read(inputs, STATE_GAIT)
             fallen = truth is not None and truth.fallen
             for order in self.director.on_tick(inputs.number, gait, fallen=fallen):

@@ -21,6 +21,7 @@ from services.supervisor.system import SELF, Row, System
 from surefoot.bus import Life
 from surefoot.config import ServiceConfig
 from surefoot.errors import BusError, CallError
+from surefoot.launch import spare_collector
 from surefoot.node import Node
 from surefoot.zenoh_bus import DEFAULT_ENDPOINT, DEFAULT_FLEET, ZenohBus
 from surefoot.zenoh_bus import Endpoint as BusEndpoint
@@ -91,6 +92,7 @@ class Session:
             self._node.start()
             self._thread = threading.Thread(target=self._run_node, name="supervisor", daemon=True)
             self._thread.start()
+            spare_collector()
         except BaseException:
             self._close()
             raise

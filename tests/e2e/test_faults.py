@@ -13,6 +13,7 @@ import zenoh
 from schemas.topics import QUERIES, STATE_GAIT, TOPICS
 from services.supervisor.scenario import Scenario, parse_scenario
 from surefoot.bus import Delivery
+from surefoot.zenoh_bus import BATCH, FRAME
 from tests.e2e.live import SERVICES, Live, wait_until
 
 pytestmark = pytest.mark.e2e
@@ -85,7 +86,9 @@ def test_nonsense_on_every_key_is_counted_and_changes_nothing(live: Live) -> Non
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps([live.address]))
     stop, codes = threading.Event(), list[str]()
-    sent = dict.fromkeys([t.key for t in TOPICS if "*" not in t.key], 0)
+    owners = {t.owner for t in TOPICS if t.framed}
+    frames = [family.format(owner) for family in (FRAME, BATCH) for owner in owners]
+    sent = dict.fromkeys([*frames, *(t.key for t in TOPICS if "*" not in t.key)], 0)
 
     def babble() -> None:
         with zenoh.open(config) as stranger:

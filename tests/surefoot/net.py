@@ -3,6 +3,7 @@
 import socket
 import threading
 import time
+from collections.abc import Callable
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -90,9 +91,14 @@ def reached(bus: ZenohBus, query: Any) -> None:
 
 def matched(bus: ZenohBus, topic: Any) -> Any:
     """A publisher that somebody listens to."""
-    publisher = bus.publisher(topic)
+    publisher: Any = bus.publisher(topic)
+    wait_until(lambda: publisher._publisher.matching_status.matching)
+    return publisher
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    """Bounded; what is awaited here comes from another thread in milliseconds."""
     deadline = time.monotonic() + WAIT_S
-    while not publisher._publisher.matching_status.matching:
+    while not condition():
         assert time.monotonic() < deadline
         threading.Event().wait(0.005)
-    return publisher

@@ -98,10 +98,10 @@ def test_command_of_another_schema_is_refused(encoding: str) -> None:
 )
 def test_command_of_another_time_is_refused(tick: int, epoch: int, reason: str) -> None:
     bench = Bench()
-    bench.until_tick(40)
+    bench.until_tick(60)
     bench.command(tick, (1.0,), epoch)
     assert bench.node.refused == {reason: 1}
-    assert bench.finish(50) == reference(50)
+    assert bench.finish(70) == reference(70)
 
 
 @pytest.mark.parametrize("position", [(LIMIT + 1.0,), (0.0, 0.0), ()], ids=["range", "long", "short"])

@@ -3,6 +3,7 @@
 import json
 import threading
 import time
+from typing import Any
 
 import pytest
 import zenoh
@@ -11,13 +12,13 @@ from schemas.base import Wire
 from schemas.hw import Imu
 from schemas.stability import RegionReply, RegionRequest
 from schemas.terrain import HeightMapMessage, MapRequest
-from schemas.topics import HW_IMU, STABILITY_REGION, STATE_VELOCITY, TERRAIN_MAP, TERRAIN_MAP_GET
+from schemas.topics import HW_IMU, STABILITY_REGION, STATE_VELOCITY, STATE_VELOCITY_EKF, TERRAIN_MAP, TERRAIN_MAP_GET
 from surefoot import zenoh_bus
 from surefoot.bus import Delivery, Incoming, Life
 from surefoot.codec import encode, encoding_of
 from surefoot.errors import BusError, CallError, Refusal
-from surefoot.zenoh_bus import Endpoint, ZenohBus, zenoh_config
-from tests.surefoot.net import WAIT_S, Inbox, Net, free_port, matched, reached, serve
+from surefoot.zenoh_bus import Endpoint, FramedPublisher, ZenohBus, zenoh_config
+from tests.surefoot.net import WAIT_S, Inbox, Net, free_port, matched, reached, serve, wait_until
 from tests.surefoot.toys import estimate
 
 IMU = Imu(acc=(0.1, -1 / 3, 9.81), gyro=(1e-17, 0.0, -5.5), stamp_ns=7, tick=0, epoch=1, seq=0, source="driver")
@@ -37,8 +38,6 @@ def test_message_arrives_as_it_was(net: Net) -> None:
     assert delivery.raw().payload == encode(IMU)[0]
     publisher.resend(token)
     assert inbox.get().raw() == delivery.raw()
-    publisher.prime()
-    assert inbox.get().prime
 
 
 def test_message_says_what_it_is(net: Net) -> None:
@@ -69,6 +68,51 @@ def test_order_of_one_key_is_kept_and_nothing_is_lost(net: Net) -> None:
     for tick in range(500):
         publisher.put(estimate(0.0).stamped(0, tick, 1, tick, "estimator"))
     assert [inbox.get().header().tick for _ in range(500)] == list(range(500))
+
+
+def velocities(bus: ZenohBus, publishers: list[Any], tick: int, *, batch: bool) -> None:
+    bus.cork()
+    for publisher in publishers:
+        publisher.put(estimate(0.0).stamped(tick * 10, tick, 1, tick, "estimator"))
+    bus.flush(batch=batch)
+
+
+def test_participants_get_a_tick_in_one_piece_and_a_batch_when_it_is_full(net: Net) -> None:
+    ticks, batches, owner = Inbox(), Inbox(), net.open()
+    both = (STATE_VELOCITY, STATE_VELOCITY_EKF)
+    net.open().take(both, ticks.put)
+    net.open().take(both, batches.put, batched=True)
+    publishers = [owner.publisher(topic) for topic in both]
+    framer = owner._framers["estimator"]
+    wait_until(lambda: framer._frames.matching_status.matching and framer._batches.matching_status.matching)
+    for tick in range(10):
+        velocities(owner, publishers, tick, batch=tick % 5 == 4)
+    for tick in range(10):
+        deliveries = ticks.get().deliveries()
+        assert [(d.topic, d.header().tick) for d in deliveries] == [(topic, tick) for topic in both]
+        assert deliveries[0].message() == estimate(0.0).stamped(tick * 10, tick, 1, tick, "estimator")
+    for first in (0, 5):
+        heads = [d.header() for d in batches.get().deliveries()]
+        assert [(head.tick, head.stamp_ns, head.seq) for head in heads] == [
+            (tick, tick * 10, tick) for tick in range(first, first + 5) for _ in both
+        ]
+    owner.cork()
+    for publisher in publishers:
+        publisher.prime()
+    owner.flush()
+    assert [d.prime for d in ticks.get().deliveries()] == [True, True]
+    assert [d.prime for d in batches.get().deliveries()] == [True, True]
+
+
+def test_onlookers_hear_the_topic_itself_from_when_they_listen(net: Net) -> None:
+    inbox, owner = Inbox(), net.open()
+    publisher = owner.publisher(STATE_VELOCITY)
+    velocities(owner, [publisher], 0, batch=True)  # nobody listens
+    net.open("client").subscribe(STATE_VELOCITY, inbox.put)
+    assert isinstance(publisher, FramedPublisher)
+    wait_until(lambda: publisher._watched)
+    velocities(owner, [publisher], 1, batch=False)
+    assert inbox.get().header().tick == 1
 
 
 def test_namespaces_do_not_hear_each_other(net: Net) -> None:

@@ -10,8 +10,10 @@ import zenoh
 from schemas.system import HealthRequest
 from schemas.topics import HEALTH_GET, HW_IMU, HW_TICK
 from surefoot.driver import DriverNode
+from surefoot.join import DRIVER
 from surefoot.local import node_of
 from surefoot.node import Node
+from surefoot.zenoh_bus import FRAME
 from tests.surefoot.net import WAIT_S, Net
 from tests.surefoot.toys import toys
 
@@ -72,7 +74,7 @@ def test_live_node_answers_its_health_and_refuses_what_strangers_send(net: Net) 
         system.wait()
         tool = net.open("client")
         with net.plain() as stranger:
-            for key in (HW_IMU.key, HW_TICK.key):
+            for key in (HW_IMU.key, HW_TICK.key, FRAME.format(DRIVER), FRAME.format(DRIVER)):
                 stranger.put(f"{net.namespace}/{key}", b"\xff{", congestion_control=zenoh.CongestionControl.BLOCK)
             deadline = time.monotonic() + WAIT_S
             while True:

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from schemas.topics import CMD_WALK, SIM_PAUSE, SIM_PUSH
-from services.supervisor.director import LEAD_TICKS, Director
+from services.supervisor.director import HORIZON_TICKS, LEAD_TICKS, Director
 from services.supervisor.scenario import parse_scenario
 from surefoot.leader import WINDOW_TICKS
 
@@ -70,7 +70,7 @@ def test_waits_for_moments_and_ends():
     (walk, turn, end) = walker.told()
     assert walk == (30, 30 + LEAD_TICKS, "cmd/walk")
     done = walk[1] + 20
-    assert turn == (done + 50 - LEAD_TICKS, done + 50, "cmd/walk")
+    assert turn == (done + 50 - HORIZON_TICKS, done + 50, "cmd/walk")
     assert end[2] == SIM_PAUSE.key
     assert walker.sent[-1][1].request.end
     assert director.ended
@@ -90,7 +90,7 @@ def test_timed_steps_come_in_their_tick():
     walker = Walker(Director(parse_scenario(text)))
     walker.run(200)
     push, end = walker.told()
-    assert push == (40 - LEAD_TICKS, 40, SIM_PUSH.key)
+    assert push == (40 - HORIZON_TICKS, 40, SIM_PUSH.key)
     assert end[1] >= 40 + 30 + 50
 
 
@@ -139,7 +139,7 @@ def test_a_restarted_walker_is_told_the_rest():
     director = Director(parse_scenario(WALK))
     (order,) = director.on_tick(0, gait())
     director.answered(order, SimpleNamespace(accepted=True, id=1, reason=""))
-    director.on_tick(10, gait("walking", 1, 0.35))
+    director.on_tick(15, gait("walking", 1, 0.35))
     assert director.on_tick(20, gait("recovering", 0)) == ()
     (again,) = director.on_tick(30, gait("standing", 0))
     assert again.request.distance == pytest.approx(0.35)
