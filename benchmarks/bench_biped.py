@@ -161,7 +161,7 @@ def walk(seed: int, setting: Setting, observe: Callable[..., None] | None = None
             if setting.stop_s is not None and stopped_at < 0 and now - began * TICK_S > setting.stop_s:
                 walker.command(Command("stop"))
                 stopped_at, stop_steps = world.tick, out.steps
-            if not pushed and out.steps - start_steps >= 6 and walker.state.mode is Mode.STEP:
+            if not pushed and out.steps - start_steps >= 4 and walker.state.mode is Mode.STEP:
                 pushed = _push(world, walker, setting)
             if out.state in ("standing", "refused") and walker.state.clock > 60:
                 break
@@ -368,7 +368,7 @@ def main() -> None:
     first, end = (int(value) for value in args.seeds.split(":"))
     jobs = [(seed, setting) for seed in range(first, end)]
     if args.push:
-        short = replace(setting, distance=0.5 if args.robot == "bioloid" else 1.0)
+        short = replace(setting, distance=0.3 if args.robot == "bioloid" else 0.5)
         jobs = [
             (seed, replace(short, push=(force, 45.0 * d, phase)))
             for force in (float(f) for f in args.forces.split(","))

@@ -106,6 +106,10 @@ class Truth(NamedTuple):
     """rad, of the trunk's z axis against the vertical."""
     fallen: bool
     """Tilt above 45 deg or trunk contact, now or earlier."""
+    foot_twist: Array
+    """(L,), rad, turn of each sole since its touch-down; empty for point feet."""
+    stance_twist: Array
+    """(L,), rad, turn in the last finished stance; empty for point feet."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.simulator.model import Addresses
+from services.simulator.twist import TwistTracker
 from surefoot.jit import kernel
 from surefoot.robot import Robot
 
@@ -81,6 +82,8 @@ class TruthTracker:
         self.fallen = False
         self.radius = np.array([leg.foot.radius for leg in robot.legs])
         self.feet = _feet_at_rest(n)
+        soles = any(len(leg.foot.points) > 1 for leg in robot.legs)
+        self.soles = TwistTracker(self.bodies) if soles else None
         types = np.array(model.sensor_type)
         sensor = mujoco.mjtSensor
         self._windows = tuple(
@@ -126,18 +129,23 @@ class TruthTracker:
             data.xpos, xmat, self.bodies, self.local, self.radius, self.contact, touch, linear, angular,
             self.foot_of_sphere, self.step_s, self.feet, first,
         )  # fmt: skip
+        if self.soles is not None:
+            self.soles.update(xmat, self.feet.below, first)
         tilted = float(xmat[self.trunk, 8]) < math.cos(FALL_TILT)
         self.fallen = (self.fallen and not first) or touched or tilted
 
     def state(self) -> dict[str, Any]:
         """All arrays as lists."""
-        return {"fallen": bool(self.fallen), **{k: v.tolist() for k, v in self.feet._asdict().items()}}
+        soles = {} if self.soles is None else {"soles": self.soles.state()}
+        return {"fallen": bool(self.fallen), **{k: v.tolist() for k, v in self.feet._asdict().items()}, **soles}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Continue where `state` was taken."""
         self.fallen = bool(state["fallen"])
         for key, array in self.feet._asdict().items():
             array[:] = state[key]
+        if self.soles is not None:
+            self.soles.restore(state["soles"])
 
 
 @kernel

@@ -312,7 +312,12 @@ class World:
             feet.force.copy(), feet.normal_force.copy(), feet.displacement.copy(), feet.sliding.copy(),
             feet.last_sliding.copy(), feet.last_displacement.copy(), feet.stances.copy(),
             math.acos(min(1.0, max(-1.0, float(d.xmat[self.address.trunk, 8])))), self.tracker.fallen,
+            *self._twist(),
         )  # fmt: skip
+
+    def _twist(self) -> tuple[Array, Array]:
+        soles = self.tracker.soles
+        return (np.zeros(0), np.zeros(0)) if soles is None else (soles.twist.copy(), soles.last.copy())
 
     def checkpoint(self) -> Checkpoint:
         """Everything that decides the future, between two ticks."""

@@ -284,7 +284,7 @@ class BipedWalker:
         if p.adjust == 0.0 or s.clock <= self._double or s.clock > self._ticks - 3:
             return
         left = (self._ticks - s.clock) * DT
-        wanted = p.adjust * balance.foothold_shift(s.offset, self.omega, left, p.adjust_from_m)
+        wanted = p.adjust * balance.foothold_shift(s.offset, self.omega, left, p.adjust_from_m, p.growth)
         wanted = balance.limited(wanted, float(s.body[2]), p.adjust_max_m)
         if float(np.hypot(*(wanted - s.shift))) < 0.002:
             return

@@ -39,7 +39,7 @@ def com_beside(tilt: Array, rate: Array, height: float, yaw: float) -> Array:
 
 
 @kernel
-def foothold_shift(offset: Array, omega: float, left_s: float, dead: float) -> Array:
+def foothold_shift(offset: Array, omega: float, left_s: float, dead: float, growth: float) -> Array:
     """How far the landing has to move for the capture point at touch-down, (2,) m.
 
     Args:
@@ -47,13 +47,14 @@ def foothold_shift(offset: Array, omega: float, left_s: float, dead: float) -> A
         omega: sqrt(g/z), 1/s.
         left_s: time until touch-down.
         dead: length of the error that the ankles take, m.
+        growth: part of the pendulum's growth until touch-down that is counted on, 0..1: ankles and sole slow it down.
     """
     x = offset[0, 0] + offset[1, 0] / omega
     y = offset[0, 1] + offset[1, 1] / omega
     size = math.hypot(x, y)
     out = np.zeros(2)
     if size > dead:
-        part = (size - dead) / size * math.exp(min(omega * left_s, 1.5))
+        part = (size - dead) / size * math.exp(growth * min(omega * left_s, 1.5))
         out[0], out[1] = part * x, part * y
     return out
 
@@ -77,4 +78,4 @@ def beside(foot: Array, stance: Array, swing: int, least: float) -> Array:
 def warm() -> None:
     """Compile the kernels of this module."""
     offset = com_beside(np.zeros(2), np.zeros(2), 0.2, 0.0)
-    foothold_shift(offset, 7.0, 0.1, 0.01)
+    foothold_shift(offset, 7.0, 0.1, 0.01, 0.5)

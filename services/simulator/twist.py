@@ -1,0 +1,54 @@
+"""How far standing soles turn about the vertical: twist of normal biped gait is small, on ice or in haste it is not."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class TwistTracker:
+    """Turn of each sole since its touch-down; only for robots whose feet are soles.
+
+    Args:
+        bodies: (L,) body ids of the feet.
+    """
+
+    def __init__(self, bodies: NDArray[np.int64]) -> None:
+        self.bodies = bodies
+        n = len(bodies)
+        self.start, self.twist, self.last = np.zeros(n), np.zeros(n), np.zeros(n)
+        self.standing = np.zeros(n, dtype=np.bool_)
+
+    def update(self, xmat: Array, below: NDArray[np.int64], first: bool) -> None:
+        """Take the state at the end of a tick.
+
+        Args:
+            xmat: (nbody, 9) orientations in the world.
+            below: (L,) ticks since a foot last stood, -1 = in swing.
+            first: begin anew.
+        """
+        if first:
+            self.standing[:], self.last[:] = False, 0.0
+        for i, body in enumerate(self.bodies):
+            yaw = math.atan2(xmat[body, 3], xmat[body, 0])
+            stands = bool(below[i] >= 0)
+            if stands and not self.standing[i]:
+                self.start[i] = yaw
+            if stands:
+                turn = yaw - self.start[i]
+                self.twist[i] = math.atan2(math.sin(turn), math.cos(turn))
+            elif self.standing[i]:
+                self.last[i], self.twist[i] = self.twist[i], 0.0
+            self.standing[i] = stands
+
+    def state(self) -> dict[str, Any]:
+        """All arrays as lists."""
+        return {name: getattr(self, name).tolist() for name in ("start", "twist", "last", "standing")}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue where `state` was taken."""
+        for name, values in state.items():
+            getattr(self, name)[:] = values
