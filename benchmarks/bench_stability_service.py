@@ -246,7 +246,8 @@ def main() -> dict[str, float]:
             took.append(seconds)
         print(
             f"start to first answer, {options.starts} starts: best {min(took):.2f} s, "
-            f"median {statistics.median(took):.2f} s (importing numpy, numba, zenoh and pydantic alone: {bare:.2f} s); target < 1.2"
+            f"median {statistics.median(took):.2f} s (importing numpy, numba, zenoh, pydantic alone: {bare:.2f} s); "
+            f"target < 1.2"
         )
         figures["start_s"] = min(took)
         print("one query, ours and raw Zenoh in turn; targets p50 <= 2.5, p99 <= 5")
