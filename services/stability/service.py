@@ -20,6 +20,7 @@ from schemas.topics import (
     STABILITY_EQUILIBRIUM,
     STABILITY_REGION,
     STABILITY_WHATIF,
+    STATE_GAIT,
     STATE_STABILITY,
     STATE_VELOCITY,
 )
@@ -38,7 +39,7 @@ from services.stability.messages import (
 )
 from surefoot import kinematics, polygon, rotations
 from surefoot.errors import Refusal
-from surefoot.join import TickInputs
+from surefoot.join import Delayed, TickInputs
 from surefoot.robot import load_robot
 from surefoot.service import Service
 
@@ -59,7 +60,7 @@ class Stability(Service[StabilityConfig]):
 
     name = "stability"
     Config = StabilityConfig
-    inputs = (HW_JOINTS, HW_CONTACTS, STATE_VELOCITY)
+    inputs = (HW_JOINTS, HW_CONTACTS, STATE_VELOCITY, Delayed(STATE_GAIT))
     outputs = (STATE_STABILITY,)
     serves = (
         STABILITY_REGION,
@@ -91,6 +92,8 @@ class Stability(Service[StabilityConfig]):
         self._joints: JointState | None = None
         self._contacts: FootContacts | None = None
         self._velocity: VelocityEstimate | None = None
+        self._standing = state.StandingFeet(len(self.robot.legs), self.params.hold_s)
+        self._touch: state.Flags | None = None
         self.calibration = CalibrationJob(self.robot, self.params.torque_variance)
 
     def on_tick(self, inputs: TickInputs) -> None:
@@ -98,21 +101,25 @@ class Stability(Service[StabilityConfig]):
         self._joints = inputs.get(HW_JOINTS) or self._joints
         self._contacts = inputs.get(HW_CONTACTS) or self._contacts
         self._velocity = inputs.get(STATE_VELOCITY) or self._velocity
+        if self._contacts is not None:
+            gait = inputs.get(STATE_GAIT)
+            closed = np.array([any(foot) for foot in self._contacts.touch])
+            planned = None if gait is None or gait.state == "waiting" else np.array(gait.stance)
+            self._touch = self._standing.update(inputs.tick.stamp_ns * 1e-9, closed, planned)
         if said := self.calibration.on_tick(inputs.number):
             self.log("info", f"calibration: {said}")
         if self.calibration.collector is not None and inputs.get(HW_JOINTS) is not None:
             self._collect()
         if not STATE_STABILITY.due(inputs.number):
             return
-        joints, contacts, velocity = self._joints, self._contacts, self._velocity
-        if joints is None or contacts is None or velocity is None or not _points_up(velocity.g_up):
+        joints, contacts, velocity, touch = self._joints, self._contacts, self._velocity, self._touch
+        if joints is None or contacts is None or velocity is None or touch is None or not _points_up(velocity.g_up):
             self.publish(STATE_STABILITY, self._nothing())
             return
         oldest = min(joints.stamp_ns, contacts.stamp_ns, velocity.stamp_ns)
         torque = np.array(joints.torque) if joints.torque is not None and self.config.measured_com else None
         if torque is not None and self.calibration.gain is not None:
             torque = self.calibration.gain * torque
-        touch = np.array([any(foot) for foot in contacts.touch])
         now = state.watch(self.robot, np.array(joints.position), touch, np.array(velocity.g_up), torque, self.params)
         fresh = inputs.tick.stamp_ns - oldest <= STALE_NS
         self.publish(STATE_STABILITY, status_message(now, self.config.mu, fresh), joints.stamp_ns)
