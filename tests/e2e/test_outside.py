@@ -6,6 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -94,6 +95,27 @@ def test_zenoh_cli_asks_for_a_region(endpoint: str, tmp_path: Path) -> None:
         cwd=tmp_path, capture_output=True, text=True, timeout=60,
     )  # fmt: skip
     assert "point" in done.stdout, done.stdout + done.stderr
+
+
+def test_zenoh_cli_echoes_the_velocity(endpoint: str, tmp_path: Path) -> None:
+    echo = subprocess.Popen(
+        [
+            str(BIN / "zenoh"), "--mode", "client", "--connect", endpoint, "subscribe",
+            "-k", "surefoot/ragno/state/velocity", "--decoder", "text", "--line", "{value}",
+        ],
+        cwd=tmp_path, env=dict(os.environ, PYTHONUNBUFFERED="1"), text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    bound = threading.Timer(30.0, echo.kill)
+    bound.start()
+    try:
+        assert echo.stdout is not None
+        ticks = [json.loads(echo.stdout.readline())["tick"] for _ in range(5)]
+    finally:
+        bound.cancel()
+        echo.kill()
+        echo.communicate()
+    assert ticks == sorted(set(ticks))
 
 
 @pytest.mark.parametrize("name", sorted(p.name for p in (ROOT / "examples").glob("*.py")))
