@@ -4,7 +4,7 @@ Frame ``world``: any gravity-aligned frame, z up, metres. A region is the set of
 mass (CoM) for which the contacts can hold the robot at rest; polygons run counter-clockwise and are not closed.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -225,12 +225,23 @@ class BatchReply(Reply):
 class ComRequest(Request):
     """Asks where the centre of mass is: by kinematics and, with torques, by the forces under the feet."""
 
+    schema_version: ClassVar[str] = "1.1"
     joints: PerJoint = Field(description="joint angles, rad, order of the robot description")
     base: BasePose = Field(default=BasePose(), description="pose of base_link")
     torque: PerJoint | None = Field(default=None, description="torques of the servos on the joints, Nm; null = unknown")
     touch: Annotated[tuple[bool, ...], Field(max_length=MAX_FEET)] | None = Field(
         default=None, description="per foot: on the ground, order of the robot description; null = all"
     )
+    load_n: Annotated[tuple[float | None, ...], Field(max_length=MAX_FEET)] | None = Field(
+        default=None,
+        description="per foot: what a sensor under it says of the force along the ground's normal, N (0 = below its "
+        "range), fused with the torques; null = no sensor",
+    )
+    known_weight: bool = Field(
+        default=False,
+        description="true: the robot carries no load, so its weight tells the common factor of all torques",
+    )
+    tilt_sd_rad: float = Field(default=0.0, ge=0, le=1, description="rad, standard deviation of roll and pitch of base")
     robot: str | None = Field(
         default=None, min_length=1, max_length=64, description="name of the robot description; null = the service's own"
     )
@@ -239,6 +250,7 @@ class ComRequest(Request):
 class ComReply(Reply):
     """The centre of mass."""
 
+    schema_version: ClassVar[str] = "1.1"
     com: Vec3 = Field(description="m, frame world: by kinematics")
     mass_kg: float = Field(gt=0, description="kg, mass of the robot description")
     com_measured: Vec2 | None = Field(description="m, frame world: by foot forces; null = no torques, or not observed")
@@ -254,7 +266,10 @@ class ComReply(Reply):
         default=None, description="N, ground on each foot, frame world, order of the legs; zero where not observed"
     )
     observed: Annotated[tuple[bool, ...], Field(max_length=MAX_FEET)] = Field(
-        default=(), description="per foot: the posture lets the torques tell the force"
+        default=(), description="per foot: the posture lets the torques tell the force, or a sensor does"
+    )
+    gain: float | None = Field(
+        default=None, description="factor of all torques that the known weight tells; null = not asked, or not told"
     )
 
 

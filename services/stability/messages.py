@@ -29,10 +29,17 @@ from services.stability import whatif
 from services.stability.contacts import Array, ContactSet, StabilityError, contact_set
 from services.stability.directions import equally_spaced, unit
 from services.stability.equilibrium import equilibrium, friction_needed, least_forces
-from services.stability.forces import com_from_forces, forces_from_torques
+from services.stability.forces import (
+    FootForces,
+    com_from_forces,
+    forces_from_torques,
+    fuse_normal,
+    gain_from_weight,
+)
 from services.stability.margin import Extent
 from services.stability.movement import Check, check
 from services.stability.oracle import Support
+from services.stability.pressure import PressureSensor, read_loads
 from services.stability.region import Region, region
 from services.stability.shift import Shift, kinematic_shift, stance_legs
 from services.stability.state import WatchParams
@@ -255,14 +262,21 @@ def com_reply(request: ComRequest, own: Robot) -> ComReply:
     touch = np.ones(legs, dtype=np.bool_) if request.touch is None else np.array(request.touch)
     if touch.size != legs:
         raise StabilityError("shape", "touch", f"got {touch.size} feet, {robot.name} has {legs}")
-    up = rot.T @ np.array([0.0, 0.0, GRAVITY])
-    found = forces_from_torques(robot, joints, torque, np.ascontiguousarray(up), WatchParams().torque_variance)
-    force, spread = found.force @ rot.T, rot @ found.covariance @ rot.T
+    up = np.ascontiguousarray(rot.T @ np.array([0.0, 0.0, GRAVITY]))
+    gain: float | None = None
+    if request.known_weight:
+        gain = gain_from_weight(robot, joints, torque, up, touch)
+        torque = torque if gain is None else gain * torque
+    found = forces_from_torques(robot, joints, torque, up, WatchParams().torque_variance)
+    found = FootForces(found.force @ rot.T, rot @ found.covariance @ rot.T, found.observed)
+    if request.load_n is not None:
+        found = _with_loads(found, request.load_n, robot)
+    force, spread = found.force, found.covariance
     measured = None
     if touch.any() and found.observed[touch].all():
         feet = base + foot_positions(robot.model, joints) @ rot.T
         feet[:, 2] -= [leg.foot.radius for leg in robot.legs]
-        measured = com_from_forces(feet[touch], force[touch], spread[touch])
+        measured = com_from_forces(feet[touch], force[touch], spread[touch], tilt_sd=request.tilt_sd_rad)
     fields: dict[str, Any] = {}
     if measured is not None:
         fields = {"weight_n": measured.weight, "misfit": measured.misfit}
@@ -273,8 +287,20 @@ def com_reply(request: ComRequest, own: Robot) -> ComReply:
         com_measured=None if measured is None else (float(measured.com[0]), float(measured.com[1])),
         forces_n=_triples(force),
         observed=tuple(found.observed.tolist()),
+        gain=gain,
         **fields,
     )
+
+
+def _with_loads(found: FootForces, loads: tuple[float | None, ...], robot: Robot) -> FootForces:
+    """Forces fused with what sensors under the feet say, taken along the vertical."""
+    if len(loads) != len(robot.legs):
+        raise StabilityError("shape", "load_n", f"got {len(loads)} loads, {robot.name} has {len(robot.legs)} feet")
+    sensor = PressureSensor()
+    if robot.contacts.kind == "force":
+        sensor = PressureSensor(least=robot.contacts.min_n, most=robot.contacts.max_n)
+    value, variance = read_loads(np.array([math.nan if load is None else load for load in loads]), sensor)
+    return fuse_normal(found, np.tile([0.0, 0.0, 1.0], (len(loads), 1)), value, variance)
 
 
 def _triples(rows: Array) -> tuple[tuple[float, float, float], ...]:
