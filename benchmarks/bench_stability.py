@@ -18,6 +18,7 @@ from services.stability.margin import extent, margin, warm
 from services.stability.oracle import Oracle
 from services.stability.reference import Reference
 from services.stability.region import Region, region
+from services.stability.single import support_value
 from services.stability.state import WatchParams, watch
 from surefoot.polygon import area
 from surefoot.robot import load_robot
@@ -68,7 +69,7 @@ def speed(repeats: int) -> None:
                     microseconds(lambda s=s: region(s, tolerance=1e-9, limit=16)),
                     microseconds(lambda s=s: region(s)),
                     microseconds(lambda o=oracle: o.fan(SIXTEEN, 16)),
-                    microseconds(lambda o=oracle: o.fan(SIXTEEN[:1], 1)),
+                    microseconds(lambda s=s: support_value(s, SIXTEEN[1])),
                     microseconds(lambda f=found, c=c: margin(f, c)),
                     microseconds(lambda f=found, c=c: extent(f, c, SIXTEEN[3])),
                     microseconds(lambda r=reference, o=oracle: [r.solve(o.reduced.h @ a) for a in SIXTEEN], 1),

@@ -25,6 +25,7 @@ from services.stability.directions import equally_spaced
 from services.stability.margin import extent, warm
 from services.stability.oracle import Oracle
 from services.stability.region import region
+from services.stability.single import support_value
 from tests.services.stability.oracles import literal_matrices
 
 SIXTEEN = equally_spaced(16)
@@ -187,7 +188,7 @@ def compare(n: int, repeats: int, others: dict[str, tuple[Call, int]]) -> dict[s
     mine: dict[str, tuple[Call, int]] = {
         "region, 16 directions": (lambda s: region(s, SIXTEEN), 5),
         "  kernel alone": (lambda s: Oracle(s).fan(SIXTEEN, 16), 5),
-        "one direction": (lambda s: region_one(s), 5),
+        "one direction": (lambda s: support_value(s, SIXTEEN[1]), 5),
     }
     times: dict[str, list[float]] = {name: [] for name in (*mine, *others)}
     errors: dict[str, list[float]] = {name: [] for name in others}
@@ -225,11 +226,6 @@ def compare(n: int, repeats: int, others: dict[str, tuple[Call, int]]) -> dict[s
             line += f" {ratios[name]:12.4f} {wrong:18.2g}" + (f"   target <= {limit}" if limit else "")
         print(line)
     return ratios
-
-
-def region_one(s: ContactSet) -> Any:
-    """One support value with its point: the smallest question."""
-    return Oracle(s).fan(SIXTEEN[1:2], 1)
 
 
 def main() -> dict[str, float]:
