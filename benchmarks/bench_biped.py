@@ -33,8 +33,8 @@ from services.simulator.terrain import make_terrain
 from services.simulator.world import World, WorldConfig
 from services.walker.biped import BipedWalker
 from services.walker.biped_params import BipedParams
-from services.walker.biped_state import BipedInputs, Mode
-from services.walker.interface import Command
+from services.walker.biped_state import Mode
+from services.walker.interface import Command, WalkerInputs
 from surefoot.robot import load_robot
 
 TICK_S = 0.01
@@ -134,7 +134,7 @@ def walk(seed: int, setting: Setting, observe: Callable[..., None] | None = None
         if joints is not None and touch is not None:
             estimator.on_kinematics(joints.stamp_ns, joints.position, touch)
         estimate, pose = estimator.estimate(), estimator.pose()
-        inputs = BipedInputs(
+        inputs = WalkerInputs(
             stamp=TICK_S * world.tick, roll=estimate.roll, pitch=estimate.pitch,
             rate=tuple(float(w) for w in estimate.angular_velocity), x=float(pose.position[0]),
             y=float(pose.position[1]), yaw=pose.yaw, estimate_stamp=1e-9 * estimate.stamp_ns,
@@ -191,7 +191,8 @@ def walk(seed: int, setting: Setting, observe: Callable[..., None] | None = None
         odometry_mm=round(1e3 * float(np.hypot(*drift)), 1),
         heading_error_deg=round(math.degrees(_wrap(pose.yaw - yaw1)), 2), adjusted=walker.state.adjusted,
         unreachable=unreachable, saturated=round(saturated / max(1, world.tick - began), 4),
-        walker_us=round(1e6 * float(np.median(costs)), 1), walker_p99_us=round(1e6 * float(np.percentile(costs, 99)), 1),
+        walker_us=round(1e6 * float(np.median(costs)), 1),
+        walker_p99_us=round(1e6 * float(np.percentile(costs, 99)), 1),
         sha256=digest.hexdigest()[:16],
     )  # fmt: skip
 
@@ -231,7 +232,8 @@ class FootJudge:
 def _push(world: World, walker: BipedWalker, setting: Setting) -> bool:
     """Push in the wanted phase of a step of the left foot; tells whether it was done."""
     s = walker.state
-    assert setting.push is not None and s.step is not None
+    assert setting.push is not None
+    assert s.step is not None
     force, direction, phase = setting.push
     if s.step.swing != 0 or s.clock != max(1, round(phase * walker.params.step_s / TICK_S)):
         return False

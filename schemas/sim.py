@@ -7,9 +7,14 @@ from pydantic import Field
 from schemas.base import MAX_FEET, Message, PerFoot, PerJoint, QuatWxyz, Reply, Request, Vec3
 
 
+def _empty(values: tuple[float, ...]) -> bool:
+    return not values
+
+
 class Truth(Message):
     """What no robot knows. Never read by a function service (a test proves it)."""
 
+    schema_version: ClassVar[str] = "1.1"
     position: Vec3 = Field(description="m, base_link origin in world")
     quat_wxyz: QuatWxyz
     velocity: Vec3 = Field(description="m/s, base_link origin, world axes")
@@ -28,6 +33,12 @@ class Truth(Message):
     )
     stance_sliding: PerFoot = Field(description="m, sliding of the last finished stance of each foot")
     stances: tuple[int, ...] = Field(default=(), description="finished stances per foot since the epoch began")
+    foot_twist: PerFoot = Field(
+        default=(), exclude_if=_empty, description="rad, turn of each sole since its touch-down; none for point feet"
+    )
+    stance_twist: PerFoot = Field(
+        default=(), exclude_if=_empty, description="rad, turn of each sole in its last finished stance; none likewise"
+    )
     tilt: float = Field(ge=0, description="rad, angle between the trunk's z axis and the vertical")
     fallen: bool = Field(description="tilt over 45 deg or trunk contact, now or earlier in this epoch")
 

@@ -8,6 +8,7 @@ import math
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,17 +47,17 @@ def read_dh(robot: Robot, leg: str, path: Path | None = None) -> DhTable:
     t.raw("columns")
     joints: list[int] = []
     rows: list[list[float]] = []
-    raw = t.raw("rows")
-    for i, row in enumerate(raw if isinstance(raw, list) else []):  # pyright: ignore[reportUnknownVariableType]
-        name, *numbers = row if isinstance(row, list) and len(row) == 5 else ("", math.nan)  # pyright: ignore
+    raw = cast("list[object]", t.raw("rows"))
+    for i, row in enumerate(raw if isinstance(raw, list) else []):  # pyright: ignore[reportUnnecessaryIsInstance]
+        name, *numbers = cast("list[object]", row) if isinstance(row, list) else [""]
         joint = f"{leg}_{name}"
         if joint not in robot.joint_names:
             raise t.refuse("unknown_name", f"rows[{i}]", f"got {row!r}, known are {', '.join(robot.joint_names)}")
-        if not all(isinstance(x, (int, float)) and math.isfinite(x) for x in numbers):  # pyright: ignore
+        values = [float(x) for x in numbers if isinstance(x, (int, float)) and math.isfinite(x)]
+        if len(numbers) != 4 or len(values) != 4:
             raise t.refuse("value", f"rows[{i}]", f"got {row!r}, expected a joint and four finite numbers")
-        theta, d, a, alpha = (float(x) for x in numbers)  # pyright: ignore
         joints.append(robot.joint_names.index(joint))
-        rows.append([math.radians(theta), d, a, math.radians(alpha)])
+        rows.append([math.radians(values[0]), values[1], values[2], math.radians(values[3])])
     t.close()
     return DhTable(leg, source, tuple(joints), np.array(rows))
 

@@ -47,6 +47,8 @@ def truth_message(truth: Truth, tick: int) -> Sample:
         contact_sliding=tuple(truth.contact_sliding.tolist()),
         stance_sliding=tuple(truth.stance_sliding.tolist()),
         stances=tuple(truth.stances.tolist()),
+        foot_twist=tuple(truth.foot_twist.tolist()),
+        stance_twist=tuple(truth.stance_twist.tolist()),
         tilt=truth.tilt,
         fallen=truth.fallen,
     )

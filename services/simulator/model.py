@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from services.simulator.joints import add_backlash, add_coupled, add_joint, coupled_links
 from services.simulator.terrain import Terrain
 from surefoot.robot import Robot
 
@@ -26,10 +27,6 @@ FLAT_HEIGHT = 1e-4  # m, MuJoCo wants a height field of some height
 PLANE_HALF_SIZE = 20.0  # m
 NO_TORQUE = 1e-9  # Nm, limit of a dead servo: MuJoCo refuses an empty force range
 SEGMENT_RADIUS = 0.01  # m, capsules of the leg segments
-COUPLING_SOLREF = (0.004, 1.0)  # s, damping ratio, of one motor's second axis
-BACKLASH_ARMATURE = 2e-4  # kg m2
-BACKLASH_DAMPING = 0.02  # Nm s/rad
-BACKLASH_SOLREF = (0.004, 1.0)  # s, damping ratio, of the ends of the play
 TRUNK_QPOS = slice(0, 7)  # of the free joint: position (3), quat_wxyz (4)
 TRUNK_DOF = slice(0, 6)  # of the free joint: velocity in the world (3), angular rate in base_link (3)
 
@@ -149,7 +146,7 @@ def find_addresses(model: mujoco.MjModel, robot: Robot) -> Addresses:
     solid = np.asarray(model.geom_conaffinity) == TERRAIN_BIT
     qpos = np.array([model.joint(name).qposadr[0] for name in robot.joint_names], dtype=np.int64)
     dof = np.array([model.joint(name).dofadr[0] for name in robot.joint_names], dtype=np.int64)
-    coupled = _coupled_links(robot)
+    coupled = coupled_links(robot)
     hinges = {model.joint(i).name for i in range(model.njnt)}
     play = [
         int(model.joint(f"{name}_backlash").qposadr[0]) if f"{name}_backlash" in hinges else -1
@@ -181,28 +178,6 @@ def find_addresses(model: mujoco.MjModel, robot: Robot) -> Addresses:
 def _as_slice(index: Ints) -> slice | Ints:
     first, n = int(index[0]), len(index)
     return slice(first, first + n) if (index == np.arange(first, first + n)).all() else index
-
-
-def _coupled_links(robot: Robot) -> list[int]:
-    """Links turned by a motor that another link already has."""
-    return [i for i, link in enumerate(robot.links) if link.joint >= 0 and robot.joints[link.joint].link != i]
-
-
-def place_joints(qpos: Array, addresses: Addresses, q: Array) -> None:
-    """Write joint angles q (nj,) into MuJoCo's positions, both axes of a coupled motor; play is centred."""
-    qpos[addresses.joint_qpos_slice] = q
-    qpos[addresses.coupled_qpos] = q[addresses.coupled]
-    if addresses.backlash_qpos.size:
-        qpos[addresses.backlash_qpos[addresses.backlash_qpos >= 0]] = 0.0
-
-
-def read_joints(qpos: Array, addresses: Addresses) -> Array:
-    """Angles of the output shafts, (nj,): motor and play; a copy."""
-    q = qpos[addresses.joint_qpos_slice].copy()
-    if addresses.backlash_qpos.size:
-        has = addresses.backlash_qpos >= 0
-        q[has] += qpos[addresses.backlash_qpos[has]]
-    return q
 
 
 def foot_geom_name(leg: str, point: int) -> str:
@@ -330,10 +305,10 @@ def _add_robot(spec: mujoco.MjSpec, robot: Robot, physics: Physics, perturb: Per
         bodies.append(body)
         if link.joint >= 0:
             if robot.joints[link.joint].link == i:
-                _add_joint(spec, body, robot, link.joint, float(kp[link.joint]), float(kv[link.joint]), torque)
+                add_joint(spec, body, robot, link.joint, float(kp[link.joint]), float(kv[link.joint]), torque)
             else:
-                _add_coupled(spec, body, robot, i)
-            _add_backlash(body, robot, i)
+                add_coupled(spec, body, robot, i)
+            add_backlash(body, robot, i)
     trunk = bodies[0]
     trunk.add_freejoint(name="base")
     trunk.add_geom(name="trunk", type=kind.mjGEOM_BOX, size=0.5 * robot.trunk.box, **seen)
@@ -355,63 +330,3 @@ def _add_robot(spec: mujoco.MjSpec, robot: Robot, physics: Physics, perturb: Per
         for k, point in enumerate(leg.foot.points):
             name, size = foot_geom_name(leg.name, k), [leg.foot.radius, 0, 0]
             bodies[leg.foot.link].add_geom(name=name, type=kind.mjGEOM_SPHERE, size=size, pos=point, **solid)
-
-
-def _add_joint(
-    spec: mujoco.MjSpec, body: mujoco.MjsBody, robot: Robot, index: int, kp: float, kv: float, torque: Array
-) -> None:
-    joint = robot.joints[index]
-    body.add_joint(
-        name=joint.name,
-        type=mujoco.mjtJoint.mjJNT_HINGE,
-        axis=robot.links[joint.link].axis,
-        range=[joint.lower, joint.upper],
-        limited=mujoco.mjtLimited.mjLIMITED_TRUE,
-        armature=joint.servo.armature,
-        frictionloss=joint.servo.frictionloss,
-    )
-    limit = float(torque[index])
-    spec.add_actuator(
-        name=joint.name,
-        target=joint.name,
-        trntype=mujoco.mjtTrn.mjTRN_JOINT,
-        gaintype=mujoco.mjtGain.mjGAIN_FIXED,
-        gainprm=[kp] + [0.0] * 9,
-        biastype=mujoco.mjtBias.mjBIAS_AFFINE,
-        biasprm=[0.0, -kp, -kv] + [0.0] * 7,
-        forcelimited=mujoco.mjtLimited.mjLIMITED_TRUE,
-        forcerange=[-limit, limit],
-    )
-
-
-def _add_coupled(spec: mujoco.MjSpec, body: mujoco.MjsBody, robot: Robot, link: int) -> None:
-    """Second axis of a motor: its angle equals the first one's."""
-    joint, name = robot.joints[robot.links[link].joint], robot.links[link].name
-    body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=robot.links[link].axis)
-    spec.add_equality(
-        name=name,
-        type=mujoco.mjtEq.mjEQ_JOINT,
-        objtype=mujoco.mjtObj.mjOBJ_JOINT,
-        name1=name,
-        name2=joint.name,
-        data=[0.0, 1.0] + [0.0] * 10,
-        solref=COUPLING_SOLREF,
-    )
-
-
-def _add_backlash(body: mujoco.MjsBody, robot: Robot, link: int) -> None:
-    """Free play of a servo's output shaft, in series with the joint."""
-    joint = robot.joints[robot.links[link].joint]
-    if joint.servo.backlash == 0.0:
-        return
-    own = joint.link == link
-    body.add_joint(
-        name=f"{joint.name if own else robot.links[link].name}_backlash",
-        type=mujoco.mjtJoint.mjJNT_HINGE,
-        axis=robot.links[link].axis,
-        range=[-0.5 * joint.servo.backlash, 0.5 * joint.servo.backlash],
-        limited=mujoco.mjtLimited.mjLIMITED_TRUE,
-        armature=BACKLASH_ARMATURE,
-        damping=BACKLASH_DAMPING,
-        solref_limit=BACKLASH_SOLREF,
-    )

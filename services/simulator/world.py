@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from services.simulator import sensors, truth
 from services.simulator.disturb import Disturbances, WorldError, at_limit, by_foot
 from services.simulator.faults import Fault
-from services.simulator.model import Perturbation, Physics, build_spec, find_addresses, place_joints, read_joints
+from services.simulator.joints import place_joints, read_joints
+from services.simulator.model import Perturbation, Physics, build_spec, find_addresses
 from services.simulator.samples import (
     Checkpoint,
     ContactSample,
@@ -33,6 +34,7 @@ from services.simulator.samples import (
     pack,
     unpack,
 )
+from services.simulator.servo_line import ServoLine
 from services.simulator.terrain import Terrain
 from surefoot.robot import ImuProfile, Robot
 from surefoot.robot_file import imu_profile_names, read_imu_profile
@@ -104,10 +106,7 @@ class World:
         self._acc, self._gyro = (history[s : s + 3 * TICK_STEPS].reshape(TICK_STEPS, 3) for s in starts)
         self._points = tuple(len(leg.foot.points) for leg in robot.legs)
         self._period = self.config.kinematics_period_ms
-        # A servo without steps takes any set-point: a step of 1e-9 rad changes nothing that can be seen.
-        steps = np.array([joint.servo.resolution or 1e-9 for joint in robot.joints])
-        self._resolution = steps if any(joint.servo.resolution for joint in robot.joints) else None
-        self._latency_steps = round(max(joint.servo.latency for joint in robot.joints) * 1e9) // STEP_NS
+        self._line = ServoLine(robot, STEP_NS)
         self.disturb = Disturbances(
             robot,
             self.model,
@@ -144,8 +143,8 @@ class World:
         mujoco.mj_resetData(self.model, self.data)
         self._place(pose, stance)
         self.command = stance
-        self.data.ctrl[:] = self._set_points()
-        self._coming: list[tuple[int, list[float]]] = []
+        self._line.clear()
+        self.data.ctrl[:] = self._line.heard(stance - self.joint_sensor.zero)
         for _ in range(SETTLE_TRIES):
             mujoco.mj_step(self.model, self.data, SETTLE_STEPS)
             if float(np.abs(self.data.qvel).max()) < SETTLED:
@@ -166,7 +165,7 @@ class World:
         command = self.disturb.before_step(self.tick, self.data, command)
         if command is not None:
             self.command = command
-        self._actuate()
+        self._line.send(self.steps, self.command - self.joint_sensor.zero)
         end = self.steps + TICK_STEPS
         sample = (self.steps // self._period + 1) * self._period
         while sample <= end:
@@ -177,23 +176,10 @@ class World:
         self._finish_tick()
         self._release()
 
-    def _set_points(self) -> Array:
-        """What the servos hear: the command less their zero errors, in their steps. (nj,)"""
-        ctrl = self.command - self.joint_sensor.zero
-        if self._resolution is not None:
-            ctrl = self._resolution * np.rint(ctrl / self._resolution)
-        return ctrl
-
-    def _actuate(self) -> None:
-        if self._latency_steps == 0:
-            self.data.ctrl[:] = self._set_points()
-        else:
-            self._coming.append((self.steps + self._latency_steps, self._set_points().tolist()))
-
     def _run_to(self, step: int) -> None:
         """Physics up to a step; set-points that arrive on the way take effect at their time."""
-        while self._coming and self._coming[0][0] <= step:
-            at, ctrl = self._coming.pop(0)
+        while (arrival := self._line.arrival(step)) is not None:
+            at, ctrl = arrival
             if at > self.steps:
                 mujoco.mj_step(self.model, self.data, at - self.steps)
                 self.steps = at
@@ -330,7 +316,7 @@ class World:
             "first_tick": self._first_tick,
             "steps": self.steps,
             "command": self.command.tolist(),
-            "coming": [[step - self.steps, ctrl] for step, ctrl in self._coming],
+            "line": self._line.state(self.steps),
             "disturb": self.disturb.state(),
             "truth": self.tracker.state(),
             "imu": self.imu_sensor.state(),
@@ -356,7 +342,7 @@ class World:
             raise WorldError("checkpoint", f"is of {meta['world']!r}, this world is {self._identity()!r}")
         self.seed, self.tick, self.steps = meta["seed"], meta["tick"], meta["steps"]
         self.command = np.array(meta["command"])
-        self._coming = [(self.steps + ahead, ctrl) for ahead, ctrl in meta["coming"]]
+        self._line.restore(self.steps, meta["line"])
         self.disturb.restore(self.tick, meta["disturb"])
         mujoco.mj_setState(self.model, self.data, saved.physics, STATE)
         mujoco.mj_kinematics(self.model, self.data)

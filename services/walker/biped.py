@@ -12,14 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.walker import biped_balance as balance
+from services.walker import biped_feedback as feedback
 from services.walker import biped_posture as posture
 from services.walker import biped_route as routes
 from services.walker.biped_ik import leg_geometry
 from services.walker.biped_params import BipedParams
 from services.walker.biped_plan import LEFT, RIGHT, between, placed, reference, smooth, support_point, swing
 from services.walker.biped_route import refusal_of, route_of, upcoming
-from services.walker.biped_state import BipedInputs, BipedState, Mode
-from services.walker.interface import Command, CommandReply, WalkerOutputs, WalkState
+from services.walker.biped_state import BipedState, Mode
+from services.walker.interface import Command, CommandReply, WalkerInputs, WalkerOutputs, WalkState
 from services.walker.preview import HORIZON, preview_gains, preview_step
 from surefoot import kinematics
 from surefoot.robot import Robot
@@ -76,6 +77,7 @@ class BipedWalker:
         s.reason = ""
         walking = command.action in ("walk", "turn")
         s.route = route_of(command, self.params, s.walk_id) if walking else None
+        s.until, s.limit = math.inf, command.duration if walking and command.duration is not None else math.inf
         s.stopping = not walking and s.mode in (Mode.START, Mode.STEP)
         if s.mode is Mode.STEP:
             self._lay_reference()
@@ -88,21 +90,22 @@ class BipedWalker:
 
     # --- the tick --------------------------------------------------------------------------------------------------
 
-    def step(self, inputs: BipedInputs) -> WalkerOutputs:
+    def step(self, inputs: WalkerInputs) -> WalkerOutputs:
         """Advance by one control tick."""
         s = self.state
         self._take(inputs)
         if s.mode is Mode.WAIT and s.measured is not None:
             self._begin()
         if s.mode in (Mode.FOLD, Mode.FALLEN):
-            self._fold()
+            feedback.fold(s, self.params, self.robot, self.geometry)
         elif s.mode is not Mode.WAIT:
             self._advance()
             self._posture()
         return self._outputs()
 
-    def _take(self, inputs: BipedInputs) -> None:
+    def _take(self, inputs: WalkerInputs) -> None:
         s, p = self.state, self.params
+        s.stamp = inputs.stamp
         if inputs.joints is not None:
             s.measured = inputs.joints
         if inputs.contacts is not None:
@@ -116,18 +119,9 @@ class BipedWalker:
             s.rate[:] = 0.0
             s.offset[:] = 0.0
             return
-        s.rate = p.gyro_smooth * s.rate + (1.0 - p.gyro_smooth) * np.array(inputs.rate[:2])
-        measured = np.array([inputs.roll, inputs.pitch])
-        if s.mode is Mode.STAND and s.clock > 100:
-            s.rest += 0.02 * (measured - s.rest)  # slowly: what the stance looks like to the estimator
-        tilt = measured - s.rest
-        s.offset = balance.com_beside(tilt, np.array(inputs.rate[:2]), self._com_height, float(s.trunk[2]))
-        size = float(np.hypot(*tilt))
-        s.peak = max(s.peak, size)
-        if size > p.falling_rad and s.mode not in (Mode.FOLD, Mode.FALLEN, Mode.WAIT):
+        if feedback.watch(s, p, inputs, self._com_height):
             s.mode, s.clock, s.route = Mode.FOLD, 0, None
             s.rise_from = s.command
-            s.reason = f"fallen: trunk tilted by {math.degrees(size):.0f} deg"
 
     def _begin(self) -> None:
         """Stand where the measured joints say."""
@@ -203,6 +197,10 @@ class BipedWalker:
         s.peak = 0.0
         if s.held:
             s.route, s.reason = None, "the estimate is stale or absent: the walk ends"
+        s.until = min(s.until, s.stamp + s.limit)  # counts from the first step on
+        s.limit = math.inf
+        if s.stamp >= s.until:
+            s.route = None
         s.mode, s.step = Mode.STAND, None  # so that the steps are planned from the feet as they stand
         steps = self._upcoming(1)
         if not steps:
@@ -222,7 +220,7 @@ class BipedWalker:
     def _land(self) -> None:
         s = self.state
         assert s.step is not None
-        self._learn(s.step.body)
+        feedback.learn(s, self.params, s.step.body)
         s.feet[s.step.swing] = s.step.target
         s.body = s.step.body
         s.next_swing = 1 - s.step.swing
@@ -231,21 +229,6 @@ class BipedWalker:
             s.adjusted += 1
             s.body = between(s.feet)
             s.x[:2] += self.params.absorb * s.offset
-
-    def _learn(self, body: Array) -> None:
-        """Compare the way of a step with the odometry; the quotient of the whole walk counts."""
-        s, p = self.state, self.params
-        if s.seen_then is not None and p.learn > 0.0 and not s.held:
-            plan, seen = body - s.body, s.seen - s.seen_then
-            heading, back = body[2], s.seen[2]
-            s.planned_way += (math.cos(heading) * plan[0] + math.sin(heading) * plan[1], plan[2])
-            s.measured_way += (math.cos(back) * seen[0] + math.sin(back) * seen[1], seen[2])
-            for i, least in ((0, 4.0 * p.step_m), (1, 3.0 * p.turn_step_rad)):
-                if abs(s.planned_way[i]) > least:
-                    ratio = s.measured_way[i] / s.planned_way[i]
-                    wanted = min(1.0 + p.learn_limit, max(1.0 - p.learn_limit, ratio))
-                    s.gain[i] += p.learn * (wanted - s.gain[i])
-        s.seen_then = s.seen.copy()
 
     def _lay_reference(self) -> None:
         """ZMP reference from the beginning of the present step over all steps that are known."""
@@ -341,20 +324,6 @@ class BipedWalker:
             part = smooth(s.clock * DT / p.rise_s)
             command = s.rise_from + part * (command - s.rise_from)
         s.command = np.clip(command, self.robot.joint_lower, self.robot.joint_upper)
-
-    def _fold(self) -> None:
-        """Go down on bent knees: the shorter way down, the softer the ground."""
-        s, p = self.state, self.params
-        s.clock += 1
-        part = smooth(s.clock * DT / p.fold_s)
-        folded = self.robot.neutral.copy()
-        for hip, knee, ankle in self.geometry.joints[:, [2, 3, 4]]:
-            folded[hip], folded[knee], folded[ankle] = -1.0, 1.8, -0.9
-        folded = np.clip(folded, self.robot.joint_lower, self.robot.joint_upper)
-        if s.rise_from is not None:
-            s.command = s.rise_from + part * (folded - s.rise_from)
-        if part >= 1.0:
-            s.mode = Mode.FALLEN
 
     # --- outputs ---------------------------------------------------------------------------------------------------
 

@@ -3,7 +3,8 @@
 The robot is a stiff inverted pendulum over the foot it stands on: a trunk that is tilted by (roll, pitch) more than
 planned carries the CoM beside the plan by d = (z sin pitch, -z sin roll), and its rate by d'. The capture point then
 lies beside the plan's by d + d'/w, w = sqrt(g/z). Beyond the sole's edge e it runs away as
-xi(t) = e + (xi - e) exp(w t) until the next foot lands: that foot has to follow (Pratt et al. 2006; Englsberger et al. 2011).
+xi(t) = e + (xi - e) exp(w t) until the next foot lands: that foot has to follow (Pratt et al. 2006; Englsberger et al.
+2011).
 """
 
 import math

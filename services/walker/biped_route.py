@@ -88,6 +88,8 @@ def refusal_of(command: Command, params: BipedParams, calibrated: bool, fallen: 
     for name, value in values.items():
         if value is not None and not math.isfinite(value):
             return _no("bad_value", f"{name} must be finite, got {value}")
+    if command.shift is not None:
+        return _no("unsupported", "shift is for robots with more than two legs")
     if command.gait not in (None, "zmp"):
         return _no("unknown_gait", f"gait must be zmp, got {command.gait!r}")
     if fallen:

@@ -1,4 +1,4 @@
-"""What goes into the biped walker and what it remembers from one tick to the next."""
+"""What the biped walker remembers from one tick to the next."""
 
 from dataclasses import dataclass, field
 from enum import Enum
@@ -22,32 +22,6 @@ class Mode(Enum):
     STEP = "step"
     FOLD = "fold"  # lost: going down on bent knees
     FALLEN = "fallen"
-
-
-@dataclass(frozen=True, slots=True)
-class BipedInputs:
-    """Everything the walker knows in one control tick."""
-
-    stamp: float
-    """Simulated time of the tick, s."""
-    roll: float = 0.0
-    """Estimated roll, rad."""
-    pitch: float = 0.0
-    rate: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Angular velocity, rad/s, base_link axes."""
-    x: float = 0.0
-    """Dead-reckoned position in odom, m."""
-    y: float = 0.0
-    yaw: float = 0.0
-    """Dead-reckoned heading in odom, rad, not wrapped."""
-    estimate_stamp: float = -1.0
-    """Time of the sample behind the estimate, s."""
-    initialised: bool = False
-    """The estimator has finished its standstill calibration."""
-    joints: Array | None = None
-    """Measured joint angles of a sample released in this tick, (nj,) rad, or None."""
-    contacts: Flags | None = None
-    """Foot switches of a sample released in this tick, (2,), or None."""
 
 
 @dataclass(eq=False)
@@ -97,6 +71,11 @@ class BipedState:
     """Shortens steps after a tilt."""
     calibrated: bool = False
     held: bool = False
+    until: float = np.inf
+    """Simulated time at which the walk ends, s."""
+    limit: float = np.inf
+    """Duration of a walk that has not begun, s."""
+    stamp: float = 0.0
     stopping: bool = False
     measured: Array | None = None
     """Last joint sample, (nj,)."""

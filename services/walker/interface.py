@@ -28,6 +28,8 @@ class WalkerInputs:
     """Estimated roll, rad."""
     pitch: float = 0.0
     """Estimated pitch, rad."""
+    rate: Vec3 = (0.0, 0.0, 0.0)
+    """Estimated angular velocity, rad/s, base_link axes; bipeds use it."""
     x: float = 0.0
     """Dead-reckoned base_link position in odom, m."""
     y: float = 0.0

@@ -63,7 +63,7 @@ def preview_gains(height: float, dt: float, horizon: int = HORIZON, jerk: float 
 
 
 def riccati(a: Array, b: Array, q: Array, r: float) -> Array:
-    """Stabilising solution of K = A'KA - A'KB (r + B'KB)^-1 B'KA + Q, by the structure-preserving doubling algorithm."""
+    """Stabilising solution of K = A'KA - A'KB (r + B'KB)^-1 B'KA + Q, by structured doubling."""
     n = len(a)
     ak, gk, hk = a.copy(), b @ b.T / r, q.copy()
     for _ in range(DOUBLINGS):

@@ -26,7 +26,19 @@ from schemas.topics import (
     STATE_VELOCITY,
     TERRAIN_MAP,
 )
-from services.walker import balance, ground, interface, posture, swing
+from services.walker import (
+    balance,
+    biped_balance,
+    biped_ik,
+    biped_plan,
+    biped_posture,
+    ground,
+    interface,
+    posture,
+    preview,
+    swing,
+)
+from services.walker.biped import BipedWalker
 from services.walker.hexapod import HexapodWalker
 from services.walker.interface import FootholdReply, WalkerInputs, WalkerOutputs
 from services.walker.memory import Kept, Memory
@@ -73,17 +85,20 @@ class Walker(Service[WalkerConfig]):
 
     def on_start(self) -> None:
         self.robot = load_robot(self.config.robot)
-        for module in (rotations, kinematics, swing, posture, ground, balance):
+        self.biped = self.robot.kind == "biped"
+        for module in (rotations, kinematics, *(_BIPED_KERNELS if self.biped else _HEXAPOD_KERNELS)):
             module.warm()
         chosen = {k: v for k, v in self.config.model_dump().items() if k in _TUNABLE and v is not None}
         self.params = WalkerParams.for_robot(self.robot, **chosen)
         self.own_check = HullCheck(self.robot)
-        self.memory = Memory(self.config.memory)
+        self.memory = Memory(None if self.biped else self.config.memory)
         self.on_reset()
         self.handle(CMD_WALK, self.walk)
 
     def on_reset(self) -> None:
-        self.walker = HexapodWalker(self.robot, self.params, self._select, self._check)
+        self.walker: Any = (
+            BipedWalker(self.robot) if self.biped else HexapodWalker(self.robot, self.params, self._select, self._check)
+        )
         self._map: object = None
         self._planned: list[tuple[int, int, WalkCommand]] = []
         self._tick, self._epoch = -1, 0
@@ -172,7 +187,7 @@ class Walker(Service[WalkerConfig]):
 
     def _take_map(self, inputs: TickInputs) -> None:
         message = inputs.get(TERRAIN_MAP)
-        if message is None or message is self._map:
+        if message is None or message is self._map or self.biped:
             return
         self._map = message
         try:
@@ -190,6 +205,7 @@ class Walker(Service[WalkerConfig]):
             stamp=inputs.tick.stamp_ns * 1e-9,
             roll=velocity.roll if velocity else 0.0,
             pitch=velocity.pitch if velocity else 0.0,
+            rate=velocity.angular_velocity if velocity else (0.0, 0.0, 0.0),
             x=odometry.position[0] if odometry else 0.0,
             y=odometry.position[1] if odometry else 0.0,
             yaw=odometry.yaw if odometry else 0.0,
@@ -268,6 +284,8 @@ class Walker(Service[WalkerConfig]):
         )
 
 
+_HEXAPOD_KERNELS = (swing, posture, ground, balance)
+_BIPED_KERNELS = (biped_ik, preview, biped_plan, biped_posture, biped_balance)
 _TUNABLE = ("hip_height_m", "stride_m", "period_s", "clearance_m")
 
 

@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from services.simulator.model import build_model, place_joints, read_joints
+from services.simulator.joints import place_joints, read_joints
+from services.simulator.model import build_model
 from surefoot import kinematics as kin
 from surefoot.dh import dh_transform, read_dh
 from surefoot.robot import RobotError, load_robot

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.simulator.model import build_model, place_joints
+from services.simulator.joints import place_joints
+from services.simulator.model import build_model
 from surefoot import kinematics as kin
 from surefoot.robot import load_robot, robot_names
 

@@ -7,7 +7,7 @@ from services.simulator.ground import perturbation
 from services.simulator.terrain import make_terrain
 from services.simulator.world import World, WorldConfig
 from services.walker.biped import BipedWalker
-from services.walker.biped_state import BipedInputs
+from services.walker.interface import WalkerInputs
 from surefoot.robot import load_robot
 
 
@@ -33,7 +33,7 @@ class Plant:
             self.estimator.on_kinematics(joints.stamp_ns, joints.position, touch)
         e, pose = self.estimator.estimate(), self.estimator.pose()
         self.out = self.walker.step(
-            BipedInputs(
+            WalkerInputs(
                 stamp=0.01 * self.world.tick,
                 roll=e.roll,
                 pitch=e.pitch,

@@ -1,5 +1,6 @@
 """Preview control, footsteps, references: properties and independent solutions."""
 
+import itertools
 import math
 
 import numpy as np
@@ -54,7 +55,7 @@ def test_zmp_follows_its_reference_and_com_comes_to_rest():
 def test_preview_does_not_care_where_the_world_begins(dx, dy):
     rows = np.array([[0.0, 0.0]] * 60 + [[0.01, 0.04]] * 140)
     here, _ = walk(rows)
-    there, _ = walk(rows + [dx, dy])
+    there, _ = walk(rows + np.array([dx, dy]))
     assert there - here == pytest.approx(np.tile([dx, dy], (len(here), 1)), abs=1e-9)
 
 
@@ -116,7 +117,7 @@ def test_walks_and_arcs_end_where_the_command_says_with_the_feet_together(distan
         *steps[0].body[:2]
     )
     assert way == pytest.approx(abs(distance), abs=1e-6)
-    assert all(a.swing != b.swing for a, b in zip(steps, steps[1:], strict=False))
+    assert all(a.swing != b.swing for a, b in itertools.pairwise(steps))
 
 
 def test_a_learned_gain_makes_the_plan_shorter():

@@ -1,0 +1,54 @@
+"""The line to the servos: set-points come in steps and take effect after the servos' latency."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.robot import Robot
+
+Array = NDArray[np.float64]
+
+EXACT = 1e-9  # rad, step of a servo that takes any set-point, beside others that do not
+
+
+class ServoLine:
+    """Quantises set-points and delays them by whole physics steps.
+
+    Args:
+        robot: its servos' resolution counts for each joint, the longest latency for all.
+        step_ns: physics step.
+    """
+
+    def __init__(self, robot: Robot, step_ns: int) -> None:
+        servos = [joint.servo for joint in robot.joints]
+        coarse = any(servo.resolution for servo in servos)
+        self.resolution = np.array([servo.resolution or EXACT for servo in servos]) if coarse else None
+        self.latency_steps = round(max(servo.latency for servo in servos) * 1e9) // step_ns
+        self.clear()
+
+    def clear(self) -> None:
+        """Nothing is under way."""
+        self._coming: list[tuple[int, Array]] = []
+
+    def heard(self, set_points: Array) -> Array:
+        """What the servos make of set-points, (nj,) rad."""
+        if self.resolution is None:
+            return set_points
+        return self.resolution * np.rint(set_points / self.resolution)
+
+    def send(self, step: int, set_points: Array) -> None:
+        """Send set-points in a physics step."""
+        self._coming.append((step + self.latency_steps, self.heard(set_points)))
+
+    def arrival(self, until: int) -> tuple[int, Array] | None:
+        """The next set-points that arrive up to a physics step, with their step; None = no more."""
+        return self._coming.pop(0) if self._coming and self._coming[0][0] <= until else None
+
+    def state(self, step: int) -> list[Any]:
+        """What is under way, relative to a step; plain JSON values."""
+        return [[at - step, ctrl.tolist()] for at, ctrl in self._coming]
+
+    def restore(self, step: int, state: list[Any]) -> None:
+        """Continue where `state` was taken."""
+        self._coming = [(step + ahead, np.array(ctrl)) for ahead, ctrl in state]
