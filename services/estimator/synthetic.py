@@ -304,11 +304,3 @@ def _foot_samples(walk: WalkParams, path: _Path, position: Array, rot: Array, fe
 
 
 FOOT_AXES = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])  # rot_level_from_foot
-
-
-def warm() -> None:
-    """Compile every kernel of this module."""
-    chain = bioloid_chains()[0]
-    theta = np.array([0.0, 0.3, -0.6, 0.3, 0.0, 0.0])
-    position, rot = foot_pose(descend(chain, theta, np.zeros(6), np.zeros(3)))
-    solve_chain(chain, theta, position, np.ascontiguousarray(rot))
