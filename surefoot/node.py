@@ -256,6 +256,8 @@ class Node:
     def _has_seen(self, request: TickRequest) -> bool:
         assert request.tick is not None
         epoch = self._epoch if request.epoch is None else request.epoch
+        if not self.join.same_tick and not self.join.delayed:
+            return self._epoch >= epoch  # what it knows comes once per epoch, no tick changes it
         return (self._epoch, self.join.last) >= (epoch, request.tick)
 
     def _answer(self, incoming: Incoming, request: Request) -> None:

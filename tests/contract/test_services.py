@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 import services
-from schemas.topics import CMD_ESTOP, QUERIES, SIM_TRUTH, TOPICS
+from schemas.base import TickRequest
+from schemas.topics import CMD_ESTOP, QUERIES, SIM_TRUTH, TOPICS, Kind
 from surefoot.driver import Driver
 from surefoot.graph import order
 from surefoot.join import DRIVER, Delayed
@@ -51,6 +52,13 @@ def test_one_owner_per_key(found: type[Service[Any]]) -> None:
 def test_no_function_service_reads_the_truth(found: type[Service[Any]]) -> None:
     keys = {(item.topic if isinstance(item, Delayed) else item).key for item in (*found.inputs, *found.observes)}
     assert (SIM_TRUTH.key not in keys) or found.name in JUDGES
+
+
+@pytest.mark.parametrize("found", [found for found in ALL if found.batched], ids=lambda found: found.name)
+def test_nobody_waits_within_a_tick_for_a_service_that_takes_ticks_in_batches(found: type[Service[Any]]) -> None:
+    assert not any(topic.framed for topic in found.outputs)
+    per_tick = [item for item in found.inputs if isinstance(item, Delayed) or item.kind is not Kind.LATCHED]
+    assert not per_tick or not any(issubclass(query.request, TickRequest) for query in found.serves)
 
 
 def test_every_row_has_a_provider() -> None:

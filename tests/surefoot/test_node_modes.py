@@ -2,16 +2,18 @@
 
 import pytest
 
+from schemas.footholds import SelectReply, SelectRequest
 from schemas.hw import JointState, Tick
 from schemas.terrain import HeightMapMessage
-from schemas.topics import HW_IMU, TERRAIN_MAP, TICK_NS
+from schemas.topics import FOOTHOLDS_SELECT, HW_IMU, TERRAIN_MAP, TICK_NS
 from surefoot.bus import Delivery, Raw
 from surefoot.codec import decode, encode, encoding_of
 from surefoot.config import ServiceConfig
 from surefoot.errors import Refusal
 from surefoot.join import MAX_AHEAD, TickInputs
+from surefoot.memory_bus import MemoryIncoming
 from surefoot.service import Service
-from tests.surefoot.node_bench import IMU, MEGABYTE, Bench, Subject
+from tests.surefoot.node_bench import IMU, MEGABYTE, SELECT, Bench, Subject
 
 
 @pytest.fixture
@@ -87,6 +89,31 @@ def test_latched_input_of_an_epoch_before_is_not_the_map() -> None:
     bench.bus.publisher(TERRAIN_MAP).put(height_map(1))
     bench.node.pump()
     assert bench.node.refused["stale_epoch"] == 1
+
+
+class MapOnly(Subject):
+    inputs = (TERRAIN_MAP,)
+
+    def on_tick(self, inputs: TickInputs) -> None:
+        self.ticks.append(inputs.number)
+
+
+def test_who_knows_only_the_map_answers_for_any_tick_of_its_epoch() -> None:
+    bench = Bench(MapOnly())
+    bench.bus.publisher(TERRAIN_MAP).put(height_map(1))
+    bench.tick(0)
+    assert bench.subject.ticks == [0]
+    now, later = (
+        MemoryIncoming(FOOTHOLDS_SELECT, SelectRequest.model_validate({**SELECT, "epoch": epoch, "tick": 7}))
+        for epoch in (1, 2)
+    )
+    bench.node.handle(now)
+    bench.node.handle(later)
+    assert isinstance(now.answer, SelectReply)
+    assert later.answer is None
+    bench.bus.publisher(TERRAIN_MAP).put(height_map(2))
+    bench.tick(0, epoch=2)
+    assert isinstance(later.answer, SelectReply)
 
 
 def test_paced_mode_goes_on_without_what_is_late_and_never_back(bench: Bench) -> None:
