@@ -96,7 +96,7 @@ def run(name: str, seeds: Iterable[int], results: Path | None = None, processes:
                 print(f"  {name} seed {one.seed}: failed {line['failed']} {line['problems']}", flush=True)
             if results is not None:
                 with results.open("a", encoding="utf-8") as stream:
-                    stream.write(json.dumps(line) + "\n")
+                    stream.write("\n" + json.dumps(line))
     if lines:
         print(table(name, lines), flush=True)
 
