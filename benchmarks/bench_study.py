@@ -96,7 +96,7 @@ def run(name: str, seeds: Iterable[int], results: Path | None = None, processes:
                 print(f"  {name} seed {one.seed}: failed {line['failed']} {line['problems']}", flush=True)
             if results is not None:
                 with results.open("a", encoding="utf-8") as stream:
-                    stream.write("\n" + json.dumps(line))
+                    stream.write(f"\n{json.dumps(line)}\n")  # the line before may be torn
     if lines:
         print(table(name, lines), flush=True)
 
