@@ -108,9 +108,20 @@ class BasePose(Request):
     quat_wxyz: QuatWxyz = Field(default=(1.0, 0.0, 0.0, 0.0), description="rotates base_link to world, order w x y z")
 
 
+class Doubt(Request):
+    """What is not known exactly: standard deviations count kappa times, bounds fully."""
+
+    com_sd_m: float = Field(default=0.0, ge=0, le=1, description="m, of the centre of mass, each horizontal axis")
+    foot_sd_m: float = Field(default=0.0, ge=0, le=1, description="m, of each contact point, each axis")
+    friction: float = Field(default=0.0, ge=0, le=10, description="every mu may be less by that, no unit")
+    normal_rad: float = Field(default=0.0, ge=0, le=1.5, description="every normal may be off by that, rad")
+    kappa: float = Field(default=3.0, ge=0, le=10, description="standard deviations that count")
+
+
 class CheckRequest(RegionRequest):
     """Asks whether the robot stands, and still stands after its trunk has moved over its feet (4.3, 4.6)."""
 
+    schema_version: ClassVar[str] = "1.1"
     com: Vec2 | None = Field(
         default=None, description="x, y of the centre of mass now, frame world, m; null = from joints and base"
     )
@@ -122,18 +133,24 @@ class CheckRequest(RegionRequest):
     robot: str | None = Field(
         default=None, min_length=1, max_length=64, description="name of the robot description; null = the service's own"
     )
+    doubt: Doubt | None = Field(default=None, description="asks for margin_robust, which allows for it")
     polygons: bool = Field(default=True, description="false: leave inner, outer and support empty (a smaller reply)")
 
 
 class CheckReply(RegionReply):
     """Whether the movement is safe, and by how much."""
 
+    schema_version: ClassVar[str] = "1.1"
     stable: bool = Field(description="status is ok and margin >= 0")
     margin: float | None = Field(
         description="m, signed distance of the CoM after the movement to the edge of the region, positive inside; null "
         "when there is no region, or no edge"
     )
     margin_now: float | None = Field(description="m, the same for the CoM now")
+    margin_robust: float | None = Field(
+        default=None,
+        description="m, margin that is left with the doubt of the request; null: none was given, or nothing",
+    )
     extent: float | None = Field(description="m, way along the movement from the CoM now to the edge of the region")
     gsm: float | None = Field(
         description="m, geometric stability margin: signed way along the movement from the CoM after the movement to "
@@ -181,8 +198,13 @@ class WhatifReply(Reply):
 class EquilibriumRequest(Request):
     """Asks for forces that hold the robot with its CoM at a place."""
 
+    schema_version: ClassVar[str] = "1.1"
     contacts: Annotated[tuple[Contact, ...], Field(max_length=MAX_CONTACTS)] = Field(description="contacts")
     com: Vec2 = Field(description="x, y of the centre of mass, frame world, m")
+    com_height_m: float = Field(
+        default=0.0, description="m, z of the centre of mass; matters when it accelerates sideways only"
+    )
+    acceleration: Vec3 = Field(default=(0.0, 0.0, 0.0), description="m/s^2, of the centre of mass, frame world")
     weight_n: float = Field(default=1.0, gt=0, description="N, weight of the robot; 1 = forces in units of the weight")
 
 

@@ -16,6 +16,7 @@ from schemas.stability import (
     ComReply,
     ComRequest,
     Contact,
+    Doubt,
     EquilibriumReply,
     EquilibriumRequest,
     RegionReply,
@@ -28,6 +29,7 @@ from schemas.stability import (
 from services.stability import whatif
 from services.stability.contacts import Array, ContactSet, StabilityError, contact_set
 from services.stability.directions import equally_spaced, unit
+from services.stability.effective import lean, upward
 from services.stability.equilibrium import equilibrium, friction_needed, least_forces
 from services.stability.forces import (
     FootForces,
@@ -41,6 +43,7 @@ from services.stability.movement import Check, check
 from services.stability.oracle import Support
 from services.stability.pressure import PressureSensor, read_loads
 from services.stability.region import Region, region
+from services.stability.robust import Uncertainty, robust_margin
 from services.stability.shift import Shift, kinematic_shift, stance_legs
 from services.stability.state import WatchParams
 from surefoot.kinematics import com, foot_positions
@@ -168,6 +171,7 @@ def _check_reply(
         stable=verdict.stable,
         margin=verdict.margin.value,
         margin_now=verdict.margin_now.value,
+        margin_robust=None if request.doubt is None else _robust(found, verdict.com_after, request.doubt),
         extent=_length(verdict.extent),
         gsm=_length(verdict.gsm),
         extent_status=None if verdict.extent is None else verdict.extent.status,
@@ -177,6 +181,21 @@ def _check_reply(
         shift=(float(shift.vector[0]), float(shift.vector[1]), float(shift.vector[2])),
         stance=legs,
         reachable=shift.reachable,
+    )
+
+
+def _robust(found: Region, com_after: Array, doubt: Doubt) -> float | None:
+    n = len(found.contacts)
+    return robust_margin(
+        found.contacts,
+        com_after,
+        Uncertainty(
+            com=doubt.com_sd_m**2 * np.eye(2),
+            foot=np.tile(doubt.foot_sd_m**2 * np.eye(3), (n, 1, 1)),
+            friction=doubt.friction,
+            normal=doubt.normal_rad,
+            kappa=doubt.kappa,
+        ),
     )
 
 
@@ -234,15 +253,25 @@ def _variant(found: whatif.Variant) -> Variant:
 def equilibrium_reply(request: EquilibriumRequest) -> EquilibriumReply:
     """Answer to `stability/equilibrium`."""
     contacts, place = contacts_of(request.contacts), np.array(request.com)
+    weight, back = request.weight_n, np.eye(3)
+    if any(request.acceleration):
+        up = upward(np.array(request.acceleration))
+        if up[2] < 0.01 * GRAVITY:
+            raise StabilityError("too_large", "acceleration", f"got {request.acceleration}, the robot would fly")
+        leaning = lean(contacts, up)
+        contacts, place = leaning.contacts, leaning.seen(np.append(place, request.com_height_m))
+        weight, back = weight * leaning.strength / GRAVITY, leaning.rot.T
     found = equilibrium(contacts, place)
     if not found.held:
-        proof = None if found.twist is None else tuple(found.twist.tolist())
+        proof = None
+        if found.twist is not None:
+            proof = tuple(np.concatenate((back @ found.twist[:3], back @ found.twist[3:])).tolist())
         return EquilibriumReply(held=False, forces_n=None, friction_share=None, certificate=proof)
     least = least_forces(contacts, place)
     force = found.force if least is None else least
     return EquilibriumReply(
         held=True,
-        forces_n=None if force is None else _triples(request.weight_n * force),
+        forces_n=None if force is None else _triples(weight * force @ back.T),
         friction_share=friction_needed(contacts, place),
     )
 

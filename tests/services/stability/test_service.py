@@ -244,6 +244,37 @@ def test_reply_does_not_depend_on_what_was_asked_before(service: Stability) -> N
     assert json.loads(encode(own)[0]) == first
 
 
+def test_check_with_doubt(service: Stability) -> None:
+    """Flat ground: the margin shrinks by kappa times the CoM's and the feet's deviations; friction does not matter."""
+    fields = {"contacts": FLOOR, "com": [0.0, 0.0]}
+    plain = ask(service, "check", **fields)
+    assert (plain["margin"], plain["margin_robust"]) == (pytest.approx(0.1), None)
+    got = ask(service, "check", **fields, doubt={"com_sd_m": 0.005, "kappa": 2.0})
+    assert got["margin_robust"] == pytest.approx(0.09, abs=1e-6)
+    both = ask(service, "check", **fields, doubt={"com_sd_m": 0.003, "foot_sd_m": 0.004, "kappa": 1.0})
+    assert 0.094 < both["margin_robust"] < 0.0971
+    assert ask(service, "check", **fields, doubt={"friction": 0.4})["margin_robust"] == pytest.approx(0.1, abs=1e-6)
+    steep = [contact | {"normal": [-0.4, 0.0, 0.9]} for contact in FLOOR]
+    assert ask(service, "check", contacts=steep, com=[0, 0], doubt={"normal_rad": 0.3})["margin_robust"] is None
+    with pytest.raises(Refusal) as refused:
+        ask(service, "check", **fields, doubt={"com_sd_m": -1.0})
+    assert refused.value.field == "doubt.com_sd_m"
+
+
+def test_equilibrium_of_a_robot_that_accelerates(service: Stability) -> None:
+    """Forces add up to m (g + a); 0.1 m behind the edge and 0.3 m high it can brake with g/3 but not more."""
+    fields = {"contacts": FLOOR, "com": [0.0, 0.0], "com_height_m": 0.3, "weight_n": 20.0}
+    got = ask(service, "equilibrium", **fields, acceleration=[3.2, 0.0, 1.0])
+    assert got["held"]
+    total = np.sum(got["forces_n"], axis=0)
+    np.testing.assert_allclose(total, 20.0 / 9.81 * np.array([3.2, 0.0, 10.81]), atol=1e-5)
+    assert not ask(service, "equilibrium", **fields, acceleration=[3.4, 0.0, 0.0])["held"]
+    assert not ask(service, "equilibrium", **(fields | {"com_height_m": 0.0}), acceleration=[5.0, 0.0, 0.0])["held"]
+    with pytest.raises(Refusal) as refused:
+        ask(service, "equilibrium", **fields, acceleration=[0.0, 0.0, -9.81])
+    assert refused.value.field == "acceleration"
+
+
 # -- state/stability --------------------------------------------------------------------------------------------------
 
 
