@@ -6,10 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from services.stability.contacts import Array, ContactSet
+from services.stability.equilibrium import equilibrium
 from services.stability.margin import margin
 from services.stability.oracle import Support
 from services.stability.region import region
+from services.stability.single import support_value
 
+INSIDE = 1e-6  # of the way to the middle of the region: forces are asked for so far inside the edge
 FINEST = 1e-4  # rad; directions around the best one are refined down to that
 
 
@@ -39,14 +42,69 @@ class Gradient:
 
 
 def gradient(contacts: ContactSet, support: Support, k: int) -> Gradient:
-    """Gradient of the k-th support value; of a margin when k is its direction (and - a for the CoM itself)."""
-    twist, force, a = support.twist[k], support.force[k], support.direction[k]
+    """Gradient of the k-th support value, with the forces of its support point."""
+    return _slope(contacts, support.twist[k], support.force[k], support.direction[k])
+
+
+def _slope(contacts: ContactSet, twist: Array, force: Array, a: Array) -> Gradient:
     spin = np.array([-a[1], a[0], twist[3]])
     u = twist[:3] + np.cross(spin, contacts.position)
     tangential = force - np.einsum("ij,ij->i", contacts.normal, force)[:, None] * contacts.normal
     with np.errstate(divide="ignore", invalid="ignore"):
         by_mu = -np.einsum("ij,ij->i", u, tangential) / contacts.mu
     return Gradient(np.where(np.isfinite(by_mu), np.maximum(by_mu, 0.0), 0.0), np.cross(spin, force))
+
+
+@dataclass(frozen=True, slots=True)
+class MarginGradient:
+    """How the signed margin of a CoM changes."""
+
+    value: float
+    """m, the margin."""
+    com: Array
+    """(2,) d margin / d com = - a, no unit."""
+    mu: Array
+    """(n,) m."""
+    position: Array
+    """(n, 3) no unit."""
+
+
+def margin_gradient(contacts: ContactSet, com: Array) -> MarginGradient | None:
+    """Gradient of the margin of a CoM (2,) m: that of h(a) in the direction of the nearest edge.
+
+    The forces are those that hold the CoM at the nearest point of the edge: along a straight edge support points are
+    not unique, and each foot counts by its lever. Where two edges are equally near there is only a one-sided slope.
+    None when there is no region, or no edge.
+    """
+    found = region(contacts)
+    here = margin(found, com)
+    if here.value is None or found.status != "ok":
+        return None
+    a = _nearest(found.inner, com) if here.direction is None else here.direction
+    answer = support_value(contacts, a)
+    if answer.status != "ok":
+        return None
+    edge = com + here.value * a
+    inside = found.inner.mean(axis=0) - edge
+    held = equilibrium(contacts, edge + INSIDE * inside)
+    if held.force is None:
+        return None
+    slope = _slope(contacts, answer.twist, held.force, a)
+    return MarginGradient(here.value, -a, slope.mu, slope.position)
+
+
+def _nearest(polygon: Array, point: Array) -> Array:
+    """Unit direction from a point to the nearest edge inside, from the polygon's nearest point outside."""
+    along = np.roll(polygon, -1, axis=0) - polygon
+    out = np.column_stack((along[:, 1], -along[:, 0])) / np.hypot(along[:, 0], along[:, 1])[:, None]
+    slack = np.einsum("ij,ij->i", out, polygon - point)
+    if slack.min() >= 0.0:
+        return out[int(slack.argmin())]
+    share = np.clip(np.einsum("ij,ij->i", point - polygon, along) / np.einsum("ij,ij->i", along, along), 0.0, 1.0)
+    away = point - (polygon + share[:, None] * along)
+    length = np.hypot(away[:, 0], away[:, 1])
+    k = int(length.argmin())
+    return away[k] / length[k]
 
 
 def shrunk(contacts: ContactSet, friction: float, normal: float) -> ContactSet:
