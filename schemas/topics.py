@@ -51,6 +51,8 @@ class Topic(Generic[M]):
     """Sampling period of a SAMPLE topic in simulated ns, 0 = none."""
     wall_period_s: float = 0.0
     """Period of a STATUS topic in wall time, 0 = event."""
+    judging: bool = False
+    """Told after the tick's frame and in batches only: for those who keep or judge a run, never for those who act."""
     deterministic: bool = True
     """Part of the run hash and recorded: same seed, same bytes."""
 
@@ -115,7 +117,7 @@ STATE_GAIT = Topic("state/gait", state.GaitState, Kind.STATE, "walker")
 STATE_STABILITY = Topic("state/stability", stability.StabilityStatus, Kind.STATE, "stability", period_ticks=2)
 
 # simulation only
-SIM_TRUTH = Topic("sim/truth", sim.Truth, Kind.SAMPLE, "driver", period_ticks=0, period_ns=TICK_NS)
+SIM_TRUTH = Topic("sim/truth", sim.Truth, Kind.SAMPLE, "driver", period_ticks=0, period_ns=TICK_NS, judging=True)
 SIM_STATUS = Topic("sim/status", sim.SimStatus, Kind.STATUS, "driver", period_ticks=0, deterministic=False)
 
 # runtime

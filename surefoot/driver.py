@@ -50,6 +50,10 @@ class Driver(Service[C]):
         """Samples whose stamp is at or before the beginning of ``tick`` and that were not released yet."""
         raise NotImplementedError
 
+    def reveal(self, tick: int) -> list[Sample]:
+        """Samples of ``judging`` topics that go with ``tick``: made when the tick's frame is on its way."""
+        return []
+
     def actuate(self, tick: int, command: JointCommand | None) -> None:
         """Lets one tick of time pass under a command (None: hold what was)."""
         raise NotImplementedError
@@ -80,6 +84,7 @@ class DriverNode(Node):
         self.rtf = 0.0
         self.measured_rtf = 0.0
         self._commands: dict[int, JointCommand | None] = {}
+        self._revealed = tuple(topic.key for topic in service.outputs if topic.judging)
         self._obeyed = -1
         self._joining: dict[str, float] = {}
         self._next_prime = 0.0
@@ -300,16 +305,23 @@ class DriverNode(Node):
         box: list[Any] = []
         samples = self.driver.release(tick)
         self.bus.cork()
-        for sample in samples:
-            publisher = self._publishers[sample.topic.key]
-            message = sample.message.stamped(sample.stamp_ns, tick, leader.epoch, sample.seq, self.name)
-            box.append((publisher, publisher.put(message)))
-        manifest = leader.advance(tick * TICK_NS, tuple(sample.topic.key for sample in samples))
+        self._tell(samples, tick, box)
+        due = (*(sample.topic.key for sample in samples), *self._revealed)
+        manifest = leader.advance(tick * TICK_NS, due)
         self._publishers[HW_TICK.key].put(manifest)
+        self.bus.flush(batch=False)
+        self.bus.cork()
+        self._tell(self.driver.reveal(tick), tick, box)
         self.bus.flush(batch=manifest.report)
         self._outbox[(leader.epoch, tick)] = box
         self._outbox.pop((leader.epoch, tick - 4 * leader.window), None)
         self._since, self._resends = time.monotonic(), 0
+
+    def _tell(self, samples: list[Sample], tick: int, box: list[Any]) -> None:
+        for sample in samples:
+            publisher = self._publishers[sample.topic.key]
+            message = sample.message.stamped(sample.stamp_ns, tick, self.leader.epoch, sample.seq, self.name)
+            box.append((publisher, publisher.put(message)))
 
     def _repeat(self, ticks: range) -> None:
         for tick in ticks:

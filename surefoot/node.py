@@ -74,6 +74,9 @@ class Node:
         """Declares everything, lets the service prepare, then becomes visible."""
         service, put = self.service, self.inbox.put
         service.attach(self)
+        for topic in self._subscriptions():
+            if topic.judging and not service.batched:
+                raise ValueError(f"{self.name} reads {topic.key!r}, which is told in batches, but is not batched")
         for topic in (*service.outputs, self._done, HEALTH.of(self.name), LOG.of(self.name)):
             self._publishers[topic.key] = self.bus.publisher(topic)
         service.on_start()

@@ -112,7 +112,7 @@ class Framer:
 
     def __init__(self, session: zenoh.Session, owner: str) -> None:
         self.frame: list[Part] = []
-        self._batch: list[Part] = []
+        self.batch: list[Part] = []
         self._frames = _declare(session, FRAME.format(owner), _JSON, *_QOS[Kind.LOCKSTEP])
         self._batches = _declare(session, BATCH.format(owner), _JSON, *_QOS[Kind.LOCKSTEP])
 
@@ -121,12 +121,12 @@ class Framer:
         if self.frame:
             payload, index = pack(self.frame)
             self._frames.put(payload, attachment=index)
-            self._batch += self.frame
+            self.batch += self.frame
             self.frame = []
-        if batch and self._batch:
-            payload, index = pack(self._batch)
+        if batch and self.batch:
+            payload, index = pack(self.batch)
             self._batches.put(payload, attachment=index)
-            self._batch = []
+            self.batch = []
 
 
 class FramedPublisher(Generic[M]):
@@ -160,7 +160,7 @@ class FramedPublisher(Generic[M]):
         self._frame(Part(self.topic.key, b"", Stamp(-1, 0, 0, 0)))
 
     def _frame(self, part: Part) -> None:
-        self._framer.frame.append(part)
+        (self._framer.batch if self.topic.judging else self._framer.frame).append(part)
         if not self._bus.corked:
             self._framer.flush(batch=True)
 

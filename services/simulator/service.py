@@ -109,7 +109,10 @@ class Simulator(Driver[SimulatorConfig]):
     def release(self, tick: int) -> list[Sample]:
         if tick > 0 and tick % STATUS_TICKS == 0:
             self.publish(SIM_STATUS, self._status())
-        return [*sample_messages(self.world.samples), truth_message(self.world.truth(), tick)]
+        return sample_messages(self.world.samples)
+
+    def reveal(self, tick: int) -> list[Sample]:
+        return [truth_message(self.world.truth(), tick)]
 
     def actuate(self, tick: int, command: JointCommand | None) -> None:
         now = self.world.stamp_ns

@@ -61,6 +61,7 @@ class Witness(Service[ServiceConfig]):
 
     name = "recorder"
     inputs = (HW_IMU, HW_JOINTS, HW_CONTACTS, SIM_TRUTH)
+    batched = True
     outputs = ()
 
     def on_start(self) -> None:
