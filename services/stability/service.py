@@ -37,10 +37,11 @@ from services.stability.messages import (
     region_reply,
     whatif_reply,
 )
-from surefoot import kinematics, polygon, rotations
 from surefoot.errors import Refusal
 from surefoot.join import Delayed, TickInputs
+from surefoot.kinematics import com, foot_positions
 from surefoot.robot import load_robot
+from surefoot.rotations import matrix_from_quat
 from surefoot.service import Service
 
 Req = TypeVar("Req", bound=Request)
@@ -52,7 +53,8 @@ STALE_NS = 100_000_000
 LEAST_GRAVITY = 1.0
 """m/s^2; a shorter g_up is no direction."""
 
-_KERNELS = (rotations, kinematics, polygon, interior, region, margin, shift, forces, state)
+_KERNELS = (interior, region, margin, shift, forces, state)
+"""Modules whose kernels the queries use; with those of `surefoot` that they call. Others would only cost time."""
 
 
 class Stability(Service[StabilityConfig]):
@@ -78,6 +80,9 @@ class Stability(Service[StabilityConfig]):
         self.params = self.config.watch()
         for module in _KERNELS:
             module.warm()
+        matrix_from_quat(np.array([1.0, 0.0, 0.0, 0.0]))
+        com(self.robot.model, self.robot.neutral)
+        foot_positions(self.robot.model, self.robot.neutral)
         self.on_reset()
         self.handle(STABILITY_REGION, _answer(lambda r: region_reply(region_of(r), r)))
         self.handle(STABILITY_CHECK, _answer(lambda r: check_reply(r, self.robot)))
