@@ -103,3 +103,12 @@ def test_an_unknown_key_is_ignored(invented):
     traces = Traces()
     traces.feed("health/walker", invented.gait(0))
     assert traces.last_tick == -1
+
+
+def test_one_sample_of_too_small_a_margin_fails_the_run(invented):
+    traces = invented.walk(400)
+    least = measure(traces)["min_margin_m"]
+    assert judge(traces, {"min_margin_m": least - 1e-6}).ok
+    traces.feed("state/stability", invented.stability(400, least - 0.001, 0.05))
+    verdict = judge(traces, {"min_margin_m": least - 1e-6})
+    assert [row.name for row in verdict.rows if row.ok is False] == ["min_margin_m"]
