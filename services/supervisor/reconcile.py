@@ -153,7 +153,8 @@ def _run(item: Wanted, observed: Mapping[str, Observed], now: float) -> Action |
                 return _stop(item, state, now, "")
             return _watch(item, state, now)
         case "exited":
-            if not _wants_restart(item.restart, state.exit_code):
+            ended_as_unwell = state.stopping_since is not None and item.restart != "no"
+            if not ended_as_unwell and not _wants_restart(item.restart, state.exit_code):
                 return None
             if state.failures >= item.max_failures:
                 return Action("give_up", item.name, f"ended {state.failures} times in a row, last {_ending(state)}")

@@ -20,6 +20,7 @@ from services.supervisor.rundir import RunFolder
 
 SELF = "supervisor"  # listed in the compose file for container engines; here it is this very process
 STEP_S = 0.02  # s, how often processes are looked at
+PAUSE_S = 1.0  # s; a longer gap between two looks means that the machine slept
 
 
 class Process(Protocol):
@@ -87,6 +88,7 @@ class System:
         self._heartbeats: dict[str, Heartbeat] = {}
         self._notes: dict[str, Action] = {}
         self._restarts = dict.fromkeys(self._services, 0)
+        self._looked: float | None = None
 
     @property
     def service_names(self) -> tuple[str, ...]:
@@ -100,6 +102,9 @@ class System:
     def step(self, *, shutdown: bool = False) -> tuple[Action, ...]:
         """Look at every process once and do what the reconciler says."""
         now = self._clock()
+        if self._looked is not None and now - self._looked > PAUSE_S:
+            self._forgive_silence(now)
+        self._looked = now
         for name in self._services:
             self._observed[name] = self._observe(name, now)
         actions = plan(self._wanted, self._observed, now, shutdown=shutdown)
@@ -163,15 +168,22 @@ class System:
             return state
         code = self._processes[name].poll()
         if code is not None:
-            ours = state.stopping_since is not None
-            failures = state.failures if ours and state.unhealthy_since is None else failures_after(state, now)
-            return Observed(phase="exited", since=now, exit_code=code, failures=failures)
+            failures = failures_after(state, now)
+            told = state.stopping_since
+            return Observed(phase="exited", since=now, exit_code=code, failures=failures, stopping_since=told)
         well = self._is_well(name, state, now)
         if well == state.healthy:
             return state
         if well:
             return replace(state, healthy=True, healthy_since=now, unhealthy_since=None)
         return replace(state, healthy=False, unhealthy_since=now)
+
+    def _forgive_silence(self, now: float) -> None:
+        """Nobody could be heard while this process slept: let the last words count from now on."""
+        for name, heartbeat in list(self._heartbeats.items()):
+            state = self._observed.get(name, ABSENT)
+            if heartbeat.well and heartbeat.at >= state.since:
+                self._heartbeats[name] = replace(heartbeat, at=now)
 
     def _is_well(self, name: str, state: Observed, now: float) -> bool:
         check = self._services[name].healthcheck

@@ -144,3 +144,25 @@ def test_stops_in_reverse_order(world):
     world.step(shutdown=True)
     assert [entry for entry in world.log if entry[0] == "stop"] == [("stop", "second"), ("stop", "first")]
     assert not world.system.running()
+
+
+def test_who_was_ended_as_unwell_is_started_again_though_it_ended_cleanly(world):
+    for _ in range(3):
+        world.step(well=["first", "second"])
+    old = world.processes["first"]
+    world.system.heard("first", well=False)
+    for _ in range(4):
+        world.step(well=["second"])
+    assert old.code == 0
+    assert world.processes["first"] is not old
+    assert world.system.given_up() == ()
+
+
+def test_silence_while_the_machine_slept_is_nobodys_fault(world):
+    for _ in range(3):
+        world.step(well=["first", "second"])
+    world.step(3600.0)
+    assert world.system.settled()
+    for _ in range(100):
+        world.step(0.05)
+    assert ("stop", "first") in world.log
