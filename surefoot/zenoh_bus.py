@@ -2,7 +2,9 @@
 # pyright: reportUnknownMemberType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave return types out)
 
+import ctypes
 import json
+import threading
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
@@ -310,8 +312,13 @@ class ZenohBus:
     ) -> zenoh.Reply | None:
         """First reply, or None; the wait is bounded here too, should the network forget the query."""
         replies: SimpleQueue[zenoh.Reply | None] = SimpleQueue()
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            _keep_thread_state()
+            replies.put(reply)
+
         self._querier(query, timeout).get(
-            handler=Callback(replies.put, lambda: replies.put(None), indirect=False),
+            handler=Callback(on_reply, lambda: replies.put(None), indirect=False),
             payload=payload,
             encoding=encoding_of(query.request),
             attachment=attachment,
@@ -349,8 +356,24 @@ def _declare(
     )
 
 
+_kept: set[int] = set()
+
+
+def _keep_thread_state() -> None:
+    """To be called first on a thread of Zenoh's.
+
+    Python gives a foreign thread a new state at every call and takes it away after: memory mapped and unmapped per
+    message, and every other thread of the process interrupted for it. One more hold on the state lets it stay.
+    """
+    ident = threading.get_ident()
+    if ident not in _kept:
+        _kept.add(ident)
+        ctypes.pythonapi.PyGILState_Ensure()
+
+
 def _frame_sink(wanted: dict[str, Topic[Any]], sink: Callable[[Any], None]) -> Callable[[zenoh.Sample], None]:
     def on_sample(sample: zenoh.Sample) -> None:
+        _keep_thread_state()
         index = sample.attachment
         sink(Frame(wanted, sample.payload.to_bytes(), b"" if index is None else index.to_bytes()))
 
