@@ -7,6 +7,7 @@ error, which moves the next foothold.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +19,10 @@ from services.walker import biped_route as routes
 from services.walker.biped_ik import leg_geometry
 from services.walker.biped_params import BipedParams
 from services.walker.biped_plan import LEFT, RIGHT, between, placed, reference, smooth, support_point, swing
+from services.walker.biped_report import outputs
 from services.walker.biped_route import refusal_of, route_of, upcoming
 from services.walker.biped_state import BipedState, Mode
-from services.walker.interface import Command, CommandReply, WalkerInputs, WalkerOutputs, WalkState
+from services.walker.interface import Command, CommandReply, WalkerInputs, WalkerOutputs
 from services.walker.preview import HORIZON, preview_gains, preview_step
 from surefoot import kinematics
 from surefoot.robot import Robot
@@ -47,13 +49,22 @@ class BipedWalker:
         self.height = p.crouch * (g.thigh + g.shin) + g.ankle - float(g.hip[0, 2])  # of base_link
         self._kp = np.array([joint.servo.kp for joint in robot.joints])
         self._kv = np.array([joint.servo.kv for joint in robot.joints])
-        self._ticks = round(p.step_s / DT)
-        self._double = max(1, round(p.double * self._ticks))
+        self._own = p
+        self._take_params(p)
         self._tilt = np.array([0.0, p.lean_rad])
         self.state = BipedState(robot.nj)
         self.stance = self._stance()
         self.gains = preview_gains(self._com_height, DT)
         self.omega = math.sqrt(GRAVITY / self._com_height)
+
+    def _params_of(self, gait: str) -> BipedParams:
+        own = self._own
+        return own if gait == routes.GAITS[0] else replace(own, step_s=own.quick_s, step_m=own.quick_m)
+
+    def _take_params(self, params: BipedParams) -> None:
+        self.params = params
+        self._ticks = round(params.step_s / DT)
+        self._double = max(1, round(params.double * self._ticks))
 
     def _stance(self) -> Array:
         """Joint angles of the stance with both feet under the hips, (nj,)."""
@@ -70,9 +81,14 @@ class BipedWalker:
         """Accept or refuse a command; an accepted one replaces the present one at the next step."""
         s = self.state
         lost = s.mode in (Mode.FOLD, Mode.FALLEN)
-        refusal = refusal_of(command, self.params, s.calibrated, lost)
+        stepping = s.gait if s.mode in (Mode.START, Mode.STEP) else None
+        gait = command.gait or stepping or routes.GAITS[0]
+        params = self._params_of(gait) if gait in routes.GAITS else self.params
+        refusal = refusal_of(command, params, s.calibrated, lost, stepping)
         if refusal is not None:
             return refusal
+        s.gait = gait
+        self._take_params(params)
         s.walk_id += 1
         s.reason = ""
         walking = command.action in ("walk", "turn")
@@ -101,7 +117,8 @@ class BipedWalker:
         elif s.mode is not Mode.WAIT:
             self._advance()
             self._posture()
-        return self._outputs()
+        phase = min(1.0, s.clock / self._ticks) if s.mode is Mode.STEP else 0.0
+        return outputs(s, self._soles(), phase, s.clock <= self._double, self.height)
 
     def _take(self, inputs: WalkerInputs) -> None:
         s, p = self.state, self.params
@@ -170,13 +187,26 @@ class BipedWalker:
                 self._stand()
             elif s.clock >= p.start_s / DT:
                 self._next_step()
-        elif s.clock >= self._ticks:
-            self._land()
-            self._next_step()
         elif s.mode is Mode.STEP:
-            self._adjust()
+            self._swing()
         s.row += 1
         preview_step(self.gains, s.x, s.error, s.ref, s.row)
+
+    def _swing(self) -> None:
+        s = self.state
+        if s.clock > self._double:
+            s.progress += s.pace / (self._ticks - self._double)
+        if s.progress > 1.0 - 1e-9:
+            self._land()
+            self._next_step()
+        else:
+            self._adjust()
+
+    def _ticks_left(self) -> int:
+        """Until the present step's touch-down."""
+        s = self.state
+        swinging = (1.0 - s.progress) * (self._ticks - self._double) / s.pace
+        return max(0, self._double - s.clock) + math.ceil(swinging - 1e-9)
 
     def _apart(self) -> bool:
         return not routes.together(self.state.feet, self.state.body, self.width, self.params)
@@ -212,7 +242,7 @@ class BipedWalker:
             s.route = s.route.next(s.scale)[2]
         s.mode, s.clock, s.step = Mode.STEP, 0, step
         s.begin = s.feet[step.swing].copy()
-        s.shift = np.zeros(2)
+        s.shift, s.progress, s.pace = np.zeros(2), 0.0, 1.0
         s.zmp_from = s.ref[min(s.row, len(s.ref) - 1)].copy()
         self._lay_reference()
         s.row = -1
@@ -228,7 +258,7 @@ class BipedWalker:
         if np.any(s.shift != 0.0):
             s.adjusted += 1
             s.body = between(s.feet)
-            s.x[:2] += self.params.absorb * s.offset
+            s.x[:2] += self.params.absorb * s.offset  # the plan goes on from where the CoM is
 
     def _lay_reference(self) -> None:
         """ZMP reference from the beginning of the present step over all steps that are known."""
@@ -241,7 +271,7 @@ class BipedWalker:
             double.append(1)
         elif s.step is not None:
             points.append(self._support(feet, 1 - s.step.swing))
-            ticks.append(self._ticks)
+            ticks.append(s.clock + self._ticks_left())
             double.append(self._double)
             feet[s.step.swing] = s.step.target
         for step in self._upcoming(HORIZON + self._ticks):
@@ -264,10 +294,14 @@ class BipedWalker:
         """Move the landing after the capture point while the foot is in the air."""
         s, p = self.state, self.params
         assert s.step is not None
-        if p.adjust == 0.0 or s.clock <= self._double or s.clock > self._ticks - 3:
+        left = self._ticks_left()
+        if p.adjust == 0.0 or s.clock <= self._double or left < 2:
             return
-        left = (self._ticks - s.clock) * DT
-        wanted = p.adjust * balance.foothold_shift(s.offset, self.omega, left, p.adjust_from_m, p.growth)
+        wanted = balance.foothold_shift(s.offset, self.omega, left * DT / p.hurry, p.adjust_from_m, p.growth)
+        wanted *= p.adjust
+        if s.pace == 1.0 and np.any(wanted != 0.0):
+            s.pace = p.hurry  # down with the foot
+            self._lay_reference()
         wanted = balance.limited(wanted, float(s.body[2]), p.adjust_max_m)
         if float(np.hypot(*(wanted - s.shift))) < 0.002:
             return
@@ -277,16 +311,13 @@ class BipedWalker:
         target = nominal.copy()
         target[:2] += wanted
         target = balance.beside(target, s.feet[1 - swinging], swinging, 2.0 * p.least_width_m)
-        done = smooth(self._phase())
+        done = smooth(s.progress)
         if done < 1.0 - 1e-9:  # the path goes on from where the foot is
             now = s.begin + done * (s.step.target - s.begin)
             s.begin = (now - done * target) / (1.0 - done)
         s.shift = target[:2] - nominal[:2]
         s.step = s.step._replace(target=target)
         self._lay_reference()
-
-    def _phase(self) -> float:
-        return (self.state.clock - self._double) / (self._ticks - self._double)
 
     # --- joints ----------------------------------------------------------------------------------------------------
 
@@ -296,7 +327,7 @@ class BipedWalker:
         soles = np.zeros((2, 4))
         soles[:, :3] = s.feet
         if s.mode is Mode.STEP and s.step is not None:
-            soles[s.step.swing] = swing(s.begin, s.step.target, self._phase(), self.params.lift_m)
+            soles[s.step.swing] = swing(s.begin, s.step.target, s.progress, self.params.lift_m)
         return soles
 
     def _posture(self) -> None:
@@ -306,6 +337,8 @@ class BipedWalker:
         s.trunk[3] = self.height
         q = s.q.copy()
         _, reachable, rot = posture.place_com(self.robot.model, self.geometry, q, soles, s.trunk, self._tilt, s.x[0])
+        if p.adjust > 0.0 and s.mode is Mode.STEP and s.step is not None and np.any(s.shift != 0.0):
+            self._follow_tilt(q, soles, s.step.swing)
         s.unreachable = 0 if reachable else 1
         zmp = s.x[0] - self._com_height / GRAVITY * s.x[2]
         share = posture.load_share(zmp, soles)
@@ -315,7 +348,11 @@ class BipedWalker:
         points = soles[:, :2] if share.min() > 0.0 else np.stack((zmp, zmp))
         push = np.array([s.x[2, 0], s.x[2, 1], GRAVITY])
         torque = posture.load_torques(self.robot.model, q, rot, s.trunk, push, share, np.ascontiguousarray(points))
-        command = q + p.sag * torque / self._kp + p.lag * (self._kv / self._kp) * (q - s.q) / DT
+        command = (
+            q
+            + p.sag * torque / self._kp
+            + p.lag * (self._kv / self._kp) * np.clip((q - s.q) / DT, -p.lag_limit, p.lag_limit)
+        )
         joints = self.geometry.joints
         command[joints[:, 5]] += p.gyro_s * share * s.rate[0]
         command[joints[:, 4]] += p.gyro_s * share * s.rate[1]
@@ -325,40 +362,14 @@ class BipedWalker:
             command = s.rise_from + part * (command - s.rise_from)
         s.command = np.clip(command, self.robot.joint_lower, self.robot.joint_upper)
 
-    # --- outputs ---------------------------------------------------------------------------------------------------
-
-    def _walk_state(self) -> WalkState:
+    def _follow_tilt(self, q: Array, soles: Array, leg: int) -> None:
+        """Hold the swinging foot where it should be in the world although trunk and standing foot are tilted."""
         s = self.state
-        if s.mode in (Mode.FOLD, Mode.FALLEN):
-            return "refused"
-        if s.mode in (Mode.WAIT, Mode.RISE) or not s.calibrated:
-            return "waiting"
-        if s.held:
-            return "hold"
-        if s.route is not None:
-            return "turning" if s.route.turning else "walking"
-        return "standing" if s.mode is Mode.STAND else "stopping"
-
-    def _outputs(self) -> WalkerOutputs:
-        s = self.state
-        soles = self._soles()
-        stance = np.ones(2, dtype=np.bool_)
-        if s.mode is Mode.STEP and s.step is not None:
-            stance[s.step.swing] = s.clock <= self._double
-            soles[s.step.swing, :3] = s.step.target
-            soles[s.step.swing, 3] = 0.0
-        return WalkerOutputs(
-            command=s.command,
-            state=self._walk_state(),
-            walk_id=s.walk_id,
-            phase=min(1.0, s.clock / self._ticks) if s.mode is Mode.STEP else 0.0,
-            stance=stance,
-            footholds=np.column_stack((soles[:, :2], soles[:, 3])),
-            foothold_status=("nominal", "nominal"),
-            trunk_height=self.height,
-            remaining=0.0 if s.route is None else s.route.remaining,
-            margin=None,
-            reason=s.reason,
-            steps=s.steps,
-            unreachable=s.unreachable,
-        )
+        trunk = s.trunk.copy()
+        trunk[:2] += self.height / self._com_height * s.offset[0]
+        other = q.copy()
+        posture.pose_legs(self.geometry, other, soles, trunk, self._tilt + s.tilt)
+        joints = self.geometry.joints[leg]
+        if self.geometry.coupled:
+            joints = joints[1:]  # the yaw belongs to the standing leg, too
+        q[joints] = other[joints]

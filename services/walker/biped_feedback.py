@@ -37,6 +37,7 @@ def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs, height: float) ->
         s.rest += REST_GAIN * (measured - s.rest)  # slowly: what the stance looks like to the estimator
     tilt = measured - s.rest
     s.offset = balance.com_beside(tilt, rate, height, float(s.trunk[2]))
+    s.tilt = tilt
     size = float(np.hypot(*tilt))
     s.peak = max(s.peak, size)
     if size <= p.falling_rad or s.mode in (Mode.FOLD, Mode.FALLEN, Mode.WAIT):

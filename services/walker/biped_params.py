@@ -14,6 +14,10 @@ class BipedParams:
     """Duration of a step."""
     step_m: float = 0.025
     """Advance of the body in one step at the gait's own speed; a foot moves twice as far."""
+    quick_s: float = 0.4
+    """The same of the gait `quick`,"""
+    quick_m: float = 0.030
+    """and its advance."""
     max_step_m: float = 0.060
     turn_step_rad: float = math.radians(11.5)
     """Change of heading in one step."""
@@ -38,6 +42,8 @@ class BipedParams:
     """Part of the servos' compliance that the set-points lead by."""
     lag: float = 1.0
     """Part of the servos' velocity lag that the set-points lead by."""
+    lag_limit: float = 6.0
+    """rad/s, joint rate up to which the lag is led."""
     gyro_s: float = 0.05
     """Ankle set-point against the trunk's rate, rad per rad/s,"""
     gyro_smooth: float = 0.5
@@ -46,6 +52,8 @@ class BipedParams:
     """Part of the capture point's error that a swinging foot follows; 0 = no step adjustment."""
     adjust_from_m: float = 0.030
     """Errors of the capture point up to this are left to the ankles."""
+    hurry: float = 1.8
+    """Speed of an adjusted swing, 1 = as planned."""
     growth: float = 0.0
     """Part of the pendulum's growth until touch-down that the adjustment counts on."""
     adjust_max_m: float = 0.060

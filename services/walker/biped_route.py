@@ -82,16 +82,31 @@ def route_of(command: Command, params: BipedParams, walk_id: int) -> BipedRoute:
     return BipedRoute(distance, angle, distance / count, angle / count, walk_id, turning=False)
 
 
-def refusal_of(command: Command, params: BipedParams, calibrated: bool, fallen: bool) -> CommandReply | None:
-    """Why a command cannot be obeyed, or None; the field is in the reason."""
+GAITS = ("zmp", "quick")
+
+
+def refusal_of(
+    command: Command, params: BipedParams, calibrated: bool, fallen: bool, stepping_gait: str | None = None
+) -> CommandReply | None:
+    """Why a command cannot be obeyed, or None; the field is in the reason.
+
+    Args:
+        command: as received.
+        params: settings of the gait it asks for.
+        calibrated: the estimator has finished its standstill calibration.
+        fallen: the robot has fallen.
+        stepping_gait: gait of the walk under way; None while standing.
+    """
     values = {"distance": command.distance, "velocity": command.velocity, "angle": command.angle}
     for name, value in values.items():
         if value is not None and not math.isfinite(value):
             return _no("bad_value", f"{name} must be finite, got {value}")
     if command.shift is not None:
         return _no("unsupported", "shift is for robots with more than two legs")
-    if command.gait not in (None, "zmp"):
-        return _no("unknown_gait", f"gait must be zmp, got {command.gait!r}")
+    if command.gait not in (None, *GAITS):
+        return _no("unknown_gait", f"gait must be one of {', '.join(GAITS)}, got {command.gait!r}")
+    if command.gait is not None and stepping_gait not in (None, command.gait):
+        return _no("conflict", f"gait can change only while standing; {stepping_gait} is under way")
     if fallen:
         return _no("fallen", "the robot has fallen")
     if command.action in ("stand", "stop"):

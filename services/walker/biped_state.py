@@ -32,11 +32,18 @@ class BipedState:
     mode: Mode = Mode.WAIT
     clock: int = 0
     """Ticks in this mode, or in this step."""
+    gait: str = "zmp"
     route: BipedRoute | None = None
     walk_id: int = 0
     step: Footstep | None = None
     """The present step."""
     next_swing: int = 0
+    progress: float = 0.0
+    """Of the present swing, 0..1,"""
+    pace: float = 1.0
+    """and its speed, 1 = as planned."""
+    tilt: Array = field(default_factory=lambda: np.zeros(2))
+    """Roll and pitch beyond the plan, rad."""
     begin: Array = field(default_factory=lambda: np.zeros(3))
     """Where the swinging foot came from."""
     feet: Array = field(default_factory=lambda: np.zeros((2, 3)))

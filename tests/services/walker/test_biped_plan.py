@@ -146,6 +146,16 @@ def test_impossible_commands_are_refused_and_name_the_field(command, code, field
     assert field in refusal.reason
 
 
+def test_the_gait_changes_only_while_standing():
+    quick = Command("walk", distance=1.0, gait="quick")
+    assert refusal_of(quick, P, calibrated=True, fallen=False) is None
+    assert refusal_of(quick, P, calibrated=True, fallen=False, stepping_gait="quick") is None
+    refusal = refusal_of(quick, P, calibrated=True, fallen=False, stepping_gait="zmp")
+    assert refusal is not None
+    assert refusal.code == "conflict"
+    assert refusal.reason.startswith("gait")
+
+
 def test_nothing_before_the_calibration_and_nothing_after_a_fall():
     walking = Command("walk", distance=1.0)
     assert refusal_of(walking, P, calibrated=False, fallen=False).code == "not_initialised"
