@@ -8,17 +8,18 @@ import threading
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 import zenoh
 from zenoh.handlers import Callback
 
 from schemas.base import ErrorReply, Message, Request, Wire
-from schemas.topics import Kind, Query, Topic
-from surefoot.bus import Delivery, Incoming, Life, Raw, Stamp
+from schemas.topics import Query, Topic
+from surefoot.bus import Delivery, Incoming, Life, Raw
 from surefoot.codec import check_encoding, decode, encode, encoding_of, validate_json
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
-from surefoot.frame import Frame, Part, pack
+from surefoot.frame import Frame
+from surefoot.zenoh_publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher
 
 M = TypeVar("M", bound=Message)
 Req = TypeVar("Req", bound=Request)
@@ -33,22 +34,7 @@ PROBE = b"probe"
 LIVE = "alive"
 _TIMEOUT = b"Timeout"  # what Zenoh itself puts into the error reply of a query that nobody ended in time
 
-_DROP = zenoh.CongestionControl.DROP
 _BLOCK = zenoh.CongestionControl.BLOCK
-_QOS = {  # congestion control, priority, express (no batching: a tick waits for its messages)
-    Kind.SAMPLE: (_DROP, zenoh.Priority.DATA_HIGH, False),
-    Kind.STATE: (_DROP, zenoh.Priority.DATA_HIGH, False),
-    Kind.COMMAND: (_DROP, zenoh.Priority.DATA_HIGH, False),
-    Kind.LATCHED: (_BLOCK, zenoh.Priority.DATA, False),
-    Kind.LOCKSTEP: (_BLOCK, zenoh.Priority.REAL_TIME, True),
-    Kind.STATUS: (_DROP, zenoh.Priority.DATA_LOW, False),
-}
-"""Participants get samples, states and commands in frames, which block rather than drop; on the topics themselves are
-only onlookers, and one that does not read must not stop a robot."""
-
-FRAME, BATCH = "frame/{}", "batch/{}"
-"""Keys of what a service says (``driver``: the simulator or a hardware driver) in each tick and in some ticks."""
-_JSON = "application/json"
 
 
 @dataclass(frozen=True)
@@ -88,83 +74,6 @@ def zenoh_config(endpoint: Endpoint) -> zenoh.Config:
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
     return config
-
-
-class ZenohPublisher(Generic[M]):
-    """One key on the network."""
-
-    def __init__(self, session: zenoh.Session, topic: Topic[M]) -> None:
-        self.topic = topic
-        self._publisher = _declare(session, topic.key, encoding_of(topic.model), *_QOS[topic.kind])
-
-    def put(self, message: M) -> tuple[bytes, bytes | None]:
-        token = encode(message)
-        self._publisher.put(token[0], attachment=token[1])
-        return token
-
-    def resend(self, token: tuple[bytes, bytes | None]) -> None:
-        self._publisher.put(token[0], attachment=token[1])
-
-    def prime(self) -> None:
-        self._publisher.put(b"")
-
-
-class Framer:
-    """Collects what one owner says and publishes it, by the tick and by the batch."""
-
-    def __init__(self, session: zenoh.Session, owner: str) -> None:
-        self.frame: list[Part] = []
-        self.batch: list[Part] = []
-        self._frames = _declare(session, FRAME.format(owner), _JSON, *_QOS[Kind.LOCKSTEP])
-        self._batches = _declare(session, BATCH.format(owner), _JSON, *_QOS[Kind.LOCKSTEP])
-
-    def flush(self, batch: bool) -> None:
-        """Publishes what waits."""
-        if self.frame:
-            payload, index = pack(self.frame)
-            self._frames.put(payload, attachment=index)
-            self.batch += self.frame
-            self.frame = []
-        if batch and self.batch:
-            payload, index = pack(self.batch)
-            self._batches.put(payload, attachment=index)
-            self.batch = []
-
-
-class FramedPublisher(Generic[M]):
-    """A key whose messages travel in frames, and by themselves for onlookers."""
-
-    def __init__(self, bus: "ZenohBus", framer: Framer, topic: Topic[M]) -> None:
-        self.topic = topic
-        self._bus = bus
-        self._framer = framer
-        self._publisher = _declare(bus.session, topic.key, encoding_of(topic.model), *_QOS[topic.kind])
-        self._watched = False
-        self._listener = self._publisher.declare_matching_listener(self._on_match)
-        status: Any = self._publisher.matching_status  # the stubs say bool
-        self._watched = bool(status.matching)
-
-    def _on_match(self, status: Any) -> None:
-        self._watched = bool(status.matching)
-
-    def put(self, message: M) -> Part:
-        stamp = Stamp(message.tick, message.epoch, message.stamp_ns, message.seq)
-        part = Part(self.topic.key, encode(message)[0], stamp)
-        self.resend(part)
-        return part
-
-    def resend(self, token: Part) -> None:
-        self._frame(token)
-        if self._watched or not self._bus.corked:
-            self._publisher.put(token.payload)
-
-    def prime(self) -> None:
-        self._frame(Part(self.topic.key, b"", Stamp(-1, 0, 0, 0)))
-
-    def _frame(self, part: Part) -> None:
-        (self._framer.batch if self.topic.judging else self._framer.frame).append(part)
-        if not self._bus.corked:
-            self._framer.flush(batch=True)
 
 
 class ZenohIncoming:
@@ -214,7 +123,6 @@ class ZenohBus:
         self._keep: list[Any] = []
         self._queriers: dict[tuple[str, float], zenoh.Querier] = {}
         self._framers: dict[str, Framer] = {}
-        self.corked = False
 
     def publisher(self, topic: Topic[M], *, framed: bool = True) -> ZenohPublisher[M] | FramedPublisher[M]:
         """See ``Bus``; without ``framed`` only for onlookers, as a recording is played."""
@@ -223,13 +131,13 @@ class ZenohBus:
         framer = self._framers.get(topic.owner)
         if framer is None:
             framer = self._framers[topic.owner] = Framer(self.session, topic.owner)
-        return FramedPublisher(self, framer, topic)
+        return FramedPublisher(self.session, framer, topic)
 
     def cork(self) -> None:
-        self.corked = True
+        for framer in self._framers.values():
+            framer.corked = True
 
     def flush(self, *, batch: bool = True) -> None:
-        self.corked = False
         for framer in self._framers.values():
             framer.flush(batch)
 
@@ -341,19 +249,6 @@ class ZenohBus:
     def close(self) -> None:
         if not self.session.is_closed():
             self.session.close()
-
-
-def _declare(
-    session: zenoh.Session, key: str, encoding: str, congestion: Any, priority: Any, express: bool
-) -> zenoh.Publisher:
-    return session.declare_publisher(
-        key,
-        encoding=encoding,
-        congestion_control=congestion,
-        priority=priority,
-        express=express,
-        reliability=zenoh.Reliability.RELIABLE,
-    )
 
 
 _kept: set[int] = set()

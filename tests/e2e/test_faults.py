@@ -13,7 +13,7 @@ import zenoh
 from schemas.topics import QUERIES, STATE_GAIT, TOPICS
 from services.supervisor.scenario import Scenario, parse_scenario
 from surefoot.bus import Delivery
-from surefoot.zenoh_bus import BATCH, FRAME
+from surefoot.zenoh_publish import BATCH, FRAME
 from tests.e2e.live import SERVICES, Live, wait_until
 
 pytestmark = pytest.mark.e2e

@@ -17,7 +17,8 @@ from surefoot import zenoh_bus
 from surefoot.bus import Delivery, Incoming, Life
 from surefoot.codec import encode, encoding_of
 from surefoot.errors import BusError, CallError, Refusal
-from surefoot.zenoh_bus import Endpoint, FramedPublisher, ZenohBus, zenoh_config
+from surefoot.zenoh_bus import Endpoint, ZenohBus, zenoh_config
+from surefoot.zenoh_publish import FramedPublisher
 from tests.surefoot.net import WAIT_S, Inbox, Net, free_port, matched, reached, serve, wait_until
 from tests.surefoot.toys import estimate
 

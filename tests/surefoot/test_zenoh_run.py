@@ -13,7 +13,7 @@ from surefoot.driver import DriverNode
 from surefoot.join import DRIVER
 from surefoot.local import node_of
 from surefoot.node import Node
-from surefoot.zenoh_bus import FRAME
+from surefoot.zenoh_publish import FRAME
 from tests.surefoot.net import WAIT_S, Net
 from tests.surefoot.toys import toys
 
