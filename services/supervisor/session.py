@@ -50,7 +50,7 @@ class Session:
         self.name = compose.name
         self.listen = listen or os.environ.get("SUREFOOT_LISTEN") or DEFAULT_ENDPOINT
         self.robot = _robot(compose)
-        self.namespace = os.environ.get("SUREFOOT_NAMESPACE", f"{DEFAULT_FLEET}/{self.robot}")
+        self.namespace = os.environ.get("SUREFOOT_NAMESPACE", f"{DEFAULT_FLEET}/{Path(self.robot).name}")
         self.folder = RunFolder(compose.name)
         self._spawn = spawn
         self._tell = tell

@@ -37,7 +37,7 @@ def endpoint(connect: str | None = None, namespace: str | None = None) -> tuple[
     for found in running:
         if connect in (None, found.connect) and namespace in (None, found.namespace):
             return found.connect, found.namespace
-    robot = os.environ.get("SUREFOOT_ROBOT", "ragno")
+    robot = os.path.basename(os.path.normpath(os.environ.get("SUREFOOT_ROBOT", "ragno")))  # a name, or a folder
     return connect or "tcp/127.0.0.1:7447", namespace or f"surefoot/{robot}"
 
 

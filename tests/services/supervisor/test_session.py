@@ -133,3 +133,11 @@ def test_is_kept_until_the_end_is_asked_for(listen):
     assert [row["service"] for row in rows] == ["a", "b"]
     assert told[0].startswith("start a")
     assert all(gone(row["pid"]) for row in rows)
+
+
+def test_a_robot_given_as_a_folder_gives_its_name_to_the_namespace(listen, monkeypatch, tmp_path):
+    monkeypatch.delenv("SUREFOOT_NAMESPACE", raising=False)
+    monkeypatch.setenv("SUREFOOT_ROBOT", str(tmp_path / "mybot"))
+    with Session(parse_compose(IDLE), listen=listen) as session:
+        assert session.namespace == "surefoot/mybot"
+        assert session.robot == str(tmp_path / "mybot")
