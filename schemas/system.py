@@ -30,15 +30,6 @@ class JoinReply(Reply):
     reason: str = Field(default="", description="in words")
 
 
-class TopicHealth(Message):
-    """Counters of one input or output of a service."""
-
-    key: str = Field(description="topic key")
-    count: int = Field(ge=0, description="messages since start")
-    rate_hz: float = Field(ge=0, description="messages per simulated second since the last report")
-    refused: int = Field(default=0, ge=0, description="messages refused since start")
-
-
 class Health(Message):
     """Life of a service, once a second of wall time; ``health/<service>`` is also a queryable."""
 
