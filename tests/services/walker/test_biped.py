@@ -106,6 +106,28 @@ def test_a_lost_robot_folds_and_says_so():
     assert plant.fallen
 
 
+def test_a_step_after_much_tilt_is_shorter():
+    plant = Plant("bioloid").stand()
+    plant.walker.command(Command("walk"))
+    state, params = plant.walker.state, plant.walker.params
+    plant.until(lambda out: out.steps >= 2 and out.phase > 0.9)
+    state.peak = 0.5 * (params.slow_from_rad + params.slow_full_rad)
+    before = state.step.body[0]
+    plant.until(lambda out: out.steps >= 3)
+    full = params.step_m / state.gain[0]
+    assert state.step.body[0] - before == pytest.approx(0.5 * full, abs=0.1 * full)
+
+
+def test_the_gait_does_not_change_in_mid_walk():
+    plant = Plant("bioloid").stand()
+    assert plant.walker.command(Command("walk", distance=0.1, gait="quick")).accepted
+    plant.until(lambda out: out.phase > 0.5)
+    assert plant.walker.command(Command("walk", gait="zmp")).code == "conflict"
+    ticks = plant.until(standing, 900)
+    assert ticks < 400
+    assert plant.walker.command(Command("walk", gait="zmp")).accepted
+
+
 def test_equal_seeds_give_equal_walks():
     def digest():
         plant = Plant("bioloid", seed=5, level=1.0).stand()
