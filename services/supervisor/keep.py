@@ -11,8 +11,8 @@ from schemas.topics import SIM_RESET
 from services.supervisor.compose import Compose
 from services.supervisor.process import Child
 from services.supervisor.rundir import RunFolder, RunFolderError
-from services.supervisor.session import DRIVER_SERVICE, STEP_S, Session
-from services.supervisor.system import SELF
+from services.supervisor.session import STEP_S, Session
+from services.supervisor.system import DRIVER_SERVICE, SELF
 from surefoot.errors import BusError, CallError
 
 READY_S = 90.0  # s wall, until every service is there; the first start compiles kernels

@@ -16,8 +16,9 @@ from services.supervisor.files import find
 from services.supervisor.judge import Verdict, judge
 from services.supervisor.plots import Timing
 from services.supervisor.report import About, write_report
-from services.supervisor.scenario import Scenario
-from services.supervisor.session import DRIVER_SERVICE, Session
+from services.supervisor.scenario import TICK_S, Scenario
+from services.supervisor.session import Session
+from services.supervisor.system import DRIVER_SERVICE
 from services.supervisor.traces import Traces
 from surefoot.errors import BusError, CallError
 from surefoot.robot import load_robot
@@ -154,7 +155,7 @@ def _follow(
                 start_s = now - began
             last, moved = supervisor.ticks, now
             wall = max(supervisor.wall_s, 1e-3)
-            show(Progress(last, last * 0.01, last * 0.01 / wall))
+            show(Progress(last, last * TICK_S, last * TICK_S / wall))
         if now - moved > STALL_S:
             waiting = {name: health.waiting_for for name, health in session.health().items() if health.waiting_for}
             words = "; ".join(f"{name} waits for {', '.join(keys)}" for name, keys in waiting.items())

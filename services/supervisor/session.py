@@ -17,7 +17,7 @@ from services.supervisor.ports import owner_of, port_of
 from services.supervisor.reconcile import Action
 from services.supervisor.rundir import Endpoint, RunFolder
 from services.supervisor.service import Supervisor
-from services.supervisor.system import SELF, Row, System
+from services.supervisor.system import DRIVER_SERVICE, SELF, Row, System
 from surefoot.bus import Life
 from surefoot.config import ServiceConfig
 from surefoot.errors import BusError, CallError
@@ -30,7 +30,6 @@ Req = TypeVar("Req", bound=Request)
 Rep = TypeVar("Rep", bound=Wire)
 
 STEP_S = 0.05  # s, how often the main thread looks at the processes
-DRIVER_SERVICE = "simulator"
 
 
 class Session:

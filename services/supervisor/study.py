@@ -19,14 +19,13 @@ from services.supervisor.compose import ComposeError, load_compose
 from services.supervisor.director import Director
 from services.supervisor.files import find
 from services.supervisor.judge import Verdict, judge
-from services.supervisor.scenario import Scenario, find_scenario, load_scenario
+from services.supervisor.scenario import TICK_S, Scenario, find_scenario, load_scenario
 from services.supervisor.service import Supervisor
+from services.supervisor.system import DRIVER_SERVICE
 from surefoot.config import ServiceConfig, load_config
 from surefoot.driver import DriverNode
 from surefoot.local import LocalSystem
 from surefoot.service import Service
-
-DRIVER_SERVICE = "simulator"
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ class LocalRun:
     @property
     def rtf(self) -> float:
         """Simulated over wall time."""
-        return self.ticks * 0.01 / self.wall_s
+        return self.ticks * TICK_S / self.wall_s
 
 
 def build_services(names: Iterable[str], robot: str, director: Director, recording: Path | None) -> list[Service[Any]]:
