@@ -18,6 +18,7 @@ def main(names: list[str]) -> int:
     for name in names or known:
         print(f"== {name}", flush=True)
         began = time.monotonic()
+        sys.argv = [f"bench_{name}"]  # what follows on this command line are names, not options of a benchmark
         importlib.import_module(f"benchmarks.bench_{name}").main()
         print(f"== {name}: {time.monotonic() - began:.0f} s\n", flush=True)
     return 0

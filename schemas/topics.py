@@ -34,6 +34,7 @@ class Kind(Enum):
     LATCHED = "latched"  # one value per epoch or version
     LOCKSTEP = "lockstep"  # the protocol's own
     STATUS = "status"  # wall-clock, for people
+    ALARM = "alarm"  # must arrive, at once, from anybody
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ HW_JOINTS = Topic("hw/joints", hw.JointState, Kind.SAMPLE, "driver", period_tick
 HW_CONTACTS = Topic("hw/contacts", hw.FootContacts, Kind.SAMPLE, "driver", period_ticks=0, period_ns=KINEMATICS_NS)
 TERRAIN_MAP = Topic("terrain/map", terrain.HeightMapMessage, Kind.LATCHED, "driver", period_ticks=0)
 CMD_JOINTS = Topic("cmd/joints", hw.JointCommand, Kind.COMMAND, "walker")
-CMD_ESTOP = Topic("cmd/estop", hw.EmergencyStop, Kind.STATUS, "*", deterministic=False)
+CMD_ESTOP = Topic("cmd/estop", hw.EmergencyStop, Kind.ALARM, "*", period_ticks=0, deterministic=False)
 
 # functions
 STATE_VELOCITY = Topic("state/velocity", state.VelocityEstimate, Kind.STATE, "estimator")

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from schemas.hw import Tick
+from schemas.topics import CMD_JOINTS
 
 State = Literal["idle", "joining", "running", "paused", "holding", "ended"]
 
@@ -19,7 +20,7 @@ REPORT_TICKS = 5
 """Members answer every fifth tick, and the last one before a pause or the end: half the window, for each answer costs
 the driver as much as a frame."""
 
-COMMANDER = "walker"
+COMMANDER = CMD_JOINTS.owner
 """The service whose command a tick waits for; its command counts as its done."""
 
 

@@ -288,6 +288,8 @@ def _call_error(payload: bytes, key: str, timeout: float) -> CallError:
 def _why_not_open(endpoint: Endpoint, error: str) -> str:
     addresses: Sequence[str] = endpoint.listen if endpoint.mode == "router" else endpoint.connect
     where = ", ".join(addresses)
-    if endpoint.mode == "router":
+    if endpoint.mode == "router" and "in use" in error:
         return f"cannot listen on {where}: another router holds it (stop it, or choose another with --listen)"
+    if endpoint.mode == "router":
+        return f"cannot open a router on {where} for {endpoint.namespace!r}: {error}"
     return f"no router answers at {where} (start one with `surefoot up`, or name another with --connect): {error}"

@@ -23,6 +23,7 @@ _QOS = {  # congestion control, priority, express (no batching: a tick waits for
     Kind.LATCHED: (_BLOCK, zenoh.Priority.DATA, False),
     Kind.LOCKSTEP: (_BLOCK, zenoh.Priority.REAL_TIME, True),
     Kind.STATUS: (_DROP, zenoh.Priority.DATA_LOW, False),
+    Kind.ALARM: (_BLOCK, zenoh.Priority.REAL_TIME, True),
 }
 """Participants get samples, states and commands in frames, which block rather than drop; on the topics themselves are
 only onlookers, and one that does not read must not stop a robot."""
