@@ -18,6 +18,7 @@ RegionStatus = Literal["ok", "infeasible", "unbounded", "point", "segment"]
 SupportStatus = Literal["ok", "unbounded", "infeasible"]
 ExtentStatus = Literal["ok", "unbounded", "infeasible", "missed"]
 Twist4 = tuple[float, float, float, float]
+Twist6 = tuple[float, float, float, float, float, float]
 Polygon = tuple[Vec2, ...]
 
 
@@ -35,8 +36,8 @@ class Contact(Request):
 Directions = Annotated[tuple[Vec2, ...], Field(min_length=1, max_length=MAX_DIRECTIONS)]
 
 
-class RegionRequest(Request):
-    """Asks where the centre of mass may be."""
+class RegionFields(Request):
+    """What every question about a region has in common."""
 
     contacts: Annotated[tuple[Contact, ...], Field(max_length=MAX_CONTACTS)] = Field(description="0 to 64 contacts")
     directions: Annotated[int, Field(ge=1, le=MAX_DIRECTIONS)] | Directions | None = Field(
@@ -63,6 +64,51 @@ class RegionRequest(Request):
     )
 
 
+class BasePose(Request):
+    """Pose of base_link."""
+
+    position: Vec3 = Field(default=(0.0, 0.0, 0.0), description="origin of base_link, frame world, m")
+    quat_wxyz: QuatWxyz = Field(default=(1.0, 0.0, 0.0, 0.0), description="rotates base_link to world, order w x y z")
+
+
+class Actuation(Request):
+    """The posture in which the servos hold the robot, and what they can do."""
+
+    joints: PerJoint = Field(description="joint angles, rad, order of the robot description")
+    base: BasePose = Field(default=BasePose(), description="pose of base_link")
+    robot: str | None = Field(
+        default=None, min_length=1, max_length=64, description="name of the robot description; null = the service's own"
+    )
+    max_torque_nm: Annotated[float, Field(gt=0)] | PerJoint | None = Field(
+        default=None, description="Nm, limit of every joint, or of each; null = those of the robot description"
+    )
+
+
+class RegionRequest(RegionFields):
+    """Asks where the centre of mass may be: at rest, while it accelerates, on doubtful ground, with limited torques."""
+
+    schema_version: ClassVar[str] = "1.1"
+    acceleration: Vec3 = Field(
+        default=(0.0, 0.0, 0.0),
+        description="m/s^2, of the centre of mass, frame world: then the region is cut at com_height_m",
+    )
+    tilt_rad: float = Field(
+        default=0.0,
+        ge=0,
+        le=1.2,
+        description="rad: gravity may lean by that to any of 8 sides, or not: what all nine have in common at "
+        "com_height_m; not with directions or certificates",
+    )
+    com_height_m: float = Field(
+        default=0.0, ge=-1e3, le=1e3, description="m, z of the CoM; matters with acceleration or tilt_rad only"
+    )
+    actuation: Actuation | None = Field(
+        default=None,
+        description="asks for the region that the servos can hold too, in 16 directions unless others are given; each "
+        "contact belongs to another leg of three joints; not with adaptive, acceleration or tilt_rad",
+    )
+
+
 class SupportPoint(Reply):
     """How far the region reaches in one direction."""
 
@@ -79,11 +125,20 @@ class SupportPoint(Reply):
     forces: tuple[Vec3, ...] | None = Field(
         default=None, description="contact forces that hold the CoM at point, in units of the weight, frame world"
     )
+    twist: Twist6 | None = Field(
+        default=None,
+        description="with acceleration, in place of certificate: (v, Om) with n'u >= mu |u_t| at every contact for "
+        "u(r) = v + Om x r, which proves up'(v + Om x c) >= 0 for the CoM c, up = (0, 0, 9.81) + acceleration",
+    )
+    torques: tuple[Vec3, ...] | None = Field(
+        default=None, description="with actuation: Nm, of the joints of each contact's leg, hip first, for these forces"
+    )
 
 
 class RegionReply(Reply):
     """Where the centre of mass may be."""
 
+    schema_version: ClassVar[str] = "1.1"
     status: RegionStatus = Field(
         description="ok: a polygon; infeasible: the contacts cannot hold the robot anywhere; unbounded: in some "
         "direction without end; point, segment: no area"
@@ -99,13 +154,11 @@ class RegionReply(Reply):
         description="when infeasible: twist (v_x, v_y, v_z, w_z) with n'u >= mu |u_t| at every contact and v_z < 0: "
         "the robot sinks however hard the contacts push",
     )
-
-
-class BasePose(Request):
-    """Pose of base_link."""
-
-    position: Vec3 = Field(default=(0.0, 0.0, 0.0), description="origin of base_link, frame world, m")
-    quat_wxyz: QuatWxyz = Field(default=(1.0, 0.0, 0.0, 0.0), description="rotates base_link to world, order w x y z")
+    twist: Twist6 | None = Field(
+        default=None,
+        description="when infeasible with acceleration, in place of certificate: (v, Om) with n'u >= mu |u_t| at every "
+        "contact that moves every CoM against up = (0, 0, 9.81) + acceleration",
+    )
 
 
 class Doubt(Request):
@@ -118,10 +171,10 @@ class Doubt(Request):
     kappa: float = Field(default=3.0, ge=0, le=10, description="standard deviations that count")
 
 
-class CheckRequest(RegionRequest):
+class CheckRequest(RegionFields):
     """Asks whether the robot stands, and still stands after its trunk has moved over its feet (4.3, 4.6)."""
 
-    schema_version: ClassVar[str] = "1.1"
+    schema_version: ClassVar[str] = "1.2"
     com: Vec2 | None = Field(
         default=None, description="x, y of the centre of mass now, frame world, m; null = from joints and base"
     )
@@ -134,13 +187,22 @@ class CheckRequest(RegionRequest):
         default=None, min_length=1, max_length=64, description="name of the robot description; null = the service's own"
     )
     doubt: Doubt | None = Field(default=None, description="asks for margin_robust, which allows for it")
+    gradient: bool = Field(default=False, description="asks how the margin changes with CoM, friction and feet")
     polygons: bool = Field(default=True, description="false: leave inner, outer and support empty (a smaller reply)")
+
+
+class MarginGradient(Reply):
+    """How the signed margin of the CoM changes; where two edges are equally near, that of one of them."""
+
+    com: Vec2 = Field(description="d margin / d com, no unit")
+    mu: tuple[float, ...] = Field(description="m, d margin / d mu of each contact; 0 where mu is null")
+    position: tuple[Vec3, ...] = Field(description="d margin / d position of each contact, no unit")
 
 
 class CheckReply(RegionReply):
     """Whether the movement is safe, and by how much."""
 
-    schema_version: ClassVar[str] = "1.1"
+    schema_version: ClassVar[str] = "1.2"
     stable: bool = Field(description="status is ok and margin >= 0")
     margin: float | None = Field(
         description="m, signed distance of the CoM after the movement to the edge of the region, positive inside; null "
@@ -150,6 +212,9 @@ class CheckReply(RegionReply):
     margin_robust: float | None = Field(
         default=None,
         description="m, margin that is left with the doubt of the request; null: none was given, or nothing",
+    )
+    gradient: MarginGradient | None = Field(
+        default=None, description="of margin; null: not asked for, or there is no area, or no edge"
     )
     extent: float | None = Field(description="m, way along the movement from the CoM now to the edge of the region")
     gsm: float | None = Field(
@@ -293,54 +358,6 @@ class ComReply(Reply):
     gain: float | None = Field(
         default=None, description="factor of all torques that the known weight tells; null = not asked, or not told"
     )
-
-
-MAX_POSES = 256
-
-
-class CalibrationPose(Request):
-    """The robot at rest with all marked feet on the ground."""
-
-    joints: PerJoint = Field(description="joint angles, rad, order of the robot description")
-    torque: PerJoint = Field(description="torques as the driver tells them, Nm")
-    g_up: Vec3 = Field(default=(0.0, 0.0, 9.81), description="upward specific force, m/s^2, base_link")
-    touch: Annotated[tuple[bool, ...], Field(max_length=MAX_FEET)] | None = Field(
-        default=None, description="per foot: on the ground; null = all"
-    )
-
-
-class CalibrateRequest(Request):
-    """Finds the factors by which told torques have to be multiplied (4.7): a job, or from poses at once."""
-
-    action: Literal["fit", "start", "status", "finish", "cancel"] = Field(
-        description="fit: from the poses given; start: collect poses from now on, whenever the robot rests in a new "
-        "one; status: what was found so far; finish: fit them; cancel: forget them"
-    )
-    poses: Annotated[tuple[CalibrationPose, ...], Field(max_length=MAX_POSES)] = Field(
-        default=(), description="for fit"
-    )
-    per_joint: bool = Field(default=False, description="a factor for every joint; else one for all")
-    apply: bool = Field(default=True, description="finish: use the factors for state/stability from then on")
-    at_tick: int | None = Field(
-        default=None, ge=0, description="start, finish: tick it takes effect in (reproducible); null = the next one"
-    )
-
-
-class CalibrateReply(Reply):
-    """Progress or result."""
-
-    accepted: bool = Field(description="false: nothing changes")
-    reason: str = Field(default="", description="why it was refused, or what came of it, in words")
-    state: Literal["idle", "collecting", "done"] = Field(description="of the job")
-    poses: int = Field(ge=0, description="poses collected or fitted")
-    gain: float | None = Field(default=None, description="factor common to all torques; null = not fitted yet")
-    gain_sd: float | None = Field(default=None, description="its standard deviation")
-    joint_gain: PerJoint | None = Field(default=None, description="factor of each joint")
-    torque_per_ampere: float | None = Field(
-        default=None, description="Nm/A, constant of the robot description times the common factor"
-    )
-    offset: Vec2 | None = Field(default=None, description="m forward and left, CoM beside that of the description")
-    residual_n: float | None = Field(default=None, description="N, RMS of the force equations that remain")
 
 
 class StabilityStatus(Message):

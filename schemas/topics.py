@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Generic, TypeVar, cast
 
-from schemas import base, cmd, footholds, hw, sim, stability, state, system, terrain
+from schemas import base, calibration, cmd, footholds, hw, sim, stability, state, system, terrain
 
 M = TypeVar("M", bound=base.Message)
 Req = TypeVar("Req", bound=base.Request)
@@ -142,8 +142,12 @@ STABILITY_COM = Query("stability/com", stability.ComRequest, stability.ComReply,
 STABILITY_WHATIF = Query("stability/whatif", stability.WhatifRequest, stability.WhatifReply, "stability")
 STABILITY_EQUILIBRIUM = Query(
     "stability/equilibrium", stability.EquilibriumRequest, stability.EquilibriumReply, "stability"
+STABILITY_CALIBRATE = Query(
+    "stability/calibrate", calibration.CalibrateRequest, calibration.CalibrateReply, "stability"
 )
-STABILITY_CALIBRATE = Query("stability/calibrate", stability.CalibrateRequest, stability.CalibrateReply, "stability")
+STABILITY_CALIBRATE = Query(
+    "stability/calibrate", calibration.CalibrateRequest, calibration.CalibrateReply, "stability"
+)
 STABILITY_BATCH = Query("stability/batch", stability.BatchRequest, stability.BatchReply, "stability")
 SIM_JOIN = Query("sim/join", system.JoinRequest, system.JoinReply, "driver")
 SIM_RESET = Query("sim/reset", sim.ResetRequest, sim.ResetReply, "driver", timeout_s=30.0)

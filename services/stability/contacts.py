@@ -16,7 +16,8 @@ class StabilityError(ValueError):
 
     Attributes:
         code: `shape`, `not_finite`, `zero_normal`, `negative_mu`, `too_many`, `too_large`, `zero_direction`, `missing`,
-            `unknown_robot`, `unknown_leg`, `duplicate_leg` or `no_convergence`.
+            `unknown_robot`, `unknown_leg`, `duplicate_leg`, `not_positive`, `not_unit`, `unsupported` or
+            `no_convergence`.
         field: path of the field, as in `contacts.2.normal`.
     """
 

@@ -33,6 +33,11 @@ class Leaning:
         t = (height - flat) / back[2, 2]
         return points @ back[:2, :2].T + t[:, None] * back[:2, 2]
 
+    def to_world(self) -> Array:
+        """d (world x, y) / d (leaning x, y) in a horizontal plane, (2, 2)."""
+        back = self.rot.T
+        return back[:2, :2] - np.outer(back[:2, 2], back[2, :2]) / back[2, 2]
+
     def seen(self, com: Array) -> Array:
         """The CoM (3,) m, world, as (2,) in the leaning frame."""
         return (self.rot @ com)[:2]
@@ -79,27 +84,72 @@ class TiltRobust:
     """Where the CoM may be at one height although gravity may lean by an angle in any direction."""
 
     polygon: Array
-    """(p, 2) m, counter-clockwise; empty when nothing is left."""
+    """(p, 2) m, counter-clockwise, inside the region; empty when nothing is left."""
+    outer: Array
+    """(q, 2) m, around the region."""
     regions: tuple[Region, ...]
 
 
-def tilt_robust(contacts: ContactSet, angle: float, height: float, count: int = 8) -> TiltRobust:
+def tilt_robust(
+    contacts: ContactSet,
+    angle: float,
+    height: float,
+    count: int = 8,
+    acceleration: Array | None = None,
+    tolerance: float = 1e-4,
+    limit: int = 128,
+) -> TiltRobust:
     """Intersection of the regions for gravity leaning by `angle` in `count` directions, at one height of the CoM.
 
     Inner polygons are cut, so every point holds for each of these directions (Audren and Kheddar do so in 3-D).
-    """
-    from surefoot.polygon import half_planes, hull
 
+    Args:
+        contacts: the set.
+        angle: rad.
+        height: m.
+        count: directions to which gravity may lean; upright gravity counts too.
+        acceleration: (3,) m/s2 of the CoM; None = rest.
+        tolerance: m, of each region, across its own axis.
+        limit: directions of each region.
+
+    Raises:
+        StabilityError: with this acceleration the robot would fly.
+    """
     found: list[Region] = []
-    normals: list[Array] = []
-    offsets: list[Array] = []
-    for up in np.vstack((tilt_robust_directions(angle, count), [[0.0, 0.0, 1.0]])):
+    inner: list[Array] = []
+    outer: list[Array] = []
+    nothing = np.empty((0, 2))
+    push = np.zeros(3) if acceleration is None else acceleration
+    for g_up in np.vstack((tilt_robust_directions(angle, count), [[0.0, 0.0, 1.0]])):
+        up = GRAVITY * g_up + push
+        stays_down(up, push)
         leaning = lean(contacts, up)
-        r = region(leaning.contacts)
+        r = region(leaning.contacts, tolerance=tolerance, limit=limit)
         found.append(r)
         if r.status != "ok":
-            return TiltRobust(np.empty((0, 2)), tuple(found))
-        corners = leaning.at_height(r.inner, height)
+            return TiltRobust(nothing, nothing, tuple(found))
+        inner.append(leaning.at_height(r.inner, height))
+        outer.append(leaning.at_height(r.outer, height))
+    return TiltRobust(_common(inner), _common(outer), tuple(found))
+
+
+def stays_down(up: Array, acceleration: Array) -> None:
+    """Refuse an acceleration (3,) with which -g_eff (3,) hardly points up any more.
+
+    Raises:
+        StabilityError: the robot would fly.
+    """
+    if up[2] < 0.01 * GRAVITY:
+        raise StabilityError("too_large", "acceleration", f"got {acceleration.tolist()}, the robot would fly")
+
+
+def _common(polygons: list[Array]) -> Array:
+    """What convex polygons, counter-clockwise, have in common."""
+    from surefoot.polygon import half_planes, hull
+
+    normals: list[Array] = []
+    offsets: list[Array] = []
+    for corners in polygons:
         edge = np.roll(corners, -1, axis=0) - corners
         length = np.hypot(edge[:, 0], edge[:, 1])
         outward = np.column_stack((edge[:, 1], -edge[:, 0]))[length > 0.0] / length[length > 0.0, None]
@@ -108,4 +158,4 @@ def tilt_robust(contacts: ContactSet, angle: float, height: float, count: int = 
     a, b = np.concatenate(normals), np.concatenate(offsets)
     size = 4.0 * float(np.abs(b).max()) + 1.0
     cut = half_planes(np.ascontiguousarray(a), np.ascontiguousarray(b), size)
-    return TiltRobust(hull(cut) if len(cut) else cut, tuple(found))
+    return hull(cut) if len(cut) else cut

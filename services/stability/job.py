@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from schemas.stability import CalibrateReply, CalibrateRequest
+from schemas.calibration import CalibrateReply, CalibrateRequest
 from services.stability.calibration import APART_SD, Calibration, Flags, Pose, PoseCollector, calibrate
 from services.stability.contacts import Array, StabilityError
 from surefoot.robot import Robot

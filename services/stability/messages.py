@@ -19,6 +19,8 @@ from schemas.stability import (
     Doubt,
     EquilibriumReply,
     EquilibriumRequest,
+    MarginGradient,
+    RegionFields,
     RegionReply,
     RegionRequest,
     SupportPoint,
@@ -29,7 +31,7 @@ from schemas.stability import (
 from services.stability import whatif
 from services.stability.contacts import Array, ContactSet, StabilityError, contact_set
 from services.stability.directions import equally_spaced, unit
-from services.stability.effective import lean, upward
+from services.stability.effective import GRAVITY, lean, stays_down, upward
 from services.stability.equilibrium import equilibrium, friction_needed, least_forces
 from services.stability.forces import (
     FootForces,
@@ -43,7 +45,7 @@ from services.stability.movement import Check, check
 from services.stability.oracle import Support
 from services.stability.pressure import PressureSensor, read_loads
 from services.stability.region import Region, region
-from services.stability.robust import Uncertainty, robust_margin
+from services.stability.robust import Uncertainty, margin_gradient, robust_margin
 from services.stability.shift import Shift, kinematic_shift, stance_legs
 from services.stability.state import WatchParams
 from surefoot.kinematics import com, foot_positions
@@ -51,8 +53,6 @@ from surefoot.polygon import area
 from surefoot.robot import Robot, load_robot
 from surefoot.rotations import matrix_from_quat
 from surefoot.tables import TableError
-
-GRAVITY = 9.81  # m/s2
 
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 
@@ -69,13 +69,17 @@ def contacts_of(contacts: tuple[Contact, ...], field: str = "contacts") -> Conta
         raise StabilityError(error.code, error.field.replace("contacts", field, 1), error.message) from None
 
 
-def region_of(request: RegionRequest) -> Region:
-    """The region a request asks for."""
+def directions_of(request: RegionFields) -> Array | None:
+    """Unit directions (k, 2) of a request; None = adaptive."""
     given = request.directions
-    directions = None if given is None else equally_spaced(given) if isinstance(given, int) else unit(given)
+    return None if given is None else equally_spaced(given) if isinstance(given, int) else unit(given)
+
+
+def region_of(request: RegionFields) -> Region:
+    """The region a request asks for."""
     return region(
         contacts_of(request.contacts),
-        directions,
+        directions_of(request),
         adaptive=request.adaptive,
         tolerance=request.tolerance_m,
         limit=request.max_directions,
@@ -91,8 +95,8 @@ def _fields(found: Region, certificates: bool, polygons: bool) -> dict[str, Any]
     closed = len(found.outer) > 0
     return {
         "status": found.status,
-        "inner": _pairs(found.inner) if polygons else (),
-        "outer": _pairs(found.outer) if polygons else (),
+        "inner": pairs(found.inner) if polygons else (),
+        "outer": pairs(found.outer) if polygons else (),
         "support": _support(found.support, certificates) if polygons else (),
         "gap": _finite(found.gap),
         "area": max(0.0, float(area(found.inner))),
@@ -102,7 +106,7 @@ def _fields(found: Region, certificates: bool, polygons: bool) -> dict[str, Any]
 
 
 def _support(support: Support, certificates: bool) -> tuple[SupportPoint, ...]:
-    direction, value, point = _pairs(support.direction), support.value.tolist(), _pairs(support.point)
+    direction, value, point = pairs(support.direction), support.value.tolist(), pairs(support.point)
     gap = support.gap.tolist()
     out: list[SupportPoint] = []
     for i, status in enumerate(support.status):
@@ -125,7 +129,8 @@ def _support(support: Support, certificates: bool) -> tuple[SupportPoint, ...]:
     return tuple(out)
 
 
-def _pairs(points: Array) -> tuple[tuple[float, float], ...]:
+def pairs(points: Array) -> tuple[tuple[float, float], ...]:
+    """Rows of two numbers as they travel."""
     return tuple(map(tuple, points.tolist()))  # pyright: ignore[reportReturnType] - rows of two
 
 
@@ -144,7 +149,7 @@ def check_reply(request: CheckRequest, own: Robot) -> CheckReply:
     legs: tuple[str, ...] = ()
     if request.joints is not None:
         robot = named_robot(request.robot) if request.robot is not None else own
-        joints, base, rot = _posture(robot, request.joints, request.base)
+        joints, base, rot = posture(robot, request.joints, request.base)
         names = tuple(c.leg for c in request.contacts)
         stance = stance_legs(robot, joints, rot, base, found.contacts, names)
         shift = kinematic_shift(robot, joints, rot, movement, stance)
@@ -172,6 +177,7 @@ def _check_reply(
         margin=verdict.margin.value,
         margin_now=verdict.margin_now.value,
         margin_robust=None if request.doubt is None else _robust(found, verdict.com_after, request.doubt),
+        gradient=_gradient(found, verdict.com_after) if request.gradient else None,
         extent=_length(verdict.extent),
         gsm=_length(verdict.gsm),
         extent_status=None if verdict.extent is None else verdict.extent.status,
@@ -199,11 +205,20 @@ def _robust(found: Region, com_after: Array, doubt: Doubt) -> float | None:
     )
 
 
+def _gradient(found: Region, com_after: Array) -> MarginGradient | None:
+    slope = margin_gradient(found.contacts, com_after)
+    if slope is None:
+        return None
+    mu, place = tuple(slope.mu.tolist()), triples(slope.position)
+    return MarginGradient(com=(float(slope.com[0]), float(slope.com[1])), mu=mu, position=place)
+
+
 def _length(extent: Extent | None) -> float | None:
     return None if extent is None else extent.value
 
 
-def _posture(robot: Robot, joints: tuple[float, ...], base: BasePose) -> tuple[Array, Array, Array]:
+def posture(robot: Robot, joints: tuple[float, ...], base: BasePose) -> tuple[Array, Array, Array]:
+    """Joint angles, position of base_link and rot_world_from_base of a request."""
     q = np.array(joints)
     if q.size != len(robot.joint_names):
         wanted = len(robot.joint_names)
@@ -256,8 +271,7 @@ def equilibrium_reply(request: EquilibriumRequest) -> EquilibriumReply:
     weight, back = request.weight_n, np.eye(3)
     if any(request.acceleration):
         up = upward(np.array(request.acceleration))
-        if up[2] < 0.01 * GRAVITY:
-            raise StabilityError("too_large", "acceleration", f"got {request.acceleration}, the robot would fly")
+        stays_down(up, np.array(request.acceleration))
         leaning = lean(contacts, up)
         contacts, place = leaning.contacts, leaning.seen(np.append(place, request.com_height_m))
         weight, back = weight * leaning.strength / GRAVITY, leaning.rot.T
@@ -271,7 +285,7 @@ def equilibrium_reply(request: EquilibriumRequest) -> EquilibriumReply:
     force = found.force if least is None else least
     return EquilibriumReply(
         held=True,
-        forces_n=None if force is None else _triples(weight * force @ back.T),
+        forces_n=None if force is None else triples(weight * force @ back.T),
         friction_share=friction_needed(contacts, place),
     )
 
@@ -279,7 +293,7 @@ def equilibrium_reply(request: EquilibriumRequest) -> EquilibriumReply:
 def com_reply(request: ComRequest, own: Robot) -> ComReply:
     """Answer to `stability/com`; `own` is the robot when the request names none."""
     robot = named_robot(request.robot) if request.robot is not None else own
-    joints, base, rot = _posture(robot, request.joints, request.base)
+    joints, base, rot = posture(robot, request.joints, request.base)
     c = base + rot @ com(robot.model, joints)
     planned = (float(c[0]), float(c[1]), float(c[2]))
     if request.torque is None:
@@ -314,7 +328,7 @@ def com_reply(request: ComRequest, own: Robot) -> ComReply:
         com=planned,
         mass_kg=robot.mass,
         com_measured=None if measured is None else (float(measured.com[0]), float(measured.com[1])),
-        forces_n=_triples(force),
+        forces_n=triples(force),
         observed=tuple(found.observed.tolist()),
         gain=gain,
         **fields,
@@ -332,5 +346,6 @@ def _with_loads(found: FootForces, loads: tuple[float | None, ...], robot: Robot
     return fuse_normal(found, np.tile([0.0, 0.0, 1.0], (len(loads), 1)), value, variance)
 
 
-def _triples(rows: Array) -> tuple[tuple[float, float, float], ...]:
+def triples(rows: Array) -> tuple[tuple[float, float, float], ...]:
+    """Rows of three numbers as they travel."""
     return tuple(map(tuple, rows.tolist()))  # pyright: ignore[reportReturnType] - rows of three

@@ -10,7 +10,6 @@ from services.stability.equilibrium import equilibrium
 from services.stability.margin import margin
 from services.stability.oracle import Support
 from services.stability.region import region
-from services.stability.single import support_value
 
 INSIDE = 1e-6  # of the way to the middle of the region: forces are asked for so far inside the edge
 FINEST = 1e-4  # rad; directions around the best one are refined down to that
@@ -81,15 +80,15 @@ def margin_gradient(contacts: ContactSet, com: Array) -> MarginGradient | None:
     if here.value is None or found.status != "ok":
         return None
     a = _nearest(found.inner, com) if here.direction is None else here.direction
-    answer = support_value(contacts, a)
-    if answer.status != "ok":
+    answer = region(contacts, a[None]).support
+    if answer.status[-1] != "ok":
         return None
     edge = com + here.value * a
     inside = found.inner.mean(axis=0) - edge
     held = equilibrium(contacts, edge + INSIDE * inside)
     if held.force is None:
         return None
-    slope = _slope(contacts, answer.twist, held.force, a)
+    slope = _slope(contacts, answer.twist[-1], held.force, a)
     return MarginGradient(here.value, -a, slope.mu, slope.position)
 
 

@@ -25,6 +25,7 @@ from schemas.topics import (
     STATE_VELOCITY,
 )
 from services.stability import forces, interior, margin, region, shift, state
+from services.stability.beyond import region_answer
 from services.stability.config import StabilityConfig
 from services.stability.contacts import StabilityError
 from services.stability.job import CalibrationJob
@@ -33,8 +34,6 @@ from services.stability.messages import (
     check_reply,
     com_reply,
     equilibrium_reply,
-    region_of,
-    region_reply,
     whatif_reply,
 )
 from surefoot.errors import Refusal
@@ -84,7 +83,7 @@ class Stability(Service[StabilityConfig]):
         com(self.robot.model, self.robot.neutral)
         foot_positions(self.robot.model, self.robot.neutral)
         self.on_reset()
-        self.handle(STABILITY_REGION, _answer(lambda r: region_reply(region_of(r), r)))
+        self.handle(STABILITY_REGION, _answer(lambda r: region_answer(r, self.robot)))
         self.handle(STABILITY_CHECK, _answer(lambda r: check_reply(r, self.robot)))
         self.handle(STABILITY_COM, _answer(lambda r: com_reply(r, self.robot)))
         self.handle(STABILITY_WHATIF, _answer(whatif_reply))

@@ -15,9 +15,9 @@ from typing import Any, Literal, TypeVar, cast
 from pydantic import ValidationError
 
 from schemas.base import Request
+from schemas.calibration import CalibrateRequest
 from schemas.cmd import WalkCommand
 from schemas.sim import FaultRequest, PushRequest, SetRequest, World
-from schemas.stability import CalibrateRequest
 from schemas.topics import CMD_WALK, SIM_FAULT, SIM_PUSH, SIM_SET, STABILITY_CALIBRATE, TICK_NS, Query
 from services.supervisor.files import FileError, find, read_text
 from services.supervisor.judge import LIMITS

@@ -48,7 +48,7 @@ def test_region_of_the_contract(service: Stability) -> None:
     assert len(got["support"]) == 16
     assert got["support"][0] == {
         "direction": [1.0, 0.0], "value": 0.1, "point": [0.1, 0.1], "status": "ok",
-        "gap": 0.0, "certificate": None, "forces": None,
+        "gap": 0.0, "certificate": None, "forces": None, "twist": None, "torques": None,
     }  # fmt: skip
     assert sorted(map(tuple, got["inner"])) == sorted(p[:2] for p in SQUARE)
     given = ask(service, "region", contacts=FLOOR, directions=[[0, 2]])
