@@ -142,8 +142,6 @@ STABILITY_COM = Query("stability/com", stability.ComRequest, stability.ComReply,
 STABILITY_WHATIF = Query("stability/whatif", stability.WhatifRequest, stability.WhatifReply, "stability")
 STABILITY_EQUILIBRIUM = Query(
     "stability/equilibrium", stability.EquilibriumRequest, stability.EquilibriumReply, "stability"
-STABILITY_CALIBRATE = Query(
-    "stability/calibrate", calibration.CalibrateRequest, calibration.CalibrateReply, "stability"
 )
 STABILITY_CALIBRATE = Query(
     "stability/calibrate", calibration.CalibrateRequest, calibration.CalibrateReply, "stability"
