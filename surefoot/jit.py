@@ -4,8 +4,25 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import numba  # pyright: ignore[reportMissingTypeStubs]
+from numba.core import event  # pyright: ignore[reportMissingTypeStubs]
+
+from surefoot.compiling import COMPILING
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+
+class _Listener(event.Listener):  # pyright: ignore[reportUntypedBaseClass]
+    """Hears of compilations; functions that are loaded from the cache are none."""
+
+    def on_start(self, event: Any) -> None:
+        COMPILING.began(event.data["dispatcher"].py_func.__qualname__)
+
+    def on_end(self, event: Any) -> None:
+        COMPILING.ended(event.data["dispatcher"].py_func.__qualname__)
+
+
+COMPILING.used = True
+event.register("numba:compile", _Listener())  # pyright: ignore[reportUnknownMemberType]
 
 
 def kernel(function: F) -> F:

@@ -60,7 +60,7 @@ def _serve(service: Service[Any], options: argparse.Namespace) -> int:
     node: Node | None = None
 
     def stop(signum: int, frame: Any) -> None:
-        if node is None or node.state == "starting":
+        if node is None or node.state in ("starting", "compiling"):
             raise SystemExit(0)  # still preparing: nothing to finish
         node.stop()
 

@@ -11,13 +11,14 @@ import time
 import uuid
 from collections import Counter, deque
 from queue import Empty, SimpleQueue
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 from schemas.base import Message, Request, TickRequest, Wire
 from schemas.hw import Tick
 from schemas.system import Done, Health, HealthReply, JoinRequest, LogRecord
 from schemas.topics import CMD_JOINTS, HEALTH, HEALTH_GET, HW_TICK, LOG, SIM_JOIN, TICK_DONE, Query, Topic
 from surefoot.bus import Bus, Delivery, Incoming, Life, Publisher
+from surefoot.compiling import COMPILING
 from surefoot.config import config_hash
 from surefoot.errors import CallError, Refusal, SurefootError
 from surefoot.frame import Frame
@@ -79,19 +80,38 @@ class Node:
                 raise ValueError(f"{self.name} reads {topic.key!r}, which is told in batches, but is not batched")
         for topic in (*service.outputs, self._done, HEALTH.of(self.name), LOG.of(self.name)):
             self._publishers[topic.key] = self.bus.publisher(topic)
-        service.on_start()
+        self.bus.serve(HEALTH_GET.of(self.name), self._early)  # the only question that a cold service answers
+        began, before = time.monotonic(), COMPILING.done
+        with COMPILING.told(self._on_compile):
+            service.on_start()
+        if self.state == "compiling":
+            self.log("info", f"{COMPILING.done - before} kernels compiled in {time.monotonic() - began:.1f} s")
         for query in service.serves:
             if query.key not in service.handlers:
                 raise ValueError(f"{self.name} declares {query.key!r} but registered no handler in on_start")
         self.bus.take(self._subscriptions(), put, batched=service.batched)
         for topic in service.observes:
             self.bus.subscribe(topic, put)
-        for query in (*service.serves, HEALTH_GET.of(self.name)):
+        for query in service.serves:
             self.bus.serve(query, put)
         self.bus.watch(put)
         self._links = (*(t for t in self._subscriptions() if t.key != HW_TICK.key), *service.calls)
         self.state = "joining"
         self.bus.announce(self.name, self.instance)
+
+    def _early(self, incoming: Incoming) -> None:
+        """A question about health; while kernels compile it is answered at once, on the thread of the bus."""
+        if self.state in ("starting", "compiling") and not incoming.probe:
+            incoming.reply(HealthReply(health=self.health()))
+        else:
+            self.inbox.put(incoming)
+
+    def _on_compile(self, name: str) -> None:
+        """A kernel is not in the cache while the service prepares."""
+        if self.state == "starting":
+            self.state = "compiling"
+            self.log("info", f"compiling kernels, {name} first; `surefoot warm` does so ahead of time")
+            self._publishers[f"health/{self.name}"].put(self.health())
 
     def _subscriptions(self) -> list[Topic[Any]]:
         topics = [item.topic if isinstance(item, Delayed) else item for item in self.service.inputs]
@@ -264,7 +284,7 @@ class Node:
         return (self._epoch, self.join.last) >= (epoch, request.tick)
 
     def _answer(self, incoming: Incoming, request: Request) -> None:
-        key = incoming.query.key
+        key, before = incoming.query.key, COMPILING.done
         self.counts[key] += 1
         try:
             if key == f"health/{self.name}":
@@ -277,6 +297,9 @@ class Node:
         except Exception as error:  # a defect in a handler must not leave the asker without an answer
             self.refuse("internal", f"{key}: {type(error).__name__}: {error}")
             incoming.fail(SurefootError("internal", f"{key} failed: {type(error).__name__}: {error}"))
+        if COMPILING.done != before:  # a kernel that on_start forgot: never silently
+            self.counts["compiled_in_query"] += 1
+            self.log("warning", f"{key} had to compile {COMPILING.last}, which on_start should have done")
 
     # -- ticks -------------------------------------------------------------------------------------------------
 
@@ -353,6 +376,11 @@ class Node:
         if publisher is not None:
             publisher.put(LogRecord(source=self.name, level=level, text=text[:4000]))  # pyright: ignore[reportArgumentType]
 
+    def _kernels(self) -> Literal["warm", "compiling", "none"]:
+        if COMPILING.busy or self.state == "compiling":
+            return "compiling"
+        return "warm" if COMPILING.used and self.state != "starting" else "none"
+
     def health(self) -> Health:
         """How the service does."""
         times = sorted(self.tick_us)
@@ -362,7 +390,7 @@ class Node:
             source=self.name, service=self.name, instance=self.instance, pid=os.getpid(),
             tick=self.join.last, epoch=max(0, self._epoch),
             state=self.state,  # pyright: ignore[reportArgumentType] - one of the literal's names
-            kernels="warm" if "numba" in sys.modules else "none",
+            kernels=self._kernels(),
             tick_p50_us=times[len(times) // 2] if times else 0.0,
             tick_p99_us=times[min(len(times) - 1, len(times) * 99 // 100)] if times else 0.0,
             cpu_s=usage.ru_utime + usage.ru_stime, rss_mb=usage.ru_maxrss / 1024.0,
