@@ -1,5 +1,7 @@
 """Typed ways to compile a numeric kernel."""
 
+import importlib
+import sys
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
@@ -21,6 +23,22 @@ class _Listener(event.Listener):  # pyright: ignore[reportUntypedBaseClass]
         COMPILING.ended(event.data["dispatcher"].py_func.__qualname__)
 
 
+def _load_without_scipy() -> None:
+    """Load numba's array functions, which try scipy.linalg only to choose how np.cov multiplies: 0.15 s of a start.
+
+    Kernels that multiply matrices find scipy's BLAS when they first do so.
+    """
+    name = "scipy.linalg.cython_blas"
+    if name in sys.modules:
+        return
+    sys.modules[name] = None  # type: ignore[assignment] - an import of it fails at once
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        del sys.modules[name]
+
+
+_load_without_scipy()
 COMPILING.used = True
 event.register("numba:compile", _Listener())  # pyright: ignore[reportUnknownMemberType]
 
