@@ -136,6 +136,7 @@ def test_a_learned_gain_makes_the_plan_shorter():
         (Command("walk", angle=1.0), "missing_field", "distance"),
         (Command("walk", distance=0.05, angle=3.0), "too_tight", "angle"),
         (Command("walk", distance=1.0, gait="tripod"), "unknown_gait", "gait"),
+        (Command("stand", shift=(0.01, 0.0)), "unsupported", "shift"),
     ],
 )
 def test_impossible_commands_are_refused_and_name_the_field(command, code, field):
