@@ -62,7 +62,7 @@ def test_recognition_falls_with_linear_and_angular_speed():
     still = count()
     assert still > 5.0
     assert still > count(speed=0.05) > count(speed=0.15) > count(speed=0.5)
-    assert still > count(rate=0.1) > count(rate=0.3) > count(rate=1.0)
+    assert still > count(rate=0.02) > count(rate=0.05) > count(rate=0.1) > count(rate=0.3)
 
 
 def test_measurements_are_where_the_landmarks_are():
