@@ -21,6 +21,10 @@ MAX_AHEAD = 64
 PATIENCE_TICKS = 2
 """In paced mode a tick whose inputs are incomplete is taken when this many later ticks have come."""
 
+BACKLOG_TICKS = 8
+"""In paced mode a service this far behind leaves ticks out. In order until then: services that leave out every second
+tick would lack each other's messages in the others, and do so for ever."""
+
 
 @dataclass(frozen=True)
 class Delayed(Generic[M]):
@@ -173,20 +177,21 @@ class Join:
         if not self._ticks or not self.on_roster:
             return None
         tick = self._ticks.get(self.last + 1)
-        if tick is not None and tick.mode == "lockstep":
-            if self._lacking is None:
-                self._lacking = set(self._missing(tick))
-            return None if self._lacking else self._bundle(tick)
-        return self._take_paced()
+        if (tick or next(iter(self._ticks.values()))).mode == "paced":
+            return self._take_paced()
+        if tick is None:
+            return None
+        if self._lacking is None:
+            self._lacking = set(self._missing(tick))
+        return None if self._lacking else self._bundle(tick)
 
     def _take_paced(self) -> TickInputs | None:
-        newest = max(self._ticks)
-        for number in sorted(self._ticks, reverse=True):
-            tick = self._ticks[number]
-            if tick.mode == "lockstep":
-                continue
-            if not self._missing(tick) or newest - number >= PATIENCE_TICKS:
-                return self._bundle(tick)
+        newest, first = max(self._ticks), min(self._ticks)
+        if newest - first >= BACKLOG_TICKS:
+            first = min(n for n in self._ticks if n >= newest - PATIENCE_TICKS)
+        tick = self._ticks[first]
+        if newest - first >= PATIENCE_TICKS or not self._missing(tick):
+            return self._bundle(tick)
         return None
 
     def _bundle(self, tick: Tick) -> TickInputs:

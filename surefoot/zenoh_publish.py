@@ -28,9 +28,6 @@ _QOS = {  # congestion control, priority, express (no batching: a tick waits for
 """Participants get samples, states and commands in frames, which block rather than drop; on the topics themselves are
 only onlookers, and one that does not read must not stop a robot."""
 
-LOOK_EVERY = 25
-"""Messages after which a publisher looks for itself whether somebody listens."""
-
 FRAME, BATCH = "frame/{}", "batch/{}"
 """Keys of what a service says (``driver``: the simulator or a hardware driver) in each tick and in some ticks."""
 
@@ -87,14 +84,10 @@ class FramedPublisher(Generic[M]):
         self._publisher = _declare(session, topic.key, encoding_of(topic.model), *_QOS[topic.kind])
         self._watched = False
         self._listener = self._publisher.declare_matching_listener(self._on_match)
-        self._count = 0
-        self._look()
+        status: Any = self._publisher.matching_status  # the stubs say bool
+        self._on_match(status)
 
     def _on_match(self, status: Any) -> None:
-        self._watched = bool(status.matching)
-
-    def _look(self) -> None:
-        status: Any = self._publisher.matching_status  # the stubs say bool
         self._watched = bool(status.matching)
 
     def put(self, message: M) -> Part:
@@ -105,9 +98,6 @@ class FramedPublisher(Generic[M]):
 
     def resend(self, token: Part) -> None:
         self._frame(token)
-        self._count += 1
-        if self._count % LOOK_EVERY == 0:
-            self._look()  # in case an event was missed while one onlooker left and another came
         if self._watched or not self._framer.corked:
             self._publisher.put(token.payload)
 

@@ -2,15 +2,25 @@
 
 import pytest
 
+from schemas.base import Header
 from schemas.footholds import SelectReply, SelectRequest
 from schemas.hw import JointState, Tick
 from schemas.terrain import HeightMapMessage
-from schemas.topics import FOOTHOLDS_SELECT, HW_IMU, TERRAIN_MAP, TICK_NS
+from schemas.topics import (
+    FOOTHOLDS_SELECT,
+    HW_IMU,
+    HW_TICK,
+    STATE_GAIT,
+    STATE_STABILITY,
+    STATE_VELOCITY,
+    TERRAIN_MAP,
+    TICK_NS,
+)
 from surefoot.bus import Delivery, Raw
 from surefoot.codec import decode, encode, encoding_of
 from surefoot.config import ServiceConfig
 from surefoot.errors import Refusal
-from surefoot.join import MAX_AHEAD, TickInputs
+from surefoot.join import BACKLOG_TICKS, MAX_AHEAD, Delayed, Join, TickInputs
 from surefoot.memory_bus import MemoryIncoming
 from surefoot.service import Service
 from tests.surefoot.node_bench import IMU, MEGABYTE, SELECT, Bench, Subject
@@ -121,10 +131,45 @@ def test_paced_mode_goes_on_without_what_is_late_and_never_back(bench: Bench) ->
         bench.tick(tick, mode="paced")  # no imu at all
     assert bench.subject.ticks == [0, 1]
     bench.imu(3)
-    assert bench.subject.ticks == [0, 1, 3]
+    assert bench.subject.ticks == [0, 1]
+    bench.tick(4, mode="paced")
+    assert bench.subject.ticks == [0, 1, 2, 3]  # in order: 2 without its sample, 3 with it
     bench.imu(2)
     bench.tick(2, mode="paced")
-    assert bench.subject.ticks == [0, 1, 3]
+    assert bench.subject.ticks == [0, 1, 2, 3]
+
+
+def test_services_that_await_each_other_do_every_tick_in_paced_mode_even_after_one_fell_behind() -> None:
+    joins = {
+        "walker": (STATE_GAIT, Join("walker", (HW_IMU, Delayed(STATE_STABILITY), Delayed(STATE_VELOCITY)))),
+        "stability": (STATE_STABILITY, Join("stability", (HW_IMU, STATE_VELOCITY, Delayed(STATE_GAIT)))),
+        "estimator": (STATE_VELOCITY, Join("estimator", (HW_IMU, Delayed(STATE_GAIT)))),
+    }
+    done: dict[str, list[int]] = {name: [] for name in joins}
+    for tick in range(120):
+        manifest = Tick(tick=tick, epoch=1, roster=tuple(joins), due=("hw/imu",), mode="paced", roster_version=1)
+        for _, join in joins.values():
+            join.offer(HW_IMU, IMU.stamped(0, tick, 1, tick, "driver"))
+            join.offer(HW_TICK, manifest)
+        progressed = True
+        while progressed:
+            progressed = False
+            for name, (topic, join) in joins.items():
+                if name == "walker" and 40 <= tick < 40 + 3 * BACKLOG_TICKS:
+                    continue  # asleep
+                if (inputs := join.take()) is None:
+                    continue
+                progressed = True
+                done[name].append(inputs.number)
+                if topic.due(inputs.number):
+                    header = Header(tick=inputs.number, epoch=1, source=name)
+                    for _, reader in joins.values():
+                        if topic.key in reader.keys:
+                            reader.offer(topic, header)
+    for name, ticks in done.items():
+        assert ticks[-30:] == list(range(90, 120)), name
+    assert done["estimator"] == done["stability"] == list(range(120))
+    assert len(done["walker"]) >= 120 - 3 * BACKLOG_TICKS
 
 
 def test_paced_mode_is_never_stale_however_long_the_service_slept(bench: Bench) -> None:
