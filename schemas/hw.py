@@ -60,7 +60,7 @@ class JointCommand(Message):
 
 
 class EmergencyStop(Message):
-    """Stop now: the driver holds the present joint positions until the next reset."""
+    """Stop now: the driver holds the present joint positions until the next reset, and says so in ``sim/status``."""
 
     reason: str = Field(default="", description="who asks and why")
 

@@ -44,14 +44,16 @@ class Truth(Message):
 
 
 class SimStatus(Message):
-    """State of the simulation, once a second of simulated time."""
+    """State of the simulation, once a second of simulated time, and at once after an emergency stop."""
 
+    schema_version: ClassVar[str] = "1.1"
     state: Literal["idle", "joining", "running", "paused", "holding", "ended"] = Field(description="of the lockstep")
     rtf: float = Field(ge=0, description="simulated over wall time since the last status (not reproducible)")
     ticks: int = Field(ge=0, description="control ticks since the epoch began")
     comparable: bool = Field(description="false after a time-out, a restart, or a degraded tick")
     missing: tuple[str, ...] = Field(default=(), description="services awaited")
     detail: str = Field(default="", description="in words")
+    stopped: str = Field(default="", description="reason of the emergency stop in force; empty = none is")
 
 
 class World(Request):

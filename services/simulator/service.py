@@ -132,11 +132,14 @@ class Simulator(Driver[SimulatorConfig]):
         return [(TERRAIN_MAP, self._map)]
 
     def on_message(self, topic: Topic, message: Message) -> None:  # pyright: ignore[reportMissingTypeArgument]
-        """Emergency stop: hold the joints where they are until the next reset."""
-        if isinstance(message, EmergencyStop) and not self._stopped:
+        """Emergency stop: hold the joints where they are until the next reset; whoever asked is told at once."""
+        if not isinstance(message, EmergencyStop):
+            return
+        if not self._stopped:
             self._stopped = message.reason or "no reason given"
             self.world.command = self.world.truth().joints
             self.log("warning", f"emergency stop at {self.world.stamp_ns * 1e-9:.2f} s: {self._stopped}")
+        self.publish(SIM_STATUS, self._status())
 
     def check(self, command: JointCommand) -> None:
         if self._stopped:
@@ -288,7 +291,7 @@ class Simulator(Driver[SimulatorConfig]):
         rtf = before * worlds.TICK_NS * 1e-9 / wall if wall > 0.0 and before > 0 else 0.0
         return sim.SimStatus(
             state=leader.state, rtf=rtf, ticks=tick + 1, comparable=leader.comparable, missing=leader.missing(),
-            detail=leader.reason, tick=max(-1, tick), epoch=leader.epoch,
+            detail=leader.reason, stopped=self._stopped, tick=max(-1, tick), epoch=leader.epoch,
         )  # fmt: skip
 
 

@@ -17,6 +17,7 @@ from services.supervisor.commands import (
     run,
     schema,
     service,
+    stop,
     system,
     topic,
     warm,
@@ -35,6 +36,7 @@ app.command("run")(run.run)
 app.command("list")(run.list_all)
 app.command("up")(system.up)
 app.command("down")(system.down)
+app.command("stop")(stop.stop)
 app.command("status")(system.status)
 app.command("logs")(system.logs)
 app.command("health")(system.health)

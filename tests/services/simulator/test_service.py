@@ -24,6 +24,7 @@ from schemas.topics import (
     SIM_RESET,
     SIM_RESTORE,
     SIM_SET,
+    SIM_STATUS,
     SIM_STEP,
     SIM_TRUTH,
     TERRAIN_MAP_GET,
@@ -218,12 +219,29 @@ def test_bad_commands_are_refused_counted_and_the_robot_stands(bench: Bench, cha
 def test_emergency_stop_holds_until_the_next_reset(bench: Bench) -> None:
     bench.reset()
     bench.system.bus.publisher(CMD_ESTOP).put(EmergencyStop(reason="a hand in the way"))
-    bench.finish()
+    bench.walker.position = (Holder.position[0] + 0.2, *Holder.position[1:])
+    last = truths(bench.finish())[-1]
+    assert last.joints == pytest.approx(Holder.position, abs=0.05)
     assert bench.simulator.node.refused["stopped"] > 0
     refused = bench.simulator.node.refused["stopped"]
     bench.reset()
-    bench.finish()
+    last = truths(bench.finish())[-1]
     assert bench.simulator.node.refused["stopped"] == refused
+    assert last.joints[0] > Holder.position[0] + 0.1
+
+
+def test_every_emergency_stop_is_confirmed_at_once_even_in_a_pause(bench: Bench) -> None:
+    heard: list[Any] = []
+    bench.system.bus.subscribe(SIM_STATUS, heard.append)
+    bench.reset(paused=True)
+    bench.system.run_until(lambda: bench.simulator.node.leader.state == "paused")
+    stop = bench.system.bus.publisher(CMD_ESTOP)
+    for reason in ("a hand in the way", "still there"):
+        stop.put(EmergencyStop(reason=reason))
+        bench.simulator.node.pump()
+    told = [delivery.message() for delivery in heard if not delivery.prime]
+    assert [status.stopped for status in told] == ["a hand in the way"] * 2
+    assert {status.source for status in told} == {"simulator"}
 
 
 @pytest.mark.parametrize(

@@ -101,7 +101,7 @@ def test_usage_errors_name_what_was_meant(surefoot, words, hint):
 
 
 @pytest.mark.parametrize(
-    "words", [["status"], ["topic", "hz", "state/gait"], ["health", "walker"], ["call", "cmd/walk"]]
+    "words", [["status"], ["topic", "hz", "state/gait"], ["health", "walker"], ["call", "cmd/walk"], ["stop"]]
 )
 def test_nothing_running_is_told_at_once(surefoot, words):
     began = time.monotonic()

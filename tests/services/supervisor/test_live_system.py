@@ -4,11 +4,13 @@ import json
 import os
 import re
 import signal
+import socket
 import time
 
 import pytest
 
 from services.supervisor.rundir import RunFolder
+from surefoot.zenoh_bus import Endpoint, ZenohBus
 
 pytestmark = pytest.mark.e2e
 
@@ -46,6 +48,32 @@ def test_queries_are_answered_or_refused_in_words(system, surefoot):
     done = surefoot("call", "sim/push", '{"force": [0, 1, 0], "duration": 0.1, "body": "tail"}')
     assert done.returncode != 0
     assert "tail" in done.stderr
+
+
+def test_an_emergency_stop_is_confirmed_by_the_driver_and_released_by_a_reset(system, surefoot):
+    for _ in range(2):
+        done = surefoot("stop", "--reason", "a hand in the way", "--json")
+        assert done.returncode == 0, done.stderr
+        assert json.loads(done.stdout)["stopped"] == "a hand in the way"
+        assert json.loads(done.stdout)["driver"] == "simulator"
+    refused = json.loads(surefoot("health", "simulator", "--json").stdout)["refused"]
+    assert refused["stopped"] > 0
+    assert surefoot("call", "sim/reset", '{"mode": "paced", "rtf": 1}').returncode == 0
+    done = surefoot("topic", "echo", "sim/status", "-n", "1", "--timeout", "10")
+    assert json.loads(done.stdout)["stopped"] == ""
+
+
+def test_a_stop_that_nobody_confirms_is_an_error(surefoot, place):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    bus = ZenohBus(Endpoint("router", (), (address,), "test/nobody"))
+    try:
+        done = surefoot("stop", "--timeout", "0.3", "--connect", address, "--namespace", "test/nobody", "--json")
+    finally:
+        bus.close()
+    assert done.returncode == 1
+    assert json.loads(done.stdout)["error"]["code"] == "timeout"
 
 
 def test_it_cannot_be_started_twice(system, surefoot):
