@@ -16,244 +16,16 @@ import json
 import math
 import os
 import sys
-import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from services.estimator.estimator import Estimator
-from services.simulator.ground import perturbation
-from services.simulator.model import Physics
-from services.simulator.terrain import make_terrain
-from services.simulator.world import World, WorldConfig
-from services.walker.biped import BipedWalker
-from services.walker.biped_params import BipedParams
-from services.walker.biped_state import Mode
-from services.walker.interface import Command, WalkerInputs
-from surefoot.robot import load_robot
-
-TICK_S = 0.01
-PATIENCE_S = 6.0  # simulated time to stand before the command
-
-
-@dataclass(frozen=True)
-class Setting:
-    """What is the same for all seeds of a study."""
-
-    robot: str = "bioloid"
-    distance: float | None = 1.0
-    turn_deg: float | None = None
-    arc_deg: float | None = None
-    level: float = 1.0
-    backlash_deg: float | None = None
-    """None = as the robot description says."""
-    friction: float | None = None
-    stop_s: float | None = None
-    """Stop command this long after the start of the walk."""
-    push: tuple[float, float, float] | None = None
-    """N, direction deg, phase of a step 0..1 in which it begins; lasts 0.1 s at the trunk."""
-    params: tuple[tuple[str, Any], ...] = ()
-    limit_s: float = 90.0
-
-
-@dataclass(frozen=True)
-class Walk:
-    """Verdict of one run."""
-
-    seed: int
-    ok: bool
-    fallen: bool
-    state: str
-    reason: str
-    x: float
-    y: float
-    yaw_deg: float
-    walk_s: float
-    steps: int
-    stop_steps: int
-    tilt_deg: float
-    twist_deg: float
-    slip_mm: float
-    odometry_mm: float
-    heading_error_deg: float
-    adjusted: int
-    unreachable: int
-    saturated: float
-    walker_us: float
-    walker_p99_us: float
-    sha256: str
-
-
-def robot_with(setting: Setting) -> Any:
-    """The robot, with another backlash if asked for."""
-    robot = load_robot(setting.robot)
-    if setting.backlash_deg is None:
-        return robot
-    play = math.radians(setting.backlash_deg)
-    legs = {j for leg in robot.legs for j in leg.joints}
-    joints = tuple(
-        replace(joint, servo=replace(joint.servo, backlash=play)) if i in legs else joint
-        for i, joint in enumerate(robot.joints)
-    )
-    return replace(robot, joints=joints)
-
-
-def walk(seed: int, setting: Setting, observe: Callable[..., None] | None = None) -> Walk:
-    """One command to its end, a fall or the time limit."""
-    robot = robot_with(setting)
-    physics = Physics() if setting.friction is None else Physics(friction=setting.friction)
-    differs = perturbation(setting.level, seed, robot.nj, robot.kind)
-    world = World(robot, make_terrain("flat", seed=seed), seed, WorldConfig(physics=physics, perturbation=differs))
-    estimator = Estimator.for_robot(robot)
-    walker = BipedWalker(robot, BipedParams.for_robot(robot, **dict(setting.params)))
-    if setting.turn_deg is not None:
-        command = Command("turn", angle=math.radians(setting.turn_deg))
-    else:
-        arc = None if setting.arc_deg is None else math.radians(setting.arc_deg)
-        command = Command("walk", distance=setting.distance, angle=arc)
-    pending = [world.command.copy()]
-    costs: list[float] = []
-    digest = hashlib.sha256()
-    began = stopped_at = -1
-    begin_truth, tilt, twist, slip, saturated, out = world.truth(), 0.0, 0.0, 0.0, 0, None
-    start_steps = stop_steps = unreachable = 0
-    limits = np.array([joint.servo.max_torque for joint in robot.joints])
-    judge = FootJudge(robot)
-    pushed = setting.push is None
-    while world.tick * TICK_S < setting.limit_s:
-        samples = world.samples
-        imu, joints, contacts = samples.imu, samples.joints, samples.contacts
-        if imu is not None:
-            estimator.on_imu(imu.stamp_ns, imu.gyro, imu.acc)
-        touch = None if contacts is None else np.array([any(foot) for foot in contacts.touch])
-        if joints is not None and touch is not None:
-            estimator.on_kinematics(joints.stamp_ns, joints.position, touch)
-        estimate, pose = estimator.estimate(), estimator.pose()
-        inputs = WalkerInputs(
-            stamp=TICK_S * world.tick, roll=estimate.roll, pitch=estimate.pitch,
-            rate=tuple(float(w) for w in estimate.angular_velocity), x=float(pose.position[0]),
-            y=float(pose.position[1]), yaw=pose.yaw, estimate_stamp=1e-9 * estimate.stamp_ns,
-            initialised=estimate.initialised, joints=None if joints is None else joints.position, contacts=touch,
-        )  # fmt: skip
-        clock = time.perf_counter()
-        out = walker.step(inputs)
-        costs.append(time.perf_counter() - clock)
-        unreachable += out.unreachable
-        truth = world.truth()
-        digest.update(truth.position.tobytes() + truth.quat_wxyz.tobytes())
-        if began >= 0:
-            tilt = max(tilt, truth.tilt)
-            saturated += int(np.any(np.abs(world.data.actuator_force) > 0.98 * limits))
-            slipped, twisted = judge.look(truth, out.stance)
-            slip, twist = max(slip, slipped), max(twist, twisted)
-        if observe is not None:
-            observe(world, walker, out, estimate)
-        now = world.tick * TICK_S
-        if began < 0 and out.state == "standing" and walker.state.clock > 50:
-            if walker.command(command).accepted:
-                began, begin_truth, start_steps = world.tick, truth, out.steps
-        elif began >= 0:
-            if setting.stop_s is not None and stopped_at < 0 and now - began * TICK_S > setting.stop_s:
-                walker.command(Command("stop"))
-                stopped_at, stop_steps = world.tick, out.steps
-            if not pushed and out.steps - start_steps >= 4 and walker.state.mode is Mode.STEP:
-                pushed = _push(world, walker, setting)
-            if out.state in ("standing", "refused") and walker.state.clock > 60:
-                break
-        if began < 0 and now > PATIENCE_S:
-            break
-        pending.append(world.command if out.command is None else out.command)
-        world.step_tick(pending.pop(0))
-        if truth.fallen:
-            break
-    assert out is not None
-    truth = world.truth()
-    yaw0, yaw1 = _yaw(begin_truth.quat_wxyz), _yaw(truth.quat_wxyz)
-    move = truth.position[:2] - begin_truth.position[:2]
-    c, s = math.cos(yaw0), math.sin(yaw0)
-    x, y = float(c * move[0] + s * move[1]), float(-s * move[0] + c * move[1])
-    pose = estimator.pose()
-    turned = _turned(judge.yaw_total, yaw1 - yaw0)
-    walk_s = (world.tick - began) * TICK_S - (0.61 if out.state == "standing" else 0.0)
-    drift = np.array(pose.position[:2]) - truth.position[:2]
-    return Walk(
-        seed=seed,
-        ok=bool(began >= 0 and not truth.fallen and out.state == "standing" and pushed),
-        fallen=bool(truth.fallen), state=out.state, reason=out.reason, x=round(x, 4), y=round(y, 4),
-        yaw_deg=round(math.degrees(turned), 2), walk_s=round(walk_s, 2), steps=out.steps - start_steps,
-        stop_steps=out.steps - stop_steps if stopped_at >= 0 else 0, tilt_deg=round(math.degrees(tilt), 2),
-        twist_deg=round(math.degrees(twist), 2), slip_mm=round(1e3 * slip, 2),
-        odometry_mm=round(1e3 * float(np.hypot(*drift)), 1),
-        heading_error_deg=round(math.degrees(_wrap(pose.yaw - yaw1)), 2), adjusted=walker.state.adjusted,
-        unreachable=unreachable, saturated=round(saturated / max(1, world.tick - began), 4),
-        walker_us=round(1e6 * float(np.median(costs)), 1),
-        walker_p99_us=round(1e6 * float(np.percentile(costs, 99)), 1),
-        sha256=digest.hexdigest()[:16],
-    )  # fmt: skip
-
-
-class FootJudge:
-    """Slip and twist of standing feet, and the whole turn of the trunk, from truth."""
-
-    def __init__(self, robot: Any) -> None:
-        self.model = robot.model
-        self.stance = np.zeros(len(robot.legs), dtype=bool)
-        self.start = np.zeros((len(robot.legs), 3))
-        self.yaw_total, self._last = 0.0, math.nan
-
-    def look(self, truth: Any, stance: Any) -> tuple[float, float]:
-        """Largest displacement (m) and twist (rad) of a foot since it began to stand by plan."""
-        from surefoot import kinematics, rotations
-
-        rot, _ = kinematics.forward(self.model, truth.joints)
-        base = rotations.matrix_from_quat(truth.quat_wxyz)
-        yaw = _yaw(truth.quat_wxyz)
-        self.yaw_total += 0.0 if math.isnan(self._last) else _wrap(yaw - self._last)
-        self._last = yaw
-        slip = twist = 0.0
-        for i, link in enumerate(self.model.foot_link):
-            ahead = base @ rot[link][:, 0]
-            now = np.array([*truth.foot_position[i, :2], math.atan2(ahead[1], ahead[0])])
-            loaded = bool(stance[i]) and truth.foot_force_n[i] > 2.0
-            if loaded and not self.stance[i]:
-                self.start[i] = now
-            self.stance[i] = loaded
-            if loaded:
-                slip = max(slip, float(np.hypot(*(now - self.start[i])[:2])))
-                twist = max(twist, abs(_wrap(now[2] - self.start[i, 2])))
-        return slip, twist
-
-
-def _push(world: World, walker: BipedWalker, setting: Setting) -> bool:
-    """Push in the wanted phase of a step of the left foot; tells whether it was done."""
-    s = walker.state
-    assert setting.push is not None
-    assert s.step is not None
-    force, direction, phase = setting.push
-    if s.step.swing != 0 or s.clock != max(1, round(phase * walker.params.step_s / TICK_S)):
-        return False
-    yaw = _yaw(world.truth().quat_wxyz) + math.radians(direction)
-    world.push((force * math.cos(yaw), force * math.sin(yaw), 0.0), 0.1)
-    return True
-
-
-def _yaw(quat: Any) -> float:
-    w, x, y, z = quat
-    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-
-
-def _wrap(angle: float) -> float:
-    return math.atan2(math.sin(angle), math.cos(angle))
-
-
-def _turned(total: float, wrapped: float) -> float:
-    """The whole turn, by the wrapped one at the end."""
-    return total + _wrap(wrapped - total)
+from benchmarks import biped_walk
+from benchmarks.biped_walk import Capture, Setting, Walk, walk
 
 
 def study(jobs: Iterable[tuple[int, Setting]], processes: int, keep: Path) -> list[Walk]:
@@ -264,7 +36,8 @@ def study(jobs: Iterable[tuple[int, Setting]], processes: int, keep: Path) -> li
         for line in keep.read_text(encoding="utf-8").splitlines():
             row = json.loads(line)
             key = row.pop("key")
-            done[key] = Walk(**row)
+            at = row.pop("capture")
+            done[key] = Walk(**row, capture=None if at is None else Capture(*at))
     jobs = list(jobs)
     keys = [_key(seed, setting) for seed, setting in jobs]
     missing = [(key, job) for key, job in zip(keys, jobs, strict=True) if key not in done]
@@ -299,7 +72,7 @@ def code_version() -> str:
         for path in (root / folder).rglob(kind)
     )
     digest = hashlib.sha256()
-    for path in (*names, Path(__file__)):
+    for path in (*names, Path(biped_walk.__file__)):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
@@ -332,14 +105,30 @@ def summary(walks: list[Walk], setting: Setting) -> str:
 
 
 def push_table(walks: list[Walk], jobs: list[tuple[int, Setting]]) -> str:
-    """Survival by force, and the lost directions and phases."""
+    """Survival by force, the lost directions and phases with their capture points, and what those tell."""
     lines: list[str] = []
-    forces = sorted({s.push[0] for _, s in jobs if s.push})
-    for force in forces:
-        here = [(w, s.push) for w, (_, s) in zip(walks, jobs, strict=True) if s.push and s.push[0] == force]
+    runs = [(w, s.push) for w, (_, s) in zip(walks, jobs, strict=True) if s.push]
+    for force in sorted({p[0] for _, p in runs}):
+        here = [(w, p) for w, p in runs if p[0] == force]
         good = sum(w.ok for w, _ in here)
-        lost = sorted({(p[1], p[2]) for w, p in here if not w.ok and p})
-        lines.append(f"{force:4.1f} N: {good}/{len(here)} survive ({100 * good / len(here):.0f} %); lost {lost}")
+        lines.append(f"{force:4.1f} N: {good}/{len(here)} survive ({100 * good / len(here):.1f} %)")
+        for way in sorted({p[1:] for w, p in here if not w.ok}):
+            same = [w for w, p in here if p[1:] == way]
+            lost = [w for w in same if not w.ok]
+            at = [w.capture for w in lost if w.capture is not None]
+            where = "no push" if not at else (
+                f"capture point {np.mean([c.ahead_mm for c in at]):+.0f} mm ahead, "
+                f"{np.mean([c.outward_mm for c in at]):+.0f} mm outward of the ankle, "
+                f"{np.mean([c.beyond_mm for c in at]):+.0f} mm beyond the {'/'.join(sorted({c.edge for c in at}))} edge"
+            )  # fmt: skip
+            lines.append(f"    {way[0]:3.0f} deg, phase {way[1]:.2f}: lost {len(lost)}/{len(same)}, {where}")
+    found = [(w.ok, w.capture) for w, _ in runs if w.capture is not None]
+    lines.append("survived by the place of the true capture point at the end of the push:")
+    for edge in ("outer", "inner", "front", "rear"):
+        for low, high in ((-math.inf, 0.0), (0.0, 10.0), (10.0, 20.0), (20.0, 40.0), (40.0, math.inf)):
+            here = [ok for ok, c in found if c.edge == edge and low < c.beyond_mm <= high]
+            if here:
+                lines.append(f"    {edge} edge, {low:.0f} to {high:.0f} mm beyond: {sum(here)}/{len(here)}")
     return "\n".join(lines)
 
 
