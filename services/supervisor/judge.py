@@ -36,6 +36,7 @@ METRICS: Mapping[str, Metric] = {
     "max_tilt_deg": Metric("largest tilt", "deg", 1),
     "mean_slip_mm": Metric("contact sliding per stance, mean", "mm", 2),
     "max_slip_mm": Metric("contact sliding per stance, worst", "mm", 2),
+    "max_twist_deg": Metric("turn of a sole in its stance, worst", "deg", 2),
     "velocity_rmse_mps": Metric("velocity error against truth, RMS", "m/s", 4),
     "odometry_error_m": Metric("odometry error at the end, horizontal", "m"),
     "odometry_error_percent": Metric("odometry error per way walked", "%", 1),
@@ -71,6 +72,8 @@ LIMITS: Mapping[str, Limit] = {
     "max_tilt_deg": Limit("max_tilt_deg", "most"),
     "max_mean_slip_mm": Limit("mean_slip_mm", "most"),
     "max_slip_mm": Limit("max_slip_mm", "most"),
+    "min_twist_deg": Limit("max_twist_deg", "least"),
+    "max_twist_deg": Limit("max_twist_deg", "most"),
     "max_velocity_rmse_mps": Limit("velocity_rmse_mps", "most"),
     "max_odometry_error_m": Limit("odometry_error_m", "most"),
     "max_odometry_error_percent": Limit("odometry_error_percent", "most"),
@@ -198,6 +201,9 @@ def measure(traces: Traces, wall_s: float | None = None) -> dict[str, float]:
     if traces.stances:
         sliding = 1000.0 * np.array([stance.sliding for stance in traces.stances])
         values |= {"mean_slip_mm": float(sliding.mean()), "max_slip_mm": float(sliding.max())}
+    twists = [abs(stance.twist) for stance in traces.stances if stance.twist is not None]
+    if twists:
+        values["max_twist_deg"] = max(twists) * DEG
     error = velocity_error(truth, traces.series("state/velocity"))
     if len(error):
         values["velocity_rmse_mps"] = rms(error[:, 1:])

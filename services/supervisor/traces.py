@@ -30,6 +30,8 @@ class Stance:
     foot: int
     sliding: float
     place: tuple[float, float]
+    twist: float | None = None
+    """Turn of the sole, rad; None for a point foot."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,8 @@ class Traces:
         before = self._finished or (0,) * len(m.stances)
         for foot, (count, old) in enumerate(zip(m.stances, before, strict=True)):
             if count > old:
-                self.stances.append(Stance(time, foot, m.stance_sliding[foot], tuple(m.foot_position[foot][:2])))
+                twist = m.stance_twist[foot] if m.stance_twist else None
+                self.stances.append(Stance(time, foot, m.stance_sliding[foot], tuple(m.foot_position[foot][:2]), twist))
         self._finished = tuple(m.stances)
 
     def _velocity(self, key: str, m: Any) -> None:

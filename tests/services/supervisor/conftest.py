@@ -19,7 +19,7 @@ def header(tick, epoch=1):
     return {"tick": tick, "epoch": epoch, "stamp_ns": tick * 10_000_000}
 
 
-def truth(tick, x=0.0, *, epoch=1, tilt=0.0, fallen=False, stances=(0,) * 6, sliding=(0.0,) * 6, vx=0.0, y=0.0):
+def truth(tick, x=0.0, *, epoch=1, tilt=0.0, fallen=False, stances=(0,) * 6, sliding=(0.0,) * 6, twist=(), vx=0.0, y=0.0):
     return SimpleNamespace(
         **header(tick, epoch),
         position=(x, y, 0.08),
@@ -30,6 +30,7 @@ def truth(tick, x=0.0, *, epoch=1, tilt=0.0, fallen=False, stances=(0,) * 6, sli
         fallen=fallen,
         stances=stances,
         stance_sliding=sliding,
+        stance_twist=twist,
         foot_position=tuple((x + 0.1, y + 0.02 * i, 0.008) for i in range(6)),
     )
 
@@ -86,6 +87,7 @@ def walk(ticks=600, speed=0.1):
                 tilt=0.05 + 0.03 * np.sin(tick / 40),
                 stances=tuple(done),
                 sliding=tuple(1e-4 * (1 + f + tick % 7) for f in range(6)),
+                twist=(0.01,) * 6,
             ),
         )
         noise = 0.01 * np.sin(tick / 5)

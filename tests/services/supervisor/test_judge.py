@@ -57,6 +57,20 @@ def test_slip_is_per_finished_stance(invented):
     assert values["max_slip_mm"] == pytest.approx(6.0)
 
 
+def test_twist_is_the_worst_of_either_sign_and_point_feet_have_none(invented):
+    traces = Traces()
+    traces.feed("sim/truth", invented.truth(0))
+    traces.feed("sim/truth", invented.truth(1, stances=(1, 0, 0, 0, 0, 0), twist=(0.02, 9.0, 0, 0, 0, 0)))
+    traces.feed("sim/truth", invented.truth(2, stances=(1, 1, 0, 0, 0, 0), twist=(9.0, -0.05, 0, 0, 0, 0)))
+    assert measure(traces)["max_twist_deg"] == pytest.approx(math.degrees(0.05))
+    assert judge(traces, {"min_twist_deg": 2.0, "max_twist_deg": 3.0}).ok
+    assert not judge(traces, {"min_twist_deg": 3.0}).ok
+    points = Traces()
+    points.feed("sim/truth", invented.truth(0))
+    points.feed("sim/truth", invented.truth(1, stances=(1, 0, 0, 0, 0, 0)))
+    assert "max_twist_deg" not in measure(points)
+
+
 def test_velocity_counts_once_initialised_and_by_stamp(invented):
     traces = Traces()
     for tick in range(10):
