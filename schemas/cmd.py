@@ -38,6 +38,9 @@ class WalkCommand(Request):
 class WalkReply(Reply):
     """Answered at once; progress is in state/gait under ``id``."""
 
+    schema_version: ClassVar[str] = "1.1"
     accepted: bool = Field(description="false: nothing changes")
     id: int = Field(ge=0, description="number of the command, 0 when refused")
+    code: str = Field(default="", description="short machine-readable reason of a refusal, e.g. too_fast, fallen")
+    field: str | None = Field(default=None, description="field of the command that is to blame; null = none is")
     reason: str = Field(default="", description="why it was refused, in words")

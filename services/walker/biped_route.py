@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from services.walker.biped_params import BipedParams
 from services.walker.biped_plan import LEFT, RIGHT, advanced, between, placed
-from services.walker.interface import Command, CommandReply
+from services.walker.interface import Command, CommandReply, refused
 
 Array = NDArray[np.float64]
 
@@ -88,7 +88,7 @@ GAITS = ("zmp", "quick")
 def refusal_of(
     command: Command, params: BipedParams, calibrated: bool, fallen: bool, stepping_gait: str | None = None
 ) -> CommandReply | None:
-    """Why a command cannot be obeyed, or None; the field is in the reason.
+    """Why a command cannot be obeyed, or None.
 
     Args:
         command: as received.
@@ -97,44 +97,41 @@ def refusal_of(
         fallen: the robot has fallen.
         stepping_gait: gait of the walk under way; None while standing.
     """
-    values = {"distance": command.distance, "velocity": command.velocity, "angle": command.angle}
-    for name, value in values.items():
+    for name in ("distance", "velocity", "angle"):
+        value = getattr(command, name)
         if value is not None and not math.isfinite(value):
-            return _no("bad_value", f"{name} must be finite, got {value}")
+            return refused("bad_value", name, f"{name} must be finite, got {value}")
     if command.shift is not None:
-        return _no("unsupported", "shift is for robots with more than two legs")
+        return refused("unsupported", "shift", "shift is for robots with more than two legs")
     if command.gait not in (None, *GAITS):
-        return _no("unknown_gait", f"gait must be one of {', '.join(GAITS)}, got {command.gait!r}")
+        return refused("unknown_gait", "gait", f"gait must be one of {', '.join(GAITS)}, got {command.gait!r}")
     if command.gait is not None and stepping_gait not in (None, command.gait):
-        return _no("conflict", f"gait can change only while standing; {stepping_gait} is under way")
+        return refused("conflict", "gait", f"gait can change only while standing; {stepping_gait} is under way")
     if fallen:
-        return _no("fallen", "the robot has fallen")
+        return refused("fallen", None, "the robot has fallen")
     if command.action in ("stand", "stop"):
         return None
     if not calibrated:
-        return _no("not_initialised", "the estimator has not finished its standstill calibration")
+        return refused("not_initialised", None, "the estimator has not finished its standstill calibration")
     if command.action == "turn":
         if command.angle is None:
-            return _no("missing_field", "angle is missing: turn needs one")
+            return refused("missing_field", "angle", "angle is missing: turn needs one")
         if command.distance is not None or command.velocity is not None:
-            return _no("conflict", "distance and velocity do not go with turn; walk with an angle is an arc")
+            field = "velocity" if command.distance is None else "distance"
+            return refused("conflict", field, f"{field} does not go with turn; walk with an angle is an arc")
         return None
     fastest = params.max_step_m / params.step_s
     if command.velocity is not None and not 0.0 < abs(command.velocity) <= fastest:
-        return _no("too_fast", f"velocity must be within 0 and {fastest:.3f} m/s, got {command.velocity:g}")
+        return refused("too_fast", "velocity", f"velocity must be within 0 and {fastest:.3f} m/s, got {command.velocity:g}")
     if command.angle is not None:
         if command.distance is None or command.distance == 0.0:
-            return _no("missing_field", "distance is missing: an arc needs one; turn turns on the spot")
+            return refused("missing_field", "distance", "distance is missing: an arc needs one; turn turns on the spot")
         radius = abs(command.distance / command.angle) if command.angle else math.inf
         longest = params.step_m if command.velocity is None else abs(command.velocity) * params.step_s
         if longest / radius > params.max_turn_rad:
             least = longest / params.max_turn_rad
-            return _no("too_tight", f"angle makes an arc of {radius:.3f} m radius, at least {least:.3f} m is needed")
+            return refused("too_tight", "angle", f"angle makes an arc of {radius:.3f} m radius, least is {least:.3f} m")
     return None
-
-
-def _no(code: str, reason: str) -> CommandReply:
-    return CommandReply(False, 0, code, reason)
 
 
 def first_swing(route: BipedRoute, feet: Array) -> int:

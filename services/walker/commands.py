@@ -3,7 +3,7 @@
 import math
 
 from services.walker.gaits import HEXAPOD_GAITS
-from services.walker.interface import Command, CommandReply
+from services.walker.interface import Command, CommandReply, refused
 from services.walker.params import WalkerParams
 
 
@@ -15,24 +15,21 @@ def refusal_of(command: Command, params: WalkerParams, calibrated: bool) -> Comm
         params: settings of the walker.
         calibrated: whether the estimator has been initialised.
     """
-    values = (command.distance, command.velocity, command.angle)
-    if any(value is not None and not math.isfinite(value) for value in values):
-        return _no("bad_value", f"numbers must be finite, got {values}")
+    for name in ("distance", "velocity", "angle"):
+        value = getattr(command, name)
+        if value is not None and not math.isfinite(value):
+            return refused("bad_value", name, f"{name} must be finite, got {value}")
     if command.shift is not None and command.action != "stand":
-        return _no("bad_value", f"shift goes with stand, got it with {command.action!r}")
+        return refused("bad_value", "shift", f"shift goes with stand, got it with {command.action!r}")
     if command.gait is not None and command.gait not in HEXAPOD_GAITS:
-        return _no("unknown_gait", f"gait must be one of {', '.join(HEXAPOD_GAITS)}, got {command.gait!r}")
+        return refused("unknown_gait", "gait", f"gait must be one of {', '.join(HEXAPOD_GAITS)}, got {command.gait!r}")
     if command.action in ("stand", "stop"):
         return None
     if not calibrated:
-        return _no("not_initialised", "the estimator has not finished its standstill calibration")
+        return refused("not_initialised", None, "the estimator has not finished its standstill calibration")
     if command.action == "turn" and command.angle is None:
-        return _no("missing_field", "turn needs an angle")
+        return refused("missing_field", "angle", "turn needs an angle")
     fastest = params.max_stride_m / params.period_s
     if command.velocity is not None and not 0.0 < abs(command.velocity) <= fastest:
-        return _no("too_fast", f"velocity must be within 0 and {fastest:.3f} m/s, got {command.velocity:g}")
+        return refused("too_fast", "velocity", f"velocity must be within 0 and {fastest:.3f} m/s, got {command.velocity:g}")
     return None
-
-
-def _no(code: str, reason: str) -> CommandReply:
-    return CommandReply(False, 0, code, reason)

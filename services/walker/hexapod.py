@@ -23,6 +23,7 @@ from services.walker.interface import (
     WalkerInputs,
     WalkerOutputs,
     WalkState,
+    refused,
 )
 from services.walker.params import WalkerParams
 from services.walker.route import Route, advance, finished, moved, remaining
@@ -80,7 +81,7 @@ class HexapodWalker:
         if command.shift is not None:
             refusal = balance.stand_at(s, self.frame, self._pose(), command.shift)
             if refusal is not None:
-                return CommandReply(False, 0, "bad_value", refusal)
+                return refused("bad_value", "shift", refusal)
         s.walk_id += 1
         if command.gait is not None:
             balance.usual(s, HEXAPOD_GAITS[command.gait])

@@ -103,9 +103,17 @@ class CommandReply:
     accepted: bool
     walk_id: int = 0
     code: str = ""
-    """not_initialised, unknown_gait, bad_value, too_fast, missing_field; empty when accepted."""
+    """not_initialised, unknown_gait, unsupported, bad_value, missing_field, conflict, too_fast, too_tight, fallen; empty
+    when accepted."""
+    field: str | None = None
+    """Name of the field that is to blame; None = the state of the robot is."""
     reason: str = ""
     """The same in words."""
+
+
+def refused(code: str, field: str | None, reason: str) -> CommandReply:
+    """A refusal by its code, the field to blame and words with the received value and the allowed ones."""
+    return CommandReply(False, 0, code, field, reason)
 
 
 @dataclass(frozen=True, slots=True)

@@ -129,7 +129,9 @@ class Walker(Service[WalkerConfig]):
                 request.shift,
             )
         )
-        return WalkReply(accepted=reply.accepted, id=reply.walk_id, reason=reply.reason)
+        return WalkReply(
+            accepted=reply.accepted, id=reply.walk_id, code=reply.code, field=reply.field, reason=reply.reason
+        )
 
     def _recall(self, tick: int) -> None:
         """A newcomer in the middle of a run takes up what it left."""

@@ -122,21 +122,23 @@ def test_refuses_to_walk_before_the_estimator_is_initialised_but_stands():
 
 
 @pytest.mark.parametrize(
-    ("command", "code"),
+    ("command", "code", "field"),
     [
-        (Command("walk", distance=math.nan), "bad_value"),
-        (Command("walk", velocity=math.inf), "bad_value"),
-        (Command("walk", velocity=0.5), "too_fast"),
-        (Command("walk", velocity=0.0), "too_fast"),
-        (Command("turn"), "missing_field"),
-        (Command("walk", distance=1.0, gait="trot"), "unknown_gait"),
+        (Command("walk", distance=math.nan), "bad_value", "distance"),
+        (Command("walk", velocity=math.inf), "bad_value", "velocity"),
+        (Command("walk", velocity=0.5), "too_fast", "velocity"),
+        (Command("walk", velocity=0.0), "too_fast", "velocity"),
+        (Command("turn"), "missing_field", "angle"),
+        (Command("walk", distance=1.0, gait="trot"), "unknown_gait", "gait"),
+        (Command("walk", shift=(0.01, 0.0)), "bad_value", "shift"),
+        (Command("stand", shift=(0.5, 0.0)), "bad_value", "shift"),
     ],
 )
-def test_impossible_commands_are_refused_and_change_nothing(command, code):
+def test_impossible_commands_are_refused_and_change_nothing(command, code, field):
     p = plant()
     p.run(1.0)
     reply = p.walker.command(command)
-    assert (reply.accepted, reply.code, reply.walk_id) == (False, code, 0)
+    assert (reply.accepted, reply.code, reply.field, reply.walk_id) == (False, code, field, 0)
     assert reply.reason
     p.run(0.2)
     assert p.out.state == "standing"
