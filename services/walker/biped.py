@@ -23,6 +23,7 @@ from services.walker.biped_report import outputs
 from services.walker.biped_route import refusal_of, route_of, upcoming
 from services.walker.biped_state import BipedState, Mode
 from services.walker.interface import Command, CommandReply, WalkerInputs, WalkerOutputs
+from services.walker.memory import Kept
 from services.walker.preview import HORIZON, preview_gains, preview_step
 from surefoot import kinematics
 from surefoot.robot import Robot
@@ -92,8 +93,8 @@ class BipedWalker:
         s.walk_id += 1
         s.reason = ""
         walking = command.action in ("walk", "turn")
-        s.route = route_of(command, self.params, s.walk_id) if walking else None
-        s.until, s.limit = math.inf, command.duration if walking and command.duration is not None else math.inf
+        s.route = s.undone = route_of(command, self.params, s.walk_id) if walking else None
+        s.duration, s.began = command.duration if walking else None, None
         s.stopping = not walking and s.mode in (Mode.START, Mode.STEP)
         if s.mode is Mode.STEP:
             self._lay_reference()
@@ -103,6 +104,22 @@ class BipedWalker:
             else:
                 self._stand()
         return CommandReply(True, s.walk_id)
+
+    def kept(self) -> Kept:
+        """What a restart must not lose; a step that is not finished has to be done again."""
+        s = self.state
+        route = s.undone if s.mode is Mode.STEP else s.route
+        left = None if route is None or route.finished else route.left(self.params.step_s, s.gait, s.duration)
+        return Kept(s.walk_id, left, None, s.began)
+
+    def resume(self, kept: Kept) -> None:
+        """Go on after a restart: to the stance, a closing step, then what is left; before the first tick."""
+        s = self.state
+        s.walk_id, s.began, s.recovering = kept.walk_id, kept.began, True
+        if kept.command is not None:
+            s.gait, s.duration = kept.command.gait or routes.GAITS[0], kept.command.duration
+            self._take_params(self._params_of(s.gait))
+            s.route = route_of(kept.command, self.params, s.walk_id)
 
     # --- the tick --------------------------------------------------------------------------------------------------
 
@@ -129,7 +146,8 @@ class BipedWalker:
             s.contacts = inputs.contacts
         if inputs.initialised and not s.calibrated:
             s.calibrated = True
-            s.rest[:] = inputs.roll, inputs.pitch
+            if math.hypot(inputs.roll, inputs.pitch) <= p.falling_rad:  # else it lies
+                s.rest[:] = inputs.roll, inputs.pitch
         s.seen[:] = inputs.x, inputs.y, inputs.yaw
         s.held = s.calibrated and (inputs.stamp - inputs.estimate_stamp > p.stale_s or not inputs.initialised)
         if not s.calibrated or s.held:
@@ -173,6 +191,8 @@ class BipedWalker:
         s.clock += 1
         if s.mode is Mode.RISE:
             if s.clock >= p.rise_s / DT:
+                if s.recovering:
+                    s.rest, s.recovering = s.rest + s.tilt, False  # what it took for level was in mid-step
                 self._stand()
         elif s.mode is Mode.STAND:
             if s.calibrated and not s.held and (s.route is not None or self._apart()):
@@ -227,9 +247,8 @@ class BipedWalker:
         s.peak = 0.0
         if s.held:
             s.route, s.reason = None, "the estimate is stale or absent: the walk ends"
-        s.until = min(s.until, s.stamp + s.limit)  # counts from the first step on
-        s.limit = math.inf
-        if s.stamp >= s.until:
+        s.began = s.stamp if s.began is None else s.began
+        if s.duration is not None and s.stamp - s.began >= s.duration:
             s.route = None
         s.mode, s.step = Mode.STAND, None  # so that the steps are planned from the feet as they stand
         steps = self._upcoming(1)
@@ -237,7 +256,7 @@ class BipedWalker:
             s.route = None
             self._stand()
             return
-        step = steps[0]
+        step, s.undone = steps[0], s.route
         if s.route is not None and not s.route.finished:
             s.route = s.route.next(s.scale)[2]
         s.mode, s.clock, s.step = Mode.STEP, 0, step

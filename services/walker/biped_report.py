@@ -14,7 +14,7 @@ def walk_state(s: BipedState) -> WalkState:
     if s.mode in (Mode.FOLD, Mode.FALLEN):
         return "refused"
     if s.mode in (Mode.WAIT, Mode.RISE) or not s.calibrated:
-        return "waiting"
+        return "recovering" if s.recovering else "waiting"
     if s.held:
         return "hold"
     if s.route is not None:

@@ -52,6 +52,14 @@ class BipedRoute:
         """Nothing is left."""
         return abs(self.forward) < DONE and (abs(self.turn) < DONE or not self.turning)
 
+    def left(self, step_s: float, gait: str, duration: float | None) -> Command:
+        """What is left as a command: it leads to the same steps."""
+        if self.turning:
+            return Command("turn", angle=self.turn, gait=gait, duration=duration)
+        distance = self.forward if math.isfinite(self.forward) else None
+        angle = None if distance is None or self.turn == 0.0 else self.turn
+        return Command("walk", distance, self.step / step_s, angle, gait, duration)
+
     def next(self, scale: float) -> tuple[float, float, "BipedRoute"]:
         """Advance, turn and the rest after one step; `scale` shortens it."""
         part = scale

@@ -34,6 +34,8 @@ class BipedState:
     """Ticks in this mode, or in this step."""
     gait: str = "zmp"
     route: BipedRoute | None = None
+    undone: BipedRoute | None = None
+    """What the route was before the present step."""
     walk_id: int = 0
     step: Footstep | None = None
     """The present step."""
@@ -78,10 +80,12 @@ class BipedState:
     """Shortens steps after a tilt."""
     calibrated: bool = False
     held: bool = False
-    until: float = np.inf
-    """Simulated time at which the walk ends, s."""
-    limit: float = np.inf
-    """Duration of a walk that has not begun, s."""
+    duration: float | None = None
+    """s from the first step on after which the walk ends; None = no limit."""
+    began: float | None = None
+    """Simulated time of that step, s."""
+    recovering: bool = False
+    """Started again in the middle of a run, not standing yet."""
     stamp: float = 0.0
     stopping: bool = False
     measured: Array | None = None

@@ -25,6 +25,7 @@ from services.walker.interface import (
     WalkState,
     refused,
 )
+from services.walker.memory import Kept
 from services.walker.params import WalkerParams
 from services.walker.route import Route, advance, finished, moved, remaining
 from services.walker.standins import HullCheck, nominal_footholds
@@ -92,10 +93,18 @@ class HexapodWalker:
         s.closing = not walking and (s.closing or s.stage is Stage.STEP or s.steps_in_walk > 0)
         return CommandReply(True, s.walk_id)
 
-    def resume(self, walk_id: int, route: Route | None, offset: tuple[float, float, float]) -> None:
+    def kept(self) -> Kept:
+        """What a restart must not lose."""
+        s, route = self.state, self.state.route
+        if route is None:
+            return Kept(s.walk_id, None, None, None, s.offset)
+        return Kept(s.walk_id, route.command, route.start, route.began, s.offset)
+
+    def resume(self, kept: Kept) -> None:
         """Go on after a restart: feet down, to neutral, then the rest of the route; before the first tick."""
         s = self.state
-        s.walk_id, s.route, s.offset, s.recovering = walk_id, route, offset, True
+        route = None if kept.command is None else Route(kept.command, kept.start, kept.walk_id, kept.began)
+        s.walk_id, s.route, s.offset, s.recovering = kept.walk_id, route, kept.offset, True
         if route is not None and route.command.gait is not None:
             balance.usual(s, HEXAPOD_GAITS[route.command.gait])
 

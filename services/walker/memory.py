@@ -19,12 +19,12 @@ class Kept:
 
     walk_id: int
     command: Command | None
-    """None: nothing is under way."""
+    """None: nothing is under way. Of a biped: what is left of it."""
     start: Pose | None
-    """Where the command began, map frame; None: it has not."""
+    """Where the command began, map frame; None: it has not, or it is what is left."""
     began: float | None
     """When, simulated time, s."""
-    offset: tuple[float, float, float]
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Pose of odom in the map, m and rad."""
     planned: tuple[Mapping[str, Any], ...] = ()
     """Commands that wait for their tick, as they came."""

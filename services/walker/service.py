@@ -41,9 +41,8 @@ from services.walker import (
 from services.walker.biped import BipedWalker
 from services.walker.hexapod import HexapodWalker
 from services.walker.interface import FootholdReply, WalkerInputs, WalkerOutputs
-from services.walker.memory import Kept, Memory
+from services.walker.memory import Memory
 from services.walker.params import WalkerParams
-from services.walker.route import Route
 from services.walker.standins import HullCheck, nominal_footholds
 from surefoot import kinematics, rotations
 from surefoot.config import ServiceConfig
@@ -91,7 +90,7 @@ class Walker(Service[WalkerConfig]):
         chosen = {k: v for k, v in self.config.model_dump().items() if k in _TUNABLE and v is not None}
         self.params = WalkerParams.for_robot(self.robot, **chosen)
         self.own_check = HullCheck(self.robot)
-        self.memory = Memory(None if self.biped else self.config.memory)
+        self.memory = Memory(self.config.memory)
         self.on_reset()
         self.handle(CMD_WALK, self.walk)
 
@@ -138,28 +137,15 @@ class Walker(Service[WalkerConfig]):
         kept = self.memory.recall(self._epoch, tick)
         if kept is None:
             return
-        route = None if kept.command is None else Route(kept.command, kept.start, kept.walk_id, kept.began)
-        self.walker.resume(kept.walk_id, route, kept.offset)
+        self.walker.resume(kept)
         for number, item in enumerate(kept.planned, kept.walk_id + 1):
             request = WalkCommand.model_validate(item)
             self._planned.append((request.at_tick or tick, number, request))
-        self.log("info", f"started again in tick {tick}: {'goes on with its command' if route else 'no command'}")
+        self.log("info", f"started again in tick {tick}: {'goes on with its command' if kept.command else 'no command'}")
 
     def _keep(self) -> None:
-        s = self.walker.state
-        route = s.route
-        self.memory.keep(
-            self._epoch,
-            self._tick,
-            Kept(
-                walk_id=s.walk_id,
-                command=None if route is None else route.command,
-                start=None if route is None else route.start,
-                began=None if route is None else route.began,
-                offset=s.offset,
-                planned=tuple(item[2].model_dump() for item in self._planned),
-            ),
-        )
+        planned = tuple(item[2].model_dump() for item in self._planned)
+        self.memory.keep(self._epoch, self._tick, dataclasses.replace(self.walker.kept(), planned=planned))
         if self.memory.problem:
             self.log("warning", self.memory.problem)
             self.memory.problem = ""

@@ -11,7 +11,6 @@ from services.walker.hexapod import HexapodWalker
 from services.walker.interface import Command, Pose
 from services.walker.memory import Kept, Memory
 from services.walker.params import WalkerParams
-from services.walker.route import Route
 from surefoot.robot import load_robot
 from tests.services.walker.plant import KINEMATICS_TICKS, Plant
 
@@ -78,12 +77,6 @@ def test_what_was_learned_of_the_old_estimate_is_forgotten():
     assert p.out.state == "standing"
 
 
-def kept_of(walker):
-    s = walker.state
-    assert s.route is not None
-    return Kept(s.walk_id, s.route.command, s.route.start, s.route.began, s.offset)
-
-
 @pytest.mark.parametrize("after_s", [2.25, 2.5, 2.7])
 def test_a_walker_started_again_closes_and_walks_the_rest(tmp_path, after_s):
     p = Plant(HexapodWalker(ROBOT))
@@ -91,13 +84,13 @@ def test_a_walker_started_again_closes_and_walks_the_rest(tmp_path, after_s):
     p.walker.command(Command("walk", distance=0.3, gait="ripple"))
     p.run(after_s)
     memory = Memory(str(tmp_path / "walker.json"))
-    memory.keep(1, p.tick, kept_of(p.walker))
+    memory.keep(1, p.tick, p.walker.kept())
     again = Plant(HexapodWalker(ROBOT))
     again.joints, again.contacts, again.tick = p.joints, p.contacts, p.tick + -p.tick % KINEMATICS_TICKS
     found = Memory(str(tmp_path / "walker.json")).recall(1, p.tick + 200)
-    assert found == kept_of(p.walker)
+    assert found == p.walker.kept()
     assert found.command is not None
-    again.walker.resume(found.walk_id, Route(found.command, found.start, found.walk_id, found.began), found.offset)
+    again.walker.resume(found)
     again.walker.state.body[:2] = p.walker.state.body[:2]  # what the plant takes for the odometry
     outs = again.until("standing", "refused")
     assert outs[-1].state == "standing"
