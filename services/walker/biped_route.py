@@ -130,7 +130,8 @@ def refusal_of(
         return None
     fastest = params.max_step_m / params.step_s
     if command.velocity is not None and not 0.0 < abs(command.velocity) <= fastest:
-        return refused("too_fast", "velocity", f"velocity must be within 0 and {fastest:.3f} m/s, got {command.velocity:g}")
+        reason = f"velocity must be within 0 and {fastest:.3f} m/s, got {command.velocity:g}"
+        return refused("too_fast", "velocity", reason)
     if command.angle is not None:
         if command.distance is None or command.distance == 0.0:
             return refused("missing_field", "distance", "distance is missing: an arc needs one; turn turns on the spot")

@@ -31,5 +31,6 @@ def refusal_of(command: Command, params: WalkerParams, calibrated: bool) -> Comm
         return refused("missing_field", "angle", "turn needs an angle")
     fastest = params.max_stride_m / params.period_s
     if command.velocity is not None and not 0.0 < abs(command.velocity) <= fastest:
-        return refused("too_fast", "velocity", f"velocity must be within 0 and {fastest:.3f} m/s, got {command.velocity:g}")
+        reason = f"velocity must be within 0 and {fastest:.3f} m/s, got {command.velocity:g}"
+        return refused("too_fast", "velocity", reason)
     return None

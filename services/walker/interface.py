@@ -103,8 +103,8 @@ class CommandReply:
     accepted: bool
     walk_id: int = 0
     code: str = ""
-    """not_initialised, unknown_gait, unsupported, bad_value, missing_field, conflict, too_fast, too_tight, fallen; empty
-    when accepted."""
+    """not_initialised, unknown_gait, unsupported, bad_value, missing_field, conflict, too_fast, too_tight, fallen;
+    empty when accepted."""
     field: str | None = None
     """Name of the field that is to blame; None = the state of the robot is."""
     reason: str = ""

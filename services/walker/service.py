@@ -141,7 +141,8 @@ class Walker(Service[WalkerConfig]):
         for number, item in enumerate(kept.planned, kept.walk_id + 1):
             request = WalkCommand.model_validate(item)
             self._planned.append((request.at_tick or tick, number, request))
-        self.log("info", f"started again in tick {tick}: {'goes on with its command' if kept.command else 'no command'}")
+        what = "goes on with its command" if kept.command else "no command"
+        self.log("info", f"started again in tick {tick}: {what}")
 
     def _keep(self) -> None:
         planned = tuple(item[2].model_dump() for item in self._planned)

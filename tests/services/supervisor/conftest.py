@@ -19,7 +19,9 @@ def header(tick, epoch=1):
     return {"tick": tick, "epoch": epoch, "stamp_ns": tick * 10_000_000}
 
 
-def truth(tick, x=0.0, *, epoch=1, tilt=0.0, fallen=False, stances=(0,) * 6, sliding=(0.0,) * 6, twist=(), vx=0.0, y=0.0):
+def truth(
+    tick, x=0.0, *, epoch=1, tilt=0.0, fallen=False, stances=(0,) * 6, sliding=(0.0,) * 6, twist=(), vx=0.0, y=0.0
+):
     return SimpleNamespace(
         **header(tick, epoch),
         position=(x, y, 0.08),
