@@ -56,7 +56,9 @@ class JointCommand(Message):
     position: PerJoint | None = Field(
         description="set-points, rad, joint order of the robot description; null = hold what was"
     )
-    torque_limit: PerJoint | None = Field(default=None, description="Nm; null = the servo's own")
+    torque_limit: PerJoint | None = Field(
+        default=None, description="the most each servo may give for these set-points, Nm, 0 = limp; null = its own"
+    )
 
 
 class EmergencyStop(Message):

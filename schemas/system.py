@@ -1,6 +1,6 @@
 """Messages of the runtime itself: lockstep, health, logs, the supervisor's status."""
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -33,6 +33,7 @@ class JoinReply(Reply):
 class Health(Message):
     """Life of a service, once a second of wall time; ``health/<service>`` is also a queryable."""
 
+    schema_version: ClassVar[str] = "2.0"
     service: str = Field(description="name of the service")
     instance: str = Field(description="identity of the process")
     state: Literal["starting", "compiling", "joining", "ready", "running", "stopping"] = Field(
@@ -45,7 +46,6 @@ class Health(Message):
     cpu_s: float = Field(default=0, ge=0, description="CPU time of the process, s")
     rss_mb: float = Field(default=0, ge=0, description="memory, MB")
     refused: dict[str, int] = Field(default_factory=dict, description="refusals by reason since start")
-    dropped: int = Field(default=0, ge=0, description="messages dropped for lack of room since start")
     version: str = Field(default="", description="version of the distribution")
     config_hash: str = Field(default="", description="sha256 of the effective configuration")
     waiting_for: tuple[str, ...] = Field(default=(), description="links not yet proved, or inputs of the tick awaited")
@@ -58,6 +58,7 @@ class HealthRequest(Request):
 class HealthReply(Reply):
     """The health of a service, now."""
 
+    schema_version: ClassVar[str] = "2.0"
     health: Health = Field(description="as published on health/<service>")
 
 

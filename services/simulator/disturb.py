@@ -1,4 +1,4 @@
-"""What is done to a world while it runs: pushes, changes to model and ground, faults."""
+"""What is done to a world while it runs: pushes, changes to model and ground, torque limits, faults."""
 
 # mujoco has no type stubs for its compiled modules:
 # pyright: reportAttributeAccessIssue=false
@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.simulator.faults import Fault, FaultBank
-from services.simulator.model import Addresses, Perturbation, Physics, retune
-from services.simulator.samples import ContactSample, ImuSample, JointSample, Samples, pack, unpack
+from services.simulator.model import NO_TORQUE, Addresses, Perturbation, Physics, retune
+from services.simulator.samples import Command, ContactSample, ImuSample, JointSample, Samples, pack, unpack
 from surefoot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ class Push:
 
 
 class Disturbances:
-    """Pushes, settings and faults of one run; changes the compiled model, always from the description.
+    """Pushes, settings, torque limits and faults of one run; changes the compiled model, always from the description.
 
     Tick n is the step that ends at n x 10 ms and the samples that are released then.
     """
@@ -61,6 +61,7 @@ class Disturbances:
         self._links = tuple(link.name for link in robot.links)
         self._points = tuple(len(leg.foot.points) for leg in robot.legs)
         self._changed = False
+        self._own = self._strength()
         self.clear()
 
     def clear(self) -> None:
@@ -68,6 +69,7 @@ class Disturbances:
         self.pushes: list[Push] = []
         self.faults = FaultBank(self.robot.joint_names, self.robot.leg_names)
         self.settings: dict[str, float] = {}
+        self._limit: Array | None = None
         if self._changed:
             self._retune(0)
             self._changed = False
@@ -100,10 +102,27 @@ class Disturbances:
         if fault.start_tick <= tick and fault.kind.startswith("servo"):
             self._retune(tick)
 
+    def limit_torque(self, limit: Array | None) -> None:
+        """Let the servos give no more than this, (nj,) Nm; None = what they can."""
+        before = self._limit
+        if limit is before or (limit is not None and before is not None and np.array_equal(limit, before)):
+            return
+        self._limit = limit
+        self._apply_limit()
+        self._changed = True
+
+    def _strength(self) -> Array:
+        """The most each servo of the model gives, (nj,) Nm."""
+        return self.model.actuator_forcerange[self.address.actuators, 1].copy()
+
+    def _apply_limit(self) -> None:
+        torque = self._own if self._limit is None else np.clip(self._limit, NO_TORQUE, self._own)
+        self.model.actuator_forcerange[self.address.actuators] = np.stack([-torque, torque], axis=1)
+
     # --- effects ------------------------------------------------------------------------------------------------
 
-    def before_step(self, tick: int, data: mujoco.MjData, command: Array | None) -> Array | None:
-        """Apply what is due in a tick; the command that reaches the servos is returned."""
+    def before_step(self, tick: int, data: mujoco.MjData, command: Command | None) -> Command | None:
+        """Apply what is due in a tick; the command that gets through to the servos is returned."""
         if self.pushes:
             self._push(tick, data)
         if not self.faults:
@@ -112,9 +131,8 @@ class Disturbances:
             self._retune(tick)
         if not self.faults.packets:
             return command
-        sent = None if command is None else {"q": command.tolist()}
-        arrived = self.faults.packet(tick, "command", sent)
-        return None if arrived is None else np.array(arrived["q"])
+        arrived = self.faults.packet(tick, "command", None if command is None else pack(command))
+        return None if arrived is None else unpack(Command, arrived)
 
     def after_step(self, tick: int, samples: Samples, limit: Array) -> Samples:
         """The samples after all faults of sensors and lines; `limit` (6,) is the range of the inertial unit."""
@@ -165,6 +183,8 @@ class Disturbances:
         if "friction" in self.settings:
             physics, now = replace(physics, friction=self.settings["friction"]), replace(now, friction_scale=1.0)
         retune(self.model, self.address, self.robot, now, physics)
+        self._own = self._strength()
+        self._apply_limit()
         self._changed = True
 
     # --- checkpoint ---------------------------------------------------------------------------------------------
@@ -172,12 +192,16 @@ class Disturbances:
     def state(self) -> dict[str, Any]:
         """Everything planned and set; plain JSON values."""
         pushes = [[push.start, push.end, push.body, list(push.force)] for push in self.pushes]
-        return {"pushes": pushes, "settings": dict(self.settings), "faults": self.faults.state()}
+        limit = None if self._limit is None else self._limit.tolist()
+        return {
+            "pushes": pushes, "settings": dict(self.settings), "torque_limit": limit, "faults": self.faults.state(),
+        }  # fmt: skip
 
     def restore(self, tick: int, state: dict[str, Any]) -> None:
         """Continue where `state` was taken."""
         self.pushes = [Push(start, end, body, (f[0], f[1], f[2])) for start, end, body, f in state["pushes"]]
         self.settings = dict(state["settings"])
+        self._limit = None if state["torque_limit"] is None else np.array(state["torque_limit"])
         self.faults.restore(state["faults"])
         self._retune(tick)
 

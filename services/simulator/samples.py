@@ -1,4 +1,4 @@
-"""What a world hands out: samples of the hardware, the exact truth, checkpoints."""
+"""What a world takes and hands out: commands, samples of the hardware, the exact truth, checkpoints."""
 
 import hashlib
 from dataclasses import dataclass
@@ -8,6 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+
+class Command(NamedTuple):
+    """What the servos are told."""
+
+    position: Array
+    """(nj,), rad."""
+    torque_limit: Array | None = None
+    """(nj,), Nm, the most they may give; None = what they can."""
 
 
 class ImuSample(NamedTuple):
@@ -54,7 +63,7 @@ class Samples(NamedTuple):
     contacts: ContactSample | None
 
 
-_ARRAYS = frozenset({"acc", "gyro", "position", "current", "torque", "normal_force"})
+_ARRAYS = frozenset({"acc", "gyro", "position", "current", "torque", "torque_limit", "normal_force"})
 
 
 def pack(sample: NamedTuple) -> dict[str, Any]:

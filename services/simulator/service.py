@@ -120,8 +120,9 @@ class Simulator(Driver[SimulatorConfig]):
             self._later.remove(item)
             item[1]()
         if command is not None and command.position is not None and not self._stopped:
+            limit = command.torque_limit
             self._held = 0
-            self.world.step_tick(np.array(command.position))
+            self.world.step_tick(np.array(command.position), None if limit is None else np.array(limit))
             return
         self._held += 1
         if self._held * worlds.TICK_NS == STALE_NS:
@@ -146,6 +147,10 @@ class Simulator(Driver[SimulatorConfig]):
             raise Refusal("stopped", f"joint command refused after the emergency stop: {self._stopped}", "position")
         if command.position is None:
             return
+        limit = command.torque_limit
+        if limit is not None and (len(limit) != self.robot.nj or min(limit) < 0.0):
+            text = f"torque_limit must be {self.robot.nj} numbers >= 0 Nm, got {limit}"
+            raise Refusal("torque_limit", f"joint command of tick {command.tick} refused: {text}", "torque_limit")
         reason = self.guard.offer(command.position, command.stamp_ns)
         if reason is not None:
             lower, upper = self.robot.joint_lower, self.robot.joint_upper

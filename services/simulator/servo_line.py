@@ -1,15 +1,24 @@
 """The line to the servos: set-points come in steps and take effect after the servos' latency."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from services.simulator.samples import Command, pack, unpack
 from surefoot.robot import Robot
 
 Array = NDArray[np.float64]
 
 EXACT = 1e-9  # rad, step of a servo that takes any set-point, beside others that do not
+
+
+class Arrival(NamedTuple):
+    """A command at the servos, in their own steps."""
+
+    step: int
+    """Physics step it takes effect in."""
+    command: Command
 
 
 class ServoLine:
@@ -29,7 +38,7 @@ class ServoLine:
 
     def clear(self) -> None:
         """Nothing is under way."""
-        self._coming: list[tuple[int, Array]] = []
+        self._coming: list[Arrival] = []
 
     def heard(self, set_points: Array) -> Array:
         """What the servos make of set-points, (nj,) rad."""
@@ -37,18 +46,19 @@ class ServoLine:
             return set_points
         return self.resolution * np.rint(set_points / self.resolution)
 
-    def send(self, step: int, set_points: Array) -> None:
-        """Send set-points in a physics step."""
-        self._coming.append((step + self.latency_steps, self.heard(set_points)))
+    def send(self, step: int, command: Command) -> None:
+        """Send a command in a physics step."""
+        heard = self.heard(command.position)
+        self._coming.append(Arrival(step + self.latency_steps, Command(heard, command.torque_limit)))
 
-    def arrival(self, until: int) -> tuple[int, Array] | None:
-        """The next set-points that arrive up to a physics step, with their step; None = no more."""
-        return self._coming.pop(0) if self._coming and self._coming[0][0] <= until else None
+    def arrival(self, until: int) -> Arrival | None:
+        """What arrives next, up to a physics step; None = no more."""
+        return self._coming.pop(0) if self._coming and self._coming[0].step <= until else None
 
     def state(self, step: int) -> list[Any]:
         """What is under way, relative to a step; plain JSON values."""
-        return [[at - step, ctrl.tolist()] for at, ctrl in self._coming]
+        return [[at - step, pack(command)] for at, command in self._coming]
 
     def restore(self, step: int, state: list[Any]) -> None:
         """Continue where `state` was taken."""
-        self._coming = [(step + ahead, np.array(ctrl)) for ahead, ctrl in state]
+        self._coming = [Arrival(step + ahead, unpack(Command, command)) for ahead, command in state]

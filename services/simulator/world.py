@@ -26,6 +26,7 @@ from services.simulator.joints import place_joints, read_joints
 from services.simulator.model import Perturbation, Physics, build_spec, find_addresses
 from services.simulator.samples import (
     Checkpoint,
+    Command,
     ContactSample,
     ImuSample,
     JointSample,
@@ -85,6 +86,8 @@ class World:
     """What the hardware releases in this tick."""
     command: Array
     """Joint positions the servos follow, (nj,), rad."""
+    torque_limit: Array | None
+    """The most they may give for it, (nj,), Nm; None = what they can."""
 
     def __init__(self, robot: Robot, terrain: Terrain, seed: int = 0, config: WorldConfig | None = None) -> None:
         self.robot, self.terrain, self.seed = robot, terrain, seed
@@ -142,7 +145,7 @@ class World:
         self._make_sensors()
         mujoco.mj_resetData(self.model, self.data)
         self._place(pose, stance)
-        self.command = stance
+        self.command, self.torque_limit = stance, None
         self._line.clear()
         self.data.ctrl[:] = self._line.heard(stance - self.joint_sensor.zero)
         for _ in range(SETTLE_TRIES):
@@ -155,17 +158,19 @@ class World:
         self._take_kinematics()
         self._release()
 
-    def step_tick(self, command: Array | None = None) -> None:
+    def step_tick(self, command: Array | None = None, torque_limit: Array | None = None) -> None:
         """Advance one control tick.
 
         Args:
             command: joint positions for the servos, (nj,), rad, checked by the caller (`CommandGuard`); None = hold.
+            torque_limit: the most the servos may give for it, (nj,), Nm, >= 0; None = what they can.
         """
         self.tick += 1
-        command = self.disturb.before_step(self.tick, self.data, command)
-        if command is not None:
-            self.command = command
-        self._line.send(self.steps, self.command - self.joint_sensor.zero)
+        sent = None if command is None else Command(command, torque_limit)
+        arrived = self.disturb.before_step(self.tick, self.data, sent)
+        if arrived is not None:
+            self.command, self.torque_limit = arrived
+        self._line.send(self.steps, Command(self.command - self.joint_sensor.zero, self.torque_limit))
         end = self.steps + TICK_STEPS
         sample = (self.steps // self._period + 1) * self._period
         while sample <= end:
@@ -179,11 +184,12 @@ class World:
     def _run_to(self, step: int) -> None:
         """Physics up to a step; set-points that arrive on the way take effect at their time."""
         while (arrival := self._line.arrival(step)) is not None:
-            at, ctrl = arrival
+            at, (position, limit) = arrival
             if at > self.steps:
                 mujoco.mj_step(self.model, self.data, at - self.steps)
                 self.steps = at
-            self.data.ctrl[:] = ctrl
+            self.data.ctrl[:] = position
+            self.disturb.limit_torque(limit)
         if self.steps < step:
             mujoco.mj_step(self.model, self.data, step - self.steps)
             self.steps = step
@@ -315,7 +321,7 @@ class World:
             "tick": self.tick,
             "first_tick": self._first_tick,
             "steps": self.steps,
-            "command": self.command.tolist(),
+            "command": pack(Command(self.command, self.torque_limit)),
             "line": self._line.state(self.steps),
             "disturb": self.disturb.state(),
             "truth": self.tracker.state(),
@@ -341,7 +347,7 @@ class World:
         if meta["world"] != self._identity() or saved.physics.shape != (mujoco.mj_stateSize(self.model, STATE),):
             raise WorldError("checkpoint", f"is of {meta['world']!r}, this world is {self._identity()!r}")
         self.seed, self.tick, self.steps = meta["seed"], meta["tick"], meta["steps"]
-        self.command = np.array(meta["command"])
+        self.command, self.torque_limit = unpack(Command, meta["command"])
         self._line.restore(self.steps, meta["line"])
         self.disturb.restore(self.tick, meta["disturb"])
         mujoco.mj_setState(self.model, self.data, saved.physics, STATE)

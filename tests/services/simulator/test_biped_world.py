@@ -9,6 +9,7 @@ import pytest
 from services.simulator.ground import perturbation
 from services.simulator.messages import truth_message
 from services.simulator.model import Physics
+from services.simulator.samples import Command
 from services.simulator.servo_line import ServoLine
 from services.simulator.terrain import make_terrain
 from services.simulator.world import World, WorldConfig
@@ -64,21 +65,24 @@ def test_set_points_come_in_steps_and_late():
     step = BIOLOID.joints[0].servo.resolution
     assert heard / step == pytest.approx(np.rint(heard / step))
     assert np.abs(heard - 0.1).max() <= 0.5 * step
-    line.send(100, np.full(18, 0.1))
+    limit = np.full(18, 0.5)
+    line.send(100, Command(np.full(18, 0.1), limit))
     assert line.arrival(103) is None
-    at, ctrl = line.arrival(110)
+    at, (position, torque_limit) = line.arrival(110)
     assert at == 104
-    assert np.array_equal(ctrl, heard)
+    assert np.array_equal(position, heard)
+    assert torque_limit is limit
     assert line.arrival(110) is None
 
 
 def test_servos_of_hexapods_hear_exactly_what_is_sent_at_once():
     line = ServoLine(RAGNO, 1_000_000)
     sent = np.linspace(-1.0, 1.0, 18)
-    line.send(7, sent)
-    at, ctrl = line.arrival(7)
+    line.send(7, Command(sent))
+    at, (position, torque_limit) = line.arrival(7)
     assert at == 7
-    assert ctrl is sent
+    assert position is sent
+    assert torque_limit is None
 
 
 def test_perturbation_levels_scale_and_are_seeded():

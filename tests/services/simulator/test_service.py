@@ -52,9 +52,10 @@ class Holder(Service[ServiceConfig]):
     inputs = (HW_IMU, HW_JOINTS, HW_CONTACTS)
     outputs = (CMD_JOINTS,)
     position = tuple(RAGNO.neutral.tolist())
+    torque_limit: tuple[float, ...] | None = None
 
     def on_tick(self, inputs: TickInputs) -> None:
-        self.publish(CMD_JOINTS, JointCommand(position=self.position))
+        self.publish(CMD_JOINTS, JointCommand(position=self.position, torque_limit=self.torque_limit))
 
 
 class Witness(Service[ServiceConfig]):
@@ -214,6 +215,24 @@ def test_bad_commands_are_refused_counted_and_the_robot_stands(bench: Bench, cha
     seen = bench.finish()
     assert bench.simulator.node.refused[reason] > before
     assert not truths(seen)[-1].fallen
+
+
+@pytest.mark.parametrize("limit", [(0.1,), (-0.1,) * RAGNO.nj])
+def test_an_impossible_torque_limit_is_refused_and_the_robot_stands(bench: Bench, limit: tuple[float, ...]) -> None:
+    bench.walker.torque_limit = limit
+    bench.reset()
+    seen = bench.finish()
+    assert bench.simulator.node.refused["torque_limit"] > 0
+    assert not truths(seen)[-1].fallen
+
+
+def test_a_commanded_torque_limit_reaches_the_servos(bench: Bench) -> None:
+    bench.walker.torque_limit = (0.0,) * RAGNO.nj
+    bench.reset()
+    lowest = min(truth.position[2] for truth in truths(bench.finish()))
+    bench.walker.torque_limit = None
+    bench.reset()
+    assert min(truth.position[2] for truth in truths(bench.finish())) > lowest + 0.02
 
 
 def test_emergency_stop_holds_until_the_next_reset(bench: Bench) -> None:
