@@ -4,6 +4,7 @@ python -m benchmarks.bench_stability [--sets 10000] [--repeats 60]
 """
 
 import argparse
+import os
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -14,12 +15,14 @@ from services.stability.certificate import balance, force_violation, twist_viola
 from services.stability.contacts import ContactSet, contact_set
 from services.stability.directions import equally_spaced
 from services.stability.interior import SOLVED
+from services.stability.many import COARSE
 from services.stability.margin import extent, margin, warm
 from services.stability.oracle import Oracle
 from services.stability.reference import Reference
 from services.stability.region import Region, region
 from services.stability.single import support_value
 from services.stability.state import WatchParams, watch
+from services.stability.whatif import batch, pack
 from surefoot.polygon import area
 from surefoot.robot import load_robot
 from tests.services.stability.oracles import literal_support
@@ -104,6 +107,25 @@ def adaptive(count: int) -> None:
         )
 
 
+def together(count: int) -> None:
+    """Status and margin of many sets, one by one, in one call, and on all cores."""
+    rng = np.random.default_rng(3)
+    sets = [stance(rng, int(rng.integers(3, 7))) for _ in range(200)]
+    sets, com = [sets[k % 200] for k in range(count)], rng.uniform(-0.1, 0.1, (count, 2))
+    p, v, m = (np.concatenate([getattr(s, name) for s in sets]) for name in ("position", "normal", "mu"))
+    many = pack(p, v, m, [len(s) for s in sets], com)
+    few = range(0, count, max(1, count // 500))
+    single = microseconds(lambda: [margin(region(sets[k], tolerance=COARSE), com[k]) for k in few], 1) / len(few)
+    cores, answers = os.cpu_count() or 1, [batch(many, threads=1)]
+    alone = microseconds(lambda: batch(many, threads=1), 1)
+    shared = microseconds(lambda: answers.append(batch(many, threads=cores)), 1)
+    same = all(a.margin.tobytes() == answers[0].margin.tobytes() for a in answers)
+    print(
+        f"{count} sets of 3 to 6 contacts: one by one {single:.0f} us a set, in one call {alone / count:.1f}, on "
+        f"{cores} cores {shared / count:.1f} ({shared / 1e3:.0f} ms in all); same bits on any number: {same}"
+    )
+
+
 def random_set(rng: np.random.Generator) -> ContactSet:
     """1 to 12 contacts, slopes to 85 degrees, friction 0 to 1.5; half on one plane, line or spot, or doubled."""
     n = int(rng.integers(1, 13))
@@ -183,6 +205,7 @@ def main() -> None:
     warm()
     speed(options.repeats)
     adaptive(10 * options.repeats)
+    together(10_000)
     verdicts(options.sets)
 
 

@@ -22,8 +22,9 @@ import numpy as np
 import zenoh
 
 from schemas.base import Request
-from schemas.stability import CheckRequest, Contact, RegionRequest, WhatifRequest
+from schemas.stability import CheckRequest, Contact, RegionRequest
 from schemas.topics import STABILITY_CHECK, STABILITY_REGION, STABILITY_WHATIF, Query
+from schemas.whatif import WhatifRequest
 from services.stability.messages import check_reply, region_of, region_reply, whatif_reply
 from surefoot.codec import encode
 from surefoot.robot import load_robot

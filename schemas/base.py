@@ -79,6 +79,12 @@ class Request(Wire):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
+class BulkRequest(Request):
+    """A request that may bring raw bytes: then payload = ``data`` and the JSON is the attachment; else as any other."""
+
+    data: bytes = Field(default=b"", exclude=True, repr=False, description="raw little-endian array")
+
+
 class TickRequest(Request):
     """A request whose answer depends on live state: the server answers once it has consumed ``tick`` of ``epoch``."""
 

@@ -12,7 +12,6 @@ from schemas.base import MAX_FEET, Message, PerJoint, QuatWxyz, Reply, Request, 
 
 MAX_CONTACTS = 64
 MAX_DIRECTIONS = 720
-MAX_SETS = 1000
 
 RegionStatus = Literal["ok", "infeasible", "unbounded", "point", "segment"]
 SupportStatus = Literal["ok", "unbounded", "infeasible"]
@@ -234,32 +233,6 @@ class CheckReply(RegionReply):
     reachable: bool = Field(default=True, description="every stance leg reaches its foot after the movement")
 
 
-class Variant(Reply):
-    """Stability of a contact set for a CoM."""
-
-    status: RegionStatus = Field(description="as in RegionReply")
-    margin: float | None = Field(description="m, signed distance of the CoM to the edge; null: no region, or no edge")
-    stable: bool = Field(description="status is ok and margin >= 0")
-
-
-class WhatifRequest(Request):
-    """Asks what happens when a leg is lifted, or when one more foot stands at a candidate place."""
-
-    contacts: Annotated[tuple[Contact, ...], Field(max_length=MAX_CONTACTS)] = Field(description="contacts now")
-    com: Vec2 = Field(description="x, y of the centre of mass, frame world, m")
-    candidates: Annotated[tuple[Contact, ...], Field(max_length=MAX_CONTACTS)] = Field(
-        default=(), description="places for one more foot, each tried alone"
-    )
-
-
-class WhatifReply(Reply):
-    """Every variant in the order of the request."""
-
-    now: Variant = Field(description="the contacts as they are")
-    lifts: tuple[Variant, ...] = Field(description="for each contact: the set without it")
-    candidates: tuple[Variant, ...] = Field(description="for each candidate: the set with it")
-
-
 class EquilibriumRequest(Request):
     """Asks for forces that hold the robot with its CoM at a place."""
 
@@ -288,25 +261,6 @@ class EquilibriumReply(Reply):
         description="when not held: twist (v, Om) about the origin of the frame with n'u >= mu |u_t| at every contact "
         "that lowers the CoM: the robot falls however the contacts push",
     )
-
-
-class BatchSet(Request):
-    """One contact set with its CoM."""
-
-    contacts: Annotated[tuple[Contact, ...], Field(max_length=MAX_CONTACTS)] = Field(description="contacts")
-    com: Vec2 = Field(description="x, y of the centre of mass, frame world, m")
-
-
-class BatchRequest(Request):
-    """Asks about many contact sets at once."""
-
-    sets: Annotated[tuple[BatchSet, ...], Field(max_length=MAX_SETS)] = Field(description="up to 1000 contact sets")
-
-
-class BatchReply(Reply):
-    """Answers in the order of the request."""
-
-    results: tuple[Variant, ...] = Field(description="one answer for each set")
 
 
 class ComRequest(Request):

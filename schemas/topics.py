@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Generic, TypeVar, cast
 
-from schemas import base, calibration, cmd, footholds, hw, sim, stability, state, system, terrain
+from schemas import base, calibration, cmd, footholds, hw, sim, stability, state, system, terrain, whatif
 
 M = TypeVar("M", bound=base.Message)
 Req = TypeVar("Req", bound=base.Request)
@@ -139,14 +139,14 @@ FOOTHOLDS_ASSESS = Query("footholds/assess", footholds.AssessRequest, footholds.
 STABILITY_REGION = Query("stability/region", stability.RegionRequest, stability.RegionReply, "stability")
 STABILITY_CHECK = Query("stability/check", stability.CheckRequest, stability.CheckReply, "stability")
 STABILITY_COM = Query("stability/com", stability.ComRequest, stability.ComReply, "stability")
-STABILITY_WHATIF = Query("stability/whatif", stability.WhatifRequest, stability.WhatifReply, "stability")
+STABILITY_WHATIF = Query("stability/whatif", whatif.WhatifRequest, whatif.WhatifReply, "stability")
 STABILITY_EQUILIBRIUM = Query(
     "stability/equilibrium", stability.EquilibriumRequest, stability.EquilibriumReply, "stability"
 )
 STABILITY_CALIBRATE = Query(
     "stability/calibrate", calibration.CalibrateRequest, calibration.CalibrateReply, "stability"
 )
-STABILITY_BATCH = Query("stability/batch", stability.BatchRequest, stability.BatchReply, "stability")
+STABILITY_BATCH = Query("stability/batch", whatif.BatchRequest, whatif.BatchReply, "stability")
 SIM_JOIN = Query("sim/join", system.JoinRequest, system.JoinReply, "driver")
 SIM_RESET = Query("sim/reset", sim.ResetRequest, sim.ResetReply, "driver", timeout_s=30.0)
 SIM_STEP = Query("sim/step", sim.StepRequest, sim.SimReply, "driver")

@@ -5,7 +5,7 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from schemas.base import Bulk, Header, Message, Wire
+from schemas.base import Bulk, BulkRequest, Header, Message, Wire
 from surefoot.errors import Refusal
 
 W = TypeVar("W", bound=Wire)
@@ -29,7 +29,7 @@ def encoding_of(model: type[Wire]) -> str:
 def encode(message: Wire) -> tuple[bytes, bytes | None]:
     """Payload and attachment of a message."""
     text = message.__pydantic_serializer__.to_json(message)
-    if isinstance(message, Bulk):
+    if isinstance(message, Bulk) or (isinstance(message, BulkRequest) and message.data):
         return message.data, text
     return text, None
 
@@ -42,7 +42,7 @@ def decode(model: type[W], payload: bytes, attachment: bytes | None = None, enco
     """
     if encoding:
         check_encoding(model, encoding)
-    if issubclass(model, Bulk):
+    if issubclass(model, Bulk) or (attachment is not None and issubclass(model, BulkRequest)):
         if len(payload) > MAX_BULK_BYTES:
             raise Refusal("too_large", f"payload of {len(payload)} bytes; at most {MAX_BULK_BYTES} are accepted")
         head = validate_json(model, attachment or b"{}")

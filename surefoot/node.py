@@ -17,10 +17,11 @@ from schemas.base import Message, Request, TickRequest, Wire
 from schemas.hw import Tick
 from schemas.system import Done, Health, HealthReply, JoinRequest, LogRecord
 from schemas.topics import CMD_JOINTS, HEALTH, HEALTH_GET, HW_TICK, LOG, SIM_JOIN, TICK_DONE, Query, Topic
+from surefoot.answers import Answers, Late
 from surefoot.bus import Bus, Delivery, Incoming, Life, Publisher
 from surefoot.compiling import COMPILING
 from surefoot.config import config_hash
-from surefoot.errors import CallError, Refusal, SurefootError
+from surefoot.errors import CallError, Refusal
 from surefoot.frame import Frame
 from surefoot.join import DRIVER, Delayed, Join, TickInputs
 from surefoot.service import Service
@@ -61,6 +62,7 @@ class Node:
         self._proved: set[str] = set()
         self._unproved: list[str] = []
         self._waiting: list[tuple[float, Incoming, TickRequest]] = []
+        self._answers = Answers(self.inbox.put, self.refuse)
         self._tick: TickInputs | None = None
         self._epoch = -1
         self._primed_at = 0.0
@@ -153,7 +155,11 @@ class Node:
         while not self.inbox.empty():
             self.handle(self.inbox.get_nowait())
             progressed = True
-        return self.work() or progressed
+        progressed = self.work() or progressed
+        if self._answers.late and not progressed:
+            self.handle(self.inbox.get())  # an answer that is worked out on another thread: all that is left to do
+            return True
+        return progressed
 
     def _timers(self) -> float:
         """Does what the wall clock asks for; returns the seconds until it asks again."""
@@ -192,6 +198,8 @@ class Node:
             self._on_frame(item)
         elif isinstance(item, Life):
             self.on_life(item)
+        elif isinstance(item, Late):
+            self._answers.arrived(item)
         elif item is not _STOP:
             self._on_query(item)
 
@@ -286,17 +294,10 @@ class Node:
     def _answer(self, incoming: Incoming, request: Request) -> None:
         key, before = incoming.query.key, COMPILING.done
         self.counts[key] += 1
-        try:
-            if key == f"health/{self.name}":
-                incoming.reply(HealthReply(health=self.health()))
-                return
-            incoming.reply(self.service.handlers[key](request))
-        except SurefootError as error:
-            self.refuse(error.code, f"{key}: {error.message}")
-            incoming.fail(error)
-        except Exception as error:  # a defect in a handler must not leave the asker without an answer
-            self.refuse("internal", f"{key}: {type(error).__name__}: {error}")
-            incoming.fail(SurefootError("internal", f"{key} failed: {type(error).__name__}: {error}"))
+        if key == f"health/{self.name}":
+            incoming.reply(HealthReply(health=self.health()))
+        else:
+            self._answers.settle(incoming, lambda: self.service.handlers[key](request))
         if COMPILING.done != before:  # a kernel that on_start forgot: never silently
             self.counts["compiled_in_query"] += 1
             self.log("warning", f"{key} had to compile {COMPILING.last}, which on_start should have done")

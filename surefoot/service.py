@@ -1,6 +1,7 @@
 """What a service declares and overrides. The runtime around it is ``surefoot.node``."""
 
 from collections.abc import Callable
+from concurrent.futures import Future
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from schemas.base import Message, Request, Wire
@@ -52,7 +53,7 @@ class Service(Generic[C]):
 
     def __init__(self, config: C) -> None:
         self.config = config
-        self.handlers: dict[str, Callable[[Any], Wire]] = {}
+        self.handlers: dict[str, Callable[[Any], Wire | Future[Any]]] = {}
         self._runtime: Runtime | None = None
 
     # -- overridden --------------------------------------------------------------------------------------------
@@ -84,8 +85,12 @@ class Service(Generic[C]):
         assert self._runtime is not None
         return self._runtime
 
-    def handle(self, query: Query[Req, Rep], handler: Callable[[Req], Rep]) -> None:
-        """Registers the handler of a declared query; it must not call other services."""
+    def handle(self, query: Query[Req, Rep], handler: Callable[[Req], Rep | Future[Rep]]) -> None:
+        """Registers the handler of a declared query; it must not call other services.
+
+        A handler whose work would hold up ticks returns a future of the reply; that work runs on a thread of the
+        service's own and must use nothing but the request.
+        """
         if query.key not in {served.key for served in self.serves}:
             raise ValueError(f"{self.name} handles {query.key!r} but does not declare it in serves")
         self.handlers[query.key] = handler

@@ -16,7 +16,7 @@ from zenoh.handlers import Callback
 from schemas.base import ErrorReply, Message, Request, Wire
 from schemas.topics import Query, Topic
 from surefoot.bus import Delivery, Incoming, Life, Raw
-from surefoot.codec import check_encoding, decode, encode, encoding_of, validate_json
+from surefoot.codec import decode, encode, encoding_of, validate_json
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
 from surefoot.frame import Frame
 from surefoot.zenoh_publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher
@@ -83,14 +83,15 @@ class ZenohIncoming:
         self.query = query
         self._asked = asked
         attachment = asked.attachment
-        self.probe = attachment is not None and attachment.to_bytes() == PROBE
+        self._attachment = None if attachment is None else attachment.to_bytes()
+        self.probe = self._attachment == PROBE
 
     def request(self) -> Request:
-        payload = self._asked.payload
-        encoding = self._asked.encoding
-        if encoding is not None:
-            check_encoding(self.query.request, str(encoding))
-        return validate_json(self.query.request, (payload.to_bytes() if payload is not None else b"") or b"{}")
+        payload, encoding = self._asked.payload, self._asked.encoding
+        data = b"" if payload is None else payload.to_bytes()
+        if not data and self._attachment is None:
+            data = b"{}"
+        return decode(self.query.request, data, self._attachment, "" if encoding is None else str(encoding))
 
     def reply(self, reply: Wire) -> None:
         payload, attachment = encode(reply)
@@ -176,7 +177,7 @@ class ZenohBus:
 
     def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None) -> Rep:
         timeout = query.timeout_s if timeout_s is None else timeout_s
-        reply = self._ask(query, timeout, encode(request)[0], None)
+        reply = self._ask(query, timeout, *encode(request))
         if reply is None:
             status: Any = self._querier(query, timeout).matching_status  # the stubs say bool
             if not status.matching:

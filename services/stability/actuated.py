@@ -10,14 +10,12 @@ solved by clarabel, one solver for all directions. The posture is held fixed, as
 where a load may bring the CoM (Orsolino et al.), near the present posture where the joints may bring it.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# (the names of clarabel come from its compiled part, which has no stubs)
-
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from services.stability.clarabel_tools import clarabel_and_sparse
 from services.stability.contacts import Array, ContactSet, StabilityError
 from services.stability.directions import equally_spaced
 from services.stability.reduced import SMALL_MU, matrices
@@ -75,8 +73,7 @@ def actuated_region(contacts: ContactSet, legs: Legs, directions: Array | None =
     Raises:
         StabilityError: sizes disagree, or clarabel finds no answer.
     """
-    import clarabel  # pyright: ignore[reportMissingImports] - no stubs; 0.1 s, needed here only
-    from scipy import sparse
+    clarabel, sparse = clarabel_and_sparse()
 
     n, a_k = len(contacts), equally_spaced(16) if directions is None else directions
     if legs.jacobian.shape != (n, 3, 3) or legs.limit.shape != (n, 3) or legs.own.shape != (n, 3):

@@ -1,9 +1,12 @@
 """Contact sets: what stands on the ground, checked once at the border."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from surefoot.jit import row_kernel
 
 Array = NDArray[np.float64]
 
@@ -48,35 +51,65 @@ class ContactSet:
         return ContactSet(self.position[keep], self.normal[keep], self.mu[keep])
 
 
-def contact_set(position: ArrayLike, normal: ArrayLike, mu: ArrayLike) -> ContactSet:
+def contact_set(position: ArrayLike, normal: ArrayLike, mu: ArrayLike, *, limit: int = MAX_CONTACTS) -> ContactSet:
     """Check and normalise.
 
     Args:
-        position: (n, 3) m, gravity-aligned frame, n <= 64.
+        position: (n, 3) m, gravity-aligned frame, n <= limit.
         normal: (n, 3), any length but zero.
         mu: (n,) or one number for all; inf = unlimited friction (the cone becomes the half-space n'f >= 0).
+        limit: of a pool that many sets share, the size of the pool.
 
     Raises:
         StabilityError: the field and what is wrong with it.
     """
-    p = np.ascontiguousarray(position, dtype=np.float64).reshape(-1, 3)
+    p = np.array(position, dtype=np.float64, order="C").reshape(-1, 3)  # kernels want arrays of one kind only
     n = len(p)
-    if n > MAX_CONTACTS:
-        raise StabilityError("too_many", "contacts", f"got {n} contacts, at most {MAX_CONTACTS} are allowed")
-    v = np.array(normal, dtype=np.float64).reshape(-1, 3)
+    if n > limit:
+        raise StabilityError("too_many", "contacts", f"got {n} contacts, at most {limit} are allowed")
+    v = np.array(normal, dtype=np.float64, order="C").reshape(-1, 3)
     m = np.array(np.broadcast_to(np.asarray(mu, dtype=np.float64), (n,)))
     if v.shape != p.shape:
         raise StabilityError("shape", "contacts", f"got {n} positions and {len(v)} normals, numbers must agree")
-    for name, values in (("position", p), ("normal", v)):
-        for i in np.flatnonzero(~np.isfinite(values).all(axis=1)):
-            raise StabilityError("not_finite", f"contacts.{i}.{name}", f"got {values[i].tolist()}, must be finite")
-    for i in np.flatnonzero(np.abs(p).max(axis=1, initial=0.0) > MAX_COORDINATE):
-        raise StabilityError("too_large", f"contacts.{i}.position", f"got {p[i].tolist()}, must be within 1e6 m")
-    for i in np.flatnonzero(~(m >= 0.0)):
-        raise StabilityError("negative_mu", f"contacts.{i}.mu", f"got {m[i]}, must be 0 or more")
-    largest = np.abs(v).max(axis=1, initial=0.0)  # first, so that the square of a huge normal does not overflow
-    for i in np.flatnonzero(largest == 0.0):
-        raise StabilityError("zero_normal", f"contacts.{i}.normal", "got the zero vector, a direction is needed")
-    v /= largest[:, None]
-    v /= np.sqrt(np.einsum("ij,ij->i", v, v))[:, None]
+    wrong, i = _normalise(p, v, m)
+    if wrong:
+        code, name, rule = _FAULTS[wrong - 1]
+        got = (p, v, m)[("position", "normal", "mu").index(name)][i]
+        raise StabilityError(code, f"contacts.{i}.{name}", f"got {got.tolist()}, {rule}")
     return ContactSet(p, v, m)
+
+
+_FAULTS = (
+    ("not_finite", "position", "must be finite"),
+    ("not_finite", "normal", "must be finite"),
+    ("too_large", "position", f"must be within {MAX_COORDINATE:g} m"),
+    ("negative_mu", "mu", "must be 0 or more"),
+    ("zero_normal", "normal", "a direction is needed"),
+)
+
+
+@row_kernel
+def _normalise(position: Array, normal: Array, mu: Array) -> tuple[int, int]:
+    """Make normals unit, in place; the first fault, counted from 1 as in _FAULTS, and its contact; (0, 0) if none."""
+    n = mu.size
+    for fault in range(1, 6):
+        for i in range(n):
+            px, py, pz = abs(position[i, 0]), abs(position[i, 1]), abs(position[i, 2])
+            vx, vy, vz = abs(normal[i, 0]), abs(normal[i, 1]), abs(normal[i, 2])
+            if (
+                (fault == 1 and not (px < math.inf and py < math.inf and pz < math.inf))
+                or (fault == 2 and not (vx < math.inf and vy < math.inf and vz < math.inf))
+                or (fault == 3 and max(px, max(py, pz)) > MAX_COORDINATE)
+                or (fault == 4 and not mu[i] >= 0.0)
+                or (fault == 5 and vx + vy + vz == 0.0)
+            ):
+                return fault, i
+    for i in range(n):
+        largest = max(abs(normal[i, 0]), max(abs(normal[i, 1]), abs(normal[i, 2])))
+        for q in range(3):
+            normal[i, q] /= largest  # first, so that the square of a huge normal does not overflow
+        x, y, z = normal[i, 0], normal[i, 1], normal[i, 2]
+        length = math.sqrt(x * x + y * y + z * z)
+        for q in range(3):
+            normal[i, q] /= length
+    return 0, 0

@@ -1,13 +1,11 @@
 """Forces that hold the CoM at a place: is there any, which are the smallest, how much friction do they need."""
 
-# pyright: reportAttributeAccessIssue=false
-# (the names of clarabel come from its compiled part, which has no stubs)
-
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from services.stability.clarabel_tools import clarabel_and_sparse
 from services.stability.contacts import Array, ContactSet, StabilityError
 from services.stability.interior import NO_PRIMAL, SOLVED
 from services.stability.oracle import solve_one
@@ -87,8 +85,7 @@ def least_forces(contacts: ContactSet, com: Array) -> Array | None:
     """
     if not equilibrium(contacts, com).held:
         return None
-    import clarabel  # pyright: ignore[reportMissingImports] - no stubs; 0.1 s, needed here only
-    from scipy import sparse
+    clarabel, sparse = clarabel_and_sparse()
 
     n = len(contacts)
     mu = np.where(contacts.mu < SMALL_MU, 0.0, np.minimum(contacts.mu, 1e4))

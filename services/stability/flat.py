@@ -53,6 +53,14 @@ def plane(position: Array, normal: Array, mu: Array) -> tuple[bool, float, float
 
 
 @row_kernel
+def holds(normal: Array, mu: float) -> bool:
+    """Whether one contact alone can carry the weight: the vertical lies in its cone."""
+    if math.isinf(mu):
+        return normal[2] >= 0.0
+    return normal[2] > 0.0 and mu * normal[2] >= math.hypot(normal[0], normal[1]) - CONE
+
+
+@row_kernel
 def support(position: Array, direction: Array, p: float, q: float) -> tuple[Array, Array, Array, Array]:
     """Value (k,), point (k, 2), twist (k, 4), forces (k, n, 3) for directions (k, 2): one contact carries all."""
     k, n = direction.shape[0], position.shape[0]

@@ -9,8 +9,6 @@ import numpy as np
 
 from schemas.stability import (
     BasePose,
-    BatchReply,
-    BatchRequest,
     CheckReply,
     CheckRequest,
     ComReply,
@@ -24,10 +22,8 @@ from schemas.stability import (
     RegionReply,
     RegionRequest,
     SupportPoint,
-    Variant,
-    WhatifReply,
-    WhatifRequest,
 )
+from schemas.whatif import BatchReply, BatchRequest, Variant, WhatifReply, WhatifRequest
 from services.stability import whatif
 from services.stability.contacts import Array, ContactSet, StabilityError, contact_set
 from services.stability.directions import equally_spaced, unit
@@ -40,6 +36,7 @@ from services.stability.forces import (
     fuse_normal,
     gain_from_weight,
 )
+from services.stability.many import STATUSES, Variants
 from services.stability.margin import Extent
 from services.stability.movement import Check, check
 from services.stability.oracle import Support
@@ -246,23 +243,47 @@ def named_robot(name: str) -> Robot:
 
 def whatif_reply(request: WhatifRequest) -> WhatifReply:
     """Answer to `stability/whatif`."""
-    contacts, com_now = contacts_of(request.contacts), np.array(request.com)
-    candidates = contacts_of(request.candidates, "candidates")
-    return WhatifReply(
-        now=_variant(whatif.assess(contacts, com_now)),
-        lifts=tuple(map(_variant, whatif.lifts(contacts, com_now))),
-        candidates=tuple(map(_variant, whatif.additions(contacts, candidates, com_now))),
-    )
+    contacts, candidates = contacts_of(request.contacts), contacts_of(request.candidates, "candidates")
+    found = variants(whatif.what_if(contacts, np.array(request.com), candidates))
+    n = len(contacts)
+    return WhatifReply(now=found[0], lifts=found[1 : n + 1], candidates=found[n + 1 :])
 
 
 def batch_reply(request: BatchRequest) -> BatchReply:
     """Answer to `stability/batch`."""
-    sets = [(contacts_of(s.contacts, f"sets.{i}.contacts"), np.array(s.com)) for i, s in enumerate(request.sets)]
-    return BatchReply(results=tuple(map(_variant, whatif.batch(sets))))
+    return BatchReply(results=variants(whatif.batch(_batch_of(request))))
 
 
-def _variant(found: whatif.Variant) -> Variant:
-    return Variant(status=found.status, margin=found.margin.value, stable=found.stable)
+def _batch_of(request: BatchRequest) -> whatif.Batch:
+    if not request.counts:
+        if request.data:
+            raise StabilityError("missing", "counts", f"got {len(request.data)} bytes of raw numbers, but no counts")
+        every = [c for s in request.sets for c in s.contacts]
+        return whatif.pack(
+            [c.position for c in every],
+            [c.normal for c in every],
+            [math.inf if c.mu is None else c.mu for c in every],
+            [len(s.contacts) for s in request.sets],
+            [s.com for s in request.sets],
+        )
+    if request.sets:
+        raise StabilityError("unsupported", "sets", "cannot be given together with counts")
+    count, total = len(request.counts), sum(request.counts)
+    wanted = 8 * (2 * count + 7 * total)
+    if len(request.data) != wanted:
+        raise StabilityError("shape", "data", f"got {len(request.data)} bytes, the counts ask for {wanted}")
+    numbers = np.frombuffer(request.data, dtype="<f8")
+    contacts = numbers[2 * count :].reshape(-1, 7)
+    return whatif.pack(contacts[:, :3], contacts[:, 3:6], contacts[:, 6], request.counts, numbers[: 2 * count])
+
+
+def variants(found: Variants) -> tuple[Variant, ...]:
+    """Verdicts as they travel."""
+    status, margin, stable = found.status.tolist(), found.margin.tolist(), found.stable.tolist()
+    return tuple(
+        Variant(status=STATUSES[s], margin=None if m != m else m, stable=ok)
+        for s, m, ok in zip(status, margin, stable, strict=True)
+    )
 
 
 def equilibrium_reply(request: EquilibriumRequest) -> EquilibriumReply:

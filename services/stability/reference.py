@@ -4,13 +4,11 @@ clarabel minimises q'z subject to A z + s = b, s in cones. Here z = (v, w_z), A 
 only b depends on the direction, so one solver serves all directions of a set.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# (the names of clarabel come from its compiled part, which has no stubs)
-
 from dataclasses import dataclass
 
 import numpy as np
 
+from services.stability.clarabel_tools import clarabel_and_sparse
 from services.stability.contacts import Array
 from services.stability.interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED
 
@@ -32,8 +30,7 @@ class Reference:
     """clarabel on the cones of one contact set."""
 
     def __init__(self, a: Array, c: Array, tolerance: float = 1e-11) -> None:
-        import clarabel  # pyright: ignore[reportMissingImports] - no stubs; 0.1 s, for the fallback and tests only
-        from scipy import sparse
+        clarabel, sparse = clarabel_and_sparse()
 
         n, _, m = a.shape
         self._a, self._c, self._shape = a, c, (n, 3)

@@ -24,6 +24,7 @@ from surefoot.polygon import area, half_planes, hull, signed_distance
 RegionStatus = Literal["ok", "infeasible", "unbounded", "point", "segment"]
 
 THIN = 1e-7  # in units of the stance; a region narrower than that is a segment, a shorter one a point
+LINE, LEVEL = 1e-9, 1e-6  # of the length of a line: how far contacts may lie off it, and how steep it may be
 SLIM = 1e-5  # area / diameter^2 below which the width is looked at
 AXES = equally_spaced(8)
 FEW, FEW_AT_ONCE = 16, 4  # with no more directions than that the batches are small, to use what the last one showed
@@ -91,7 +92,7 @@ def region(
     first = given if not refine and _has_axes(given) else np.concatenate((AXES, given))
     skip = len(first) - len(given) if not refine else 0
     if n > 1 and contacts.mu.min() > SMALL_MU and contacts.mu.max() < math.inf:
-        begin = np.concatenate((_edge_normals(contacts.position), given)) if refine else first
+        begin = np.concatenate((edge_normals(contacts.position), given)) if refine else first
         found = _ordinary(contacts, begin, refine, tolerance, max(limit, len(begin)), skip)
         if found is not None:
             return found
@@ -117,7 +118,7 @@ def _has_axes(directions: Array) -> bool:
 
 
 @row_kernel
-def _edge_normals(position: Array) -> Array:
+def edge_normals(position: Array) -> Array:
     """Where refinement begins: outward normals of the hull of the contacts if it has 3 to 8 edges, else the axes.
 
     On mild ground these are the edges of the region, so that later directions go where it is curved.
@@ -159,15 +160,22 @@ def _ordinary(
 
 
 @row_kernel
-def _polygons(fan: Fan, count: int) -> tuple[bool, Array, Array]:
-    """Whether the region has an area, inner and outer polygon, scaled."""
-    inner = hull(fan.point[:count])
-    size, far = 0.0, 0.0
+def wide(fan: Fan, count: int) -> tuple[bool, Array, float]:
+    """Whether the region has an area, its inner polygon and the polygon's diameter, scaled."""
+    inner, size = hull(fan.point[:count]), 0.0
     for k in range(inner.shape[0]):
         for j in range(k):
             size = max(size, math.hypot(inner[j, 0] - inner[k, 0], inner[j, 1] - inner[k, 1]))
-    if size <= THIN or area(inner) <= SLIM * size * size:
+    return size > THIN and area(inner) > SLIM * size * size, inner, size
+
+
+@row_kernel
+def _polygons(fan: Fan, count: int) -> tuple[bool, Array, Array]:
+    """Whether the region has an area, inner and outer polygon, scaled."""
+    fine, inner, size = wide(fan, count)
+    if not fine:
         return False, inner, inner
+    far = 0.0
     for k in range(count):
         far = max(far, abs(fan.value[k]))
     return True, inner, hull(half_planes(fan.direction[:count], fan.value[:count], 8.0 * (size + far)))
@@ -233,9 +241,8 @@ def _infeasible(contacts: ContactSet, direction: Array, sinking: Array) -> Regio
 def _single(contacts: ContactSet, direction: Array) -> Region:
     """One contact: its own point if the vertical lies in its cone."""
     normal, mu, position = contacts.normal[0], float(contacts.mu[0]), contacts.position[0]
-    side = math.hypot(normal[0], normal[1])
-    held = normal[2] >= 0.0 if math.isinf(mu) else mu * normal[2] >= side - flat.CONE and normal[2] > 0.0
-    if not held:
+    if not flat.holds(normal, mu):
+        side = math.hypot(normal[0], normal[1])
         downhill = normal[2] * normal - np.array([0.0, 0.0, 1.0])
         ceiling = math.isinf(mu) or side == 0.0
         v = normal if ceiling else mu * normal + downhill / side
@@ -301,27 +308,58 @@ def _ends(oracle: Oracle, fan: Fan, count: int) -> Array | None:
             return points.mean(axis=0, keepdims=True)
     if size > THIN and float(area(hull(points))) > SLIM * size * size:
         return None
-    line = _line(oracle.contacts)
-    if line is None:
+    found, line = line_of(oracle.contacts.position)
+    if not found:
         i, j = np.unravel_index(int(distance.argmax()), distance.shape)
         line = span[i, j] / max(size, 1e-300)
-    across = np.array([-line[1], line[0]])
-    probe = oracle.fan(np.array([line, -line, across, -across]), 4)
-    if np.any(probe.status[:4] != SOLVED) or probe.value[2] + probe.value[3] > THIN:
-        return None
+    probe = oracle.fan(along(line), 4)
+    kind, ends = flat_ends(probe)
+    return ends if kind != WIDE else None
+
+
+@row_kernel
+def line_of(position: Array) -> tuple[bool, Array]:
+    """Whether all contacts lie on one line that is not vertical, and its horizontal unit direction (2,)."""
+    line, far, n = np.zeros(3), 0.0, position.shape[0]
+    for i in range(1, n):
+        x, y, z = position[i, 0] - position[0, 0], position[i, 1] - position[0, 1], position[i, 2] - position[0, 2]
+        if x * x + y * y + z * z > far:
+            far = x * x + y * y + z * z
+            line[0], line[1], line[2] = x, y, z
+    level = math.hypot(line[0], line[1])
+    if level <= LEVEL * math.sqrt(far):
+        return False, line[:2]
+    for i in range(1, n):
+        x, y, z = position[i, 0] - position[0, 0], position[i, 1] - position[0, 1], position[i, 2] - position[0, 2]
+        t = (x * line[0] + y * line[1] + z * line[2]) / far
+        x, y, z = x - t * line[0], y - t * line[1], z - t * line[2]
+        if x * x + y * y + z * z > LINE * LINE * far:
+            return False, line[:2]
+    line[0], line[1] = line[0] / level, line[1] / level
+    return True, line[:2]
+
+
+@row_kernel
+def along(line: Array) -> Array:
+    """Directions (4, 2) that tell a region without area: both ways along a line, both ways across it."""
+    x, y = line[0], line[1]
+    return np.array([[x, y], [-x, -y], [-y, x], [y, -x]])
+
+
+WIDE, POINT, SEGMENT = 0, 1, 2
+
+
+@row_kernel
+def flat_ends(probe: Fan) -> tuple[int, Array]:
+    """What the answers to `along` say: an area (or no end), a point (1, 2), or a segment by its ends (2, 2); scaled."""
+    for k in range(4):
+        if probe.status[k] != SOLVED:
+            return WIDE, probe.point[:0]
+    if probe.value[2] + probe.value[3] > THIN:
+        return WIDE, probe.point[:0]
     if probe.value[0] + probe.value[1] <= THIN:
-        return probe.point[:2].mean(axis=0, keepdims=True)
-    return probe.point[:2].copy()
-
-
-def _line(contacts: ContactSet) -> Array | None:
-    """Horizontal unit direction of the line on which all contacts lie; None if they do not, or if it is vertical."""
-    offset = contacts.position - contacts.position.mean(axis=0)
-    _, s, vt = np.linalg.svd(offset, full_matrices=False)
-    if len(s) > 1 and s[1] > 1e-9 * s[0]:
-        return None
-    length = math.hypot(vt[0, 0], vt[0, 1])
-    return vt[0, :2] / length if length > 1e-6 else None
+        return POINT, 0.5 * (probe.point[:1] + probe.point[1:2])
+    return SEGMENT, probe.point[:2].copy()
 
 
 def warm() -> None:

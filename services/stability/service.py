@@ -1,7 +1,9 @@
 """Stability service: answers `stability/region` and `stability/check`, and watches the margin while the robot walks."""
 
 import math
+import threading
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
 import numpy as np
@@ -24,7 +26,8 @@ from schemas.topics import (
     STATE_STABILITY,
     STATE_VELOCITY,
 )
-from services.stability import forces, interior, margin, region, shift, state
+from schemas.whatif import BatchReply, BatchRequest
+from services.stability import clarabel_tools, forces, interior, many, margin, region, shift, state
 from services.stability.beyond import region_answer
 from services.stability.config import StabilityConfig
 from services.stability.contacts import StabilityError
@@ -36,6 +39,7 @@ from services.stability.messages import (
     equilibrium_reply,
     whatif_reply,
 )
+from surefoot.compiling import COMPILING
 from surefoot.errors import Refusal
 from surefoot.join import Delayed, TickInputs
 from surefoot.kinematics import com, foot_positions
@@ -53,7 +57,19 @@ LEAST_GRAVITY = 1.0
 """m/s^2; a shorter g_up is no direction."""
 
 _KERNELS = (interior, region, margin, shift, forces, state)
-"""Modules whose kernels the queries use; with those of `surefoot` that they call. Others would only cost time."""
+"""Modules whose kernels a walking robot needs; with those of `surefoot` that they call. Others would only cost time."""
+
+_LATER = (many, clarabel_tools)
+"""What other queries need: loaded on another thread once the service answers, as that takes 0.2 s."""
+
+LATER_S = 1.0
+"""s after the start."""
+
+AT_ONCE = 32
+"""Sets of a batch that are worked out between two ticks, about 1 ms; more go to another thread."""
+
+MOST_WAITING = 8
+"""Batches that may wait for that thread."""
 
 
 class Stability(Service[StabilityConfig]):
@@ -77,18 +93,27 @@ class Stability(Service[StabilityConfig]):
         """Load the robot, compile the kernels, register the handlers."""
         self.robot = load_robot(self.config.robot)
         self.params = self.config.watch()
+        compiled = COMPILING.done
         for module in _KERNELS:
             module.warm()
         matrix_from_quat(np.array([1.0, 0.0, 0.0, 0.0]))
         com(self.robot.model, self.robot.neutral)
         foot_positions(self.robot.model, self.robot.neutral)
+        if COMPILING.done != compiled:  # a cold cache: whatever is missing is compiled now, not in a query
+            _load_the_rest()
+        else:
+            self._timer = threading.Timer(LATER_S, _load_the_rest)
+            self._timer.daemon = True
+            self._timer.start()
+        self._worker = ThreadPoolExecutor(1, "batch", initializer=many.be_nice)
+        self._waiting = threading.BoundedSemaphore(MOST_WAITING)
         self.on_reset()
         self.handle(STABILITY_REGION, _answer(lambda r: region_answer(r, self.robot)))
         self.handle(STABILITY_CHECK, _answer(lambda r: check_reply(r, self.robot)))
         self.handle(STABILITY_COM, _answer(lambda r: com_reply(r, self.robot)))
         self.handle(STABILITY_WHATIF, _answer(whatif_reply))
         self.handle(STABILITY_EQUILIBRIUM, _answer(equilibrium_reply))
-        self.handle(STABILITY_BATCH, _answer(batch_reply))
+        self.handle(STABILITY_BATCH, self._batch)
         self.handle(STABILITY_CALIBRATE, _answer(lambda r: self.calibration.answer(r)))
 
     def on_reset(self) -> None:
@@ -128,6 +153,21 @@ class Stability(Service[StabilityConfig]):
         fresh = inputs.tick.stamp_ns - oldest <= STALE_NS
         self.publish(STATE_STABILITY, status_message(now, self.config.mu, fresh), joints.stamp_ns)
 
+    def on_stop(self) -> None:
+        """End the threads."""
+        self._worker.shutdown(wait=False, cancel_futures=True)
+
+    def _batch(self, request: BatchRequest) -> BatchReply | Future[BatchReply]:
+        """Answer to `stability/batch`, of large ones later."""
+        answer = _answer(batch_reply)
+        if max(len(request.sets), len(request.counts)) <= AT_ONCE:
+            return answer(request)
+        if not self._waiting.acquire(blocking=False):
+            raise Refusal("busy", f"{MOST_WAITING} batches wait already; ask again later")
+        found = self._worker.submit(answer, request)
+        found.add_done_callback(lambda _: self._waiting.release())
+        return found
+
     def _collect(self) -> None:
         """Show the calibration the latest samples."""
         joints, contacts, velocity = self._joints, self._contacts, self._velocity
@@ -149,6 +189,11 @@ class Stability(Service[StabilityConfig]):
             mu=self.config.mu,
             fresh=False,
         )
+
+
+def _load_the_rest() -> None:
+    for module in _LATER:
+        module.warm()
 
 
 def _points_up(g_up: tuple[float, float, float]) -> bool:

@@ -1,12 +1,14 @@
 """Queries of a node: whoever asks gets an answer, a typed error at worst."""
 
+import threading
+from concurrent.futures import Future
 from typing import Any
 
 import pytest
 
 from schemas.footholds import AssessRequest, SelectReply, SelectRequest
 from schemas.stability import RegionReply, RegionRequest
-from schemas.system import Health
+from schemas.system import Health, HealthRequest
 from schemas.topics import FOOTHOLDS_ASSESS, FOOTHOLDS_SELECT, HEALTH_GET, HW_IMU, STABILITY_REGION, Query
 from surefoot import node as runtime
 from surefoot.codec import decode
@@ -86,6 +88,30 @@ def test_a_handler_that_refuses_is_heard_under_its_own_code(bench: Bench) -> Non
     with pytest.raises(CallError) as caught:
         bench.bus.call(STABILITY_REGION, RegionRequest(contacts=()))
     assert (caught.value.code, caught.value.message, caught.value.field) == ("refused", "not today", "contacts")
+
+
+def test_an_answer_from_another_thread_comes_when_it_is_there(bench: Bench) -> None:
+    """Meanwhile ticks and other queries go on; what the thread raises is answered like any other error."""
+    work: list[Future[RegionReply]] = [Future(), Future(), Future()]
+    pending = iter(work)
+    bench.subject.answer = lambda request: next(pending)
+    late = [MemoryIncoming(STABILITY_REGION, RegionRequest(contacts=())) for _ in work]
+    for incoming in late:
+        bench.node.handle(incoming)
+    bench.both(0)
+    assert bench.subject.ticks == [0]
+    assert bench.bus.call(HEALTH_GET.of("estimator"), HealthRequest()).health.service == "estimator"
+    assert [incoming.answer for incoming in late] == [None] * 3
+    reply = RegionReply(status="infeasible", inner=(), outer=(), support=())
+    work[1].set_exception(Refusal("refused", "not today", "contacts"))
+    work[2].set_exception(ZeroDivisionError("no feet"))
+    worker = threading.Thread(target=work[0].set_result, args=(reply,))
+    worker.start()
+    while bench.node.pump_once():  # waits for what is being worked out, then has nothing left to do
+        pass
+    assert late[0].answer is reply
+    assert [incoming.error.code for incoming in late[1:] if incoming.error is not None] == ["refused", "internal"]
+    worker.join()
 
 
 def test_a_request_for_a_tick_waits_until_it_is_consumed(bench: Bench) -> None:

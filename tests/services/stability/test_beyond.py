@@ -10,7 +10,6 @@ from services.stability.equilibrium import equilibrium, friction_needed, least_f
 from services.stability.margin import margin
 from services.stability.region import region
 from services.stability.robust import Uncertainty, gradient, robust_margin, shrunk
-from services.stability.whatif import additions, assess, batch, lifts
 from tests.services.stability.sets import SQUARE, UP, feasible_sets, tilted
 
 CENTRE = np.zeros(2)
@@ -75,28 +74,6 @@ def test_friction_needed_on_a_slope_is_its_steepness(slope: float) -> None:
     feet = np.column_stack((xy, np.tan(np.radians(slope)) * xy[:, 0]))
     got = friction_needed(contact_set(feet, [tilted(slope)] * 4, 0.5), CENTRE)
     assert got == pytest.approx(np.tan(np.radians(slope)) / 0.5, abs=1e-6)
-
-
-def test_lifting_a_leg() -> None:
-    com = np.array([0.02, 0.05])
-    found = lifts(SQUARE_SET, com)
-    assert [v.stable for v in found] == [False, False, True, True]
-    for i, v in enumerate(found):
-        alone = region(SQUARE_SET.without(i))
-        assert v.status == alone.status
-        assert v.margin.value == pytest.approx(margin(alone, com).value, abs=1e-9)
-
-
-def test_candidates_and_batch_equal_single_questions() -> None:
-    contacts = feasible_sets(42, 1, (4, 5))[0]
-    com = contacts.position[:, :2].mean(axis=0)
-    three, fourth = contacts.without(3), ContactSet(contacts.position[3:], contacts.normal[3:], contacts.mu[3:])
-    got = additions(three, fourth, com)[0]
-    whole = assess(contacts, com)
-    assert got.status == whole.status
-    assert got.margin.value == pytest.approx(whole.margin.value, abs=1e-8)
-    many = batch([(contacts, com), (three, com)])
-    assert [m.status for m in many] == [whole.status, assess(three, com).status]
 
 
 def finite_difference(contacts: ContactSet, a: np.ndarray, i: int, axis: int | None, step: float = 1e-5) -> float:

@@ -50,3 +50,16 @@ def test_directions_are_normalised_or_refused() -> None:
         with pytest.raises(StabilityError) as refused:
             unit([[1.0, 0.0], bad])
         assert (refused.value.code, refused.value.field) == (code, "directions.1")
+
+
+def test_arrays_of_any_layout_become_the_one_the_kernels_know() -> None:
+    """Another layout, or one that may not be written to, would make the kernels compile anew, in a query."""
+    rows = np.array([[0.1, 0.2, 0.3, 0.0, 0.0, 2.0, 0.5]])
+    rows.flags.writeable = False
+    columns = np.asfortranarray(np.tile(rows, (3, 1)))
+    for table in (rows, columns):
+        found = contact_set(table[:, :3], table[:, 3:6], table[:, 6])
+        for array in (found.position, found.normal, found.mu):
+            assert array.flags.c_contiguous
+            assert array.flags.writeable
+        np.testing.assert_array_equal(found.normal[0], UP)
