@@ -3,7 +3,6 @@
 import hashlib
 import json
 import math
-import tomllib
 from os import PathLike
 from pathlib import Path
 from typing import cast
@@ -12,11 +11,10 @@ import numpy as np
 
 from surefoot import robot as r
 from surefoot.robot import Array, RobotError
-from surefoot.tables import Table
+from surefoot.robot_sensors import read_contacts, read_current, read_encoder, read_imu
+from surefoot.tables import Table, read_toml
 
 ROBOTS = Path(__file__).parent / "robots"
-GRAVITY = 9.81  # m/s2
-MILLI_G = 1e-3 * GRAVITY
 BIPED_LEG_JOINTS = 6
 _NOT_HASHED = frozenset({"source", "sources", "description", "schema"})
 
@@ -30,15 +28,8 @@ def read_robot(name: str | PathLike[str]) -> r.Robot:
         path = path / "robot.toml"
     if not path.is_file():
         raise RobotError("not_found", "name", f"no robot {text!r}; known are {', '.join(r.robot_names())}")
-    data = _load(path)
+    data = read_toml(path, RobotError)
     return _Reader(data).robot()
-
-
-def _load(path: Path) -> dict[str, object]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as err:
-        raise RobotError("syntax", path.name, f"is not valid TOML: {err}") from err
 
 
 def canonical(value: object) -> object:
@@ -79,10 +70,9 @@ class _Reader:
             self._limb(limb, chains)
         if not self.legs:
             raise top.refuse("value", "limbs", "no limb has a foot")
-        imu, profile = self._imu(top.table("imu"))
-        contacts = self._contacts(top.table("contacts"))
-        encoder, current = self._encoder(top.table("encoders")), self._current(top.table("current"))
-        gait = self._gait(top.table("gait"))
+        imu, profile = read_imu(self._sourced("imu"))
+        contacts, encoder = read_contacts(self._sourced("contacts")), read_encoder(self._sourced("encoders"))
+        current, gait = read_current(self._sourced("current")), self._gait(self._sourced("gait"))
         top.close()
         content = {"robot": canonical(self.data), "imu": canonical(profile)}
         digest = hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
@@ -95,6 +85,12 @@ class _Reader:
         key = table.text("source")
         if key not in self.sources:
             raise table.refuse("unknown_name", "source", f"got {key!r}, known are {', '.join(self.sources)}")
+
+    def _sourced(self, key: str) -> Table:
+        """A table of the file that names its source."""
+        table = self.top.table(key)
+        self._source(table)
+        return table
 
     def _trunk(self, t: Table) -> r.Trunk:
         self._source(t)
@@ -170,7 +166,7 @@ class _Reader:
             raise t.refuse("duplicate", "name", f"{name!r} is used twice")
         flip = np.array([1.0, side, 1.0])
         position = t.vector("position", 3) * flip
-        quat = _unit(t, "quat_wxyz", 4, (1.0, 0.0, 0.0, 0.0)) * np.array([1.0, side, 1.0, side])
+        quat = t.unit("quat_wxyz", 4, (1.0, 0.0, 0.0, 0.0)) * np.array([1.0, side, 1.0, side])
         parent = 0 if mount else index - 1
         if t.has("parent"):
             up = t.text("parent")
@@ -184,7 +180,7 @@ class _Reader:
             quat = _quat_product(turn, quat)
         axis, joint = np.zeros(3), -1
         if t.has("axis"):
-            axis, joint = _unit(t, "axis", 3), len(self.joints)
+            axis, joint = t.unit("axis", 3), len(self.joints)
             mirrored = t.text("mirrored", ("no", "axis", "limits")) if t.has("mirrored") else "no"
             if side < 0 and mirrored == "axis":  # a rotation's mirror image: equal angles are symmetric
                 axis = axis * np.array([-1.0, 1.0, -1.0])
@@ -233,90 +229,11 @@ class _Reader:
         t.close()
         return foot
 
-    def _imu(self, t: Table) -> tuple[r.Imu, dict[str, object]]:
-        self._source(t)
-        name = t.text("profile")
-        if name not in imu_profile_names():
-            known = ", ".join(imu_profile_names())
-            raise t.refuse("unknown_name", "profile", f"got {name!r}, known are {known}")
-        profile, data = _imu_profile(name)
-        imu = r.Imu(t.vector("position", 3), _unit(t, "quat_wxyz", 4), profile)
-        t.close()
-        return imu, data
-
-    def _contacts(self, t: Table) -> r.ContactSensor:
-        self._source(t)
-        kind, switches = t.text("kind", ("switch", "force")), t.integer("switches", at_least=1, at_most=4)
-        on = t.number("on_n", above=0)
-        off = t.number("off_n", at_least=0, at_most=on)
-        low, high = 0.0, math.inf
-        if kind == "force":
-            low = t.number("min_n", at_least=0)
-            high = t.number("max_n", above=low)
-        t.close()
-        return r.ContactSensor(kind, switches, on, off, low, high)
-
-    def _encoder(self, t: Table) -> r.Encoder:
-        self._source(t)
-        resolution, zero = t.number("resolution_deg", at_least=0), t.number("zero_sigma_deg", at_least=0)
-        t.close()
-        return r.Encoder(math.radians(resolution), math.radians(zero))
-
-    def _current(self, t: Table) -> r.CurrentSensor:
-        self._source(t)
-        gain, noise = t.number("torque_per_ampere", above=0), t.number("noise_ampere", at_least=0)
-        t.close()
-        return r.CurrentSensor(gain, noise)
-
     def _gait(self, t: Table) -> dict[str, float]:
-        self._source(t)
         keys = [key for key in t.keys() if key != "source"]  # noqa: SIM118 - a Table is no dict
         gait = {key: t.number(key) for key in keys}
         t.close()
         return gait
-
-
-def imu_profile_names() -> tuple[str, ...]:
-    """Names of the sensor profiles that come with the package."""
-    return tuple(sorted(path.stem for path in (ROBOTS / "sensors").glob("*.toml")))
-
-
-def read_imu_profile(name: str) -> r.ImuProfile:
-    """Read a sensor profile by name.
-
-    Raises:
-        RobotError: unknown name, or a number that cannot be.
-    """
-    if name not in imu_profile_names():
-        raise RobotError("unknown_name", "profile", f"got {name!r}, known are {', '.join(imu_profile_names())}")
-    return _imu_profile(name)[0]
-
-
-def _imu_profile(name: str) -> tuple[r.ImuProfile, dict[str, object]]:
-    data = _load(ROBOTS / "sensors" / f"{name}.toml")
-    p = Table(data, f"sensors.{name}", RobotError)
-    p.text("schema", ("surefoot.imu/1",))
-    p.text("name", (name,))
-    p.text("source")
-    g, a, deg = p.table("gyro"), p.table("accel"), math.radians(1.0)
-    gyro = _noise(g, (("deg_s", deg),) * 3 + (("deg_s_rthz", deg),))
-    accel = _noise(a, (("mg", MILLI_G), ("g", GRAVITY), ("mg", MILLI_G), ("mg_rthz", MILLI_G)))
-    p.close()
-    return r.ImuProfile(name, gyro, accel), data
-
-
-def _noise(t: Table, units: tuple[tuple[str, float], ...]) -> r.AxisNoise:
-    (lsb, k_lsb), (limit, k_limit), (bias, k_bias), (density, k_density) = units
-    noise = r.AxisNoise(
-        lsb=k_lsb * t.number(f"lsb_{lsb}", at_least=0),
-        limit=k_limit * t.number(f"range_{limit}", above=0),
-        noise_density=k_density * t.number(f"noise_{density}", at_least=0),
-        bias_turn_on=k_bias * t.number(f"bias_turn_on_{bias}", at_least=0),
-        bias_in_run=k_bias * t.number(f"bias_in_run_{bias}", at_least=0),
-        bias_time_s=t.number("bias_time_s", above=0),
-    )
-    t.close()
-    return noise
 
 
 def _sizes(t: Table, key: str) -> Array:
@@ -324,14 +241,6 @@ def _sizes(t: Table, key: str) -> Array:
     if not np.all(size > 0):
         raise t.refuse("value", key, f"got {size.tolist()}, every size must be above 0")
     return size
-
-
-def _unit(t: Table, key: str, size: int, default: tuple[float, ...] | None = None) -> Array:
-    v = t.vector(key, size, default)
-    norm = float(np.linalg.norm(v))
-    if abs(norm - 1.0) > 1e-6:
-        raise t.refuse("value", key, f"got {v.tolist()} of length {norm:.6g}, expected length 1")
-    return v / norm
 
 
 def _quat_product(a: Array, b: Array) -> Array:

@@ -3,13 +3,17 @@
 import difflib
 import math
 import re
+import tomllib
 from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
+UNIT_SLACK = 1e-6
+"""What rounding in a file may take from the length of a unit vector."""
 
 
 class TableError(ValueError):
@@ -32,6 +36,14 @@ def did_you_mean(word: str, allowed: Iterable[str]) -> str:
     """Return ` (did you mean 'x'?)` for the nearest allowed word, or an empty string."""
     near = difflib.get_close_matches(word, list(allowed), n=1, cutoff=0.6)
     return f" (did you mean {near[0]!r}?)" if near else ""
+
+
+def read_toml(path: Path, error: type[TableError] = TableError) -> dict[str, object]:
+    """Read a file (raises `error` with code `syntax` when it is not TOML)."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as err:
+        raise error("syntax", path.name, f"is not valid TOML: {err}") from err
 
 
 class Table:
@@ -134,6 +146,14 @@ class Table:
             raise self.refuse("type", key, f"expected a list of lists of {size} numbers, got {value!r}")
         rows = [self._vector(row, f"{key}[{i}]", size) for i, row in enumerate(cast("list[object]", value))]
         return np.array(rows, dtype=np.float64).reshape(len(rows), size)
+
+    def unit(self, key: str, size: int, default: tuple[float, ...] | None = None) -> NDArray[np.float64]:
+        """A vector of length 1, shape (size,)."""
+        vector = self.vector(key, size, default)
+        norm = float(np.linalg.norm(vector))
+        if abs(norm - 1.0) > UNIT_SLACK:
+            raise self.refuse("value", key, f"got {vector.tolist()} of length {norm:.6g}, expected length 1")
+        return vector / norm
 
     def table(self, key: str) -> "Table":
         """Sub-table."""

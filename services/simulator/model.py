@@ -7,7 +7,6 @@ The terrain's contact parameters hold (`priority`). The Robot object is read, ne
 # mujoco has no type stubs for its compiled modules:
 # pyright: reportAttributeAccessIssue=false
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -249,7 +248,7 @@ def _add_terrain(spec: mujoco.MjSpec, terrain: Terrain | None, physics: Physics,
     ground = terrain.ground if terrain is not None else None
     if ground is None:
         size = [PLANE_HALF_SIZE, PLANE_HALF_SIZE, 0.1]  # contact is endless, the size is for viewers
-        quat = _quat_from_normal(terrain.normal) if terrain is not None else [1.0, 0.0, 0.0, 0.0]
+        quat = terrain.quat_wxyz if terrain is not None else [1.0, 0.0, 0.0, 0.0]
         world.add_geom(name="terrain", type=kind.mjGEOM_PLANE, size=size, quat=quat, **contact)
     else:
         z = np.asarray(ground.z, dtype=np.float64)
@@ -271,15 +270,6 @@ def _add_terrain(spec: mujoco.MjSpec, terrain: Terrain | None, physics: Physics,
     for i, box in enumerate(terrain.boxes if terrain is not None else ()):
         pos, half_size, quat = (np.asarray(v, dtype=float) for v in (box.position, box.half_size, box.quat_wxyz))
         world.add_geom(name=f"terrain_box_{i}", type=kind.mjGEOM_BOX, size=half_size, pos=pos, quat=quat, **contact)
-
-
-def _quat_from_normal(normal: Sequence[float]) -> list[float]:
-    """Shortest rotation that turns +z into an upward unit normal, quat_wxyz."""
-    x, y, z = normal
-    if not (z > 0.0 and abs(x * x + y * y + z * z - 1.0) < 1e-6):
-        raise ValueError(f"terrain.normal: got {tuple(normal)}, expected an upward unit vector")
-    scale = math.sqrt(0.5 / (1.0 + z))
-    return [scale * (1.0 + z), -scale * y, scale * x, 0.0]
 
 
 def _add_robot(spec: mujoco.MjSpec, robot: Robot, physics: Physics, perturb: Perturbation) -> None:

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from services.simulator.shapes import SHAPES, Box, Grid, Wanted, random_stream
 from surefoot.heightmap import HeightMap
+from surefoot.rotations import quat_from_rotvec
+from surefoot.tables import UNIT_SLACK
 
 __all__ = [
     "KINDS",
@@ -66,6 +68,17 @@ class Terrain:
     def name(self) -> str:
         """Kind and seed, for tables."""
         return f"{self.kind}-{self.seed}"
+
+    @property
+    def quat_wxyz(self) -> Array:
+        """Shortest rotation that turns z onto the plane's normal, (4,) (raises TerrainError: no upward unit vector)."""
+        nx, ny, nz = self.normal
+        if not (nz > 0.0 and abs(nx * nx + ny * ny + nz * nz - 1.0) < UNIT_SLACK):
+            raise TerrainError("normal", f"got {self.normal!r}, expected an upward unit vector")
+        sine = math.hypot(nx, ny)
+        if sine == 0.0:
+            return np.array([1.0, 0.0, 0.0, 0.0])
+        return quat_from_rotvec(np.array([-ny, nx, 0.0]) * (math.atan2(sine, nz) / sine))
 
 
 def make_terrain(

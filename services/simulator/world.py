@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.simulator import sensors, truth
-from services.simulator.disturb import Disturbances, WorldError, at_limit, by_foot
+from services.simulator.disturb import Disturbances, WorldError
 from services.simulator.faults import Fault
-from services.simulator.joints import place_joints, read_joints
+from services.simulator.joints import read_joints
 from services.simulator.model import Perturbation, Physics, build_spec, find_addresses
+from services.simulator.placing import place
 from services.simulator.samples import (
     Checkpoint,
     Command,
@@ -36,10 +37,9 @@ from services.simulator.samples import (
     unpack,
 )
 from services.simulator.servo_line import ServoLine
+from services.simulator.suite import SensorSuite
 from services.simulator.terrain import Terrain
 from surefoot.robot import ImuProfile, Robot
-from surefoot.robot_file import imu_profile_names, read_imu_profile
-from surefoot.rotations import multiply, quat_from_rotvec, quat_from_rpy
 
 Array = NDArray[np.float64]
 
@@ -50,8 +50,6 @@ SETTLE_STEPS = 500  # physics steps between two looks at whether the robot rests
 SETTLE_TRIES = 6
 SETTLED = 1e-4  # m/s and rad/s, and what rest means;
 MAY_STIR = 0.05  # m/s and rad/s, what is let pass after the last look: feet on edges creep
-STANCE_GAP = 0.001  # m, the lowest foot starts this high above the ground
-NO_LIMIT = 1e9
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
@@ -93,7 +91,6 @@ class World:
         self.robot, self.terrain, self.seed = robot, terrain, seed
         self.config = config or WorldConfig()
         spec = build_spec(robot, terrain, self.config.perturbation, self.config.physics)
-        spec.geom("terrain").quat = _tilt(terrain)
         for name, kind in (("acc", mujoco.mjtSensor.mjSENS_ACCELEROMETER), ("gyro", mujoco.mjtSensor.mjSENS_GYRO)):
             # The history holds the samples of one tick, so that ten steps run in one call.
             site = mujoco.mjtObj.mjOBJ_SITE
@@ -107,7 +104,6 @@ class World:
         # Per sensor: a user value, the cursor, TICK_STEPS times, TICK_STEPS x 3 values.
         starts = [int(self.model.sensor_historyadr[i]) + 2 + TICK_STEPS for i in range(2)]
         self._acc, self._gyro = (history[s : s + 3 * TICK_STEPS].reshape(TICK_STEPS, 3) for s in starts)
-        self._points = tuple(len(leg.foot.points) for leg in robot.legs)
         self._period = self.config.kinematics_period_ms
         self._line = ServoLine(robot, STEP_NS)
         self.disturb = Disturbances(
@@ -142,12 +138,15 @@ class World:
             raise WorldError("stance", f"must be {robot.nj} joint angles within their limits, got {stance!r}")
         self.tick, self.steps, self._first_tick = 0, 0, 0
         self.disturb.clear()
-        self._make_sensors()
+        c = self.config
+        self.sensors = SensorSuite(
+            robot, c.imu_profile, 1e9 / TICK_NS, self.seed, c.torque_per_ampere, c.perturbation.zero_sigma
+        )
         mujoco.mj_resetData(self.model, self.data)
-        self._place(pose, stance)
+        place(self.model, self.data, self.address, self.tracker.spheres, self.terrain, pose, stance)
         self.command, self.torque_limit = stance, None
         self._line.clear()
-        self.data.ctrl[:] = self._line.heard(stance - self.joint_sensor.zero)
+        self.data.ctrl[:] = self._line.heard(stance - self.sensors.zero)
         for _ in range(SETTLE_TRIES):
             mujoco.mj_step(self.model, self.data, SETTLE_STEPS)
             if float(np.abs(self.data.qvel).max()) < SETTLED:
@@ -170,7 +169,7 @@ class World:
         arrived = self.disturb.before_step(self.tick, self.data, sent)
         if arrived is not None:
             self.command, self.torque_limit = arrived
-        self._line.send(self.steps, Command(self.command - self.joint_sensor.zero, self.torque_limit))
+        self._line.send(self.steps, Command(self.command - self.sensors.zero, self.torque_limit))
         end = self.steps + TICK_STEPS
         sample = (self.steps // self._period + 1) * self._period
         while sample <= end:
@@ -204,55 +203,19 @@ class World:
         mujoco.mj_comPos(self.model, self.data)
         self.tracker.update(self.data, first)
 
-    def _place(self, pose: tuple[float, float, float], stance: Array) -> None:
-        """Put the robot parallel to the plane, or level on a height field, just above the ground."""
-        d = self.data
-        d.qpos[:3] = (pose[0], pose[1], 0.0)
-        d.qpos[3:7] = multiply(_tilt(self.terrain), quat_from_rpy(0.0, 0.0, pose[2]))
-        place_joints(d.qpos, self.address, stance)
-        mujoco.mj_kinematics(self.model, d)
-        spheres = self.tracker.spheres
-        centre, radius = d.geom_xpos[spheres], self.model.geom_size[spheres, 0]
-        ground = self.terrain.map.height(centre[:, 0], centre[:, 1])
-        if not np.isfinite(ground).all():
-            raise WorldError("pose", f"a foot would stand beside the map at {pose!r}")
-        gap = (centre[:, 2] - ground) * self.terrain.normal[2] - radius
-        d.qpos[2] = (STANCE_GAP - float(gap.min())) / self.terrain.normal[2]
-
     # --- sensors ------------------------------------------------------------------------------------------------
-
-    def _make_sensors(self) -> None:
-        robot, config = self.robot, self.config
-        profile = robot.imu.profile if config.imu_profile is None else config.imu_profile
-        if isinstance(profile, str):
-            profile = _imu_profile(profile)
-        self._imu_limit = np.full(6, NO_LIMIT)
-        if profile is not None:
-            self._imu_limit = np.repeat([profile.accel.limit, profile.gyro.limit], 3)
-        self.imu_sensor = sensors.ImuSensor(profile, self.seed, 1e9 / TICK_NS)
-        self.joint_sensor = sensors.JointSensor(
-            robot.encoder, robot.current, robot.nj, self.seed, config.torque_per_ampere, config.perturbation.zero_sigma
-        )
-        self.foot_sensor = sensors.FootSensor(robot.contacts, self._points)
-        self._due: tuple[JointSample | None, ContactSample | None] = (None, None)
 
     def _take_kinematics(self) -> None:
         """Sample joints and feet now, for release at the end of the tick."""
         self.tracker.forces(self.data)
-        joints = self.joint_sensor.measure(read_joints(self.data.qpos, self.address), self.data.actuator_force)
-        touch, force = self.foot_sensor.measure(self.tracker.sphere_force)
-        stamp = self.stamp_ns
         seq = self.steps // self._period - self._first_tick * TICK_STEPS // self._period
-        feet = by_foot(touch.tolist(), self._points)
-        self._due = (JointSample(stamp, seq, *joints), ContactSample(stamp, seq, feet, force))
+        q = read_joints(self.data.qpos, self.address)
+        self.sensors.take_kinematics(self.stamp_ns, seq, q, self.data.actuator_force, self.tracker.sphere_force)
 
     def _release(self) -> None:
-        y = self.imu_sensor.measure(sensors.window_mean(self._acc, self._gyro))
-        imu = ImuSample(self.stamp_ns, self.tick - self._first_tick, y[:3], y[3:], at_limit(y, self._imu_limit))
-        self.samples = Samples(imu, *self._due)
-        self._due = (None, None)
+        self.samples = self.sensors.release(self.stamp_ns, self.tick - self._first_tick, self._acc, self._gyro)
         if self.disturb.faults:
-            self.samples = self.disturb.after_step(self.tick, self.samples, self._imu_limit)
+            self.samples = self.disturb.after_step(self.tick, self.samples, self.sensors.limit)
 
     # --- disturbances -------------------------------------------------------------------------------------------
 
@@ -325,9 +288,7 @@ class World:
             "line": self._line.state(self.steps),
             "disturb": self.disturb.state(),
             "truth": self.tracker.state(),
-            "imu": self.imu_sensor.state(),
-            "joints": self.joint_sensor.state(),
-            "feet": self.foot_sensor.state(),
+            "sensors": self.sensors.state(),
             "samples": [None if s is None else pack(s) for s in self.samples],
         }
         return Checkpoint(state, json.dumps(meta, sort_keys=True))
@@ -354,9 +315,7 @@ class World:
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
         self.tracker.restore(meta["truth"])
-        self.imu_sensor.restore(meta["imu"])
-        self.joint_sensor.restore(meta["joints"])
-        self.foot_sensor.restore(meta["feet"])
+        self.sensors.restore(meta["sensors"])
         kinds = (ImuSample, JointSample, ContactSample)
         pairs = zip(kinds, meta["samples"], strict=True)
         self.samples = Samples(*(None if s is None else unpack(kind, s) for kind, s in pairs))
@@ -372,26 +331,7 @@ class World:
 
     def _identity(self) -> list[str]:
         """Robot, ground and profile; a checkpoint fits no other world."""
-        profile = self.imu_sensor.profile
-        return [self.robot.hash, self.terrain.name, self.terrain.map.sha256, profile.name if profile else "ideal"]
-
-
-def _tilt(terrain: Terrain) -> Array:
-    """Quaternion that turns z onto the plane's normal. (4,)"""
-    nx, ny, nz = terrain.normal
-    sine = math.hypot(nx, ny)
-    if sine == 0.0:
-        return np.array([1.0, 0.0, 0.0, 0.0])
-    angle = math.atan2(sine, nz)
-    return quat_from_rotvec(np.array([-ny, nx, 0.0]) * (angle / sine))
-
-
-def _imu_profile(name: str) -> ImuProfile | None:
-    if name == "ideal":
-        return None
-    if name not in imu_profile_names():
-        raise WorldError("imu_profile", f"got {name!r}, known are ideal, {', '.join(imu_profile_names())}")
-    return read_imu_profile(name)
+        return [self.robot.hash, self.terrain.name, self.terrain.map.sha256, self.sensors.profile_name]
 
 
 def warm() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from services.simulator.sensors import BLOCK, FootSensor, ImuSensor, JointSensor, NormalStream, window_mean
 from surefoot.robot import ContactSensor, CurrentSensor, Encoder, ImuProfile
-from surefoot.robot_file import imu_profile_names, read_imu_profile
+from surefoot.robot_sensors import imu_profile_names, read_imu_profile
 
 REST = np.array([0.0, 0.0, 9.81, 0.0, 0.0, 0.0])
 RATE = 100.0
