@@ -30,9 +30,10 @@ def pack(parts: Sequence[Part]) -> tuple[bytes, bytes]:
 class Frame:
     """A frame as it came; taken apart on the reader's own thread."""
 
-    __slots__ = ("_index", "_payload", "_topics")
+    __slots__ = ("_index", "_payload", "_topics", "owner")
 
-    def __init__(self, topics: Mapping[str, Topic[Any]], payload: bytes, index: bytes) -> None:
+    def __init__(self, owner: str, topics: Mapping[str, Topic[Any]], payload: bytes, index: bytes) -> None:
+        self.owner = owner
         self._topics = topics
         self._payload = payload
         self._index = index

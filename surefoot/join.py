@@ -68,7 +68,7 @@ class Join:
                 self.latched.append(item)
             else:
                 self.same_tick.append(item)
-        self.keys = {topic.key for topic in (*self.same_tick, *self.delayed, *self.latched)}
+        self.owners = {topic.key: topic.owner for topic in (*self.same_tick, *self.delayed, *self.latched)}
         self.epoch = -1
         self.last = -1
         self.on_roster = False
@@ -77,6 +77,7 @@ class Join:
         self._slots: dict[tuple[int, int], dict[str, Any]] = {}
         self._latched: dict[str, tuple[int, Any]] = {}
         self._previous_roster: tuple[str, ...] = ()
+        self._lockstep = False
         self._lacking: set[str] | None = None
         """What tick ``last + 1`` still waits for; None = not worked out yet. Kept, for every message asks."""
 
@@ -136,6 +137,7 @@ class Join:
         elif tick.mode == "lockstep" and tick.tick > self.last + MAX_AHEAD:
             return "too_far_ahead"
         self._newest = max(self._newest, tick.tick)
+        self._lockstep = tick.mode == "lockstep"
         held = self._ticks.get(tick.tick)
         if held is None or tick.roster_version >= held.roster_version:
             self._ticks[tick.tick] = tick
@@ -171,6 +173,28 @@ class Join:
             if held is None or held[0] != tick.epoch:
                 lacking.append(topic.key)
         return lacking
+
+    def awaited(self) -> set[str]:
+        """Owners of what the next tick still lacks; empty when anything that comes may matter."""
+        if not self.on_roster or not self._lockstep:
+            return set()
+        number = self.last + 1
+        tick = self._ticks.get(number)
+        if tick is not None:
+            if self._lacking is None:
+                self._lacking = set(self._missing(tick))
+            return {self.owners[key] for key in self._lacking}
+        roster = self._previous_roster
+        owners = {DRIVER}
+        slot = self._slots.get((self.epoch, number), {})
+        for topic in self.same_tick:
+            if topic.owner in roster and topic.key not in slot and topic.due(number):
+                owners.add(topic.owner)
+        before = self._slots.get((self.epoch, number - 1), {})
+        for topic in self.delayed:
+            if topic.owner in roster and topic.key not in before and topic.due(number - 1):
+                owners.add(topic.owner)
+        return owners
 
     def take(self) -> TickInputs | None:
         """The next tick if its inputs are complete (in paced mode: or if later ticks have overtaken it)."""

@@ -16,6 +16,9 @@ from surefoot.service import Service
 from surefoot.version import VERSION
 
 EXIT_USAGE = 2
+ZENOH_RUNTIME = "(rx:(worker_threads:1),acc:(handover:rx),net:(handover:rx))"
+"""Zenoh's thread pools: one thread receives. Of two, each wakes the other to look for work whenever a frame comes; with
+one the demo runs a third faster. Not for a router: what it forwards to a slow reader would stop all it receives."""
 
 
 def main(service: type[Service[Any]], arguments: list[str] | None = None) -> NoReturn:
@@ -56,6 +59,8 @@ def _serve(service: Service[Any], options: argparse.Namespace) -> int:
     endpoint = Endpoint(
         mode=options.mode, connect=tuple(options.connect), listen=tuple(options.listen), namespace=options.namespace
     )
+    if options.mode != "router":
+        os.environ.setdefault("ZENOH_RUNTIME", ZENOH_RUNTIME)  # read when the process opens its first session
     bus: ZenohBus | None = None
     node: Node | None = None
 

@@ -10,7 +10,7 @@ import sys
 import time
 import uuid
 from collections import Counter, deque
-from queue import Empty, SimpleQueue
+from queue import Empty
 from typing import Any, Literal, TypeVar
 
 from schemas.base import Message, Request, TickRequest, Wire
@@ -23,6 +23,7 @@ from surefoot.compiling import COMPILING
 from surefoot.config import config_hash
 from surefoot.errors import CallError, Refusal
 from surefoot.frame import Frame
+from surefoot.inbox import Inbox
 from surefoot.join import DRIVER, Delayed, Join, TickInputs
 from surefoot.service import Service
 from surefoot.version import VERSION
@@ -34,6 +35,8 @@ KEEP_TICKS = 20
 """Outputs of so many ticks are kept, to be sent again when the driver repeats a tick."""
 JOIN_RETRY_S = 0.3
 HEALTH_PERIOD_S = 1.0
+LOOK_S = 0.1
+"""A node looks into its inbox at least so often: a frame that it waits for may never come."""
 NOT_READY_S = 2.0
 """A query that asks about a tick which does not come is answered ``not_ready`` after this wall time."""
 
@@ -48,7 +51,7 @@ class Node:
         self.bus = bus
         self.name = service.name
         self.instance = uuid.uuid4().hex[:12]
-        self.inbox: SimpleQueue[Any] = SimpleQueue()
+        self.inbox = Inbox()
         self.join = Join(service.name, service.inputs)
         self.refused: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
@@ -124,8 +127,9 @@ class Node:
         try:
             while not self.stopping:
                 self.pump()
+                wait = min(self._timers(), LOOK_S)
                 try:
-                    self.handle(self.inbox.get(timeout=self._timers()))
+                    self.handle(self.inbox.get(wait, self.join.awaited()))
                 except Empty:
                     continue
         finally:

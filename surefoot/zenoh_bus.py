@@ -166,7 +166,7 @@ class ZenohBus:
             else:
                 self.subscribe(topic, sink)
         for owner, wanted in owners.items():
-            handler = Callback(_frame_sink(wanted, sink), indirect=False)
+            handler = Callback(_frame_sink(owner, wanted, sink), indirect=False)
             self._keep.append(self.session.declare_subscriber(family.format(owner), handler))
 
     def serve(self, query: Query[Any, Any], sink: Callable[[Incoming], None]) -> None:
@@ -267,11 +267,13 @@ def _keep_thread_state() -> None:
         ctypes.pythonapi.PyGILState_Ensure()
 
 
-def _frame_sink(wanted: dict[str, Topic[Any]], sink: Callable[[Any], None]) -> Callable[[zenoh.Sample], None]:
+def _frame_sink(
+    owner: str, wanted: dict[str, Topic[Any]], sink: Callable[[Any], None]
+) -> Callable[[zenoh.Sample], None]:
     def on_sample(sample: zenoh.Sample) -> None:
         _keep_thread_state()
         index = sample.attachment
-        sink(Frame(wanted, sample.payload.to_bytes(), b"" if index is None else index.to_bytes()))
+        sink(Frame(owner, wanted, sample.payload.to_bytes(), b"" if index is None else index.to_bytes()))
 
     return on_sample
 

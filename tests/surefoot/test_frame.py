@@ -28,7 +28,7 @@ def parts(seed: int, count: int) -> list[Part]:
 @pytest.mark.parametrize("seed", range(30))
 def test_what_is_taken_comes_out_as_it_was(seed: int) -> None:
     said = parts(seed, 1 + seed % 12)
-    found = Frame(TAKEN, *pack(said)).deliveries()
+    found = Frame("driver", TAKEN, *pack(said)).deliveries()
     expected = [part for part in said if part.key in TAKEN]
     assert [d.topic.key for d in found] == [part.key for part in expected]
     assert [d.raw().payload for d in found] == [part.payload for part in expected]
@@ -58,7 +58,7 @@ def test_payload_is_a_json_array_any_tool_can_read() -> None:
 )
 def test_what_is_no_frame_is_refused(payload: bytes, index: bytes) -> None:
     with pytest.raises(Refusal, match="frame") as caught:
-        Frame(TAKEN, payload, index).deliveries()
+        Frame("driver", TAKEN, payload, index).deliveries()
     assert caught.value.code == "malformed"
     assert len(caught.value.message) < 400
 

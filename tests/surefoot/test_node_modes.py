@@ -164,7 +164,7 @@ def test_services_that_await_each_other_do_every_tick_in_paced_mode_even_after_o
                 if topic.due(inputs.number):
                     header = Header(tick=inputs.number, epoch=1, source=name)
                     for _, reader in joins.values():
-                        if topic.key in reader.keys:
+                        if topic.key in reader.owners:
                             reader.offer(topic, header)
     for name, ticks in done.items():
         assert ticks[-30:] == list(range(90, 120)), name
