@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from schemas.topics import CMD_JOINTS, Kind
+from surefoot.driver import Driver
 from surefoot.join import DRIVER, Delayed
 from surefoot.service import Service
 
@@ -21,9 +22,10 @@ class Edge:
     delayed: bool = False
 
 
-def edges(services: Iterable[type[Service[Any]]], driver: str = "simulator") -> list[Edge]:
+def edges(services: Iterable[type[Service[Any]]]) -> list[Edge]:
     """All declared edges. The driver's command input closes the loop through the actuation delay, so it is delayed."""
-    found: list[Edge] = []
+    services, found = list(services), list[Edge]()
+    driver = next((service.name for service in services if issubclass(service, Driver)), DRIVER)
 
     def owner(name: str) -> str:
         return driver if name == DRIVER else name

@@ -7,6 +7,7 @@ Honoured: `name`, `services`, and per service `command`, `environment`, `depends
 Every other key is refused by name: a file that asks for something must not be started without it.
 """
 
+import os
 import re
 import shlex
 from collections.abc import Mapping
@@ -84,6 +85,12 @@ class Compose:
     def service_names(self) -> tuple[str, ...]:
         """Names in dependency order."""
         return tuple(service.name for service in self.services)
+
+    @property
+    def robot(self) -> str:
+        """The robot the file is for, a name or a folder: what its services are told, else the caller's."""
+        told = (s.environment["SUREFOOT_ROBOT"] for s in self.services if "SUREFOOT_ROBOT" in s.environment)
+        return next(told, os.environ.get("SUREFOOT_ROBOT", "ragno"))
 
     def service(self, name: str) -> ComposeService:
         """Return the service of that name; KeyError when the file has none."""

@@ -12,7 +12,7 @@ from services.supervisor.compose import Compose
 from services.supervisor.process import Child
 from services.supervisor.rundir import RunFolder, RunFolderError
 from services.supervisor.session import STEP_S, Session
-from services.supervisor.system import DRIVER_SERVICE, SELF
+from services.supervisor.system import SELF
 from surefoot.errors import BusError, CallError
 
 READY_S = 90.0  # s wall, until every service is there; the first start compiles kernels
@@ -70,10 +70,11 @@ def keep(
             if rows != written:
                 session.folder.write_rows(rows)
                 written = rows
-            simulator = session.instance_of(DRIVER_SERVICE)
-            if simulator and simulator != reset_by and wanted <= set(session.alive):
-                _reset(session, order, tell)
-                reset_by = simulator
+            driver = session.instance_of(session.driver)
+            if driver and driver != reset_by and wanted <= set(session.alive):
+                if session.answers(SIM_RESET):  # else the driver of a real robot, which starts the clock itself
+                    _reset(session, order, tell)
+                reset_by = driver
             if not told and session.supervisor.ticks > 0 and (session.system.settled() or not spawn):
                 session.folder.write_ready()
                 ready()

@@ -18,7 +18,6 @@ from services.supervisor.plots import Timing
 from services.supervisor.report import About, write_report
 from services.supervisor.scenario import TICK_S, Scenario
 from services.supervisor.session import Session
-from services.supervisor.system import DRIVER_SERVICE
 from services.supervisor.traces import Traces
 from surefoot.errors import BusError, CallError
 from surefoot.robot import load_robot
@@ -97,8 +96,6 @@ def run_scenario(
         "SUREFOOT_SIMULATOR_AUTOSTART": "false",  # the first epoch is ours
     }
     with Session(compose, listen=options.listen, director=director, environment=environment, tell=tell) as session:
-        if DRIVER_SERVICE not in session.system.service_names:
-            raise BusError("no_simulator", f"a scenario needs the {DRIVER_SERVICE}; {compose.path} does not list it")
         reset = _reset(session, scenario, options, seed)
         tell(f"run {reset.run_id} begins")
         start_s, problems = _follow(session, scenario, director, began, show)
@@ -126,8 +123,10 @@ def run_scenario(
 
 def _reset(session: Session, scenario: Scenario, options: Options, seed: int) -> ResetReply:
     """Build the world as soon as the simulator serves; the others may still be starting."""
-    if not session.wait_for(lambda: DRIVER_SERVICE in session.alive, START_S):
-        raise BusError("not_ready", f"the {DRIVER_SERVICE} is not there after {START_S:g} s")
+    if not session.wait_for(lambda: bool(session.driver), START_S):
+        raise BusError("not_ready", f"no service of {session.compose.path} drives after {START_S:g} s")
+    if not session.answers(SIM_RESET):
+        raise BusError("no_simulator", f"a scenario needs a simulator; {session.driver} does not answer sim/reset")
     return session.call(
         SIM_RESET,
         ResetRequest(

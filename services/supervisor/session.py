@@ -17,10 +17,11 @@ from services.supervisor.ports import owner_of, port_of
 from services.supervisor.reconcile import Action
 from services.supervisor.rundir import Endpoint, RunFolder
 from services.supervisor.service import Supervisor
-from services.supervisor.system import DRIVER_SERVICE, SELF, Row, System
+from services.supervisor.system import SELF, Row, System
 from surefoot.bus import Life
 from surefoot.config import ServiceConfig
 from surefoot.errors import BusError, CallError
+from surefoot.join import DRIVER
 from surefoot.launch import spare_collector
 from surefoot.node import Node
 from surefoot.zenoh_bus import DEFAULT_ENDPOINT, DEFAULT_FLEET, ZenohBus
@@ -48,7 +49,7 @@ class Session:
         self.compose = compose
         self.name = compose.name
         self.listen = listen or os.environ.get("SUREFOOT_LISTEN") or DEFAULT_ENDPOINT
-        self.robot = _robot(compose)
+        self.robot = compose.robot
         self.namespace = os.environ.get("SUREFOOT_NAMESPACE", f"{DEFAULT_FLEET}/{Path(self.robot).name}")
         self.folder = RunFolder(compose.name)
         self._spawn = spawn
@@ -154,12 +155,20 @@ class Session:
     @property
     def expected(self) -> tuple[str, ...]:
         """Services that must be ready before tick 0: all but the driver."""
-        return tuple(name for name in (*self.system.service_names, SELF) if name != DRIVER_SERVICE)
+        driver = self.driver
+        return tuple(name for name in (*self.system.service_names, SELF) if name != driver)
+
+    @property
+    def driver(self) -> str:
+        """The service that drives, whatever its name: it is alive as `driver` too; empty while none is visible."""
+        alive = dict(self._alive)
+        instance = alive.pop(DRIVER, None)
+        return next((name for name, other in alive.items() if other == instance), "")
 
     @property
     def alive(self) -> tuple[str, ...]:
         """Services that are visible on the bus."""
-        return tuple(sorted(self._alive))
+        return tuple(sorted(name for name in dict(self._alive) if name != DRIVER))
 
     def heard(self, service: str, *, well: bool) -> None:
         """Note a heartbeat."""
@@ -210,6 +219,11 @@ class Session:
         assert self._bus is not None
         return self._bus.call(query, request, timeout_s)
 
+    def answers(self, query: Query[Req, Rep]) -> bool:
+        """Tell whether anybody serves a query."""
+        assert self._bus is not None
+        return self._bus.probe(query)
+
     def health(self) -> dict[str, Health]:
         """Return the health of every service that answers."""
         found: dict[str, Health] = {}
@@ -226,14 +240,6 @@ class Session:
         log = self.folder.log(service)
         words = _last_line(log)
         return f"{service} does not run ({row.detail or 'ended'})" + (f": {words}" if words else "") + f"; see {log}"
-
-
-def _robot(compose: Compose) -> str:
-    """Return the robot a compose file is for: what its services are told."""
-    for service in compose.services:
-        if "SUREFOOT_ROBOT" in service.environment:
-            return service.environment["SUREFOOT_ROBOT"]
-    return os.environ.get("SUREFOOT_ROBOT", "ragno")
 
 
 def _last_line(log: Path) -> str:

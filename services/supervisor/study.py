@@ -21,7 +21,6 @@ from services.supervisor.files import find
 from services.supervisor.judge import Verdict, judge
 from services.supervisor.scenario import TICK_S, Scenario, find_scenario, load_scenario
 from services.supervisor.service import Supervisor
-from services.supervisor.system import DRIVER_SERVICE
 from surefoot.config import ServiceConfig, load_config
 from surefoot.driver import DriverNode
 from surefoot.local import LocalSystem
@@ -53,7 +52,7 @@ def build_services(names: Iterable[str], robot: str, director: Director, recordi
             continue
         kind: type[Service[Any]] = importlib.import_module(f"services.{name}.service").SERVICE
         overrides = [f"robot={robot!r}"]
-        if name == DRIVER_SERVICE:
+        if "autostart" in kind.Config.model_fields:  # the first epoch is ours
             overrides.append("autostart=false")
         config = load_config(kind.Config, name, None, None, overrides)
         if name == "recorder":
@@ -81,10 +80,9 @@ def run_local(
     """
     seed = scenario.seed if seed is None else seed
     compose = load_compose(find("compose", scenario.compose, ".yaml", ComposeError))
-    robot = compose.service(DRIVER_SERVICE).environment.get("SUREFOOT_ROBOT", "ragno")
     director = Director(scenario)
     names = [name for name in compose.service_names if name not in set(without)]
-    services = build_services(names, robot, director, recording)
+    services = build_services(names, compose.robot, director, recording)
     system = LocalSystem(services)
     supervisor = next(service for service in services if isinstance(service, Supervisor))
     try:

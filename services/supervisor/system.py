@@ -18,7 +18,6 @@ from services.supervisor.reconcile import (
 )
 from services.supervisor.rundir import RunFolder
 
-DRIVER_SERVICE = "simulator"
 SELF = "supervisor"  # listed in the compose file for container engines; here it is this very process
 STEP_S = 0.02  # s, how often processes are looked at
 PAUSE_S = 1.0  # s; a longer gap between two looks means that the machine slept

@@ -10,7 +10,9 @@ ROOT = Path(__file__).parents[2]
 MAX_LINES = 400
 KEEP_TIME = ("simulator", "supervisor")
 """Who may read the clock: the driver, which paces, and who watches processes."""
-HOSTS = re.compile(r"pypi\.org|files\.pythonhosted|npmjs|index-url|find-links", re.IGNORECASE)
+_WORDS = ("py" + r"pi\.org", "python" + "hosted", "npm" + "js", "index" + "-url", "find" + "-links")
+HOSTS = re.compile("|".join(_WORDS), re.IGNORECASE)
+"""Registries and the options that name one; in pieces, so that this file does not name them either."""
 
 
 def tracked() -> list[Path]:
@@ -33,7 +35,7 @@ def test_no_long_module() -> None:
 def test_nothing_names_a_registry_or_a_machine() -> None:
     places = (f"{ROOT}/", f"{Path.home()}/")
     for path in tracked():
-        if path.suffix in (".py", ".toml", ".md", ".yaml", ".lock", ".cff", "") and path != Path(__file__):
+        if path.suffix in (".py", ".toml", ".md", ".yaml", ".lock", ".cff", ""):
             text = path.read_text(errors="ignore")
             assert not HOSTS.search(text), path
             assert not any(place in text for place in places), path
