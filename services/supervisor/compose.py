@@ -1,8 +1,8 @@
 """Compose files: a documented subset of the Compose Specification, the same file for `surefoot up` and for Docker.
 
-Honoured: `name`, `services`, and per service `command`, `environment`, `depends_on` (conditions `service_started` and
-`service_healthy`), `healthcheck` (`test`, `interval`, `retries`, `start_period`, `disable`), `restart`,
-`stop_grace_period`. Accepted because only a container engine has a use for them: `image`, `build`, `network_mode`,
+Honoured: `name`, `services`, and per service `extends`, `command`, `environment`, `depends_on` (conditions
+`service_started` and `service_healthy`), `healthcheck` (`test`, `interval`, `retries`, `start_period`, `disable`),
+`restart`, `stop_grace_period`. Accepted because only a container engine has a use for them: `image`, `build`, `network_mode`,
 `init`, and `healthcheck.timeout`. Keys that begin with `x-` are the user's own, as the specification says.
 Every other key is refused by name: a file that asks for something must not be started without it.
 """
@@ -13,10 +13,11 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import yaml
 
+from services.supervisor.extends import extended
 from services.supervisor.files import FileError, read_text
 from surefoot.tables import Table
 
@@ -119,20 +120,31 @@ def parse_compose(text: str, path: Path = Path("compose.yaml")) -> Compose:
 
 
 def _compose(text: str, path: Path) -> Compose:
+    top = Table(_content(text), error=ComposeError)
+    name = _name(top, "name", top.text("name") if top.has("name") else path.stem)
+    raw = top.raw("services")
+    if isinstance(raw, Mapping):
+        raw = extended(cast("Mapping[str, Any]", raw), path, _read, ComposeError)
+    tables = Table(raw, "services", ComposeError).items()
+    services = [_service(table, _name(top, "services", key)) for key, table in tables]
+    if not services:
+        raise top.refuse("missing", "services", "names no service")
+    _close(top)
+    return Compose(name, path, _in_order(services))
+
+
+def _read(path: Path) -> object:
+    return _content(read_text(path, ComposeError))
+
+
+def _content(text: str) -> object:
     try:
-        content = yaml.load(text, Loader=_UniqueKeyLoader)
+        return yaml.load(text, Loader=_UniqueKeyLoader)
     except (yaml.YAMLError, RecursionError, ValueError) as exc:
         mark = getattr(exc, "problem_mark", None)
         line = f"line {mark.line + 1}: " if mark is not None else ""
         problem = getattr(exc, "problem", None) or "cannot be parsed"
         raise ComposeError("syntax", "file", f"is not YAML: {line}{problem}") from exc
-    top = Table(content, error=ComposeError)
-    name = _name(top, "name", top.text("name") if top.has("name") else path.stem)
-    services = [_service(table, _name(top, "services", key)) for key, table in top.table("services").items()]
-    if not services:
-        raise top.refuse("missing", "services", "names no service")
-    _close(top)
-    return Compose(name, path, _in_order(services))
 
 
 def _name(table: Table, key: str, name: object) -> str:

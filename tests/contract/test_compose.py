@@ -4,15 +4,22 @@ import os
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 
-from services.supervisor.compose import load_compose
+from services.supervisor.compose import ComposeError, load_compose
+from services.supervisor.extends import extended
 from services.supervisor.launch import service_names
 from surefoot.robot import robot_names
 
 ROOT = Path(__file__).parents[2]
 FILES = sorted((ROOT / "compose").glob("*.yaml"))
+
+
+def read(path: Path) -> Any:
+    return yaml.safe_load(path.read_text(encoding="utf-8"))
 
 
 def test_there_are_some() -> None:
@@ -37,9 +44,7 @@ def test_names_services_that_exist(path: Path) -> None:
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_containers_share_the_network_of_the_host(path: Path) -> None:
     """The router listens on loopback only, so every container has to be there."""
-    import yaml
-
-    for service in yaml.safe_load(path.read_text(encoding="utf-8"))["services"].values():
+    for service in extended(read(path)["services"], path, read, ComposeError).values():
         assert service["network_mode"] == "host"
         assert (ROOT / "compose" / service["build"]["context"] / service["build"]["dockerfile"]).is_file()
 

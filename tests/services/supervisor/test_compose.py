@@ -49,6 +49,62 @@ def test_a_disabled_health_check_is_none():
     assert [service.healthcheck for service in compose.services] == [None, None]
 
 
+BASE = """
+services:
+  first: {restart: always}
+  walker:
+    command: surefoot-service walker --set a=1
+    environment: [A=1, B=2]
+    depends_on: [first]
+    healthcheck: {interval: 2s, retries: 5}
+    restart: always
+"""
+
+
+def test_a_service_begins_as_the_one_it_extends(tmp_path):
+    (tmp_path / "base.yaml").write_text(BASE)
+    (tmp_path / "more.yaml").write_text("""
+services:
+  first: {extends: {file: base.yaml, service: first}}
+  mine:
+    extends: {file: base.yaml, service: walker}
+    environment: {B: 3, C: 4}
+    depends_on: {other: {condition: service_healthy}}
+    healthcheck: {test: [CMD, surefoot, health, mine], retries: 7}
+  other: {extends: first, restart: no}
+""")
+    compose = load_compose(tmp_path / "more.yaml")
+    mine, other = compose.service("mine"), compose.service("other")
+    assert mine.command == ("surefoot-service", "walker", "--set", "a=1")
+    assert mine.environment == {"A": "1", "B": "3", "C": "4"}
+    assert set(mine.depends_on) == {("first", "service_started"), ("other", "service_healthy")}
+    assert mine.healthcheck == HealthCheck(interval_s=2.0, retries=7)
+    assert (mine.restart, other.restart) == ("always", "no")
+
+
+@pytest.mark.parametrize(
+    ("services", "code", "field"),
+    [
+        ("{a: {extends: {file: base.yaml, service: walkr}}}", "unknown_name", "services.a.extends.service"),
+        ("{a: {extends: {file: none.yaml, service: a}}}", "not_found", "file"),
+        ("{a: {extends: {file: base.yaml}}}", "missing", "services.a.extends.service"),
+        ("{a: {extends: {service: a, from: b}}}", "unknown_key", "services.a.extends.from"),
+        ("{a: {extends: 3}}", "type", "services.a.extends"),
+        ("{a: {extends: b}, b: {extends: a}}", "value", "services.a.extends"),
+        ("{a: {extends: {file: broken.yaml, service: a}}}", "syntax", "file"),
+        ("{a: {extends: {file: base.yaml, service: ported}}}", "unknown_key", "services.a.ports"),
+        ("{a: {extends: {file: base.yaml, service: first}, environment: 3}}", "type", "services.a.environment"),
+    ],
+)
+def test_what_cannot_be_extended_is_refused_by_name(tmp_path, services, code, field):
+    (tmp_path / "base.yaml").write_text(BASE + "  ported: {ports: ['1:1']}")
+    (tmp_path / "broken.yaml").write_text("{")
+    (tmp_path / "some.yaml").write_text(f"services: {services}")
+    with pytest.raises(ComposeError) as caught:
+        load_compose(tmp_path / "some.yaml")
+    assert (caught.value.code, caught.value.field) == (code, field)
+
+
 @pytest.mark.parametrize(
     ("text", "code", "field"),
     [
