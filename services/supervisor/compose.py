@@ -2,9 +2,9 @@
 
 Honoured: `name`, `services`, and per service `extends`, `command`, `environment`, `depends_on` (conditions
 `service_started` and `service_healthy`), `healthcheck` (`test`, `interval`, `retries`, `start_period`, `disable`),
-`restart`, `stop_grace_period`. Accepted because only a container engine has a use for them: `image`, `build`, `network_mode`,
-`init`, and `healthcheck.timeout`. Keys that begin with `x-` are the user's own, as the specification says.
-Every other key is refused by name: a file that asks for something must not be started without it.
+`restart`, `stop_grace_period`. Accepted because only a container engine has a use for them: `image`, `build`,
+`network_mode`, `init`, and `healthcheck.timeout`. Keys that begin with `x-` are the user's own, as the specification
+says. Every other key is refused by name: a file that asks for something must not be started without it.
 """
 
 import os
