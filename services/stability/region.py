@@ -92,7 +92,7 @@ def region(
     first = given if not refine and _has_axes(given) else np.concatenate((AXES, given))
     skip = len(first) - len(given) if not refine else 0
     if n > 1 and contacts.mu.min() > SMALL_MU and contacts.mu.max() < math.inf:
-        begin = np.concatenate((edge_normals(contacts.position), given)) if refine else first
+        begin = np.concatenate((corner_normals(contacts.position), given)) if refine else first
         found = _ordinary(contacts, begin, refine, tolerance, max(limit, len(begin)), skip)
         if found is not None:
             return found
@@ -119,10 +119,7 @@ def _has_axes(directions: Array) -> bool:
 
 @row_kernel
 def edge_normals(position: Array) -> Array:
-    """Where refinement begins: outward normals of the hull of the contacts if it has 3 to 8 edges, else the axes.
-
-    On mild ground these are the edges of the region, so that later directions go where it is curved.
-    """
+    """Outward normals of the hull of the contacts if it has 3 to 8 edges, else the axes: on mild ground its edges."""
     corners = hull(position[:, :2].copy())
     n = corners.shape[0]
     if n < 3 or n > 8:
@@ -133,6 +130,24 @@ def edge_normals(position: Array) -> Array:
         dx, dy = corners[j, 0] - corners[i, 0], corners[j, 1] - corners[i, 1]
         length = math.hypot(dx, dy)
         out[i, 0], out[i, 1] = dy / length, -dx / length
+    return out
+
+
+@row_kernel
+def corner_normals(position: Array) -> Array:
+    """Where refinement begins: outward at each corner of the hull of the contacts, between the normals of its edges.
+
+    On mild ground the support points are these corners at once; directions between them then go where it is curved.
+    """
+    edges = edge_normals(position)
+    n = edges.shape[0]
+    out = np.empty((n, 2))
+    for i in range(n):
+        x, y = edges[i, 0] + edges[(i + 1) % n, 0], edges[i, 1] + edges[(i + 1) % n, 1]
+        length = math.hypot(x, y)
+        if length < 1e-3:  # a needle
+            return edges
+        out[i, 0], out[i, 1] = x / length, y / length
     return out
 
 
