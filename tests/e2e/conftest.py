@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.e2e.live import environment, free_port
+from tests.e2e.live import environment
+from tests.ports import free_address
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -15,7 +16,7 @@ Run = Callable[..., subprocess.CompletedProcess[str]]
 @pytest.fixture
 def surefoot(tmp_path: Path) -> Run:
     """`surefoot WORDS`, with an own state folder, port and namespace."""
-    settings = environment(tmp_path, SUREFOOT_LISTEN=f"tcp/127.0.0.1:{free_port()}", SUREFOOT_NAMESPACE="test/cli")
+    settings = environment(tmp_path, SUREFOOT_LISTEN=free_address(), SUREFOOT_NAMESPACE="test/cli")
 
     def run(*words: str, timeout: float = 60.0, **more: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(

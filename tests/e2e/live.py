@@ -2,7 +2,6 @@
 
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -27,6 +26,7 @@ from surefoot.bus import Life
 from surefoot.config import ServiceConfig
 from surefoot.node import Node
 from surefoot.zenoh_bus import Endpoint, ZenohBus
+from tests.ports import free_port
 
 ROOT = Path(__file__).parents[2]
 START_S = 60.0  # s wall, a first start compiles kernels
@@ -38,13 +38,6 @@ SERVICES = tuple(
     if name != Supervisor.name
 )
 """What the compose file starts beside the supervisor."""
-
-
-def free_port() -> int:
-    """A port nobody listens on."""
-    with socket.socket() as found:
-        found.bind(("127.0.0.1", 0))
-        return int(found.getsockname()[1])
 
 
 def environment(folder: Path, **more: str) -> dict[str, str]:

@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -17,6 +16,7 @@ from services.supervisor.scenario import find_scenario, load_scenario
 from services.supervisor.study import run_local
 from surefoot.client import connect
 from surefoot.errors import BusError
+from tests.ports import free_address
 
 ROOT = Path(__file__).parents[2]
 BIN = Path(sys.executable).parent
@@ -43,9 +43,7 @@ print(json.dumps({"velocity": v["velocity"], "region": region, "error": error, "
 def endpoint(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """A system that is up on a port of its own."""
     folder = tmp_path_factory.mktemp("up")
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        where = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    where = free_address()
     environment = dict(os.environ, SUREFOOT_LISTEN=where, XDG_STATE_HOME=str(folder))
     with (folder / "up.log").open("w") as log:
         command = [sys.executable, "-m", "services.supervisor.cli", "up", "ragno"]
@@ -127,9 +125,7 @@ def test_example_runs(endpoint: str, name: str, tmp_path: Path) -> None:
 
 
 def test_a_run_in_one_process_has_the_hash_of_the_run_over_zenoh(tmp_path: Path) -> None:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        where = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    where = free_address()
     environment = dict(os.environ, SUREFOOT_LISTEN=where, XDG_STATE_HOME=str(tmp_path))
     command = [sys.executable, "-m", "services.supervisor.cli", "run", "stand", "--seed", "5", "--json"]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)

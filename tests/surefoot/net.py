@@ -1,6 +1,5 @@
 """A router and sessions on a loopback port, inside this process; for tests over Zenoh."""
 
-import socket
 import threading
 import time
 from collections.abc import Callable
@@ -14,21 +13,16 @@ from schemas.topics import STABILITY_REGION
 from surefoot.bus import Incoming
 from surefoot.errors import Refusal
 from surefoot.zenoh_bus import Endpoint, ZenohBus
+from tests.ports import free_address
 
 WAIT_S = 5.0  # bound of every wait; all come in milliseconds
-
-
-def free_port() -> int:
-    with socket.socket() as found:
-        found.bind(("127.0.0.1", 0))
-        return int(found.getsockname()[1])
 
 
 class Net:
     """A router and sessions that join it."""
 
     def __init__(self, namespace: str = "test/net") -> None:
-        self.address, self.namespace = f"tcp/127.0.0.1:{free_port()}", namespace
+        self.address, self.namespace = free_address(), namespace
         self.buses: list[ZenohBus] = []
         self.router = self.open("router")
 

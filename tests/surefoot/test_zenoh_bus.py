@@ -19,7 +19,8 @@ from surefoot.codec import encode, encoding_of
 from surefoot.errors import BusError, CallError, Refusal
 from surefoot.zenoh_bus import Endpoint, ZenohBus, zenoh_config
 from surefoot.zenoh_publish import FramedPublisher
-from tests.surefoot.net import WAIT_S, Inbox, Net, free_port, matched, reached, serve, wait_until
+from tests.ports import free_address
+from tests.surefoot.net import WAIT_S, Inbox, Net, matched, reached, serve, wait_until
 from tests.surefoot.toys import estimate
 
 IMU = Imu(acc=(0.1, -1 / 3, 9.81), gyro=(1e-17, 0.0, -5.5), stamp_ns=7, tick=0, epoch=1, seq=0, source="driver")
@@ -295,7 +296,7 @@ def test_busy_port_is_one_sentence_with_the_flag(net: Net) -> None:
 
 def test_no_router_is_one_sentence_with_the_flag(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(zenoh_bus, "CONNECT_TIMEOUT_MS", 200)
-    address = f"tcp/127.0.0.1:{free_port()}"
+    address = free_address()
     with pytest.raises(BusError, match="--connect") as caught:
         ZenohBus(Endpoint("client", (address,), (), "test/nobody"))
     assert address in caught.value.message

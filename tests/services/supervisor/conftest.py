@@ -1,7 +1,6 @@
 """What several tests need: an invented run for judge and report, and the command line for live tests."""
 
 import os
-import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 
 from services.supervisor.traces import Traces
+from tests.ports import free_address
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
@@ -114,6 +114,14 @@ def invented():
     return SimpleNamespace(**{make.__name__: make for make in makers})
 
 
+@pytest.fixture
+def listen(monkeypatch, tmp_path):
+    """An own state folder, and the endpoint of an own router."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.delenv("SUREFOOT_LISTEN", raising=False)
+    return free_address()
+
+
 @pytest.fixture(scope="session")
 def command_line():
     """`surefoot`, run by this Python."""
@@ -124,13 +132,10 @@ def command_line():
 def place(tmp_path_factory):
     """Own state folder and port; the kernels' stamps stay shared."""
     folder = tmp_path_factory.mktemp("live")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
     environment = {
         **{key: value for key, value in os.environ.items() if not key.startswith("SUREFOOT_")},
         "XDG_STATE_HOME": str(folder / "state"),
-        "SUREFOOT_LISTEN": f"tcp/127.0.0.1:{port}",
+        "SUREFOOT_LISTEN": free_address(),
         "PYTHONPATH": str(Path(__file__).parents[3]),
         "NO_COLOR": "1",
     }

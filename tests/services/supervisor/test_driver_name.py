@@ -1,6 +1,5 @@
 """Whichever service drives is found on the bus: its name is nobody's business, and only a simulator is reset."""
 
-import socket
 import threading
 
 import pytest
@@ -22,17 +21,9 @@ services:
 
 
 @pytest.fixture
-def listen(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    monkeypatch.setenv("SUREFOOT_NAMESPACE", "test/bench")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{free.getsockname()[1]}"
-
-
-@pytest.fixture
-def appear(listen):
+def appear(listen, monkeypatch):
     """The processes of the system do nothing; here is what they would say on the bus."""
+    monkeypatch.setenv("SUREFOOT_NAMESPACE", "test/bench")
     buses = []
 
     def announce(resets=None):

@@ -4,13 +4,13 @@ import json
 import os
 import re
 import signal
-import socket
 import time
 
 import pytest
 
 from services.supervisor.rundir import RunFolder
 from surefoot.zenoh_bus import Endpoint, ZenohBus
+from tests.ports import free_address
 
 pytestmark = pytest.mark.e2e
 
@@ -64,9 +64,7 @@ def test_an_emergency_stop_is_confirmed_by_the_driver_and_released_by_a_reset(sy
 
 
 def test_a_stop_that_nobody_confirms_is_an_error(surefoot, place):
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    address = free_address()
     bus = ZenohBus(Endpoint("router", (), (address,), "test/nobody"))
     try:
         done = surefoot("stop", "--timeout", "0.3", "--connect", address, "--namespace", "test/nobody", "--json")

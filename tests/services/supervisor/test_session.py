@@ -29,15 +29,6 @@ services:
 """
 
 
-@pytest.fixture
-def listen(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    monkeypatch.delenv("SUREFOOT_LISTEN", raising=False)
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{free.getsockname()[1]}"
-
-
 def pids(session):
     return {row.service: row.pid for row in session.system.rows() if row.pid is not None}
 

@@ -1,0 +1,15 @@
+"""A port of its own for every test that needs a router."""
+
+import socket
+
+
+def free_port() -> int:
+    """A port nobody listens on."""
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
+def free_address() -> str:
+    """An endpoint nobody listens on."""
+    return f"tcp/127.0.0.1:{free_port()}"
