@@ -1,13 +1,34 @@
-"""``surefoot-service <name> [options]``: starts one service of the folder `services`, found by its name."""
+"""``surefoot-service <name> [options]``: starts one service, of the folder `services` or of an installed package."""
 
 import importlib
 import pkgutil
 import sys
+from typing import Any
 
 import services
 
+GROUP = "surefoot.services"
+"""Entry points of other packages: name of the service = its class. Ours come first, so none can be replaced unseen."""
+
 
 def service_names() -> tuple[str, ...]:
+    """Return the names of all services, those of other packages last."""
+    from importlib.metadata import entry_points
+
+    ours = own_service_names()
+    return (*ours, *sorted({point.name for point in entry_points(group=GROUP)} - set(ours)))
+
+
+def service_class(name: str) -> Any:
+    """Return the class of a service (raises KeyError: no service has that name)."""
+    if name in own_service_names():
+        return importlib.import_module(f"services.{name}.service").SERVICE
+    from importlib.metadata import entry_points
+
+    return entry_points(group=GROUP)[name].load()
+
+
+def own_service_names() -> tuple[str, ...]:
     """Return the folders in `services` that have a module `service`."""
     found: list[str] = []
     for module in pkgutil.iter_modules(services.__path__):
@@ -20,19 +41,21 @@ def service_names() -> tuple[str, ...]:
 def main(arguments: list[str] | None = None) -> None:
     """Run a service; the remaining arguments are its own."""
     words = sys.argv[1:] if arguments is None else arguments
-    names = service_names()
     if not words or words[0] in ("-h", "--help"):
-        sys.stdout.write(f"usage: surefoot-service <name> [options]\nservices: {', '.join(names)}\n")
+        sys.stdout.write(f"usage: surefoot-service <name> [options]\nservices: {', '.join(service_names())}\n")
         sys.exit(0 if words else 2)
-    if words[0] not in names:
+    try:
+        service = service_class(words[0])
+    except KeyError:
         from surefoot.tables import did_you_mean
 
+        names = service_names()
         hint = did_you_mean(words[0], names)
         sys.stderr.write(f"no service is named {words[0]!r}{hint}; there are {', '.join(names)}\n")
         sys.exit(2)
     from surefoot.launch import main as run
 
-    run(importlib.import_module(f"services.{words[0]}.service").SERVICE, words[1:])
+    run(service, words[1:])
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
 For studies over many seeds: every seed is a process of its own, without ports, as many at a time as there are cores.
 """
 
-import importlib
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -19,6 +18,7 @@ from services.supervisor.compose import ComposeError, load_compose
 from services.supervisor.director import Director
 from services.supervisor.files import find
 from services.supervisor.judge import Verdict, judge
+from services.supervisor.launch import service_class
 from services.supervisor.scenario import TICK_S, Scenario, find_scenario, load_scenario
 from services.supervisor.service import Supervisor
 from surefoot.config import ServiceConfig, load_config
@@ -50,7 +50,7 @@ def build_services(names: Iterable[str], robot: str, director: Director, recordi
         if name == Supervisor.name:
             built.append(Supervisor(ServiceConfig(robot=robot), director))
             continue
-        kind: type[Service[Any]] = importlib.import_module(f"services.{name}.service").SERVICE
+        kind: type[Service[Any]] = service_class(name)
         overrides = [f"robot={robot!r}"]
         if "autostart" in kind.Config.model_fields:  # the first epoch is ours
             overrides.append("autostart=false")

@@ -1,6 +1,5 @@
 """`surefoot graph`: the dataflow as the services declare it."""
 
-import importlib
 from enum import StrEnum
 from typing import Annotated
 
@@ -22,11 +21,11 @@ def graph(
     json: Json = False,
 ) -> None:
     """Print who needs what from whom, from the declarations of the services."""
-    from services.supervisor.launch import service_names
+    from services.supervisor.launch import service_class, service_names
     from surefoot.graph import edges, order
 
     use_json(json)
-    services = [importlib.import_module(f"services.{name}.service").SERVICE for name in service_names()]
+    services = [service_class(name) for name in service_names()]
     found = sorted(edges(services), key=lambda edge: (edge.source, edge.target, edge.key))
     if json:
         write_json({"order": order(services), "edges": found})
