@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from schemas.base import MAX_FEET, Message, PerJoint, Reply, Request, Vec3
+from schemas.base import MAX_FEET, Message, PerJoint, Reply, Request, Vec3, Wire
 
 
 class Tick(Message):
@@ -46,6 +46,40 @@ class FootContacts(Message):
     )
     normal_force_n: Annotated[tuple[float | None, ...], Field(max_length=MAX_FEET)] = Field(
         description="per foot the force along the sole normal, N; null = no such sensor"
+    )
+
+
+class Sighting(Wire):
+    """Where something on the floor is, from base_link."""
+
+    range: float = Field(ge=0, description="m, along the floor")
+    bearing: float = Field(description="rad, against the heading of base_link, left positive")
+
+
+class Landmark(Sighting):
+    """A landmark that was recognised."""
+
+    descriptor: Annotated[tuple[float, ...], Field(max_length=256)] = Field(
+        description="what it looks like; the same landmark looks alike each time, up to noise"
+    )
+
+
+class LandmarkDetections(Message):
+    """What a camera recognised in one image; ``stamp_ns`` is the end of the exposure."""
+
+    landmarks: Annotated[tuple[Landmark, ...], Field(max_length=256)] = Field(description="in no meaningful order")
+    goal: Sighting | None = Field(default=None, description="the marker of the goal; null = not seen")
+
+
+class Range(Message):
+    """Ultrasound and bumpers: what is in the way."""
+
+    distance: float | None = Field(ge=0, description="m, nearest echo; null = none within reach")
+    shortest: float = Field(ge=0, description="m, nearer things read as this")
+    longest: float = Field(gt=0, description="m, end of the reach")
+    field_of_view: float = Field(gt=0, description="rad, full cone about the heading")
+    bump: Annotated[tuple[bool, ...], Field(max_length=MAX_FEET)] = Field(
+        description="per foot: pressed against something upright since the last sample"
     )
 
 

@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from schemas.base import MAX_FEET, Message, PerFoot, PerJoint, QuatWxyz, Reply, Request, Vec3
+from schemas.base import MAX_FEET, Message, PerFoot, PerJoint, QuatWxyz, Reply, Request, Vec2, Vec3
 
 
 def _empty(values: tuple[float, ...]) -> bool:
@@ -72,13 +72,15 @@ class World(Request):
     torque_per_ampere: float | None = Field(
         default=None, gt=0, le=100, description="Nm/A, true constant of the servo motors; null = as described"
     )
+    goal: Vec2 | None = Field(default=None, description="m, marker of the goal on the floor; null = none")
+    landmarks: float = Field(default=40.0, ge=0, le=400, description="1/m2, landmarks on the floor for a camera")
     perturbation: float = Field(default=0.0, ge=0, le=10, description="level of model perturbation, 0 = nominal")
 
 
 class ResetRequest(Request):
     """Builds the world anew and raises the epoch; the run begins when every expected service is ready."""
 
-    schema_version: ClassVar[str] = "1.1"
+    schema_version: ClassVar[str] = "1.2"
     seed: int = Field(default=0, ge=0, lt=2**31, description="seed of everything random in the run")
     world: World = Field(default_factory=World, description="which world")
     expect: tuple[str, ...] = Field(default=(), description="services that must be ready before tick 0")

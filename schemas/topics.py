@@ -95,6 +95,10 @@ HW_TICK = Topic("hw/tick", hw.Tick, Kind.LOCKSTEP, "driver", deterministic=False
 HW_IMU = Topic("hw/imu", hw.Imu, Kind.SAMPLE, "driver", period_ticks=0, period_ns=TICK_NS)
 HW_JOINTS = Topic("hw/joints", hw.JointState, Kind.SAMPLE, "driver", period_ticks=0, period_ns=KINEMATICS_NS)
 HW_CONTACTS = Topic("hw/contacts", hw.FootContacts, Kind.SAMPLE, "driver", period_ticks=0, period_ns=KINEMATICS_NS)
+HW_LANDMARKS = Topic(
+    "hw/landmarks", hw.LandmarkDetections, Kind.SAMPLE, "driver", period_ticks=0, period_ns=100_000_000
+)
+HW_RANGE = Topic("hw/range", hw.Range, Kind.SAMPLE, "driver", period_ticks=0, period_ns=100_000_000)
 TERRAIN_MAP = Topic("terrain/map", terrain.HeightMapMessage, Kind.LATCHED, "driver", period_ticks=0)
 CMD_JOINTS = Topic("cmd/joints", hw.JointCommand, Kind.COMMAND, "walker")
 CMD_ESTOP = Topic("cmd/estop", hw.EmergencyStop, Kind.ALARM, "*", period_ticks=0, deterministic=False)

@@ -195,6 +195,8 @@ class Robot:
     sources: dict[str, str]
     model: KinematicModel
     hash: str  # sha256 of the content that changes behaviour (no sources, no comments)
+    camera: str | None = None  # profile of the landmark camera in `robots/cameras`
+    ranger: str | None = None  # profile of ultrasound and bumpers in `robots/rangers`
     joint_names: tuple[str, ...] = field(init=False)
     joint_lower: Array = field(init=False)  # (nj,)
     joint_upper: Array = field(init=False)  # (nj,)

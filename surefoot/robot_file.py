@@ -73,12 +73,14 @@ class _Reader:
         imu, profile = read_imu(self._sourced("imu"))
         contacts, encoder = read_contacts(self._sourced("contacts")), read_encoder(self._sourced("encoders"))
         current, gait = read_current(self._sourced("current")), self._gait(self._sourced("gait"))
+        camera, ranger = (top.name(key) if top.has(key) else None for key in ("camera", "ranger"))
         top.close()
         content = {"robot": canonical(self.data), "imu": canonical(profile)}
         digest = hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
         return r.Robot(
             name, kind, description, tuple(self.links), tuple(self.joints), tuple(self.legs), trunk, imu, contacts,
             encoder, current, gait, self.sources, _model(self.links, self.joints, self.legs), digest,
+            camera, ranger,
         )  # fmt: skip
 
     def _source(self, table: Table) -> None:

@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 
 DESCRIPTOR = 8  # numbers in a descriptor
 CAMERA_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # rot_link_from_camera, looking ahead
+NEAREST = 0.05  # m, of a point before the camera
 GOAL_SHARP = 3.0  # a goal marker is big: it stands this many times the blur
 
 
@@ -154,12 +155,10 @@ def motion(before: CameraPose, now: CameraPose, dt: float) -> tuple[Array, Array
 
 def seen(camera: Camera, pose: CameraPose, points: Array) -> tuple[NDArray[np.int64], Array]:
     """Which points of the floor (n, 2) are in the image, and where they are in camera axes, (k,) and (k, 3)."""
-    flat = np.column_stack((points, np.zeros(len(points))))
-    local = (flat - pose.position) @ pose.rot
-    ahead = local[:, 2] > 0.05
+    local = points @ pose.rot[:2] - pose.position @ pose.rot  # (n, 3)
+    index = np.flatnonzero(local[:, 2] > NEAREST)
     half = 0.5 * np.array([camera.width, camera.height]) / camera.focal
-    inside = ahead & (np.abs(local[:, :2]) <= half * np.where(ahead, local[:, 2], 0.0)[:, None]).all(axis=1)
-    index = np.flatnonzero(inside)
+    index = index[(np.abs(local[index, :2]) <= half * local[index, 2:]).all(axis=1)]
     return index, local[index]
 
 
@@ -222,7 +221,7 @@ class LandmarkSensor:
         distance = math.hypot(dx, dy) * (1.0 + c.range_sigma * noise[0])
         bearing = math.atan2(dy, dx) - base[2] + c.bearing_sigma * noise[1]
         bearing = math.atan2(math.sin(bearing), math.cos(bearing))
-        return Detection(distance, bearing, descriptor + c.descriptor_sigma * noise[2:], index)
+        return Detection(float(distance), float(bearing), descriptor + c.descriptor_sigma * noise[2:], index)
 
     def state(self) -> dict[str, Any]:
         """The random stream."""
@@ -231,20 +230,3 @@ class LandmarkSensor:
     def restore(self, state: dict[str, Any]) -> None:
         """Continue where `state` was taken."""
         self.rng.bit_generator.state = state["rng"]
-
-
-def wall_distance(walls: Array, x: float, y: float, yaw: float, half_cone: float, longest: float) -> float:
-    """Ultrasound: nearest point of walls (n, 4: x0, y0, x1, y1) in the cone about the heading, m, or `longest`."""
-    best = longest
-    for angle in np.linspace(yaw - half_cone, yaw + half_cone, 13):
-        dx, dy = math.cos(angle), math.sin(angle)
-        for x0, y0, x1, y1 in walls:
-            ex, ey = x1 - x0, y1 - y0
-            det = ex * dy - ey * dx
-            if abs(det) < 1e-12:
-                continue
-            t = (ex * (y0 - y) - ey * (x0 - x)) / det
-            u = (dx * (y0 - y) - dy * (x0 - x)) / det
-            if t >= 0.0 and 0.0 <= u <= 1.0:
-                best = min(best, t)
-    return best

@@ -1,10 +1,11 @@
 """Between the world's arrays and the messages on the bus."""
 
-from schemas.hw import FootContacts, Imu, JointState
+from schemas.hw import FootContacts, Imu, JointState, Landmark, LandmarkDetections, Range, Sighting
 from schemas.sim import Truth as TruthMessage
 from schemas.terrain import HeightMapMessage
-from schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, SIM_TRUTH
+from schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, HW_LANDMARKS, HW_RANGE, SIM_TRUTH
 from services.simulator.samples import Samples, Truth
+from services.simulator.sight import Sight
 from services.simulator.terrain import Terrain
 from surefoot.driver import Sample
 from surefoot.heightmap import HeightMap
@@ -29,6 +30,31 @@ def sample_messages(samples: Samples) -> list[Sample]:
         normal = (None,) * len(contacts.touch) if force is None else tuple(force.tolist())
         feet = FootContacts(touch=contacts.touch, normal_force_n=normal)
         out.append(Sample(HW_CONTACTS, feet, contacts.stamp_ns, contacts.seq))
+    return out
+
+
+def sight_messages(sight: Sight | None, stamp_ns: int) -> list[Sample]:
+    """Messages of what the robot sees and feels of its surroundings in a tick."""
+    out: list[Sample] = []
+    if sight is None:
+        return out
+    if sight.frame is not None:
+        frame, goal = sight.frame, sight.frame.goal
+        message = LandmarkDetections(
+            landmarks=tuple(
+                Landmark(range=d.range, bearing=d.bearing, descriptor=tuple(d.descriptor.tolist()))
+                for d in frame.landmarks
+            ),
+            goal=None if goal is None else Sighting(range=goal.range, bearing=goal.bearing),
+        )
+        out.append(Sample(HW_LANDMARKS, message, stamp_ns, frame.seq))
+    if sight.reach is not None and sight.ranger is not None:
+        r = sight.ranger
+        near = Range(
+            distance=sight.reach.distance, shortest=r.shortest, longest=r.longest, field_of_view=2.0 * r.half_cone,
+            bump=sight.reach.bump,
+        )  # fmt: skip
+        out.append(Sample(HW_RANGE, near, stamp_ns, sight.reach.seq))
     return out
 
 

@@ -17,6 +17,8 @@ from schemas.topics import (
     HW_DESCRIPTION,
     HW_IMU,
     HW_JOINTS,
+    HW_LANDMARKS,
+    HW_RANGE,
     SIM_CHECKPOINT,
     SIM_FAULT,
     SIM_FEATURES,
@@ -38,9 +40,10 @@ from services.simulator.command import STALE_NS, CommandGuard
 from services.simulator.faults import KINDS as FAULTS
 from services.simulator.faults import Fault, FaultError
 from services.simulator.ground import find_ground, perturbation
-from services.simulator.messages import map_message, sample_messages, truth_message
+from services.simulator.messages import map_message, sample_messages, sight_messages, truth_message
 from services.simulator.model import Physics
 from services.simulator.samples import Checkpoint
+from services.simulator.sight import Floor
 from services.simulator.terrain import KINDS, MAP_PROFILES, TerrainError, observed_map
 from services.simulator.world import World, WorldConfig, WorldError
 from surefoot.config import ServiceConfig
@@ -69,7 +72,7 @@ class Simulator(Driver[SimulatorConfig]):
 
     name = "simulator"
     Config = SimulatorConfig
-    outputs = (HW_IMU, HW_JOINTS, HW_CONTACTS, SIM_TRUTH, TERRAIN_MAP, SIM_STATUS)
+    outputs = (HW_IMU, HW_JOINTS, HW_CONTACTS, HW_LANDMARKS, HW_RANGE, SIM_TRUTH, TERRAIN_MAP, SIM_STATUS)
     observes = (CMD_ESTOP,)
     serves = (
         SIM_JOIN, HW_DESCRIPTION, TERRAIN_MAP_GET, SIM_RESET, SIM_STEP, SIM_PAUSE, SIM_PUSH, SIM_SET, SIM_FAULT,
@@ -109,7 +112,7 @@ class Simulator(Driver[SimulatorConfig]):
     def release(self, tick: int) -> list[Sample]:
         if tick > 0 and tick % STATUS_TICKS == 0:
             self.publish(SIM_STATUS, self._status())
-        return sample_messages(self.world.samples)
+        return sample_messages(self.world.samples) + sight_messages(self.world.sight, self.world.stamp_ns)
 
     def reveal(self, tick: int) -> list[Sample]:
         return [truth_message(self.world.truth(), tick)]
@@ -171,7 +174,11 @@ class Simulator(Driver[SimulatorConfig]):
             physics = Physics() if w.friction is None else Physics(friction=w.friction)
             differs = perturbation(w.perturbation, request.seed, self.robot.nj, self.robot.kind)
             config = WorldConfig(
-                physics=physics, perturbation=differs, imu_profile=w.imu_profile, torque_per_ampere=w.torque_per_ampere
+                physics=physics,
+                perturbation=differs,
+                imu_profile=w.imu_profile,
+                torque_per_ampere=w.torque_per_ampere,
+                floor=Floor(w.landmarks, w.goal),
             )
             self.world = World(self.robot, terrain, request.seed, config)
             heights = observed_map(terrain, w.map_profile, request.seed)

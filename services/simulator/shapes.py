@@ -30,6 +30,8 @@ DEMO_HILLS = 0.06  # m, version 1 of the demo: highest hill in the lane,
 DEMO_NOISE = 0.02  # m, rough noise from peak to peak,
 DEMO_RISER = 0.025  # m, and three steps
 DEMO_STEPS_AT = 0.95  # m, the first riser
+ROOM = ((-1.0, 1.5), (-1.0, 1.0))  # m, inner faces of the walls along x and y
+WALL = 0.05  # m, their thickness
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,6 +234,20 @@ def _demo(r: Wanted) -> Shape:
     return Shape(surface, z, boxes)
 
 
+def _room(r: Wanted) -> Shape:
+    """A level floor between four walls, `amp` high."""
+    x, y = r.grid.axes()
+    (x0, x1), (y0, y1), half = ROOM[0], ROOM[1], 0.5 * WALL
+    middle, wide = (0.5 * (x0 + x1), 0.5 * (y0 + y1)), (0.5 * (x1 - x0) + WALL, 0.5 * (y1 - y0) + WALL)
+    up = 0.5 * r.amp
+    boxes = (
+        *(Box((at, middle[1], up), (half, wide[1], up)) for at in (x0 - half, x1 + half)),
+        *(Box((middle[0], at, up), (wide[0], half, up)) for at in (y0 - half, y1 + half)),
+    )
+    inside = (x > x0) & (x < x1) & (y > y0) & (y < y1)
+    return Shape(np.where(inside, 0.0, r.amp), boxes=boxes if r.amp > 0.0 else ())
+
+
 def box_top(box: Box, x: Array, y: Array) -> Array:
     """Height of a box's top face over the points (x, y), NaN beside it; m."""
     rot = matrix_from_quat(np.array(box.quat_wxyz))
@@ -261,5 +277,6 @@ SHAPES: dict[str, Kind] = {
     "steps": Kind(0.025, 1.0, _steps),
     "flagstones": Kind(0.03, 0.6, _flagstones),
     "primitive": Kind(0.02, -math.inf, _primitive),
+    "room": Kind(0.5, ROOM[0][1] + WALL, _room),
     "demo": Kind(DEMO_HILLS, DEMO_STEPS_AT + N_RISERS * TREAD, _demo),
 }

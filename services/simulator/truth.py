@@ -31,6 +31,7 @@ GATE_N = 0.5  # N, a foot stands from this normal force on
 LIFT_TICKS = 3  # ticks below the gate that end a stance: a bounce of 20 ms does not
 TOUCH_REACH = 1.3  # radii, the site of a touch sensor must enclose the contact
 FALL_TILT = math.radians(45.0)
+WALL = 0.5  # a normal that rises less than this is a wall's
 
 
 class FeetTruth(NamedTuple):
@@ -170,8 +171,8 @@ def _forces(
         if address[i] < 0:
             continue
         a, b = geom[i, 0], geom[i, 1]
-        if is_belly[a] or is_belly[b]:
-            touched = True
+        if (is_belly[a] or is_belly[b]) and abs(frame[i, 2]) > WALL:
+            touched = True  # on the ground: to lean on a wall is no fall
         sign = 1.0  # the normal points from the first geom to the second
         sphere = sphere_of_geom[b]
         if sphere < 0:

@@ -37,6 +37,7 @@ from services.simulator.samples import (
     unpack,
 )
 from services.simulator.servo_line import ServoLine
+from services.simulator.sight import Floor, sight_of
 from services.simulator.suite import SensorSuite
 from services.simulator.terrain import Terrain
 from surefoot.robot import ImuProfile, Robot
@@ -66,6 +67,8 @@ class WorldConfig:
     """Of joints and contacts, ms."""
     torque_per_ampere: float | None = None
     """True constant of the servo motors, Nm/A; None = as described."""
+    floor: Floor = field(default_factory=Floor)
+    """What a camera finds on it."""
 
 
 class World:
@@ -142,6 +145,7 @@ class World:
         self.sensors = SensorSuite(
             robot, c.imu_profile, 1e9 / TICK_NS, self.seed, c.torque_per_ampere, c.perturbation.zero_sigma
         )
+        self.sight = sight_of(robot, self.seed, c.floor)
         mujoco.mj_resetData(self.model, self.data)
         place(self.model, self.data, self.address, self.tracker.spheres, self.terrain, pose, stance)
         self.command, self.torque_limit = stance, None
@@ -216,6 +220,8 @@ class World:
         self.samples = self.sensors.release(self.stamp_ns, self.tick - self._first_tick, self._acc, self._gyro)
         if self.disturb.faults:
             self.samples = self.disturb.after_step(self.tick, self.samples, self.sensors.limit)
+        if self.sight is not None:
+            self.sight.look(self.tick - self._first_tick, self.truth, self.model, self.data, self.address)
 
     # --- disturbances -------------------------------------------------------------------------------------------
 
@@ -289,6 +295,7 @@ class World:
             "disturb": self.disturb.state(),
             "truth": self.tracker.state(),
             "sensors": self.sensors.state(),
+            "sight": None if self.sight is None else self.sight.state(),
             "samples": [None if s is None else pack(s) for s in self.samples],
         }
         return Checkpoint(state, json.dumps(meta, sort_keys=True))
@@ -316,6 +323,8 @@ class World:
         mujoco.mj_comPos(self.model, self.data)
         self.tracker.restore(meta["truth"])
         self.sensors.restore(meta["sensors"])
+        if self.sight is not None:
+            self.sight.restore(meta["sight"])
         kinds = (ImuSample, JointSample, ContactSample)
         pairs = zip(kinds, meta["samples"], strict=True)
         self.samples = Samples(*(None if s is None else unpack(kind, s) for kind, s in pairs))

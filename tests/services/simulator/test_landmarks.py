@@ -93,12 +93,6 @@ def test_equal_seeds_see_the_same():
     assert str(frames()) == str(frames())
 
 
-def test_ultrasound_finds_the_nearest_wall():
-    walls = np.array([[1.0, -1.0, 1.0, 1.0], [-1.0, 2.0, 1.0, 2.0]])
-    assert lm.wall_distance(walls, 0.0, 0.0, 0.0, 0.3, 2.55) == pytest.approx(1.0)
-    assert lm.wall_distance(walls, 0.0, 0.0, math.pi, 0.3, 2.55) == 2.55
-
-
 def test_unknown_cameras_and_robots_without_the_link_are_refused():
     with pytest.raises(RobotError) as error:
         lm.read_camera("eye")
