@@ -73,7 +73,7 @@ class World(Request):
         default=None, gt=0, le=100, description="Nm/A, true constant of the servo motors; null = as described"
     )
     goal: Vec2 | None = Field(default=None, description="m, marker of the goal on the floor; null = none")
-    landmarks: float = Field(default=40.0, ge=0, le=400, description="1/m2, landmarks on the floor for a camera")
+    landmarks: float = Field(default=60.0, ge=0, le=400, description="1/m2, landmarks on the floor for a camera")
     perturbation: float = Field(default=0.0, ge=0, le=10, description="level of model perturbation, 0 = nominal")
 
 

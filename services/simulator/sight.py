@@ -50,7 +50,7 @@ class Reach(NamedTuple):
 class Floor:
     """What lies on the floor for a camera to see."""
 
-    landmarks: float = 40.0
+    landmarks: float = 60.0
     """1/m2."""
     goal: tuple[float, float] | None = None
     """Marker of the goal, m; None = none."""
