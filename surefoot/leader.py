@@ -13,12 +13,12 @@ from schemas.topics import CMD_JOINTS
 
 State = Literal["idle", "joining", "running", "paused", "holding", "ended"]
 
-WINDOW_TICKS = 10
+WINDOW_TICKS = 20
 """How far the slowest member may lag."""
 
-REPORT_TICKS = 5
-"""Members answer every fifth tick, and the last one before a pause or the end: half the window, for each answer costs
-the driver as much as a frame."""
+REPORT_TICKS = 10
+"""Members answer every tenth tick, and the last one before a pause or the end: half the window, for each answer costs
+the driver as much as a frame. Batches go with the answers."""
 
 COMMANDER = CMD_JOINTS.owner
 """The service whose command a tick waits for; its command counts as its done."""

@@ -85,7 +85,7 @@ class Director:
         orders: list[Order] = []
         if self._resend and gait is not None and gait.state == "standing":
             orders.append(self._walk_again(tick))
-        due = [step for step in self._timed if step.at_tick is not None and step.at_tick <= tick + HORIZON_TICKS]
+        due = [step for step in self._timed if (step.at_tick or 0) <= tick + (HORIZON_TICKS if step.request else 0)]
         for step in due:
             self._timed.remove(step)
             orders.append(self._order(step, max(step.at_tick or 0, tick + LEAD_TICKS)))

@@ -98,10 +98,10 @@ def test_command_of_another_schema_is_refused(encoding: str) -> None:
 )
 def test_command_of_another_time_is_refused(tick: int, epoch: int, reason: str) -> None:
     bench = Bench()
-    bench.until_tick(60)
+    bench.until_tick(100)
     bench.command(tick, (1.0,), epoch)
     assert bench.node.refused == {reason: 1}
-    assert bench.finish(70) == reference(70)
+    assert bench.finish(110) == reference(110)
 
 
 @pytest.mark.parametrize("position", [(LIMIT + 1.0,), (0.0, 0.0), ()], ids=["range", "long", "short"])

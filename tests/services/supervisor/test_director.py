@@ -98,8 +98,8 @@ def test_a_kill_names_its_service():
     walker = Walker(
         Director(parse_scenario('description = "x"\n[[step]]\nat_tick = 20\ndo = "kill"\nservice = "walker"'))
     )
-    walker.run(30)
-    assert [order.kill for _, order in walker.sent] == ["walker"]
+    walker.run(22)
+    assert [(tick, order.kill) for tick, order in walker.sent] == [(20, "walker")]
 
 
 def test_a_refused_command_is_a_problem_and_ends_the_run():
@@ -139,11 +139,11 @@ def test_a_restarted_walker_is_told_the_rest():
     director = Director(parse_scenario(WALK))
     (order,) = director.on_tick(0, gait())
     director.answered(order, SimpleNamespace(accepted=True, id=1, reason=""))
-    director.on_tick(15, gait("walking", 1, 0.35))
-    assert director.on_tick(20, gait("recovering", 0)) == ()
-    (again,) = director.on_tick(30, gait("standing", 0))
+    director.on_tick(order.request.at_tick + 5, gait("walking", 1, 0.35))
+    assert director.on_tick(order.request.at_tick + 10, gait("recovering", 0)) == ()
+    (again,) = director.on_tick(order.request.at_tick + 20, gait("standing", 0))
     assert again.request.distance == pytest.approx(0.35)
-    assert again.request.at_tick == 30 + LEAD_TICKS
+    assert again.request.at_tick == order.request.at_tick + 20 + LEAD_TICKS
     assert director.notes
     director.answered(again, SimpleNamespace(accepted=True, id=1, reason=""))
     assert director.on_tick(31, gait("standing", 0)) == ()
