@@ -10,6 +10,7 @@ import sys
 import time
 import uuid
 from collections import Counter, deque
+from contextlib import suppress
 from queue import Empty
 from typing import Any, Literal, TypeVar
 
@@ -161,7 +162,8 @@ class Node:
             progressed = True
         progressed = self.work() or progressed
         if self._answers.late and not progressed:
-            self.handle(self.inbox.get())  # an answer that is worked out on another thread: all that is left to do
+            with suppress(Empty):  # an answer is worked out on another thread: there is nothing else to do
+                self.handle(self.inbox.get(LOOK_S, set()))
             return True
         return progressed
 

@@ -9,7 +9,6 @@ from typing import Any
 
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
-from mcap.writer import CompressionType, Writer
 from zstandard import ZstdError
 
 from schemas.base import Bulk, Header, Message
@@ -17,11 +16,11 @@ from schemas.topics import TOPICS, Topic
 from surefoot.bus import Raw
 from surefoot.codec import decode, encoding_of, json_schema
 from surefoot.errors import SurefootError
+from surefoot.mcap_chunks import ChunkWriter
 from surefoot.version import VERSION
 
 BULK = "surefoot-bulk"
 """Message encoding of arrays: uint32 length of the JSON header, header, raw array."""
-CHUNK_BYTES = 1 << 18
 SUMMARY = "surefoot"
 
 _BROKEN = (McapError, ZstdError, struct.error, ValueError, EOFError)
@@ -36,28 +35,27 @@ class RecordingWriter:
         self.path = path
         self.messages = 0
         self._file = path.open("wb")
-        self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-        self._writer.start(profile="", library=f"surefoot {VERSION}")
+        self._writer = ChunkWriter(self._file, f"surefoot {VERSION}")
         self._writer.add_metadata("run", metadata)
-        self._channels: dict[str, int] = {}
+        self._channels: dict[str, tuple[int, bool]] = {}
 
     def write(self, topic: Topic[Any], header: Header, raw: Raw) -> None:
         """Adds a message as it came."""
-        bulk = issubclass(topic.model, Bulk)
         key = topic.key if not topic.key.endswith("/*") else f"{topic.key[:-1]}{header.source}"
-        channel = self._channels.get(key)
-        if channel is None:
-            schema = self._writer.register_schema(
-                topic.model.schema_name(), "jsonschema", json.dumps(json_schema(topic.model)).encode()
-            )
-            channel = self._writer.register_channel(key, BULK if bulk else "json", schema)
-            self._channels[key] = channel
+        channel, bulk = self._channels.get(key) or self._add_channel(key, topic.model)
         data = raw.payload
         if bulk:
             head = raw.attachment or b"{}"
             data = struct.pack("<I", len(head)) + head + raw.payload
-        self._writer.add_message(channel, header.stamp_ns, data, header.stamp_ns, header.seq)
+        self._writer.add_message(channel, header.stamp_ns, header.seq, data)
         self.messages += 1
+
+    def _add_channel(self, key: str, model: type[Message]) -> tuple[int, bool]:
+        bulk = issubclass(model, Bulk)
+        schema = json.dumps(json_schema(model)).encode()
+        number = self._writer.add_channel(key, BULK if bulk else "json", model.schema_name(), schema)
+        self._channels[key] = number, bulk
+        return number, bulk
 
     def close(self, summary: dict[str, str]) -> None:
         """Writes the summary and the index."""
