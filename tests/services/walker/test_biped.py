@@ -118,6 +118,28 @@ def test_a_step_after_much_tilt_is_shorter():
     assert state.step.body[0] - before == pytest.approx(0.5 * full, abs=0.1 * full)
 
 
+def test_a_push_that_tilts_the_robot_slows_it_down_until_it_is_level_again():
+    plant = Plant("bioloid").stand()
+    plant.walker.command(Command("walk"))
+    state, params = plant.walker.state, plant.walker.params
+    plant.until(lambda out: out.steps >= 3 and out.phase > 0.5)
+    assert state.scale == 1.0
+    plant.world.push((0.0, 5.0, 0.0), 0.1)
+    scales, peak = [], 0.0
+
+    def look(out):
+        nonlocal peak
+        peak = max(peak, float(np.hypot(*state.tilt)))
+        scales.append(state.scale)
+        return out.steps >= 9
+
+    plant.until(look, 1500)
+    assert not plant.fallen
+    assert peak > params.slow_from_rad
+    assert min(scales) < 0.9
+    assert scales[-1] == 1.0
+
+
 def test_the_gait_does_not_change_in_mid_walk():
     plant = Plant("bioloid").stand()
     assert plant.walker.command(Command("walk", distance=0.1, gait="quick")).accepted
