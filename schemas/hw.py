@@ -12,7 +12,9 @@ class Tick(Message):
 
     roster: tuple[str, ...] = Field(description="services that must finish this tick; changed by the driver only")
     roster_version: int = Field(ge=0, description="counts the changes of the roster")
-    due: tuple[str, ...] = Field(description="hw keys that carry a sample in this tick")
+    due: tuple[str, ...] = Field(
+        description="hw keys that carry a sample in this tick; in the prime (tick -1) every key the driver has"
+    )
     mode: Literal["lockstep", "paced"] = Field(
         description="lockstep: the driver waits for the roster; paced: it does not"
     )

@@ -241,7 +241,7 @@ class DriverNode(Node):
                 epoch=leader.epoch,
                 source=self.name,
                 roster=tuple(roster),
-                due=(),
+                due=tuple(row.key for row in (*self.service.outputs, *self.service.serves)),
                 mode=leader.mode,
                 roster_version=leader.roster_version,
                 seed=leader.seed,
@@ -284,7 +284,7 @@ class DriverNode(Node):
         if leader.newcomers():
             self._tell_latched()
         self._emit()
-        self.join.last, self._epoch = leader.tick, leader.epoch  # for health
+        self.join.last, self.epoch = leader.tick, leader.epoch  # for health
         self.tick_us.append((time.perf_counter_ns() - began) * 1e-3)
         return True
 

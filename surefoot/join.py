@@ -69,6 +69,8 @@ class Join:
             else:
                 self.same_tick.append(item)
         self.owners = {topic.key: topic.owner for topic in (*self.same_tick, *self.delayed, *self.latched)}
+        self.absent: set[str] = set()
+        """Keys that nobody will ever tell: the driver has no such sensor."""
         self.epoch = -1
         self.last = -1
         self.on_roster = False
@@ -170,7 +172,7 @@ class Join:
                 lacking.append(topic.key)
         for topic in self.latched:
             held = self._latched.get(topic.key)
-            if held is None or held[0] != tick.epoch:
+            if topic.key not in self.absent and (held is None or held[0] != tick.epoch):
                 lacking.append(topic.key)
         return lacking
 

@@ -4,15 +4,13 @@ Whatever arrives, from whatever thread, is put into one inbox. ``pump`` handles 
 On the in-memory bus nobody waits: the system pumps its nodes in turn.
 """
 
-import os
-import resource
 import sys
 import time
 import uuid
 from collections import Counter, deque
 from contextlib import suppress
 from queue import Empty
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 from schemas.base import Message, Request, TickRequest, Wire
 from schemas.hw import Tick
@@ -28,6 +26,7 @@ from surefoot.inbox import Inbox
 from surefoot.join import DRIVER, Delayed, Join, TickInputs
 from surefoot.service import Service
 from surefoot.version import VERSION
+from surefoot.vitals import health_of
 
 Req = TypeVar("Req", bound=Request)
 Rep = TypeVar("Rep", bound=Wire)
@@ -68,7 +67,7 @@ class Node:
         self._waiting: list[tuple[float, Incoming, TickRequest]] = []
         self._answers = Answers(self.inbox.put, self.refuse)
         self._tick: TickInputs | None = None
-        self._epoch = -1
+        self.epoch = -1
         self._primed_at = 0.0
         self._next_health = 0.0
         self._next_join = 0.0
@@ -248,18 +247,20 @@ class Node:
     def _on_prime(self, prime: Tick) -> None:
         """The driver proves its links before tick 0: answer in kind, and report when all of ours are proved.
 
-        Only the links from services of the roster are awaited; a prime of another topic is an empty payload.
+        Only the links from services of the roster are awaited, and of the driver's only those it has (``due``; none
+        named: all); a prime of another topic is an empty payload.
         """
         self._primed_at = time.monotonic()
         self.bus.cork()
         for output in self.service.outputs:
             self._publishers[output.key].prime()
         self.bus.flush()
-        present = {DRIVER, *prime.roster}
-        for query in self.service.calls:
-            if query.key not in self._proved and query.owner in present and self.bus.probe(query):
-                self._proved.add(query.key)
-        self._unproved = sorted(row.key for row in self._links if row.owner in present and row.key not in self._proved)
+        present, had = {DRIVER, *prime.roster}, set(prime.due)
+        lacking = {row.key for row in self._links if had and row.owner == DRIVER and row.key not in had}
+        self.join.absent = lacking
+        links = [r for r in self._links if r.owner in present and r.key not in lacking and r.key not in self._proved]
+        self._proved |= {row.key for row in links if isinstance(row, Query) and self.bus.probe(row)}
+        self._unproved = sorted(row.key for row in links if row.key not in self._proved)
         if self._unproved:
             return
         if self.state == "joining":
@@ -272,7 +273,7 @@ class Node:
         """A process came or went; a new driver begins a new count of epochs."""
         if life.service == DRIVER and not life.alive:
             self.join = Join(self.name, self.service.inputs)
-            self._epoch = -1
+            self.epoch = -1
             self._outbox.clear()
 
     def _on_query(self, incoming: Incoming) -> None:
@@ -292,10 +293,10 @@ class Node:
 
     def _has_seen(self, request: TickRequest) -> bool:
         assert request.tick is not None
-        epoch = self._epoch if request.epoch is None else request.epoch
+        epoch = self.epoch if request.epoch is None else request.epoch
         if not self.join.same_tick and not self.join.delayed:
-            return self._epoch >= epoch  # what it knows comes once per epoch, no tick changes it
-        return (self._epoch, self.join.last) >= (epoch, request.tick)
+            return self.epoch >= epoch  # what it knows comes once per epoch, no tick changes it
+        return (self.epoch, self.join.last) >= (epoch, request.tick)
 
     def _answer(self, incoming: Incoming, request: Request) -> None:
         key, before = incoming.query.key, COMPILING.done
@@ -318,8 +319,8 @@ class Node:
         began = time.perf_counter_ns()
         self._tick = inputs
         tick = inputs.tick
-        if tick.epoch != self._epoch:
-            self._epoch = tick.epoch
+        if tick.epoch != self.epoch:
+            self.epoch = tick.epoch
             self._outbox.clear()
             self.service.on_reset()
         self.state = "running"
@@ -383,24 +384,6 @@ class Node:
         if publisher is not None:
             publisher.put(LogRecord(source=self.name, level=level, text=text[:4000]))  # pyright: ignore[reportArgumentType]
 
-    def _kernels(self) -> Literal["warm", "compiling", "none"]:
-        if COMPILING.busy or self.state == "compiling":
-            return "compiling"
-        return "warm" if COMPILING.used and self.state != "starting" else "none"
-
     def health(self) -> Health:
         """How the service does."""
-        times = sorted(self.tick_us)
-        usage = resource.getrusage(resource.RUSAGE_SELF)
-        waiting = (*self._unproved, *self.join.missing())
-        return Health(
-            source=self.name, service=self.name, instance=self.instance, pid=os.getpid(),
-            tick=self.join.last, epoch=max(0, self._epoch),
-            state=self.state,  # pyright: ignore[reportArgumentType] - one of the literal's names
-            kernels=self._kernels(),
-            tick_p50_us=times[len(times) // 2] if times else 0.0,
-            tick_p99_us=times[min(len(times) - 1, len(times) * 99 // 100)] if times else 0.0,
-            cpu_s=usage.ru_utime + usage.ru_stime, rss_mb=usage.ru_maxrss / 1024.0,
-            refused=dict(self.refused), version=VERSION, config_hash=config_hash(self.service.config),
-            waiting_for=waiting,
-        )  # fmt: skip
+        return health_of(self, (*self._unproved, *self.join.missing()))

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from schemas.topics import HW_IMU, SIM_PUSH, SIM_TRUTH, STATE_GAIT, STATE_VELOCITY, TERRAIN_MAP
 from surefoot.driver import DriverNode
 from surefoot.local import LocalSystem
 from tests.surefoot.toys import ToyObserver, toys
@@ -73,3 +74,23 @@ def test_dead_estimator(policy: str) -> None:
         assert node.leader.missing() == ("estimator",)
     assert not node.leader.comparable
     assert dead.name == "estimator"
+
+
+class Curious(ToyObserver):
+    """Would like to know what only a simulator can tell."""
+
+    inputs = (HW_IMU, STATE_VELOCITY, STATE_GAIT, SIM_TRUTH, TERRAIN_MAP)
+    calls = (SIM_PUSH,)
+    batched = True
+
+
+def test_a_driver_without_truth_map_and_pushes_is_not_waited_for_in_vain() -> None:
+    driver, services = toys()
+    curious = Curious()
+    system = LocalSystem([*services[:3], curious])
+    driver.node.begin(EXPECT, "lockstep", 0.0, 1, "hold", 0)
+    driver.node.leader.end_tick = TICKS
+    system.run_until(lambda: driver.node.leader.state == "ended" and driver.node.leader.all_done())
+    assert [tick for tick, _ in curious.seen] == list(range(TICKS + 1))
+    assert {key for _, messages in curious.seen for key in messages} == {t.key for t in ToyObserver.inputs}
+    assert driver.history == run()[0]
