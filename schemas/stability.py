@@ -61,6 +61,20 @@ class RegionFields(Request):
     certificates: bool = Field(
         default=False, description="return the proof of each value: a virtual twist, the forces and the gap"
     )
+    acceleration: Vec3 = Field(
+        default=(0.0, 0.0, 0.0),
+        description="m/s^2, of the centre of mass, frame world: then the region is cut at com_height_m",
+    )
+    tilt_rad: float = Field(
+        default=0.0,
+        ge=0,
+        le=1.2,
+        description="rad: gravity may lean by that to any of 8 sides, or not: what all nine have in common at "
+        "com_height_m; not with directions or certificates",
+    )
+    com_height_m: float = Field(
+        default=0.0, ge=-1e3, le=1e3, description="m, z of the CoM; matters with acceleration or tilt_rad only"
+    )
 
 
 class BasePose(Request):
@@ -87,20 +101,6 @@ class RegionRequest(RegionFields):
     """Asks where the centre of mass may be: at rest, while it accelerates, on doubtful ground, with limited torques."""
 
     schema_version: ClassVar[str] = "1.1"
-    acceleration: Vec3 = Field(
-        default=(0.0, 0.0, 0.0),
-        description="m/s^2, of the centre of mass, frame world: then the region is cut at com_height_m",
-    )
-    tilt_rad: float = Field(
-        default=0.0,
-        ge=0,
-        le=1.2,
-        description="rad: gravity may lean by that to any of 8 sides, or not: what all nine have in common at "
-        "com_height_m; not with directions or certificates",
-    )
-    com_height_m: float = Field(
-        default=0.0, ge=-1e3, le=1e3, description="m, z of the CoM; matters with acceleration or tilt_rad only"
-    )
     actuation: Actuation | None = Field(
         default=None,
         description="asks for the region that the servos can hold too, in 16 directions unless others are given; each "
@@ -173,7 +173,7 @@ class Doubt(Request):
 class CheckRequest(RegionFields):
     """Asks whether the robot stands, and still stands after its trunk has moved over its feet (4.3, 4.6)."""
 
-    schema_version: ClassVar[str] = "1.2"
+    schema_version: ClassVar[str] = "1.3"
     com: Vec2 | None = Field(
         default=None, description="x, y of the centre of mass now, frame world, m; null = from joints and base"
     )

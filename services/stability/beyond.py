@@ -28,24 +28,26 @@ from surefoot.polygon import area, half_planes, hull, signed_distance
 from surefoot.robot import Robot
 
 
-def region_answer(request: RegionRequest, own: Robot) -> RegionReply:
-    """Answer to `stability/region`; `own` is the robot when the request names none."""
+def region_answer(request: RegionRequest, own: Robot | None) -> RegionReply:
+    """Answer to `stability/region`; `own` is the robot when the request names none (needed with actuation only)."""
     moving, leaning = any(request.acceleration), request.tilt_rad > 0.0
     if request.actuation is not None:
-        _refuse(moving, "acceleration", "actuation")
-        _refuse(leaning, "tilt_rad", "actuation")
-        _refuse(request.adaptive is True, "adaptive", "actuation")
+        refuse(moving, "acceleration", "actuation")
+        refuse(leaning, "tilt_rad", "actuation")
+        refuse(request.adaptive is True, "adaptive", "actuation")
+        assert own is not None
         return _actuated_reply(request, own)
     if leaning:
-        _refuse(request.directions is not None, "directions", "tilt_rad")
-        _refuse(request.certificates, "certificates", "tilt_rad")
+        refuse(request.directions is not None, "directions", "tilt_rad")
+        refuse(request.certificates, "certificates", "tilt_rad")
         return _tilted_reply(request)
     if moving:
         return _moving_reply(request)
     return region_reply(region_of(request), request)
 
 
-def _refuse(given: bool, field: str, other: str) -> None:
+def refuse(given: bool, field: str, other: str) -> None:
+    """Refuse a field that cannot be combined with another."""
     if given:
         raise StabilityError("unsupported", field, f"cannot be asked for together with {other}")
 

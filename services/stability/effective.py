@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from services.stability.contacts import Array, ContactSet, StabilityError
+from services.stability.margin import Plane
 from services.stability.region import Region, region
 
 GRAVITY = 9.81  # m/s2
@@ -37,6 +38,10 @@ class Leaning:
         """d (world x, y) / d (leaning x, y) in a horizontal plane, (2, 2)."""
         back = self.rot.T
         return back[:2, :2] - np.outer(back[:2, 2], back[2, :2]) / back[2, 2]
+
+    def plane(self, height: float) -> Plane:
+        """The horizontal plane of the world at a height, m."""
+        return Plane(self.to_world(), self.at_height(np.zeros((1, 2)), height)[0])
 
     def seen(self, com: Array) -> Array:
         """The CoM (3,) m, world, as (2,) in the leaning frame."""
@@ -120,10 +125,7 @@ def tilt_robust(
     outer: list[Array] = []
     nothing = np.empty((0, 2))
     push = np.zeros(3) if acceleration is None else acceleration
-    for g_up in np.vstack((tilt_robust_directions(angle, count), [[0.0, 0.0, 1.0]])):
-        up = GRAVITY * g_up + push
-        stays_down(up, push)
-        leaning = lean(contacts, up)
+    for leaning in leanings(contacts, push, angle, count):
         r = region(leaning.contacts, tolerance=tolerance, limit=limit)
         found.append(r)
         if r.status != "ok":
@@ -131,6 +133,21 @@ def tilt_robust(
         inner.append(leaning.at_height(r.inner, height))
         outer.append(leaning.at_height(r.outer, height))
     return TiltRobust(_common(inner), _common(outer), tuple(found))
+
+
+def leanings(contacts: ContactSet, acceleration: Array, angle: float, count: int = 8) -> list[Leaning]:
+    """A contact set under every gravity that is possible: leaning by `angle` rad to `count` sides, and upright.
+
+    Raises:
+        StabilityError: with this acceleration (3,) m/s2 the robot would fly.
+    """
+    out: list[Leaning] = []
+    sides = tilt_robust_directions(angle, count) if angle > 0.0 else np.empty((0, 3))
+    for g_up in np.vstack((sides, [[0.0, 0.0, 1.0]])):
+        up = GRAVITY * g_up + acceleration
+        stays_down(up, acceleration)
+        out.append(lean(contacts, up))
+    return out
 
 
 def stays_down(up: Array, acceleration: Array) -> None:

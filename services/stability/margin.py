@@ -7,11 +7,11 @@ from typing import Literal
 import numpy as np
 
 from services.stability.contacts import Array
-from services.stability.fan import APPROACH, Fan, Goal, explore, new_fan
+from services.stability.fan import APPROACH, Fan, Goal, explore, insert, new_fan
 from services.stability.interior import NO_DUAL, NO_PRIMAL
 from services.stability.lanes import LANES
 from services.stability.oracle import FLAT, Oracle, solve_one
-from services.stability.region import Region
+from services.stability.region import Region, Solved
 from surefoot.polygon import ray, signed_distance
 
 ExtentStatus = Literal["ok", "unbounded", "infeasible", "missed"]
@@ -41,14 +41,43 @@ class Extent:
     """`missed`: the line does not meet the region."""
 
 
-def margin(region: Region, point: Array) -> Margin:
-    """min over unit a of h(a) - a'c: the distance to the edge inside, minus the distance to the region outside."""
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """Where a region of a leaning frame lies in a horizontal plane: c = matrix p + zero for its points p."""
+
+    matrix: Array
+    """(2, 2), determinant > 0."""
+    zero: Array
+    """(2,) m."""
+
+    def back(self, c: Array) -> Array:
+        """The point (2,) of the region that lies at c (2,) in the plane."""
+        return np.asarray(np.linalg.solve(self.matrix, c - self.zero), dtype=np.float64)
+
+    def solved(self, s: Solved) -> Solved:
+        """The answers of a region seen in the plane: h(d) = h(a) / |M^-T a| for d = M^-T a / |M^-T a|."""
+        direction = s.fan.direction[: s.count] @ np.linalg.inv(self.matrix)
+        size = np.hypot(direction[:, 0], direction[:, 1])
+        fan = _with_room(s.fan, s.count, s.count)
+        fan.direction[:], fan.value[:] = direction / size[:, None], s.fan.value[: s.count] / size
+        fan.point[:], fan.unknown[:] = s.fan.point[: s.count] @ self.matrix.T, s.fan.unknown[: s.count] / size[:, None]
+        insert(fan, 0, s.count)
+        h = np.ascontiguousarray(s.h @ self.matrix.T)
+        return Solved(s.a, h, s.c, fan, s.count, self.matrix @ s.anchor + self.zero, s.length)
+
+
+def margin(region: Region, point: Array, plane: Plane | None = None) -> Margin:
+    """min over unit a of h(a) - a'c: the distance to the edge inside, minus the distance to the region outside.
+
+    With a plane both distance and point are in it.
+    """
     if region.status in ("infeasible", "unbounded"):
         return Margin(None)
     if region.exact or region.solved is None:
-        value = float(signed_distance(region.inner, float(point[0]), float(point[1])))
+        inner = region.inner if plane is None else region.inner @ plane.matrix.T + plane.zero
+        value = float(signed_distance(inner, float(point[0]), float(point[1])))
         return Margin(0.0 if abs(value) < ON_EDGE else value)
-    s = region.solved
+    s = region.solved if plane is None else plane.solved(region.solved)
     x, y = (point - s.anchor) / s.length
     capacity = s.count + MARGIN_DIRECTIONS
     fan = _with_room(s.fan, s.count, capacity)
@@ -64,12 +93,17 @@ def _with_room(fan: Fan, count: int, capacity: int) -> Fan:
     return wide
 
 
-def extent(region: Region, point: Array, direction: Array) -> Extent:
+def extent(region: Region, point: Array, direction: Array, plane: Plane | None = None) -> Extent:
     """Largest t with point + t a in the region, for a unit direction a.
 
     One equality more than the support program (b = a turned by 90 degrees): sum h_i(b)'x_i = b'c0; its dual has one
-    unknown nu more: min lam_3 + nu b'c0 - a'c0 s.t. A_i lam + nu h_i(b) - h_i(a) in Q.
+    unknown nu more: min lam_3 + nu b'c0 - a'c0 s.t. A_i lam + nu h_i(b) - h_i(a) in Q. With a plane the ray lies in it.
     """
+    if plane is not None:
+        along = plane.back(direction + plane.zero)
+        size = math.hypot(along[0], along[1])
+        found = extent(region, plane.back(point), along / size)
+        return found if found.value is None else Extent(found.value / size, found.status)
     if region.status == "infeasible":
         return Extent(None, "infeasible")
     if region.exact:

@@ -9,15 +9,11 @@ import numpy as np
 
 from schemas.stability import (
     BasePose,
-    CheckReply,
-    CheckRequest,
     ComReply,
     ComRequest,
     Contact,
-    Doubt,
     EquilibriumReply,
     EquilibriumRequest,
-    MarginGradient,
     RegionFields,
     RegionReply,
     RegionRequest,
@@ -37,13 +33,9 @@ from services.stability.forces import (
     gain_from_weight,
 )
 from services.stability.many import STATUSES, Variants
-from services.stability.margin import Extent
-from services.stability.movement import Check, check
 from services.stability.oracle import Support
 from services.stability.pressure import PressureSensor, read_loads
 from services.stability.region import Region, region
-from services.stability.robust import Uncertainty, margin_gradient, robust_margin
-from services.stability.shift import Shift, kinematic_shift, stance_legs
 from services.stability.state import WatchParams
 from surefoot.kinematics import com, foot_positions
 from surefoot.polygon import area
@@ -85,10 +77,11 @@ def region_of(request: RegionFields) -> Region:
 
 def region_reply(found: Region, request: RegionRequest) -> RegionReply:
     """The region as it travels."""
-    return RegionReply(**_fields(found, request.certificates, polygons=True))
+    return RegionReply(**region_fields(found, request.certificates, polygons=True))
 
 
-def _fields(found: Region, certificates: bool, polygons: bool) -> dict[str, Any]:
+def region_fields(found: Region, certificates: bool, polygons: bool) -> dict[str, Any]:
+    """The fields of a RegionReply."""
     closed = len(found.outer) > 0
     return {
         "status": found.status,
@@ -135,83 +128,7 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-# -- stability/check --------------------------------------------------------------------------------------------------
-
-
-def check_reply(request: CheckRequest, own: Robot) -> CheckReply:
-    """Answer to `stability/check`; `own` is the robot when the request names none."""
-    found = region_of(request)
-    movement = np.array(request.movement)
-    shift, now = Shift(np.zeros(3), np.empty(0), True), request.com
-    legs: tuple[str, ...] = ()
-    if request.joints is not None:
-        robot = named_robot(request.robot) if request.robot is not None else own
-        joints, base, rot = posture(robot, request.joints, request.base)
-        names = tuple(c.leg for c in request.contacts)
-        stance = stance_legs(robot, joints, rot, base, found.contacts, names)
-        shift = kinematic_shift(robot, joints, rot, movement, stance)
-        legs = tuple(leg.name for leg, stands in zip(robot.legs, stance, strict=True) if stands)
-        if now is None:
-            c = base + rot @ com(robot.model, joints)
-            now = (float(c[0]), float(c[1]))
-    if now is None:
-        raise StabilityError("missing", "com", "neither com nor joints are given; one of them is needed")
-    verdict = check(found, np.array(now), movement, shift.vector)
-    return _check_reply(request, found, verdict, now, shift, legs)
-
-
-def _check_reply(
-    request: CheckRequest,
-    found: Region,
-    verdict: Check,
-    now: tuple[float, float],
-    shift: Shift,
-    legs: tuple[str, ...],
-) -> CheckReply:
-    return CheckReply(
-        **_fields(found, request.certificates, request.polygons),
-        stable=verdict.stable,
-        margin=verdict.margin.value,
-        margin_now=verdict.margin_now.value,
-        margin_robust=None if request.doubt is None else _robust(found, verdict.com_after, request.doubt),
-        gradient=_gradient(found, verdict.com_after) if request.gradient else None,
-        extent=_length(verdict.extent),
-        gsm=_length(verdict.gsm),
-        extent_status=None if verdict.extent is None else verdict.extent.status,
-        gsm_status=None if verdict.gsm is None else verdict.gsm.status,
-        com=now,
-        com_after=(float(verdict.com_after[0]), float(verdict.com_after[1])),
-        shift=(float(shift.vector[0]), float(shift.vector[1]), float(shift.vector[2])),
-        stance=legs,
-        reachable=shift.reachable,
-    )
-
-
-def _robust(found: Region, com_after: Array, doubt: Doubt) -> float | None:
-    n = len(found.contacts)
-    return robust_margin(
-        found.contacts,
-        com_after,
-        Uncertainty(
-            com=doubt.com_sd_m**2 * np.eye(2),
-            foot=np.tile(doubt.foot_sd_m**2 * np.eye(3), (n, 1, 1)),
-            friction=doubt.friction,
-            normal=doubt.normal_rad,
-            kappa=doubt.kappa,
-        ),
-    )
-
-
-def _gradient(found: Region, com_after: Array) -> MarginGradient | None:
-    slope = margin_gradient(found.contacts, com_after)
-    if slope is None:
-        return None
-    mu, place = tuple(slope.mu.tolist()), triples(slope.position)
-    return MarginGradient(com=(float(slope.com[0]), float(slope.com[1])), mu=mu, position=place)
-
-
-def _length(extent: Extent | None) -> float | None:
-    return None if extent is None else extent.value
+# -- what several questions have in common ----------------------------------------------------------------------------
 
 
 def posture(robot: Robot, joints: tuple[float, ...], base: BasePose) -> tuple[Array, Array, Array]:

@@ -29,12 +29,12 @@ from schemas.topics import (
 from schemas.whatif import BatchReply, BatchRequest
 from services.stability import clarabel_tools, forces, interior, many, margin, region, shift, state
 from services.stability.beyond import region_answer
+from services.stability.check_query import check_reply
 from services.stability.config import StabilityConfig
 from services.stability.contacts import StabilityError
 from services.stability.job import CalibrationJob
 from services.stability.messages import (
     batch_reply,
-    check_reply,
     com_reply,
     equilibrium_reply,
     whatif_reply,

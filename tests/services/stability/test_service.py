@@ -13,9 +13,9 @@ from schemas.stability import CheckRequest, StabilityStatus
 from schemas.state import VelocityEstimate
 from schemas.topics import HW_CONTACTS, HW_JOINTS, STATE_STABILITY, STATE_VELOCITY
 from services.stability.certificate import twist_violation
+from services.stability.check_query import check_reply
 from services.stability.config import StabilityConfig
 from services.stability.contacts import contact_set
-from services.stability.messages import check_reply
 from services.stability.service import SERVICE, Stability
 from surefoot.codec import decode, encode
 from surefoot.errors import Refusal
