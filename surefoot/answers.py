@@ -4,8 +4,9 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, NamedTuple, cast
 
+from schemas.base import Request
 from surefoot.bus import Incoming
-from surefoot.errors import SurefootError
+from surefoot.errors import Refusal, SurefootError
 
 
 class Late(NamedTuple):
@@ -27,6 +28,18 @@ class Answers:
         self._put, self._refuse = put, refuse
         self.late = 0
         """Queries whose answer is being worked out on another thread."""
+
+    def request(self, incoming: Incoming) -> Request | None:
+        """What is asked; None where that is answered already: a probe, or nothing that can be read."""
+        if incoming.probe:
+            incoming.accept_probe()
+            return None
+        try:
+            return incoming.request()
+        except Refusal as refusal:
+            self._refuse(refusal.code, f"{incoming.query.key}: {refusal.message}")
+            incoming.fail(refusal)
+            return None
 
     def settle(self, incoming: Incoming, make: Callable[[], Any]) -> None:
         """Answers with what ``make`` returns or raises; where that is a future, once it is done."""

@@ -277,14 +277,8 @@ class Node:
             self._outbox.clear()
 
     def _on_query(self, incoming: Incoming) -> None:
-        if incoming.probe:
-            incoming.accept_probe()
-            return
-        try:
-            request = incoming.request()
-        except Refusal as refusal:
-            self.refuse(refusal.code, f"{incoming.query.key}: {refusal.message}")
-            incoming.fail(refusal)
+        request = self._answers.request(incoming)
+        if request is None:
             return
         if isinstance(request, TickRequest) and request.tick is not None and not self._has_seen(request):
             self._waiting.append((time.monotonic(), incoming, request))
