@@ -173,7 +173,7 @@ class Doubt(Request):
 class CheckRequest(RegionFields):
     """Asks whether the robot stands, and still stands after its trunk has moved over its feet (4.3, 4.6)."""
 
-    schema_version: ClassVar[str] = "1.3"
+    schema_version: ClassVar[str] = "1.4"
     com: Vec2 | None = Field(
         default=None, description="x, y of the centre of mass now, frame world, m; null = from joints and base"
     )
@@ -187,6 +187,12 @@ class CheckRequest(RegionFields):
     )
     doubt: Doubt | None = Field(default=None, description="asks for margin_robust, which allows for it")
     gradient: bool = Field(default=False, description="asks how the margin changes with CoM, friction and feet")
+    actuation: Actuation | None = Field(
+        default=None,
+        description="asks for the regions that the servos can hold too, as in RegionRequest; it brings the posture: "
+        "margin, gsm and polygons are of the one after the movement, margin_now and extent of the one now, all to the "
+        "edge of the inner polygon; not with joints, base, robot, adaptive, acceleration, tilt_rad, doubt, gradient",
+    )
     polygons: bool = Field(default=True, description="false: leave inner, outer and support empty (a smaller reply)")
 
 

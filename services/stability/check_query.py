@@ -1,13 +1,14 @@
-"""Answer to `stability/check`: the movement over the region at rest, or over those of every possible gravity."""
+"""Answer to `stability/check`: the movement over the region at rest, of limited torques, or of every gravity."""
 
 from typing import Any
 
 import numpy as np
 
-from schemas.stability import CheckReply, CheckRequest, Doubt, MarginGradient, RegionRequest
-from services.stability.beyond import refuse, region_answer
-from services.stability.contacts import Array, StabilityError
+from schemas.stability import Actuation, CheckReply, CheckRequest, Doubt, MarginGradient, RegionReply, RegionRequest
+from services.stability.beyond import region_answer
+from services.stability.contacts import Array, StabilityError, refuse
 from services.stability.effective import leanings
+from services.stability.limited import limited_check
 from services.stability.margin import Extent
 from services.stability.messages import contacts_of, named_robot, posture, region_fields, region_of, triples
 from services.stability.movement import Check, check, worst
@@ -20,6 +21,8 @@ from surefoot.robot import Robot
 
 def check_reply(request: CheckRequest, own: Robot) -> CheckReply:
     """Answer to `stability/check`; `own` is the robot when the request names none."""
+    if request.actuation is not None:
+        return _limited(request, request.actuation, own)
     leaning = any(request.acceleration) or request.tilt_rad > 0.0
     if leaning:
         refuse(request.gradient, "gradient", "acceleration or tilt_rad")
@@ -57,9 +60,7 @@ def _leaning(request: CheckRequest, now: Array, movement: Array, shift: Array) -
     """Fields of the region in the plane of the CoM, and the worst verdict over every gravity that is possible."""
     asked = {name: getattr(request, name) for name in RegionRequest.model_fields if name in CheckRequest.model_fields}
     reply = region_answer(RegionRequest.model_construct(**asked), None)
-    fields = {name: getattr(reply, name) for name in type(reply).model_fields}
-    if not request.polygons:
-        fields |= {"inner": (), "outer": (), "support": ()}
+    fields = _fields(reply, request.polygons)
     checks: list[Check] = []
     for seen in leanings(contacts_of(request.contacts), np.array(request.acceleration), request.tilt_rad):
         found = region(seen.contacts, tolerance=request.tolerance_m, limit=request.max_directions)
@@ -67,6 +68,19 @@ def _leaning(request: CheckRequest, now: Array, movement: Array, shift: Array) -
         if found.status == "infeasible":
             return fields, checks[-1]
     return fields, worst(checks)
+
+
+def _limited(request: CheckRequest, actuation: Actuation, own: Robot) -> CheckReply:
+    found = limited_check(request, actuation, own)
+    legs = tuple(found.before.robot.legs[i].name for i in sorted(found.before.chosen))
+    fields = _fields(found.reply, request.polygons)
+    return CheckReply(**fields, **_verdict(found.verdict, found.now, found.shift, legs))
+
+
+def _fields(reply: RegionReply, polygons: bool) -> dict[str, Any]:
+    """The fields of a region's reply, as those of a CheckReply."""
+    fields = {name: getattr(reply, name) for name in type(reply).model_fields}
+    return fields if polygons else fields | {"inner": (), "outer": (), "support": ()}
 
 
 def _verdict(verdict: Check, now: tuple[float, float], shift: Shift, legs: tuple[str, ...]) -> dict[str, Any]:

@@ -31,6 +31,12 @@ class StabilityError(ValueError):
         self.message = message
 
 
+def refuse(given: bool, field: str, other: str) -> None:
+    """Refuse a field that cannot be combined with another."""
+    if given:
+        raise StabilityError("unsupported", field, f"cannot be asked for together with {other}")
+
+
 @dataclass(frozen=True, slots=True)
 class ContactSet:
     """Points of contact in a gravity-aligned frame."""

@@ -169,7 +169,7 @@ def _ordinary(
     if not fine:
         return None
     support = Support(direction, twist[:, 2], point, ("ok",) * len(direction), slack, twist, force)
-    gap = outlook.best * length if refine else _distance(inner, outer)
+    gap = outlook.best * length if refine else distance(inner, outer)
     solved = Solved(a, h, c, fan, count, origin[:2], length)
     return Region(contacts, "ok", inner, outer, support, gap, False, count, None, solved)
 
@@ -228,7 +228,7 @@ def _finish(
 
 
 @row_kernel
-def _distance(inner: Array, outer: Array) -> float:
+def distance(inner: Array, outer: Array) -> float:
     """Largest distance of a vertex of outer from inner; NaN if there is no outer."""
     far = 0.0 if outer.shape[0] > 0 else math.nan
     for i in range(outer.shape[0]):
@@ -307,7 +307,7 @@ def _careful(contacts: ContactSet, first: Array, skip: int, refine: bool, tolera
     _, inner, outer = _polygons(fan, count)
     inner, outer = oracle.anchor + r.length * inner, oracle.anchor + r.length * outer
     solved = Solved(r.a, r.h, r.c, fan, count, oracle.anchor, r.length)
-    gap = gap * r.length if refine else _distance(inner, outer)
+    gap = gap * r.length if refine else distance(inner, outer)
     return Region(contacts, "ok", inner, outer, oracle.support(fan, chosen), gap, False, count, None, solved)
 
 
