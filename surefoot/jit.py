@@ -1,5 +1,6 @@
 """Typed ways to compile a numeric kernel."""
 
+import contextlib
 import importlib
 import sys
 from collections.abc import Callable
@@ -48,11 +49,17 @@ def kernel(function: F) -> F:
 
     The compiled object is given the type of the plain function, so that a type checker sees the signature.
     """
-    compiled: Any = numba.njit(cache=True)(function)  # pyright: ignore[reportUnknownMemberType]
-    return cast(F, compiled)
+    return _compiled(function)
 
 
 def row_kernel(function: F) -> F:
     """Like `kernel`, with divisions as in numpy (x / 0 = inf or NaN, no exception), so that loops become vectors."""
-    compiled: Any = numba.njit(cache=True, error_model="numpy")(function)  # pyright: ignore[reportUnknownMemberType]
+    return _compiled(function, error_model="numpy")
+
+
+def _compiled(function: F, **options: Any) -> F:
+    """Kept beside the source, else in the user's cache folder; where neither can be written, every process compiles."""
+    compiled: Any = numba.njit(**options)(function)  # pyright: ignore[reportUnknownMemberType]
+    with contextlib.suppress(RuntimeError):  # numba finds no place to write
+        compiled.enable_caching()
     return cast(F, compiled)

@@ -71,8 +71,11 @@ def warm_all(tell: Callable[[str], None] = lambda text: None) -> dict[str, float
             took |= result
             tell(f"  {name}: {sum(result.values()):.1f} s")
     stamps = _stamps()
-    stamps.mkdir(parents=True, exist_ok=True)
-    (stamps / signature()).touch()
+    try:
+        stamps.mkdir(parents=True, exist_ok=True)
+        (stamps / signature()).touch()
+    except OSError as error:
+        tell(f"  nothing can be kept in {stamps}: {error.strerror}; kernels are compiled again at each start")
     return took
 
 
