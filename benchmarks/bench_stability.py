@@ -11,7 +11,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from services.stability.certificate import balance, force_violation, twist_violation
 from services.stability.contacts import Array, ContactSet, contact_set
 from services.stability.directions import equally_spaced
 from services.stability.interior import SOLVED
@@ -26,6 +25,7 @@ from services.stability.whatif import batch, pack
 from surefoot.jit import kernel
 from surefoot.polygon import area
 from surefoot.robot import load_robot
+from tests.services.stability.certificate import balance, force_violation, twist_violation
 from tests.services.stability.oracles import literal_support
 
 SIXTEEN = equally_spaced(16)

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from services.stability.contacts import Array, StabilityError
+from surefoot.jit import row_kernel
+from surefoot.polygon import hull
 
 
 def equally_spaced(count: int) -> Array:
@@ -42,3 +44,53 @@ def unit(directions: ArrayLike) -> Array:
         raise StabilityError("zero_direction", f"directions.{i}", "got the zero vector, a direction is needed")
     a /= largest[:, None]
     return np.ascontiguousarray(a / np.hypot(a[:, 0], a[:, 1])[:, None])
+
+
+AXES = equally_spaced(8)
+
+
+@row_kernel
+def has_axes(directions: Array) -> bool:
+    """Whether the directions contain +-x and +-y, which decide if a region is bounded."""
+    found = 0
+    for k in range(directions.shape[0]):
+        x, y = directions[k, 0], directions[k, 1]
+        if y == 0.0:
+            found |= 1 if x > 0.0 else 2
+        elif x == 0.0:
+            found |= 4 if y > 0.0 else 8
+    return found == 15
+
+
+@row_kernel
+def edge_normals(position: Array) -> Array:
+    """Outward normals of the hull of the contacts if it has 3 to 8 edges, else the axes: on mild ground its edges."""
+    corners = hull(position[:, :2].copy())
+    n = corners.shape[0]
+    if n < 3 or n > 8:
+        return AXES.copy()
+    out = np.empty((n, 2))
+    for i in range(n):
+        j = (i + 1) % n
+        dx, dy = corners[j, 0] - corners[i, 0], corners[j, 1] - corners[i, 1]
+        length = math.hypot(dx, dy)
+        out[i, 0], out[i, 1] = dy / length, -dx / length
+    return out
+
+
+@row_kernel
+def corner_normals(position: Array) -> Array:
+    """Where refinement begins: outward at each corner of the hull of the contacts, between the normals of its edges.
+
+    On mild ground the support points are these corners at once; directions between them then go where it is curved.
+    """
+    edges = edge_normals(position)
+    n = edges.shape[0]
+    out = np.empty((n, 2))
+    for i in range(n):
+        x, y = edges[i, 0] + edges[(i + 1) % n, 0], edges[i, 1] + edges[(i + 1) % n, 1]
+        length = math.hypot(x, y)
+        if length < 1e-3:  # a needle
+            return edges
+        out[i, 0], out[i, 1] = x / length, y / length
+    return out

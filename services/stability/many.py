@@ -19,22 +19,14 @@ from numpy.typing import NDArray
 
 from services.stability import flat
 from services.stability.contacts import Array, ContactSet
+from services.stability.directions import edge_normals
 from services.stability.fan import ANSWER, APPROACH, Goal, explore, new_fan
 from services.stability.interior import NO_PRIMAL
 from services.stability.lanes import LANES
 from services.stability.margin import MARGIN_DIRECTIONS, MARGIN_TOLERANCE, ON_EDGE, margin
 from services.stability.reduced import RANK, SMALL_MU, matrices
-from services.stability.region import (
-    POINT,
-    WIDE,
-    RegionStatus,
-    along,
-    edge_normals,
-    flat_ends,
-    line_of,
-    region,
-    wide,
-)
+from services.stability.region import RegionStatus, region, wide
+from services.stability.thin import POINT, WIDE, along, flat_ends, line_of
 from surefoot.jit import row_kernel
 from surefoot.polygon import hull, signed_distance
 

@@ -12,21 +12,19 @@ import numpy as np
 
 from services.stability import flat
 from services.stability.contacts import Array, ContactSet
-from services.stability.directions import equally_spaced
+from services.stability.directions import AXES, corner_normals, has_axes
 from services.stability.fan import ANSWER, ENCLOSE, Fan, Goal, explore, new_fan
 from services.stability.interior import NO_PRIMAL, SOLVED
 from services.stability.lanes import LANES
 from services.stability.oracle import FLAT, Oracle, Support
 from services.stability.reduced import RANK, SMALL_MU, matrices
+from services.stability.thin import THIN, WIDE, along, flat_ends, line_of
 from surefoot.jit import row_kernel
 from surefoot.polygon import area, half_planes, hull, signed_distance
 
 RegionStatus = Literal["ok", "infeasible", "unbounded", "point", "segment"]
 
-THIN = 1e-7  # in units of the stance; a region narrower than that is a segment, a shorter one a point
-LINE, LEVEL = 1e-9, 1e-6  # of the length of a line: how far contacts may lie off it, and how steep it may be
 SLIM = 1e-5  # area / diameter^2 below which the width is looked at
-AXES = equally_spaced(8)
 FEW, FEW_AT_ONCE = 16, 4  # with no more directions than that the batches are small, to use what the last one showed
 
 
@@ -89,7 +87,7 @@ def region(
         exact, p, q = flat.plane(contacts.position, contacts.normal, contacts.mu)
         if exact:
             return _hull_region(contacts, given if len(given) and not refine else AXES, p, q)
-    first = given if not refine and _has_axes(given) else np.concatenate((AXES, given))
+    first = given if not refine and has_axes(given) else np.concatenate((AXES, given))
     skip = len(first) - len(given) if not refine else 0
     if n > 1 and contacts.mu.min() > SMALL_MU and contacts.mu.max() < math.inf:
         begin = np.concatenate((corner_normals(contacts.position), given)) if refine else first
@@ -102,53 +100,6 @@ def region(
     if n == 1:
         return _single(contacts, first[skip:])
     return _careful(contacts, first, skip, refine, tolerance, max(limit, len(first)))
-
-
-@row_kernel
-def _has_axes(directions: Array) -> bool:
-    """Whether the directions contain +-x and +-y, which decide if a region is bounded."""
-    found = 0
-    for k in range(directions.shape[0]):
-        x, y = directions[k, 0], directions[k, 1]
-        if y == 0.0:
-            found |= 1 if x > 0.0 else 2
-        elif x == 0.0:
-            found |= 4 if y > 0.0 else 8
-    return found == 15
-
-
-@row_kernel
-def edge_normals(position: Array) -> Array:
-    """Outward normals of the hull of the contacts if it has 3 to 8 edges, else the axes: on mild ground its edges."""
-    corners = hull(position[:, :2].copy())
-    n = corners.shape[0]
-    if n < 3 or n > 8:
-        return AXES.copy()
-    out = np.empty((n, 2))
-    for i in range(n):
-        j = (i + 1) % n
-        dx, dy = corners[j, 0] - corners[i, 0], corners[j, 1] - corners[i, 1]
-        length = math.hypot(dx, dy)
-        out[i, 0], out[i, 1] = dy / length, -dx / length
-    return out
-
-
-@row_kernel
-def corner_normals(position: Array) -> Array:
-    """Where refinement begins: outward at each corner of the hull of the contacts, between the normals of its edges.
-
-    On mild ground the support points are these corners at once; directions between them then go where it is curved.
-    """
-    edges = edge_normals(position)
-    n = edges.shape[0]
-    out = np.empty((n, 2))
-    for i in range(n):
-        x, y = edges[i, 0] + edges[(i + 1) % n, 0], edges[i, 1] + edges[(i + 1) % n, 1]
-        length = math.hypot(x, y)
-        if length < 1e-3:  # a needle
-            return edges
-        out[i, 0], out[i, 1] = x / length, y / length
-    return out
 
 
 def _ordinary(
@@ -330,51 +281,6 @@ def _ends(oracle: Oracle, fan: Fan, count: int) -> Array | None:
     probe = oracle.fan(along(line), 4)
     kind, ends = flat_ends(probe)
     return ends if kind != WIDE else None
-
-
-@row_kernel
-def line_of(position: Array) -> tuple[bool, Array]:
-    """Whether all contacts lie on one line that is not vertical, and its horizontal unit direction (2,)."""
-    line, far, n = np.zeros(3), 0.0, position.shape[0]
-    for i in range(1, n):
-        x, y, z = position[i, 0] - position[0, 0], position[i, 1] - position[0, 1], position[i, 2] - position[0, 2]
-        if x * x + y * y + z * z > far:
-            far = x * x + y * y + z * z
-            line[0], line[1], line[2] = x, y, z
-    level = math.hypot(line[0], line[1])
-    if level <= LEVEL * math.sqrt(far):
-        return False, line[:2]
-    for i in range(1, n):
-        x, y, z = position[i, 0] - position[0, 0], position[i, 1] - position[0, 1], position[i, 2] - position[0, 2]
-        t = (x * line[0] + y * line[1] + z * line[2]) / far
-        x, y, z = x - t * line[0], y - t * line[1], z - t * line[2]
-        if x * x + y * y + z * z > LINE * LINE * far:
-            return False, line[:2]
-    line[0], line[1] = line[0] / level, line[1] / level
-    return True, line[:2]
-
-
-@row_kernel
-def along(line: Array) -> Array:
-    """Directions (4, 2) that tell a region without area: both ways along a line, both ways across it."""
-    x, y = line[0], line[1]
-    return np.array([[x, y], [-x, -y], [-y, x], [y, -x]])
-
-
-WIDE, POINT, SEGMENT = 0, 1, 2
-
-
-@row_kernel
-def flat_ends(probe: Fan) -> tuple[int, Array]:
-    """What the answers to `along` say: an area (or no end), a point (1, 2), or a segment by its ends (2, 2); scaled."""
-    for k in range(4):
-        if probe.status[k] != SOLVED:
-            return WIDE, probe.point[:0]
-    if probe.value[2] + probe.value[3] > THIN:
-        return WIDE, probe.point[:0]
-    if probe.value[0] + probe.value[1] <= THIN:
-        return POINT, 0.5 * (probe.point[:1] + probe.point[1:2])
-    return SEGMENT, probe.point[:2].copy()
 
 
 def warm() -> None:

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from services.stability.certificate import balance, force_violation
 from services.stability.contacts import ContactSet, contact_set
 from services.stability.directions import equally_spaced
 from services.stability.equilibrium import equilibrium, friction_needed, least_forces
 from services.stability.margin import margin
 from services.stability.region import region
 from services.stability.robust import Uncertainty, gradient, robust_margin, shrunk
+from tests.services.stability.certificate import balance, force_violation
 from tests.services.stability.sets import SQUARE, UP, feasible_sets, tilted
 
 CENTRE = np.zeros(2)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from services.stability.certificate import balance, force_violation, twist_violation
 from services.stability.directions import equally_spaced
 from services.stability.fan import Fan
 from services.stability.interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED, solve_lanes
@@ -11,6 +10,7 @@ from services.stability.lanes import factor, solve
 from services.stability.oracle import Oracle, solve_one
 from services.stability.reduced import reduce
 from services.stability.reference import Reference
+from tests.services.stability.certificate import balance, force_violation, twist_violation
 from tests.services.stability.oracles import literal_support, pyramid_support
 from tests.services.stability.sets import feasible_sets, random_set
 

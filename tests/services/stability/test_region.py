@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from services.stability.certificate import balance, force_violation, twist_violation
 from services.stability.contacts import ContactSet, contact_set
 from services.stability.directions import equally_spaced
 from services.stability.region import Region, region
 from surefoot.polygon import area, hull, signed_distance
+from tests.services.stability.certificate import balance, force_violation, twist_violation
 from tests.services.stability.sets import SQUARE, UP, feasible_sets, random_set, tilted
 
 SIXTEEN = equally_spaced(16)

@@ -12,7 +12,6 @@ from schemas.hw import FootContacts, JointState, Tick
 from schemas.stability import CheckRequest, StabilityStatus
 from schemas.state import VelocityEstimate
 from schemas.topics import HW_CONTACTS, HW_JOINTS, STATE_STABILITY, STATE_VELOCITY
-from services.stability.certificate import twist_violation
 from services.stability.check_query import check_reply
 from services.stability.config import StabilityConfig
 from services.stability.contacts import contact_set
@@ -22,6 +21,7 @@ from surefoot.errors import Refusal
 from surefoot.join import TickInputs
 from surefoot.kinematics import com, foot_jacobians, foot_positions, gravity_torques
 from surefoot.robot import load_robot
+from tests.services.stability.certificate import twist_violation
 from tests.services.stability.sets import SQUARE, UP
 
 RAGNO = load_robot("ragno")
