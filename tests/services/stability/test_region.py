@@ -209,3 +209,19 @@ def test_sixty_four_contacts() -> None:
     found = region(random_set(np.random.default_rng(13), 64), SIXTEEN)
     assert found.status == "ok"
     verify(found)
+
+
+def test_every_number_of_contacts_from_none_to_sixty_four() -> None:
+    """Any normal (walls, ceilings), no, some and unlimited friction, doubled contacts: every verdict is proved."""
+    rng, seen = np.random.default_rng(14), set[str]()
+    for n in range(65):
+        position, normal = rng.uniform(-0.2, 0.2, (n, 3)), rng.normal(size=(n, 3))
+        if n % 3:
+            normal[:, 2] = np.abs(normal[:, 2]) + 0.5
+        mu = rng.choice([0.0, 0.3, 0.9, np.inf], n, p=[0.1, 0.4, 0.4, 0.1])
+        if n > 1:
+            position[-1] = position[0]
+        found = region(contact_set(position, normal, mu), SIXTEEN)
+        seen.add(found.status)
+        verify(found)
+    assert seen >= {"ok", "infeasible", "unbounded"}
