@@ -44,9 +44,9 @@ class Truth(Message):
 
 
 class SimStatus(Message):
-    """State of the simulation, once a second of simulated time, and at once after an emergency stop."""
+    """State of the simulation, once a second of simulated time, at once after an emergency stop or a failure."""
 
-    schema_version: ClassVar[str] = "1.1"
+    schema_version: ClassVar[str] = "1.2"
     state: Literal["idle", "joining", "running", "paused", "holding", "ended"] = Field(description="of the lockstep")
     rtf: float = Field(ge=0, description="simulated over wall time since the last status (not reproducible)")
     ticks: int = Field(ge=0, description="control ticks since the epoch began")
@@ -54,6 +54,7 @@ class SimStatus(Message):
     missing: tuple[str, ...] = Field(default=(), description="services awaited")
     detail: str = Field(default="", description="in words")
     stopped: str = Field(default="", description="reason of the emergency stop in force; empty = none is")
+    failed: str = Field(default="", description="why the physics of this run means nothing any more; empty = it does")
 
 
 class World(Request):

@@ -13,6 +13,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: small matric
 from surefoot.config import load_config
 from surefoot.errors import SurefootError
 from surefoot.service import Service
+from surefoot.tables import TableError
 from surefoot.version import VERSION
 
 EXIT_USAGE = 2
@@ -48,6 +49,9 @@ def run(service: type[Service[Any]], arguments: list[str] | None = None) -> int:
         return _serve(service(config), options)
     except SurefootError as error:
         sys.stderr.write(f"surefoot {service.name}: {error.message}\n")
+        return EXIT_USAGE
+    except TableError as error:  # a robot or another file that the service was told to use
+        sys.stderr.write(f"surefoot {service.name}: {error}\n")
         return EXIT_USAGE
 
 

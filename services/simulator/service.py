@@ -87,7 +87,7 @@ class Simulator(Driver[SimulatorConfig]):
         self._saved: dict[str, tuple[Checkpoint, sim.ResetRequest]] = {}
         self._wall = (time.perf_counter(), 0)
         self._held = 0
-        self._stopped = ""
+        self._stopped = self._failed = ""
         worlds.warm()
         for query, handler in (
             (SIM_RESET, self.reset), (SIM_STEP, self.step), (SIM_PAUSE, self.pause), (SIM_PUSH, self.push),
@@ -118,10 +118,20 @@ class Simulator(Driver[SimulatorConfig]):
         return [truth_message(self.world.truth(), tick)]
 
     def actuate(self, tick: int, command: JointCommand | None) -> None:
-        now = self.world.stamp_ns
         for item in [item for item in self._later if item[0] <= tick]:
             self._later.remove(item)
             item[1]()
+        self._step(command)
+        if self._failed or not self.world.diverged:
+            return
+        self._failed = (
+            f"the physics diverged at {self.world.stamp_ns * 1e-9:.2f} s ({self.world.diverged}): the run ends"
+        )
+        self.log("error", self._failed)
+        self.node.leader.end_tick = tick + 1
+        self.publish(SIM_STATUS, self._status())
+
+    def _step(self, command: JointCommand | None) -> None:
         if command is not None and command.position is not None and not self._stopped:
             limit = command.torque_limit
             self._held = 0
@@ -129,7 +139,8 @@ class Simulator(Driver[SimulatorConfig]):
             return
         self._held += 1
         if self._held * worlds.TICK_NS == STALE_NS:
-            self.log("warning", f"no command for {STALE_NS // 1_000_000} ms at {now * 1e-9:.2f} s: joints are held")
+            now = self.world.stamp_ns * 1e-9
+            self.log("warning", f"no command for {STALE_NS // 1_000_000} ms at {now:.2f} s: joints are held")
         self.world.step_tick(None)
 
     def latched(self) -> list[tuple[Topic, Message]]:  # pyright: ignore[reportMissingTypeArgument] - rows of any model
@@ -192,7 +203,7 @@ class Simulator(Driver[SimulatorConfig]):
         r = self._request
         self._begin_on_first_work = False
         self.guard.clear(self.robot.neutral)
-        self._stopped = ""
+        self._stopped = self._failed = ""
         self._later.clear()
         epoch = self.node.begin(r.expect, r.mode, r.rtf, r.actuation_delay_ticks, r.policy, r.seed)
         self.node.leader.end_tick = None if r.max_ticks is None else r.max_ticks - 1
@@ -303,7 +314,7 @@ class Simulator(Driver[SimulatorConfig]):
         rtf = before * worlds.TICK_NS * 1e-9 / wall if wall > 0.0 and before > 0 else 0.0
         return sim.SimStatus(
             state=leader.state, rtf=rtf, ticks=tick + 1, comparable=leader.comparable, missing=leader.missing(),
-            detail=leader.reason, stopped=self._stopped, tick=max(-1, tick), epoch=leader.epoch,
+            detail=leader.reason, stopped=self._stopped, failed=self._failed, tick=max(-1, tick), epoch=leader.epoch,
         )  # fmt: skip
 
 

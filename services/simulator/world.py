@@ -202,6 +202,13 @@ class World:
         """Simulated time since the reset or the restart from a checkpoint, ns."""
         return self.steps * STEP_NS - self._first_tick * TICK_NS
 
+    @property
+    def diverged(self) -> str:
+        """What MuJoCo found not finite or huge since the reset; it has put the robot back to its origin then."""
+        warning, kind = self.data.warning, mujoco.mjtWarning
+        found = {"positions": kind.mjWARN_BADQPOS, "speeds": kind.mjWARN_BADQVEL, "accelerations": kind.mjWARN_BADQACC}
+        return ", ".join(name for name, which in found.items() if warning[which].number > 0)
+
     def _finish_tick(self, first: bool = False) -> None:
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)

@@ -103,8 +103,7 @@ def run_scenario(
         timings = {n: Timing(h.tick_p50_us, h.tick_p99_us) for n, h in session.health().items() if h.tick_p50_us > 0}
         restarts = [f"{row.service} was restarted {row.restarts}x" for row in session.rows() if row.restarts]
         status, wall_s = session.supervisor.status, session.supervisor.wall_s
-    if status is not None and status.stopped:
-        problems.append(f"emergency stop: {status.stopped}")
+    problems += session.supervisor.stops()
     comparable = not restarts and options.rtf is None and (status is None or status.comparable)
     traces = session.supervisor.traces()
     verdict = judge(

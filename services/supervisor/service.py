@@ -123,6 +123,14 @@ class Supervisor(Service[ServiceConfig]):
             traces.note(time_s, text)
         return traces
 
+    def stops(self) -> list[str]:
+        """Return what the driver said why the run is no run: an emergency stop, physics that diverged."""
+        status = self.status
+        if status is None:
+            return []
+        stopped = [f"emergency stop: {status.stopped}"] if status.stopped else []
+        return [*stopped, status.failed] if status.failed else stopped
+
     def on_reset(self) -> None:
         """A new run: forget the one before."""
         self.ended.clear()

@@ -102,7 +102,7 @@ def run_local(
             run_hash = system.bus.call(RECORDER_STATUS, RecorderRequest()).run_hash
         verdict = judge(
             supervisor.traces(), scenario.limits, wall_s=wall_s, message_hash=run_hash, comparable=leader.comparable,
-            problems=(*director.problems, *director.unfinished()), notes=tuple(director.notes),
+            problems=(*supervisor.stops(), *director.problems, *director.unfinished()), notes=tuple(director.notes),
         )  # fmt: skip
         return LocalRun(seed, verdict, run_hash, leader.tick + 1, wall_s)
     finally:
