@@ -54,7 +54,8 @@ def keep(
 
     Raises:
         RunFolderError: it is up already.
-        BusError: the port is taken, or a service is not restarted any more.
+        RobotError: no such robot.
+        BusError: the port is taken, a service is not restarted any more, or the simulator refuses the world.
     """
     environment = {
         "SUREFOOT_RECORDER_PATH": str(order.record.resolve()) if order.record is not None else "",
@@ -88,7 +89,10 @@ def _reset(session: Session, order: Order, tell: Callable[[str], None]) -> None:
     try:
         session.call(SIM_RESET, request)
     except CallError as error:
-        tell(f"the simulation could not be started: {error.message}")
+        problem = f"the simulation could not be started: {error.message}"
+        if error.code not in ("absent", "timeout"):  # what it was told is wrong, and stays so
+            raise BusError(error.code, problem, error.field) from None
+        tell(problem)
 
 
 def start_detached(

@@ -24,6 +24,7 @@ from surefoot.errors import BusError, CallError
 from surefoot.join import DRIVER
 from surefoot.launch import spare_collector
 from surefoot.node import Node
+from surefoot.robot import load_robot
 from surefoot.zenoh_bus import DEFAULT_ENDPOINT, DEFAULT_FLEET, ZenohBus
 from surefoot.zenoh_bus import Endpoint as BusEndpoint
 
@@ -77,9 +78,11 @@ class Session:
         """Take the run folder, open the router, become visible.
 
         Raises:
+            RobotError: no such robot.
             RunFolderError: the system is up already.
             BusError: the port is taken; the sentence names the owner and the flag.
         """
+        load_robot(self.robot)  # now, not by each of the services
         self.folder.acquire()
         try:
             self._clean_up()

@@ -5,6 +5,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+from services.supervisor.compose import ComposeError
+from services.supervisor.files import find
 from services.supervisor.scenario import parse_scenario
 from services.supervisor.study import run_local
 
@@ -37,4 +41,21 @@ def test_a_service_told_to_use_an_unknown_robot_says_so() -> None:
     )  # fmt: skip
     assert done.returncode == 2
     assert "Traceback" not in done.stderr
-    assert "nobody" in done.stderr and "ragno" in done.stderr
+    assert "nobody" in done.stderr
+    assert "ragno" in done.stderr
+
+
+@pytest.mark.parametrize(("words", "env"), [(("--terrain", "moon"), {}), ((), {"SUREFOOT_ROBOT": "rango"})])
+def test_a_system_that_cannot_begin_ends_with_a_sentence(
+    words: tuple[str, ...], env: dict[str, str], listen: str, tmp_path: Path
+) -> None:
+    compose = tmp_path / "x.yaml"
+    text = find("compose", "ragno", ".yaml", ComposeError).read_text()
+    compose.write_text(text.replace("SUREFOOT_ROBOT: ragno", f"SUREFOOT_ROBOT: {env.get('SUREFOOT_ROBOT', 'ragno')}"))
+    done = subprocess.run(
+        [sys.executable, "-m", "services.supervisor.cli", "up", str(compose), *words, "--listen", listen],
+        cwd=tmp_path, env=dict(os.environ, XDG_STATE_HOME=str(tmp_path)), capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 2, done.stderr
+    assert ("moon" in done.stderr and "flat" in done.stderr) or ("rango" in done.stderr and "ragno" in done.stderr)
+    assert "Traceback" not in done.stderr
