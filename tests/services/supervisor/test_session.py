@@ -1,6 +1,7 @@
 """A system from up to down, with processes that do nothing: router, run folder, restarts, leftovers, busy port."""
 
 import os
+import shutil
 import signal
 import socket
 import threading
@@ -15,6 +16,7 @@ from services.supervisor.keep import Order, keep
 from services.supervisor.rundir import RunFolder, RunFolderError
 from services.supervisor.session import Session
 from surefoot.errors import BusError
+from surefoot.robot_file import ROBOTS
 
 IDLE = """
 name: idle
@@ -129,6 +131,7 @@ def test_is_kept_until_the_end_is_asked_for(listen):
 def test_a_robot_given_as_a_folder_gives_its_name_to_the_namespace(listen, monkeypatch, tmp_path):
     monkeypatch.delenv("SUREFOOT_NAMESPACE", raising=False)
     monkeypatch.setenv("SUREFOOT_ROBOT", str(tmp_path / "mybot"))
+    shutil.copytree(ROBOTS / "ragno", tmp_path / "mybot")
     with Session(parse_compose(IDLE), listen=listen) as session:
         assert session.namespace == "surefoot/mybot"
         assert session.robot == str(tmp_path / "mybot")
