@@ -4,9 +4,13 @@ import sys
 
 from schemas.topics import CMD_WALK, STATE_GAIT
 from surefoot.client import connect
+from surefoot.errors import SurefootError
 
-endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7447"
-with connect("ragno", endpoint) as robot:
+try:
+    client = connect("ragno", sys.argv[1] if len(sys.argv) > 1 else None)  # None: SUREFOOT_CONNECT or SUREFOOT_LISTEN
+except SurefootError as error:
+    sys.exit(str(error))
+with client as robot:
     for gait in robot.messages(STATE_GAIT):  # the walker refuses to walk before the estimator has found its bearings
         if gait.state == "standing":
             break

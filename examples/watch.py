@@ -4,9 +4,13 @@ import sys
 
 from schemas.topics import STATE_STABILITY, STATE_VELOCITY
 from surefoot.client import connect
+from surefoot.errors import SurefootError
 
-endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7447"
-with connect("ragno", endpoint) as robot:
+try:
+    client = connect("ragno", sys.argv[1] if len(sys.argv) > 1 else None)  # None: SUREFOOT_CONNECT or SUREFOOT_LISTEN
+except SurefootError as error:
+    sys.exit(str(error))
+with client as robot:
     margin = robot.latest(STATE_STABILITY).margin_planned
     for count, v in enumerate(robot.messages(STATE_VELOCITY)):
         print(

@@ -16,8 +16,9 @@ from schemas.base import Message, Wire
 from schemas.topics import QUERIES, TOPICS, Query, Topic
 from surefoot.bus import Delivery
 from surefoot.codec import refusal_of
+from surefoot.endpoint import to_connect
 from surefoot.errors import CallError, SurefootError
-from surefoot.zenoh_bus import DEFAULT_ENDPOINT, Endpoint, ZenohBus
+from surefoot.zenoh_bus import Endpoint, ZenohBus
 
 M = TypeVar("M", bound=Message)
 
@@ -99,6 +100,16 @@ def make_request(query: Query[Any, Any], fields: dict[str, Any]) -> Wire:
         raise refusal_of(error, query.key) from None
 
 
-def connect(robot: str = "ragno", endpoint: str = DEFAULT_ENDPOINT, fleet: str = "surefoot") -> Client:
-    """Joins the network as a client (raises BusError when no router answers)."""
-    return Client(ZenohBus(Endpoint(mode="client", connect=(endpoint,), namespace=f"{fleet}/{robot}")))
+def connect(robot: str = "ragno", endpoint: str | None = None, fleet: str = "surefoot") -> Client:
+    """Joins the network as a client.
+
+    Args:
+        robot: second part of the keys' prefix.
+        endpoint: of the router; None = SUREFOOT_CONNECT, else SUREFOOT_LISTEN, else ``tcp/127.0.0.1:7447``.
+        fleet: first part of the keys' prefix.
+
+    Raises:
+        BusError: no router answers.
+        ConfigError: the variable holds no endpoint.
+    """
+    return Client(ZenohBus(Endpoint(mode="client", connect=(endpoint or to_connect(),), namespace=f"{fleet}/{robot}")))

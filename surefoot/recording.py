@@ -23,6 +23,7 @@ BULK = "surefoot-bulk"
 """Message encoding of arrays: uint32 length of the JSON header, header, raw array."""
 SUMMARY = "surefoot"
 
+_MAGIC = b"\x89MCAP0\r\n"
 _BROKEN = (McapError, ZstdError, struct.error, ValueError, EOFError)
 """What reading a torn file raises: its records, their compression and their texts may each be damaged."""
 
@@ -99,7 +100,7 @@ def read_recording(path: Path, keys: tuple[str, ...] | None = None) -> Iterator[
     """The messages of a recording in the order of their stamps.
 
     Raises:
-        SurefootError: the file cannot be read or is not an MCAP file.
+        SurefootError: the file cannot be read, is empty, no MCAP file, or cut off or damaged.
     """
     try:
         with path.open("rb") as file:
@@ -110,7 +111,18 @@ def read_recording(path: Path, keys: tuple[str, ...] | None = None) -> Iterator[
     except OSError as error:
         raise SurefootError("unreadable", f"{path}: {error.strerror}") from None
     except _BROKEN as error:
-        raise SurefootError("malformed", f"{path} is not a complete MCAP file: {error}") from None
+        raise _broken(path, str(error)) from None
+
+
+def _broken(path: Path, why: str) -> SurefootError:
+    """What is wrong with a file that cannot be read as a recording."""
+    with path.open("rb") as file:
+        head = file.read(len(_MAGIC))
+    if not head:
+        return SurefootError("malformed", f"{path} is empty")
+    if not _MAGIC.startswith(head):
+        return SurefootError("malformed", f"{path} is not an MCAP file: it begins with {head!r}")
+    return SurefootError("malformed", f"{path} is cut off or damaged" + (f" ({why})" if why else ""))
 
 
 def recording_info(path: Path) -> dict[str, Any]:
@@ -123,9 +135,9 @@ def recording_info(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise SurefootError("unreadable", f"{path}: {error.strerror}") from None
     except _BROKEN as error:
-        raise SurefootError("malformed", f"{path} is not a complete MCAP file: {error}") from None
+        raise _broken(path, str(error)) from None
     if summary is None or summary.statistics is None:
-        raise SurefootError("malformed", f"{path} has no summary; the recorder did not finish")
+        raise _broken(path, "it has no summary, the recorder did not finish")
     counts = summary.statistics.channel_message_counts
     return {
         "path": str(path),

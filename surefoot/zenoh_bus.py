@@ -17,6 +17,7 @@ from schemas.base import ErrorReply, Message, Request, Wire
 from schemas.topics import Query, Topic
 from surefoot.bus import Delivery, Incoming, Life, Raw
 from surefoot.codec import decode, encode, encoding_of, validate_json
+from surefoot.endpoint import DEFAULT_ENDPOINT, without_source
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
 from surefoot.frame import Frame
 from surefoot.zenoh_publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher
@@ -25,7 +26,6 @@ M = TypeVar("M", bound=Message)
 Req = TypeVar("Req", bound=Request)
 Rep = TypeVar("Rep", bound=Wire)
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 DEFAULT_FLEET = "surefoot"
 LEASE_MS = 1000
 """A frozen process is noticed after this time; a crash at once (Zenoh's default is 10 s)."""
@@ -120,7 +120,7 @@ class ZenohBus:
         try:
             self.session = zenoh.open(zenoh_config(endpoint))
         except zenoh.ZError as error:
-            raise BusError("no_bus", _why_not_open(endpoint, str(error))) from None
+            raise BusError("no_bus", _why_not_open(endpoint, without_source(str(error)))) from None
         self._keep: list[Any] = []
         self._queriers: dict[tuple[str, float], zenoh.Querier] = {}
         self._framers: dict[str, Framer] = {}
@@ -295,4 +295,8 @@ def _why_not_open(endpoint: Endpoint, error: str) -> str:
         return f"cannot listen on {where}: another router holds it (stop it, or choose another with --listen)"
     if endpoint.mode == "router":
         return f"cannot open a router on {where} for {endpoint.namespace!r}: {error}"
-    return f"no router answers at {where} (start one with `surefoot up`, or name another with --connect): {error}"
+    why = "" if error.startswith("Unable to connect") else f": {error}"
+    return (
+        f"no router answers at {where} (start one with `surefoot up`, or name another with --connect or "
+        f"SUREFOOT_CONNECT){why}"
+    )

@@ -12,10 +12,11 @@ from schemas.topics import HW_TICK, TICK_DONE, TOPICS, Kind
 from services.supervisor.ports import owner_of, port_of
 from surefoot.bus import Delivery, Publisher
 from surefoot.client import Client, topic_named
+from surefoot.endpoint import checked, to_listen
 from surefoot.errors import BusError, Refusal, SurefootError
 from surefoot.recording import RecordingWriter, read_recording, recording_info, topic_of
 from surefoot.version import VERSION
-from surefoot.zenoh_bus import DEFAULT_ENDPOINT, Endpoint, ZenohBus
+from surefoot.zenoh_bus import Endpoint, ZenohBus
 
 
 def record_bag(robot: Client, file: Path, keys: Sequence[str], duration_s: float) -> int:
@@ -114,8 +115,8 @@ def play_bag(
 
 def _open(listen: str | None, connect: str | None, namespace: str) -> ZenohBus:
     if connect is not None:
-        return ZenohBus(Endpoint(mode="client", connect=(connect,), namespace=namespace))
-    listen = listen or os.environ.get("SUREFOOT_LISTEN") or DEFAULT_ENDPOINT
+        return ZenohBus(Endpoint(mode="client", connect=(checked("--connect", connect),), namespace=namespace))
+    listen = to_listen(listen)
     try:
         return ZenohBus(Endpoint(mode="router", connect=(), listen=(listen,), namespace=namespace))
     except BusError:

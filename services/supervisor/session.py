@@ -20,12 +20,13 @@ from services.supervisor.service import Supervisor
 from services.supervisor.system import SELF, Row, System
 from surefoot.bus import Life
 from surefoot.config import ServiceConfig
+from surefoot.endpoint import to_listen
 from surefoot.errors import BusError, CallError
 from surefoot.join import DRIVER
 from surefoot.launch import spare_collector
 from surefoot.node import Node
 from surefoot.robot import load_robot
-from surefoot.zenoh_bus import DEFAULT_ENDPOINT, DEFAULT_FLEET, ZenohBus
+from surefoot.zenoh_bus import DEFAULT_FLEET, ZenohBus
 from surefoot.zenoh_bus import Endpoint as BusEndpoint
 
 Req = TypeVar("Req", bound=Request)
@@ -49,7 +50,7 @@ class Session:
     ) -> None:
         self.compose = compose
         self.name = compose.name
-        self.listen = listen or os.environ.get("SUREFOOT_LISTEN") or DEFAULT_ENDPOINT
+        self.listen = to_listen(listen)
         self.robot = compose.robot
         self.namespace = os.environ.get("SUREFOOT_NAMESPACE", f"{DEFAULT_FLEET}/{Path(self.robot).name}")
         self.folder = RunFolder(compose.name)

@@ -8,7 +8,7 @@ from schemas.stability import RegionReply
 from schemas.state import VelocityEstimate
 from schemas.topics import HEALTH, STABILITY_REGION, STATE_VELOCITY
 from surefoot.client import Client, connect, make_request, query_named, topic_named
-from surefoot.errors import CallError, SurefootError
+from surefoot.errors import BusError, CallError, ConfigError, SurefootError
 from tests.surefoot.net import Net, matched, reached, serve
 from tests.surefoot.toys import estimate
 
@@ -60,6 +60,23 @@ def test_watch_and_ask(net: Net) -> None:
         listener.join(5.0)
         assert heard == [estimate(0.25)]
     tool.close()
+
+
+@pytest.mark.parametrize(("variable", "port"), [("SUREFOOT_CONNECT", 7), ("SUREFOOT_LISTEN", 9)])
+def test_without_an_endpoint_the_environment_names_the_router(
+    monkeypatch: pytest.MonkeyPatch, variable: str, port: int
+) -> None:
+    monkeypatch.delenv("SUREFOOT_CONNECT", raising=False)
+    monkeypatch.setenv("SUREFOOT_LISTEN", "tcp/127.0.0.1:9")
+    monkeypatch.setenv(variable, f"tcp/127.0.0.1:{port}")
+    monkeypatch.setattr("surefoot.zenoh_bus.CONNECT_TIMEOUT_MS", 100)
+    with pytest.raises(BusError) as caught:
+        connect()
+    assert f"no router answers at tcp/127.0.0.1:{port} (start one with `surefoot up`" in caught.value.message
+    assert ".rs" not in caught.value.message
+    monkeypatch.setenv(variable, "garbage")
+    with pytest.raises(ConfigError, match=f"{variable}: got 'garbage', expected tcp/"):
+        connect()
 
 
 def test_silence_ends_after_the_time_given(net: Net) -> None:

@@ -98,6 +98,8 @@ def test_a_broken_file_is_one_sentence(bag: Path, tmp_path: Path, damage: str, r
         read(path)
     assert str(path) in caught.value.message
     assert "\n" not in caught.value.message
+    words = {"none": "No such file", "folder": "Is a directory", "empty": "is empty", "text": "is not an MCAP file"}
+    assert words.get(damage, "is cut off or damaged") in caught.value.message
 
 
 def test_what_was_written_before_a_crash_is_on_disk(tmp_path: Path) -> None:

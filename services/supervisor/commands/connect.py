@@ -28,17 +28,22 @@ def client(connect: str | None = None, namespace: str | None = None) -> Iterator
 
 
 def endpoint(connect: str | None = None, namespace: str | None = None) -> tuple[str, str]:
-    """Return (endpoint, namespace) of the system to speak to."""
-    from services.supervisor.rundir import run_folders
+    """Return (endpoint, namespace): as told, else of the system that runs here, else where one would listen.
 
-    connect = connect or os.environ.get("SUREFOOT_CONNECT")
+    Raises:
+        ConfigError: what was told is no endpoint.
+    """
+    from services.supervisor.rundir import run_folders
+    from surefoot.endpoint import checked, from_environment, to_listen
+
+    connect = checked("--connect", connect) if connect else from_environment(("SUREFOOT_CONNECT",))
     namespace = namespace or os.environ.get("SUREFOOT_NAMESPACE")
     running = [found for folder in run_folders() if (found := folder.endpoint()) is not None]
     for found in running:
         if connect in (None, found.connect) and namespace in (None, found.namespace):
             return found.connect, found.namespace
     robot = os.path.basename(os.path.normpath(os.environ.get("SUREFOOT_ROBOT", "ragno")))  # a name, or a folder
-    return connect or "tcp/127.0.0.1:7447", namespace or f"surefoot/{robot}"
+    return connect or to_listen(), namespace or f"surefoot/{robot}"
 
 
 def _knock(where: str) -> None:

@@ -86,8 +86,10 @@ def write_table(
 
 def fail(error: Exception) -> int:
     """Write an error as one sentence (or one JSON object) and return the exit code."""
+    from surefoot.endpoint import without_source
+
     code = str(getattr(error, "code", "") or "internal")
-    message = str(error) or type(error).__name__
+    message = without_source(str(error)) or type(error).__name__
     exit_code = EXIT_CHECK
     if _is_usage(error):
         exit_code = EXIT_USAGE

@@ -7,7 +7,16 @@ from typing import Annotated, Any
 import typer
 
 from services.supervisor.commands.connect import client
-from services.supervisor.commands.output import Connect, Json, Namespace, use_json, write, write_json, write_table
+from services.supervisor.commands.output import (
+    EXIT_CHECK,
+    Connect,
+    Json,
+    Namespace,
+    use_json,
+    write,
+    write_json,
+    write_table,
+)
 
 app = typer.Typer(help="Queries the services answer: list, show, call.", no_args_is_help=True)
 Key = Annotated[str, typer.Argument(help="Key of a query, e.g. stability/check.")]
@@ -54,7 +63,7 @@ def call(
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
-    """Call a query and print its reply as JSON."""
+    """Call a query and print its reply as JSON. Exit code 1: it was not accepted, or nobody answered."""
     from surefoot.client import query_named
 
     use_json(json)
@@ -68,6 +77,8 @@ def call(
         write(jsonlib.dumps(content))
     else:
         write_json(content)
+    if content.get("accepted") is False:
+        raise typer.Exit(EXIT_CHECK)
 
 
 def _fields(text: str) -> dict[str, Any]:

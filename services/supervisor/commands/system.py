@@ -45,8 +45,10 @@ def up(
     from schemas.sim import World
     from services.supervisor.keep import Order, keep
     from services.supervisor.warming import warm_if_cold
+    from surefoot.endpoint import to_listen
 
     use_json(json)
+    to_listen(listen)  # a wrong endpoint is told before anything starts
     compose = _compose(system)
     order = Order(World(terrain=terrain), seed, rtf, record)
     if detach:
@@ -82,6 +84,8 @@ def down(
 
     use_json(json)
     stopped: list[str] = []
+    if system is not None:
+        _check_known(Path(system).stem)
     for folder in _folders(system):
         supervisor = folder.supervisor() if folder.held() else None
         if supervisor is not None:
@@ -175,6 +179,20 @@ def _folders(system: str | None) -> list["RunFolder"]:
     if system is not None:
         return [RunFolder(Path(system).stem)]
     return sorted(run_folders(), key=lambda folder: (folder.held(), folder.touched()))
+
+
+def _check_known(name: str) -> None:
+    """Refuse the name of a system that neither has run here nor could be started."""
+    from services.supervisor.files import names
+    from services.supervisor.rundir import run_folders
+    from surefoot.tables import did_you_mean
+
+    folders = run_folders()
+    known = sorted({*names("compose", ".yaml"), *(folder.name for folder in folders)})
+    if name not in known:
+        running = ", ".join(folder.name for folder in folders if folder.held()) or "none"
+        hint = did_you_mean(name, known)
+        raise typer.BadParameter(f"no system {name!r}{hint}; known are {', '.join(known)}; running: {running}")
 
 
 @contextmanager

@@ -5,11 +5,16 @@ import os
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
+from types import SimpleNamespace
 
 import pytest
 
+from schemas.cmd import WalkReply
 from services.supervisor import cli
+from services.supervisor.commands.connect import endpoint
 from services.supervisor.commands.output import state
+from services.supervisor.rundir import Endpoint, RunFolder
 
 PLAIN = {
     "list": ["list"],
@@ -87,6 +92,11 @@ def test_every_command_has_help_and_json(surefoot, words):
         (["call", "cmd/walk", "not json"], "not JSON"),
         (["call", "cmd/walk", "[1]"], "JSON object"),
         (["robot", "check", "ragmo"], "ragno"),
+        (["down", "ragmo"], "(did you mean 'ragno'?); known are"),
+        (["down", "nosuch"], "running: none"),
+        (["up", "--listen", "garbage"], "--listen: got 'garbage', expected tcp/<host>:<port 1-65535>"),
+        (["up", "-d", "--listen", "tcp/127.0.0.1:70000"], "expected tcp/<host>:<port 1-65535>"),
+        (["call", "cmd/walk", "--connect", "tcp/:1"], "--connect: got"),
         (["run"], "scenario"),
         (["run", "stand", "--seed", "-1"], "seed"),
     ],
@@ -110,6 +120,46 @@ def test_nothing_running_is_told_at_once(surefoot, words):
     assert json.loads(out) == {} or "error" in json.loads(out)
     assert not err
     assert time.monotonic() - began < 3.0
+
+
+@pytest.mark.parametrize("words", [["up"], ["up", "-d"], ["run", "stand"]], ids=" ".join)
+def test_a_listen_variable_that_is_no_endpoint_is_told(surefoot, monkeypatch, words):
+    monkeypatch.setenv("SUREFOOT_LISTEN", "garbage")
+    code, _, err = surefoot(*words)
+    assert code == cli.EXIT_USAGE
+    assert "surefoot: SUREFOOT_LISTEN: got 'garbage', expected tcp/<host>:<port 1-65535>\n" in err
+
+
+def test_a_client_looks_for_the_system_in_this_order(monkeypatch):
+    monkeypatch.delenv("SUREFOOT_CONNECT")
+    monkeypatch.setenv("SUREFOOT_LISTEN", "tcp/127.0.0.1:11")
+    assert endpoint() == ("tcp/127.0.0.1:11", "surefoot/ragno")
+    folder = RunFolder("system")
+    folder.acquire()
+    folder.write_endpoint(Endpoint("tcp/127.0.0.1:12", "fleet/robot"))
+    try:
+        assert endpoint() == ("tcp/127.0.0.1:12", "fleet/robot")
+        monkeypatch.setenv("SUREFOOT_CONNECT", "tcp/127.0.0.1:13")
+        assert endpoint()[0] == "tcp/127.0.0.1:13"
+        assert endpoint("tcp/127.0.0.1:14")[0] == "tcp/127.0.0.1:14"
+    finally:
+        folder.release()
+    monkeypatch.delenv("SUREFOOT_CONNECT")
+    monkeypatch.delenv("SUREFOOT_LISTEN")
+    assert endpoint()[0] == "tcp/127.0.0.1:7447"
+
+
+@pytest.mark.parametrize(("accepted", "expected"), [(True, 0), (False, 1)])
+def test_a_call_that_is_not_accepted_fails(surefoot, monkeypatch, accepted, expected):
+    @contextmanager
+    def client(*_):
+        yield SimpleNamespace(call=lambda *_, **__: WalkReply(accepted=accepted, id=int(accepted)))
+
+    monkeypatch.setattr("services.supervisor.commands.service.client", client)
+    for words in ([], ["--json"]):
+        code, out, _ = surefoot("call", "cmd/walk", '{"action": "stop"}', *words)
+        assert code == expected
+        assert json.loads(out)["accepted"] is accepted
 
 
 def test_down_with_nothing_running_is_fine(surefoot):

@@ -1,0 +1,43 @@
+"""Where the router is: endpoints as the command line and the environment give them."""
+
+import os
+import re
+from collections.abc import Mapping
+
+from surefoot.errors import ConfigError
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+_FORM = re.compile(r"tcp/(\[[0-9A-Fa-f:.]+\]|[^\s/:\[\]]+):(\d{1,5})([?#].*)?")
+_SOURCE = re.compile(r",?\s+at /\S+\.rs:\d+")
+
+
+def checked(source: str, endpoint: str) -> str:
+    """The endpoint itself (raises ConfigError naming ``source``, what came and the form expected)."""
+    match = _FORM.fullmatch(endpoint)
+    if match is None or not 1 <= int(match.group(2)) <= 65535:
+        raise ConfigError("invalid", f"{source}: got {endpoint!r}, expected tcp/<host>:<port 1-65535>", source)
+    return endpoint
+
+
+def from_environment(names: tuple[str, ...], environ: Mapping[str, str] | None = None) -> str | None:
+    """The first of these variables that is set and not empty, checked; None when there is none."""
+    environ = os.environ if environ is None else environ
+    return next((checked(name, environ[name]) for name in names if environ.get(name)), None)
+
+
+def to_listen(option: str | None = None) -> str:
+    """Where a router listens: ``--listen``, else SUREFOOT_LISTEN, else the default (raises ConfigError)."""
+    return checked("--listen", option) if option else from_environment(("SUREFOOT_LISTEN",)) or DEFAULT_ENDPOINT
+
+
+def to_connect() -> str:
+    """Where a client finds its router: SUREFOOT_CONNECT, else SUREFOOT_LISTEN, else the default (raises ConfigError).
+
+    Who has set SUREFOOT_LISTEN for ``surefoot up`` means the same router in the same shell.
+    """
+    return from_environment(("SUREFOOT_CONNECT", "SUREFOOT_LISTEN")) or DEFAULT_ENDPOINT
+
+
+def without_source(text: str) -> str:
+    """A message of the network library without the places in its own source code."""
+    return _SOURCE.sub("", text)
