@@ -84,6 +84,14 @@ def write_table(
     console.print(table)
 
 
+def write_fields(fields: Mapping[str, Sequence[Mapping[str, str]]], title: str = "") -> None:
+    """Write the fields of a model, then those of the models inside it."""
+    for number, (model, rows) in enumerate(fields.items()):
+        columns = ("field", "type", "default", "limits", "what it is")
+        name = f"{title} {model}".strip() if number == 0 else model
+        write_table(columns, [tuple(row[column] for column in columns) for row in rows], name)
+
+
 def fail(error: Exception) -> int:
     """Write an error as one sentence (or one JSON object) and return the exit code."""
     from surefoot.endpoint import without_source

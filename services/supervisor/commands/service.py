@@ -14,6 +14,7 @@ from services.supervisor.commands.output import (
     Namespace,
     use_json,
     write,
+    write_fields,
     write_json,
     write_table,
 )
@@ -37,21 +38,21 @@ def list_queries(json: Json = False) -> None:
 
 @app.command()
 def info(key: Key, json: Json = False) -> None:
-    """Show the fields of a request and of its reply."""
+    """Show the fields of a request and of its reply, and a call to paste."""
+    from services.supervisor.fields import describe, example
     from surefoot.client import query_named
 
     use_json(json)
     query = query_named(key)
-    fields = {
-        kind: {name: str(field.description or "") for name, field in model.model_fields.items()}
-        for kind, model in (("request", query.request), ("reply", query.reply))
-    }
+    fields = {"request": describe(query.request), "reply": describe(query.reply)}
+    paste = f"surefoot call {query.key.replace('*', query.owner)} '{jsonlib.dumps(example(query.request))}'"
     if json:
-        write_json({"key": query.key, "owner": query.owner, **fields})
+        write_json({"key": query.key, "owner": query.owner, **fields, "example": paste})
         return
     write(f"{query.key}, answered by {query.owner}: {(query.request.__doc__ or '').strip()}")
     for kind, found in fields.items():
-        write_table((kind, "what it is"), found.items())
+        write_fields(found, kind)
+    write(f"Example: {paste}")
 
 
 @app.command()

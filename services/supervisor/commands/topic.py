@@ -15,6 +15,7 @@ from services.supervisor.commands.output import (
     tell,
     use_json,
     write,
+    write_fields,
     write_json,
     write_table,
 )
@@ -47,18 +48,19 @@ def list_topics(json: Json = False) -> None:
 @app.command()
 def info(key: Key, json: Json = False) -> None:
     """Show one topic and the fields of its message."""
+    from services.supervisor.fields import describe
     from surefoot.client import topic_named
 
     use_json(json)
     topic = topic_named(key)
     row = _row(topic)
-    fields = {name: str(field.description or "") for name, field in topic.model.model_fields.items()}
+    fields = describe(topic.model)
     if json:
         write_json({**row, "fields": fields})
         return
     write(f"{row['key']}: {row['schema']}, {row['period']}, published by {row['owner']}")
     write((topic.model.__doc__ or "").strip())
-    write_table(("field", "what it is"), fields.items())
+    write_fields(fields)
 
 
 @app.command()

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import subprocess
 import sys
 import time
@@ -11,10 +12,12 @@ from types import SimpleNamespace
 import pytest
 
 from schemas.cmd import WalkReply
+from schemas.topics import QUERIES
 from services.supervisor import cli
 from services.supervisor.commands.connect import endpoint
 from services.supervisor.commands.output import state
 from services.supervisor.rundir import Endpoint, RunFolder
+from surefoot.client import query_named
 
 PLAIN = {
     "list": ["list"],
@@ -160,6 +163,26 @@ def test_a_call_that_is_not_accepted_fails(surefoot, monkeypatch, accepted, expe
         code, out, _ = surefoot("call", "cmd/walk", '{"action": "stop"}', *words)
         assert code == expected
         assert json.loads(out)["accepted"] is accepted
+
+
+@pytest.mark.parametrize("query", QUERIES, ids=lambda query: query.key)
+def test_every_query_has_a_call_to_paste(surefoot, query):
+    code, out, _ = surefoot("service", "info", query.key.replace("*", query.owner))
+    assert code == 0
+    words = shlex.split(out.splitlines()[-1].removeprefix("Example: "))
+    assert words[:2] == ["surefoot", "call"]
+    assert query_named(words[2]).request is query.request
+    query.request.model_validate_json(words[3])
+
+
+def test_a_field_is_told_with_type_default_and_limits(surefoot):
+    _, out, _ = surefoot("service", "info", "stability/region", "--json")
+    rows = {row["field"]: row for row in json.loads(out)["request"]["RegionRequest"]}
+    assert (rows["tolerance_m"]["type"], rows["tolerance_m"]["default"]) == ("number", "0.0001")
+    assert rows["tolerance_m"]["limits"] == "> 0, <= 1.0"
+    assert (rows["contacts"]["type"], rows["contacts"]["default"]) == ("list of Contact", "required")
+    _, out, _ = surefoot("service", "info", "cmd/walk")
+    assert '"walk"' in out
 
 
 def test_down_with_nothing_running_is_fine(surefoot):
