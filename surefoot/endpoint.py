@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from surefoot.errors import ConfigError
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-_FORM = re.compile(r"tcp/(\[[0-9A-Fa-f:.]+\]|[^\s/:\[\]]+):(\d{1,5})([?#].*)?")
+_FORM = re.compile(r"(?:tcp|tls|ws)/(\[[0-9A-Fa-f:.]+\]|[^\s/:\[\]]+):(\d{1,5})([?#].*)?")
 _SOURCE = re.compile(r",?\s+at /\S+\.rs:\d+")
 
 
