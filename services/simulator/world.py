@@ -350,6 +350,9 @@ class World:
         return [self.robot.hash, self.terrain.name, self.terrain.map.sha256, self.sensors.profile_name]
 
 
+mujoco.set_mju_user_warning(lambda text: None)  # it would write into the working folder; `World.diverged` tells
+
+
 def warm() -> None:
     """Compile the kernels."""
     sensors.warm()
