@@ -56,6 +56,23 @@ def imu_profile_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in SENSORS.glob("*.toml")))
 
 
+def profile_table(kind: str, name: str) -> Table:
+    """The open table of `robots/<kind>s/<name>.toml`, a profile of sensors that several robots may have.
+
+    Raises:
+        RobotError: unknown name, or a file of another kind.
+    """
+    folder = SENSORS.parent / f"{kind}s"
+    known = tuple(sorted(path.stem for path in folder.glob("*.toml")))
+    if name not in known:
+        raise RobotError("unknown_name", kind, f"got {name!r}, known are {', '.join(known)}")
+    table = Table(read_toml(folder / f"{name}.toml", RobotError), f"{kind}s.{name}", RobotError)
+    table.text("schema", (f"surefoot.{kind}/1",))
+    table.text("name", (name,))
+    table.text("source")
+    return table
+
+
 def read_imu_profile(name: str) -> r.ImuProfile:
     """Read a sensor profile by name.
 

@@ -11,7 +11,6 @@ camera's velocity and rate in those axes and f the focal length in pixels, the i
 """
 
 import math
-import tomllib
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -21,9 +20,8 @@ from numpy.typing import NDArray
 from services.simulator.shapes import random_stream
 from surefoot.kinematics import forward
 from surefoot.robot import Robot, RobotError
-from surefoot.robot_file import ROBOTS
+from surefoot.robot_sensors import profile_table
 from surefoot.rotations import matrix_from_quat
-from surefoot.tables import Table
 
 Array = NDArray[np.float64]
 
@@ -85,14 +83,7 @@ def read_camera(name: str) -> Camera:
     Raises:
         RobotError: unknown name, or a number that cannot be; names the field.
     """
-    path = ROBOTS / "cameras" / f"{name}.toml"
-    known = tuple(sorted(p.stem for p in path.parent.glob("*.toml")))
-    if name not in known:
-        raise RobotError("unknown_name", "camera", f"got {name!r}, known are {', '.join(known)}")
-    t = Table(tomllib.loads(path.read_text(encoding="utf-8")), f"cameras.{name}", RobotError)
-    t.text("schema", ("surefoot.camera/1",))
-    t.text("name", (name,))
-    t.text("source")
+    t = profile_table("camera", name)
     width = t.integer("width_px", at_least=8, at_most=8192)
     field = math.radians(t.number("field_deg", above=1, at_most=170))
     camera = Camera(

@@ -3,7 +3,6 @@
 # mujoco has no type stubs for its compiled modules:
 # pyright: reportAttributeAccessIssue=false
 import math
-import tomllib
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.simulator.model import Addresses
-from surefoot.robot import RobotError
-from surefoot.robot_file import ROBOTS
-from surefoot.tables import Table
+from surefoot.robot_sensors import profile_table
 
 Array = NDArray[np.float64]
 
@@ -44,14 +41,7 @@ def read_ranger(name: str) -> Ranger:
     Raises:
         RobotError: unknown name, or a number that cannot be; names the field.
     """
-    path = ROBOTS / "rangers" / f"{name}.toml"
-    known = tuple(sorted(p.stem for p in path.parent.glob("*.toml")))
-    if name not in known:
-        raise RobotError("unknown_name", "ranger", f"got {name!r}, known are {', '.join(known)}")
-    t = Table(tomllib.loads(path.read_text(encoding="utf-8")), f"rangers.{name}", RobotError)
-    t.text("schema", ("surefoot.ranger/1",))
-    t.text("name", (name,))
-    t.text("source")
+    t = profile_table("ranger", name)
     shortest = t.number("shortest", at_least=0)
     ranger = Ranger(
         name=name,

@@ -326,6 +326,8 @@ class World:
         self._line.restore(self.steps, meta["line"])
         self.disturb.restore(self.tick, meta["disturb"])
         mujoco.mj_setState(self.model, self.data, saved.physics, STATE)
+        for warning in self.data.warning:  # what went wrong later has not happened
+            warning.number = 0
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
         self.tracker.restore(meta["truth"])

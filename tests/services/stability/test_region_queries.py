@@ -1,44 +1,28 @@
 """`stability/region` beyond rest: acceleration, doubtful gravity, limited torques; gradient of `stability/check`."""
 
-import json
 from typing import Any
 
 import numpy as np
 import pytest
 
 from services.stability.actuated import actuated_region
-from services.stability.config import StabilityConfig
 from services.stability.contacts import contact_set
 from services.stability.directions import equally_spaced
 from services.stability.effective import lean
 from services.stability.equilibrium import equilibrium
 from services.stability.robust import margin_gradient
-from services.stability.service import SERVICE, Stability
-from surefoot.codec import decode, encode
+from services.stability.service import Stability
 from surefoot.errors import Refusal
 from surefoot.kinematics import foot_positions
 from surefoot.robot import load_robot
 from surefoot.rotations import matrix_from_quat
+from tests.services.stability.conftest import ask
 from tests.services.stability.sets import SQUARE, UP, feasible_sets
 from tests.services.stability.test_actuated import stance
 
 RAGNO = load_robot("ragno")
 FLOOR = [{"position": p, "normal": UP, "mu": 0.8} for p in SQUARE]
 QUAT = [0.9689124, 0.0, 0.0, 0.2474040]
-
-
-@pytest.fixture(scope="module")
-def service() -> Stability:
-    made = SERVICE(StabilityConfig())
-    made.on_start()
-    return made
-
-
-def ask(service: Stability, what: str, **fields: Any) -> dict[str, Any]:
-    """Request and reply through the codec, as an outside client sees them."""
-    model = {query.key: query.request for query in SERVICE.serves}[f"stability/{what}"]
-    reply = service.handlers[f"stability/{what}"](decode(model, json.dumps(fields).encode()))
-    return json.loads(encode(reply)[0])
 
 
 def as_asked(contacts: Any) -> list[dict[str, Any]]:

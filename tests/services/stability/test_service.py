@@ -13,33 +13,19 @@ from schemas.stability import CheckRequest, StabilityStatus
 from schemas.state import VelocityEstimate
 from schemas.topics import HW_CONTACTS, HW_JOINTS, STATE_STABILITY, STATE_VELOCITY
 from services.stability.check_query import check_reply
-from services.stability.config import StabilityConfig
 from services.stability.contacts import contact_set
-from services.stability.service import SERVICE, Stability
-from surefoot.codec import decode, encode
+from services.stability.service import Stability
+from surefoot.codec import encode
 from surefoot.errors import Refusal
 from surefoot.join import TickInputs
 from surefoot.kinematics import com, foot_jacobians, foot_positions, gravity_torques
 from surefoot.robot import load_robot
 from tests.services.stability.certificate import twist_violation
+from tests.services.stability.conftest import ask
 from tests.services.stability.sets import SQUARE, UP
 
 RAGNO = load_robot("ragno")
 FLOOR = [{"position": p, "normal": UP, "mu": 0.5} for p in SQUARE]
-
-
-@pytest.fixture(scope="module")
-def service() -> Stability:
-    made = SERVICE(StabilityConfig())
-    made.on_start()
-    return made
-
-
-def ask(service: Stability, what: str, **fields: Any) -> dict[str, Any]:
-    """Request and reply through the codec, as an outside client sees them."""
-    model = {query.key: query.request for query in SERVICE.serves}[f"stability/{what}"]
-    reply = service.handlers[f"stability/{what}"](decode(model, json.dumps(fields).encode()))
-    return json.loads(encode(reply)[0])
 
 
 def test_region_of_the_contract(service: Stability) -> None:

@@ -7,10 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from services.simulator.terrain import make_terrain
+from services.simulator.world import World
 from services.supervisor.compose import ComposeError
 from services.supervisor.files import find
 from services.supervisor.scenario import parse_scenario
 from services.supervisor.study import run_local
+from surefoot.robot import load_robot
 
 MAD = """
 description = "a push no robot survives"
@@ -59,3 +62,14 @@ def test_a_system_that_cannot_begin_ends_with_a_sentence(
     assert done.returncode == 2, done.stderr
     assert ("moon" in done.stderr and "flat" in done.stderr) or ("rango" in done.stderr and "ragno" in done.stderr)
     assert "Traceback" not in done.stderr
+
+
+def test_a_world_taken_back_forgets_that_it_diverged_later() -> None:
+    world = World(load_robot("ragno"), make_terrain("flat", 0), 0)
+    saved = world.checkpoint()
+    world.push((1.0e9, 0.0, 0.0), 0.1)
+    for _ in range(20):
+        world.step_tick()
+    assert world.diverged
+    world.restore(saved)
+    assert not world.diverged
