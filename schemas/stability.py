@@ -255,12 +255,18 @@ class EquilibriumRequest(Request):
 class EquilibriumReply(Reply):
     """Forces that hold the robot, or the proof that there are none."""
 
+    schema_version: ClassVar[str] = "1.1"
     held: bool = Field(description="there are such forces")
     forces_n: tuple[Vec3, ...] | None = Field(
         description="N, per contact, frame world: the smallest sum of squares; null if not held"
     )
     friction_share: float | None = Field(
         description="smallest share of every friction coefficient that still holds, 0 to 1; null if not held"
+    )
+    minmax_forces_n: tuple[Vec3, ...] | None = Field(
+        default=None,
+        description="N, per contact, frame world: forces whose largest share of friction is friction_share (min-max), "
+        "|f_t| <= friction_share mu n'f at every contact of limited friction; null if not held",
     )
     certificate: tuple[float, float, float, float, float, float] | None = Field(
         default=None,

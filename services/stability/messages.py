@@ -24,7 +24,7 @@ from services.stability import whatif
 from services.stability.contacts import Array, ContactSet, StabilityError, contact_set
 from services.stability.directions import equally_spaced, unit
 from services.stability.effective import GRAVITY, lean, stays_down, upward
-from services.stability.equilibrium import equilibrium, friction_needed, least_forces
+from services.stability.equilibrium import equilibrium, least_forces, least_friction
 from services.stability.forces import (
     FootForces,
     com_from_forces,
@@ -219,12 +219,13 @@ def equilibrium_reply(request: EquilibriumRequest) -> EquilibriumReply:
         if found.twist is not None:
             proof = tuple(np.concatenate((back @ found.twist[:3], back @ found.twist[3:])).tolist())
         return EquilibriumReply(held=False, forces_n=None, friction_share=None, certificate=proof)
-    least = least_forces(contacts, place)
+    least, even = least_forces(contacts, place), least_friction(contacts, place)
     force = found.force if least is None else least
     return EquilibriumReply(
         held=True,
         forces_n=None if force is None else triples(weight * force @ back.T),
-        friction_share=friction_needed(contacts, place),
+        friction_share=None if even is None else even.share,
+        minmax_forces_n=None if even is None else triples(weight * even.force @ back.T),
     )
 
 

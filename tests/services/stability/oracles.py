@@ -77,3 +77,32 @@ def literal_support(contacts: ContactSet, direction: np.ndarray, mass: float = 2
     )
     found = solver.solve()
     return float(-found.obj_val) if "Solved" in str(found.status) else np.nan
+
+
+def share_excess(contacts: ContactSet, com: np.ndarray, share: float) -> float:
+    """Least t of forces f in world axes that hold the CoM with |f_t,i| <= share mu_i n'f_i + t, n'f_i >= 0.
+
+    In units of the weight; above zero no forces hold with that share of the friction. Limited friction, clarabel 1e-12.
+    """
+    n = len(contacts)
+    a1 = literal_matrices(contacts)[0]
+    size = 3 * n + 1
+    rows, cones = [np.hstack((a1, np.zeros((6, 1))))], [clarabel.ZeroConeT(6)]
+    right = [np.array([0.0, 0.0, 1.0, com[1], -com[0], 0.0])]
+    for i in range(n):
+        v = contacts.normal[i]
+        block = np.zeros((5, size))
+        block[0, 3 * i : 3 * i + 3] = -v
+        block[1, 3 * i : 3 * i + 3], block[1, -1] = -share * contacts.mu[i] * v, -1.0
+        block[2:, 3 * i : 3 * i + 3] = -(np.eye(3) - np.outer(v, v))
+        rows.append(block)
+        right.append(np.zeros(5))
+        cones += [clarabel.NonnegativeConeT(1), clarabel.SecondOrderConeT(4)]
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
+    matrix = sparse.csc_matrix(np.vstack(rows))
+    solver = clarabel.DefaultSolver(
+        sparse.csc_matrix((size, size)), np.eye(size)[-1], matrix, np.concatenate(right), cones, settings
+    )
+    return float(solver.solve().x[-1])

@@ -5,11 +5,12 @@ import pytest
 
 from services.stability.contacts import ContactSet, contact_set
 from services.stability.directions import equally_spaced
-from services.stability.equilibrium import equilibrium, friction_needed, least_forces
+from services.stability.equilibrium import equilibrium, least_forces, least_friction
 from services.stability.margin import margin
 from services.stability.region import region
 from services.stability.robust import Uncertainty, gradient, robust_margin, shrunk
 from tests.services.stability.certificate import balance, force_violation
+from tests.services.stability.oracles import share_excess
 from tests.services.stability.sets import SQUARE, UP, feasible_sets, tilted
 
 CENTRE = np.zeros(2)
@@ -45,7 +46,7 @@ def test_held_exactly_inside_the_region() -> None:
 def test_nothing_holds_nothing() -> None:
     got = equilibrium(contact_set([], [], []), CENTRE)
     assert not got.held
-    assert friction_needed(contact_set([], [], []), CENTRE) is None
+    assert least_friction(contact_set([], [], []), CENTRE) is None
     assert least_forces(contact_set([], [], []), CENTRE) is None
 
 
@@ -69,11 +70,61 @@ def test_least_forces_are_the_smallest() -> None:
 
 
 @pytest.mark.parametrize("slope", [0.0, 10.0, 20.0])
-def test_friction_needed_on_a_slope_is_its_steepness(slope: float) -> None:
+def test_least_friction_on_a_slope_is_its_steepness(slope: float) -> None:
     xy = np.array(SQUARE)[:, :2]
     feet = np.column_stack((xy, np.tan(np.radians(slope)) * xy[:, 0]))
-    got = friction_needed(contact_set(feet, [tilted(slope)] * 4, 0.5), CENTRE)
-    assert got == pytest.approx(np.tan(np.radians(slope)) / 0.5, abs=1e-6)
+    got = least_friction(contact_set(feet, [tilted(slope)] * 4, 0.5), CENTRE)
+    assert got is not None
+    assert got.share == pytest.approx(np.tan(np.radians(slope)) / 0.5, abs=1e-8)
+
+
+def test_least_friction_is_needed_and_enough() -> None:
+    """The forces hold with that share of friction; with 1e-7 less, clarabel proves that none do, with more some do."""
+    rng, checked = np.random.default_rng(45), 0
+    for contacts in feasible_sets(45, 12):
+        corners = region(contacts).inner
+        if len(corners) < 3:
+            continue
+        com = rng.dirichlet(np.ones(len(corners))) @ corners
+        got = least_friction(contacts, com)
+        assert got is not None
+        assert balance(contacts, got.force, com) < 1e-8
+        normal = np.einsum("ij,ij->i", contacts.normal, got.force)
+        tangential = np.linalg.norm(got.force - normal[:, None] * contacts.normal, axis=1)
+        loaded = normal > 0.0
+        assert np.all(tangential[~loaded] == 0.0)
+        used = float(np.max(tangential[loaded] / (contacts.mu * normal)[loaded]))
+        assert used == pytest.approx(got.share, abs=1e-7)
+        if got.share > 1e-7:
+            assert share_excess(contacts, com, got.share - 1e-7) > 0.0
+            checked += 1
+        assert share_excess(contacts, com, got.share + 1e-7) < 0.0
+    assert checked >= 8
+
+
+def test_least_friction_of_some_contacts_without_and_some_with_any() -> None:
+    """Ice carries no tangential force, unlimited friction counts as none used."""
+    slope = [tilted(15.0)] * 4
+    feet = np.array(SQUARE) + np.outer(np.tan(np.radians(15.0)) * np.array(SQUARE)[:, 0], UP)
+    icy = least_friction(contact_set(feet, slope, [0.0, 0.8, 0.8, 0.8]), CENTRE)
+    assert icy is not None
+    along = icy.force[0] - (icy.force[0] @ slope[0]) * np.array(slope[0])
+    assert np.abs(along).max() < 1e-9
+    even = least_friction(contact_set(feet, slope, 0.8), CENTRE)
+    assert even is not None
+    assert icy.share > even.share
+    anchored = least_friction(contact_set(feet, slope, [np.inf, np.inf, 0.8, 0.8]), CENTRE)
+    assert anchored is not None
+    assert anchored.share < 1e-8
+
+
+def test_least_friction_between_walls_squeezes_within_reason() -> None:
+    """Two facing walls: half the weight on each, |f_t| = share mu f_n, and no more than 100 weights of load."""
+    walls = contact_set([[0.1, 0, 0], [-0.1, 0, 0]], [[-1, 0, 0], [1, 0, 0]], 0.5)
+    got = least_friction(walls, CENTRE)
+    assert got is not None
+    assert got.share == pytest.approx(1.0 / (0.5 * 100.0), rel=1e-6)
+    assert force_violation(walls, got.force) < 0.0
 
 
 def finite_difference(contacts: ContactSet, a: np.ndarray, i: int, axis: int | None, step: float = 1e-5) -> float:

@@ -131,8 +131,10 @@ def test_equilibrium(service: Stability) -> None:
     got = ask(service, "equilibrium", contacts=FLOOR, com=[0.0, 0.0], weight_n=20.0)
     np.testing.assert_allclose(got["forces_n"], np.tile([0.0, 0.0, 5.0], (4, 1)), atol=1e-5)
     assert got["friction_share"] == 0.0
+    np.testing.assert_allclose(np.sum(got["minmax_forces_n"], axis=0), [0.0, 0.0, 20.0], atol=1e-7)
+    assert np.abs(np.array(got["minmax_forces_n"])[:, :2]).max() < 1e-7
     outside = ask(service, "equilibrium", contacts=FLOOR, com=[0.2, 0.0])
-    assert (outside["held"], outside["forces_n"]) == (False, None)
+    assert (outside["held"], outside["forces_n"], outside["minmax_forces_n"]) == (False, None, None)
     assert len(outside["certificate"]) == 6
 
 
@@ -254,6 +256,10 @@ def test_equilibrium_of_a_robot_that_accelerates(service: Stability) -> None:
     assert got["held"]
     total = np.sum(got["forces_n"], axis=0)
     np.testing.assert_allclose(total, 20.0 / 9.81 * np.array([3.2, 0.0, 10.81]), atol=1e-5)
+    even = np.array(got["minmax_forces_n"])  # feet on level ground: shares are |f_xy| / (mu f_z)
+    np.testing.assert_allclose(even.sum(axis=0), 20.0 / 9.81 * np.array([3.2, 0.0, 10.81]), atol=1e-6)
+    share = np.linalg.norm(even[:, :2], axis=1) / ([c["mu"] for c in FLOOR] * even[:, 2])
+    assert share.max() == pytest.approx(got["friction_share"], abs=1e-7)
     assert not ask(service, "equilibrium", **fields, acceleration=[3.4, 0.0, 0.0])["held"]
     assert not ask(service, "equilibrium", **(fields | {"com_height_m": 0.0}), acceleration=[5.0, 0.0, 0.0])["held"]
     with pytest.raises(Refusal) as refused:
