@@ -7,11 +7,14 @@ Three kinds of model, one rule each about unknown fields (they differ because th
 * ``Reply``: answered by a queryable. Unknown fields are ignored, as in messages.
 
 All are frozen and finite: JSON has no infinity or NaN, an absent number is ``null`` beside a status that says why.
+Numbers are numbers: ``true`` and ``"1"`` are refused where one is expected, in every model.
 """
 
-from typing import Annotated, ClassVar, Self
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Self, cast
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, ValidationInfo
+from pydantic_core import CoreSchema, PydanticCustomError
 
 MAX_JOINTS = 64
 MAX_FEET = 8
@@ -26,7 +29,27 @@ PerJoint = Annotated[tuple[float, ...], Field(max_length=MAX_JOINTS)]
 PerFoot = Annotated[tuple[float, ...], Field(max_length=MAX_FEET)]
 
 
-class Wire(BaseModel):
+def _strict_numbers(schema: Any) -> Any:
+    """The same schema with every number strict: pydantic's ``strict`` setting would also refuse a list for a tuple."""
+    if isinstance(schema, dict):
+        known = cast("dict[str, Any]", schema)
+        kept = {key: value if key == "metadata" else _strict_numbers(value) for key, value in known.items()}
+        return {**kept, "strict": True} if known.get("type") in ("float", "int") else kept
+    if isinstance(schema, list):
+        return [_strict_numbers(part) for part in cast("list[Any]", schema)]
+    return schema
+
+
+class Strict(BaseModel):
+    """A model whose numbers are numbers."""
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: type[BaseModel], handler: GetCoreSchemaHandler, /) -> CoreSchema:
+        """Nothing for callers: how pydantic is told."""
+        return _strict_numbers(handler(source))
+
+
+class Wire(Strict):
     """A model with a name and a version on the wire."""
 
     model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
@@ -77,6 +100,27 @@ class Request(Wire):
     """Base of requests and commands: unknown fields are refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+def belonging(value: Any, info: ValidationInfo, choice: str, fields: Mapping[str, tuple[str, ...]]) -> Any:
+    """Refuses a field that says something and does not go with what another one chose; for ``field_validator``.
+
+    Args:
+        value: what came; an explicit null is as good as no field.
+        info: of pydantic.
+        choice: name of the field that chooses; it stands before those that depend on it.
+        fields: by choice, the fields that go with it.
+    """
+    chosen = str(info.data.get(choice))
+    if value is None or chosen not in fields or info.field_name in fields[chosen]:
+        return value
+    takers = " or ".join(repr(taker) for taker, names in fields.items() if info.field_name in names)
+    takes = f", which takes {', '.join(fields[chosen])}" if fields[chosen] else ""
+    raise PydanticCustomError(
+        "does_not_belong",
+        "goes with {choice} {takers} only, not with {chosen}{takes}",
+        {"choice": choice, "takers": takers, "chosen": repr(chosen), "takes": takes},
+    )
 
 
 class BulkRequest(Request):

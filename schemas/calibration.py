@@ -1,12 +1,21 @@
 """The calibration of the joint torques as a question to the stability service (Walas & Belter, 4.7)."""
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, ValidationInfo, field_validator
 
-from schemas.base import MAX_FEET, PerJoint, Reply, Request, Vec2, Vec3
+from schemas.base import MAX_FEET, PerJoint, Reply, Request, Vec2, Vec3, belonging
 
 MAX_POSES = 256
+FIELDS: Mapping[str, tuple[str, ...]] = {
+    "fit": ("poses", "per_joint"),
+    "start": (),
+    "status": (),
+    "finish": ("per_joint", "apply"),
+    "cancel": (),
+}
+"""What goes with each action, beside ``at_tick``."""
 
 
 class CalibrationPose(Request):
@@ -35,6 +44,13 @@ class CalibrateRequest(Request):
     at_tick: int | None = Field(
         default=None, ge=0, description="start, finish: tick it takes effect in (reproducible); null = the next one"
     )
+
+    @field_validator("poses", "per_joint", "apply")
+    @classmethod
+    def _goes_with_action(cls, value: Any, info: ValidationInfo) -> Any:
+        usual = cls.model_fields[info.field_name or ""].default
+        belonging(None if value == usual else value, info, "action", FIELDS)
+        return value
 
 
 class CalibrateReply(Reply):

@@ -1,10 +1,19 @@
 """Commands to the walker."""
 
-from typing import ClassVar, Literal
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import Field, ValidationInfo, field_validator
 
-from schemas.base import Reply, Request, Vec2
+from schemas.base import Reply, Request, Vec2, belonging
+
+FIELDS: Mapping[str, tuple[str, ...]] = {
+    "walk": ("distance", "velocity", "angle", "duration", "gait"),
+    "turn": ("angle", "duration", "gait"),
+    "stand": ("duration", "shift"),
+    "stop": (),
+}
+"""What goes with each action, beside ``at_tick``."""
 
 
 class WalkCommand(Request):
@@ -16,7 +25,12 @@ class WalkCommand(Request):
     velocity: float | None = Field(
         default=None, ge=-1, le=1, description="m/s along the heading; null = the gait's own"
     )
-    angle: float | None = Field(default=None, ge=-31.5, le=31.5, description="rad, left positive; for turn")
+    angle: float | None = Field(
+        default=None,
+        ge=-31.5,
+        le=31.5,
+        description="rad, left positive; of a turn, or of an arc",
+    )
     duration: float | None = Field(
         default=None,
         ge=0,
@@ -33,6 +47,11 @@ class WalkCommand(Request):
     at_tick: int | None = Field(
         default=None, ge=0, description="tick the command takes effect in (reproducible); null = the next one"
     )
+
+    @field_validator("distance", "velocity", "angle", "duration", "shift", "gait")
+    @classmethod
+    def _goes_with_action(cls, value: Any, info: ValidationInfo) -> Any:
+        return belonging(value, info, "action", FIELDS)
 
 
 class WalkReply(Reply):

@@ -1,10 +1,18 @@
 """The simulator's own topics and queries: truth, status, reset, step, push, faults. Simulation only."""
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, get_args
 
-from pydantic import Field
+from pydantic import Field, ValidationInfo, field_validator
 
-from schemas.base import MAX_FEET, Message, PerFoot, PerJoint, QuatWxyz, Reply, Request, Vec2, Vec3
+from schemas.base import MAX_FEET, Message, PerFoot, PerJoint, QuatWxyz, Reply, Request, Vec2, Vec3, belonging
+
+FaultKind = Literal[
+    "imu_drop", "imu_freeze", "imu_bias", "imu_saturate", "joints_drop", "joints_freeze", "encoder_stuck",
+    "contacts_drop", "foot_stuck_on", "foot_stuck_off", "servo_dead", "servo_weak", "packet_delay", "packet_loss",
+    "packet_reorder",
+]  # fmt: skip
+SIZED_FAULTS = ("imu_bias", "imu_saturate", "servo_weak", "packet_delay", "packet_loss", "packet_reorder")
+FAULT_FIELDS = {kind: ("value",) if kind in SIZED_FAULTS else () for kind in get_args(FaultKind)}
 
 
 def _empty(values: tuple[float, ...]) -> bool:
@@ -94,6 +102,12 @@ class ResetRequest(Request):
     max_ticks: int | None = Field(default=None, gt=0, description="end of the run; null = until paused")
     paused: bool = Field(default=False, description="wait for sim/step instead of running")
 
+    @field_validator("rtf")
+    @classmethod
+    def _goes_with_mode(cls, value: float, info: ValidationInfo) -> float:
+        belonging(value or None, info, "mode", {"lockstep": (), "paced": ("rtf",)})
+        return value
+
 
 class ResetReply(Reply):
     """The new epoch."""
@@ -135,15 +149,17 @@ class SetRequest(Request):
 class FaultRequest(Request):
     """Breaks something for a while."""
 
-    kind: Literal[
-        "imu_drop", "imu_freeze", "imu_bias", "imu_saturate", "joints_drop", "joints_freeze", "encoder_stuck",
-        "contacts_drop", "foot_stuck_on", "foot_stuck_off", "servo_dead", "servo_weak", "packet_delay", "packet_loss",
-        "packet_reorder",
-    ] = Field(description="which fault")  # fmt: skip
+    kind: FaultKind = Field(description="which fault")
     target: str = Field(default="", max_length=64, description="joint or leg name where the fault has one")
     value: float = Field(default=0.0, description="size: bias (SI), weakness factor, delay (ticks), loss probability")
     duration: float = Field(default=1.0, gt=0, le=3600, description="s")
     at_tick: int | None = Field(default=None, ge=0, description="tick it begins in; null = the next one")
+
+    @field_validator("value")
+    @classmethod
+    def _goes_with_kind(cls, value: float, info: ValidationInfo) -> float:
+        belonging(value or None, info, "kind", FAULT_FIELDS)
+        return value
 
 
 class SimReply(Reply):

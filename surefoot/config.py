@@ -12,13 +12,14 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from schemas.base import Strict
 from surefoot.codec import refusal_of
 from surefoot.errors import ConfigError
 
 PREFIX = "SUREFOOT_"
 
 
-class ServiceConfig(BaseModel):
+class ServiceConfig(Strict):
     """What every service can be told."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)

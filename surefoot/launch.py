@@ -12,6 +12,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: small matric
 
 from surefoot.config import load_config
 from surefoot.errors import SurefootError
+from surefoot.logline import log_line
 from surefoot.service import Service
 from surefoot.tables import TableError
 from surefoot.version import VERSION
@@ -48,11 +49,14 @@ def run(service: type[Service[Any]], arguments: list[str] | None = None) -> int:
             return 0
         return _serve(service(config), options)
     except SurefootError as error:
-        sys.stderr.write(f"surefoot {service.name}: {error.message}\n")
+        sys.stderr.write(log_line("error", service.name, error.message) + "\n")
         return EXIT_USAGE
     except TableError as error:  # a robot or another file that the service was told to use
-        sys.stderr.write(f"surefoot {service.name}: {error}\n")
+        sys.stderr.write(log_line("error", service.name, str(error)) + "\n")
         return EXIT_USAGE
+    except Exception as error:
+        sys.stderr.write(log_line("error", service.name, f"ended by {type(error).__name__}: {error}") + "\n")
+        raise
 
 
 def _serve(service: Service[Any], options: argparse.Namespace) -> int:

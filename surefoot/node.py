@@ -24,6 +24,7 @@ from surefoot.errors import CallError, Refusal
 from surefoot.frame import Frame
 from surefoot.inbox import Inbox
 from surefoot.join import DRIVER, Delayed, Join, TickInputs
+from surefoot.logline import log_line
 from surefoot.service import Service
 from surefoot.version import VERSION
 from surefoot.vitals import health_of
@@ -372,7 +373,7 @@ class Node:
         return self.bus.call(query, request, timeout_s)
 
     def log(self, level: str, text: str) -> None:
-        sys.stderr.write(f"{level:<7} {self.name}: {text}\n")
+        sys.stderr.write(log_line(level, self.name, text, self.join.last) + "\n")
         sys.stderr.flush()
         publisher = self._publishers.get(f"log/{self.name}")
         if publisher is not None:

@@ -21,6 +21,7 @@ from surefoot.robot import Robot
 
 def check_reply(request: CheckRequest, own: Robot) -> CheckReply:
     """Answer to `stability/check`; `own` is the robot when the request names none."""
+    robot = named_robot(request.robot) if request.robot is not None else own  # wrong without joints, too
     if request.actuation is not None:
         return _limited(request, request.actuation, own)
     leaning = any(request.acceleration) or request.tilt_rad > 0.0
@@ -32,7 +33,6 @@ def check_reply(request: CheckRequest, own: Robot) -> CheckReply:
     shift, now = Shift(np.zeros(3), np.empty(0), True), request.com
     legs: tuple[str, ...] = ()
     if request.joints is not None:
-        robot = named_robot(request.robot) if request.robot is not None else own
         joints, base, rot = posture(robot, request.joints, request.base)
         names = tuple(c.leg for c in request.contacts)
         stance = stance_legs(robot, joints, rot, base, contacts, names)

@@ -39,7 +39,7 @@ from services.stability.region import Region, region
 from services.stability.state import WatchParams
 from surefoot.kinematics import com, foot_positions
 from surefoot.polygon import area
-from surefoot.robot import Robot, load_robot
+from surefoot.robot import Robot, load_robot, robot_names
 from surefoot.rotations import matrix_from_quat
 from surefoot.tables import TableError
 
@@ -148,11 +148,11 @@ def posture(robot: Robot, joints: tuple[float, ...], base: BasePose) -> tuple[Ar
 def named_robot(name: str) -> Robot:
     """Robot description by name (not by path: a request must not read files of its own choice)."""
     if not _NAME.fullmatch(name):
-        raise StabilityError("unknown_robot", "robot", f"got {name!r}, expected the name of a robot description")
+        raise StabilityError("unknown_robot", "robot", f"got {name!r}; known are {', '.join(robot_names())}")
     try:
         return load_robot(name)
     except TableError as error:
-        raise StabilityError("unknown_robot", "robot", str(error)) from None
+        raise StabilityError("unknown_robot", "robot", error.message) from None
 
 
 # -- the smaller questions --------------------------------------------------------------------------------------------

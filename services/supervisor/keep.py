@@ -14,6 +14,7 @@ from services.supervisor.rundir import RunFolder, RunFolderError
 from services.supervisor.session import STEP_S, Session
 from services.supervisor.system import SELF
 from surefoot.errors import BusError, CallError
+from surefoot.logline import said
 
 READY_S = 90.0  # s wall, until every service is there; the first start compiles kernels
 
@@ -108,7 +109,7 @@ def start_detached(
     if folder.held():
         raise RunFolderError(f"system {compose.name!r} is already up; stop it with `surefoot down {compose.name}`")
     folder.clear_ready()
-    command = [sys.executable, "-m", "services.supervisor.cli", "up", str(Path(compose.path).resolve())]
+    command = [sys.executable, "-m", "services.supervisor.cli", "up", "--log", str(Path(compose.path).resolve())]
     command += [*order.arguments(), *(["--listen", listen] if listen else [])]
     tell(f"starting {system}")
     child = Child(SELF, command, {}, folder.log(SELF))
@@ -117,7 +118,7 @@ def start_detached(
         if folder.ready():
             return
         if child.poll() is not None:
-            words = child.last_words(1).removeprefix("surefoot: ")
+            words = said(child.last_words(1))
             raise BusError("service_failed", words or f"it ended with exit code {child.poll()}; see {child.log}")
         waited.wait(0.02)
     child.terminate()

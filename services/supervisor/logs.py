@@ -2,7 +2,10 @@
 
 import time
 from collections.abc import Iterator, Mapping
+from operator import itemgetter
 from pathlib import Path
+
+from surefoot.logline import read_log_line
 
 BLOCK = 1 << 16
 POLL_S = 0.1
@@ -24,6 +27,21 @@ def tail(path: Path, lines: int) -> list[str]:
     except OSError:
         return []
     return text.decode("utf-8", "replace").splitlines()[-lines:]
+
+
+def last_lines(paths: Mapping[str, Path], lines: int) -> list[tuple[str, str]]:
+    """Return the last lines of each log as (service, line), all in the order of time.
+
+    A line that has no time, of a library or of an interpreter that ends, stays behind the one before it.
+    """
+    found: list[tuple[str, str, str]] = []
+    for name, path in paths.items():
+        time_of_last = ""
+        for line in tail(path, lines):
+            read = read_log_line(line)
+            time_of_last = time_of_last if read is None else read.time
+            found.append((time_of_last, name, line))
+    return [(name, line) for _, name, line in sorted(found, key=itemgetter(0))]
 
 
 def follow_logs(paths: Mapping[str, Path]) -> Iterator[tuple[str, str]]:

@@ -24,6 +24,7 @@ from surefoot.endpoint import to_listen
 from surefoot.errors import BusError, CallError
 from surefoot.join import DRIVER
 from surefoot.launch import spare_collector
+from surefoot.logline import said
 from surefoot.node import Node
 from surefoot.robot import load_robot
 from surefoot.zenoh_bus import DEFAULT_FLEET, ZenohBus
@@ -251,4 +252,4 @@ def _last_line(log: Path) -> str:
         lines = log.read_text(encoding="utf-8", errors="replace").split("\n")
     except OSError:
         return ""
-    return next((line.strip() for line in reversed(lines) if line.strip()), "")[:300]
+    return said(next((line.strip() for line in reversed(lines) if line.strip()), ""))[:300]

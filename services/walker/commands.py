@@ -25,6 +25,8 @@ def refusal_of(command: Command, params: WalkerParams, calibrated: bool) -> Comm
         return refused("unknown_gait", "gait", f"gait must be one of {', '.join(HEXAPOD_GAITS)}, got {command.gait!r}")
     if command.action in ("stand", "stop"):
         return None
+    if command.action == "walk" and command.angle is not None:
+        return refused("unsupported", "angle", "angle makes an arc, for robots with two legs; first turn, then walk")
     if not calibrated:
         return refused("not_initialised", None, "the estimator has not finished its standstill calibration")
     if command.action == "turn" and command.angle is None:

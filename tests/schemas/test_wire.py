@@ -1,14 +1,20 @@
 """Rules of the wire that hold for every model and every row, none of them listed by hand."""
 
+import json
 import math
-from typing import Any
+from typing import Any, get_args
 
 import jsonschema
 import pytest
 from pydantic import ValidationError
 
 from schemas.base import Message, Reply, Request, Wire
+from schemas.calibration import FIELDS as CALIBRATE_FIELDS
+from schemas.calibration import CalibrateRequest
+from schemas.cmd import FIELDS as WALK_FIELDS
+from schemas.cmd import WalkCommand
 from schemas.hw import Imu, JointCommand
+from schemas.sim import FaultRequest, PushRequest, ResetRequest
 from schemas.topics import QUERIES, TOPICS, Kind, Query, Topic
 from surefoot.codec import check_encoding, decode, encode, encoding_of, json_schema
 from surefoot.errors import Refusal
@@ -126,3 +132,57 @@ def test_models_hold_no_query_without_request_and_reply() -> None:
         assert isinstance(query, Query)
         assert issubclass(query.request, Request)
         assert issubclass(query.reply, Wire)
+
+
+def _numbers(schema: Any, path: str = "") -> list[str]:
+    """Where a validation schema takes a number that need not be one."""
+    if isinstance(schema, dict):
+        loose = [path] if schema.get("type") in ("float", "int") and not schema.get("strict") else []
+        return loose + [found for key, value in schema.items() for found in _numbers(value, f"{path}.{key}")]
+    return [found for part in schema for found in _numbers(part, path)] if isinstance(schema, list) else []
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda m: m.__name__)
+def test_every_number_of_every_model_is_strict(model: type[Wire]) -> None:
+    assert _numbers(model.__pydantic_core_schema__) == []
+
+
+@pytest.mark.parametrize("value", [True, False, "1", "0.5"])
+def test_neither_a_truth_value_nor_a_text_is_a_number(value: object) -> None:
+    for model, fields in (
+        (WalkCommand, {"action": "walk", "distance": value}),
+        (PushRequest, {"force": [0.0, value, 0.0], "duration": 1.0}),
+        (ResetRequest, {"world": {"friction": value}}),
+        (ResetRequest, {"seed": value}),
+    ):
+        with pytest.raises(ValidationError):
+            model.model_validate(fields)
+        with pytest.raises(Refusal) as refusal:
+            decode(model, json.dumps(fields).encode())
+        assert refusal.value.field
+
+
+@pytest.mark.parametrize(
+    ("model", "fields", "field", "allowed"),
+    [
+        (WalkCommand, {"action": "stop", "distance": 1.0}, "distance", "'walk'"),
+        (WalkCommand, {"action": "turn", "angle": 0.2, "distance": 1.0}, "distance", "angle, duration, gait"),
+        (WalkCommand, {"action": "walk", "shift": [0.0, 0.0]}, "shift", "'stand'"),
+        (ResetRequest, {"rtf": 2.0}, "rtf", "'paced'"),
+        (FaultRequest, {"kind": "imu_drop", "value": 1.0}, "value", "'imu_bias'"),
+        (CalibrateRequest, {"action": "status", "apply": False}, "apply", "'finish'"),
+    ],
+)
+def test_a_field_of_another_action_is_refused_with_those_it_takes(
+    model: type[Wire], fields: dict[str, Any], field: str, allowed: str
+) -> None:
+    with pytest.raises(Refusal) as refusal:
+        decode(model, json.dumps(fields).encode())
+    assert refusal.value.field == field
+    assert allowed in refusal.value.message
+
+
+def test_an_explicit_null_is_no_field() -> None:
+    assert decode(WalkCommand, b'{"action": "stop", "distance": null, "shift": null}') == WalkCommand(action="stop")
+    assert set(CALIBRATE_FIELDS) == set(get_args(CalibrateRequest.model_fields["action"].annotation))
+    assert set(WALK_FIELDS) == set(get_args(WalkCommand.model_fields["action"].annotation))

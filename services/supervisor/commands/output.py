@@ -28,6 +28,8 @@ class State:
 
     debug: bool = False
     json: bool = False
+    log: bool = False
+    """What is told goes to a log: every line with its time."""
 
 
 state = State()
@@ -45,8 +47,12 @@ def write(text: str) -> None:
     sys.stdout.flush()
 
 
-def tell(text: str) -> None:
+def tell(text: str, level: str = "info") -> None:
     """Write one line for people beside the output."""
+    if state.log:
+        from surefoot.logline import log_line
+
+        text = log_line(level, "supervisor", text.removeprefix("surefoot: "))
     sys.stderr.write(text + "\n")
     sys.stderr.flush()
 
@@ -107,7 +113,7 @@ def fail(error: Exception) -> int:
         content: Mapping[str, Any] = {"code": code, "message": message, "field": getattr(error, "field", None)}
         write_json({"error": content})
     else:
-        tell(f"surefoot: {message}")
+        tell(f"surefoot: {message}", "error")
     return exit_code
 
 

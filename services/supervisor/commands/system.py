@@ -1,9 +1,11 @@
 """`surefoot up`, `down`, `status`, `logs`, `health`, `supervise`: systems as a whole."""
 
+import json as jsonlib
 import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,6 +18,7 @@ from services.supervisor.commands.output import (
     Json,
     Listen,
     Namespace,
+    state,
     tell,
     use_json,
     write,
@@ -40,6 +43,7 @@ def up(
     record: Annotated[Path | None, typer.Option(help="MCAP file to write [no recording].")] = None,
     listen: Listen = None,
     json: Json = False,
+    log: Annotated[bool, typer.Option("--log", hidden=True, help="Write lines of a log, each with its time.")] = False,
 ) -> None:
     """Start the services of a compose file and keep them running."""
     from schemas.sim import World
@@ -48,6 +52,7 @@ def up(
     from surefoot.endpoint import to_listen
 
     use_json(json)
+    state.log = log
     to_listen(listen)  # a wrong endpoint is told before anything starts
     compose = _compose(system)
     order = Order(World(terrain=terrain), seed, rtf, record)
@@ -55,8 +60,9 @@ def up(
         _detach(compose, system, order, listen, json=json)
         return
     warm_if_cold(tell)
+    ready = partial(tell, "everything is ready") if log else partial(_show_up, compose, json=json)
     with _until_signal() as stop:
-        keep(compose, order, stop, listen=listen, tell=tell, ready=lambda: _show_up(compose, json=json))
+        keep(compose, order, stop, listen=listen, tell=tell, ready=ready)
 
 
 def supervise(
@@ -128,8 +134,8 @@ def logs(
     follow: Annotated[bool, typer.Option("--follow", "-f", help="Go on as lines come; end with Ctrl-C.")] = False,
     json: Json = False,
 ) -> None:
-    """Show the logs of the services."""
-    from services.supervisor.logs import follow_logs, tail
+    """Show the logs of the services in the order of time."""
+    from services.supervisor.logs import follow_logs, last_lines
 
     use_json(json)
     folders = _folders(system)
@@ -137,7 +143,7 @@ def logs(
     if service is not None and service not in found:
         raise typer.BadParameter(f"no log of {service!r}; there are {', '.join(found) or 'none'}")
     chosen = {name: path for name, path in found.items() if service in (None, name)}
-    for name, line in [(name, line) for name, path in chosen.items() for line in tail(path, lines)]:
+    for name, line in last_lines(chosen, lines):
         _show_line(name, line, json=json)
     if follow:
         for name, line in follow_logs(chosen):
@@ -295,7 +301,11 @@ def _refusals(row: dict[str, Any]) -> list[tuple[str, int]]:
 
 
 def _show_line(name: str, line: str, *, json: bool) -> None:
+    from surefoot.logline import read_log_line
+
+    found = read_log_line(line)
     if json:
-        write_json({"service": name, "line": line})
+        known: dict[str, Any] = vars(found) if found is not None else {"time": None, "level": None, "tick": None}
+        write(jsonlib.dumps({**known, "service": name, "text": line if found is None else found.text}))
     else:
-        write(f"{name:<10} {line}")
+        write(line if found is not None else f"{name}: {line}")

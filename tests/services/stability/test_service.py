@@ -187,6 +187,7 @@ def test_com(service: Stability) -> None:
         ("check", {"contacts": FLOOR, "joints": [0.0]}, "shape", "joints"),
         ("check", {"contacts": FLOOR, "joints": [0.0], "robot": "nobody"}, "unknown_robot", "robot"),
         ("check", {"contacts": FLOOR, "joints": [0.0], "robot": "../../etc"}, "unknown_robot", "robot"),
+        ("check", {"contacts": FLOOR, "com": [0.0, 0.0], "robot": "nobody"}, "unknown_robot", "robot"),
         (
             "check",
             {"contacts": FLOOR, "joints": [0.0] * 18, "base": {"quat_wxyz": [0, 0, 0, 0]}},

@@ -102,7 +102,10 @@ def test_bags_are_recorded_and_played(system, surefoot, tmp_path):
 
 
 def test_logs_are_kept(system, surefoot):
-    assert surefoot("logs", "supervisor").returncode == 0
+    shown = surefoot("logs", "supervisor", "--json").stdout.splitlines()
+    told = [json.loads(line) for line in shown]
+    assert "everything is ready" in [line["text"] for line in told]
+    assert all(line["time"] and line["level"] for line in told)
     assert surefoot("logs", "nobody").returncode == 2
 
 

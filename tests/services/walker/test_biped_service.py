@@ -88,7 +88,6 @@ def nao() -> Any:
         (WalkCommand(action="walk", velocity=1.0), "too_fast", "velocity"),
         (WalkCommand(action="walk", distance=0.05, angle=3.0), "too_tight", "angle"),
         (WalkCommand(action="turn"), "missing_field", "angle"),
-        (WalkCommand(action="turn", angle=0.2, distance=1.0), "conflict", "distance"),
         (WalkCommand(action="walk", gait="tripod"), "unknown_gait", "gait"),
         (WalkCommand(action="stand", shift=(0.01, 0.0)), "unsupported", "shift"),
     ],

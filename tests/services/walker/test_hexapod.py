@@ -129,6 +129,7 @@ def test_refuses_to_walk_before_the_estimator_is_initialised_but_stands():
         (Command("walk", velocity=0.5), "too_fast", "velocity"),
         (Command("walk", velocity=0.0), "too_fast", "velocity"),
         (Command("turn"), "missing_field", "angle"),
+        (Command("walk", distance=1.0, angle=0.2), "unsupported", "angle"),
         (Command("walk", distance=1.0, gait="trot"), "unknown_gait", "gait"),
         (Command("walk", shift=(0.01, 0.0)), "bad_value", "shift"),
         (Command("stand", shift=(0.5, 0.0)), "bad_value", "shift"),
