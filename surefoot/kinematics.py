@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from surefoot.jit import kernel
 from surefoot.robot import KinematicModel, load_robot
-from surefoot.rotations import matrix_from_axis_angle
+from surefoot.rotations import axis_angle_into
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -24,16 +24,19 @@ def forward(model: KinematicModel, q: Array) -> tuple[Array, Array]:
     """Pose of every link: rot_base_from_link (nl, 3, 3) and origins pos_base (nl, 3)."""
     n = model.parent.size
     rot, pos = np.empty((n, 3, 3)), np.empty((n, 3))
+    joint, turn = np.empty((3, 3)), np.empty((3, 3))
     for i in range(n):
         up, j = model.parent[i], model.joint[i]
         if up < 0:
             rot[i] = model.origin_rot[i]
             pos[i] = model.origin_pos[i]
             continue
-        turn = model.origin_rot[i].copy()
         if j >= 0:
-            _multiply_into(turn, model.origin_rot[i], matrix_from_axis_angle(model.axis[i], float(q[j])))
-        _multiply_into(rot[i], rot[up], turn)
+            axis_angle_into(joint, model.axis[i], float(q[j]))
+            _multiply_into(turn, model.origin_rot[i], joint)
+            _multiply_into(rot[i], rot[up], turn)
+        else:
+            _multiply_into(rot[i], rot[up], model.origin_rot[i])
         _point_into(pos[i], rot[up], pos[up], model.origin_pos[i])
     return rot, pos
 
@@ -55,6 +58,12 @@ def _point_into(out: Array, rot: Array, pos: Array, point: Array) -> None:
 def foot_positions(model: KinematicModel, q: Array) -> Array:
     """Foot centres in base_link, (L, 3)."""
     rot, pos = forward(model, q)
+    return foot_positions_of(model, rot, pos)
+
+
+@kernel
+def foot_positions_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
+    """`foot_positions` from the links' poses of `forward`: so that who asks for several things computes them once."""
     n = model.foot_link.size
     feet = np.empty((n, 3))
     for i in range(n):
@@ -67,9 +76,15 @@ def foot_positions(model: KinematicModel, q: Array) -> Array:
 def foot_jacobians(model: KinematicModel, q: Array) -> Array:
     """d foot_i / d (joints of leg i), (L, 3, n); columns in the order of `model.leg_joints`, padding is 0."""
     rot, pos = forward(model, q)
+    return foot_jacobians_of(model, rot, pos)
+
+
+@kernel
+def foot_jacobians_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
+    """`foot_jacobians` from the links' poses of `forward`."""
     legs, width = model.leg_joints.shape
     jac = np.zeros((legs, 3, width))
-    foot = np.empty(3)
+    foot, arm = np.empty(3), np.empty(3)
     for i in range(legs):
         k = model.foot_link[i]
         _point_into(foot, rot[k], pos[k], model.foot_point[i])
@@ -77,7 +92,9 @@ def foot_jacobians(model: KinematicModel, q: Array) -> Array:
             j = model.leg_joints[i, c]
             s = _moved_link(model, int(j), int(k))
             if s >= 0:
-                _cross_into(jac[i, :, c], rot[s], model.axis[s], foot - pos[s])
+                for d in range(3):
+                    arm[d] = foot[d] - pos[s, d]
+                _cross_into(jac[i, :, c], rot[s], model.axis[s], arm)
     return jac
 
 
@@ -111,10 +128,17 @@ def total_mass(model: KinematicModel) -> float:
 def com(model: KinematicModel, q: Array) -> Array:
     """Centre of mass of all links in base_link, (3,)."""
     rot, pos = forward(model, q)
+    return com_of(model, rot, pos)
+
+
+@kernel
+def com_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
+    """`com` from the links' poses of `forward`."""
     total, c = np.zeros(3), np.empty(3)
     for i in range(model.mass.size):
         _point_into(c, rot[i], pos[i], model.com[i])
-        total += model.mass[i] * c
+        for d in range(3):
+            total[d] += model.mass[i] * c[d]
     return total / np.sum(model.mass)
 
 
@@ -122,26 +146,33 @@ def com(model: KinematicModel, q: Array) -> Array:
 def com_jacobian(model: KinematicModel, q: Array) -> Array:
     """d com / d q, (3, nj): m_sub/m axis x (c_sub - o), "sub" = all links moved by the joint."""
     rot, pos = forward(model, q)
+    return com_jacobian_of(model, rot, pos)
+
+
+@kernel
+def com_jacobian_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
+    """`com_jacobian` from the links' poses of `forward`."""
     n = model.mass.size
     mass, moment = model.mass.copy(), np.empty((n, 3))
     for i in range(n):
         _point_into(moment[i], rot[i], pos[i], model.com[i])
-        moment[i] *= mass[i]
+        for d in range(3):
+            moment[i, d] *= mass[i]
     for i in range(n - 1, 0, -1):  # children before parents
         up = model.parent[i]
         mass[up] += mass[i]
-        moment[up] += moment[i]
-    jac, seen, part = np.zeros((3, model.lower.size)), np.zeros(model.lower.size, dtype=np.bool_), np.empty(3)
+        for d in range(3):
+            moment[up, d] += moment[i, d]
+    jac, part, arm = np.zeros((3, model.lower.size)), np.empty(3), np.empty(3)
     for i in range(n):
         j = model.joint[i]
         if j < 0:
             continue
-        if seen[j]:  # one motor moves several links
-            _cross_into(part, rot[i], model.axis[i], (moment[i] - mass[i] * pos[i]) / mass[0])
-            jac[:, j] += part
-        else:
-            _cross_into(jac[:, j], rot[i], model.axis[i], (moment[i] - mass[i] * pos[i]) / mass[0])
-            seen[j] = True
+        for d in range(3):
+            arm[d] = (moment[i, d] - mass[i] * pos[i, d]) / mass[0]
+        _cross_into(part, rot[i], model.axis[i], arm)
+        for d in range(3):  # one motor may move several links
+            jac[d, j] += part[d]
     return jac
 
 
@@ -154,7 +185,14 @@ def gravity_torques(model: KinematicModel, q: Array, g_up: Array) -> Array:
         q: joint angles, (nj,).
         g_up: upward specific force at rest in base_link, (3,) m/s2 (length 9.81).
     """
-    jac, weight = com_jacobian(model, q), np.sum(model.mass)
+    rot, pos = forward(model, q)
+    return gravity_torques_of(model, rot, pos, g_up)
+
+
+@kernel
+def gravity_torques_of(model: KinematicModel, rot: Array, pos: Array, g_up: Array) -> Array:
+    """`gravity_torques` from the links' poses of `forward`."""
+    jac, weight = com_jacobian_of(model, rot, pos), np.sum(model.mass)
     torques = np.empty(model.lower.size)
     for j in range(model.lower.size):
         torques[j] = weight * (jac[0, j] * g_up[0] + jac[1, j] * g_up[1] + jac[2, j] * g_up[2])

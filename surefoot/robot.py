@@ -201,6 +201,7 @@ class Robot:
     joint_lower: Array = field(init=False)  # (nj,)
     joint_upper: Array = field(init=False)  # (nj,)
     neutral: Array = field(init=False)  # (nj,)
+    foot_radii: Array = field(init=False)  # (L,) m
     mass: float = field(init=False)  # kg
 
     def __post_init__(self) -> None:
@@ -209,6 +210,7 @@ class Robot:
         put(self, "joint_lower", np.array([j.lower for j in self.joints]))
         put(self, "joint_upper", np.array([j.upper for j in self.joints]))
         put(self, "neutral", np.array([j.neutral for j in self.joints]))
+        put(self, "foot_radii", np.array([leg.foot.radius for leg in self.legs]))
         put(self, "mass", float(sum(link.mass for link in self.links)))
 
     @property

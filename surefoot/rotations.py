@@ -155,20 +155,26 @@ def rotvec_from_matrix(m: Array) -> Array:
 @kernel
 def matrix_from_axis_angle(axis: Array, angle: float) -> Array:
     """Rotation by `angle` rad about a unit axis, (3, 3)."""
+    m = np.empty((3, 3))
+    axis_angle_into(m, axis, angle)
+    return m
+
+
+@kernel
+def axis_angle_into(out: Array, axis: Array, angle: float) -> None:
+    """`matrix_from_axis_angle` into `out` (3, 3), for loops over many joints."""
     c, s = math.cos(angle), math.sin(angle)
     x, y, z = axis[0], axis[1], axis[2]
     k = 1.0 - c
-    m = np.empty((3, 3))
-    m[0, 0] = c + k * x * x
-    m[0, 1] = k * x * y - s * z
-    m[0, 2] = k * x * z + s * y
-    m[1, 0] = k * x * y + s * z
-    m[1, 1] = c + k * y * y
-    m[1, 2] = k * y * z - s * x
-    m[2, 0] = k * x * z - s * y
-    m[2, 1] = k * y * z + s * x
-    m[2, 2] = c + k * z * z
-    return m
+    out[0, 0] = c + k * x * x
+    out[0, 1] = k * x * y - s * z
+    out[0, 2] = k * x * z + s * y
+    out[1, 0] = k * x * y + s * z
+    out[1, 1] = c + k * y * y
+    out[1, 2] = k * y * z - s * x
+    out[2, 0] = k * x * z - s * y
+    out[2, 1] = k * y * z + s * x
+    out[2, 2] = c + k * z * z
 
 
 @kernel

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from services.stability.contacts import Array
 from surefoot.jit import row_kernel
-from surefoot.kinematics import foot_jacobians, forward, gravity_torques
+from surefoot.kinematics import foot_jacobians_of, forward, gravity_torques_of
 from surefoot.robot import KinematicModel, Robot, load_robot
 
 Flags = NDArray[np.bool_]
@@ -76,8 +76,7 @@ class LegInverses(NamedTuple):
 
 def leg_inverses(robot: Robot, joints: Array, g_up: Array) -> LegInverses:
     """J^-T of the points where the feet touch level ground, and G(q); see `forces_from_torques`."""
-    radius = np.array([leg.foot.radius for leg in robot.legs])
-    return LegInverses(*_leg_inverses(robot.model, joints, g_up, radius))
+    return LegInverses(*_leg_inverses(robot.model, joints, g_up, robot.foot_radii))
 
 
 def gain_from_weight(robot: Robot, joints: Array, torque: Array, g_up: Array, stance: Flags) -> float | None:
@@ -149,7 +148,13 @@ def inverse3(m: Array) -> tuple[Array, float]:
 @row_kernel
 def contact_jacobians(model: KinematicModel, joints: Array, up: Array, radius: Array) -> Array:
     """d p_i / d (joints of leg i) for the lowest point p of each foot sphere, (L, 3, n); `up` is a unit vector."""
-    jacobian, rot = foot_jacobians(model, joints), forward(model, joints)[0]
+    rot, pos = forward(model, joints)
+    return _contact_jacobians_of(model, rot, pos, up, radius)
+
+
+@row_kernel
+def _contact_jacobians_of(model: KinematicModel, rot: Array, pos: Array, up: Array, radius: Array) -> Array:
+    jacobian = foot_jacobians_of(model, rot, pos)
     for i in range(model.leg_joints.shape[0]):
         k = model.foot_link[i]
         while k >= 0:
@@ -169,7 +174,15 @@ def contact_jacobians(model: KinematicModel, joints: Array, up: Array, radius: A
 
 @row_kernel
 def _leg_inverses(model: KinematicModel, joints: Array, g_up: Array, radius: Array) -> tuple[Array, Array, Flags]:
-    jacobian = contact_jacobians(model, joints, g_up / math.sqrt(np.sum(g_up * g_up)), radius)
+    rot, pos = forward(model, joints)
+    return _leg_inverses_of(model, rot, pos, g_up, radius)
+
+
+@row_kernel
+def _leg_inverses_of(
+    model: KinematicModel, rot: Array, pos: Array, g_up: Array, radius: Array
+) -> tuple[Array, Array, Flags]:
+    jacobian = _contact_jacobians_of(model, rot, pos, g_up / math.sqrt(np.sum(g_up * g_up)), radius)
     count, width = model.leg_joints.shape
     inverse, observed = np.zeros((count, 3, 3)), np.zeros(count, dtype=np.bool_)
     for i in range(count):
@@ -179,7 +192,17 @@ def _leg_inverses(model: KinematicModel, joints: Array, g_up: Array, radius: Arr
         if condition <= STRAIGHT:
             observed[i] = True
             inverse[i] = inv
-    return inverse, gravity_torques(model, joints, g_up), observed
+    return inverse, gravity_torques_of(model, rot, pos, g_up), observed
+
+
+@row_kernel
+def leg_forces_of(
+    model: KinematicModel, rot: Array, pos: Array, g_up: Array, radius: Array, torque: Array, variance: float
+) -> tuple[Array, Array, Flags]:
+    """`forces_from_torques` from the links' poses of `forward`: force, covariance, observed."""
+    inverse, own, observed = _leg_inverses_of(model, rot, pos, g_up, radius)
+    force, covariance = _leg_forces(model, inverse, own, torque, variance)
+    return force, covariance, observed
 
 
 @row_kernel

@@ -122,19 +122,21 @@ class Stability(Service[StabilityConfig]):
         self._contacts: FootContacts | None = None
         self._velocity: VelocityEstimate | None = None
         self._standing = state.StandingFeet(len(self.robot.legs), self.params.hold_s)
+        self._closed: state.Flags | None = None
         self._touch: state.Flags | None = None
         self.calibration = CalibrationJob(self.robot, self.params.torque_variance)
 
     def on_tick(self, inputs: TickInputs) -> None:
         """Keep the latest samples; every second tick say how the robot stands."""
         self._joints = inputs.get(HW_JOINTS) or self._joints
-        self._contacts = inputs.get(HW_CONTACTS) or self._contacts
         self._velocity = inputs.get(STATE_VELOCITY) or self._velocity
-        if self._contacts is not None:
+        if (contacts := inputs.get(HW_CONTACTS)) is not None:
+            self._contacts = contacts
+            self._closed = np.array([any(foot) for foot in contacts.touch])
+        if self._closed is not None:
             gait = inputs.get(STATE_GAIT)
-            closed = np.array([any(foot) for foot in self._contacts.touch])
             planned = None if gait is None or gait.state == "waiting" else np.array(gait.stance)
-            self._touch = self._standing.update(inputs.tick.stamp_ns * 1e-9, closed, planned)
+            self._touch = self._standing.update(inputs.tick.stamp_ns * 1e-9, self._closed, planned)
         if said := self.calibration.on_tick(inputs.number):
             self.log("info", f"calibration: {said}")
         if self.calibration.collector is not None and inputs.get(HW_JOINTS) is not None:
@@ -170,12 +172,12 @@ class Stability(Service[StabilityConfig]):
 
     def _collect(self) -> None:
         """Show the calibration the latest samples."""
-        joints, contacts, velocity = self._joints, self._contacts, self._velocity
-        if joints is None or joints.torque is None or contacts is None or velocity is None:
+        joints, closed, velocity = self._joints, self._closed, self._velocity
+        if joints is None or joints.torque is None or closed is None or velocity is None:
             return
         if velocity.initialised and _points_up(velocity.g_up):
-            touch = np.array([any(foot) for foot in contacts.touch])
-            self.calibration.sample(np.array(joints.position), np.array(joints.torque), np.array(velocity.g_up), touch)
+            now = np.array(joints.position), np.array(joints.torque), np.array(velocity.g_up)
+            self.calibration.sample(*now, closed)
 
     def _nothing(self) -> StabilityStatus:
         return StabilityStatus(

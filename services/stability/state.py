@@ -1,16 +1,18 @@
 """Stability while standing or walking: contacts from kinematics, region, CoM planned and measured, margins."""
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from services.stability.contacts import Array, ContactSet
-from services.stability.forces import MeasuredCom, com_from_forces, forces_from_torques
+from services.stability.forces import MeasuredCom, com_from_forces, leg_forces_of
 from services.stability.margin import Margin, margin
 from services.stability.region import Region, region
 from surefoot.jit import row_kernel
-from surefoot.kinematics import com, foot_positions
+from surefoot.kinematics import com_of, foot_positions_of, forward
 from surefoot.robot import KinematicModel, Robot, load_robot
 
 Flags = NDArray[np.bool_]
@@ -55,11 +57,23 @@ class StandingFeet:
 
     def update(self, stamp: float, touch: Flags, planned: Flags | None) -> Flags:
         """Feet that stand at `stamp` (s); `planned` stance (L,), None = nobody plans: the switches alone count."""
-        self._touched[touch] = stamp
-        if planned is None:
-            return touch
-        self._touched[~planned & ~touch] = -np.inf
-        return touch | (planned & (stamp - self._touched <= self._hold_s + 1e-9))
+        return _standing(
+            self._touched, self._hold_s, stamp, touch, touch if planned is None else planned, planned is None
+        )
+
+
+@row_kernel
+def _standing(touched: Array, hold_s: float, stamp: float, touch: Flags, planned: Flags, alone: bool) -> Flags:
+    """`StandingFeet.update`; notes in `touched` (L,) when each foot touched last."""
+    standing = touch.copy()
+    for i in range(touch.size):
+        if touch[i]:
+            touched[i] = stamp
+        elif not alone and not planned[i]:
+            touched[i] = -math.inf
+        elif not alone:
+            standing[i] = stamp - touched[i] <= hold_s + 1e-9
+    return standing
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,21 +107,57 @@ def level_from_base(g_up: Array) -> Array:
     return rot
 
 
+class Footing(NamedTuple):
+    """What joints, tilt and torques tell of the n feet that stand."""
+
+    position: Array
+    """(n, 3) m, frame level: where they touch the ground."""
+    normal: Array
+    """(n, 3) vertical: a foot does not know the ground's slope."""
+    mu: Array
+    """(n,)"""
+    force: Array
+    """(n, 3) N, ground on foot, base_link."""
+    covariance: Array
+    """(n, 3, 3) N^2, base_link."""
+    observed: bool
+    """The torques tell the force on every one of them."""
+    com: Array
+    """(3,) m, frame level."""
+    rot: Array
+    """(3, 3) rot_level_from_base."""
+
+
 @row_kernel
-def _place(model: KinematicModel, joints: Array, g_up: Array, radius: Array) -> tuple[Array, Array, Array]:
-    """Contact points (L, 3) and CoM (3,) in frame level, and rot_level_from_base; the ground is touched below."""
-    rot = level_from_base(g_up)
-    feet, centre = foot_positions(model, joints), com(model, joints)
-    points, c = np.zeros(feet.shape), np.zeros(3)
+def _footing(
+    model: KinematicModel,
+    joints: Array,
+    g_up: Array,
+    torque: Array,
+    touch: Flags,
+    radius: Array,
+    mu: float,
+    variance: float,
+) -> Footing:
+    """The links' poses once, and all that follows from them."""
+    links, origins = forward(model, joints)
+    feet, centre = foot_positions_of(model, links, origins), com_of(model, links, origins)
+    force, covariance, observed = leg_forces_of(model, links, origins, g_up, radius, torque, variance)
+    rot, standing = level_from_base(g_up), np.flatnonzero(touch)
+    n, all_seen, com = standing.size, True, np.zeros(3)
+    position, normal = np.zeros((n, 3)), np.zeros((n, 3))
     for q in range(3):
         for p in range(3):
-            c[q] += rot[q, p] * centre[p]
-    for i in range(feet.shape[0]):
+            com[q] += rot[q, p] * centre[p]
+    for i in range(n):
+        foot = standing[i]
         for q in range(3):
             for p in range(3):
-                points[i, q] += rot[q, p] * feet[i, p]
-        points[i, 2] -= radius[i]
-    return points, c, rot
+                position[i, q] += rot[q, p] * feet[foot, p]
+        position[i, 2] -= radius[foot]
+        normal[i, 2] = 1.0
+        all_seen = all_seen and bool(observed[foot])
+    return Footing(position, normal, np.full(n, mu), force[standing], covariance[standing], all_seen, com, rot)
 
 
 def watch(robot: Robot, joints: Array, touch: Flags, g_up: Array, torque: Array | None, params: WatchParams) -> Status:
@@ -119,28 +169,22 @@ def watch(robot: Robot, joints: Array, touch: Flags, g_up: Array, torque: Array 
         touch: (L,) feet that touch.
         g_up: upward specific force at rest, base_link, (3,) m/s2.
         torque: measured joint torques, (nj,) Nm, or None.
-        params: friction and accuracy. Normals are taken as vertical: a foot does not know the ground's slope.
+        params: friction and accuracy.
     """
-    radius = np.array([leg.foot.radius for leg in robot.legs])
-    points, centre, rot = _place(robot.model, joints, g_up, radius)
-    standing = np.ascontiguousarray(points[touch])
-    up = np.zeros_like(standing)
-    up[:, 2] = 1.0
-    contacts = ContactSet(standing, up, np.full(len(standing), params.mu))
+    told = np.zeros(robot.nj) if torque is None else torque
+    f = _footing(robot.model, joints, g_up, told, touch, robot.foot_radii, params.mu, params.torque_variance)
+    contacts = ContactSet(f.position, f.normal, f.mu)
     found = region(contacts, tolerance=params.tolerance, limit=params.directions)
     measured: MeasuredCom | None = None
-    if torque is not None and touch.any():
-        forces = forces_from_torques(robot, joints, torque, g_up, params.torque_variance)
-        if forces.observed[touch].all():
-            weight = params.least_load * robot.mass * float(np.linalg.norm(g_up))
-            turned = rot @ forces.covariance[touch] @ rot.T
-            measured = com_from_forces(standing, forces.force[touch] @ rot.T, turned, weight)
+    if torque is not None and f.observed and len(f.position):
+        weight = params.least_load * robot.mass * math.sqrt(g_up @ g_up)
+        measured = com_from_forces(f.position, f.force @ f.rot.T, f.rot @ f.covariance @ f.rot.T, weight)
     return Status(
         region=found,
         stance=touch,
-        com_planned=centre[:2],
+        com_planned=f.com[:2],
         com_measured=measured,
-        margin_planned=margin(found, centre[:2]),
+        margin_planned=margin(found, f.com[:2]),
         margin_measured=None if measured is None else margin(found, measured.com),
     )
 

@@ -316,7 +316,7 @@ class HexapodWalker:
             stance=s.landed.copy(),
             footholds=(s.footholds if plan is None else plan.feet_to).copy(),
             foothold_status=s.status,
-            trunk_height=float(s.body[2] - np.mean(s.footholds[:, 2])) + self.robot.foot_radius,
+            trunk_height=float(s.body[2] - s.footholds[:, 2].sum() / self.robot.nlegs) + self.robot.foot_radius,
             remaining=left if math.isfinite(left) else 0.0,
             margin=s.margin,
             reason=s.reason,

@@ -100,13 +100,14 @@ def set_points(
     feet_base = into_base(feet, body, rot)
     q, reachable = kinematics.legs_ik(model, feet_base)
     up = rot[2].copy()
-    torque = kinematics.gravity_torques(model, q, GRAVITY * up)
-    com = kinematics.com(model, q)
+    rot_links, pos_links = kinematics.forward(model, q)
+    torque = kinematics.gravity_torques_of(model, rot_links, pos_links, GRAVITY * up)
+    com = kinematics.com_of(model, rot_links, pos_links)
     com_xy = np.empty(2)
     for k in range(2):
         com_xy[k] = body[k] + rot[k, 0] * com[0] + rot[k, 1] * com[1] + rot[k, 2] * com[2]
     force = share_load(feet, com_xy, support, GRAVITY * kinematics.total_mass(model))
-    jac = kinematics.foot_jacobians(model, q)
+    jac = kinematics.foot_jacobians_of(model, rot_links, pos_links)
     for i in range(feet.shape[0]):
         for c in range(model.leg_joints.shape[1]):
             j = model.leg_joints[i, c]

@@ -29,12 +29,10 @@ def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -
         _touch(s, robot, plan)
     if v > 1.0:
         _give_up(s, robot, p, plan)
-    s.feet = swing.targets(
+    s.feet, s.support = swing.targets(
         plan.shape, plan.swing, s.landed, plan.feet_from, plan.feet_to, plan.top, plan.go, plan.arrive,
-        v, s.feet, p.press_speed * dt,
+        v, s.feet, p.press_speed * dt, s.support, dt / (p.overlap * plan.duration),
     )  # fmt: skip
-    rate = dt / (p.overlap * plan.duration)
-    s.support = np.clip(s.support + np.where(s.landed, rate, -rate), 0.0, 1.0)
     a, b, ease = plan.begin, plan.end, swing.smooth(u)
     s.body[:] = (a.x + u * (b.x - a.x), a.y + u * (b.y - a.y), a.z + ease * (b.z - a.z))
     s.yaw = a.yaw + u * (b.yaw - a.yaw)

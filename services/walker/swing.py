@@ -185,20 +185,24 @@ def targets(
     v: float,
     present: Array,
     reach: float,
-) -> Array:
-    """Foot centres of all legs in this tick, (L, 3) m.
+    support: Array,
+    rate: float,
+) -> tuple[Array, Array]:
+    """Foot centres of all legs in this tick, (L, 3) m, and the shares of each in the load, 0..1, (L,).
 
-    Standing and landed feet approach their foothold by at most `reach` (m) from the `present` target.
+    Standing and landed feet approach their foothold by at most `reach` (m) from the `present` target. The shares grow
+    from `support` by `rate`, those of feet in the air shrink by it.
     """
-    out = np.empty_like(feet_from)
+    out, share = np.empty_like(feet_from), np.empty_like(support)
     for i in range(feet_from.shape[0]):
+        share[i] = min(1.0, max(0.0, support[i] + (rate if landed[i] else -rate)))
         if swinging[i] and not landed[i]:
             out[i] = point(shape, feet_from[i], feet_to[i], top[i], go[i], arrive[i], v)
             continue
         for k in range(3):
             step = feet_to[i, k] - present[i, k]
             out[i, k] = present[i, k] + min(reach, max(-reach, step))
-    return out
+    return out, share
 
 
 def warm() -> None:
@@ -206,4 +210,4 @@ def warm() -> None:
     shape, feet, ones = SwingShape(), np.zeros((2, 3)), np.ones(2)
     window(shape, feet[0], feet[1], 0.02, np.zeros(SAMPLES), 0.005)
     swept_ground(HeightMap(z=np.zeros((3, 3), dtype=np.float32), cell=0.005), feet[0], feet[1], 0.01)
-    targets(shape, ones > 0, ones < 0, feet, feet, ones, 0.1 * ones, ones, 0.5, feet, 0.001)
+    targets(shape, ones > 0, ones < 0, feet, feet, ones, 0.1 * ones, ones, 0.5, feet, 0.001, ones, 0.1)

@@ -198,4 +198,6 @@ def test_warm_compiles_every_kernel():
     kernels = [
         f for f in vars(kin).values() if getattr(f, "__module__", "") == kin.__name__ and hasattr(f, "signatures")
     ]
-    assert [f.__name__ for f in kernels if not (f.signatures or f.__name__.startswith("_"))] == []
+    inner = ("_of", "_into")  # called from kernels only: they come with their callers
+    called = [f for f in kernels if not (f.__name__.startswith("_") or f.__name__.endswith(inner))]
+    assert [f.__name__ for f in called if not f.signatures] == []
