@@ -95,7 +95,7 @@ def least_friction(contacts: ContactSet, com: Array) -> LeastFriction | None:
 
 
 def _excess(contacts: ContactSet, com: Array, share: float, most: float) -> tuple[float, float, Array]:
-    """t of `least_friction` for a share, -dt/dshare = sum z_i n'f_i by its multipliers z, (n, 3) forces so."""
+    """t of `least_friction` for a share, -dt/dshare = sum z_i n'f_i by its multipliers z, and its forces (n, 3)."""
     clarabel, sparse = clarabel_and_sparse()
     n, limited = len(contacts), (contacts.mu >= SMALL_MU) & np.isfinite(contacts.mu)
     a, _, origin, length, _ = matrices(contacts.position, contacts.normal, np.ones(n))

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from services.stability import flat
+from services.stability.chords import beyond_chords
 from services.stability.contacts import Array, ContactSet
 from services.stability.directions import AXES, corner_normals, has_axes
 from services.stability.fan import ANSWER, ENCLOSE, Fan, Goal, explore, new_fan
@@ -116,11 +117,12 @@ def _ordinary(
     count, fine, outlook = explore(a, h, c, fan, 0, len(first), goal, limit, FEW_AT_ONCE if limit <= FEW else LANES)
     if not fine:
         return None
-    fine, inner, outer, direction, point, twist, force, slack = _finish(a, fan, count, origin, length, refine, skip)
+    near = goal.tolerance if refine else math.inf
+    fine, inner, outer, direction, point, twist, force, slack = _finish(a, h, fan, count, origin, length, near, skip)
     if not fine:
         return None
     support = Support(direction, twist[:, 2], point, ("ok",) * len(direction), slack, twist, force)
-    gap = outlook.best * length if refine else distance(inner, outer)
+    gap = outlook.best * length if outlook.best <= near < math.inf else distance(inner, outer)
     solved = Solved(a, h, c, fan, count, origin[:2], length)
     return Region(contacts, "ok", inner, outer, support, gap, False, count, None, solved)
 
@@ -136,11 +138,18 @@ def wide(fan: Fan, count: int) -> tuple[bool, Array, float]:
 
 
 @row_kernel
-def _polygons(fan: Fan, count: int) -> tuple[bool, Array, Array]:
-    """Whether the region has an area, inner and outer polygon, scaled."""
+def _polygons(a: Array, h: Array, fan: Fan, count: int, tolerance: float) -> tuple[bool, Array, Array]:
+    """Whether the region has an area, inner and outer polygon, scaled; outer is within tolerance of inner if it can be.
+
+    A finite tolerance: where the directions did not suffice, points between them are added to inner.
+    """
     fine, inner, size = wide(fan, count)
     if not fine:
         return False, inner, inner
+    if tolerance < math.inf:
+        more = beyond_chords(a, h, fan, count, tolerance, area(inner))
+        if more.shape[0] > 0:
+            inner = hull(np.concatenate((inner, more)))
     far = 0.0
     for k in range(count):
         far = max(far, abs(fan.value[k]))
@@ -149,16 +158,19 @@ def _polygons(fan: Fan, count: int) -> tuple[bool, Array, Array]:
 
 @row_kernel
 def _finish(
-    a: Array, fan: Fan, count: int, origin: Array, length: float, by_angle: bool, skip: int
+    a: Array, h: Array, fan: Fan, count: int, origin: Array, length: float, tolerance: float, skip: int
 ) -> tuple[bool, Array, Array, Array, Array, Array, Array, Array]:
-    """Polygons and answers in metres, in the frame of the request; False in front if there is no area."""
-    fine, inner, outer = _polygons(fan, count)
+    """Polygons and answers in metres, in the frame of the request; False in front if there is no area.
+
+    Tolerance as of `_polygons`; if it is finite, answers are sorted by angle.
+    """
+    fine, inner, outer = _polygons(a, h, fan, count, tolerance)
     n, k = a.shape[0], count - skip if fine else 0
     point, twist, force = np.empty((k, 2)), np.empty((k, 4)), np.zeros((k, n, 3))
     direction, slack = np.empty((k, 2)), np.empty(k)
     ox, oy, oz = origin[0], origin[1], origin[2]
     for i in range(k):
-        s = fan.order[i] if by_angle else skip + i
+        s = fan.order[i] if tolerance < math.inf else skip + i
         ax, ay, w = fan.direction[s, 0], fan.direction[s, 1], fan.unknown[s, 3]
         direction[i, 0], direction[i, 1] = ax, ay
         point[i, 0], point[i, 1] = ox + length * fan.point[s, 0], oy + length * fan.point[s, 1]
@@ -248,17 +260,18 @@ def _careful(contacts: ContactSet, first: Array, skip: int, refine: bool, tolera
         kind: RegionStatus = "point" if len(ends) == 1 else "segment"
         support = oracle.support(fan, np.arange(skip, count))
         return Region(contacts, kind, polygon, polygon, support, 0.0, True, count)
-    gap = math.nan
+    gap, near = math.inf, math.inf
     if refine:
-        goal = Goal(ENCLOSE, tolerance / r.length, 0.0, 0.0)
+        near = tolerance / r.length
+        goal = Goal(ENCLOSE, near, 0.0, 0.0)
         batch = FEW_AT_ONCE if limit <= FEW else LANES
         count, _, outlook = explore(r.a, r.h, r.c, fan, count, count, goal, limit, batch)
         gap = outlook.best
     chosen = fan.order[:count] if refine else np.arange(skip, count)
-    _, inner, outer = _polygons(fan, count)
+    _, inner, outer = _polygons(r.a, r.h, fan, count, near)
     inner, outer = oracle.anchor + r.length * inner, oracle.anchor + r.length * outer
     solved = Solved(r.a, r.h, r.c, fan, count, oracle.anchor, r.length)
-    gap = gap * r.length if refine else distance(inner, outer)
+    gap = gap * r.length if gap <= near < math.inf else distance(inner, outer)
     return Region(contacts, "ok", inner, outer, oracle.support(fan, chosen), gap, False, count, None, solved)
 
 

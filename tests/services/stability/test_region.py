@@ -10,6 +10,7 @@ from services.stability.directions import equally_spaced
 from services.stability.region import Region, region
 from surefoot.polygon import area, hull, signed_distance
 from tests.services.stability.certificate import balance, force_violation, twist_violation
+from tests.services.stability.oracles import share_excess
 from tests.services.stability.sets import SQUARE, UP, feasible_sets, random_set, tilted
 
 SIXTEEN = equally_spaced(16)
@@ -191,6 +192,23 @@ def test_sixteen_adaptive_directions_lose_half_a_percent_of_the_area_at_most() -
         worst_fixed = max(worst_fixed, 1.0 - area(region(contacts, SIXTEEN).inner) / exact)
     assert worst_adaptive <= 0.005
     assert worst_fixed > worst_adaptive
+
+
+@pytest.mark.parametrize(("seed", "contacts"), [(90, 3), (91, 4), (154, 7)])
+def test_points_beyond_the_chords_belong_to_the_region(seed: int, contacts: int) -> None:
+    """Strongly curved: the support points alone leave out more than 0.5 %; what lies between them is held by forces."""
+    stance = random_set(np.random.default_rng(seed), contacts)
+    few, many = region(stance, tolerance=1e-9, limit=16), region(stance, tolerance=1e-5, limit=720)
+    whole = area(many.inner)
+    assert area(hull(few.support.point.copy())) < 0.995 * whole
+    assert 0.997 * whole < area(few.inner) <= whole + 1e-6
+    assert few.gap == pytest.approx(max(-signed_distance(few.inner, x, y) for x, y in few.outer))
+    own = {tuple(p) for p in few.support.point.tolist()}
+    between = [p for p in few.inner.tolist() if tuple(p) not in own]
+    assert len(between) > 10
+    for x, y in between:
+        assert share_excess(stance, np.array([x, y]), 1.0) <= 1e-9
+        assert signed_distance(many.outer, x, y) > -1e-9
 
 
 def test_given_directions_come_back_in_order() -> None:
