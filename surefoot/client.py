@@ -16,7 +16,7 @@ from schemas.base import Message, Wire
 from schemas.topics import QUERIES, TOPICS, Query, Topic
 from surefoot.bus import Delivery
 from surefoot.codec import refusal_of
-from surefoot.endpoint import to_connect
+from surefoot.endpoint import checked, to_connect
 from surefoot.errors import CallError, SurefootError
 from surefoot.zenoh_bus import Endpoint, ZenohBus
 
@@ -110,6 +110,7 @@ def connect(robot: str = "ragno", endpoint: str | None = None, fleet: str = "sur
 
     Raises:
         BusError: no router answers.
-        ConfigError: the variable holds no endpoint.
+        ConfigError: what was told is no endpoint.
     """
-    return Client(ZenohBus(Endpoint(mode="client", connect=(endpoint or to_connect(),), namespace=f"{fleet}/{robot}")))
+    where = checked("endpoint", endpoint) if endpoint else to_connect()
+    return Client(ZenohBus(Endpoint(mode="client", connect=(where,), namespace=f"{fleet}/{robot}")))

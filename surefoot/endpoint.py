@@ -11,10 +11,13 @@ _FORM = re.compile(r"(?:tcp|tls|ws)/(\[[0-9A-Fa-f:.]+\]|[^\s/:\[\]]+):(\d{1,5})(
 _SOURCE = re.compile(r",?\s+at /\S+\.rs:\d+")
 
 
-def checked(source: str, endpoint: str) -> str:
-    """The endpoint itself (raises ConfigError naming ``source``, what came and the form expected)."""
+def checked(source: str, endpoint: str, *, any_port: bool = False) -> str:
+    """The endpoint itself (raises ConfigError naming ``source``, what came and the form expected).
+
+    ``any_port``: port 0 will do, for who listens where nobody has to find them.
+    """
     match = _FORM.fullmatch(endpoint)
-    if match is None or not 1 <= int(match.group(2)) <= 65535:
+    if match is None or not (0 if any_port else 1) <= int(match.group(2)) <= 65535:
         raise ConfigError("invalid", f"{source}: got {endpoint!r}, expected tcp/<host>:<port 1-65535>", source)
     return endpoint
 
@@ -31,7 +34,7 @@ def to_listen(option: str | None = None) -> str:
 
 
 def to_connect() -> str:
-    """Where a client finds its router: SUREFOOT_CONNECT, else SUREFOOT_LISTEN, else the default (raises ConfigError).
+    """Where clients and services find the router: SUREFOOT_CONNECT, SUREFOOT_LISTEN, the default (raises ConfigError).
 
     Who has set SUREFOOT_LISTEN for ``surefoot up`` means the same router in the same shell.
     """

@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: small matrices, and the cores belong to the services
 
 from surefoot.config import load_config
+from surefoot.endpoint import checked, to_connect
 from surefoot.errors import SurefootError
 from surefoot.logline import log_line
 from surefoot.service import Service
@@ -41,8 +42,9 @@ def main(service: type[Service[Any]], arguments: list[str] | None = None) -> NoR
 def run(service: type[Service[Any]], arguments: list[str] | None = None) -> int:
     """Runs a service until SIGTERM or SIGINT; returns the exit code."""
     options = _parser(service).parse_args(arguments)
-    options.connect = options.connect or [_default_router()]
     try:
+        options.connect = [checked("--connect", place) for place in options.connect] or [to_connect()]
+        options.listen = [checked("--listen", place, any_port=True) for place in options.listen]
         config = load_config(service.Config, service.name, options.config, os.environ, options.set)
         if options.print_config:
             sys.stdout.write(config.model_dump_json(indent=2) + "\n")
@@ -97,15 +99,11 @@ def spare_collector() -> None:
     gc.set_threshold(50_000, 20, 50)
 
 
-def _default_router() -> str:
-    return os.environ.get("SUREFOOT_CONNECT", "tcp/127.0.0.1:7447")
-
-
 def _parser(service: type[Service[Any]]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog=f"surefoot-service {service.name}", description=(service.__doc__ or "").strip().split("\n")[0]
     )
-    parser.add_argument("--connect", action="append", default=[], help=f"router to connect to [{_default_router()}]")
+    parser.add_argument("--connect", action="append", default=[], help="router to connect to [SUREFOOT_CONNECT]")
     parser.add_argument("--listen", action="append", default=[], help="endpoint to listen on [tcp/127.0.0.1:0]")
     parser.add_argument("--mode", choices=("peer", "client", "router"), default="peer", help="Zenoh mode [peer]")
     robot = os.environ.get("SUREFOOT_ROBOT", "ragno")

@@ -4,28 +4,24 @@ import json
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
+from errno import EINVAL
 from pathlib import Path
 from typing import Any
 
-from mcap.exceptions import McapError
 from mcap.reader import make_reader
-from zstandard import ZstdError
 
 from schemas.base import Bulk, Header, Message
 from schemas.topics import TOPICS, Topic
 from surefoot.bus import Raw
 from surefoot.codec import decode, encoding_of, json_schema
 from surefoot.errors import SurefootError
-from surefoot.mcap_chunks import ChunkWriter
+from surefoot.mcap_check import BROKEN, Findings, check
+from surefoot.mcap_chunks import MAGIC, ChunkWriter
 from surefoot.version import VERSION
 
 BULK = "surefoot-bulk"
 """Message encoding of arrays: uint32 length of the JSON header, header, raw array."""
 SUMMARY = "surefoot"
-
-_MAGIC = b"\x89MCAP0\r\n"
-_BROKEN = (McapError, ZstdError, struct.error, ValueError, EOFError)
-"""What reading a torn file raises: its records, their compression and their texts may each be damaged."""
 
 
 class RecordingWriter:
@@ -104,25 +100,43 @@ def read_recording(path: Path, keys: tuple[str, ...] | None = None) -> Iterator[
     """
     try:
         with path.open("rb") as file:
-            reader = make_reader(file)
+            reader = make_reader(file, validate_crcs=True)
+            count = 0
             for _, channel, message in reader.iter_messages(topics=list(keys) if keys else None, log_time_order=True):
                 row = topic_of(channel.topic)
                 yield Recorded(channel.topic, message.log_time, None if row is None else row.model, message.data)
+                count += 1
+            summary = reader.get_summary()
     except OSError as error:
-        raise SurefootError("unreadable", f"{path}: {error.strerror}") from None
-    except _BROKEN as error:
+        raise _unreadable(path, error) from None
+    except BROKEN as error:
         raise _broken(path, str(error)) from None
+    if summary is not None and summary.statistics is not None:
+        counts = summary.statistics.channel_message_counts
+        told = sum(counts.get(i, 0) for i, c in summary.channels.items() if not keys or c.topic in keys)
+        if count < told:
+            raise _broken(path, f"{told - count} of {told} messages cannot be read")
+
+
+def _unreadable(path: Path, error: OSError) -> SurefootError:
+    """Why a file cannot be read; one too short for a summary makes the reader look before its beginning."""
+    return _broken(path, "") if error.errno == EINVAL else SurefootError("unreadable", f"{path}: {error.strerror}")
 
 
 def _broken(path: Path, why: str) -> SurefootError:
     """What is wrong with a file that cannot be read as a recording."""
     with path.open("rb") as file:
-        head = file.read(len(_MAGIC))
+        head, size = file.read(len(MAGIC)), path.stat().st_size
+        file.seek(max(0, size - len(MAGIC)))
+        if file.read() != MAGIC:
+            why = "it has no summary at its end, without which nothing is found by index"
     if not head:
         return SurefootError("malformed", f"{path} is empty")
-    if not _MAGIC.startswith(head):
+    if not MAGIC.startswith(head):
         return SurefootError("malformed", f"{path} is not an MCAP file: it begins with {head!r}")
-    return SurefootError("malformed", f"{path} is cut off or damaged" + (f" ({why})" if why else ""))
+    told = f" ({why[:120]})" if why else ""
+    hint = "`surefoot bag info --verify` tells what can be read of it"
+    return SurefootError("malformed", f"{path} is cut off or damaged{told}; {hint}")
 
 
 def recording_info(path: Path) -> dict[str, Any]:
@@ -133,8 +147,8 @@ def recording_info(path: Path) -> dict[str, Any]:
             summary = reader.get_summary()
             metadata = {record.name: dict(record.metadata) for record in reader.iter_metadata()}
     except OSError as error:
-        raise SurefootError("unreadable", f"{path}: {error.strerror}") from None
-    except _BROKEN as error:
+        raise _unreadable(path, error) from None
+    except BROKEN as error:
         raise _broken(path, str(error)) from None
     if summary is None or summary.statistics is None:
         raise _broken(path, "it has no summary, the recorder did not finish")
@@ -147,3 +161,21 @@ def recording_info(path: Path) -> dict[str, Any]:
         "topics": {c.topic: counts.get(i, 0) for i, c in sorted(summary.channels.items(), key=lambda p: p[1].topic)},
         "metadata": metadata,
     }
+
+
+def verify_recording(path: Path) -> Findings:
+    """All of a recording, with its checksums, whatever has happened to it.
+
+    Raises:
+        SurefootError: the file cannot be read, is empty, or no MCAP file.
+    """
+    try:
+        found = check(path)
+    except OSError as error:
+        raise SurefootError("unreadable", f"{path}: {error.strerror}") from None
+    if not found.whole and not found.chunks:
+        with path.open("rb") as file:
+            head = file.read(len(MAGIC))
+        if not head or not MAGIC.startswith(head):
+            raise _broken(path, "")
+    return found

@@ -26,6 +26,8 @@ def read_robot(name: str | PathLike[str]) -> r.Robot:
     path = Path(name) if is_path else ROBOTS / text / "robot.toml"
     if path.is_dir():
         path = path / "robot.toml"
+        if not path.is_file():
+            raise RobotError("not_found", "name", f"{text!r} holds no robot.toml: a robot is a folder with that file")
     if not path.is_file():
         raise RobotError("not_found", "name", f"no robot {text!r}; known are {', '.join(r.robot_names())}")
     data = read_toml(path, RobotError)

@@ -82,8 +82,13 @@ def _kernels() -> Finding:
 
 def _port() -> Finding:
     from services.supervisor.ports import owner_of, port_of
+    from surefoot.endpoint import to_connect, to_listen
+    from surefoot.errors import ConfigError
 
-    endpoint = os.environ.get("SUREFOOT_LISTEN") or "tcp/127.0.0.1:7447"
+    try:
+        endpoint, _ = to_listen(), to_connect()
+    except ConfigError as error:
+        return Finding("FAIL", "port", error.message, f"correct or unset {error.field}")
     port = port_of(endpoint)
     owner = owner_of(port) if port is not None else ""
     if owner:

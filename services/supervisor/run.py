@@ -10,14 +10,13 @@ from pathlib import Path
 from schemas.sim import ResetReply, ResetRequest
 from schemas.system import RecorderReply, RecorderRequest
 from schemas.topics import RECORDER_STATUS, SIM_RESET
-from services.supervisor.compose import ComposeError, load_compose
 from services.supervisor.director import Director
-from services.supervisor.files import find
 from services.supervisor.judge import Verdict, judge
 from services.supervisor.plots import Timing
 from services.supervisor.report import About, write_report
 from services.supervisor.scenario import TICK_S, Scenario
 from services.supervisor.session import Session
+from services.supervisor.startable import system_of
 from services.supervisor.traces import Traces
 from surefoot.errors import BusError, CallError
 from surefoot.robot import load_robot
@@ -87,7 +86,7 @@ def run_scenario(
     """
     began = time.monotonic()
     seed = scenario.seed if options.seed is None else options.seed
-    compose = load_compose(find("compose", scenario.compose, ".yaml", ComposeError))
+    compose = system_of(scenario)
     out = options.out or _new_folder(scenario.name, seed)
     recording = (out / "run.mcap").resolve() if options.record else None
     director = Director(scenario)

@@ -6,7 +6,17 @@ from typing import Annotated
 import typer
 
 from services.supervisor.commands.connect import client
-from services.supervisor.commands.output import Connect, Json, Listen, Namespace, tell, use_json, write, write_json
+from services.supervisor.commands.output import (
+    EXIT_CHECK,
+    Connect,
+    Json,
+    Listen,
+    Namespace,
+    tell,
+    use_json,
+    write,
+    write_json,
+)
 
 app = typer.Typer(help="Recordings (MCAP): record, play, show.", no_args_is_help=True)
 File = Annotated[Path, typer.Argument(help="MCAP file.")]
@@ -14,11 +24,20 @@ Keys = Annotated[list[str] | None, typer.Option("--key", "-k", help="Only this t
 
 
 @app.command()
-def info(file: File, json: Json = False) -> None:
+def info(
+    file: File,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Read all of it and compare checksums. Exit code 1: it is damaged.")
+    ] = False,
+    json: Json = False,
+) -> None:
     """Show what a recording holds."""
     from surefoot.recording import recording_info
 
     use_json(json)
+    if verify:
+        _verify(file, json=json)
+        return
     content = recording_info(file)
     if json:
         write_json(content)
@@ -29,6 +48,26 @@ def info(file: File, json: Json = False) -> None:
         write(f"{name}: " + ", ".join(f"{key}={value}" for key, value in entries.items()))
     for key, count in content["topics"].items():
         write(f"{count:>9}  {key}")
+
+
+def _verify(file: Path, *, json: bool) -> None:
+    from surefoot.recording import verify_recording
+
+    found = verify_recording(file)
+    readable = found.messages.total()
+    if json:
+        write_json({"path": str(file), "ok": found.whole, "readable": readable, **vars(found)})
+    else:
+        lost = f"{'at least ' * found.uncounted}{found.lost or 'none'} lost"
+        lost = "how many are lost nobody knows" if found.uncounted and not found.lost else lost
+        write(f"{file}: {'whole' if found.whole else 'damaged'}, {readable} messages can be read, {lost}")
+        write(f"{found.chunks} chunks with a checksum each, {found.damaged} damaged")
+        for problem in found.problems:
+            write(f"problem  {problem}")
+        for key, count in sorted(found.messages.items()):
+            write(f"{count:>9}  {key}")
+    if not found.whole:
+        raise typer.Exit(EXIT_CHECK)
 
 
 @app.command()

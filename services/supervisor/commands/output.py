@@ -4,6 +4,7 @@ import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -55,6 +56,12 @@ def tell(text: str, level: str = "info") -> None:
         text = log_line(level, "supervisor", text.removeprefix("surefoot: "))
     sys.stderr.write(text + "\n")
     sys.stderr.flush()
+
+
+def near(path: Path) -> str:
+    """Return a path as one would type it here: relative where it is below the working folder, else absolute."""
+    whole = path.resolve()
+    return str(whole.relative_to(Path.cwd())) if whole.is_relative_to(Path.cwd()) else str(whole)
 
 
 def write_json(content: Any) -> None:

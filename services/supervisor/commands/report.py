@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from services.supervisor.commands.output import EXIT_CHECK, Json, use_json, write, write_json
+from services.supervisor.commands.output import EXIT_CHECK, Json, near, use_json, write, write_json
 
 
 def report(
@@ -39,8 +39,8 @@ def report(
     )
     path = write_report(out or file.with_suffix(".html"), about, traces, verdict)
     if json:
-        write_json({"ok": verdict.ok, "values": {r.name: r.value for r in verdict.rows}, "report": str(path)})
+        write_json({"ok": verdict.ok, "values": {r.name: r.value for r in verdict.rows}, "report": near(path)})
     else:
-        write(f"report        {path}")
+        write(f"report        {near(path)}")
     if not verdict.ok:
         raise typer.Exit(EXIT_CHECK)

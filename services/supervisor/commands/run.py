@@ -6,7 +6,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from services.supervisor.commands.output import EXIT_CHECK, Json, Listen, tell, use_json, write, write_json, write_table
+from services.supervisor.commands.output import (
+    EXIT_CHECK,
+    Json,
+    Listen,
+    near,
+    tell,
+    use_json,
+    write,
+    write_json,
+    write_table,
+)
 
 if TYPE_CHECKING:
     from services.supervisor.run import Outcome, Progress
@@ -27,10 +37,14 @@ def run(
     """Run a scenario with every service live, judge it, and write a report. Exit code 1: a limit was not met."""
     from services.supervisor.run import Options, run_scenario
     from services.supervisor.scenario import find_scenario, load_scenario
+    from services.supervisor.startable import system_of
     from services.supervisor.warming import warm_if_cold
+    from surefoot.endpoint import to_listen
 
     use_json(json)
     loaded = load_scenario(find_scenario(scenario))
+    to_listen(listen)  # what is wrong is told before kernels are compiled
+    system_of(loaded)
     warm_if_cold(tell)
     options = Options(seed, record, rtf, strict, listen, out)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does: everything is stopped
@@ -81,8 +95,8 @@ def _as_json(outcome: "Outcome") -> dict[str, object]:
         "comparable": verdict.comparable,
         "start_s": round(outcome.start_s, 3),
         "tick_us": {name: {"p50": t.p50_us, "p99": t.p99_us} for name, t in outcome.timings.items()},
-        "report": str(outcome.report),
-        "recording": None if outcome.recording is None else str(outcome.recording),
+        "report": near(outcome.report),
+        "recording": None if outcome.recording is None else near(outcome.recording),
     }
 
 
@@ -105,8 +119,8 @@ def _show(outcome: "Outcome") -> None:
     for problem in verdict.problems:
         write(f"problem       {problem}")
     if outcome.recording is not None:
-        write(f"recording     {outcome.recording}")
-    write(f"report        {outcome.report}")
+        write(f"recording     {near(outcome.recording)}")
+    write(f"report        {near(outcome.report)}")
     write(f"verdict       {'PASS' if verdict.ok else 'FAIL'}")
 
 

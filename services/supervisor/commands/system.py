@@ -48,13 +48,14 @@ def up(
     """Start the services of a compose file and keep them running."""
     from schemas.sim import World
     from services.supervisor.keep import Order, keep
+    from services.supervisor.startable import startable
     from services.supervisor.warming import warm_if_cold
     from surefoot.endpoint import to_listen
 
     use_json(json)
     state.log = log
     to_listen(listen)  # a wrong endpoint is told before anything starts
-    compose = _compose(system)
+    compose = startable(system)
     order = Order(World(terrain=terrain), seed, rtf, record)
     if detach:
         _detach(compose, system, order, listen, json=json)

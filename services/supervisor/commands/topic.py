@@ -39,9 +39,10 @@ def list_topics(json: Json = False) -> None:
     if json:
         write_json(rows)
     else:
+        names = ("key", "schema", "period", "kind", "owner")
         write_table(
             ("key", "message", "period", "kind", "owner", "in run hash"),
-            [(r["key"], r["schema"], r["period"], r["kind"], r["owner"], r["deterministic"]) for r in rows],
+            [(*(row[name] for name in names), "yes" if row["deterministic"] else "-") for row in rows],
         )
 
 

@@ -2,6 +2,8 @@
 
 import socket
 
+import pytest
+
 from services.supervisor import checks
 
 
@@ -31,3 +33,13 @@ def test_a_taken_port_is_a_warning(monkeypatch):
         (finding,) = checks.examine()
     assert finding.grade == "WARN"
     assert "process" in finding.found
+
+
+@pytest.mark.parametrize("name", ["SUREFOOT_LISTEN", "SUREFOOT_CONNECT"])
+def test_a_variable_that_holds_no_endpoint_is_told(monkeypatch, name):
+    monkeypatch.setenv(name, "7447")
+    monkeypatch.setattr(checks, "CHECKS", (checks._port,))
+    (finding,) = checks.examine()
+    assert finding.grade == "FAIL"
+    assert f"{name}: got '7447', expected tcp/" in finding.found
+    assert name in finding.remedy

@@ -12,12 +12,16 @@ from types import SimpleNamespace
 import pytest
 
 from schemas.cmd import WalkReply
-from schemas.topics import QUERIES
+from schemas.hw import Imu
+from schemas.topics import HW_IMU, QUERIES
 from services.supervisor import cli
 from services.supervisor.commands.connect import endpoint
 from services.supervisor.commands.output import state
 from services.supervisor.rundir import Endpoint, RunFolder
+from surefoot.bus import Raw
 from surefoot.client import query_named
+from surefoot.codec import encode
+from surefoot.recording import RecordingWriter
 
 PLAIN = {
     "list": ["list"],
@@ -253,3 +257,39 @@ def test_help_is_quick_and_imports_nothing_heavy():
     assert heavy == "None"
     assert float(seconds) < 1.0  # 0.1 s on a quiet machine; the tests share theirs
     assert "Usage:" in done.stdout
+
+
+def test_tables_hold_no_truth_values(surefoot):
+    _, out, _ = surefoot("topic", "list")
+    assert "True" not in out
+    assert "False" not in out
+    _, out, _ = surefoot("topic", "list", "--json")
+    assert {row["deterministic"] for row in json.loads(out)} == {True, False}
+
+
+def test_a_folder_that_is_no_robot_is_told_what_was_expected(surefoot, tmp_path):
+    code, _, err = surefoot("robot", "check", tmp_path)
+    assert code == 2
+    assert "holds no robot.toml: a robot is a folder with that file" in err
+
+
+def test_a_damaged_recording_is_told_without_a_traceback(surefoot, tmp_path):
+    bag = tmp_path / "run.mcap"
+    writer = RecordingWriter(bag, {})
+    for tick in range(9000):
+        message = Imu(acc=(0.1 * tick, 0.0, 9.81), gyro=(0.0, 0.0, 0.0)).stamped(tick, tick, 1, tick, "driver")
+        writer.write(HW_IMU, message, Raw(*encode(message), ""))
+    writer.close({})
+    code, out, _ = surefoot("bag", "info", bag, "--verify")
+    assert (code, out.splitlines()[0]) == (0, f"{bag}: whole, 9000 messages can be read, none lost")
+    bag.write_bytes(bag.read_bytes()[: bag.stat().st_size // 2])
+    code, out, _ = surefoot("bag", "info", bag, "--verify", "--json")
+    found = json.loads(out)
+    assert code == 1
+    assert not found["ok"]
+    assert 0 < found["readable"] < 9000
+    for words in (("bag", "info", bag), ("bag", "play", bag), ("report", bag)):
+        code, _, err = surefoot(*words)
+        assert (code, len(err.splitlines())) == (2, 1)
+        assert "no summary at its end" in err
+        assert "bag info --verify" in err

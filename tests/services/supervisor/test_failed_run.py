@@ -13,6 +13,7 @@ from services.supervisor.compose import ComposeError
 from services.supervisor.files import find
 from services.supervisor.scenario import parse_scenario
 from services.supervisor.study import run_local
+from surefoot.logline import read_log_line
 from surefoot.robot import load_robot
 
 MAD = """
@@ -73,3 +74,26 @@ def test_a_world_taken_back_forgets_that_it_diverged_later() -> None:
     assert world.diverged
     world.restore(saved)
     assert not world.diverged
+
+
+@pytest.mark.parametrize(
+    ("options", "environment", "source"),
+    [
+        ((), {"SUREFOOT_CONNECT": "7447"}, "SUREFOOT_CONNECT"),
+        (("--connect", "tcp/host"), {}, "--connect"),
+        (("--listen", "127.0.0.1:0"), {}, "--listen"),
+    ],
+)
+def test_a_service_refuses_what_is_no_endpoint(
+    options: tuple[str, ...], environment: dict[str, str], source: str
+) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "services.supervisor.launch", "footholds", *options],
+        env={**os.environ, **environment}, capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    found = read_log_line(line)
+    assert found is not None
+    assert found.text.startswith(f"{source}: got ")
+    assert "tcp/<host>:<port" in found.text
