@@ -10,22 +10,23 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 
-from services.estimator.inertial import process_noise, propagate, transition, widened, without_velocity
+from services.estimator.inertial import predict, widened, without_velocity
 from services.estimator.legs import LegVelocity
 from services.estimator.params import EstimatorParams
 
 Array = NDArray[np.float64]
 
 G, V = slice(0, 3), slice(3, 6)  # parts of the state, equation (15)
-H = np.hstack([np.zeros((3, 3)), np.eye(3)])  # (3, 6), equation (33)
+_EYE = np.eye(3)
+H = np.hstack([np.zeros((3, 3)), _EYE])  # (3, 6), equation (33)
 
 
 class _Filter(ExtendedKalmanFilter):
-    """filterpy's filter with the prediction (28)-(30) in place of F x."""
+    """filterpy's filter with the prediction (28)-(31), F P F^T + Q included, in one kernel."""
 
-    def predict_x(self, u: Any = None) -> None:
-        w, q, d = u
-        self.x[G], self.x[V] = propagate(self.x[G], self.x[V], w, q, d)
+    def predict(self, u: Any = None) -> None:
+        w, q, d, noise, exact = u
+        self.x, self.P = predict(self.x, self.P, w, q, d, noise, exact, False)
 
 
 class PaperEkf:
@@ -35,6 +36,7 @@ class PaperEkf:
 
     def __init__(self, params: EstimatorParams) -> None:
         self._params = params
+        self._noise = np.array([params.sigma_w, params.sigma_q])
         self._filter = _Filter(dim_x=6, dim_z=3)
         self.nis: float | None = None
         self.reset(np.array([0.0, 0.0, 9.81]), np.eye(6))
@@ -48,10 +50,7 @@ class PaperEkf:
 
     def predict(self, w: Array, q: Array, d: float) -> None:
         """Equations (28)-(31)."""
-        f, params = self._filter, self._params
-        f.F = transition(w, d, params.exact_transition)
-        f.Q = process_noise(f.x[G], f.x[V], d, params.sigma_w, params.sigma_q)
-        f.predict(cast(Any, (w, q, d)))
+        self._filter.predict(cast(Any, (w, q, d, self._noise, self._params.exact_transition)))
 
     def correct(self, legs: LegVelocity) -> None:
         """Equations (32)-(37) with v^KG, if a foot stands; the mean of n feet has sigma_v/sqrt(n)."""
@@ -61,7 +60,7 @@ class PaperEkf:
     def correct_with(self, v: Array, sigma: float) -> None:
         """Equations (32)-(37); v = v^KG (3,) m/s with the standard deviation `sigma` per axis."""
         f = self._filter
-        f.update(v, _h_jacobian, _h, R=np.eye(3) * sigma**2)
+        f.update(v, _h_jacobian, _h, R=_EYE * sigma**2)
         f.P = 0.5 * (f.P + f.P.T)
         self.nis = float(f.y @ f.SI @ f.y)
 

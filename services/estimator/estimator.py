@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from services.estimator.estimators import ESTIMATORS, UNKNOWN_SPEED, UNKNOWN_TILT, VelocityEstimator
 from services.estimator.feet import FootMount, FootSample, feet_in_imu, foot_mount, without_unknown_feet
 from services.estimator.history import History
-from services.estimator.inertial import GRAVITY, widened
-from services.estimator.inputs import InputJudge, InputResult
+from services.estimator.inertial import GRAVITY
+from services.estimator.inputs import InputJudge, InputResult, peak
 from services.estimator.legs import LegTracker
 from services.estimator.odometry import Odometry, OdometryParams, Pose
-from services.estimator.odometry_kernel import heading_rate, heading_view, level
-from services.estimator.output import Estimate, express, healthy
+from services.estimator.odometry_kernel import heading_view, level, turned
+from services.estimator.output import Estimate, express, summary
 from services.estimator.params import EstimatorParams
 from services.estimator.standstill import GyroBias, Standstill, gravity_at_rest, plane_normal
 from surefoot.robot import Robot
@@ -89,7 +89,7 @@ class Estimator:
         self.gyro_bias = GyroBias(p.sigma_w, p.gyro_bias_floor)
         self._bias, self._fixed_bias, self._acc_bias = np.zeros(3), np.zeros(3), np.zeros(3)
         self._history = History(7)
-        self._row = np.zeros(7)
+        self._row = np.zeros(7)  # angle by the gyro, heading, g
         self._g_hidden = 0.0  # m^2/s^4
         self.initialised = False
         self.stamp_ns = 0
@@ -130,7 +130,7 @@ class Estimator:
         elif self.standstill.settled is not None and p.refine_gyro_bias:
             self._refine_bias(self.standstill.settled)
         self._w = w - self._bias
-        self._advance(w, q - self._acc_bias, 1e-9 * step, step)
+        self._advance(self._w, w, q - self._acc_bias, 1e-9 * step, step)
         return result
 
     def _refine_bias(self, settled: Array) -> None:
@@ -138,8 +138,8 @@ class Estimator:
             self.gyro_bias.add(settled[:3])
             self._bias = self.gyro_bias.value
 
-    def _advance(self, w: Array, q: Array, d: float, step_ns: int) -> None:
-        row, p = self._row, self.params
+    def _advance(self, w: Array, gyro: Array, q: Array, d: float, step_ns: int) -> None:
+        p = self.params
         if self.initialised and step_ns > p.reset_gap_ns:
             d = 1e-9 * p.imu_period_ns  # what happened since then is unknown
             for one in self.filters.values():
@@ -147,15 +147,12 @@ class Estimator:
                 one.widen(GRAVITY * GAP_TURN, 0.0)
         elif self.initialised and step_ns > 0:
             for one in self.filters.values():
-                one.predict(self._w, q, d)
+                one.predict(w, q, d)
                 if step_ns > p.gap_periods * p.imu_period_ns:
                     one.widen(GRAVITY * GAP_TURN * d, GAP_PUSH * d)
         g = self._g(self._leader)
-        row[THETA] += w * d
-        rot = level(self._rot_base_from_imu, g)
-        row[PSI] += heading_rate(rot, self._rot_base_from_imu @ (w - self._fixed_bias)) * d
-        row[G] = g
-        self._history.put(self.stamp_ns, row)
+        self._row = turned(self._row, gyro, gyro - self._fixed_bias, g, d, self._rot_base_from_imu)
+        self._history.put(self.stamp_ns, self._row)
 
     def on_kinematics(self, stamp_ns: int, q: Array, contact: Flags) -> InputResult:
         """Take joint angles q (nj,) rad and foot contacts (L,) at `stamp_ns`."""
@@ -189,13 +186,12 @@ class Estimator:
             before = self._history.at(last.stamp_ns)
             w = (now[THETA] - before[THETA]) / (1e-9 * (sample.stamp_ns - last.stamp_ns)) - self._bias
         g = now[G]
-        legs = self._legs.step(sample, w, g / np.linalg.norm(g), self._leader.v)
+        legs = self._legs.step(sample, w, g / math.sqrt(g @ g), self._leader.v)
         if not self.initialised:
             return
         if legs is not None:
             self._slipping = legs.slipping
-            fast = max(float(np.abs(legs.v_kg).max()), float(np.abs(legs.v_k).max())) > MAX_LEG_SPEED
-            if fast:
+            if max(peak(legs.v_kg), peak(legs.v_k)) > MAX_LEG_SPEED:
                 self.judge.implausible(sample.stamp_ns)
             else:
                 for one in self.filters.values():
@@ -255,15 +251,18 @@ class Estimator:
     def _expressed(self, one: VelocityEstimator) -> Array:
         return express(self._g(one), one.v, self._w, self._rot_base_from_imu, self._mount.imu_position)
 
-    def _covariance(self, one: VelocityEstimator) -> Array:
-        """P of the filter, and on g what its model leaves out: an accelerometer bias looks like a tilt for ever."""
-        return widened(one.p, math.sqrt(self._g_hidden), 0.0) if self.initialised else self._wide
-
     def estimate(self, name: str = "ekf") -> Estimate:
-        """The present estimate of one estimator; g of those that do not estimate it is the leader's."""
-        one, now = self.filters[name], self.stamp_ns
-        g, v, p = self._g(one), one.v, self._covariance(one)
-        rows = express(g, v, self._w, self._rot_base_from_imu, self._mount.imu_position)
+        """The present estimate of one estimator; g of those that do not estimate it is the leader's.
+
+        Its covariance is P of the filter, and on g what its model leaves out: an accelerometer bias looks like a tilt
+        for ever.
+        """
+        one, now, known = self.filters[name], self.stamp_ns, self.initialised
+        v, hidden = one.v, math.sqrt(self._g_hidden) ** 2 if known else 0.0
+        rows, p, healthy = summary(
+            self._g(one), v, one.p if known else self._wide,
+            self._w, self._rot_base_from_imu, self._mount.imu_position, hidden,
+        )  # fmt: skip
         moving = self.initialised and not self.standstill.standing
         return Estimate(
             mode=name,
@@ -283,7 +282,7 @@ class Estimator:
             inputs_ok=self.judge.inputs_ok(now),
             filter_ok=(
                 self.initialised
-                and healthy(g, v, p)
+                and healthy
                 and self._nis.get(name, 0.0) < MAX_NIS
                 and now - self._last_velocity_ns < UNCORRECTED_NS
             ),

@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from services.estimator.inertial import propagate, propagate_covariance, widened, without_velocity
+from services.estimator.inertial import predict, widened, without_velocity
 from services.estimator.legs import LegVelocity
 from services.estimator.params import EstimatorParams
 
@@ -70,11 +70,20 @@ class _Inertial:
         self.reset(np.array([0.0, 0.0, 9.81]), np.eye(6))
 
     def reset(self, g: Array, p: Array) -> None:
-        self.g, self.v, self.p = g.copy(), np.zeros(3), p.copy()
+        self._x, self.p = np.concatenate([g, np.zeros(3)]), p.copy()
+
+    @property
+    def g(self) -> Array:
+        """Specific force at rest, (3,) m/s^2."""
+        return self._x[:3]
+
+    @property
+    def v(self) -> Array:
+        """Velocity of the IMU, (3,) m/s."""
+        return self._x[3:]
 
     def predict(self, w: Array, q: Array, d: float) -> None:
-        self.p = propagate_covariance(self.p, self.g, self.v, w, d, self._noise, self._exact)
-        self.g, self.v = propagate(self.g, self.v, w, q, d)
+        self._x, self.p = predict(self._x, self.p, w, q, d, self._noise, self._exact, True)
 
     def correct(self, legs: LegVelocity) -> None:
         pass
@@ -83,7 +92,8 @@ class _Inertial:
         self.p = widened(self.p, sd_g, sd_v)
 
     def forget_velocity(self, sd: float) -> None:
-        self.v, self.p = np.zeros(3), without_velocity(self.p, sd)
+        self._x = np.concatenate([self._x[:3], np.zeros(3)])
+        self.p = without_velocity(self.p, sd)
 
 
 class _Legs:

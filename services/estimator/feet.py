@@ -83,9 +83,14 @@ def _feet_in_imu(model: KinematicModel, rot_imu_from_base: Array, imu_position: 
     return position, rot
 
 
+@kernel
+def _all_finite(position: Array, rot: Array) -> bool:
+    return bool(np.isfinite(position).all() and np.isfinite(rot).all())
+
+
 def without_unknown_feet(sample: FootSample) -> FootSample:
     """The sample with feet that are not finite (a dead encoder) lifted off the ground."""
-    if np.isfinite(sample.position).all() and np.isfinite(sample.rot).all():
+    if _all_finite(sample.position, sample.rot):
         return sample
     lost = ~np.asarray(np.isfinite(sample.position).all(axis=1) & np.isfinite(sample.rot).all(axis=(1, 2)))
     position, rot = sample.position.copy(), sample.rot.copy()
@@ -194,6 +199,46 @@ def rigid_fit(p_0: Array, p_1: Array, used: Flags, d: float) -> tuple[Array, Arr
 
 
 @kernel
+def leg_velocity(
+    p_0: Array,
+    p_1: Array,
+    rot_0: Array,
+    rot_1: Array,
+    used: Flags,
+    w: Array,
+    up: Array,
+    radius: Array,
+    d: float,
+    gate: float,
+    v_now: Array,
+) -> tuple[Array, int, Array, int, Flags]:
+    """One velocity of the IMU from the feet of two samples; see `foot_velocities`, `combine`, `rigid_fit`.
+
+    Args:
+        p_0: and the following as in `foot_velocities`.
+        gate: as in `combine`.
+        v_now: velocity by the filter, (3,) m/s: it casts doubt on one or two feet that cannot be compared.
+
+    Returns:
+        v^KG (3,), feet in it, v^K (3,), feet in it, slipping or doubtful feet (L,).
+    """
+    v_kg, v_k = foot_velocities(p_0, p_1, rot_0, rot_1, used, w, up, radius, d)
+    mean_kg, slipping, feet_kg = combine(v_kg, used, gate)
+    trusted = used & ~slipping
+    mean_k, _, fits = rigid_fit(p_0, p_1, trusted, d)
+    feet_k = int(np.count_nonzero(trusted))
+    if not fits:
+        mean_k, _, feet_k = combine(v_k, trusted, np.inf)
+    if 0 < feet_kg < 3:
+        for f in range(used.size):
+            off = 0.0
+            for i in range(3):
+                off += (v_kg[f, i] - v_now[i]) ** 2
+            slipping[f] = used[f] and off > gate * gate
+    return mean_kg, feet_kg, mean_k, feet_k, slipping
+
+
+@kernel
 def _solve_3(a: Array, b: Array) -> tuple[Array, bool]:
     """Solve the symmetric 3 x 3 system by cofactors; false if it is near singular."""
     c = np.empty((3, 3))
@@ -267,6 +312,5 @@ def warm() -> None:
     robot = load_robot("ragno")
     p, rot = feet_in_imu(foot_mount(robot), robot.neutral)
     used, w, up = np.ones(len(p), dtype=np.bool_), np.zeros(3), np.array([0.0, 0.0, 1.0])
-    v, _ = foot_velocities(p, p, rot, rot, used, w, up, np.zeros(len(p)), 0.033)
-    combine(v, used, 0.05)
-    rigid_fit(p, p, used, 0.033)
+    leg_velocity(p, p, rot, rot, used, w, up, np.zeros(len(p)), 0.033, 0.05, w)
+    _all_finite(p, rot)

@@ -103,9 +103,29 @@ def process_noise(g: Array, v: Array, d: float, sigma_w: float, sigma_q: float) 
 @kernel
 def propagate_covariance(p: Array, g: Array, v: Array, w: Array, d: float, noise: Array, exact: bool) -> Array:
     """Equation (31): F P F^T + C C^T, symmetric, (6, 6); `noise` = (sigma_w, sigma_q)."""
-    f = transition(w, d, exact)
-    out = f @ p @ f.T + process_noise(g, v, d, noise[0], noise[1])
+    out = _covariance(p, g, v, w, d, noise, exact)
     return 0.5 * (out + out.T)
+
+
+@kernel
+def _covariance(p: Array, g: Array, v: Array, w: Array, d: float, noise: Array, exact: bool) -> Array:
+    f = transition(w, d, exact)
+    return f @ p @ f.T + process_noise(g, v, d, noise[0], noise[1])
+
+
+@kernel
+def predict(
+    x: Array, p: Array, w: Array, q: Array, d: float, noise: Array, exact: bool, symmetric: bool
+) -> tuple[Array, Array]:
+    """Equations (28)-(31): state x = (g, v) (6,) and covariance P (6, 6) after an inertial sample.
+
+    `symmetric`: rounding is taken out of P at once, else that is left to the correction.
+    """
+    g, v = x[:3], x[3:]
+    p_next = _covariance(p, g, v, w, d, noise, exact)
+    x_next = np.empty(6)
+    x_next[:3], x_next[3:] = propagate(g, v, w, q, d)
+    return x_next, 0.5 * (p_next + p_next.T) if symmetric else p_next
 
 
 def widened(p: Array, sd_g: float, sd_v: float) -> Array:
@@ -124,7 +144,4 @@ def without_velocity(p: Array, sd: float) -> Array:
 def warm() -> None:
     """Compile every kernel of this module."""
     g, v, w = np.array([0.0, 0.0, GRAVITY]), np.zeros(3), np.array([0.1, 0.0, 0.0])
-    propagate(g, v, w, g, 0.01)
-    propagate_covariance(np.eye(6), g, v, w, 0.01, np.array([0.01, 0.01]), False)
-    process_noise(g, v, 0.01, 0.01, 0.01)
-    transition(w, 0.01, True)
+    predict(np.concatenate([g, v]), np.eye(6), w, g, 0.01, np.array([0.01, 0.01]), False, False)

@@ -40,22 +40,34 @@ class InputResult(StrEnum):
 
 
 @kernel
-def _peak(x: Array) -> float:
-    """Largest absolute value, NaN or infinity if there is one."""
-    peak = 0.0
+def peak(x: Array) -> float:
+    """Largest absolute value, infinity if one is not finite."""
+    most = 0.0
     for i in range(x.size):
         if not math.isfinite(x[i]):
             return np.inf
-        peak = max(peak, abs(x[i]))
-    return peak
+        most = max(most, abs(x[i]))
+    return most
 
 
 @kernel
-def _equal(a: Array, b: Array) -> bool:
+def _look(w: Array, q: Array, row: Array) -> tuple[float, float, bool]:
+    """Peaks of gyro and accelerometer, and whether the sample repeats the last `row` (6,)."""
     same = True
-    for i in range(a.size):
-        same &= a[i] == b[i]
-    return same
+    for i in range(3):
+        same = same and w[i] == row[i] and q[i] == row[3 + i]
+    return peak(w), peak(q), same
+
+
+@kernel
+def _look_at_feet(feet: Array, last: Array) -> tuple[bool, bool, bool]:
+    """Whether any number of feet (L, 3) is finite, whether all are, and whether they repeat the last ones."""
+    some, every, same = False, True, True
+    for i in range(feet.shape[0]):
+        for k in range(3):
+            finite = math.isfinite(feet[i, k])
+            some, every, same = some or finite, every and finite, same and feet[i, k] == last[i, k]
+    return some, every, same
 
 
 def _recent(stamp_ns: int | None, now_ns: int) -> bool:
@@ -98,22 +110,17 @@ class InputJudge:
         self._imu, self._kinematics = StampCheck(), StampCheck()
         self._last_row = np.full(6, np.nan)
         self._last_feet: Array | None = None
-        self._row = np.empty(6)
+        self.refused = 0  # inputs so far
         self._equal_rows = 0
         self._equal_feet = 0
         self._last_bad: int | None = None
         self._last_saturated: int | None = None
 
-    @property
-    def refused(self) -> int:
-        """Inputs refused so far."""
-        return sum(n for name, n in self.counts.items() if not name.endswith(("_gap", "_restart")))
-
     def imu(self, stamp_ns: int, w: Array, q: Array) -> tuple[InputResult, int]:
         """Judge an inertial sample; returns the result and the time since the last accepted one, ns (0: first)."""
         if w.shape != (3,) or q.shape != (3,):
             return self._note("imu", InputResult.SHAPE, stamp_ns), 0
-        peak_w, peak_q = _peak(w), _peak(q)
+        peak_w, peak_q, same = _look(w, q, self._last_row)
         if peak_w == np.inf or peak_q == np.inf:
             return self._note("imu", InputResult.NONFINITE, stamp_ns), 0
         result = self._imu.judge(stamp_ns)
@@ -123,10 +130,8 @@ class InputJudge:
             return self._note("imu", InputResult.SATURATED, stamp_ns), 0
         step = 0 if self._imu.last is None else stamp_ns - self._imu.last
         self._imu.last = stamp_ns
-        row = self._row
-        row[:3], row[3:] = w, q
-        self._equal_rows = self._equal_rows + 1 if _equal(row, self._last_row) else 0
-        self._row, self._last_row = self._last_row, row
+        self._equal_rows = self._equal_rows + 1 if same else 0
+        self._last_row[:3], self._last_row[3:] = w, q
         if result is InputResult.RESTART:
             return self._note("imu", result, stamp_ns), 0
         if step > self.params.gap_periods * self.params.imu_period_ns:
@@ -135,19 +140,19 @@ class InputJudge:
 
     def kinematics(self, stamp_ns: int, feet: Array, now_ns: int) -> InputResult:
         """Judge the feet (L, 3) of a kinematic sample; a foot that is not finite is left out elsewhere."""
-        finite = np.isfinite(feet)
-        if not finite.any():
+        last = self._last_feet
+        some, every, same = _look_at_feet(feet, feet if last is None else last)
+        if not some:
             return self._note("kinematics", InputResult.NONFINITE, stamp_ns)
         result = self._kinematics.judge(stamp_ns)
         if not result.accepted:
             return self._note("kinematics", result, stamp_ns)
         if now_ns - stamp_ns > self.params.late_ns:
             return self._note("kinematics", InputResult.LATE, stamp_ns)
-        if not finite.all():
+        if not every:
             self._note("kinematics", InputResult.NONFINITE, stamp_ns)
         self._kinematics.last = stamp_ns
-        same = self._last_feet is not None and np.array_equal(feet, self._last_feet)
-        self._equal_feet = self._equal_feet + 1 if same else 0
+        self._equal_feet = self._equal_feet + 1 if same and last is not None else 0
         self._last_feet = feet
         return InputResult.OK
 
@@ -165,6 +170,7 @@ class InputJudge:
 
     def _note(self, source: str, result: InputResult, stamp_ns: int) -> InputResult:
         self.counts[f"{source}_{result}"] += 1
+        self.refused += not result.accepted
         self._last_bad = self._imu.last if self._imu.last is not None else stamp_ns
         if result is InputResult.SATURATED:
             self._last_saturated = self._last_bad
@@ -190,5 +196,6 @@ class InputJudge:
 
 def warm() -> None:
     """Compile every kernel of this module."""
-    _peak(np.zeros(3))
-    _equal(np.zeros(6), np.zeros(6))
+    peak(np.zeros(3))
+    _look(np.zeros(3), np.zeros(3), np.zeros(6))
+    _look_at_feet(np.zeros((1, 3)), np.zeros((1, 3)))

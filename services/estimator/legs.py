@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from services.estimator.feet import FootSample, combine, foot_velocities, rigid_fit
+from services.estimator.feet import FootSample, leg_velocity
 from services.estimator.params import EstimatorParams
 
 Array = NDArray[np.float64]
@@ -60,17 +60,11 @@ class LegTracker:
         d = 1e-9 * (sample.stamp_ns - last.stamp_ns)
         stance = last.contact & sample.contact
         used = self._one(stance) if self._params.feet == "one" else stance
-        v_kg, v_k = foot_velocities(last.position, sample.position, last.rot, sample.rot, used, w, up, self._radius, d)
-        mean_kg, slipping, feet_kg = combine(v_kg, used, self._params.slip_speed)
-        trusted = used & ~slipping
-        mean_k, _, fits = rigid_fit(last.position, sample.position, trusted, d)
-        feet_k = int(np.count_nonzero(trusted))
-        if not fits:
-            mean_k, _, feet_k = combine(v_k, trusted, np.inf)
-        if 0 < feet_kg < 3:
-            off = v_kg - v_now
-            slipping = used & (np.einsum("ij,ij->i", off, off) > self._params.slip_speed**2)
-        return LegVelocity(sample.stamp_ns, d, mean_kg, feet_kg, mean_k, feet_k, stance, slipping)
+        v_kg, feet_kg, v_k, feet_k, slipping = leg_velocity(
+            last.position, sample.position, last.rot, sample.rot, used, w, up, self._radius, d,
+            self._params.slip_speed, v_now,
+        )  # fmt: skip
+        return LegVelocity(sample.stamp_ns, d, v_kg, feet_kg, v_k, feet_k, stance, slipping)
 
     def _one(self, stance: Flags) -> Flags:
         """Keep the earlier foot until it lifts, then the first that stands: the paper's double support."""

@@ -1,11 +1,10 @@
 """Estimates as they travel."""
 
-from typing import cast
+from typing import Any
 
 from numpy.typing import NDArray
 
-from schemas.base import QuatWxyz, Vec3
-from schemas.state import Covariance4, Covariance6, Odometry, VelocityEstimate
+from schemas.state import Odometry, VelocityEstimate
 from services.estimator.odometry import Pose
 from services.estimator.output import Estimate
 
@@ -14,22 +13,22 @@ def velocity_message(e: Estimate) -> VelocityEstimate:
     """One estimator's velocity and gravity."""
     return VelocityEstimate(
         mode=e.mode,  # pyright: ignore[reportArgumentType] - a name of the table of estimators
-        velocity=_vec3(e.velocity),
-        velocity_imu=_vec3(e.velocity_imu),
-        velocity_heading=_vec3(e.velocity_heading),
-        angular_velocity=_vec3(e.angular_velocity),
-        g_up=_vec3(e.g_up),
+        velocity=_list(e.velocity),
+        velocity_imu=_list(e.velocity_imu),
+        velocity_heading=_list(e.velocity_heading),
+        angular_velocity=_list(e.angular_velocity),
+        g_up=_list(e.g_up),
         roll=e.roll,
         pitch=e.pitch,
-        gyro_bias=_vec3(e.gyro_bias),
-        acc_bias=_vec3(e.acc_bias),
-        covariance=cast(Covariance6, tuple(e.covariance.ravel().tolist())),
+        gyro_bias=_list(e.gyro_bias),
+        acc_bias=_list(e.acc_bias),
+        covariance=_list(e.covariance.ravel()),
         initialised=e.initialised,
         standing=e.standing,
         inputs_ok=e.inputs_ok,
         filter_ok=e.filter_ok,
         sensors_ok=e.sensors_ok,
-        slipping=tuple(e.slipping.tolist()),
+        slipping=_list(e.slipping),
         nis=e.nis,
         refused=e.refused,
     )
@@ -38,14 +37,15 @@ def velocity_message(e: Estimate) -> VelocityEstimate:
 def odometry_message(pose: Pose, initialised: bool) -> Odometry:
     """The dead-reckoned pose."""
     return Odometry(
-        position=_vec3(pose.position),
-        quat_wxyz=cast(QuatWxyz, tuple(pose.quat_wxyz.tolist())),
+        position=_list(pose.position),
+        quat_wxyz=_list(pose.quat_wxyz),
         yaw=pose.yaw,
-        velocity=_vec3(pose.velocity),
-        covariance=cast(Covariance4, tuple(pose.covariance.ravel().tolist())),
+        velocity=_list(pose.velocity),
+        covariance=_list(pose.covariance.ravel()),
         initialised=initialised,
     )
 
 
-def _vec3(x: NDArray) -> Vec3:
-    return cast(Vec3, tuple(x.tolist()))
+def _list(x: NDArray[Any]) -> Any:
+    """The numbers of an array as its model takes them; it makes the tuple and checks the length."""
+    return x.tolist()

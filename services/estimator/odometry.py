@@ -5,6 +5,7 @@ Yaw and position are unobservable here: they drift, and their covariance grows w
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +41,7 @@ class OdometryParams:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Pose:
+class Pose(NamedTuple):
     """Pose of base_link in odom."""
 
     position: Array  # (3,) m
@@ -98,21 +98,20 @@ class Odometry:
             w: mean gyro since the last sample, (3,) rad/s, IMU axes.
             v_heading: velocity of base_link in heading axes, (3,) m/s.
         """
-        rot = k.level(self._rot_base_from_imu, g)  # rot_heading_from_base
-        seen = k.heading_view(rot, self._rot_base_from_imu, self._imu_position, sample.position)
         last, self._last = self._last, sample
         if last is None or sample.stamp_ns <= last.stamp_ns:
             self._psi = psi
+            rot = k.level(self._rot_base_from_imu, g)  # rot_heading_from_base
+            seen = k.heading_view(rot, self._rot_base_from_imu, self._imu_position, sample.position)
             self._anchor_all(sample.contact, seen)
             return
         d = 1e-9 * (sample.stamp_ns - last.stamp_ns)
         if d > MAX_INTERVAL_S:
             self._stance[:] = False
-        turn = feet_turn(last.rot, sample.rot, w * d)
-        roll = k.heading_roll(rot @ self._rot_base_from_imu, turn, self._radius)
-        nis = k.step(
-            self.x, self.cov, d, psi - self._psi, v_heading * d, roll, seen, self._stance, sample.contact, self._noise
-        )
+        nis = take_feet(
+            self.x, self.cov, d, psi - self._psi, w, v_heading, g, self._rot_base_from_imu, self._imu_position,
+            self._radius, sample.position, last.rot, sample.rot, self._stance, sample.contact, self._noise,
+        )  # fmt: skip
         self.slipping = nis > self._gate
         self._psi = psi
         self._stance = sample.contact.copy()
@@ -128,22 +127,10 @@ class Odometry:
         A constant error of the tilt (rad^2 per axis) bends the whole way up or down: it adds to the covariance.
         """
         since_s, turn = (since_s, psi - self._psi) if self._last is not None else (0.0, 0.0)
-        rows = carry_on(self.x, since_s, turn, v_heading, self._rot_base_from_imu, g)
-        return Pose(
-            position=rows[:3],
-            quat_wxyz=rows[3:7],
-            yaw=float(rows[7]),
-            velocity=rows[8:],
-            covariance=self._pose_covariance(tilt_variance),
+        rows, covariance = carry_on(
+            self.x, self.cov, since_s, turn, v_heading, self._rot_base_from_imu, g, self._begin, tilt_variance
         )
-
-    def _pose_covariance(self, tilt_variance: float) -> Array:
-        covariance = self.cov[: k.YAW + 1, : k.YAW + 1].copy()
-        x, y, z = (self.x[k.P] - self._begin).tolist()
-        covariance[0, 0] += tilt_variance * z * z
-        covariance[1, 1] += tilt_variance * z * z
-        covariance[2, 2] += tilt_variance * (x * x + y * y)
-        return covariance
+        return Pose(rows[:3], rows[3:7], float(rows[7]), rows[8:], covariance)
 
     @property
     def ready(self) -> bool:
@@ -152,8 +139,74 @@ class Odometry:
 
 
 @kernel
-def carry_on(x: Array, since_s: float, turn: float, v_heading: Array, rot_base_from_imu: Array, g: Array) -> Array:
-    """Position (3), quaternion (4), yaw and velocity in odom (3) at `since_s` after the last foot sample, (11,)."""
+def take_feet(
+    x: Array,
+    cov: Array,
+    d: float,
+    turn: float,
+    w: Array,
+    v_heading: Array,
+    g: Array,
+    rot_base_from_imu: Array,
+    imu_position: Array,
+    radius: Array,
+    position: Array,
+    rot_0: Array,
+    rot_1: Array,
+    was: Flags,
+    now: Flags,
+    noise: Array,
+) -> Array:
+    """`odometry_kernel.step` from the feet as the IMU sees them.
+
+    Args:
+        x: state, (n,), in place.
+        cov: covariance, (n, n), in place.
+        d: time since the last sample, s.
+        turn: heading change by the gyro since then, rad.
+        w: mean gyro since then, (3,) rad/s, IMU axes.
+        v_heading: velocity of base_link, heading axes, (3,) m/s.
+        g: specific force at rest, IMU axes, (3,).
+        rot_base_from_imu: (3, 3).
+        imu_position: in base_link, (3,) m.
+        radius: of round feet, (L,) m.
+        position: feet from the IMU, IMU axes, (L, 3) m.
+        rot_0: rot_imu_from_foot at the last sample, (L, 3, 3).
+        rot_1: the same now.
+        was: feet anchored at the last sample, (L,).
+        now: feet in contact now, (L,).
+        noise: see `odometry_kernel.predict`.
+    """
+    rot = k.level(rot_base_from_imu, g)
+    seen = k.heading_view(rot, rot_base_from_imu, imu_position, position)
+    turned_by, rot_heading_from_imu = np.empty(position.shape), np.zeros((3, 3))
+    for f in range(radius.size):  # rotation of each foot over the ground, IMU axes
+        turned_by[f] = foot_turn(rot_0[f], rot_1[f]) + w * d
+    for i in range(3):
+        for m in range(3):
+            for j in range(3):
+                rot_heading_from_imu[i, j] += rot[i, m] * rot_base_from_imu[m, j]
+    roll = k.heading_roll(rot_heading_from_imu, turned_by, radius)
+    return k.step(x, cov, d, turn, v_heading * d, roll, seen, was, now, noise)
+
+
+@kernel
+def carry_on(
+    x: Array,
+    cov: Array,
+    since_s: float,
+    turn: float,
+    v_heading: Array,
+    rot_base_from_imu: Array,
+    g: Array,
+    begin: Array,
+    tilt_variance: float,
+) -> tuple[Array, Array]:
+    """The pose at `since_s` after the last foot sample; see `Odometry.pose`.
+
+    Returns:
+        position (3), quaternion (4), yaw and velocity in odom (3), (11,); covariance of x, y, z, yaw, (4, 4).
+    """
     out = np.empty(11)
     yaw = x[k.YAW] + turn - x[k.BIAS] * since_s
     c, s = math.cos(yaw), math.sin(yaw)
@@ -170,20 +223,23 @@ def carry_on(x: Array, since_s: float, turn: float, v_heading: Array, rot_base_f
         rot[1, i] = s * tilt[0, i] + c * tilt[1, i]
     out[3:7] = quat_from_matrix(rot)
     out[7] = yaw
-    return out
-
-
-@kernel
-def feet_turn(rot_0: Array, rot_1: Array, turn_imu: Array) -> Array:
-    """Rotation of each foot over the ground between two samples, IMU axes, (L, 3) rad."""
-    out = np.empty((rot_0.shape[0], 3))
-    for f in range(rot_0.shape[0]):
-        out[f] = foot_turn(rot_0[f], rot_1[f]) + turn_imu
-    return out
+    covariance, way = cov[: k.YAW + 1, : k.YAW + 1].copy(), x[:3] - begin
+    covariance[0, 0] += tilt_variance * way[2] * way[2]
+    covariance[1, 1] += tilt_variance * way[2] * way[2]
+    covariance[2, 2] += tilt_variance * (way[0] * way[0] + way[1] * way[1])
+    return out, covariance
 
 
 def warm() -> None:
     """Compile every kernel of this module."""
-    rot = np.eye(3)[None].copy()
-    feet_turn(rot, rot, np.zeros(3))
-    carry_on(np.zeros(k.FEET), 0.0, 0.0, np.zeros(3), np.eye(3), np.array([0.0, 0.0, 9.81]))
+    g = np.array([0.0, 0.0, 9.81])
+    carry_on(np.zeros(k.FEET), np.eye(k.FEET), 0.0, 0.0, np.zeros(3), np.eye(3), g, np.zeros(3), 0.0)
+    feet, turned, off, on = (
+        np.zeros((2, 3)),
+        np.zeros((2, 3, 3)),
+        np.zeros(2, dtype=np.bool_),
+        np.ones(2, dtype=np.bool_),
+    )
+    noise = OdometryParams().noise()
+    x, cov, still = np.zeros(k.FEET + 6), np.eye(k.FEET + 6), np.zeros(3)
+    take_feet(x, cov, 0.01, 0.0, still, still, g, np.eye(3), still, np.zeros(2), feet, turned, turned, off, on, noise)

@@ -238,6 +238,28 @@ def heading_rate(rot_heading_from_base: Array, w_base: Array) -> float:
 
 
 @kernel
+def turned(row: Array, w: Array, w_true: Array, g: Array, d: float, rot_base_from_imu: Array) -> Array:
+    """Integrals of the gyro after d s more: row (7,) = angle by the gyro (3), heading, g (3).
+
+    Args:
+        row: before.
+        w: gyro as integrated in the row, (3,) rad/s.
+        w_true: gyro less the bias the heading is to be free of, (3,) rad/s.
+        g: specific force at rest now, (3,) IMU axes.
+        d: s.
+        rot_base_from_imu: (3, 3).
+    """
+    out, w_base = np.empty(7), np.zeros(3)
+    for i in range(3):
+        out[i] = row[i] + w[i] * d
+        out[4 + i] = g[i]
+        for k in range(3):
+            w_base[i] += rot_base_from_imu[i, k] * w_true[k]
+    out[3] = row[3] + heading_rate(level(rot_base_from_imu, g), w_base) * d
+    return out
+
+
+@kernel
 def heading_view(rot_heading_from_base: Array, rot_base_from_imu: Array, imu_position: Array, feet: Array) -> Array:
     """Feet (L, 3) in heading axes from base_link, from feet (L, 3) in IMU axes from the IMU."""
     seen, base = np.zeros(feet.shape), np.empty(3)
@@ -273,13 +295,6 @@ def heading_roll(rot_heading_from_imu: Array, turn_imu: Array, radius: Array) ->
 
 def warm() -> None:
     """Compile every kernel of this module."""
-    feet = np.zeros((2, 3))
-    on, off = np.ones(2, dtype=np.bool_), np.zeros(2, dtype=np.bool_)
-    noise = np.array([1e-3, 5e-3, 1e-3, 1e-4, 0.1, 7.8, 46.8])
-    x, cov = np.zeros(FEET + 6), np.eye(FEET + 6)
-    for was, now in ((off, on), (on, on), (on, off)):
-        step(x, cov, 0.01, 0.0, np.zeros(3), feet, feet, was, now, noise)
-    turned = level(np.eye(3), np.array([0.0, 0.0, 9.81]))
-    heading_view(turned, np.eye(3), np.zeros(3), feet)
-    heading_rate(turned, np.zeros(3))
-    heading_roll(turned, np.zeros((2, 3)), np.zeros(2))
+    rot, g = np.eye(3), np.array([0.0, 0.0, 9.81])
+    turned(np.zeros(7), np.zeros(3), np.zeros(3), g, 0.01, rot)
+    heading_view(level(rot, g), rot, np.zeros(3), np.zeros((2, 3)))

@@ -1,7 +1,7 @@
 """What the estimator tells: one filter's g and v expressed in the frames that users want, with flags."""
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-@dataclass(frozen=True, eq=False)
-class Estimate:
+class Estimate(NamedTuple):
     """Velocity and gravity direction by one estimator."""
 
     mode: str  # name in the table of estimators
@@ -88,8 +87,19 @@ def healthy(g: Array, v: Array, p: Array) -> bool:
     return abs(math.sqrt(length) - 9.81) < 1.0 and speed < 9.0
 
 
+@kernel
+def summary(
+    g: Array, v: Array, p: Array, w: Array, rot_base_from_imu: Array, imu_position: Array, hidden: float
+) -> tuple[Array, Array, bool]:
+    """`express`; P (6, 6) with the variance `hidden` (m^2/s^4) added to that of g; whether it is `healthy`."""
+    covariance = p + 0.0
+    for i in range(3):
+        covariance[i, i] += hidden
+    return express(g, v, w, rot_base_from_imu, imu_position), covariance, healthy(g, v, covariance)
+
+
 def warm() -> None:
     """Compile every kernel of this module."""
     g, zero = np.array([0.0, 0.0, 9.81]), np.zeros(3)
     express(g, zero, zero, np.eye(3), zero)
-    healthy(g, zero, np.eye(6))
+    summary(g, zero, np.eye(6), zero, np.eye(3), zero, 0.0)

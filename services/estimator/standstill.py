@@ -20,18 +20,19 @@ MIN_SPREAD = 0.02  # m; feet closer to one line have no plane
 
 
 @kernel
-def push_sample(ring: Array, count: int, w: Array, q: Array) -> None:
-    """Write one IMU sample into the ring (n, 6)."""
-    row = count % ring.shape[0]
+def _push(
+    ring: Array, count: int, w: Array, q: Array, gyro_variance: float, acc_variance: float
+) -> tuple[Array, Array, bool]:
+    """Write one IMU sample into the ring (n, 6).
+
+    Returns:
+        the row it takes the place of (6,), the mean of the rows (6,), whether their variances are within the limits.
+    """
+    n, row = ring.shape[0], count % ring.shape[0]
+    oldest = ring[row].copy()
     for i in range(3):
         ring[row, i] = w[i]
         ring[row, 3 + i] = q[i]
-
-
-@kernel
-def ring_statistics(ring: Array) -> tuple[Array, Array]:
-    """Mean (6,) and variance (6,) of the ring's rows."""
-    n = ring.shape[0]
     mean, var = np.zeros(6), np.zeros(6)
     for r in range(n):
         for i in range(6):
@@ -40,7 +41,22 @@ def ring_statistics(ring: Array) -> tuple[Array, Array]:
     for r in range(n):
         for i in range(6):
             var[i] += (ring[r, i] - mean[i]) ** 2
-    return mean, var / n
+    quiet = True
+    for i in range(6):
+        quiet = quiet and var[i] / n <= (gyro_variance if i < 3 else acc_variance)
+    return oldest, mean, quiet
+
+
+@kernel
+def _travel(position: Array, since: Array) -> float:
+    """Largest change of a coordinate of feet (L, 3); those that are NaN do not count."""
+    most = 0.0
+    for i in range(position.shape[0]):
+        for k in range(3):
+            moved = abs(position[i, k] - since[i, k])
+            if moved > most:
+                most = moved
+    return most
 
 
 @dataclass
@@ -86,17 +102,12 @@ class Standstill:
 
     def on_imu(self, w: Array, q: Array) -> bool:
         """Take a sample; returns whether the robot stands."""
-        oldest = self._ring[self._count % self.length].copy()
-        push_sample(self._ring, self._count, w, q)
+        oldest, mean, quiet = _push(self._ring, self._count, w, q, self.gyro_sd**2, self.acc_sd**2)
         self._count += 1
         if self._count < self.length:
             return False
-        self.mean, var = ring_statistics(self._ring)
-        self.standing = bool(
-            var[:3].max() <= self.gyro_sd**2
-            and var[3:].max() <= self.acc_sd**2
-            and (self._feet is None or self._count - self._still_since >= self.length)
-        )
+        self.mean = mean
+        self.standing = quiet and (self._feet is None or self._count - self._still_since >= self.length)
         self._rest = self._rest + 1 if self.standing else 0
         self.settled = oldest if self._rest > self.length else None
         return self.standing
@@ -106,8 +117,7 @@ class Standstill:
         if self._feet is None:
             self._feet = position.copy()
             return
-        moved = np.abs(position - self._feet)
-        if np.nanmax(moved, initial=0.0) > self.travel:
+        if _travel(position, self._feet) > self.travel:
             self._feet = position.copy()
             self._still_since = self._count
 
@@ -199,5 +209,5 @@ def plane_normal(points: Array, used: Flags, g: Array) -> Array | None:
 def warm() -> None:
     """Compile every kernel of this module."""
     ring = np.zeros((2, 6))
-    push_sample(ring, 0, np.zeros(3), np.zeros(3))
-    ring_statistics(ring)
+    _push(ring, 0, np.zeros(3), np.zeros(3), 0.0, 0.0)
+    _travel(np.zeros((1, 3)), np.zeros((1, 3)))
