@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 PARALLEL = 1e-9  # neighbours whose directions differ by less are not split further
+NEAR = 0.98  # of what the answers on both sides tell, at the start of a direction between them
 SAME = 1e-13  # support points nearer than that are one point
 
 
@@ -88,13 +89,16 @@ def evaluate(a: Array, h: Array, c: Array, fan: Fan, begin: int, end: int) -> bo
     lam, error, status = np.empty((4, lanes)), np.empty(lanes), np.empty(lanes, dtype=np.int64)
     fine = True
     for first in range(begin, end, LANES):
+        share = NEAR
         for k in range(lanes):
             s = min(first + k, end - 1)  # spare lanes repeat the last direction
+            if share > 0.0 and not _between(fan, begin, s, lam, x, k):
+                share = 0.0
             ax, ay = fan.direction[s, 0], fan.direction[s, 1]
             for i in range(n):
                 for q in range(3):
                     rhs[i, q, k] = ax * h[i, q, 0] + ay * h[i, q, 1]
-        solve_lanes(a, rhs, c, lam, x, error, status)
+        solve_lanes(a, rhs, c, lam, x, error, status, share)
         for k in range(min(lanes, end - first)):
             s = first + k
             fan.status[s], fan.error[s] = status[k], error[k]
@@ -114,6 +118,34 @@ def evaluate(a: Array, h: Array, c: Array, fan: Fan, begin: int, end: int) -> bo
                     py += h[i, q, 1] * x[i, q, k]
             fan.value[s], fan.point[s, 0], fan.point[s, 1] = value, px, py
     return fine
+
+
+@row_kernel
+def _between(fan: Fan, solved: int, s: int, lam: Array, x: Array, lane: int) -> bool:
+    """A feasible pair for direction s from the answers on both sides of it; False if it has no such neighbours.
+
+    b of the program is linear in the direction: a = p a_k + q a_m, p, q >= 0, makes p lam_k + q lam_m feasible, as
+    any mean of forces is.
+    """
+    if solved < 3:
+        return False
+    ax, ay = fan.direction[s, 0], fan.direction[s, 1]
+    angle, j = _angle(ax, ay), 0
+    while j < solved and _angle(fan.direction[fan.order[j], 0], fan.direction[fan.order[j], 1]) < angle:
+        j += 1
+    k, m = fan.order[j - 1 if j > 0 else solved - 1], fan.order[j if j < solved else 0]
+    bx, by, dx, dy = fan.direction[k, 0], fan.direction[k, 1], fan.direction[m, 0], fan.direction[m, 1]
+    det = bx * dy - by * dx
+    if det < PARALLEL or bx * dx + by * dy < 0.0:
+        return False
+    p, q = (ax * dy - ay * dx) / det, (bx * ay - by * ax) / det
+    for i in range(4):
+        lam[i, lane] = p * fan.unknown[k, i] + q * fan.unknown[m, i]
+    p, q = p / (p + q), q / (p + q)
+    for i in range(x.shape[0]):
+        for d in range(3):
+            x[i, d, lane] = p * fan.force[k, i, d] + q * fan.force[m, i, d]
+    return True
 
 
 @row_kernel

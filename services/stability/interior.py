@@ -30,6 +30,7 @@ from services.stability.lanes import (
     LAMBDA,
     LANES,
     LENGTH,
+    MASK,
     MATRIX,
     MAX_UNKNOWNS,
     MU,
@@ -47,6 +48,7 @@ from services.stability.lanes import (
     SIZE,
     TAU,
     Array,
+    S,
     X,
     add_dot,
     add_gram,
@@ -77,7 +79,7 @@ def aligned(size: int) -> Array:
 
 
 @row_kernel
-def solve_lanes(a: Array, rhs: Array, c: Array, lam: Array, x: Array, error: Array, status: Ints) -> int:
+def solve_lanes(a: Array, rhs: Array, c: Array, lam: Array, x: Array, error: Array, status: Ints, share: float) -> int:
     """Solve up to eight programs that share the matrix.
 
     Args:
@@ -88,6 +90,7 @@ def solve_lanes(a: Array, rhs: Array, c: Array, lam: Array, x: Array, error: Arr
         x: (n, 3, 8) result: forces in cone coordinates; with NO_DUAL a ray with b'x = 1.
         error: (8,) result: largest of residuals and gap, relative to max(1, value).
         status: (8,) result: FAILED, SOLVED, NO_PRIMAL or NO_DUAL.
+        share: of a feasible pair given in lam and x, that the start is made of; the rest is the centre.
 
     Returns:
         Number of iterations.
@@ -105,6 +108,8 @@ def solve_lanes(a: Array, rhs: Array, c: Array, lam: Array, x: Array, error: Arr
     for k in range(lanes):
         g[TAU + k] = g[KAPPA + k] = g[ACTIVE + k] = 1.0
         status[k], error[k] = FAILED, ACCEPTABLE
+    if share > 0.0:
+        _start_near(a, lam, x, w, g, share)
     for iteration in range(MAX_ITERATIONS):
         _residuals(a, c, w, g, lanes)
         if not _judge(c, w, g, lam, x, error, status) or iteration == MAX_ITERATIONS - 1:
@@ -128,6 +133,29 @@ def solve_lanes(a: Array, rhs: Array, c: Array, lam: Array, x: Array, error: Arr
         for i in range(n):
             cones.move(w, i * BLOCK, g, lanes)
     return MAX_ITERATIONS
+
+
+@row_kernel
+def _start_near(a: Array, lam: Array, x: Array, w: Array, g: Array, share: float) -> None:
+    """Mix the centre with a feasible pair: less of the way is left, and no cone is near."""
+    n, m, lanes = a.shape[0], lam.shape[0], lam.shape[1]
+    rest = 1.0 - share
+    for k in range(lanes):
+        g[KAPPA + k] = rest
+    for j in range(m):
+        for k in range(lanes):
+            g[LAMBDA + 8 * j + k] = share * lam[j, k]
+    for i in range(n):
+        for q in range(3):
+            o = (i * BLOCK + 8 * q) & MASK
+            e = rest if q == 0 else 0.0
+            for k in range(lanes):
+                w[o + X + k] = share * x[i, q, k] + e
+                w[o + S + k] = e - share * w[o + RHS + k]
+            for j in range(m):
+                b = a[i, q, j]
+                for k in range(lanes):
+                    w[o + S + k] += b * g[LAMBDA + 8 * j + k]
 
 
 @row_kernel
@@ -269,4 +297,4 @@ def warm() -> None:
         a = np.zeros((1, 3, m))
         a[0, :, :3] = np.eye(3)[[2, 0, 1]]
         lam, x, error = np.empty((m, LANES)), np.empty((1, 3, LANES)), np.empty(LANES)
-        solve_lanes(a, np.zeros((1, 3, LANES)), np.eye(5)[2, :m].copy(), lam, x, error, np.empty(LANES, np.int64))
+        solve_lanes(a, np.zeros((1, 3, LANES)), np.eye(5)[2, :m].copy(), lam, x, error, np.empty(LANES, np.int64), 0.0)

@@ -167,7 +167,7 @@ def solve_one(a: Array, rhs: Array, c: Array) -> tuple[int, float, Array, Array,
     n, m = a.shape[0], a.shape[2]
     lam, x = np.empty((m, 1)), np.empty((n, 3, 1))
     error, status = np.empty(1), np.empty(1, dtype=np.int64)
-    solve_lanes(a, np.ascontiguousarray(rhs[:, :, None]), c, lam, x, error, status)
+    solve_lanes(a, np.ascontiguousarray(rhs[:, :, None]), c, lam, x, error, status, 0.0)
     if status[0] == FAILED:
         answer = Reference(a, c).solve(rhs)
         if answer.status == FAILED:

@@ -81,20 +81,43 @@ def test_five_unknowns_equal_clarabel() -> None:
             assert value == pytest.approx(answer.value, abs=1e-8)
 
 
+def test_a_start_near_the_answers_on_both_sides_is_shorter_and_ends_the_same() -> None:
+    """b is linear in the direction, so for a = p a_k + q a_m their twists, mixed alike, are feasible."""
+    turn, iterations = np.radians(10.0), np.zeros(2)
+    here, there = np.array([[1.0, 0.0]]), np.array([[np.cos(turn), np.sin(turn)]])
+    middle = here + there
+    p = 1.0 / np.linalg.norm(middle)
+    for contacts in feasible_sets(7, 20):
+        oracle = Oracle(contacts)
+        r = oracle.reduced
+        ends, direct = oracle.fan(np.concatenate((here, there)), 2), oracle.fan(p * middle, 1)
+        if (ends.status != SOLVED).any():
+            continue
+        rhs = np.ascontiguousarray((r.h @ (p * middle)[0])[:, :, None])
+        for k, share in enumerate((0.0, 0.98)):
+            lam = (p * (ends.unknown[0] + ends.unknown[1]))[:, None].copy()
+            x = (0.5 * (ends.force[0] + ends.force[1]))[:, :, None].copy()
+            error, status = np.empty(1), np.empty(1, dtype=np.int64)
+            iterations[k] += solve_lanes(r.a, rhs, r.c, lam, x, error, status, share)
+            assert status[0] == SOLVED
+            assert lam[2, 0] == pytest.approx(direct.value[0], abs=1e-8)
+    assert 0.0 < iterations[1] < 0.8 * iterations[0]
+
+
 def test_verdicts_of_hand_made_programs() -> None:
     """One cone, one unknown direction each: solved, no forces, no bound."""
     a = np.zeros((1, 3, 4))
     a[0, 0, 2] = 1.0
     lam, x, error, status = np.empty((4, 8)), np.empty((1, 3, 8)), np.empty(8), np.empty(8, dtype=np.int64)
     rhs = np.zeros((1, 3, 8))
-    solve_lanes(a, rhs, np.array([0.0, 0.0, 1.0, 0.0]), lam, x, error, status)
+    solve_lanes(a, rhs, np.array([0.0, 0.0, 1.0, 0.0]), lam, x, error, status, 0.0)
     assert (status == SOLVED).all()
     np.testing.assert_allclose(lam[2], 0.0, atol=1e-8)
-    solve_lanes(a, rhs, np.array([0.0, 0.0, -1.0, 0.0]), lam, x, error, status)
+    solve_lanes(a, rhs, np.array([0.0, 0.0, -1.0, 0.0]), lam, x, error, status, 0.0)
     assert (status == NO_PRIMAL).all()
     np.testing.assert_allclose(lam[2], 1.0)  # the ray: objective -1
     rhs[0, 1] = 1.0  # pulls along a cone coordinate that the unknown does not reach
-    solve_lanes(np.zeros((1, 3, 4)), rhs, np.array([0.0, 0.0, 0.0, 0.0]), lam, x, error, status)
+    solve_lanes(np.zeros((1, 3, 4)), rhs, np.array([0.0, 0.0, 0.0, 0.0]), lam, x, error, status, 0.0)
     assert (status == NO_DUAL).all()
     np.testing.assert_allclose((x * rhs).sum(axis=(0, 1)), 1.0)
 

@@ -39,7 +39,7 @@ def test_same_outcomes_as_many_lanes() -> None:
         b = r.h @ SIXTEEN[int(rng.integers(16))]
         n = len(contacts)
         lam, x, error, status = np.empty((4, 1)), np.empty((n, 3, 1)), np.empty(1), np.empty(1, dtype=np.int64)
-        solve_lanes(r.a, np.ascontiguousarray(b[:, :, None]), c, lam, x, error, status)
+        solve_lanes(r.a, np.ascontiguousarray(b[:, :, None]), c, lam, x, error, status, 0.0)
         mine, forces = np.zeros(4), np.empty((n, 3))
         found = solve_single(r.a, b, mine, forces)
         if FAILED in (found, status[0]):
