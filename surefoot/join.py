@@ -25,6 +25,9 @@ BACKLOG_TICKS = 8
 """In paced mode a service this far behind leaves ticks out. In order until then: services that leave out every second
 tick would lack each other's messages in the others, and do so for ever."""
 
+BATCH_PATIENCE_TICKS, BATCH_BACKLOG_TICKS = 30, 1000
+"""The same for services that get ten ticks at a time: the batches of a tick come apart, and nobody waits for them."""
+
 
 @dataclass(frozen=True)
 class Delayed(Generic[M]):
@@ -56,8 +59,10 @@ class TickInputs:
 class Join:
     """Collects the inputs of one service and hands them out tick by tick."""
 
-    def __init__(self, service: str, inputs: Iterable[Input]) -> None:
+    def __init__(self, service: str, inputs: Iterable[Input], batched: bool = False) -> None:
         self.service = service
+        self.patience = BATCH_PATIENCE_TICKS if batched else PATIENCE_TICKS
+        self.backlog = BATCH_BACKLOG_TICKS if batched else BACKLOG_TICKS
         self.same_tick: list[Topic[Any]] = []
         self.delayed: list[Topic[Any]] = []
         self.latched: list[Topic[Any]] = []
@@ -213,10 +218,10 @@ class Join:
 
     def _take_paced(self) -> TickInputs | None:
         newest, first = max(self._ticks), min(self._ticks)
-        if newest - first >= BACKLOG_TICKS:
-            first = min(n for n in self._ticks if n >= newest - PATIENCE_TICKS)
+        if newest - first >= self.backlog:
+            first = min(n for n in self._ticks if n >= newest - self.patience)
         tick = self._ticks[first]
-        if newest - first >= PATIENCE_TICKS or not self._missing(tick):
+        if newest - first >= self.patience or not self._missing(tick):
             return self._bundle(tick)
         return None
 

@@ -53,7 +53,7 @@ class Node:
         self.name = service.name
         self.instance = uuid.uuid4().hex[:12]
         self.inbox = Inbox()
-        self.join = Join(service.name, service.inputs)
+        self.join = Join(service.name, service.inputs, service.batched)
         self.refused: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
         self.tick_us: deque[float] = deque(maxlen=2000)
@@ -273,7 +273,7 @@ class Node:
     def on_life(self, life: Life) -> None:
         """A process came or went; a new driver begins a new count of epochs."""
         if life.service == DRIVER and not life.alive:
-            self.join = Join(self.name, self.service.inputs)
+            self.join = Join(self.name, self.service.inputs, self.service.batched)
             self.epoch = -1
             self._outbox.clear()
 

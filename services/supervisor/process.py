@@ -36,11 +36,17 @@ class Identity:
         return identify(self.pid) == self
 
     def signal_group(self, number: signal.Signals) -> bool:
-        """Signal the process and its children; False when it is gone or somebody else has its id."""
+        """Signal the process and its children; False when it is gone or somebody else has its id.
+
+        A supervisor that a script has started leads no group: it alone is signalled, and ends its own.
+        """
         if not self.alive():
             return False
         try:
-            os.killpg(self.pid, number)
+            if os.getpgid(self.pid) == self.pid:
+                os.killpg(self.pid, number)
+            else:
+                os.kill(self.pid, number)
         except (ProcessLookupError, PermissionError):
             return False
         return True

@@ -6,10 +6,13 @@ import json
 import os
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from subprocess import PIPE
+from tempfile import TemporaryFile
 
 from surefoot.errors import SurefootError
 
@@ -49,7 +52,6 @@ def is_cold() -> bool:
 def warm_if_cold(tell: Callable[[str], None]) -> None:
     """Compile all kernels unless that was done before."""
     if is_cold():
-        tell("compiling numeric kernels (once, up to a minute or two)")
         warm_all(tell)
 
 
@@ -60,16 +62,15 @@ def warm_all(tell: Callable[[str], None] = lambda text: None) -> dict[str, float
         Seconds by module.
     """
     modules = kernel_modules()
+    progress = _Progress(len(modules), tell)
     shared = [module for module in modules if module.startswith("surefoot.")]
     own = [module for module in modules if not module.startswith("surefoot.")]
     services = sorted({module.split(".")[1] for module in own})
     groups = [shared, *([module for module in own if module.split(".")[1] == name] for name in services)]
-    took = _warm_apart(groups[0])
-    tell(f"  shared: {sum(took.values()):.1f} s")
+    took = _warm_apart(groups[0], progress)
     with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
-        for name, result in zip(services, pool.map(_warm_apart, groups[1:]), strict=True):
+        for result in pool.map(lambda group: _warm_apart(group, progress), groups[1:]):
             took |= result
-            tell(f"  {name}: {sum(result.values()):.1f} s")
     stamps = _stamps()
     try:
         stamps.mkdir(parents=True, exist_ok=True)
@@ -79,23 +80,43 @@ def warm_all(tell: Callable[[str], None] = lambda text: None) -> dict[str, float
     return took
 
 
-def _warm_apart(modules: list[str]) -> dict[str, float]:
+class _Progress:
+    """Says how far it is, each time another eighth of the modules is done; called from several threads."""
+
+    def __init__(self, total: int, tell: Callable[[str], None]) -> None:
+        self._total, self._done, self._tell, self._began = total, 0, tell, time.monotonic()
+        self._lock = threading.Lock()
+        tell(f"compiling numeric kernels: {total} modules, takes a minute or two, only this once")
+
+    def another(self) -> None:
+        """A module is done."""
+        with self._lock:
+            self._done += 1
+            if self._done * 8 // self._total > (self._done - 1) * 8 // self._total:
+                self._tell(f"  {self._done} of {self._total} after {time.monotonic() - self._began:.0f} s")
+
+
+def _warm_apart(modules: list[str], progress: _Progress) -> dict[str, float]:
     """Compile in a process of its own: compilers are neither thread-safe nor small."""
     command = [sys.executable, "-m", "services.supervisor.warming", *modules]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        words = done.stderr.strip().splitlines()[-1:] or [f"exit code {done.returncode}"]
-        raise SurefootError("warm", f"the kernels of {', '.join(modules)} could not be compiled: {words[0]}")
-    return json.loads(done.stdout.splitlines()[-1])
-
-
-def _warm(modules: list[str]) -> dict[str, float]:
     took: dict[str, float] = {}
+    with TemporaryFile("w+") as errors, subprocess.Popen(command, stdout=PIPE, stderr=errors, text=True) as process:
+        for line in process.stdout or ():
+            took |= json.loads(line)
+            progress.another()
+        if process.wait() != 0:
+            errors.seek(0)
+            words = errors.read().strip().splitlines()[-1:] or [f"exit code {process.returncode}"]
+            raise SurefootError("warm", f"the kernels of {', '.join(modules)} could not be compiled: {words[0]}")
+    return took
+
+
+def _warm(modules: list[str]) -> None:
     for name in modules:
         began = time.monotonic()
         importlib.import_module(name).warm()
-        took[name] = round(time.monotonic() - began, 3)
-    return took
+        sys.stdout.write(json.dumps({name: round(time.monotonic() - began, 3)}) + "\n")
+        sys.stdout.flush()
 
 
 def _stamps() -> Path:
@@ -104,4 +125,4 @@ def _stamps() -> Path:
 
 
 if __name__ == "__main__":
-    sys.stdout.write(json.dumps(_warm(sys.argv[1:])) + "\n")
+    _warm(sys.argv[1:])

@@ -172,6 +172,23 @@ def test_services_that_await_each_other_do_every_tick_in_paced_mode_even_after_o
     assert len(done["walker"]) >= 120 - 3 * BACKLOG_TICKS
 
 
+def test_whoever_gets_ticks_in_batches_leaves_none_out_in_paced_mode() -> None:
+    join = Join("recorder", (HW_IMU, STATE_VELOCITY), batched=True)
+    done: list[TickInputs] = []
+    for first in range(0, 200, 10):
+        for tick in range(first, first + 10):  # the driver's batch; the estimator's comes a whole one later
+            join.offer(HW_IMU, IMU.stamped(0, tick, 1, tick, "driver"))
+            roster = ("estimator", "recorder")
+            manifest = Tick(tick=tick, epoch=1, roster=roster, due=("hw/imu",), mode="paced", roster_version=1)
+            join.offer(HW_TICK, manifest)
+        while (inputs := join.take()) is not None:
+            done.append(inputs)
+        for tick in range(max(0, first - 10), first):
+            join.offer(STATE_VELOCITY, Header(tick=tick, epoch=1, source="estimator"))
+    assert [inputs.number for inputs in done] == list(range(180))
+    assert all(set(inputs.messages) == {"hw/imu", "state/velocity"} for inputs in done)
+
+
 def test_paced_mode_is_never_stale_however_long_the_service_slept(bench: Bench) -> None:
     bench.both(0, mode="paced")
     for tick in range(1, 3 * MAX_AHEAD):  # all at once, as after a long sleep

@@ -57,10 +57,10 @@ def up(
     to_listen(listen)  # a wrong endpoint is told before anything starts
     compose = startable(system)
     order = Order(World(terrain=terrain), seed, rtf, record)
+    warm_if_cold(tell)
     if detach:
         _detach(compose, system, order, listen, json=json)
         return
-    warm_if_cold(tell)
     ready = partial(tell, "everything is ready") if log else partial(_show_up, compose, json=json)
     with _until_signal() as stop:
         keep(compose, order, stop, listen=listen, tell=tell, ready=ready)

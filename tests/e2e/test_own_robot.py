@@ -1,0 +1,118 @@
+"""A robot of one's own: a driver that is no simulator, in paced time over Zenoh, with the services a robot needs."""
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from schemas.topics import CMD_WALK, HW_JOINTS, HW_TICK, STATE_GAIT, STATE_ODOMETRY, STATE_STABILITY, SUPERVISOR_STATUS
+from surefoot.client import Client, connect
+from surefoot.errors import BusError
+from tests.e2e.live import ROOT, environment, wait_until
+from tests.ports import free_address
+
+pytestmark = pytest.mark.e2e
+
+SYSTEM = "examples/robot/system.yaml"
+SERVICES = {"my-robot", "estimator", "stability", "walker", "recorder"}
+PLAIN = """
+import runpy, sys
+runpy.run_path("examples/robot/driver.py")
+print([name for name in sys.modules if name.split(".")[0] in ("services", "mujoco")])
+"""
+
+
+class Robot:
+    """A system that is up, and the command line beside it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.bag, self.log = folder / "run.mcap", folder / "up.log"
+        self.endpoint = free_address()
+        self.environment = environment(folder, SUREFOOT_LISTEN=self.endpoint)
+        with self.log.open("wb") as log:
+            self.up = subprocess.Popen(
+                self.command("up", SYSTEM, "--record", str(self.bag)),
+                cwd=ROOT, env=self.environment, stdout=log, stderr=log,
+            )  # fmt: skip
+
+    def command(self, *words: str) -> list[str]:
+        return [sys.executable, "-m", "services.supervisor.cli", *words]
+
+    def surefoot(self, *words: str) -> tuple[int, Any]:
+        """Exit code and answer of a command."""
+        done = subprocess.run(
+            self.command(*words, "--json"), cwd=ROOT, env=self.environment, capture_output=True, text=True, timeout=60
+        )
+        return done.returncode, json.loads(done.stdout)
+
+    def client(self) -> Client:
+        """A client, once the router is there."""
+        found: list[Client] = []
+
+        def there() -> bool:
+            assert self.up.poll() is None, self.log.read_text()
+            try:
+                found.append(connect("ragno", self.endpoint))
+            except BusError:
+                return False
+            return True
+
+        wait_until(there, 30.0, "a router")
+        return found[0]
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Iterator[Robot]:
+    robot = Robot(tmp_path)
+    try:
+        yield robot
+    finally:
+        if robot.up.poll() is None:
+            robot.up.terminate()
+        robot.up.wait(20)
+
+
+def test_a_driver_of_ones_own_walks_stops_and_is_recorded(robot: Robot) -> None:
+    with robot.client() as client:
+        standing = next(gait for gait in client.messages(STATE_GAIT) if gait.state == "standing")
+        began = next(iter(client.messages(HW_TICK)))
+        wall, before = time.monotonic(), next(iter(client.messages(HW_JOINTS)))
+        reply = client.call(CMD_WALK, action="walk", distance=0.05)
+        assert reply.accepted, reply.reason
+        arrived = next(g for g in client.messages(STATE_GAIT) if (g.walk_id, g.state) == (reply.id, "standing"))
+        tick, took = next(iter(client.messages(HW_TICK))), time.monotonic() - wall
+        assert arrived.steps > standing.steps
+        assert tick.mode == "paced"
+        assert set(tick.roster) >= {"estimator", "walker", "stability"}
+        assert 0.5 < (tick.tick - began.tick) * 0.01 / took < 1.1  # its clock is the wall's
+        odometry = next(iter(client.messages(STATE_ODOMETRY)))
+        assert odometry.position[0] == pytest.approx(0.05, abs=0.01)  # of feet that do not slide: joints tell the way
+        assert before.position != next(iter(client.messages(HW_JOINTS))).position
+        status = next(s for s in client.messages(STATE_STABILITY) if s.status == "ok" and s.tick > tick.tick)
+        assert status.margin_planned is not None
+        assert status.margin_planned > 0.03
+        rows = next(iter(client.messages(SUPERVISOR_STATUS))).services
+        assert {row.service: row.state for row in rows} == dict.fromkeys(SERVICES, "healthy")
+        code, stopped = robot.surefoot("stop")
+        assert (code, stopped["driver"]) == (0, "my-robot")
+        refused = next(iter(client.messages(HW_JOINTS)))
+        assert refused.position == next(iter(client.messages(HW_JOINTS))).position
+    assert robot.surefoot("down", "my-robot") == (0, {"stopped": ["my-robot"]})
+    code, held = robot.surefoot("bag", "info", str(robot.bag))
+    topics = held["topics"]
+    assert code == 0
+    assert topics["hw/imu"] == topics["hw/tick"] > 300
+    assert min(topics[key] for key in ("hw/joints", "cmd/joints", "state/velocity", "state/odometry")) > 100
+    assert "sim/truth" not in topics
+    code, found = robot.surefoot("bag", "info", str(robot.bag), "--verify")
+    assert (code, found["lost"], found["readable"]) == (0, 0, held["messages"])
+
+
+def test_the_driver_needs_nothing_but_the_runtime() -> None:
+    done = subprocess.run([sys.executable, "-c", PLAIN], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout.strip()) == (0, "[]")
