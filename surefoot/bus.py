@@ -120,6 +120,11 @@ class Life:
 class Publisher(Protocol, Generic[M_contra]):
     """One key, one writer."""
 
+    @property
+    def watched(self) -> bool:
+        """Whether somebody beside the participants listens to this very key."""
+        ...
+
     def put(self, message: M_contra) -> Any:
         """Publishes and returns a token for ``resend``."""
         ...

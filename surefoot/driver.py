@@ -5,6 +5,7 @@ of each tick, waits as the protocol asks (see ``surefoot.leader``), repeats what
 """
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, cast
 
@@ -12,7 +13,7 @@ from schemas.base import Message
 from schemas.hw import JointCommand, Tick
 from schemas.system import Done, JoinReply, JoinRequest
 from schemas.topics import CMD_JOINTS, HW_TICK, SIM_JOIN, TICK_DONE, TICK_NS, Topic
-from surefoot.bus import Bus, Delivery, Life
+from surefoot.bus import Bus, Delivery, Life, Publisher
 from surefoot.errors import Refusal
 from surefoot.join import DRIVER
 from surefoot.leader import Leader
@@ -36,7 +37,8 @@ class Sample:
     """A sample due in the coming tick."""
 
     topic: Topic[Any]
-    message: Message
+    message: Message | Callable[[], Message]
+    """Or, of a ``judging`` topic, what makes it when it is told."""
     stamp_ns: int
     seq: int
 
@@ -51,7 +53,10 @@ class Driver(Service[C]):
         raise NotImplementedError
 
     def reveal(self, tick: int) -> list[Sample]:
-        """Samples of ``judging`` topics that go with ``tick``: made when the tick's frame is on its way."""
+        """Samples of ``judging`` topics that go with ``tick``, asked for when the tick's frame is on its way.
+
+        They are told with the next batch, or at once while somebody watches.
+        """
         return []
 
     def actuate(self, tick: int, command: JointCommand | None) -> None:
@@ -84,14 +89,14 @@ class DriverNode(Node):
         self.rtf = 0.0
         self.measured_rtf = 0.0
         self._commands: dict[int, JointCommand | None] = {}
-        self._revealed = tuple(topic.key for topic in service.outputs if topic.judging)
+        self._judging = tuple(topic.key for topic in service.outputs if topic.judging)
+        self._unrevealed: list[tuple[int, Sample]] = []
         self._obeyed = -1
         self._joining: dict[str, float] = {}
         self._next_prime = 0.0
         self._since = 0.0
         self._resends = 0
         self._pace_origin = (0.0, 0)
-        self._end_told = False
 
     def start(self) -> None:
         self.service.handle(SIM_JOIN, self._on_join)
@@ -110,6 +115,7 @@ class DriverNode(Node):
     def begin(self, expect: tuple[str, ...], mode: str, rtf: float, delay: int, policy: str, seed: int) -> int:
         """Starts a new epoch: everybody proves their links anew, then tick 0 comes. Returns the epoch."""
         leader = self.leader
+        self._reveal()
         leader.expect, leader.delay, leader.seed = tuple(n for n in expect if n != self.name), delay, seed
         leader.mode, leader.policy = mode, policy  # pyright: ignore[reportAttributeAccessIssue] - literals of the request
         leader.end_tick = leader.pause_tick = None
@@ -118,7 +124,7 @@ class DriverNode(Node):
         self._obeyed = -1
         self._outbox.clear()
         leader.begin(leader.epoch + 1)
-        self._since, self._resends, self._end_told = time.monotonic(), 0, False
+        self._since, self._resends = time.monotonic(), 0
         self.state = "ready"
         return leader.epoch
 
@@ -302,26 +308,34 @@ class DriverNode(Node):
     def _emit(self) -> None:
         leader = self.leader
         tick = leader.tick + 1
-        box: list[Any] = []
         samples = self.driver.release(tick)
         self.bus.cork()
-        self._tell(samples, tick, box)
-        due = (*(sample.topic.key for sample in samples), *self._revealed)
+        box = [self._tell(sample, tick) for sample in samples]
+        due = (*(sample.topic.key for sample in samples), *self._judging)
         manifest = leader.advance(tick * TICK_NS, due)
         self._publishers[HW_TICK.key].put(manifest)
         self.bus.flush(batch=False)
-        self.bus.cork()
-        self._tell(self.driver.reveal(tick), tick, box)
-        self.bus.flush(batch=manifest.report)
         self._outbox[(leader.epoch, tick)] = box
         self._outbox.pop((leader.epoch, tick - 4 * leader.window), None)
+        self._unrevealed += [(tick, sample) for sample in self.driver.reveal(tick)]
+        if manifest.report or any(self._publishers[key].watched for key in self._judging):
+            self.bus.cork()
+            self._reveal()
+            self.bus.flush(batch=manifest.report)
         self._since, self._resends = time.monotonic(), 0
 
-    def _tell(self, samples: list[Sample], tick: int, box: list[Any]) -> None:
-        for sample in samples:
-            publisher = self._publishers[sample.topic.key]
-            message = sample.message.stamped(sample.stamp_ns, tick, self.leader.epoch, sample.seq, self.name)
-            box.append((publisher, publisher.put(message)))
+    def _reveal(self) -> None:
+        """Tells what judges are to know of the last ticks."""
+        for tick, sample in self._unrevealed:
+            self._outbox.setdefault((self.leader.epoch, tick), []).append(self._tell(sample, tick))
+        self._unrevealed.clear()
+
+    def _tell(self, sample: Sample, tick: int) -> tuple[Publisher[Any], Any]:
+        made = sample.message
+        message = made if isinstance(made, Message) else made()
+        publisher = self._publishers[sample.topic.key]
+        header = (sample.stamp_ns, tick, self.leader.epoch, sample.seq, self.name)
+        return publisher, publisher.put(message.stamped(*header))
 
     def _repeat(self, ticks: range) -> None:
         for tick in ticks:

@@ -16,6 +16,8 @@ Rep = TypeVar("Rep", bound=Wire)
 class MemoryPublisher(Generic[M]):
     """Hands each message to the sinks of its key."""
 
+    watched = False
+
     def __init__(self, topic: Topic[M], sinks: Callable[[str], list[Callable[[Delivery], None]]]) -> None:
         self.topic = topic
         self._sinks = sinks

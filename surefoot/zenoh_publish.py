@@ -35,6 +35,8 @@ FRAME, BATCH = "frame/{}", "batch/{}"
 class ZenohPublisher(Generic[M]):
     """One key on the network."""
 
+    watched = True
+
     def __init__(self, session: zenoh.Session, topic: Topic[M]) -> None:
         self.topic = topic
         self._publisher = _declare(session, topic.key, encoding_of(topic.model), *_QOS[topic.kind])
@@ -82,13 +84,13 @@ class FramedPublisher(Generic[M]):
         self.topic = topic
         self._framer = framer
         self._publisher = _declare(session, topic.key, encoding_of(topic.model), *_QOS[topic.kind])
-        self._watched = False
+        self.watched = False
         self._listener = self._publisher.declare_matching_listener(self._on_match)
         status: Any = self._publisher.matching_status  # the stubs say bool
         self._on_match(status)
 
     def _on_match(self, status: Any) -> None:
-        self._watched = bool(status.matching)
+        self.watched = bool(status.matching)
 
     def put(self, message: M) -> Part:
         stamp = Stamp(message.tick, message.epoch, message.stamp_ns, message.seq)
@@ -98,7 +100,7 @@ class FramedPublisher(Generic[M]):
 
     def resend(self, token: Part) -> None:
         self._frame(token)
-        if self._watched or not self._framer.corked:
+        if self.watched or not self._framer.corked:
             self._publisher.put(token.payload)
 
     def prime(self) -> None:

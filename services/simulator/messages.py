@@ -3,7 +3,7 @@
 from schemas.hw import FootContacts, Imu, JointState, Landmark, LandmarkDetections, Range, Sighting
 from schemas.sim import Truth as TruthMessage
 from schemas.terrain import HeightMapMessage
-from schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, HW_LANDMARKS, HW_RANGE, SIM_TRUTH
+from schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, HW_LANDMARKS, HW_RANGE
 from services.simulator.samples import Samples, Truth
 from services.simulator.sight import Sight
 from services.simulator.terrain import Terrain
@@ -58,9 +58,9 @@ def sight_messages(sight: Sight | None, stamp_ns: int) -> list[Sample]:
     return out
 
 
-def truth_message(truth: Truth, tick: int) -> Sample:
+def truth_message(truth: Truth) -> TruthMessage:
     """The exact state as it travels."""
-    message = TruthMessage(
+    return TruthMessage(
         position=tuple(truth.position.tolist()),
         quat_wxyz=tuple(truth.quat_wxyz.tolist()),
         velocity=tuple(truth.velocity.tolist()),
@@ -78,7 +78,6 @@ def truth_message(truth: Truth, tick: int) -> Sample:
         tilt=truth.tilt,
         fallen=truth.fallen,
     )
-    return Sample(SIM_TRUTH, message, truth.stamp_ns, tick)
 
 
 def map_message(heights: HeightMap, terrain: Terrain, profile: str) -> HeightMapMessage:

@@ -83,18 +83,20 @@ class ImuSensor:
         )
         self.gauss_markov = np.array([a.bias_in_run for a in axes]) * self.normal.next()[:6]
 
-    def measure(self, exact: Array) -> Array:
+    def measure(self, acc: Array, gyro: Array) -> tuple[Array, bool]:
         """One sample.
 
         Args:
-            exact: mean specific force m/s2 and mean angular rate rad/s in the IMU frame, (6,).
+            acc: specific force in the physics steps of the sample, IMU frame, (n, 3), m/s2.
+            gyro: angular rate in the same steps, (n, 3), rad/s.
 
         Returns:
-            Measured values in the same order, (6,).
+            Measured acceleration and rate, (6,), and whether an axis is at the end of its range.
         """
         if self.profile is None:
-            return exact.copy()
-        return _imu(exact, self.turn_on, self.gauss_markov, self.normal.next(), self.table)
+            return window_mean(acc, gyro), False
+        out = np.empty(6)
+        return out, _imu(acc, gyro, self.turn_on, self.gauss_markov, self.normal.next(), self.table, out)
 
     def state(self) -> dict[str, Any]:
         """Biases and random stream."""
@@ -122,8 +124,9 @@ def window_mean(acc: Array, gyro: Array) -> Array:
 
 
 @kernel
-def _imu(exact: Array, turn_on: Array, gauss_markov: Array, normal: Array, table: Array) -> Array:
-    out = np.empty(6)
+def _imu(acc: Array, gyro: Array, turn_on: Array, gauss_markov: Array, normal: Array, table: Array, out: Array) -> bool:
+    exact = window_mean(acc, gyro)
+    saturated = False
     for i in range(6):
         gauss_markov[i] = table[3, i] * gauss_markov[i] + table[4, i] * normal[6 + i]
         y = exact[i] + turn_on[i] + gauss_markov[i] + table[2, i] * normal[i]
@@ -131,7 +134,8 @@ def _imu(exact: Array, turn_on: Array, gauss_markov: Array, normal: Array, table
         if lsb > 0.0:
             y = lsb * np.rint(y / lsb)
         out[i] = min(max(y, -limit), limit)
-    return out
+        saturated = saturated or abs(out[i]) >= limit
+    return saturated
 
 
 class JointSensor:
@@ -150,18 +154,18 @@ class JointSensor:
         true_torque_per_ampere: float | None = None,
         more_zero_sigma: float = 0.0,
     ) -> None:
-        self.resolution, self.noise_ampere = encoder.resolution, current.noise_ampere
-        self.known_k, self.true_k = current.torque_per_ampere, true_torque_per_ampere or current.torque_per_ampere
+        self.resolution, self.noise_ampere = float(encoder.resolution), float(current.noise_ampere)
+        self.known_k = float(current.torque_per_ampere)
+        self.true_k = float(true_torque_per_ampere or self.known_k)
         self.normal = NormalStream(seed, "joints", nj)
         self.zero = math.hypot(encoder.zero_sigma, more_zero_sigma) * self.normal.next()
 
-    def measure(self, position: Array, torque: Array) -> tuple[Array, Array, Array]:
-        """One sample: position rad, current A, torque Nm, (nj,) each."""
-        q = position + self.zero
-        if self.resolution > 0.0:
-            q = self.resolution * np.rint(q / self.resolution)
-        current = torque / self.true_k + self.noise_ampere * self.normal.next()
-        return q, current, self.known_k * current
+    def measure(self, position: Array, torque: Array) -> Array:
+        """One sample: position rad, current A, torque Nm, (3, nj)."""
+        normal = self.normal.next()
+        return _joints(
+            position, torque, self.zero, normal, self.resolution, self.true_k, self.known_k, self.noise_ampere
+        )
 
     def state(self) -> dict[str, Any]:
         """Zero errors and random stream."""
@@ -171,6 +175,27 @@ class JointSensor:
         """Continue where `state` was taken."""
         self.zero = np.array(state["zero"])
         self.normal.restore(state["normal"])
+
+
+@kernel
+def _joints(
+    position: Array,
+    torque: Array,
+    zero: Array,
+    normal: Array,
+    resolution: float,
+    true_k: float,
+    known_k: float,
+    noise_ampere: float,
+) -> Array:
+    out = np.empty((3, position.shape[0]))
+    for i in range(position.shape[0]):
+        q = position[i] + zero[i]
+        if resolution > 0.0:
+            q = resolution * np.rint(q / resolution)
+        current = torque[i] / true_k + noise_ampere * normal[i]
+        out[0, i], out[1, i], out[2, i] = q, current, known_k * current
+    return out
 
 
 class FootSensor:
@@ -212,5 +237,7 @@ class FootSensor:
 
 def warm() -> None:
     """Compile the kernels."""
-    window_mean(np.zeros((1, 3)), np.zeros((1, 3)))
-    _imu(np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(12), np.ones((5, 6)))
+    acc, one = np.zeros((1, 3)), np.zeros(1)
+    window_mean(acc, acc)
+    _imu(acc, acc, np.zeros(6), np.zeros(6), np.zeros(12), np.ones((5, 6)), np.zeros(6))
+    _joints(one, one, one, one, 1.0, 1.0, 1.0, 1.0)

@@ -115,12 +115,14 @@ class Simulator(Driver[SimulatorConfig]):
         return sample_messages(self.world.samples) + sight_messages(self.world.sight, self.world.stamp_ns)
 
     def reveal(self, tick: int) -> list[Sample]:
-        return [truth_message(self.world.truth(), tick)]
+        truth = self.world.truth()
+        return [Sample(SIM_TRUTH, lambda: truth_message(truth), truth.stamp_ns, tick)]
 
     def actuate(self, tick: int, command: JointCommand | None) -> None:
-        for item in [item for item in self._later if item[0] <= tick]:
-            self._later.remove(item)
-            item[1]()
+        if self._later:
+            for item in [item for item in self._later if item[0] <= tick]:
+                self._later.remove(item)
+                item[1]()
         self._step(command)
         if self._failed or not self.world.diverged:
             return
@@ -202,7 +204,7 @@ class Simulator(Driver[SimulatorConfig]):
     def _begin(self) -> int:
         r = self._request
         self._begin_on_first_work = False
-        self.guard.clear(self.robot.neutral)
+        self.guard.clear()
         self._stopped = self._failed = ""
         self._later.clear()
         epoch = self.node.begin(r.expect, r.mode, r.rtf, r.actuation_delay_ticks, r.policy, r.seed)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.simulator import sensors
-from services.simulator.disturb import WorldError, at_limit, by_foot
+from services.simulator.disturb import WorldError, by_foot
 from services.simulator.samples import ContactSample, ImuSample, JointSample, Samples
 from surefoot.robot import ImuProfile, Robot
 from surefoot.robot_sensors import imu_profile_names, read_imu_profile
@@ -75,10 +75,10 @@ class SensorSuite:
 
     def release(self, stamp_ns: int, seq: int, acc: Array, gyro: Array) -> Samples:
         """What leaves in this tick; `acc` and `gyro` are those of its physics steps, (steps, 3)."""
-        y = self._imu.measure(sensors.window_mean(acc, gyro))
+        y, saturated = self._imu.measure(acc, gyro)
         joints, contacts = self._due
         self._due = (None, None)
-        return Samples(ImuSample(stamp_ns, seq, y[:3], y[3:], at_limit(y, self.limit)), joints, contacts)
+        return Samples(ImuSample(stamp_ns, seq, y[:3], y[3:], saturated), joints, contacts)
 
     def state(self) -> dict[str, Any]:
         """Random streams and biases; plain JSON values."""

@@ -35,19 +35,30 @@ WALL = 0.5  # a normal that rises less than this is a wall's
 
 
 class FeetTruth(NamedTuple):
-    """State of the feet, one row per foot; arrays are updated in place."""
+    """State of the feet, one row per foot: views of two tables, which are updated in place and copied as one."""
 
     force: Array  # (L, 3) N, contact force on the foot, world axes
-    normal_force: Array  # (L,) N
     centre: Array  # (L, 3) m, foot centre in world
     normal: Array  # (L, 3) of the ground under each foot, last seen
     start: Array  # (L, 3) m, centre at touch-down
+    normal_force: Array  # (L,) N
     sliding: Array  # (L,) m, in the present stance
     displacement: Array  # (L,) m, horizontal, in the present stance
     last_sliding: Array  # (L,) m, of the last finished stance
     last_displacement: Array  # (L,) m
     stances: Ints  # (L,) finished stances
     below: Ints  # (L,) ticks since the foot last stood; -1 = in swing, 0 = stood in this tick
+
+
+def feet_of(table: Array, counts: Ints) -> FeetTruth:
+    """Views of `table` (L, 17) and `counts` (L, 2)."""
+    return FeetTruth(
+        table[:, 0:3], table[:, 3:6], table[:, 6:9], table[:, 9:12], table[:, 12], table[:, 13], table[:, 14],
+        table[:, 15], table[:, 16], counts[:, 0], counts[:, 1],
+    )  # fmt: skip
+
+
+_feet_of = kernel(feet_of)
 
 
 def add_sensors(spec: mujoco.MjSpec, robot: Robot, steps: int) -> None:
@@ -67,8 +78,9 @@ def add_sensors(spec: mujoco.MjSpec, robot: Robot, steps: int) -> None:
 class TruthTracker:
     """Follows the feet from tick to tick."""
 
-    def __init__(self, robot: Robot, model: mujoco.MjModel, addresses: Addresses) -> None:
+    def __init__(self, robot: Robot, model: mujoco.MjModel, data: mujoco.MjData, addresses: Addresses) -> None:
         n = robot.nlegs
+        self._data, self._xpos, self._xmat = data, data.xpos, data.xmat  # views: these arrays never move
         self.step_s = float(model.opt.timestep)
         self.trunk = addresses.trunk
         self.bodies = addresses.foot_bodies
@@ -82,17 +94,18 @@ class TruthTracker:
         self.sphere_force = np.zeros(len(self.spheres))
         self.fallen = False
         self.radius = np.array([leg.foot.radius for leg in robot.legs])
-        self.feet = _feet_at_rest(n)
+        self._table, self._counts = _feet_at_rest(n)
+        self.feet = feet_of(self._table, self._counts)
         soles = any(len(leg.foot.points) > 1 for leg in robot.legs)
         self.soles = TwistTracker(self.bodies) if soles else None
         types = np.array(model.sensor_type)
         sensor = mujoco.mjtSensor
-        self._windows = tuple(
-            _Window(model, int(np.flatnonzero(types == int(kind))[0]), len(self.spheres))
+        self._touch, self._linear, self._angular = (
+            _window(model, data, int(np.flatnonzero(types == int(kind))[0]), len(self.spheres))
             for kind in (sensor.mjSENS_TOUCH, sensor.mjSENS_FRAMELINVEL, sensor.mjSENS_FRAMEANGVEL)
         )
 
-    def forces(self, data: mujoco.MjData) -> bool:
+    def forces(self) -> bool:
         """Read the contact forces of the last physics step.
 
         Fills `sphere_force` (normal force per contact sphere, N), `feet.force` and `contact`.
@@ -100,13 +113,13 @@ class TruthTracker:
         Returns:
             Whether the trunk touched the ground.
         """
-        contact = data.contact
+        contact = self._data.contact
         return _forces(
             np.ascontiguousarray(contact.geom),
             np.ascontiguousarray(contact.frame),
             np.ascontiguousarray(contact.pos),
             np.ascontiguousarray(contact.efc_address),
-            data.efc_force,
+            self._data.efc_force,
             self.sphere_of_geom,
             self.foot_of_sphere,
             self.is_belly,
@@ -115,25 +128,25 @@ class TruthTracker:
             self.contact,
         )
 
-    def update(self, data: mujoco.MjData, first: bool = False) -> None:
-        """Take the state at the end of a tick; kinematics of `data` must belong to it.
+    def update(self, first: bool = False) -> None:
+        """Take the state at the end of a tick; the kinematics of the data must belong to it.
 
         Args:
-            data: after the last physics step of the tick and `mj_kinematics`.
             first: begin anew: feet that touch begin their stance here.
         """
-        touched = self.forces(data)
-        xmat = data.xmat
-        history = data.history
-        touch, linear, angular = (window.of(history) for window in self._windows)
+        touched = self.forces()
         _feet(
-            data.xpos, xmat, self.bodies, self.local, self.radius, self.contact, touch, linear, angular,
-            self.foot_of_sphere, self.step_s, self.feet, first,
+            self._xpos, self._xmat, self.bodies, self.local, self.radius, self.contact, self._touch, self._linear,
+            self._angular, self.foot_of_sphere, self.step_s, self._table, self._counts, first,
         )  # fmt: skip
         if self.soles is not None:
-            self.soles.update(xmat, self.feet.below, first)
-        tilted = float(xmat[self.trunk, 8]) < math.cos(FALL_TILT)
+            self.soles.update(self._xmat, self.feet.below, first)
+        tilted = float(self._xmat[self.trunk, 8]) < math.cos(FALL_TILT)
         self.fallen = (self.fallen and not first) or touched or tilted
+
+    def feet_now(self) -> FeetTruth:
+        """A copy of the feet's state."""
+        return feet_of(self._table.copy(), self._counts.copy())
 
     def state(self) -> dict[str, Any]:
         """All arrays as lists."""
@@ -204,10 +217,12 @@ def _feet(
     angular: Array,
     foot_of_sphere: Ints,
     step_s: float,
-    feet: FeetTruth,
+    table: Array,
+    counts: Ints,
     first: bool,
 ) -> None:
     """Advance the feet by one tick; `touch` (P, steps), `linear` and `angular` (P, 3 steps) belong to its steps."""
+    feet = _feet_of(table, counts)
     n_steps = touch.shape[1]
     for i in range(bodies.shape[0]):
         b = bodies[i]
@@ -270,27 +285,22 @@ def _feet(
                 feet.displacement[i] = 0.0
 
 
-class _Window:
-    """Where the history of a run of equal sensors lies: per sensor a user value, the cursor, the times, the values."""
+def _window(model: mujoco.MjModel, data: mujoco.MjData, sensor: int, count: int) -> Array:
+    """View of the history of a run of equal sensors, (count, steps x dim).
 
-    def __init__(self, model: mujoco.MjModel, sensor: int, count: int) -> None:
-        steps, dim = int(model.sensor_history[sensor][0]), int(model.sensor_dim[sensor])
-        self.start, self.count = int(model.sensor_historyadr[sensor]), count
-        self.width, self.values = 2 + steps * (1 + dim), 2 + steps
-
-    def of(self, history: Array) -> Array:
-        """View of the values, (count, steps x dim)."""
-        end = self.start + self.count * self.width
-        return history[self.start : end].reshape(self.count, self.width)[:, self.values :]
+    It holds per sensor a user value, the cursor, the times and the values.
+    """
+    steps, dim = int(model.sensor_history[sensor][0]), int(model.sensor_dim[sensor])
+    start, width = int(model.sensor_historyadr[sensor]), 2 + steps * (1 + dim)
+    return data.history[start : start + count * width].reshape(count, width)[:, 2 + steps :]
 
 
-def _feet_at_rest(n: int) -> FeetTruth:
-    up = np.zeros((n, 3))
-    up[:, 2] = 1.0
-    return FeetTruth(
-        np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3)), up, np.zeros((n, 3)), np.zeros(n), np.zeros(n), np.zeros(n),
-        np.zeros(n), np.zeros(n, dtype=np.int64), np.full(n, -1, dtype=np.int64),
-    )  # fmt: skip
+def _feet_at_rest(n: int) -> tuple[Array, Ints]:
+    """Tables of feet that are in swing."""
+    table, counts = np.zeros((n, 17)), np.zeros((n, 2), dtype=np.int64)
+    feet = feet_of(table, counts)
+    feet.normal[:, 2], feet.below[:] = 1.0, -1
+    return table, counts
 
 
 def warm() -> None:
@@ -298,12 +308,13 @@ def warm() -> None:
     one, three = np.zeros(1, dtype=np.int64), np.zeros((1, 3))
     zeros, flags, contact = np.zeros(1), np.zeros(1, dtype=np.bool_), np.zeros((1, 6))
     none = np.zeros((0, 3))
+    table, counts = _feet_at_rest(1)
     _forces(
         np.zeros((0, 2), dtype=np.int32), np.zeros((0, 9)), none, np.zeros(0, dtype=np.int32), zeros[:0], one, one,
-        flags, zeros, three, contact,
+        flags, zeros, table[:, :3], contact,
     )  # fmt: skip
     strided, two = np.zeros((2, 4))[:, 1:], np.zeros(2, dtype=np.int64)  # as the views of the history are
     _feet(
-        three, np.zeros((1, 9)), one, three, zeros, contact, strided[:, :1], strided, strided, two, 1e-3,
-        _feet_at_rest(1), True,
+        three, np.zeros((1, 9)), one, three, zeros, contact, strided[:, :1], strided, strided, two, 1e-3, table, counts,
+        True,
     )  # fmt: skip

@@ -23,7 +23,7 @@ from services.simulator import sensors, truth
 from services.simulator.disturb import Disturbances, WorldError
 from services.simulator.faults import Fault
 from services.simulator.joints import read_joints
-from services.simulator.model import Perturbation, Physics, build_spec, find_addresses
+from services.simulator.model import TRUNK_DOF, Perturbation, Physics, build_spec, find_addresses
 from services.simulator.placing import place
 from services.simulator.samples import (
     Checkpoint,
@@ -102,7 +102,7 @@ class World:
         self.model = spec.compile()
         self.address = find_addresses(self.model, robot)
         self.data = mujoco.MjData(self.model)
-        self.tracker = truth.TruthTracker(robot, self.model, self.address)
+        self.tracker = truth.TruthTracker(robot, self.model, self.data, self.address)
         history = self.data.history
         # Per sensor: a user value, the cursor, TICK_STEPS times, TICK_STEPS x 3 values.
         starts = [int(self.model.sensor_historyadr[i]) + 2 + TICK_STEPS for i in range(2)]
@@ -157,6 +157,7 @@ class World:
                 break
         if float(np.abs(self.data.qvel).max()) > MAY_STIR:
             raise WorldError("pose", f"the robot does not come to rest at {pose!r}: speeds {self.data.qvel[:6]!r}")
+        self._settled_s = self.data.time
         self._finish_tick(first=True)
         self._take_kinematics()
         self._release()
@@ -204,7 +205,9 @@ class World:
 
     @property
     def diverged(self) -> str:
-        """What MuJoCo found not finite or huge since the reset; it has put the robot back to its origin then."""
+        """What MuJoCo found not finite or huge since the reset; it has put robot and clock back to zero then."""
+        if self.data.time - self._settled_s > (self.steps - 0.5) * STEP_NS * 1e-9:
+            return ""
         warning, kind = self.data.warning, mujoco.mjtWarning
         found = {"positions": kind.mjWARN_BADQPOS, "speeds": kind.mjWARN_BADQVEL, "accelerations": kind.mjWARN_BADQACC}
         return ", ".join(name for name, which in found.items() if warning[which].number > 0)
@@ -212,13 +215,13 @@ class World:
     def _finish_tick(self, first: bool = False) -> None:
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
-        self.tracker.update(self.data, first)
+        self.tracker.update(first)
 
     # --- sensors ------------------------------------------------------------------------------------------------
 
     def _take_kinematics(self) -> None:
         """Sample joints and feet now, for release at the end of the tick."""
-        self.tracker.forces(self.data)
+        self.tracker.forces()
         seq = self.steps // self._period - self._first_tick * TICK_STEPS // self._period
         q = read_joints(self.data.qpos, self.address)
         self.sensors.take_kinematics(self.stamp_ns, seq, q, self.data.actuator_force, self.tracker.sphere_force)
@@ -272,15 +275,14 @@ class World:
 
     def truth(self) -> Truth:
         """The exact state now."""
-        d, feet = self.data, self.tracker.feet
-        qpos, qvel = d.qpos, d.qvel
+        feet = self.tracker.feet_now()
+        qpos, qvel = self.data.qpos.copy(), self.data.qvel[TRUNK_DOF].copy()
+        up = float(self.data.xmat[self.address.trunk, 8])
         return Truth(
-            self.stamp_ns, qpos[:3].copy(), qpos[3:7].copy(), qvel[:3].copy(), qvel[3:6].copy(),
-            d.subtree_com[self.address.trunk].copy(), read_joints(qpos, self.address), feet.centre.copy(),
-            feet.force.copy(), feet.normal_force.copy(), feet.displacement.copy(), feet.sliding.copy(),
-            feet.last_sliding.copy(), feet.last_displacement.copy(), feet.stances.copy(),
-            math.acos(min(1.0, max(-1.0, float(d.xmat[self.address.trunk, 8])))), self.tracker.fallen,
-            *self._twist(),
+            self.stamp_ns, qpos[:3], qpos[3:7], qvel[:3], qvel[3:], self.data.subtree_com[self.address.trunk].copy(),
+            read_joints(qpos, self.address), feet.centre, feet.force, feet.normal_force, feet.displacement,
+            feet.sliding, feet.last_sliding, feet.last_displacement, feet.stances, math.acos(min(1.0, max(-1.0, up))),
+            self.tracker.fallen, *self._twist(),
         )  # fmt: skip
 
     def _twist(self) -> tuple[Array, Array]:
@@ -328,6 +330,7 @@ class World:
         mujoco.mj_setState(self.model, self.data, saved.physics, STATE)
         for warning in self.data.warning:  # what went wrong later has not happened
             warning.number = 0
+        self._settled_s = self.data.time - self.steps * STEP_NS * 1e-9
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
         self.tracker.restore(meta["truth"])

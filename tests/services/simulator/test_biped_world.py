@@ -112,10 +112,10 @@ def test_a_tilted_floor_is_what_the_accelerometer_feels():
 def test_twist_is_on_the_wire_for_soles_only():
     biped = World(BIOLOID, make_terrain("flat")).truth()
     assert biped.foot_twist.shape == biped.stance_twist.shape == (2,)
-    assert b"foot_twist" in encode(truth_message(biped, 0).message)[0]
+    assert b"foot_twist" in encode(truth_message(biped))[0]
     hexapod = World(RAGNO, make_terrain("flat")).truth()
     assert hexapod.foot_twist.shape == (0,)
-    assert b"twist" not in encode(truth_message(hexapod, 0).message)[0]
+    assert b"twist" not in encode(truth_message(hexapod))[0]
 
 
 def test_a_turning_robot_twists_its_standing_soles():

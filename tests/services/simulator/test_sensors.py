@@ -15,8 +15,13 @@ REST = np.array([0.0, 0.0, 9.81, 0.0, 0.0, 0.0])
 RATE = 100.0
 
 
+def in_steps(exact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same force and rate in each of two physics steps."""
+    return np.tile(exact[:3], (2, 1)), np.tile(exact[3:], (2, 1))
+
+
 def samples(sensor: ImuSensor, n: int) -> np.ndarray:
-    return np.array([sensor.measure(REST) for _ in range(n)])
+    return np.array([sensor.measure(*in_steps(REST))[0] for _ in range(n)])
 
 
 def test_stream_continues_to_the_bit_across_blocks() -> None:
@@ -36,7 +41,7 @@ def test_streams_differ_by_seed_and_name() -> None:
 
 
 def test_ideal_sensor_is_exact() -> None:
-    np.testing.assert_array_equal(ImuSensor(None, 0, RATE).measure(REST), REST)
+    np.testing.assert_array_equal(ImuSensor(None, 0, RATE).measure(*in_steps(REST))[0], REST)
 
 
 @pytest.mark.parametrize("name", imu_profile_names())
@@ -65,7 +70,7 @@ def test_in_run_bias_is_gauss_markov() -> None:
     sensor = ImuSensor(ImuProfile("test", axis, axis), 2, RATE)
     track = np.empty((20_000, 6))
     for row in track:
-        sensor.measure(REST)
+        sensor.measure(*in_steps(REST))
         row[:] = sensor.gauss_markov
     assert track.std() == pytest.approx(0.1, rel=0.1)
     lag = 100  # one time constant
@@ -79,7 +84,8 @@ def test_output_is_quantised_and_clipped() -> None:
     y = samples(sensor, 50)
     steps = y / np.repeat([profile.accel.lsb, profile.gyro.lsb], 3)
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
-    hard = sensor.measure(np.array([1e4, -1e4, 0.0, 1e4, -1e4, 0.0]))
+    hard, saturated = sensor.measure(*in_steps(np.array([1e4, -1e4, 0.0, 1e4, -1e4, 0.0])))
+    assert saturated
     limits = np.repeat([profile.accel.limit, profile.gyro.limit], 2) * [1, -1, 1, -1]
     np.testing.assert_array_equal(hard[[0, 1, 3, 4]], limits)
 
