@@ -5,10 +5,11 @@ from typing import Any
 
 import pytest
 
+from schemas.sim import Truth
 from schemas.topics import HW_IMU, SIM_PUSH, SIM_TRUTH, STATE_GAIT, STATE_VELOCITY, TERRAIN_MAP
-from surefoot.driver import DriverNode
+from surefoot.driver import DriverNode, Sample
 from surefoot.local import LocalSystem
-from tests.surefoot.toys import ToyObserver, toys
+from tests.surefoot.toys import ToyDriver, ToyObserver, toys
 
 EXPECT = ("estimator", "walker", "recorder")
 TICKS = 60
@@ -94,3 +95,41 @@ def test_a_driver_without_truth_map_and_pushes_is_not_waited_for_in_vain() -> No
     assert [tick for tick, _ in curious.seen] == list(range(TICKS + 1))
     assert {key for _, messages in curious.seen for key in messages} == {t.key for t in ToyObserver.inputs}
     assert driver.history == run()[0]
+
+
+class Telling(ToyDriver):
+    """A driver that knows the truth and books when it is asked to make the message of it."""
+
+    outputs = (*ToyDriver.outputs, SIM_TRUTH)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.book: list[tuple[int, int]] = []
+
+    def reveal(self, tick: int) -> list[Sample]:
+        return [Sample(SIM_TRUTH, lambda: self.made(tick), 0, tick)]
+
+    def made(self, tick: int) -> Truth:
+        self.book.append((tick, self.node.leader.tick))
+        n = (0.0,) * 3
+        return Truth(
+            position=n, quat_wxyz=(1.0, 0.0, 0.0, 0.0), velocity=n, angular_velocity=n, com=n, joints=(), tilt=0.0,
+            foot_position=(), foot_force_n=(), foot_displacement=(), contact_sliding=(), stance_sliding=(), stances=(),
+            fallen=False,
+        )  # fmt: skip
+
+
+def test_truth_is_made_a_batch_at_a_time_and_none_of_it_is_lost_by_a_reset() -> None:
+    _, services = toys()
+    driver, curious = Telling(), Curious()
+    heard: list[tuple[int, int]] = []
+    system = LocalSystem([driver, *services[1:3], curious])
+    system.bus.subscribe(
+        SIM_TRUTH, lambda d: heard.append((d.header().epoch, d.header().tick)) if not d.prime else None
+    )
+    driver.node.begin(EXPECT, "lockstep", 0.0, 1, "hold", 0)
+    system.run_until(lambda: driver.node.leader.tick >= 25)
+    last = driver.node.leader.tick
+    driver.node.begin(EXPECT, "lockstep", 0.0, 1, "hold", 0)
+    assert heard == [(1, tick) for tick in range(last + 1)]
+    assert [at for tick, at in driver.book if tick < 20] == [9] * 10 + [19] * 10

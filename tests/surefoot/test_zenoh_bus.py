@@ -112,7 +112,7 @@ def test_onlookers_hear_the_topic_itself_from_when_they_listen(net: Net) -> None
     velocities(owner, [publisher], 0, batch=True)  # nobody listens
     net.open("client").subscribe(STATE_VELOCITY, inbox.put)
     assert isinstance(publisher, FramedPublisher)
-    wait_until(lambda: publisher._watched)
+    wait_until(lambda: publisher.watched)
     velocities(owner, [publisher], 1, batch=False)
     assert inbox.get().header().tick == 1
 
