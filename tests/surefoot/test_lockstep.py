@@ -7,6 +7,7 @@ import pytest
 
 from schemas.sim import Truth
 from schemas.topics import HW_IMU, SIM_PUSH, SIM_TRUTH, STATE_GAIT, STATE_VELOCITY, TERRAIN_MAP
+from surefoot.bus import Delivery
 from surefoot.driver import DriverNode, Sample
 from surefoot.local import LocalSystem
 from tests.surefoot.toys import ToyDriver, ToyObserver, toys
@@ -122,14 +123,13 @@ class Telling(ToyDriver):
 def test_truth_is_made_a_batch_at_a_time_and_none_of_it_is_lost_by_a_reset() -> None:
     _, services = toys()
     driver, curious = Telling(), Curious()
-    heard: list[tuple[int, int]] = []
+    heard: list[Delivery] = []
     system = LocalSystem([driver, *services[1:3], curious])
-    system.bus.subscribe(
-        SIM_TRUTH, lambda d: heard.append((d.header().epoch, d.header().tick)) if not d.prime else None
-    )
+    system.bus.subscribe(SIM_TRUTH, heard.append)
     driver.node.begin(EXPECT, "lockstep", 0.0, 1, "hold", 0)
     system.run_until(lambda: driver.node.leader.tick >= 25)
     last = driver.node.leader.tick
     driver.node.begin(EXPECT, "lockstep", 0.0, 1, "hold", 0)
-    assert heard == [(1, tick) for tick in range(last + 1)]
+    told = [delivery.header() for delivery in heard if not delivery.prime]
+    assert [(header.epoch, header.tick) for header in told] == [(1, tick) for tick in range(last + 1)]
     assert [at for tick, at in driver.book if tick < 20] == [9] * 10 + [19] * 10
