@@ -30,6 +30,8 @@ def main(service: type[Service[Any]], arguments: list[str] | None = None) -> NoR
     Everything of ours is closed by then. Taking down the interpreter with compiled kernels and a compiler in it takes
     up to seconds on a busy machine, and two are promised from SIGTERM to exit: so it is left out.
     """
+    gc.freeze()  # what is imported by now stays
+    gc.enable()  # who starts a service may have switched it off until here
     try:
         code = run(service, arguments)
     except SystemExit as end:  # --help, or told to stop while starting

@@ -1,5 +1,6 @@
 """``surefoot-service <name> [options]``: starts one service, of the folder `services` or of an installed package."""
 
+import gc
 import importlib
 import pkgutil
 import sys
@@ -44,6 +45,7 @@ def main(arguments: list[str] | None = None) -> None:
     if not words or words[0] in ("-h", "--help"):
         sys.stdout.write(f"usage: surefoot-service <name> [options]\nservices: {', '.join(service_names())}\n")
         sys.exit(0 if words else 2)
+    gc.disable()  # nothing that is imported becomes garbage: a tenth of the start; `run` enables it again
     try:
         service = service_class(words[0])
     except KeyError:
