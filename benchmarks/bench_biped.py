@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks import biped_walk
+from benchmarks import biped_walk, joined
 from benchmarks.biped_walk import Capture, Setting, Walk, walk
 
 
@@ -72,7 +72,7 @@ def code_version() -> str:
         for path in (root / folder).rglob(kind)
     )
     digest = hashlib.sha256()
-    for path in (*names, Path(biped_walk.__file__)):
+    for path in (*names, Path(biped_walk.__file__), Path(joined.__file__)):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 

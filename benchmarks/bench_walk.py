@@ -19,16 +19,16 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.joined import TICK_S, costs_us, sense
 from services.estimator.estimator import Estimator
 from services.simulator.terrain import make_terrain, observed_map
 from services.simulator.world import World
 from services.walker.hexapod import HexapodWalker
-from services.walker.interface import Command, Select, WalkerInputs, WalkerOutputs
+from services.walker.interface import Command, Select, WalkerOutputs
 from services.walker.params import WalkerParams
 from surefoot.heightmap import HeightMap
 from surefoot.robot import Robot, load_robot
 
-TICK_NS = 10_000_000
 PATIENCE_S = 5.0  # simulated time to stand before the walk command
 REACHED = 0.95  # part of the commanded distance that counts as the end, by truth
 
@@ -129,21 +129,8 @@ def walk(
     judge, costs, unreachable, margin = Judge(world), [], 0, math.inf
     pending = [world.command.copy()] * setting.delay
     started, out, odometry = False, None, 0.0
-    while world.tick * 0.01 < setting.limit_s:
-        samples = world.samples
-        imu, joints, contacts = samples.imu, samples.joints, samples.contacts
-        if imu is not None:
-            estimator.on_imu(imu.stamp_ns, imu.gyro, imu.acc)
-        touch = None if contacts is None else np.array([any(foot) for foot in contacts.touch])
-        if joints is not None and touch is not None:
-            estimator.on_kinematics(joints.stamp_ns, joints.position, touch)
-        estimate, pose = estimator.estimate(), estimator.pose()
-        x, y, _ = pose.position
-        inputs = WalkerInputs(
-            stamp=0.01 * world.tick, roll=estimate.roll, pitch=estimate.pitch, x=float(x), y=float(y), yaw=pose.yaw,
-            estimate_stamp=1e-9 * estimate.stamp_ns, initialised=estimate.initialised,
-            joints=None if joints is None else joints.position, contacts=touch,
-        )  # fmt: skip
+    while world.tick * TICK_S < setting.limit_s:
+        inputs, _ = sense(world, estimator)
         began = time.perf_counter()
         out = walker.step(inputs)
         costs.append(time.perf_counter() - began)
@@ -155,7 +142,7 @@ def walk(
             started = walker.command(command).accepted
         elif started and out.state in ("standing", "refused"):
             break
-        if not started and world.tick * 0.01 > PATIENCE_S:
+        if not started and world.tick * TICK_S > PATIENCE_S:
             break
         pending.append(world.command if out.command is None else out.command)
         world.step_tick(pending.pop(0))
@@ -164,6 +151,7 @@ def walk(
     truth = world.truth()
     odometry = math.hypot(*(np.array(estimator.pose().position[:2]) - truth.position[:2]))
     assert out is not None
+    median_us, p99_us = costs_us(costs)
     way = setting.distance if setting.command is None else 0.0
     return Walk(
         seed=seed,
@@ -173,7 +161,7 @@ def walk(
         reason=out.reason,
         x=round(float(truth.position[0]), 4),
         y=round(float(truth.position[1]), 4),
-        time_s=round(0.01 * world.tick, 2),
+        time_s=round(TICK_S * world.tick, 2),
         steps=out.steps,
         tilt_deg=round(math.degrees(judge.tilt), 2),
         sliding_mm=round(1e3 * float(np.mean(judge.sliding or [0.0])), 4),
@@ -182,8 +170,8 @@ def walk(
         odometry_mm=round(1e3 * odometry, 1),
         margin_mm=round(1e3 * margin, 1),
         unreachable=unreachable,
-        walker_us=round(1e6 * float(np.median(costs)), 1),
-        walker_p99_us=round(1e6 * float(np.percentile(costs, 99)), 1),
+        walker_us=median_us,
+        walker_p99_us=p99_us,
     )
 
 

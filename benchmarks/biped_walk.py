@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
+from benchmarks.joined import TICK_S, costs_us, sense
 from services.estimator.estimator import Estimator
 from services.simulator.ground import perturbation
 from services.simulator.model import Physics
@@ -24,11 +25,10 @@ from services.walker.biped import BipedWalker
 from services.walker.biped_params import BipedParams
 from services.walker.biped_plan import RIGHT
 from services.walker.biped_state import Mode
-from services.walker.interface import Command, WalkerInputs
+from services.walker.interface import Command
 from surefoot.polygon import hull, signed_distance
 from surefoot.robot import load_robot
 
-TICK_S = 0.01
 PATIENCE_S = 6.0  # simulated time to stand before the command
 PUSH_TICKS = 10
 STANDING = RIGHT  # the foot that stands in a step with a push
@@ -135,20 +135,7 @@ def walk(seed: int, setting: Setting, observe: Callable[..., None] | None = None
     judge = FootJudge(robot)
     pushed, capture, push_end = setting.push is None, None, -1
     while world.tick * TICK_S < setting.limit_s:
-        samples = world.samples
-        imu, joints, contacts = samples.imu, samples.joints, samples.contacts
-        if imu is not None:
-            estimator.on_imu(imu.stamp_ns, imu.gyro, imu.acc)
-        touch = None if contacts is None else np.array([any(foot) for foot in contacts.touch])
-        if joints is not None and touch is not None:
-            estimator.on_kinematics(joints.stamp_ns, joints.position, touch)
-        estimate, pose = estimator.estimate(), estimator.pose()
-        inputs = WalkerInputs(
-            stamp=TICK_S * world.tick, roll=estimate.roll, pitch=estimate.pitch,
-            rate=tuple(estimate.angular_velocity.tolist()), x=float(pose.position[0]),
-            y=float(pose.position[1]), yaw=pose.yaw, estimate_stamp=1e-9 * estimate.stamp_ns,
-            initialised=estimate.initialised, joints=None if joints is None else joints.position, contacts=touch,
-        )  # fmt: skip
+        inputs, estimate = sense(world, estimator)
         clock = time.perf_counter()
         out = walker.step(inputs)
         costs.append(time.perf_counter() - clock)
@@ -184,6 +171,7 @@ def walk(seed: int, setting: Setting, observe: Callable[..., None] | None = None
         if truth.fallen:
             break
     assert out is not None
+    median_us, p99_us = costs_us(costs)
     truth = world.truth()
     yaw0, yaw1 = _yaw(begin_truth.quat_wxyz), _yaw(truth.quat_wxyz)
     move = truth.position[:2] - begin_truth.position[:2]
@@ -203,8 +191,7 @@ def walk(seed: int, setting: Setting, observe: Callable[..., None] | None = None
         odometry_mm=round(1e3 * float(np.hypot(*drift)), 1),
         heading_error_deg=round(math.degrees(_wrap(pose.yaw - yaw1)), 2), adjusted=walker.state.adjusted,
         unreachable=unreachable, saturated=round(saturated / max(1, world.tick - began), 4),
-        walker_us=round(1e6 * float(np.median(costs)), 1),
-        walker_p99_us=round(1e6 * float(np.percentile(costs, 99)), 1),
+        walker_us=median_us, walker_p99_us=p99_us,
         sha256=digest.hexdigest()[:16], capture=capture,
     )  # fmt: skip
 
