@@ -18,6 +18,7 @@ from surefoot.bus import Delivery
 from surefoot.codec import refusal_of
 from surefoot.endpoint import checked, to_connect
 from surefoot.errors import CallError, SurefootError
+from surefoot.tables import did_you_mean
 from surefoot.zenoh_bus import Endpoint, ZenohBus
 
 M = TypeVar("M", bound=Message)
@@ -28,7 +29,7 @@ def topic_named(key: str) -> Topic[Any]:
     for topic in TOPICS:
         if topic.key == key or (topic.key.endswith("/*") and key.startswith(topic.key[:-1]) and key != topic.key):
             return topic if topic.key == key else topic.of(key[len(topic.key) - 1 :])
-    raise SurefootError("unknown_topic", f"no topic {key!r}; known are {', '.join(t.key for t in TOPICS)}")
+    raise SurefootError("unknown_topic", f"no topic {key!r}{_known(key, [t.key for t in TOPICS])}")
 
 
 def query_named(key: str) -> Query[Any, Any]:
@@ -36,7 +37,12 @@ def query_named(key: str) -> Query[Any, Any]:
     for query in QUERIES:
         if query.key == key or (query.key.endswith("/*") and key.startswith(query.key[:-1]) and key != query.key):
             return query if query.key == key else query.of(key[len(query.key) - 1 :])
-    raise SurefootError("unknown_query", f"no query {key!r}; known are {', '.join(q.key for q in QUERIES)}")
+    raise SurefootError("unknown_query", f"no query {key!r}{_known(key, [q.key for q in QUERIES])}")
+
+
+def _known(key: str, keys: list[str]) -> str:
+    """The nearest of many keys, or all when none is near."""
+    return did_you_mean(key, keys) or f"; known are {', '.join(keys)}"
 
 
 class Client:

@@ -22,13 +22,17 @@ def test_rows_are_found_by_key_also_members_of_families() -> None:
     assert query_named("health/walker").owner == "walker"
 
 
-@pytest.mark.parametrize(("named", "code"), [(topic_named, "unknown_topic"), (query_named, "unknown_query")])
-def test_unknown_keys_are_told_with_the_known_ones(named: object, code: str) -> None:
+@pytest.mark.parametrize(
+    ("named", "code", "near"),
+    [(topic_named, "unknown_topic", "state/velocity"), (query_named, "unknown_query", "stability/region")],
+)
+def test_unknown_keys_are_told_with_the_nearest_or_all(named: object, code: str, near: str) -> None:
     assert callable(named)
-    with pytest.raises(SurefootError) as caught:
-        named("state/velocityy")
-    assert caught.value.code == code
-    assert "/" in caught.value.message.split("known are")[1]
+    for key, told in ((f"{near}y", f"did you mean {near!r}?"), ("xyz", near)):
+        with pytest.raises(SurefootError) as caught:
+            named(key)
+        assert caught.value.code == code
+        assert told in caught.value.message
 
 
 @pytest.mark.parametrize(

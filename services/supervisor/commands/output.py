@@ -110,7 +110,8 @@ def fail(error: Exception) -> int:
     from surefoot.endpoint import without_source
 
     code = str(getattr(error, "code", "") or "internal")
-    message = without_source(str(error)) or type(error).__name__
+    said = str(error) if code != "not_found" or getattr(error, "file", "") else getattr(error, "message", str(error))
+    message = without_source(said) or type(error).__name__
     exit_code = EXIT_CHECK
     if _is_usage(error):
         exit_code = EXIT_USAGE

@@ -93,7 +93,8 @@ def _fields(text: str) -> dict[str, Any]:
 
 
 def _check(query: Any, fields: dict[str, Any]) -> None:
-    """Refuse an unknown field with the nearest known one, before anything is sent."""
+    """Refuse an unknown field with the nearest known one, or a wrong value, before anything is sent."""
+    from surefoot.client import make_request
     from surefoot.errors import SurefootError
     from surefoot.tables import did_you_mean
 
@@ -103,3 +104,4 @@ def _check(query: Any, fields: dict[str, Any]) -> None:
             hint = did_you_mean(name, known)
             message = f"{query.key} has no field {name!r}{hint}; it has {', '.join(known) or 'none'}"
             raise SurefootError("invalid", message, name)
+    make_request(query, fields)

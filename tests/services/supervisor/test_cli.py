@@ -103,7 +103,7 @@ def test_every_command_has_help_and_json(surefoot, words):
         (["down", "nosuch"], "running: none"),
         (["up", "--listen", "garbage"], "--listen: got 'garbage', expected tcp/<host>:<port 1-65535>"),
         (["up", "-d", "--listen", "tcp/127.0.0.1:70000"], "expected tcp/<host>:<port 1-65535>"),
-        (["call", "cmd/walk", "--connect", "tcp/:1"], "--connect: got"),
+        (["call", "health/walker", "--connect", "tcp/:1"], "--connect: got"),
         (["run"], "scenario"),
         (["run", "stand", "--seed", "-1"], "seed"),
     ],
@@ -270,7 +270,27 @@ def test_tables_hold_no_truth_values(surefoot):
 def test_a_folder_that_is_no_robot_is_told_what_was_expected(surefoot, tmp_path):
     code, _, err = surefoot("robot", "check", tmp_path)
     assert code == 2
-    assert "holds no robot.toml: a robot is a folder with that file" in err
+    assert err == f"surefoot: {str(tmp_path)!r} holds no robot.toml: a robot is a folder with that file\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("topic", "echo", "state/velocty"), "no topic 'state/velocty' (did you mean 'state/velocity'?)"),
+        (("call", "cmd/wlak"), "no query 'cmd/wlak' (did you mean 'cmd/walk'?)"),
+        (
+            ("call", "cmd/walk", '{"action": "walk", "distance": true}'),
+            "cmd/walk.distance: Input should be a valid number",
+        ),
+        (("call", "cmd/walk", '{"action": "stop", "distance": 1}'), "cmd/walk.distance: goes with action 'walk' only"),
+        (("robot", "check", "nobody"), "no robot 'nobody'; known are bioloid"),
+    ],
+)
+def test_what_is_wrong_is_told_before_anybody_is_asked(surefoot, words, told):
+    code, _, err = surefoot(*words)
+    assert code == 2
+    assert err.startswith(f"surefoot: {told}")
+    assert len(err.splitlines()) == 1
 
 
 def test_a_damaged_recording_is_told_without_a_traceback(surefoot, tmp_path):
