@@ -23,6 +23,7 @@ from typing import Any
 from services.supervisor.scenario import find_scenario, load_scenario
 from services.supervisor.study import run_local
 from surefoot.codec import decode, encode
+from surefoot.launch import spare_collector
 from surefoot.node import Node
 from surefoot.recording import read_recording
 
@@ -48,9 +49,10 @@ def zenoh_run(folder: Path, *flags: str) -> dict[str, Any]:
 
 
 def local_run(strict: bool) -> dict[str, Any]:
-    """The same services in one process, in a process of its own."""
+    """The same services in one process, in a process of its own, its collector spared as in theirs."""
     code = (
         "import json; from services.supervisor.scenario import *; from services.supervisor.study import run_local;"
+        "from surefoot.launch import spare_collector; spare_collector();"
         f"r = run_local(load_scenario(find_scenario({SCENARIO!r})), 0, strict={strict});"
         "print(json.dumps({'values': {'real_time_factor': r.rtf}, 'message_hash': r.run_hash, 'recording': ''}))"
     )
@@ -79,7 +81,7 @@ def main(rounds: int = ROUNDS) -> None:
                 result = run(folder)
                 rtf[variant].append(result["values"]["real_time_factor"])
                 hashes["strict" if "strict" in variant else "delay"].add(result["message_hash"])
-                recording = result["recording"] or recording
+                recording = str(folder / result["recording"]) if result["recording"] else recording
         print(f"real-time factor, {SCENARIO}, seed 0, {rounds} rounds, median (all)")
         median = {key: statistics.median(values) for key, values in rtf.items()}
         for key, values in rtf.items():
@@ -122,6 +124,7 @@ def breakdown(recording: Path, delay_us: float, strict_us: float) -> None:
     """Where the time of a tick goes: CPU of each service, of physics and of the codec; transport is the rest."""
     from services.simulator.world import World
 
+    spare_collector()  # as every service does
     spent: dict[str, float] = {}
 
     def book_node(node: Any, seconds: float) -> None:

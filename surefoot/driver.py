@@ -278,7 +278,7 @@ class DriverNode(Node):
         leader = self.leader
         if self._joining:
             self._admit_joiners()
-        if leader.mode == "paced" and not self._time_has_come():
+        if leader.mode == "paced" and self.rtf > 0.0 and self._until_due() > 0.0:
             return False
         if not leader.may_advance():
             self._watch_silence()
@@ -363,10 +363,10 @@ class DriverNode(Node):
         leader = self.leader
         order = {name: place for place, name in enumerate(leader.expect)}
         behind = [name for name, member in leader.members.items() if member.done < leader.tick]
-        silent = sorted(behind, key=lambda n: (leader.members[n].done, order.get(n, len(order))))
-        if silent:
-            self.log("error", f"{silent[0]} is silent in tick {leader.tick}; it counts as lost")
-            leader.drop(silent[0], f"{silent[0]} is silent")
+        if behind:
+            silent = min(behind, key=lambda n: (leader.members[n].done, order.get(n, len(order))))
+            self.log("error", f"{silent} is silent in tick {leader.tick}; it counts as lost")
+            leader.drop(silent, f"{silent} is silent")
         self._resends = 0
         self._repeat_all()
 
@@ -378,12 +378,10 @@ class DriverNode(Node):
         if self._joining:
             self._prime()
 
-    def _time_has_come(self) -> bool:
-        if self.rtf <= 0.0:
-            return True
+    def _until_due(self) -> float:
+        """Wall seconds until the next tick of paced time."""
         started, tick = self._pace_origin
-        due = started + (self.leader.tick + 1 - tick) * TICK_NS * 1e-9 / self.rtf
-        return time.monotonic() >= due
+        return started + (self.leader.tick + 1 - tick) * TICK_NS * 1e-9 / self.rtf - time.monotonic()
 
     def _timers(self) -> float:
         wait = super()._timers()
@@ -393,9 +391,7 @@ class DriverNode(Node):
         if leader.state != "running":
             return wait
         if leader.mode == "paced" and self.rtf > 0.0:
-            started, tick = self._pace_origin
-            due = started + (leader.tick + 1 - tick) * TICK_NS * 1e-9 / self.rtf
-            return max(0.0, min(wait, due - time.monotonic()))
+            return max(0.0, min(wait, self._until_due()))
         return min(wait, SILENCE_S)
 
     def _ask_to_join(self) -> None:

@@ -23,6 +23,7 @@ from services.supervisor.scenario import TICK_S, Scenario, find_scenario, load_s
 from services.supervisor.service import Supervisor
 from surefoot.config import ServiceConfig, load_config
 from surefoot.driver import DriverNode
+from surefoot.launch import spare_collector
 from surefoot.local import LocalSystem
 from surefoot.service import Service
 
@@ -110,6 +111,7 @@ def run_local(
 
 
 def _job(name: str, seed: int, strict: bool) -> LocalRun:
+    spare_collector()
     return run_local(load_scenario(find_scenario(name)), seed, strict=strict, without=("recorder",))
 
 
