@@ -11,17 +11,17 @@ from collections.abc import Callable
 
 import numpy as np
 
-from services.stability.contacts import Array, ContactSet, contact_set
-from services.stability.directions import equally_spaced
-from services.stability.interior import SOLVED
-from services.stability.many import COARSE
-from services.stability.margin import extent, margin, warm
-from services.stability.oracle import Oracle
-from services.stability.reference import Reference
-from services.stability.region import Region, region
-from services.stability.single import support_value
-from services.stability.state import WatchParams, watch
-from services.stability.whatif import batch, pack
+from services.stability.programs.contacts import Array, ContactSet, contact_set
+from services.stability.programs.directions import equally_spaced
+from services.stability.programs.interior import SOLVED
+from services.stability.programs.oracle import Oracle
+from services.stability.programs.reference import Reference
+from services.stability.programs.single import support_value
+from services.stability.regions.many import COARSE
+from services.stability.regions.margin import extent, margin, warm
+from services.stability.regions.region import Region, region
+from services.stability.regions.whatif import batch, pack
+from services.stability.robot.state import WatchParams, watch
 from surefoot.jit import kernel
 from surefoot.polygon import area
 from surefoot.robot import load_robot

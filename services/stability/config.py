@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from services.stability.state import WatchParams
+from services.stability.robot.state import WatchParams
 from surefoot.config import ServiceConfig
 
 

@@ -27,18 +27,20 @@ from schemas.topics import (
     STATE_VELOCITY,
 )
 from schemas.whatif import BatchReply, BatchRequest
-from services.stability import clarabel_tools, forces, interior, many, margin, region, shift, state
-from services.stability.beyond import region_answer
-from services.stability.check_query import check_reply
 from services.stability.config import StabilityConfig
-from services.stability.contacts import StabilityError
-from services.stability.job import CalibrationJob
-from services.stability.messages import (
+from services.stability.programs import clarabel_tools, interior
+from services.stability.programs.contacts import StabilityError
+from services.stability.queries.beyond import region_answer
+from services.stability.queries.check_query import check_reply
+from services.stability.queries.job import CalibrationJob
+from services.stability.queries.messages import (
     batch_reply,
     com_reply,
     equilibrium_reply,
     whatif_reply,
 )
+from services.stability.regions import many, margin, region
+from services.stability.robot import forces, shift, state
 from surefoot.compiling import COMPILING
 from surefoot.errors import Refusal
 from surefoot.join import Delayed, TickInputs

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from services.stability.contacts import ContactSet, contact_set
-from services.stability.directions import equally_spaced
-from services.stability.movement import check
-from services.stability.region import region
-from services.stability.shift import kinematic_shift
+from services.stability.programs.contacts import ContactSet, contact_set
+from services.stability.programs.directions import equally_spaced
+from services.stability.regions.movement import check
+from services.stability.regions.region import region
+from services.stability.robot.shift import kinematic_shift
 from surefoot.kinematics import com, foot_positions, legs_ik
 from surefoot.polygon import area, hull
 from surefoot.robot import load_robot

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from services.estimator.estimator import Estimator
 from services.simulator.terrain import make_terrain
 from services.simulator.world import World, WorldConfig
-from services.stability.calibration import Calibration, Pose, calibrate, gain_of_47, level_from_up
-from services.stability.contacts import contact_set
-from services.stability.forces import (
+from services.stability.programs.contacts import contact_set
+from services.stability.regions.region import Region, region
+from services.stability.robot.calibration import Calibration, Pose, calibrate, gain_of_47, level_from_up
+from services.stability.robot.forces import (
     FootForces,
     com_from_forces,
     forces_from_torques,
@@ -24,8 +25,7 @@ from services.stability.forces import (
     gain_from_weight,
     leg_inverses,
 )
-from services.stability.pressure import PressureSensor, read_loads
-from services.stability.region import Region, region
+from services.stability.robot.pressure import PressureSensor, read_loads
 from services.walker.hexapod import HexapodWalker
 from services.walker.interface import Command, WalkerInputs
 from services.walker.params import WalkerParams

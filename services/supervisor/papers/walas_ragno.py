@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from services.stability.contacts import ContactSet, contact_set
-from services.stability.directions import equally_spaced
-from services.stability.forces import com_from_forces
-from services.stability.margin import Margin, margin
-from services.stability.movement import Check, check
-from services.stability.region import Region, region
-from services.stability.shift import Shift, kinematic_shift
+from services.stability.programs.contacts import ContactSet, contact_set
+from services.stability.programs.directions import equally_spaced
+from services.stability.regions.margin import Margin, margin
+from services.stability.regions.movement import Check, check
+from services.stability.regions.region import Region, region
+from services.stability.robot.forces import com_from_forces
+from services.stability.robot.shift import Shift, kinematic_shift
 from services.supervisor.papers.findings import Finding, at_most, near, told
 from surefoot.kinematics import com, foot_positions, forward, legs_ik
 from surefoot.polygon import area, hull

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from services.stability.pressure import PressureSensor
+from services.stability.robot.pressure import PressureSensor
 from services.supervisor.papers import walas_messor, walas_ragno
 from services.supervisor.papers.findings import Finding, Reproduction, at_most, told
 from surefoot.robot import Robot, load_robot

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from services.stability.actuated import Legs, actuated_region
-from services.stability.contacts import ContactSet, StabilityError, contact_set
-from services.stability.directions import equally_spaced
-from services.stability.forces import contact_jacobians
-from services.stability.region import region
+from services.stability.programs.contacts import ContactSet, StabilityError, contact_set
+from services.stability.programs.directions import equally_spaced
+from services.stability.regions.actuated import Legs, actuated_region
+from services.stability.regions.region import region
+from services.stability.robot.forces import contact_jacobians
 from surefoot.kinematics import foot_jacobians, foot_positions, gravity_torques
 from surefoot.polygon import area, hull
 from surefoot.robot import load_robot

@@ -22,9 +22,9 @@ from schemas.topics import (
 from schemas.whatif import MAX_SETS, BatchReply, BatchRequest
 from services.stability import service as module
 from services.stability.config import StabilityConfig
-from services.stability.many import STATUSES
+from services.stability.regions.many import STATUSES
+from services.stability.regions.whatif import batch, pack
 from services.stability.service import SERVICE, Stability
-from services.stability.whatif import batch, pack
 from surefoot.codec import decode, encode
 from surefoot.errors import Refusal
 from surefoot.memory_bus import MemoryBus, MemoryIncoming

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from services.stability.calibration import Pose, calibrate, gain_of_47
-from services.stability.contacts import StabilityError
-from services.stability.shift import hold_feet
+from services.stability.programs.contacts import StabilityError
+from services.stability.robot.calibration import Pose, calibrate, gain_of_47
+from services.stability.robot.shift import hold_feet
 from surefoot.kinematics import com
 from tests.services.stability.test_forces import ALL, RAGNO, UP, held, standing
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from schemas.stability import CheckReply, CheckRequest, Contact, RegionRequest
-from services.stability.beyond import region_answer
-from services.stability.check_query import check_reply
-from services.stability.contacts import ContactSet, StabilityError, contact_set
-from services.stability.effective import lean, upward
-from services.stability.equilibrium import equilibrium
+from services.stability.programs.contacts import ContactSet, StabilityError, contact_set
+from services.stability.queries.beyond import region_answer
+from services.stability.queries.check_query import check_reply
+from services.stability.regions.effective import lean, upward
+from services.stability.regions.equilibrium import equilibrium
 from surefoot.codec import decode
 from surefoot.robot import load_robot
 from tests.services.stability.sets import SQUARE, UP, feasible_sets, tilted

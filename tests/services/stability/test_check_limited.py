@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from schemas.stability import CheckReply, CheckRequest, RegionRequest
-from services.stability.actuated import Legs, actuated_region
-from services.stability.beyond import region_answer
-from services.stability.check_query import check_reply
-from services.stability.contacts import Array, ContactSet, StabilityError
-from services.stability.directions import equally_spaced
-from services.stability.forces import contact_jacobians
-from services.stability.shift import kinematic_shift
+from services.stability.programs.contacts import Array, ContactSet, StabilityError
+from services.stability.programs.directions import equally_spaced
+from services.stability.queries.beyond import region_answer
+from services.stability.queries.check_query import check_reply
+from services.stability.regions.actuated import Legs, actuated_region
+from services.stability.robot.forces import contact_jacobians
+from services.stability.robot.shift import kinematic_shift
 from surefoot.codec import decode
 from surefoot.kinematics import gravity_torques
 from tests.services.stability.test_actuated import RADIUS, RAGNO, TRIPOD, UP, stance

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from services.stability.contacts import StabilityError, contact_set
-from services.stability.effective import lean, tilt_robust, upward
-from services.stability.equilibrium import equilibrium
-from services.stability.margin import margin
-from services.stability.region import region
+from services.stability.programs.contacts import StabilityError, contact_set
+from services.stability.regions.effective import lean, tilt_robust, upward
+from services.stability.regions.equilibrium import equilibrium
+from services.stability.regions.margin import margin
+from services.stability.regions.region import region
 from surefoot.polygon import area
 from tests.services.stability.sets import feasible_sets
 

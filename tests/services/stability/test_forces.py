@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from services.stability.directions import equally_spaced
-from services.stability.forces import (
+from services.stability.programs.directions import equally_spaced
+from services.stability.regions.region import region
+from services.stability.robot.forces import (
     FootForces,
     com_from_forces,
     contact_jacobians,
@@ -12,7 +13,6 @@ from services.stability.forces import (
     fuse_normal,
     gain_from_weight,
 )
-from services.stability.region import region
 from surefoot.kinematics import foot_jacobians, foot_positions, forward, gravity_torques
 from surefoot.robot import load_robot
 from tests.services.stability.sets import feasible_sets

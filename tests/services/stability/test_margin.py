@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from services.stability.contacts import contact_set
-from services.stability.directions import equally_spaced
-from services.stability.margin import extent, margin
-from services.stability.region import region
+from services.stability.programs.contacts import contact_set
+from services.stability.programs.directions import equally_spaced
+from services.stability.regions.margin import extent, margin
+from services.stability.regions.region import region
 from tests.services.stability.sets import SQUARE, UP, feasible_sets
 
 EAST, WEST = (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)

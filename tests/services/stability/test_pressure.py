@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from services.stability.pressure import PressureSensor, read_loads
+from services.stability.robot.pressure import PressureSensor, read_loads
 
 SENSOR = PressureSensor()
 

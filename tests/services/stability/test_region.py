@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from services.stability.contacts import ContactSet, contact_set
-from services.stability.directions import equally_spaced
-from services.stability.region import Region, region
+from services.stability.programs.contacts import ContactSet, contact_set
+from services.stability.programs.directions import equally_spaced
+from services.stability.regions.region import Region, region
 from surefoot.polygon import area, hull, signed_distance
 from tests.services.stability.certificate import balance, force_violation, twist_violation
 from tests.services.stability.oracles import share_excess

@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.stability.actuated import actuated_region
-from services.stability.contacts import contact_set
-from services.stability.directions import equally_spaced
-from services.stability.effective import lean
-from services.stability.equilibrium import equilibrium
-from services.stability.robust import margin_gradient
+from services.stability.programs.contacts import contact_set
+from services.stability.programs.directions import equally_spaced
+from services.stability.regions.actuated import actuated_region
+from services.stability.regions.effective import lean
+from services.stability.regions.equilibrium import equilibrium
+from services.stability.regions.robust import margin_gradient
 from services.stability.service import Stability
 from surefoot.errors import Refusal
 from surefoot.kinematics import foot_positions

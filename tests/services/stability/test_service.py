@@ -12,8 +12,8 @@ from schemas.hw import FootContacts, JointState, Tick
 from schemas.stability import CheckRequest, StabilityStatus
 from schemas.state import VelocityEstimate
 from schemas.topics import HW_CONTACTS, HW_JOINTS, STATE_STABILITY, STATE_VELOCITY
-from services.stability.check_query import check_reply
-from services.stability.contacts import contact_set
+from services.stability.programs.contacts import contact_set
+from services.stability.queries.check_query import check_reply
 from services.stability.service import Stability
 from surefoot.codec import encode
 from surefoot.errors import Refusal

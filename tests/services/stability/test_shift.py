@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from services.stability.contacts import StabilityError, contact_set
-from services.stability.shift import kinematic_shift, stance_legs
+from services.stability.programs.contacts import StabilityError, contact_set
+from services.stability.robot.shift import kinematic_shift, stance_legs
 from surefoot.kinematics import com, foot_positions, legs_ik
 from surefoot.robot import load_robot
 from surefoot.rotations import matrix_from_rpy

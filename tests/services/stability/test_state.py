@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.stability.state import StandingFeet, WatchParams, level_from_base, watch
+from services.stability.robot.state import StandingFeet, WatchParams, level_from_base, watch
 from surefoot.kinematics import com, foot_jacobians, foot_positions, gravity_torques
 from surefoot.polygon import hull, signed_distance
 from surefoot.robot import load_robot

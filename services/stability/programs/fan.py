@@ -1,0 +1,319 @@
+"""A fan of support directions around a region: inner and outer polygon, refined where it matters.
+
+Region C (convex), support value h(a) = max over C of a'c, support point y(a). For neighbours a_k, a_l of the fan the
+border of C runs inside the triangle (y_k, o, y_l), o the crossing of the two support lines: inner polygon = hull of
+the y_k, outer = the support lines (Bretl and Lall 2008). All in the scaled frame of `reduced`.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.stability.programs.interior import FAILED, SOLVED, solve_lanes
+from services.stability.programs.lanes import LANES
+from surefoot.jit import row_kernel
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+PARALLEL = 1e-9  # neighbours whose directions differ by less are not split further
+NEAR = 0.98  # of what the answers on both sides tell, at the start of a direction between them
+SAME = 1e-13  # support points nearer than that are one point
+
+
+class Fan(NamedTuple):
+    """Answers in the order asked; `order` sorts them by angle."""
+
+    direction: Array  # (cap, 2) unit
+    value: Array  # (cap,) h(a)
+    point: Array  # (cap, 2) y(a)
+    unknown: Array  # (cap, 4) solution of the reduced dual
+    force: Array  # (cap, n, 3) cone coordinates
+    error: Array  # (cap,) largest of residuals and gap
+    status: Ints  # (cap,) as in `interior`
+    order: Ints  # (cap,)
+
+
+ANSWER, ENCLOSE, APPROACH = 0, 1, 2
+"""Goals: only answer what is asked; bring the outer polygon close to the inner; find the nearest edge to a point."""
+
+
+class Goal(NamedTuple):
+    """What directions are added for; lengths in the scaled frame."""
+
+    kind: int
+    tolerance: float
+    """Distance of outer from inner polygon (ENCLOSE), or of the best value from its bound (APPROACH)."""
+    x: float
+    y: float
+    """The point to approach."""
+
+
+class Outlook(NamedTuple):
+    """What is known about a goal."""
+
+    best: float
+    """Largest distance of outer from inner (ENCLOSE); smallest h(a) - a'p (APPROACH)."""
+    bound: float
+    """Lower bound of the smallest h(a) - a'p over all directions."""
+    arg: int
+    """Direction of the best."""
+
+
+ASKED = Goal(ANSWER, 0.0, 0.0, 0.0)
+
+
+@row_kernel
+def new_fan(capacity: int, contacts: int) -> Fan:
+    """An empty fan."""
+    return Fan(
+        np.empty((capacity, 2)),
+        np.empty(capacity),
+        np.empty((capacity, 2)),
+        np.empty((capacity, 4)),
+        np.empty((capacity, contacts, 3)),
+        np.empty(capacity),
+        np.empty(capacity, dtype=np.int64),
+        np.empty(capacity, dtype=np.int64),
+    )
+
+
+@row_kernel
+def evaluate(a: Array, h: Array, c: Array, fan: Fan, begin: int, end: int) -> bool:
+    """Solve for the directions begin .. end - 1 of the fan, eight at a time; tells whether all are solved."""
+    n = a.shape[0]
+    lanes = LANES if end - begin > 2 else end - begin  # eight cost as much as two: a row is one vector
+    rhs, x = np.empty((n, 3, lanes)), np.empty((n, 3, lanes))
+    lam, error, status = np.empty((4, lanes)), np.empty(lanes), np.empty(lanes, dtype=np.int64)
+    fine = True
+    for first in range(begin, end, LANES):
+        share = NEAR
+        for k in range(lanes):
+            s = min(first + k, end - 1)  # spare lanes repeat the last direction
+            if share > 0.0 and not _between(fan, begin, s, lam, x, k):
+                share = 0.0
+            ax, ay = fan.direction[s, 0], fan.direction[s, 1]
+            for i in range(n):
+                for q in range(3):
+                    rhs[i, q, k] = ax * h[i, q, 0] + ay * h[i, q, 1]
+        solve_lanes(a, rhs, c, lam, x, error, status, share)
+        for k in range(min(lanes, end - first)):
+            s = first + k
+            fan.status[s], fan.error[s] = status[k], error[k]
+            if status[k] == FAILED:
+                fine = False
+                continue
+            fine = fine and status[k] == SOLVED
+            value = 0.0
+            for j in range(4):
+                fan.unknown[s, j] = lam[j, k]
+                value += c[j] * lam[j, k]
+            px, py = 0.0, 0.0
+            for i in range(n):
+                for q in range(3):
+                    fan.force[s, i, q] = x[i, q, k]
+                    px += h[i, q, 0] * x[i, q, k]
+                    py += h[i, q, 1] * x[i, q, k]
+            fan.value[s], fan.point[s, 0], fan.point[s, 1] = value, px, py
+    return fine
+
+
+@row_kernel
+def _between(fan: Fan, solved: int, s: int, lam: Array, x: Array, lane: int) -> bool:
+    """A feasible pair for direction s from the answers on both sides of it; False if it has no such neighbours.
+
+    b of the program is linear in the direction: a = p a_k + q a_m, p, q >= 0, makes p lam_k + q lam_m feasible, as
+    any mean of forces is.
+    """
+    if solved < 3:
+        return False
+    ax, ay = fan.direction[s, 0], fan.direction[s, 1]
+    angle, j = _angle(ax, ay), 0
+    while j < solved and _angle(fan.direction[fan.order[j], 0], fan.direction[fan.order[j], 1]) < angle:
+        j += 1
+    k, m = fan.order[j - 1 if j > 0 else solved - 1], fan.order[j if j < solved else 0]
+    bx, by, dx, dy = fan.direction[k, 0], fan.direction[k, 1], fan.direction[m, 0], fan.direction[m, 1]
+    det = bx * dy - by * dx
+    if det < PARALLEL or bx * dx + by * dy < 0.0:
+        return False
+    p, q = (ax * dy - ay * dx) / det, (bx * ay - by * ax) / det
+    for i in range(4):
+        lam[i, lane] = p * fan.unknown[k, i] + q * fan.unknown[m, i]
+    p, q = p / (p + q), q / (p + q)
+    for i in range(x.shape[0]):
+        for d in range(3):
+            x[i, d, lane] = p * fan.force[k, i, d] + q * fan.force[m, i, d]
+    return True
+
+
+@row_kernel
+def _angle(x: float, y: float) -> float:
+    """Monotone in the angle of (x, y) from 0 at +x, without trigonometry: 0 .. 4."""
+    t = y / (abs(x) + abs(y))
+    if x < 0.0:
+        return 2.0 - t
+    return t if y >= 0.0 else 4.0 + t
+
+
+@row_kernel
+def insert(fan: Fan, begin: int, end: int) -> None:
+    """Put the directions begin .. end - 1 into the order by angle."""
+    for s in range(begin, end):
+        angle, j = _angle(fan.direction[s, 0], fan.direction[s, 1]), s
+        while j > 0:
+            k = fan.order[j - 1]
+            if _angle(fan.direction[k, 0], fan.direction[k, 1]) <= angle:
+                break
+            fan.order[j] = k
+            j -= 1
+        fan.order[j] = s
+
+
+@row_kernel
+def triangle(fan: Fan, k: int, m: int) -> tuple[float, float, float, float]:
+    """Outward normal of the edge y_k y_m, height of the triangle over it, and its area; zeros if it cannot be split."""
+    ax, ay, bx, by = fan.direction[k, 0], fan.direction[k, 1], fan.direction[m, 0], fan.direction[m, 1]
+    ex, ey = fan.point[m, 0] - fan.point[k, 0], fan.point[m, 1] - fan.point[k, 1]
+    length, det = math.hypot(ex, ey), ax * by - ay * bx
+    if length < SAME or det < PARALLEL:
+        return 0.0, 0.0, 0.0, 0.0
+    nx, ny = ey / length, -ex / length
+    u, v = fan.value[k], fan.value[m]
+    ox, oy = (u * by - v * ay) / det, (v * ax - u * bx) / det
+    height = nx * (ox - fan.point[k, 0]) + ny * (oy - fan.point[k, 1])
+    return nx, ny, height, 0.5 * height * length
+
+
+@row_kernel
+def explore(
+    a: Array, h: Array, c: Array, fan: Fan, solved: int, count: int, goal: Goal, limit: int, batch: int
+) -> tuple[int, bool, Outlook]:
+    """Solve for the directions given, then for those that a goal asks for. The only kernel that contains the solver.
+
+    Args:
+        a: matrices of `Reduced`, (n, 3, 4).
+        h: as above, (n, 3, 2).
+        c: as above, (4,).
+        fan: the first `solved` directions have answers and an order, those up to `count` are to be answered.
+        solved: how many are.
+        count: how many there are.
+        goal: what to refine for.
+        limit: at most so many directions in the end, <= capacity of the fan.
+        batch: at most so many at once, <= 8: fewer use what the last ones showed, more are quicker.
+
+    Returns:
+        Number of directions that have an answer, whether all given ones are solved, and what is known about the goal.
+    """
+    pick = np.empty((LANES, 2))
+    outlook = Outlook(math.inf, -math.inf, 0)
+    if count > solved:
+        if not evaluate(a, h, c, fan, solved, count):
+            return solved, False, outlook
+        insert(fan, solved, count)
+    while goal.kind != ANSWER:
+        room = min(batch, limit - count)
+        if goal.kind == ENCLOSE:
+            wanted, outlook = _wide_triangles(fan, count, goal, pick, room)
+        else:
+            wanted, outlook = _near_arcs(fan, count, goal, pick, room)
+        if wanted == 0:
+            break
+        for k in range(wanted):
+            fan.direction[count + k] = pick[k]
+        if not evaluate(a, h, c, fan, count, count + wanted):
+            break  # numerically at the end: what was there stays valid
+        insert(fan, count, count + wanted)
+        count += wanted
+    return count, True, outlook
+
+
+@row_kernel
+def _wide_triangles(fan: Fan, count: int, goal: Goal, pick: Array, room: int) -> tuple[int, Outlook]:
+    """The edges of the inner polygon with the largest triangles over them; outlook: the largest height."""
+    rank, gap, wanted = np.empty(LANES), 0.0, 0
+    for i in range(count):
+        nx, ny, height, size = triangle(fan, fan.order[i], fan.order[(i + 1) % count])
+        gap = max(gap, height)
+        if height <= goal.tolerance or room == 0 or (wanted == room and size <= rank[wanted - 1]):
+            continue
+        j = min(wanted, room - 1)
+        wanted = min(wanted + 1, room)
+        while j > 0 and rank[j - 1] < size:
+            rank[j], pick[j, 0], pick[j, 1] = rank[j - 1], pick[j - 1, 0], pick[j - 1, 1]
+            j -= 1
+        rank[j], pick[j, 0], pick[j, 1] = size, nx, ny
+    return wanted, Outlook(gap, 0.0, 0)
+
+
+@row_kernel
+def _near_arcs(fan: Fan, count: int, goal: Goal, pick: Array, room: int) -> tuple[int, Outlook]:
+    """min over unit directions of h(a) - a'p: the distance of p to the border inside, minus the distance outside.
+
+    Between neighbours a_k, a_l the value is at least that of the edge y_k y_l, so each arc has a lower bound; arcs
+    whose bound is below the best value are split at the direction of the bound. Outlook: best value, bound, its index.
+    """
+    rank, best, arg, wanted = np.empty(LANES), math.inf, 0, 0
+    for s in range(count):
+        value = fan.value[s] - fan.direction[s, 0] * goal.x - fan.direction[s, 1] * goal.y
+        if value < best:
+            best, arg = value, s
+    bound = best
+    for i in range(count):
+        dx, dy, low = _arc_bound(fan, fan.order[i], fan.order[(i + 1) % count], goal.x, goal.y)
+        bound = min(bound, low)
+        if low >= best - goal.tolerance or room == 0 or (wanted == room and low >= rank[wanted - 1]):
+            continue
+        j = min(wanted, room - 1)
+        wanted = min(wanted + 1, room)
+        while j > 0 and rank[j - 1] > low:
+            rank[j], pick[j, 0], pick[j, 1] = rank[j - 1], pick[j - 1, 0], pick[j - 1, 1]
+            j -= 1
+        rank[j], pick[j, 0], pick[j, 1] = low, dx, dy
+    if wanted > 0:
+        for k in range(room - wanted):  # spare lanes: ever closer to the most promising direction, on both sides
+            turn = math.ldexp(0.25, -3 * (k // 2)) * (1.0 if k % 2 == 0 else -1.0)
+            dx, dy = pick[0, 0] - turn * pick[0, 1], pick[0, 1] + turn * pick[0, 0]
+            norm = math.hypot(dx, dy)
+            pick[wanted + k, 0], pick[wanted + k, 1] = dx / norm, dy / norm
+        wanted = room
+    return wanted, Outlook(best, bound, arg)
+
+
+@row_kernel
+def _arc_bound(fan: Fan, k: int, m: int, px: float, py: float) -> tuple[float, float, float]:
+    """Lower bound of h(d) - d'p for directions d between two neighbours, and the direction where it is taken."""
+    ax, ay, bx, by = fan.direction[k, 0], fan.direction[k, 1], fan.direction[m, 0], fan.direction[m, 1]
+    ux, uy = fan.point[k, 0] - px, fan.point[k, 1] - py
+    vx, vy = fan.point[m, 0] - px, fan.point[m, 1] - py
+    if ax * by - ay * bx < PARALLEL:
+        return ax, ay, math.inf
+    ex, ey = vx - ux, vy - uy
+    length = math.hypot(ex, ey)
+    nx, ny = (ax + bx), (ay + by)
+    low = math.inf
+    if length > SAME:
+        nx, ny = ey / length, -ex / length
+        if ax * ny - ay * nx < 0.0:  # rounding: the edge was found already, its normal is one of the neighbours
+            nx, ny = ax, ay
+        elif nx * by - ny * bx < 0.0:
+            nx, ny = bx, by
+        low = nx * ux + ny * uy
+    else:
+        norm = math.hypot(nx, ny)
+        nx, ny = nx / norm, ny / norm
+        low = min(ax * ux + ay * uy, bx * ux + by * uy)
+    dx, dy = nx, ny
+    for side in range(2):
+        wx, wy = (ux, uy) if side == 0 else (vx, vy)
+        norm = math.hypot(wx, wy)
+        if norm < SAME or -norm >= low:
+            continue
+        tx, ty = -wx / norm, -wy / norm
+        lx, ly, rx, ry = (ax, ay, nx, ny) if side == 0 else (nx, ny, bx, by)
+        if length <= SAME:
+            lx, ly, rx, ry = ax, ay, bx, by
+        if lx * ty - ly * tx > 0.0 and tx * ry - ty * rx > 0.0:
+            low, dx, dy = -norm, tx, ty
+    return dx, dy, low

@@ -1,0 +1,1 @@
+"""Answers of the service: between messages and the algorithms."""

@@ -1,0 +1,1 @@
+"""Where the CoM may be: regions, margins to their border, many at once, and the forces that hold it."""

@@ -1,0 +1,163 @@
+"""Forces that hold the CoM at a place: is there any, which are the smallest, how much friction do they need."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from services.stability.programs.clarabel_tools import clarabel_and_sparse
+from services.stability.programs.contacts import Array, ContactSet, StabilityError
+from services.stability.programs.interior import NO_PRIMAL, SOLVED
+from services.stability.programs.oracle import solve_one
+from services.stability.programs.reduced import SMALL_MU, matrices
+
+CLOSE = 1e-9  # to that the least share of friction is found
+NOTHING = 1e-10  # of the weight; less friction than that in excess is none
+LARGEST_GAP = 1e-7  # of clarabel's answer, by which it is accepted
+MOST_LOAD = 100.0  # weights, on all contacts together: the harder one presses between two walls, the less the share
+
+
+@dataclass(frozen=True, slots=True)
+class Equilibrium:
+    """Whether the contacts can hold the CoM at a place."""
+
+    held: bool
+    force: Array | None
+    """(n, 3) forces in units of the weight, well inside the cones; None if not held."""
+    twist: Array | None
+    """(6,) twist (v m, Om) about the origin with n'u >= mu |u_t| at every contact and v_z + (Om x c)_z < 0: the CoM
+    sinks; proves that it is not held. None if it is."""
+
+
+@dataclass(frozen=True, slots=True)
+class LeastFriction:
+    """The distribution of forces that is farthest from slipping."""
+
+    share: float
+    """Smallest share of every friction coefficient that still holds, 0 to 1; unlimited friction does not count."""
+    force: Array
+    """(n, 3) forces in units of the weight that need no more: |f_t,i| <= share mu_i n'f_i; of many such, one."""
+
+
+def equilibrium(contacts: ContactSet, com: Array) -> Equilibrium:
+    """Solve sum f = e_z, sum r x f = c x e_z over the cones: six unknowns, the whole twist.
+
+    Args:
+        contacts: with limited friction (unlimited friction is taken as 1e4).
+        com: (2,) m.
+    """
+    if len(contacts) == 0:
+        return Equilibrium(False, None, np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0]))
+    mu = np.where(contacts.mu < SMALL_MU, 0.0, np.minimum(contacts.mu, 1e4))
+    a, _, origin, length, _ = matrices(contacts.position, contacts.normal, mu)
+    arm = (contacts.position - origin) / length
+    full = np.concatenate((a[:, :, :3], np.cross(arm[:, None, :], a[:, :, :3])), axis=2)
+    x, y = (com - origin[:2]) / length
+    status, _, lam, cone, _ = solve_one(full, np.zeros((len(mu), 3)), np.array([0.0, 0.0, 1.0, y, -x, 0.0]))
+    if status == SOLVED:
+        return Equilibrium(True, np.einsum("iqd,iq->id", a[:, :, :3], cone), None)
+    if status != NO_PRIMAL:
+        raise StabilityError("no_convergence", "contacts", "the solver found no answer for this contact set")
+    velocity = length * lam[:3] - np.cross(lam[3:], origin)
+    return Equilibrium(False, None, np.concatenate((velocity, lam[3:])))
+
+
+def least_friction(contacts: ContactSet, com: Array) -> LeastFriction | None:
+    """Forces whose largest share of friction is the smallest (min-max); None if the CoM is not held.
+
+    For a share s of every friction coefficient let t(s) = min t such that forces hold the CoM and
+    |f_t,i| <= mu_i (s n'f_i + t): not above zero where the share is enough, and a program with an inside even where
+    forces of that share are just possible. Its root is found by Newton's method within a bracket.
+
+    Args:
+        contacts: n, with any friction.
+        com: (2,) m.
+
+    Raises:
+        StabilityError: no_convergence, by field `contacts`.
+    """
+    some = equilibrium(contacts, com).force
+    if some is None:
+        return None
+    most = max(MOST_LOAD, 2.0 * float(np.einsum("id,id->", contacts.normal, some)))
+    low, high, share, force = 0.0, 1.0, 0.0, some
+    while high - low > CLOSE:
+        excess, slope, found = _excess(contacts, com, share, most)
+        if abs(excess) <= CLOSE * slope:
+            return LeastFriction(share, found)
+        if excess > NOTHING:
+            low = share
+        else:  # also where t stays 0 for more: a contact that must not be loaded
+            high, force = share, found
+        newton = share + excess / slope if slope > CLOSE else low
+        share = newton if low < newton < high else 0.5 * (low + high)
+    return LeastFriction(high, force)
+
+
+def _excess(contacts: ContactSet, com: Array, share: float, most: float) -> tuple[float, float, Array]:
+    """t of `least_friction` for a share, -dt/dshare = sum z_i n'f_i by its multipliers z, and its forces (n, 3)."""
+    clarabel, sparse = clarabel_and_sparse()
+    n, limited = len(contacts), (contacts.mu >= SMALL_MU) & np.isfinite(contacts.mu)
+    a, _, origin, length, _ = matrices(contacts.position, contacts.normal, np.ones(n))
+    columns = math.sqrt(2.0) * a[:, :, :3]  # (n, 3, 3): unit normal, two tangents that are mu_i long
+    columns[:, 1:] *= np.where(limited, contacts.mu, np.isinf(contacts.mu))[:, None, None]
+    arm = (contacts.position - origin) / length
+    wrench = np.concatenate((columns, np.cross(arm[:, None, :], columns)), axis=2)  # (n, 3, 6)
+    x, y = (com - origin[:2]) / length
+    identity = np.eye(3 * n + 1)  # unknowns: forces along the columns, t
+    load = identity[0 : 3 * n : 3]
+    rows = [np.pad(wrench.reshape(3 * n, 6).T, ((0, 0), (0, 1))), -load, load.sum(axis=0)[None], -identity[-1:]]
+    right = np.concatenate(([0.0, 0.0, 1.0, y, -x, 0.0], np.zeros(n), [most, 1.0], np.zeros(3 * int(limited.sum()))))
+    for i in np.flatnonzero(limited):
+        rows.append(-np.vstack((share * load[i] + identity[-1], identity[3 * i + 1 : 3 * i + 3])))
+    cones = [clarabel.ZeroConeT(6), clarabel.NonnegativeConeT(n + 2)]
+    cones += [clarabel.SecondOrderConeT(3)] * int(limited.sum())
+    settings = clarabel.DefaultSettings()
+    settings.verbose, settings.presolve_enable = False, False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-11
+    size, matrix = 3 * n + 1, sparse.csc_matrix(np.vstack(rows))
+    found = clarabel.DefaultSolver(
+        sparse.csc_matrix((size, size)), identity[-1], matrix, right, cones, settings
+    ).solve()
+    unknown, multiplier = np.array(found.x), np.array(found.z)[n + 8 :: 3]
+    gap = abs(float(found.obj_val) - float(found.obj_val_dual))
+    if not gap <= LARGEST_GAP:
+        raise StabilityError("no_convergence", "contacts", f"clarabel ended with {found.status}, gap {gap:.1e}")
+    cone = unknown[:-1].reshape(n, 3)
+    slope = float(multiplier @ cone[limited, 0])
+    cone[:, 0] = np.maximum(cone[:, 0], 0.0)  # what rounding puts outside: much of the share where the load is nil
+    used, allowed = np.hypot(cone[:, 1], cone[:, 2]), share * cone[:, 0]
+    outside = limited & (used > allowed)
+    cone[outside, 1:] *= (allowed[outside] / used[outside])[:, None]
+    return float(unknown[-1]), slope, np.einsum("iqd,iq->id", columns, cone)
+
+
+def least_forces(contacts: ContactSet, com: Array) -> Array | None:
+    """Forces (n, 3) with the smallest sum of squares, in units of the weight; None if the CoM is not held.
+
+    A quadratic program over cones, solved by clarabel; what a force controller would command.
+    """
+    if not equilibrium(contacts, com).held:
+        return None
+    clarabel, sparse = clarabel_and_sparse()
+
+    n = len(contacts)
+    mu = np.where(contacts.mu < SMALL_MU, 0.0, np.minimum(contacts.mu, 1e4))
+    a, _, origin, length, _ = matrices(contacts.position, contacts.normal, mu)
+    columns = a[:, :, :3]  # (n, 3, 3): force = sum of column k times cone coordinate k
+    arm = (contacts.position - origin) / length
+    wrench = np.concatenate((columns, np.cross(arm[:, None, :], columns)), axis=2).reshape(3 * n, 6)
+    x, y = (com - origin[:2]) / length
+    balance = np.array([0.0, 0.0, 1.0, y, -x, 0.0])
+    weight = sparse.block_diag([2.0 * c @ c.T for c in columns], format="csc")
+    rows = sparse.csc_matrix(np.vstack((wrench.T, -np.eye(3 * n))))
+    right = np.concatenate((balance, np.zeros(3 * n)))
+    cones = [clarabel.ZeroConeT(6)] + [clarabel.SecondOrderConeT(3)] * n
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    solution = clarabel.DefaultSolver(
+        sparse.triu(weight, format="csc"), np.zeros(3 * n), rows, right, cones, settings
+    ).solve()
+    if "Solved" not in str(solution.status):
+        raise StabilityError("no_convergence", "contacts", f"clarabel ended with {solution.status}")
+    return np.einsum("iqd,iq->id", columns, np.array(solution.x).reshape(n, 3))

@@ -1,0 +1,161 @@
+"""Distances from the edge of a region: signed margin, extent along a ray (design note 2.6)."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from services.stability.programs.contacts import Array
+from services.stability.programs.fan import APPROACH, Fan, Goal, explore, insert, new_fan
+from services.stability.programs.interior import NO_DUAL, NO_PRIMAL
+from services.stability.programs.lanes import LANES
+from services.stability.programs.oracle import FLAT, Oracle, solve_one
+from services.stability.regions.region import Region, Solved
+from surefoot.polygon import ray, signed_distance
+
+ExtentStatus = Literal["ok", "unbounded", "infeasible", "missed"]
+
+MARGIN_TOLERANCE = 2e-9  # in units of the stance; the solver's own accuracy is 1e-9
+MARGIN_DIRECTIONS = 160  # more are never needed: each round narrows the arc by a factor of nine
+ON_EDGE = 1e-12  # m; a distance below it is zero (points and segments have no inside)
+
+
+@dataclass(frozen=True, slots=True)
+class Margin:
+    """Signed distance of a point from the edge of a region."""
+
+    value: float | None
+    """m, positive inside; None: there is no region, or no edge."""
+    direction: Array | None = None
+    """(2,) unit direction in which the edge is nearest, when known."""
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """Way from a point along a direction to the edge of a region."""
+
+    value: float | None
+    """m, signed: negative when the region ends behind the point; None unless status is ok."""
+    status: ExtentStatus
+    """`missed`: the line does not meet the region."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """Where a region of a leaning frame lies in a horizontal plane: c = matrix p + zero for its points p."""
+
+    matrix: Array
+    """(2, 2), determinant > 0."""
+    zero: Array
+    """(2,) m."""
+
+    def back(self, c: Array) -> Array:
+        """The point (2,) of the region that lies at c (2,) in the plane."""
+        return np.asarray(np.linalg.solve(self.matrix, c - self.zero), dtype=np.float64)
+
+    def solved(self, s: Solved) -> Solved:
+        """The answers of a region seen in the plane: h(d) = h(a) / |M^-T a| for d = M^-T a / |M^-T a|."""
+        direction = s.fan.direction[: s.count] @ np.linalg.inv(self.matrix)
+        size = np.hypot(direction[:, 0], direction[:, 1])
+        fan = _with_room(s.fan, s.count, s.count)
+        fan.direction[:], fan.value[:] = direction / size[:, None], s.fan.value[: s.count] / size
+        fan.point[:], fan.unknown[:] = s.fan.point[: s.count] @ self.matrix.T, s.fan.unknown[: s.count] / size[:, None]
+        insert(fan, 0, s.count)
+        h = np.ascontiguousarray(s.h @ self.matrix.T)
+        return Solved(s.a, h, s.c, fan, s.count, self.matrix @ s.anchor + self.zero, s.length)
+
+
+def margin(region: Region, point: Array, plane: Plane | None = None) -> Margin:
+    """min over unit a of h(a) - a'c: the distance to the edge inside, minus the distance to the region outside.
+
+    With a plane both distance and point are in it.
+    """
+    if region.status in ("infeasible", "unbounded"):
+        return Margin(None)
+    if region.exact or region.solved is None:
+        inner = region.inner if plane is None else region.inner @ plane.matrix.T + plane.zero
+        value = float(signed_distance(inner, float(point[0]), float(point[1])))
+        return Margin(0.0 if abs(value) < ON_EDGE else value)
+    s = region.solved if plane is None else plane.solved(region.solved)
+    x, y = (point - s.anchor) / s.length
+    capacity = s.count + MARGIN_DIRECTIONS
+    fan = _with_room(s.fan, s.count, capacity)
+    goal = Goal(APPROACH, MARGIN_TOLERANCE, float(x), float(y))
+    outlook = explore(s.a, s.h, s.c, fan, s.count, s.count, goal, capacity, LANES)[2]
+    return Margin(outlook.best * s.length, fan.direction[outlook.arg].copy())
+
+
+def _with_room(fan: Fan, count: int, capacity: int) -> Fan:
+    wide = new_fan(capacity, fan.force.shape[1])
+    for mine, theirs in zip(wide, fan, strict=True):
+        mine[:count] = theirs[:count]
+    return wide
+
+
+def extent(region: Region, point: Array, direction: Array, plane: Plane | None = None) -> Extent:
+    """Largest t with point + t a in the region, for a unit direction a.
+
+    One equality more than the support program (b = a turned by 90 degrees): sum h_i(b)'x_i = b'c0; its dual has one
+    unknown nu more: min lam_3 + nu b'c0 - a'c0 s.t. A_i lam + nu h_i(b) - h_i(a) in Q. With a plane the ray lies in it.
+    """
+    if plane is not None:
+        along = plane.back(direction + plane.zero)
+        size = math.hypot(along[0], along[1])
+        found = extent(region, plane.back(point), along / size)
+        return found if found.value is None else Extent(found.value / size, found.status)
+    if region.status == "infeasible":
+        return Extent(None, "infeasible")
+    if region.exact:
+        _, t = ray(region.inner, float(point[0]), float(point[1]), float(direction[0]), float(direction[1]))
+        return Extent(None, "missed") if math.isnan(t) else Extent(float(t), "ok")
+    if region.solved is not None:
+        s = region.solved
+        return _solve(s.a, s.h, s.c, (point - s.anchor) / s.length, direction, s.length)
+    oracle = Oracle(region.contacts)
+    r = oracle.reduced
+    start, a = (point - oracle.anchor) / r.length, direction
+    across = np.array([-a[1], a[0]])
+    gains, brakes = oracle.drift(a[None])[0], oracle.drift(across[None])[0]
+    if np.abs(gains).max(initial=0.0) > FLAT or np.abs(brakes).max(initial=0.0) > FLAT:
+        return _drifting(oracle, start, a, across, gains, brakes)
+    return _solve(r.a, r.h, r.c, start, a, r.length)
+
+
+def _solve(a: Array, h: Array, c: Array, start: Array, direction: Array, length: float) -> Extent:
+    across = np.array([-direction[1], direction[0]])
+    wide = np.concatenate((a, (h @ across)[:, :, None]), axis=2)
+    status, value, _, _, _ = solve_one(wide, h @ direction, np.append(c, across @ start))
+    if status == NO_PRIMAL:
+        return Extent(None, "missed")
+    if status == NO_DUAL:
+        return Extent(None, "unbounded")
+    return Extent((value - float(direction @ start)) * length, "ok")
+
+
+def _drifting(oracle: Oracle, start: Array, a: Array, across: Array, gains: Array, brakes: Array) -> Extent:
+    """Free forces move the CoM along a line: only directions d = a - nu b that they leave alone have an edge."""
+    if np.abs(brakes).max(initial=0.0) <= FLAT:
+        return Extent(None, "unbounded")
+    nu = float(gains @ brakes / (brakes @ brakes))
+    if np.abs(gains - nu * brakes).max() > FLAT:
+        return Extent(None, "unbounded")
+    d, r = a - nu * across, oracle.reduced
+    status, value, _, _, _ = solve_one(r.a, r.h @ d, r.c)
+    if status == NO_DUAL:
+        return Extent(None, "unbounded")
+    if status == NO_PRIMAL:
+        return Extent(None, "infeasible")
+    return Extent((value - float(d @ start)) * r.length, "ok")
+
+
+def warm() -> None:
+    """Compile the kernels behind `margin` and `extent`."""
+    from services.stability.programs.contacts import contact_set
+    from services.stability.regions.region import region
+
+    feet = np.array([[0.1, 0.1, 0.0], [0.1, -0.1, 0.0], [-0.1, -0.1, 0.02], [-0.1, 0.1, 0.0]])
+    for z in (0.0, 1.0):
+        found = region(contact_set(feet * [1.0, 1.0, z], [[0.0, 0.0, 1.0]] * 4, 0.5))
+        margin(found, np.zeros(2))
+        extent(found, np.zeros(2), np.array([1.0, 0.0]))

@@ -1,0 +1,84 @@
+"""Check of a planned movement: support along it, kinematic correction, signed margins (Walas & Belter, 4.3 and 4.6)."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from services.stability.programs.contacts import Array
+from services.stability.regions.margin import Extent, Margin, Plane, extent, margin
+from services.stability.regions.region import Region
+
+STILL = 1e-12  # m; a shorter horizontal movement has no direction
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """Verdict on a movement over a region."""
+
+    com_after: Array
+    """(2,) m, c1 = com + movement + shift."""
+    margin_now: Margin
+    """Of the CoM now."""
+    margin: Margin
+    """Of c1."""
+    extent: Extent | None
+    """From the CoM now along the movement; None without horizontal movement."""
+    gsm: Extent | None
+    """Geometric stability margin (28), signed: from c1 along the movement."""
+    stable: bool
+    """The region has an area and c1 lies in it."""
+
+
+def worst(checks: Sequence[Check]) -> Check:
+    """What holds for every one of several regions, none of them infeasible: the smallest margins and ways."""
+    first = checks[0]
+    if len(checks) == 1:
+        return first
+    return Check(
+        first.com_after,
+        min((c.margin_now for c in checks), key=_low),
+        min((c.margin for c in checks), key=_low),
+        _nearest([c.extent for c in checks]),
+        _nearest([c.gsm for c in checks]),
+        all(c.stable for c in checks),
+    )
+
+
+def _low(found: Margin) -> float:
+    return math.inf if found.value is None else found.value
+
+
+def _nearest(found: Sequence[Extent | None]) -> Extent | None:
+    """The shortest way; none where a region is missed."""
+    ways = [e for e in found if e is not None]
+    for e in ways:
+        if e.status == "missed":
+            return e
+    return min(ways, key=lambda e: math.inf if e.value is None else e.value, default=None)
+
+
+def check(region: Region, com: Array, movement: Array, shift: Array, plane: Plane | None = None) -> Check:
+    """Three-phase check.
+
+    (28) is printed as a norm, which hides a fall: here GSM = extent_along(c1, a), the signed way from c1 = com + r_M +
+    r_KIN to the edge; a ray may also enter the region ahead, so margin(c1) >= 0 decides.
+
+    Args:
+        region: of the contacts that stay.
+        com: (2,) m, now: measured or from kinematics.
+        movement: r_M, (3,) m.
+        shift: r_KIN, (3,) m.
+        plane: of the CoM, where the region is that of a leaning frame.
+    """
+    after = com + movement[:2] + shift[:2]
+    now, then = margin(region, com, plane), margin(region, after, plane)
+    along = math.hypot(movement[0], movement[1])
+    reach: Extent | None = None
+    gsm: Extent | None = None
+    if along > STILL:
+        direction = movement[:2] / along
+        reach, gsm = extent(region, com, direction, plane), extent(region, after, direction, plane)
+    stable = region.status == "ok" and then.value is not None and then.value >= 0.0
+    return Check(np.asarray(after), now, then, reach, gsm, stable)

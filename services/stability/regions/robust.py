@@ -1,0 +1,149 @@
+"""Margins that allow for what is not known exactly, and their gradients (design note 2.11)."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from services.stability.programs.contacts import Array, ContactSet
+from services.stability.programs.oracle import Support
+from services.stability.regions.equilibrium import equilibrium
+from services.stability.regions.margin import margin
+from services.stability.regions.region import region
+
+INSIDE = 1e-6  # of the way to the middle of the region: forces are asked for so far inside the edge
+FINEST = 1e-4  # rad; directions around the best one are refined down to that
+
+
+@dataclass(frozen=True, slots=True)
+class Uncertainty:
+    """What is not known exactly; standard deviations count `kappa` times, bounds fully."""
+
+    com: Array
+    """(2, 2) m^2, covariance of the CoM."""
+    foot: Array
+    """(n, 3, 3) m^2, covariance of each contact point."""
+    friction: float = 0.0
+    """Bound: every coefficient may be less by that, no unit."""
+    normal: float = 0.0
+    """Bound: every normal may be off by that, rad."""
+    kappa: float = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Gradient:
+    """How h(a) in one direction changes, per unit."""
+
+    mu: Array
+    """(n,) d h / d mu_i = - u_i'f_t,i / mu_i >= 0, m."""
+    position: Array
+    """(n, 3) d h / d r_i = Om x f_i, no unit."""
+
+
+def gradient(contacts: ContactSet, support: Support, k: int) -> Gradient:
+    """Gradient of the k-th support value, with the forces of its support point."""
+    return _slope(contacts, support.twist[k], support.force[k], support.direction[k])
+
+
+def _slope(contacts: ContactSet, twist: Array, force: Array, a: Array) -> Gradient:
+    spin = np.array([-a[1], a[0], twist[3]])
+    u = twist[:3] + np.cross(spin, contacts.position)
+    tangential = force - np.einsum("ij,ij->i", contacts.normal, force)[:, None] * contacts.normal
+    with np.errstate(divide="ignore", invalid="ignore"):
+        by_mu = -np.einsum("ij,ij->i", u, tangential) / contacts.mu
+    return Gradient(np.where(np.isfinite(by_mu), np.maximum(by_mu, 0.0), 0.0), np.cross(spin, force))
+
+
+@dataclass(frozen=True, slots=True)
+class MarginGradient:
+    """How the signed margin of a CoM changes."""
+
+    value: float
+    """m, the margin."""
+    com: Array
+    """(2,) d margin / d com = - a, no unit."""
+    mu: Array
+    """(n,) m."""
+    position: Array
+    """(n, 3) no unit."""
+
+
+def margin_gradient(contacts: ContactSet, com: Array) -> MarginGradient | None:
+    """Gradient of the margin of a CoM (2,) m: that of h(a) in the direction of the nearest edge.
+
+    The forces are those that hold the CoM at the nearest point of the edge: along a straight edge support points are
+    not unique, and each foot counts by its lever. Where two edges are equally near there is only a one-sided slope.
+    None when there is no region, or no edge.
+    """
+    found = region(contacts)
+    here = margin(found, com)
+    if here.value is None or found.status != "ok":
+        return None
+    a = _nearest(found.inner, com) if here.direction is None else here.direction
+    answer = region(contacts, a[None]).support
+    if answer.status[-1] != "ok":
+        return None
+    edge = com + here.value * a
+    inside = found.inner.mean(axis=0) - edge
+    held = equilibrium(contacts, edge + INSIDE * inside)
+    if held.force is None:
+        return None
+    slope = _slope(contacts, answer.twist[-1], held.force, a)
+    return MarginGradient(here.value, -a, slope.mu, slope.position)
+
+
+def _nearest(polygon: Array, point: Array) -> Array:
+    """Unit direction from a point to the nearest edge inside, from the polygon's nearest point outside."""
+    along = np.roll(polygon, -1, axis=0) - polygon
+    out = np.column_stack((along[:, 1], -along[:, 0])) / np.hypot(along[:, 0], along[:, 1])[:, None]
+    slack = np.einsum("ij,ij->i", out, polygon - point)
+    if slack.min() >= 0.0:
+        return out[int(slack.argmin())]
+    share = np.clip(np.einsum("ij,ij->i", point - polygon, along) / np.einsum("ij,ij->i", along, along), 0.0, 1.0)
+    away = point - (polygon + share[:, None] * along)
+    length = np.hypot(away[:, 0], away[:, 1])
+    k = int(length.argmin())
+    return away[k] / length[k]
+
+
+def shrunk(contacts: ContactSet, friction: float, normal: float) -> ContactSet:
+    """Contacts with the least friction the bounds allow: tan(atan(mu - friction) - normal), not below zero.
+
+    A cone of half angle atan(mu) - eps about n lies in every cone of half angle atan(mu) about a normal within eps.
+    """
+    mu = np.maximum(contacts.mu - friction, 0.0)
+    angle = np.maximum(np.arctan(mu) - normal, 0.0)
+    return ContactSet(contacts.position, contacts.normal, np.tan(angle) if normal > 0.0 else mu)
+
+
+def robust_margin(contacts: ContactSet, com: Array, unknown: Uncertainty) -> float | None:
+    """min over a of h(a) - a'c - kappa sqrt(a'S a + sum (Om x f_i)'S_i (Om x f_i)), with the friction that is left.
+
+    None when even the most cautious set has no region, or no edge.
+    """
+    careful = shrunk(contacts, unknown.friction, unknown.normal)
+    found = region(careful)
+    if found.status in ("infeasible", "unbounded"):
+        return None
+    start = margin(found, com)
+    angles = 2.0 * np.pi * np.arange(64) / 64.0
+    if start.direction is not None:
+        angles = np.append(angles, math.atan2(start.direction[1], start.direction[0]))
+    best, at, width = math.inf, 0.0, float(2.0 * np.pi / 64.0)
+    while width > FINEST:
+        directions = np.column_stack((np.cos(angles), np.sin(angles)))
+        value = _left(careful, directions, com, unknown)
+        k = int(np.argmin(value))
+        if value[k] < best:
+            best, at = float(value[k]), float(angles[k])
+        angles, width = at + width * np.linspace(-1.0, 1.0, 17), width / 8.0
+    return best
+
+
+def _left(contacts: ContactSet, directions: Array, com: Array, unknown: Uncertainty) -> Array:
+    support = region(contacts, directions).support
+    variance = np.einsum("ki,ij,kj->k", directions, unknown.com, directions)
+    for k in range(len(directions)):
+        slope = gradient(contacts, support, k).position
+        variance[k] += np.einsum("ni,nij,nj->", slope, unknown.foot, slope)
+    return support.value - directions @ com - unknown.kappa * np.sqrt(variance)
