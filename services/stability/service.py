@@ -30,6 +30,7 @@ from schemas.whatif import BatchReply, BatchRequest
 from services.stability.config import StabilityConfig
 from services.stability.programs import clarabel_tools, interior
 from services.stability.programs.contacts import StabilityError
+from services.stability.queries import limited
 from services.stability.queries.beyond import region_answer
 from services.stability.queries.check_query import check_reply
 from services.stability.queries.job import CalibrationJob
@@ -61,7 +62,7 @@ LEAST_GRAVITY = 1.0
 _KERNELS = (interior, region, margin, shift, forces, state)
 """Modules whose kernels a walking robot needs; with those of `surefoot` that they call. Others would only cost time."""
 
-_LATER = (many, clarabel_tools)
+_LATER = (many, clarabel_tools, limited)
 """What other queries need: loaded on another thread once the service answers, as that takes 0.2 s."""
 
 LATER_S = 1.0

@@ -18,7 +18,7 @@ from services.stability.robot.forces import contact_jacobians
 from services.stability.robot.shift import NEAR, Shift, kinematic_shift
 from surefoot.kinematics import com, foot_positions, gravity_torques
 from surefoot.polygon import area, half_planes, hull
-from surefoot.robot import Robot
+from surefoot.robot import Robot, load_robot
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,3 +197,10 @@ def _chosen(robot: Robot, feet: Array, radius: Array, contacts: ContactSet, name
             raise StabilityError("duplicate_leg", field, f"{known[leg]!r} stands on another contact already")
         out.append(leg)
     return out
+
+
+def warm() -> None:
+    """Compile what only this module asks of a leg."""
+    robot = load_robot("ragno")
+    feet = list(range(len(robot.legs)))
+    Standing(robot, robot.neutral.copy(), np.zeros(3), np.eye(3), feet, np.ones(robot.nj)).legs()

@@ -193,4 +193,5 @@ def warm() -> None:
     """Compile everything a status needs."""
     robot = load_robot("ragno")
     touch = np.ones(len(robot.legs), dtype=np.bool_)
+    StandingFeet(len(robot.legs), 0.0).update(0.0, touch, touch)
     watch(robot, robot.neutral, touch, np.array([0.0, 0.0, 9.81]), np.zeros(len(robot.neutral)), WatchParams())
