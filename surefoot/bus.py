@@ -12,7 +12,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 from schemas.base import Message, Request, Wire
 from schemas.topics import Query, Topic
 from surefoot.codec import decode, encode, encoding_of, read_header
-from surefoot.errors import SurefootError
+from surefoot.errors import Refusal, SurefootError
 
 M = TypeVar("M", bound=Message)
 M_contra = TypeVar("M_contra", bound=Message, contravariant=True)
@@ -42,7 +42,9 @@ class Delivery:
 
     __slots__ = ("_message", "_raw", "_stamp", "topic")
 
-    def __init__(self, topic: Topic[Any], message: Message | None, raw: Raw | None, stamp: Stamp | None = None) -> None:
+    def __init__(
+        self, topic: Topic[Any], message: Message | None, raw: Raw | None, stamp: tuple[str, ...] | None = None
+    ) -> None:
         self.topic = topic
         self._message = message
         self._raw = raw
@@ -69,7 +71,10 @@ class Delivery:
         if self._message is not None:
             return self._message
         if self._stamp is not None:
-            return self._stamp
+            try:
+                return Stamp(*map(int, self._stamp))
+            except ValueError as error:
+                raise Refusal("malformed", f"index of a frame, {self.topic.key}: {error}") from None
         assert self._raw is not None
         return read_header(self._raw.payload, self._raw.attachment)
 

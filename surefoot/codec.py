@@ -26,9 +26,17 @@ def encoding_of(model: type[Wire]) -> str:
     return f"{_OCTETS if issubclass(model, Bulk) else _JSON};{model.schema_name()}"
 
 
+@cache
+def _plain(model: type[Wire]) -> bool:
+    """No model of raw bytes. Kept: pydantic's classes are abstract, and asking one costs more than a small message."""
+    return not issubclass(model, (Bulk, BulkRequest))
+
+
 def encode(message: Wire) -> tuple[bytes, bytes | None]:
     """Payload and attachment of a message."""
     text = message.__pydantic_serializer__.to_json(message)
+    if _plain(type(message)):
+        return text, None
     if isinstance(message, Bulk) or (isinstance(message, BulkRequest) and message.data):
         return message.data, text
     return text, None
@@ -42,6 +50,8 @@ def decode(model: type[W], payload: bytes, attachment: bytes | None = None, enco
     """
     if encoding:
         check_encoding(model, encoding)
+    if _plain(model):
+        return validate_json(model, payload)
     if issubclass(model, Bulk) or (attachment is not None and issubclass(model, BulkRequest)):
         if len(payload) > MAX_BULK_BYTES:
             raise Refusal("too_large", f"payload of {len(payload)} bytes; at most {MAX_BULK_BYTES} are accepted")

@@ -332,7 +332,7 @@ class DriverNode(Node):
 
     def _tell(self, sample: Sample, tick: int) -> tuple[Publisher[Any], Any]:
         made = sample.message
-        message = made if isinstance(made, Message) else made()
+        message = made() if callable(made) else made
         publisher = self._publishers[sample.topic.key]
         header = (sample.stamp_ns, tick, self.leader.epoch, sample.seq, self.name)
         return publisher, publisher.put(message.stamped(*header))

@@ -53,8 +53,8 @@ class Frame:
                 length = int(size)
                 topic = self._topics.get(key)
                 if topic is not None:
-                    stamp = Stamp(int(tick), int(epoch), int(stamp_ns), int(seq))
-                    found.append(Delivery(topic, None, Raw(payload[begin : begin + length], None, ""), stamp))
+                    raw = Raw(payload[begin : begin + length], None, "")
+                    found.append(Delivery(topic, None, raw, (tick, epoch, stamp_ns, seq)))
                 if length:
                     begin += length + 1
         except ValueError as error:

@@ -15,6 +15,7 @@ from schemas.topics import HW_TICK, Kind, Topic
 M = TypeVar("M", bound=Message)
 
 DRIVER = "driver"
+_TICK = HW_TICK.key
 MAX_AHEAD = 64
 """Inputs further ahead of the newest tick are refused; the driver never runs more than a few ticks ahead."""
 
@@ -73,6 +74,7 @@ class Join:
                 self.latched.append(item)
             else:
                 self.same_tick.append(item)
+        self._delayed_keys = {topic.key for topic in self.delayed}
         self.owners = {topic.key: topic.owner for topic in (*self.same_tick, *self.delayed, *self.latched)}
         self.absent: set[str] = set()
         """Keys that nobody will ever tell: the driver has no such sensor."""
@@ -85,6 +87,7 @@ class Join:
         self._latched: dict[str, tuple[int, Any]] = {}
         self._previous_roster: tuple[str, ...] = ()
         self._lockstep = False
+        self._wanted_of: tuple[Tick | None, list[str]] = (None, [])
         self._lacking: set[str] | None = None
         """What tick ``last + 1`` still waits for; None = not worked out yet. Kept, for every message asks."""
 
@@ -97,29 +100,31 @@ class Join:
             value: what ``TickInputs.get`` shall return, default the message.
         """
         value = message if value is None else value
-        if message.epoch < self.epoch:
+        key, epoch, tick = topic.key, message.epoch, message.tick
+        if epoch < self.epoch:
             return "stale_epoch"
-        if topic.key == HW_TICK.key:
+        if key == _TICK:
             return self._offer_tick(cast(Tick, message))
         if topic.kind is Kind.LATCHED:
-            held = self._latched.get(topic.key)
-            if held is not None and held[0] > message.epoch:
+            held = self._latched.get(key)
+            if held is not None and held[0] > epoch:
                 return "stale_epoch"
-            self._latched[topic.key] = (message.epoch, value)
+            self._latched[key] = (epoch, value)
             self._lacking = None
             return None
-        if message.epoch == self.epoch:
-            if message.tick <= self.last - 1 or (message.tick <= self.last and topic not in self.delayed):
+        awaited = self.last if key in self._delayed_keys else self.last + 1
+        """The tick whose message the next one wants; what is older has been used."""
+        if epoch == self.epoch:
+            if tick < awaited:
                 return "duplicate"
-            if message.tick > max(self.last, self._newest) + MAX_AHEAD and self.on_roster:
+            if tick > self._newest + MAX_AHEAD and tick > self.last + MAX_AHEAD and self.on_roster:
                 return "too_far_ahead"
-        slot = self._slots.setdefault((message.epoch, message.tick), {})
-        if topic.key in slot:
+        slot = self._slots.setdefault((epoch, tick), {})
+        if key in slot:
             return "duplicate"
-        slot[topic.key] = value
-        awaited = self.last + (0 if topic in self.delayed else 1)
-        if self._lacking is not None and (message.epoch, message.tick) == (self.epoch, awaited):
-            self._lacking.discard(topic.key)
+        slot[key] = value
+        if self._lacking and tick == awaited and epoch == self.epoch:
+            self._lacking.discard(key)
         if len(self._slots) > 4 * MAX_AHEAD:  # not on the roster: nothing is ever taken, keep the newest
             del self._slots[min(self._slots)]
         return None
@@ -151,7 +156,9 @@ class Join:
         return None
 
     def _wanted(self, tick: Tick) -> list[str]:
-        """Keys due in a tick."""
+        """Keys due in a tick; asked for twice of each, so the last answer is kept."""
+        if tick is self._wanted_of[0]:
+            return self._wanted_of[1]
         wanted: list[str] = []
         for topic in self.same_tick:
             if topic.kind is Kind.SAMPLE:
@@ -159,6 +166,7 @@ class Join:
                     wanted.append(topic.key)
             elif topic.due(tick.tick) and (topic.owner == DRIVER or topic.owner in tick.roster):
                 wanted.append(topic.key)
+        self._wanted_of = tick, wanted
         return wanted
 
     def missing(self) -> tuple[str, ...]:

@@ -42,6 +42,7 @@ NOT_READY_S = 2.0
 """A query that asks about a tick which does not come is answered ``not_ready`` after this wall time."""
 
 _STOP = object()
+_TICK = HW_TICK.key
 
 
 class Node:
@@ -216,21 +217,24 @@ class Node:
             self.refuse(refusal.code, refusal.message)
             return
         for delivery in deliveries:
-            self.handle(delivery)
+            if delivery.prime:
+                self._proved.add(delivery.topic.key)
+            else:
+                self._on_delivery(delivery)
 
     def _on_delivery(self, delivery: Delivery) -> None:
-        topic = delivery.topic
-        self.counts[topic.key] += 1
+        topic, key = delivery.topic, delivery.topic.key
+        self.counts[key] += 1
         try:
-            if topic.key in self._observed:
+            if key in self._observed:
                 self.service.on_message(topic, delivery.message())
                 return
-            raw = self.service.raw and topic.key != HW_TICK.key
+            raw = self.service.raw and key != _TICK
             message: Any = delivery.header() if raw else delivery.message()
         except Refusal as refusal:
-            self.refuse(refusal.code, f"{topic.key}: {refusal.message}")
+            self.refuse(refusal.code, f"{key}: {refusal.message}")
             return
-        if isinstance(message, Tick) and message.tick < 0:
+        if key == _TICK and message.tick < 0:
             self._on_prime(message)
             return
         reason = self.join.offer(topic, message, delivery if raw else None)
