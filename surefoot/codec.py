@@ -4,6 +4,7 @@ from functools import cache
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
+from pydantic_core import ErrorDetails
 
 from schemas.base import Bulk, BulkRequest, Header, Message, Wire
 from surefoot.errors import Refusal
@@ -72,13 +73,34 @@ def validate_json(model: type[W], payload: bytes) -> W:
 
 def refusal_of(error: ValidationError, what: str) -> Refusal:
     """The first complaint of pydantic as one sentence with the field and the received value."""
-    first = error.errors(include_url=False, include_context=False)[0]
+    first = first_complaint(error)
     field = ".".join(str(part) for part in first["loc"]) or None
     if first["type"] == "json_invalid":
         return Refusal("malformed", f"{what}: {first['msg']}", field)
     got = repr(first.get("input"))
     got = got if len(got) <= 120 else got[:117] + "..."
     return Refusal("invalid", f"{what}{'.' + field if field else ''}: {first['msg']} (got {got})", field)
+
+
+def first_complaint(error: ValidationError) -> ErrorDetails:
+    """The first complaint, ``loc`` without pydantic's names of a union's members, which nobody sent.
+
+    Of several complaints about one union (a number or a list of directions) it is that of the member that was
+    understood furthest: who sends a list hears of its third row, not that it is no number.
+    """
+    found = [(_sent(one), one) for one in error.errors(include_url=False, include_context=False)]
+    loc, first = found[0]
+    if len(loc) < len(first["loc"]):
+        same = [(where, one) for where, one in found if where[: len(loc)] == loc]
+        loc, first = max(same, key=lambda f: (len(f[0]), not f[1]["type"].endswith("_type")))
+    return {**first, "loc": loc}
+
+
+def _sent(complaint: ErrorDetails) -> tuple[int | str, ...]:
+    """The path of a complaint as it was sent: members of unions are called ``constrained-int``, ``tuple[...]``."""
+    loc = complaint["loc"]
+    last = len(loc) - 1 if complaint["type"] == "extra_forbidden" else len(loc)
+    return tuple(part for i, part in enumerate(loc) if i >= last or isinstance(part, int) or part.isidentifier())
 
 
 def check_encoding(model: type[Wire], encoding: str) -> None:

@@ -21,6 +21,7 @@ from schemas.sim import FaultRequest, PushRequest, SetRequest, World
 from schemas.topics import CMD_WALK, SIM_FAULT, SIM_PUSH, SIM_SET, STABILITY_CALIBRATE, TICK_NS, Query
 from services.supervisor.files import FileError, find, read_text
 from services.supervisor.judge import LIMITS
+from surefoot.codec import first_complaint
 from surefoot.tables import Table, did_you_mean
 
 M = TypeVar("M", bound=Request)
@@ -217,7 +218,7 @@ def _model(model: type[M], table: Table, fields: Mapping[str, Any]) -> M:
     try:
         return model.model_validate(fields)
     except ValidationError as exc:
-        first = exc.errors(include_url=False, include_context=False)[0]
+        first = first_complaint(exc)
         where = ".".join(str(part) for part in first["loc"])
         if first["type"] == "extra_forbidden":
             hint = did_you_mean(where, known)

@@ -15,6 +15,7 @@ from schemas.cmd import FIELDS as WALK_FIELDS
 from schemas.cmd import WalkCommand
 from schemas.hw import Imu, JointCommand
 from schemas.sim import FaultRequest, PushRequest, ResetRequest
+from schemas.stability import RegionRequest
 from schemas.topics import QUERIES, TOPICS, Kind, Query, Topic
 from surefoot.codec import check_encoding, decode, encode, encoding_of, json_schema
 from surefoot.errors import Refusal
@@ -114,6 +115,28 @@ def test_bad_payloads_are_named_refusals(payload: bytes, code: str, field: str |
     if field is not None:
         assert caught.value.field is not None
         assert caught.value.field.startswith(field.split(".")[0])
+
+
+@pytest.mark.parametrize(
+    ("directions", "field", "said"),
+    [
+        ("0", "directions", "greater than or equal to 1"),
+        ('"x"', "directions", "integer"),
+        ("[]", "directions", "at least 1 item"),
+        ('[[1, 0], ["x", 0]]', "directions.1.0", "number"),
+    ],
+)
+def test_a_field_of_several_types_is_named_as_it_was_sent(directions: str, field: str, said: str) -> None:
+    with pytest.raises(Refusal) as caught:
+        decode(RegionRequest, f'{{"contacts":[],"directions":{directions}}}'.encode())
+    assert caught.value.field == field
+    assert said in caught.value.message
+
+
+def test_an_unknown_field_keeps_its_name_whatever_it_is() -> None:
+    with pytest.raises(Refusal) as caught:
+        decode(RegionRequest, b'{"contacts":[],"constrained-int":1}')
+    assert caught.value.field == "constrained-int"
 
 
 def test_unknown_field_of_a_command_is_refused_by_name() -> None:

@@ -12,6 +12,7 @@ Array = NDArray[np.float64]
 
 MAX_CONTACTS = 64
 MAX_COORDINATE = 1e6  # m; beyond it lengths lose the digits the answers promise
+MAX_MU = 1e6  # a steeper cone is no longer told from the half-space that inf means
 
 
 class StabilityError(ValueError):
@@ -35,6 +36,14 @@ def refuse(given: bool, field: str, other: str) -> None:
     """Refuse a field that cannot be combined with another."""
     if given:
         raise StabilityError("unsupported", field, f"cannot be asked for together with {other}")
+
+
+def within(given: ArrayLike, field: str, limit: float = MAX_COORDINATE, unit: str = "m") -> Array:
+    """Numbers of a request as an array, refused where one of them is beyond what answers can be computed for."""
+    numbers = np.array(given, dtype=np.float64)
+    if not (np.abs(numbers) <= limit).all():
+        raise StabilityError("too_large", field, f"got {numbers.tolist()}, must be within {limit:g} {unit}")
+    return numbers
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +72,7 @@ def contact_set(position: ArrayLike, normal: ArrayLike, mu: ArrayLike, *, limit:
     Args:
         position: (n, 3) m, gravity-aligned frame, n <= limit.
         normal: (n, 3), any length but zero.
-        mu: (n,) or one number for all; inf = unlimited friction (the cone becomes the half-space n'f >= 0).
+        mu: (n,) or one number for all, up to 1e6; inf = unlimited friction (the cone becomes the half-space n'f >= 0).
         limit: of a pool that many sets share, the size of the pool.
 
     Raises:
@@ -91,6 +100,7 @@ _FAULTS = (
     ("too_large", "position", f"must be within {MAX_COORDINATE:g} m"),
     ("negative_mu", "mu", "must be 0 or more"),
     ("zero_normal", "normal", "a direction is needed"),
+    ("too_large", "mu", f"must be within {MAX_MU:g}, or unlimited (null; raw: inf)"),
 )
 
 
@@ -98,7 +108,7 @@ _FAULTS = (
 def _normalise(position: Array, normal: Array, mu: Array) -> tuple[int, int]:
     """Make normals unit, in place; the first fault, counted from 1 as in _FAULTS, and its contact; (0, 0) if none."""
     n = mu.size
-    for fault in range(1, 6):
+    for fault in range(1, 7):
         for i in range(n):
             px, py, pz = abs(position[i, 0]), abs(position[i, 1]), abs(position[i, 2])
             vx, vy, vz = abs(normal[i, 0]), abs(normal[i, 1]), abs(normal[i, 2])
@@ -108,6 +118,7 @@ def _normalise(position: Array, normal: Array, mu: Array) -> tuple[int, int]:
                 or (fault == 3 and max(px, max(py, pz)) > MAX_COORDINATE)
                 or (fault == 4 and not mu[i] >= 0.0)
                 or (fault == 5 and vx + vy + vz == 0.0)
+                or (fault == 6 and MAX_MU < mu[i] < math.inf)
             ):
                 return fault, i
     for i in range(n):

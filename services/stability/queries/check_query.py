@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from schemas.stability import Actuation, CheckReply, CheckRequest, Doubt, MarginGradient, RegionReply, RegionRequest
-from services.stability.programs.contacts import Array, StabilityError, refuse
+from services.stability.programs.contacts import Array, StabilityError, refuse, within
 from services.stability.queries.beyond import region_answer
 from services.stability.queries.limited import limited_check
 from services.stability.queries.messages import contacts_of, named_robot, posture, region_fields, region_of, triples
@@ -29,7 +29,7 @@ def check_reply(request: CheckRequest, own: Robot) -> CheckReply:
         refuse(request.gradient, "gradient", "acceleration or tilt_rad")
         refuse(request.doubt is not None, "doubt", "acceleration or tilt_rad")
     contacts = contacts_of(request.contacts)
-    movement = np.array(request.movement)
+    movement = within(request.movement, "movement")
     shift, now = Shift(np.zeros(3), np.empty(0), True), request.com
     legs: tuple[str, ...] = ()
     if request.joints is not None:
@@ -43,6 +43,7 @@ def check_reply(request: CheckRequest, own: Robot) -> CheckReply:
             now = (float(c[0]), float(c[1]))
     if now is None:
         raise StabilityError("missing", "com", "neither com nor joints are given; one of them is needed")
+    within(now, "com")
     if leaning:
         fields, verdict = _leaning(request, np.array(now), movement, shift.vector)
         return CheckReply(**fields, **_verdict(verdict, now, shift, legs))

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from schemas.stability import Actuation, BasePose, CheckRequest, Contact, RegionFields, RegionReply, SupportPoint
-from services.stability.programs.contacts import Array, ContactSet, StabilityError, refuse
+from services.stability.programs.contacts import Array, ContactSet, StabilityError, refuse, within
 from services.stability.programs.directions import equally_spaced
 from services.stability.programs.oracle import Support
 from services.stability.queries.messages import contacts_of, directions_of, named_robot, pairs, posture, triples
@@ -85,7 +85,7 @@ def limited_check(request: CheckRequest, actuation: Actuation, own: Robot) -> Mo
     for field in ("tilt_rad", "adaptive", "gradient", "robot"):
         refuse(bool(getattr(request, field)), field, "actuation")
     refuse(request.base != BasePose(), "base", "actuation")
-    contacts, movement = contacts_of(request.contacts), np.array(request.movement)
+    contacts, movement = contacts_of(request.contacts), within(request.movement, "movement")
     before = standing(actuation, request.contacts, contacts, own)
     after, shift = before.moved(movement)
     here, reply = _reply(request, contacts, before)
@@ -94,6 +94,7 @@ def limited_check(request: CheckRequest, actuation: Actuation, own: Robot) -> Mo
         there, reply = _reply(request, contacts, after)
     planned = before.com()
     now = request.com or (float(planned[0]), float(planned[1]))
+    within(now, "com")
     at_first = check(here, np.array(now), movement, shift.vector)
     then = check(there, np.array(now), movement, shift.vector)
     verdict = replace(then, margin_now=at_first.margin_now, extent=at_first.extent)

@@ -20,7 +20,7 @@ from schemas.stability import (
     SupportPoint,
 )
 from schemas.whatif import BatchReply, BatchRequest, Variant, WhatifReply, WhatifRequest
-from services.stability.programs.contacts import Array, ContactSet, StabilityError, contact_set
+from services.stability.programs.contacts import Array, ContactSet, StabilityError, contact_set, within
 from services.stability.programs.directions import equally_spaced, unit
 from services.stability.programs.oracle import Support
 from services.stability.regions import whatif
@@ -141,7 +141,7 @@ def posture(robot: Robot, joints: tuple[float, ...], base: BasePose) -> tuple[Ar
     length = float(np.linalg.norm(quat))
     if not 1e-6 < length < 1e6:
         raise StabilityError("not_unit", "base.quat_wxyz", f"got {base.quat_wxyz}, must be a unit quaternion")
-    return q, np.array(base.position), matrix_from_quat(quat / length)
+    return q, within(base.position, "base.position"), matrix_from_quat(quat / length)
 
 
 @lru_cache(maxsize=16)
@@ -161,7 +161,7 @@ def named_robot(name: str) -> Robot:
 def whatif_reply(request: WhatifRequest) -> WhatifReply:
     """Answer to `stability/whatif`."""
     contacts, candidates = contacts_of(request.contacts), contacts_of(request.candidates, "candidates")
-    found = variants(whatif.what_if(contacts, np.array(request.com), candidates))
+    found = variants(whatif.what_if(contacts, within(request.com, "com"), candidates))
     n = len(contacts)
     return WhatifReply(now=found[0], lifts=found[1 : n + 1], candidates=found[n + 1 :])
 
@@ -205,7 +205,8 @@ def variants(found: Variants) -> tuple[Variant, ...]:
 
 def equilibrium_reply(request: EquilibriumRequest) -> EquilibriumReply:
     """Answer to `stability/equilibrium`."""
-    contacts, place = contacts_of(request.contacts), np.array(request.com)
+    contacts, place = contacts_of(request.contacts), within(request.com, "com")
+    within(request.com_height_m, "com_height_m")
     weight, back = request.weight_n, np.eye(3)
     if any(request.acceleration):
         up = upward(np.array(request.acceleration))

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from services.stability.programs.contacts import Array, ContactSet, StabilityError
+from services.stability.programs.contacts import Array, ContactSet, StabilityError, within
 from services.stability.regions.margin import Plane
 from services.stability.regions.region import Region, region
 
 GRAVITY = 9.81  # m/s2
+MOST_ACCELERATION = 1e4  # m/s2; with more of it the effective gravity is level to the last digits
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,8 +155,9 @@ def stays_down(up: Array, acceleration: Array) -> None:
     """Refuse an acceleration (3,) with which -g_eff (3,) hardly points up any more.
 
     Raises:
-        StabilityError: the robot would fly.
+        StabilityError: the robot would fly, or the acceleration is no robot's.
     """
+    within(acceleration, "acceleration", MOST_ACCELERATION, "m/s^2")
     if up[2] < 0.01 * GRAVITY:
         raise StabilityError("too_large", "acceleration", f"got {acceleration.tolist()}, the robot would fly")
 

@@ -6,7 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from services.stability.programs.contacts import MAX_CONTACTS, Array, ContactSet, StabilityError, contact_set
+from services.stability.programs.contacts import (
+    MAX_CONTACTS,
+    MAX_COORDINATE,
+    Array,
+    ContactSet,
+    StabilityError,
+    contact_set,
+    within,
+)
 from services.stability.regions.many import Ints, Variants, assess
 
 
@@ -45,6 +53,9 @@ def pack(position: ArrayLike, normal: ArrayLike, mu: ArrayLike, counts: ArrayLik
         raise StabilityError("too_many", f"sets.{i}.contacts", f"got {each[i]} contacts, {allowed}")
     for i in np.flatnonzero(~np.isfinite(c).all(axis=1)):
         raise StabilityError("not_finite", f"sets.{i}.com", f"got {c[i].tolist()}, must be finite")
+    if not (np.abs(c) <= MAX_COORDINATE).all():
+        for i, place in enumerate(c):
+            within(place, f"sets.{i}.com")
     try:
         return Batch(contact_set(p, normal, mu, limit=len(p)), begin, c)
     except StabilityError as error:

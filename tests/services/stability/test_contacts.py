@@ -20,6 +20,7 @@ from tests.services.stability.sets import UP
         ([[0, 0, 0]], [UP], np.nan, "negative_mu", "contacts.0.mu"),
         ([[0, 0, 1e7]], [UP], 0.5, "too_large", "contacts.0.position"),
         ([[0, 0, 0]], [UP, UP], 0.5, "shape", "contacts"),
+        ([[0, 0, 0]] * 2, [UP] * 2, [0.5, 1e10], "too_large", "contacts.1.mu"),
     ],
 )
 def test_refused(position: list, normal: list, mu: float, code: str, field: str) -> None:

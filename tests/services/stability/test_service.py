@@ -195,6 +195,19 @@ def test_com(service: Stability) -> None:
             "base.quat_wxyz",
         ),
         ("check", {"contacts": [FLOOR[0] | {"leg": "x"}], "joints": [0.0] * 18}, "unknown_leg", "contacts.0.leg"),
+        ("region", {"contacts": [FLOOR[0] | {"normal": [0.3, 0.1, 1], "mu": 1e10}]}, "too_large", "contacts.0.mu"),
+        ("region", {"contacts": FLOOR, "acceleration": [1e300, 0, 0]}, "too_large", "acceleration"),
+        ("check", {"contacts": FLOOR, "com": [1e308, 0]}, "too_large", "com"),
+        ("check", {"contacts": FLOOR, "com": [0, 0], "movement": [1e308, 0, 0]}, "too_large", "movement"),
+        (
+            "check",
+            {"contacts": FLOOR, "joints": [0.0] * 18, "base": {"position": [1e308, 0, 0]}},
+            "too_large",
+            "base.position",
+        ),
+        ("whatif", {"contacts": FLOOR, "com": [0, -1e308]}, "too_large", "com"),
+        ("batch", {"sets": [{"contacts": FLOOR, "com": [0, -1e308]}]}, "too_large", "sets.0.com"),
+        ("equilibrium", {"contacts": FLOOR, "com": [0, -1e308]}, "too_large", "com"),
     ],
 )
 def test_refusals_of_the_service(service: Stability, what: str, fields: dict, code: str, field: str) -> None:
