@@ -145,7 +145,7 @@ class DriverNode(Node):
         if leader.state not in ("paused", "running"):
             raise Refusal("refused", f"the simulation is {leader.state}; only a paused one can go on")
         leader.pause_tick = None if ticks is None else leader.tick + ticks
-        leader.state = "running"
+        leader.state = self.state = "running"
         self._pace_origin = (time.monotonic(), leader.tick)
 
     # -- what arrives ------------------------------------------------------------------------------------------
@@ -213,6 +213,7 @@ class DriverNode(Node):
             return self._join_all()
         if leader.state == "holding":
             return self._hold()
+        self.state = "ready"  # paused or ended: no tick comes
         return False
 
     def _join_all(self) -> bool:

@@ -8,6 +8,7 @@ from surefoot.errors import ConfigError
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 _FORM = re.compile(r"(?:tcp|tls|ws)/(\[[0-9A-Fa-f:.]+\]|[^\s/:\[\]]+):(\d{1,5})([?#].*)?")
+_NAMESPACE = re.compile(r"[^/*$#?]+(/[^/*$#?]+)*")
 _SOURCE = re.compile(r",?\s+at /\S+\.rs:\d+")
 
 
@@ -26,6 +27,14 @@ def from_environment(names: tuple[str, ...], environ: Mapping[str, str] | None =
     """The first of these variables that is set and not empty, checked; None when there is none."""
     environ = os.environ if environ is None else environ
     return next((checked(name, environ[name]) for name in names if environ.get(name)), None)
+
+
+def checked_namespace(namespace: str) -> str:
+    """The prefix of a robot's keys itself (raises ConfigError naming what came and the form expected)."""
+    if not _NAMESPACE.fullmatch(namespace):
+        expected = "expected <fleet>/<robot> without *, $, # and ?"
+        raise ConfigError("invalid", f"namespace: got {namespace!r}, {expected}", "namespace")
+    return namespace
 
 
 def to_listen(option: str | None = None) -> str:

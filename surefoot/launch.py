@@ -109,7 +109,7 @@ def _parser(service: type[Service[Any]]) -> argparse.ArgumentParser:
     parser.add_argument("--listen", action="append", default=[], help="endpoint to listen on [tcp/127.0.0.1:0]")
     parser.add_argument("--mode", choices=("peer", "client", "router"), default="peer", help="Zenoh mode [peer]")
     robot = os.environ.get("SUREFOOT_ROBOT", "ragno")
-    namespace = os.environ.get("SUREFOOT_NAMESPACE", f"surefoot/{Path(robot).name}")
+    namespace = os.environ.get("SUREFOOT_NAMESPACE") or f"surefoot/{Path(robot).name}"
     parser.add_argument("--namespace", default=namespace, help=f"<fleet>/<robot> [{namespace}]")
     parser.add_argument("--config", type=Path, default=None, help="TOML file with one table per service")
     parser.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", help="one field, the strongest")

@@ -17,7 +17,7 @@ from schemas.base import ErrorReply, Message, Request, Wire
 from schemas.topics import Query, Topic
 from surefoot.bus import Delivery, Incoming, Life, Raw
 from surefoot.codec import decode, encode, encoding_of, validate_json
-from surefoot.endpoint import DEFAULT_ENDPOINT, without_source
+from surefoot.endpoint import DEFAULT_ENDPOINT, checked_namespace, without_source
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
 from surefoot.frame import Frame
 from surefoot.zenoh_publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher
@@ -55,7 +55,7 @@ def zenoh_config(endpoint: Endpoint) -> zenoh.Config:
         listen = ("tcp/127.0.0.1:0",)  # a peer that does not listen gets no data from other peers
     settings: dict[str, Any] = {
         "mode": endpoint.mode,
-        "namespace": endpoint.namespace,
+        "namespace": checked_namespace(endpoint.namespace),
         "connect/endpoints": list(endpoint.connect) if endpoint.mode != "router" else [],
         "connect/timeout_ms": CONNECT_TIMEOUT_MS,
         "connect/exit_on_failure": endpoint.mode == "client",

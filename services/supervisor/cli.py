@@ -22,7 +22,7 @@ from services.supervisor.commands import (
     topic,
     warm,
 )
-from services.supervisor.commands.output import EXIT_CHECK, EXIT_INTERRUPT, EXIT_USAGE, fail, state
+from services.supervisor.commands.output import EXIT_CHECK, EXIT_INTERRUPT, EXIT_USAGE, fail, misused, state
 
 app = typer.Typer(
     name="surefoot",
@@ -74,13 +74,16 @@ def common(
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; end the process with 0 ok, 1 check failed, 2 usage, 130 interrupted."""
     try:
-        app(args=arguments, prog_name="surefoot")
+        code = app(args=arguments, prog_name="surefoot", standalone_mode=False)
+        sys.exit(code if isinstance(code, int) else 0)
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPT)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has gone: nothing is left to say
         sys.exit(EXIT_CHECK)
     except Exception as error:
+        if hasattr(error, "show"):  # typer's own: words that are no use of the command
+            sys.exit(misused(error, json="--json" in (sys.argv[1:] if arguments is None else arguments)))
         if state.debug:
             raise
         sys.exit(fail(error))

@@ -16,6 +16,25 @@ _LIMITS = {
     "pattern": "like {}",
 }
 
+_FEET = [
+    {"position": [x, y, 0.0], "normal": [0.0, 0.0, 1.0], "mu": 0.5} for x, y in ((0.1, 0.1), (0.1, -0.1), (-0.1, 0.0))
+]
+_EXAMPLES: dict[str, dict[str, Any]] = {
+    "WalkCommand": {"action": "walk", "distance": 0.5},
+    "SelectRequest": {
+        "base": {"position": [0.0, 0.0, 0.1]},
+        "legs": [{"leg": "lf", "nominal": [0.17, 0.11, 0.0], "stroke": [-0.05, 0.0, 0.0]}],
+    },
+    "RegionRequest": {"contacts": _FEET, "directions": 16},
+    "CheckRequest": {"contacts": _FEET, "com": [0.02, 0.0], "movement": [0.05, 0.0, 0.0]},
+    "ComRequest": {"joints": [0.0] * 18, "robot": "ragno"},
+    "WhatifRequest": {"contacts": _FEET, "com": [0.02, 0.0]},
+    "EquilibriumRequest": {"contacts": _FEET, "com": [0.02, 0.0]},
+    "BatchRequest": {"sets": [{"contacts": _FEET, "com": [0.02, 0.0]}]},
+    "CalibrateRequest": {"action": "status"},
+}
+"""Of requests whose fields have to fit each other, or the robot."""
+
 
 def describe(model: type[BaseModel]) -> dict[str, list[dict[str, str]]]:
     """Return the fields of a model, and of the models inside it, by model: field, type, default, limits, meaning."""
@@ -25,7 +44,9 @@ def describe(model: type[BaseModel]) -> dict[str, list[dict[str, str]]]:
 
 
 def example(model: type[BaseModel]) -> dict[str, Any]:
-    """Return a request with a value of the right form for every field that must be given."""
+    """Return a request to paste: one that Ragno's services answer, or a value of the right form each."""
+    if model.__name__ in _EXAMPLES:
+        return _EXAMPLES[model.__name__]
     schema = model.model_json_schema()
     return _object(schema, schema.get("$defs", {}))
 

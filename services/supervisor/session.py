@@ -4,6 +4,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self, TypeVar
@@ -53,7 +54,7 @@ class Session:
         self.name = compose.name
         self.listen = to_listen(listen)
         self.robot = compose.robot
-        self.namespace = os.environ.get("SUREFOOT_NAMESPACE", f"{DEFAULT_FLEET}/{Path(self.robot).name}")
+        self.namespace = os.environ.get("SUREFOOT_NAMESPACE") or f"{DEFAULT_FLEET}/{Path(self.robot).name}"
         self.folder = RunFolder(compose.name)
         self._spawn = spawn
         self._tell = tell
@@ -186,7 +187,10 @@ class Session:
     def rows(self) -> tuple[Row, ...]:
         """Return how every service does: by its process, or by the bus where the processes are not ours."""
         if self._spawn:
-            return self.system.rows()
+            why, driver = "; ".join(self.supervisor.stops()), self.driver
+            return tuple(
+                replace(row, detail=why) if why and row.service == driver else row for row in self.system.rows()
+            )
         alive = self.alive
         return tuple(Row(n, "healthy" if n in alive else "stopped", None, 0, "") for n in self.system.service_names)
 

@@ -212,7 +212,10 @@ def test_pause_and_resume() -> None:
     bench.node.pause(15, end=False)
     bench.until(lambda: bench.leader.state == "paused")
     assert bench.leader.tick == 15
+    bench.node.work()
+    assert bench.node.health().state == "ready"  # no tick comes
     bench.node.resume(5)
+    assert bench.node.health().state == "running"
     bench.until(lambda: bench.leader.state == "paused")
     assert bench.leader.tick == 20
     bench.node.resume(None)

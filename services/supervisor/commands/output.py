@@ -1,5 +1,6 @@
 """What all commands share: exit codes, JSON or tables, one sentence for an error."""
 
+import errno
 import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -113,16 +114,31 @@ def fail(error: Exception) -> int:
     said = str(error) if code != "not_found" or getattr(error, "file", "") else getattr(error, "message", str(error))
     message = without_source(said) or type(error).__name__
     exit_code = EXIT_CHECK
+    if isinstance(error, OSError) and error.errno is not None:
+        code = errno.errorcode.get(error.errno, code)
+        message = f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror)
     if _is_usage(error):
         exit_code = EXIT_USAGE
     elif not hasattr(error, "code") and not isinstance(error, OSError) and type(error).__name__ != "RunFolderError":
         message = f"internal error: {type(error).__name__}: {message} (surefoot --debug ... shows where)"
     if state.json:
-        content: Mapping[str, Any] = {"code": code, "message": message, "field": getattr(error, "field", None)}
-        write_json({"error": content})
+        _write_error(code, message, getattr(error, "field", None) or None)
     else:
         tell(f"surefoot: {message}", "error")
     return exit_code
+
+
+def misused(error: Any, *, json: bool) -> int:
+    """Write what typer says of wrong words, with the command's usage or as one JSON object; return the exit code."""
+    if json:
+        _write_error("usage", error.format_message(), getattr(getattr(error, "param", None), "name", None))
+    else:
+        error.show()
+    return int(error.exit_code)
+
+
+def _write_error(code: str, message: str, field: str | None) -> None:
+    write_json({"error": {"code": code, "message": message, "field": field}})
 
 
 def _is_usage(error: Exception) -> bool:

@@ -45,7 +45,7 @@ def info(key: Key, json: Json = False) -> None:
     use_json(json)
     query = query_named(key)
     fields = {"request": describe(query.request), "reply": describe(query.reply)}
-    paste = f"surefoot call {query.key.replace('*', query.owner)} '{jsonlib.dumps(example(query.request))}'"
+    paste = f"surefoot call {query.key.replace('*', 'walker')} '{jsonlib.dumps(example(query.request))}'"
     if json:
         write_json({"key": query.key, "owner": query.owner, **fields, "example": paste})
         return

@@ -116,6 +116,8 @@ def status(
 ) -> None:
     """Show what runs and how it does. Exit code 1: nothing runs, or a service is not well."""
     use_json(json)
+    if system is not None:
+        _check_known(Path(system).stem)
     found = {folder.name: _status(folder) for folder in _folders(system) if folder.held()}
     if json:
         write_json(found)
@@ -139,6 +141,8 @@ def logs(
     from services.supervisor.logs import follow_logs, last_lines
 
     use_json(json)
+    if system is not None:
+        _check_known(Path(system).stem)
     folders = _folders(system)
     found = {name: path for folder in folders[-1:] for name, path in folder.logs().items()}
     if service is not None and service not in found:

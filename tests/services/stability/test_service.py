@@ -15,6 +15,7 @@ from schemas.topics import HW_CONTACTS, HW_JOINTS, STATE_STABILITY, STATE_VELOCI
 from services.stability.programs.contacts import contact_set
 from services.stability.queries.check_query import check_reply
 from services.stability.service import Stability
+from services.supervisor.fields import example
 from surefoot.codec import encode
 from surefoot.errors import Refusal
 from surefoot.join import TickInputs
@@ -337,3 +338,12 @@ def test_status_in_the_air_and_without_gravity(service: Stability) -> None:
     assert (bench.sent[0].status, bench.sent[0].region, bench.sent[0].margin_planned) == ("infeasible", (), None)
     bench.tick(2, **samples(0, g_up=(0.0, 0.0, 0.0)))
     assert not bench.sent[1].fresh
+
+
+@pytest.mark.parametrize("what", ["region", "check", "com", "whatif", "equilibrium", "batch", "calibrate"])
+def test_the_example_of_the_command_line_is_answered(service: Stability, what: str) -> None:
+    asked = {query.key: query.request for query in service.serves}[f"stability/{what}"]
+    got = ask(service, what, **example(asked))
+    if what == "check":
+        assert got["stable"]
+        assert got["gsm"] == pytest.approx(0.03)

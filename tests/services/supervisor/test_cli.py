@@ -106,6 +106,8 @@ def test_every_command_has_help_and_json(surefoot, words):
         (["call", "health/walker", "--connect", "tcp/:1"], "--connect: got"),
         (["run"], "scenario"),
         (["run", "stand", "--seed", "-1"], "seed"),
+        (["status", "ragmo"], "(did you mean 'ragno'?); known are"),
+        (["logs", "--system", "ragmo"], "(did you mean 'ragno'?); known are"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
@@ -154,6 +156,32 @@ def test_a_client_looks_for_the_system_in_this_order(monkeypatch):
     monkeypatch.delenv("SUREFOOT_CONNECT")
     monkeypatch.delenv("SUREFOOT_LISTEN")
     assert endpoint()[0] == "tcp/127.0.0.1:7447"
+
+
+@pytest.mark.parametrize("words", [["topik"], ["topic", "echo"], ["call", "cmd/walk", "not json"], ["run", "--sed"]])
+def test_wrong_words_are_json_too_where_it_is_asked_for(surefoot, words):
+    code, out, err = surefoot(*words, "--json")
+    assert code == cli.EXIT_USAGE
+    error = json.loads(out)["error"]
+    assert set(error) == {"code", "message", "field"}
+    assert error["code"] == "usage"
+    assert not err
+
+
+def test_a_failure_of_the_operating_system_is_named(surefoot, tmp_path):
+    words = ("schema", "export", tmp_path / "file" / "schemas")
+    (tmp_path / "file").write_text("")
+    code, out, _ = surefoot(*words, "--json")
+    assert code == cli.EXIT_CHECK
+    assert json.loads(out)["error"]["code"] == "ENOTDIR"
+    assert surefoot(*words)[2] == f"surefoot: {words[-1]}: Not a directory\n"
+
+
+def test_a_namespace_that_is_none_is_told(surefoot, monkeypatch):
+    monkeypatch.setattr("services.supervisor.commands.connect._knock", lambda _: None)
+    code, _, err = surefoot("call", "cmd/walk", '{"action": "stop"}', "--namespace", "a/**")
+    assert code == cli.EXIT_USAGE
+    assert err == "surefoot: namespace: got 'a/**', expected <fleet>/<robot> without *, $, # and ?\n"
 
 
 @pytest.mark.parametrize(("accepted", "expected"), [(True, 0), (False, 1)])

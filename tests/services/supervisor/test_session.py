@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from schemas.sim import World
+from schemas.sim import SimStatus, World
 from services.supervisor.compose import parse_compose
 from services.supervisor.keep import Order, keep
 from services.supervisor.rundir import RunFolder, RunFolderError
@@ -55,6 +55,13 @@ def test_leaves_nothing_behind(listen):
     assert all(gone(pid) for pid in found.values())
     assert not RunFolder("idle").held()
     assert [path.name for path in RunFolder("idle").path.iterdir() if path.is_file()] == ["lock"]
+
+
+def test_status_tells_why_a_run_has_ended(listen, monkeypatch):
+    with Session(parse_compose(IDLE), listen=listen) as session:
+        session.supervisor.status = SimStatus(state="ended", rtf=0.0, ticks=7, comparable=True, failed="it diverged")
+        monkeypatch.setattr(Session, "driver", "a")
+        assert {row.service: row.detail for row in session.rows()} == {"a": "it diverged", "b": ""}
 
 
 def test_stops_everything_when_the_caller_fails(listen):
