@@ -216,6 +216,7 @@ class HexapodWalker:
         s.closed = s.closed | {legs} if s.route is None or s.recovering else set()
         s.plan, s.stage, s.clock = plan, Stage.STEP, 0.0
         s.landed = ~plan.swing
+        s.hanging[:] = 0
         s.group = (s.group + 1) % s.gait.steps_per_cycle if s.route is not None else s.group
         s.swung = legs
 

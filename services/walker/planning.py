@@ -44,6 +44,8 @@ class StepPlan:
     """Foot centres at lift-off, (L, 3) map."""
     feet_to: Array
     """Foot centres at touch-down; standing feet as in `feet_from`."""
+    deepest: Array
+    """How far down each foot looks for the ground, (L,) m."""
     top: Array
     """Height of the level part of each swing, (L,) m."""
     go: Array
@@ -177,7 +179,8 @@ def complete(
     for k, leg in enumerate(legs):
         swinging[leg], top[leg] = True, highest[k]
         go[leg], arrive[leg] = swing.window(shape, feet[leg], feet_to[leg], highest[k], swept[k], params.margin_m)
-    return StepPlan(swinging, begin, end, feet.copy(), feet_to, top, go, arrive, status, duration, shape)
+    deepest = feet_to[:, 2] - params.search_m
+    return StepPlan(swinging, begin, end, feet.copy(), feet_to, deepest, top, go, arrive, status, duration, shape)
 
 
 def check_request(frame: Frame, plan: StepPlan, joints: Array, rot: Array) -> CheckRequest:

@@ -12,6 +12,7 @@ from services.walker.route import Route
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 
 
 class Stage(Enum):
@@ -83,6 +84,8 @@ class WalkerState:
     clock: float = 0.0
     """Time since the step began, s."""
     landed: Flags = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+    hanging: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """Samples in a row in which the switch of a foot that has landed in this step was open, (L,)."""
     group: int = 0
     """Group of the gait that swings next."""
     attempts: int = 0
@@ -110,4 +113,5 @@ class WalkerState:
         self.q = np.zeros(self.joints)
         self.contacts = np.zeros(n, dtype=np.bool_)
         self.landed = np.ones(n, dtype=np.bool_)
+        self.hanging = np.zeros(n, dtype=np.int64)
         self.status = ("nominal",) * n
