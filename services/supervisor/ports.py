@@ -56,4 +56,5 @@ def _command(process: Path) -> str:
         words = (process / "cmdline").read_bytes().decode("utf-8", "replace").split("\0")
     except OSError:
         return "unknown"
-    return " ".join(Path(word).name if i < 2 else word for i, word in enumerate(words) if word)[:80]
+    named = " ".join(Path(word).name if i < 2 else word for i, word in enumerate(words) if word)
+    return " ".join(named.split())[:80]  # one line, whatever its words hold

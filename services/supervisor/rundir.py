@@ -23,6 +23,10 @@ FILES = ("endpoint.json", "processes.json", "supervisor.json", "status.json", "r
 class RunFolderError(Exception):
     """A run folder that cannot be used, told in one sentence."""
 
+    def __init__(self, message: str, code: str = "already_up") -> None:
+        super().__init__(message)
+        self.code = code
+
 
 @dataclass(frozen=True)
 class Endpoint:
@@ -73,7 +77,7 @@ class RunFolder:
             self.path.mkdir(parents=True, exist_ok=True)
             stream = (self.path / "lock").open("ab")
         except OSError as exc:
-            raise RunFolderError(f"cannot write the run folder {self.path} ({exc.strerror})") from exc
+            raise RunFolderError(f"cannot write the run folder {self.path} ({exc.strerror})", "unwritable") from exc
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as exc:
@@ -170,10 +174,20 @@ class RunFolder:
         found = {name: _identity(entry) for name, entry in content.items()} if isinstance(content, dict) else {}
         return {name: identity for name, identity in found.items() if identity is not None and identity.alive()}
 
+    def orphans(self) -> dict[str, Identity]:
+        """Return the processes that a supervisor which died left behind."""
+        left = self.processes()  # before the lock: one that is ending has none when it lets go
+        return {} if self.held() else left
+
+    @property
+    def orphaned(self) -> str:
+        """What to do about them."""
+        return f"services of {self.name} run without their supervisor; `surefoot down {self.name}` ends them"
+
     def end_leftovers(self) -> tuple[str, ...]:
         """End what a supervisor that died left behind; return the names. Only with the lock held."""
         if self._lock is None:
-            raise RunFolderError(f"run folder of {self.name!r} is not held by this process")
+            raise RunFolderError(f"run folder of {self.name!r} is not held by this process", "not_held")
         left = self.processes()
         for identity in left.values():
             end(identity)

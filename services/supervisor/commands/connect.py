@@ -48,6 +48,7 @@ def endpoint(connect: str | None = None, namespace: str | None = None) -> tuple[
 
 def _knock(where: str) -> None:
     """Fail at once when nobody listens, instead of after Zenoh's patience."""
+    from services.supervisor.rundir import run_folders
     from surefoot.errors import BusError
 
     match = re.fullmatch(r"tcp/(\[?)([^\]]+)\]?:(\d+)", where)
@@ -56,5 +57,7 @@ def _knock(where: str) -> None:
     try:
         socket.create_connection((match.group(2), int(match.group(3))), timeout=2.0).close()
     except OSError:
-        message = f"no system answers at {where}; start one with `surefoot up`, or name another with --connect"
+        left = [folder.orphaned for folder in run_folders() if folder.orphans()]
+        what = left[0] if left else "start one with `surefoot up`, or name another with --connect"
+        message = f"no system answers at {where}; {what}"
         raise BusError("absent", message) from None

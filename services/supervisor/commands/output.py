@@ -119,7 +119,7 @@ def fail(error: Exception) -> int:
         message = f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror)
     if _is_usage(error):
         exit_code = EXIT_USAGE
-    elif not hasattr(error, "code") and not isinstance(error, OSError) and type(error).__name__ != "RunFolderError":
+    elif not hasattr(error, "code") and not isinstance(error, OSError):
         message = f"internal error: {type(error).__name__}: {message} (surefoot --debug ... shows where)"
     if state.json:
         _write_error(code, message, getattr(error, "field", None) or None)

@@ -118,7 +118,7 @@ def status(
     use_json(json)
     if system is not None:
         _check_known(Path(system).stem)
-    found = {folder.name: _status(folder) for folder in _folders(system) if folder.held()}
+    found = {folder.name: _status(folder) for folder in _folders(system) if folder.held() or folder.orphans()}
     if json:
         write_json(found)
     elif not found:
@@ -189,7 +189,7 @@ def _folders(system: str | None) -> list["RunFolder"]:
 
     if system is not None:
         return [RunFolder(Path(system).stem)]
-    return sorted(run_folders(), key=lambda folder: (folder.held(), folder.touched()))
+    return sorted(run_folders(), key=lambda folder: (folder.held() or bool(folder.orphans()), folder.touched()))
 
 
 def _check_known(name: str) -> None:
@@ -244,13 +244,17 @@ def _status(folder: "RunFolder") -> dict[str, Any]:
     """Return what the run folder says, with live numbers where the services answer."""
     from surefoot.errors import SurefootError
 
-    found = folder.endpoint()
+    endpoint = folder.endpoint()
     content: dict[str, Any] = {"connect": "", "namespace": "", "services": folder.read_rows()}
-    if found is None:
+    if orphans := folder.orphans():
+        content["detail"] = folder.orphaned
+        row = {"state": "orphaned", "restarts": 0, "detail": ""}
+        content["services"] = [{"service": name, "pid": found.pid, **row} for name, found in orphans.items()]
+    if endpoint is None:
         return content
-    content |= {"connect": found.connect, "namespace": found.namespace}
+    content |= {"connect": endpoint.connect, "namespace": endpoint.namespace}
     try:
-        with client(found.connect, found.namespace) as robot:
+        with client(endpoint.connect, endpoint.namespace) as robot:
             for row in content["services"]:
                 _add_health(row, robot)
     except SurefootError as error:
@@ -295,9 +299,11 @@ def _show_status(name: str, content: dict[str, Any]) -> None:
         )
         for row in content["services"]
     ]
-    title = f"{name}: {content['namespace']} at {content['connect']}"
+    title = f"{name}: {content['namespace']} at {content['connect']}" if content["connect"] else ""
     columns = ("service", "state", "doing", "pid", "restarts", "tick us p50 / p99", "MB", "remarks")
     write_table(columns, rows, title, right=(3, 4, 5, 6))
+    if "detail" in content:
+        write(content["detail"])
 
 
 def _refusals(row: dict[str, Any]) -> list[tuple[str, int]]:

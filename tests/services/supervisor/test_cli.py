@@ -17,6 +17,7 @@ from schemas.topics import HW_IMU, QUERIES
 from services.supervisor import cli
 from services.supervisor.commands.connect import endpoint
 from services.supervisor.commands.output import state
+from services.supervisor.process import Child
 from services.supervisor.rundir import Endpoint, RunFolder
 from surefoot.bus import Raw
 from surefoot.client import query_named
@@ -137,6 +138,26 @@ def test_a_listen_variable_that_is_no_endpoint_is_told(surefoot, monkeypatch, wo
     code, _, err = surefoot(*words)
     assert code == cli.EXIT_USAGE
     assert "surefoot: SUREFOOT_LISTEN: got 'garbage', expected tcp/<host>:<port 1-65535>\n" in err
+
+
+def test_services_without_their_supervisor_are_told(surefoot):
+    folder = RunFolder("ragno")
+    folder.acquire()
+    child = Child("walker", [sys.executable, "-c", "import time; time.sleep(60)"], {}, folder.log("walker"))
+    try:
+        folder.write_processes({"walker": child.identity})
+        folder._lock.close()  # as when the supervisor is killed
+        what = "services of ragno run without their supervisor; `surefoot down ragno` ends them"
+        code, out, _ = surefoot("status")
+        assert code == cli.EXIT_CHECK
+        assert out.splitlines()[-1] == what
+        assert "orphaned" in out
+        assert what in surefoot("stop")[2]
+        assert surefoot("logs", "walker")[0] == 0
+        assert surefoot("down")[1] == "stopped ragno\n"
+    finally:
+        child.terminate()
+        child.wait(5.0)
 
 
 def test_a_client_looks_for_the_system_in_this_order(monkeypatch):

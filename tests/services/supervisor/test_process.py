@@ -110,5 +110,14 @@ def test_a_busy_port_is_told_with_its_owner():
         port = listener.getsockname()[1]
         assert owner_of(port).startswith(f"process {os.getpid()} (")
     assert owner_of(port) == ""
+
+
+def test_the_owner_of_a_port_is_told_in_one_line():
+    script = "import socket\ns = socket.create_server(('127.0.0.1', 0))\nprint(s.getsockname()[1], flush=True)\ninput()"
+    with subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
+        owner = owner_of(int(child.stdout.readline()))
+        child.communicate(b"\n")
+    assert owner.startswith(f"process {child.pid} (")
+    assert "\n" not in owner
     assert port_of("tcp/127.0.0.1:7447") == 7447
     assert port_of("unixsock-stream//tmp/x") is None
