@@ -10,6 +10,7 @@ import numba  # pyright: ignore[reportMissingTypeStubs]
 from numba.core import event  # pyright: ignore[reportMissingTypeStubs]
 
 from surefoot.compiling import COMPILING
+from surefoot.kernel_sources import fingerprint
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -57,9 +58,19 @@ def row_kernel(function: F) -> F:
     return _compiled(function, error_model="numpy")
 
 
+def free_kernel(function: F) -> F:
+    """Like `row_kernel`, and runs without the interpreter's lock: other threads go on."""
+    return _compiled(function, error_model="numpy", nogil=True)
+
+
 def _compiled(function: F, **options: Any) -> F:
-    """Kept beside the source, else in the user's cache folder; where neither can be written, every process compiles."""
+    """Kept beside the source, else in the user's cache folder; where neither can be written, every process compiles.
+
+    Code is as old as the oldest file that went into it: see `surefoot.kernel_sources`.
+    """
     compiled: Any = numba.njit(**options)(function)  # pyright: ignore[reportUnknownMemberType]
     with contextlib.suppress(RuntimeError):  # numba finds no place to write
         compiled.enable_caching()
+        index = compiled._cache._cache_file  # numba has no name for it that is its user's
+        index._source_stamp = (index._source_stamp, fingerprint(function.__module__))
     return cast(F, compiled)

@@ -13,7 +13,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 
-import numba  # pyright: ignore[reportMissingTypeStubs]
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,10 +23,10 @@ from services.stability.programs.interior import NO_PRIMAL
 from services.stability.programs.lanes import LANES
 from services.stability.programs.reduced import RANK, SMALL_MU, matrices
 from services.stability.regions import flat
-from services.stability.regions.margin import MARGIN_DIRECTIONS, MARGIN_TOLERANCE, ON_EDGE, margin
+from services.stability.regions.margin import MARGIN_DIRECTIONS, MARGIN_TOLERANCE, ON_EDGE, margin, settled
 from services.stability.regions.region import RegionStatus, region, wide
 from services.stability.regions.thin import POINT, WIDE, along, flat_ends, line_of
-from surefoot.jit import row_kernel
+from surefoot.jit import free_kernel, row_kernel
 from surefoot.polygon import hull, signed_distance
 
 Ints = NDArray[np.int64]
@@ -96,7 +95,7 @@ def _share(contacts: ContactSet, index: Ints, begin: Ints, com: Array, first: in
         out.status[s], out.margin[s] = STATUSES.index(found.status), math.nan if value is None else value
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)  # pyright: ignore[reportUnknownMemberType]
+@free_kernel
 def _assess(
     position: Array,
     normal: Array,
@@ -158,6 +157,8 @@ def _one(position: Array, normal: Array, mu: Array, x: float, y: float) -> tuple
             ends[k, 0], ends[k, 1] = origin[0] + length * ends[k, 0], origin[1] + length * ends[k, 1]
         return _POINT if kind == POINT else _SEGMENT, _from(ends, x, y)
     if not wide(fan, begin.shape[0])[0]:
+        return _HARD, math.nan
+    if not settled(fan, count, outlook):
         return _HARD, math.nan
     return _OK, outlook.best * length
 
