@@ -12,7 +12,9 @@ from services.stability.regions.margin import margin
 from services.stability.regions.region import region
 
 INSIDE = 1e-6  # of the way to the middle of the region: forces are asked for so far inside the edge
-FINEST = 1e-4  # rad; directions around the best one are refined down to that
+FINEST = 1e-4  # rad; directions around the lowest ones are refined down to that
+GRID, BASINS = 64, 8  # directions to begin with beside the normals of the edges; local minima that are looked into
+TURN = 2.0 * math.pi
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,19 +127,28 @@ def robust_margin(contacts: ContactSet, com: Array, unknown: Uncertainty) -> flo
     found = region(careful)
     if found.status in ("infeasible", "unbounded"):
         return None
-    start = margin(found, com)
-    angles = 2.0 * np.pi * np.arange(64) / 64.0
-    if start.direction is not None:
-        angles = np.append(angles, math.atan2(start.direction[1], start.direction[0]))
-    best, at, width = math.inf, 0.0, float(2.0 * np.pi / 64.0)
-    while width > FINEST:
-        directions = np.column_stack((np.cos(angles), np.sin(angles)))
-        value = _left(careful, directions, com, unknown)
-        k = int(np.argmin(value))
-        if value[k] < best:
-            best, at = float(value[k]), float(angles[k])
-        angles, width = at + width * np.linspace(-1.0, 1.0, 17), width / 8.0
+    along = np.roll(found.inner, -1, axis=0) - found.inner
+    # h(a) - a'c has its minima at the normals of the edges, and the forces that tell the slope jump there
+    edges = (np.arctan2(-along[:, 0], along[:, 1])[:, None] + [-FINEST, 0.0, FINEST]).ravel()
+    angles = np.unique(np.concatenate((edges % TURN, np.arange(GRID) * TURN / GRID)))
+    value = _left(careful, _unit(angles), com, unknown)
+    behind, ahead = np.roll(value, 1), np.roll(value, -1)
+    lowest = np.flatnonzero((value <= behind) & (value <= ahead))
+    best = float(value.min())
+    for k in lowest[np.argsort(value[lowest])][:BASINS]:
+        at, width, low = float(angles[k]), TURN / GRID, float(value[k])
+        while width > FINEST:
+            near = at + width * np.linspace(-1.0, 1.0, 17)
+            tried = _left(careful, _unit(near), com, unknown)
+            if tried.min() < low:
+                low, at = float(tried.min()), float(near[int(tried.argmin())])
+            width /= 8.0
+        best = min(best, low)
     return best
+
+
+def _unit(angles: Array) -> Array:
+    return np.column_stack((np.cos(angles), np.sin(angles)))
 
 
 def _left(contacts: ContactSet, directions: Array, com: Array, unknown: Uncertainty) -> Array:

@@ -180,6 +180,34 @@ def test_caution_never_adds_margin() -> None:
         assert careful is None or careful < plain
 
 
+def test_robust_margin_leaves_out_no_direction() -> None:
+    """Independent of where the search begins: never above the value in any of 720 directions.
+
+    The same doubt in all directions moves every edge inwards alike: margin less kappa sd, whichever edge is nearest.
+    """
+    rng = np.random.default_rng(46)
+    for k, contacts in enumerate(feasible_sets(46, 8, (3, 7))):
+        if k % 2:
+            flat = contacts.position * [1.0, 1.0, 0.0]
+            contacts = contact_set(flat, [UP] * len(contacts), 0.6)
+        found = region(contacts)
+        if found.status != "ok":
+            continue
+        com = found.inner.mean(axis=0) + rng.uniform(-0.03, 0.03, 2)
+        plain, none = margin(found, com).value, np.zeros((len(contacts), 3, 3))
+        assert plain is not None
+        alike = robust_margin(contacts, com, Uncertainty(1e-4 * np.eye(2), none))
+        assert alike == pytest.approx(plain - 0.03, abs=1e-5)
+        feet = np.tile(1e-4 * np.eye(3), (len(contacts), 1, 1))
+        support = region(contacts, equally_spaced(720)).support
+        slopes = [gradient(contacts, support, i).position for i in range(720)]
+        loss = [3.0 * 0.01 * float(np.linalg.norm(slope)) for slope in slopes]
+        each = support.value - support.direction @ com - np.array(loss)
+        got = robust_margin(contacts, com, Uncertainty(np.zeros((2, 2)), feet))
+        assert got is not None
+        assert got <= each.min() + 1e-6
+
+
 def test_shrunk_friction() -> None:
     got = shrunk(contact_set(SQUARE, [UP] * 4, [0.5, 1.0, np.inf, 0.01]), 0.1, np.radians(10.0)).mu
     expected = [
