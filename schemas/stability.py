@@ -26,7 +26,7 @@ class Contact(Request):
 
     position: Vec3 = Field(description="contact point, frame world, m")
     normal: Vec3 = Field(description="normal of the ground towards the robot, frame world; any length but zero")
-    mu: float | None = Field(description="static friction coefficient, >= 0, no unit; null = unlimited", ge=0)
+    mu: float | None = Field(description="static friction coefficient, 0 to 10 000, no unit; null = unlimited", ge=0)
     leg: str | None = Field(
         default=None, max_length=32, description="leg that stands here; null = the leg whose foot is nearest"
     )

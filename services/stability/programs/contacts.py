@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 MAX_CONTACTS = 64
 MAX_COORDINATE = 1e6  # m; beyond it lengths lose the digits the answers promise
-MAX_MU = 1e6  # a steeper cone is no longer told from the half-space that inf means
+MAX_MU = 1e4  # of a steeper cone regions reach kilometres, and lose the digits; what does not slip at all has inf
 
 
 class StabilityError(ValueError):
@@ -72,7 +72,7 @@ def contact_set(position: ArrayLike, normal: ArrayLike, mu: ArrayLike, *, limit:
     Args:
         position: (n, 3) m, gravity-aligned frame, n <= limit.
         normal: (n, 3), any length but zero.
-        mu: (n,) or one number for all, up to 1e6; inf = unlimited friction (the cone becomes the half-space n'f >= 0).
+        mu: (n,) or one number for all, up to 1e4; inf = unlimited friction (the cone becomes the half-space n'f >= 0).
         limit: of a pool that many sets share, the size of the pool.
 
     Raises:

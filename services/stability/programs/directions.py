@@ -48,6 +48,8 @@ def unit(directions: ArrayLike) -> Array:
 
 AXES = equally_spaced(8)
 
+NEEDLE = 1e-3  # sine of what two edges of a hull may at least turn at its sharp end
+
 
 @row_kernel
 def has_axes(directions: Array) -> bool:
@@ -64,7 +66,11 @@ def has_axes(directions: Array) -> bool:
 
 @row_kernel
 def edge_normals(position: Array) -> Array:
-    """Outward normals of the hull of the contacts if it has 3 to 8 edges, else the axes: on mild ground its edges."""
+    """Outward normals of the hull of the contacts if it has 3 to 8 edges, else the axes: on mild ground its edges.
+
+    The axes for a needle, too: its normals are hardly less than half a turn apart, and the support lines between them
+    cross nowhere near.
+    """
     corners = hull(position[:, :2].copy())
     n = corners.shape[0]
     if n < 3 or n > 8:
@@ -75,6 +81,11 @@ def edge_normals(position: Array) -> Array:
         dx, dy = corners[j, 0] - corners[i, 0], corners[j, 1] - corners[i, 1]
         length = math.hypot(dx, dy)
         out[i, 0], out[i, 1] = dy / length, -dx / length
+    for i in range(n):
+        j = (i + 1) % n
+        turn = out[i, 0] * out[j, 1] - out[i, 1] * out[j, 0]
+        if turn < NEEDLE and out[i, 0] * out[j, 0] + out[i, 1] * out[j, 1] < 0.0:
+            return AXES.copy()
     return out
 
 
@@ -90,7 +101,5 @@ def corner_normals(position: Array) -> Array:
     for i in range(n):
         x, y = edges[i, 0] + edges[(i + 1) % n, 0], edges[i, 1] + edges[(i + 1) % n, 1]
         length = math.hypot(x, y)
-        if length < 1e-3:  # a needle
-            return edges
         out[i, 0], out[i, 1] = x / length, y / length
     return out

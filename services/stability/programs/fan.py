@@ -173,7 +173,7 @@ def insert(fan: Fan, begin: int, end: int) -> None:
 
 @row_kernel
 def triangle(fan: Fan, k: int, m: int) -> tuple[float, float, float, float]:
-    """Outward normal of the edge y_k y_m, height of the triangle over it, and its area; zeros if it cannot be split."""
+    """Outward normal of the edge y_k y_m, distance of o from it, area of the triangle; zeros if it cannot be split."""
     ax, ay, bx, by = fan.direction[k, 0], fan.direction[k, 1], fan.direction[m, 0], fan.direction[m, 1]
     ex, ey = fan.point[m, 0] - fan.point[k, 0], fan.point[m, 1] - fan.point[k, 1]
     length, det = math.hypot(ex, ey), ax * by - ay * bx
@@ -183,7 +183,10 @@ def triangle(fan: Fan, k: int, m: int) -> tuple[float, float, float, float]:
     u, v = fan.value[k], fan.value[m]
     ox, oy = (u * by - v * ay) / det, (v * ax - u * bx) / det
     height = nx * (ox - fan.point[k, 0]) + ny * (oy - fan.point[k, 1])
-    return nx, ny, height, 0.5 * height * length
+    size, along = 0.5 * height * length, nx * (oy - fan.point[k, 1]) - ny * (ox - fan.point[k, 0])
+    if along < 0.0 or along > length:  # o lies over none of the edge but beyond its end
+        height = math.hypot(height, max(-along, along - length))
+    return nx, ny, height, size
 
 
 @row_kernel
@@ -217,7 +220,7 @@ def explore(
         if goal.kind == ENCLOSE:
             wanted, outlook = _wide_triangles(fan, count, goal, pick, room)
         else:
-            wanted, outlook = _near_arcs(fan, count, goal, pick, room)
+            wanted, outlook = near_arcs(fan, count, goal, pick, room)
         if wanted == 0:
             break
         for k in range(wanted):
@@ -248,7 +251,7 @@ def _wide_triangles(fan: Fan, count: int, goal: Goal, pick: Array, room: int) ->
 
 
 @row_kernel
-def _near_arcs(fan: Fan, count: int, goal: Goal, pick: Array, room: int) -> tuple[int, Outlook]:
+def near_arcs(fan: Fan, count: int, goal: Goal, pick: Array, room: int) -> tuple[int, Outlook]:
     """min over unit directions of h(a) - a'p: the distance of p to the border inside, minus the distance outside.
 
     Between neighbours a_k, a_l the value is at least that of the edge y_k y_l, so each arc has a lower bound; arcs

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from services.stability.programs.contacts import Array, ContactSet
 from surefoot.jit import row_kernel
 
+SPOT = 1e-9  # m; contacts that lie nearer together are at one point: what is left of their distances is rounding
 RANK = 1e-10  # relative; smaller singular values are taken as zero
 SMALL_MU = 1e-9  # below it friction is left out
 
@@ -57,8 +58,9 @@ def matrices(position: Array, normal: Array, mu: Array) -> tuple[Array, Array, A
         d = math.hypot(position[i, 0] - origin[0], position[i, 1] - origin[1])
         spread = max(spread, d)
         length = max(length, max(d, abs(position[i, 2] - origin[2])))
-    if length == 0.0:
-        length = 1.0
+    spot = length <= SPOT
+    if spot:
+        length, spread = 1.0, 0.0
     a, h = np.empty((n, 3, 4)), np.empty((n, 3, 2))
     for i in range(n):
         nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
@@ -70,6 +72,8 @@ def matrices(position: Array, normal: Array, mu: Array) -> tuple[Array, Array, A
         tx, ty, tz = tx * inv, ty * inv, tz * inv
         x, y = (position[i, 0] - origin[0]) / length, (position[i, 1] - origin[1]) / length
         z = (position[i, 2] - origin[2]) / length
+        if spot:
+            x, y, z = 0.0, 0.0, 0.0
         friction = mu[i] if math.isfinite(mu[i]) else 0.0
         size = 1.0 / math.sqrt(1.0 + friction * friction)
         t = friction * size

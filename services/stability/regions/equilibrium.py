@@ -9,8 +9,9 @@ from services.stability.programs.clarabel_tools import clarabel_and_sparse
 from services.stability.programs.contacts import Array, ContactSet, StabilityError
 from services.stability.programs.interior import NO_PRIMAL, SOLVED
 from services.stability.programs.oracle import solve_one
-from services.stability.programs.reduced import SMALL_MU, matrices
+from services.stability.programs.reduced import SMALL_MU, SPOT, matrices
 
+FELT = 1e-8  # relative; twists that contacts feel less are not felt, and a smaller part of the load is none
 CLOSE = 1e-9  # to that the least share of friction is found
 NOTHING = 1e-10  # of the weight; less friction than that in excess is none
 LARGEST_GAP = 1e-7  # of clarabel's answer, by which it is accepted
@@ -42,24 +43,76 @@ class LeastFriction:
 def equilibrium(contacts: ContactSet, com: Array) -> Equilibrium:
     """Solve sum f = e_z, sum r x f = c x e_z over the cones: six unknowns, the whole twist.
 
+    Unlimited friction demands u_t = 0 of the twist, and contacts at one point or on one line leave some twists unfelt:
+    the cones are solved for in the twists that are left, free tangential forces carry the rest.
+
     Args:
-        contacts: with limited friction (unlimited friction is taken as 1e4).
+        contacts: any.
         com: (2,) m.
+
+    Raises:
+        StabilityError: no_convergence, by field `contacts`.
     """
-    if len(contacts) == 0:
+    n = len(contacts)
+    if n == 0:
         return Equilibrium(False, None, np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0]))
-    mu = np.where(contacts.mu < SMALL_MU, 0.0, np.minimum(contacts.mu, 1e4))
-    a, _, origin, length, _ = matrices(contacts.position, contacts.normal, mu)
-    arm = (contacts.position - origin) / length
-    full = np.concatenate((a[:, :, :3], np.cross(arm[:, None, :], a[:, :, :3])), axis=2)
+    column, wrench, origin, length = _wrenches(contacts)
     x, y = (com - origin[:2]) / length
-    status, _, lam, cone, _ = solve_one(full, np.zeros((len(mu), 3)), np.array([0.0, 0.0, 1.0, y, -x, 0.0]))
-    if status == SOLVED:
-        return Equilibrium(True, np.einsum("iqd,iq->id", a[:, :, :3], cone), None)
-    if status != NO_PRIMAL:
-        raise StabilityError("no_convergence", "contacts", "the solver found no answer for this contact set")
-    velocity = length * lam[:3] - np.cross(lam[3:], origin)
-    return Equilibrium(False, None, np.concatenate((velocity, lam[3:])))
+    load = np.array([0.0, 0.0, 1.0, y, -x, 0.0])
+    free = wrench[np.isinf(contacts.mu), 1:].reshape(-1, 6).T  # (6, 2k)
+    cones = wrench.copy()
+    cones[np.isinf(contacts.mu), 1:] = 0.0
+    null = _image(free)[1]  # (6, m) twists that no free force works against
+    felt, unfelt = _image((cones @ null).reshape(3 * n, null.shape[1]).T)
+    down = null @ (unfelt @ (unfelt.T @ (null.T @ load)))
+    if float(np.abs(down).max(initial=0.0)) > FELT * max(1.0, abs(x), abs(y)):
+        return Equilibrium(False, None, _moved(-down, length, origin))
+    basis, cone = null @ felt, np.zeros((n, 3))
+    if basis.shape[1]:
+        status, _, lam, cone, _ = solve_one(np.ascontiguousarray(cones @ basis), np.zeros((n, 3)), basis.T @ load)
+        if status == NO_PRIMAL:
+            return Equilibrium(False, None, _moved(basis @ lam, length, origin))
+        if status != SOLVED:
+            raise StabilityError("no_convergence", "contacts", "the solver found no answer for this contact set")
+    if free.size:
+        rest = load - np.einsum("iqj,iq->j", cones, cone)
+        u, s, vt = np.linalg.svd(free, full_matrices=False)
+        held = s > FELT
+        amount = vt[held].T @ ((u[:, held].T @ rest) / s[held])
+        cone[np.isinf(contacts.mu), 1:] = amount.reshape(-1, 2)
+    return Equilibrium(True, np.einsum("iqd,iq->id", column, cone), None)
+
+
+def _wrenches(contacts: ContactSet) -> tuple[Array, Array, Array, float]:
+    """Columns of the forces (n, 3, 3) and wrenches (n, 3, 6), origin (3,) m and unit of length.
+
+    Those of unlimited friction are the normal and two free tangents.
+    """
+    unlimited = np.isinf(contacts.mu)
+    mu = np.where(unlimited, 1.0, np.where(contacts.mu < SMALL_MU, 0.0, contacts.mu))
+    a, _, origin, length, _ = matrices(contacts.position, contacts.normal, mu)
+    column = a[:, :, :3].copy()
+    column[unlimited] *= math.sqrt(2.0)
+    arm = (contacts.position - origin) / length
+    if np.abs(contacts.position - origin).max() <= SPOT:
+        arm[:] = 0.0
+    return column, np.concatenate((column, np.cross(arm[:, None, :], column)), axis=2), origin, length
+
+
+def _image(columns: Array) -> tuple[Array, Array]:
+    """Orthonormal bases of what columns (m, k) span, (m, r), and of what they do not, (m, m - r)."""
+    if not columns.size:
+        return np.zeros((len(columns), 0)), np.eye(len(columns))
+    u, s, _ = np.linalg.svd(columns)
+    rank = int(np.count_nonzero(s > FELT))
+    if rank == len(columns):
+        return np.eye(rank), np.zeros((rank, 0))
+    return u[:, :rank], u[:, rank:]
+
+
+def _moved(scaled: Array, length: float, origin: Array) -> Array:
+    """Twist (v, Om) about the origin of the frame, m, from that of scaled lengths about `origin`."""
+    return np.concatenate((length * scaled[:3] - np.cross(scaled[3:], origin), scaled[3:]))
 
 
 def least_friction(contacts: ContactSet, com: Array) -> LeastFriction | None:
@@ -141,23 +194,22 @@ def least_forces(contacts: ContactSet, com: Array) -> Array | None:
         return None
     clarabel, sparse = clarabel_and_sparse()
 
-    n = len(contacts)
-    mu = np.where(contacts.mu < SMALL_MU, 0.0, np.minimum(contacts.mu, 1e4))
-    a, _, origin, length, _ = matrices(contacts.position, contacts.normal, mu)
-    columns = a[:, :, :3]  # (n, 3, 3): force = sum of column k times cone coordinate k
-    arm = (contacts.position - origin) / length
-    wrench = np.concatenate((columns, np.cross(arm[:, None, :], columns)), axis=2).reshape(3 * n, 6)
+    n, unlimited = len(contacts), np.isinf(contacts.mu)
+    column, wrench, origin, length = _wrenches(contacts)
     x, y = (com - origin[:2]) / length
-    balance = np.array([0.0, 0.0, 1.0, y, -x, 0.0])
-    weight = sparse.block_diag([2.0 * c @ c.T for c in columns], format="csc")
-    rows = sparse.csc_matrix(np.vstack((wrench.T, -np.eye(3 * n))))
-    right = np.concatenate((balance, np.zeros(3 * n)))
-    cones = [clarabel.ZeroConeT(6)] + [clarabel.SecondOrderConeT(3)] * n
+    weight = sparse.block_diag([2.0 * c @ c.T for c in column], format="csc")
+    identity = np.eye(3 * n)
+    rows = [wrench.reshape(3 * n, 6).T, -identity[0 : 3 * n : 3][unlimited]]
+    rows += [-identity[3 * i : 3 * i + 3] for i in np.flatnonzero(~unlimited)]
+    matrix = sparse.csc_matrix(np.vstack(rows))
+    right = np.concatenate(([0.0, 0.0, 1.0, y, -x, 0.0], np.zeros(matrix.shape[0] - 6)))
+    cones = [clarabel.ZeroConeT(6), clarabel.NonnegativeConeT(int(unlimited.sum()))]
+    cones += [clarabel.SecondOrderConeT(3)] * int((~unlimited).sum())
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     solution = clarabel.DefaultSolver(
-        sparse.triu(weight, format="csc"), np.zeros(3 * n), rows, right, cones, settings
+        sparse.triu(weight, format="csc"), np.zeros(3 * n), matrix, right, cones, settings
     ).solve()
     if "Solved" not in str(solution.status):
         raise StabilityError("no_convergence", "contacts", f"clarabel ended with {solution.status}")
-    return np.einsum("iqd,iq->id", columns, np.array(solution.x).reshape(n, 3))
+    return np.einsum("iqd,iq->id", column, np.array(solution.x).reshape(n, 3))

@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from services.stability.programs.contacts import Array
+from services.stability.programs.reduced import SPOT
 from surefoot.jit import row_kernel
 
 PLANE = 1e-12  # of the unit of length; a larger distance from the plane is uneven ground
@@ -32,7 +33,7 @@ def plane(position: Array, normal: Array, mu: Array) -> tuple[bool, float, float
         xx, xy, yy, xz, yz = xx + x * x, xy + x * y, yy + y * y, xz + x * z, yz + y * z
         size = max(size, max(abs(x), abs(y)))
     det = xx * yy - xy * xy
-    if det <= 1e-9 * (xx + yy) * (xx + yy):  # nearly on one line
+    if size <= SPOT or det <= 1e-9 * (xx + yy) * (xx + yy):  # at one point, nearly on one line
         return False, 0.0, 0.0
     p, q = (xz * yy - yz * xy) / det, (yz * xx - xz * xy) / det
     inv = 1.0 / math.sqrt(1.0 + p * p + q * q)

@@ -6,18 +6,21 @@ from typing import Literal
 
 import numpy as np
 
-from services.stability.programs.contacts import Array
-from services.stability.programs.fan import APPROACH, Fan, Goal, explore, insert, new_fan
-from services.stability.programs.interior import NO_DUAL, NO_PRIMAL
+from services.stability.programs.contacts import Array, StabilityError
+from services.stability.programs.fan import APPROACH, Fan, Goal, Outlook, explore, insert, near_arcs, new_fan
+from services.stability.programs.interior import NO_DUAL, NO_PRIMAL, SOLVED
 from services.stability.programs.lanes import LANES
 from services.stability.programs.oracle import FLAT, Oracle, solve_one
+from services.stability.programs.reference import Reference
 from services.stability.regions.region import Region, Solved
+from surefoot.jit import row_kernel
 from surefoot.polygon import ray, signed_distance
 
 ExtentStatus = Literal["ok", "unbounded", "infeasible", "missed"]
 
 MARGIN_TOLERANCE = 2e-9  # in units of the stance; the solver's own accuracy is 1e-9
-MARGIN_DIRECTIONS = 160  # more are never needed: each round narrows the arc by a factor of nine
+UNSETTLED = 1e-8  # of the largest support value: a margin further from its lower bound is not taken for an answer
+MARGIN_DIRECTIONS = 160  # more tell nothing: each round narrows the arc by a factor of nine
 ON_EDGE = 1e-12  # m; a distance below it is zero (points and segments have no inside)
 
 
@@ -70,6 +73,9 @@ def margin(region: Region, point: Array, plane: Plane | None = None) -> Margin:
     """min over unit a of h(a) - a'c: the distance to the edge inside, minus the distance to the region outside.
 
     With a plane both distance and point are in it.
+
+    Raises:
+        StabilityError: no_convergence, by field `contacts`.
     """
     if region.status in ("infeasible", "unbounded"):
         return Margin(None)
@@ -82,8 +88,42 @@ def margin(region: Region, point: Array, plane: Plane | None = None) -> Margin:
     capacity = s.count + MARGIN_DIRECTIONS
     fan = _with_room(s.fan, s.count, capacity)
     goal = Goal(APPROACH, MARGIN_TOLERANCE, float(x), float(y))
-    outlook = explore(s.a, s.h, s.c, fan, s.count, s.count, goal, capacity, LANES)[2]
+    count, _, outlook = explore(s.a, s.h, s.c, fan, s.count, s.count, goal, capacity, LANES)
+    if not settled(fan, count, outlook):
+        outlook, fan = _slowly(s, fan, count, goal)
     return Margin(outlook.best * s.length, fan.direction[outlook.arg].copy())
+
+
+@row_kernel
+def settled(fan: Fan, count: int, outlook: Outlook) -> bool:
+    """Whether the best value is as near to its lower bound as the solver is exact, or all directions are used up (the
+    middle of a circle: all are equally near). It is not where the solver gave up on a direction in between."""
+    if count == fan.value.size:
+        return True
+    size = 1.0
+    for k in range(count):
+        size = max(size, abs(fan.value[k]))
+    return outlook.best - outlook.bound <= UNSETTLED * size
+
+
+def _slowly(s: Solved, fan: Fan, count: int, goal: Goal) -> tuple[Outlook, Fan]:
+    """Approach with clarabel, one direction at a time."""
+    reference, pick = Reference(s.a, s.c), np.empty((LANES, 2))
+    fan = _with_room(fan, count, count + MARGIN_DIRECTIONS)
+    wanted, outlook = near_arcs(fan, count, goal, pick, 1)
+    while wanted and count < len(fan.value):
+        answer = reference.solve(s.h @ pick[0])
+        if answer.status != SOLVED:
+            break
+        fan.direction[count], fan.status[count] = pick[0], SOLVED
+        fan.value[count], fan.unknown[count], fan.force[count] = answer.value, answer.unknown, answer.force
+        fan.point[count], fan.error[count] = np.einsum("iqd,iq->d", s.h, answer.force), answer.error
+        insert(fan, count, count + 1)
+        count += 1
+        wanted, outlook = near_arcs(fan, count, goal, pick, 1)
+    if not settled(fan, count, outlook):
+        raise StabilityError("no_convergence", "contacts", "neither solver found the nearest edge of this region")
+    return outlook, fan
 
 
 def _with_room(fan: Fan, count: int, capacity: int) -> Fan:
