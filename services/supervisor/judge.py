@@ -214,11 +214,22 @@ def measure(traces: Traces, wall_s: float | None = None) -> dict[str, float]:
         way = path_length(truth)
         if way > 0.1:
             values["odometry_error_percent"] = 100.0 * float(drift[-1, 1]) / way
-    stability = traces.series("state/stability")
+    stability = since_ready(traces.series("state/stability"), traces.series("state/gait"))
     for name, column in (("min_margin_m", 1), ("min_margin_measured_m", 2)):
         if len(stability) and np.isfinite(stability[:, column]).any():
             values[name] = float(np.nanmin(stability[:, column]))
     return values
+
+
+def since_ready(rows: Array, gait: Array) -> Array:
+    """Return the rows from the moment the walker is ready, all when there is none; both as in `Traces.series`.
+
+    A robot that was set down on rough ground rests on few feet until it has put down the others.
+    """
+    if not len(rows) or not len(gait):
+        return rows
+    ready = gait[gait[:, 5] == 0.0, 0]
+    return rows[rows[:, 0] >= ready[0]] if len(ready) else rows[:0]
 
 
 def distance(truth: Array) -> float:

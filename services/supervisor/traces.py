@@ -117,9 +117,10 @@ class Traces:
         self._row(key, m, *m.position, m.yaw, *np.sqrt(variance[:2]), float(m.initialised))
 
     def _gait_state(self, key: str, m: Any) -> None:
-        """Columns: time, remaining, margin of the last step check (NaN = none), steps, feet in stance."""
+        """Columns: time, remaining, margin of the last step check (NaN = none), steps, feet in stance, waiting."""
         margin = np.nan if m.margin is None else m.margin
-        time = self._row(key, m, m.remaining, margin, m.steps, float(sum(m.stance)))
+        waiting = float(m.state == "waiting")
+        time = self._row(key, m, m.remaining, margin, m.steps, float(sum(m.stance)), waiting)
         now = (m.state, m.reason)
         if now != self._gait:
             if m.reason and m.reason != self._gait[1]:

@@ -126,3 +126,13 @@ def test_one_sample_of_too_small_a_margin_fails_the_run(invented):
     traces.feed("state/stability", invented.stability(400, least - 0.001, 0.05))
     verdict = judge(traces, {"min_margin_m": least - 1e-6})
     assert [row.name for row in verdict.rows if row.ok is False] == ["min_margin_m"]
+
+
+def test_margins_count_from_the_moment_the_walker_is_ready(invented):
+    traces, found = Traces(), []
+    for tick, state, margin in ((0, "waiting", -0.1), (2, "standing", 0.07), (4, "waiting", 0.06)):
+        traces.feed("sim/truth", invented.truth(tick))
+        traces.feed("state/gait", invented.gait(tick, state=state))
+        traces.feed("state/stability", invented.stability(tick, margin, margin))
+        found.append(measure(traces).get("min_margin_m"))
+    assert found == [None, 0.07, 0.06]  # being lost later is no excuse
