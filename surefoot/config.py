@@ -5,6 +5,7 @@ have it. Values are read as TOML where they can be (numbers, booleans, lists), e
 """
 
 import hashlib
+import json
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -110,4 +111,5 @@ def _value(text: str) -> Any:
 
 def config_hash(config: BaseModel) -> str:
     """sha256 of the effective configuration."""
-    return hashlib.sha256(config.model_dump_json().encode()).hexdigest()
+    content = json.dumps(config.model_dump(mode="json"))  # a path may hold bytes that are no UTF-8
+    return hashlib.sha256(content.encode()).hexdigest()

@@ -39,6 +39,11 @@ def read_log_line(line: str) -> LogLine | None:
     return LogLine(time, level, service, None if tick is None else int(tick), text)
 
 
+def sendable(text: str) -> str:
+    """The text with what is no UTF-8 in it, as names of files may hold, written as escapes."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
 def said(line: str) -> str:
     """What a line says, without when and who."""
     found = read_log_line(line)

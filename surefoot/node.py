@@ -24,7 +24,7 @@ from surefoot.errors import CallError, Refusal
 from surefoot.frame import Frame
 from surefoot.inbox import Inbox
 from surefoot.join import DRIVER, Delayed, Join, TickInputs
-from surefoot.logline import log_line
+from surefoot.logline import log_line, sendable
 from surefoot.service import Service
 from surefoot.version import VERSION
 from surefoot.vitals import health_of
@@ -381,7 +381,7 @@ class Node:
         sys.stderr.flush()
         publisher = self._publishers.get(f"log/{self.name}")
         if publisher is not None:
-            publisher.put(LogRecord(source=self.name, level=level, text=text[:4000]))  # pyright: ignore[reportArgumentType]
+            publisher.put(LogRecord(source=self.name, level=level, text=sendable(text[:2000])))  # pyright: ignore[reportArgumentType]
 
     def health(self) -> Health:
         """How the service does."""

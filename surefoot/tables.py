@@ -3,6 +3,7 @@
 import difflib
 import math
 import re
+import reprlib
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -14,6 +15,12 @@ from numpy.typing import NDArray
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 UNIT_SLACK = 1e-6
 """What rounding in a file may take from the length of a unit vector."""
+
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel = 2
+_SHORT.maxstring = _SHORT.maxother = 120
+shown = _SHORT.repr
+"""A received value in a sentence: a few lines of YAML with aliases can stand for gigabytes."""
 
 
 class TableError(ValueError):
@@ -51,7 +58,7 @@ class Table:
 
     def __init__(self, data: object, path: str = "", error: type[TableError] = TableError) -> None:
         if not isinstance(data, Mapping):
-            raise error("type", path or "file", f"expected a table, got {data!r}")
+            raise error("type", path or "file", f"expected a table, got {shown(data)}")
         self._data = cast("Mapping[str, object]", data)
         self._path = path
         self._error = error
@@ -85,24 +92,24 @@ class Table:
         """Non-empty text, one of `allowed` if given."""
         value = self.raw(key)
         if not isinstance(value, str) or not value:
-            raise self.refuse("type", key, f"expected text, got {value!r}")
+            raise self.refuse("type", key, f"expected text, got {shown(value)}")
         if allowed and value not in allowed:
             hint = did_you_mean(value, allowed)
-            raise self.refuse("value", key, f"got {value!r}{hint}, allowed are {', '.join(allowed)}")
+            raise self.refuse("value", key, f"got {shown(value)}{hint}, allowed are {', '.join(allowed)}")
         return value
 
     def name(self, key: str) -> str:
         """Lower-case identifier."""
         value = self.text(key)
         if not _NAME.fullmatch(value):
-            raise self.refuse("value", key, f"got {value!r}, expected lower-case letters, digits and underscores")
+            raise self.refuse("value", key, f"got {shown(value)}, expected lower-case letters, digits and underscores")
         return value
 
     def flag(self, key: str, default: bool) -> bool:
         """Boolean with a default."""
         value = self.raw(key) if self.has(key) else default
         if not isinstance(value, bool):
-            raise self.refuse("type", key, f"expected true or false, got {value!r}")
+            raise self.refuse("type", key, f"expected true or false, got {shown(value)}")
         return value
 
     def number(
@@ -128,7 +135,7 @@ class Table:
         """Whole number inside the stated range."""
         value = self.raw(key)
         if isinstance(value, bool) or not isinstance(value, int):
-            raise self.refuse("type", key, f"expected a whole number, got {value!r}")
+            raise self.refuse("type", key, f"expected a whole number, got {shown(value)}")
         if not at_least <= value <= at_most:
             raise self.refuse("value", key, f"got {value}, must be in [{at_least}, {at_most}]")
         return value
@@ -143,7 +150,7 @@ class Table:
         """A list of vectors, shape (n, size)."""
         value = self.raw(key)
         if not isinstance(value, list):
-            raise self.refuse("type", key, f"expected a list of lists of {size} numbers, got {value!r}")
+            raise self.refuse("type", key, f"expected a list of lists of {size} numbers, got {shown(value)}")
         rows = [self._vector(row, f"{key}[{i}]", size) for i, row in enumerate(cast("list[object]", value))]
         return np.array(rows, dtype=np.float64).reshape(len(rows), size)
 
@@ -163,7 +170,7 @@ class Table:
         """Array of tables, at least one."""
         value = self.raw(key)
         if not isinstance(value, list) or not value:
-            raise self.refuse("type", key, f"expected at least one table, got {value!r}")
+            raise self.refuse("type", key, f"expected at least one table, got {shown(value)}")
         rows = cast("list[object]", value)
         return [Table(row, self.field(f"{key}[{i}]"), self._error) for i, row in enumerate(rows)]
 
@@ -185,13 +192,13 @@ class Table:
 
     def _finite(self, value: object, key: str) -> float:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise self.refuse("type", key, f"expected a number, got {value!r}")
+            raise self.refuse("type", key, f"expected a number, got {shown(value)}")
         if not math.isfinite(value):
             raise self.refuse("value", key, f"got {value}, must be finite")
         return float(value)
 
     def _vector(self, value: object, key: str, size: int) -> NDArray[np.float64]:
         if not isinstance(value, list) or len(cast("list[object]", value)) != size:
-            raise self.refuse("type", key, f"expected {size} numbers, got {value!r}")
+            raise self.refuse("type", key, f"expected {size} numbers, got {shown(value)}")
         row = cast("list[object]", value)
         return np.array([self._finite(x, f"{key}[{i}]") for i, x in enumerate(row)], dtype=np.float64)

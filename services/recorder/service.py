@@ -13,6 +13,7 @@ from surefoot.bus import Raw
 from surefoot.codec import encode, encoding_of
 from surefoot.config import ServiceConfig
 from surefoot.join import TickInputs
+from surefoot.logline import sendable
 from surefoot.recording import RecordingWriter
 from surefoot.runhash import RunHash
 from surefoot.service import Service
@@ -82,7 +83,7 @@ class Recorder(Service[RecorderConfig]):
     def status(self, request: RecorderRequest) -> RecorderReply:
         """How far the recording is."""
         return RecorderReply(
-            path=self._path, epoch=self._epoch, tick=self._tick, finished=self._finished,
+            path=sendable(self._path), epoch=self._epoch, tick=self._tick, finished=self._finished,
             messages=sum(self._hash.counts.values()), run_hash=self._hash.hexdigest() if self._finished else "",
         )  # fmt: skip
 

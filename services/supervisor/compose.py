@@ -19,7 +19,7 @@ import yaml
 
 from services.supervisor.extends import extended
 from services.supervisor.files import FileError, read_text
-from surefoot.tables import Table
+from surefoot.tables import Table, shown
 
 CONTAINER_ONLY = ("image", "build", "network_mode", "init")
 
@@ -130,7 +130,17 @@ def _compose(text: str, path: Path) -> Compose:
     if not services:
         raise top.refuse("missing", "services", "names no service")
     _close(top)
+    _check_robot(services)
     return Compose(name, path, _in_order(services))
+
+
+def _check_robot(services: list[ComposeService]) -> None:
+    """Refuse services that are told of different robots: they would misread each other."""
+    told = [(s.name, s.environment["SUREFOOT_ROBOT"]) for s in services if "SUREFOOT_ROBOT" in s.environment]
+    for name, robot in told:
+        if robot != told[0][1]:
+            said = f"got {robot!r}, but {told[0][0]} has {told[0][1]!r}: the services of a system are of one robot"
+            raise ComposeError("value", f"services.{name}.environment.SUREFOOT_ROBOT", said)
 
 
 def _read(path: Path) -> object:
@@ -149,7 +159,7 @@ def _content(text: str) -> object:
 
 def _name(table: Table, key: str, name: object) -> str:
     if not isinstance(name, str) or not _NAME.fullmatch(name):
-        raise table.refuse("value", key, f"got the name {name!r}, allowed are small letters, digits, '-' and '_'")
+        raise table.refuse("value", key, f"got the name {shown(name)}, allowed are small letters, digits, '-' and '_'")
     return name
 
 
@@ -178,7 +188,7 @@ def _command(table: Table, name: str) -> tuple[str, ...]:
     except ValueError as exc:
         raise table.refuse("value", "command", f"cannot be split into words: {exc}") from exc
     if not isinstance(words, list) or not words or not all(isinstance(word, str) for word in words):
-        raise table.refuse("type", "command", f"expected a text or a list of texts, got {value!r}")
+        raise table.refuse("type", "command", f"expected a text or a list of texts, got {shown(value)}")
     return tuple(words)
 
 
@@ -187,7 +197,7 @@ def _environment(table: Table) -> dict[str, str]:
     if isinstance(value, list):
         for item in value:
             if not isinstance(item, str) or "=" not in item:
-                raise table.refuse("type", "environment", f"expected NAME=value, got {item!r}")
+                raise table.refuse("type", "environment", f"expected NAME=value, got {shown(item)}")
         value = dict(item.split("=", 1) for item in value)
     variables = Table(value, table.field("environment"), ComposeError)
     result: dict[str, str] = {}
@@ -205,7 +215,7 @@ def _depends_on(table: Table) -> tuple[tuple[str, Condition], ...]:
     if isinstance(value, list):
         for item in value:
             if not isinstance(item, str):
-                raise table.refuse("type", "depends_on", f"expected names of services, got {item!r}")
+                raise table.refuse("type", "depends_on", f"expected names of services, got {shown(item)}")
         return tuple((item, "service_started") for item in value)
     result: list[tuple[str, Condition]] = []
     for key, entry in Table(value, table.field("depends_on"), ComposeError).items():
@@ -249,7 +259,7 @@ def _restart(table: Table) -> tuple[Restart, int | None]:
             return value, None
         case _:
             allowed = "no, always, on-failure, on-failure:<n>, unless-stopped"
-            raise table.refuse("value", "restart", f"got {value!r}, allowed are {allowed}")
+            raise table.refuse("value", "restart", f"got {shown(value)}, allowed are {allowed}")
 
 
 def _duration(table: Table, key: str, default: float) -> float:
@@ -259,7 +269,7 @@ def _duration(table: Table, key: str, default: float) -> float:
     value = table.raw(key)
     match = _DURATION.fullmatch(value) if isinstance(value, str) and value else None
     if match is None:
-        raise table.refuse("value", key, f"expected a duration such as 500ms, 2s or 1m30s, got {value!r}")
+        raise table.refuse("value", key, f"expected a duration such as 500ms, 2s or 1m30s, got {shown(value)}")
     hours, minutes, seconds, millis = (float(part or 0) for part in match.groups())
     return 3600 * hours + 60 * minutes + seconds + millis / 1000
 

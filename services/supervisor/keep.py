@@ -2,6 +2,7 @@
 
 import sys
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from services.supervisor.system import SELF
 from surefoot.errors import BusError, CallError
 from surefoot.logline import said
 
+DRIVER_S = 5.0  # s wall, after all services of a system are there one of them must have said that it drives
 READY_S = 90.0  # s wall, until every service is there; the first start compiles kernels
 
 
@@ -65,7 +67,7 @@ def keep(
     with Session(compose, listen=listen, environment=environment, spawn=spawn, tell=tell) as session:
         wanted = set(session.system.service_names)
         told, written = False, None
-        reset_by = ""
+        reset_by, alone_since = "", 0.0
         while not stop.is_set():
             session.step()
             rows = session.rows()
@@ -77,6 +79,10 @@ def keep(
                 if session.answers(SIM_RESET):  # else the driver of a real robot, which starts the clock itself
                     _reset(session, order, tell)
                 reset_by = driver
+            if not driver and wanted <= set(session.alive):
+                alone_since = alone_since or time.monotonic()
+                if time.monotonic() - alone_since > DRIVER_S:
+                    raise BusError("not_ready", f"no service of {compose.path} drives; one must be the robot's driver")
             if not told and session.supervisor.ticks > 0 and (session.system.settled() or not spawn):
                 session.folder.write_ready()
                 ready()

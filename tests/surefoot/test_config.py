@@ -115,5 +115,9 @@ def test_hash_tells_effective_values_apart() -> None:
     assert config_hash(load()) != config_hash(load(None, None, "rate=1.5"))
 
 
+def test_hash_of_a_path_that_is_no_utf8() -> None:
+    assert config_hash(load(None, {"SUREFOOT_ROBOT": "/r\udcff"})) != config_hash(load())
+
+
 def test_variables_of_other_services_are_no_concern() -> None:
     assert load(None, {"SUREFOOT_WALKER_STRIDE_M": "0.1", "SUREFOOT_LISTEN": "tcp/x:1", "PATH": "/bin"}) == load()

@@ -116,7 +116,8 @@ def fail(error: Exception) -> int:
     exit_code = EXIT_CHECK
     if isinstance(error, OSError) and error.errno is not None:
         code = errno.errorcode.get(error.errno, code)
-        message = f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror)
+        where = error.filename or ("the working folder" if error.errno == errno.ENOENT else "")  # of os.getcwd
+        message = f"{where}: {error.strerror}" if where else str(error.strerror)
     if _is_usage(error):
         exit_code = EXIT_USAGE
     elif not hasattr(error, "code") and not isinstance(error, OSError):
@@ -138,7 +139,10 @@ def misused(error: Any, *, json: bool) -> int:
 
 
 def _write_error(code: str, message: str, field: str | None) -> None:
-    write_json({"error": {"code": code, "message": message, "field": field}})
+    try:
+        write_json({"error": {"code": code, "message": message, "field": field}})
+    except OSError:  # a full disk behind the output
+        tell(f"surefoot: {message}", "error")
 
 
 def _is_usage(error: Exception) -> bool:

@@ -20,6 +20,7 @@ from schemas.topics import (
     Topic,
 )
 from services.recorder.service import JOINED, Recorder, RecorderConfig
+from surefoot.codec import decode, encode
 from surefoot.config import ServiceConfig
 from surefoot.local import LocalSystem
 from surefoot.recording import read_recording, recording_info
@@ -180,6 +181,12 @@ def test_a_path_that_cannot_be_written_is_told_and_the_run_goes_on(tmp_path: Pat
     errors = [line.text for line in told if line.level == "error"]
     assert len(errors) == 1
     assert str(path) in errors[0]
+
+
+def test_a_path_that_is_no_utf8_is_written_and_told(tmp_path: Path) -> None:
+    system, _ = record(tmp_path / "b\udcff.mcap")
+    assert recording_info(tmp_path / "b\udcff.mcap")["topics"]["hw/imu"] == 30
+    assert decode(RecorderReply, encode(status(system))[0]).path.endswith("b\\udcff.mcap")
 
 
 def test_everything_deterministic_is_joined() -> None:

@@ -198,6 +198,15 @@ def test_a_failure_of_the_operating_system_is_named(surefoot, tmp_path):
     assert surefoot(*words)[2] == f"surefoot: {words[-1]}: Not a directory\n"
 
 
+def test_a_full_disk_behind_the_output_is_one_sentence():
+    with open("/dev/full", "w") as full:
+        for words in (["list"], ["list", "--json"]):
+            command = [sys.executable, "-m", "services.supervisor.cli", *words]
+            done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+            assert done.returncode == cli.EXIT_CHECK
+            assert done.stderr == "surefoot: No space left on device\n"
+
+
 def test_a_namespace_that_is_none_is_told(surefoot, monkeypatch):
     monkeypatch.setattr("services.supervisor.commands.connect._knock", lambda _: None)
     code, _, err = surefoot("call", "cmd/walk", '{"action": "stop"}', "--namespace", "a/**")

@@ -135,11 +135,22 @@ def test_what_cannot_be_extended_is_refused_by_name(tmp_path, services, code, fi
         ("a: [", "syntax", "file"),
         ("a: !!python/object:os.system x", "syntax", "file"),
         ("[" * 5000, "syntax", "file"),
+        (
+            "services: {a: {environment: {SUREFOOT_ROBOT: nao}}, b: {environment: {SUREFOOT_ROBOT: ragno}}}",
+            "value",
+            "services.b.environment.SUREFOOT_ROBOT",
+        ),
     ],
 )
 def test_refuses_by_name(text, code, field):
     error = refused(text)
     assert (error.code, error.field) == (code, field)
+
+
+def test_a_file_of_aliases_upon_aliases_is_a_short_sentence():
+    lines = ["a0: &a0 [x, x]", *(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 40))]
+    assert len(str(refused("\n".join([*lines, "services: *a39"])))) < 1000
+    assert len(str(refused("\n".join([*lines, "services: {a: {command: *a39}}"])))) < 1000
 
 
 def test_an_unknown_key_names_the_allowed_ones_and_the_nearest():

@@ -57,6 +57,14 @@ def test_leaves_nothing_behind(listen):
     assert [path.name for path in RunFolder("idle").path.iterdir() if path.is_file()] == ["lock"]
 
 
+def test_a_system_without_a_driver_is_told(listen, monkeypatch):
+    monkeypatch.setattr("services.supervisor.keep.DRIVER_S", 0.1)
+    monkeypatch.setattr(Session, "alive", ("a", "b"))
+    with pytest.raises(BusError, match=r"no service of compose\.yaml drives") as caught:
+        keep(parse_compose(IDLE), Order(World()), threading.Event(), listen=listen)
+    assert caught.value.code == "not_ready"
+
+
 def test_status_tells_why_a_run_has_ended(listen, monkeypatch):
     with Session(parse_compose(IDLE), listen=listen) as session:
         session.supervisor.status = SimStatus(state="ended", rtf=0.0, ticks=7, comparable=True, failed="it diverged")
