@@ -53,8 +53,6 @@ from surefoot.heightmap import HeightMapError
 from surefoot.robot import load_robot
 
 STATUS_TICKS = 100
-MOST_FORCE_N = 1e4
-"""Of a push: hundreds of times a robot's weight; the physics would diverge."""
 
 
 class SimulatorConfig(ServiceConfig):
@@ -258,8 +256,6 @@ class Simulator(Driver[SimulatorConfig]):
         names = ("trunk", *(link.name for link in self.robot.links))
         if request.body not in names:
             raise Refusal("invalid", f"no link {request.body!r}; known are {', '.join(names)}", "body")
-        if max(map(abs, request.force)) > MOST_FORCE_N:
-            raise Refusal("too_large", f"force: got {request.force}, must be within {MOST_FORCE_N:g} N", "force")
         return self._at(request.at_tick, lambda: self.world.push(request.force, request.duration, request.body))
 
     def set(self, request: sim.SetRequest) -> sim.SimReply:

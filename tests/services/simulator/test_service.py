@@ -166,12 +166,6 @@ def test_push_and_set_act_in_their_tick(bench: Bench) -> None:
     assert max(speed[:11]) < 1e-4 < speed[11]
 
 
-def test_a_push_that_no_physics_bears_is_refused(bench: Bench) -> None:
-    with pytest.raises(CallError) as refused:
-        bench.ask(SIM_PUSH, sim.PushRequest(force=(0.0, 1e300, 0.0), duration=0.05))
-    assert (refused.value.code, refused.value.field) == ("too_large", "force")
-
-
 def test_fault_begins_in_its_tick(bench: Bench) -> None:
     bench.reset()
     bench.ask(SIM_FAULT, sim.FaultRequest(kind="imu_drop", duration=0.03, at_tick=8))
