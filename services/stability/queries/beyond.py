@@ -125,12 +125,11 @@ def _tilted_reply(request: RegionRequest) -> RegionReply:
         tolerance=tolerance,
         limit=request.max_directions,
     )
-    unbounded = found.regions[-1].status == "unbounded"
-    left = len(found.polygon) > 2
+    left = len(found.polygon) > 0
     return RegionReply(
-        status="ok" if left else "unbounded" if unbounded else "infeasible",
-        inner=pairs(found.polygon) if left else (),
-        outer=pairs(found.outer) if left else (),
+        status=found.status,
+        inner=pairs(found.polygon),
+        outer=pairs(found.outer),
         support=(),
         gap=distance(found.polygon, found.outer) if left else None,
         area=max(0.0, float(area(found.polygon))) if left else 0.0,

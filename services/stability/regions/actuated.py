@@ -22,7 +22,6 @@ from services.stability.programs.reduced import SMALL_MU, matrices
 from services.stability.regions.region import RegionStatus
 from surefoot.polygon import hull
 
-UNLIMITED_MU = 1e4  # unlimited friction is taken as that
 THIN = 1e-7  # m
 GAP = 1e-7  # m, largest duality gap that is accepted
 
@@ -86,17 +85,22 @@ def actuated_region(contacts: ContactSet, legs: Legs, directions: Array | None =
     )  # fmt: skip
     if n == 0:
         return empty
-    mu = np.where(contacts.mu < SMALL_MU, 0.0, np.minimum(contacts.mu, UNLIMITED_MU))
+    unlimited = np.isinf(contacts.mu)  # the cone is a half-space: one normal and two free tangential forces
+    mu = np.where(unlimited, 1.0, np.where(contacts.mu < SMALL_MU, 0.0, contacts.mu))
     a, h, origin, length, _ = matrices(contacts.position, contacts.normal, mu)
     columns = a[:, :, :3]  # (n, 3 cone coordinates, 3 force)
     by_cone = legs.weight * np.einsum("iqd,idj->ijq", columns, legs.jacobian)  # torque per cone coordinate
     scale = max(float(legs.limit.max()), 1e-9)
     torque = sparse.block_diag([m / scale for m in by_cone], format="csc")
     balance = sparse.csc_matrix(a.reshape(3 * n, 4).T)
-    rows = sparse.vstack([balance, torque, -torque, -sparse.identity(3 * n)], format="csc")
+    identity = sparse.identity(3 * n, format="csr")
+    pushing = np.flatnonzero(np.repeat(unlimited, 3) & (np.arange(3 * n) % 3 == 0))
+    limited = np.flatnonzero(np.repeat(~unlimited, 3))
+    rows = sparse.vstack([balance, torque, -torque, -identity[pushing], -identity[limited]], format="csc")
     own, limit = legs.own.ravel() / scale, legs.limit.ravel() / scale
-    right = np.concatenate(([0.0, 0.0, 1.0, 0.0], own + limit, limit - own, np.zeros(3 * n)))
-    cones = [clarabel.ZeroConeT(4), clarabel.NonnegativeConeT(6 * n)] + [clarabel.SecondOrderConeT(3)] * n
+    right = np.concatenate(([0.0, 0.0, 1.0, 0.0], own + limit, limit - own, np.zeros(rows.shape[0] - 6 * n - 4)))
+    cones = [clarabel.ZeroConeT(4), clarabel.NonnegativeConeT(6 * n + len(pushing))]
+    cones += [clarabel.SecondOrderConeT(3)] * int((~unlimited).sum())
     settings = clarabel.DefaultSettings()
     settings.verbose, settings.presolve_enable = False, False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-9

@@ -11,9 +11,12 @@ import numpy as np
 
 from services.stability.programs.contacts import Array, ContactSet, StabilityError, within
 from services.stability.regions.margin import Plane
-from services.stability.regions.region import Region, region
+from services.stability.regions.region import Region, RegionStatus, region
+from surefoot.polygon import half_planes, hull
 
 GRAVITY = 9.81  # m/s2
+SLACK, THIN = 1e-9, 1e-7  # m: how far points and segments may lie apart and be met; what is narrower has no area
+BY_CORNERS: tuple[RegionStatus, ...] = ("infeasible", "point", "segment", "ok")
 MOST_ACCELERATION = 1e4  # m/s2; with more of it the effective gravity is level to the last digits
 
 
@@ -89,8 +92,10 @@ def tilt_robust_directions(angle: float, count: int = 8) -> Array:
 class TiltRobust:
     """Where the CoM may be at one height although gravity may lean by an angle in any direction."""
 
+    status: RegionStatus
+    """unbounded: in some gravity, and none is infeasible; infeasible: in some gravity, or nothing is left."""
     polygon: Array
-    """(p, 2) m, counter-clockwise, inside the region; empty when nothing is left."""
+    """(p, 2) m, counter-clockwise, inside the region; empty when nothing is left, or unbounded."""
     outer: Array
     """(q, 2) m, around the region."""
     regions: tuple[Region, ...]
@@ -129,11 +134,17 @@ def tilt_robust(
     for leaning in leanings(contacts, push, angle, count):
         r = region(leaning.contacts, tolerance=tolerance, limit=limit)
         found.append(r)
-        if r.status != "ok":
-            return TiltRobust(nothing, nothing, tuple(found))
+        if r.status in ("infeasible", "unbounded"):
+            continue
         inner.append(leaning.at_height(r.inner, height))
         outer.append(leaning.at_height(r.outer, height))
-    return TiltRobust(_common(inner), _common(outer), tuple(found))
+    statuses, left = {r.status for r in found}, nothing
+    if not statuses & {"infeasible", "unbounded"}:
+        left = _common(inner)
+    status: RegionStatus = "unbounded" if "unbounded" in statuses else BY_CORNERS[min(len(left), 3)]
+    if "infeasible" in statuses:
+        status = "infeasible"
+    return TiltRobust(status, left, _common(outer) if len(left) else nothing, tuple(found))
 
 
 def leanings(contacts: ContactSet, acceleration: Array, angle: float, count: int = 8) -> list[Leaning]:
@@ -163,18 +174,33 @@ def stays_down(up: Array, acceleration: Array) -> None:
 
 
 def _common(polygons: list[Array]) -> Array:
-    """What convex polygons, counter-clockwise, have in common."""
-    from surefoot.polygon import half_planes, hull
-
+    """What convex polygons, counter-clockwise, have in common; points and segments count, to SLACK."""
     normals: list[Array] = []
     offsets: list[Array] = []
     for corners in polygons:
         edge = np.roll(corners, -1, axis=0) - corners
         length = np.hypot(edge[:, 0], edge[:, 1])
-        outward = np.column_stack((edge[:, 1], -edge[:, 0]))[length > 0.0] / length[length > 0.0, None]
+        along = edge[length > 0.0] / length[length > 0.0, None]
+        if len(corners) == 1:
+            along = np.array([[1.0, 0.0], [-1.0, 0.0]])
+        outward = np.column_stack((along[:, 1], -along[:, 0]))
+        if len(corners) < 3:  # its ends
+            outward = np.concatenate((outward, along))
         normals.append(outward)
-        offsets.append(np.einsum("ij,ij->i", outward, corners[length > 0.0]))
+        offsets.append((outward @ corners.T).max(axis=1) + (SLACK if len(corners) < 3 else 0.0))
     a, b = np.concatenate(normals), np.concatenate(offsets)
     size = 4.0 * float(np.abs(b).max()) + 1.0
-    cut = half_planes(np.ascontiguousarray(a), np.ascontiguousarray(b), size)
-    return hull(cut) if len(cut) else cut
+    return _thinned(hull(half_planes(np.ascontiguousarray(a), np.ascontiguousarray(b), size)))
+
+
+def _thinned(polygon: Array) -> Array:
+    """A polygon (n, 2), or its ends (2, 2) where it is thinner than THIN, its middle (1, 2) where it is shorter."""
+    if len(polygon) < 2:
+        return polygon
+    span = polygon[:, None] - polygon[None]
+    far = np.hypot(span[..., 0], span[..., 1])
+    i, j = np.unravel_index(int(far.argmax()), far.shape)
+    if far[i, j] <= THIN:
+        return polygon.mean(axis=0)[None]
+    across = (span[:, j, 0] * span[i, j, 1] - span[:, j, 1] * span[i, j, 0]) / far[i, j]
+    return polygon[[i, j]] if across.max() - across.min() <= THIN else polygon

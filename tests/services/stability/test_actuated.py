@@ -109,6 +109,22 @@ def test_points_are_held_by_their_forces() -> None:
         assert SIXTEEN[k] @ found.point[k] == pytest.approx(found.outer_value[k], abs=1e-7)
 
 
+def test_unlimited_friction_is_what_more_and_more_comes_to() -> None:
+    """Also on walls, which carry a foot without its pressing: no friction, however large, does that."""
+    contacts, legs = stance(TRIPOD, 0.9)
+    for normals in ([UP] * 3, [[1.0, 0.0, 0.0]] * 3):
+        found = actuated_region(contact_set(contacts.position, normals, np.inf), legs, SIXTEEN)
+        assert found.status == "ok"
+        assert np.abs(found.torque).max() <= 0.9 + 1e-6
+        np.testing.assert_allclose(found.force.sum(axis=1), np.tile(UP, (16, 1)), atol=1e-7)
+        assert np.einsum("kid,id->ki", found.force, normals).min() > -1e-7
+    most, steep = (actuated_region(contact_set(contacts.position, [UP] * 3, mu), legs, SIXTEEN) for mu in (np.inf, 1e3))
+    assert np.all(steep.outer_value <= most.outer_value + 1e-7)
+    np.testing.assert_allclose(most.outer_value, steep.outer_value, atol=2e-4)
+    walls = contact_set(contacts.position, [[1.0, 0.0, 0.0]] * 3, 1e3)
+    assert actuated_region(walls, legs, SIXTEEN).status == "infeasible"
+
+
 def test_servos_too_weak_to_stand() -> None:
     contacts, legs = stance(TRIPOD, 0.05)
     found = actuated_region(contacts, legs)

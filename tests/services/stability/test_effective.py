@@ -69,6 +69,25 @@ def test_tilt_robust_region_lies_in_each_and_shrinks() -> None:
     assert len(tilt_robust(contact_set(SQUARE, UP, 0.05), 0.1, 0.2).polygon) == 0
 
 
+@pytest.mark.parametrize(
+    ("feet", "height", "status"),
+    [
+        (SQUARE[:1], 0.0, "point"),
+        (SQUARE[:1], 0.1, "infeasible"),
+        (SQUARE[:2], 0.0, "segment"),
+        (SQUARE[:2], 0.1, "infeasible"),
+        (SQUARE, 0.1, "ok"),
+        ((), 0.0, "infeasible"),
+    ],
+)
+def test_what_all_gravities_have_in_common(feet: tuple, height: float, status: str) -> None:
+    """One foot or two hold a CoM at their own height whatever way gravity leans, above it each way another one."""
+    found = tilt_robust(contact_set(feet, UP[: len(feet)], 0.5), 0.05, height)
+    assert found.status == status
+    if status in ("point", "segment"):
+        np.testing.assert_allclose(np.sort(found.polygon, axis=0), np.sort(np.array(feet)[:, :2], axis=0), atol=1e-7)
+
+
 @pytest.mark.parametrize("up", [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (np.nan, 0.0, 1.0)])
 def test_directions_that_are_none(up: tuple[float, float, float]) -> None:
     with pytest.raises(StabilityError):
