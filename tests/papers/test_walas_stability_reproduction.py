@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from services.supervisor.papers import walas_messor, walas_ragno, walas_stability
+from services.supervisor.papers import walas_messor, walas_ragno, walas_stability, walas_stand
 from services.supervisor.papers.findings import Reproduction, at_most, near, told
 from surefoot.robot import load_robot
 
@@ -43,7 +43,7 @@ def test_calibration_on_the_simulated_messor() -> None:
 @pytest.mark.parametrize("gain", [0.7, 1.3])
 def test_com_from_forces_with_torques_30_percent_off(gain: float) -> None:
     bare = walas_messor._without_noise(MESSOR)
-    stand = walas_messor.Stand(bare, ideal=True, gain=gain)
+    stand = walas_stand.Stand(bare, ideal=True, gain=gain)
     stand.move(tilt=(0.1, -0.1))
     reading = stand.read()
     assert np.linalg.norm(walas_messor.measured_com(bare, reading, None) - reading.com) < 1e-3

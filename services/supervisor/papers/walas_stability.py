@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.stability.robot.pressure import PressureSensor
-from services.supervisor.papers import walas_messor, walas_ragno
+from services.supervisor.papers import walas_messor, walas_ragno, walas_stand
 from services.supervisor.papers.findings import Finding, Reproduction, at_most, told
 from surefoot.robot import Robot, load_robot
 
 Array = NDArray[np.float64]
 
 TITLE = "Walas & Belter (2011), section 4: static stability"
-TRUE_FACTOR = 0.6356 / walas_messor.DATA_SHEET
+TRUE_FACTOR = 0.6356 / walas_stand.DATA_SHEET
 SEEDS = (0, 1, 2)
 NOTES = (
     "The paper prints no friction, heights or scales for Fig. 17: the slope's geometry and the table are "
@@ -130,7 +130,7 @@ def _calibration(s: Study) -> list[Finding]:
         told("4.7", "factor of the motors by the printed rule, trunk's way / CoM's way", "0.752",
              f"{w.gain_by_trunk:.3f} / {w.gain_by_com:.3f}"),
         told("4.7", "factor by the fit of this project (constant in Nm/A)", "0.752",
-             f"{fit.common:.4f} +- {fit.common_sd:.4f} ({walas_messor.DATA_SHEET * fit.common:.4f})"),
+             f"{fit.common:.4f} +- {fit.common_sd:.4f} ({walas_stand.DATA_SHEET * fit.common:.4f})"),
         gain_row,
         at_most("4.4 (31)", "CoM from forces, torques 30 % off, no noise, worst, mm", 1e3 * exact, 1.0, form=".2f"),
         at_most("4.4 (31)", "the same with noise, level and tilted, currents alone, mm", 1e3 * noisy, 3.0, form=".2f"),
