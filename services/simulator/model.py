@@ -26,7 +26,6 @@ FLAT_HEIGHT = 1e-4  # m, MuJoCo wants a height field of some height
 PLANE_HALF_SIZE = 20.0  # m
 NO_TORQUE = 1e-9  # Nm, limit of a dead servo: MuJoCo refuses an empty force range
 SEGMENT_RADIUS = 0.01  # m, capsules of the leg segments
-TRUNK_QPOS = slice(0, 7)  # of the free joint: position (3), quat_wxyz (4)
 TRUNK_DOF = slice(0, 6)  # of the free joint: velocity in the world (3), angular rate in base_link (3)
 
 

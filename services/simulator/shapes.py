@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.rotations import matrix_from_quat, quat_from_matrix
+from surefoot.rotations import quat_from_matrix
 
 Array = NDArray[np.float64]
 
@@ -246,17 +246,6 @@ def _room(r: Wanted) -> Shape:
     )
     inside = (x > x0) & (x < x1) & (y > y0) & (y < y1)
     return Shape(np.where(inside, 0.0, r.amp), boxes=boxes if r.amp > 0.0 else ())
-
-
-def box_top(box: Box, x: Array, y: Array) -> Array:
-    """Height of a box's top face over the points (x, y), NaN beside it; m."""
-    rot = matrix_from_quat(np.array(box.quat_wxyz))
-    top = np.array(box.position) + box.half_size[2] * rot[:, 2]
-    dx, dy = x - top[0], y - top[1]
-    z = top[2] - (rot[0, 2] * dx + rot[1, 2] * dy) / rot[2, 2]
-    rel = np.stack((dx, dy, z - top[2]), axis=-1) @ rot
-    inside = (np.abs(rel[..., 0]) <= box.half_size[0] + 1e-9) & (np.abs(rel[..., 1]) <= box.half_size[1] + 1e-9)
-    return np.where(inside, z, np.nan)
 
 
 class Kind(NamedTuple):

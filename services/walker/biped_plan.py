@@ -5,7 +5,6 @@ moves from the foot that will swing to the other, then it rests there while the 
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,17 +14,6 @@ from surefoot.jit import kernel
 Array = NDArray[np.float64]
 
 LEFT, RIGHT = 0, 1
-
-
-class StepShape(NamedTuple):
-    """What all steps of a gait have in common."""
-
-    ticks: int  # of a step
-    double: int  # ticks with both feet down at its beginning
-    width: float  # m, half distance of the feet
-    zmp_x: float  # m, ZMP ahead of the ankle
-    zmp_y: float  # m, ZMP inwards of the ankle
-    lift: float  # m, top of the swing
 
 
 def placed(body: Array, side: int, width: float) -> Array:

@@ -15,6 +15,7 @@ from services.simulator.terrain import (
     terrain_from_map,
 )
 from surefoot.heightmap import HeightMap
+from surefoot.rotations import matrix_from_quat
 
 RANDOM = ("hills", "rough", "flagstones", "demo")
 
@@ -55,6 +56,17 @@ def test_hills_reach_their_height_in_the_lane() -> None:
         assert terrain.map.z[lane].max() == pytest.approx(0.06, abs=1e-3)
 
 
+def box_top(box: shapes.Box, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Height of a box's top face over the points (x, y), NaN beside it; m."""
+    rot = matrix_from_quat(np.array(box.quat_wxyz))
+    top = np.array(box.position) + box.half_size[2] * rot[:, 2]
+    dx, dy = x - top[0], y - top[1]
+    z = top[2] - (rot[0, 2] * dx + rot[1, 2] * dy) / rot[2, 2]
+    rel = np.stack((dx, dy, z - top[2]), axis=-1) @ rot
+    inside = (np.abs(rel[..., 0]) <= box.half_size[0] + 1e-9) & (np.abs(rel[..., 1]) <= box.half_size[1] + 1e-9)
+    return np.where(inside, z, np.nan)
+
+
 @pytest.mark.parametrize("kind", ["steps", "flagstones", "demo"])
 def test_boxes_are_where_the_map_has_them(kind: str) -> None:
     terrain = make_terrain(kind, 2)
@@ -66,7 +78,7 @@ def test_boxes_are_where_the_map_has_them(kind: str) -> None:
         u, v = (((c + 0.004) / shapes.TILE) % 1.0 for c in (x - shapes.PAD_END, y))
         inner = (u > 0.08) & (v > 0.08)
         x, y, rows, cols = x[inner], y[inner], rows[inner], cols[inner]
-    tops = np.array([shapes.box_top(box, x, y) for box in terrain.boxes])
+    tops = np.array([box_top(box, x, y) for box in terrain.boxes])
     top = np.max(np.where(np.isnan(tops), -1.0, tops), axis=0)
     if terrain.ground is not None:
         top = np.maximum(top, terrain.ground.z[rows, cols])
