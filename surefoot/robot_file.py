@@ -29,7 +29,8 @@ def read_robot(name: str | PathLike[str]) -> r.Robot:
         if not path.is_file():
             raise RobotError("not_found", "name", f"{text!r} holds no robot.toml: a robot is a folder with that file")
     if not path.is_file():
-        raise RobotError("not_found", "name", f"no robot {text!r}; known are {', '.join(r.robot_names())}")
+        hint = f"; the folder here is './{text}'" if not is_path and Path(text, "robot.toml").is_file() else ""
+        raise RobotError("not_found", "name", f"no robot {text!r}; known are {', '.join(r.robot_names())}{hint}")
     data = read_toml(path, RobotError)
     return _Reader(data).robot()
 

@@ -3,7 +3,7 @@
 import shlex
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -64,7 +64,8 @@ class Outcome:
     scenario: str
     seed: int
     verdict: Verdict
-    report: Path
+    report: Path | None
+    """None where it could not be written; a note of the verdict says why."""
     recording: Path | None
     start_s: float
     """Wall time from the command to tick 0."""
@@ -88,6 +89,9 @@ def run_scenario(
     seed = scenario.seed if options.seed is None else options.seed
     compose = system_of(scenario)
     out = options.out or _new_folder(scenario.name, seed)
+    if not out.exists():  # where nothing can be written, nothing is started
+        out.mkdir(parents=True)
+        out.rmdir()
     recording = (out / "run.mcap").resolve() if options.record else None
     director = Director(scenario)
     environment = {
@@ -112,10 +116,14 @@ def run_scenario(
         message_hash=recorded.run_hash if recorded else "",
         comparable=comparable,
         problems=(*problems, *director.problems, *director.unfinished()),
-        notes=(*director.notes, *restarts),
+        notes=(*director.notes, *restarts, *_unrecorded(recording, recorded)),
     )
     written = recording if recording is not None and recording.exists() else None
-    report = _report(out, scenario, seed, session.robot, traces, verdict, timings, written, options)
+    try:
+        report = _report(out, scenario, seed, session.robot, traces, verdict, timings, written, options)
+    except OSError as error:
+        why = f"the report could not be written: {error.strerror or error}"
+        report, verdict = None, replace(verdict, notes=(*verdict.notes, why))
     return Outcome(scenario.name, seed, verdict, report, written, start_s, timings)
 
 
@@ -174,6 +182,12 @@ def _recorder(session: Session) -> RecorderReply | None:
         if reply.finished or time.monotonic() > deadline:
             return reply
         time.sleep(0.02)
+
+
+def _unrecorded(wanted: Path | None, recorded: RecorderReply | None) -> list[str]:
+    """What is to be said of a recording that ended early."""
+    failed = wanted is not None and recorded is not None and recorded.finished and not recorded.path
+    return ["the recording could not be written to its end; `surefoot logs recorder` tells why"] if failed else []
 
 
 def _new_folder(scenario: str, seed: int) -> Path:

@@ -218,3 +218,12 @@ def test_reading_a_robot_needs_no_heavy_library():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_folder_here_is_told_how_to_be_named(tmp_path, monkeypatch):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "robot.toml").write_text(RAGNO)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(RobotError, match=r"the folder here is '\./mine'"):
+        load_robot("mine")
+    assert load_robot("./mine").nj == 18

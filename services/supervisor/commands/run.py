@@ -95,7 +95,7 @@ def _as_json(outcome: "Outcome") -> dict[str, object]:
         "comparable": verdict.comparable,
         "start_s": round(outcome.start_s, 3),
         "tick_us": {name: {"p50": t.p50_us, "p99": t.p99_us} for name, t in outcome.timings.items()},
-        "report": near(outcome.report),
+        "report": None if outcome.report is None else near(outcome.report),
         "recording": None if outcome.recording is None else near(outcome.recording),
     }
 
@@ -120,7 +120,8 @@ def _show(outcome: "Outcome") -> None:
         write(f"problem       {problem}")
     if outcome.recording is not None:
         write(f"recording     {near(outcome.recording)}")
-    write(f"report        {near(outcome.report)}")
+    if outcome.report is not None:
+        write(f"report        {near(outcome.report)}")
     write(f"verdict       {'PASS' if verdict.ok else 'FAIL'}")
 
 

@@ -207,6 +207,15 @@ def test_a_full_disk_behind_the_output_is_one_sentence():
             assert done.stderr == "surefoot: No space left on device\n"
 
 
+def test_a_run_that_cannot_be_written_is_not_started(surefoot, tmp_path):
+    (tmp_path / "file").write_text("")
+    out = tmp_path / "file" / "out"
+    code, _, err = surefoot("run", "stand", "--out", out)
+    assert code == cli.EXIT_CHECK
+    assert err.endswith(f"surefoot: {out}: Not a directory\n")
+    assert "start" not in err
+
+
 def test_a_namespace_that_is_none_is_told(surefoot, monkeypatch):
     monkeypatch.setattr("services.supervisor.commands.connect._knock", lambda _: None)
     code, _, err = surefoot("call", "cmd/walk", '{"action": "stop"}', "--namespace", "a/**")

@@ -65,6 +65,18 @@ def test_a_limit_that_is_not_met_is_exit_code_1(surefoot, tmp_path):
     assert (tmp_path / "out" / "report.html").is_file()
 
 
+def test_a_full_disk_costs_recording_and_report_but_not_the_verdict(place, command_line, outcome):
+    folder, environment = place
+    command = ["bash", "-c", 'ulimit -f 40; exec "$@"', "bash", *command_line, "run", "stand", "--json"]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    found = json.loads(done.stdout)
+    assert found["message_hash"] == outcome["message_hash"]
+    assert found["ok"]
+    assert found["report"] is None
+    assert "the recording could not be written to its end; `surefoot logs recorder` tells why" in found["notes"]
+    assert "the report could not be written: File too large" in found["notes"]
+
+
 def test_ends_on_ctrl_c(place, command_line):
     folder, environment = place
     command = [*command_line, "run", "stand", "--no-record", "--rtf", "0.1"]
