@@ -119,7 +119,7 @@ def test_what_a_killed_supervisor_leaves_behind_is_found_and_ended(system, suref
         time.sleep(0.02)
     done = surefoot("status")
     assert done.returncode == 1
-    assert "nothing is running" in done.stdout
+    assert "services of ragno run without their supervisor; `surefoot down ragno` ends them" in done.stdout
     done = surefoot("down", "ragno")
     assert done.returncode == 0
     assert "ragno" in done.stdout
