@@ -15,7 +15,8 @@ with client as robot:
         if gait.state == "standing":
             break
     reply = robot.call(CMD_WALK, action="walk", distance=0.2)
-    print(f"accepted: {reply.accepted} {reply.reason}")
+    if not reply.accepted:
+        sys.exit(f"refused: {reply.reason}")
     for gait in robot.messages(STATE_GAIT):
         if gait.walk_id == reply.id and gait.state == "standing":
             print(f"arrived after {gait.steps} steps")

@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
+from schemas.base import Message
 from schemas.cmd import WalkCommand, WalkReply
 from schemas.footholds import BasePose, LegRequest, SelectRequest
-from schemas.hw import JointCommand
+from schemas.hw import EmergencyStop, JointCommand
 from schemas.stability import BasePose as CheckBase
 from schemas.stability import CheckRequest, Contact
 from schemas.state import GaitState
 from schemas.topics import (
+    CMD_ESTOP,
     CMD_JOINTS,
     CMD_WALK,
     FOOTHOLDS_SELECT,
@@ -25,6 +27,7 @@ from schemas.topics import (
     STATE_STABILITY,
     STATE_VELOCITY,
     TERRAIN_MAP,
+    Topic,
 )
 from services.walker import (
     balance,
@@ -81,6 +84,7 @@ class Walker(Service[WalkerConfig]):
     outputs = (CMD_JOINTS, STATE_GAIT)
     serves = (CMD_WALK,)
     calls = (FOOTHOLDS_SELECT, STABILITY_CHECK)
+    observes = (CMD_ESTOP,)
 
     def on_start(self) -> None:
         self.robot = load_robot(self.config.robot)
@@ -102,11 +106,14 @@ class Walker(Service[WalkerConfig]):
         self._planned: list[tuple[int, int, WalkCommand]] = []
         self._tick, self._epoch = -1, 0
         self._degraded = ""
+        self._stopped = ""  # the reason of an emergency stop; only a new run releases it
 
     # -- commands ----------------------------------------------------------------------------------------------
 
     def walk(self, request: WalkCommand) -> WalkReply:
         """Accepts or refuses a command; with ``at_tick`` it is kept until then."""
+        if self._stopped and request.action != "stop":
+            return self._refused()
         if request.at_tick is not None:
             if request.at_tick <= self._tick:
                 reason = f"at_tick {request.at_tick} has passed; the next tick is {self._tick + 1}"
@@ -116,7 +123,18 @@ class Walker(Service[WalkerConfig]):
             return WalkReply(accepted=True, id=number)
         return self._command(request)
 
+    def on_message(self, topic: Topic[Any], message: Message) -> None:
+        """An emergency stop: the driver obeys no joint command from now on, so no walk would ever arrive."""
+        if isinstance(message, EmergencyStop):
+            self._stopped = message.reason or "no reason given"
+
+    def _refused(self) -> WalkReply:
+        reason = f"an emergency stop is in force ({self._stopped}); sim/reset begins a new run"
+        return WalkReply(accepted=False, id=0, code="stopped", reason=reason)
+
     def _command(self, request: WalkCommand) -> WalkReply:
+        if self._stopped and request.action != "stop":
+            return self._refused()  # planned before the stop
         reply = self.walker.command(
             interface.Command(
                 request.action,

@@ -7,9 +7,10 @@ import pytest
 
 from schemas.cmd import WalkCommand
 from schemas.footholds import LegFoothold, SelectReply
-from schemas.hw import FootContacts, JointState, Tick
+from schemas.hw import EmergencyStop, FootContacts, JointState, Tick
 from schemas.state import Odometry, VelocityEstimate
 from schemas.topics import (
+    CMD_ESTOP,
     CMD_JOINTS,
     FOOTHOLDS_SELECT,
     HW_CONTACTS,
@@ -96,6 +97,19 @@ class Robot:
 @pytest.fixture
 def robot(tmp_path: Any) -> Robot:
     return Robot(str(tmp_path / "walker.json"))
+
+
+def test_after_an_emergency_stop_no_walk_is_accepted_until_the_next_run(robot: Robot) -> None:
+    robot.run(20)
+    robot.service.on_message(CMD_ESTOP, EmergencyStop(reason="a hand in the way"))
+    reply = robot.service.walk(WalkCommand(action="walk", distance=0.1))
+    assert (reply.accepted, reply.code) == (False, "stopped")
+    assert not robot.service.walk(WalkCommand(action="walk", distance=0.1, at_tick=100)).accepted
+    assert "a hand in the way" in reply.reason
+    assert robot.service.walk(WalkCommand(action="stop")).accepted
+    robot.service.on_reset()
+    robot.run(20)
+    assert robot.service.walk(WalkCommand(action="walk", distance=0.1)).accepted
 
 
 def test_a_question_about_footholds_names_its_tick(robot: Robot) -> None:
