@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from services.walker import biped_balance as balance
 from services.walker import biped_feedback as feedback
-from services.walker import biped_posture as posture
 from services.walker import biped_route as routes
 from services.walker.biped_ik import leg_geometry
 from services.walker.biped_params import BipedParams
 from services.walker.biped_plan import LEFT, RIGHT, between, placed, reference, smooth, support_point, swing
 from services.walker.biped_report import outputs
 from services.walker.biped_route import refusal_of, route_of, upcoming
+from services.walker.biped_servos import DT, GRAVITY, SetPoints
 from services.walker.biped_state import BipedState, Mode
 from services.walker.interface import Command, CommandReply, WalkerInputs, WalkerOutputs
 from services.walker.memory import Kept
@@ -29,9 +29,6 @@ from surefoot import kinematics
 from surefoot.robot import Robot
 
 Array = NDArray[np.float64]
-
-DT = 0.01  # s, control tick
-GRAVITY = 9.81  # m/s2
 
 
 class BipedWalker:
@@ -47,16 +44,13 @@ class BipedWalker:
         self.params = p = params or BipedParams.for_robot(robot)
         self.geometry = g = leg_geometry(robot)
         self.width = float(abs(g.hip[0, 1]))
-        self.height = p.crouch * (g.thigh + g.shin) + g.ankle - float(g.hip[0, 2])  # of base_link
-        self._kp = np.array([joint.servo.kp for joint in robot.joints])
-        self._kv = np.array([joint.servo.kv for joint in robot.joints])
         self._own = p
         self._take_params(p)
-        self._tilt = np.array([0.0, p.lean_rad])
         self.state = BipedState(robot.nj)
-        self.stance = self._stance()
-        self.gains = preview_gains(self._com_height, DT)
-        self.omega = math.sqrt(GRAVITY / self._com_height)
+        feet = np.array([[0.0, self.width, 0.0, 0.0], [0.0, -self.width, 0.0, 0.0]])
+        self.servos = SetPoints(robot, g, p, feet, self._middle(feet))
+        self.gains = preview_gains(self.servos.com_height, DT)
+        self.omega = math.sqrt(GRAVITY / self.servos.com_height)
 
     def _params_of(self, gait: str) -> BipedParams:
         own = self._own
@@ -66,15 +60,6 @@ class BipedWalker:
         self.params = params
         self._ticks = round(params.step_s / DT)
         self._double = max(1, round(params.double * self._ticks))
-
-    def _stance(self) -> Array:
-        """Joint angles of the stance with both feet under the hips, (nj,)."""
-        q, trunk = self.robot.neutral.copy(), np.array([0.0, 0.0, 0.0, self.height])
-        feet = np.array([[0.0, self.width, 0.0, 0.0], [0.0, -self.width, 0.0, 0.0]])
-        for _ in range(5):
-            posture.place_com(self.robot.model, self.geometry, q, feet, trunk, self._tilt, self._middle(feet))
-        self._com_height = float(self.height + kinematics.com(self.robot.model, q)[2])
-        return q
 
     # --- commands --------------------------------------------------------------------------------------------------
 
@@ -133,9 +118,9 @@ class BipedWalker:
             feedback.fold(s, self.params, self.robot, self.geometry)
         elif s.mode is not Mode.WAIT:
             self._advance()
-            self._posture()
+            self.servos.follow(s, self.params, self._soles(), self._double)
         phase = min(1.0, s.clock / self._ticks) if s.mode is Mode.STEP else 0.0
-        return outputs(s, self._soles(), phase, s.clock <= self._double, self.height)
+        return outputs(s, self._soles(), phase, s.clock <= self._double, self.servos.height)
 
     def _take(self, inputs: WalkerInputs) -> None:
         s, p = self.state, self.params
@@ -154,7 +139,7 @@ class BipedWalker:
             s.rate[:] = 0.0
             s.offset[:] = 0.0
             return
-        if feedback.watch(s, p, inputs, self._com_height):
+        if feedback.watch(s, p, inputs, self.servos.com_height):
             s.mode, s.clock, s.route = Mode.FOLD, 0, None
             s.rise_from = s.command
 
@@ -170,8 +155,8 @@ class BipedWalker:
         s.body = between(s.feet)
         if routes.together(s.feet, s.body, self.width, self.params) or np.ptp(feet[:, 2]) > 0.02:
             s.feet = np.array([placed(s.body, i, self.width) for i in (LEFT, RIGHT)])
-        s.rise_from, s.q = q.copy(), self.stance.copy()
-        s.trunk = np.array([*s.body[:2], s.body[2], self.height])
+        s.rise_from, s.q = q.copy(), self.servos.stance.copy()
+        s.trunk = np.array([*s.body[:2], s.body[2], self.servos.height])
         s.x[0] = self._middle(s.feet)
         s.ref = s.x[:1].copy()
         self._stand()
@@ -338,8 +323,6 @@ class BipedWalker:
         s.step = s.step._replace(target=target)
         self._lay_reference()
 
-    # --- joints ----------------------------------------------------------------------------------------------------
-
     def _soles(self) -> Array:
         """Both soles now, (2, 4): x, y, yaw, height."""
         s = self.state
@@ -348,47 +331,3 @@ class BipedWalker:
         if s.mode is Mode.STEP and s.step is not None:
             soles[s.step.swing] = swing(s.begin, s.step.target, s.progress, self.params.lift_m)
         return soles
-
-    def _posture(self) -> None:
-        s, p = self.state, self.params
-        soles = self._soles()
-        s.trunk[2] = between(soles)[2]
-        s.trunk[3] = self.height
-        q = s.q.copy()
-        _, reachable, rot = posture.place_com(self.robot.model, self.geometry, q, soles, s.trunk, self._tilt, s.x[0])
-        if p.adjust > 0.0 and s.mode is Mode.STEP and s.step is not None and np.any(s.shift != 0.0):
-            self._follow_tilt(q, soles, s.step.swing)
-        s.unreachable = 0 if reachable else 1
-        zmp = s.x[0] - self._com_height / GRAVITY * s.x[2]
-        share = posture.load_share(zmp, soles)
-        if s.mode is Mode.STEP and s.step is not None and s.clock > self._double:
-            share = np.zeros(2)
-            share[1 - s.step.swing] = 1.0
-        points = soles[:, :2] if share.min() > 0.0 else np.stack((zmp, zmp))
-        push = np.array([s.x[2, 0], s.x[2, 1], GRAVITY])
-        torque = posture.load_torques(self.robot.model, q, rot, s.trunk, push, share, np.ascontiguousarray(points))
-        command = (
-            q
-            + p.sag * torque / self._kp
-            + p.lag * (self._kv / self._kp) * np.clip((q - s.q) / DT, -p.lag_limit, p.lag_limit)
-        )
-        joints = self.geometry.joints
-        command[joints[:, 5]] += p.gyro_s * share * s.rate[0]
-        command[joints[:, 4]] += p.gyro_s * share * s.rate[1]
-        s.q = q
-        if s.mode is Mode.RISE and s.rise_from is not None:
-            part = smooth(s.clock * DT / p.rise_s)
-            command = s.rise_from + part * (command - s.rise_from)
-        s.command = np.clip(command, self.robot.joint_lower, self.robot.joint_upper)
-
-    def _follow_tilt(self, q: Array, soles: Array, leg: int) -> None:
-        """Hold the swinging foot where it should be in the world although trunk and standing foot are tilted."""
-        s = self.state
-        trunk = s.trunk.copy()
-        trunk[:2] += self.height / self._com_height * s.offset[0]
-        other = q.copy()
-        posture.pose_legs(self.geometry, other, soles, trunk, self._tilt + s.tilt)
-        joints = self.geometry.joints[leg]
-        if self.geometry.coupled:
-            joints = joints[1:]  # the yaw belongs to the standing leg, too
-        q[joints] = other[joints]
