@@ -25,8 +25,9 @@ from schemas.base import Request
 from schemas.stability import CheckRequest, Contact, RegionRequest
 from schemas.topics import STABILITY_CHECK, STABILITY_REGION, STABILITY_WHATIF, Query
 from schemas.whatif import WhatifRequest
+from services.stability.queries.answers import whatif_reply
 from services.stability.queries.check_query import check_reply
-from services.stability.queries.messages import region_of, region_reply, whatif_reply
+from services.stability.queries.messages import region_of, region_reply
 from surefoot.codec import encode
 from surefoot.robot import load_robot
 from surefoot.zenoh_bus import Endpoint, ZenohBus

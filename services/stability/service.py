@@ -1,4 +1,4 @@
-"""Stability service: answers `stability/region` and `stability/check`, and watches the margin while the robot walks."""
+"""Stability service: answers the queries `stability/...`, and watches the margin while the robot walks."""
 
 import math
 import threading
@@ -31,15 +31,15 @@ from services.stability.config import StabilityConfig
 from services.stability.programs import clarabel_tools, interior
 from services.stability.programs.contacts import StabilityError
 from services.stability.queries import limited
-from services.stability.queries.beyond import region_answer
-from services.stability.queries.check_query import check_reply
-from services.stability.queries.job import CalibrationJob
-from services.stability.queries.messages import (
+from services.stability.queries.answers import (
     batch_reply,
     com_reply,
     equilibrium_reply,
     whatif_reply,
 )
+from services.stability.queries.beyond import region_answer
+from services.stability.queries.check_query import check_reply
+from services.stability.queries.job import CalibrationJob
 from services.stability.regions import many, margin, region
 from services.stability.robot import forces, shift, state
 from surefoot.compiling import COMPILING
