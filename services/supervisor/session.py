@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Self, TypeVar
 
 from schemas.base import Request, Wire
+from schemas.sim import SimStatus
 from schemas.system import Health, HealthRequest
 from schemas.topics import HEALTH_GET, Query
 from services.supervisor.compose import Compose
@@ -72,6 +73,7 @@ class Session:
         self._node: Node | None = None
         self._thread: threading.Thread | None = None
         self._alive: dict[str, str] = {}
+        self._gone: SimStatus | None = None  # what a driver had said that is gone: of the next one it is not true
         self.failure: BaseException | None = None
         """What ended the supervisor's own thread, None while all is well."""
 
@@ -150,6 +152,8 @@ class Session:
 
     def _on_life(self, life: Life) -> None:
         self.system.heard(life.service, well=life.alive)
+        if life.service == DRIVER and not life.alive:
+            self._gone = self.supervisor.status
         if life.alive:
             self._alive[life.service] = life.instance
         elif self._alive.get(life.service) == life.instance:
@@ -187,7 +191,8 @@ class Session:
     def rows(self) -> tuple[Row, ...]:
         """Return how every service does: by its process, or by the bus where the processes are not ours."""
         if self._spawn:
-            why, driver = "; ".join(self.supervisor.stops()), self.driver
+            told = self.supervisor.status is not self._gone
+            why, driver = "; ".join(self.supervisor.stops()) if told else "", self.driver
             return tuple(
                 replace(row, detail=why) if why and row.service == driver else row for row in self.system.rows()
             )

@@ -15,6 +15,7 @@ from services.supervisor.compose import parse_compose
 from services.supervisor.keep import Order, keep
 from services.supervisor.rundir import RunFolder, RunFolderError
 from services.supervisor.session import Session
+from surefoot.bus import Life
 from surefoot.errors import BusError
 from surefoot.robot_file import ROBOTS
 
@@ -70,6 +71,8 @@ def test_status_tells_why_a_run_has_ended(listen, monkeypatch):
         session.supervisor.status = SimStatus(state="ended", rtf=0.0, ticks=7, comparable=True, failed="it diverged")
         monkeypatch.setattr(Session, "driver", "a")
         assert {row.service: row.detail for row in session.rows()} == {"a": "it diverged", "b": ""}
+        session._on_life(Life("driver", "1", alive=False))  # the next one says for itself how it is
+        assert {row.detail for row in session.rows()} == {""}
 
 
 def test_stops_everything_when_the_caller_fails(listen):
