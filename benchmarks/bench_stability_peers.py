@@ -4,8 +4,9 @@ python -m benchmarks.bench_stability_peers [--repeats 40]
 
 Peers are never needed by the product; one that is not installed is said to be absent and skipped:
 hpp-centroidal-dynamics with its dual LP (a shim in C++ is compiled against it: a compiler and Eigen are needed),
-cvxpy with clarabel, and pypoman. They know one friction coefficient for all contacts and replace each cone by a
-pyramid of k edges (cvxpy: exact cones). All get the same stances: 20 cm wide, slopes to 11.5 degrees, mu 0.5.
+cvxpy with clarabel, and pypoman; `pip install hpp-centroidal-dynamics cmeel-eigen cvxpy pypoman` brings them. They
+know one friction coefficient for all contacts and replace each cone by a pyramid of k edges (cvxpy: exact cones). All
+get the same stances: 20 cm wide, slopes to 11.5 degrees, mu 0.5.
 """
 
 import argparse
