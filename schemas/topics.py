@@ -82,6 +82,9 @@ class Query(Generic[Req, Rep]):
     reply: type[Rep]
     owner: str
     timeout_s: float = 5.0
+    acts: bool = False
+    """Changes something. An empty request of any other query asks for its defaults; of these it is refused, for whoever
+    gets all keys of a robot asks every query, with nothing."""
 
     def of(self, service: str) -> "Query[Req, Rep]":
         """The member of a ``/*`` family that belongs to ``service``."""
@@ -135,7 +138,7 @@ SUPERVISOR_STATUS = Topic(
 )  # fmt: skip
 
 # queries
-CMD_WALK = Query("cmd/walk", cmd.WalkCommand, cmd.WalkReply, "walker")
+CMD_WALK = Query("cmd/walk", cmd.WalkCommand, cmd.WalkReply, "walker", acts=True)
 HW_DESCRIPTION = Query("hw/description", hw.DescriptionRequest, hw.DescriptionReply, "driver")
 TERRAIN_MAP_GET = Query("terrain/map", terrain.MapRequest, terrain.HeightMapMessage, "driver")
 FOOTHOLDS_SELECT = Query("footholds/select", footholds.SelectRequest, footholds.SelectReply, "footholds")
@@ -148,18 +151,18 @@ STABILITY_EQUILIBRIUM = Query(
     "stability/equilibrium", stability.EquilibriumRequest, stability.EquilibriumReply, "stability"
 )
 STABILITY_CALIBRATE = Query(
-    "stability/calibrate", calibration.CalibrateRequest, calibration.CalibrateReply, "stability"
+    "stability/calibrate", calibration.CalibrateRequest, calibration.CalibrateReply, "stability", acts=True
 )
 STABILITY_BATCH = Query("stability/batch", whatif.BatchRequest, whatif.BatchReply, "stability")
-SIM_JOIN = Query("sim/join", system.JoinRequest, system.JoinReply, "driver")
-SIM_RESET = Query("sim/reset", sim.ResetRequest, sim.ResetReply, "driver", timeout_s=30.0)
-SIM_STEP = Query("sim/step", sim.StepRequest, sim.SimReply, "driver")
-SIM_PAUSE = Query("sim/pause", sim.PauseRequest, sim.SimReply, "driver")
-SIM_PUSH = Query("sim/push", sim.PushRequest, sim.SimReply, "driver")
-SIM_SET = Query("sim/set", sim.SetRequest, sim.SimReply, "driver")
-SIM_FAULT = Query("sim/fault", sim.FaultRequest, sim.SimReply, "driver")
-SIM_CHECKPOINT = Query("sim/checkpoint", sim.CheckpointRequest, sim.CheckpointReply, "driver")
-SIM_RESTORE = Query("sim/restore", sim.RestoreRequest, sim.CheckpointReply, "driver")
+SIM_JOIN = Query("sim/join", system.JoinRequest, system.JoinReply, "driver", acts=True)
+SIM_RESET = Query("sim/reset", sim.ResetRequest, sim.ResetReply, "driver", timeout_s=30.0, acts=True)
+SIM_STEP = Query("sim/step", sim.StepRequest, sim.SimReply, "driver", acts=True)
+SIM_PAUSE = Query("sim/pause", sim.PauseRequest, sim.SimReply, "driver", acts=True)
+SIM_PUSH = Query("sim/push", sim.PushRequest, sim.SimReply, "driver", acts=True)
+SIM_SET = Query("sim/set", sim.SetRequest, sim.SimReply, "driver", acts=True)
+SIM_FAULT = Query("sim/fault", sim.FaultRequest, sim.SimReply, "driver", acts=True)
+SIM_CHECKPOINT = Query("sim/checkpoint", sim.CheckpointRequest, sim.CheckpointReply, "driver", acts=True)
+SIM_RESTORE = Query("sim/restore", sim.RestoreRequest, sim.CheckpointReply, "driver", acts=True)
 SIM_FEATURES = Query("sim/features", sim.FeaturesRequest, sim.FeaturesReply, "driver")
 RECORDER_STATUS = Query("recorder/status", system.RecorderRequest, system.RecorderReply, "recorder")
 HEALTH_GET = Query("health/*", system.HealthRequest, system.HealthReply, "*", timeout_s=2.0)

@@ -90,6 +90,8 @@ class ZenohIncoming:
         payload, encoding = self._asked.payload, self._asked.encoding
         data = b"" if payload is None else payload.to_bytes()
         if not data and self._attachment is None:
+            if self.query.acts:
+                raise Refusal("malformed", f"{self.query.key}: an empty request; {{}} asks for the defaults")
             data = b"{}"
         return decode(self.query.request, data, self._attachment, "" if encoding is None else str(encoding))
 

@@ -10,9 +10,10 @@ from types import TracebackType
 from typing import Self, TypeVar
 
 from schemas.base import Request, Wire
+from schemas.hw import EmergencyStop
 from schemas.sim import SimStatus
 from schemas.system import Health, HealthRequest
-from schemas.topics import HEALTH_GET, Query
+from schemas.topics import CMD_ESTOP, HEALTH_GET, Query
 from services.supervisor.compose import Compose
 from services.supervisor.director import Director
 from services.supervisor.ports import owner_of, port_of
@@ -20,7 +21,7 @@ from services.supervisor.reconcile import Action
 from services.supervisor.rundir import Endpoint, RunFolder
 from services.supervisor.service import Supervisor
 from services.supervisor.system import SELF, Row, System
-from surefoot.bus import Life
+from surefoot.bus import Life, Publisher
 from surefoot.config import ServiceConfig
 from surefoot.endpoint import to_listen
 from surefoot.errors import BusError, CallError
@@ -74,6 +75,8 @@ class Session:
         self._thread: threading.Thread | None = None
         self._alive: dict[str, str] = {}
         self._gone: SimStatus | None = None  # what a driver had said that is gone: of the next one it is not true
+        self._stop = ""  # the emergency stop that a driver which is gone had obeyed
+        self._stops: Publisher[EmergencyStop] | None = None
         self.failure: BaseException | None = None
         """What ended the supervisor's own thread, None while all is well."""
 
@@ -154,6 +157,7 @@ class Session:
         self.system.heard(life.service, well=life.alive)
         if life.service == DRIVER and not life.alive:
             self._gone = self.supervisor.status
+            self._stop = self._gone.stopped if self._gone is not None and self._gone.stopped else self._stop
         if life.alive:
             self._alive[life.service] = life.instance
         elif self._alive.get(life.service) == life.instance:
@@ -211,12 +215,25 @@ class Session:
         """
         if self.failure is not None:
             raise BusError("internal", f"the supervisor has failed: {type(self.failure).__name__}: {self.failure}")
+        self._renew_stop()
         if not self._spawn:
             return
         self.system.step()
         lost = self.system.given_up()
         if lost:
             raise BusError("service_failed", self._why(lost[0]))
+
+    def _renew_stop(self) -> None:
+        """An emergency stop outlives the driver: it is told again until the next one, running, confirms it."""
+        if not self._stop or not self.driver or self._bus is None:
+            return
+        status = self.supervisor.status
+        if status is not None and status is not self._gone and status.stopped and status.tick > 0:
+            self._tell(f"{self.driver} was started anew; the emergency stop stays in force ({self._stop})")
+            self._stop = ""
+            return
+        self._stops = self._stops or self._bus.publisher(CMD_ESTOP)
+        self._stops.put(EmergencyStop(source=SELF, reason=self._stop))
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
         """Look after the processes until the condition holds; False after `timeout_s`."""

@@ -1,6 +1,8 @@
 """A robot of one's own: a driver that is no simulator, in paced time over Zenoh, with the services a robot needs."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
 import time
@@ -10,7 +12,16 @@ from typing import Any
 
 import pytest
 
-from schemas.topics import CMD_WALK, HW_JOINTS, HW_TICK, STATE_GAIT, STATE_ODOMETRY, STATE_STABILITY, SUPERVISOR_STATUS
+from schemas.topics import (
+    CMD_WALK,
+    HW_JOINTS,
+    HW_TICK,
+    SIM_STATUS,
+    STATE_GAIT,
+    STATE_ODOMETRY,
+    STATE_STABILITY,
+    SUPERVISOR_STATUS,
+)
 from surefoot.client import Client, connect
 from surefoot.errors import BusError
 from tests.e2e.live import ROOT, environment, wait_until
@@ -77,6 +88,11 @@ def robot(tmp_path: Path) -> Iterator[Robot]:
         robot.up.wait(20)
 
 
+def driver_pid(client: Client) -> Any:
+    rows = next(iter(client.messages(SUPERVISOR_STATUS))).services
+    return next(row.pid for row in rows if row.service == "my-robot")
+
+
 def test_a_driver_of_ones_own_walks_stops_and_is_recorded(robot: Robot) -> None:
     with robot.client() as client:
         standing = next(gait for gait in client.messages(STATE_GAIT) if gait.state == "standing")
@@ -102,6 +118,13 @@ def test_a_driver_of_ones_own_walks_stops_and_is_recorded(robot: Robot) -> None:
         assert (code, stopped["driver"]) == (0, "my-robot")
         refused = next(iter(client.messages(HW_JOINTS)))
         assert refused.position == next(iter(client.messages(HW_JOINTS))).position
+        before = driver_pid(client)
+        os.kill(before, signal.SIGKILL)  # what it knew of the stop dies with it
+        status = next(s for s in client.messages(SIM_STATUS) if s.stopped and s.tick > 0)
+        assert driver_pid(client) not in (before, None)
+        assert status.stopped == stopped["stopped"]
+        reply = client.call(CMD_WALK, action="walk", distance=0.05)
+        assert (reply.accepted, reply.code) == (False, "stopped")
     assert robot.surefoot("down", "my-robot") == (0, {"stopped": ["my-robot"]})
     code, held = robot.surefoot("bag", "info", str(robot.bag))
     topics = held["topics"]

@@ -8,11 +8,21 @@ from typing import Any
 import pytest
 import zenoh
 
-from schemas.base import Wire
+from schemas.base import Request, Wire
 from schemas.hw import Imu
+from schemas.sim import FeaturesReply, FeaturesRequest
 from schemas.stability import RegionReply, RegionRequest
 from schemas.terrain import HeightMapMessage, MapRequest
-from schemas.topics import HW_IMU, STABILITY_REGION, STATE_VELOCITY, STATE_VELOCITY_EKF, TERRAIN_MAP, TERRAIN_MAP_GET
+from schemas.topics import (
+    HW_IMU,
+    SIM_FEATURES,
+    SIM_PAUSE,
+    STABILITY_REGION,
+    STATE_VELOCITY,
+    STATE_VELOCITY_EKF,
+    TERRAIN_MAP,
+    TERRAIN_MAP_GET,
+)
 from surefoot import zenoh_bus
 from surefoot.bus import Delivery, Incoming, Life
 from surefoot.codec import encode, encoding_of
@@ -259,6 +269,33 @@ def test_bad_question_of_a_stranger_gets_a_typed_error(
     assert (error["code"], error["field"]) == (code, field)
     assert len(error["message"]) < 400
     assert asked.encoding == "application/json;surefoot/ErrorReply/1.0"
+
+
+def test_an_empty_question_asks_for_the_defaults_but_never_acts(net: Net) -> None:
+    """Whoever gets all keys of a robot (a viewer that looks what there is) asks every query, with nothing."""
+    seen: list[Request] = []
+    features = FeaturesReply(robot="ragno", terrains=(), faults=(), map_profiles=(), queries=(), version="")
+
+    def answer(incoming: Incoming) -> None:
+        if incoming.probe:
+            incoming.accept_probe()
+            return
+        try:
+            seen.append(incoming.request())
+            incoming.reply(features)
+        except Refusal as refusal:
+            incoming.fail(refusal)
+
+    server = net.open()
+    for query in (SIM_PAUSE, SIM_FEATURES):
+        server.serve(query, answer)
+        reached(net.open("client"), query)
+    with net.plain() as stranger:
+        replies = list(stranger.get(f"{net.namespace}/**", timeout=WAIT_S))
+    errors = [json.loads(reply.err.payload.to_bytes())["message"] for reply in replies if reply.err is not None]
+    assert errors == ["sim/pause: an empty request; {} asks for the defaults"]
+    assert [reply.ok is not None for reply in replies].count(True) == 1
+    assert seen == [FeaturesRequest()]
 
 
 @pytest.mark.parametrize("encoding", [None, "application/json", "zenoh/bytes", "text/plain"])
