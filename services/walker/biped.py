@@ -63,14 +63,22 @@ class BipedWalker:
 
     # --- commands --------------------------------------------------------------------------------------------------
 
+    def never(self, command: Command) -> CommandReply | None:
+        """Why a command cannot be obeyed at any time, or None; without a gait it is judged by the present one."""
+        s = self.state
+        stepping = s.gait if s.mode in (Mode.START, Mode.STEP) else None
+        return refusal_of(command, self._gait_of(command, stepping)[1], calibrated=True, fallen=False)
+
+    def _gait_of(self, command: Command, stepping: str | None) -> tuple[str, BipedParams]:
+        gait = command.gait or stepping or routes.GAITS[0]
+        return gait, self._params_of(gait) if gait in routes.GAITS else self.params
+
     def command(self, command: Command) -> CommandReply:
         """Accept or refuse a command; an accepted one replaces the present one at the next step."""
         s = self.state
-        lost = s.mode in (Mode.FOLD, Mode.FALLEN)
         stepping = s.gait if s.mode in (Mode.START, Mode.STEP) else None
-        gait = command.gait or stepping or routes.GAITS[0]
-        params = self._params_of(gait) if gait in routes.GAITS else self.params
-        refusal = refusal_of(command, params, s.calibrated, lost, stepping)
+        gait, params = self._gait_of(command, stepping)
+        refusal = refusal_of(command, params, s.calibrated, s.mode in (Mode.FOLD, Mode.FALLEN), stepping)
         if refusal is not None:
             return refusal
         s.gait = gait

@@ -93,6 +93,10 @@ class HexapodWalker:
         s.closing = not walking and (s.closing or s.stage is Stage.STEP or s.steps_in_walk > 0)
         return CommandReply(True, s.walk_id)
 
+    def never(self, command: Command) -> CommandReply | None:
+        """Why a command cannot be obeyed at any time, or None."""
+        return refusal_of(command, self.params, calibrated=True)
+
     def kept(self) -> Kept:
         """What a restart must not lose."""
         s, route = self.state, self.state.route

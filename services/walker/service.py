@@ -118,6 +118,9 @@ class Walker(Service[WalkerConfig]):
             if request.at_tick <= self._tick:
                 reason = f"at_tick {request.at_tick} has passed; the next tick is {self._tick + 1}"
                 raise Refusal("late", reason, "at_tick")
+            refusal = self.walker.never(_command_of(request))
+            if refusal is not None:
+                return _reply(refusal)
             number = self.walker.state.walk_id + len(self._planned) + 1
             self._planned.append((request.at_tick, number, request))
             return WalkReply(accepted=True, id=number)
@@ -135,20 +138,7 @@ class Walker(Service[WalkerConfig]):
     def _command(self, request: WalkCommand) -> WalkReply:
         if self._stopped and request.action != "stop":
             return self._refused()  # planned before the stop
-        reply = self.walker.command(
-            interface.Command(
-                request.action,
-                request.distance,
-                request.velocity,
-                request.angle,
-                request.gait,
-                request.duration,
-                request.shift,
-            )
-        )
-        return WalkReply(
-            accepted=reply.accepted, id=reply.walk_id, code=reply.code, field=reply.field, reason=reply.reason
-        )
+        return _reply(self.walker.command(_command_of(request)))
 
     def _recall(self, tick: int) -> None:
         """A newcomer in the middle of a run takes up what it left."""
@@ -299,6 +289,14 @@ _TUNABLE = ("hip_height_m", "stride_m", "period_s", "clearance_m")
 def _floats(values: Iterable[float]) -> Any:
     """Numbers of an array or sequence as the tuple a message wants; its model checks the length."""
     return tuple(float(value) for value in values)
+
+
+def _command_of(r: WalkCommand) -> interface.Command:
+    return interface.Command(r.action, r.distance, r.velocity, r.angle, r.gait, r.duration, r.shift)
+
+
+def _reply(r: interface.CommandReply) -> WalkReply:
+    return WalkReply(accepted=r.accepted, id=r.walk_id, code=r.code, field=r.field, reason=r.reason)
 
 
 SERVICE = Walker

@@ -163,3 +163,11 @@ def test_without_a_memory_the_tick_is_the_same(robot: Robot) -> None:
         robot.step()
         plain.step()
         assert np.array_equal(robot.joints, plain.joints)
+
+
+def test_a_planned_command_that_can_never_be_obeyed_is_refused_at_once():
+    """Not in its tick, when nobody listens any more."""
+    robot = Robot(None)
+    reply = robot.service.walk(WalkCommand(action="walk", velocity=0.9, at_tick=100))
+    assert (reply.accepted, reply.code, reply.field) == (False, "too_fast", "velocity")
+    assert robot.service.walk(WalkCommand(action="walk", velocity=0.05, at_tick=100)).accepted
