@@ -31,6 +31,7 @@ pytestmark = pytest.mark.e2e
 
 SYSTEM = "examples/robot/system.yaml"
 SERVICES = {"my-robot", "estimator", "stability", "walker", "recorder"}
+WAIT_S = 30.0  # for a busy machine
 PLAIN = """
 import runpy, sys
 runpy.run_path("examples/robot/driver.py")
@@ -89,38 +90,38 @@ def robot(tmp_path: Path) -> Iterator[Robot]:
 
 
 def driver_pid(client: Client) -> Any:
-    rows = next(iter(client.messages(SUPERVISOR_STATUS))).services
+    rows = next(iter(client.messages(SUPERVISOR_STATUS, WAIT_S))).services
     return next(row.pid for row in rows if row.service == "my-robot")
 
 
 def test_a_driver_of_ones_own_walks_stops_and_is_recorded(robot: Robot) -> None:
     with robot.client() as client:
-        standing = next(gait for gait in client.messages(STATE_GAIT) if gait.state == "standing")
-        began = next(iter(client.messages(HW_TICK)))
-        wall, before = time.monotonic(), next(iter(client.messages(HW_JOINTS)))
+        standing = next(gait for gait in client.messages(STATE_GAIT, WAIT_S) if gait.state == "standing")
+        began = next(iter(client.messages(HW_TICK, WAIT_S)))
+        wall, before = time.monotonic(), next(iter(client.messages(HW_JOINTS, WAIT_S)))
         reply = client.call(CMD_WALK, action="walk", distance=0.05)
         assert reply.accepted, reply.reason
-        arrived = next(g for g in client.messages(STATE_GAIT) if (g.walk_id, g.state) == (reply.id, "standing"))
-        tick, took = next(iter(client.messages(HW_TICK))), time.monotonic() - wall
+        arrived = next(g for g in client.messages(STATE_GAIT, WAIT_S) if (g.walk_id, g.state) == (reply.id, "standing"))
+        tick, took = next(iter(client.messages(HW_TICK, WAIT_S))), time.monotonic() - wall
         assert arrived.steps > standing.steps
         assert tick.mode == "paced"
         assert set(tick.roster) >= {"estimator", "walker", "stability"}
         assert 0.5 < (tick.tick - began.tick) * 0.01 / took < 1.1  # its clock is the wall's
-        odometry = next(iter(client.messages(STATE_ODOMETRY)))
+        odometry = next(iter(client.messages(STATE_ODOMETRY, WAIT_S)))
         assert odometry.position[0] == pytest.approx(0.05, abs=0.01)  # of feet that do not slide: joints tell the way
-        assert before.position != next(iter(client.messages(HW_JOINTS))).position
-        status = next(s for s in client.messages(STATE_STABILITY) if s.status == "ok" and s.tick > tick.tick)
+        assert before.position != next(iter(client.messages(HW_JOINTS, WAIT_S))).position
+        status = next(s for s in client.messages(STATE_STABILITY, WAIT_S) if s.status == "ok" and s.tick > tick.tick)
         assert status.margin_planned is not None
         assert status.margin_planned > 0.03
-        rows = next(iter(client.messages(SUPERVISOR_STATUS))).services
+        rows = next(iter(client.messages(SUPERVISOR_STATUS, WAIT_S))).services
         assert {row.service: row.state for row in rows} == dict.fromkeys(SERVICES, "healthy")
         code, stopped = robot.surefoot("stop")
         assert (code, stopped["driver"]) == (0, "my-robot")
-        refused = next(iter(client.messages(HW_JOINTS)))
-        assert refused.position == next(iter(client.messages(HW_JOINTS))).position
+        refused = next(iter(client.messages(HW_JOINTS, WAIT_S)))
+        assert refused.position == next(iter(client.messages(HW_JOINTS, WAIT_S))).position
         before = driver_pid(client)
         os.kill(before, signal.SIGKILL)  # what it knew of the stop dies with it
-        status = next(s for s in client.messages(SIM_STATUS) if s.stopped and s.tick > 0)
+        status = next(s for s in client.messages(SIM_STATUS, WAIT_S) if s.stopped and s.tick > 0)
         assert driver_pid(client) not in (before, None)
         assert status.stopped == stopped["stopped"]
         reply = client.call(CMD_WALK, action="walk", distance=0.05)
