@@ -1,9 +1,11 @@
 """The bus beside raw Zenoh and hand-written zenoh + pydantic: round trips of an 18-joint state, interleaved in one run.
 
 Conditions: two processes on tcp loopback, peer to peer; ping on one key, pong on another; medians over interleaved
-blocks. Targets: typed <= 1.5x raw Zenoh of equal size, <= 1.15x hand-written zenoh + pydantic.
+blocks. ``typed``: in frames, as services speak to each other; ``topic``: on the topic itself, as tools listen. Targets:
+typed <= 1.5x raw Zenoh of equal size, <= 1.15x hand-written zenoh + pydantic.
 """
 
+import itertools
 import multiprocessing
 import statistics
 import time
@@ -17,11 +19,15 @@ from schemas.hw import JointState
 from schemas.topics import Kind, Topic
 from surefoot.bus import Delivery
 from surefoot.codec import encode
+from surefoot.frame import Frame
+from surefoot.leader import REPORT_TICKS
 from surefoot.zenoh_bus import Endpoint, ZenohBus
 
 ROUTER = "tcp/127.0.0.1:17461"
-PING = Topic("bench/ping", JointState, Kind.SAMPLE, "bench")
-PONG = Topic("bench/pong", JointState, Kind.SAMPLE, "bench")
+PING = Topic("bench/ping", JointState, Kind.SAMPLE, "ping")
+PONG = Topic("bench/pong", JointState, Kind.SAMPLE, "pong")
+LONE_PING = Topic("bench/lone/ping", JointState, Kind.SAMPLE, "ping")
+LONE_PONG = Topic("bench/lone/pong", JointState, Kind.SAMPLE, "pong")
 NAMESPACE = "surefoot/bench"
 BLOCKS, PER_BLOCK = 30, 100
 JOINTS = tuple(0.1 * i + 1 / 3 for i in range(18))
@@ -48,12 +54,20 @@ def state(seq: int) -> JointState:
     )
 
 
+def tell(bus: ZenohBus, publisher: Any, message: Any) -> None:
+    """A message as a service says it in a tick that nobody has to report."""
+    bus.cork()
+    publisher.put(message)
+    bus.flush(batch=message.seq % REPORT_TICKS == 0)
+
+
 def echo(ready: Any, stop: Any) -> None:
     """The other process: sends back what comes, each way in its own manner."""
     bus = ZenohBus(Endpoint("peer", (ROUTER,), (), NAMESPACE))
     work: SimpleQueue[Any] = SimpleQueue()
-    pong = bus.publisher(PONG)
-    bus.subscribe(PING, work.put)
+    pong, lone_pong = bus.publisher(PONG), bus.publisher(LONE_PONG, framed=False)
+    bus.take((PING,), work.put)
+    bus.subscribe(LONE_PING, work.put)
     quick = {"congestion_control": zenoh.CongestionControl.BLOCK, "priority": zenoh.Priority.REAL_TIME, "express": True}
     raw_out, plain_out = (bus.session.declare_publisher(f"{k}/pong", **quick) for k in ("raw", "plain"))
     kept = [
@@ -66,9 +80,12 @@ def echo(ready: Any, stop: Any) -> None:
             item = work.get(timeout=0.2)
         except Exception:  # queue.Empty: look at the stop flag
             continue
-        if isinstance(item, Delivery):
-            if not item.prime:
-                pong.put(item.message())
+        if isinstance(item, Frame):
+            for delivery in item.deliveries():
+                tell(bus, pong, delivery.message())
+        elif isinstance(item, Delivery):
+            message: Any = item.message()
+            lone_pong.put(message)
         elif item[0] == "raw":
             raw_out.put(item[1])
         else:
@@ -96,6 +113,7 @@ def main() -> dict[str, float]:
     ratios = {
         "typed / raw": statistics.median(a / b for a, b in zip(times["typed"], times["raw"], strict=True)),
         "typed / hand-written": statistics.median(a / b for a, b in zip(times["typed"], times["plain"], strict=True)),
+        "topic / hand-written": statistics.median(a / b for a, b in zip(times["topic"], times["plain"], strict=True)),
     }
     print(
         f"round trip of {len(encode(state(0))[0])} bytes, {BLOCKS} x {PER_BLOCK} interleaved, two processes, loopback"
@@ -111,15 +129,22 @@ def _measure(bus: ZenohBus, ready: Any) -> dict[str, list[float]]:
     quick = {"congestion_control": zenoh.CongestionControl.BLOCK, "priority": zenoh.Priority.REAL_TIME, "express": True}
     session = bus.session
     got: SimpleQueue[Any] = SimpleQueue()
-    bus.subscribe(PONG, got.put)
+    bus.take((PONG,), got.put)
+    bus.subscribe(LONE_PONG, got.put)
     kept = [session.declare_subscriber(f"{k}/pong", lambda s: got.put(s.payload.to_bytes())) for k in ("raw", "plain")]
-    ping = bus.publisher(PING)
+    ping, lone_ping = bus.publisher(PING), bus.publisher(LONE_PING, framed=False)
+    count = itertools.count()
     raw, plain = (session.declare_publisher(f"{k}/ping", **quick) for k in ("raw", "plain"))
     payload = encode(state(1))[0]
     model = Plain.model_validate_json(payload)
 
     def typed_trip() -> None:
-        ping.put(state(1))
+        tell(bus, ping, state(next(count)))
+        for delivery in got.get(timeout=5.0).deliveries():
+            delivery.message()
+
+    def topic_trip() -> None:
+        lone_ping.put(state(1))
         got.get(timeout=5.0).message()
 
     def raw_trip() -> None:
@@ -143,7 +168,7 @@ def _measure(bus: ZenohBus, ready: Any) -> dict[str, list[float]]:
         Plain.model_validate_json(got.get(timeout=5.0))
 
     ready.wait(20)
-    ways = {"typed": typed_trip, "raw": raw_trip, "plain": plain_trip}
+    ways = {"typed": typed_trip, "topic": topic_trip, "raw": raw_trip, "plain": plain_trip}
     for way in ways.values():
         while True:  # the links are up when the first round trip comes back
             try:
