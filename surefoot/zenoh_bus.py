@@ -91,7 +91,7 @@ class ZenohIncoming:
         data = b"" if payload is None else payload.to_bytes()
         if not data and self._attachment is None:
             if self.query.acts:
-                raise Refusal("malformed", f"{self.query.key}: an empty request; {{}} asks for the defaults")
+                raise Refusal("malformed", f"{self.query.key}: an empty request does nothing; send a JSON object")
             data = b"{}"
         return decode(self.query.request, data, self._attachment, "" if encoding is None else str(encoding))
 

@@ -293,7 +293,7 @@ def test_an_empty_question_asks_for_the_defaults_but_never_acts(net: Net) -> Non
     with net.plain() as stranger:
         replies = list(stranger.get(f"{net.namespace}/**", timeout=WAIT_S))
     errors = [json.loads(reply.err.payload.to_bytes())["message"] for reply in replies if reply.err is not None]
-    assert errors == ["sim/pause: an empty request; {} asks for the defaults"]
+    assert errors == ["sim/pause: an empty request does nothing; send a JSON object"]
     assert [reply.ok is not None for reply in replies].count(True) == 1
     assert seen == [FeaturesRequest()]
 
