@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import savgol_filter
 
-from services.estimator import ekf_kernel
 from services.estimator.estimator import Estimator
 from services.estimator.feet import FootMount, bare_mount
 from services.estimator.odometry import OdometryParams
@@ -190,7 +189,7 @@ def hexapod(seeds: int) -> None:
 
 
 def speed() -> None:
-    """CPU time per control tick with everything on, and of the whole-log kernel."""
+    """Time of a control tick with everything on."""
     robot, rng, ticks = load_robot("ragno"), np.random.default_rng(0), 3000
     w, q = 0.01 * rng.normal(size=(ticks, 3)), [0.0, 0.0, 9.81] + 0.05 * rng.normal(size=(ticks, 3))
     joints, touch = robot.neutral + 1e-3 * rng.normal(size=(ticks, robot.nj)), np.ones(6, dtype=bool)
@@ -205,15 +204,6 @@ def speed() -> None:
         costs.append(time.perf_counter() - began)
     mean, median = 1e6 * np.mean(costs[200:]), 1e6 * np.median(costs[200:])
     print(f"\nspeed\nall four estimators and odometry, a 10 ms tick: {mean:.0f} us mean, {median:.0f} us median")
-    n = 360_000
-    rows, has = rng.normal(size=(n, 3)), np.arange(n) % 3 == 0
-    g, noise = np.array([0.0, 0.0, 9.81]), np.array([0.0054, 0.035])
-    ekf_kernel.warm()
-    began = time.perf_counter()
-    ekf_kernel.run(
-        g, np.eye(6), 0.1 * rows, g + rows, np.full(n, 0.01), 0.1 * rows, has, np.full(n, 0.015), noise, False
-    )
-    print(f"kernel of the filter, 1 h of log: {time.perf_counter() - began:.2f} s")
 
 
 def main(arguments: list[str] | None = None) -> None:

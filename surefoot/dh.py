@@ -13,6 +13,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.linear import product
 from surefoot.robot import Robot, RobotError
 from surefoot.robot_file import ROBOTS
 from surefoot.tables import Table
@@ -68,7 +69,8 @@ def dh_transform(table: DhTable, q: Array) -> Array:
     for joint, (offset, d, a, alpha) in zip(table.joints, table.rows, strict=True):
         theta = offset - q[joint]
         c, s, ca, sa = math.cos(theta), math.sin(theta), math.cos(alpha), math.sin(alpha)
-        pose = pose @ np.array(
+        step = np.array(
             [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0.0, sa, ca, d], [0.0, 0.0, 0.0, 1.0]]
         )
+        pose = product(pose, step)
     return pose

@@ -10,6 +10,7 @@ from typing import cast
 import numpy as np
 
 from surefoot import robot as r
+from surefoot.linear import dot, product
 from surefoot.robot import Array, RobotError
 from surefoot.robot_sensors import read_contacts, read_current, read_encoder, read_imu
 from surefoot.tables import Table, read_toml
@@ -181,7 +182,7 @@ class _Reader:
         if mount is not None:
             hip, turn = mount
             c, s = turn[0] ** 2 - turn[3] ** 2, 2 * turn[0] * turn[3]
-            position = hip + np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ position
+            position = hip + product(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), position)
             quat = _quat_product(turn, quat)
         axis, joint = np.zeros(3), -1
         if t.has("axis"):
@@ -249,7 +250,7 @@ def _sizes(t: Table, key: str) -> Array:
 
 
 def _quat_product(a: Array, b: Array) -> Array:
-    w, v = a[0] * b[0] - a[1:] @ b[1:], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])
+    w, v = a[0] * b[0] - dot(a[1:], b[1:]), a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])
     return np.concatenate(([w], v))
 
 
@@ -301,7 +302,7 @@ def _yaw_pitch_pitch(links: list[r.Link], joints: list[r.Joint], leg: r.Leg) -> 
     while link != joints[leg.joints[2]].link:  # fixed links between the tibia and the foot
         if links[link].joint >= 0 or link == 0:
             return None
-        foot = links[link].position + _matrix(links[link].quat_wxyz) @ foot
+        foot = links[link].position + product(_matrix(links[link].quat_wxyz), foot)
         link = links[link].parent
     axes = np.array([coxa.axis, femur.axis, tibia.axis])
     straight = all(np.allclose(p[1:], 0.0, atol=1e-12) for p in (femur.position, tibia.position, foot))

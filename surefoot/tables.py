@@ -12,6 +12,8 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.linear import norm
+
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 UNIT_SLACK = 1e-6
 """What rounding in a file may take from the length of a unit vector."""
@@ -157,10 +159,10 @@ class Table:
     def unit(self, key: str, size: int, default: tuple[float, ...] | None = None) -> NDArray[np.float64]:
         """A vector of length 1, shape (size,)."""
         vector = self.vector(key, size, default)
-        norm = float(np.linalg.norm(vector))
-        if abs(norm - 1.0) > UNIT_SLACK:
-            raise self.refuse("value", key, f"got {vector.tolist()} of length {norm:.6g}, expected length 1")
-        return vector / norm
+        length = norm(vector)
+        if abs(length - 1.0) > UNIT_SLACK:
+            raise self.refuse("value", key, f"got {vector.tolist()} of length {length:.6g}, expected length 1")
+        return vector / length
 
     def table(self, key: str) -> "Table":
         """Sub-table."""

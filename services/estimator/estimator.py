@@ -18,6 +18,7 @@ from services.estimator.odometry_kernel import heading_view, level, turned
 from services.estimator.output import Estimate, express, summary
 from services.estimator.params import EstimatorParams
 from services.estimator.standstill import GyroBias, Standstill, gravity_at_rest, plane_normal
+from surefoot.linear import norm
 from surefoot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -186,7 +187,7 @@ class Estimator:
             before = self._history.at(last.stamp_ns)
             w = (now[THETA] - before[THETA]) / (1e-9 * (sample.stamp_ns - last.stamp_ns)) - self._bias
         g = now[G]
-        legs = self._legs.step(sample, w, g / math.sqrt(g @ g), self._leader.v)
+        legs = self._legs.step(sample, w, g / norm(g), self._leader.v)
         if not self.initialised:
             return
         if legs is not None:

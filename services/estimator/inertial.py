@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.jit import kernel
+from surefoot.linear_kernels import times, times_transposed
 
 Array = NDArray[np.float64]
 
@@ -97,7 +98,7 @@ def input_noise(g: Array, v: Array, d: float, sigma_w: float, sigma_q: float) ->
 def process_noise(g: Array, v: Array, d: float, sigma_w: float, sigma_q: float) -> Array:
     """Q = C C^T of equation (31), (6, 6)."""
     c = input_noise(g, v, d, sigma_w, sigma_q)
-    return c @ c.T
+    return times_transposed(c, c)
 
 
 @kernel
@@ -110,7 +111,7 @@ def propagate_covariance(p: Array, g: Array, v: Array, w: Array, d: float, noise
 @kernel
 def _covariance(p: Array, g: Array, v: Array, w: Array, d: float, noise: Array, exact: bool) -> Array:
     f = transition(w, d, exact)
-    return f @ p @ f.T + process_noise(g, v, d, noise[0], noise[1])
+    return times_transposed(times(f, p), f) + process_noise(g, v, d, noise[0], noise[1])
 
 
 @kernel

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.jit import kernel
+from surefoot.linear_kernels import inverse3, times
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -127,7 +128,7 @@ def observe(x: Array, cov: Array, foot: int, seen: Array, noise: Array) -> float
         for k in range(3):
             inn[i, k] = ph[i, k] + by_yaw[i] * ph[YAW, k] - ph[at + i, k]
         inn[i, i] += noise[SIGMA_P] ** 2
-    inv = np.linalg.inv(inn)
+    inv = inverse3(inn)[0]
     nis = 0.0
     for i in range(3):
         for k in range(3):
@@ -141,8 +142,8 @@ def observe(x: Array, cov: Array, foot: int, seen: Array, noise: Array) -> float
             cov[at + i, at + i] += wider
             ph[at + i, i] -= wider
             inn[i, i] += wider
-        inv = np.linalg.inv(inn)
-    gain = ph @ inv
+        inv = inverse3(inn)[0]
+    gain = times(ph, inv)
     for j in range(n):
         for i in range(3):
             x[j] += gain[j, i] * r[i]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from services.estimator.inertial import GRAVITY
 from services.estimator.params import EstimatorParams
 from surefoot.jit import kernel
+from surefoot.linear import dot, eigen3, norm, product
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -188,8 +189,8 @@ def gravity_at_rest(mean_q: Array, up: Array | None, params: EstimatorParams) ->
     bias, stated = params.acc_bias_sd**2, (GRAVITY * params.start_slope_sd) ** 2
     if up is None or not np.isfinite(stated) or bias == 0.0:
         return mean_q.copy(), bias
-    apart = GRAVITY * (mean_q / np.linalg.norm(mean_q) - up)
-    if apart @ apart > DISAGREE**2 * (bias + stated):
+    apart = GRAVITY * (mean_q / norm(mean_q) - up)
+    if dot(apart, apart) > DISAGREE**2 * (bias + stated):
         return mean_q.copy(), bias
     k = bias / (bias + stated)
     return (1.0 - k) * mean_q + k * GRAVITY * up, k * stated
@@ -200,10 +201,11 @@ def plane_normal(points: Array, used: Flags, g: Array) -> Array | None:
     chosen = points[used]
     if len(chosen) < 3:
         return None
-    _, spread, axes = np.linalg.svd(chosen - chosen.mean(axis=0))
-    if spread[1] < MIN_SPREAD:
+    centred = chosen - chosen.mean(axis=0)
+    square, axes = eigen3(product(centred.T, centred))
+    if square[1] < MIN_SPREAD**2:
         return None
-    return axes[2] if axes[2] @ g > 0.0 else -axes[2]
+    return axes[2] if dot(axes[2], g) > 0.0 else -axes[2]
 
 
 def warm() -> None:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from services.simulator.shapes import random_stream
 from surefoot.kinematics import forward
+from surefoot.linear import exp, product
 from surefoot.robot import Robot, RobotError
 from surefoot.robot_sensors import profile_table
 from surefoot.rotations import matrix_from_quat
@@ -129,24 +130,24 @@ def camera_pose(robot: Robot, camera: Camera, position: Array, quat_wxyz: Array,
     links, origins = forward(robot.model, joints)
     base = matrix_from_quat(quat_wxyz)
     c, s = math.cos(camera.pitch), math.sin(camera.pitch)
-    look = links[i] @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-    place = position + base @ (origins[i] + links[i] @ camera.position)
+    look = product(links[i], np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]))
+    place = position + product(base, origins[i] + product(links[i], camera.position))
     heading = math.atan2(base[1, 0], base[0, 0])
-    return CameraPose(place, base @ look @ CAMERA_AXES, np.array([position[0], position[1], heading]))
+    return CameraPose(place, product(product(base, look), CAMERA_AXES), np.array([position[0], position[1], heading]))
 
 
 def motion(before: CameraPose, now: CameraPose, dt: float) -> tuple[Array, Array]:
     """Velocity (3,) m/s and rate (3,) rad/s of the camera in its own axes, from two poses dt apart."""
-    turn = before.rot.T @ now.rot
+    turn = product(before.rot.T, now.rot)
     angle = math.acos(min(1.0, max(-1.0, 0.5 * (np.trace(turn) - 1.0))))
     axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     scale = 0.5 if angle < 1e-6 else 0.5 * angle / math.sin(angle)
-    return now.rot.T @ (now.position - before.position) / dt, scale * axis / dt
+    return product(now.rot.T, now.position - before.position) / dt, scale * axis / dt
 
 
 def seen(camera: Camera, pose: CameraPose, points: Array) -> tuple[NDArray[np.int64], Array]:
     """Which points of the floor (n, 2) are in the image, and where they are in camera axes, (k,) and (k, 3)."""
-    local = points @ pose.rot[:2] - pose.position @ pose.rot  # (n, 3)
+    local = product(points, pose.rot[:2]) - product(pose.position, pose.rot)  # (n, 3)
     index = np.flatnonzero(local[:, 2] > NEAREST)
     half = 0.5 * np.array([camera.width, camera.height]) / camera.focal
     index = index[(np.abs(local[index, :2]) <= half * local[index, 2:]).all(axis=1)]
@@ -193,7 +194,7 @@ class LandmarkSensor:
         v, w = motion(before, now, dt)
         index, local = seen(c, now, self.field.position)
         self.visible = len(index)
-        sharp = c.detect * np.exp(-0.5 * (blur(c, local, v, w) / c.blur) ** 2)
+        sharp = c.detect * exp(-0.5 * (blur(c, local, v, w) / c.blur) ** 2)
         found = index[self.rng.uniform(size=len(index)) < sharp][: c.most]
         detections = [self._measure(now, self.field.position[i], self.field.descriptor[i], int(i)) for i in found]
         marker = None

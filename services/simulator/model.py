@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from services.simulator.joints import add_backlash, add_coupled, add_joint, coupled_links
 from services.simulator.terrain import Terrain
+from surefoot.linear import norm
 from surefoot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -308,7 +309,7 @@ def _add_robot(spec: mujoco.MjSpec, robot: Robot, physics: Physics, perturb: Per
         ends = [child.position for child in robot.links if child.parent == i > 0]
         ends += [leg.foot.position for leg in robot.legs if leg.foot.link == i]
         for k, end in enumerate(ends):
-            if np.linalg.norm(end) > SEGMENT_RADIUS:
+            if norm(end) > SEGMENT_RADIUS:
                 look = solid if physics.segment_contacts else seen
                 line = [0.0, 0.0, 0.0, *end]
                 name = f"{link.name}_segment_{k}"

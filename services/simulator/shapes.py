@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.linear import exp
 from surefoot.rotations import quat_from_matrix
 
 Array = NDArray[np.float64]
@@ -114,7 +115,7 @@ def _hill_field(grid: Grid, seed: int, amp: float, end: float = math.inf) -> Arr
     for _ in range(N_HILLS):
         cx, cy = rng.uniform(PAD_END, grid.x0 + grid.nx * grid.cell), rng.uniform(-half, half)
         sigma, height = rng.uniform(*HILL_SIGMA), rng.uniform(0.3, 1.0)
-        gx, gy = np.exp(-0.5 * ((x - cx) / sigma) ** 2), np.exp(-0.5 * ((y - cy) / sigma) ** 2)
+        gx, gy = exp(-0.5 * ((x - cx) / sigma) ** 2), exp(-0.5 * ((y - cy) / sigma) ** 2)
         z += height * gx * gy
     lane = z[np.abs(y[:, 0]) <= CORRIDOR][:, (x[0] >= PAD_END + BLEND) & (x[0] <= end)]
     low, high = lane.min(), lane.max()
@@ -205,10 +206,10 @@ def _primitive(r: Wanted) -> Shape:
         lambda: np.zeros_like(u),
         lambda: amp * np.clip(u / 0.1, -1.0, 1.0),
         lambda: np.where(u >= -1e-9, amp, 0.0),
-        lambda: amp * np.exp(-0.5 * (u * u + v * v) / sigma**2),
-        lambda: amp * np.exp(-0.5 * (v / sigma) ** 2) * np.ones_like(u),
-        lambda: -amp * np.exp(-0.5 * (u * u + v * v) / sigma**2),
-        lambda: -amp * np.exp(-0.5 * (v / sigma) ** 2) * np.ones_like(u),
+        lambda: amp * exp(-0.5 * (u * u + v * v) / sigma**2),
+        lambda: amp * exp(-0.5 * (v / sigma) ** 2) * np.ones_like(u),
+        lambda: -amp * exp(-0.5 * (u * u + v * v) / sigma**2),
+        lambda: -amp * exp(-0.5 * (v / sigma) ** 2) * np.ones_like(u),
     )
     surface = np.broadcast_to(shapes[r.number - 1](), (grid.ny, grid.nx))
     if r.number == 1 or amp == 0.0:

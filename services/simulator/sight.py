@@ -20,6 +20,7 @@ from services.simulator.model import Addresses
 from services.simulator.samples import Truth
 from services.simulator.shapes import random_stream
 from services.simulator.walls import bumped, echo, read_ranger
+from surefoot.linear import product
 from surefoot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -116,7 +117,7 @@ class Sight:
         assert r is not None
         base = data.xmat[trunk].reshape(3, 3)
         heading = math.atan2(base[1, 0], base[0, 0])
-        found = echo(model, data, data.xpos[trunk] + base @ r.position, heading, r.half_cone, r.longest)
+        found = echo(model, data, data.xpos[trunk] + product(base, r.position), heading, r.half_cone, r.longest)
         if found >= r.longest:
             return None
         measured = r.resolution * round((found + r.sigma * self.rng.standard_normal()) / r.resolution)

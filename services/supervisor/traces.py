@@ -1,11 +1,13 @@
 """What a run was like, as time series: messages in, one at a time, live or from a recording; arrays out."""
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.linear import product
 from surefoot.rotations import matrix_from_quat
 
 Array = NDArray[np.float64]
@@ -93,8 +95,8 @@ class Traces:
     def _truth(self, key: str, m: Any) -> None:
         """Columns: time, position 3 (world), velocity 3 (base_link axes), yaw, tilt, CoM 3 (world)."""
         rot_world_from_base = matrix_from_quat(np.array(m.quat_wxyz))
-        velocity = rot_world_from_base.T @ np.array(m.velocity)
-        yaw = float(np.arctan2(rot_world_from_base[1, 0], rot_world_from_base[0, 0]))
+        velocity = product(rot_world_from_base.T, np.array(m.velocity))
+        yaw = math.atan2(rot_world_from_base[1, 0], rot_world_from_base[0, 0])
         time = self._row(key, m, *m.position, *velocity, yaw, m.tilt, *m.com)
         if m.fallen and self.fallen_at is None:
             self.fallen_at = time

@@ -15,6 +15,7 @@ from services.walker.interface import WalkerInputs
 from services.walker.params import WalkerParams
 from services.walker.state import Stage, WalkerState
 from surefoot import kinematics, rotations
+from surefoot.linear import dot
 from surefoot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -72,14 +73,14 @@ def lay_over(state: WalkerState, params: WalkerParams, ground: Ground | None, in
 def _correct_tilt(state: WalkerState, gain: float, xy: Array, gaps: Array) -> None:
     """Learn a constant error of the estimated tilt: gaps that grow forward mean a nose higher than estimated."""
     s = state
-    c, n = np.cos(s.yaw), np.sin(s.yaw)
+    c, n = math.cos(s.yaw), math.sin(s.yaw)
     ahead, left = c * xy[:, 0] + n * xy[:, 1], -n * xy[:, 0] + c * xy[:, 1]
     ahead, left, gaps = ahead - ahead.mean(), left - left.mean(), gaps - gaps.mean()
-    xx, xy_, yy = float(ahead @ ahead), float(ahead @ left), float(left @ left)
+    xx, xy_, yy = dot(ahead, ahead), dot(ahead, left), dot(left, left)
     det = xx * yy - xy_ * xy_
     if det < MIN_SPREAD**4:
         return
-    gx, gy = float(ahead @ gaps), float(left @ gaps)
+    gx, gy = dot(ahead, gaps), dot(left, gaps)
     s.tilt_offset[0] += gain * (xx * gy - xy_ * gx) / det
     s.tilt_offset[1] -= gain * (yy * gx - xy_ * gy) / det
     np.clip(s.tilt_offset, -MAX_TILT_OFFSET, MAX_TILT_OFFSET, out=s.tilt_offset)

@@ -15,6 +15,7 @@ from services.walker.interface import CheckReply, Pose
 from services.walker.planning import Frame
 from services.walker.state import Stage, WalkerState
 from surefoot.jit import kernel
+from surefoot.linear import product
 
 Array = NDArray[np.float64]
 
@@ -62,8 +63,8 @@ def shift_into(reply: CheckReply, wanted: float) -> Array | None:
     length = np.hypot(along[:, 0], along[:, 1])
     keep = length > 1e-9
     edges = np.column_stack((along[keep, 1], -along[keep, 0])) / length[keep, None]
-    reach = np.einsum("kd,kd->k", edges, ring[keep])
-    slack = reach - np.maximum(edges @ reply.com, edges @ reply.com_after)
+    reach = (edges * ring[keep]).sum(axis=1)
+    slack = reach - np.maximum(product(edges, reply.com), product(edges, reply.com_after))
     worst = float(slack.min())
     for part in PARTS:
         shift, found = nearest_inside(edges, slack, worst + part * (wanted - worst))

@@ -93,7 +93,7 @@ def load_torques(
     torque = kinematics.gravity_torques(model, q, up)
     links_rot, links_pos = kinematics.forward(model, q)
     weight = kinematics.total_mass(model)
-    point = np.empty(3)
+    point, ax = np.empty(3), np.empty(3)
     for leg in range(2):
         dx, dy = zmp[leg, 0] - trunk[0], zmp[leg, 1] - trunk[1]
         for i in range(3):
@@ -102,7 +102,10 @@ def load_torques(
         while link > 0:
             j = model.joint[link]
             if j >= 0:
-                ax = links_rot[link] @ model.axis[link]
+                for i in range(3):
+                    ax[i] = 0.0
+                    for k in range(3):
+                        ax[i] += links_rot[link, i, k] * model.axis[link, k]
                 rx, ry, rz = point[0] - links_pos[link, 0], point[1] - links_pos[link, 1], point[2] - links_pos[link, 2]
                 # column of the point's Jacobian: axis x arm
                 jx, jy, jz = ax[1] * rz - ax[2] * ry, ax[2] * rx - ax[0] * rz, ax[0] * ry - ax[1] * rx

@@ -1,5 +1,6 @@
 """One step before it is taken: where the trunk goes, where the feet land, whether the legs reach."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from services.walker.params import WalkerParams
 from services.walker.route import moved
 from services.walker.swing import SwingShape
 from surefoot import kinematics, rotations
+from surefoot.linear import product
 from surefoot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -61,8 +63,8 @@ class StepPlan:
 
 def rotated(yaw: float, vectors: Array) -> Array:
     """Plane vectors (n, 2) turned by yaw."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    return vectors @ np.array([[c, s], [-s, c]])
+    c, s = math.cos(yaw), math.sin(yaw)
+    return product(vectors, np.array([[c, s], [-s, c]]))
 
 
 def centre_height(frame: Frame, x: float, y: float, feet: Array) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.jit import kernel
+from surefoot.linear import product, solve
 
 Array = NDArray[np.float64]
 
@@ -43,21 +44,22 @@ def preview_gains(height: float, dt: float, horizon: int = HORIZON, jerk: float 
     a = np.array([[1.0, dt, dt * dt / 2.0], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
     b = np.array([[dt**3 / 6.0], [dt * dt / 2.0], [dt]])
     c = np.array([[1.0, 0.0, -height / GRAVITY]])
-    aug_b, first = np.vstack((c @ b, b)), np.array([[1.0], [0.0], [0.0], [0.0]])
-    aug_f = np.vstack((c @ a, a))
+    aug_b, first = np.vstack((product(c, b), b)), np.array([[1.0], [0.0], [0.0], [0.0]])
+    aug_f = np.vstack((product(c, a), a))
     aug_a = np.hstack((first, aug_f))
     q = np.diag([WEIGHT_ERROR, 0.0, 0.0, 0.0])
     k = riccati(aug_a, aug_b, q, jerk)
-    w = 1.0 / (jerk + float((aug_b.T @ k @ aug_b)[0, 0]))
-    integral = w * float((aug_b.T @ k @ first)[0, 0])
-    state = w * (aug_b.T @ k @ aug_f)[0]
-    closed = aug_a - w * aug_b @ (aug_b.T @ k @ aug_a)
+    pull = product(aug_b.T, k)  # B'K, (1, 4)
+    w = 1.0 / (jerk + float(product(pull, aug_b)[0, 0]))
+    integral = w * float(product(pull, first)[0, 0])
+    state = w * product(pull, aug_f)[0]
+    closed = aug_a - w * product(aug_b, product(pull, aug_a))
     preview = np.empty(horizon)
     preview[0] = -integral
-    x = -closed.T @ k @ first
+    x = -product(closed.T, product(k, first))
     for j in range(1, horizon):
-        preview[j] = w * float((aug_b.T @ x)[0, 0])
-        x = closed.T @ x
+        preview[j] = w * float(product(aug_b.T, x)[0, 0])
+        x = product(closed.T, x)
     preview[-1] -= state[0] + preview.sum()  # all that lies beyond the horizon: a shifted world needs no jerk
     return PreviewGains(integral, np.ascontiguousarray(state), preview, height, dt)
 
@@ -65,12 +67,12 @@ def preview_gains(height: float, dt: float, horizon: int = HORIZON, jerk: float 
 def riccati(a: Array, b: Array, q: Array, r: float) -> Array:
     """Stabilising solution of K = A'KA - A'KB (r + B'KB)^-1 B'KA + Q, by structured doubling."""
     n = len(a)
-    ak, gk, hk = a.copy(), b @ b.T / r, q.copy()
+    ak, gk, hk = a.copy(), product(b, b.T) / r, q.copy()
     for _ in range(DOUBLINGS):
-        inverse = np.linalg.inv(np.eye(n) + gk @ hk)
-        step = ak.T @ hk @ inverse @ ak
-        gk = gk + ak @ inverse @ gk @ ak.T
-        ak = ak @ inverse @ ak
+        both = solve(np.eye(n) + product(gk, hk), np.hstack((ak, product(gk, ak.T))))
+        step = product(product(ak.T, hk), both[:, :n])
+        gk = gk + product(ak, both[:, n:])
+        ak = product(ak, both[:, :n])
         hk = hk + step
         if np.abs(step).max() <= 1e-14 * np.abs(hk).max():
             break

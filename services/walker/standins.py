@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from services.walker.interface import CheckReply, CheckRequest, FootholdReply, StepRequest
 from surefoot import kinematics, rotations
+from surefoot.linear import angle_of, product
 from surefoot.robot import Robot
 
 
@@ -18,7 +19,7 @@ def nominal_footholds(request: StepRequest) -> tuple[FootholdReply, ...]:
 def ring_of(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Points (n, 2) in counter-clockwise order about their mean."""
     centre = points.mean(axis=0)
-    return points[np.argsort(np.arctan2(points[:, 1] - centre[1], points[:, 0] - centre[0]))]
+    return points[np.argsort(angle_of(points[:, 1] - centre[1], points[:, 0] - centre[0]))]
 
 
 def hull_margin(points: NDArray[np.float64], c: NDArray[np.float64]) -> float:
@@ -44,7 +45,7 @@ class HullCheck:
         if len(request.positions) < 3:
             return CheckReply(False, None, "segment")
         rot = rotations.matrix_from_quat(request.base_quat)
-        com = request.base_position + rot @ kinematics.com(self._model, request.joints)
+        com = request.base_position + product(rot, kinematics.com(self._model, request.joints))
         feet = request.positions[:, :2]
         after = com[:2] + np.array(request.movement[:2])
         margin = min(hull_margin(feet, com[:2]), hull_margin(feet, after))

@@ -17,6 +17,7 @@ from services.stability.programs.interior import FAILED, NO_DUAL, NO_PRIMAL, SOL
 from services.stability.programs.lanes import LANES
 from services.stability.programs.reduced import SMALL_MU, matrices, reduce
 from services.stability.programs.reference import Reference
+from surefoot.linear import combined, dot
 
 Ints = NDArray[np.int64]
 SupportStatus = Literal["ok", "unbounded", "infeasible"]
@@ -93,7 +94,7 @@ class Oracle:
                 )
             fan.status[k], fan.value[k], fan.error[k] = answer.status, answer.value, answer.error
             fan.unknown[k], fan.force[k] = answer.unknown, answer.force
-            fan.point[k] = np.einsum("iqd,iq->d", r.h, answer.force)
+            fan.point[k] = combined(r.h, answer.force).sum(axis=0)
 
     # -- back to the frame of the request -----------------------------------------------------------------------------
 
@@ -119,7 +120,7 @@ class Oracle:
                 twist[i] = self.moved(scaled, direction[i])
                 value[i] = twist[i, 2]
                 point[i] = self.anchor + r.length * fan.point[k]
-                gap[i] = value[i] - direction[i] @ point[i]
+                gap[i] = value[i] - dot(direction[i], point[i])
                 force[i] = self.forces(fan.force[k], 1.0)
             elif status[i] == NO_DUAL:
                 free = drift[i] / (drift[i] @ drift[i]) if drifting[i] else None
@@ -143,9 +144,9 @@ class Oracle:
         a = self.reduced.a
         s = self.subspace
         if s is None:
-            return np.einsum("iqd,iq->id", a[:, :, :3], cone)
+            return combined(a[:, :, :3], cone)
         own = self.columns()
-        force = np.einsum("iqd,iq->id", own[:, :, :3], cone)
+        force = combined(own[:, :, :3], cone)
         if s.free.size:
             rest = np.array([0.0, 0.0, weight, 0.0]) - np.einsum("iqj,iq->j", own, cone)
             amount = np.linalg.pinv(s.free, rcond=1e-10) @ rest
@@ -173,4 +174,4 @@ def solve_one(a: Array, rhs: Array, c: Array) -> tuple[int, float, Array, Array,
         if answer.status == FAILED:
             raise StabilityError("no_convergence", "contacts", "neither solver found an answer for this contact set")
         return answer.status, answer.value, answer.unknown, answer.force, answer.error
-    return int(status[0]), float(np.dot(c, lam[:, 0])), lam[:, 0].copy(), x[:, :, 0].copy(), float(error[0])
+    return int(status[0]), dot(c, lam[:, 0]), lam[:, 0].copy(), x[:, :, 0].copy(), float(error[0])

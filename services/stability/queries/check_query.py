@@ -16,6 +16,7 @@ from services.stability.regions.region import Region, region
 from services.stability.regions.robust import Uncertainty, margin_gradient, robust_margin
 from services.stability.robot.shift import Shift, kinematic_shift, stance_legs
 from surefoot.kinematics import com
+from surefoot.linear import product
 from surefoot.robot import Robot
 
 
@@ -39,7 +40,7 @@ def check_reply(request: CheckRequest, own: Robot) -> CheckReply:
         shift = kinematic_shift(robot, joints, rot, movement, stance)
         legs = tuple(leg.name for leg, stands in zip(robot.legs, stance, strict=True) if stands)
         if now is None:
-            c = base + rot @ com(robot.model, joints)
+            c = base + product(rot, com(robot.model, joints))
             now = (float(c[0]), float(c[1]))
     if now is None:
         raise StabilityError("missing", "com", "neither com nor joints are given; one of them is needed")

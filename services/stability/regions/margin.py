@@ -14,6 +14,7 @@ from services.stability.programs.oracle import FLAT, Oracle, solve_one
 from services.stability.programs.reference import Reference
 from services.stability.regions.region import Region, Solved
 from surefoot.jit import row_kernel
+from surefoot.linear import dot, product
 from surefoot.polygon import ray, signed_distance
 
 ExtentStatus = Literal["ok", "unbounded", "infeasible", "missed"]
@@ -164,13 +165,13 @@ def extent(region: Region, point: Array, direction: Array, plane: Plane | None =
 
 def _solve(a: Array, h: Array, c: Array, start: Array, direction: Array, length: float) -> Extent:
     across = np.array([-direction[1], direction[0]])
-    wide = np.concatenate((a, (h @ across)[:, :, None]), axis=2)
-    status, value, _, _, _ = solve_one(wide, h @ direction, np.append(c, across @ start))
+    wide = np.concatenate((a, product(h, across)[:, :, None]), axis=2)
+    status, value, _, _, _ = solve_one(wide, product(h, direction), np.append(c, dot(across, start)))
     if status == NO_PRIMAL:
         return Extent(None, "missed")
     if status == NO_DUAL:
         return Extent(None, "unbounded")
-    return Extent((value - float(direction @ start)) * length, "ok")
+    return Extent((value - dot(direction, start)) * length, "ok")
 
 
 def _drifting(oracle: Oracle, start: Array, a: Array, across: Array, gains: Array, brakes: Array) -> Extent:

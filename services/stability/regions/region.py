@@ -21,6 +21,7 @@ from services.stability.regions import flat
 from services.stability.regions.chords import beyond_chords
 from services.stability.regions.thin import THIN, WIDE, along, flat_ends, line_of
 from surefoot.jit import row_kernel
+from surefoot.linear import product
 from surefoot.polygon import area, half_planes, hull, signed_distance
 
 RegionStatus = Literal["ok", "infeasible", "unbounded", "point", "segment"]
@@ -231,7 +232,7 @@ def _single(contacts: ContactSet, direction: Array) -> Region:
     force = np.zeros((k, 1, 3))
     force[:, 0, 2] = 1.0
     point = np.tile(position[:2], (k, 1))
-    support = Support(direction, direction @ position[:2], point, ("ok",) * k, np.zeros(k), twist, force)
+    support = Support(direction, product(direction, position[:2]), point, ("ok",) * k, np.zeros(k), twist, force)
     return Region(contacts, "point", position[None, :2].copy(), position[None, :2].copy(), support, 0.0, True, 0)
 
 

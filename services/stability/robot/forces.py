@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from services.stability.programs.contacts import Array
 from surefoot.jit import row_kernel
 from surefoot.kinematics import foot_jacobians_of, forward, gravity_torques_of
+from surefoot.linear import dot, norm, product
+from surefoot.linear_kernels import inverse3
 from surefoot.robot import KinematicModel, Robot, load_robot
 
 Flags = NDArray[np.bool_]
@@ -91,8 +93,8 @@ def gain_from_weight(robot: Robot, joints: Array, torque: Array, g_up: Array, st
     found = leg_inverses(robot, joints, g_up)
     if not stance.any() or not found.observed[stance].all():
         return None
-    size = float(np.linalg.norm(g_up))
-    rows = np.einsum("r,irk->ik", g_up / size, found.inverse[stance])  # vertical force per torque, (n, 3)
+    size = norm(g_up)
+    rows = product(g_up / size, found.inverse[stance])  # vertical force per torque, (n, 3)
     index = robot.model.leg_joints[stance][:, :3]
     measured = float(np.sum(rows * torque[index]))
     if abs(measured) < LEAST_SHARE * robot.mass * size:
@@ -121,28 +123,12 @@ def fuse_normal(found: FootForces, normal: Array, load: Array, variance: Array) 
             covariance[i] = variance[i] * np.outer(n, n) + side * (np.eye(3) - np.outer(n, n))
             observed[i] = True
             continue
-        seen = covariance[i] @ n
-        gain = seen / (float(n @ seen) + float(variance[i]))
-        force[i] = force[i] + gain * (load[i] - float(n @ force[i]))
+        seen = product(covariance[i], n)
+        gain = seen / (dot(n, seen) + float(variance[i]))
+        force[i] = force[i] + gain * (load[i] - dot(n, force[i]))
         rest = np.eye(3) - np.outer(gain, n)
-        covariance[i] = rest @ covariance[i] @ rest.T + variance[i] * np.outer(gain, gain)
+        covariance[i] = product(product(rest, covariance[i]), rest.T) + variance[i] * np.outer(gain, gain)
     return FootForces(force, covariance, observed)
-
-
-@row_kernel
-def inverse3(m: Array) -> tuple[Array, float]:
-    """Inverse of a 3x3 matrix by the adjugate, and its condition number in the Frobenius norm (inf: not inverted)."""
-    inv = np.empty((3, 3))
-    for i in range(3):
-        a, b = (i + 1) % 3, (i + 2) % 3
-        for j in range(3):
-            c, d = (j + 1) % 3, (j + 2) % 3
-            inv[j, i] = m[a, c] * m[b, d] - m[a, d] * m[b, c]
-    det = m[0, 0] * inv[0, 0] + m[0, 1] * inv[1, 0] + m[0, 2] * inv[2, 0]
-    if abs(det) < 1e-300:
-        return np.zeros((3, 3)), math.inf
-    inv /= det
-    return inv, math.sqrt(np.sum(m * m) * np.sum(inv * inv))
 
 
 @row_kernel

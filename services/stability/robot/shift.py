@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from services.stability.programs.contacts import Array, ContactSet, StabilityError
 from surefoot.jit import kernel
 from surefoot.kinematics import com, foot_jacobians, foot_positions
+from surefoot.linear import product
+from surefoot.linear_kernels import solve3
 from surefoot.robot import KinematicModel, Robot, load_robot
 
 Flags = NDArray[np.bool_]
@@ -35,9 +37,9 @@ def kinematic_shift(robot: Robot, joints: Array, rot_world_from_base: Array, mov
     """Move the trunk by `movement` (3,) m, world axes, with the feet of the stance legs (L,) held in place."""
     if not movement.any():
         return Shift(np.zeros(3), joints.copy(), True)
-    move = np.ascontiguousarray(rot_world_from_base.T @ movement)
+    move = product(rot_world_from_base.T, movement)
     after, reachable = hold_feet(robot.model, joints, move, stance)
-    vector = rot_world_from_base @ (com(robot.model, after) - com(robot.model, joints))
+    vector = product(rot_world_from_base, com(robot.model, after) - com(robot.model, joints))
     return Shift(vector, after, bool(reachable))
 
 
@@ -64,7 +66,7 @@ def hold_feet(model: KinematicModel, joints: Array, move: Array, stance: Flags) 
                 for s in range(3):
                     gram[r, s] = np.sum(jac[i, r] * jac[i, s])
                 gram[r, r] += 1e-12
-            push = _solve3(gram, error)
+            push = solve3(gram, error)
             for k in range(width):
                 j = model.leg_joints[i, k]
                 if j >= 0:
@@ -81,22 +83,6 @@ def hold_feet(model: KinematicModel, joints: Array, move: Array, stance: Flags) 
                 if not inside and abs(q[j] - joints[j]) > LIMIT_SLACK:
                     reachable = False
     return q, reachable
-
-
-@kernel
-def _solve3(m: Array, v: Array) -> Array:
-    """Solution of a 3x3 system by the adjugate."""
-    out = np.empty(3)
-    c0 = m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]
-    c1 = m[1, 2] * m[2, 0] - m[1, 0] * m[2, 2]
-    c2 = m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0]
-    det = m[0, 0] * c0 + m[0, 1] * c1 + m[0, 2] * c2
-    if abs(det) < 1e-300:
-        return np.zeros(3)
-    out[0] = c0 * v[0] + (m[0, 2] * m[2, 1] - m[0, 1] * m[2, 2]) * v[1] + (m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]) * v[2]
-    out[1] = c1 * v[0] + (m[0, 0] * m[2, 2] - m[0, 2] * m[2, 0]) * v[1] + (m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]) * v[2]
-    out[2] = c2 * v[0] + (m[0, 1] * m[2, 0] - m[0, 0] * m[2, 1]) * v[1] + (m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]) * v[2]
-    return out / det
 
 
 def stance_legs(
@@ -116,7 +102,7 @@ def stance_legs(
     """
     known = [leg.name for leg in robot.legs]
     stance = np.zeros(len(known), dtype=np.bool_)
-    feet = base + foot_positions(robot.model, joints) @ rot_world_from_base.T
+    feet = base + product(foot_positions(robot.model, joints), rot_world_from_base.T)
     for i, name in enumerate(names):
         if name is None:
             continue

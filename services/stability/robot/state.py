@@ -13,6 +13,7 @@ from services.stability.regions.region import Region, region
 from services.stability.robot.forces import MeasuredCom, com_from_forces, leg_forces_of
 from surefoot.jit import row_kernel
 from surefoot.kinematics import com_of, foot_positions_of, forward
+from surefoot.linear import norm, product
 from surefoot.robot import KinematicModel, Robot, load_robot
 
 Flags = NDArray[np.bool_]
@@ -177,8 +178,9 @@ def watch(robot: Robot, joints: Array, touch: Flags, g_up: Array, torque: Array 
     found = region(contacts, tolerance=params.tolerance, limit=params.directions)
     measured: MeasuredCom | None = None
     if torque is not None and f.observed and len(f.position):
-        weight = params.least_load * robot.mass * math.sqrt(g_up @ g_up)
-        measured = com_from_forces(f.position, f.force @ f.rot.T, f.rot @ f.covariance @ f.rot.T, weight)
+        weight = params.least_load * robot.mass * norm(g_up)
+        force, covariance = product(f.force, f.rot.T), product(product(f.rot, f.covariance), f.rot.T)
+        measured = com_from_forces(f.position, force, covariance, weight)
     return Status(
         region=found,
         stance=touch,

@@ -1,11 +1,42 @@
-"""The filter on filterpy, equations (15)-(37), and its kernel."""
+"""The filter of equations (15)-(37) beside filterpy's, which predicts with matrices of its own."""
 
 import numpy as np
 import pytest
+from filterpy.kalman import ExtendedKalmanFilter
+from scipy.linalg import expm
 
-from services.estimator import ekf_kernel
 from services.estimator.ekf import PaperEkf
 from services.estimator.params import EstimatorParams
+
+
+def cross(v):
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+class Referee(ExtendedKalmanFilter):
+    """Equations (24)-(31) in matrices: exponentials by scipy, F and C written out; corrections are filterpy's."""
+
+    def __init__(self, params, g, p):
+        super().__init__(dim_x=6, dim_z=3)
+        self.params, self.x, self.P = params, np.concatenate([g, np.zeros(3)]), p.copy()
+
+    def predict(self, w, q, d):
+        g, v, one = self.x[:3], self.x[3:], np.eye(3)
+        turn, half = expm(-cross(w) * d), expm(-cross(w) * d / 2)
+        e, e_half = (turn, half) if self.params.exact_transition else (one, one)
+        f = np.block([[e, np.zeros((3, 3))], [-d * e_half, e]])
+        c = np.block(
+            [
+                [-cross(g) * d * self.params.sigma_w, np.zeros((3, 3))],
+                [(-cross(v) * d + cross(g) * d * d / 2) * self.params.sigma_w, -d * one * self.params.sigma_q],
+            ]
+        )
+        self.x = np.concatenate([turn @ g, turn @ v + (q - half @ g) * d])
+        self.P = f @ self.P @ f.T + c @ c.T
+
+    def correct(self, v, sigma):
+        h = np.hstack([np.zeros((3, 3)), np.eye(3)])
+        self.update(v, lambda x: h, lambda x: x[3:], R=np.eye(3) * sigma**2)
 
 
 def inputs(n, seed):
@@ -19,22 +50,21 @@ def inputs(n, seed):
 
 
 @pytest.mark.parametrize("exact", [False, True])
-def test_kernel_equals_filterpy(exact):
+def test_equals_filterpy(exact):
     n, params = 10_000, EstimatorParams(exact_transition=exact)
     w, q, has, measured = inputs(n, 0)
     g0, p0 = np.array([0.1, -0.2, 9.8]), np.eye(6) * 1e-3
-    ekf = PaperEkf(params)
+    ekf, referee = PaperEkf(params), Referee(params, g0, p0)
     ekf.reset(g0, p0)
-    out = np.empty((n, 6))
     for k in range(n):
         ekf.predict(w[k], q[k], 0.01)
+        referee.predict(w[k], q[k], 0.01)
         if has[k]:
             ekf.correct_with(measured[k], params.sigma_v)
-        out[k, :3], out[k, 3:] = ekf.g, ekf.v
-    noise, sigma = np.array([params.sigma_w, params.sigma_q]), np.full(n, params.sigma_v)
-    g, v, p = ekf_kernel.run(g0, p0, w, q, np.full(n, 0.01), measured, has, sigma, noise, exact)
-    np.testing.assert_allclose(np.hstack([g, v]), out, atol=1e-9)
-    np.testing.assert_allclose(p, ekf.p, atol=1e-9)
+            referee.correct(measured[k], params.sigma_v)
+            assert ekf.nis == pytest.approx(float(referee.y @ referee.SI @ referee.y), rel=1e-6, abs=1e-9)
+        np.testing.assert_allclose(np.concatenate([ekf.g, ekf.v]), referee.x, atol=1e-9)
+        np.testing.assert_allclose(ekf.p, referee.P, atol=1e-9)
 
 
 def test_covariance_stays_symmetric_positive():
