@@ -15,13 +15,13 @@ from typing import Any
 import zenoh
 from pydantic import BaseModel
 
-from schemas.hw import JointState
-from schemas.topics import Kind, Topic
-from surefoot.bus import Delivery
-from surefoot.codec import encode
-from surefoot.frame import Frame
-from surefoot.leader import REPORT_TICKS
-from surefoot.zenoh_bus import Endpoint, ZenohBus
+from surefoot.bus.codec import encode
+from surefoot.bus.frame import Frame
+from surefoot.bus.interface import Delivery
+from surefoot.bus.zenoh import Endpoint, ZenohBus
+from surefoot.lockstep.leader import REPORT_TICKS
+from surefoot.schemas.hw import JointState
+from surefoot.schemas.topics import Kind, Topic
 
 ROUTER = "tcp/127.0.0.1:17461"
 PING = Topic("bench/ping", JointState, Kind.SAMPLE, "ping")

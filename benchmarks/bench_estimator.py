@@ -17,18 +17,18 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import savgol_filter
 
-from services.estimator.estimator import Estimator
-from services.estimator.feet import FootMount, bare_mount
-from services.estimator.odometry import OdometryParams
-from services.estimator.params import EstimatorParams, paper_params
-from services.estimator.replay import log_from_columns, replay, score, tilt_errors
-from services.estimator.synthetic import KINDS, synthesize
-from services.simulator.terrain import make_terrain, observed_map
-from services.simulator.world import World
-from services.walker.hexapod import HexapodWalker
-from services.walker.interface import Command, WalkerInputs
-from surefoot.robot import load_robot
-from surefoot.rotations import matrix_from_quat, yaw_from_quat
+from surefoot.geometry.rotations import matrix_from_quat, yaw_from_quat
+from surefoot.lab.papers.wawrzynski.replay import log_from_columns, replay, score, tilt_errors
+from surefoot.lab.papers.wawrzynski.synthetic import KINDS, synthesize
+from surefoot.robot.description import load_robot
+from surefoot.services.estimator.estimator import Estimator
+from surefoot.services.estimator.feet import FootMount, bare_mount
+from surefoot.services.estimator.odometry import OdometryParams
+from surefoot.services.estimator.params import EstimatorParams, paper_params
+from surefoot.services.simulator.ground.terrain import make_terrain, observed_map
+from surefoot.services.simulator.world import World
+from surefoot.services.walker.hexapod.gait import HexapodWalker
+from surefoot.services.walker.interface import Command, WalkerInputs
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 NAMES = ("imu", "kinematics", "kinematics_gyro", "ekf")

@@ -9,15 +9,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from services.footholds import features, score
-from services.footholds.assess import assess, whole_map
-from services.footholds.features import coefficients, map_features_numpy, push_direction, window_features
-from services.footholds.ground import build_ground
-from services.footholds.masks import Limits
-from services.footholds.select import BasePose, Landing, SelectParams, select, warm
-from surefoot.heightmap import HeightMap
-from surefoot.kinematics import foot_positions
-from surefoot.robot import load_robot
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.robot.description import load_robot
+from surefoot.robot.kinematics import foot_positions
+from surefoot.services.footholds import features
+from surefoot.services.footholds.assess import assess, whole_map
+from surefoot.services.footholds.features import coefficients, map_features_numpy, push_direction, window_features
+from surefoot.services.footholds.ground import build_ground
+from surefoot.services.footholds.masks import Limits
+from surefoot.services.footholds.models import score
+from surefoot.services.footholds.select import BasePose, Landing, SelectParams, select, warm
 
 CELL = 0.005
 STROKE = np.array([-0.05, 0.0, 0.0])

@@ -11,10 +11,10 @@ import statistics
 import tempfile
 from pathlib import Path
 
-from schemas.topics import HW_LANDMARKS, HW_RANGE, STATE_GAIT
-from services.supervisor.scenario import Scenario, parse_scenario
-from services.supervisor.study import run_local
-from surefoot.recording import read_recording
+from surefoot.lab.runs.local import run_local
+from surefoot.record.recording import read_recording
+from surefoot.schemas.topics import HW_LANDMARKS, HW_RANGE, STATE_GAIT
+from surefoot.services.supervisor.scenarios.scenario import Scenario, parse_scenario
 
 WALK = """
 description = "Nao stands, then walks on a floor with landmarks and a goal, towards a wall"

@@ -20,12 +20,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from services.supervisor.scenario import find_scenario, load_scenario
-from services.supervisor.study import run_local
-from surefoot.codec import decode, encode
-from surefoot.launch import spare_collector
-from surefoot.node import Node
-from surefoot.recording import read_recording
+from surefoot.bus.codec import decode, encode
+from surefoot.lab.runs.local import run_local
+from surefoot.lockstep.launch import spare_collector
+from surefoot.lockstep.node import Node
+from surefoot.record.recording import read_recording
+from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 
 SCENARIO = "rough-terrain"
 ROUNDS = 5
@@ -40,7 +40,7 @@ def free_port() -> int:
 
 def zenoh_run(folder: Path, *flags: str) -> dict[str, Any]:
     """One `surefoot run` as a user types it."""
-    command = [sys.executable, "-m", "services.supervisor.cli", "run", SCENARIO, "--seed", "0", "--json", *flags]
+    command = [sys.executable, "-m", "surefoot.lab.cli.main", "run", SCENARIO, "--seed", "0", "--json", *flags]
     environment = dict(os.environ, SUREFOOT_LISTEN=f"tcp/127.0.0.1:{free_port()}", XDG_STATE_HOME=str(folder / "state"))
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     if not done.stdout.strip().startswith("{"):
@@ -51,8 +51,9 @@ def zenoh_run(folder: Path, *flags: str) -> dict[str, Any]:
 def local_run(strict: bool) -> dict[str, Any]:
     """The same services in one process, in a process of its own, its collector spared as in theirs."""
     code = (
-        "import json; from services.supervisor.scenario import *; from services.supervisor.study import run_local;"
-        "from surefoot.launch import spare_collector; spare_collector();"
+        "import json; from surefoot.services.supervisor.scenarios.scenario import *;"
+        "from surefoot.lab.runs.local import run_local;"
+        "from surefoot.lockstep.launch import spare_collector; spare_collector();"
         f"r = run_local(load_scenario(find_scenario({SCENARIO!r})), 0, strict={strict});"
         "print(json.dumps({'values': {'real_time_factor': r.rtf}, 'message_hash': r.run_hash, 'recording': ''}))"
     )
@@ -122,7 +123,7 @@ def timed(owner: Any, method: str, book: Callable[[Any, float], None]) -> Iterat
 
 def breakdown(recording: Path, delay_us: float, strict_us: float) -> None:
     """Where the time of a tick goes: CPU of each service, of physics and of the codec; transport is the rest."""
-    from services.simulator.world import World
+    from surefoot.services.simulator.world import World
 
     spare_collector()  # as every service does
     spent: dict[str, float] = {}

@@ -27,22 +27,22 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.hw import JointCommand
-from schemas.sim import SimStatus
-from schemas.system import Health
-from schemas.topics import CMD_JOINTS, HEALTH, SIM_STATUS
-from services.simulator import world as w
-from services.simulator.model import build_model
-from services.simulator.terrain import make_terrain
-from services.supervisor.compose import ComposeError
-from services.supervisor.files import find
-from services.supervisor.scenario import find_scenario
-from surefoot.bus import Delivery
+from surefoot.bus.codec import decode
+from surefoot.bus.interface import Delivery
 from surefoot.client import connect
-from surefoot.codec import decode
 from surefoot.errors import SurefootError
-from surefoot.recording import read_recording
-from surefoot.robot import Robot, load_robot
+from surefoot.files import find
+from surefoot.record.recording import read_recording
+from surefoot.robot.description import Robot, load_robot
+from surefoot.schemas.hw import JointCommand
+from surefoot.schemas.sim import SimStatus
+from surefoot.schemas.system import Health
+from surefoot.schemas.topics import CMD_JOINTS, HEALTH, SIM_STATUS
+from surefoot.services.simulator import world as w
+from surefoot.services.simulator.ground.terrain import make_terrain
+from surefoot.services.simulator.physics.model import build_model
+from surefoot.services.supervisor.processes.compose import ComposeError
+from surefoot.services.supervisor.scenarios.scenario import find_scenario
 
 Array = NDArray[np.float64]
 
@@ -139,7 +139,7 @@ def service(seed: int = 0) -> tuple[float, float, float]:
             os.environ, SUREFOOT_LISTEN=endpoint, XDG_STATE_HOME=f"{folder}/state", SUREFOOT_BENCH_FILE=str(booked),
             PYTHONPATH=os.pathsep.join((str(ROOT), os.environ.get("PYTHONPATH", ""))),
         )  # fmt: skip
-        command = ["-m", "services.supervisor.cli", "run", str(scenario), "--seed", str(seed), "--json"]
+        command = ["-m", "surefoot.lab.cli.main", "run", str(scenario), "--seed", str(seed), "--json"]
         run = subprocess.Popen(
             [sys.executable, *command], cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
         )

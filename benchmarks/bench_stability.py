@@ -11,20 +11,20 @@ from collections.abc import Callable
 
 import numpy as np
 
-from services.stability.programs.contacts import Array, ContactSet, contact_set
-from services.stability.programs.directions import equally_spaced
-from services.stability.programs.interior import SOLVED
-from services.stability.programs.oracle import Oracle
-from services.stability.programs.reference import Reference
-from services.stability.programs.single import support_value
-from services.stability.regions.many import COARSE
-from services.stability.regions.margin import extent, margin, warm
-from services.stability.regions.region import Region, region
-from services.stability.regions.whatif import batch, pack
-from services.stability.robot.state import WatchParams, watch
-from surefoot.jit import kernel
-from surefoot.polygon import area
-from surefoot.robot import load_robot
+from surefoot.geometry.polygon import area
+from surefoot.kernels.jit import kernel
+from surefoot.robot.description import load_robot
+from surefoot.services.stability.programs.contacts import Array, ContactSet, contact_set
+from surefoot.services.stability.programs.directions import equally_spaced
+from surefoot.services.stability.programs.interior import SOLVED
+from surefoot.services.stability.programs.oracle import Oracle
+from surefoot.services.stability.programs.reference import Reference
+from surefoot.services.stability.programs.single import support_value
+from surefoot.services.stability.regions.many import COARSE
+from surefoot.services.stability.regions.margin import extent, margin, warm
+from surefoot.services.stability.regions.region import Region, region
+from surefoot.services.stability.regions.whatif import batch, pack
+from surefoot.services.stability.sensing.state import WatchParams, watch
 from tests.services.stability.certificate import balance, force_violation, twist_violation
 from tests.services.stability.oracles import literal_support
 

@@ -21,12 +21,12 @@ from typing import Any
 
 import numpy as np
 
-from services.stability.programs.contacts import ContactSet, contact_set
-from services.stability.programs.directions import equally_spaced
-from services.stability.programs.oracle import Oracle
-from services.stability.programs.single import support_value
-from services.stability.regions.margin import extent, warm
-from services.stability.regions.region import region
+from surefoot.services.stability.programs.contacts import ContactSet, contact_set
+from surefoot.services.stability.programs.directions import equally_spaced
+from surefoot.services.stability.programs.oracle import Oracle
+from surefoot.services.stability.programs.single import support_value
+from surefoot.services.stability.regions.margin import extent, warm
+from surefoot.services.stability.regions.region import region
 from tests.services.stability.oracles import literal_matrices
 
 SIXTEEN = equally_spaced(16)

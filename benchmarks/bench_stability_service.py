@@ -21,16 +21,16 @@ from typing import Any
 import numpy as np
 import zenoh
 
-from schemas.base import Request
-from schemas.stability import CheckRequest, Contact, RegionRequest
-from schemas.topics import STABILITY_CHECK, STABILITY_REGION, STABILITY_WHATIF, Query
-from schemas.whatif import WhatifRequest
-from services.stability.queries.answers import whatif_reply
-from services.stability.queries.check_query import check_reply
-from services.stability.queries.messages import region_of, region_reply
-from surefoot.codec import encode
-from surefoot.robot import load_robot
-from surefoot.zenoh_bus import Endpoint, ZenohBus
+from surefoot.bus.codec import encode
+from surefoot.bus.zenoh import Endpoint, ZenohBus
+from surefoot.robot.description import load_robot
+from surefoot.schemas.base import Request
+from surefoot.schemas.stability import CheckRequest, Contact, RegionRequest
+from surefoot.schemas.topics import STABILITY_CHECK, STABILITY_REGION, STABILITY_WHATIF, Query
+from surefoot.schemas.whatif import WhatifRequest
+from surefoot.services.stability.queries.answers import whatif_reply
+from surefoot.services.stability.queries.check_query import check_reply
+from surefoot.services.stability.queries.messages import region_of, region_reply
 
 ROUTER, NAMESPACE = "tcp/127.0.0.1:17463", "surefoot/bench"
 CLIENTS, KINDS, SETS = 8, 3, 40
@@ -146,7 +146,7 @@ def start() -> tuple[subprocess.Popen[bytes], float, float]:
     began = time.perf_counter()
     subprocess.run([sys.executable, "-c", "import numpy, numba, zenoh, pydantic"], check=True)
     bare = time.perf_counter() - began
-    command = [sys.executable, "-m", "services.stability", "--connect", ROUTER, "--namespace", NAMESPACE]
+    command = [sys.executable, "-m", "surefoot.services.stability", "--connect", ROUTER, "--namespace", NAMESPACE]
     began = time.perf_counter()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=dict(os.environ))
     while time.perf_counter() - began < 120.0:

@@ -18,9 +18,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from services.supervisor.scenario import find_scenario, load_scenario
-from services.supervisor.study import run_local
-from surefoot.recording import read_recording
+from surefoot.lab.runs.local import run_local
+from surefoot.record.recording import read_recording
+from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 from tests.e2e.live import RUN_S, SERVICES, Live, wait_until
 from tests.e2e.test_live import declared
 
@@ -64,7 +64,7 @@ def start_once(folder: Path, number: int) -> tuple[float, int, list[str]]:
 
 def main(starts: int = STARTS, runs: int = RUNS) -> None:
     """Prints what went wrong in which start, the times, and the hashes."""
-    subprocess.run([sys.executable, "-m", "services.supervisor.cli", "warm"], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([sys.executable, "-m", "surefoot.lab.cli.main", "warm"], check=True, stdout=subprocess.DEVNULL)
     times: list[float] = []
     faulty = repeated = 0
     for number in range(starts):

@@ -19,8 +19,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from services.supervisor.scenario import find_scenario
-from services.supervisor.study import LocalRun, study
+from surefoot.lab.runs.local import LocalRun, study
+from surefoot.services.supervisor.scenarios.scenario import find_scenario
 
 SCENARIOS = ("rough-terrain", "flat", "rough-terrain-high")
 SHOWN = (

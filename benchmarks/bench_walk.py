@@ -20,14 +20,14 @@ from typing import Any
 import numpy as np
 
 from benchmarks.joined import TICK_S, costs_us, sense
-from services.estimator.estimator import Estimator
-from services.simulator.terrain import make_terrain, observed_map
-from services.simulator.world import World
-from services.walker.hexapod import HexapodWalker
-from services.walker.interface import Command, Select, WalkerOutputs
-from services.walker.params import WalkerParams
-from surefoot.heightmap import HeightMap
-from surefoot.robot import Robot, load_robot
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.robot.description import Robot, load_robot
+from surefoot.services.estimator.estimator import Estimator
+from surefoot.services.simulator.ground.terrain import make_terrain, observed_map
+from surefoot.services.simulator.world import World
+from surefoot.services.walker.hexapod.gait import HexapodWalker
+from surefoot.services.walker.hexapod.params import WalkerParams
+from surefoot.services.walker.interface import Command, Select, WalkerOutputs
 
 PATIENCE_S = 5.0  # simulated time to stand before the walk command
 REACHED = 0.95  # part of the commanded distance that counts as the end, by truth
@@ -96,10 +96,10 @@ class Judge:
 
 def foothold_select(robot: Robot, heights: HeightMap) -> Select:
     """The foothold selector without its service."""
-    from services.footholds import select as chooser
-    from services.footholds.ground import build_ground
-    from services.footholds.score import HandScore
-    from services.walker.interface import FootholdReply, StepRequest
+    from surefoot.services.footholds import select as chooser
+    from surefoot.services.footholds.ground import build_ground
+    from surefoot.services.footholds.models.score import HandScore
+    from surefoot.services.walker.interface import FootholdReply, StepRequest
 
     ground, model = build_ground(heights, robot.foot_radius), HandScore()
 

@@ -16,18 +16,18 @@ import mujoco
 import numpy as np
 
 from benchmarks.joined import TICK_S, costs_us, sense
-from services.estimator.estimator import Estimator
-from services.simulator.ground import perturbation
-from services.simulator.model import Physics
-from services.simulator.terrain import make_terrain
-from services.simulator.world import World, WorldConfig
-from services.walker.biped import BipedWalker
-from services.walker.biped_params import BipedParams
-from services.walker.biped_plan import RIGHT
-from services.walker.biped_state import Mode
-from services.walker.interface import Command
-from surefoot.polygon import hull, signed_distance
-from surefoot.robot import load_robot
+from surefoot.geometry.polygon import hull, signed_distance
+from surefoot.robot.description import load_robot
+from surefoot.services.estimator.estimator import Estimator
+from surefoot.services.simulator.ground.terrain import make_terrain
+from surefoot.services.simulator.physics.model import Physics
+from surefoot.services.simulator.physics.perturb import perturbation
+from surefoot.services.simulator.world import World, WorldConfig
+from surefoot.services.walker.biped.gait import BipedWalker
+from surefoot.services.walker.biped.params import BipedParams
+from surefoot.services.walker.biped.plan import RIGHT
+from surefoot.services.walker.biped.state import Mode
+from surefoot.services.walker.interface import Command
 
 PATIENCE_S = 6.0  # simulated time to stand before the command
 PUSH_TICKS = 10
@@ -207,7 +207,8 @@ class FootJudge:
 
     def look(self, truth: Any, stance: Any) -> tuple[float, float]:
         """Largest displacement (m) and twist (rad) of a foot since it began to stand by plan."""
-        from surefoot import kinematics, rotations
+        from surefoot.geometry import rotations
+        from surefoot.robot import kinematics
 
         rot, _ = kinematics.forward(self.model, truth.joints)
         base = rotations.matrix_from_quat(truth.quat_wxyz)

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from services.estimator.estimator import Estimator
-from services.simulator.world import World
-from services.walker.interface import WalkerInputs
+from surefoot.services.estimator.estimator import Estimator
+from surefoot.services.simulator.world import World
+from surefoot.services.walker.interface import WalkerInputs
 
 TICK_S = 0.01
 

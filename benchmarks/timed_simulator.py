@@ -5,8 +5,8 @@ import os
 import time
 from pathlib import Path
 
-from services.simulator.service import Simulator
-from services.simulator.world import World
+from surefoot.services.simulator.service import Simulator
+from surefoot.services.simulator.world import World
 
 spent = 0.0
 _run_to = World._run_to  # pyright: ignore[reportPrivateUsage]
@@ -29,7 +29,7 @@ class TimedSimulator(Simulator):
 
 
 if __name__ == "__main__":
-    from surefoot.launch import main
+    from surefoot.lockstep.launch import main
 
     World._run_to = timed  # pyright: ignore[reportPrivateUsage]
     main(TimedSimulator)

@@ -2,9 +2,9 @@
 
 import sys
 
-from schemas.topics import STATE_STABILITY, STATE_VELOCITY
 from surefoot.client import connect
 from surefoot.errors import SurefootError
+from surefoot.schemas.topics import STATE_STABILITY, STATE_VELOCITY
 
 try:
     client = connect("ragno", sys.argv[1] if len(sys.argv) > 1 else None)  # None: SUREFOOT_CONNECT or SUREFOOT_LISTEN

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from schemas.base import MAX_FEET, Message, PerJoint, Reply, Request, Vec3, Wire
+from surefoot.schemas.base import MAX_FEET, Message, PerJoint, Reply, Request, Vec3, Wire
 
 
 class Tick(Message):

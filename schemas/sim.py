@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal, get_args
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from schemas.base import MAX_FEET, Message, PerFoot, PerJoint, QuatWxyz, Reply, Request, Vec2, Vec3, belonging
+from surefoot.schemas.base import MAX_FEET, Message, PerFoot, PerJoint, QuatWxyz, Reply, Request, Vec2, Vec3, belonging
 
 FaultKind = Literal[
     "imu_drop", "imu_freeze", "imu_bias", "imu_saturate", "joints_drop", "joints_freeze", "encoder_stuck",

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Generic, TypeVar, cast
 
-from schemas import base, calibration, cmd, footholds, hw, sim, stability, state, system, terrain, whatif
+from surefoot.schemas import base, calibration, cmd, footholds, hw, sim, stability, state, system, terrain, whatif
 
 M = TypeVar("M", bound=base.Message)
 Req = TypeVar("Req", bound=base.Request)
@@ -65,7 +65,7 @@ class Topic(Generic[M]):
 
     @property
     def framed(self) -> bool:
-        """Whether participants get it inside the frame its owner publishes once per tick (see ``surefoot.bus``)."""
+        """True if participants get it inside the frame its owner publishes once a tick (``surefoot.bus.frame``)."""
         return self.kind in (Kind.SAMPLE, Kind.STATE, Kind.COMMAND) or self.key == HW_TICK.key
 
     def due(self, tick: int) -> bool:

@@ -1,6 +1,6 @@
 """The public client: ten lines that watch and ask a running system.
 
-from schemas.topics import STABILITY_REGION, STATE_VELOCITY
+from surefoot.schemas.topics import STABILITY_REGION, STATE_VELOCITY
 from surefoot.client import connect
 
 with connect() as robot:
@@ -12,14 +12,14 @@ from collections.abc import Callable, Iterator
 from queue import Empty, SimpleQueue
 from typing import Any, Self, TypeVar
 
-from schemas.base import Message, Wire
-from schemas.topics import QUERIES, TOPICS, Query, Topic
-from surefoot.bus import Delivery
-from surefoot.codec import refusal_of
-from surefoot.endpoint import checked, to_connect
+from surefoot.bus.codec import refusal_of
+from surefoot.bus.endpoint import checked, to_connect
+from surefoot.bus.interface import Delivery
+from surefoot.bus.zenoh import Endpoint, ZenohBus
 from surefoot.errors import CallError, SurefootError
+from surefoot.schemas.base import Message, Wire
+from surefoot.schemas.topics import QUERIES, TOPICS, Query, Topic
 from surefoot.tables import did_you_mean
-from surefoot.zenoh_bus import Endpoint, ZenohBus
 
 M = TypeVar("M", bound=Message)
 

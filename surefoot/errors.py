@@ -1,6 +1,6 @@
 """Failures with a name: every one says what came, what was allowed, and which field it was."""
 
-from schemas.base import ErrorReply
+from surefoot.schemas.base import ErrorReply
 
 
 class SurefootError(Exception):

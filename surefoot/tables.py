@@ -12,7 +12,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.linear import norm
+from surefoot.geometry.linear import norm
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 UNIT_SLACK = 1e-6

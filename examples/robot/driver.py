@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from schemas.hw import EmergencyStop, FootContacts, Imu, JointCommand, JointState
-from schemas.sim import SimStatus
-from schemas.topics import CMD_ESTOP, HW_CONTACTS, HW_IMU, HW_JOINTS, SIM_JOIN, SIM_STATUS, TICK_NS
-from surefoot.config import ServiceConfig
-from surefoot.driver import Driver, Sample
 from surefoot.errors import Refusal
-from surefoot.kinematics import foot_positions
-from surefoot.launch import main
-from surefoot.robot import load_robot
+from surefoot.lockstep.config import ServiceConfig
+from surefoot.lockstep.driver import Driver, Sample
+from surefoot.lockstep.launch import main
+from surefoot.robot.description import load_robot
+from surefoot.robot.kinematics import foot_positions
+from surefoot.schemas.hw import EmergencyStop, FootContacts, Imu, JointCommand, JointState
+from surefoot.schemas.sim import SimStatus
+from surefoot.schemas.topics import CMD_ESTOP, HW_CONTACTS, HW_IMU, HW_JOINTS, SIM_JOIN, SIM_STATUS, TICK_NS
 
 # It has no hardware: its joints follow as servos do, its trunk stays level. Put yours where it says HARDWARE.
 STEP_RAD, TOUCH_M = 0.05, 0.003  # the most a joint moves in a tick; height over the lowest foot that counts as touch

@@ -1,6 +1,6 @@
-"""``python -m services.estimator``."""
+"""``python -m surefoot.services.estimator``."""
 
-from services.estimator.service import SERVICE
-from surefoot.launch import main
+from surefoot.lockstep.launch import main
+from surefoot.services.estimator.service import SERVICE
 
 main(SERVICE)

@@ -5,9 +5,9 @@ from typing import Literal
 
 from pydantic import Field
 
-from services.estimator.estimator import Estimator, StartPose
-from surefoot.config import ServiceConfig
-from surefoot.robot import Robot
+from surefoot.lockstep.config import ServiceConfig
+from surefoot.robot.description import Robot
+from surefoot.services.estimator.estimator import Estimator, StartPose
 
 
 class EstimatorConfig(ServiceConfig):

@@ -13,11 +13,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from services.estimator.inertial import predict, widened, without_velocity
-from services.estimator.legs import LegVelocity
-from services.estimator.params import EstimatorParams
-from surefoot.jit import kernel
-from surefoot.linear_kernels import inverse3, times, times_transposed
+from surefoot.geometry.linear_kernels import inverse3, times, times_transposed
+from surefoot.kernels.jit import kernel
+from surefoot.services.estimator.inertial import predict, widened, without_velocity
+from surefoot.services.estimator.legs import LegVelocity
+from surefoot.services.estimator.params import EstimatorParams
 
 Array = NDArray[np.float64]
 

@@ -7,19 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from services.estimator.estimators import ESTIMATORS, UNKNOWN_SPEED, UNKNOWN_TILT, VelocityEstimator
-from services.estimator.feet import FootMount, FootSample, feet_in_imu, foot_mount, without_unknown_feet
-from services.estimator.history import History
-from services.estimator.inertial import GRAVITY
-from services.estimator.inputs import InputJudge, InputResult, peak
-from services.estimator.legs import LegTracker
-from services.estimator.odometry import Odometry, OdometryParams, Pose
-from services.estimator.odometry_kernel import heading_view, level, turned
-from services.estimator.output import Estimate, express, summary
-from services.estimator.params import EstimatorParams
-from services.estimator.standstill import GyroBias, Standstill, gravity_at_rest, plane_normal
-from surefoot.linear import norm
-from surefoot.robot import Robot
+from surefoot.geometry.linear import norm
+from surefoot.robot.description import Robot
+from surefoot.services.estimator.estimators import ESTIMATORS, UNKNOWN_SPEED, UNKNOWN_TILT, VelocityEstimator
+from surefoot.services.estimator.feet import FootMount, FootSample, feet_in_imu, foot_mount, without_unknown_feet
+from surefoot.services.estimator.history import History
+from surefoot.services.estimator.inertial import GRAVITY
+from surefoot.services.estimator.inputs import InputJudge, InputResult, peak
+from surefoot.services.estimator.legs import LegTracker
+from surefoot.services.estimator.odometry import Odometry, OdometryParams, Pose
+from surefoot.services.estimator.odometry_kernel import heading_view, level, turned
+from surefoot.services.estimator.output import Estimate, express, summary
+from surefoot.services.estimator.params import EstimatorParams
+from surefoot.services.estimator.standstill import GyroBias, Standstill, gravity_at_rest, plane_normal
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -6,9 +6,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from services.estimator.inertial import predict, widened, without_velocity
-from services.estimator.legs import LegVelocity
-from services.estimator.params import EstimatorParams
+from surefoot.services.estimator.inertial import predict, widened, without_velocity
+from surefoot.services.estimator.legs import LegVelocity
+from surefoot.services.estimator.params import EstimatorParams
 
 Array = NDArray[np.float64]
 
@@ -154,7 +154,7 @@ class _LegsGyro(_Legs):
 
 
 def _ekf(params: EstimatorParams) -> VelocityEstimator:
-    from services.estimator.ekf import PaperEkf  # filterpy takes a second to import
+    from surefoot.services.estimator.ekf import PaperEkf  # filterpy takes a second to import
 
     return PaperEkf(params)
 

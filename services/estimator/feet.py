@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.jit import kernel
-from surefoot.kinematics import forward
-from surefoot.robot import KinematicModel, Robot
-from surefoot.rotations import matrix_from_quat, rotvec_from_matrix
+from surefoot.geometry.rotations import matrix_from_quat, rotvec_from_matrix
+from surefoot.kernels.jit import kernel
+from surefoot.robot.description import KinematicModel, Robot
+from surefoot.robot.kinematics import forward
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -307,7 +307,7 @@ def combine(v: Array, used: Flags, gate: float) -> tuple[Array, Flags, int]:
 
 def warm() -> None:
     """Compile every kernel of this module."""
-    from surefoot.robot import load_robot
+    from surefoot.robot.description import load_robot
 
     robot = load_robot("ragno")
     p, rot = feet_in_imu(foot_mount(robot), robot.neutral)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.jit import kernel
+from surefoot.kernels.jit import kernel
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]

@@ -9,8 +9,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.jit import kernel
-from surefoot.linear_kernels import times, times_transposed
+from surefoot.geometry.linear_kernels import times, times_transposed
+from surefoot.kernels.jit import kernel
 
 Array = NDArray[np.float64]
 

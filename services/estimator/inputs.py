@@ -8,8 +8,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from services.estimator.params import EstimatorParams
-from surefoot.jit import kernel
+from surefoot.kernels.jit import kernel
+from surefoot.services.estimator.params import EstimatorParams
 
 Array = NDArray[np.float64]
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from services.estimator.feet import FootSample, leg_velocity
-from services.estimator.params import EstimatorParams
+from surefoot.services.estimator.feet import FootSample, leg_velocity
+from surefoot.services.estimator.params import EstimatorParams
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

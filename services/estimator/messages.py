@@ -4,9 +4,9 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from schemas.state import Odometry, VelocityEstimate
-from services.estimator.odometry import Pose
-from services.estimator.output import Estimate
+from surefoot.schemas.state import Odometry, VelocityEstimate
+from surefoot.services.estimator.odometry import Pose
+from surefoot.services.estimator.output import Estimate
 
 
 def velocity_message(e: Estimate) -> VelocityEstimate:

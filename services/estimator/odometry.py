@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from services.estimator import odometry_kernel as k
-from services.estimator.feet import FootSample, foot_turn
-from surefoot.jit import kernel
-from surefoot.rotations import quat_from_matrix
+from surefoot.geometry.rotations import quat_from_matrix
+from surefoot.kernels.jit import kernel
+from surefoot.services.estimator import odometry_kernel as k
+from surefoot.services.estimator.feet import FootSample, foot_turn
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

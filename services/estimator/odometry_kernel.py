@@ -10,8 +10,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.jit import kernel
-from surefoot.linear_kernels import inverse3, times
+from surefoot.geometry.linear_kernels import inverse3, times
+from surefoot.kernels.jit import kernel
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

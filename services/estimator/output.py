@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from services.estimator.odometry_kernel import level
-from surefoot.jit import kernel
+from surefoot.kernels.jit import kernel
+from surefoot.services.estimator.odometry_kernel import level
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

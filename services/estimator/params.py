@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import Self
 
-from surefoot.kinematics import foot_positions
-from surefoot.robot import Robot
+from surefoot.robot.description import Robot
+from surefoot.robot.kinematics import foot_positions
 
 STANDSTILL_FACTOR = 2.5  # standstill = below this many sigma of the sensor alone
 

@@ -2,8 +2,13 @@
 
 import numpy as np
 
-from schemas.hw import FootContacts, Imu, JointState
-from schemas.topics import (
+from surefoot.geometry import rotations
+from surefoot.lockstep.join import TickInputs
+from surefoot.lockstep.service import Service
+from surefoot.robot import kinematics
+from surefoot.robot.description import load_robot
+from surefoot.schemas.hw import FootContacts, Imu, JointState
+from surefoot.schemas.topics import (
     HW_CONTACTS,
     HW_IMU,
     HW_JOINTS,
@@ -14,14 +19,10 @@ from schemas.topics import (
     STATE_VELOCITY_KINEMATICS,
     STATE_VELOCITY_KINEMATICS_GYRO,
 )
-from services.estimator import feet, history, inertial, inputs, odometry, odometry_kernel, output, standstill
-from services.estimator.config import EstimatorConfig
-from services.estimator.inputs import InputResult
-from services.estimator.messages import odometry_message, velocity_message
-from surefoot import kinematics, rotations
-from surefoot.join import TickInputs
-from surefoot.robot import load_robot
-from surefoot.service import Service
+from surefoot.services.estimator import feet, history, inertial, inputs, odometry, odometry_kernel, output, standstill
+from surefoot.services.estimator.config import EstimatorConfig
+from surefoot.services.estimator.inputs import InputResult
+from surefoot.services.estimator.messages import odometry_message, velocity_message
 
 LATE_TICK = 100
 """Who joins an epoch after this tick no longer stands at the stated start pose."""

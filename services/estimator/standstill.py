@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from services.estimator.inertial import GRAVITY
-from services.estimator.params import EstimatorParams
-from surefoot.jit import kernel
-from surefoot.linear import dot, eigen3, norm, product
+from surefoot.geometry.linear import dot, eigen3, norm, product
+from surefoot.kernels.jit import kernel
+from surefoot.services.estimator.inertial import GRAVITY
+from surefoot.services.estimator.params import EstimatorParams
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

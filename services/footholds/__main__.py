@@ -1,6 +1,6 @@
-"""``python -m services.footholds``."""
+"""``python -m surefoot.services.footholds``."""
 
-from services.footholds.service import SERVICE
-from surefoot.launch import main
+from surefoot.lockstep.launch import main
+from surefoot.services.footholds.service import SERVICE
 
 main(SERVICE)

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from services.footholds.features import Features, Layer, distance, map_features, window_features
-from services.footholds.ground import Ground
-from services.footholds.masks import REASONS, Limits, Placement, count_reasons, mask_window
-from services.footholds.model import SlipModel
-from surefoot.heightmap_kernels import patch
+from surefoot.geometry.heightmap_kernels import patch
+from surefoot.services.footholds.features import Features, Layer, distance, map_features, window_features
+from surefoot.services.footholds.ground import Ground
+from surefoot.services.footholds.masks import REASONS, Limits, Placement, count_reasons, mask_window
+from surefoot.services.footholds.models.protocol import SlipModel
 
 LAYERS = ("z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask")
 

@@ -2,10 +2,10 @@
 
 from pydantic import Field
 
-from services.footholds.masks import Limits
-from services.footholds.score import HandScore
-from services.footholds.select import SelectParams
-from surefoot.config import ServiceConfig
+from surefoot.lockstep.config import ServiceConfig
+from surefoot.services.footholds.masks import Limits
+from surefoot.services.footholds.models.score import HandScore
+from surefoot.services.footholds.select import SelectParams
 
 _LIMITS, _SCORE, _SELECT = Limits(), HandScore(), SelectParams()
 

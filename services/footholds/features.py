@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.heightmap_kernels import patch
-from surefoot.jit import row_kernel
+from surefoot.geometry.heightmap_kernels import patch
+from surefoot.kernels.jit import row_kernel
 
 Layer = NDArray[np.float32]
 Vector = NDArray[np.float64]

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from surefoot.heightmap import HeightMap
+from surefoot.geometry.heightmap import HeightMap
 
 
 @dataclass(frozen=True, eq=False)

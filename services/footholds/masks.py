@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from services.footholds.features import Layer
-from services.footholds.ground import Ground, build_ground
-from services.footholds.reach import LEG_NUMBERS, LegTable, solve
-from surefoot.heightmap import HeightMap
-from surefoot.jit import kernel, row_kernel
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.kernels.jit import kernel, row_kernel
+from surefoot.services.footholds.features import Layer
+from surefoot.services.footholds.ground import Ground, build_ground
+from surefoot.services.footholds.reach import LEG_NUMBERS, LegTable, solve
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.uint8]

@@ -1,11 +1,11 @@
-"""Between the messages of `schemas.footholds` and the dataclasses of the choice."""
+"""Between the messages of `surefoot.schemas.footholds` and the dataclasses of the choice."""
 
 import math
 
-from schemas.footholds import BasePose as BaseMessage
-from schemas.footholds import LegFoothold, LegRequest, MaskCounts
-from services.footholds.masks import REASONS
-from services.footholds.select import BasePose, Foothold
+from surefoot.schemas.footholds import BasePose as BaseMessage
+from surefoot.schemas.footholds import LegFoothold, LegRequest, MaskCounts
+from surefoot.services.footholds.masks import REASONS
+from surefoot.services.footholds.select import BasePose, Foothold
 
 
 def base_pose(message: BaseMessage) -> BasePose:

@@ -1,15 +1,15 @@
 """How far inside the workspace of a three-joint leg a foot point lies, without a trigonometric function per point.
 
-The same closed form as `surefoot.kinematics.leg_ik` (yaw-pitch-pitch, knee up), turned round: instead of joint angles
-it gives the distance from the point to the nearest edge of the workspace, which is the reach margin in metres.
+The same closed form as `surefoot.robot.kinematics.leg_ik` (yaw-pitch-pitch, knee up), turned round: instead of joint
+angles it gives the distance from the point to the nearest edge of the workspace, which is the reach margin in metres.
 """
 
 import math
 
 import numpy as np
 
-from surefoot.jit import row_kernel
-from surefoot.robot import KinematicModel
+from surefoot.kernels.jit import row_kernel
+from surefoot.robot.description import KinematicModel
 
 LegTable = tuple[float, ...]
 """One leg as numbers, see `leg_table`: a tuple, as kernels handle numbers faster than arrays."""

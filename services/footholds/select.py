@@ -13,16 +13,16 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from services.footholds.features import Layer, window_features
-from services.footholds.ground import Ground, build_ground
-from services.footholds.masks import REASONS, Limits, Mask, Placement, count_reasons, gradient, mask_window
-from services.footholds.model import SlipModel
-from services.footholds.reach import LegTable, leg_table
-from services.footholds.score import HandScore
-from surefoot.heightmap import HeightMap
-from surefoot.jit import kernel
-from surefoot.robot import Robot, load_robot
-from surefoot.rotations import matrix_from_quat
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.geometry.rotations import matrix_from_quat
+from surefoot.kernels.jit import kernel
+from surefoot.robot.description import Robot, load_robot
+from surefoot.services.footholds.features import Layer, window_features
+from surefoot.services.footholds.ground import Ground, build_ground
+from surefoot.services.footholds.masks import REASONS, Limits, Mask, Placement, count_reasons, gradient, mask_window
+from surefoot.services.footholds.models.protocol import SlipModel
+from surefoot.services.footholds.models.score import HandScore
+from surefoot.services.footholds.reach import LegTable, leg_table
 
 Array = NDArray[np.float64]
 Point = tuple[float, float, float]

@@ -4,19 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from schemas.footholds import AssessReply, AssessRequest, SelectReply, SelectRequest
-from schemas.terrain import HeightMapMessage
-from schemas.topics import FOOTHOLDS_ASSESS, FOOTHOLDS_SELECT, TERRAIN_MAP
-from services.footholds.assess import assess, whole_map, window_about
-from services.footholds.config import FootholdsConfig
-from services.footholds.ground import Ground, build_ground
-from services.footholds.messages import base_pose, leg_foothold, mask_bits, mask_counts
-from services.footholds.select import Landing, placement, select, warm
 from surefoot.errors import Refusal
-from surefoot.heightmap import HeightMap, HeightMapError
-from surefoot.join import TickInputs
-from surefoot.robot import load_robot
-from surefoot.service import Service
+from surefoot.geometry.heightmap import HeightMap, HeightMapError
+from surefoot.lockstep.join import TickInputs
+from surefoot.lockstep.service import Service
+from surefoot.robot.description import load_robot
+from surefoot.schemas.footholds import AssessReply, AssessRequest, SelectReply, SelectRequest
+from surefoot.schemas.terrain import HeightMapMessage
+from surefoot.schemas.topics import FOOTHOLDS_ASSESS, FOOTHOLDS_SELECT, TERRAIN_MAP
+from surefoot.services.footholds.assess import assess, whole_map, window_about
+from surefoot.services.footholds.config import FootholdsConfig
+from surefoot.services.footholds.ground import Ground, build_ground
+from surefoot.services.footholds.messages import base_pose, leg_foothold, mask_bits, mask_counts
+from surefoot.services.footholds.select import Landing, placement, select, warm
 
 
 class Footholds(Service[FootholdsConfig]):

@@ -1,6 +1,6 @@
-"""``python -m services.recorder``."""
+"""``python -m surefoot.services.recorder``."""
 
-from services.recorder.service import SERVICE
-from surefoot.launch import main
+from surefoot.lockstep.launch import main
+from surefoot.services.recorder.service import SERVICE
 
 main(SERVICE)

@@ -5,18 +5,18 @@ from typing import Any
 
 from pydantic import Field
 
-from schemas.base import Message
-from schemas.system import RecorderReply, RecorderRequest
-from schemas.terrain import HeightMapMessage
-from schemas.topics import HW_TICK, LOG, RECORDER_STATUS, SIM_STATUS, TERRAIN_MAP, TOPICS, Kind, Topic
-from surefoot.bus import Raw
-from surefoot.codec import encode, encoding_of
-from surefoot.config import ServiceConfig
-from surefoot.join import TickInputs
+from surefoot.bus.codec import encode, encoding_of
+from surefoot.bus.interface import Raw
+from surefoot.lockstep.config import ServiceConfig
+from surefoot.lockstep.join import TickInputs
+from surefoot.lockstep.service import Service
 from surefoot.logline import sendable
-from surefoot.recording import RecordingWriter
-from surefoot.runhash import RunHash
-from surefoot.service import Service
+from surefoot.record.recording import RecordingWriter
+from surefoot.record.runhash import RunHash
+from surefoot.schemas.base import Message
+from surefoot.schemas.system import RecorderReply, RecorderRequest
+from surefoot.schemas.terrain import HeightMapMessage
+from surefoot.schemas.topics import HW_TICK, LOG, RECORDER_STATUS, SIM_STATUS, TERRAIN_MAP, TOPICS, Kind, Topic
 from surefoot.version import VERSION
 
 JOINED = tuple(t for t in TOPICS if t.deterministic and t.kind not in (Kind.LATCHED, Kind.STATUS))

@@ -1,6 +1,6 @@
-"""``python -m services.simulator``."""
+"""``python -m surefoot.services.simulator``."""
 
-from services.simulator.service import SERVICE
-from surefoot.launch import main
+from surefoot.lockstep.launch import main
+from surefoot.services.simulator.service import SERVICE
 
 main(SERVICE)

@@ -1,14 +1,14 @@
 """Between the world's arrays and the messages on the bus."""
 
-from schemas.hw import FootContacts, Imu, JointState, Landmark, LandmarkDetections, Range, Sighting
-from schemas.sim import Truth as TruthMessage
-from schemas.terrain import HeightMapMessage
-from schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, HW_LANDMARKS, HW_RANGE
-from services.simulator.samples import Samples, Truth
-from services.simulator.sight import Sight
-from services.simulator.terrain import Terrain
-from surefoot.driver import Sample
-from surefoot.heightmap import HeightMap
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.lockstep.driver import Sample
+from surefoot.schemas.hw import FootContacts, Imu, JointState, Landmark, LandmarkDetections, Range, Sighting
+from surefoot.schemas.sim import Truth as TruthMessage
+from surefoot.schemas.terrain import HeightMapMessage
+from surefoot.schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, HW_LANDMARKS, HW_RANGE
+from surefoot.services.simulator.ground.terrain import Terrain
+from surefoot.services.simulator.physics.samples import Samples, Truth
+from surefoot.services.simulator.sensors.sight import Sight
 
 
 def sample_messages(samples: Samples) -> list[Sample]:

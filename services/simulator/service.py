@@ -7,11 +7,16 @@ import mujoco
 import numpy as np
 from pydantic import Field
 
-from schemas import sim
-from schemas.base import Message
-from schemas.hw import DescriptionReply, DescriptionRequest, EmergencyStop, JointCommand
-from schemas.terrain import HeightMapMessage, MapRequest
-from schemas.topics import (
+from surefoot.errors import Refusal
+from surefoot.geometry.heightmap import HeightMapError
+from surefoot.lockstep.config import ServiceConfig
+from surefoot.lockstep.driver import Driver, Sample
+from surefoot.robot.description import load_robot
+from surefoot.schemas import sim
+from surefoot.schemas.base import Message
+from surefoot.schemas.hw import DescriptionReply, DescriptionRequest, EmergencyStop, JointCommand
+from surefoot.schemas.terrain import HeightMapMessage, MapRequest
+from surefoot.schemas.topics import (
     CMD_ESTOP,
     HW_CONTACTS,
     HW_DESCRIPTION,
@@ -35,22 +40,17 @@ from schemas.topics import (
     TERRAIN_MAP_GET,
     Topic,
 )
-from services.simulator import world as worlds
-from services.simulator.command import STALE_NS, CommandGuard
-from services.simulator.faults import KINDS as FAULTS
-from services.simulator.faults import Fault, FaultError
-from services.simulator.ground import find_ground, perturbation
-from services.simulator.messages import map_message, sample_messages, sight_messages, truth_message
-from services.simulator.model import Physics
-from services.simulator.samples import Checkpoint
-from services.simulator.sight import Floor
-from services.simulator.terrain import KINDS, MAP_PROFILES, TerrainError, observed_map
-from services.simulator.world import World, WorldConfig, WorldError
-from surefoot.config import ServiceConfig
-from surefoot.driver import Driver, Sample
-from surefoot.errors import Refusal
-from surefoot.heightmap import HeightMapError
-from surefoot.robot import load_robot
+from surefoot.services.simulator import world as worlds
+from surefoot.services.simulator.ground.terrain import KINDS, MAP_PROFILES, TerrainError, observed_map
+from surefoot.services.simulator.messages import map_message, sample_messages, sight_messages, truth_message
+from surefoot.services.simulator.physics.command import STALE_NS, CommandGuard
+from surefoot.services.simulator.physics.faults import KINDS as FAULTS
+from surefoot.services.simulator.physics.faults import Fault, FaultError
+from surefoot.services.simulator.physics.model import Physics
+from surefoot.services.simulator.physics.perturb import find_ground, perturbation
+from surefoot.services.simulator.physics.samples import Checkpoint
+from surefoot.services.simulator.sensors.sight import Floor
+from surefoot.services.simulator.world import World, WorldConfig, WorldError
 
 STATUS_TICKS = 100
 

@@ -19,13 +19,15 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from services.simulator import sensors, truth
-from services.simulator.disturb import Disturbances, WorldError
-from services.simulator.faults import Fault
-from services.simulator.joints import read_joints
-from services.simulator.model import TRUNK_DOF, Perturbation, Physics, build_spec, find_addresses
-from services.simulator.placing import place
-from services.simulator.samples import (
+from surefoot.robot.description import ImuProfile, Robot
+from surefoot.services.simulator.ground.terrain import Terrain
+from surefoot.services.simulator.physics import truth
+from surefoot.services.simulator.physics.disturb import Disturbances, WorldError
+from surefoot.services.simulator.physics.faults import Fault
+from surefoot.services.simulator.physics.joints import read_joints
+from surefoot.services.simulator.physics.model import TRUNK_DOF, Perturbation, Physics, build_spec, find_addresses
+from surefoot.services.simulator.physics.placing import place
+from surefoot.services.simulator.physics.samples import (
     Checkpoint,
     Command,
     ContactSample,
@@ -36,11 +38,10 @@ from services.simulator.samples import (
     pack,
     unpack,
 )
-from services.simulator.servo_line import ServoLine
-from services.simulator.sight import Floor, sight_of
-from services.simulator.suite import SensorSuite
-from services.simulator.terrain import Terrain
-from surefoot.robot import ImuProfile, Robot
+from surefoot.services.simulator.physics.servo_line import ServoLine
+from surefoot.services.simulator.sensors import noise as sensors
+from surefoot.services.simulator.sensors.sight import Floor, sight_of
+from surefoot.services.simulator.sensors.suite import SensorSuite
 
 Array = NDArray[np.float64]
 

@@ -1,10 +1,10 @@
-"""``python -m services.stability``."""
+"""``python -m surefoot.services.stability``."""
 
 import gc
 
 gc.disable()  # nothing that is imported becomes garbage: a tenth of the start; `main` enables it again
 
-from services.stability.service import SERVICE  # noqa: E402
-from surefoot.launch import main  # noqa: E402
+from surefoot.lockstep.launch import main  # noqa: E402
+from surefoot.services.stability.service import SERVICE  # noqa: E402
 
 main(SERVICE)

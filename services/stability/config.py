@@ -2,8 +2,8 @@
 
 from pydantic import Field
 
-from services.stability.robot.state import WatchParams
-from surefoot.config import ServiceConfig
+from surefoot.lockstep.config import ServiceConfig
+from surefoot.services.stability.sensing.state import WatchParams
 
 
 class StabilityConfig(ServiceConfig):

@@ -8,11 +8,18 @@ from typing import TypeVar
 
 import numpy as np
 
-from schemas.base import Reply, Request
-from schemas.hw import FootContacts, JointState
-from schemas.stability import StabilityStatus
-from schemas.state import VelocityEstimate
-from schemas.topics import (
+from surefoot.errors import Refusal
+from surefoot.geometry.rotations import matrix_from_quat
+from surefoot.kernels.compiling import COMPILING
+from surefoot.lockstep.join import Delayed, TickInputs
+from surefoot.lockstep.service import Service
+from surefoot.robot.description import load_robot
+from surefoot.robot.kinematics import com, foot_positions
+from surefoot.schemas.base import Reply, Request
+from surefoot.schemas.hw import FootContacts, JointState
+from surefoot.schemas.stability import StabilityStatus
+from surefoot.schemas.state import VelocityEstimate
+from surefoot.schemas.topics import (
     HW_CONTACTS,
     HW_JOINTS,
     STABILITY_BATCH,
@@ -26,29 +33,22 @@ from schemas.topics import (
     STATE_STABILITY,
     STATE_VELOCITY,
 )
-from schemas.whatif import BatchReply, BatchRequest
-from services.stability.config import StabilityConfig
-from services.stability.programs import clarabel_tools, interior
-from services.stability.programs.contacts import StabilityError
-from services.stability.queries import limited
-from services.stability.queries.answers import (
+from surefoot.schemas.whatif import BatchReply, BatchRequest
+from surefoot.services.stability.config import StabilityConfig
+from surefoot.services.stability.programs import clarabel_tools, interior
+from surefoot.services.stability.programs.contacts import StabilityError
+from surefoot.services.stability.queries import limited
+from surefoot.services.stability.queries.answers import (
     batch_reply,
     com_reply,
     equilibrium_reply,
     whatif_reply,
 )
-from services.stability.queries.beyond import region_answer
-from services.stability.queries.check_query import check_reply
-from services.stability.queries.job import CalibrationJob
-from services.stability.regions import many, margin, region
-from services.stability.robot import forces, shift, state
-from surefoot.compiling import COMPILING
-from surefoot.errors import Refusal
-from surefoot.join import Delayed, TickInputs
-from surefoot.kinematics import com, foot_positions
-from surefoot.robot import load_robot
-from surefoot.rotations import matrix_from_quat
-from surefoot.service import Service
+from surefoot.services.stability.queries.beyond import region_answer
+from surefoot.services.stability.queries.check_query import check_reply
+from surefoot.services.stability.queries.job import CalibrationJob
+from surefoot.services.stability.regions import many, margin, region
+from surefoot.services.stability.sensing import forces, shift, state
 
 Req = TypeVar("Req", bound=Request)
 Rep = TypeVar("Rep", bound=Reply)

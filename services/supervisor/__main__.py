@@ -1,6 +1,6 @@
-"""``python -m services.supervisor``: a mere participant; `surefoot supervise` also holds the router."""
+"""``python -m surefoot.services.supervisor``: a mere participant; `surefoot supervise` also holds the router."""
 
-from services.supervisor.service import SERVICE
-from surefoot.launch import main
+from surefoot.lockstep.launch import main
+from surefoot.services.supervisor.service import SERVICE
 
 main(SERVICE)

@@ -4,10 +4,16 @@ import threading
 import time
 from typing import Any, Protocol, TypeVar
 
-from schemas.base import Message
-from schemas.sim import SimStatus
-from schemas.system import Health, ServiceStatus, SupervisorStatus
-from schemas.topics import (
+from surefoot.bus.interface import Delivery
+from surefoot.errors import CallError, Refusal
+from surefoot.lab.report.traces import Traces
+from surefoot.lockstep.config import ServiceConfig
+from surefoot.lockstep.join import TickInputs
+from surefoot.lockstep.service import Service
+from surefoot.schemas.base import Message
+from surefoot.schemas.sim import SimStatus
+from surefoot.schemas.system import Health, ServiceStatus, SupervisorStatus
+from surefoot.schemas.topics import (
     CMD_WALK,
     HEALTH,
     SIM_FAULT,
@@ -29,14 +35,8 @@ from schemas.topics import (
     TERRAIN_MAP,
     Topic,
 )
-from services.supervisor.director import Director, Order
-from services.supervisor.system import Row
-from services.supervisor.traces import Traces
-from surefoot.bus import Delivery
-from surefoot.config import ServiceConfig
-from surefoot.errors import CallError, Refusal
-from surefoot.join import TickInputs
-from surefoot.service import Service
+from surefoot.services.supervisor.processes.system import Row
+from surefoot.services.supervisor.scenarios.director import Director, Order
 
 M = TypeVar("M", bound=Message)
 

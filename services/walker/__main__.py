@@ -1,6 +1,6 @@
-"""``python -m services.walker``."""
+"""``python -m surefoot.services.walker``."""
 
-from services.walker.service import SERVICE
-from surefoot.launch import main
+from surefoot.lockstep.launch import main
+from surefoot.services.walker.service import SERVICE
 
 main(SERVICE)

@@ -2,9 +2,9 @@
 
 import math
 
-from services.walker.gaits import HEXAPOD_GAITS
-from services.walker.interface import Command, CommandReply, refused
-from services.walker.params import WalkerParams
+from surefoot.services.walker.hexapod.params import WalkerParams
+from surefoot.services.walker.hexapod.patterns import HEXAPOD_GAITS
+from surefoot.services.walker.interface import Command, CommandReply, refused
 
 
 def refusal_of(command: Command, params: WalkerParams, calibrated: bool) -> CommandReply | None:

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from services.walker.interface import Command, Pose
+from surefoot.services.walker.interface import Command, Pose
 
 
 @dataclass(frozen=True)

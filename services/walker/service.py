@@ -7,14 +7,22 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from schemas.base import Message
-from schemas.cmd import WalkCommand, WalkReply
-from schemas.footholds import BasePose, LegRequest, SelectRequest
-from schemas.hw import EmergencyStop, JointCommand
-from schemas.stability import BasePose as CheckBase
-from schemas.stability import CheckRequest, Contact
-from schemas.state import GaitState
-from schemas.topics import (
+from surefoot.errors import CallError, Refusal
+from surefoot.geometry import rotations
+from surefoot.geometry.heightmap import HeightMap, HeightMapError
+from surefoot.lockstep.config import ServiceConfig
+from surefoot.lockstep.join import Delayed, TickInputs
+from surefoot.lockstep.service import Service
+from surefoot.robot import kinematics
+from surefoot.robot.description import load_robot
+from surefoot.schemas.base import Message
+from surefoot.schemas.cmd import WalkCommand, WalkReply
+from surefoot.schemas.footholds import BasePose, LegRequest, SelectRequest
+from surefoot.schemas.hw import EmergencyStop, JointCommand
+from surefoot.schemas.stability import BasePose as CheckBase
+from surefoot.schemas.stability import CheckRequest, Contact
+from surefoot.schemas.state import GaitState
+from surefoot.schemas.topics import (
     CMD_ESTOP,
     CMD_JOINTS,
     CMD_WALK,
@@ -29,31 +37,19 @@ from schemas.topics import (
     TERRAIN_MAP,
     Topic,
 )
-from services.walker import (
-    balance,
-    biped_balance,
-    biped_ik,
-    biped_plan,
-    biped_posture,
-    ground,
-    interface,
-    posture,
-    preview,
-    swing,
-)
-from services.walker.biped import BipedWalker
-from services.walker.hexapod import HexapodWalker
-from services.walker.interface import FootholdReply, WalkerInputs, WalkerOutputs
-from services.walker.memory import Memory
-from services.walker.params import WalkerParams
-from services.walker.standins import HullCheck, nominal_footholds
-from surefoot import kinematics, rotations
-from surefoot.config import ServiceConfig
-from surefoot.errors import CallError, Refusal
-from surefoot.heightmap import HeightMap, HeightMapError
-from surefoot.join import Delayed, TickInputs
-from surefoot.robot import load_robot
-from surefoot.service import Service
+from surefoot.services.walker import interface
+from surefoot.services.walker.biped import balance as biped_balance
+from surefoot.services.walker.biped import ik as biped_ik
+from surefoot.services.walker.biped import plan as biped_plan
+from surefoot.services.walker.biped import posture as biped_posture
+from surefoot.services.walker.biped import preview
+from surefoot.services.walker.biped.gait import BipedWalker
+from surefoot.services.walker.hexapod import balance, ground, posture, swing
+from surefoot.services.walker.hexapod.gait import HexapodWalker
+from surefoot.services.walker.hexapod.params import WalkerParams
+from surefoot.services.walker.hexapod.standins import HullCheck, nominal_footholds
+from surefoot.services.walker.interface import FootholdReply, WalkerInputs, WalkerOutputs
+from surefoot.services.walker.memory import Memory
 
 ANSWER_S = 1.0
 """A question to another service that is not answered in this wall time is answered by the walker's own stand-in."""

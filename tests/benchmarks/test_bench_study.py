@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from benchmarks import bench_study
-from services.supervisor.judge import Row, Verdict
-from services.supervisor.study import LocalRun
+from surefoot.lab.report.judge import Row, Verdict
+from surefoot.lab.runs.local import LocalRun
 
 
 @pytest.mark.parametrize(("text", "seeds"), [("3", [0, 1, 2]), ("20:22", [20, 21]), ("5:5", [])])

@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from schemas.base import ErrorReply, Header, Request, Wire
-from schemas.topics import QUERIES, TOPICS
+from surefoot.schemas.base import ErrorReply, Header, Request, Wire
+from surefoot.schemas.topics import QUERIES, TOPICS
 
 FILE = Path(__file__).with_name("published_schemas.json")
 WORDS = ("title", "description", "$id", "$schema")

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 import yaml
 
-from services.supervisor.compose import ComposeError, load_compose
-from services.supervisor.extends import extended
-from services.supervisor.launch import service_names
-from surefoot.robot import robot_names
+from surefoot.lockstep.discover import service_names
+from surefoot.robot.description import robot_names
+from surefoot.services.supervisor.processes.compose import ComposeError, load_compose
+from surefoot.services.supervisor.processes.extends import extended
 
 ROOT = Path(__file__).parents[2]
 FILES = sorted((ROOT / "compose").glob("*.yaml"))

@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
-from surefoot.config import ServiceConfig
-from surefoot.driver import DriverNode
-from surefoot.local import node_of
+from surefoot.lockstep.config import ServiceConfig
+from surefoot.lockstep.driver import DriverNode
+from surefoot.lockstep.local import node_of
 from tests.surefoot.net import WAIT_S, Net
 from tests.surefoot.toys import ToyDriver, ToyEstimator, ToyWalker
 
@@ -62,8 +62,8 @@ def apply(tree: Path, words: dict[str, str], text: str) -> None:
 def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the checkout with everything the page adds."""
     copy = tmp_path_factory.mktemp("extended")
-    for folder in ("schemas", "surefoot", "services", "compose", "scenarios", "tests", "docs"):
-        shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    for folder in ("schemas", "surefoot", "services", "lab", "compose", "scenarios", "tests", "docs"):
+        shutil.copytree(ROOT / folder, copy / folder, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "pyproject.toml", copy)
     for words, text in blocks():
         apply(copy, words, text)
@@ -89,9 +89,9 @@ def test_the_page_has_all_files() -> None:
 
 def test_tables_command_line_and_tests_take_it_up(tree: Path) -> None:
     run(tree, "-m", "tests.contract.published")
-    assert "published by odometer" in run(tree, "-m", "services.supervisor.cli", "topic", "info", "state/way")
+    assert "published by odometer" in run(tree, "-m", "surefoot.lab.cli.main", "topic", "info", "state/way")
     assert "recorder" in next(
-        line for line in run(tree, "-m", "services.supervisor.cli", "graph").splitlines() if "state/way" in line
+        line for line in run(tree, "-m", "surefoot.lab.cli.main", "graph").splitlines() if "state/way" in line
     )
     contracts = [f"tests/contract/test_{name}.py" for name in ("services", "compose", "scenarios", "schema_compat")]
     run(tree, "-m", "pytest", *contracts, "tests/services/odometer")
@@ -103,7 +103,7 @@ def test_runs_as_a_process_over_zenoh(tree: Path) -> None:
     nodes = [node_of(service, net.open()) for service in (driver, ToyEstimator(config), ToyWalker(config))]
     heard: list[dict[str, Any]] = []
     options = ("--connect", net.address, "--namespace", net.namespace)
-    process = subprocess.Popen(**command(tree, "-m", "services.supervisor.launch", "odometer", *options))
+    process = subprocess.Popen(**command(tree, "-m", "surefoot.lockstep.discover", "odometer", *options))
     threads: list[threading.Thread] = []
     try:
         with net.plain() as onlooker:

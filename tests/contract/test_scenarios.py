@@ -4,15 +4,15 @@ from pathlib import Path
 
 import pytest
 
-from schemas.base import Request
-from schemas.sim import World
-from services.simulator.terrain import KINDS
-from services.supervisor.compose import ComposeError, load_compose
-from services.supervisor.director import LEAD_TICKS
-from services.supervisor.files import find
-from services.supervisor.judge import LIMITS, METRICS
-from services.supervisor.scenario import COMMANDS, load_scenario
-from surefoot.robot import load_robot
+from surefoot.files import find
+from surefoot.lab.report.judge import LIMITS, METRICS
+from surefoot.robot.description import load_robot
+from surefoot.schemas.base import Request
+from surefoot.schemas.sim import World
+from surefoot.services.simulator.ground.terrain import KINDS
+from surefoot.services.supervisor.processes.compose import ComposeError, load_compose
+from surefoot.services.supervisor.scenarios.director import LEAD_TICKS
+from surefoot.services.supervisor.scenarios.scenario import COMMANDS, load_scenario
 
 ROOT = Path(__file__).parents[2]
 FILES = sorted((ROOT / "scenarios").glob("*.toml"))

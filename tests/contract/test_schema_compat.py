@@ -6,11 +6,11 @@ from typing import Any
 import pytest
 from pydantic import create_model
 
-from schemas.base import Bulk, Header, Message, Reply, Request, Wire
-from schemas.cmd import WalkCommand
-from schemas.hw import JointCommand
-from surefoot.codec import decode, encoding_of
+from surefoot.bus.codec import decode, encoding_of
 from surefoot.errors import Refusal
+from surefoot.schemas.base import Bulk, Header, Message, Reply, Request, Wire
+from surefoot.schemas.cmd import WalkCommand
+from surefoot.schemas.hw import JointCommand
 from tests.contract.published import MODELS, breaks, complaints, load, number, shape
 
 PUBLISHED = load()

@@ -6,21 +6,21 @@ from typing import Any
 
 import pytest
 
-import services
-from schemas.base import TickRequest
-from schemas.topics import CMD_ESTOP, QUERIES, SIM_TRUTH, TOPICS, Kind
-from surefoot.driver import Driver
-from surefoot.graph import order
-from surefoot.join import DRIVER, Delayed
-from surefoot.service import Service
+import surefoot.services
+from surefoot.lockstep.driver import Driver
+from surefoot.lockstep.graph import order
+from surefoot.lockstep.join import DRIVER, Delayed
+from surefoot.lockstep.service import Service
+from surefoot.schemas.base import TickRequest
+from surefoot.schemas.topics import CMD_ESTOP, QUERIES, SIM_TRUTH, TOPICS, Kind
 
-NAMES = [m.name for m in pkgutil.iter_modules(services.__path__) if m.ispkg]
+NAMES = [m.name for m in pkgutil.iter_modules(surefoot.services.__path__) if m.ispkg]
 JUDGES = {"recorder", "supervisor", "viewer"}
 """Who may see the truth: those who keep, judge or show a run, never those who act in it."""
 
 
 def service(name: str) -> type[Service[Any]]:
-    found = importlib.import_module(f"services.{name}.service").SERVICE
+    found = importlib.import_module(f"surefoot.services.{name}.service").SERVICE
     assert issubclass(found, Service)
     return found
 

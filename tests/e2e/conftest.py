@@ -20,7 +20,7 @@ def surefoot(tmp_path: Path) -> Run:
 
     def run(*words: str, timeout: float = 60.0, **more: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
-            [sys.executable, "-m", "services.supervisor.cli", *words],
+            [sys.executable, "-m", "surefoot.lab.cli.main", *words],
             cwd=tmp_path, env={**settings, **more}, capture_output=True, text=True, timeout=timeout, check=False,
         )  # fmt: skip
 

@@ -12,20 +12,20 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from schemas.sim import ResetRequest
-from schemas.system import Health, HealthRequest, RecorderRequest
-from schemas.topics import HEALTH_GET, RECORDER_STATUS, SIM_RESET
-from services.supervisor.compose import ComposeError, load_compose
-from services.supervisor.director import Director
-from services.supervisor.files import find
-from services.supervisor.judge import Verdict, judge
-from services.supervisor.scenario import Scenario
-from services.supervisor.service import Supervisor
-from services.supervisor.system import Row
-from surefoot.bus import Life
-from surefoot.config import ServiceConfig
-from surefoot.node import Node
-from surefoot.zenoh_bus import Endpoint, ZenohBus
+from surefoot.bus.interface import Life
+from surefoot.bus.zenoh import Endpoint, ZenohBus
+from surefoot.files import find
+from surefoot.lab.report.judge import Verdict, judge
+from surefoot.lockstep.config import ServiceConfig
+from surefoot.lockstep.node import Node
+from surefoot.schemas.sim import ResetRequest
+from surefoot.schemas.system import Health, HealthRequest, RecorderRequest
+from surefoot.schemas.topics import HEALTH_GET, RECORDER_STATUS, SIM_RESET
+from surefoot.services.supervisor.processes.compose import ComposeError, load_compose
+from surefoot.services.supervisor.processes.system import Row
+from surefoot.services.supervisor.scenarios.director import Director
+from surefoot.services.supervisor.scenarios.scenario import Scenario
+from surefoot.services.supervisor.service import Supervisor
 from tests.ports import free_port
 
 ROOT = Path(__file__).parents[2]
@@ -109,7 +109,7 @@ class Live:
             "SUREFOOT_SIMULATOR_AUTOSTART": "false",
             "SUREFOOT_RECORDER_PATH": "" if self.bag is None else str(self.bag),
         }
-        command = [sys.executable, "-m", "services.supervisor.launch", name]
+        command = [sys.executable, "-m", "surefoot.lockstep.discover", name]
         command += ["--connect", self.address, "--namespace", self.namespace]
         with self.log(name).open("ab") as log:
             self.processes[name] = subprocess.Popen(

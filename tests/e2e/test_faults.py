@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from schemas.topics import QUERIES, STATE_GAIT, TOPICS
-from services.supervisor.scenario import Scenario, parse_scenario
-from surefoot.bus import Delivery
-from surefoot.zenoh_publish import BATCH, FRAME
+from surefoot.bus.interface import Delivery
+from surefoot.bus.publish import BATCH, FRAME
+from surefoot.schemas.topics import QUERIES, STATE_GAIT, TOPICS
+from surefoot.services.supervisor.scenarios.scenario import Scenario, parse_scenario
 from tests.e2e.live import SERVICES, Live, wait_until
 
 pytestmark = pytest.mark.e2e

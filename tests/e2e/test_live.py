@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from schemas.topics import HW_LANDMARKS, HW_RANGE, Kind
-from services.supervisor.scenario import Scenario, parse_scenario
-from services.supervisor.study import run_local
-from surefoot.join import Delayed
-from surefoot.recording import read_recording, recording_info
+from surefoot.lab.runs.local import run_local
+from surefoot.lockstep.join import Delayed
+from surefoot.record.recording import read_recording, recording_info
+from surefoot.schemas.topics import HW_LANDMARKS, HW_RANGE, Kind
+from surefoot.services.supervisor.scenarios.scenario import Scenario, parse_scenario
 from tests.e2e.live import SERVICES, Conducted, Live
 
 pytestmark = pytest.mark.e2e

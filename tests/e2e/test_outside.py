@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from schemas.topics import STATE_VELOCITY
-from services.supervisor.scenario import find_scenario, load_scenario
-from services.supervisor.study import run_local
 from surefoot.client import connect
 from surefoot.errors import BusError
+from surefoot.lab.runs.local import run_local
+from surefoot.schemas.topics import STATE_VELOCITY
+from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 from tests.ports import free_address
 
 ROOT = Path(__file__).parents[2]
@@ -46,7 +46,7 @@ def endpoint(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     where = free_address()
     environment = dict(os.environ, SUREFOOT_LISTEN=where, XDG_STATE_HOME=str(folder))
     with (folder / "up.log").open("w") as log:
-        command = [sys.executable, "-m", "services.supervisor.cli", "up", "ragno"]
+        command = [sys.executable, "-m", "surefoot.lab.cli.main", "up", "ragno"]
         up = subprocess.Popen(command, cwd=folder, env=environment, stdout=log, stderr=log)
     try:
         _wait_until_it_walks(where, up)
@@ -127,7 +127,7 @@ def test_example_runs(endpoint: str, name: str, tmp_path: Path) -> None:
 def test_a_run_in_one_process_has_the_hash_of_the_run_over_zenoh(tmp_path: Path) -> None:
     where = free_address()
     environment = dict(os.environ, SUREFOOT_LISTEN=where, XDG_STATE_HOME=str(tmp_path))
-    command = [sys.executable, "-m", "services.supervisor.cli", "run", "stand", "--seed", "5", "--json"]
+    command = [sys.executable, "-m", "surefoot.lab.cli.main", "run", "stand", "--seed", "5", "--json"]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
     result = json.loads(done.stdout)
     assert result["comparable"], result

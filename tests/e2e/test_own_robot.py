@@ -12,7 +12,9 @@ from typing import Any
 
 import pytest
 
-from schemas.topics import (
+from surefoot.client import Client, connect
+from surefoot.errors import BusError
+from surefoot.schemas.topics import (
     CMD_WALK,
     HW_JOINTS,
     HW_TICK,
@@ -22,8 +24,6 @@ from schemas.topics import (
     STATE_STABILITY,
     SUPERVISOR_STATUS,
 )
-from surefoot.client import Client, connect
-from surefoot.errors import BusError
 from tests.e2e.live import ROOT, environment, wait_until
 from tests.ports import free_address
 
@@ -53,7 +53,7 @@ class Robot:
             )  # fmt: skip
 
     def command(self, *words: str) -> list[str]:
-        return [sys.executable, "-m", "services.supervisor.cli", *words]
+        return [sys.executable, "-m", "surefoot.lab.cli.main", *words]
 
     def surefoot(self, *words: str) -> tuple[int, Any]:
         """Exit code and answer of a command."""

@@ -43,8 +43,8 @@ def run(environment: Path, folder: Path, *words: str) -> subprocess.CompletedPro
 
 def test_packages_and_data_come_from_the_wheel(installed: Path, tmp_path: Path) -> None:
     code = (
-        "import schemas.topics, surefoot.robot, services.supervisor.cli as c;"
-        "print(surefoot.robot.load_robot('ragno').nj, c.__file__)"
+        "import surefoot.schemas.topics, surefoot.robot.description, surefoot.lab.cli.main as c;"
+        "print(surefoot.robot.description.load_robot('ragno').nj, c.__file__)"
     )
     done = run(installed, tmp_path, "-c", code)
     assert done.returncode == 0, done.stderr
@@ -53,7 +53,7 @@ def test_packages_and_data_come_from_the_wheel(installed: Path, tmp_path: Path) 
 
 
 def test_command_line_finds_scenarios_and_systems(installed: Path, tmp_path: Path) -> None:
-    done = run(installed, tmp_path, "-m", "services.supervisor.cli", "list")
+    done = run(installed, tmp_path, "-m", "surefoot.lab.cli.main", "list")
     assert done.returncode == 0, done.stderr
     assert "rough-terrain" in done.stdout
     assert "ragno" in done.stdout

@@ -8,17 +8,17 @@ import jsonschema
 import pytest
 from pydantic import ValidationError
 
-from schemas.base import Message, Reply, Request, Wire
-from schemas.calibration import FIELDS as CALIBRATE_FIELDS
-from schemas.calibration import CalibrateRequest
-from schemas.cmd import FIELDS as WALK_FIELDS
-from schemas.cmd import WalkCommand
-from schemas.hw import Imu, JointCommand
-from schemas.sim import FaultRequest, PushRequest, ResetRequest
-from schemas.stability import RegionRequest
-from schemas.topics import QUERIES, TOPICS, Kind, Query, Topic
-from surefoot.codec import check_encoding, decode, encode, encoding_of, json_schema
+from surefoot.bus.codec import check_encoding, decode, encode, encoding_of, json_schema
 from surefoot.errors import Refusal
+from surefoot.schemas.base import Message, Reply, Request, Wire
+from surefoot.schemas.calibration import FIELDS as CALIBRATE_FIELDS
+from surefoot.schemas.calibration import CalibrateRequest
+from surefoot.schemas.cmd import FIELDS as WALK_FIELDS
+from surefoot.schemas.cmd import WalkCommand
+from surefoot.schemas.hw import Imu, JointCommand
+from surefoot.schemas.sim import FaultRequest, PushRequest, ResetRequest
+from surefoot.schemas.stability import RegionRequest
+from surefoot.schemas.topics import QUERIES, TOPICS, Kind, Query, Topic
 
 MODELS: list[type[Wire]] = sorted(
     {t.model for t in TOPICS} | {q.request for q in QUERIES} | {q.reply for q in QUERIES}, key=lambda m: m.__name__

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 import zenoh
 
-from schemas.topics import STABILITY_REGION
-from surefoot.bus import Incoming
+from surefoot.bus.interface import Incoming
+from surefoot.bus.zenoh import Endpoint, ZenohBus
 from surefoot.errors import Refusal
-from surefoot.zenoh_bus import Endpoint, ZenohBus
+from surefoot.schemas.topics import STABILITY_REGION
 from tests.ports import free_address
 
 WAIT_S = 5.0  # bound of every wait; all come in milliseconds

@@ -4,11 +4,11 @@ import threading
 
 import pytest
 
-from schemas.stability import RegionReply
-from schemas.state import VelocityEstimate
-from schemas.topics import HEALTH, STABILITY_REGION, STATE_VELOCITY
 from surefoot.client import Client, connect, make_request, query_named, topic_named
 from surefoot.errors import BusError, CallError, ConfigError, SurefootError
+from surefoot.schemas.stability import RegionReply
+from surefoot.schemas.state import VelocityEstimate
+from surefoot.schemas.topics import HEALTH, STABILITY_REGION, STATE_VELOCITY
 from tests.surefoot.net import Net, matched, reached, serve
 from tests.surefoot.toys import estimate
 
@@ -73,7 +73,7 @@ def test_without_an_endpoint_the_environment_names_the_router(
     monkeypatch.delenv("SUREFOOT_CONNECT", raising=False)
     monkeypatch.setenv("SUREFOOT_LISTEN", "tcp/127.0.0.1:9")
     monkeypatch.setenv(variable, f"tcp/127.0.0.1:{port}")
-    monkeypatch.setattr("surefoot.zenoh_bus.CONNECT_TIMEOUT_MS", 100)
+    monkeypatch.setattr("surefoot.bus.zenoh.CONNECT_TIMEOUT_MS", 100)
     with pytest.raises(BusError) as caught:
         connect()
     assert f"no router answers at tcp/127.0.0.1:{port} (start one with `surefoot up`" in caught.value.message

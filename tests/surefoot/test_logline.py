@@ -4,8 +4,8 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from surefoot.config import ServiceConfig
-from surefoot.local import LocalSystem
+from surefoot.lockstep.config import ServiceConfig
+from surefoot.lockstep.local import LocalSystem
 from surefoot.logline import log_line, read_log_line, said
 from tests.surefoot.toys import ToyDriver, ToyEstimator, ToyWalker
 

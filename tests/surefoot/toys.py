@@ -2,10 +2,14 @@
 
 from typing import Any
 
-from schemas.base import Message
-from schemas.hw import Imu, JointCommand
-from schemas.state import GaitState, VelocityEstimate
-from schemas.topics import (
+from surefoot.lockstep.config import ServiceConfig
+from surefoot.lockstep.driver import Driver, Sample
+from surefoot.lockstep.join import Delayed, TickInputs
+from surefoot.lockstep.service import Service
+from surefoot.schemas.base import Message
+from surefoot.schemas.hw import Imu, JointCommand
+from surefoot.schemas.state import GaitState, VelocityEstimate
+from surefoot.schemas.topics import (
     CMD_JOINTS,
     HW_IMU,
     SIM_JOIN,
@@ -14,10 +18,6 @@ from schemas.topics import (
     TICK_NS,
     Topic,
 )
-from surefoot.config import ServiceConfig
-from surefoot.driver import Driver, Sample
-from surefoot.join import Delayed, TickInputs
-from surefoot.service import Service
 
 
 def estimate(x: float) -> VelocityEstimate:

@@ -7,7 +7,8 @@ recomputing s and x from the scaled point loses eight digits near the boundary.
 
 import math
 
-from services.stability.programs.lanes import (
+from surefoot.kernels.jit import row_kernel
+from surefoot.services.stability.programs.lanes import (
     AXIS,
     COLUMNS,
     D_TAU,
@@ -36,7 +37,6 @@ from services.stability.programs.lanes import (
     S,
     X,
 )
-from surefoot.jit import row_kernel
 
 
 @row_kernel

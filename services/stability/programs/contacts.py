@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from surefoot.jit import row_kernel
+from surefoot.kernels.jit import row_kernel
 
 Array = NDArray[np.float64]
 

@@ -5,9 +5,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from services.stability.programs.contacts import Array, StabilityError
-from surefoot.jit import row_kernel
-from surefoot.polygon import hull
+from surefoot.geometry.polygon import hull
+from surefoot.kernels.jit import row_kernel
+from surefoot.services.stability.programs.contacts import Array, StabilityError
 
 
 def equally_spaced(count: int) -> Array:

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from services.stability.programs.interior import FAILED, SOLVED, solve_lanes
-from services.stability.programs.lanes import LANES
-from surefoot.jit import row_kernel
+from surefoot.kernels.jit import row_kernel
+from surefoot.services.stability.programs.interior import FAILED, SOLVED, solve_lanes
+from surefoot.services.stability.programs.lanes import LANES
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

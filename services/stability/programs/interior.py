@@ -14,8 +14,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from services.stability.programs import cones
-from services.stability.programs.lanes import (
+from surefoot.kernels.jit import row_kernel
+from surefoot.services.stability.programs import cones
+from surefoot.services.stability.programs.lanes import (
     ACTIVE,
     BLOCK,
     COST,
@@ -57,7 +58,6 @@ from services.stability.programs.lanes import (
     solve,
     subtract_combination,
 )
-from surefoot.jit import row_kernel
 
 Ints = NDArray[np.int64]
 

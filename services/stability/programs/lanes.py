@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.jit import row_kernel
+from surefoot.kernels.jit import row_kernel
 
 Array = NDArray[np.float64]
 

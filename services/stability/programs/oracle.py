@@ -11,13 +11,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from services.stability.programs.contacts import Array, ContactSet, StabilityError
-from services.stability.programs.fan import ASKED, Fan, explore, insert, new_fan
-from services.stability.programs.interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED, solve_lanes
-from services.stability.programs.lanes import LANES
-from services.stability.programs.reduced import SMALL_MU, matrices, reduce
-from services.stability.programs.reference import Reference
-from surefoot.linear import combined, dot
+from surefoot.geometry.linear import combined, dot
+from surefoot.services.stability.programs.contacts import Array, ContactSet, StabilityError
+from surefoot.services.stability.programs.fan import ASKED, Fan, explore, insert, new_fan
+from surefoot.services.stability.programs.interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED, solve_lanes
+from surefoot.services.stability.programs.lanes import LANES
+from surefoot.services.stability.programs.reduced import SMALL_MU, matrices, reduce
+from surefoot.services.stability.programs.reference import Reference
 
 Ints = NDArray[np.int64]
 SupportStatus = Literal["ok", "unbounded", "infeasible"]

@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from services.stability.programs.contacts import Array, ContactSet
-from services.stability.programs.interior import (
+from surefoot.kernels.jit import row_kernel
+from surefoot.services.stability.programs.contacts import Array, ContactSet
+from surefoot.services.stability.programs.interior import (
     ACCEPTABLE,
     FAILED,
     MAX_ITERATIONS,
@@ -20,10 +21,9 @@ from services.stability.programs.interior import (
     STEP_SHARE,
     TOLERANCE,
 )
-from services.stability.programs.lanes import PIVOT
-from services.stability.programs.oracle import Oracle, SupportStatus
-from services.stability.programs.reduced import RANK, SMALL_MU, matrices
-from surefoot.jit import row_kernel
+from surefoot.services.stability.programs.lanes import PIVOT
+from surefoot.services.stability.programs.oracle import Oracle, SupportStatus
+from surefoot.services.stability.programs.reduced import RANK, SMALL_MU, matrices
 
 # columns of a contact's row, three for a vector
 S, X, AXIS, ETA, P, BS, RS, SECOND, FIRST, TARGET, STEP, COLUMNS = 0, 3, 6, 9, 10, 13, 16, 19, 22, 25, 28, 31

@@ -5,25 +5,25 @@ from typing import Any
 
 import numpy as np
 
-from schemas.stability import ComReply, ComRequest, EquilibriumReply, EquilibriumRequest
-from schemas.whatif import BatchReply, BatchRequest, Variant, WhatifReply, WhatifRequest
-from services.stability.programs.contacts import StabilityError, within
-from services.stability.queries.messages import contacts_of, named_robot, posture, triples
-from services.stability.regions import whatif
-from services.stability.regions.effective import GRAVITY, lean, stays_down, upward
-from services.stability.regions.equilibrium import equilibrium, least_forces, least_friction
-from services.stability.regions.many import STATUSES, Variants
-from services.stability.robot.forces import (
+from surefoot.robot.description import Robot
+from surefoot.robot.kinematics import com, foot_positions
+from surefoot.schemas.stability import ComReply, ComRequest, EquilibriumReply, EquilibriumRequest
+from surefoot.schemas.whatif import BatchReply, BatchRequest, Variant, WhatifReply, WhatifRequest
+from surefoot.services.stability.programs.contacts import StabilityError, within
+from surefoot.services.stability.queries.messages import contacts_of, named_robot, posture, triples
+from surefoot.services.stability.regions import whatif
+from surefoot.services.stability.regions.effective import GRAVITY, lean, stays_down, upward
+from surefoot.services.stability.regions.equilibrium import equilibrium, least_forces, least_friction
+from surefoot.services.stability.regions.many import STATUSES, Variants
+from surefoot.services.stability.sensing.forces import (
     FootForces,
     com_from_forces,
     forces_from_torques,
     fuse_normal,
     gain_from_weight,
 )
-from services.stability.robot.pressure import PressureSensor, read_loads
-from services.stability.robot.state import WatchParams
-from surefoot.kinematics import com, foot_positions
-from surefoot.robot import Robot
+from surefoot.services.stability.sensing.pressure import PressureSensor, read_loads
+from surefoot.services.stability.sensing.state import WatchParams
 
 
 def whatif_reply(request: WhatifRequest) -> WhatifReply:

@@ -5,14 +5,21 @@ from typing import Any
 
 import numpy as np
 
-from schemas.stability import RegionReply, RegionRequest, SupportPoint
-from services.stability.programs.contacts import Array, refuse
-from services.stability.queries.limited import limited_reply
-from services.stability.queries.messages import contacts_of, directions_of, pairs, region_of, region_reply, triples
-from services.stability.regions.effective import GRAVITY, Leaning, lean, stays_down, tilt_robust, upward
-from services.stability.regions.region import Region, distance, region
-from surefoot.polygon import area
-from surefoot.robot import Robot
+from surefoot.geometry.polygon import area
+from surefoot.robot.description import Robot
+from surefoot.schemas.stability import RegionReply, RegionRequest, SupportPoint
+from surefoot.services.stability.programs.contacts import Array, refuse
+from surefoot.services.stability.queries.limited import limited_reply
+from surefoot.services.stability.queries.messages import (
+    contacts_of,
+    directions_of,
+    pairs,
+    region_of,
+    region_reply,
+    triples,
+)
+from surefoot.services.stability.regions.effective import GRAVITY, Leaning, lean, stays_down, tilt_robust, upward
+from surefoot.services.stability.regions.region import Region, distance, region
 
 
 def region_answer(request: RegionRequest, own: Robot | None) -> RegionReply:

@@ -4,20 +4,35 @@ from typing import Any
 
 import numpy as np
 
-from schemas.stability import Actuation, CheckReply, CheckRequest, Doubt, MarginGradient, RegionReply, RegionRequest
-from services.stability.programs.contacts import Array, StabilityError, refuse, within
-from services.stability.queries.beyond import region_answer
-from services.stability.queries.limited import limited_check
-from services.stability.queries.messages import contacts_of, named_robot, posture, region_fields, region_of, triples
-from services.stability.regions.effective import leanings
-from services.stability.regions.margin import Extent
-from services.stability.regions.movement import Check, check, worst
-from services.stability.regions.region import Region, region
-from services.stability.regions.robust import Uncertainty, margin_gradient, robust_margin
-from services.stability.robot.shift import Shift, kinematic_shift, stance_legs
-from surefoot.kinematics import com
-from surefoot.linear import product
-from surefoot.robot import Robot
+from surefoot.geometry.linear import product
+from surefoot.robot.description import Robot
+from surefoot.robot.kinematics import com
+from surefoot.schemas.stability import (
+    Actuation,
+    CheckReply,
+    CheckRequest,
+    Doubt,
+    MarginGradient,
+    RegionReply,
+    RegionRequest,
+)
+from surefoot.services.stability.programs.contacts import Array, StabilityError, refuse, within
+from surefoot.services.stability.queries.beyond import region_answer
+from surefoot.services.stability.queries.limited import limited_check
+from surefoot.services.stability.queries.messages import (
+    contacts_of,
+    named_robot,
+    posture,
+    region_fields,
+    region_of,
+    triples,
+)
+from surefoot.services.stability.regions.effective import leanings
+from surefoot.services.stability.regions.margin import Extent
+from surefoot.services.stability.regions.movement import Check, check, worst
+from surefoot.services.stability.regions.region import Region, region
+from surefoot.services.stability.regions.robust import Uncertainty, margin_gradient, robust_margin
+from surefoot.services.stability.sensing.shift import Shift, kinematic_shift, stance_legs
 
 
 def check_reply(request: CheckRequest, own: Robot) -> CheckReply:

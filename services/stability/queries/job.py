@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from schemas.calibration import CalibrateReply, CalibrateRequest
-from services.stability.programs.contacts import Array, StabilityError
-from services.stability.robot.calibration import APART_SD, Calibration, Flags, Pose, PoseCollector, calibrate
-from surefoot.robot import Robot
+from surefoot.robot.description import Robot
+from surefoot.schemas.calibration import CalibrateReply, CalibrateRequest
+from surefoot.services.stability.programs.contacts import Array, StabilityError
+from surefoot.services.stability.sensing.calibration import APART_SD, Calibration, Flags, Pose, PoseCollector, calibrate
 
 MAX_COLLECTED = 256
 

@@ -5,20 +5,35 @@ from typing import Any
 
 import numpy as np
 
-from schemas.stability import Actuation, BasePose, CheckRequest, Contact, RegionFields, RegionReply, SupportPoint
-from services.stability.programs.contacts import Array, ContactSet, StabilityError, refuse, within
-from services.stability.programs.directions import equally_spaced
-from services.stability.programs.oracle import Support
-from services.stability.queries.messages import contacts_of, directions_of, named_robot, pairs, posture, triples
-from services.stability.regions.actuated import ActuatedRegion, Legs, actuated_region
-from services.stability.regions.effective import GRAVITY
-from services.stability.regions.movement import Check, check
-from services.stability.regions.region import Region, distance
-from services.stability.robot.forces import contact_jacobians
-from services.stability.robot.shift import NEAR, Shift, kinematic_shift
-from surefoot.kinematics import com, foot_positions, gravity_torques
-from surefoot.polygon import area, half_planes, hull
-from surefoot.robot import Robot, load_robot
+from surefoot.geometry.polygon import area, half_planes, hull
+from surefoot.robot.description import Robot, load_robot
+from surefoot.robot.kinematics import com, foot_positions, gravity_torques
+from surefoot.schemas.stability import (
+    Actuation,
+    BasePose,
+    CheckRequest,
+    Contact,
+    RegionFields,
+    RegionReply,
+    SupportPoint,
+)
+from surefoot.services.stability.programs.contacts import Array, ContactSet, StabilityError, refuse, within
+from surefoot.services.stability.programs.directions import equally_spaced
+from surefoot.services.stability.programs.oracle import Support
+from surefoot.services.stability.queries.messages import (
+    contacts_of,
+    directions_of,
+    named_robot,
+    pairs,
+    posture,
+    triples,
+)
+from surefoot.services.stability.regions.actuated import ActuatedRegion, Legs, actuated_region
+from surefoot.services.stability.regions.effective import GRAVITY
+from surefoot.services.stability.regions.movement import Check, check
+from surefoot.services.stability.regions.region import Region, distance
+from surefoot.services.stability.sensing.forces import contact_jacobians
+from surefoot.services.stability.sensing.shift import NEAR, Shift, kinematic_shift
 
 
 @dataclass(frozen=True, slots=True)

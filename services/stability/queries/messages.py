@@ -1,4 +1,4 @@
-"""Between the messages of `schemas.stability` and the arrays of the algorithms."""
+"""Between the messages of `surefoot.schemas.stability` and the arrays of the algorithms."""
 
 import math
 import re
@@ -7,7 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from schemas.stability import (
+from surefoot.geometry.polygon import area
+from surefoot.geometry.rotations import matrix_from_quat
+from surefoot.robot.description import Robot, load_robot, robot_names
+from surefoot.schemas.stability import (
     BasePose,
     Contact,
     RegionFields,
@@ -15,13 +18,10 @@ from schemas.stability import (
     RegionRequest,
     SupportPoint,
 )
-from services.stability.programs.contacts import Array, ContactSet, StabilityError, contact_set, within
-from services.stability.programs.directions import equally_spaced, unit
-from services.stability.programs.oracle import Support
-from services.stability.regions.region import Region, region
-from surefoot.polygon import area
-from surefoot.robot import Robot, load_robot, robot_names
-from surefoot.rotations import matrix_from_quat
+from surefoot.services.stability.programs.contacts import Array, ContactSet, StabilityError, contact_set, within
+from surefoot.services.stability.programs.directions import equally_spaced, unit
+from surefoot.services.stability.programs.oracle import Support
+from surefoot.services.stability.regions.region import Region, region
 from surefoot.tables import TableError
 
 _NAME = re.compile(r"[A-Za-z0-9_-]+")

@@ -15,12 +15,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from services.stability.programs.clarabel_tools import clarabel_and_sparse
-from services.stability.programs.contacts import Array, ContactSet, StabilityError
-from services.stability.programs.directions import equally_spaced
-from services.stability.programs.reduced import SMALL_MU, matrices
-from services.stability.regions.region import RegionStatus
-from surefoot.polygon import hull
+from surefoot.geometry.polygon import hull
+from surefoot.services.stability.programs.clarabel_tools import clarabel_and_sparse
+from surefoot.services.stability.programs.contacts import Array, ContactSet, StabilityError
+from surefoot.services.stability.programs.directions import equally_spaced
+from surefoot.services.stability.programs.reduced import SMALL_MU, matrices
+from surefoot.services.stability.regions.region import RegionStatus
 
 THIN = 1e-7  # m
 GAP = 1e-7  # m, largest duality gap that is accepted

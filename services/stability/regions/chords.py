@@ -13,9 +13,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from services.stability.programs.fan import Fan, triangle
-from services.stability.programs.lanes import PIVOT
-from surefoot.jit import row_kernel
+from surefoot.kernels.jit import row_kernel
+from surefoot.services.stability.programs.fan import Fan, triangle
+from surefoot.services.stability.programs.lanes import PIVOT
 
 Array = NDArray[np.float64]
 

@@ -16,18 +16,18 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from services.stability.programs.contacts import Array, ContactSet
-from services.stability.programs.directions import edge_normals
-from services.stability.programs.fan import ANSWER, APPROACH, Goal, explore, new_fan
-from services.stability.programs.interior import NO_PRIMAL
-from services.stability.programs.lanes import LANES
-from services.stability.programs.reduced import RANK, SMALL_MU, matrices
-from services.stability.regions import flat
-from services.stability.regions.margin import MARGIN_DIRECTIONS, MARGIN_TOLERANCE, ON_EDGE, margin, settled
-from services.stability.regions.region import RegionStatus, region, wide
-from services.stability.regions.thin import POINT, WIDE, along, flat_ends, line_of
-from surefoot.jit import free_kernel, row_kernel
-from surefoot.polygon import hull, signed_distance
+from surefoot.geometry.polygon import hull, signed_distance
+from surefoot.kernels.jit import free_kernel, row_kernel
+from surefoot.services.stability.programs.contacts import Array, ContactSet
+from surefoot.services.stability.programs.directions import edge_normals
+from surefoot.services.stability.programs.fan import ANSWER, APPROACH, Goal, explore, new_fan
+from surefoot.services.stability.programs.interior import NO_PRIMAL
+from surefoot.services.stability.programs.lanes import LANES
+from surefoot.services.stability.programs.reduced import RANK, SMALL_MU, matrices
+from surefoot.services.stability.regions import flat
+from surefoot.services.stability.regions.margin import MARGIN_DIRECTIONS, MARGIN_TOLERANCE, ON_EDGE, margin, settled
+from surefoot.services.stability.regions.region import RegionStatus, region, wide
+from surefoot.services.stability.regions.thin import POINT, WIDE, along, flat_ends, line_of
 
 Ints = NDArray[np.int64]
 

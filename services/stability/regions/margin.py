@@ -6,16 +6,16 @@ from typing import Literal
 
 import numpy as np
 
-from services.stability.programs.contacts import Array, StabilityError
-from services.stability.programs.fan import APPROACH, Fan, Goal, Outlook, explore, insert, near_arcs, new_fan
-from services.stability.programs.interior import NO_DUAL, NO_PRIMAL, SOLVED
-from services.stability.programs.lanes import LANES
-from services.stability.programs.oracle import FLAT, Oracle, solve_one
-from services.stability.programs.reference import Reference
-from services.stability.regions.region import Region, Solved
-from surefoot.jit import row_kernel
-from surefoot.linear import dot, product
-from surefoot.polygon import ray, signed_distance
+from surefoot.geometry.linear import dot, product
+from surefoot.geometry.polygon import ray, signed_distance
+from surefoot.kernels.jit import row_kernel
+from surefoot.services.stability.programs.contacts import Array, StabilityError
+from surefoot.services.stability.programs.fan import APPROACH, Fan, Goal, Outlook, explore, insert, near_arcs, new_fan
+from surefoot.services.stability.programs.interior import NO_DUAL, NO_PRIMAL, SOLVED
+from surefoot.services.stability.programs.lanes import LANES
+from surefoot.services.stability.programs.oracle import FLAT, Oracle, solve_one
+from surefoot.services.stability.programs.reference import Reference
+from surefoot.services.stability.regions.region import Region, Solved
 
 ExtentStatus = Literal["ok", "unbounded", "infeasible", "missed"]
 
@@ -192,8 +192,8 @@ def _drifting(oracle: Oracle, start: Array, a: Array, across: Array, gains: Arra
 
 def warm() -> None:
     """Compile the kernels behind `margin` and `extent`."""
-    from services.stability.programs.contacts import contact_set
-    from services.stability.regions.region import region
+    from surefoot.services.stability.programs.contacts import contact_set
+    from surefoot.services.stability.regions.region import region
 
     feet = np.array([[0.1, 0.1, 0.0], [0.1, -0.1, 0.0], [-0.1, -0.1, 0.02], [-0.1, 0.1, 0.0]])
     for z in (0.0, 1.0):

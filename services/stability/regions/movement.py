@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from services.stability.programs.contacts import Array
-from services.stability.regions.margin import Extent, Margin, Plane, extent, margin
-from services.stability.regions.region import Region
+from surefoot.services.stability.programs.contacts import Array
+from surefoot.services.stability.regions.margin import Extent, Margin, Plane, extent, margin
+from surefoot.services.stability.regions.region import Region
 
 STILL = 1e-12  # m; a shorter horizontal movement has no direction
 

@@ -5,8 +5,8 @@ import pytest
 from filterpy.kalman import ExtendedKalmanFilter
 from scipy.linalg import expm
 
-from services.estimator.ekf import PaperEkf
-from services.estimator.params import EstimatorParams
+from surefoot.services.estimator.ekf import PaperEkf
+from surefoot.services.estimator.params import EstimatorParams
 
 
 def cross(v):

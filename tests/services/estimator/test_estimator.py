@@ -6,16 +6,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from services.estimator import feet as feet_module
-from services.estimator.estimator import Estimator, StartPose
-from services.estimator.estimators import ESTIMATORS
-from services.estimator.feet import FootSample, bare_mount
-from services.estimator.inputs import InputResult
-from services.estimator.odometry import OdometryParams
-from services.estimator.params import EstimatorParams, paper_params
-from services.estimator.replay import replay, score, tilt_errors
-from services.estimator.synthetic import WalkParams, synthesize
-from surefoot.robot import load_robot
+from surefoot.lab.papers.wawrzynski.replay import replay, score, tilt_errors
+from surefoot.lab.papers.wawrzynski.synthetic import WalkParams, synthesize
+from surefoot.robot.description import load_robot
+from surefoot.services.estimator import feet as feet_module
+from surefoot.services.estimator.estimator import Estimator, StartPose
+from surefoot.services.estimator.estimators import ESTIMATORS
+from surefoot.services.estimator.feet import FootSample, bare_mount
+from surefoot.services.estimator.inputs import InputResult
+from surefoot.services.estimator.odometry import OdometryParams
+from surefoot.services.estimator.params import EstimatorParams, paper_params
 
 TICK = 10_000_000
 PERIOD = 33_000_000

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from services.estimator import chain as legs
-from services.estimator import feet
-from services.estimator.synthetic import bioloid_chains
-from surefoot.robot import load_robot
-from surefoot.rotations import matrix_from_rotvec
+from surefoot.geometry.rotations import matrix_from_rotvec
+from surefoot.lab.papers.wawrzynski import chain as legs
+from surefoot.lab.papers.wawrzynski.synthetic import bioloid_chains
+from surefoot.robot.description import load_robot
+from surefoot.services.estimator import feet
 
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from services.estimator.history import ROWS, History
+from surefoot.services.estimator.history import ROWS, History
 
 
 def test_interpolates_and_clamps():

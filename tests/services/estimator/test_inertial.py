@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from services.estimator import inertial
-from surefoot.rotations import skew
+from surefoot.geometry.rotations import skew
+from surefoot.services.estimator import inertial
 
 vectors = st.tuples(*[st.floats(-3.0, 3.0)] * 3).map(np.array)
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from services.estimator.inputs import FROZEN_ROWS, RESYNC_AFTER, InputJudge, InputResult
-from services.estimator.params import EstimatorParams
+from surefoot.services.estimator.inputs import FROZEN_ROWS, RESYNC_AFTER, InputJudge, InputResult
+from surefoot.services.estimator.params import EstimatorParams
 
 TICK = 10_000_000
 ZERO, G = np.zeros(3), np.array([0.0, 0.0, 9.81])

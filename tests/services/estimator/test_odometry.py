@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from services.estimator import odometry_kernel as k
-from services.estimator.feet import FootSample
-from services.estimator.odometry import Odometry, OdometryParams
-from surefoot.rotations import matrix_from_rpy
+from surefoot.geometry.rotations import matrix_from_rpy
+from surefoot.services.estimator import odometry_kernel as k
+from surefoot.services.estimator.feet import FootSample
+from surefoot.services.estimator.odometry import Odometry, OdometryParams
 
 G = np.array([0.0, 0.0, 9.81])
 PERIOD = 33_000_000

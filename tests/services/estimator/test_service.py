@@ -6,15 +6,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from schemas.base import Message
-from schemas.hw import FootContacts, Imu, JointState, Tick
-from schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, STATE_ODOMETRY, STATE_VELOCITY
-from services.estimator.config import EstimatorConfig
-from services.estimator.estimators import ESTIMATORS
-from services.estimator.service import LATE_TICK, SERVICE, VARIANTS
-from surefoot.codec import decode, encode
-from surefoot.join import TickInputs
-from surefoot.robot import load_robot
+from surefoot.bus.codec import decode, encode
+from surefoot.lockstep.join import TickInputs
+from surefoot.robot.description import load_robot
+from surefoot.schemas.base import Message
+from surefoot.schemas.hw import FootContacts, Imu, JointState, Tick
+from surefoot.schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, STATE_ODOMETRY, STATE_VELOCITY
+from surefoot.services.estimator.config import EstimatorConfig
+from surefoot.services.estimator.estimators import ESTIMATORS
+from surefoot.services.estimator.service import LATE_TICK, SERVICE, VARIANTS
 
 ROBOT = load_robot("ragno")
 TICK, PERIOD = 10_000_000, 33_000_000

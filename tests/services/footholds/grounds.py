@@ -4,11 +4,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from services.footholds.ground import Ground, build_ground
-from services.footholds.select import BasePose, Landing
-from surefoot.heightmap import HeightMap
-from surefoot.kinematics import foot_positions
-from surefoot.robot import Robot, load_robot
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.robot.description import Robot, load_robot
+from surefoot.robot.kinematics import foot_positions
+from surefoot.services.footholds.ground import Ground, build_ground
+from surefoot.services.footholds.select import BasePose, Landing
 
 CELL = 0.005
 STROKE = (-0.05, 0.0, 0.0)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from services.footholds.assess import LAYERS, Window, assess, whole_map, window_about
-from services.footholds.features import map_features_numpy
-from services.footholds.masks import Limits, Reason
-from services.footholds.score import HandScore
-from services.footholds.select import placement
+from surefoot.services.footholds.assess import LAYERS, Window, assess, whole_map, window_about
+from surefoot.services.footholds.features import map_features_numpy
+from surefoot.services.footholds.masks import Limits, Reason
+from surefoot.services.footholds.models.score import HandScore
+from surefoot.services.footholds.select import placement
 from tests.services.footholds.grounds import CELL, STROKE, flat, ground_of, neutral, ragno, standing
 
 MODEL = HandScore()

@@ -7,8 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.footholds import features
-from services.footholds.features import distance, map_features, map_features_numpy, push_direction, window_features
+from surefoot.services.footholds import features
+from surefoot.services.footholds.features import (
+    distance,
+    map_features,
+    map_features_numpy,
+    push_direction,
+    window_features,
+)
 
 CELL = 0.005
 # the eight neighbours (p along x, q along y), counter-clockwise from +x

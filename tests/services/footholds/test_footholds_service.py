@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from schemas.footholds import AssessRequest, BasePose, LegRequest, SelectRequest
-from schemas.hw import Tick
-from schemas.terrain import HeightMapMessage
-from schemas.topics import FOOTHOLDS_ASSESS, FOOTHOLDS_SELECT, TERRAIN_MAP
-from services.footholds.config import FootholdsConfig
-from services.footholds.service import SERVICE, Footholds
 from surefoot.errors import CallError, Refusal
-from surefoot.heightmap import HeightMap
-from surefoot.join import TickInputs
-from surefoot.local import LocalSystem
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.lockstep.join import TickInputs
+from surefoot.lockstep.local import LocalSystem
+from surefoot.schemas.footholds import AssessRequest, BasePose, LegRequest, SelectRequest
+from surefoot.schemas.hw import Tick
+from surefoot.schemas.terrain import HeightMapMessage
+from surefoot.schemas.topics import FOOTHOLDS_ASSESS, FOOTHOLDS_SELECT, TERRAIN_MAP
+from surefoot.services.footholds.config import FootholdsConfig
+from surefoot.services.footholds.service import SERVICE, Footholds
 from tests.services.footholds.grounds import CELL, STROKE, flat, neutral, ragno
 
 BASE = BasePose(position=(0.0, 0.0, 0.008 - float(neutral(0)[2])))
@@ -182,7 +182,7 @@ def test_wrong_assessments_name_the_field(service: Footholds, request_: AssessRe
 
 def test_same_map_is_prepared_once(service: Footholds, monkeypatch: pytest.MonkeyPatch) -> None:
     terrain, built = message(flat()), []
-    monkeypatch.setattr("services.footholds.service.build_ground", lambda *a: built.append(a))
+    monkeypatch.setattr("surefoot.services.footholds.service.build_ground", lambda *a: built.append(a))
     for _ in range(3):
         give(service, terrain)
     give(service, message(flat(), version=4))

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from services.footholds import masks
-from services.footholds.masks import REASONS, Limits, Reason, count_reasons, gradient, mask_window
-from services.footholds.select import BasePose, placement
-from surefoot.kinematics import leg_ik
-from surefoot.rotations import matrix_from_rpy, quat_from_matrix
+from surefoot.geometry.rotations import matrix_from_rpy, quat_from_matrix
+from surefoot.robot.kinematics import leg_ik
+from surefoot.services.footholds import masks
+from surefoot.services.footholds.masks import REASONS, Limits, Reason, count_reasons, gradient, mask_window
+from surefoot.services.footholds.select import BasePose, placement
 from tests.services.footholds.grounds import CELL, STROKE, flat, ground_of, neutral, ragno, standing
 
 FREE = np.full((15, 15), 0.04, dtype=np.float32)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from services.footholds import reach
-from services.footholds.reach import leg_table, solve
-from surefoot.kinematics import foot_positions, forward, leg_ik
-from surefoot.robot import load_robot
+from surefoot.robot.description import load_robot
+from surefoot.robot.kinematics import foot_positions, forward, leg_ik
+from surefoot.services.footholds import reach
+from surefoot.services.footholds.reach import leg_table, solve
 
 
 @pytest.mark.parametrize("name", ["ragno", "messor"])

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.footholds import score
-from services.footholds.features import Features, map_features
-from services.footholds.model import SlipModel
-from services.footholds.score import HandScore
+from surefoot.services.footholds.features import Features, map_features
+from surefoot.services.footholds.models import score
+from surefoot.services.footholds.models.protocol import SlipModel
+from surefoot.services.footholds.models.score import HandScore
 
 CELL = 0.005
 FORWARD = np.array([-0.05, 0.0, 0.0])

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.footholds import select as module
-from services.footholds.features import Features, window_features
-from services.footholds.ground import Ground
-from services.footholds.masks import REASONS, Limits, mask_window
-from services.footholds.score import HandScore
-from services.footholds.select import BasePose, Foothold, Landing, SelectParams, choose, placement, select
+from surefoot.services.footholds import select as module
+from surefoot.services.footholds.features import Features, window_features
+from surefoot.services.footholds.ground import Ground
+from surefoot.services.footholds.masks import REASONS, Limits, mask_window
+from surefoot.services.footholds.models.score import HandScore
+from surefoot.services.footholds.select import BasePose, Foothold, Landing, SelectParams, choose, placement, select
 from tests.services.footholds.grounds import CELL, STROKE, flat, ground_of, landing, neutral, ragno, standing
 
 NAN = float("nan")

@@ -5,10 +5,14 @@ from typing import Any
 
 import pytest
 
-from schemas.base import Message
-from schemas.system import LogRecord, RecorderReply, RecorderRequest
-from schemas.terrain import HeightMapMessage
-from schemas.topics import (
+from surefoot.bus.codec import decode, encode
+from surefoot.lockstep.config import ServiceConfig
+from surefoot.lockstep.local import LocalSystem
+from surefoot.record.recording import read_recording, recording_info
+from surefoot.schemas.base import Message
+from surefoot.schemas.system import LogRecord, RecorderReply, RecorderRequest
+from surefoot.schemas.terrain import HeightMapMessage
+from surefoot.schemas.topics import (
     CMD_JOINTS,
     HW_IMU,
     HW_TICK,
@@ -19,11 +23,7 @@ from schemas.topics import (
     TERRAIN_MAP,
     Topic,
 )
-from services.recorder.service import JOINED, Recorder, RecorderConfig
-from surefoot.codec import decode, encode
-from surefoot.config import ServiceConfig
-from surefoot.local import LocalSystem
-from surefoot.recording import read_recording, recording_info
+from surefoot.services.recorder.service import JOINED, Recorder, RecorderConfig
 from tests.surefoot.toys import ToyDriver, ToyEstimator, ToyWalker
 
 EXPECT = ("estimator", "walker", "recorder")

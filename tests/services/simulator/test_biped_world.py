@@ -6,15 +6,15 @@ import math
 import numpy as np
 import pytest
 
-from services.simulator.ground import perturbation
-from services.simulator.messages import truth_message
-from services.simulator.model import Physics
-from services.simulator.samples import Command
-from services.simulator.servo_line import ServoLine
-from services.simulator.terrain import make_terrain
-from services.simulator.world import World, WorldConfig
-from surefoot.codec import encode
-from surefoot.robot import load_robot
+from surefoot.bus.codec import encode
+from surefoot.robot.description import load_robot
+from surefoot.services.simulator.ground.terrain import make_terrain
+from surefoot.services.simulator.messages import truth_message
+from surefoot.services.simulator.physics.model import Physics
+from surefoot.services.simulator.physics.perturb import perturbation
+from surefoot.services.simulator.physics.samples import Command
+from surefoot.services.simulator.physics.servo_line import ServoLine
+from surefoot.services.simulator.world import World, WorldConfig
 
 BIOLOID, NAO, RAGNO = (load_robot(name) for name in ("bioloid", "nao", "ragno"))
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from services.simulator.command import CommandGuard
+from surefoot.services.simulator.physics.command import CommandGuard
 
 LOWER, UPPER = np.array([-1.0, -1.0]), np.array([1.0, 1.0])
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from services.simulator.faults import KINDS, Fault, FaultBank, FaultError
+from surefoot.services.simulator.physics.faults import KINDS, Fault, FaultBank, FaultError
 
 JOINTS = ("lf_coxa", "lf_femur", "rf_coxa", "rf_femur")
 LEGS = ("lf", "rf")

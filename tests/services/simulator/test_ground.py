@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from services.simulator import ground
-from services.simulator.ground import find_ground, perturbation
-from services.simulator.terrain import TerrainError, make_terrain
-from surefoot.heightmap import HeightMapError
+from surefoot.geometry.heightmap import HeightMapError
+from surefoot.services.simulator.ground.terrain import TerrainError, make_terrain
+from surefoot.services.simulator.physics import perturb as ground
+from surefoot.services.simulator.physics.perturb import find_ground, perturbation
 
 
 def test_kind_and_file(tmp_path: object) -> None:

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from services.simulator import landmarks as lm
-from surefoot.robot import RobotError, load_robot
+from surefoot.robot.description import RobotError, load_robot
+from surefoot.services.simulator.sensors import landmarks as lm
 
 NAO = load_robot("nao")
 CAMERA = lm.read_camera("nao_bottom")
@@ -106,8 +106,8 @@ def test_unknown_cameras_and_robots_without_the_link_are_refused():
 @pytest.mark.slow
 def test_a_walking_nao_recognises_three_and_a_quarter_a_frame_and_a_standing_one_far_more():
     """Osswald et al.: 3.25 matched features a frame while walking slowly."""
-    from services.walker.interface import Command
-    from tests.services.walker.biped_plant import Plant
+    from surefoot.services.walker.interface import Command
+    from tests.services.walker.biped.biped_plant import Plant
 
     plant = Plant("nao", seed=1, level=1.0).stand()
     sensor = lm.LandmarkSensor(plant.robot, CAMERA, field(), seed=1)

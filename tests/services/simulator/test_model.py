@@ -4,11 +4,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from services.simulator.model import Perturbation, Physics, build_model, build_spec, retune
-from services.simulator.terrain import Box, Terrain, make_terrain
-from surefoot import kinematics as kin
-from surefoot.heightmap import HeightMap
-from surefoot.robot import load_robot, robot_names
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.robot import kinematics as kin
+from surefoot.robot.description import load_robot, robot_names
+from surefoot.services.simulator.ground.terrain import Box, Terrain, make_terrain
+from surefoot.services.simulator.physics.model import Perturbation, Physics, build_model, build_spec, retune
 
 RAGNO = load_robot("ragno")
 

@@ -7,9 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from services.simulator.sensors import BLOCK, FootSensor, ImuSensor, JointSensor, NormalStream, window_mean
-from surefoot.robot import ContactSensor, CurrentSensor, Encoder, ImuProfile
-from surefoot.robot_sensors import imu_profile_names, read_imu_profile
+from surefoot.robot.description import ContactSensor, CurrentSensor, Encoder, ImuProfile
+from surefoot.robot.profiles import imu_profile_names, read_imu_profile
+from surefoot.services.simulator.sensors.noise import (
+    BLOCK,
+    FootSensor,
+    ImuSensor,
+    JointSensor,
+    NormalStream,
+    window_mean,
+)
 
 REST = np.array([0.0, 0.0, 9.81, 0.0, 0.0, 0.0])
 RATE = 100.0

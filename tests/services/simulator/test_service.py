@@ -5,11 +5,18 @@ from typing import Any
 
 import pytest
 
-from schemas import sim
-from schemas.base import Request
-from schemas.hw import DescriptionRequest, EmergencyStop, JointCommand
-from schemas.terrain import MapRequest
-from schemas.topics import (
+from surefoot.errors import CallError
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.lockstep.config import ServiceConfig
+from surefoot.lockstep.join import TickInputs
+from surefoot.lockstep.local import LocalSystem
+from surefoot.lockstep.service import Service
+from surefoot.robot.description import load_robot
+from surefoot.schemas import sim
+from surefoot.schemas.base import Request
+from surefoot.schemas.hw import DescriptionRequest, EmergencyStop, JointCommand
+from surefoot.schemas.terrain import MapRequest
+from surefoot.schemas.topics import (
     CMD_ESTOP,
     CMD_JOINTS,
     HW_CONTACTS,
@@ -31,16 +38,9 @@ from schemas.topics import (
     TICK_NS,
     Query,
 )
-from services.simulator.faults import KINDS as FAULTS
-from services.simulator.service import Simulator, SimulatorConfig
-from services.simulator.terrain import KINDS as TERRAINS
-from surefoot.config import ServiceConfig
-from surefoot.errors import CallError
-from surefoot.heightmap import HeightMap
-from surefoot.join import TickInputs
-from surefoot.local import LocalSystem
-from surefoot.robot import load_robot
-from surefoot.service import Service
+from surefoot.services.simulator.ground.terrain import KINDS as TERRAINS
+from surefoot.services.simulator.physics.faults import KINDS as FAULTS
+from surefoot.services.simulator.service import Simulator, SimulatorConfig
 
 RAGNO = load_robot("ragno")
 

@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from services.simulator.messages import sight_messages
-from services.simulator.model import Physics
-from services.simulator.sight import Floor, Frame, Reach, Sight
-from services.simulator.terrain import make_terrain
-from services.simulator.walls import read_ranger
-from services.simulator.world import World, WorldConfig
-from surefoot.robot import RobotError, load_robot
+from surefoot.robot.description import RobotError, load_robot
+from surefoot.services.simulator.ground.terrain import make_terrain
+from surefoot.services.simulator.messages import sight_messages
+from surefoot.services.simulator.physics.model import Physics
+from surefoot.services.simulator.sensors.sight import Floor, Frame, Reach, Sight
+from surefoot.services.simulator.sensors.walls import read_ranger
+from surefoot.services.simulator.world import World, WorldConfig
 
 NAO = load_robot("nao")
 RANGER = read_ranger("nao_walls")

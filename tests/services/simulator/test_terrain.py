@@ -5,8 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from services.simulator import shapes
-from services.simulator.terrain import (
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.geometry.rotations import matrix_from_quat
+from surefoot.services.simulator.ground import shapes
+from surefoot.services.simulator.ground.terrain import (
     KINDS,
     MAP_PROFILES,
     TerrainError,
@@ -14,8 +16,6 @@ from services.simulator.terrain import (
     observed_map,
     terrain_from_map,
 )
-from surefoot.heightmap import HeightMap
-from surefoot.rotations import matrix_from_quat
 
 RANDOM = ("hills", "rough", "flagstones", "demo")
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from services.simulator.faults import Fault
-from services.simulator.terrain import make_terrain
-from services.simulator.world import World, WorldConfig
-from surefoot.robot import load_robot
+from surefoot.robot.description import load_robot
+from surefoot.services.simulator.ground.terrain import make_terrain
+from surefoot.services.simulator.physics.faults import Fault
+from surefoot.services.simulator.world import World, WorldConfig
 from tests.services.simulator.test_world import march
 
 RAGNO = load_robot("ragno")

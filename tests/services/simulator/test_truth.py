@@ -4,11 +4,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from services.simulator.model import Physics
-from services.simulator.terrain import make_terrain
-from services.simulator.truth import GATE_N, LIFT_TICKS
-from services.simulator.world import TICK_STEPS, World, WorldConfig
-from surefoot.robot import load_robot
+from surefoot.robot.description import load_robot
+from surefoot.services.simulator.ground.terrain import make_terrain
+from surefoot.services.simulator.physics.model import Physics
+from surefoot.services.simulator.physics.truth import GATE_N, LIFT_TICKS
+from surefoot.services.simulator.world import TICK_STEPS, World, WorldConfig
 
 RAGNO = load_robot("ragno")
 

@@ -10,14 +10,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from services.simulator.faults import Fault
-from services.simulator.model import Perturbation, Physics
-from services.simulator.samples import Checkpoint
-from services.simulator.terrain import make_terrain, terrain_from_map
-from services.simulator.world import TICK_NS, World, WorldConfig, WorldError
-from surefoot.heightmap import HeightMap
-from surefoot.robot import load_robot
-from surefoot.rotations import rotate_inverse
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.geometry.rotations import rotate_inverse
+from surefoot.robot.description import load_robot
+from surefoot.services.simulator.ground.terrain import make_terrain, terrain_from_map
+from surefoot.services.simulator.physics.faults import Fault
+from surefoot.services.simulator.physics.model import Perturbation, Physics
+from surefoot.services.simulator.physics.samples import Checkpoint
+from surefoot.services.simulator.world import TICK_NS, World, WorldConfig, WorldError
 
 RAGNO = load_robot("ragno")
 WEIGHT = RAGNO.mass * 9.81

@@ -6,7 +6,7 @@ can exert. With Om = w_z e_z - a x e_z and forces that balance the weight at a C
 
 import numpy as np
 
-from services.stability.programs.contacts import Array, ContactSet
+from surefoot.services.stability.programs.contacts import Array, ContactSet
 
 
 def twist_velocity(twist: Array, direction: Array, position: Array) -> Array:

@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from services.stability.config import StabilityConfig
-from services.stability.service import SERVICE, Stability
-from surefoot.codec import decode, encode
+from surefoot.bus.codec import decode, encode
+from surefoot.services.stability.config import StabilityConfig
+from surefoot.services.stability.service import SERVICE, Stability
 
 
 @pytest.fixture(scope="module")

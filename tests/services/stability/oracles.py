@@ -5,7 +5,7 @@ import numpy as np
 from scipy import sparse
 from scipy.optimize import linprog
 
-from services.stability.programs.contacts import ContactSet
+from surefoot.services.stability.programs.contacts import ContactSet
 
 
 def cone_rays(contacts: ContactSet, sides: int, outside: bool) -> list[np.ndarray]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from services.stability.programs.contacts import ContactSet, contact_set
+from surefoot.services.stability.programs.contacts import ContactSet, contact_set
 
 UP = (0.0, 0.0, 1.0)
 SQUARE = ((0.1, 0.1, 0.0), (-0.1, 0.1, 0.0), (-0.1, -0.1, 0.0), (0.1, -0.1, 0.0))

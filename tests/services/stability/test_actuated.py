@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from services.stability.programs.contacts import ContactSet, StabilityError, contact_set
-from services.stability.programs.directions import equally_spaced
-from services.stability.regions.actuated import Legs, actuated_region
-from services.stability.regions.region import region
-from services.stability.robot.forces import contact_jacobians
-from surefoot.kinematics import foot_jacobians, foot_positions, gravity_torques
-from surefoot.polygon import area, hull
-from surefoot.robot import load_robot
+from surefoot.geometry.polygon import area, hull
+from surefoot.robot.description import load_robot
+from surefoot.robot.kinematics import foot_jacobians, foot_positions, gravity_torques
+from surefoot.services.stability.programs.contacts import ContactSet, StabilityError, contact_set
+from surefoot.services.stability.programs.directions import equally_spaced
+from surefoot.services.stability.regions.actuated import Legs, actuated_region
+from surefoot.services.stability.regions.region import region
+from surefoot.services.stability.sensing.forces import contact_jacobians
 from tests.services.stability.oracles import cone_rays
 
 RAGNO = load_robot("ragno")

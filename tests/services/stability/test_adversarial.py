@@ -8,16 +8,16 @@ import math
 import numpy as np
 import pytest
 
-from services.stability.programs.contacts import MAX_MU, ContactSet, StabilityError, contact_set
-from services.stability.programs.directions import corner_normals, edge_normals, equally_spaced
-from services.stability.programs.interior import FAILED
-from services.stability.programs.reference import ReferenceAnswer
-from services.stability.programs.single import support_value
-from services.stability.regions import margin as margins
-from services.stability.regions.equilibrium import equilibrium, least_forces
-from services.stability.regions.many import STATUSES, assess
-from services.stability.regions.margin import margin
-from services.stability.regions.region import distance, region
+from surefoot.services.stability.programs.contacts import MAX_MU, ContactSet, StabilityError, contact_set
+from surefoot.services.stability.programs.directions import corner_normals, edge_normals, equally_spaced
+from surefoot.services.stability.programs.interior import FAILED
+from surefoot.services.stability.programs.reference import ReferenceAnswer
+from surefoot.services.stability.programs.single import support_value
+from surefoot.services.stability.regions import margin as margins
+from surefoot.services.stability.regions.equilibrium import equilibrium, least_forces
+from surefoot.services.stability.regions.many import STATUSES, assess
+from surefoot.services.stability.regions.margin import margin
+from surefoot.services.stability.regions.region import distance, region
 from tests.services.stability.certificate import balance, force_violation
 from tests.services.stability.sets import SQUARE, UP, tilted
 

@@ -8,9 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from schemas.hw import Tick
-from schemas.stability import CheckRequest, StabilityStatus
-from schemas.topics import (
+from surefoot.bus.codec import decode, encode
+from surefoot.bus.memory import MemoryBus, MemoryIncoming
+from surefoot.errors import Refusal
+from surefoot.lockstep.node import Node
+from surefoot.schemas.hw import Tick
+from surefoot.schemas.stability import CheckRequest, StabilityStatus
+from surefoot.schemas.topics import (
     HW_CONTACTS,
     HW_JOINTS,
     HW_TICK,
@@ -19,16 +23,12 @@ from schemas.topics import (
     STATE_STABILITY,
     TICK_NS,
 )
-from schemas.whatif import MAX_SETS, BatchReply, BatchRequest
-from services.stability import service as module
-from services.stability.config import StabilityConfig
-from services.stability.regions.many import STATUSES
-from services.stability.regions.whatif import batch, pack
-from services.stability.service import SERVICE, Stability
-from surefoot.codec import decode, encode
-from surefoot.errors import Refusal
-from surefoot.memory_bus import MemoryBus, MemoryIncoming
-from surefoot.node import Node
+from surefoot.schemas.whatif import MAX_SETS, BatchReply, BatchRequest
+from surefoot.services.stability import service as module
+from surefoot.services.stability.config import StabilityConfig
+from surefoot.services.stability.regions.many import STATUSES
+from surefoot.services.stability.regions.whatif import batch, pack
+from surefoot.services.stability.service import SERVICE, Stability
 from tests.services.stability.sets import SQUARE, UP, feasible_sets
 from tests.services.stability.test_service import samples
 from tests.surefoot.net import WAIT_S, Net

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from services.stability.programs.contacts import ContactSet, contact_set
-from services.stability.programs.directions import equally_spaced
-from services.stability.regions.equilibrium import equilibrium, least_forces, least_friction
-from services.stability.regions.margin import margin
-from services.stability.regions.region import region
-from services.stability.regions.robust import Uncertainty, gradient, robust_margin, shrunk
+from surefoot.services.stability.programs.contacts import ContactSet, contact_set
+from surefoot.services.stability.programs.directions import equally_spaced
+from surefoot.services.stability.regions.equilibrium import equilibrium, least_forces, least_friction
+from surefoot.services.stability.regions.margin import margin
+from surefoot.services.stability.regions.region import region
+from surefoot.services.stability.regions.robust import Uncertainty, gradient, robust_margin, shrunk
 from tests.services.stability.certificate import balance, force_violation
 from tests.services.stability.oracles import share_excess
 from tests.services.stability.sets import SQUARE, UP, feasible_sets, tilted

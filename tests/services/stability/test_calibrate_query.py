@@ -6,16 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from schemas.base import Message
-from schemas.hw import FootContacts, JointState, Tick
-from schemas.stability import StabilityStatus
-from schemas.state import VelocityEstimate
-from schemas.topics import HW_CONTACTS, HW_JOINTS, STATE_VELOCITY
-from services.stability.config import StabilityConfig
-from services.stability.service import SERVICE, Stability
-from surefoot.codec import decode, encode
+from surefoot.bus.codec import decode, encode
 from surefoot.errors import Refusal
-from surefoot.join import TickInputs
+from surefoot.lockstep.join import TickInputs
+from surefoot.schemas.base import Message
+from surefoot.schemas.hw import FootContacts, JointState, Tick
+from surefoot.schemas.stability import StabilityStatus
+from surefoot.schemas.state import VelocityEstimate
+from surefoot.schemas.topics import HW_CONTACTS, HW_JOINTS, STATE_VELOCITY
+from surefoot.services.stability.config import StabilityConfig
+from surefoot.services.stability.service import SERVICE, Stability
 from tests.services.stability.test_calibration import poses
 from tests.services.stability.test_forces import RADIUS, RAGNO, UP, held, standing
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from services.stability.programs.contacts import StabilityError
-from services.stability.robot.calibration import Pose, calibrate, gain_of_47
-from services.stability.robot.shift import hold_feet
-from surefoot.kinematics import com
+from surefoot.robot.kinematics import com
+from surefoot.services.stability.programs.contacts import StabilityError
+from surefoot.services.stability.sensing.calibration import Pose, calibrate, gain_of_47
+from surefoot.services.stability.sensing.shift import hold_feet
 from tests.services.stability.test_forces import ALL, RAGNO, UP, held, standing
 
 MOVES = [(0.0, 0.0), (0.03, 0.0), (-0.03, 0.0), (0.0, 0.02), (0.0, -0.02), (0.02, 0.02), (-0.02, 0.02)]

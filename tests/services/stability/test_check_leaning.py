@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from schemas.stability import CheckReply, CheckRequest, Contact, RegionRequest
-from services.stability.programs.contacts import ContactSet, StabilityError, contact_set
-from services.stability.queries.beyond import region_answer
-from services.stability.queries.check_query import check_reply
-from services.stability.regions.effective import lean, upward
-from services.stability.regions.equilibrium import equilibrium
-from surefoot.codec import decode
-from surefoot.robot import load_robot
+from surefoot.bus.codec import decode
+from surefoot.robot.description import load_robot
+from surefoot.schemas.stability import CheckReply, CheckRequest, Contact, RegionRequest
+from surefoot.services.stability.programs.contacts import ContactSet, StabilityError, contact_set
+from surefoot.services.stability.queries.beyond import region_answer
+from surefoot.services.stability.queries.check_query import check_reply
+from surefoot.services.stability.regions.effective import lean, upward
+from surefoot.services.stability.regions.equilibrium import equilibrium
 from tests.services.stability.sets import SQUARE, UP, feasible_sets, tilted
 
 RAGNO = load_robot("ragno")

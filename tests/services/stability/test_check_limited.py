@@ -6,16 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from schemas.stability import CheckReply, CheckRequest, RegionRequest
-from services.stability.programs.contacts import Array, ContactSet, StabilityError
-from services.stability.programs.directions import equally_spaced
-from services.stability.queries.beyond import region_answer
-from services.stability.queries.check_query import check_reply
-from services.stability.regions.actuated import Legs, actuated_region
-from services.stability.robot.forces import contact_jacobians
-from services.stability.robot.shift import kinematic_shift
-from surefoot.codec import decode
-from surefoot.kinematics import gravity_torques
+from surefoot.bus.codec import decode
+from surefoot.robot.kinematics import gravity_torques
+from surefoot.schemas.stability import CheckReply, CheckRequest, RegionRequest
+from surefoot.services.stability.programs.contacts import Array, ContactSet, StabilityError
+from surefoot.services.stability.programs.directions import equally_spaced
+from surefoot.services.stability.queries.beyond import region_answer
+from surefoot.services.stability.queries.check_query import check_reply
+from surefoot.services.stability.regions.actuated import Legs, actuated_region
+from surefoot.services.stability.sensing.forces import contact_jacobians
+from surefoot.services.stability.sensing.shift import kinematic_shift
 from tests.services.stability.test_actuated import RADIUS, RAGNO, TRIPOD, UP, stance
 
 LIMIT = 0.55

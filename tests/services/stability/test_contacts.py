@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from services.stability.programs.contacts import StabilityError, contact_set
-from services.stability.programs.directions import equally_spaced, unit
+from surefoot.services.stability.programs.contacts import StabilityError, contact_set
+from surefoot.services.stability.programs.directions import equally_spaced, unit
 from tests.services.stability.sets import UP
 
 

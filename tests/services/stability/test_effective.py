@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from services.stability.programs.contacts import StabilityError, contact_set
-from services.stability.regions.effective import lean, tilt_robust, upward
-from services.stability.regions.equilibrium import equilibrium
-from services.stability.regions.margin import margin
-from services.stability.regions.region import region
-from surefoot.polygon import area
+from surefoot.geometry.polygon import area
+from surefoot.services.stability.programs.contacts import StabilityError, contact_set
+from surefoot.services.stability.regions.effective import lean, tilt_robust, upward
+from surefoot.services.stability.regions.equilibrium import equilibrium
+from surefoot.services.stability.regions.margin import margin
+from surefoot.services.stability.regions.region import region
 from tests.services.stability.sets import feasible_sets
 
 SQUARE = np.array([[0.1, 0.1, 0.0], [-0.1, 0.1, 0.0], [-0.1, -0.1, 0.0], [0.1, -0.1, 0.0]])

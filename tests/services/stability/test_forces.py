@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from services.stability.programs.directions import equally_spaced
-from services.stability.regions.region import region
-from services.stability.robot.forces import (
+from surefoot.robot.description import load_robot
+from surefoot.robot.kinematics import foot_jacobians, foot_positions, forward, gravity_torques
+from surefoot.services.stability.programs.directions import equally_spaced
+from surefoot.services.stability.regions.region import region
+from surefoot.services.stability.sensing.forces import (
     FootForces,
     com_from_forces,
     contact_jacobians,
@@ -13,8 +15,6 @@ from services.stability.robot.forces import (
     fuse_normal,
     gain_from_weight,
 )
-from surefoot.kinematics import foot_jacobians, foot_positions, forward, gravity_torques
-from surefoot.robot import load_robot
 from tests.services.stability.sets import feasible_sets
 
 RAGNO = load_robot("ragno")

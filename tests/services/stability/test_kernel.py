@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from services.stability.programs.directions import equally_spaced
-from services.stability.programs.fan import Fan
-from services.stability.programs.interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED, solve_lanes
-from services.stability.programs.lanes import factor, solve
-from services.stability.programs.oracle import Oracle, solve_one
-from services.stability.programs.reduced import reduce
-from services.stability.programs.reference import Reference
+from surefoot.services.stability.programs.directions import equally_spaced
+from surefoot.services.stability.programs.fan import Fan
+from surefoot.services.stability.programs.interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED, solve_lanes
+from surefoot.services.stability.programs.lanes import factor, solve
+from surefoot.services.stability.programs.oracle import Oracle, solve_one
+from surefoot.services.stability.programs.reduced import reduce
+from surefoot.services.stability.programs.reference import Reference
 from tests.services.stability.certificate import balance, force_violation, twist_violation
 from tests.services.stability.oracles import literal_support, pyramid_support
 from tests.services.stability.sets import feasible_sets, random_set
@@ -124,7 +124,7 @@ def test_verdicts_of_hand_made_programs() -> None:
 
 @pytest.mark.parametrize("unknowns", [3, 4, 5, 6])
 def test_factor_and_solve_against_numpy(unknowns: int) -> None:
-    from services.stability.programs.lanes import MATRIX, P1, SIZE
+    from surefoot.services.stability.programs.lanes import MATRIX, P1, SIZE
 
     rng = np.random.default_rng(unknowns)
     g = np.zeros(SIZE)
@@ -143,7 +143,7 @@ def test_factor_and_solve_against_numpy(unknowns: int) -> None:
 
 
 def test_a_null_direction_is_left_alone() -> None:
-    from services.stability.programs.lanes import MATRIX, P1, SIZE
+    from surefoot.services.stability.programs.lanes import MATRIX, P1, SIZE
 
     g = np.zeros(SIZE)
     for j in (0, 2, 3):  # unknown 1 is felt by nobody
@@ -156,7 +156,7 @@ def test_a_null_direction_is_left_alone() -> None:
 
 
 def test_the_fallback_answers_when_the_kernel_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    from services.stability.programs import oracle as module
+    from surefoot.services.stability.programs import oracle as module
 
     contacts = random_set(np.random.default_rng(7), 4)
     expected = Oracle(contacts).fan(SIXTEEN, 16).value.copy()

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from services.stability.programs.contacts import contact_set
-from services.stability.programs.directions import equally_spaced
-from services.stability.regions.margin import extent, margin
-from services.stability.regions.region import region
+from surefoot.services.stability.programs.contacts import contact_set
+from surefoot.services.stability.programs.directions import equally_spaced
+from surefoot.services.stability.regions.margin import extent, margin
+from surefoot.services.stability.regions.region import region
 from tests.services.stability.sets import SQUARE, UP, feasible_sets
 
 EAST, WEST = (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from services.stability.programs.contacts import ContactSet, contact_set
-from services.stability.regions.margin import margin
-from services.stability.regions.region import region
-from services.stability.regions.robust import margin_gradient
+from surefoot.services.stability.programs.contacts import ContactSet, contact_set
+from surefoot.services.stability.regions.margin import margin
+from surefoot.services.stability.regions.region import region
+from surefoot.services.stability.regions.robust import margin_gradient
 from tests.services.stability.sets import SQUARE, UP, feasible_sets, tilted
 
 STEP = 2e-6

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from services.stability.programs.contacts import contact_set
-from services.stability.regions.movement import check
-from services.stability.regions.region import region
+from surefoot.services.stability.programs.contacts import contact_set
+from surefoot.services.stability.regions.movement import check
+from surefoot.services.stability.regions.region import region
 from tests.services.stability.sets import SQUARE, UP
 
 SQUARE_REGION = region(contact_set(SQUARE, [UP] * 4, 0.5))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from services.stability.robot.pressure import PressureSensor, read_loads
+from surefoot.services.stability.sensing.pressure import PressureSensor, read_loads
 
 SENSOR = PressureSensor()
 

@@ -4,9 +4,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.stability.programs.contacts import ContactSet
-from services.stability.programs.directions import equally_spaced
-from services.stability.regions.region import region
+from surefoot.services.stability.programs.contacts import ContactSet
+from surefoot.services.stability.programs.directions import equally_spaced
+from surefoot.services.stability.regions.region import region
 from tests.services.stability.sets import random_set
 
 SIXTEEN = equally_spaced(16)

@@ -5,17 +5,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.stability.programs.contacts import contact_set
-from services.stability.programs.directions import equally_spaced
-from services.stability.regions.actuated import actuated_region
-from services.stability.regions.effective import lean
-from services.stability.regions.equilibrium import equilibrium
-from services.stability.regions.robust import margin_gradient
-from services.stability.service import Stability
 from surefoot.errors import Refusal
-from surefoot.kinematics import foot_positions
-from surefoot.robot import load_robot
-from surefoot.rotations import matrix_from_quat
+from surefoot.geometry.rotations import matrix_from_quat
+from surefoot.robot.description import load_robot
+from surefoot.robot.kinematics import foot_positions
+from surefoot.services.stability.programs.contacts import contact_set
+from surefoot.services.stability.programs.directions import equally_spaced
+from surefoot.services.stability.regions.actuated import actuated_region
+from surefoot.services.stability.regions.effective import lean
+from surefoot.services.stability.regions.equilibrium import equilibrium
+from surefoot.services.stability.regions.robust import margin_gradient
+from surefoot.services.stability.service import Stability
 from tests.services.stability.conftest import ask
 from tests.services.stability.sets import SQUARE, UP, feasible_sets
 from tests.services.stability.test_actuated import stance

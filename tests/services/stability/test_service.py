@@ -7,20 +7,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from schemas.base import Message
-from schemas.hw import FootContacts, JointState, Tick
-from schemas.stability import CheckRequest, StabilityStatus
-from schemas.state import VelocityEstimate
-from schemas.topics import HW_CONTACTS, HW_JOINTS, STATE_STABILITY, STATE_VELOCITY
-from services.stability.programs.contacts import contact_set
-from services.stability.queries.check_query import check_reply
-from services.stability.service import Stability
-from services.supervisor.fields import example
-from surefoot.codec import encode
+from surefoot.bus.codec import encode
 from surefoot.errors import Refusal
-from surefoot.join import TickInputs
-from surefoot.kinematics import com, foot_jacobians, foot_positions, gravity_torques
-from surefoot.robot import load_robot
+from surefoot.lab.cli.fields import example
+from surefoot.lockstep.join import TickInputs
+from surefoot.robot.description import load_robot
+from surefoot.robot.kinematics import com, foot_jacobians, foot_positions, gravity_torques
+from surefoot.schemas.base import Message
+from surefoot.schemas.hw import FootContacts, JointState, Tick
+from surefoot.schemas.stability import CheckRequest, StabilityStatus
+from surefoot.schemas.state import VelocityEstimate
+from surefoot.schemas.topics import HW_CONTACTS, HW_JOINTS, STATE_STABILITY, STATE_VELOCITY
+from surefoot.services.stability.programs.contacts import contact_set
+from surefoot.services.stability.queries.check_query import check_reply
+from surefoot.services.stability.service import Stability
 from tests.services.stability.certificate import twist_violation
 from tests.services.stability.conftest import ask
 from tests.services.stability.sets import SQUARE, UP

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from services.stability.programs.contacts import StabilityError, contact_set
-from services.stability.robot.shift import kinematic_shift, stance_legs
-from surefoot.kinematics import com, foot_positions, legs_ik
-from surefoot.robot import load_robot
-from surefoot.rotations import matrix_from_rpy
+from surefoot.geometry.rotations import matrix_from_rpy
+from surefoot.robot.description import load_robot
+from surefoot.robot.kinematics import com, foot_positions, legs_ik
+from surefoot.services.stability.programs.contacts import StabilityError, contact_set
+from surefoot.services.stability.sensing.shift import kinematic_shift, stance_legs
 from tests.services.stability.sets import UP
 
 RAGNO, MESSOR = load_robot("ragno"), load_robot("messor")

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from services.stability.programs.contacts import contact_set
-from services.stability.programs.directions import equally_spaced
-from services.stability.programs.interior import FAILED, solve_lanes
-from services.stability.programs.oracle import Oracle
-from services.stability.programs.single import solve_single, support_value
-from services.stability.regions.region import region
+from surefoot.services.stability.programs.contacts import contact_set
+from surefoot.services.stability.programs.directions import equally_spaced
+from surefoot.services.stability.programs.interior import FAILED, solve_lanes
+from surefoot.services.stability.programs.oracle import Oracle
+from surefoot.services.stability.programs.single import solve_single, support_value
+from surefoot.services.stability.regions.region import region
 from tests.services.stability.certificate import twist_violation
 from tests.services.stability.sets import SQUARE, UP, feasible_sets, random_set, tilted
 

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.stability.robot.state import StandingFeet, WatchParams, level_from_base, watch
-from surefoot.kinematics import com, foot_jacobians, foot_positions, gravity_torques
-from surefoot.polygon import hull, signed_distance
-from surefoot.robot import load_robot
-from surefoot.rotations import matrix_from_rpy
+from surefoot.geometry.polygon import hull, signed_distance
+from surefoot.geometry.rotations import matrix_from_rpy
+from surefoot.robot.description import load_robot
+from surefoot.robot.kinematics import com, foot_jacobians, foot_positions, gravity_torques
+from surefoot.services.stability.sensing.state import StandingFeet, WatchParams, level_from_base, watch
 
 RAGNO = load_robot("ragno")
 UP = np.array([0.0, 0.0, 9.81])

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from services.stability.programs.contacts import ContactSet, StabilityError, contact_set
-from services.stability.regions.many import STATUSES
-from services.stability.regions.margin import margin
-from services.stability.regions.region import region
-from services.stability.regions.whatif import Batch, batch, pack, what_if
+from surefoot.services.stability.programs.contacts import ContactSet, StabilityError, contact_set
+from surefoot.services.stability.regions.many import STATUSES
+from surefoot.services.stability.regions.margin import margin
+from surefoot.services.stability.regions.region import region
+from surefoot.services.stability.regions.whatif import Batch, batch, pack, what_if
 from tests.services.stability.sets import SQUARE, UP, feasible_sets, random_set, tilted
 
 SQUARE_SET = contact_set(SQUARE, [UP] * 4, 0.5)

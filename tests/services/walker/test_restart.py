@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from services.walker.hexapod import HexapodWalker
-from services.walker.interface import Command, Pose
-from services.walker.memory import Kept, Memory
-from services.walker.params import WalkerParams
-from surefoot.robot import load_robot
-from tests.services.walker.plant import KINEMATICS_TICKS, Plant
+from surefoot.robot.description import load_robot
+from surefoot.services.walker.hexapod.gait import HexapodWalker
+from surefoot.services.walker.hexapod.params import WalkerParams
+from surefoot.services.walker.interface import Command, Pose
+from surefoot.services.walker.memory import Kept, Memory
+from tests.services.walker.hexapod.plant import KINEMATICS_TICKS, Plant
 
 ROBOT = load_robot("ragno")
 PARAMS = WalkerParams.for_robot(ROBOT)

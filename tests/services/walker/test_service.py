@@ -5,11 +5,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from schemas.cmd import WalkCommand
-from schemas.footholds import LegFoothold, SelectReply
-from schemas.hw import EmergencyStop, FootContacts, JointState, Tick
-from schemas.state import Odometry, VelocityEstimate
-from schemas.topics import (
+from surefoot.errors import CallError
+from surefoot.lockstep.join import TickInputs
+from surefoot.robot.description import load_robot
+from surefoot.schemas.cmd import WalkCommand
+from surefoot.schemas.footholds import LegFoothold, SelectReply
+from surefoot.schemas.hw import EmergencyStop, FootContacts, JointState, Tick
+from surefoot.schemas.state import Odometry, VelocityEstimate
+from surefoot.schemas.topics import (
     CMD_ESTOP,
     CMD_JOINTS,
     FOOTHOLDS_SELECT,
@@ -20,10 +23,7 @@ from schemas.topics import (
     STATE_ODOMETRY,
     STATE_VELOCITY,
 )
-from services.walker.service import SERVICE, WalkerConfig
-from surefoot.errors import CallError
-from surefoot.join import TickInputs
-from surefoot.robot import load_robot
+from surefoot.services.walker.service import SERVICE, WalkerConfig
 
 ROBOT = load_robot("ragno")
 EPOCH = 3

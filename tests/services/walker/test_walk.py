@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.bench_walk import Setting, walk
-from services.walker.interface import Command
+from surefoot.services.walker.interface import Command
 
 
 def test_walks_on_flat_ground_by_the_estimate_alone_without_sliding():

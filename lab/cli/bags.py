@@ -1,0 +1,126 @@
+"""Recording as an onlooker, and playing a recording back onto the bus."""
+
+import os
+import time
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Any
+
+from surefoot.bus.endpoint import checked, to_listen
+from surefoot.bus.interface import Delivery, Publisher
+from surefoot.bus.zenoh import Endpoint, ZenohBus
+from surefoot.client import Client, topic_named
+from surefoot.errors import BusError, Refusal, SurefootError
+from surefoot.record.recording import RecordingWriter, read_recording, recording_info, topic_of
+from surefoot.schemas.topics import HW_TICK, TICK_DONE, TOPICS, Kind
+from surefoot.services.supervisor.processes.ports import owner_of, port_of
+from surefoot.version import VERSION
+
+
+def record_bag(robot: Client, file: Path, keys: Sequence[str], duration_s: float) -> int:
+    """Write every message that comes to `file`, until Ctrl-C or for `duration_s` of wall time; return the number.
+
+    Raises:
+        SurefootError: a key is unknown.
+    """
+    topics = [topic_named(key) for key in keys] or [t for t in TOPICS if t.kind is not Kind.LOCKSTEP or t == HW_TICK]
+    queue: SimpleQueue[Delivery] = SimpleQueue()
+    refused: Counter[str] = Counter()
+    for topic in topics:
+        robot.subscribe(topic, queue.put)
+    writer = RecordingWriter(file, {"namespace": robot.bus.endpoint.namespace, "version": VERSION, "by": "onlooker"})
+    end = time.monotonic() + duration_s if duration_s > 0 else float("inf")
+    try:
+        while time.monotonic() < end:
+            try:
+                delivery = queue.get(timeout=min(0.2, max(0.0, end - time.monotonic())))
+            except Empty:
+                continue
+            if delivery.prime:
+                continue
+            try:
+                writer.write(delivery.topic, delivery.header(), delivery.raw())
+            except Refusal as refusal:
+                refused[refusal.code] += 1
+    except KeyboardInterrupt:
+        pass  # the usual way to end a recording
+    finally:
+        writer.close({"refused": ", ".join(f"{n} {code}" for code, n in refused.items())})
+    return writer.messages
+
+
+def play_bag(
+    file: Path,
+    rate: float,
+    *,
+    loop: bool = False,
+    window: tuple[float, float | None] = (0.0, None),
+    keys: Sequence[str] = (),
+    listen: str | None = None,
+    connect: str | None = None,
+    namespace: str | None = None,
+) -> int:
+    """Publish the messages of a recording in the order and at the distance of their stamps; return the number.
+
+    Args:
+        file: MCAP file.
+        rate: speed; 0 = as fast as it goes.
+        loop: begin again at the end, until Ctrl-C.
+        window: seconds from the beginning of the recording, (start, end).
+        keys: only these, all when empty.
+        listen: endpoint of an own router.
+        connect: router of a running system, used instead.
+        namespace: prefix of the keys, None = the one of the recording's robot.
+
+    Raises:
+        SurefootError: the file cannot be read, or has none of the keys.
+        BusError: the port is taken or nobody answers.
+    """
+    info = recording_info(file)
+    begin = int(info["start_ns"])
+    known = set(info["topics"])
+    if keys and not known & set(keys):
+        raise SurefootError("unknown_topic", f"{file} has none of {', '.join(keys)}; it has {', '.join(sorted(known))}")
+    robot = info["metadata"].get("run", {}).get("robot", "ragno")
+    bus = _open(listen, connect, namespace or os.environ.get("SUREFOOT_NAMESPACE") or f"surefoot/{robot}")
+    publishers: dict[str, Publisher[Any]] = {}
+    count = 0
+    try:
+        while True:
+            origin = time.monotonic()
+            for item in read_recording(file, tuple(keys) or None):
+                at_s = (item.stamp_ns - begin) * 1e-9
+                topic = topic_of(item.key)
+                if topic is None or at_s < window[0] or topic == TICK_DONE:
+                    continue
+                if window[1] is not None and at_s > window[1]:
+                    break
+                if rate > 0.0:
+                    time.sleep(max(0.0, origin + (at_s - window[0]) / rate - time.monotonic()))
+                if item.key not in publishers:
+                    member = topic.of(item.key[len(topic.key) - 1 :]) if topic.key.endswith("/*") else topic
+                    publishers[item.key] = bus.publisher(member, framed=False)
+                raw = item.raw()
+                publishers[item.key].resend((raw.payload, raw.attachment))
+                count += 1
+            if not loop:
+                return count
+    except KeyboardInterrupt:
+        return count
+    finally:
+        bus.close()
+
+
+def _open(listen: str | None, connect: str | None, namespace: str) -> ZenohBus:
+    if connect is not None:
+        return ZenohBus(Endpoint(mode="client", connect=(checked("--connect", connect),), namespace=namespace))
+    listen = to_listen(listen)
+    try:
+        return ZenohBus(Endpoint(mode="router", connect=(), listen=(listen,), namespace=namespace))
+    except BusError:
+        port = port_of(listen)
+        owner = (owner_of(port) if port else "") or "another process"
+        message = f"{listen} is taken by {owner}; play into that system with --connect, or choose --listen"
+        raise BusError("busy", message) from None

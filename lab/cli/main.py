@@ -1,0 +1,95 @@
+"""The command `surefoot`: verbs and nouns, one file each in `commands`; heavy libraries are imported by the command."""
+
+import os
+import sys
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy, as in every service
+
+import typer
+
+from surefoot.lab.cli import (
+    bag,
+    doctor,
+    graph,
+    report,
+    reproduce,
+    robot,
+    run,
+    schema,
+    service,
+    stop,
+    system,
+    topic,
+    warm,
+)
+from surefoot.lab.cli.output import EXIT_CHECK, EXIT_INTERRUPT, EXIT_USAGE, fail, misused, state
+
+app = typer.Typer(
+    name="surefoot",
+    help="Support stack for legged robots: run scenarios, start and watch services, talk to them.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command("run")(run.run)
+app.command("list")(run.list_all)
+app.command("up")(system.up)
+app.command("down")(system.down)
+app.command("stop")(stop.stop)
+app.command("status")(system.status)
+app.command("logs")(system.logs)
+app.command("health")(system.health)
+app.command("supervise")(system.supervise)
+app.command("report")(report.report)
+app.command("reproduce")(reproduce.reproduce)
+app.command("warm")(warm.warm)
+app.command("call")(service.call)
+app.command("doctor")(doctor.doctor)
+app.command("graph")(graph.graph)
+app.add_typer(topic.app, name="topic")
+app.add_typer(service.app, name="service")
+app.add_typer(schema.app, name="schema")
+app.add_typer(bag.app, name="bag")
+app.add_typer(robot.app, name="robot")
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from surefoot.version import VERSION
+
+        sys.stdout.write(VERSION + "\n")
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    debug: bool = typer.Option(False, "--debug", help="Show tracebacks of errors."),
+    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Show the version."),
+) -> None:
+    """Options of all commands."""
+    state.debug = debug
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line; end the process with 0 ok, 1 check failed, 2 usage, 130 interrupted."""
+    try:
+        code = app(args=arguments, prog_name="surefoot", standalone_mode=False)
+        sys.exit(code if isinstance(code, int) else 0)
+    except KeyboardInterrupt:
+        sys.exit(EXIT_INTERRUPT)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has gone: nothing is left to say
+        sys.exit(EXIT_CHECK)
+    except Exception as error:
+        if hasattr(error, "show"):  # typer's own: words that are no use of the command
+            sys.exit(misused(error, json="--json" in (sys.argv[1:] if arguments is None else arguments)))
+        if state.debug:
+            raise
+        sys.exit(fail(error))
+
+
+__all__ = ["EXIT_CHECK", "EXIT_INTERRUPT", "EXIT_USAGE", "app", "main"]
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,152 @@
+"""What all commands share: exit codes, JSON or tables, one sentence for an error."""
+
+import errno
+import json
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+EXIT_OK, EXIT_CHECK, EXIT_USAGE, EXIT_INTERRUPT = 0, 1, 2, 130
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
+Connect = Annotated[
+    str | None, typer.Option("--connect", help="Router of the system, e.g. tcp/127.0.0.1:7447 [SUREFOOT_CONNECT].")
+]
+Namespace = Annotated[
+    str | None, typer.Option("--namespace", help="Prefix of its keys, e.g. surefoot/ragno [SUREFOOT_NAMESPACE].")
+]
+Listen = Annotated[
+    str | None, typer.Option("--listen", help="Endpoint of the router, e.g. tcp/127.0.0.1:7448 [SUREFOOT_LISTEN].")
+]
+
+
+@dataclass
+class State:
+    """What the whole command line remembers."""
+
+    debug: bool = False
+    json: bool = False
+    log: bool = False
+    """What is told goes to a log: every line with its time."""
+
+
+state = State()
+
+
+def use_json(wanted: bool) -> bool:
+    """Note that this command answers in JSON, so that an error does so too."""
+    state.json = wanted
+    return wanted
+
+
+def write(text: str) -> None:
+    """Write one line to the output."""
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()
+
+
+def tell(text: str, level: str = "info") -> None:
+    """Write one line for people beside the output."""
+    if state.log:
+        from surefoot.logline import log_line
+
+        text = log_line(level, "supervisor", text.removeprefix("surefoot: "))
+    sys.stderr.write(text + "\n")
+    sys.stderr.flush()
+
+
+def near(path: Path) -> str:
+    """Return a path as one would type it here: relative where it is below the working folder, else absolute."""
+    whole = path.resolve()
+    return str(whole.relative_to(Path.cwd())) if whole.is_relative_to(Path.cwd()) else str(whole)
+
+
+def write_json(content: Any) -> None:
+    """Write one JSON value to the output."""
+    write(json.dumps(content, indent=None if isinstance(content, str) else 1, default=_plain))
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "model_dump"):
+        return value.model_dump(mode="json")
+    if hasattr(value, "__dataclass_fields__"):
+        return {name: getattr(value, name) for name in value.__dataclass_fields__}
+    return str(value)
+
+
+def write_table(
+    columns: Sequence[str], rows: Iterable[Sequence[Any]], title: str = "", right: Sequence[int] = ()
+) -> None:
+    """Write a table; coloured words where the terminal wants colours. A cell may be (text, style)."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=title or None, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
+    for number, column in enumerate(columns):
+        table.add_column(column, justify="right" if number in right else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*(Text(*cell) if isinstance(cell, tuple) else Text(str(cell)) for cell in row))
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=160)
+    console.print(table)
+
+
+def write_fields(fields: Mapping[str, Sequence[Mapping[str, str]]], title: str = "") -> None:
+    """Write the fields of a model, then those of the models inside it."""
+    for number, (model, rows) in enumerate(fields.items()):
+        columns = ("field", "type", "default", "limits", "what it is")
+        name = f"{title} {model}".strip() if number == 0 else model
+        write_table(columns, [tuple(row[column] for column in columns) for row in rows], name)
+
+
+def fail(error: Exception) -> int:
+    """Write an error as one sentence (or one JSON object) and return the exit code."""
+    from surefoot.bus.endpoint import without_source
+
+    code = str(getattr(error, "code", "") or "internal")
+    said = str(error) if code != "not_found" or getattr(error, "file", "") else getattr(error, "message", str(error))
+    message = without_source(said) or type(error).__name__
+    exit_code = EXIT_CHECK
+    if isinstance(error, OSError) and error.errno is not None:
+        code = errno.errorcode.get(error.errno, code)
+        where = error.filename or ("the working folder" if error.errno == errno.ENOENT else "")  # of os.getcwd
+        message = f"{where}: {error.strerror}" if where else str(error.strerror)
+    if _is_usage(error):
+        exit_code = EXIT_USAGE
+    elif not hasattr(error, "code") and not isinstance(error, OSError):
+        message = f"internal error: {type(error).__name__}: {message} (surefoot --debug ... shows where)"
+    if state.json:
+        _write_error(code, message, getattr(error, "field", None) or None)
+    else:
+        tell(f"surefoot: {message}", "error")
+    return exit_code
+
+
+def misused(error: Any, *, json: bool) -> int:
+    """Write what typer says of wrong words, with the command's usage or as one JSON object; return the exit code."""
+    if json:
+        _write_error("usage", error.format_message(), getattr(getattr(error, "param", None), "name", None))
+    else:
+        error.show()
+    return int(error.exit_code)
+
+
+def _write_error(code: str, message: str, field: str | None) -> None:
+    try:
+        write_json({"error": {"code": code, "message": message, "field": field}})
+    except OSError:  # a full disk behind the output
+        tell(f"surefoot: {message}", "error")
+
+
+def _is_usage(error: Exception) -> bool:
+    """Tell whether the user's own words or files are at fault, not the system."""
+    if getattr(error, "code", "") in ("unknown_topic", "unknown_query", "malformed", "invalid", "unknown_key"):
+        return True
+    return any(kind.__name__ in ("TableError", "ConfigError") for kind in type(error).__mro__)

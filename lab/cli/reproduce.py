@@ -1,0 +1,63 @@
+"""`surefoot reproduce`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from surefoot.lab.cli.output import EXIT_CHECK, Json, tell, use_json, write, write_json, write_table
+
+if TYPE_CHECKING:
+    from surefoot.lab.papers.findings import Reproduction
+
+PAPERS = {"walas-stability": "surefoot.lab.papers.walas.stability"}
+"""Name: module with `reproduce(folder, tell)`."""
+
+
+def reproduce(
+    paper: Annotated[str, typer.Argument(help=f"What to reproduce: {', '.join(PAPERS)}.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the figures [runs/<paper>].")] = None,
+    figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")] = True,
+    json: Json = False,
+) -> None:
+    """Compute the figures and numbers of a paper again, its value beside ours. Exit code 1: a limit was not met."""
+    import importlib
+
+    from surefoot.errors import SurefootError
+    from surefoot.kernels.warming import warm_if_cold
+    from surefoot.tables import did_you_mean
+
+    use_json(json)
+    if paper not in PAPERS:
+        known = ", ".join(PAPERS)
+        hint = did_you_mean(paper, PAPERS)
+        raise SurefootError("invalid", f"got {paper!r}{hint}; known are {known}", "paper")
+    warm_if_cold(tell)
+    found: Reproduction = importlib.import_module(PAPERS[paper]).reproduce(
+        (out or Path("runs") / paper) if figures else None, tell
+    )
+    if json:
+        write_json(
+            {
+                "title": found.title,
+                "ok": found.ok,
+                "findings": [vars(f) for f in found.findings],
+                "figures": [str(path) for path in found.figures],
+                "notes": found.notes,
+            }
+        )
+    else:
+        _show(found)
+    if not found.ok:
+        raise typer.Exit(EXIT_CHECK)
+
+
+def _show(found: "Reproduction") -> None:
+    marks = {True: ("ok", "bold green"), False: ("FAILED", "bold red"), None: ("", "")}
+    rows = [(f.where, f.what, f.paper or "-", f.ours, f.limit, marks[f.ok]) for f in found.findings]
+    write_table(("where", "quantity", "paper", "ours", "limit", "verdict"), rows, found.title, right=(2, 3))
+    for note in found.notes:
+        write(f"note    {note}")
+    for path in found.figures:
+        write(f"figure  {path}")
+    write(f"verdict {'PASS' if found.ok else 'FAIL'}")

@@ -1,0 +1,72 @@
+"""`surefoot robot list|check`."""
+
+from typing import Annotated
+
+import typer
+
+from surefoot.lab.cli.output import Json, use_json, write_json, write_table
+
+app = typer.Typer(help="Robot descriptions.", no_args_is_help=True)
+
+
+@app.command("list")
+def list_robots(json: Json = False) -> None:
+    """List the robots that come with the package."""
+    from surefoot.robot.description import load_robot, robot_names
+
+    use_json(json)
+    robots = {name: load_robot(name) for name in robot_names()}
+    rows = {
+        name: {"kind": robot.kind, "legs": robot.nlegs, "joints": robot.nj, "hash": robot.hash}
+        for name, robot in robots.items()
+    }
+    if json:
+        write_json(rows)
+    else:
+        columns = ("robot", "kind", "legs", "joints", "hash")
+        write_table(columns, [(name, *list(row.values())[:3], str(row["hash"])[:12]) for name, row in rows.items()])
+
+
+@app.command()
+def check(
+    name: Annotated[str, typer.Argument(help="Name of a robot, or path of a folder with a robot.toml.")],
+    json: Json = False,
+) -> None:
+    """Read and validate a robot description and show what was understood."""
+    import numpy as np
+
+    from surefoot.robot.description import load_robot
+    from surefoot.robot.kinematics import com, foot_positions
+
+    use_json(json)
+    robot = load_robot(name)
+    feet = foot_positions(robot.model, robot.neutral)
+    centre = com(robot.model, robot.neutral)
+    size = np.ptp(feet[:, :2], axis=0)
+    content = {
+        "name": robot.name,
+        "kind": robot.kind,
+        "hash": robot.hash,
+        "joints": robot.joint_names,
+        "legs": [leg.name for leg in robot.legs],
+        "mass_kg": float(np.sum(robot.model.mass)),
+        "neutral_feet_m": feet.tolist(),
+        "neutral_com_m": centre.tolist(),
+        "foot_box_m": size.tolist(),
+    }
+    if json:
+        write_json(content)
+        return
+    write_table(
+        ("quantity", "value"),
+        [
+            ("name, kind", f"{robot.name}, {robot.kind}"),
+            ("hash", robot.hash),
+            ("legs", " ".join(leg.name for leg in robot.legs)),
+            ("joints", f"{robot.nj}: {' '.join(robot.joint_names)}"),
+            ("mass", f"{content['mass_kg']:.3f} kg"),
+            ("box of the feet, neutral", f"{size[0]:.3f} x {size[1]:.3f} m"),
+            ("trunk over the feet, neutral", f"{-feet[:, 2].mean():.3f} m"),
+            ("centre of mass, neutral", " ".join(f"{value:+.4f}" for value in centre) + " m"),
+        ],
+    )

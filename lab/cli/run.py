@@ -1,0 +1,158 @@
+"""`surefoot run` and `surefoot list`."""
+
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from surefoot.lab.cli.output import (
+    EXIT_CHECK,
+    Json,
+    Listen,
+    near,
+    tell,
+    use_json,
+    write,
+    write_json,
+    write_table,
+)
+
+if TYPE_CHECKING:
+    from surefoot.lab.runs.live import Outcome, Progress
+
+
+def run(
+    scenario: Annotated[str, typer.Argument(help="Name of a scenario (see `surefoot list`) or path of its file.")],
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of everything random [the scenario's].")] = None,
+    record: Annotated[bool, typer.Option("--record/--no-record", help="Write an MCAP recording.")] = True,
+    rtf: Annotated[
+        float | None, typer.Option(min=0.01, help="Pace at this real-time factor instead of lockstep at full speed.")
+    ] = None,
+    strict: Annotated[bool, typer.Option("--strict", help="Lockstep without actuation delay.")] = False,
+    listen: Listen = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for recording and report [a new one under runs/].")] = None,
+    json: Json = False,
+) -> None:
+    """Run a scenario with every service live, judge it, and write a report. Exit code 1: a limit was not met."""
+    from surefoot.bus.endpoint import to_listen
+    from surefoot.kernels.warming import warm_if_cold
+    from surefoot.lab.runs.live import Options, run_scenario
+    from surefoot.services.supervisor.processes.startable import system_of
+    from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
+
+    use_json(json)
+    loaded = load_scenario(find_scenario(scenario))
+    to_listen(listen)  # what is wrong is told before kernels are compiled
+    system_of(loaded)
+    warm_if_cold(tell)
+    options = Options(seed, record, rtf, strict, listen, out)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does: everything is stopped
+    with _ProgressLine(loaded.name, loaded.max_duration_s, quiet=json) as line:
+        outcome = run_scenario(loaded, options, line.tell, line.show)
+    if json:
+        write_json(_as_json(outcome))
+    else:
+        _show(outcome)
+    if not outcome.verdict.ok:
+        raise typer.Exit(EXIT_CHECK)
+
+
+def list_all(json: Json = False) -> None:
+    """List scenarios, systems, robots and services."""
+    from surefoot.files import find, names
+    from surefoot.lockstep.discover import service_names
+    from surefoot.robot.description import robot_names
+    from surefoot.services.supervisor.processes.compose import ComposeError, load_compose
+    from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
+
+    use_json(json)
+    scenarios = {name: load_scenario(find_scenario(name)).description for name in names("scenarios", ".toml")}
+    systems = {
+        name: load_compose(find("compose", name, ".yaml", ComposeError)).service_names
+        for name in names("compose", ".yaml")
+    }
+    content = {"scenarios": scenarios, "systems": systems, "robots": robot_names(), "services": service_names()}
+    if json:
+        write_json(content)
+        return
+    write_table(("scenario", "what happens"), scenarios.items())
+    write_table(("system", "services"), [(name, " ".join(found)) for name, found in systems.items()])
+    write(f"robots:   {' '.join(robot_names())}\nservices: {' '.join(service_names())}")
+
+
+def _as_json(outcome: "Outcome") -> dict[str, object]:
+    verdict = outcome.verdict
+    return {
+        "scenario": outcome.scenario,
+        "seed": outcome.seed,
+        "ok": verdict.ok,
+        "values": {row.name: row.value for row in verdict.rows},
+        "failed": [row.name for row in verdict.rows if row.ok is False],
+        "problems": verdict.problems,
+        "notes": verdict.notes,
+        "message_hash": verdict.message_hash,
+        "comparable": verdict.comparable,
+        "start_s": round(outcome.start_s, 3),
+        "tick_us": {name: {"p50": t.p50_us, "p99": t.p99_us} for name, t in outcome.timings.items()},
+        "report": None if outcome.report is None else near(outcome.report),
+        "recording": None if outcome.recording is None else near(outcome.recording),
+    }
+
+
+def _show(outcome: "Outcome") -> None:
+    from surefoot.lab.report.judge import METRICS
+
+    verdict = outcome.verdict
+    marks = {True: ("ok", "bold green"), False: ("FAILED", "bold red"), None: ("", "")}
+    rows = [
+        (METRICS[row.name].title, row.text, row.limit_text, marks[row.ok])
+        for row in verdict.rows
+        if row.value is not None or row.limits
+    ]
+    title = f"{outcome.scenario}, seed {outcome.seed}"
+    write_table(("quantity", "value", "limit", "verdict"), rows, title, right=(1, 2))
+    if verdict.message_hash:
+        write(f"message hash  {verdict.message_hash}" + ("" if verdict.comparable else "  (not comparable)"))
+    for note in verdict.notes:
+        write(f"note          {note}")
+    for problem in verdict.problems:
+        write(f"problem       {problem}")
+    if outcome.recording is not None:
+        write(f"recording     {near(outcome.recording)}")
+    if outcome.report is not None:
+        write(f"report        {near(outcome.report)}")
+    write(f"verdict       {'PASS' if verdict.ok else 'FAIL'}")
+
+
+class _ProgressLine:
+    """One line that is rewritten on a terminal, and a few lines otherwise."""
+
+    def __init__(self, name: str, total_s: float, *, quiet: bool) -> None:
+        from rich.console import Console
+
+        self._name, self._total = name, total_s
+        self._console = Console(stderr=True, quiet=quiet)
+        self._status = self._console.status(f"{name}: starting") if self._console.is_terminal and not quiet else None
+
+    def __enter__(self) -> "_ProgressLine":
+        if self._status is not None:
+            self._status.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._status is not None:
+            self._status.stop()
+
+    def tell(self, text: str) -> None:
+        """Show what the system does."""
+        if self._status is not None:
+            self._status.update(f"{self._name}: {text}")
+        else:
+            self._console.print(text, style="dim", highlight=False)
+
+    def show(self, progress: "Progress") -> None:
+        """Show how far the run is."""
+        if self._status is not None:
+            done = f"{progress.time:6.2f} s simulated of at most {self._total:g} s"
+            self._status.update(f"{self._name}: {done}, {progress.rtf:.1f}x real time")

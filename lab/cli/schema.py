@@ -1,0 +1,80 @@
+"""`surefoot schema list|show|export`."""
+
+import json as jsonlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from surefoot.lab.cli.output import Json, use_json, write, write_json, write_table
+
+if TYPE_CHECKING:
+    from surefoot.schemas.base import Wire
+
+app = typer.Typer(help="JSON Schemas of everything on the wire.", no_args_is_help=True)
+
+
+def models() -> "dict[str, type[Wire]]":
+    """Return every model that a topic or a query carries, by name."""
+    from surefoot.schemas.base import ErrorReply
+    from surefoot.schemas.topics import QUERIES, TOPICS
+
+    found: list[type[Wire]] = [topic.model for topic in TOPICS]
+    found += [model for query in QUERIES for model in (query.request, query.reply)]
+    return {model.__name__: model for model in sorted({*found, ErrorReply}, key=lambda model: model.__name__)}
+
+
+@app.command("list")
+def list_schemas(json: Json = False) -> None:
+    """List all messages, requests and replies with their versions."""
+    use_json(json)
+    rows = {name: (model.schema_name(), (model.__doc__ or "").split("\n")[0]) for name, model in models().items()}
+    if json:
+        write_json({name: schema for name, (schema, _) in rows.items()})
+    else:
+        write_table(("name", "on the wire", "what it is"), [(name, *row) for name, row in rows.items()])
+
+
+@app.command()
+def show(
+    name: Annotated[str, typer.Argument(help="Name of a model, e.g. VelocityEstimate.")], json: Json = False
+) -> None:
+    """Print the JSON Schema of one model."""
+    from surefoot.bus.codec import json_schema
+    from surefoot.tables import did_you_mean
+
+    use_json(json)
+    found = models()
+    model = found.get(name.split("/")[1] if name.startswith("surefoot/") else name)
+    if model is None:
+        raise typer.BadParameter(f"no model is named {name!r}{did_you_mean(name, found)}; see `surefoot schema list`")
+    write_json(json_schema(model))
+
+
+@app.command()
+def export(
+    folder: Annotated[Path, typer.Argument(help="Folder to write one <name>.json per model to.")], json: Json = False
+) -> None:
+    """Write the JSON Schema of every model, and the table of keys, into a folder."""
+    from surefoot.bus.codec import encoding_of, json_schema
+    from surefoot.schemas.topics import QUERIES, TOPICS
+
+    use_json(json)
+    folder.mkdir(parents=True, exist_ok=True)
+    found = models()
+    for name, model in found.items():
+        _write(folder / f"{name}.json", json_schema(model))
+    topics = {
+        t.key: {"schema": t.model.__name__, "encoding": encoding_of(t.model), "kind": t.kind.value, "owner": t.owner}
+        for t in TOPICS
+    }
+    queries = {q.key: {"request": q.request.__name__, "reply": q.reply.__name__, "owner": q.owner} for q in QUERIES}
+    _write(folder / "keys.json", {"topics": topics, "queries": queries})
+    if json:
+        write_json({"folder": str(folder), "schemas": list(found)})
+    else:
+        write(f"{len(found)} schemas and keys.json written to {folder}")
+
+
+def _write(path: Path, content: object) -> None:
+    path.write_text(jsonlib.dumps(content, indent=2) + "\n", encoding="utf-8")

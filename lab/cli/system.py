@@ -1,0 +1,322 @@
+"""`surefoot up`, `down`, `status`, `logs`, `health`, `supervise`: systems as a whole."""
+
+import json as jsonlib
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from surefoot.lab.cli.connect import client
+from surefoot.lab.cli.output import (
+    EXIT_CHECK,
+    Connect,
+    Json,
+    Listen,
+    Namespace,
+    state,
+    tell,
+    use_json,
+    write,
+    write_json,
+    write_table,
+)
+
+if TYPE_CHECKING:
+    from surefoot.client import Client
+    from surefoot.services.supervisor.processes.compose import Compose
+    from surefoot.services.supervisor.processes.rundir import RunFolder
+
+System = Annotated[str, typer.Argument(help="Name of a compose file (see `surefoot list`) or its path.")]
+
+
+def up(
+    system: System = "ragno",
+    detach: Annotated[bool, typer.Option("--detach", "-d", help="Return when everything is ready.")] = False,
+    terrain: Annotated[str, typer.Option(help="Kind of terrain or path of a terrain file (simulation).")] = "flat",
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the world (simulation).")] = 0,
+    rtf: Annotated[float, typer.Option(min=0.0, help="Real-time factor, 0 = as fast as it goes.")] = 1.0,
+    record: Annotated[Path | None, typer.Option(help="MCAP file to write [no recording].")] = None,
+    listen: Listen = None,
+    json: Json = False,
+    log: Annotated[bool, typer.Option("--log", hidden=True, help="Write lines of a log, each with its time.")] = False,
+) -> None:
+    """Start the services of a compose file and keep them running."""
+    from surefoot.bus.endpoint import to_listen
+    from surefoot.kernels.warming import warm_if_cold
+    from surefoot.schemas.sim import World
+    from surefoot.services.supervisor.processes.keep import Order, keep
+    from surefoot.services.supervisor.processes.startable import startable
+
+    use_json(json)
+    state.log = log
+    to_listen(listen)  # a wrong endpoint is told before anything starts
+    compose = startable(system)
+    order = Order(World(terrain=terrain), seed, rtf, record)
+    warm_if_cold(tell)
+    if detach:
+        _detach(compose, system, order, listen, json=json)
+        return
+    ready = partial(tell, "everything is ready") if log else partial(_show_up, compose, json=json)
+    with _until_signal() as stop:
+        keep(compose, order, stop, listen=listen, tell=tell, ready=ready)
+
+
+def supervise(
+    system: System = "ragno",
+    no_spawn: Annotated[
+        bool, typer.Option("--no-spawn", help="Start no processes: a container engine does that.")
+    ] = False,
+    terrain: Annotated[str, typer.Option(help="Kind of terrain (simulation).")] = "flat",
+    listen: Listen = None,
+) -> None:
+    """Hold the router and watch a system whose services are started by somebody else."""
+    from surefoot.schemas.sim import World
+    from surefoot.services.supervisor.processes.keep import Order, keep
+
+    with _until_signal() as stop:
+        keep(_compose(system), Order(World(terrain=terrain)), stop, listen=listen, spawn=not no_spawn, tell=tell)
+
+
+def down(
+    system: Annotated[str | None, typer.Argument(help="Name of the system [the one that runs].")] = None,
+    json: Json = False,
+) -> None:
+    """Stop a system that runs, or what is left of one that crashed."""
+    from surefoot.services.supervisor.processes.process import end
+
+    use_json(json)
+    stopped: list[str] = []
+    if system is not None:
+        _check_known(Path(system).stem)
+    for folder in _folders(system):
+        supervisor = folder.supervisor() if folder.held() else None
+        if supervisor is not None:
+            if not end(supervisor, grace_s=30.0):
+                tell(f"surefoot: process {supervisor.pid} could not be ended")
+                raise typer.Exit(EXIT_CHECK)
+            stopped.append(folder.name)
+        folder.acquire()
+        if folder.end_leftovers() and folder.name not in stopped:
+            stopped.append(folder.name)
+        folder.release()
+    if json:
+        write_json({"stopped": stopped})
+    else:
+        write(f"stopped {', '.join(stopped)}" if stopped else "nothing is running")
+
+
+def status(
+    system: Annotated[str | None, typer.Argument(help="Name of the system [the one that runs].")] = None,
+    json: Json = False,
+) -> None:
+    """Show what runs and how it does. Exit code 1: nothing runs, or a service is not well."""
+    use_json(json)
+    if system is not None:
+        _check_known(Path(system).stem)
+    found = {folder.name: _status(folder) for folder in _folders(system) if folder.held() or folder.orphans()}
+    if json:
+        write_json(found)
+    elif not found:
+        write("nothing is running; start a system with `surefoot up`")
+    else:
+        for name, content in found.items():
+            _show_status(name, content)
+    if not found or any(row["state"] != "healthy" for content in found.values() for row in content["services"]):
+        raise typer.Exit(EXIT_CHECK)
+
+
+def logs(
+    service: Annotated[str | None, typer.Argument(help="Name of a service [all].")] = None,
+    system: Annotated[str | None, typer.Option(help="Name of the system [the last one that ran].")] = None,
+    lines: Annotated[int, typer.Option("--lines", "-n", min=0, help="Lines from the end of each log.")] = 20,
+    follow: Annotated[bool, typer.Option("--follow", "-f", help="Go on as lines come; end with Ctrl-C.")] = False,
+    json: Json = False,
+) -> None:
+    """Show the logs of the services in the order of time."""
+    from surefoot.services.supervisor.processes.logs import follow_logs, last_lines
+
+    use_json(json)
+    if system is not None:
+        _check_known(Path(system).stem)
+    folders = _folders(system)
+    found = {name: path for folder in folders[-1:] for name, path in folder.logs().items()}
+    if service is not None and service not in found:
+        raise typer.BadParameter(f"no log of {service!r}; there are {', '.join(found) or 'none'}")
+    chosen = {name: path for name, path in found.items() if service in (None, name)}
+    for name, line in last_lines(chosen, lines):
+        _show_line(name, line, json=json)
+    if follow:
+        for name, line in follow_logs(chosen):
+            _show_line(name, line, json=json)
+
+
+def health(
+    service: Annotated[str, typer.Argument(help="Name of a service.")],
+    connect: Connect = None,
+    namespace: Namespace = None,
+    json: Json = False,
+) -> None:
+    """Ask a service how it does: the probe of the compose files. Exit code 1: it is not well."""
+    from surefoot.schemas.system import HealthRequest
+    from surefoot.schemas.topics import HEALTH_GET
+
+    use_json(json)
+    with client(connect, namespace) as robot:
+        found = robot.bus.call(HEALTH_GET.of(service), HealthRequest(), 2.0).health
+    if json:
+        write_json(found)
+    else:
+        write(f"{service}: {found.state}" + (f", waits for {', '.join(found.waiting_for)}" * bool(found.waiting_for)))
+    if found.state not in ("joining", "ready", "running"):
+        raise typer.Exit(EXIT_CHECK)
+
+
+def _compose(system: str) -> "Compose":
+    from surefoot.files import find
+    from surefoot.services.supervisor.processes.compose import ComposeError, load_compose
+
+    return load_compose(find("compose", system, ".yaml", ComposeError))
+
+
+def _folders(system: str | None) -> list["RunFolder"]:
+    """Return the run folders of a system, or all, the ones that run last."""
+    from surefoot.services.supervisor.processes.rundir import RunFolder, run_folders
+
+    if system is not None:
+        return [RunFolder(Path(system).stem)]
+    return sorted(run_folders(), key=lambda folder: (folder.held() or bool(folder.orphans()), folder.touched()))
+
+
+def _check_known(name: str) -> None:
+    """Refuse the name of a system that neither has run here nor could be started."""
+    from surefoot.files import names
+    from surefoot.services.supervisor.processes.rundir import run_folders
+    from surefoot.tables import did_you_mean
+
+    folders = run_folders()
+    known = sorted({*names("compose", ".yaml"), *(folder.name for folder in folders)})
+    if name not in known:
+        running = ", ".join(folder.name for folder in folders if folder.held()) or "none"
+        hint = did_you_mean(name, known)
+        raise typer.BadParameter(f"no system {name!r}{hint}; known are {', '.join(known)}; running: {running}")
+
+
+@contextmanager
+def _until_signal() -> Iterator[threading.Event]:
+    """Turn SIGTERM and SIGINT into an event, so that everything is stopped in order."""
+    stop = threading.Event()
+    before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _detach(compose: "Compose", system: str, order: Any, listen: str | None, *, json: bool) -> None:
+    from surefoot.services.supervisor.processes.keep import start_detached
+
+    start_detached(compose, system, order, listen, tell)
+    _show_up(compose, json=json)
+
+
+def _show_up(compose: "Compose", *, json: bool) -> None:
+    from surefoot.services.supervisor.processes.rundir import RunFolder
+
+    content = _status(RunFolder(compose.name))
+    if json:
+        write_json(content)
+        return
+    _show_status(compose.name, content)
+    prefix = content["namespace"]
+    write("Watch it from another shell, or from any Zenoh client:")
+    write("  surefoot topic echo state/velocity")
+    write(f"  zenoh --mode client --connect {content['connect']} --decoder json subscribe -k {prefix}/state/velocity")
+    write(f"Stop it with `surefoot down {compose.name}`.")
+
+
+def _status(folder: "RunFolder") -> dict[str, Any]:
+    """Return what the run folder says, with live numbers where the services answer."""
+    from surefoot.errors import SurefootError
+
+    endpoint = folder.endpoint()
+    content: dict[str, Any] = {"connect": "", "namespace": "", "services": folder.read_rows()}
+    if orphans := folder.orphans():
+        content["detail"] = folder.orphaned
+        row = {"state": "orphaned", "restarts": 0, "detail": ""}
+        content["services"] = [{"service": name, "pid": found.pid, **row} for name, found in orphans.items()]
+    if endpoint is None:
+        return content
+    content |= {"connect": endpoint.connect, "namespace": endpoint.namespace}
+    try:
+        with client(endpoint.connect, endpoint.namespace) as robot:
+            for row in content["services"]:
+                _add_health(row, robot)
+    except SurefootError as error:
+        content["detail"] = error.message
+    return content
+
+
+def _add_health(row: dict[str, Any], robot: "Client") -> None:
+    from surefoot.errors import CallError
+    from surefoot.schemas.system import HealthRequest
+    from surefoot.schemas.topics import HEALTH_GET
+
+    try:
+        found = robot.bus.call(HEALTH_GET.of(row["service"]), HealthRequest(), 0.5).health
+    except CallError as error:
+        row["detail"] = row["detail"] or error.message
+        return
+    row |= {
+        "doing": found.state,
+        "tick": found.tick,
+        "tick_p50_us": found.tick_p50_us,
+        "tick_p99_us": found.tick_p99_us,
+        "cpu_s": found.cpu_s,
+        "rss_mb": found.rss_mb,
+        "refused": found.refused,
+        "waiting_for": found.waiting_for,
+    }
+
+
+def _show_status(name: str, content: dict[str, Any]) -> None:
+    colours = {"healthy": "green", "starting": "yellow", "backoff": "yellow"}
+    rows = [
+        (
+            row["service"],
+            (row["state"], colours.get(row["state"], "bold red")),
+            row.get("doing", ""),
+            row["pid"] or "",
+            row["restarts"],
+            f"{row['tick_p50_us']:.0f} / {row['tick_p99_us']:.0f}" if "tick_p50_us" in row else "",
+            f"{row['rss_mb']:.0f}" if "rss_mb" in row else "",
+            row["detail"] or ", ".join(f"{n}x {reason}" for reason, n in _refusals(row)),
+        )
+        for row in content["services"]
+    ]
+    title = f"{name}: {content['namespace']} at {content['connect']}" if content["connect"] else ""
+    columns = ("service", "state", "doing", "pid", "restarts", "tick us p50 / p99", "MB", "remarks")
+    write_table(columns, rows, title, right=(3, 4, 5, 6))
+    if "detail" in content:
+        write(content["detail"])
+
+
+def _refusals(row: dict[str, Any]) -> list[tuple[str, int]]:
+    """Return what a service has refused; that a newcomer asked too early to be let in is no news."""
+    return [(reason, n) for reason, n in row.get("refused", {}).items() if not reason.startswith("join_")]
+
+
+def _show_line(name: str, line: str, *, json: bool) -> None:
+    from surefoot.logline import read_log_line
+
+    found = read_log_line(line)
+    if json:
+        known: dict[str, Any] = vars(found) if found is not None else {"time": None, "level": None, "tick": None}
+        write(jsonlib.dumps({**known, "service": name, "text": line if found is None else found.text}))
+    else:
+        write(line if found is not None else f"{name}: {line}")

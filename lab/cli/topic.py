@@ -1,0 +1,182 @@
+"""`surefoot topic list|info|echo|hz`."""
+
+import time
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from surefoot.lab.cli.connect import client
+from surefoot.lab.cli.output import (
+    EXIT_CHECK,
+    Connect,
+    Json,
+    Namespace,
+    tell,
+    use_json,
+    write,
+    write_fields,
+    write_json,
+    write_table,
+)
+
+if TYPE_CHECKING:
+    from surefoot.bus.interface import Delivery
+    from surefoot.client import Client
+    from surefoot.schemas.topics import Topic
+
+app = typer.Typer(help="Topics: list, show, echo, measure.", no_args_is_help=True)
+Key = Annotated[str, typer.Argument(help="Key of a topic, e.g. state/velocity.")]
+
+
+@app.command("list")
+def list_topics(json: Json = False) -> None:
+    """List all topics with message, rate and owner."""
+    from surefoot.schemas.topics import TOPICS
+
+    use_json(json)
+    rows = [_row(topic) for topic in TOPICS]
+    if json:
+        write_json(rows)
+    else:
+        names = ("key", "schema", "period", "kind", "owner")
+        write_table(
+            ("key", "message", "period", "kind", "owner", "in run hash"),
+            [(*(row[name] for name in names), "yes" if row["deterministic"] else "-") for row in rows],
+        )
+
+
+@app.command()
+def info(key: Key, json: Json = False) -> None:
+    """Show one topic and the fields of its message."""
+    from surefoot.client import topic_named
+    from surefoot.lab.cli.fields import describe
+
+    use_json(json)
+    topic = topic_named(key)
+    row = _row(topic)
+    fields = describe(topic.model)
+    if json:
+        write_json({**row, "fields": fields})
+        return
+    write(f"{row['key']}: {row['schema']}, {row['period']}, published by {row['owner']}")
+    write((topic.model.__doc__ or "").strip())
+    write_fields(fields)
+
+
+@app.command()
+def echo(
+    key: Key,
+    count: Annotated[int, typer.Option("--count", "-n", min=0, help="End after so many messages, 0 = never.")] = 0,
+    timeout: Annotated[float, typer.Option(min=0.0, help="End when none comes for so many s, 0 = never.")] = 0.0,
+    field: Annotated[str | None, typer.Option(help="Show this field only.")] = None,
+    connect: Connect = None,
+    namespace: Namespace = None,
+    json: Json = False,
+) -> None:
+    """Print the messages of a topic as they come, one JSON object a line."""
+    from surefoot.client import topic_named
+    from surefoot.errors import Refusal
+
+    use_json(json)
+    topic = topic_named(key)
+    if field is not None and field not in topic.model.model_fields:
+        raise typer.BadParameter(f"{key} has no field {field!r}; it has {', '.join(topic.model.model_fields)}")
+    with client(connect, namespace) as robot:
+        for number, delivery in enumerate(_deliveries(robot, topic, timeout), 1):
+            try:
+                message = delivery.message()
+                write(message.model_dump_json(include={field} if field is not None else None))
+            except Refusal as refusal:
+                tell(f"surefoot: {key}: {refusal.message}")
+            if number == count:
+                return
+    raise typer.Exit(EXIT_CHECK)
+
+
+@app.command()
+def hz(
+    key: Key,
+    window: Annotated[float, typer.Option(min=0.1, help="Measure for so many s of wall time.")] = 3.0,
+    connect: Connect = None,
+    namespace: Namespace = None,
+    json: Json = False,
+) -> None:
+    """Measure the rate of a topic, in wall time and in simulated time. Exit code 1: nothing came."""
+    from surefoot.client import topic_named
+
+    use_json(json)
+    topic = topic_named(key)
+    arrivals: list[tuple[float, int, int]] = []
+    with client(connect, namespace) as robot:
+        end = time.monotonic() + window
+        for delivery in _deliveries(robot, topic, window):
+            raw = delivery.raw()
+            size = len(raw.payload) + len(raw.attachment or b"")
+            arrivals.append((time.monotonic(), delivery.header().stamp_ns, size))
+            if time.monotonic() >= end:
+                break
+    result = _rates(arrivals)
+    if json:
+        write_json({"key": topic.key, **result})
+    elif len(arrivals) < 2:
+        write(f"{topic.key}: {len(arrivals)} messages in {window:g} s")
+    else:
+        write(
+            f"{topic.key}: {result['wall_hz']:.1f} Hz in wall time, {result['simulated_hz']:.1f} Hz in simulated time, "
+            f"{result['bytes']:.0f} bytes a message, {result['bytes_per_s'] / 1000:.1f} kB/s"
+        )
+    if not arrivals:
+        raise typer.Exit(EXIT_CHECK)
+
+
+def _deliveries(robot: "Client", topic: "Topic[Any]", timeout_s: float) -> "Any":
+    """Yield messages, ending when none comes for `timeout_s` (0 = never)."""
+    queue: SimpleQueue[Delivery] = SimpleQueue()
+    robot.subscribe(topic, queue.put)
+    last = time.monotonic()
+    while True:
+        try:
+            delivery = queue.get(timeout=0.2)
+        except Empty:
+            if 0.0 < timeout_s <= time.monotonic() - last:
+                return
+            continue
+        if not delivery.prime:
+            last = time.monotonic()
+            yield delivery
+
+
+def _rates(arrivals: list[tuple[float, int, int]]) -> dict[str, float]:
+    gaps = len(arrivals) - 1
+    wall = arrivals[-1][0] - arrivals[0][0] if gaps > 0 else 0.0
+    simulated = (arrivals[-1][1] - arrivals[0][1]) * 1e-9 if gaps > 0 else 0.0
+    size = sum(item[2] for item in arrivals)
+    return {
+        "messages": len(arrivals),
+        "wall_hz": gaps / wall if wall > 0 else 0.0,
+        "simulated_hz": gaps / simulated if simulated > 0 else 0.0,
+        "bytes": size / len(arrivals) if arrivals else 0.0,
+        "bytes_per_s": size / wall if wall > 0 else 0.0,
+    }
+
+
+def _row(topic: "Topic[Any]") -> dict[str, Any]:
+    from surefoot.schemas.topics import TICK_NS
+
+    if topic.period_ns:
+        period = f"{topic.period_ns / 1e6:g} ms"
+    elif topic.wall_period_s:
+        period = f"{topic.wall_period_s:g} s (wall)"
+    elif topic.period_ticks:
+        period = f"{topic.period_ticks * TICK_NS / 1e6:g} ms"
+    else:
+        period = "event"
+    return {
+        "key": topic.key,
+        "schema": topic.model.schema_name(),
+        "period": period,
+        "kind": topic.kind.value,
+        "owner": topic.owner,
+        "deterministic": topic.deterministic,
+    }

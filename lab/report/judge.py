@@ -1,0 +1,296 @@
+"""Numbers of a run and the verdict on them. Pure: traces in, rows of a table out."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.lab.report.traces import VARIANTS, Array, Traces
+
+DEG = math.degrees(1.0)
+
+Side = Literal["least", "most"]
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A number of a run.
+
+    Attributes:
+        title: what it is, for people.
+        unit: printed behind the value.
+        digits: decimals that are printed.
+    """
+
+    title: str
+    unit: str = ""
+    digits: int = 3
+
+
+METRICS: Mapping[str, Metric] = {
+    "fell": Metric("fell (tilt over 45 deg or trunk contact)"),
+    "distance_m": Metric("distance walked along the first heading", "m"),
+    "max_tilt_deg": Metric("largest tilt", "deg", 1),
+    "mean_slip_mm": Metric("contact sliding per stance, mean", "mm", 2),
+    "max_slip_mm": Metric("contact sliding per stance, worst", "mm", 2),
+    "max_twist_deg": Metric("turn of a sole in its stance, worst", "deg", 2),
+    "velocity_rmse_mps": Metric("velocity error against truth, RMS", "m/s", 4),
+    "odometry_error_m": Metric("odometry error at the end, horizontal", "m"),
+    "odometry_error_percent": Metric("odometry error per way walked", "%", 1),
+    "heading_error_deg": Metric("heading error of the odometry at the end", "deg", 2),
+    "min_margin_m": Metric("smallest static margin, planned CoM", "m", 4),
+    "min_margin_measured_m": Metric("smallest static margin, measured CoM", "m", 4),
+    "duration_s": Metric("simulated time", "s", 2),
+    "ticks": Metric("control ticks", "", 0),
+    "real_time_factor": Metric("real-time factor", "x", 1),
+}
+"""Every number of a run, in the order of the verdict table."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """What a run must achieve in one metric.
+
+    Attributes:
+        metric: key of `METRICS`.
+        side: whether the value has to be at least or at most the limit.
+        yes_no: the limit is a flag in the scenario file (`no_fall = true`).
+    """
+
+    metric: str
+    side: Side
+    yes_no: bool = False
+
+
+LIMITS: Mapping[str, Limit] = {
+    "no_fall": Limit("fell", "most", yes_no=True),
+    "min_distance_m": Limit("distance_m", "least"),
+    "max_distance_m": Limit("distance_m", "most"),
+    "max_tilt_deg": Limit("max_tilt_deg", "most"),
+    "max_mean_slip_mm": Limit("mean_slip_mm", "most"),
+    "max_slip_mm": Limit("max_slip_mm", "most"),
+    "min_twist_deg": Limit("max_twist_deg", "least"),
+    "max_twist_deg": Limit("max_twist_deg", "most"),
+    "max_velocity_rmse_mps": Limit("velocity_rmse_mps", "most"),
+    "max_odometry_error_m": Limit("odometry_error_m", "most"),
+    "max_odometry_error_percent": Limit("odometry_error_percent", "most"),
+    "max_heading_error_deg": Limit("heading_error_deg", "most"),
+    "min_margin_m": Limit("min_margin_m", "least"),
+    "max_duration_s": Limit("duration_s", "most"),
+    "min_real_time_factor": Limit("real_time_factor", "least"),
+}
+"""Keys of `[limits]` in a scenario file."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of the verdict table.
+
+    Attributes:
+        name: key of `METRICS`.
+        value: None when the run says nothing about it.
+        limits: (side, limit) pairs the value was held against.
+        ok: None without a limit; a limit on a value that is missing is not met.
+    """
+
+    name: str
+    value: float | None
+    limits: tuple[tuple[Side, float], ...] = ()
+    ok: bool | None = None
+
+    @property
+    def text(self) -> str:
+        """The value with its unit."""
+        metric = METRICS[self.name]
+        if self.name == "fell":
+            return "-" if self.value is None else ("yes" if self.value else "no")
+        return "-" if self.value is None else f"{self.value:.{metric.digits}f} {metric.unit}".rstrip()
+
+    @property
+    def limit_text(self) -> str:
+        """The limits as they are read aloud."""
+        if self.name == "fell":
+            return "no" if self.limits else ""
+        return ", ".join(f"{'>=' if side == 'least' else '<='} {limit:g}" for side, limit in self.limits)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The verdict on a run.
+
+    Attributes:
+        rows: one per metric.
+        problems: what went wrong besides the numbers: a service that died, a refused command, ...
+        message_hash: hash of all deterministic messages, empty when unknown.
+        comparable: False after a time-out, a restart or a degraded tick: the hash means nothing then.
+    """
+
+    rows: tuple[Row, ...]
+    problems: tuple[str, ...] = ()
+    message_hash: str = ""
+    comparable: bool = True
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def ok(self) -> bool:
+        """Whether every limit is met and nothing else went wrong."""
+        return not self.problems and all(row.ok is not False for row in self.rows)
+
+    def value(self, name: str) -> float | None:
+        """Return the value of a metric."""
+        return next(row.value for row in self.rows if row.name == name)
+
+
+def judge(
+    traces: Traces,
+    limits: Mapping[str, float],
+    *,
+    wall_s: float | None = None,
+    message_hash: str = "",
+    comparable: bool = True,
+    problems: tuple[str, ...] = (),
+    notes: tuple[str, ...] = (),
+) -> Verdict:
+    """Hold a run against its limits.
+
+    Args:
+        traces: what happened.
+        limits: by key of `LIMITS`.
+        wall_s: wall time between the first and the last tick, for the real-time factor.
+        message_hash: of the run.
+        comparable: whether the hash means anything.
+        problems: what went wrong besides the numbers; the verdict cannot be ok then.
+        notes: what else the reader should know.
+    """
+    values = measure(traces, wall_s)
+    rows: list[Row] = []
+    for name in METRICS:
+        value = values.get(name)
+        held: tuple[tuple[Side, float], ...] = tuple(
+            (LIMITS[key].side, limit) for key, limit in limits.items() if LIMITS[key].metric == name
+        )
+        rows.append(Row(name, value, held, _meets(value, held) if held else None))
+    return Verdict(tuple(rows), problems, message_hash, comparable, notes)
+
+
+def _meets(value: float | None, held: tuple[tuple[Side, float], ...]) -> bool:
+    if value is None:
+        return False
+    return all(value >= limit if side == "least" else value <= limit for side, limit in held)
+
+
+def measure(traces: Traces, wall_s: float | None = None) -> dict[str, float]:
+    """Return every metric the traces say something about, by key of `METRICS`."""
+    values: dict[str, float] = {}
+    truth = traces.series("sim/truth")
+    if len(truth):
+        duration = truth[-1, 0] - truth[0, 0]
+        values |= {
+            "fell": float(traces.fallen_at is not None),
+            "distance_m": distance(truth),
+            "max_tilt_deg": float(truth[:, 8].max() * DEG),
+            "duration_s": float(duration),
+        }
+        if wall_s is not None and wall_s > 0.0:
+            values["real_time_factor"] = duration / wall_s
+    if traces.last_tick >= 0:
+        values["ticks"] = float(traces.last_tick + 1)
+    if traces.stances:
+        sliding = 1000.0 * np.array([stance.sliding for stance in traces.stances])
+        values |= {"mean_slip_mm": float(sliding.mean()), "max_slip_mm": float(sliding.max())}
+    twists = [abs(stance.twist) for stance in traces.stances if stance.twist is not None]
+    if twists:
+        values["max_twist_deg"] = max(twists) * DEG
+    error = velocity_error(truth, traces.series("state/velocity"))
+    if len(error):
+        values["velocity_rmse_mps"] = rms(error[:, 1:])
+    drift = odometry_error(truth, traces.series("state/odometry"))
+    if len(drift):
+        values["odometry_error_m"] = float(drift[-1, 1])
+        values["heading_error_deg"] = float(abs(drift[-1, 2]) * DEG)
+        way = path_length(truth)
+        if way > 0.1:
+            values["odometry_error_percent"] = 100.0 * float(drift[-1, 1]) / way
+    stability = since_ready(traces.series("state/stability"), traces.series("state/gait"))
+    for name, column in (("min_margin_m", 1), ("min_margin_measured_m", 2)):
+        if len(stability) and np.isfinite(stability[:, column]).any():
+            values[name] = float(np.nanmin(stability[:, column]))
+    return values
+
+
+def since_ready(rows: Array, gait: Array) -> Array:
+    """Return the rows from the moment the walker is ready, all when there is none; both as in `Traces.series`.
+
+    A robot that was set down on rough ground rests on few feet until it has put down the others.
+    """
+    if not len(rows) or not len(gait):
+        return rows
+    ready = gait[gait[:, 5] == 0.0, 0]
+    return rows[rows[:, 0] >= ready[0]] if len(ready) else rows[:0]
+
+
+def distance(truth: Array) -> float:
+    """Return the way from start to end along the first heading, m; `truth` as in `Traces.series`."""
+    step = truth[-1, 1:3] - truth[0, 1:3]
+    yaw = truth[0, 7]
+    return float(step[0] * np.cos(yaw) + step[1] * np.sin(yaw))
+
+
+def path_length(truth: Array) -> float:
+    """Return the length of the horizontal path, m, measured each 0.5 s so that sway does not count."""
+    corners = truth[::50, 1:3]
+    return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
+
+
+def velocity_error(truth: Array, estimate: Array) -> Array:
+    """Return rows (time, error 3) of initialised velocity estimates against the truth of the same stamp, m/s."""
+    if not len(truth) or not len(estimate):
+        return np.empty((0, 4))
+    valid = estimate[estimate[:, 4] > 0.5]
+    _, here, there = np.intersect1d(_stamps(truth), _stamps(valid), return_indices=True)
+    return np.column_stack([valid[there, 0], valid[there, 1:4] - truth[here, 4:7]])
+
+
+def odometry_error(truth: Array, odometry: Array) -> Array:
+    """Return rows (time, horizontal distance m, heading error rad) between odometry and truth.
+
+    Both are compared relative to the first initialised sample: where `odom` lies in the world is a matter of the
+    start pose, not of the odometry.
+    """
+    if not len(truth) or not len(odometry):
+        return np.empty((0, 3))
+    valid = odometry[odometry[:, 7] > 0.5]
+    _, here, there = np.intersect1d(_stamps(truth), _stamps(valid), return_indices=True)
+    if not len(here):
+        return np.empty((0, 3))
+    real, found = truth[here], valid[there]
+    turn = real[0, 7] - found[0, 4]
+    rot = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])  # rot_world_from_odom
+    placed = (found[:, 1:3] - found[0, 1:3]) @ rot.T
+    gap = np.linalg.norm(placed - (real[:, 1:3] - real[0, 1:3]), axis=1)
+    heading = found[:, 4] - real[:, 7] + turn
+    return np.column_stack([found[:, 0], gap, np.angle(np.exp(1j * heading))])
+
+
+def variants(traces: Traces) -> dict[str, float]:
+    """Return the RMS velocity error of each estimator that was recorded, m/s, best first."""
+    truth = traces.series("sim/truth")
+    found: dict[str, float] = {}
+    for name in VARIANTS:
+        error = velocity_error(truth, traces.series(f"state/velocity/{name}"))
+        if len(error):
+            found[name] = rms(error[:, 1:])
+    return dict(sorted(found.items(), key=lambda item: item[1]))
+
+
+def rms(error: Array) -> float:
+    """Return the root of the mean squared length of vectors (n, d)."""
+    return float(np.sqrt(np.square(error).sum(axis=1).mean()))
+
+
+def _stamps(rows: Array) -> NDArray[np.int64]:
+    """Return times as whole microseconds, so that equal stamps compare equal."""
+    return np.round(rows[:, 0] * 1e6).astype(np.int64)

@@ -1,0 +1,149 @@
+"""What a run was like, as time series: messages in, one at a time, live or from a recording; arrays out."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.linear import product
+from surefoot.geometry.rotations import matrix_from_quat
+
+Array = NDArray[np.float64]
+
+VARIANTS = ("imu", "kinematics", "kinematics_gyro", "ekf", "best")
+KEYS = (
+    "sim/truth",
+    "state/velocity",
+    *(f"state/velocity/{name}" for name in VARIANTS),
+    "state/odometry",
+    "state/gait",
+    "state/stability",
+)
+"""Keys that say something about a run; others are ignored."""
+
+
+@dataclass(frozen=True)
+class Stance:
+    """One finished stance of one foot: when it ended (s), which foot, way its contact point slid (m), where (m)."""
+
+    time: float
+    foot: int
+    sliding: float
+    place: tuple[float, float]
+    twist: float | None = None
+    """Turn of the sole, rad; None for a point foot."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something worth a mark in the report: when (s) and what, in words."""
+
+    time: float
+    text: str
+
+
+@dataclass
+class Traces:
+    """Accumulates the messages of one epoch. A later epoch starts anew: a reset belongs to another run."""
+
+    epoch: int = -1
+    rows: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
+    """Per key one row of numbers a message; first the simulated time in s."""
+    stances: list[Stance] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    ground: tuple[Array, float, tuple[float, float]] | None = None
+    """Heights (ny, nx) m, cell m, centre of cell [0, 0] (x, y) m of the map that the robot was given."""
+    fallen_at: float | None = None
+    last_tick: int = -1
+    _finished: tuple[int, ...] = ()
+    _gait: tuple[str, str] = ("", "")
+
+    def feed(self, key: str, message: Any) -> None:
+        """Take a message of any key; keys that say nothing about the run are ignored."""
+        reader = _READERS.get(key)
+        if reader is None or message.epoch < self.epoch:
+            return
+        if message.epoch > self.epoch:
+            self._begin(message.epoch)
+        if key != "terrain/map":
+            self.last_tick = max(self.last_tick, message.tick)
+        reader(self, key, message)
+
+    def series(self, key: str) -> Array:
+        """Return all rows of a key, shape (n, columns); (0, 1) when there are none."""
+        rows = self.rows.get(key)
+        return np.array(rows) if rows else np.empty((0, 1))
+
+    def note(self, time: float, text: str) -> None:
+        """Mark something that happened."""
+        self.events.append(Event(time, text))
+
+    def _begin(self, epoch: int) -> None:
+        self.epoch = epoch
+        self.rows.clear()
+        self.stances.clear()
+        self.events.clear()
+        self.fallen_at, self.last_tick, self._finished, self._gait = None, -1, (), ("", "")
+
+    def _row(self, key: str, message: Any, *values: float) -> float:
+        time = message.stamp_ns * 1e-9
+        self.rows.setdefault(key, []).append((time, *values))
+        return time
+
+    def _truth(self, key: str, m: Any) -> None:
+        """Columns: time, position 3 (world), velocity 3 (base_link axes), yaw, tilt, CoM 3 (world)."""
+        rot_world_from_base = matrix_from_quat(np.array(m.quat_wxyz))
+        velocity = product(rot_world_from_base.T, np.array(m.velocity))
+        yaw = math.atan2(rot_world_from_base[1, 0], rot_world_from_base[0, 0])
+        time = self._row(key, m, *m.position, *velocity, yaw, m.tilt, *m.com)
+        if m.fallen and self.fallen_at is None:
+            self.fallen_at = time
+            self.note(time, "falls")
+        before = self._finished or (0,) * len(m.stances)
+        for foot, (count, old) in enumerate(zip(m.stances, before, strict=True)):
+            if count > old:
+                twist = m.stance_twist[foot] if m.stance_twist else None
+                self.stances.append(Stance(time, foot, m.stance_sliding[foot], tuple(m.foot_position[foot][:2]), twist))
+        self._finished = tuple(m.stances)
+
+    def _velocity(self, key: str, m: Any) -> None:
+        """Columns: time, velocity 3 (base_link axes), initialised, standard deviations of the velocity 3."""
+        variance = np.maximum(np.array(m.covariance).reshape(6, 6).diagonal()[3:], 0.0)
+        self._row(key, m, *m.velocity, float(m.initialised), *np.sqrt(variance))
+
+    def _odometry(self, key: str, m: Any) -> None:
+        """Columns: time, position 3 (odom), yaw, standard deviations of x and y, initialised."""
+        variance = np.maximum(np.array(m.covariance).reshape(4, 4).diagonal(), 0.0)
+        self._row(key, m, *m.position, m.yaw, *np.sqrt(variance[:2]), float(m.initialised))
+
+    def _gait_state(self, key: str, m: Any) -> None:
+        """Columns: time, remaining, margin of the last step check (NaN = none), steps, feet in stance, waiting."""
+        margin = np.nan if m.margin is None else m.margin
+        waiting = float(m.state == "waiting")
+        time = self._row(key, m, m.remaining, margin, m.steps, float(sum(m.stance)), waiting)
+        now = (m.state, m.reason)
+        if now != self._gait:
+            if m.reason and m.reason != self._gait[1]:
+                self.note(time, m.reason)
+            self._gait = now
+
+    def _stability(self, key: str, m: Any) -> None:
+        """Columns: time, margin of the planned CoM, margin of the measured CoM (NaN = none)."""
+        planned, measured = (np.nan if margin is None else margin for margin in (m.margin_planned, m.margin_measured))
+        self._row(key, m, planned, measured)
+
+    def _map(self, key: str, m: Any) -> None:
+        heights = np.frombuffer(m.data, dtype="<f4").reshape(m.rows, m.cols).astype(np.float64)
+        self.ground = (heights, m.cell, tuple(m.origin))
+
+
+_READERS = {
+    "sim/truth": Traces._truth,
+    "state/odometry": Traces._odometry,
+    "state/gait": Traces._gait_state,
+    "state/stability": Traces._stability,
+    "terrain/map": Traces._map,
+    **{key: Traces._velocity for key in KEYS if key.startswith("state/velocity")},
+}

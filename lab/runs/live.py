@@ -1,0 +1,225 @@
+"""One scenario from start to verdict."""
+
+import shlex
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+
+from surefoot.errors import BusError, CallError
+from surefoot.lab.report.judge import Verdict, judge
+from surefoot.lab.report.page import About, write_report
+from surefoot.lab.report.plots import Timing
+from surefoot.lab.report.traces import Traces
+from surefoot.robot.description import load_robot
+from surefoot.schemas.sim import ResetReply, ResetRequest
+from surefoot.schemas.system import RecorderReply, RecorderRequest
+from surefoot.schemas.topics import RECORDER_STATUS, SIM_RESET
+from surefoot.services.supervisor.processes.session import Session
+from surefoot.services.supervisor.processes.startable import system_of
+from surefoot.services.supervisor.scenarios.director import Director
+from surefoot.services.supervisor.scenarios.scenario import TICK_S, Scenario
+from surefoot.version import VERSION
+
+START_S = 90.0  # s wall, until the simulator serves: cold kernels are compiled at the first start
+STALL_S = 40.0  # s wall without a tick after which a run is given up (longer than the simulator's own patience)
+RECORDER_S = 10.0  # s wall, for the recorder to close its file
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a scenario is run.
+
+    Attributes:
+        seed: None = the scenario's own.
+        record: write an MCAP file.
+        rtf: None = lockstep as fast as it goes; else paced at this real-time factor.
+        strict: no actuation delay.
+        listen: endpoint of the router, None = SUREFOOT_LISTEN or the default.
+        out: folder for recording and report, None = a new one under `runs`.
+    """
+
+    seed: int | None = None
+    record: bool = True
+    rtf: float | None = None
+    strict: bool = False
+    listen: str | None = None
+    out: Path | None = None
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run is: control ticks, simulated time (s), real-time factor so far."""
+
+    ticks: int
+    time: float
+    rtf: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a run."""
+
+    scenario: str
+    seed: int
+    verdict: Verdict
+    report: Path | None
+    """None where it could not be written; a note of the verdict says why."""
+    recording: Path | None
+    start_s: float
+    """Wall time from the command to tick 0."""
+    timings: Mapping[str, Timing]
+    """Time in a tick by service."""
+
+
+def run_scenario(
+    scenario: Scenario,
+    options: Options,
+    tell: Callable[[str], None] = lambda text: None,
+    show: Callable[[Progress], None] = lambda progress: None,
+) -> Outcome:
+    """Start the system, conduct the scenario, judge it, write the report, stop everything.
+
+    Raises:
+        FileError: the compose file cannot be used.
+        BusError: the system could not be brought up, or stalled; the report of a stalled run is not written.
+    """
+    began = time.monotonic()
+    seed = scenario.seed if options.seed is None else options.seed
+    compose = system_of(scenario)
+    out = options.out or _new_folder(scenario.name, seed)
+    if not out.exists():  # where nothing can be written, nothing is started
+        out.mkdir(parents=True)
+        out.rmdir()
+    recording = (out / "run.mcap").resolve() if options.record else None
+    director = Director(scenario)
+    environment = {
+        "SUREFOOT_RECORDER_PATH": str(recording) if recording else "",
+        "SUREFOOT_SIMULATOR_AUTOSTART": "false",  # the first epoch is ours
+    }
+    with Session(compose, listen=options.listen, director=director, environment=environment, tell=tell) as session:
+        reset = _reset(session, scenario, options, seed)
+        tell(f"run {reset.run_id} begins")
+        start_s, problems = _follow(session, scenario, director, began, show)
+        recorded = _recorder(session) if "recorder" in session.alive else None
+        timings = {n: Timing(h.tick_p50_us, h.tick_p99_us) for n, h in session.health().items() if h.tick_p50_us > 0}
+        restarts = [f"{row.service} was restarted {row.restarts}x" for row in session.rows() if row.restarts]
+        status, wall_s = session.supervisor.status, session.supervisor.wall_s
+    problems += session.supervisor.stops()
+    comparable = not restarts and options.rtf is None and (status is None or status.comparable)
+    traces = session.supervisor.traces()
+    verdict = judge(
+        traces,
+        scenario.limits,
+        wall_s=wall_s,
+        message_hash=recorded.run_hash if recorded else "",
+        comparable=comparable,
+        problems=(*problems, *director.problems, *director.unfinished()),
+        notes=(*director.notes, *restarts, *_unrecorded(recording, recorded)),
+    )
+    written = recording if recording is not None and recording.exists() else None
+    try:
+        report = _report(out, scenario, seed, session.robot, traces, verdict, timings, written, options)
+    except OSError as error:
+        why = f"the report could not be written: {error.strerror or error}"
+        report, verdict = None, replace(verdict, notes=(*verdict.notes, why))
+    return Outcome(scenario.name, seed, verdict, report, written, start_s, timings)
+
+
+def _reset(session: Session, scenario: Scenario, options: Options, seed: int) -> ResetReply:
+    """Build the world as soon as the simulator serves; the others may still be starting."""
+    if not session.wait_for(lambda: bool(session.driver), START_S):
+        raise BusError("not_ready", f"no service of {session.compose.path} drives after {START_S:g} s")
+    if not session.answers(SIM_RESET):
+        raise BusError("no_simulator", f"a scenario needs a simulator; {session.driver} does not answer sim/reset")
+    return session.call(
+        SIM_RESET,
+        ResetRequest(
+            seed=seed,
+            world=scenario.world,
+            expect=session.expected,
+            mode="lockstep" if options.rtf is None else "paced",
+            rtf=options.rtf or 0.0,
+            actuation_delay_ticks=0 if options.strict else scenario.actuation_delay_ticks,
+            policy=scenario.policy,
+            max_ticks=scenario.max_ticks,
+        ),
+    )
+
+
+def _follow(
+    session: Session, scenario: Scenario, director: Director, began: float, show: Callable[[Progress], None]
+) -> tuple[float, list[str]]:
+    """Look after the system until the last tick; return the start-up time and what went wrong."""
+    supervisor = session.supervisor
+    start_s, last, moved = 0.0, 0, time.monotonic()
+    while not supervisor.ended.is_set():
+        session.step()
+        now = time.monotonic()
+        if supervisor.ticks != last:
+            if last == 0:
+                start_s = now - began
+            last, moved = supervisor.ticks, now
+            wall = max(supervisor.wall_s, 1e-3)
+            show(Progress(last, last * TICK_S, last * TICK_S / wall))
+        if now - moved > STALL_S:
+            waiting = {name: health.waiting_for for name, health in session.health().items() if health.waiting_for}
+            words = "; ".join(f"{name} waits for {', '.join(keys)}" for name, keys in waiting.items())
+            raise BusError("stalled", f"no tick for {STALL_S:g} s at tick {last}" + (f": {words}" if words else ""))
+        supervisor.ended.wait(0.05)
+    return start_s, ["it was ended by max_duration_s"] if not director.ended and scenario.steps else []
+
+
+def _recorder(session: Session) -> RecorderReply | None:
+    """Wait until the recorder has the last tick on disk."""
+    deadline = time.monotonic() + RECORDER_S
+    while True:
+        try:
+            reply = session.call(RECORDER_STATUS, RecorderRequest(), 2.0)
+        except CallError:
+            return None
+        if reply.finished or time.monotonic() > deadline:
+            return reply
+        time.sleep(0.02)
+
+
+def _unrecorded(wanted: Path | None, recorded: RecorderReply | None) -> list[str]:
+    """What is to be said of a recording that ended early."""
+    failed = wanted is not None and recorded is not None and recorded.finished and not recorded.path
+    return ["the recording could not be written to its end; `surefoot logs recorder` tells why"] if failed else []
+
+
+def _new_folder(scenario: str, seed: int) -> Path:
+    stem = Path("runs") / f"{scenario}-seed{seed}-{datetime.now():%Y%m%d-%H%M%S}"
+    folder, number = stem, 1
+    while folder.exists():
+        number += 1
+        folder = stem.with_name(f"{stem.name}-{number}")
+    return folder
+
+
+def _report(
+    out: Path,
+    scenario: Scenario,
+    seed: int,
+    robot: str,
+    traces: Traces,
+    verdict: Verdict,
+    timings: dict[str, Timing],
+    recording: Path | None,
+    options: Options,
+) -> Path:
+    flags = " --strict" if options.strict else ""
+    flags += f" --rtf {options.rtf:g}" if options.rtf is not None else ""
+    facts = {
+        "Again": f"surefoot run {shlex.quote(scenario.name)} --seed {seed}{flags}",
+        "Robot": robot,
+        "World": scenario.world.model_dump_json(exclude_none=True),
+        "Version": VERSION,
+    }
+    if recording is not None:
+        facts["Recording"] = recording.name
+    feet = tuple(leg.name for leg in load_robot(robot).legs)
+    about = About(scenario.name, scenario.description, seed, facts, scenario.limits, feet, timings)
+    return write_report(out / "report.html", about, traces, verdict)

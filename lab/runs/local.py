@@ -1,0 +1,133 @@
+"""A scenario inside one process, on the in-memory bus: the same services, the same lockstep, the same verdict and hash.
+
+For studies over many seeds: every seed is a process of its own, without ports, as many at a time as there are cores.
+"""
+
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from surefoot.files import find
+from surefoot.lab.report.judge import Verdict, judge
+from surefoot.lockstep.config import ServiceConfig, load_config
+from surefoot.lockstep.discover import service_class
+from surefoot.lockstep.driver import DriverNode
+from surefoot.lockstep.launch import spare_collector
+from surefoot.lockstep.local import LocalSystem
+from surefoot.lockstep.service import Service
+from surefoot.schemas.sim import ResetRequest
+from surefoot.schemas.system import RecorderRequest
+from surefoot.schemas.topics import RECORDER_STATUS, SIM_RESET
+from surefoot.services.supervisor.processes.compose import ComposeError, load_compose
+from surefoot.services.supervisor.scenarios.director import Director
+from surefoot.services.supervisor.scenarios.scenario import TICK_S, Scenario, find_scenario, load_scenario
+from surefoot.services.supervisor.service import Supervisor
+
+
+@dataclass(frozen=True)
+class LocalRun:
+    """What came of a run in one process."""
+
+    seed: int
+    verdict: Verdict
+    run_hash: str
+    ticks: int
+    wall_s: float
+
+    @property
+    def rtf(self) -> float:
+        """Simulated over wall time."""
+        return self.ticks * TICK_S / self.wall_s
+
+
+def build_services(names: Iterable[str], robot: str, director: Director, recording: Path | None) -> list[Service[Any]]:
+    """The services of a compose file as objects; the supervisor conducts ``director``."""
+    built: list[Service[Any]] = []
+    for name in names:
+        if name == Supervisor.name:
+            built.append(Supervisor(ServiceConfig(robot=robot), director))
+            continue
+        kind: type[Service[Any]] = service_class(name)
+        overrides = [f"robot={robot!r}"]
+        if "autostart" in kind.Config.model_fields:  # the first epoch is ours
+            overrides.append("autostart=false")
+        config = load_config(kind.Config, name, None, None, overrides)
+        if name == "recorder":
+            config = config.model_copy(update={"path": None if recording is None else str(recording)})
+        built.append(kind(config))
+    return built
+
+
+def run_local(
+    scenario: Scenario,
+    seed: int | None = None,
+    *,
+    strict: bool = False,
+    recording: Path | None = None,
+    without: Iterable[str] = (),
+) -> LocalRun:
+    """Conducts a scenario in this process.
+
+    Args:
+        scenario: what to do.
+        seed: None = the scenario's own.
+        strict: no actuation delay.
+        recording: MCAP file, None = only the hash.
+        without: services to leave out.
+    """
+    seed = scenario.seed if seed is None else seed
+    compose = load_compose(find("compose", scenario.compose, ".yaml", ComposeError))
+    director = Director(scenario)
+    names = [name for name in compose.service_names if name not in set(without)]
+    services = build_services(names, compose.robot, director, recording)
+    system = LocalSystem(services)
+    supervisor = next(service for service in services if isinstance(service, Supervisor))
+    try:
+        request = ResetRequest(
+            seed=seed, world=scenario.world, expect=tuple(names),
+            actuation_delay_ticks=0 if strict else scenario.actuation_delay_ticks,
+            policy=scenario.policy, max_ticks=scenario.max_ticks,
+        )  # fmt: skip
+        system.bus.call(SIM_RESET, request)
+        leader = next(node.leader for node in system.nodes if isinstance(node, DriverNode))
+        system.run_until(lambda: leader.tick >= 0)
+        began = time.perf_counter()
+        system.run_until(lambda: leader.state == "ended" and leader.all_done())
+        wall_s = time.perf_counter() - began
+        run_hash = ""
+        if "recorder" in names:
+            run_hash = system.bus.call(RECORDER_STATUS, RecorderRequest()).run_hash
+        verdict = judge(
+            supervisor.traces(), scenario.limits, wall_s=wall_s, message_hash=run_hash, comparable=leader.comparable,
+            problems=(*supervisor.stops(), *director.problems, *director.unfinished()), notes=tuple(director.notes),
+        )  # fmt: skip
+        return LocalRun(seed, verdict, run_hash, leader.tick + 1, wall_s)
+    finally:
+        system.close()
+
+
+def _job(name: str, seed: int, strict: bool) -> LocalRun:
+    spare_collector()
+    return run_local(load_scenario(find_scenario(name)), seed, strict=strict, without=("recorder",))
+
+
+def study(
+    name: str,
+    seeds: Iterable[int],
+    *,
+    strict: bool = False,
+    processes: int | None = None,
+    show: Callable[[LocalRun], None] = lambda run: None,
+) -> Iterator[LocalRun]:
+    """Runs a scenario over many seeds, a process for each core; yields the runs as they finish."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    with ProcessPoolExecutor(processes or os.cpu_count() or 1) as pool:
+        jobs = [pool.submit(_job, name, seed, strict) for seed in seeds]
+        for job in as_completed(jobs):
+            run = job.result()
+            show(run)
+            yield run

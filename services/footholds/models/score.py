@@ -1,0 +1,89 @@
+"""A transparent hand-made slip model: seven numbers, each with its reason.
+
+With the mean convexity a = K1 / (8 cell) and the mean roughness b = K2 / (8 cell) (heights over the neighbours per
+cell, no unit), s(x) = x / (1 + x), c = cos K3 and (x)+ = max(x, 0),
+
+    P = flat + peak s(a - dead)+ - hole s(-a - dead)+ + rough s(b - |a| - dead)+ + face (c)+ - lean (-c)+,
+
+clipped to [0, 1]. b - |a| is what neither peak nor hole explains: slopes, edges in profile, broken ground. The order
+is the paper's (Figs. 8-9) and that of single-foot trials: holes < flat < slopes < ridges and peaks. The weights were
+compared by walks over the demo's ground; with a map of 3 mm noise the feet slid per stance, nominal / selected, mm:
+demo 0.31 / 0.25 (10 seeds), demo of 8.7 cm 0.60 / 0.45, and on ground not used for the comparison rough of 4 cm
+1.08 / 0.53, flagstones of 6 cm 1.19 / 0.95 (6 seeds each; `benchmarks/bench_walk.py`, with and without `--nominal`).
+"""
+
+from dataclasses import astuple, dataclass, fields
+from functools import lru_cache
+
+import numpy as np
+
+from surefoot.kernels.jit import row_kernel
+from surefoot.services.footholds.features import Features, Layer
+
+
+@dataclass(frozen=True, slots=True)
+class HandScore:
+    """Weights of the hand-made score; none has a unit."""
+
+    flat: float = 0.04
+    """Slip on flat ground: servo and body errors drag a foot by about 4 % of a stroke (single-foot trials, mu 0.4)."""
+    peak: float = 0.70
+    """A peak or top edge holds on one side only. A top edge of 10 mm in 5 mm cells costs 0.26, six cells of way;
+    one of 25 mm passes the slip limit."""
+    hole: float = 0.05
+    """A hole or the foot of a wall holds on all sides. Small: no more than the flat slip can be gained, and in a
+    walk, other than under a single foot, holes were not better than flat ground (walls, closed chains)."""
+    face: float = 0.30
+    """Ground that falls away from the push slips: 30 deg cost 0.15."""
+    lean: float = 0.10
+    """Ground that faces the push gains a third of that: it slips less than other slopes, yet more than flat ground."""
+    rough: float = 0.70
+    """Slopes of any direction and broken ground: stances on the steepest fourth slid twice as far as on the flat."""
+    dead: float = 0.15
+    """Noise of the map that is not ground: 3 mm per cell leave about this much of a and b behind the filter."""
+
+    def __post_init__(self) -> None:
+        for field, value in zip(fields(self), astuple(self), strict=True):
+            if not (np.isfinite(value) and 0.0 <= value <= 10.0):
+                raise ValueError(f"{field.name} must be between 0 and 10, got {value!r}")
+
+    @property
+    def name(self) -> str:
+        """Name and version of the formula."""
+        return "hand-made/1"
+
+    def predict(self, features: Features, cell: float) -> Layer:
+        """P of every cell, (ny, nx) float32 in [0, 1], NaN where the coefficients are; holds for any cell size."""
+        k1, k2, cos_k3 = features.k1, features.k2, features.cos_k3
+        out = np.empty(k1.shape, dtype=np.float32)
+        _predict(k1, k2, cos_k3, _weights(self), np.float32(0.125 / cell), out)
+        return out
+
+
+@lru_cache(maxsize=16)
+def _weights(score: HandScore) -> Layer:
+    return np.array(astuple(score), dtype=np.float32)
+
+
+@row_kernel
+def _predict(k1: Layer, k2: Layer, cos_k3: Layer, weights: Layer, scale: np.float32, out: Layer) -> None:
+    zero, one = np.float32(0.0), np.float32(1.0)
+    flat, peak, hole, face = weights[0], weights[1], weights[2], weights[3]
+    lean, rough, dead = weights[4], weights[5], weights[6]
+    for i in range(out.shape[0]):
+        row1, row2, row3, target = k1[i], k2[i], cos_k3[i], out[i]
+        for j in range(out.shape[1]):
+            a, b, c = row1[j] * scale, row2[j] * scale, row3[j]
+            up, low, edge = max(a - dead, zero), max(-a - dead, zero), max(b - abs(a) - dead, zero)
+            value = flat + peak * up / (one + up) - hole * low / (one + low) + rough * edge / (one + edge)
+            value += face * max(c, zero) + lean * min(c, zero)
+            # b + c carries a NaN of the coefficients past max and min
+            target[j] = min(max(value, zero), one) + zero * (b + c)
+
+
+def warm() -> None:
+    """Compile the kernel for whole layers and for windows (views without contiguous rows)."""
+    whole = np.zeros((3, 3), dtype=np.float32)
+    HandScore().predict(Features(whole, whole, whole), 0.005)
+    part = whole[1:-1, 1:-1]
+    HandScore().predict(Features(part, part, part), 0.005)

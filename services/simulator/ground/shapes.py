@@ -1,0 +1,272 @@
+"""Shapes of the ground: one pure function per kind of terrain.
+
+A shape has two faces: `surface`, all of it on the grid, and what the physics stands on: a height field (`ground`) or
+the plane through the origin, and exact boxes. Hills, noise and stones begin behind the flat pad about the origin.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.linear import exp
+from surefoot.geometry.rotations import quat_from_matrix
+
+Array = NDArray[np.float64]
+
+PAD_END = 0.25  # m, the ground is flat for x below this: the feet of Ragno reach to .17 m ahead of the trunk centre
+BLEND = 0.10  # m, over which hills grow behind the pad
+CORRIDOR = 0.25  # m, half the width of the lane in which hills are scaled to their nominal height
+N_HILLS = 40
+HILL_SIGMA = (0.06, 0.18)  # m
+NOISE_WAVE = 0.04  # m, distance of the nodes of the rough noise
+TREAD = 0.25  # m
+N_RISERS = 3
+TILE = 0.10  # m, edge of a flagstone
+TILE_SLOPE = 0.1
+DEMO_HILLS = 0.06  # m, version 1 of the demo: highest hill in the lane,
+DEMO_NOISE = 0.02  # m, rough noise from peak to peak,
+DEMO_RISER = 0.025  # m, and three steps
+DEMO_STEPS_AT = 0.95  # m, the first riser
+ROOM = ((-1.0, 1.5), (-1.0, 1.0))  # m, inner faces of the walls along x and y
+WALL = 0.05  # m, their thickness
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """One solid box of the ground."""
+
+    position: tuple[float, float, float]
+    """Centre, m, frame `map`."""
+    half_size: tuple[float, float, float]
+    """Half edges, m."""
+    quat_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    """rot_map_from_box."""
+
+
+class Shape(NamedTuple):
+    """What a kind of terrain consists of; heights in m, (ny, nx) or broadcastable to it."""
+
+    surface: Array
+    ground: Array | None = None
+    """Height field of the physics; None = the plane."""
+    boxes: tuple[Box, ...] = ()
+    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    """Unit normal of the plane."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a shape depends on."""
+
+    grid: "Grid"
+    seed: int
+    amp: float
+    number: int
+    yaw: float
+
+
+def random_stream(seed: int, name: str) -> np.random.Generator:
+    """The random stream of one named part of the simulation: equal (seed, name) give equal numbers."""
+    return np.random.default_rng([seed, *name.encode()])
+
+
+@dataclass(frozen=True)
+class Grid:
+    x0: float
+    y0: float
+    nx: int
+    ny: int
+    cell: float
+
+    def axes(self) -> tuple[Array, Array]:
+        """x (1, nx) and y (ny, 1) of the cell centres, for broadcasting."""
+        return (
+            (self.x0 + self.cell * np.arange(self.nx, dtype=np.float64))[None, :],
+            (self.y0 + self.cell * np.arange(self.ny, dtype=np.float64))[:, None],
+        )
+
+
+def _smooth(u: Array) -> Array:
+    """3u^2 - 2u^3, clipped to [0, 1]."""
+    u = np.clip(u, 0.0, 1.0)
+    return u * u * (3.0 - 2.0 * u)
+
+
+def _flat(r: Wanted) -> Shape:
+    return Shape(np.zeros((1, 1)))
+
+
+def _slope(r: Wanted) -> Shape:
+    x, _ = r.grid.axes()
+    n = math.hypot(1.0, r.amp)
+    return Shape(r.amp * x, normal=(-r.amp / n, 0.0, 1.0 / n))
+
+
+def _hill_field(grid: Grid, seed: int, amp: float, end: float = math.inf) -> Array:
+    """Sum of 40 Gaussians, scaled to [0, amp] in the lane up to x = end and faded out on the pad. (ny, nx)"""
+    x, y = grid.axes()
+    rng = random_stream(seed, "terrain/hills")
+    z = np.zeros((grid.ny, grid.nx))
+    half = 0.5 * grid.cell * grid.ny
+    for _ in range(N_HILLS):
+        cx, cy = rng.uniform(PAD_END, grid.x0 + grid.nx * grid.cell), rng.uniform(-half, half)
+        sigma, height = rng.uniform(*HILL_SIGMA), rng.uniform(0.3, 1.0)
+        gx, gy = exp(-0.5 * ((x - cx) / sigma) ** 2), exp(-0.5 * ((y - cy) / sigma) ** 2)
+        z += height * gx * gy
+    lane = z[np.abs(y[:, 0]) <= CORRIDOR][:, (x[0] >= PAD_END + BLEND) & (x[0] <= end)]
+    low, high = lane.min(), lane.max()
+    z = np.clip((z - low) * (amp / max(high - low, 1e-9)), 0.0, amp)
+    return z * _smooth((x - PAD_END) / BLEND)
+
+
+def _noise_field(grid: Grid, seed: int, amp: float) -> Array:
+    """Value noise: random nodes every 40 mm, smooth between, +-amp/2, zero on the pad. (ny, nx)"""
+    x, y = grid.axes()
+    rng = random_stream(seed, "terrain/rough")
+    u, v = (x[0] - grid.x0) / NOISE_WAVE, (y[:, 0] - grid.y0) / NOISE_WAVE
+    i, j = np.floor(u).astype(int), np.floor(v).astype(int)
+    nodes = rng.uniform(-0.5 * amp, 0.5 * amp, (j[-1] + 2, i[-1] + 2))
+    a, b = _smooth(u - i)[None, :], _smooth(v - j)[:, None]
+    rows = nodes[:, i] * (1.0 - a) + nodes[:, i + 1] * a
+    return (rows[j] * (1.0 - b) + rows[j + 1] * b) * _smooth((x - PAD_END) / BLEND)
+
+
+def _hills(r: Wanted) -> Shape:
+    z = _hill_field(r.grid, r.seed, r.amp)
+    return Shape(z, z)
+
+
+def _rough(r: Wanted) -> Shape:
+    z = _noise_field(r.grid, r.seed, r.amp)
+    return Shape(z, z)
+
+
+def _stairs(grid: Grid, first: float, riser: float) -> tuple[tuple[Box, ...], Array]:
+    """Boxes of N_RISERS steps that rise along x and the height of their tops over the grid (1, nx)."""
+    x, _ = grid.axes()
+    end, half_y = grid.x0 + grid.nx * grid.cell, 0.5 * grid.cell * grid.ny
+    boxes: list[Box] = []
+    for k in range(N_RISERS):
+        begin = first + k * TREAD
+        half = (0.5 * (end - begin), half_y, 0.5 * (k + 1) * riser + 0.01)
+        boxes.append(Box((0.5 * (end + begin), 0.0, (k + 1) * riser - half[2]), half))
+    top = riser * np.clip(np.floor((x - first) / TREAD + 1e-9) + 1.0, 0.0, N_RISERS)
+    return tuple(boxes), top
+
+
+def _steps(r: Wanted) -> Shape:
+    boxes, top = _stairs(r.grid, PAD_END + BLEND, r.amp)
+    return Shape(top, boxes=boxes)
+
+
+def _flagstones(r: Wanted) -> Shape:
+    """Tiles of 10 cm at random heights and slopes; the gaps of tilted tiles are closed by their depth."""
+    x, y = r.grid.axes()
+    rng = random_stream(r.seed, "terrain/flagstones")
+    z = np.zeros((r.grid.ny, r.grid.nx))
+    depth = 0.5 * r.amp + TILE * TILE_SLOPE + 0.01
+    boxes: list[Box] = []
+    n_x = math.floor((x[0, -1] - PAD_END) / TILE)
+    n_y = math.ceil(-y[0, 0] / TILE)
+    for i in range(n_x):
+        for j in range(-n_y, n_y):
+            corner = (PAD_END + i * TILE, j * TILE)
+            height, sx, sy = rng.uniform(0.0, r.amp), *rng.uniform(-TILE_SLOPE, TILE_SLOPE, 2)
+            boxes.append(_tile(corner, height, float(sx), float(sy), depth))
+            cols = (x[0] >= corner[0]) & (x[0] < corner[0] + TILE)
+            rows = (y[:, 0] >= corner[1]) & (y[:, 0] < corner[1] + TILE)
+            dx, dy = x[:, cols] - corner[0] - 0.5 * TILE, y[rows] - corner[1] - 0.5 * TILE
+            z[np.ix_(rows, cols)] = np.maximum(height + sx * dx + sy * dy, 0.0)
+    return Shape(z, boxes=tuple(boxes))
+
+
+def _tile(corner: tuple[float, float], height: float, slope_x: float, slope_y: float, depth: float) -> Box:
+    """A box whose top face has the given height and slopes over the middle of its square."""
+    normal = np.array([-slope_x, -slope_y, 1.0]) / math.sqrt(1.0 + slope_x**2 + slope_y**2)
+    along_x = np.array([normal[2], 0.0, -normal[0]]) / math.hypot(normal[0], normal[2])
+    rot = np.column_stack((along_x, np.cross(normal, along_x), normal))
+    top = np.array([corner[0] + 0.5 * TILE, corner[1] + 0.5 * TILE, height])
+    centre = top - depth * normal
+    half = (0.5 * TILE / along_x[0], 0.5 * TILE / rot[1, 1], depth)
+    q = quat_from_matrix(rot)
+    return Box((centre[0], centre[1], centre[2]), half, (q[0], q[1], q[2], q[3]))
+
+
+def _primitive(r: Wanted) -> Shape:
+    """Flat, slope, step edge, hill, ridge, hole, groove about the origin; `yaw` turns them."""
+    grid, amp, yaw = r.grid, r.amp, r.yaw
+    x, y = grid.axes()
+    u, v = math.cos(yaw) * x + math.sin(yaw) * y, -math.sin(yaw) * x + math.cos(yaw) * y
+    sigma = 0.02  # m, size of hill, ridge, hole and groove: about two foot diameters
+    shapes: tuple[Callable[[], Array], ...] = (
+        lambda: np.zeros_like(u),
+        lambda: amp * np.clip(u / 0.1, -1.0, 1.0),
+        lambda: np.where(u >= -1e-9, amp, 0.0),
+        lambda: amp * exp(-0.5 * (u * u + v * v) / sigma**2),
+        lambda: amp * exp(-0.5 * (v / sigma) ** 2) * np.ones_like(u),
+        lambda: -amp * exp(-0.5 * (u * u + v * v) / sigma**2),
+        lambda: -amp * exp(-0.5 * (v / sigma) ** 2) * np.ones_like(u),
+    )
+    surface = np.broadcast_to(shapes[r.number - 1](), (grid.ny, grid.nx))
+    if r.number == 1 or amp == 0.0:
+        return Shape(surface)
+    if r.number == 3:
+        reach = grid.cell * max(grid.nx, grid.ny)
+        centre = (0.5 * reach * math.cos(yaw), 0.5 * reach * math.sin(yaw), 0.5 * amp - 0.005)
+        box = Box(centre, (0.5 * reach, reach, 0.5 * amp + 0.005), (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)))
+        return Shape(surface, boxes=(box,))
+    return Shape(surface, surface)
+
+
+def _demo(r: Wanted) -> Shape:
+    """Pad, hills with rough noise, three steps: everything on the first 1.5 m; `amp` scales all heights."""
+    grid = r.grid
+    x, _ = grid.axes()
+    scale = r.amp / DEMO_HILLS
+    fade = _smooth((DEMO_STEPS_AT - x) / BLEND)
+    hills = _hill_field(grid, r.seed, r.amp, DEMO_STEPS_AT - BLEND)
+    z = fade * (hills + _noise_field(grid, r.seed, scale * DEMO_NOISE))
+    boxes, top = _stairs(grid, DEMO_STEPS_AT, scale * DEMO_RISER)
+    surface = np.where(top > 0.0, np.maximum(z, top), z)
+    return Shape(surface, z, boxes)
+
+
+def _room(r: Wanted) -> Shape:
+    """A level floor between four walls, `amp` high."""
+    x, y = r.grid.axes()
+    (x0, x1), (y0, y1), half = ROOM[0], ROOM[1], 0.5 * WALL
+    middle, wide = (0.5 * (x0 + x1), 0.5 * (y0 + y1)), (0.5 * (x1 - x0) + WALL, 0.5 * (y1 - y0) + WALL)
+    up = 0.5 * r.amp
+    boxes = (
+        *(Box((at, middle[1], up), (half, wide[1], up)) for at in (x0 - half, x1 + half)),
+        *(Box((middle[0], at, up), (wide[0], half, up)) for at in (y0 - half, y1 + half)),
+    )
+    inside = (x > x0) & (x < x1) & (y > y0) & (y < y1)
+    return Shape(np.where(inside, 0.0, r.amp), boxes=boxes if r.amp > 0.0 else ())
+
+
+class Kind(NamedTuple):
+    """One kind of terrain."""
+
+    amp: float
+    """Its own amplitude, m (slope: rise per metre)."""
+    least_end: float
+    """The map must reach this x, m."""
+    make: Callable[[Wanted], Shape]
+
+
+SHAPES: dict[str, Kind] = {
+    "flat": Kind(0.0, -math.inf, _flat),
+    "slope": Kind(math.tan(math.radians(15.0)), -math.inf, _slope),
+    "hills": Kind(0.06, 0.6, _hills),
+    "rough": Kind(0.02, 0.6, _rough),
+    "steps": Kind(0.025, 1.0, _steps),
+    "flagstones": Kind(0.03, 0.6, _flagstones),
+    "primitive": Kind(0.02, -math.inf, _primitive),
+    "room": Kind(0.5, ROOM[0][1] + WALL, _room),
+    "demo": Kind(DEMO_HILLS, DEMO_STEPS_AT + N_RISERS * TREAD, _demo),
+}

@@ -1,0 +1,178 @@
+"""Terrains as pure functions of (kind, seed, amplitude, size, cell).
+
+A terrain has two faces. `map` is the whole surface on a grid, what a mapper would measure. The physics stands on an
+endless plane or a height field (`ground`) and on exact boxes: a vertical edge would become a one-cell ramp in a
+height field. All in frame `map` = the simulated world: x forward, y left, z up, metres. The robot starts on the flat
+pad about the origin.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.geometry.rotations import quat_from_rotvec
+from surefoot.services.simulator.ground.shapes import SHAPES, Box, Grid, Wanted, random_stream
+from surefoot.tables import UNIT_SLACK
+
+__all__ = [
+    "KINDS",
+    "MAP_PROFILES",
+    "Box",
+    "Terrain",
+    "TerrainError",
+    "make_terrain",
+    "observed_map",
+    "random_stream",
+    "terrain_from_map",
+]
+
+Array = NDArray[np.float64]
+KINDS = tuple(SHAPES)
+MAP_PROFILES = ("exact", "noise", "shifted")
+
+MAP_NOISE = 0.003  # m, standard deviation of the height noise of the `noise` map
+MAP_UNKNOWN = 0.01  # share of single cells without a height
+MAP_HOLES_PER_M2 = 4.0  # and round patches without heights
+MAP_HOLE_RADIUS = (0.01, 0.025)  # m
+MAP_SHIFT = (0.010, 0.010, 0.005)  # m, standard deviations of the offset of the `shifted` map
+
+
+class TerrainError(ValueError):
+    """A terrain that cannot be made: `field` names what is wrong."""
+
+    def __init__(self, field_name: str, message: str) -> None:
+        super().__init__(f"{field_name}: {message}")
+        self.field = field_name
+
+
+@dataclass(frozen=True, eq=False)
+class Terrain:
+    """Ground of a world."""
+
+    kind: str
+    seed: int
+    amp: float
+    """Height that the kind scales with, m (slope: rise per metre)."""
+    map: HeightMap
+    """The whole surface, exact at the cell centres."""
+    ground: HeightMap | None = None
+    """Height field of the physics; None: the endless plane through the origin with `normal`."""
+    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    """Unit normal of the plane where there is no height field."""
+    boxes: tuple[Box, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Kind and seed, for tables."""
+        return f"{self.kind}-{self.seed}"
+
+    @property
+    def quat_wxyz(self) -> Array:
+        """Shortest rotation that turns z onto the plane's normal, (4,) (raises TerrainError: no upward unit vector)."""
+        nx, ny, nz = self.normal
+        if not (nz > 0.0 and abs(nx * nx + ny * ny + nz * nz - 1.0) < UNIT_SLACK):
+            raise TerrainError("normal", f"got {self.normal!r}, expected an upward unit vector")
+        sine = math.hypot(nx, ny)
+        if sine == 0.0:
+            return np.array([1.0, 0.0, 0.0, 0.0])
+        return quat_from_rotvec(np.array([-ny, nx, 0.0]) * (math.atan2(sine, nz) / sine))
+
+
+def make_terrain(
+    kind: str,
+    seed: int = 0,
+    amp: float | None = None,
+    size: tuple[float, float] = (3.0, 1.6),
+    cell: float = 0.005,
+    start_x: float = -0.6,
+    number: int = 1,
+    yaw: float = 0.0,
+) -> Terrain:
+    """Make a terrain; equal arguments give equal bits.
+
+    Args:
+        kind: one of `KINDS`.
+        seed: of the random kinds.
+        amp: scale, m: hills highest hill, rough and flagstones height from peak to peak, steps riser, primitive
+            height, demo highest hill (noise and risers grow with it), slope rise per metre. None = the kind's own.
+        size: extent along x and y, m.
+        cell: edge of a cell, m.
+        start_x: x of the first column of cells, m; the rows lie symmetric about y = 0.
+        number: which primitive, 1..7: flat, slope, step edge, hill, ridge, hole, groove.
+        yaw: heading of the primitive, rad.
+
+    Raises:
+        TerrainError: unknown kind or impossible numbers.
+    """
+    if kind not in SHAPES:
+        raise TerrainError("kind", f"got {kind!r}, known are {', '.join(KINDS)}")
+    if not (math.isfinite(cell) and 0.0 < cell <= 0.1):
+        raise TerrainError("cell", f"must be in (0, 0.1] m, got {cell!r}")
+    if seed < 0:
+        raise TerrainError("seed", f"must be >= 0, got {seed!r}")
+    known = SHAPES[kind]
+    amp = known.amp if amp is None else float(amp)
+    if not math.isfinite(amp) or amp < 0.0 or amp > 1.0:
+        raise TerrainError("amp", f"must be in [0, 1], got {amp!r}")
+    nx, ny = round(size[0] / cell) + 1, 2 * round(size[1] / (2.0 * cell)) + 1
+    if not (4 <= nx <= 4000 and 4 <= ny <= 4000):
+        raise TerrainError("size", f"must give 4 to 4000 cells a side, got {nx} x {ny} for {size!r} m")
+    if kind == "primitive":
+        if number not in range(1, 8):
+            raise TerrainError("number", f"must be 1..7, got {number!r}")
+        start_x = -0.5 * (nx - 1) * cell
+    if start_x + size[0] < known.least_end:
+        raise TerrainError("size", f"{kind} needs ground up to x = {known.least_end} m, got {start_x + size[0]:g} m")
+    grid = Grid(start_x, -0.5 * (ny - 1) * cell, nx, ny, cell)
+    shape = known.make(Wanted(grid, seed, amp, number, yaw))
+    surface = _map(grid, shape.surface)
+    ground = None if shape.ground is None else surface if shape.ground is shape.surface else _map(grid, shape.ground)
+    return Terrain(kind, seed, amp, surface, ground, shape.normal, shape.boxes)
+
+
+def _map(grid: Grid, z: Array) -> HeightMap:
+    z = np.broadcast_to(z, (grid.ny, grid.nx))
+    return HeightMap(z=z.astype(np.float32), cell=grid.cell, origin=(grid.x0, grid.y0))
+
+
+def terrain_from_map(ground: HeightMap) -> Terrain:
+    """A terrain that is one height field, such as a file; unknown cells become the lowest known height."""
+    known = np.isfinite(ground.z)
+    if not known.any():
+        raise TerrainError("map", "has no known cell")
+    z = np.where(known, ground.z, ground.z[known].min())
+    full = ground.with_z(z.astype(np.float32))
+    return Terrain("file", 0, float(np.ptp(z)), full, full)
+
+
+def observed_map(terrain: Terrain, profile: str, seed: int) -> HeightMap:
+    """What a mapper hands to the robot.
+
+    Args:
+        terrain: the true one.
+        profile: `exact`; `noise`: 3 mm per cell and unknown cells; `shifted`: the whole map displaced.
+        seed: of noise and shift.
+
+    Raises:
+        TerrainError: unknown profile.
+    """
+    if profile not in MAP_PROFILES:
+        raise TerrainError("profile", f"got {profile!r}, known are {', '.join(MAP_PROFILES)}")
+    exact = terrain.map
+    if profile == "exact":
+        return exact
+    rng = random_stream(seed, f"map/{profile}")
+    if profile == "shifted":
+        dx, dy, dz = np.array(MAP_SHIFT) * rng.standard_normal(3)
+        z = exact.z.astype(np.float64) + dz
+        return replace(exact, z=z.astype(np.float32), origin=(exact.origin[0] + dx, exact.origin[1] + dy))
+    z = exact.z + MAP_NOISE * rng.standard_normal(exact.shape)
+    z[rng.random(exact.shape) < MAP_UNKNOWN] = np.nan
+    x0, y0, x1, y1 = exact.bounds
+    for _ in range(rng.poisson(MAP_HOLES_PER_M2 * (x1 - x0) * (y1 - y0))):
+        x, y, r = rng.uniform(x0, x1), rng.uniform(y0, y1), rng.uniform(*MAP_HOLE_RADIUS)
+        z[np.hypot(exact.xs()[None, :] - x, exact.ys()[:, None] - y) <= r] = np.nan
+    return exact.with_z(z.astype(np.float32))

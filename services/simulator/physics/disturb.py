@@ -1,0 +1,225 @@
+"""What is done to a world while it runs: pushes, changes to model and ground, torque limits, faults."""
+
+# mujoco has no type stubs for its compiled modules:
+# pyright: reportAttributeAccessIssue=false
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.robot.description import Robot
+from surefoot.services.simulator.physics.faults import Fault, FaultBank
+from surefoot.services.simulator.physics.model import NO_TORQUE, Addresses, Perturbation, Physics, retune
+from surefoot.services.simulator.physics.samples import (
+    Command,
+    ContactSample,
+    ImuSample,
+    JointSample,
+    Samples,
+    pack,
+    unpack,
+)
+
+Array = NDArray[np.float64]
+
+TICK_S = 0.01
+QUANTITIES = ("friction", "mass", "servo")
+MAX_VALUE = 100.0
+
+
+class WorldError(ValueError):
+    """A request the world cannot fulfil: `field` names what is wrong."""
+
+    def __init__(self, field_name: str, message: str) -> None:
+        super().__init__(f"{field_name}: {message}")
+        self.field = field_name
+
+
+@dataclass(frozen=True)
+class Push:
+    """A force at the centre of mass of a body in the ticks start <= tick < end."""
+
+    start: int
+    end: int
+    body: int
+    force: tuple[float, float, float]
+    """N, world axes."""
+
+
+class Disturbances:
+    """Pushes, settings, torque limits and faults of one run; changes the compiled model, always from the description.
+
+    Tick n is the step that ends at n x 10 ms and the samples that are released then.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        model: mujoco.MjModel,
+        address: Addresses,
+        base: Perturbation,
+        physics: Physics,
+        foot_of_sphere: NDArray[np.int64],
+    ) -> None:
+        self.robot, self.model, self.address = robot, model, address
+        self.base, self.physics, self.foot_of_sphere = base, physics, foot_of_sphere
+        self._links = tuple(link.name for link in robot.links)
+        self._points = tuple(len(leg.foot.points) for leg in robot.legs)
+        self._changed = False
+        self._own = self._strength()
+        self.clear()
+
+    def clear(self) -> None:
+        """Undo everything: a new run."""
+        self.pushes: list[Push] = []
+        self.faults = FaultBank(self.robot.joint_names, self.robot.leg_names)
+        self.settings: dict[str, float] = {}
+        self._limit: Array | None = None
+        if self._changed:
+            self._retune(0)
+            self._changed = False
+
+    # --- requests -----------------------------------------------------------------------------------------------
+
+    def push(self, tick: int, force: tuple[float, float, float], duration: float, body: str) -> None:
+        """Plan a push from `tick` on; see `World.push`."""
+        name = self._links[0] if body == "trunk" else body
+        if name not in self._links:
+            raise WorldError("body", f"got {body!r}, known are trunk, {', '.join(self._links)}")
+        if not (all(map(math.isfinite, force)) and math.isfinite(duration) and duration > 0.0):
+            raise WorldError("force", f"must be finite, for a duration > 0 s, got {force!r} for {duration!r}")
+        x, y, z = (float(f) for f in force)
+        end = tick + max(1, round(duration / TICK_S))
+        self.pushes.append(Push(tick, end, int(self.address.bodies[self._links.index(name)]), (x, y, z)))
+
+    def set(self, tick: int, quantity: str, value: float) -> None:
+        """Change friction, mass or servo gains now; see `World.set`."""
+        if quantity not in QUANTITIES:
+            raise WorldError("quantity", f"got {quantity!r}, known are {', '.join(QUANTITIES)}")
+        if not (math.isfinite(value) and 0.0 < value <= MAX_VALUE):
+            raise WorldError("value", f"must be in (0, {MAX_VALUE:g}], got {value!r}")
+        self.settings[quantity] = float(value)
+        self._retune(tick)
+
+    def add_fault(self, tick: int, fault: Fault, seed: int) -> None:
+        """Plan a fault; its random numbers depend on the seed of the run too."""
+        self.faults.add(replace(fault, seed=fault.seed + seed))
+        if fault.start_tick <= tick and fault.kind.startswith("servo"):
+            self._retune(tick)
+
+    def limit_torque(self, limit: Array | None) -> None:
+        """Let the servos give no more than this, (nj,) Nm; None = what they can."""
+        before = self._limit
+        if limit is before or (limit is not None and before is not None and np.array_equal(limit, before)):
+            return
+        self._limit = limit
+        self._apply_limit()
+        self._changed = True
+
+    def _strength(self) -> Array:
+        """The most each servo of the model gives, (nj,) Nm."""
+        return self.model.actuator_forcerange[self.address.actuators, 1].copy()
+
+    def _apply_limit(self) -> None:
+        torque = self._own if self._limit is None else np.clip(self._limit, NO_TORQUE, self._own)
+        self.model.actuator_forcerange[self.address.actuators] = np.stack([-torque, torque], axis=1)
+
+    # --- effects ------------------------------------------------------------------------------------------------
+
+    def before_step(self, tick: int, data: mujoco.MjData, command: Command | None) -> Command | None:
+        """Apply what is due in a tick; the command that gets through to the servos is returned."""
+        if self.pushes:
+            self._push(tick, data)
+        if not self.faults:
+            return command
+        if self.faults.changes_servos(tick):
+            self._retune(tick)
+        if not self.faults.packets:
+            return command
+        arrived = self.faults.packet(tick, "command", None if command is None else pack(command))
+        return None if arrived is None else unpack(Command, arrived)
+
+    def after_step(self, tick: int, samples: Samples, limit: Array) -> Samples:
+        """The samples after all faults of sensors and lines; `limit` (6,) is the range of the inertial unit."""
+        bank = self.faults
+        imu, joints, contacts = samples
+        if imu is not None:
+            limit = limit.copy()
+            y = bank.imu(tick, np.concatenate((imu.acc, imu.gyro)), limit)
+            imu = None if y is None else ImuSample(imu.stamp_ns, imu.seq, y[:3], y[3:], at_limit(y, limit))
+        if joints is not None:
+            table = bank.joints(tick, joints.position, joints.current, joints.torque)
+            joints = None if table is None else JointSample(joints.stamp_ns, joints.seq, *table)
+        if contacts is not None:
+            flat = np.array([flag for foot in contacts.touch for flag in foot])
+            touch = bank.contacts(tick, flat, self.foot_of_sphere)
+            contacts = None if touch is None else contacts._replace(touch=by_foot(touch.tolist(), self._points))
+        if not bank.packets:
+            return Samples(imu, joints, contacts)
+        arrived: list[Any] = []
+        for name, kind, sample in (
+            ("imu", ImuSample, imu),
+            ("joints", JointSample, joints),
+            ("contacts", ContactSample, contacts),
+        ):
+            content = bank.packet(tick, name, None if sample is None else pack(sample))
+            arrived.append(None if content is None else unpack(kind, content))
+        return Samples(*arrived)
+
+    def _push(self, tick: int, data: mujoco.MjData) -> None:
+        data.xfrc_applied[:] = 0.0
+        for push in self.pushes:
+            if push.start <= tick < push.end:
+                data.xfrc_applied[push.body, :3] += push.force
+        self.pushes = [push for push in self.pushes if push.end >= tick]  # one tick longer, to take the force away
+
+    def _retune(self, tick: int) -> None:
+        base, physics = self.base, self.physics
+        mass, servo = self.settings.get("mass", 1.0), self.settings.get("servo", 1.0)
+        strength = self.faults.servo_strength(tick)
+        now = replace(
+            base,
+            trunk_mass_scale=base.trunk_mass_scale * mass,
+            leg_mass_scale=base.leg_mass_scale * mass,
+            kp_scale=base.kp_scale * servo * strength,
+            kv_scale=base.kv_scale * servo * strength,
+            torque_scale=base.torque_scale * strength,
+        )
+        if "friction" in self.settings:
+            physics, now = replace(physics, friction=self.settings["friction"]), replace(now, friction_scale=1.0)
+        retune(self.model, self.address, self.robot, now, physics)
+        self._own = self._strength()
+        self._apply_limit()
+        self._changed = True
+
+    # --- checkpoint ---------------------------------------------------------------------------------------------
+
+    def state(self) -> dict[str, Any]:
+        """Everything planned and set; plain JSON values."""
+        pushes = [[push.start, push.end, push.body, list(push.force)] for push in self.pushes]
+        limit = None if self._limit is None else self._limit.tolist()
+        return {
+            "pushes": pushes, "settings": dict(self.settings), "torque_limit": limit, "faults": self.faults.state(),
+        }  # fmt: skip
+
+    def restore(self, tick: int, state: dict[str, Any]) -> None:
+        """Continue where `state` was taken."""
+        self.pushes = [Push(start, end, body, (f[0], f[1], f[2])) for start, end, body, f in state["pushes"]]
+        self.settings = dict(state["settings"])
+        self._limit = None if state["torque_limit"] is None else np.array(state["torque_limit"])
+        self.faults.restore(state["faults"])
+        self._retune(tick)
+
+
+def at_limit(y: Array, limit: Array) -> bool:
+    """Whether an inertial axis is at the end of its range."""
+    return bool((np.abs(y) >= limit).any())
+
+
+def by_foot(flags: list[bool], points: tuple[int, ...]) -> tuple[tuple[bool, ...], ...]:
+    """Flags per contact sphere, grouped by foot."""
+    rest = iter(flags)
+    return tuple(tuple(next(rest) for _ in range(n)) for n in points)

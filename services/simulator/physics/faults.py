@@ -1,0 +1,240 @@
+"""Things that break for a while: sensors, servos and packets. Each fault has a start, a duration and a seed."""
+
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.services.simulator.ground.shapes import random_stream
+
+Array = NDArray[np.float64]
+Kind = Literal[
+    "imu_drop", "imu_freeze", "imu_bias", "imu_saturate", "joints_drop", "joints_freeze", "encoder_stuck",
+    "contacts_drop", "foot_stuck_on", "foot_stuck_off", "servo_dead", "servo_weak", "packet_delay", "packet_loss",
+    "packet_reorder",
+]  # fmt: skip
+KINDS: tuple[str, ...] = get_args(Kind)
+IMU_AXES = ("acc_x", "acc_y", "acc_z", "gyro_x", "gyro_y", "gyro_z")
+CHANNELS = ("imu", "joints", "contacts", "command")
+TICK_S = 0.01
+MAX_DELAY_TICKS = 100
+
+
+class FaultError(ValueError):
+    """A fault that cannot be: `field` names what is wrong."""
+
+    def __init__(self, field: str, message: str) -> None:
+        super().__init__(f"{field}: {message}")
+        self.field = field
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault, active in the ticks start <= tick < end."""
+
+    kind: str
+    start_tick: int
+    duration: float
+    """s"""
+    target: str = ""
+    """Joint, leg, IMU axis (or `acc`, `gyro`) or channel; "" = all."""
+    value: float = 0.0
+    """Bias or saturation (m/s2, rad/s), servo strength 0..1, delay or jitter in ticks, probability of loss."""
+    seed: int = 0
+
+    @property
+    def end_tick(self) -> int:
+        """First tick without the fault."""
+        return self.start_tick + max(1, round(self.duration / TICK_S))
+
+    def active(self, tick: int) -> bool:
+        """Whether the fault is on in this tick."""
+        return self.start_tick <= tick < self.end_tick
+
+
+class FaultBank:
+    """All faults of a run and what they remember."""
+
+    def __init__(self, joints: tuple[str, ...], legs: tuple[str, ...]) -> None:
+        self._names = {"joint": joints, "leg": legs, "axis": IMU_AXES, "channel": CHANNELS, "": ()}
+        self.faults: list[Fault] = []
+        self._random: list[np.random.Generator] = []
+        self._held: dict[str, list[float]] = {}
+        self._queues: dict[str, list[tuple[float, int, dict[str, Any]]]] = {}
+        self.lost = 0
+
+    def __bool__(self) -> bool:
+        """Whether anything was ever broken: a run without faults pays nothing."""
+        return bool(self.faults)
+
+    def add(self, fault: Fault) -> None:
+        """Plan a fault.
+
+        Raises:
+            FaultError: unknown kind or target, or a value out of range.
+        """
+        if fault.kind not in KINDS:
+            raise FaultError("kind", f"got {fault.kind!r}, known are {', '.join(KINDS)}")
+        if not (np.isfinite(fault.duration) and fault.duration > 0.0):
+            raise FaultError("duration", f"must be > 0 s, got {fault.duration!r}")
+        self._indices(fault)
+        low, high = _limits(fault.kind)
+        if not low <= fault.value <= high:
+            raise FaultError("value", f"{fault.kind} takes {low:g} to {high:g}, got {fault.value!r}")
+        self._random.append(random_stream(fault.seed, f"fault/{len(self.faults)}"))
+        self.faults.append(fault)
+
+    @property
+    def packets(self) -> bool:
+        """Whether any line was ever bad."""
+        return any(f.kind.startswith("packet") for f in self.faults)
+
+    def _indices(self, fault: Fault) -> list[int]:
+        names = self._names[_target_of(fault.kind)]
+        if not names:
+            if fault.target:
+                raise FaultError("target", f"{fault.kind} takes none, got {fault.target!r}")
+            return []
+        found = [i for i, name in enumerate(names) if fault.target in ("", name, name.split("_")[0])]
+        if not found:
+            raise FaultError("target", f"got {fault.target!r}, known are {', '.join(names)}")
+        return found
+
+    def on(self, tick: int, *kinds: str) -> list[Fault]:
+        """The active faults of these kinds."""
+        return [f for f in self.faults if f.kind in kinds and f.active(tick)]
+
+    # --- servos -------------------------------------------------------------------------------------------------
+
+    def changes_servos(self, tick: int) -> bool:
+        """Whether a servo fault begins or ends in this tick."""
+        return any(f.kind.startswith("servo") and tick in (f.start_tick, f.end_tick) for f in self.faults)
+
+    def servo_strength(self, tick: int) -> Array:
+        """Factor on gains and torque limit, (nj,)."""
+        strength = np.ones(len(self._names["joint"]))
+        for fault in self.on(tick, "servo_dead", "servo_weak"):
+            strength[self._indices(fault)] *= 0.0 if fault.kind == "servo_dead" else fault.value
+        return strength
+
+    # --- sensors ------------------------------------------------------------------------------------------------
+
+    def imu(self, tick: int, measured: Array, limit: Array) -> Array | None:
+        """The sample as the broken sensor gives it, (6,) acc, gyro; None = no sample. `limit` (6,) is the range."""
+        for fault in self.on(tick, "imu_bias"):
+            measured = measured.copy()
+            measured[self._indices(fault)] += fault.value
+        for fault in self.on(tick, "imu_saturate"):
+            i = self._indices(fault)
+            limit[i] = np.minimum(limit[i], fault.value)
+        measured = np.clip(measured, -limit, limit)
+        measured = self._freeze("imu", bool(self.on(tick, "imu_freeze")), measured)
+        return None if self.on(tick, "imu_drop") else measured
+
+    def joints(self, tick: int, position: Array, current: Array, torque: Array) -> tuple[Array, Array, Array] | None:
+        """The sample as the broken sensors give it; None = no sample."""
+        table = np.stack((position, current, torque))
+        table = self._freeze("joints", bool(self.on(tick, "joints_freeze")), table.ravel()).reshape(table.shape)
+        for n, fault in enumerate(self.faults):
+            if fault.kind == "encoder_stuck":
+                i = self._indices(fault)
+                table[0, i] = self._freeze(f"encoder/{n}", fault.active(tick), table[0, i])
+        return None if self.on(tick, "joints_drop") else (table[0], table[1], table[2])
+
+    def contacts(self, tick: int, touch: NDArray[np.bool_], foot_of_sphere: NDArray[np.int64]) -> Any:
+        """The switches as the broken sensors give them; None = no sample."""
+        touch = touch.copy()
+        for fault in self.on(tick, "foot_stuck_on", "foot_stuck_off"):
+            touch[np.isin(foot_of_sphere, self._indices(fault))] = fault.kind == "foot_stuck_on"
+        return None if self.on(tick, "contacts_drop") else touch
+
+    def _freeze(self, key: str, frozen: bool, value: Array) -> Array:
+        """The last value before the fault while it is on."""
+        if frozen and key in self._held:
+            return np.array(self._held[key])
+        self._held[key] = value.tolist()
+        return value
+
+    # --- packets ------------------------------------------------------------------------------------------------
+
+    def packet(self, tick: int, channel: str, content: dict[str, Any] | None) -> dict[str, Any] | None:
+        """Pass one packet through a bad line.
+
+        Lost packets are counted. Late ones wait here; when several arrive in one tick the last one counts and the
+        others are lost, as one key carries one sample a tick. `packet_reorder` delays each packet by a random time.
+
+        Args:
+            tick: now.
+            channel: one of `CHANNELS`.
+            content: what was sent now, plain JSON values; None = nothing.
+
+        Returns:
+            What arrives now.
+        """
+        queue = self._queues.setdefault(channel, [])
+        if content is not None:
+            arrival, lost = float(tick), False
+            for fault, rng in zip(self.faults, self._random, strict=True):
+                if not fault.kind.startswith("packet") or not fault.active(tick):
+                    continue
+                if CHANNELS.index(channel) not in self._indices(fault):
+                    continue
+                if fault.kind == "packet_delay":
+                    arrival += round(fault.value)
+                elif fault.kind == "packet_reorder":
+                    arrival += rng.uniform(0.0, fault.value)
+                else:
+                    lost |= rng.random() < fault.value
+            if lost:
+                self.lost += 1
+            else:
+                queue.append((arrival, tick, content))
+        due = sorted((item for item in queue if item[0] <= tick), key=lambda item: item[:2])
+        if not due:
+            return None
+        self._queues[channel] = [item for item in queue if item[0] > tick]
+        self.lost += len(due) - 1
+        return due[-1][2]
+
+    # --- checkpoint ---------------------------------------------------------------------------------------------
+
+    def state(self) -> dict[str, Any]:
+        """Faults, their random streams and what they hold; plain JSON values."""
+        return {
+            "faults": [asdict(f) for f in self.faults],
+            "random": [rng.bit_generator.state for rng in self._random],
+            "held": dict(self._held),
+            "queues": {key: [list(item) for item in queue] for key, queue in self._queues.items()},
+            "lost": self.lost,
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue where `state` was taken."""
+        self.faults = [Fault(**f) for f in state["faults"]]
+        self._random = [np.random.default_rng() for _ in self.faults]
+        for rng, saved in zip(self._random, state["random"], strict=True):
+            rng.bit_generator.state = saved
+        self._held = dict(state["held"])
+        self._queues = {key: [(a, t, c) for a, t, c in queue] for key, queue in state["queues"].items()}
+        self.lost = int(state["lost"])
+
+
+def _target_of(kind: str) -> str:
+    if kind.startswith("packet"):
+        return "channel"
+    if kind in ("imu_bias", "imu_saturate"):
+        return "axis"
+    if kind.startswith("foot"):
+        return "leg"
+    return "joint" if kind.startswith(("servo", "encoder")) else ""
+
+
+def _limits(kind: str) -> tuple[float, float]:
+    if kind == "imu_bias":
+        return -1000.0, 1000.0
+    if kind == "imu_saturate":
+        return 0.0, 1000.0
+    if kind in ("servo_weak", "packet_loss"):
+        return 0.0, 1.0
+    return 0.0, float(MAX_DELAY_TICKS)

@@ -1,0 +1,103 @@
+"""Joints and servos of the MuJoCo model: position servos, two axes of one motor, free play of output shafts."""
+
+# mujoco has no type stubs for its compiled modules:
+# pyright: reportAttributeAccessIssue=false
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.robot.description import Robot
+
+if TYPE_CHECKING:
+    from surefoot.services.simulator.physics.model import Addresses
+
+Array = NDArray[np.float64]
+
+COUPLING_SOLREF = (0.004, 1.0)  # s, damping ratio, of one motor's second axis
+BACKLASH_ARMATURE = 2e-4  # kg m2
+BACKLASH_DAMPING = 0.02  # Nm s/rad
+BACKLASH_SOLREF = (0.004, 1.0)  # s, damping ratio, of the ends of the play
+
+
+def coupled_links(robot: Robot) -> list[int]:
+    """Links turned by a motor that another link already has."""
+    return [i for i, link in enumerate(robot.links) if link.joint >= 0 and robot.joints[link.joint].link != i]
+
+
+def place_joints(qpos: Array, addresses: "Addresses", q: Array) -> None:
+    """Write joint angles q (nj,) into MuJoCo's positions, both axes of a coupled motor; play is centred."""
+    qpos[addresses.joint_qpos_slice] = q
+    qpos[addresses.coupled_qpos] = q[addresses.coupled]
+    if addresses.backlash_qpos.size:
+        qpos[addresses.backlash_qpos[addresses.backlash_qpos >= 0]] = 0.0
+
+
+def read_joints(qpos: Array, addresses: "Addresses") -> Array:
+    """Angles of the output shafts, (nj,): motor and play; a copy."""
+    q = qpos[addresses.joint_qpos_slice].copy()
+    if addresses.backlash_qpos.size:
+        has = addresses.backlash_qpos >= 0
+        q[has] += qpos[addresses.backlash_qpos[has]]
+    return q
+
+
+def add_joint(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, robot: Robot, index: int, kp: float, kv: float, torque: Array
+) -> None:
+    joint = robot.joints[index]
+    body.add_joint(
+        name=joint.name,
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=robot.links[joint.link].axis,
+        range=[joint.lower, joint.upper],
+        limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+        armature=joint.servo.armature,
+        frictionloss=joint.servo.frictionloss,
+    )
+    limit = float(torque[index])
+    spec.add_actuator(
+        name=joint.name,
+        target=joint.name,
+        trntype=mujoco.mjtTrn.mjTRN_JOINT,
+        gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+        gainprm=[kp] + [0.0] * 9,
+        biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+        biasprm=[0.0, -kp, -kv] + [0.0] * 7,
+        forcelimited=mujoco.mjtLimited.mjLIMITED_TRUE,
+        forcerange=[-limit, limit],
+    )
+
+
+def add_coupled(spec: mujoco.MjSpec, body: mujoco.MjsBody, robot: Robot, link: int) -> None:
+    """Second axis of a motor: its angle equals the first one's."""
+    joint, name = robot.joints[robot.links[link].joint], robot.links[link].name
+    body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=robot.links[link].axis)
+    spec.add_equality(
+        name=name,
+        type=mujoco.mjtEq.mjEQ_JOINT,
+        objtype=mujoco.mjtObj.mjOBJ_JOINT,
+        name1=name,
+        name2=joint.name,
+        data=[0.0, 1.0] + [0.0] * 10,
+        solref=COUPLING_SOLREF,
+    )
+
+
+def add_backlash(body: mujoco.MjsBody, robot: Robot, link: int) -> None:
+    """Free play of a servo's output shaft, in series with the joint."""
+    joint = robot.joints[robot.links[link].joint]
+    if joint.servo.backlash == 0.0:
+        return
+    own = joint.link == link
+    body.add_joint(
+        name=f"{joint.name if own else robot.links[link].name}_backlash",
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=robot.links[link].axis,
+        range=[-0.5 * joint.servo.backlash, 0.5 * joint.servo.backlash],
+        limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+        armature=BACKLASH_ARMATURE,
+        damping=BACKLASH_DAMPING,
+        solref_limit=BACKLASH_SOLREF,
+    )

@@ -1,0 +1,71 @@
+"""From what a scenario asks for to a ground and a robot that differs a little from its description."""
+
+from pathlib import Path
+
+import numpy as np
+
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.services.simulator.ground.terrain import (
+    KINDS,
+    Terrain,
+    TerrainError,
+    make_terrain,
+    random_stream,
+    terrain_from_map,
+)
+from surefoot.services.simulator.physics.model import Perturbation
+
+COM_M = (0.004, 0.003, 0.005)  # m, level 1 of the perturbation: uniform within these,
+TRUNK_MASS = 0.08  # of the trunk's mass,
+SERVO_GAIN = 0.15  # of each servo's gain,
+FRICTION = 0.4  # of the friction coefficient,
+ZERO_RAD = np.radians(
+    0.3
+)  # rad, standard deviation of each servo's zero, of bipeds only: hexapods have no such servos,
+FLOOR_RAD = np.radians(0.7)  # rad, roll and pitch of the floor under a biped
+MAX_FRICTION_LEVEL = 2.0  # beyond it a coefficient could become negative
+
+
+def find_ground(name: str, seed: int, amplitude: float | None) -> Terrain:
+    """The terrain of a kind, or of a `.npz` or `.asc` file.
+
+    Raises:
+        TerrainError: neither a kind nor a readable file.
+        HeightMapError: the file is no height map.
+    """
+    if name in KINDS:
+        return make_terrain(name, seed, amplitude)
+    if not name.endswith((".npz", ".asc")):
+        known = ", ".join(KINDS)
+        raise TerrainError("terrain", f"got {name!r}, which is neither a kind ({known}) nor a .npz or .asc file")
+    try:
+        return terrain_from_map(HeightMap.load(Path(name)))
+    except OSError as error:
+        raise TerrainError("terrain", f"{name!r} cannot be read: {error.strerror}") from None
+
+
+def perturbation(level: float, seed: int, nj: int, kind: str = "hexapod") -> Perturbation:
+    """How the simulated robot differs from its description: uniform draws, scaled by the level; 0 = as described.
+
+    Args:
+        level: 0, 1, 2, ...; may be any number in between.
+        seed: of the draws.
+        nj: number of joints.
+        kind: of the robot; a biped also gets servo zero errors and a floor that is not level.
+    """
+    if level == 0.0:
+        return Perturbation()
+    rng = random_stream(seed, "perturbation")
+    x, y, z = level * np.array(COM_M) * rng.uniform(-1.0, 1.0, 3)
+    tilt, zero = (0.0, 0.0), 0.0
+    if kind == "biped":
+        roll, pitch = level * FLOOR_RAD * random_stream(seed, "perturbation/floor").uniform(-1.0, 1.0, 2)
+        tilt, zero = (float(roll), float(pitch)), float(level * ZERO_RAD)
+    return Perturbation(
+        zero_sigma=zero,
+        floor_tilt=tilt,
+        trunk_mass_scale=1.0 + TRUNK_MASS * level * rng.uniform(-1.0, 1.0),
+        trunk_com_offset=(float(x), float(y), float(z)),
+        kp_scale=1.0 + SERVO_GAIN * level * rng.uniform(-1.0, 1.0, nj),
+        friction_scale=1.0 + FRICTION * min(level, MAX_FRICTION_LEVEL) * rng.uniform(-1.0, 1.0),
+    )

@@ -1,0 +1,64 @@
+"""The line to the servos: set-points come in steps and take effect after the servos' latency."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.robot.description import Robot
+from surefoot.services.simulator.physics.samples import Command, pack, unpack
+
+Array = NDArray[np.float64]
+
+EXACT = 1e-9  # rad, step of a servo that takes any set-point, beside others that do not
+
+
+class Arrival(NamedTuple):
+    """A command at the servos, in their own steps."""
+
+    step: int
+    """Physics step it takes effect in."""
+    command: Command
+
+
+class ServoLine:
+    """Quantises set-points and delays them by whole physics steps.
+
+    Args:
+        robot: its servos' resolution counts for each joint, the longest latency for all.
+        step_ns: physics step.
+    """
+
+    def __init__(self, robot: Robot, step_ns: int) -> None:
+        servos = [joint.servo for joint in robot.joints]
+        coarse = any(servo.resolution for servo in servos)
+        self.resolution = np.array([servo.resolution or EXACT for servo in servos]) if coarse else None
+        self.latency_steps = round(max(servo.latency for servo in servos) * 1e9) // step_ns
+        self.clear()
+
+    def clear(self) -> None:
+        """Nothing is under way."""
+        self._coming: list[Arrival] = []
+
+    def heard(self, set_points: Array) -> Array:
+        """What the servos make of set-points, (nj,) rad."""
+        if self.resolution is None:
+            return set_points
+        return self.resolution * np.rint(set_points / self.resolution)
+
+    def send(self, step: int, command: Command) -> None:
+        """Send a command in a physics step."""
+        heard = self.heard(command.position)
+        self._coming.append(Arrival(step + self.latency_steps, Command(heard, command.torque_limit)))
+
+    def arrival(self, until: int) -> Arrival | None:
+        """What arrives next, up to a physics step; None = no more."""
+        return self._coming.pop(0) if self._coming and self._coming[0].step <= until else None
+
+    def state(self, step: int) -> list[Any]:
+        """What is under way, relative to a step; plain JSON values."""
+        return [[at - step, pack(command)] for at, command in self._coming]
+
+    def restore(self, step: int, state: list[Any]) -> None:
+        """Continue where `state` was taken."""
+        self._coming = [Arrival(step + ahead, unpack(Command, command)) for ahead, command in state]

@@ -1,0 +1,320 @@
+"""What no robot knows: contact forces, sliding and displacement of the feet, falls. For judging only.
+
+A foot stands in a physics step while its normal force is at least `GATE_N`. Sliding is the way of the material point
+at the contact, in the ground plane, integrated over those steps:
+
+    s += |(1 - n n') (v_c + w x (-r n))| dt
+
+(v_c velocity of the foot sphere's centre, w angular rate of the link, r radius, n normal of the ground). Most of the
+way of a spherical foot's CENTRE is rolling, so both are kept: `displacement` (Walas & Belter's d) and `sliding`.
+Every physics step counts: the first milliseconds after touch-down hold a quarter of all sliding of a walk.
+"""
+
+# mujoco has no type stubs for its compiled modules:
+# pyright: reportAttributeAccessIssue=false
+import math
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import kernel
+from surefoot.robot.description import Robot
+from surefoot.services.simulator.physics.model import Addresses
+from surefoot.services.simulator.physics.twist import TwistTracker
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+GATE_N = 0.5  # N, a foot stands from this normal force on
+LIFT_TICKS = 3  # ticks below the gate that end a stance: a bounce of 20 ms does not
+TOUCH_REACH = 1.3  # radii, the site of a touch sensor must enclose the contact
+FALL_TILT = math.radians(45.0)
+WALL = 0.5  # a normal that rises less than this is a wall's
+
+
+class FeetTruth(NamedTuple):
+    """State of the feet, one row per foot: views of two tables, which are updated in place and copied as one."""
+
+    force: Array  # (L, 3) N, contact force on the foot, world axes
+    centre: Array  # (L, 3) m, foot centre in world
+    normal: Array  # (L, 3) of the ground under each foot, last seen
+    start: Array  # (L, 3) m, centre at touch-down
+    normal_force: Array  # (L,) N
+    sliding: Array  # (L,) m, in the present stance
+    displacement: Array  # (L,) m, horizontal, in the present stance
+    last_sliding: Array  # (L,) m, of the last finished stance
+    last_displacement: Array  # (L,) m
+    stances: Ints  # (L,) finished stances
+    below: Ints  # (L,) ticks since the foot last stood; -1 = in swing, 0 = stood in this tick
+
+
+def feet_of(table: Array, counts: Ints) -> FeetTruth:
+    """Views of `table` (L, 17) and `counts` (L, 2)."""
+    return FeetTruth(
+        table[:, 0:3], table[:, 3:6], table[:, 6:9], table[:, 9:12], table[:, 12], table[:, 13], table[:, 14],
+        table[:, 15], table[:, 16], counts[:, 0], counts[:, 1],
+    )  # fmt: skip
+
+
+_feet_of = kernel(feet_of)
+
+
+def add_sensors(spec: mujoco.MjSpec, robot: Robot, steps: int) -> None:
+    """Add what the tracker reads: force and velocity of each foot sphere in each of the last `steps` steps."""
+    sensor, site = mujoco.mjtSensor, mujoco.mjtObj.mjOBJ_SITE
+    names: list[str] = []
+    for leg in robot.legs:
+        body = spec.body(robot.links[leg.foot.link].name)
+        for k, point in enumerate(leg.foot.points):
+            names.append(f"truth_{leg.name}_{k}")
+            body.add_site(name=names[-1], pos=point, size=[TOUCH_REACH * leg.foot.radius] * 3)
+    for kind in (sensor.mjSENS_TOUCH, sensor.mjSENS_FRAMELINVEL, sensor.mjSENS_FRAMEANGVEL):
+        for name in names:
+            spec.add_sensor(name=f"{name}_{kind.name}", type=kind, objtype=site, objname=name, nsample=steps)
+
+
+class TruthTracker:
+    """Follows the feet from tick to tick."""
+
+    def __init__(self, robot: Robot, model: mujoco.MjModel, data: mujoco.MjData, addresses: Addresses) -> None:
+        n = robot.nlegs
+        self._data, self._xpos, self._xmat = data, data.xpos, data.xmat  # views: these arrays never move
+        self.step_s = float(model.opt.timestep)
+        self.trunk = addresses.trunk
+        self.bodies = addresses.foot_bodies
+        self.local = np.array([leg.foot.position for leg in robot.legs])
+        self.spheres = addresses.foot_geoms[addresses.foot_geoms >= 0]
+        self.sphere_of_geom = np.full(model.ngeom, -1, dtype=np.int64)
+        self.sphere_of_geom[self.spheres] = np.arange(len(self.spheres))
+        self.foot_of_sphere = addresses.foot_of_geom[self.spheres]
+        self.is_belly = np.ascontiguousarray(addresses.is_belly)
+        self.contact = np.zeros((n, 6))  # force-weighted contact point and normal of each foot
+        self.sphere_force = np.zeros(len(self.spheres))
+        self.fallen = False
+        self.radius = np.array([leg.foot.radius for leg in robot.legs])
+        self._table, self._counts = _feet_at_rest(n)
+        self.feet = feet_of(self._table, self._counts)
+        soles = any(len(leg.foot.points) > 1 for leg in robot.legs)
+        self.soles = TwistTracker(self.bodies) if soles else None
+        types = np.array(model.sensor_type)
+        sensor = mujoco.mjtSensor
+        self._touch, self._linear, self._angular = (
+            _window(model, data, int(np.flatnonzero(types == int(kind))[0]), len(self.spheres))
+            for kind in (sensor.mjSENS_TOUCH, sensor.mjSENS_FRAMELINVEL, sensor.mjSENS_FRAMEANGVEL)
+        )
+
+    def forces(self) -> bool:
+        """Read the contact forces of the last physics step.
+
+        Fills `sphere_force` (normal force per contact sphere, N), `feet.force` and `contact`.
+
+        Returns:
+            Whether the trunk touched the ground.
+        """
+        contact = self._data.contact
+        return _forces(
+            np.ascontiguousarray(contact.geom),
+            np.ascontiguousarray(contact.frame),
+            np.ascontiguousarray(contact.pos),
+            np.ascontiguousarray(contact.efc_address),
+            self._data.efc_force,
+            self.sphere_of_geom,
+            self.foot_of_sphere,
+            self.is_belly,
+            self.sphere_force,
+            self.feet.force,
+            self.contact,
+        )
+
+    def update(self, first: bool = False) -> None:
+        """Take the state at the end of a tick; the kinematics of the data must belong to it.
+
+        Args:
+            first: begin anew: feet that touch begin their stance here.
+        """
+        touched = self.forces()
+        _feet(
+            self._xpos, self._xmat, self.bodies, self.local, self.radius, self.contact, self._touch, self._linear,
+            self._angular, self.foot_of_sphere, self.step_s, self._table, self._counts, first,
+        )  # fmt: skip
+        if self.soles is not None:
+            self.soles.update(self._xmat, self.feet.below, first)
+        tilted = float(self._xmat[self.trunk, 8]) < math.cos(FALL_TILT)
+        self.fallen = (self.fallen and not first) or touched or tilted
+
+    def feet_now(self) -> FeetTruth:
+        """A copy of the feet's state."""
+        return feet_of(self._table.copy(), self._counts.copy())
+
+    def state(self) -> dict[str, Any]:
+        """All arrays as lists."""
+        soles = {} if self.soles is None else {"soles": self.soles.state()}
+        return {"fallen": bool(self.fallen), **{k: v.tolist() for k, v in self.feet._asdict().items()}, **soles}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue where `state` was taken."""
+        self.fallen = bool(state["fallen"])
+        for key, array in self.feet._asdict().items():
+            array[:] = state[key]
+        if self.soles is not None:
+            self.soles.restore(state["soles"])
+
+
+@kernel
+def _forces(
+    geom: NDArray[np.int32],
+    frame: Array,
+    pos: Array,
+    address: NDArray[np.int32],
+    efc_force: Array,
+    sphere_of_geom: Ints,
+    foot_of_sphere: Ints,
+    is_belly: NDArray[np.bool_],
+    sphere_force: Array,
+    force: Array,
+    contact: Array,
+) -> bool:
+    sphere_force[:] = 0.0
+    force[:] = 0.0
+    contact[:] = 0.0
+    touched = False
+    for i in range(geom.shape[0]):
+        if address[i] < 0:
+            continue
+        a, b = geom[i, 0], geom[i, 1]
+        if (is_belly[a] or is_belly[b]) and abs(frame[i, 2]) > WALL:
+            touched = True  # on the ground: to lean on a wall is no fall
+        sign = 1.0  # the normal points from the first geom to the second
+        sphere = sphere_of_geom[b]
+        if sphere < 0:
+            sphere = sphere_of_geom[a]
+            sign = -1.0
+        if sphere < 0:
+            continue
+        foot = foot_of_sphere[sphere]
+        normal_force = efc_force[address[i]]
+        sphere_force[sphere] += normal_force
+        for k in range(3):
+            for row in range(3):
+                force[foot, k] += sign * frame[i, 3 * row + k] * efc_force[address[i] + row]
+            contact[foot, k] += normal_force * pos[i, k]
+            contact[foot, 3 + k] += normal_force * sign * frame[i, k]
+    return touched
+
+
+@kernel
+def _feet(
+    xpos: Array,
+    xmat: Array,
+    bodies: Ints,
+    local: Array,
+    radius: Array,
+    contact: Array,
+    touch: Array,
+    linear: Array,
+    angular: Array,
+    foot_of_sphere: Ints,
+    step_s: float,
+    table: Array,
+    counts: Ints,
+    first: bool,
+) -> None:
+    """Advance the feet by one tick; `touch` (P, steps), `linear` and `angular` (P, 3 steps) belong to its steps."""
+    feet = _feet_of(table, counts)
+    n_steps = touch.shape[1]
+    for i in range(bodies.shape[0]):
+        b = bodies[i]
+        size = 0.0
+        for k in range(3):
+            size += contact[i, 3 + k] ** 2
+            feet.centre[i, k] = xpos[b, k]
+            for j in range(3):
+                feet.centre[i, k] += xmat[b, 3 * k + j] * local[i, j]
+        size = math.sqrt(size)
+        # The normal force lies along the force-weighted mean normal: equal to the sum for one contact per foot.
+        feet.normal_force[i] = size
+        if size > 0.0:
+            for k in range(3):
+                feet.normal[i, k] = contact[i, 3 + k] / size
+        stood, slid = False, 0.0
+        for step in range(n_steps):
+            force, vx, vy, vz = 0.0, 0.0, 0.0, 0.0
+            nx, ny, nz = feet.normal[i, 0], feet.normal[i, 1], feet.normal[i, 2]
+            for p in range(foot_of_sphere.shape[0]):
+                if foot_of_sphere[p] != i or touch[p, step] <= 0.0:
+                    continue
+                f, c = touch[p, step], 3 * step
+                wx, wy, wz = angular[p, c], angular[p, c + 1], angular[p, c + 2]
+                force += f
+                vx += f * (linear[p, c] - radius[i] * (wy * nz - wz * ny))
+                vy += f * (linear[p, c + 1] - radius[i] * (wz * nx - wx * nz))
+                vz += f * (linear[p, c + 2] - radius[i] * (wx * ny - wy * nx))
+            if force >= GATE_N:
+                stood = True
+                along = vx * nx + vy * ny + vz * nz
+                vx, vy, vz = vx - along * nx, vy - along * ny, vz - along * nz
+                slid += math.sqrt(vx * vx + vy * vy + vz * vz) / force * step_s
+        if first:
+            slid = 0.0
+            feet.below[i] = -1
+            feet.stances[i] = 0
+            feet.last_sliding[i] = 0.0
+            feet.last_displacement[i] = 0.0
+            feet.sliding[i] = 0.0
+            feet.displacement[i] = 0.0
+        if stood:
+            if feet.below[i] < 0:
+                feet.sliding[i] = 0.0
+                for k in range(3):
+                    feet.start[i, k] = feet.centre[i, k]
+            feet.below[i] = 0
+            feet.sliding[i] += slid
+            feet.displacement[i] = math.hypot(
+                feet.centre[i, 0] - feet.start[i, 0], feet.centre[i, 1] - feet.start[i, 1]
+            )
+        elif feet.below[i] >= 0:
+            feet.below[i] += 1
+            if feet.below[i] >= LIFT_TICKS:
+                feet.below[i] = -1
+                feet.stances[i] += 1
+                feet.last_sliding[i] = feet.sliding[i]
+                feet.last_displacement[i] = feet.displacement[i]
+                feet.sliding[i] = 0.0
+                feet.displacement[i] = 0.0
+
+
+def _window(model: mujoco.MjModel, data: mujoco.MjData, sensor: int, count: int) -> Array:
+    """View of the history of a run of equal sensors, (count, steps x dim).
+
+    It holds per sensor a user value, the cursor, the times and the values.
+    """
+    steps, dim = int(model.sensor_history[sensor][0]), int(model.sensor_dim[sensor])
+    start, width = int(model.sensor_historyadr[sensor]), 2 + steps * (1 + dim)
+    return data.history[start : start + count * width].reshape(count, width)[:, 2 + steps :]
+
+
+def _feet_at_rest(n: int) -> tuple[Array, Ints]:
+    """Tables of feet that are in swing."""
+    table, counts = np.zeros((n, 17)), np.zeros((n, 2), dtype=np.int64)
+    feet = feet_of(table, counts)
+    feet.normal[:, 2], feet.below[:] = 1.0, -1
+    return table, counts
+
+
+def warm() -> None:
+    """Compile the kernels."""
+    one, three = np.zeros(1, dtype=np.int64), np.zeros((1, 3))
+    zeros, flags, contact = np.zeros(1), np.zeros(1, dtype=np.bool_), np.zeros((1, 6))
+    none = np.zeros((0, 3))
+    table, counts = _feet_at_rest(1)
+    _forces(
+        np.zeros((0, 2), dtype=np.int32), np.zeros((0, 9)), none, np.zeros(0, dtype=np.int32), zeros[:0], one, one,
+        flags, zeros, table[:, :3], contact,
+    )  # fmt: skip
+    strided, two = np.zeros((2, 4))[:, 1:], np.zeros(2, dtype=np.int64)  # as the views of the history are
+    _feet(
+        three, np.zeros((1, 9)), one, three, zeros, contact, strided[:, :1], strided, strided, two, 1e-3, table, counts,
+        True,
+    )  # fmt: skip

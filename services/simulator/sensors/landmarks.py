@@ -1,0 +1,224 @@
+"""Landmarks on the floor as a robot's camera sees them: range, bearing and a descriptor of each that is recognised.
+
+No images: a landmark in the camera's footprint is recognised with a probability that falls with the length of its own
+motion blur. With p = (X, Y, Z) the landmark in camera axes (x right, y down, z ahead), x = X/Z, y = Y/Z, v and w the
+camera's velocity and rate in those axes and f the focal length in pixels, the image flow is
+
+    x' = (-v_x + x v_z)/Z + x y w_x - (1 + x^2) w_y + y w_z
+    y' = (-v_y + y v_z)/Z + (1 + y^2) w_x - x y w_y - x w_z
+
+(Chaumette & Hutchinson 2006), the blur b = f |(x', y')| t, t the exposure, and the probability p0 exp(-(b/b0)^2 / 2).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.linear import exp, product
+from surefoot.geometry.rotations import matrix_from_quat
+from surefoot.robot.description import Robot, RobotError
+from surefoot.robot.kinematics import forward
+from surefoot.robot.profiles import profile_table
+from surefoot.services.simulator.ground.shapes import random_stream
+
+Array = NDArray[np.float64]
+
+DESCRIPTOR = 8  # numbers in a descriptor
+CAMERA_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # rot_link_from_camera, looking ahead
+NEAREST = 0.05  # m, of a point before the camera
+GOAL_SHARP = 3.0  # a goal marker is big: it stands this many times the blur
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A camera that looks at the floor, SI."""
+
+    name: str
+    link: str
+    position: Array  # (3,) m in that link
+    pitch: float  # rad, downwards
+    width: int
+    height: int
+    focal: float  # px
+    period_ms: int
+    exposure: float  # s
+    detect: float
+    blur: float  # px
+    most: int
+    range_sigma: float  # part of the range
+    bearing_sigma: float  # rad
+    descriptor_sigma: float
+
+
+class Landmarks(NamedTuple):
+    """Points on the floor, frame map."""
+
+    position: Array  # (n, 2) m
+    descriptor: Array  # (n, DESCRIPTOR) unit vectors
+
+
+class Detection(NamedTuple):
+    """One recognised landmark, seen from base_link in heading axes."""
+
+    range: float
+    bearing: float
+    descriptor: Array
+    landmark: int
+    """Which one it is: truth; -1 = the goal marker."""
+
+
+class CameraPose(NamedTuple):
+    """Where the camera is."""
+
+    position: Array  # (3,) m, map
+    rot: Array  # (3, 3) rot_map_from_camera
+    base: Array  # (3,) x, y, heading of base_link
+
+
+def read_camera(name: str) -> Camera:
+    """Read `robots/cameras/<name>.toml`.
+
+    Raises:
+        RobotError: unknown name, or a number that cannot be; names the field.
+    """
+    t = profile_table("camera", name)
+    width = t.integer("width_px", at_least=8, at_most=8192)
+    field = math.radians(t.number("field_deg", above=1, at_most=170))
+    camera = Camera(
+        name=name,
+        link=t.text("link"),
+        position=t.vector("position", 3),
+        pitch=math.radians(t.number("pitch_deg", at_least=-90, at_most=90)),
+        width=width,
+        height=t.integer("height_px", at_least=8, at_most=8192),
+        focal=0.5 * width / math.tan(0.5 * field),
+        period_ms=t.integer("period_ms", at_least=10, at_most=10_000),
+        exposure=1e-3 * t.number("exposure_ms", above=0, at_most=1000),
+        detect=t.number("detect", at_least=0, at_most=1),
+        blur=t.number("blur_px", above=0),
+        most=t.integer("most", at_least=1, at_most=10_000),
+        range_sigma=t.number("range_sigma", at_least=0),
+        bearing_sigma=math.radians(t.number("bearing_sigma_deg", at_least=0)),
+        descriptor_sigma=t.number("descriptor_sigma", at_least=0),
+    )
+    t.close()
+    return camera
+
+
+def scatter(seed: int, low: tuple[float, float], high: tuple[float, float], density: float) -> Landmarks:
+    """Landmarks at random on a rectangle of the floor; `density` per square metre."""
+    rng = random_stream(seed, "landmarks")
+    area = (high[0] - low[0]) * (high[1] - low[1])
+    n = round(density * area)
+    descriptor = rng.standard_normal((n, DESCRIPTOR))
+    return Landmarks(rng.uniform(low, high, (n, 2)), descriptor / np.linalg.norm(descriptor, axis=1, keepdims=True))
+
+
+def camera_pose(robot: Robot, camera: Camera, position: Array, quat_wxyz: Array, joints: Array) -> CameraPose:
+    """Pose of the camera for a pose of base_link and joint angles.
+
+    Raises:
+        RobotError: the robot has no such link.
+    """
+    names = [link.name for link in robot.links]
+    if camera.link not in names:
+        raise RobotError("unknown_name", "link", f"camera {camera.name} sits on {camera.link!r}, {robot.name} has none")
+    i = names.index(camera.link)
+    links, origins = forward(robot.model, joints)
+    base = matrix_from_quat(quat_wxyz)
+    c, s = math.cos(camera.pitch), math.sin(camera.pitch)
+    look = product(links[i], np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]))
+    place = position + product(base, origins[i] + product(links[i], camera.position))
+    heading = math.atan2(base[1, 0], base[0, 0])
+    return CameraPose(place, product(product(base, look), CAMERA_AXES), np.array([position[0], position[1], heading]))
+
+
+def motion(before: CameraPose, now: CameraPose, dt: float) -> tuple[Array, Array]:
+    """Velocity (3,) m/s and rate (3,) rad/s of the camera in its own axes, from two poses dt apart."""
+    turn = product(before.rot.T, now.rot)
+    angle = math.acos(min(1.0, max(-1.0, 0.5 * (np.trace(turn) - 1.0))))
+    axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    scale = 0.5 if angle < 1e-6 else 0.5 * angle / math.sin(angle)
+    return product(now.rot.T, now.position - before.position) / dt, scale * axis / dt
+
+
+def seen(camera: Camera, pose: CameraPose, points: Array) -> tuple[NDArray[np.int64], Array]:
+    """Which points of the floor (n, 2) are in the image, and where they are in camera axes, (k,) and (k, 3)."""
+    local = product(points, pose.rot[:2]) - product(pose.position, pose.rot)  # (n, 3)
+    index = np.flatnonzero(local[:, 2] > NEAREST)
+    half = 0.5 * np.array([camera.width, camera.height]) / camera.focal
+    index = index[(np.abs(local[index, :2]) <= half * local[index, 2:]).all(axis=1)]
+    return index, local[index]
+
+
+def blur(camera: Camera, local: Array, v: Array, w: Array) -> Array:
+    """Length of the motion blur of points (k, 3) in camera axes, (k,) px."""
+    z = local[:, 2]
+    x, y = local[:, 0] / z, local[:, 1] / z
+    along_x = (-v[0] + x * v[2]) / z + x * y * w[0] - (1.0 + x * x) * w[1] + y * w[2]
+    along_y = (-v[1] + y * v[2]) / z + (1.0 + y * y) * w[0] - x * y * w[1] - x * w[2]
+    return camera.focal * camera.exposure * np.hypot(along_x, along_y)
+
+
+class LandmarkSensor:
+    """Recognises landmarks in the floor; one seeded random stream.
+
+    Args:
+        robot: that carries the camera.
+        camera: profile.
+        field: the landmarks.
+        seed: of the run.
+        goal: marker of the goal on the floor, m; None = none.
+    """
+
+    def __init__(
+        self, robot: Robot, camera: Camera, field: Landmarks, seed: int, goal: tuple[float, float] | None = None
+    ) -> None:
+        self.robot, self.camera, self.field = robot, camera, field
+        self.goal = None if goal is None else np.array([goal])
+        self.rng = random_stream(seed, "landmark sensor")
+        self.visible = 0
+
+    def look(self, before: CameraPose, now: CameraPose, dt: float) -> tuple[list[Detection], Detection | None]:
+        """One frame: recognised landmarks, at most `camera.most`, and the goal marker if it is seen.
+
+        Args:
+            before: pose dt before the exposure's end.
+            now: pose at its end.
+            dt: s.
+        """
+        c = self.camera
+        v, w = motion(before, now, dt)
+        index, local = seen(c, now, self.field.position)
+        self.visible = len(index)
+        sharp = c.detect * exp(-0.5 * (blur(c, local, v, w) / c.blur) ** 2)
+        found = index[self.rng.uniform(size=len(index)) < sharp][: c.most]
+        detections = [self._measure(now, self.field.position[i], self.field.descriptor[i], int(i)) for i in found]
+        marker = None
+        if self.goal is not None:
+            _, place = seen(c, now, self.goal)
+            if len(place):
+                p = math.exp(-0.5 * (float(blur(c, place, v, w)[0]) / (GOAL_SHARP * c.blur)) ** 2)
+                if self.rng.uniform() < p:
+                    marker = self._measure(now, self.goal[0], np.zeros(DESCRIPTOR), -1)
+        return detections, marker
+
+    def _measure(self, now: CameraPose, point: Array, descriptor: Array, index: int) -> Detection:
+        c, base = self.camera, now.base
+        dx, dy = point[0] - base[0], point[1] - base[1]
+        noise = self.rng.standard_normal(2 + DESCRIPTOR)
+        distance = math.hypot(dx, dy) * (1.0 + c.range_sigma * noise[0])
+        bearing = math.atan2(dy, dx) - base[2] + c.bearing_sigma * noise[1]
+        bearing = math.atan2(math.sin(bearing), math.cos(bearing))
+        return Detection(float(distance), float(bearing), descriptor + c.descriptor_sigma * noise[2:], index)
+
+    def state(self) -> dict[str, Any]:
+        """The random stream."""
+        return {"rng": self.rng.bit_generator.state}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue where `state` was taken."""
+        self.rng.bit_generator.state = state["rng"]

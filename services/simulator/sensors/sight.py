@@ -1,0 +1,139 @@
+"""Senses for what is around the robot: the camera's landmarks, ultrasound and bumpers. Only robots that have them."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.linear import product
+from surefoot.robot.description import Robot
+from surefoot.services.simulator.ground.shapes import random_stream
+from surefoot.services.simulator.physics.model import Addresses
+from surefoot.services.simulator.physics.samples import Truth
+from surefoot.services.simulator.sensors.landmarks import (
+    CameraPose,
+    Detection,
+    LandmarkSensor,
+    camera_pose,
+    read_camera,
+    scatter,
+)
+from surefoot.services.simulator.sensors.walls import bumped, echo, read_ranger
+
+Array = NDArray[np.float64]
+
+TICK_MS = 10
+FIELD = ((-5.0, -5.0), (5.0, 5.0))  # m, where the floor has landmarks
+
+
+class Frame(NamedTuple):
+    """What the camera recognised in one image."""
+
+    seq: int
+    landmarks: list[Detection]
+    goal: Detection | None
+
+
+class Reach(NamedTuple):
+    """What ultrasound and bumpers tell."""
+
+    seq: int
+    distance: float | None
+    """m; None = no echo."""
+    bump: tuple[bool, ...]
+    """Per foot, since the last sample."""
+
+
+@dataclass(frozen=True)
+class Floor:
+    """What lies on the floor for a camera to see."""
+
+    landmarks: float = 60.0
+    """1/m2."""
+    goal: tuple[float, float] | None = None
+    """Marker of the goal, m; None = none."""
+
+
+def sight_of(robot: Robot, seed: int, floor: Floor) -> "Sight | None":
+    """Camera and ranger of a robot; None if it has neither."""
+    return None if robot.camera is None and robot.ranger is None else Sight(robot, seed, floor)
+
+
+class Sight:
+    """Camera and ranger of one robot.
+
+    Args:
+        robot: names its camera and its ranger, or one of them.
+        seed: of the run: where the landmarks are, what is recognised, noise.
+        floor: what is on it.
+    """
+
+    def __init__(self, robot: Robot, seed: int, floor: Floor) -> None:
+        self.robot = robot
+        self.camera = None if robot.camera is None else read_camera(robot.camera)
+        self.ranger = None if robot.ranger is None else read_ranger(robot.ranger)
+        if self.camera is not None:
+            self.sensor = LandmarkSensor(robot, self.camera, scatter(seed, *FIELD, floor.landmarks), seed, floor.goal)
+        self.rng = random_stream(seed, "ranger")
+        self.bump = np.zeros(robot.nlegs, dtype=np.bool_)
+        self.before: CameraPose | None = None
+        self.frame: Frame | None = None
+        self.reach: Reach | None = None
+
+    def look(self, ticks: int, truth: Callable[[], Truth], model: Any, data: Any, address: Addresses) -> None:
+        """Take the state at the end of a tick; sets `frame` and `reach` where they are due.
+
+        Args:
+            ticks: since the epoch began.
+            truth: gives the exact state.
+            model: of the world.
+            data: its state.
+            address: of the model.
+        """
+        self.frame = self.reach = None
+        if self.camera is not None:
+            every = self.camera.period_ms // TICK_MS
+            if (ticks + 1) % every == 0 or ticks % every == 0:
+                exact = truth()
+                now = camera_pose(self.robot, self.camera, exact.position, exact.quat_wxyz, exact.joints)
+                if ticks % every == 0:
+                    seen = self.sensor.look(self.before or now, now, 1e-3 * TICK_MS)
+                    self.frame = Frame(ticks // every, *seen)
+                self.before = now
+        if self.ranger is not None:
+            self.bump |= bumped(data, address, self.robot.nlegs, self.ranger.bump_n)
+            every = self.ranger.period_ms // TICK_MS
+            if ticks % every == 0:
+                self.reach = Reach(
+                    ticks // every, self._distance(model, data, address.trunk), tuple(self.bump.tolist())
+                )
+                self.bump[:] = False
+
+    def _distance(self, model: Any, data: Any, trunk: int) -> float | None:
+        r = self.ranger
+        assert r is not None
+        base = data.xmat[trunk].reshape(3, 3)
+        heading = math.atan2(base[1, 0], base[0, 0])
+        found = echo(model, data, data.xpos[trunk] + product(base, r.position), heading, r.half_cone, r.longest)
+        if found >= r.longest:
+            return None
+        measured = r.resolution * round((found + r.sigma * self.rng.standard_normal()) / r.resolution)
+        return min(r.longest, max(r.shortest, measured))
+
+    def state(self) -> dict[str, Any]:
+        """Random streams and what is half done."""
+        before = None if self.before is None else [part.tolist() for part in self.before]
+        eye = {"camera": self.sensor.state()} if self.camera is not None else {}
+        return {"rng": self.rng.bit_generator.state, "bump": self.bump.tolist(), "before": before, **eye}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue where `state` was taken; what was released in that tick is not released again."""
+        self.rng.bit_generator.state = state["rng"]
+        self.bump[:] = state["bump"]
+        self.before = None if state["before"] is None else CameraPose(*(np.array(part) for part in state["before"]))
+        if self.camera is not None:
+            self.sensor.restore(state["camera"])
+        self.frame = self.reach = None

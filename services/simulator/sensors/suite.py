@@ -1,0 +1,99 @@
+"""All sensors of one robot: read at their own times in physics steps, released by the tick."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.robot.description import ImuProfile, Robot
+from surefoot.robot.profiles import imu_profile_names, read_imu_profile
+from surefoot.services.simulator.physics.disturb import WorldError, by_foot
+from surefoot.services.simulator.physics.samples import ContactSample, ImuSample, JointSample, Samples
+from surefoot.services.simulator.sensors import noise as sensors
+
+Array = NDArray[np.float64]
+
+NO_LIMIT = 1e9
+
+
+class SensorSuite:
+    """Inertial unit, encoders, currents and feet.
+
+    Args:
+        robot: the description; read only.
+        profile: of the inertial unit, or its name; None = the robot's own; "ideal" = exact.
+        rate_hz: of the inertial samples.
+        seed: of all sensors.
+        torque_per_ampere: true constant of the servo motors, Nm/A; None = as described.
+        zero_sigma: standard deviation of each servo's zero beyond the encoder's own, rad.
+
+    Raises:
+        WorldError: no such profile.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        profile: ImuProfile | str | None,
+        rate_hz: float,
+        seed: int,
+        torque_per_ampere: float | None,
+        zero_sigma: float,
+    ) -> None:
+        profile = robot.imu.profile if profile is None else profile
+        if isinstance(profile, str):
+            profile = _imu_profile(profile)
+        self._points = tuple(len(leg.foot.points) for leg in robot.legs)
+        self.limit = np.full(6, NO_LIMIT)
+        """Range of the inertial unit, (6,): m/s2, rad/s."""
+        if profile is not None:
+            self.limit = np.repeat([profile.accel.limit, profile.gyro.limit], 3)
+        self.profile_name = profile.name if profile is not None else "ideal"
+        self._imu = sensors.ImuSensor(profile, seed, rate_hz)
+        self._joints = sensors.JointSensor(robot.encoder, robot.current, robot.nj, seed, torque_per_ampere, zero_sigma)
+        self._feet = sensors.FootSensor(robot.contacts, self._points)
+        self._due: tuple[JointSample | None, ContactSample | None] = (None, None)
+
+    @property
+    def zero(self) -> Array:
+        """Zero errors of the servos, (nj,), rad."""
+        return self._joints.zero
+
+    def take_kinematics(self, stamp_ns: int, seq: int, q: Array, torque: Array, sphere_force: Array) -> None:
+        """Sample joints and feet now, for release at the end of the tick.
+
+        Args:
+            stamp_ns: now.
+            seq: number of the sample.
+            q: true joint angles, (nj,), rad.
+            torque: of the servos, (nj,), Nm.
+            sphere_force: normal force on each contact sphere, N.
+        """
+        touch, force = self._feet.measure(sphere_force)
+        joints = JointSample(stamp_ns, seq, *self._joints.measure(q, torque))
+        self._due = (joints, ContactSample(stamp_ns, seq, by_foot(touch.tolist(), self._points), force))
+
+    def release(self, stamp_ns: int, seq: int, acc: Array, gyro: Array) -> Samples:
+        """What leaves in this tick; `acc` and `gyro` are those of its physics steps, (steps, 3)."""
+        y, saturated = self._imu.measure(acc, gyro)
+        joints, contacts = self._due
+        self._due = (None, None)
+        return Samples(ImuSample(stamp_ns, seq, y[:3], y[3:], saturated), joints, contacts)
+
+    def state(self) -> dict[str, Any]:
+        """Random streams and biases; plain JSON values."""
+        return {"imu": self._imu.state(), "joints": self._joints.state(), "feet": self._feet.state()}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue where `state` was taken."""
+        self._imu.restore(state["imu"])
+        self._joints.restore(state["joints"])
+        self._feet.restore(state["feet"])
+
+
+def _imu_profile(name: str) -> ImuProfile | None:
+    if name == "ideal":
+        return None
+    if name not in imu_profile_names():
+        raise WorldError("imu_profile", f"got {name!r}, known are ideal, {', '.join(imu_profile_names())}")
+    return read_imu_profile(name)

@@ -1,0 +1,90 @@
+"""What a robot feels of walls: the ultrasound's nearest echo and the bumpers of its feet."""
+
+# mujoco has no type stubs for its compiled modules:
+# pyright: reportAttributeAccessIssue=false
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.robot.profiles import profile_table
+from surefoot.services.simulator.physics.model import Addresses
+
+Array = NDArray[np.float64]
+
+RAYS = 13  # over the cone: 5 deg apart for 60 deg
+TERRAIN_ONLY = np.array([1, 0, 0, 0, 0, 0], dtype=np.uint8)  # groups of geoms: the robot's are others
+UPRIGHT = 0.5  # a contact whose normal rises less than this is one with a wall
+
+
+@dataclass(frozen=True, eq=False)
+class Ranger:
+    """Ultrasound and bumpers, SI."""
+
+    name: str
+    position: Array  # (3,) m, base_link
+    half_cone: float  # rad
+    shortest: float  # m
+    longest: float  # m
+    resolution: float  # m
+    sigma: float  # m
+    period_ms: int
+    bump_n: float  # N
+
+
+def read_ranger(name: str) -> Ranger:
+    """Read `robots/rangers/<name>.toml`.
+
+    Raises:
+        RobotError: unknown name, or a number that cannot be; names the field.
+    """
+    t = profile_table("ranger", name)
+    shortest = t.number("shortest", at_least=0)
+    ranger = Ranger(
+        name=name,
+        position=t.vector("position", 3),
+        half_cone=0.5 * math.radians(t.number("field_deg", above=0, at_most=180)),
+        shortest=shortest,
+        longest=t.number("longest", above=shortest),
+        resolution=t.number("resolution", above=0),
+        sigma=t.number("sigma", at_least=0),
+        period_ms=t.integer("period_ms", at_least=10, at_most=10_000),
+        bump_n=t.number("bump_n", above=0),
+    )
+    t.close()
+    return ranger
+
+
+def echo(model: Any, data: Any, place: Array, heading: float, half_cone: float, longest: float) -> float:
+    """Nearest thing of the terrain in a level cone, m, or `longest`.
+
+    The cone is level although the trunk is not: a smooth floor sends a slanting beam away, not back.
+
+    Args:
+        model: of the world.
+        data: its state.
+        place: (3,) m, map.
+        heading: of the middle of the cone, rad.
+        half_cone: rad.
+        longest: m.
+    """
+    best, hit = longest, np.zeros(1, dtype=np.int32)
+    for angle in np.linspace(heading - half_cone, heading + half_cone, RAYS):
+        ray = np.array([math.cos(angle), math.sin(angle), 0.0])
+        distance = mujoco.mj_ray(model, data, place, ray, TERRAIN_ONLY, 1, -1, hit)
+        if 0.0 <= distance < best:
+            best = distance
+    return best
+
+
+def bumped(data: Any, address: Addresses, feet: int, least: float) -> NDArray[np.bool_]:
+    """Which feet press a wall: their horizontal contact forces of the last physics step, (L,)."""
+    force, contact = np.zeros(feet), data.contact
+    for i in np.flatnonzero(np.abs(contact.frame[:, 2]) < UPRIGHT):
+        foot = address.foot_of_geom[contact.geom[i]].max()
+        if foot >= 0 and contact.efc_address[i] >= 0:
+            force[foot] += data.efc_force[contact.efc_address[i]]
+    return force >= least

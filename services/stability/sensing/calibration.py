@@ -1,0 +1,190 @@
+"""Gains of the torque measurement from poses of the standing robot (Walas & Belter 4.7, corrected as in note 2.9).
+
+The paper moves the trunk 10 cm to either side and divides the way by the measured way of the CoM. That fixes the sum
+of both ways only, takes the weight for granted and leaves offsets in. Here every pose i gives the six equations of
+rest, linear in the factors s of the torques (tau = s tau_told) and in an offset d of the CoM in the trunk:
+
+    sum over standing feet of A1 J^-T (G - tau_told s) = (0, 0, mg, mg (c_y + d_y), -mg (c_x + d_x), 0)
+
+with c by kinematics. They are weighed by the noise of the torques; a prior keeps the factors near each other where
+the poses do not tell them apart.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.robot.description import Robot
+from surefoot.robot.kinematics import com, foot_positions
+from surefoot.services.stability.programs.contacts import Array, StabilityError
+from surefoot.services.stability.sensing.forces import leg_inverses
+
+Flags = NDArray[np.bool_]
+
+COMMON_SD = 0.5  # prior standard deviation of the common factor (1 = as told)
+APART_SD = 0.03  # prior standard deviation of one joint's factor from the common one
+OFFSET_SD = 0.02  # m, prior standard deviation of the CoM's offset
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """The robot at rest."""
+
+    joints: Array
+    """(nj,) rad."""
+    torque: Array
+    """(nj,) Nm, as told: current times the constant that the driver believes in."""
+    g_up: Array
+    """(3,) m/s2, upward specific force, base_link."""
+    stance: Flags
+    """(L,) feet that stand."""
+
+
+class PoseCollector:
+    """Picks poses out of a stream of samples: the mean over a moment in which the robot rests, one for each place."""
+
+    def __init__(self, window: int = 15, still: float = 0.012, apart: float = 0.02) -> None:
+        """Window in samples; largest change of a joint in it and least change between poses, rad."""
+        self.poses: list[Pose] = []
+        self._window, self._still, self._apart = window, still, apart
+        self._recent: list[tuple[Array, Array, Array, Flags]] = []
+
+    def add(self, joints: Array, torque: Array, g_up: Array, stance: Flags) -> bool:
+        """Take a sample; tells whether it completed a pose."""
+        self._recent.append((joints, torque, g_up, stance))
+        del self._recent[: -self._window]
+        if len(self._recent) < self._window:
+            return False
+        q = np.array([row[0] for row in self._recent])
+        same = all(np.array_equal(row[3], stance) for row in self._recent)
+        if not same or not stance.any() or float(np.ptp(q, axis=0).max()) > self._still:
+            return False
+        middle = q.mean(axis=0)
+        if self.poses and float(np.abs(middle - self.poses[-1].joints).max()) < self._apart:
+            return False
+        torques = np.mean([row[1] for row in self._recent], axis=0)
+        up = np.mean([row[2] for row in self._recent], axis=0)
+        self.poses.append(Pose(middle, torques, up, stance.copy()))
+        self._recent.clear()
+        return True
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """Factors by which told torques have to be multiplied."""
+
+    common: float
+    """One factor for all joints."""
+    common_sd: float
+    gain: Array
+    """(nj,) factor of each joint."""
+    gain_sd: Array
+    offset: Array
+    """(2,) m, where the CoM lies beside the one by kinematics, x forward, y left."""
+    residual: float
+    """N, root mean square of the force equations that remain."""
+    poses: int
+
+
+def calibrate(robot: Robot, poses: Sequence[Pose], torque_variance: float, apart_sd: float = APART_SD) -> Calibration:
+    """Fit the factors.
+
+    Args:
+        robot: the robot; legs of three joints.
+        poses: at least one; 18 factors need three, and five or more are well conditioned.
+        torque_variance: of each torque, Nm^2.
+        apart_sd: how far the joints' factors may differ, one standard deviation; 0 = one factor for all.
+
+    Raises:
+        StabilityError: no pose can be used.
+    """
+    nj = robot.nj
+    information, right = np.zeros((nj + 2, nj + 2)), np.zeros(nj + 2)
+    blocks: list[tuple[Array, Array]] = []
+    for number, pose in enumerate(poses):
+        found = equations(robot, pose)
+        if found is None:
+            continue
+        a, b, per_torque = found
+        noise = torque_variance * per_torque @ per_torque.T
+        noise += 1e-9 * np.trace(noise) * np.eye(6)
+        if not np.isfinite(noise).all():
+            raise StabilityError("not_finite", f"poses.{number}", "gives equations that are not finite")
+        weight = np.linalg.inv(noise)
+        information += a.T @ weight @ a
+        right += a.T @ weight @ b
+        blocks.append((a, b))
+    if not blocks:
+        raise StabilityError("no_pose", "poses", f"none of {len(poses)} poses has observed legs on the ground")
+    mean = np.concatenate((np.ones(nj), np.zeros(2)))
+    spread = np.zeros((nj + 2, nj + 2))
+    spread[:nj, :nj] = COMMON_SD**2 * np.ones((nj, nj)) + max(apart_sd, 1e-6) ** 2 * np.eye(nj)
+    spread[nj:, nj:] = OFFSET_SD**2 * np.eye(2)
+    prior = np.linalg.inv(spread)
+    covariance = np.linalg.inv(information + prior)
+    best = covariance @ (right + prior @ mean)
+    used = _used(robot, poses)
+    share = used / used.sum()
+    rest = np.concatenate([(a @ best - b)[:3] for a, b in blocks])
+    return Calibration(
+        common=float(share @ best[:nj]),
+        common_sd=math.sqrt(float(share @ covariance[:nj, :nj] @ share)),
+        gain=best[:nj],
+        gain_sd=np.sqrt(np.diag(covariance)[:nj]),
+        offset=best[nj:],
+        residual=float(np.sqrt(np.mean(rest**2))),
+        poses=len(blocks),
+    )
+
+
+def _used(robot: Robot, poses: Sequence[Pose]) -> Array:
+    """(nj,) mean square of each torque: what a common factor is the mean over."""
+    square = np.mean([pose.torque**2 for pose in poses], axis=0)
+    return square + 1e-12 * np.ones(robot.nj)
+
+
+def equations(robot: Robot, pose: Pose) -> tuple[Array, Array, Array] | None:
+    """The six equations of a pose: matrix (6, nj + 2) of factors and offset, right side (6,), and what they take of
+    each torque (6, nj). Level axes, moments about the mean foot. None when a standing leg is not observed."""
+    found = leg_inverses(robot, pose.joints, pose.g_up)
+    if not pose.stance.any() or not found.observed[pose.stance].all():
+        return None
+    size = float(np.linalg.norm(pose.g_up))
+    rot = level_from_up(pose.g_up / size)
+    feet, nj = foot_positions(robot.model, pose.joints) @ rot.T, robot.nj
+    feet[:, 2] -= [leg.foot.radius for leg in robot.legs]
+    centre = feet[pose.stance].mean(axis=0)
+    per_torque, own = np.zeros((6, nj)), np.zeros(6)
+    for i in np.flatnonzero(pose.stance):
+        inverse, joints = rot @ found.inverse[i], robot.model.leg_joints[i, :3]
+        arm = feet[i] - centre
+        cross = np.array([[0.0, -arm[2], arm[1]], [arm[2], 0.0, -arm[0]], [-arm[1], arm[0], 0.0]])
+        both = np.vstack((inverse, cross @ inverse))  # (6, 3)
+        per_torque[:, joints] += both
+        own += both @ found.own[joints]
+    weight = robot.mass * size
+    middle = rot @ com(robot.model, pose.joints) - centre
+    a = np.zeros((6, nj + 2))
+    a[:, :nj] = per_torque * pose.torque
+    # sum F = own - a s must equal the weight; its moment c x (mg e_z) = mg (c_y, -c_x, 0)
+    b = own - np.array([0.0, 0.0, weight, weight * middle[1], -weight * middle[0], 0.0])
+    ahead, left = rot[:2, 0], rot[:2, 1]  # the trunk's axes, level
+    a[3, nj], a[3, nj + 1] = weight * ahead[1], weight * left[1]
+    a[4, nj], a[4, nj + 1] = -weight * ahead[0], -weight * left[0]
+    return a, b, per_torque
+
+
+def level_from_up(up: Array) -> Array:
+    """rot_level_from_base (3, 3) for the unit vector up, base_link: x along the trunk's heading."""
+    x = np.array([1.0, 0.0, 0.0]) - up[0] * up
+    x /= np.linalg.norm(x)
+    y = np.array([up[1] * x[2] - up[2] * x[1], up[2] * x[0] - up[0] * x[2], up[0] * x[1] - up[1] * x[0]])
+    return np.vstack((x, y, up))
+
+
+def gain_of_47(moved: float, measured: Sequence[float]) -> float:
+    """The paper's single gain: way moved over way measured, both summed over the movements (20 / 26.59 = 0.752)."""
+    return moved / float(np.sum(measured))

@@ -1,0 +1,308 @@
+"""Foot forces from motor torques, and the CoM from foot forces (Walas & Belter 4.5, corrected as in note 2.7, 2.8)."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.linear import dot, norm, product
+from surefoot.geometry.linear_kernels import inverse3
+from surefoot.kernels.jit import row_kernel
+from surefoot.robot.description import KinematicModel, Robot, load_robot
+from surefoot.robot.kinematics import foot_jacobians_of, forward, gravity_torques_of
+from surefoot.services.stability.programs.contacts import Array
+
+Flags = NDArray[np.bool_]
+
+LEAST_SHARE = 0.02  # of the weight: torques that make less of it tell nothing about their gain
+BLIND = 0.5  # standard deviation of a tangential force that nothing measures, as a share of the normal force
+STRAIGHT = 30.0  # condition number of a leg's Jacobian above which its force is not observed (2.4 in a neutral stance)
+
+
+@dataclass(frozen=True, slots=True)
+class FootForces:
+    """Force of the ground on each foot; base_link, unless it has been turned."""
+
+    force: Array
+    """(L, 3) N, base_link."""
+    covariance: Array
+    """(L, 3, 3) N^2, base_link."""
+    observed: Flags
+    """(L,) the leg's posture lets the torques tell the force (False also for legs with other than three joints)."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredCom:
+    """CoM that the foot forces show."""
+
+    com: Array
+    """(2,) m, frame of the forces."""
+    covariance: Array
+    """(2, 2) m^2."""
+    weight: float
+    """N, sum of the vertical forces."""
+    misfit: float
+    """Squared, normalised violation of the three equations that hold at rest: chi-square with 3 degrees of freedom."""
+
+
+def forces_from_torques(robot: Robot, joints: Array, torque: Array, g_up: Array, torque_variance: float) -> FootForces:
+    """F = J^-T (G(q) - tau): ground on foot, with the weight of the leg itself.
+
+    (30) prints F = J^-T Q, which is the force of the foot on the ground and leaves the leg's weight out (20 % of the
+    load of a Ragno leg). J belongs to the point of the foot sphere that touches level ground.
+
+    Args:
+        robot: the robot; legs of three joints are read.
+        joints: q, (nj,) rad.
+        torque: tau that the servos exert on the joints, (nj,) Nm.
+        g_up: upward specific force at rest, base_link, (3,) m/s2.
+        torque_variance: of each torque, Nm^2.
+    """
+    found = leg_inverses(robot, joints, g_up)
+    force, covariance = _leg_forces(robot.model, found.inverse, found.own, torque, torque_variance)
+    return FootForces(force, covariance, found.observed)
+
+
+class LegInverses(NamedTuple):
+    """What turns joint torques into foot forces in one posture."""
+
+    inverse: Array
+    """(L, 3, 3) J^-T of each leg, base_link; zero where not observed."""
+    own: Array
+    """(nj,) G(q), Nm: what the servos hold against the links' own weight."""
+    observed: Flags
+    """(L,)"""
+
+
+def leg_inverses(robot: Robot, joints: Array, g_up: Array) -> LegInverses:
+    """J^-T of the points where the feet touch level ground, and G(q); see `forces_from_torques`."""
+    return LegInverses(*_leg_inverses(robot.model, joints, g_up, robot.foot_radii))
+
+
+def gain_from_weight(robot: Robot, joints: Array, torque: Array, g_up: Array, stance: Flags) -> float | None:
+    """Common factor s of all torques with which the feet carry the known weight: makes the CoM free of the gain.
+
+    Read with a wrong gain, forces are not just scaled, because the leg's own weight is known and not measured:
+    F = J^-T (G - s tau). Level rows give s = (sum [J^-T G]_z - m g) / sum [J^-T tau]_z over the standing feet.
+
+    Returns:
+        None when a standing leg is not observed, or the torques tell nothing.
+    """
+    found = leg_inverses(robot, joints, g_up)
+    if not stance.any() or not found.observed[stance].all():
+        return None
+    size = norm(g_up)
+    rows = product(g_up / size, found.inverse[stance])  # vertical force per torque, (n, 3)
+    index = robot.model.leg_joints[stance][:, :3]
+    measured = float(np.sum(rows * torque[index]))
+    if abs(measured) < LEAST_SHARE * robot.mass * size:
+        return None
+    return (float(np.sum(rows * found.own[index])) - robot.mass * size) / measured
+
+
+def fuse_normal(found: FootForces, normal: Array, load: Array, variance: Array) -> FootForces:
+    """Fuse forces from torques with what the sensors under the feet say of n'F, each weighed by its covariance.
+
+    F += K (p - n'F), K = R n / (n'R n + s^2). A leg that torques do not tell is taken from its sensor alone: F = p n,
+    with tangential parts as uncertain as `BLIND` of the load.
+
+    Args:
+        found: forces from torques.
+        normal: unit normal of each sole, axes of the forces, (L, 3).
+        load: n'F, (L,) N; NaN = says nothing.
+        variance: of each load, (L,) N^2.
+    """
+    force, covariance, observed = found.force.copy(), found.covariance.copy(), found.observed.copy()
+    for i in np.flatnonzero(np.isfinite(load)):
+        n = normal[i]
+        if not observed[i]:
+            side = (BLIND * max(float(load[i]), 0.0)) ** 2 + float(variance[i])
+            force[i] = load[i] * n
+            covariance[i] = variance[i] * np.outer(n, n) + side * (np.eye(3) - np.outer(n, n))
+            observed[i] = True
+            continue
+        seen = product(covariance[i], n)
+        gain = seen / (dot(n, seen) + float(variance[i]))
+        force[i] = force[i] + gain * (load[i] - dot(n, force[i]))
+        rest: Array = np.eye(3) - np.outer(gain, n)
+        covariance[i] = product(product(rest, covariance[i]), rest.T) + variance[i] * np.outer(gain, gain)
+    return FootForces(force, covariance, observed)
+
+
+@row_kernel
+def contact_jacobians(model: KinematicModel, joints: Array, up: Array, radius: Array) -> Array:
+    """d p_i / d (joints of leg i) for the lowest point p of each foot sphere, (L, 3, n); `up` is a unit vector."""
+    rot, pos = forward(model, joints)
+    return _contact_jacobians_of(model, rot, pos, up, radius)
+
+
+@row_kernel
+def _contact_jacobians_of(model: KinematicModel, rot: Array, pos: Array, up: Array, radius: Array) -> Array:
+    jacobian = foot_jacobians_of(model, rot, pos)
+    for i in range(model.leg_joints.shape[0]):
+        k = model.foot_link[i]
+        while k >= 0:
+            for c in range(model.leg_joints.shape[1]):
+                if model.joint[k] >= 0 and model.leg_joints[i, c] == model.joint[k]:
+                    x, y, z = 0.0, 0.0, 0.0
+                    for q in range(3):
+                        x += rot[k, 0, q] * model.axis[k, q]
+                        y += rot[k, 1, q] * model.axis[k, q]
+                        z += rot[k, 2, q] * model.axis[k, q]
+                    jacobian[i, 0, c] -= radius[i] * (y * up[2] - z * up[1])
+                    jacobian[i, 1, c] -= radius[i] * (z * up[0] - x * up[2])
+                    jacobian[i, 2, c] -= radius[i] * (x * up[1] - y * up[0])
+            k = model.parent[k]
+    return jacobian
+
+
+@row_kernel
+def _leg_inverses(model: KinematicModel, joints: Array, g_up: Array, radius: Array) -> tuple[Array, Array, Flags]:
+    rot, pos = forward(model, joints)
+    return _leg_inverses_of(model, rot, pos, g_up, radius)
+
+
+@row_kernel
+def _leg_inverses_of(
+    model: KinematicModel, rot: Array, pos: Array, g_up: Array, radius: Array
+) -> tuple[Array, Array, Flags]:
+    jacobian = _contact_jacobians_of(model, rot, pos, g_up / math.sqrt(np.sum(g_up * g_up)), radius)
+    count, width = model.leg_joints.shape
+    inverse, observed = np.zeros((count, 3, 3)), np.zeros(count, dtype=np.bool_)
+    for i in range(count):
+        if width != 3 or model.leg_joints[i, 2] < 0:
+            continue
+        inv, condition = inverse3(jacobian[i].T)  # J^-T
+        if condition <= STRAIGHT:
+            observed[i] = True
+            inverse[i] = inv
+    return inverse, gravity_torques_of(model, rot, pos, g_up), observed
+
+
+@row_kernel
+def leg_forces_of(
+    model: KinematicModel, rot: Array, pos: Array, g_up: Array, radius: Array, torque: Array, variance: float
+) -> tuple[Array, Array, Flags]:
+    """`forces_from_torques` from the links' poses of `forward`: force, covariance, observed."""
+    inverse, own, observed = _leg_inverses_of(model, rot, pos, g_up, radius)
+    force, covariance = _leg_forces(model, inverse, own, torque, variance)
+    return force, covariance, observed
+
+
+@row_kernel
+def _leg_forces(
+    model: KinematicModel, inverse: Array, own: Array, torque: Array, variance: float
+) -> tuple[Array, Array]:
+    count = inverse.shape[0]
+    force, covariance = np.zeros((count, 3)), np.zeros((count, 3, 3))
+    for i in range(count):
+        for r in range(3):
+            for k in range(min(3, model.leg_joints.shape[1])):
+                j = model.leg_joints[i, k]
+                if j < 0:
+                    continue
+                force[i, r] += inverse[i, r, k] * (own[j] - torque[j])
+                for s in range(3):
+                    covariance[i, r, s] += variance * inverse[i, r, k] * inverse[i, s, k]
+    return force, covariance
+
+
+def com_from_forces(
+    position: Array, force: Array, covariance: Array, floor: float = 1e-9, tilt_sd: float = 0.0
+) -> MeasuredCom | None:
+    """CoM and weight by least squares over the six equations of rest, both free: replaces (31).
+
+    Three equations must hold whatever the CoM is: sum F_x = sum F_y = 0 and no yaw moment, C F = 0. The forces are
+    projected on them, F = Fm - R C'(C R C')^-1 C Fm, then W = sum F_z and c = centroid + sum(r F_z - z F) / W. (31)
+    divides by an assumed weight instead: there a gain error of the sensors scales c about the origin, here it cancels.
+
+    Args:
+        position: feet, (n, 3) m, gravity-aligned frame.
+        force: ground on foot, (n, 3) N, same axes.
+        covariance: of each force, (n, 3, 3) N^2.
+        floor: smallest weight that counts, N.
+        tilt_sd: of the frame's roll and pitch, rad: the weight seen in a tilted frame has a horizontal part, so
+            sum F_x = sum F_y = 0 holds only up to W times that.
+
+    Returns:
+        None when the feet carry less than `floor`.
+    """
+    if len(position) == 0:
+        return None
+    com, spread, weight, misfit = _com(position, force, covariance, tilt_sd)
+    return MeasuredCom(com, spread, float(weight), float(misfit)) if weight > floor else None
+
+
+@row_kernel
+def _com(position: Array, force: Array, covariance: Array, tilt_sd: float) -> tuple[Array, Array, float, float]:
+    n = position.shape[0]
+    centroid = np.zeros(3)
+    for i in range(n):
+        centroid += position[i] / n
+    row = np.zeros((n, 3, 3))  # C: for each foot the 3x3 block that maps its force to (sum F_x, sum F_y, yaw moment)
+    gain = np.zeros((n, 3, 3))  # R C' for each foot
+    square, broken = np.zeros((3, 3)), np.zeros(3)
+    for i in range(n):
+        row[i, 0, 0] = row[i, 1, 1] = 1.0
+        row[i, 2, 0], row[i, 2, 1] = -(position[i, 1] - centroid[1]), position[i, 0] - centroid[0]
+        for a in range(3):
+            for b in range(3):
+                broken[a] += row[i, a, b] * force[i, b]
+                for c in range(3):
+                    gain[i, a, b] += covariance[i, a, c] * row[i, b, c]
+        for a in range(3):
+            for b in range(3):
+                for c in range(3):
+                    square[a, b] += row[i, a, c] * gain[i, c, b]
+    lean = tilt_sd * np.sum(force[:, 2])
+    square[0, 0] += lean * lean
+    square[1, 1] += lean * lean
+    for a in range(3):  # one foot feels no yaw moment: leave that equation out
+        square[a, a] += 1e-12 * (square[0, 0] + square[1, 1] + square[2, 2]) + 1e-300
+    inv = inverse3(square)[0]
+    pull, misfit = np.zeros(3), 0.0
+    for a in range(3):
+        for b in range(3):
+            pull[a] += inv[a, b] * broken[b]
+            misfit += broken[a] * inv[a, b] * broken[b]
+    rest, weight = np.empty((n, 3)), 0.0
+    for i in range(n):
+        for a in range(3):
+            rest[i, a] = force[i, a] - gain[i, a, 0] * pull[0] - gain[i, a, 1] * pull[1] - gain[i, a, 2] * pull[2]
+        weight += rest[i, 2]
+    com = np.zeros(2)
+    for i in range(n):
+        for d in range(2):
+            com[d] += (
+                (position[i, d] - centroid[d]) * rest[i, 2] - (position[i, 2] - centroid[2]) * rest[i, d]
+            ) / weight
+    slope = np.zeros((n, 2, 3))  # d com / d force
+    seen = np.zeros((2, 3))  # slope R C'
+    spread = np.zeros((2, 2))
+    for i in range(n):
+        for d in range(2):
+            slope[i, d, 2] = (position[i, d] - centroid[d] - com[d]) / weight
+            slope[i, d, d] = -(position[i, 2] - centroid[2]) / weight
+            for b in range(3):
+                for a in range(3):
+                    seen[d, b] += slope[i, d, a] * gain[i, a, b]
+        for d in range(2):
+            for e in range(2):
+                for a in range(3):
+                    for b in range(3):
+                        spread[d, e] += slope[i, d, a] * covariance[i, a, b] * slope[i, e, b]
+    for d in range(2):
+        for e in range(2):
+            for a in range(3):
+                for b in range(3):
+                    spread[d, e] -= seen[d, a] * inv[a, b] * seen[e, b]
+    return centroid[:2] + com, spread, weight, misfit
+
+
+def warm() -> None:
+    """Compile the kernels of this module."""
+    robot = load_robot("ragno")
+    found = forces_from_torques(robot, robot.neutral, np.zeros(len(robot.neutral)), np.array([0.0, 0.0, 9.81]), 1.0)
+    com_from_forces(np.zeros((1, 3)), found.force[:1], found.covariance[:1])

@@ -1,0 +1,132 @@
+"""Keeping a system up until somebody asks for its end."""
+
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from surefoot.errors import BusError, CallError
+from surefoot.logline import said
+from surefoot.schemas.sim import ResetRequest, World
+from surefoot.schemas.topics import SIM_RESET
+from surefoot.services.supervisor.processes.compose import Compose
+from surefoot.services.supervisor.processes.process import Child
+from surefoot.services.supervisor.processes.rundir import RunFolder, RunFolderError
+from surefoot.services.supervisor.processes.session import STEP_S, Session
+from surefoot.services.supervisor.processes.system import SELF
+
+DRIVER_S = 5.0  # s wall, after all services of a system are there one of them must have said that it drives
+READY_S = 90.0  # s wall, until every service is there; the first start compiles kernels
+
+
+@dataclass(frozen=True)
+class Order:
+    """What the simulator is to do once everything is there.
+
+    Attributes:
+        world: to be built.
+        seed: of everything random.
+        rtf: pace, 0 = as fast as it goes.
+        record: MCAP file, None = none.
+    """
+
+    world: World
+    seed: int = 0
+    rtf: float = 1.0
+    record: Path | None = None
+
+    def arguments(self) -> list[str]:
+        """Return it as options of `surefoot up`."""
+        words = ["--terrain", self.world.terrain, "--seed", str(self.seed), "--rtf", str(self.rtf)]
+        return [*words, "--record", str(self.record.resolve())] if self.record is not None else words
+
+
+def keep(
+    compose: Compose,
+    order: Order,
+    stop: threading.Event,
+    *,
+    listen: str | None = None,
+    spawn: bool = True,
+    tell: Callable[[str], None] = lambda text: None,
+    ready: Callable[[], None] = lambda: None,
+) -> None:
+    """Bring a system up, look after it until `stop`, take it down.
+
+    Raises:
+        RunFolderError: it is up already.
+        RobotError: no such robot.
+        BusError: the port is taken, a service is not restarted any more, or the simulator refuses the world.
+    """
+    environment = {
+        "SUREFOOT_RECORDER_PATH": str(order.record.resolve()) if order.record is not None else "",
+        "SUREFOOT_SIMULATOR_AUTOSTART": "false",  # time begins when everybody is there
+    }
+    with Session(compose, listen=listen, environment=environment, spawn=spawn, tell=tell) as session:
+        wanted = set(session.system.service_names)
+        told, written = False, None
+        reset_by, alone_since = "", 0.0
+        while not stop.is_set():
+            session.step()
+            rows = session.rows()
+            if rows != written:
+                session.folder.write_rows(rows)
+                written = rows
+            driver = session.instance_of(session.driver)
+            if driver and driver != reset_by and wanted <= set(session.alive):
+                if session.answers(SIM_RESET):  # else the driver of a real robot, which starts the clock itself
+                    _reset(session, order, tell)
+                reset_by = driver
+            if not driver and wanted <= set(session.alive):
+                alone_since = alone_since or time.monotonic()
+                if time.monotonic() - alone_since > DRIVER_S:
+                    raise BusError("not_ready", f"no service of {compose.path} drives; one must be the robot's driver")
+            if not told and session.supervisor.ticks > 0 and (session.system.settled() or not spawn):
+                session.folder.write_ready()
+                ready()
+                told = True
+            stop.wait(STEP_S)
+
+
+def _reset(session: Session, order: Order, tell: Callable[[str], None]) -> None:
+    """Let simulated time run; again for a simulator that was restarted."""
+    request = ResetRequest(seed=order.seed, world=order.world, expect=session.expected, mode="paced", rtf=order.rtf)
+    try:
+        session.call(SIM_RESET, request)
+    except CallError as error:
+        problem = f"the simulation could not be started: {error.message}"
+        if error.code not in ("absent", "timeout"):  # what it was told is wrong, and stays so
+            raise BusError(error.code, problem, error.field) from None
+        tell(problem)
+
+
+def start_detached(
+    compose: Compose, system: str, order: Order, listen: str | None, tell: Callable[[str], None]
+) -> None:
+    """Start `surefoot up` in a session of its own and wait until it is ready.
+
+    Raises:
+        RunFolderError: it is up already.
+        BusError: it ended before it was ready; the sentence holds its last words.
+    """
+    folder = RunFolder(compose.name)
+    if folder.held():
+        raise RunFolderError(f"system {compose.name!r} is already up; stop it with `surefoot down {compose.name}`")
+    folder.clear_ready()
+    command = [sys.executable, "-m", "surefoot.lab.cli.main", "up", "--log", str(Path(compose.path).resolve())]
+    command += [*order.arguments(), *(["--listen", listen] if listen else [])]
+    tell(f"starting {system}")
+    child = Child(SELF, command, {}, folder.log(SELF))
+    waited = threading.Event()
+    for _ in range(int(READY_S / 0.02)):
+        if folder.ready():
+            return
+        if child.poll() is not None:
+            words = said(child.last_words(1))
+            raise BusError("service_failed", words or f"it ended with exit code {child.poll()}; see {child.log}")
+        waited.wait(0.02)
+    child.terminate()
+    child.wait(10.0)
+    raise BusError("not_ready", f"{compose.name} is not ready after {READY_S:g} s; see `surefoot logs`")

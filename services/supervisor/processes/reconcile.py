@@ -1,0 +1,225 @@
+"""What to do next: wanted and observed services in, actions out. Pure: no process, no clock, no state of its own."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from surefoot.services.supervisor.processes.compose import ComposeService, Restart
+
+BACKOFF_FIRST_S = 0.1  # s, wait before the first restart: a robot stands and waits meanwhile
+BACKOFF_FACTOR = 2.0  # each further restart waits this much longer
+BACKOFF_MAX_S = 10.0  # s
+MAX_FAILURES = 8  # ends in a row after which the reconciler gives up (0.1 s .. 10 s: about 23 s of trying)
+STABLE_S = 10.0  # s of health after which earlier failures are forgotten
+
+Phase = Literal["absent", "running", "exited"]
+Verb = Literal["start", "stop", "kill", "wait", "give_up"]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the compose file asks for, reduced to what decides.
+
+    Attributes:
+        name: name of the service.
+        after: (service, must be healthy) pairs that have to hold before the start.
+        restart: what to do when the process ends by itself.
+        max_failures: ends in a row after which the reconciler gives up.
+        grace_s: wall time between SIGTERM and SIGKILL.
+        start_period_s: wall time a fresh process may take to become healthy.
+        watched: False when health is not asked for; then running counts as healthy.
+    """
+
+    name: str
+    after: tuple[tuple[str, bool], ...] = ()
+    restart: Restart = "no"
+    max_failures: int = MAX_FAILURES
+    grace_s: float = 2.0
+    start_period_s: float = 20.0
+    watched: bool = True
+
+
+@dataclass(frozen=True)
+class Observed:
+    """What the process layer and the bus say about one service. Times are wall seconds of one monotonic clock.
+
+    Attributes:
+        phase: absent (never started), running or exited.
+        since: when the phase began.
+        healthy: heartbeats come and the service says it is well.
+        healthy_since: when `healthy` last became true, None before that.
+        unhealthy_since: when it was last lost while running, None before that.
+        stopping_since: when SIGTERM was sent, None before that.
+        killed: SIGKILL was sent.
+        exit_code: of the exited process.
+        failures: ends (or losses of health) in a row, this one included.
+    """
+
+    phase: Phase = "absent"
+    since: float = 0.0
+    healthy: bool = False
+    healthy_since: float | None = None
+    unhealthy_since: float | None = None
+    stopping_since: float | None = None
+    killed: bool = False
+    exit_code: int | None = None
+    failures: int = 0
+
+
+@dataclass(frozen=True)
+class Action:
+    """One step for the process layer.
+
+    Attributes:
+        verb: start, stop (SIGTERM), kill (SIGKILL), wait, give_up.
+        service: name of the service.
+        reason: in words, for the log and for `surefoot status`.
+        until: wall time a wait ends at, None when it ends by an event.
+    """
+
+    verb: Verb
+    service: str
+    reason: str = ""
+    until: float | None = None
+
+
+ABSENT = Observed()
+
+
+def wanted_from(service: ComposeService) -> Wanted:
+    """Reduce a service of a compose file to what the reconciler needs."""
+    check = service.healthcheck
+    return Wanted(
+        name=service.name,
+        after=tuple((name, condition == "service_healthy") for name, condition in service.depends_on),
+        restart=service.restart,
+        max_failures=MAX_FAILURES if service.max_restarts is None else service.max_restarts + 1,
+        grace_s=service.stop_grace_s,
+        start_period_s=check.start_period_s if check else 0.0,
+        watched=check is not None,
+    )
+
+
+def backoff_s(failures: int) -> float:
+    """Return the wait before the restart that follows `failures` ends in a row."""
+    exponent = min(max(failures, 1) - 1, 60)
+    return min(BACKOFF_FIRST_S * BACKOFF_FACTOR**exponent, BACKOFF_MAX_S)
+
+
+def failures_after(observed: Observed, now: float) -> int:
+    """Return the failures in a row when the process of `observed` has just ended by itself."""
+    stable = observed.healthy_since is not None and now - observed.healthy_since >= STABLE_S
+    return 1 if stable else observed.failures + 1
+
+
+def plan(
+    wanted: Sequence[Wanted], observed: Mapping[str, Observed], now: float, *, shutdown: bool = False
+) -> tuple[Action, ...]:
+    """Decide at most one action per service.
+
+    Args:
+        wanted: the services that should run.
+        observed: what is known about each; missing ones are absent.
+        now: wall time on the clock of `observed`.
+        shutdown: stop everything; a service goes before the ones it depends on.
+
+    Returns:
+        Actions in the order of `wanted`, then stops of services that nobody wants any more. No action for a service
+        that is as it should be.
+    """
+    names = {item.name for item in wanted}
+    actions = [
+        _stop_in_order(item, wanted, observed, now) if shutdown else _run(item, observed, now) for item in wanted
+    ]
+    strangers = [name for name in observed if name not in names]
+    actions += [_stop(Wanted(name), observed[name], now, "not wanted any more") for name in strangers]
+    return tuple(action for action in actions if action is not None)
+
+
+def settled(wanted: Sequence[Wanted], observed: Mapping[str, Observed]) -> bool:
+    """Tell whether every wanted service runs and is healthy."""
+    return all(_satisfied(observed.get(item.name, ABSENT), healthy=item.watched) for item in wanted)
+
+
+def _satisfied(state: Observed, *, healthy: bool) -> bool:
+    return state.phase == "running" and state.stopping_since is None and (state.healthy or not healthy)
+
+
+def _run(item: Wanted, observed: Mapping[str, Observed], now: float) -> Action | None:
+    state = observed.get(item.name, ABSENT)
+    match state.phase:
+        case "running":
+            if state.stopping_since is not None:
+                return _stop(item, state, now, "")
+            return _watch(item, state, now)
+        case "exited":
+            ended_as_unwell = state.stopping_since is not None and item.restart != "no"
+            if not ended_as_unwell and not _wants_restart(item.restart, state.exit_code):
+                return None
+            if state.failures >= item.max_failures:
+                return Action("give_up", item.name, f"ended {state.failures} times in a row, last {_ending(state)}")
+            due = state.since + backoff_s(state.failures)
+            if now < due:
+                return Action("wait", item.name, f"{_ending(state)}; restart in {due - now:.1f} s", due)
+            return _start(item, observed, f"restart after it {_ending(state)}")
+        case "absent":
+            return _start(item, observed, "wanted")
+
+
+def _watch(item: Wanted, state: Observed, now: float) -> Action | None:
+    """Judge a running process: fine, still starting, or to be ended because it hangs."""
+    if not item.watched or state.healthy:
+        return None
+    if state.unhealthy_since is not None:
+        if item.restart == "no":
+            return Action("wait", item.name, "unhealthy")
+        return Action("stop", item.name, "unhealthy: no heartbeat")
+    deadline = state.since + item.start_period_s
+    if now < deadline or item.restart == "no":
+        return Action("wait", item.name, "starting", deadline if now < deadline else None)
+    return Action("stop", item.name, f"not healthy within {item.start_period_s:g} s")
+
+
+def _start(item: Wanted, observed: Mapping[str, Observed], reason: str) -> Action:
+    missing = [name for name, healthy in item.after if not _satisfied(observed.get(name, ABSENT), healthy=healthy)]
+    if missing:
+        return Action("wait", item.name, f"waits for {', '.join(missing)}")
+    return Action("start", item.name, reason)
+
+
+def _stop_in_order(
+    item: Wanted, wanted: Sequence[Wanted], observed: Mapping[str, Observed], now: float
+) -> Action | None:
+    users = [
+        other.name
+        for other in wanted
+        if item.name in (name for name, _ in other.after) and observed.get(other.name, ABSENT).phase == "running"
+    ]
+    state = observed.get(item.name, ABSENT)
+    if users and state.phase == "running" and state.stopping_since is None:
+        return Action("wait", item.name, f"stops after {', '.join(users)}")
+    return _stop(item, state, now, "shutdown")
+
+
+def _stop(item: Wanted, state: Observed, now: float, reason: str) -> Action | None:
+    if state.phase != "running":
+        return None
+    if state.stopping_since is None:
+        return Action("stop", item.name, reason)
+    deadline = state.stopping_since + item.grace_s
+    if now >= deadline and not state.killed:
+        return Action("kill", item.name, f"did not end within {item.grace_s:g} s")
+    return Action("wait", item.name, "stopping", None if state.killed else deadline)
+
+
+def _wants_restart(restart: Restart, exit_code: int | None) -> bool:
+    if restart == "on-failure":
+        return exit_code != 0
+    return restart in ("always", "unless-stopped")
+
+
+def _ending(state: Observed) -> str:
+    code = state.exit_code
+    if code is None:
+        return "ended"
+    return f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"

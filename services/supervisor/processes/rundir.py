@@ -1,0 +1,220 @@
+"""The run folder: where a running system is found again by `down`, `status` and `logs`.
+
+`<XDG state home>/surefoot/<system>/` with `lock` (held by the supervisor while it lives, so a stale folder shows at
+once), `endpoint.json`, `processes.json` and `logs/<service>.log`.
+"""
+
+import fcntl
+import json
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import IO, Any
+
+from surefoot.services.supervisor.processes.process import Identity, end, identify
+
+WALKER_MEMORY = "walker.json"
+FILES = ("endpoint.json", "processes.json", "supervisor.json", "status.json", "ready.json", WALKER_MEMORY)
+"""What describes a running system, and is removed with it."""
+
+
+class RunFolderError(Exception):
+    """A run folder that cannot be used, told in one sentence."""
+
+    def __init__(self, message: str, code: str = "already_up") -> None:
+        super().__init__(message)
+        self.code = code
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """How to reach a running system.
+
+    Attributes:
+        connect: Zenoh endpoint of its router.
+        namespace: prefix of its keys, e.g. `surefoot/ragno`.
+        compose: path of the compose file.
+        robot: name of the robot.
+    """
+
+    connect: str
+    namespace: str
+    compose: str = ""
+    robot: str = ""
+
+
+def state_home() -> Path:
+    """Return the folder that holds all run folders."""
+    base = os.environ.get("XDG_STATE_HOME", "")
+    return (Path(base) if os.path.isabs(base) else Path.home() / ".local" / "state") / "surefoot"
+
+
+class RunFolder:
+    """One system's run folder."""
+
+    def __init__(self, name: str, home: Path | None = None) -> None:
+        self.name = name
+        self.path = (home or state_home()) / name
+        self._lock: IO[bytes] | None = None
+
+    def log(self, service: str) -> Path:
+        """Return the path of a service's log."""
+        return self.path / "logs" / f"{service}.log"
+
+    def logs(self) -> dict[str, Path]:
+        """Return the logs that exist, by service."""
+        return {path.stem: path for path in sorted((self.path / "logs").glob("*.log"))}
+
+    def acquire(self) -> None:
+        """Become the supervisor of this system.
+
+        Raises:
+            RunFolderError: another live supervisor has it, or the folder cannot be written.
+        """
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            stream = (self.path / "lock").open("ab")
+        except OSError as exc:
+            raise RunFolderError(f"cannot write the run folder {self.path} ({exc.strerror})", "unwritable") from exc
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as exc:
+            stream.close()
+            owner = self.supervisor()
+            by = f" by process {owner.pid}" if owner else ""
+            raise RunFolderError(
+                f"system {self.name!r} is already run{by}; stop it with `surefoot down {self.name}`"
+            ) from exc
+        os.utime(self.path / "lock")
+        self.walker_memory.unlink(missing_ok=True)
+        self._lock = stream
+
+    @property
+    def walker_memory(self) -> Path:
+        """Where the walker keeps its command for the case that it is started again; gone with the run."""
+        return self.path / WALKER_MEMORY
+
+    def release(self) -> None:
+        """Leave the system: no process, no endpoint, logs stay."""
+        if self._lock is None:
+            return
+        for name in FILES:
+            (self.path / name).unlink(missing_ok=True)
+        self._lock.close()
+        self._lock = None
+
+    def held(self) -> bool:
+        """Tell whether a live supervisor has this system."""
+        try:
+            with (self.path / "lock").open("rb") as stream:
+                fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:
+            return False
+        return False
+
+    def write_endpoint(self, endpoint: Endpoint) -> None:
+        """Store how to reach the system, and who supervises it."""
+        self._write("endpoint.json", asdict(endpoint))
+        own = identify(os.getpid())
+        if own is not None:
+            self._write("supervisor.json", asdict(own))
+
+    def endpoint(self) -> Endpoint | None:
+        """Return how to reach the system; None when it does not run."""
+        content = self._read("endpoint.json") if self.held() else None
+        try:
+            return None if content is None else Endpoint(**content)
+        except TypeError:
+            return None
+
+    def supervisor(self) -> Identity | None:
+        """Return the supervising process, None when there is none that lives."""
+        found = _identity(self._read("supervisor.json"))
+        return found if found is not None and found.alive() else None
+
+    def write_rows(self, rows: Sequence[Any]) -> None:
+        """Store the table of `surefoot status`."""
+        self._write("status.json", [asdict(row) for row in rows])
+
+    def read_rows(self) -> list[dict[str, Any]]:
+        """Return the table of `surefoot status`."""
+        rows = self._read("status.json")
+        return rows if isinstance(rows, list) else []
+
+    def write_ready(self) -> None:
+        """Tell whoever waits that everything is there."""
+        self._write("ready.json", True)
+
+    def clear_ready(self) -> None:
+        """Forget what an earlier system said."""
+        (self.path / "ready.json").unlink(missing_ok=True)
+
+    def ready(self) -> bool:
+        """Tell whether everything is there."""
+        return self.held() and self._read("ready.json") is True
+
+    def touched(self) -> float:
+        """Return when this system was last taken, in wall time."""
+        try:
+            return (self.path / "lock").stat().st_mtime
+        except OSError:
+            return 0.0
+
+    def write_processes(self, processes: Mapping[str, Identity]) -> None:
+        """Store which processes are ours."""
+        self._write("processes.json", {name: asdict(identity) for name, identity in processes.items()})
+
+    def processes(self) -> dict[str, Identity]:
+        """Return the processes of this system that still live, whoever supervises them."""
+        content = self._read("processes.json")
+        found = {name: _identity(entry) for name, entry in content.items()} if isinstance(content, dict) else {}
+        return {name: identity for name, identity in found.items() if identity is not None and identity.alive()}
+
+    def orphans(self) -> dict[str, Identity]:
+        """Return the processes that a supervisor which died left behind."""
+        left = self.processes()  # before the lock: one that is ending has none when it lets go
+        return {} if self.held() else left
+
+    @property
+    def orphaned(self) -> str:
+        """What to do about them."""
+        return f"services of {self.name} run without their supervisor; `surefoot down {self.name}` ends them"
+
+    def end_leftovers(self) -> tuple[str, ...]:
+        """End what a supervisor that died left behind; return the names. Only with the lock held."""
+        if self._lock is None:
+            raise RunFolderError(f"run folder of {self.name!r} is not held by this process", "not_held")
+        left = self.processes()
+        for identity in left.values():
+            end(identity)
+        return tuple(left)
+
+    def _write(self, name: str, content: Any) -> None:
+        """Replace a file at once: a reader sees the old or the new one, never half of it."""
+        handle, temporary = tempfile.mkstemp(dir=self.path, prefix=f".{name}")
+        with os.fdopen(handle, "w", encoding="utf-8") as stream:
+            json.dump(content, stream, indent=1)
+        os.replace(temporary, self.path / name)
+
+    def _read(self, name: str) -> Any:
+        try:
+            return json.loads((self.path / name).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return None
+
+
+def run_folders(home: Path | None = None) -> tuple[RunFolder, ...]:
+    """Return the run folders of this user, running or not."""
+    base = home or state_home()
+    return tuple(RunFolder(path.parent.name, base) for path in sorted(base.glob("*/lock")))
+
+
+def _identity(content: Any) -> Identity | None:
+    try:
+        return None if content is None else Identity(**content)
+    except TypeError:
+        return None

@@ -1,0 +1,281 @@
+"""A system that is up: run folder, router, the supervisor's own node, and the processes of the others."""
+
+import os
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Self, TypeVar
+
+from surefoot.bus.endpoint import to_listen
+from surefoot.bus.interface import Life, Publisher
+from surefoot.bus.zenoh import DEFAULT_FLEET, ZenohBus
+from surefoot.bus.zenoh import Endpoint as BusEndpoint
+from surefoot.errors import BusError, CallError
+from surefoot.lockstep.config import ServiceConfig
+from surefoot.lockstep.join import DRIVER
+from surefoot.lockstep.launch import spare_collector
+from surefoot.lockstep.node import Node
+from surefoot.logline import said
+from surefoot.robot.description import load_robot
+from surefoot.schemas.base import Request, Wire
+from surefoot.schemas.hw import EmergencyStop
+from surefoot.schemas.sim import SimStatus
+from surefoot.schemas.system import Health, HealthRequest
+from surefoot.schemas.topics import CMD_ESTOP, HEALTH_GET, Query
+from surefoot.services.supervisor.processes.compose import Compose
+from surefoot.services.supervisor.processes.ports import owner_of, port_of
+from surefoot.services.supervisor.processes.reconcile import Action
+from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder
+from surefoot.services.supervisor.processes.system import SELF, Row, System
+from surefoot.services.supervisor.scenarios.director import Director
+from surefoot.services.supervisor.service import Supervisor
+
+Req = TypeVar("Req", bound=Request)
+Rep = TypeVar("Rep", bound=Wire)
+
+STEP_S = 0.05  # s, how often the main thread looks at the processes
+
+
+class Session:
+    """Everything `run`, `up` and `supervise` have in common; a context manager that leaves nothing behind."""
+
+    def __init__(
+        self,
+        compose: Compose,
+        *,
+        listen: str | None = None,
+        director: Director | None = None,
+        environment: Mapping[str, str] | None = None,
+        spawn: bool = True,
+        tell: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self.compose = compose
+        self.name = compose.name
+        self.listen = to_listen(listen)
+        self.robot = compose.robot
+        self.namespace = os.environ.get("SUREFOOT_NAMESPACE") or f"{DEFAULT_FLEET}/{Path(self.robot).name}"
+        self.folder = RunFolder(compose.name)
+        self._spawn = spawn
+        self._tell = tell
+        own = {
+            "SUREFOOT_CONNECT": self.listen,
+            "SUREFOOT_NAMESPACE": self.namespace,
+            "SUREFOOT_ROBOT": self.robot,
+            "SUREFOOT_WALKER_MEMORY": str(self.folder.walker_memory),
+        }
+        self.system = System(
+            compose, self.folder, environment={**own, **(environment or {})}, on_action=self._on_action
+        )
+        self.supervisor = Supervisor(ServiceConfig(robot=self.robot), director, self)
+        self._bus: ZenohBus | None = None
+        self._node: Node | None = None
+        self._thread: threading.Thread | None = None
+        self._alive: dict[str, str] = {}
+        self._gone: SimStatus | None = None  # what a driver had said that is gone: of the next one it is not true
+        self._stop = ""  # the emergency stop that a driver which is gone had obeyed
+        self._stops: Publisher[EmergencyStop] | None = None
+        self.failure: BaseException | None = None
+        """What ended the supervisor's own thread, None while all is well."""
+
+    # -- life ---------------------------------------------------------------------------------------------------------
+
+    def __enter__(self) -> Self:
+        """Take the run folder, open the router, become visible.
+
+        Raises:
+            RobotError: no such robot.
+            RunFolderError: the system is up already.
+            BusError: the port is taken; the sentence names the owner and the flag.
+        """
+        load_robot(self.robot)  # now, not by each of the services
+        self.folder.acquire()
+        try:
+            self._clean_up()
+            self._bus = self._open_router()
+            self.folder.write_endpoint(
+                Endpoint(self.listen, self.namespace, str(self.compose.path.resolve()), self.robot)
+            )
+            self._bus.watch(self._on_life)
+            self._node = Node(self.supervisor, self._bus)
+            self._node.start()
+            self._thread = threading.Thread(target=self._run_node, name="supervisor", daemon=True)
+            self._thread.start()
+            spare_collector()
+        except BaseException:
+            self._close()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop all processes, close the session, give the run folder back."""
+        self._close()
+
+    def _close(self) -> None:
+        try:
+            if self._spawn and not self.system.stop():
+                self._tell("some processes could not be ended")
+        finally:
+            if self._node is not None:
+                self._node.stop()
+            if self._thread is not None:
+                self._thread.join(2.0)
+            if self._bus is not None:
+                self._bus.close()
+            self.folder.release()
+
+    def _clean_up(self) -> None:
+        left = self.folder.end_leftovers()
+        if left:
+            self._tell(f"ended what an earlier run had left behind: {', '.join(left)}")
+
+    def _open_router(self) -> ZenohBus:
+        try:
+            return ZenohBus(BusEndpoint(mode="router", connect=(), listen=(self.listen,), namespace=self.namespace))
+        except BusError:
+            port = port_of(self.listen)
+            owner = owner_of(port) if port is not None else ""
+            if not owner:
+                raise
+            message = f"{self.listen} is taken by {owner}; stop it, or choose another endpoint with --listen"
+            raise BusError("busy", message) from None
+
+    def _run_node(self) -> None:
+        assert self._node is not None
+        try:
+            self._node.run()
+        except BaseException as error:
+            self.failure = error
+
+    # -- what happens -------------------------------------------------------------------------------------------------
+
+    def _on_life(self, life: Life) -> None:
+        self.system.heard(life.service, well=life.alive)
+        if life.service == DRIVER and not life.alive:
+            self._gone = self.supervisor.status
+            self._stop = self._gone.stopped if self._gone is not None and self._gone.stopped else self._stop
+        if life.alive:
+            self._alive[life.service] = life.instance
+        elif self._alive.get(life.service) == life.instance:
+            del self._alive[life.service]
+
+    def _on_action(self, action: Action) -> None:
+        self._tell(f"{action.verb} {action.service}" + (f" ({action.reason})" if action.reason else ""))
+
+    @property
+    def expected(self) -> tuple[str, ...]:
+        """Services that must be ready before tick 0: all but the driver."""
+        driver = self.driver
+        return tuple(name for name in (*self.system.service_names, SELF) if name != driver)
+
+    @property
+    def driver(self) -> str:
+        """The service that drives, whatever its name: it is alive as `driver` too; empty while none is visible."""
+        alive = dict(self._alive)
+        instance = alive.pop(DRIVER, None)
+        return next((name for name, other in alive.items() if other == instance), "")
+
+    @property
+    def alive(self) -> tuple[str, ...]:
+        """Services that are visible on the bus."""
+        return tuple(sorted(name for name in dict(self._alive) if name != DRIVER))
+
+    def heard(self, service: str, *, well: bool) -> None:
+        """Note a heartbeat."""
+        self.system.heard(service, well=well)
+
+    def signal_kill(self, service: str) -> None:
+        """End a service without warning."""
+        self.system.signal_kill(service)
+
+    def rows(self) -> tuple[Row, ...]:
+        """Return how every service does: by its process, or by the bus where the processes are not ours."""
+        if self._spawn:
+            told = self.supervisor.status is not self._gone
+            why, driver = "; ".join(self.supervisor.stops()) if told else "", self.driver
+            return tuple(
+                replace(row, detail=why) if why and row.service == driver else row for row in self.system.rows()
+            )
+        alive = self.alive
+        return tuple(Row(n, "healthy" if n in alive else "stopped", None, 0, "") for n in self.system.service_names)
+
+    def instance_of(self, service: str) -> str:
+        """Return the identity of a visible service's process, empty when it is not visible."""
+        return self._alive.get(service, "")
+
+    def step(self) -> None:
+        """Look after the processes once.
+
+        Raises:
+            BusError: a service is not restarted any more, or the supervisor's own thread has ended.
+        """
+        if self.failure is not None:
+            raise BusError("internal", f"the supervisor has failed: {type(self.failure).__name__}: {self.failure}")
+        self._renew_stop()
+        if not self._spawn:
+            return
+        self.system.step()
+        lost = self.system.given_up()
+        if lost:
+            raise BusError("service_failed", self._why(lost[0]))
+
+    def _renew_stop(self) -> None:
+        """An emergency stop outlives the driver: it is told again until the next one, running, confirms it."""
+        if not self._stop or not self.driver or self._bus is None:
+            return
+        status = self.supervisor.status
+        if status is not None and status is not self._gone and status.stopped and status.tick > 0:
+            self._tell(f"{self.driver} was started anew; the emergency stop stays in force ({self._stop})")
+            self._stop = ""
+            return
+        self._stops = self._stops or self._bus.publisher(CMD_ESTOP)
+        self._stops.put(EmergencyStop(source=SELF, reason=self._stop))
+
+    def wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """Look after the processes until the condition holds; False after `timeout_s`."""
+        deadline = time.monotonic() + timeout_s
+        while not condition():
+            if time.monotonic() > deadline:
+                return False
+            self.step()
+            time.sleep(STEP_S)
+        return True
+
+    def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None) -> Rep:
+        """Ask a service (raises CallError)."""
+        assert self._bus is not None
+        return self._bus.call(query, request, timeout_s)
+
+    def answers(self, query: Query[Req, Rep]) -> bool:
+        """Tell whether anybody serves a query."""
+        assert self._bus is not None
+        return self._bus.probe(query)
+
+    def health(self) -> dict[str, Health]:
+        """Return the health of every service that answers."""
+        found: dict[str, Health] = {}
+        for name in self.alive:
+            try:
+                found[name] = self.call(HEALTH_GET.of(name), HealthRequest(), 1.0).health
+            except CallError:
+                continue
+        return found
+
+    def _why(self, service: str) -> str:
+        """Why a service does not run, with its own last words."""
+        row = next(row for row in self.rows() if row.service == service)
+        log = self.folder.log(service)
+        words = _last_line(log)
+        return f"{service} does not run ({row.detail or 'ended'})" + (f": {words}" if words else "") + f"; see {log}"
+
+
+def _last_line(log: Path) -> str:
+    try:
+        lines = log.read_text(encoding="utf-8", errors="replace").split("\n")
+    except OSError:
+        return ""
+    return said(next((line.strip() for line in reversed(lines) if line.strip()), ""))[:300]

@@ -1,0 +1,79 @@
+"""Whether a system can be started at all, told before anything is: its programs, modules, services."""
+
+import importlib.util
+import os
+import shutil
+from importlib.machinery import PathFinder
+from pathlib import Path
+
+from surefoot.files import find
+from surefoot.lockstep.discover import service_names
+from surefoot.services.supervisor.processes.compose import Compose, ComposeError, ComposeService, load_compose
+from surefoot.services.supervisor.processes.system import SELF
+from surefoot.services.supervisor.scenarios.scenario import Scenario, ScenarioError
+from surefoot.tables import did_you_mean
+
+PYTHONS = ("python", "python3")
+
+
+def startable(system: str) -> Compose:
+    """Return the system of that name or path.
+
+    Raises:
+        ComposeError: there is none, its file cannot be used, or a command names what is not there.
+    """
+    compose = load_compose(find("compose", system, ".yaml", ComposeError))
+    for service in compose.services:
+        if service.name != SELF:
+            _check(service, compose)
+    return compose
+
+
+def system_of(scenario: Scenario) -> Compose:
+    """Return the system of a scenario (raises ComposeError; ScenarioError: it kills one that is not there)."""
+    compose = startable(scenario.compose)
+    known = [name for name in compose.service_names if name != SELF]
+    for number, step in enumerate(scenario.steps):
+        if step.do == "kill" and step.service not in known:
+            message = f"got {step.service!r}{did_you_mean(step.service, known)}, {compose.name} has {', '.join(known)}"
+            error = ScenarioError("unknown_name", f"step[{number}].service", message)
+            error.file = scenario.name
+            raise error
+    return compose
+
+
+def _check(service: ComposeService, compose: Compose) -> None:
+    problem = _problem(service)
+    if problem:
+        error = ComposeError("unknown_name", f"services.{service.name}.command", problem)
+        error.file = str(compose.path)
+        raise error
+
+
+def _problem(service: ComposeService) -> str:
+    """What is wrong with a command, empty when nothing is."""
+    program, *words = service.command
+    if program == "surefoot-service":
+        known = service_names()
+        name = next((word for word in words if not word.startswith("-")), "")
+        return "" if name in known else f"no service {name!r}{did_you_mean(name, known)}; there are {', '.join(known)}"
+    if program in PYTHONS and words[:1] == ["-m"]:
+        module = words[1] if len(words) > 1 else ""
+        return "" if _findable(module, service) else f"no module {module!r}; looked in this folder and the installation"
+    if program in PYTHONS:
+        file = words[0] if words and not words[0].startswith("-") else None
+        return "" if file is None or Path(file).is_file() else f"no file {file!r} in {Path.cwd()}"
+    path = service.environment.get("PATH", os.environ.get("PATH"))
+    return "" if program == "surefoot" or shutil.which(program, path=path) else f"no program {program!r}"
+
+
+def _findable(module: str, service: ComposeService) -> bool:
+    """Tell whether `python -m` would find a module, without importing anything."""
+    first, *rest = module.split(".")
+    more = service.environment.get("PYTHONPATH", "").split(os.pathsep)
+    places = [os.getcwd(), *filter(None, more)]
+    spec = PathFinder.find_spec(first, places) or (importlib.util.find_spec(first) if first else None)
+    for name in rest:
+        places = list(spec.submodule_search_locations or ()) if spec is not None else []
+        spec = PathFinder.find_spec(name, places)
+    return spec is not None

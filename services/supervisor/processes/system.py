@@ -1,0 +1,234 @@
+"""The running system: processes and heartbeats in, reconciler asked, actions carried out. Thin on purpose."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from surefoot.services.supervisor.processes.compose import Compose, ComposeService
+from surefoot.services.supervisor.processes.process import Child
+from surefoot.services.supervisor.processes.reconcile import (
+    ABSENT,
+    Action,
+    Observed,
+    failures_after,
+    plan,
+    settled,
+    wanted_from,
+)
+from surefoot.services.supervisor.processes.rundir import RunFolder
+
+SELF = "supervisor"  # listed in the compose file for container engines; here it is this very process
+STEP_S = 0.02  # s, how often processes are looked at
+PAUSE_S = 1.0  # s; a longer gap between two looks means that the machine slept
+
+
+class Process(Protocol):
+    """What the system needs of a process; `Child` in earnest, a stand-in in tests."""
+
+    pid: int
+
+    def poll(self) -> int | None:
+        """Exit code, None while it runs."""
+
+    def terminate(self) -> None:
+        """Ask it to end."""
+
+    def kill(self) -> None:
+        """End it."""
+
+
+@dataclass(frozen=True)
+class Heartbeat:
+    """Last word of a service: when (clock of the system) and whether it is well."""
+
+    at: float
+    well: bool
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of `surefoot status`."""
+
+    service: str
+    state: str
+    pid: int | None
+    restarts: int
+    detail: str
+
+
+class System:
+    """The services of a compose file as processes."""
+
+    def __init__(
+        self,
+        compose: Compose,
+        folder: RunFolder,
+        *,
+        environment: Mapping[str, str] | None = None,
+        extra_arguments: Mapping[str, tuple[str, ...]] | None = None,
+        clock: Callable[[], float] = time.monotonic,
+        spawn: Callable[[ComposeService], Process] | None = None,
+        on_action: Callable[[Action], None] = lambda action: None,
+    ) -> None:
+        self.compose = compose
+        self.folder = folder
+        self._environment = dict(environment or {})
+        self._arguments = dict(extra_arguments or {})
+        self._clock = clock
+        self._spawn = spawn or self._start_process
+        self._on_action = on_action
+        self._services = {service.name: service for service in compose.services if service.name != SELF}
+        self._wanted = tuple(
+            replace(wanted, after=tuple(need for need in wanted.after if need[0] != SELF))
+            for wanted in map(wanted_from, self._services.values())
+        )
+        self._processes: dict[str, Process] = {}
+        self._observed: dict[str, Observed] = {}
+        self._heartbeats: dict[str, Heartbeat] = {}
+        self._notes: dict[str, Action] = {}
+        self._restarts = dict.fromkeys(self._services, 0)
+        self._looked: float | None = None
+
+    @property
+    def service_names(self) -> tuple[str, ...]:
+        """Services that are processes of their own, in dependency order."""
+        return tuple(self._services)
+
+    def heard(self, service: str, *, well: bool) -> None:
+        """Note a heartbeat (or, with `well` false, the loss of liveliness). Any thread may call it."""
+        self._heartbeats[service] = Heartbeat(self._clock(), well)
+
+    def step(self, *, shutdown: bool = False) -> tuple[Action, ...]:
+        """Look at every process once and do what the reconciler says."""
+        now = self._clock()
+        if self._looked is not None and now - self._looked > PAUSE_S:
+            self._forgive_silence(now)
+        self._looked = now
+        for name in self._services:
+            self._observed[name] = self._observe(name, now)
+        actions = plan(self._wanted, self._observed, now, shutdown=shutdown)
+        self._notes = {action.service: action for action in actions}
+        changed = False
+        for action in actions:
+            changed |= self._act(action, now)
+        if changed:
+            self._store()
+        return actions
+
+    def settled(self) -> bool:
+        """Tell whether every service runs and is well."""
+        return settled(self._wanted, self._observed)
+
+    def given_up(self) -> tuple[str, ...]:
+        """Return the services that are not restarted any more although they should run."""
+        ended = {name for name, state in self._observed.items() if state.phase == "exited" and name not in self._notes}
+        given_up = {name for name, note in self._notes.items() if note.verb == "give_up"}
+        return tuple(name for name in self._services if name in ended | given_up)
+
+    def running(self) -> bool:
+        """Tell whether any process lives."""
+        return any(process.poll() is None for process in self._processes.values())
+
+    def stop(self, patience_s: float = 30.0) -> bool:
+        """End everything, in order; True when all processes are gone."""
+        deadline = self._clock() + patience_s
+        while self.running() and self._clock() < deadline:
+            self.step(shutdown=True)
+            time.sleep(STEP_S)
+        self.step(shutdown=True)
+        return not self.running()
+
+    def signal_kill(self, service: str) -> None:
+        """End a service without warning: what a scenario's `kill` step asks for."""
+        process = self._processes.get(service)
+        if process is not None:
+            process.kill()
+
+    def rows(self) -> tuple[Row, ...]:
+        """Return the table of `surefoot status`."""
+        return tuple(self._row(name) for name in self._services)
+
+    def _row(self, name: str) -> Row:
+        state = self._observed.get(name, ABSENT)
+        note = self._notes.get(name)
+        words = {"absent": "stopped", "exited": "stopped", "running": "healthy" if state.healthy else "starting"}
+        word = words[state.phase]
+        if state.phase == "running" and not state.healthy and state.unhealthy_since is not None:
+            word = "unhealthy"
+        if note is not None and state.phase == "exited":
+            word = "failed" if note.verb == "give_up" else "backoff"
+        pid = self._processes[name].pid if state.phase == "running" else None
+        return Row(name, word, pid, self._restarts[name], note.reason if note else "")
+
+    def _observe(self, name: str, now: float) -> Observed:
+        """Bring what was known of a service up to date."""
+        state = self._observed.get(name, ABSENT)
+        if state.phase != "running":
+            return state
+        code = self._processes[name].poll()
+        if code is not None:
+            failures = failures_after(state, now)
+            told = state.stopping_since
+            return Observed(phase="exited", since=now, exit_code=code, failures=failures, stopping_since=told)
+        well = self._is_well(name, state, now)
+        if well == state.healthy:
+            return state
+        if well:
+            return replace(state, healthy=True, healthy_since=now, unhealthy_since=None)
+        return replace(state, healthy=False, unhealthy_since=now)
+
+    def _forgive_silence(self, now: float) -> None:
+        """Nobody could be heard while this process slept: let the last words count from now on."""
+        for name, heartbeat in list(self._heartbeats.items()):
+            state = self._observed.get(name, ABSENT)
+            if heartbeat.well and heartbeat.at >= state.since:
+                self._heartbeats[name] = replace(heartbeat, at=now)
+
+    def _is_well(self, name: str, state: Observed, now: float) -> bool:
+        check = self._services[name].healthcheck
+        if check is None:
+            return True
+        heartbeat = self._heartbeats.get(name)
+        if heartbeat is None or heartbeat.at < state.since:
+            return False
+        return heartbeat.well and now - heartbeat.at <= check.interval_s * check.retries
+
+    def _act(self, action: Action, now: float) -> bool:
+        """Carry out one action; True when the set of processes changed."""
+        name = action.service
+        state = self._observed.get(name, ABSENT)
+        if action.verb not in ("start", "stop", "kill"):
+            return False
+        self._on_action(action)
+        match action.verb:
+            case "start":
+                self._restarts[name] += state.phase == "exited"
+                self._heartbeats.pop(name, None)
+                try:
+                    self._processes[name] = self._spawn(self._services[name])
+                except OSError:
+                    ended = Observed(phase="exited", since=now, exit_code=127, failures=state.failures + 1)
+                    self._observed[name] = ended
+                    return False
+                self._observed[name] = Observed(phase="running", since=now, failures=state.failures)
+            case "stop":
+                self._processes[name].terminate()
+                self._observed[name] = replace(state, stopping_since=now)
+            case "kill":
+                self._processes[name].kill()
+                self._observed[name] = replace(state, killed=True)
+        return True
+
+    def _start_process(self, service: ComposeService) -> Process:
+        command = (*service.command, *self._arguments.get(service.name, ()))
+        return Child(service.name, command, {**self._environment, **service.environment}, self.folder.log(service.name))
+
+    def _store(self) -> None:
+        """Write down which processes are ours, for a successor in case this one dies."""
+        found = {
+            name: process.identity
+            for name, process in self._processes.items()
+            if isinstance(process, Child) and process.identity is not None and process.poll() is None
+        }
+        self.folder.write_processes(found)

@@ -1,0 +1,183 @@
+"""What a scenario asks for, tick by tick. Pure: what was seen goes in, orders come out.
+
+The supervisor takes part in lockstep: while it works on tick t nobody is further than t + ``WINDOW_TICKS``. An order
+for the tick after that reaches everybody in time, and the run is the same each time. It looks at the ticks it reports.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from surefoot.lockstep.leader import REPORT_TICKS, WINDOW_TICKS
+from surefoot.schemas.base import Request
+from surefoot.schemas.cmd import WalkCommand
+from surefoot.schemas.sim import PauseRequest
+from surefoot.schemas.topics import SIM_PAUSE, STABILITY_CALIBRATE, Query
+from surefoot.services.supervisor.scenarios.scenario import COMMANDS, TICK_S, WALKING, Scenario, Step
+
+LEAD_TICKS = WINDOW_TICKS + 1
+"""An order comes at least so long before its tick."""
+HORIZON_TICKS = LEAD_TICKS + REPORT_TICKS - 1
+"""Orders for ticks up to here are given now: the next look might be too late for them."""
+RESTING = ("standing", "refused")
+"""States of the walker in which a walking command has ended."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """A command to be sent now.
+
+    Attributes:
+        text: what it is, in words.
+        query: where it goes; None for `kill`.
+        request: the command with its tick.
+        kill: name of the service that is to be ended at once.
+        walking: its end is a moment.
+    """
+
+    text: str
+    query: Query[Any, Any] | None = None
+    request: Request | None = None
+    kill: str = ""
+    walking: bool = False
+
+
+@dataclass
+class Walk:
+    """A walking command under way."""
+
+    command: WalkCommand
+    from_tick: int
+    id: int
+    remaining: float | None = None
+    seen: bool = False
+
+
+class Director:
+    """Progress of one scenario."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario = scenario
+        self.problems: list[str] = []
+        self.notes: list[str] = []
+        self.ended = False
+        self._timed = [step for step in scenario.steps if step.at_tick is not None]
+        self._waiting = [step for step in scenario.steps if step.at_tick is None]
+        self._ready_at: int | None = None
+        self._walk: Walk | None = None
+        self._walk_ended_at: int | None = None
+        self._busy_until = 0
+        self._resend = False
+
+    def on_tick(self, tick: int, gait: Any | None, *, fallen: bool = False) -> tuple[Order, ...]:
+        """Take in a tick and say what to send now; called at least every ``REPORT_TICKS``.
+
+        Args:
+            tick: number of the control tick.
+            gait: GaitState of this tick, None when the walker is absent.
+            fallen: the truth says so.
+        """
+        if self.ended:
+            return ()
+        if fallen and "no_fall" in self.scenario.limits:
+            return (self._end(tick, "the robot has fallen"),)
+        self._note_moments(tick, gait)
+        orders: list[Order] = []
+        if self._resend and gait is not None and gait.state == "standing":
+            orders.append(self._walk_again(tick))
+        due = [step for step in self._timed if (step.at_tick or 0) <= tick + (HORIZON_TICKS if step.request else 0)]
+        for step in due:
+            self._timed.remove(step)
+            orders.append(self._order(step, max(step.at_tick or 0, tick + LEAD_TICKS)))
+        while self._waiting and not any(order.walking for order in orders):
+            at = self._time_of(self._waiting[0])
+            if at is None or at > tick + HORIZON_TICKS:
+                break
+            orders.append(self._order(self._waiting.pop(0), max(at, tick + LEAD_TICKS)))
+        if not orders and self._nothing_left(tick):
+            orders.append(self._end(tick, "all steps are done"))
+        return tuple(orders)
+
+    def answered(self, order: Order, reply: Any) -> None:
+        """Take in the reply to an order that was served."""
+        if not reply.accepted:
+            self.problems.append(f"{order.text} was refused: {reply.reason}")
+            self._waiting.clear()
+        elif order.query is STABILITY_CALIBRATE and reply.reason:
+            self.notes.append(f"calibration: {reply.reason}")
+        elif order.walking and isinstance(order.request, WalkCommand):
+            self._walk = Walk(order.request, order.request.at_tick or 0, reply.id)
+            self._walk_ended_at = None
+
+    def failed(self, order: Order, message: str) -> None:
+        """Take in that an order brought no reply."""
+        self.problems.append(f"{order.text} failed: {message}")
+        self._waiting.clear()
+
+    def unfinished(self) -> tuple[str, ...]:
+        """Return what a run that was ended by its time limit has left undone, in words."""
+        left: list[str] = []
+        if self._walk is not None:
+            left.append(f"the {self._walk.command.action} was not finished in time")
+        steps = [*self._timed, *self._waiting]
+        if steps:
+            left.append(f"{len(steps)} steps were not reached, the first is {steps[0].do!r}")
+        return tuple(left)
+
+    def _note_moments(self, tick: int, gait: Any | None) -> None:
+        if gait is None:
+            return
+        if self._ready_at is None and gait.state == "standing":
+            self._ready_at = tick
+        walk = self._walk
+        if walk is None or tick < walk.from_tick:
+            return
+        if gait.walk_id == walk.id:
+            walk.seen = True
+            if gait.state in RESTING:
+                if gait.state == "refused":
+                    self.problems.append(f"the walker gave up: {gait.reason or 'no reason given'}")
+                self._walk, self._walk_ended_at = None, tick
+            elif gait.state in ("walking", "turning"):
+                walk.remaining = gait.remaining
+        elif walk.seen and gait.walk_id < walk.id:
+            self._resend = True
+
+    def _walk_again(self, tick: int) -> Order:
+        """A walker that was restarted knows nothing of the command: it gets the rest of the way."""
+        assert self._walk is not None
+        command, left = self._walk.command, self._walk.remaining
+        self._resend = False
+        update: dict[str, Any] = {"at_tick": tick + LEAD_TICKS}
+        if left is not None and command.distance is not None:
+            update["distance"] = math.copysign(left, command.distance)
+        if left is not None and command.angle is not None:
+            update["angle"] = math.copysign(left, command.angle)
+        self.notes.append(f"the walker was restarted; it was told the rest of its way at tick {tick}")
+        query, _ = COMMANDS[command.action]
+        return Order(f"{command.action} (again)", query, command.model_copy(update=update), walking=True)
+
+    def _time_of(self, step: Step) -> int | None:
+        """Tick a waiting step is due at, None when its moment has not come."""
+        moment = self._ready_at if step.when == "ready" else self._walk_ended_at
+        return None if moment is None else moment + round(step.after_s / TICK_S)
+
+    def _order(self, step: Step, at_tick: int) -> Order:
+        text = f"{step.do} at tick {at_tick}"
+        if step.request is None:
+            return Order(f"kill of {step.service}", kill=step.service)
+        query, _ = COMMANDS[step.do]
+        duration = getattr(step.request, "duration", None) or 0.0
+        self._busy_until = max(self._busy_until, at_tick + round(duration / TICK_S))
+        walking = step.do in WALKING
+        return Order(text, query, step.request.model_copy(update={"at_tick": at_tick}), walking=walking)
+
+    def _nothing_left(self, tick: int) -> bool:
+        if self._timed or self._waiting or self._walk is not None:
+            return bool(self.problems) and self._walk is None
+        last = max(self._busy_until, self._walk_ended_at or 0)
+        return tick + LEAD_TICKS >= last + round(self.scenario.settle_s / TICK_S)
+
+    def _end(self, tick: int, reason: str) -> Order:
+        self.ended = True
+        return Order(reason, SIM_PAUSE, PauseRequest(at_tick=tick + LEAD_TICKS, end=True))

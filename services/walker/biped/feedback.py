@@ -1,0 +1,82 @@
+"""What the biped walker learns from the estimate: the trunk's tilt, what its steps become in the world, and a fall."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.robot.description import Robot
+from surefoot.services.walker.biped import balance
+from surefoot.services.walker.biped.ik import LegGeometry
+from surefoot.services.walker.biped.params import BipedParams
+from surefoot.services.walker.biped.plan import smooth
+from surefoot.services.walker.biped.state import BipedState, Mode
+from surefoot.services.walker.interface import WalkerInputs
+
+Array = NDArray[np.float64]
+
+DT = 0.01  # s, control tick
+REST_TICKS = 100  # of standing, after which the tilt counts as that of the quiet stance
+REST_GAIN = 0.02
+FOLDED = (-1.0, 1.8, -0.9)  # rad, hip pitch, knee and ankle pitch of a robot that gives up
+
+
+def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs, height: float) -> bool:
+    """Take the trunk's tilt and rate; tells whether the robot is lost.
+
+    Args:
+        s: state; rate, rest, offset and peak are updated.
+        p: settings.
+        inputs: of this tick.
+        height: of the CoM, m.
+    """
+    rate = np.array(inputs.rate[:2])
+    s.rate = p.gyro_smooth * s.rate + (1.0 - p.gyro_smooth) * rate
+    measured = np.array([inputs.roll, inputs.pitch])
+    if s.mode is Mode.STAND and s.clock > REST_TICKS:
+        s.rest += REST_GAIN * (measured - s.rest)  # slowly: what the stance looks like to the estimator
+    tilt = measured - s.rest
+    s.offset = balance.com_beside(tilt, rate, height, float(s.trunk[2]))
+    s.tilt = tilt
+    size = float(np.hypot(*tilt))
+    s.peak = max(s.peak, size)
+    if size <= p.falling_rad or s.mode in (Mode.FOLD, Mode.FALLEN, Mode.WAIT):
+        return False
+    s.reason = f"fallen: trunk tilted by {math.degrees(size):.0f} deg"
+    return True
+
+
+def learn(s: BipedState, p: BipedParams, body: Array) -> None:
+    """Compare the way of a step with the odometry; the quotient of the whole walk counts.
+
+    Args:
+        s: state; the step's body pose is not yet taken over.
+        p: settings.
+        body: (3,) body pose of the step that ends now.
+    """
+    if s.seen_then is not None and p.learn > 0.0 and not s.held:
+        plan, seen = body - s.body, s.seen - s.seen_then
+        heading, back = body[2], s.seen[2]
+        s.planned_way += (math.cos(heading) * plan[0] + math.sin(heading) * plan[1], plan[2])
+        s.measured_way += (math.cos(back) * seen[0] + math.sin(back) * seen[1], seen[2])
+        for i, least in ((0, 4.0 * p.step_m), (1, 3.0 * p.turn_step_rad)):
+            if abs(s.planned_way[i]) > least:
+                ratio = s.measured_way[i] / s.planned_way[i]
+                wanted = min(1.0 + p.learn_limit, max(1.0 - p.learn_limit, ratio))
+                s.gain[i] += p.learn * (wanted - s.gain[i])
+    s.seen_then = s.seen.copy()
+
+
+def fold(s: BipedState, p: BipedParams, robot: Robot, g: LegGeometry) -> None:
+    """Go down on bent knees: the shorter way down, the softer the ground."""
+    s.clock += 1
+    part = smooth(s.clock * DT / p.fold_s)
+    folded = robot.neutral.copy()
+    for leg in range(2):
+        for i, angle in zip((2, 3, 4), FOLDED, strict=True):
+            folded[g.joints[leg, i]] = angle
+    folded = np.clip(folded, robot.joint_lower, robot.joint_upper)
+    if s.rise_from is not None:
+        s.command = s.rise_from + part * (folded - s.rise_from)
+    if part >= 1.0:
+        s.mode = Mode.FALLEN

@@ -1,0 +1,340 @@
+"""The biped walker: one call per control tick, from estimates and joints to servo set-points.
+
+WAIT (no joints) -> RISE -> STAND <-> START -> STEP ...; FOLD -> FALLEN when all is lost. The plan is open loop in odom:
+footsteps, a ZMP reference with double support, preview control, CoM iteration over all links, closed-form legs,
+compensation of the servos' sag and lag. Feedback: the trunk's rate at the standing ankles, and the capture point's
+error, which moves the next foothold.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.robot import kinematics
+from surefoot.robot.description import Robot
+from surefoot.services.walker.biped import balance, feedback
+from surefoot.services.walker.biped import route as routes
+from surefoot.services.walker.biped.ik import leg_geometry
+from surefoot.services.walker.biped.params import BipedParams
+from surefoot.services.walker.biped.plan import LEFT, RIGHT, between, placed, reference, smooth, support_point, swing
+from surefoot.services.walker.biped.preview import HORIZON, preview_gains, preview_step
+from surefoot.services.walker.biped.report import outputs
+from surefoot.services.walker.biped.route import refusal_of, route_of, upcoming
+from surefoot.services.walker.biped.servos import DT, GRAVITY, SetPoints
+from surefoot.services.walker.biped.state import BipedState, Mode
+from surefoot.services.walker.interface import Command, CommandReply, WalkerInputs, WalkerOutputs
+from surefoot.services.walker.memory import Kept
+
+Array = NDArray[np.float64]
+
+
+class BipedWalker:
+    """Gait of a robot with two legs of six joints.
+
+    Args:
+        robot: description; its legs in the order left, right.
+        params: settings; None = the robot's own.
+    """
+
+    def __init__(self, robot: Robot, params: BipedParams | None = None) -> None:
+        self.robot = robot
+        self.params = p = params or BipedParams.for_robot(robot)
+        self.geometry = g = leg_geometry(robot)
+        self.width = float(abs(g.hip[0, 1]))
+        self._own = p
+        self._take_params(p)
+        self.state = BipedState(robot.nj)
+        feet = np.array([[0.0, self.width, 0.0, 0.0], [0.0, -self.width, 0.0, 0.0]])
+        self.servos = SetPoints(robot, g, p, feet, self._middle(feet))
+        self.gains = preview_gains(self.servos.com_height, DT)
+        self.omega = math.sqrt(GRAVITY / self.servos.com_height)
+
+    def _params_of(self, gait: str) -> BipedParams:
+        own = self._own
+        return own if gait == routes.GAITS[0] else replace(own, step_s=own.quick_s, step_m=own.quick_m)
+
+    def _take_params(self, params: BipedParams) -> None:
+        self.params = params
+        self._ticks = round(params.step_s / DT)
+        self._double = max(1, round(params.double * self._ticks))
+
+    # --- commands --------------------------------------------------------------------------------------------------
+
+    def never(self, command: Command) -> CommandReply | None:
+        """Why a command cannot be obeyed at any time, or None; without a gait it is judged by the present one."""
+        s = self.state
+        stepping = s.gait if s.mode in (Mode.START, Mode.STEP) else None
+        return refusal_of(command, self._gait_of(command, stepping)[1], calibrated=True, fallen=False)
+
+    def _gait_of(self, command: Command, stepping: str | None) -> tuple[str, BipedParams]:
+        gait = command.gait or stepping or routes.GAITS[0]
+        return gait, self._params_of(gait) if gait in routes.GAITS else self.params
+
+    def command(self, command: Command) -> CommandReply:
+        """Accept or refuse a command; an accepted one replaces the present one at the next step."""
+        s = self.state
+        stepping = s.gait if s.mode in (Mode.START, Mode.STEP) else None
+        gait, params = self._gait_of(command, stepping)
+        refusal = refusal_of(command, params, s.calibrated, s.mode in (Mode.FOLD, Mode.FALLEN), stepping)
+        if refusal is not None:
+            return refusal
+        s.gait = gait
+        self._take_params(params)
+        s.walk_id += 1
+        s.reason = ""
+        walking = command.action in ("walk", "turn")
+        s.route = s.undone = route_of(command, self.params, s.walk_id) if walking else None
+        s.duration, s.began = command.duration if walking else None, None
+        s.stopping = not walking and s.mode in (Mode.START, Mode.STEP)
+        if s.mode is Mode.STEP:
+            self._lay_reference()
+        elif s.mode is Mode.START:
+            if walking:
+                self._lay_reference()
+            else:
+                self._stand()
+        return CommandReply(True, s.walk_id)
+
+    def kept(self) -> Kept:
+        """What a restart must not lose; a step that is not finished has to be done again."""
+        s = self.state
+        route = s.undone if s.mode is Mode.STEP else s.route
+        left = None if route is None or route.finished else route.left(self.params.step_s, s.gait, s.duration)
+        return Kept(s.walk_id, left, None, s.began)
+
+    def resume(self, kept: Kept) -> None:
+        """Go on after a restart: to the stance, a closing step, then what is left; before the first tick."""
+        s = self.state
+        s.walk_id, s.began, s.recovering = kept.walk_id, kept.began, True
+        if kept.command is not None:
+            s.gait, s.duration = kept.command.gait or routes.GAITS[0], kept.command.duration
+            self._take_params(self._params_of(s.gait))
+            s.route = route_of(kept.command, self.params, s.walk_id)
+
+    # --- the tick --------------------------------------------------------------------------------------------------
+
+    def step(self, inputs: WalkerInputs) -> WalkerOutputs:
+        """Advance by one control tick."""
+        s = self.state
+        self._take(inputs)
+        if s.mode is Mode.WAIT and s.measured is not None:
+            self._begin()
+        if s.mode in (Mode.FOLD, Mode.FALLEN):
+            feedback.fold(s, self.params, self.robot, self.geometry)
+        elif s.mode is not Mode.WAIT:
+            self._advance()
+            self.servos.follow(s, self.params, self._soles(), self._double)
+        phase = min(1.0, s.clock / self._ticks) if s.mode is Mode.STEP else 0.0
+        return outputs(s, self._soles(), phase, s.clock <= self._double, self.servos.height)
+
+    def _take(self, inputs: WalkerInputs) -> None:
+        s, p = self.state, self.params
+        s.stamp = inputs.stamp
+        if inputs.joints is not None:
+            s.measured = inputs.joints
+        if inputs.contacts is not None:
+            s.contacts = inputs.contacts
+        if inputs.initialised and not s.calibrated:
+            s.calibrated = True
+            if math.hypot(inputs.roll, inputs.pitch) <= p.falling_rad:  # else it lies
+                s.rest[:] = inputs.roll, inputs.pitch
+        s.seen[:] = inputs.x, inputs.y, inputs.yaw
+        s.held = s.calibrated and (inputs.stamp - inputs.estimate_stamp > p.stale_s or not inputs.initialised)
+        if not s.calibrated or s.held:
+            s.rate[:] = 0.0
+            s.offset[:] = 0.0
+            return
+        if feedback.watch(s, p, inputs, self.servos.com_height):
+            s.mode, s.clock, s.route = Mode.FOLD, 0, None
+            s.rise_from = s.command
+
+    def _begin(self) -> None:
+        """Stand where the measured joints say."""
+        s, q = self.state, self.state.measured
+        assert q is not None
+        rot, _ = kinematics.forward(self.robot.model, q)
+        feet = kinematics.foot_positions(self.robot.model, q)
+        for leg in (LEFT, RIGHT):
+            ahead = rot[self.robot.model.foot_link[leg]][:, 0]
+            s.feet[leg] = [feet[leg, 0], feet[leg, 1], math.atan2(ahead[1], ahead[0])]
+        s.body = between(s.feet)
+        if routes.together(s.feet, s.body, self.width, self.params) or np.ptp(feet[:, 2]) > 0.02:
+            s.feet = np.array([placed(s.body, i, self.width) for i in (LEFT, RIGHT)])
+        s.rise_from, s.q = q.copy(), self.servos.stance.copy()
+        s.trunk = np.array([*s.body[:2], s.body[2], self.servos.height])
+        s.x[0] = self._middle(s.feet)
+        s.ref = s.x[:1].copy()
+        self._stand()
+        s.mode = Mode.RISE
+
+    def _stand(self) -> None:
+        """No step any more; the reference goes on to its end between the feet."""
+        s = self.state
+        if s.mode is Mode.START:
+            s.ref, s.row = s.ref[s.row : s.row + 1].copy(), 0
+        s.mode, s.clock, s.step = Mode.STAND, 0, None
+        s.stopping, s.scale, s.seen_then = False, 1.0, None
+        s.planned_way[:], s.measured_way[:] = 0.0, 0.0
+
+    def _advance(self) -> None:
+        s, p = self.state, self.params
+        s.clock += 1
+        if s.mode is Mode.RISE:
+            if s.clock >= p.rise_s / DT:
+                if s.recovering:
+                    s.rest, s.recovering = s.rest + s.tilt, False  # what it took for level was in mid-step
+                self._stand()
+        elif s.mode is Mode.STAND:
+            if s.calibrated and not s.held and (s.route is not None or self._apart()):
+                s.mode, s.clock = Mode.START, 0
+                s.next_swing = LEFT if s.route is None else routes.first_swing(s.route, s.feet)
+                s.zmp_from = s.ref[min(s.row, len(s.ref) - 1)].copy()
+                self._lay_reference()
+                s.row = -1
+        elif s.mode is Mode.START:
+            if s.held:
+                s.route = None
+                self._stand()
+            elif s.clock >= p.start_s / DT:
+                self._next_step()
+        elif s.mode is Mode.STEP:
+            self._swing()
+        s.row += 1
+        preview_step(self.gains, s.x, s.error, s.ref, s.row)
+
+    def _swing(self) -> None:
+        s = self.state
+        if s.clock > self._double:
+            s.progress += s.pace / (self._ticks - self._double)
+        if s.progress > 1.0 - 1e-9:
+            self._land()
+            self._next_step()
+        else:
+            self._adjust()
+
+    def _ticks_left(self) -> int:
+        """Until the present step's touch-down."""
+        s = self.state
+        swinging = (1.0 - s.progress) * (self._ticks - self._double) / s.pace
+        return max(0, self._double - s.clock) + math.ceil(swinging - 1e-9)
+
+    def _apart(self) -> bool:
+        return not routes.together(self.state.feet, self.state.body, self.width, self.params)
+
+    # --- steps -----------------------------------------------------------------------------------------------------
+
+    def _upcoming(self, ticks: int) -> list[routes.Footstep]:
+        s = self.state
+        feet, body, swing_next = s.feet, s.body, s.next_swing
+        if s.mode is Mode.STEP and s.step is not None:
+            feet = feet.copy()
+            feet[s.step.swing], body, swing_next = s.step.target, s.step.body, 1 - s.step.swing
+        return upcoming(s.route, feet, body, swing_next, self.params, self.width, s.scale, s.gain, ticks)
+
+    def _next_step(self) -> None:
+        s, p = self.state, self.params
+        s.scale = min(1.0, max(0.0, (p.slow_full_rad - s.peak) / (p.slow_full_rad - p.slow_from_rad)))
+        s.peak = 0.0
+        if s.held:
+            s.route, s.reason = None, "the estimate is stale or absent: the walk ends"
+        s.began = s.stamp if s.began is None else s.began
+        if s.duration is not None and s.stamp - s.began >= s.duration:
+            s.route = None
+        s.mode, s.step = Mode.STAND, None  # so that the steps are planned from the feet as they stand
+        steps = self._upcoming(1)
+        if not steps:
+            s.route = None
+            self._stand()
+            return
+        step, s.undone = steps[0], s.route
+        if s.route is not None and not s.route.finished:
+            s.route = s.route.next(s.scale)[2]
+        s.mode, s.clock, s.step = Mode.STEP, 0, step
+        s.begin = s.feet[step.swing].copy()
+        s.shift, s.progress, s.pace = np.zeros(2), 0.0, 1.0
+        s.zmp_from = s.ref[min(s.row, len(s.ref) - 1)].copy()
+        self._lay_reference()
+        s.row = -1
+
+    def _land(self) -> None:
+        s = self.state
+        assert s.step is not None
+        feedback.learn(s, self.params, s.step.body)
+        s.feet[s.step.swing] = s.step.target
+        s.body = s.step.body
+        s.next_swing = 1 - s.step.swing
+        s.steps += 1
+        if np.any(s.shift != 0.0):
+            s.adjusted += 1
+            s.body = between(s.feet)
+            s.x[:2] += self.params.absorb * s.offset  # the plan goes on from where the CoM is
+
+    def _lay_reference(self) -> None:
+        """ZMP reference from the beginning of the present step over all steps that are known."""
+        s, p = self.state, self.params
+        points, ticks, double = [s.zmp_from], [], []
+        feet = s.feet.copy()
+        if s.mode is Mode.START:
+            points.append(s.zmp_from)
+            ticks.append(round(p.start_s / DT))
+            double.append(1)
+        elif s.step is not None:
+            points.append(self._support(feet, 1 - s.step.swing))
+            ticks.append(s.clock + self._ticks_left())
+            double.append(self._double)
+            feet[s.step.swing] = s.step.target
+        for step in self._upcoming(HORIZON + self._ticks):
+            points.append(self._support(feet, 1 - step.swing))
+            ticks.append(self._ticks)
+            double.append(self._double)
+            feet[step.swing] = step.target
+        points.append(self._middle(feet))
+        ticks.append(2 * self._double)
+        double.append(2 * self._double)
+        s.ref = reference(np.array(points), np.array(ticks, dtype=np.float64), np.array(double, dtype=np.float64))
+
+    def _support(self, feet: Array, side: int) -> Array:
+        return support_point(feet[side, :3], side, self.params.zmp_x_m, self.params.zmp_y_m)
+
+    def _middle(self, feet: Array) -> Array:
+        return 0.5 * (self._support(feet, LEFT) + self._support(feet, RIGHT))
+
+    def _adjust(self) -> None:
+        """Move the landing after the capture point while the foot is in the air."""
+        s, p = self.state, self.params
+        assert s.step is not None
+        left = self._ticks_left()
+        if p.adjust == 0.0 or s.clock <= self._double or left < 2:
+            return
+        wanted = balance.foothold_shift(s.offset, self.omega, left * DT / p.hurry, p.adjust_from_m, p.growth)
+        wanted *= p.adjust
+        if s.pace == 1.0 and np.any(wanted != 0.0):
+            s.pace = p.hurry  # down with the foot
+            self._lay_reference()
+        wanted = balance.limited(wanted, float(s.body[2]), p.adjust_max_m)
+        if float(np.hypot(*(wanted - s.shift))) < 0.002:
+            return
+        swinging = s.step.swing
+        nominal = s.step.target.copy()
+        nominal[:2] -= s.shift
+        target = nominal.copy()
+        target[:2] += wanted
+        target = balance.beside(target, s.feet[1 - swinging], swinging, 2.0 * p.least_width_m)
+        done = smooth(s.progress)
+        if done < 1.0 - 1e-9:  # the path goes on from where the foot is
+            now = s.begin + done * (s.step.target - s.begin)
+            s.begin = (now - done * target) / (1.0 - done)
+        s.shift = target[:2] - nominal[:2]
+        s.step = s.step._replace(target=target)
+        self._lay_reference()
+
+    def _soles(self) -> Array:
+        """Both soles now, (2, 4): x, y, yaw, height."""
+        s = self.state
+        soles = np.zeros((2, 4))
+        soles[:, :3] = s.feet
+        if s.mode is Mode.STEP and s.step is not None:
+            soles[s.step.swing] = swing(s.begin, s.step.target, s.progress, self.params.lift_m)
+        return soles

@@ -1,0 +1,99 @@
+"""Footsteps of a biped, the ZMP reference they give and the path of the swinging foot. Frame: odom, z up.
+
+A foot is (x, y, yaw) of the point under its ankle. A step lasts T; in its first part d T both feet stand and the ZMP
+moves from the foot that will swing to the other, then it rests there while the foot swings.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import kernel
+
+Array = NDArray[np.float64]
+
+LEFT, RIGHT = 0, 1
+
+
+def placed(body: Array, side: int, width: float) -> Array:
+    """Foot (3,) that belongs to a body pose (x, y, yaw), beside it."""
+    y = width if side == LEFT else -width
+    return np.array([body[0] - math.sin(body[2]) * y, body[1] + math.cos(body[2]) * y, body[2]])
+
+
+def advanced(body: Array, forward: float, left: float, turn: float) -> Array:
+    """Body pose after a step: turn first, then move along the new heading."""
+    yaw = body[2] + turn
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array([body[0] + c * forward - s * left, body[1] + s * forward + c * left, yaw])
+
+
+@kernel
+def support_point(foot: Array, side: int, ahead: float, inwards: float) -> Array:
+    """Where the ZMP rests on a foot, (2,) m."""
+    y = -inwards if side == 0 else inwards
+    out = np.empty(2)
+    c, s = math.cos(foot[2]), math.sin(foot[2])
+    out[0] = foot[0] + c * ahead - s * y
+    out[1] = foot[1] + s * ahead + c * y
+    return out
+
+
+@kernel
+def reference(points: Array, ticks: Array, double: Array) -> Array:
+    """ZMP reference through support points: a ramp of `double[i]` ticks to point i + 1, rest until `ticks[i]`.
+
+    Args:
+        points: (n + 1, 2) m, the first is where the ZMP is now.
+        ticks: (n,) length of each phase.
+        double: (n,) length of its ramp.
+
+    Returns:
+        (sum of ticks, 2) m.
+    """
+    total = 0
+    for i in range(ticks.size):
+        total += int(ticks[i])
+    out = np.empty((total, 2))
+    k = 0
+    for i in range(ticks.size):
+        for t in range(int(ticks[i])):
+            s = 1.0 if t + 1 >= double[i] else (t + 1.0) / double[i]
+            for a in range(2):
+                out[k, a] = points[i, a] + s * (points[i + 1, a] - points[i, a])
+            k += 1
+    return out
+
+
+@kernel
+def smooth(s: float) -> float:
+    """10 s^3 - 15 s^4 + 6 s^5 on [0, 1]: no speed and no acceleration at the ends."""
+    s = min(1.0, max(0.0, s))
+    return s * s * s * (10.0 + s * (6.0 * s - 15.0))
+
+
+@kernel
+def swing(begin: Array, end: Array, s: float, lift: float) -> Array:
+    """Foot in its swing at s in [0, 1]: (x, y, yaw, z)."""
+    out = np.empty(4)
+    way = smooth(s)
+    for i in range(3):
+        out[i] = begin[i] + way * (end[i] - begin[i])
+    up = math.sin(math.pi * min(1.0, max(0.0, s)))
+    out[3] = lift * up * up
+    return out
+
+
+def between(feet: Array) -> Array:
+    """Body pose (3,) half way between the feet (2, 3)."""
+    turn = math.atan2(math.sin(feet[1, 2] - feet[0, 2]), math.cos(feet[1, 2] - feet[0, 2]))
+    return np.array([*(0.5 * (feet[0, :2] + feet[1, :2])), feet[0, 2] + 0.5 * turn])
+
+
+def warm() -> None:
+    """Compile the kernels of this module."""
+    foot = np.zeros(3)
+    support_point(foot, 0, 0.0, 0.0)
+    reference(np.zeros((2, 2)), np.ones(1), np.ones(1))
+    swing(foot, foot, 0.5, 0.01)

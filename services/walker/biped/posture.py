@@ -1,0 +1,136 @@
+"""From CoM and feet to servo set-points of a biped: the trunk is moved until the CoM of ALL links is where it should
+be, the legs follow in closed form, and the set-points lead by what the servos sag under the load.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import kernel
+from surefoot.robot import kinematics
+from surefoot.robot.description import KinematicModel, load_robot
+from surefoot.services.walker.biped.ik import LegGeometry, leg_geometry, legs_ik
+
+Array = NDArray[np.float64]
+
+COM_ITERATIONS = 2
+
+
+@kernel
+def _rotation(roll: float, pitch: float, yaw: float, out: Array) -> None:
+    """rot = Rz(yaw) Ry(pitch) Rx(roll)."""
+    cr, sr, cp, sp, cy, sy = (
+        math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch), math.cos(yaw), math.sin(yaw),
+    )  # fmt: skip
+    out[0, 0], out[0, 1], out[0, 2] = cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr
+    out[1, 0], out[1, 1], out[1, 2] = sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr
+    out[2, 0], out[2, 1], out[2, 2] = -sp, cp * sr, cp * cr
+
+
+@kernel
+def pose_legs(g: LegGeometry, q: Array, feet: Array, trunk: Array, tilt: Array) -> tuple[float, bool, Array]:
+    """Leg angles for feet and trunk in odom, written into q.
+
+    Args:
+        g: the legs.
+        q: joint angles, (nj,); start of the search.
+        feet: (2, 4) x, y, yaw, height of the soles, m and rad; soles are level.
+        trunk: (4,) x, y, yaw, height of base_link.
+        tilt: (2,) roll and pitch of the trunk, rad.
+
+    Returns:
+        Yaw missed (rad), reachable, rot_odom_from_base (3, 3).
+    """
+    rot = np.empty((3, 3))
+    _rotation(tilt[0], tilt[1], trunk[2], rot)
+    ankles, rots = np.empty((2, 3)), np.empty((2, 3, 3))
+    for leg in range(2):
+        dx, dy = feet[leg, 0] - trunk[0], feet[leg, 1] - trunk[1]
+        dz = feet[leg, 3] + g.ankle - trunk[3]
+        c, s = math.cos(feet[leg, 2]), math.sin(feet[leg, 2])
+        for i in range(3):
+            ankles[leg, i] = rot[0, i] * dx + rot[1, i] * dy + rot[2, i] * dz
+            rots[leg, i, 0] = rot[0, i] * c + rot[1, i] * s
+            rots[leg, i, 1] = -rot[0, i] * s + rot[1, i] * c
+            rots[leg, i, 2] = rot[2, i]
+    missed, reachable = legs_ik(g, q, ankles, rots)
+    return missed, reachable, rot
+
+
+@kernel
+def place_com(
+    model: KinematicModel, g: LegGeometry, q: Array, feet: Array, trunk: Array, tilt: Array, com: Array
+) -> tuple[float, bool, Array]:
+    """Move the trunk until the CoM of all links is over `com` (2,) m; q and trunk are changed in place."""
+    missed, reachable, rot = pose_legs(g, q, feet, trunk, tilt)
+    for _ in range(COM_ITERATIONS):
+        c = kinematics.com(model, q)
+        for i in range(2):
+            trunk[i] += com[i] - (trunk[i] + rot[i, 0] * c[0] + rot[i, 1] * c[1] + rot[i, 2] * c[2])
+        missed, reachable, rot = pose_legs(g, q, feet, trunk, tilt)
+    return missed, reachable, rot
+
+
+@kernel
+def load_torques(
+    model: KinematicModel, q: Array, rot: Array, trunk: Array, push: Array, share: Array, zmp: Array
+) -> Array:
+    """Torques that hold the robot while it accelerates, (nj,) Nm: G(q) - J'f, links as point loads.
+
+    Args:
+        model: the robot.
+        q: joint angles, (nj,).
+        rot: rot_odom_from_base, (3, 3).
+        trunk: (4,) pose of base_link.
+        push: (3,) m/s2, acceleration of the CoM less gravity: (c'', 9.81), odom.
+        share: (2,) part of the load on each foot.
+        zmp: (2, 2) m, where each foot carries it, odom, on the ground.
+    """
+    up = np.empty(3)
+    for i in range(3):
+        up[i] = rot[0, i] * push[0] + rot[1, i] * push[1] + rot[2, i] * push[2]
+    torque = kinematics.gravity_torques(model, q, up)
+    links_rot, links_pos = kinematics.forward(model, q)
+    weight = kinematics.total_mass(model)
+    point, ax = np.empty(3), np.empty(3)
+    for leg in range(2):
+        dx, dy = zmp[leg, 0] - trunk[0], zmp[leg, 1] - trunk[1]
+        for i in range(3):
+            point[i] = rot[0, i] * dx + rot[1, i] * dy - rot[2, i] * trunk[3]
+        link = model.foot_link[leg]
+        while link > 0:
+            j = model.joint[link]
+            if j >= 0:
+                for i in range(3):
+                    ax[i] = 0.0
+                    for k in range(3):
+                        ax[i] += links_rot[link, i, k] * model.axis[link, k]
+                rx, ry, rz = point[0] - links_pos[link, 0], point[1] - links_pos[link, 1], point[2] - links_pos[link, 2]
+                # column of the point's Jacobian: axis x arm
+                jx, jy, jz = ax[1] * rz - ax[2] * ry, ax[2] * rx - ax[0] * rz, ax[0] * ry - ax[1] * rx
+                torque[j] -= weight * share[leg] * (jx * up[0] + jy * up[1] + jz * up[2])
+            link = model.parent[link]
+    return torque
+
+
+@kernel
+def load_share(zmp: Array, feet: Array) -> Array:
+    """Part of the load on each foot, (2,): w_left = clip((z - p_right).d / d.d), d = p_left - p_right."""
+    dx, dy = feet[0, 0] - feet[1, 0], feet[0, 1] - feet[1, 1]
+    w = ((zmp[0] - feet[1, 0]) * dx + (zmp[1] - feet[1, 1]) * dy) / (dx * dx + dy * dy)
+    out = np.empty(2)
+    out[0] = min(1.0, max(0.0, w))
+    out[1] = 1.0 - out[0]
+    return out
+
+
+def warm() -> None:
+    """Compile the kernels of this module."""
+    robot = load_robot("bioloid")
+    g = leg_geometry(robot)
+    q, trunk, tilt = robot.neutral.copy(), np.array([0.0, 0.0, 0.0, 0.29]), np.zeros(2)
+    feet = np.array([[0.0, 0.04, 0.0, 0.0], [0.0, -0.04, 0.0, 0.0]])
+    _, _, rot = place_com(robot.model, g, q, feet, trunk, tilt, np.zeros(2))
+    load_share(np.zeros(2), feet)
+    load_torques(robot.model, q, rot, trunk, np.array([0.0, 0.0, 9.81]), np.ones(2), np.zeros((2, 2)))

@@ -1,0 +1,201 @@
+"""What is left of a walk command, and the footsteps it leads to."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.services.walker.biped.params import BipedParams
+from surefoot.services.walker.biped.plan import LEFT, RIGHT, advanced, between, placed
+from surefoot.services.walker.interface import Command, CommandReply, refused
+
+Array = NDArray[np.float64]
+
+DONE = 1e-6  # m and rad, rest of a command that is nothing
+MAX_AHEAD = 32
+
+
+class Footstep(NamedTuple):
+    """One step: which foot goes where, and the body pose it belongs to."""
+
+    swing: int
+    target: Array  # (3,) x, y, yaw
+    body: Array  # (3,)
+
+
+@dataclass(frozen=True)
+class BipedRoute:
+    """Rest of a command: straight, arc or turn on the spot."""
+
+    forward: float
+    """m still to go, negative = backward; inf = until told otherwise."""
+    turn: float
+    """rad still to turn."""
+    step: float
+    """Signed advance of a full step, m,"""
+    step_turn: float
+    """and its turn, rad."""
+    walk_id: int
+    turning: bool
+    """On the spot."""
+
+    @property
+    def remaining(self) -> float:
+        """m, or rad when turning on the spot; 0 for an endless walk."""
+        left = abs(self.turn) if self.turning else abs(self.forward)
+        return left if math.isfinite(left) else 0.0
+
+    @property
+    def finished(self) -> bool:
+        """Nothing is left."""
+        return abs(self.forward) < DONE and (abs(self.turn) < DONE or not self.turning)
+
+    def left(self, step_s: float, gait: str, duration: float | None) -> Command:
+        """What is left as a command: it leads to the same steps."""
+        if self.turning:
+            return Command("turn", angle=self.turn, gait=gait, duration=duration)
+        distance = self.forward if math.isfinite(self.forward) else None
+        angle = None if distance is None or self.turn == 0.0 else self.turn
+        return Command("walk", distance, self.step / step_s, angle, gait, duration)
+
+    def next(self, scale: float) -> tuple[float, float, "BipedRoute"]:
+        """Advance, turn and the rest after one step; `scale` shortens it."""
+        part = scale
+        if abs(self.step) > 0.0:
+            part = min(part, abs(self.forward / self.step))
+        elif abs(self.step_turn) > 0.0:
+            part = min(part, abs(self.turn / self.step_turn))
+        a, g = part * self.step, part * self.step_turn
+        return a, g, replace(self, forward=self.forward - a, turn=self.turn - g)
+
+
+def route_of(command: Command, params: BipedParams, walk_id: int) -> BipedRoute:
+    """Equal steps that end exactly where the command says."""
+    if command.action == "turn":
+        angle = command.angle or 0.0
+        count = max(1, math.ceil(abs(angle) / params.turn_step_rad - 1e-6))
+        return BipedRoute(0.0, angle, 0.0, angle / count, walk_id, turning=True)
+    longest, distance = params.step_m, command.distance
+    if command.velocity is not None:
+        longest = abs(command.velocity) * params.step_s
+    sign = 1.0
+    if command.velocity is not None and command.velocity < 0.0:
+        sign = -1.0
+    if distance is None:
+        return BipedRoute(sign * math.inf, 0.0, sign * longest, 0.0, walk_id, turning=False)
+    angle = command.angle or 0.0
+    count = max(1, math.ceil(abs(distance) / longest - 1e-6), math.ceil(abs(angle) / params.turn_step_rad - 1e-6))
+    return BipedRoute(distance, angle, distance / count, angle / count, walk_id, turning=False)
+
+
+GAITS = ("zmp", "quick")
+
+
+def refusal_of(
+    command: Command, params: BipedParams, calibrated: bool, fallen: bool, stepping_gait: str | None = None
+) -> CommandReply | None:
+    """Why a command cannot be obeyed, or None.
+
+    Args:
+        command: as received.
+        params: settings of the gait it asks for.
+        calibrated: the estimator has finished its standstill calibration.
+        fallen: the robot has fallen.
+        stepping_gait: gait of the walk under way; None while standing.
+    """
+    for name in ("distance", "velocity", "angle"):
+        value = getattr(command, name)
+        if value is not None and not math.isfinite(value):
+            return refused("bad_value", name, f"{name} must be finite, got {value}")
+    if command.shift is not None:
+        return refused("unsupported", "shift", "shift is for robots with more than two legs")
+    if command.gait not in (None, *GAITS):
+        return refused("unknown_gait", "gait", f"gait must be one of {', '.join(GAITS)}, got {command.gait!r}")
+    if command.gait is not None and stepping_gait not in (None, command.gait):
+        return refused("conflict", "gait", f"gait can change only while standing; {stepping_gait} is under way")
+    if fallen:
+        return refused("fallen", None, "the robot has fallen")
+    if command.action in ("stand", "stop"):
+        return None
+    if not calibrated:
+        return refused("not_initialised", None, "the estimator has not finished its standstill calibration")
+    if command.action == "turn":
+        if command.angle is None:
+            return refused("missing_field", "angle", "angle is missing: turn needs one")
+        if command.distance is not None or command.velocity is not None:
+            field = "velocity" if command.distance is None else "distance"
+            return refused("conflict", field, f"{field} does not go with turn; walk with an angle is an arc")
+        return None
+    fastest = params.max_step_m / params.step_s
+    if command.velocity is not None and not 0.0 < abs(command.velocity) <= fastest:
+        reason = f"velocity must be within 0 and {fastest:.3f} m/s, got {command.velocity:g}"
+        return refused("too_fast", "velocity", reason)
+    if command.angle is not None:
+        if command.distance is None or command.distance == 0.0:
+            return refused("missing_field", "distance", "distance is missing: an arc needs one; turn turns on the spot")
+        radius = abs(command.distance / command.angle) if command.angle else math.inf
+        longest = params.step_m if command.velocity is None else abs(command.velocity) * params.step_s
+        if longest / radius > params.max_turn_rad:
+            least = longest / params.max_turn_rad
+            return refused("too_tight", "angle", f"angle makes an arc of {radius:.3f} m radius, least is {least:.3f} m")
+    return None
+
+
+def first_swing(route: BipedRoute, feet: Array) -> int:
+    """The foot that steps first: the inner one of a turn, else the one that is behind."""
+    if route.step_turn != 0.0:
+        return LEFT if route.step_turn > 0.0 else RIGHT
+    body = between(feet)
+    ahead = [math.cos(body[2]) * feet[i, 0] + math.sin(body[2]) * feet[i, 1] for i in (LEFT, RIGHT)]
+    return LEFT if ahead[LEFT] * route.step < ahead[RIGHT] * route.step else RIGHT
+
+
+def upcoming(
+    route: BipedRoute | None, feet: Array, body: Array, swing: int, params: BipedParams, width: float, scale: float,
+    gain: Array, ticks: int,
+) -> list[Footstep]:  # fmt: skip
+    """The next footsteps, at least `ticks` control ticks of them or to the end of the walk with its closing step.
+
+    Args:
+        route: None = only bring the feet together.
+        feet: (2, 3) where both feet stand (the swinging one: will land).
+        body: (3,) body pose they belong to.
+        swing: the foot that swings next.
+        params: settings.
+        width: half distance of the feet, m.
+        scale: shortens the first step.
+        gain: (2,) what a planned way and turn become in the world: the plan is divided by it.
+        ticks: preview wanted.
+    """
+    steps: list[Footstep] = []
+    feet, per_step = feet.copy(), round(params.step_s * 100)
+    while len(steps) < MAX_AHEAD and len(steps) * per_step < ticks:
+        if route is not None and not route.finished:
+            forward, turn, route = route.next(scale if not steps else 1.0)
+            body = advanced(body, forward / gain[0], 0.0, turn / gain[1])
+        elif together(feet, body, width, params):
+            break
+        elif not apart(feet[swing], placed(body, swing, width), params):
+            swing = 1 - swing
+            continue
+        target = placed(body, swing, width)
+        steps.append(Footstep(swing, target, body))
+        feet[swing] = target
+        swing = 1 - swing
+    return steps
+
+
+def together(feet: Array, body: Array, width: float, params: BipedParams) -> bool:
+    """Whether both feet stand where the body pose wants them."""
+    return not any(apart(feet[i], placed(body, i, width), params) for i in (LEFT, RIGHT))
+
+
+def apart(foot: Array, wanted: Array, params: BipedParams) -> bool:
+    """Whether a foot is away from its place."""
+    turn = foot[2] - wanted[2]
+    return bool(
+        math.hypot(foot[0] - wanted[0], foot[1] - wanted[1]) > params.close_m
+        or abs(math.atan2(math.sin(turn), math.cos(turn))) > params.close_rad
+    )

@@ -1,0 +1,89 @@
+"""From the plan of a biped's tick to the set-points of its servos: the posture of all links, what the servos sag and
+lag, and the trunk's rate at the standing ankles.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.robot import kinematics
+from surefoot.robot.description import Robot
+from surefoot.services.walker.biped import posture
+from surefoot.services.walker.biped.ik import LegGeometry
+from surefoot.services.walker.biped.params import BipedParams
+from surefoot.services.walker.biped.plan import between, smooth
+from surefoot.services.walker.biped.state import BipedState, Mode
+
+Array = NDArray[np.float64]
+
+DT = 0.01  # s, control tick
+GRAVITY = 9.81  # m/s2
+
+
+class SetPoints:
+    """Holds the trunk where the CoM of the plan wants it, and the servos against their load.
+
+    Args:
+        robot: the description.
+        geometry: its legs.
+        params: crouch and lean of the stance.
+        feet: (2, 4) x, y, yaw, height of the soles under the hips, m and rad.
+        middle: (2,) m, where the CoM is over them at rest.
+    """
+
+    def __init__(self, robot: Robot, geometry: LegGeometry, params: BipedParams, feet: Array, middle: Array) -> None:
+        self.robot, self.geometry = robot, geometry
+        g = geometry
+        self.height = params.crouch * (g.thigh + g.shin) + g.ankle - float(g.hip[0, 2])
+        """m, of base_link over the soles."""
+        self._kp = np.array([joint.servo.kp for joint in robot.joints])
+        self._kv = np.array([joint.servo.kv for joint in robot.joints])
+        self._tilt = np.array([0.0, params.lean_rad])
+        self.stance = robot.neutral.copy()
+        """(nj,) rad, with both feet under the hips."""
+        trunk = np.array([0.0, 0.0, 0.0, self.height])
+        for _ in range(5):
+            posture.place_com(robot.model, g, self.stance, feet, trunk, self._tilt, middle)
+        self.com_height = float(self.height + kinematics.com(robot.model, self.stance)[2])
+        """m, of the CoM over the soles."""
+
+    def follow(self, s: BipedState, p: BipedParams, soles: Array, double: int) -> None:
+        """Set joint angles and set-points of this tick; `soles` (2, 4), both bear load for `double` ticks of a step."""
+        s.trunk[2] = between(soles)[2]
+        s.trunk[3] = self.height
+        q = s.q.copy()
+        _, reachable, rot = posture.place_com(self.robot.model, self.geometry, q, soles, s.trunk, self._tilt, s.x[0])
+        if p.adjust > 0.0 and s.mode is Mode.STEP and s.step is not None and np.any(s.shift != 0.0):
+            self._follow_tilt(s, q, soles, s.step.swing)
+        s.unreachable = 0 if reachable else 1
+        zmp = s.x[0] - self.com_height / GRAVITY * s.x[2]
+        share = posture.load_share(zmp, soles)
+        if s.mode is Mode.STEP and s.step is not None and s.clock > double:
+            share = np.zeros(2)
+            share[1 - s.step.swing] = 1.0
+        points = soles[:, :2] if share.min() > 0.0 else np.stack((zmp, zmp))
+        push = np.array([s.x[2, 0], s.x[2, 1], GRAVITY])
+        torque = posture.load_torques(self.robot.model, q, rot, s.trunk, push, share, np.ascontiguousarray(points))
+        command = (
+            q
+            + p.sag * torque / self._kp
+            + p.lag * (self._kv / self._kp) * np.clip((q - s.q) / DT, -p.lag_limit, p.lag_limit)
+        )
+        joints = self.geometry.joints
+        command[joints[:, 5]] += p.gyro_s * share * s.rate[0]
+        command[joints[:, 4]] += p.gyro_s * share * s.rate[1]
+        s.q = q
+        if s.mode is Mode.RISE and s.rise_from is not None:
+            part = smooth(s.clock * DT / p.rise_s)
+            command = s.rise_from + part * (command - s.rise_from)
+        s.command = np.clip(command, self.robot.joint_lower, self.robot.joint_upper)
+
+    def _follow_tilt(self, s: BipedState, q: Array, soles: Array, leg: int) -> None:
+        """Hold the swinging foot where it should be in the world although trunk and standing foot are tilted."""
+        trunk = s.trunk.copy()
+        trunk[:2] += self.height / self.com_height * s.offset[0]
+        other = q.copy()
+        posture.pose_legs(self.geometry, other, soles, trunk, self._tilt + s.tilt)
+        joints = self.geometry.joints[leg]
+        if self.geometry.coupled:
+            joints = joints[1:]  # the yaw belongs to the standing leg, too
+        q[joints] = other[joints]

@@ -1,0 +1,124 @@
+"""Where the plan lies in the map: laid under measured joints at the start, laid anew over the estimate at each step.
+
+Laying the plan anew moves trunk and feet together, so the feet keep their place in the trunk frame and no joint moves.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry import rotations
+from surefoot.geometry.linear import dot
+from surefoot.robot import kinematics
+from surefoot.robot.description import Robot
+from surefoot.services.walker.hexapod import posture
+from surefoot.services.walker.hexapod.ground import Ground
+from surefoot.services.walker.hexapod.params import WalkerParams
+from surefoot.services.walker.hexapod.state import Stage, WalkerState
+from surefoot.services.walker.interface import WalkerInputs
+
+Array = NDArray[np.float64]
+
+MIN_FEET = 5  # standing feet on known ground from which a tilt is learned
+MIN_SPREAD = 0.1  # m, of the feet
+MAX_TILT_OFFSET = 0.06  # rad; an accelerometer bias of 3 sigma (ADIS16365: 16 mg turn-on)
+
+
+def begin(state: WalkerState, robot: Robot, inputs: WalkerInputs) -> None:
+    """Lay the plan under the measured joints; feet without contact will be lowered first."""
+    s = state
+    assert s.measured is not None
+    rot = rotations.matrix_from_rpy(inputs.roll, inputs.pitch, inputs.yaw)
+    feet = posture.into_map(kinematics.foot_positions(robot.model, s.measured), np.zeros(3), rot)
+    down = s.contacts if s.contacts.any() else np.ones(robot.nlegs, dtype=np.bool_)
+    s.body[:] = (inputs.x, inputs.y, -float(np.mean(feet[down, 2])) + robot.foot_radius)
+    s.yaw, s.level[:] = inputs.yaw, (inputs.roll, inputs.pitch)
+    s.feet = feet + s.body
+    s.footholds = s.feet.copy()
+    s.support[:] = down
+    s.landed = down.copy()
+    s.recovering = s.recovering or not bool(down.all())
+    s.stage = Stage.STAND if down.all() else Stage.SETTLE
+
+
+def lay_over(state: WalkerState, params: WalkerParams, ground: Ground | None, inputs: WalkerInputs) -> None:
+    """Lay the whole plan over the estimated position, heading and tilt, and part of the way over the map's heights."""
+    s, limit = state, params.level_limit_rad
+    old = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
+    roll, pitch = tilt(s, inputs)
+    s.level[:] = max(-limit, min(limit, roll)), max(-limit, min(limit, pitch))
+    s.yaw = inputs.yaw
+    new = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
+    at = np.array([inputs.x, inputs.y, s.body[2]])
+    s.feet = posture.into_map(posture.into_base(s.feet, s.body, old), at, new)
+    s.footholds = posture.into_map(posture.into_base(s.footholds, s.body, old), at, new)
+    s.body = at
+    if ground is None:
+        return
+    standing = s.footholds[s.landed]
+    gaps = np.array([ground.centre_height(p[0], p[1]) - p[2] for p in standing])
+    known = np.isfinite(gaps)
+    gaps, standing = gaps[known], standing[known]
+    if not gaps.size:
+        return
+    rise = (params.anchor_height if s.calibrated else 1.0) * float(np.median(gaps))
+    s.body[2] += rise
+    s.feet[:, 2] += rise
+    s.footholds[:, 2] += rise
+    if gaps.size >= MIN_FEET:
+        _correct_tilt(s, params.anchor_tilt, standing[:, :2] - s.body[:2], gaps)
+
+
+def _correct_tilt(state: WalkerState, gain: float, xy: Array, gaps: Array) -> None:
+    """Learn a constant error of the estimated tilt: gaps that grow forward mean a nose higher than estimated."""
+    s = state
+    c, n = math.cos(s.yaw), math.sin(s.yaw)
+    ahead, left = c * xy[:, 0] + n * xy[:, 1], -n * xy[:, 0] + c * xy[:, 1]
+    ahead, left, gaps = ahead - ahead.mean(), left - left.mean(), gaps - gaps.mean()
+    xx, xy_, yy = dot(ahead, ahead), dot(ahead, left), dot(left, left)
+    det = xx * yy - xy_ * xy_
+    if det < MIN_SPREAD**4:
+        return
+    gx, gy = dot(ahead, gaps), dot(left, gaps)
+    s.tilt_offset[0] += gain * (xx * gy - xy_ * gx) / det
+    s.tilt_offset[1] -= gain * (yy * gx - xy_ * gy) / det
+    np.clip(s.tilt_offset, -MAX_TILT_OFFSET, MAX_TILT_OFFSET, out=s.tilt_offset)
+
+
+def placed(state: WalkerState, inputs: WalkerInputs) -> WalkerInputs:
+    """The inputs with the odometry's pose in the map.
+
+    An estimator that was started anew begins at the start pose, wherever the robot is. It does so at rest, so the robot
+    stands where the plan has it: from then on the odometry is laid there. What was learned of its tilt is void.
+    """
+    s = state
+    if not s.calibrated:
+        return inputs if s.offset == (0.0, 0.0, 0.0) else _moved(inputs, s.offset)
+    if not inputs.initialised:
+        s.lost = True
+    elif s.lost:
+        s.lost = False
+        turn = s.yaw - inputs.yaw
+        c, n = math.cos(turn), math.sin(turn)
+        x, y = float(s.body[0]), float(s.body[1])
+        s.offset = (x - c * inputs.x + n * inputs.y, y - n * inputs.x - c * inputs.y, turn)
+        s.tilt_offset[:] = 0.0
+    return inputs if s.offset == (0.0, 0.0, 0.0) else _moved(inputs, s.offset)
+
+
+def _moved(inputs: WalkerInputs, offset: tuple[float, float, float]) -> WalkerInputs:
+    x, y, turn = offset
+    c, n = math.cos(turn), math.sin(turn)
+    return replace(
+        inputs,
+        x=x + c * inputs.x - n * inputs.y,
+        y=y + n * inputs.x + c * inputs.y,
+        yaw=inputs.yaw + turn,
+    )
+
+
+def tilt(state: WalkerState, inputs: WalkerInputs) -> tuple[float, float]:
+    """Estimated roll and pitch less their learned error, rad."""
+    return inputs.roll + float(state.tilt_offset[0]), inputs.pitch + float(state.tilt_offset[1])

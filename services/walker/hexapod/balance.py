@@ -1,0 +1,176 @@
+"""What the walker does about a step that leaves too little static margin.
+
+In this order: the trunk moves over the feet that will stand while all of them still do; a gait that lifts fewer legs;
+a shorter step; refusal. The asked-for gait returns after one cycle of the other.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.linear import product
+from surefoot.kernels.jit import kernel
+from surefoot.services.walker.hexapod import planning
+from surefoot.services.walker.hexapod.patterns import HEXAPOD_GAITS, Gait
+from surefoot.services.walker.hexapod.planning import Frame
+from surefoot.services.walker.hexapod.state import Stage, WalkerState
+from surefoot.services.walker.interface import CheckReply, Pose
+
+Array = NDArray[np.float64]
+
+SWEEPS = 200
+FEASIBLE = 1e-5  # m
+PARTS = (1.0, 0.75, 0.5, 0.25)  # of a shift or of the wanted margin, tried in this order
+LEG_SHARE = 1.2  # way of the trunk per way of the centre of mass: the standing legs stay behind
+LEAST_SHIFT = 0.001  # m; a shorter one changes nothing
+
+
+@kernel
+def nearest_inside(edges: Array, slack: Array, wanted: float) -> tuple[Array, bool]:
+    """Shortest shift t, (2,), with slack_k - n_k't >= wanted for all edges (Hildreth's method), and whether it exists.
+
+    Args:
+        edges: outward unit normals n_k, (k, 2).
+        slack: distance inside each edge before the shift, (k,) m.
+        wanted: m.
+    """
+    push = np.zeros(slack.size)
+    t = np.zeros(2)
+    for _ in range(SWEEPS):
+        worst = 0.0
+        for k in range(slack.size):
+            over = edges[k, 0] * t[0] + edges[k, 1] * t[1] - slack[k] + wanted
+            worst = max(worst, over)
+            step = max(-push[k], over)
+            push[k] += step
+            t[0] -= step * edges[k, 0]
+            t[1] -= step * edges[k, 1]
+        if worst <= FEASIBLE:
+            return t, True
+    return t, False
+
+
+def shift_into(reply: CheckReply, wanted: float) -> Array | None:
+    """Shortest shift of the centre of mass, (2,) m, that gives the margin before and after the movement; or None.
+
+    Where the region has no room for the wanted margin, for a part of it.
+    """
+    if reply.region is None or reply.com is None or reply.com_after is None or len(reply.region) < 3:
+        return None
+    ring = reply.region
+    along = np.roll(ring, -1, axis=0) - ring
+    length = np.hypot(along[:, 0], along[:, 1])
+    keep = length > 1e-9
+    edges = np.column_stack((along[keep, 1], -along[keep, 0])) / length[keep, None]
+    reach = (edges * ring[keep]).sum(axis=1)
+    slack = reach - np.maximum(product(edges, reply.com), product(edges, reply.com_after))
+    worst = float(slack.min())
+    for part in PARTS:
+        shift, found = nearest_inside(edges, slack, worst + part * (wanted - worst))
+        if found:
+            return shift
+    return None
+
+
+def react(state: WalkerState, frame: Frame, begin: Pose, reply: CheckReply) -> bool:
+    """Choose what to do about a step of small margin; returns whether it may be taken as it is.
+
+    Args:
+        state: gets the new goal of the trunk, gait or scale, and the reason in words.
+        frame: robot, settings, ground.
+        begin: the trunk now.
+        reply: verdict on the step.
+    """
+    s, p = state, frame.params
+    margin = reply.margin if reply.margin is not None else -math.inf
+    told = f"margin {1e3 * margin:.0f} mm" if reply.margin is not None else f"status {reply.status}"
+    if s.shifts < p.max_shifts:
+        s.shifts += 1
+        shift = shift_into(reply, p.wanted_margin_m)
+        if shift is not None and _aim(s, frame, begin, LEG_SHARE * shift):
+            s.reason = f"{told} is low: the trunk moves by {1e3 * math.hypot(*(s.goal - s.body[:2])):.0f} mm"  # pyright: ignore[reportOptionalOperand]
+            return False
+    if reply.stable and margin >= p.least_margin_m:
+        return True
+    if s.gait.careful is not None:
+        s.gait = HEXAPOD_GAITS[s.gait.careful]
+        s.group, s.shifts, s.careful_steps = lagging(s, frame), 0, 0
+        s.reason = f"{told} is low: {s.gait.name} gait"
+        return False
+    if reply.stable:
+        return True
+    s.scale *= 0.5
+    s.reason = f"step would not be stable (status {reply.status}, {told})"
+    return False
+
+
+def _aim(state: WalkerState, frame: Frame, begin: Pose, shift: Array) -> bool:
+    """Give the trunk a goal as near to the shifted place as all legs reach and the limit allows."""
+    size = float(np.hypot(shift[0], shift[1]))
+    if size < LEAST_SHIFT:
+        return False
+    shift = shift * min(1.0, frame.params.shift_limit_m / size)
+    for part in PARTS:
+        goal = Pose(begin.x + part * float(shift[0]), begin.y + part * float(shift[1]), begin.z, begin.yaw)
+        if planning.reaches(frame, begin, goal, state.footholds, 1.0):
+            state.goal = np.array([goal.x, goal.y])
+            return True
+    return False
+
+
+def shift(state: WalkerState, reach: float) -> None:
+    """Move the trunk by at most `reach` (m) towards its goal over standing feet."""
+    s = state
+    if s.goal is None:
+        return
+    way = s.goal - s.body[:2]
+    left = float(np.hypot(way[0], way[1]))
+    s.body[:2] += way * min(1.0, reach / max(left, 1e-12))
+    if left <= reach:
+        s.goal = None
+
+
+def stand_at(state: WalkerState, frame: Frame, now: Pose, shift: tuple[float, float]) -> str | None:
+    """Give the standing trunk a goal, m forward and left of the middle of its feet; or why that cannot be, in words."""
+    s = state
+    if s.stage is not Stage.STAND or s.route is not None or s.closing or s.recovering:
+        return "the trunk is moved over its feet only while the robot stands"
+    middle = s.footholds[:, :2].mean(axis=0) - planning.rotated(s.yaw, frame.neutral).mean(axis=0)
+    goal = middle + planning.rotated(s.yaw, np.array([shift]))[0]
+    end = Pose(float(goal[0]), float(goal[1]), now.z, now.yaw)
+    if not (np.isfinite(goal).all() and planning.reaches(frame, now, end, s.footholds, 1.0)):
+        return f"the legs do not reach their feet with the trunk shifted by ({shift[0]:g}, {shift[1]:g}) m"
+    s.goal = goal
+    return None
+
+
+def lagging(state: WalkerState, frame: Frame) -> int:
+    """The group of the gait that is to swing first: feet far from neutral, and not those that have just landed."""
+    off = state.footholds[:, :2] - state.body[:2] - planning.rotated(state.yaw, frame.neutral)
+    far = np.hypot(off[:, 0], off[:, 1])
+    far[list(state.swung)] = 0.0
+    return int(np.argmax([far[list(group)].mean() for group in state.gait.groups]))
+
+
+def relax(state: WalkerState, frame: Frame) -> None:
+    """After a step: back to the gait that was asked for when the other one has done a whole cycle."""
+    s = state
+    s.shifts = 0
+    if s.gait is s.usual:
+        return
+    s.careful_steps += 1
+    if s.careful_steps >= s.gait.steps_per_cycle:
+        s.gait = s.usual
+        s.group = lagging(s, frame)
+
+
+def usual(state: WalkerState, gait: Gait) -> None:
+    """Take the gait a command asks for."""
+    state.gait = state.usual = gait
+    state.group %= gait.steps_per_cycle
+
+
+def warm() -> None:
+    """Compile the kernel of this module."""
+    nearest_inside(np.zeros((1, 2)), np.zeros(1), 0.0)

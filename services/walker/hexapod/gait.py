@@ -1,0 +1,331 @@
+"""The hexapod walker: one call per control tick, from estimates, joints and foot switches to servo set-points.
+
+Stages: WAIT (no joints) -> SETTLE (all feet down) -> STAND <-> STEP. The plan lives in the map; at the end of every
+step it is laid anew over the dead-reckoned pose, the estimated tilt and the map's heights, which moves no joint.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry import rotations
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.robot import kinematics
+from surefoot.robot.description import Robot
+from surefoot.services.walker.commands import refusal_of
+from surefoot.services.walker.hexapod import anchor, balance, planning, posture, stepping
+from surefoot.services.walker.hexapod.ground import Ground
+from surefoot.services.walker.hexapod.params import WalkerParams
+from surefoot.services.walker.hexapod.patterns import HEXAPOD_GAITS
+from surefoot.services.walker.hexapod.route import Route, advance, finished, moved, remaining
+from surefoot.services.walker.hexapod.standins import HullCheck, nominal_footholds
+from surefoot.services.walker.hexapod.state import Stage, WalkerState
+from surefoot.services.walker.interface import (
+    Advance,
+    Check,
+    Command,
+    CommandReply,
+    Pose,
+    Select,
+    WalkerInputs,
+    WalkerOutputs,
+    WalkState,
+    refused,
+)
+from surefoot.services.walker.memory import Kept
+
+Array = NDArray[np.float64]
+
+DT = 0.01  # s, control tick
+
+
+class HexapodWalker:
+    """Gait of a six-legged robot with closed-form legs.
+
+    Args:
+        robot: description; its legs in the order LF LM LH RF RM RH.
+        params: settings; None = the robot's own.
+        select: chooses the footholds of all legs of a step.
+        check: judges a step before it is taken; None = hull of the standing feet.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        params: WalkerParams | None = None,
+        select: Select = nominal_footholds,
+        check: Check | None = None,
+    ) -> None:
+        self.robot = robot
+        self.params = params or WalkerParams.for_robot(robot)
+        self.select = select
+        self.check = check or HullCheck(robot)
+        neutral = kinematics.foot_positions(robot.model, robot.neutral)
+        self.frame = planning.Frame(robot, self.params, None, np.ascontiguousarray(neutral[:, :2]))
+        self._compliance = self.params.sag / np.array([joint.servo.kp for joint in robot.joints])
+        self.state = WalkerState(robot.nlegs, robot.nj)
+        balance.usual(self.state, HEXAPOD_GAITS[self.params.gait])
+
+    # --- inputs that come now and then -----------------------------------------------------------------------------
+
+    def set_map(self, heights: HeightMap | None) -> None:
+        """Take a new terrain map, or none (then the ground is where the feet are)."""
+        ground = None if heights is None else Ground.build(heights, self.robot.foot_radius)
+        self.frame = planning.Frame(self.robot, self.params, ground, self.frame.neutral)
+
+    def command(self, command: Command) -> CommandReply:
+        """Accept or refuse a command; an accepted one replaces the present one at the next step."""
+        refusal = refusal_of(command, self.params, self.state.calibrated)
+        if refusal is not None:
+            return refusal
+        s = self.state
+        if command.shift is not None:
+            refusal = balance.stand_at(s, self.frame, self._pose(), command.shift)
+            if refusal is not None:
+                return refused("bad_value", "shift", refusal)
+        s.walk_id += 1
+        if command.gait is not None:
+            balance.usual(s, HEXAPOD_GAITS[command.gait])
+        s.refused, s.reason, s.attempts, s.scale, s.shifts = False, "", 0, 1.0, 0
+        s.steps_in_walk = s.steps_in_walk if s.route is not None else 0
+        walking = command.action in ("walk", "turn")
+        s.route = Route(command, None, s.walk_id) if walking else None
+        s.closing = not walking and (s.closing or s.stage is Stage.STEP or s.steps_in_walk > 0)
+        return CommandReply(True, s.walk_id)
+
+    def never(self, command: Command) -> CommandReply | None:
+        """Why a command cannot be obeyed at any time, or None."""
+        return refusal_of(command, self.params, calibrated=True)
+
+    def kept(self) -> Kept:
+        """What a restart must not lose."""
+        s, route = self.state, self.state.route
+        if route is None:
+            return Kept(s.walk_id, None, None, None, s.offset)
+        return Kept(s.walk_id, route.command, route.start, route.began, s.offset)
+
+    def resume(self, kept: Kept) -> None:
+        """Go on after a restart: feet down, to neutral, then the rest of the route; before the first tick."""
+        s = self.state
+        route = None if kept.command is None else Route(kept.command, kept.start, kept.walk_id, kept.began)
+        s.walk_id, s.route, s.offset, s.recovering = kept.walk_id, route, kept.offset, True
+        if route is not None and route.command.gait is not None:
+            balance.usual(s, HEXAPOD_GAITS[route.command.gait])
+
+    # --- the tick --------------------------------------------------------------------------------------------------
+
+    def step(self, inputs: WalkerInputs) -> WalkerOutputs:
+        """Advance by one control tick."""
+        s = self.state
+        inputs = anchor.placed(s, inputs)
+        self._take(inputs)
+        if s.stage is Stage.WAIT and s.measured is not None:
+            anchor.begin(s, self.robot, inputs)
+        if s.stage is not Stage.WAIT:
+            if inputs.initialised and not s.calibrated:
+                anchor.lay_over(s, self.params, self.frame.ground, inputs)
+                s.calibrated = True
+            if s.calibrated and not s.held:
+                self._level(inputs)
+            if s.stage is Stage.SETTLE:
+                stepping.settle(s, DT)
+            elif s.stage is Stage.STAND:
+                self._stand(inputs)
+            if s.stage is Stage.STEP:
+                self._step(inputs)
+            self._posture()
+        return self._outputs()
+
+    def _take(self, inputs: WalkerInputs) -> None:
+        s = self.state
+        s.now = inputs.stamp
+        if inputs.joints is not None:
+            s.measured, s.measured_stamp = inputs.joints, inputs.stamp
+        s.fresh = inputs.contacts is not None
+        if inputs.contacts is not None:
+            s.contacts, s.contacts_stamp = inputs.contacts, inputs.stamp
+        oldest = min(inputs.estimate_stamp, s.measured_stamp, s.contacts_stamp)
+        s.held = s.calibrated and (inputs.stamp - oldest > self.params.stale_s or not inputs.initialised)
+
+    def _level(self, inputs: WalkerInputs) -> None:
+        s, p = self.state, self.params
+        gain = p.level_gain if s.stage is Stage.STEP else p.stand_level_gain
+        limit = p.level_limit_rad
+        roll, pitch = anchor.tilt(s, inputs)
+        s.level[0] = max(-limit, min(limit, s.level[0] - gain * roll))
+        s.level[1] = max(-limit, min(limit, s.level[1] - gain * pitch))
+
+    # --- standing and stepping -------------------------------------------------------------------------------------
+
+    def _stand(self, inputs: WalkerInputs) -> None:
+        s, p = self.state, self.params
+        stepping.load(s, DT)
+        if not s.calibrated:
+            return
+        wanted = planning.trunk_height(self.frame, s.footholds, self._pose(), s.trunk_shift)
+        reach = p.trunk_speed * DT
+        rise = max(-reach, min(reach, wanted - s.body[2]))
+        s.body[2] += rise
+        if s.adjusting and abs(wanted - s.body[2]) < 0.002:
+            s.adjusting = False
+        if not s.held:
+            balance.shift(s, reach)
+        if s.held or s.adjusting or s.goal is not None:
+            return
+        if s.route is not None or s.closing or s.recovering:
+            self._next_step(inputs)
+
+    def _step(self, inputs: WalkerInputs) -> None:
+        s = self.state
+        if stepping.advance(s, self.robot, self.params, DT):
+            s.stage = Stage.STAND
+            balance.relax(s, self.frame)
+            if not s.held:
+                self._next_step(inputs)
+
+    def _next_step(self, inputs: WalkerInputs) -> None:
+        """Plan the next step and begin it, end the walk, or try again in the next tick."""
+        s, p = self.state, self.params
+        anchor.lay_over(s, self.params, self.frame.ground, inputs)
+        begin, low = self._pose(), ""
+        if s.route is not None:
+            s.route = s.route if s.recovering else s.route.begun(begin, s.now)
+        if s.route is not None and (s.route.over(s.now) or finished(s.route, begin, p)):
+            s.route, s.closing = None, True
+        if s.route is None or s.recovering:
+            legs, step, after = self._closing_group(), Advance(), Advance()
+            if not legs:
+                s.closed.clear()
+                s.closing = s.recovering = False
+                s.steps_in_walk, s.trunk_shift = 0, 0.0
+                s.stage, s.plan = Stage.STAND, None
+                return  # a route that waits begins in the next tick
+        else:
+            legs = s.gait.groups[s.group]
+            first = 0.5 if s.steps_in_walk == 0 else 1.0
+            if inputs.margin is not None and inputs.margin < p.low_margin_m:
+                first *= 0.5
+                low = f"margin {1e3 * inputs.margin:.0f} mm is low: shorter step"
+            step = advance(s.route, begin, p, s.gait.steps_per_cycle, first * s.scale)
+            after = advance(s.route, moved(begin, step), p, s.gait.steps_per_cycle, s.scale)
+        plan = self._plan(legs, begin, step, after)
+        if plan is None:
+            s.stage, s.plan = Stage.STAND, None
+            s.attempts += s.goal is None
+            if s.attempts >= p.max_attempts:
+                s.route, s.closing, s.recovering, s.refused = None, False, False, True
+            return
+        s.reason = low
+        s.attempts, s.scale, s.trunk_shift = 0, 1.0, 0.5 * s.trunk_shift
+        s.closed = s.closed | {legs} if s.route is None or s.recovering else set()
+        s.plan, s.stage, s.clock = plan, Stage.STEP, 0.0
+        s.landed = ~plan.swing
+        s.hanging[:] = 0
+        s.group = (s.group + 1) % s.gait.steps_per_cycle if s.route is not None else s.group
+        s.swung = legs
+
+    def _closing_group(self) -> tuple[int, ...]:
+        """The group of legs farthest from neutral, each group once; none when all are near."""
+        s = self.state
+        wanted = planning.rotated(s.yaw, self.frame.neutral) + s.body[:2]
+        off = np.hypot(*(s.footholds[:, :2] - wanted).T)
+        worst, far = (), self.params.close_tolerance_m
+        for group in s.gait.groups:
+            reach = float(max(off[list(group)]))
+            if reach > far and group not in s.closed:
+                worst, far = group, reach
+        return worst
+
+    def _plan(self, legs: tuple[int, ...], begin: Pose, step: Advance, after: Advance) -> planning.StepPlan | None:
+        """Ask for footholds and for the step's safety; None with the reason set when the step cannot be taken."""
+        s, frame, gait = self.state, self.frame, self.state.gait
+        planar = moved(begin, step)
+        nominal = planning.landings(frame, gait, legs, planar, after, s.footholds)
+        feet_to = s.footholds.copy()
+        feet_to[list(legs)] = nominal
+        guess = Pose(planar.x, planar.y, planning.trunk_height(frame, feet_to, planar, s.trunk_shift), planar.yaw)
+        replies = self.select(planning.foothold_request(legs, nominal, guess, after, gait))
+        status = ["nominal"] * self.robot.nlegs
+        shift = 0.0
+        for leg, reply in zip(legs, replies, strict=True):
+            status[leg] = reply.status
+            name = self.robot.leg_names[leg]
+            if reply.status == "ok" and reply.foothold is not None:
+                x, y = reply.foothold[0], reply.foothold[1]
+                feet_to[leg] = (x, y, planning.centre_height(frame, x, y, s.footholds))
+            elif reply.status == "raise_trunk":
+                shift = max(shift, reply.trunk_shift, key=abs)
+                s.reason = f"{name}: no foothold in reach, trunk moves by {1e3 * shift:.0f} mm"
+            elif reply.status == "infeasible":
+                s.scale *= 0.5
+                s.reason = f"{name}: no foothold ({reply.reason})"
+        s.status = tuple(status)
+        if "infeasible" in status:
+            return None
+        if shift != 0.0:
+            s.trunk_shift = max(-0.05, min(0.05, s.trunk_shift + shift))
+            s.adjusting = True
+            return None
+        swings = planning.swing_tops(frame, legs, s.footholds, feet_to)
+        end = planning.end_pose(frame, begin, planar, s.footholds, feet_to, legs, swings[1], s.trunk_shift)
+        if end is None:
+            s.scale *= 0.5
+            s.reason = "a leg does not reach its foothold at any trunk height"
+            return None
+        plan = planning.complete(frame, legs, begin, end, s.footholds, feet_to, swings, s.status)
+        rot = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
+        verdict = self.check(planning.check_request(frame, plan, s.q, rot))
+        s.margin = verdict.margin
+        safe = verdict.stable and (verdict.margin is None or verdict.margin >= self.params.wanted_margin_m)
+        return plan if safe or balance.react(s, frame, begin, verdict) else None
+
+    # --- outputs ---------------------------------------------------------------------------------------------------
+
+    def _pose(self) -> Pose:
+        s = self.state
+        return Pose(float(s.body[0]), float(s.body[1]), float(s.body[2]), s.yaw)
+
+    def _posture(self) -> None:
+        s = self.state
+        rot = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
+        s.command, s.q, reachable = posture.set_points(
+            self.robot.model, s.feet, s.body, rot, s.support, self._compliance
+        )
+        s.unreachable = self.robot.nlegs - int(np.count_nonzero(reachable))
+
+    def _walk_state(self) -> WalkState:
+        s = self.state
+        if s.stage is Stage.WAIT or not s.calibrated:
+            return "waiting"
+        if s.held:
+            return "hold"
+        if s.recovering or s.stage is Stage.SETTLE:
+            return "recovering"
+        if s.route is not None:
+            return "turning" if s.route.command.action == "turn" else "walking"
+        if s.closing:
+            return "stopping"
+        return "refused" if s.refused else "standing"
+
+    def _outputs(self) -> WalkerOutputs:
+        s = self.state
+        plan = s.plan if s.stage is Stage.STEP else None
+        left = 0.0
+        if s.route is not None:
+            left = remaining(s.route, self._pose())
+        return WalkerOutputs(
+            command=s.command,
+            state=self._walk_state(),
+            walk_id=s.walk_id,
+            phase=0.0 if plan is None else min(1.0, s.clock / plan.duration),
+            stance=s.landed.copy(),
+            footholds=(s.footholds if plan is None else plan.feet_to).copy(),
+            foothold_status=s.status,
+            trunk_height=float(s.body[2] - s.footholds[:, 2].sum() / self.robot.nlegs) + self.robot.foot_radius,
+            remaining=left if math.isfinite(left) else 0.0,
+            margin=s.margin,
+            reason=s.reason,
+            steps=s.steps,
+            unreachable=s.unreachable,
+        )

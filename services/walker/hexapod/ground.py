@@ -1,0 +1,167 @@
+"""The walker's view of the terrain map: noise filtered, small holes filled, dilated by the foot sphere."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.kernels.jit import kernel
+
+Array = NDArray[np.float64]
+Heights = NDArray[np.float32]
+
+FILL_ROUNDS = 6  # cells by which known ground grows into unknown ground
+NORMAL_REACH = 0.020  # m, ground about a foot whose slope counts: eight cells wide, enough for 3 mm of noise
+NORMAL_SCALE = 0.002  # m, a cell that lies much further off the plane belongs to another face: noise after the filter
+NORMAL_ROUNDS = 4
+
+
+@kernel
+def median3(z: Heights, out: Heights, fill_only: bool) -> int:
+    """Median of the known heights in each 3 x 3 window into `out`; returns how many cells stay unknown.
+
+    With `fill_only` known cells keep their height and only unknown ones get the median of their known neighbours.
+    """
+    ny, nx = z.shape
+    window = np.empty(9, dtype=np.float32)
+    unknown = 0
+    for i in range(ny):
+        for j in range(nx):
+            if fill_only and not math.isnan(z[i, j]):
+                out[i, j] = z[i, j]
+                continue
+            n = 0
+            for r in range(max(0, i - 1), min(ny, i + 2)):
+                for c in range(max(0, j - 1), min(nx, j + 2)):
+                    value = z[r, c]
+                    if math.isnan(value):
+                        continue
+                    k = n
+                    while k > 0 and window[k - 1] > value:
+                        window[k] = window[k - 1]
+                        k -= 1
+                    window[k] = value
+                    n += 1
+            if n == 0:
+                out[i, j] = math.nan
+                unknown += 1
+            else:
+                out[i, j] = np.float32(0.5) * (window[(n - 1) // 2] + window[n // 2])
+    return unknown
+
+
+@kernel
+def box_max(
+    z: Heights, cell: float, x0: float, y0: float, x: float, y: float, yaw: float, half_x: float, half_y: float
+) -> float:
+    """Highest cell whose centre lies in a rotated rectangle, m; NaN if it holds no known cell."""
+    ny, nx = z.shape
+    best = -math.inf
+    c, s = math.cos(yaw), math.sin(yaw)
+    reach = math.hypot(half_x, half_y)
+    row0, row1 = max(0, math.floor((y - reach - y0) / cell)), min(ny - 1, math.ceil((y + reach - y0) / cell))
+    col0, col1 = max(0, math.floor((x - reach - x0) / cell)), min(nx - 1, math.ceil((x + reach - x0) / cell))
+    for row in range(row0, row1 + 1):
+        dy = y0 + row * cell - y
+        for col in range(col0, col1 + 1):
+            dx = x0 + col * cell - x
+            if abs(c * dx + s * dy) <= half_x and abs(-s * dx + c * dy) <= half_y and z[row, col] > best:
+                best = z[row, col]
+    return best if best > -math.inf else math.nan
+
+
+@kernel
+def face_normal(z: Heights, cell: float, x0: float, y0: float, x: float, y: float, bottom: float) -> Array:
+    """Normal of the face a foot stands on, (3,): plane through the cells near the lowest point of the foot.
+
+    Robust least squares, weights 1 / (1 + (e / scale)^2) with e first the height over `bottom`, then the distance
+    from the plane of the round before: a foot beside or upon a step sees the level ground it stands on, not the mean
+    of both levels. Vertical where fewer than three cells, or cells on one line, are known.
+    """
+    ny, nx = z.shape
+    row0, row1 = (
+        max(0, math.ceil((y - NORMAL_REACH - y0) / cell)),
+        min(ny - 1, math.floor((y + NORMAL_REACH - y0) / cell)),
+    )
+    col0, col1 = (
+        max(0, math.ceil((x - NORMAL_REACH - x0) / cell)),
+        min(nx - 1, math.floor((x + NORMAL_REACH - x0) / cell)),
+    )
+    h, gx, gy, scale = bottom, 0.0, 0.0, 2.0 * NORMAL_SCALE
+    for _ in range(NORMAL_ROUNDS):
+        w, wx, wy, wz, wxx, wxy, wyy, wxz, wyz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for row in range(row0, row1 + 1):
+            dy = y0 + row * cell - y
+            for col in range(col0, col1 + 1):
+                dx, height = x0 + col * cell - x, z[row, col]
+                if math.isnan(height) or dx * dx + dy * dy > NORMAL_REACH * NORMAL_REACH:
+                    continue
+                off = (height - h - gx * dx - gy * dy) / scale
+                k = 1.0 / (1.0 + off * off)
+                w, wx, wy, wz = w + k, wx + k * dx, wy + k * dy, wz + k * height
+                wxx, wxy, wyy = wxx + k * dx * dx, wxy + k * dx * dy, wyy + k * dy * dy
+                wxz, wyz = wxz + k * dx * height, wyz + k * dy * height
+        if w <= 0.0:
+            break
+        mx, my, mz = wx / w, wy / w, wz / w
+        xx, xy, yy = wxx / w - mx * mx, wxy / w - mx * my, wyy / w - my * my
+        det = xx * yy - xy * xy
+        if det < 1e-3 * cell**4:
+            break
+        xz, yz = wxz / w - mx * mz, wyz / w - my * mz
+        gx, gy = (yy * xz - xy * yz) / det, (xx * yz - xy * xz) / det
+        h, scale = mz - gx * mx - gy * my, NORMAL_SCALE
+    size = math.sqrt(gx * gx + gy * gy + 1.0)
+    return np.array([-gx / size, -gy / size, 1.0 / size])
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """Terrain layers the walker looks at; built once per map version."""
+
+    surface: HeightMap
+    """Filtered ground heights."""
+    centres: HeightMap
+    """Heights of a foot centre whose sphere rests on the ground."""
+    version: int
+
+    @classmethod
+    def build(cls, heights: HeightMap, foot_radius: float, smooth: bool = True) -> "Ground":
+        """Filter a map by a 3 x 3 median (noise of single cells, edges stay), fill holes, dilate by the foot."""
+        z = np.array(heights.z)
+        out = np.empty_like(z)
+        if smooth:
+            median3(z, out, False)
+            z, out = out, z
+        for _ in range(FILL_ROUNDS):
+            if not np.isnan(z).any():
+                break
+            median3(z, out, True)
+            z, out = out.copy(), z
+        surface = heights.with_z(z)
+        return cls(surface=surface, centres=surface.dilated(foot_radius), version=heights.version)
+
+    def centre_height(self, x: float, y: float) -> float:
+        """Height of a foot centre that stands at (x, y), m; NaN where unknown."""
+        return self.centres.height_at(x, y)
+
+    def normal(self, x: float, y: float, bottom: float) -> Array:
+        """Unit normal of the ground under a foot whose lowest point is at (x, y, bottom), (3,)."""
+        s = self.surface
+        return face_normal(s.z, s.cell, s.origin[0], s.origin[1], x, y, bottom)
+
+    def highest_under(self, x: float, y: float, yaw: float, half_x: float, half_y: float) -> float:
+        """Highest ground under a rectangle about (x, y) turned by yaw, m; NaN where all is unknown."""
+        s = self.surface
+        return box_max(s.z, s.cell, s.origin[0], s.origin[1], x, y, yaw, half_x, half_y)
+
+
+def warm() -> None:
+    """Compile the kernels of this module."""
+    z = np.full((3, 3), np.nan, dtype=np.float32)
+    z[0, 0] = 0.0
+    ground = Ground.build(HeightMap(z=z, cell=0.005), 0.006)
+    ground.highest_under(0.0, 0.0, 0.0, 0.01, 0.01)
+    ground.normal(0.0, 0.0, 0.0)

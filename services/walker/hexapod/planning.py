@@ -1,0 +1,205 @@
+"""One step before it is taken: where the trunk goes, where the feet land, whether the legs reach."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry import rotations
+from surefoot.geometry.linear import product
+from surefoot.robot import kinematics
+from surefoot.robot.description import Robot
+from surefoot.services.walker.hexapod import posture, swing
+from surefoot.services.walker.hexapod.ground import Ground
+from surefoot.services.walker.hexapod.params import WalkerParams
+from surefoot.services.walker.hexapod.patterns import Gait
+from surefoot.services.walker.hexapod.route import moved
+from surefoot.services.walker.hexapod.swing import SwingShape
+from surefoot.services.walker.interface import Advance, CheckRequest, FootholdRequest, Pose, StepRequest
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+HEIGHT_TRIALS = tuple(0.005 * k for n in range(9) for k in ((n, -n) if n else (0,)))  # m, nearest first
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What planning needs to know of robot and world; fixed over a step."""
+
+    robot: Robot
+    params: WalkerParams
+    ground: Ground | None
+    neutral: Array
+    """Feet of the neutral posture relative to the trunk, heading axes, (L, 2) m."""
+
+
+@dataclass(frozen=True, eq=False)
+class StepPlan:
+    """A step ready to be taken."""
+
+    swing: Flags
+    """Legs that swing, (L,)."""
+    begin: Pose
+    end: Pose
+    feet_from: Array
+    """Foot centres at lift-off, (L, 3) map."""
+    feet_to: Array
+    """Foot centres at touch-down; standing feet as in `feet_from`."""
+    deepest: Array
+    """How far down each foot looks for the ground, (L,) m."""
+    top: Array
+    """Height of the level part of each swing, (L,) m."""
+    go: Array
+    arrive: Array
+    """Phases between which each foot moves sideways, (L,)."""
+    status: tuple[str, ...]
+    """Per foot, see WalkerOutputs."""
+    duration: float
+    """s, longer than half a period when a foot has far to fall."""
+    shape: SwingShape
+    """Phases of the swings, with the height of the slow part."""
+
+
+def rotated(yaw: float, vectors: Array) -> Array:
+    """Plane vectors (n, 2) turned by yaw."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    return product(vectors, np.array([[c, s], [-s, c]]))
+
+
+def centre_height(frame: Frame, x: float, y: float, feet: Array) -> float:
+    """Foot-centre height at (x, y) by the map, or the mean of the present feet where it is unknown."""
+    z = frame.ground.centre_height(x, y) if frame.ground is not None else float("nan")
+    return z if np.isfinite(z) else float(np.mean(feet[:, 2]))
+
+
+def landings(frame: Frame, gait: Gait, legs: tuple[int, ...], end: Pose, after: Advance, feet: Array) -> Array:
+    """Nominal landings (n, 3): neutral about the trunk `lead` steps beyond the end of this one."""
+    ahead = moved(end, after, gait.lead)
+    xy = rotated(ahead.yaw, frame.neutral[list(legs)]) + np.array([ahead.x, ahead.y])
+    return np.array([[x, y, centre_height(frame, x, y, feet)] for x, y in xy])
+
+
+def foothold_request(legs: tuple[int, ...], nominal: Array, end: Pose, after: Advance, gait: Gait) -> StepRequest:
+    """The question to the foothold service for all legs of the step."""
+    stance_steps = 2.0 * gait.lead
+    x, y = rotated(end.yaw, np.array([[after.forward, after.left]]))[0] * -stance_steps
+    return StepRequest(
+        body=(end.x, end.y, end.z),
+        yaw=end.yaw,
+        legs=tuple(
+            FootholdRequest(leg=leg, nominal=(float(p[0]), float(p[1]), float(p[2])), stroke=(float(x), float(y), 0.0))
+            for leg, p in zip(legs, nominal, strict=True)
+        ),
+    )
+
+
+def trunk_height(frame: Frame, feet: Array, at: Pose, shift: float) -> float:
+    """Height of base_link: mean ground under the feet + hip height, and the trunk clear of the highest ground below.
+
+    Walas & Belter's rule over the last six footholds, here the six feet at the end of the step.
+    """
+    robot, params = frame.robot, frame.params
+    z = float(np.mean(feet[:, 2])) - robot.foot_radius + params.hip_height_m + shift
+    if frame.ground is not None:
+        half = 0.5 * robot.trunk.box
+        highest = frame.ground.highest_under(at.x, at.y, at.yaw, float(half[0]), float(half[1]))
+        if np.isfinite(highest):
+            z = max(z, highest + params.belly_m + float(half[2]))
+    return z
+
+
+def swing_tops(frame: Frame, legs: tuple[int, ...], feet: Array, feet_to: Array) -> tuple[Array, Array]:
+    """Swept ground (n, SAMPLES) and height of the level part (n,) of the swings of `legs`, m."""
+    swept = np.full((len(legs), swing.SAMPLES), np.nan)
+    if frame.ground is not None:
+        for k, leg in enumerate(legs):
+            swept[k] = swing.swept_ground(frame.ground.centres, feet[leg], feet_to[leg], frame.params.corridor_m)
+    clearance = frame.params.clearance_m
+    top = np.array([swing.top_of(feet[leg], feet_to[leg], swept[k], clearance) for k, leg in enumerate(legs)])
+    return swept, top
+
+
+def end_pose(
+    frame: Frame,
+    begin: Pose,
+    planar: Pose,
+    feet: Array,
+    feet_to: Array,
+    legs: tuple[int, ...],
+    top: Array,
+    shift: float,
+) -> Pose | None:
+    """The trunk at the end of the step: the wanted height, or the nearest one at which all legs reach, or None.
+
+    A height at which the swings reach their tops too is preferred.
+    """
+    limit = frame.params.trunk_step_m
+    wanted = trunk_height(frame, feet_to, planar, shift)
+    wanted = begin.z + max(-limit, min(limit, wanted - begin.z))
+    apex = feet_to.copy()
+    apex[list(legs)] = 0.5 * (feet[list(legs)] + feet_to[list(legs)])
+    apex[list(legs), 2] = top
+    second: Pose | None = None
+    for trial in HEIGHT_TRIALS:
+        end = Pose(planar.x, planar.y, wanted + trial, planar.yaw)
+        if reaches(frame, begin, end, feet_to, 0.5) and reaches(frame, begin, end, feet_to, 1.0):
+            if reaches(frame, begin, end, apex, 0.5):
+                return end
+            second = second or end
+    return second
+
+
+def reaches(frame: Frame, begin: Pose, end: Pose, feet: Array, part: float) -> bool:
+    """Whether every leg reaches its foot with a level trunk after a part of the step."""
+    a, b = begin, end
+    body = np.array([a.x + part * (b.x - a.x), a.y + part * (b.y - a.y), a.z + part * (b.z - a.z)])
+    rot = rotations.matrix_from_rpy(0.0, 0.0, a.yaw + part * (b.yaw - a.yaw))
+    return bool(kinematics.legs_ik(frame.robot.model, posture.into_base(feet, body, rot))[1].all())
+
+
+def complete(
+    frame: Frame,
+    legs: tuple[int, ...],
+    begin: Pose,
+    end: Pose,
+    feet: Array,
+    feet_to: Array,
+    swings: tuple[Array, Array],
+    status: tuple[str, ...],
+) -> StepPlan:
+    """The step with its swing paths over the whole swept ground; `swings` as from `swing_tops`."""
+    n, params, (swept, highest) = feet.shape[0], frame.params, swings
+    feet_to = feet_to.copy()
+    feet_to[list(legs), 2] -= params.press_m
+    fall = float(np.max(highest - feet_to[list(legs), 2]))
+    duration = 0.5 * params.period_s * min(params.longest_step, max(1.0, fall / params.full_speed_fall_m))
+    slow = (1.0 - params.swing.fall_end) * (1.0 - 2.0 * params.overlap) * duration
+    shape = params.swing._replace(approach=min(params.touch_speed * slow, 0.5 * params.clearance_m))
+    swinging = np.zeros(n, dtype=np.bool_)
+    top, go, arrive = np.zeros(n), np.zeros(n), np.ones(n)
+    for k, leg in enumerate(legs):
+        swinging[leg], top[leg] = True, highest[k]
+        go[leg], arrive[leg] = swing.window(shape, feet[leg], feet_to[leg], highest[k], swept[k], params.margin_m)
+    deepest = feet_to[:, 2] - params.search_m
+    return StepPlan(swinging, begin, end, feet.copy(), feet_to, deepest, top, go, arrive, status, duration, shape)
+
+
+def check_request(frame: Frame, plan: StepPlan, joints: Array, rot: Array) -> CheckRequest:
+    """The question to the stability service: the standing feet and the way of the trunk over them."""
+    r = frame.robot.foot_radius
+    standing = plan.feet_from[~plan.swing]
+    up = np.array([0.0, 0.0, 1.0])
+    normals = np.array([up if frame.ground is None else frame.ground.normal(p[0], p[1], p[2] - r) for p in standing])
+    begin, end = plan.begin, plan.end
+    return CheckRequest(
+        positions=standing - r * normals,
+        normals=normals,
+        mu=frame.params.friction,
+        joints=joints,
+        base_position=np.array([begin.x, begin.y, begin.z]),
+        base_quat=rotations.quat_from_matrix(rot),
+        movement=(end.x - begin.x, end.y - begin.y, end.z - begin.z),
+        legs=tuple(name for name, gone in zip(frame.robot.leg_names, plan.swing, strict=True) if not gone),
+    )

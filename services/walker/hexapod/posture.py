@@ -1,0 +1,127 @@
+"""From trunk pose and feet to servo set-points: closed-form leg solutions and compensation of the servos' sag."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import kernel
+from surefoot.robot import kinematics
+from surefoot.robot.description import KinematicModel, load_robot
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+GRAVITY = 9.81  # m/s2
+
+
+@kernel
+def into_base(feet: Array, body: Array, rot: Array) -> Array:
+    """Feet in base_link, (L, 3): R' (p - b)."""
+    out = np.empty_like(feet)
+    for i in range(feet.shape[0]):
+        x, y, z = feet[i, 0] - body[0], feet[i, 1] - body[1], feet[i, 2] - body[2]
+        for k in range(3):
+            out[i, k] = rot[0, k] * x + rot[1, k] * y + rot[2, k] * z
+    return out
+
+
+@kernel
+def into_map(feet_base: Array, body: Array, rot: Array) -> Array:
+    """Feet in the map, (L, 3): b + R p."""
+    out = np.empty_like(feet_base)
+    for i in range(feet_base.shape[0]):
+        for k in range(3):
+            out[i, k] = (
+                body[k] + rot[k, 0] * feet_base[i, 0] + rot[k, 1] * feet_base[i, 1] + rot[k, 2] * feet_base[i, 2]
+            )
+    return out
+
+
+@kernel
+def share_load(feet: Array, com_xy: Array, support: Array, weight: float) -> Array:
+    """Vertical force on each foot that balances the weight, (L,) N, never negative.
+
+    Smallest sum of f^2 / support under sum f = W and sum f r = W c: f = S A' (A S A')^-1 b, A = rows (1, x, y) about
+    the centre of mass. Without three feet that span a plane the weight is shared in proportion to `support`.
+
+    Args:
+        feet: foot centres, (L, 3), any frame with z up.
+        com_xy: centre of mass in that frame, (2,).
+        support: how far each foot takes part, 0..1, (L,).
+        weight: N.
+    """
+    n = feet.shape[0]
+    gram = np.zeros((3, 3))
+    row = np.empty(3)
+    row[0] = 1.0
+    for i in range(n):
+        row[1], row[2] = feet[i, 0] - com_xy[0], feet[i, 1] - com_xy[1]
+        for a in range(3):
+            for b in range(3):
+                gram[a, b] += support[i] * row[a] * row[b]
+    total = gram[0, 0]
+    force = np.zeros(n)
+    if total <= 1e-6:
+        return force
+    minor_00 = gram[1, 1] * gram[2, 2] - gram[1, 2] * gram[2, 1]
+    minor_01 = gram[0, 1] * gram[2, 2] - gram[0, 2] * gram[2, 1]
+    minor_02 = gram[0, 1] * gram[1, 2] - gram[0, 2] * gram[1, 1]
+    det = gram[0, 0] * minor_00 - gram[0, 1] * minor_01 + gram[0, 2] * minor_02
+    if det < 1e-9 * total:
+        for i in range(n):
+            force[i] = weight * support[i] / total
+        return force
+    l0, l1, l2 = weight * minor_00 / det, -weight * minor_01 / det, weight * minor_02 / det
+    for i in range(n):
+        x, y = feet[i, 0] - com_xy[0], feet[i, 1] - com_xy[1]
+        force[i] = max(0.0, support[i] * (l0 + l1 * x + l2 * y))
+    return force
+
+
+@kernel
+def set_points(
+    model: KinematicModel, feet: Array, body: Array, rot: Array, support: Array, compliance: Array
+) -> tuple[Array, Array, Flags]:
+    """Servo set-points that hold the trunk at a pose over the feet.
+
+    A position servo under the torque tau rests at q = command - tau / kp, tau = G(q) - J'f with f the ground's force
+    on the foot; the set-point adds tau / kp.
+
+    Args:
+        model: the robot.
+        feet: wanted foot centres in the map, (L, 3) m.
+        body: wanted base_link position, (3,) m.
+        rot: rot_map_from_base, (3, 3).
+        support: share of each foot in carrying the weight, 0..1, (L,).
+        compliance: compensated part of 1 / kp of every joint, rad/Nm, (nj,); zeros switch it off.
+
+    Returns:
+        set-points (nj,) within the joint limits, joint angles (nj,) without compensation, reachable (L,).
+    """
+    feet_base = into_base(feet, body, rot)
+    q, reachable = kinematics.legs_ik(model, feet_base)
+    up = rot[2].copy()
+    rot_links, pos_links = kinematics.forward(model, q)
+    torque = kinematics.gravity_torques_of(model, rot_links, pos_links, GRAVITY * up)
+    com = kinematics.com_of(model, rot_links, pos_links)
+    com_xy = np.empty(2)
+    for k in range(2):
+        com_xy[k] = body[k] + rot[k, 0] * com[0] + rot[k, 1] * com[1] + rot[k, 2] * com[2]
+    force = share_load(feet, com_xy, support, GRAVITY * kinematics.total_mass(model))
+    jac = kinematics.foot_jacobians_of(model, rot_links, pos_links)
+    for i in range(feet.shape[0]):
+        for c in range(model.leg_joints.shape[1]):
+            j = model.leg_joints[i, c]
+            if j >= 0:
+                torque[j] -= force[i] * (jac[i, 0, c] * up[0] + jac[i, 1, c] * up[1] + jac[i, 2, c] * up[2])
+    command = np.empty_like(q)
+    for j in range(q.size):
+        command[j] = min(model.upper[j], max(model.lower[j], q[j] + compliance[j] * torque[j]))
+    return command, q, reachable
+
+
+def warm() -> None:
+    """Compile the kernels of this module."""
+    robot = load_robot("ragno")
+    feet, body = kinematics.foot_positions(robot.model, robot.neutral), np.zeros(3)
+    into_map(feet, body, np.eye(3))
+    set_points(robot.model, feet, body, np.eye(3), np.ones(len(feet)), np.zeros(robot.nj))

@@ -1,0 +1,107 @@
+"""What a command still asks for: the next advance of the trunk, from the dead-reckoned pose."""
+
+import math
+from dataclasses import dataclass, replace
+
+from surefoot.services.walker.hexapod.params import WalkerParams
+from surefoot.services.walker.interface import Advance, Command, Pose
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """A command with the pose it began at, None until its first step is planned."""
+
+    command: Command
+    start: Pose | None
+    walk_id: int
+    began: float | None = None
+    """Simulated time of its first step, s."""
+
+    def begun(self, pose: Pose, now: float) -> "Route":
+        """The route with its start: `pose` at the time `now` if it has not begun yet."""
+        return self if self.start is not None else replace(self, start=pose, began=now)
+
+    def over(self, now: float) -> bool:
+        """Whether its time is up."""
+        limit = self.command.duration
+        return limit is not None and self.began is not None and now - self.began >= limit
+
+
+def wrap(angle: float) -> float:
+    """Angle in [-pi, pi)."""
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def remaining(route: Route, pose: Pose) -> float:
+    """Signed way (m) or angle (rad) still to go; infinite for a walk without an end, 0 for stand and stop."""
+    command, start = route.command, route.start or pose
+    if command.action == "walk":
+        if command.distance is None:
+            return math.copysign(math.inf, command.velocity if command.velocity is not None else 1.0)
+        c, s = math.cos(start.yaw), math.sin(start.yaw)
+        return command.distance - (c * (pose.x - start.x) + s * (pose.y - start.y))
+    if command.action == "turn":
+        return (command.angle or 0.0) - (pose.yaw - start.yaw)
+    return 0.0
+
+
+def finished(route: Route, pose: Pose, params: WalkerParams) -> bool:
+    """Whether the command is carried out (a distance that was passed counts)."""
+    left = remaining(route, pose)
+    if route.command.action == "walk":
+        forward = (route.command.distance or 1.0) >= 0.0
+        return (left if forward else -left) <= params.distance_tolerance_m and route.command.distance is not None
+    return abs(left) <= params.angle_tolerance_rad
+
+
+def stride(command: Command, params: WalkerParams, steps_per_cycle: int) -> float:
+    """Way of the trunk in one step, m, without sign."""
+    if command.velocity is None:
+        return params.stride_m / steps_per_cycle
+    return min(abs(command.velocity) * 0.5 * params.period_s, params.max_stride_m / steps_per_cycle)
+
+
+def advance(route: Route, pose: Pose, params: WalkerParams, steps_per_cycle: int, scale: float = 1.0) -> Advance:
+    """Movement of the trunk in the next step, heading axes of `pose`.
+
+    Args:
+        route: the command and where it began.
+        pose: dead-reckoned pose, odom.
+        params: settings.
+        steps_per_cycle: of the gait.
+        scale: 0..1, shortens the step.
+
+    Returns:
+        The advance; cross-track and heading errors are taken out by `steer_gain` within limits.
+    """
+    command, start = route.command, route.start or pose
+    if command.action not in ("walk", "turn") or finished(route, pose, params):
+        return Advance()
+    left = remaining(route, pose)
+    limit = params.steer_limit_rad
+    if command.action == "turn":
+        step = params.turn_step_rad * 2.0 / steps_per_cycle
+        return Advance(turn=scale * max(-step, min(step, left)))
+    step = stride(command, params, steps_per_cycle)
+    c, s = math.cos(start.yaw), math.sin(start.yaw)
+    across = -s * (pose.x - start.x) + c * (pose.y - start.y)
+    heading = wrap(pose.yaw - start.yaw)
+    along = max(-step, min(step, left))
+    side = max(-params.steer_limit_m, min(params.steer_limit_m, -params.steer_gain * across))
+    ch, sh = math.cos(heading), math.sin(heading)
+    return Advance(
+        forward=scale * (ch * along + sh * side),
+        left=scale * (-sh * along + ch * side),
+        turn=scale * max(-limit, min(limit, -params.steer_gain * heading)),
+    )
+
+
+def moved(pose: Pose, step: Advance, part: float = 1.0) -> Pose:
+    """The pose after `part` of an advance; z is kept."""
+    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+    return Pose(
+        x=pose.x + part * (c * step.forward - s * step.left),
+        y=pose.y + part * (s * step.forward + c * step.left),
+        z=pose.z,
+        yaw=pose.yaw + part * step.turn,
+    )

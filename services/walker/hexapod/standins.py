@@ -1,0 +1,53 @@
+"""Simple answers to the walker's two questions, for use without the foothold and stability services."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry import rotations
+from surefoot.geometry.linear import angle_of, product
+from surefoot.robot import kinematics
+from surefoot.robot.description import Robot
+from surefoot.services.walker.interface import CheckReply, CheckRequest, FootholdReply, StepRequest
+
+
+def nominal_footholds(request: StepRequest) -> tuple[FootholdReply, ...]:
+    """Every foot lands on its nominal foothold."""
+    return tuple(FootholdReply("ok", leg.nominal) for leg in request.legs)
+
+
+def ring_of(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (n, 2) in counter-clockwise order about their mean."""
+    centre = points.mean(axis=0)
+    return points[np.argsort(angle_of(points[:, 1] - centre[1], points[:, 0] - centre[0]))]
+
+
+def hull_margin(points: NDArray[np.float64], c: NDArray[np.float64]) -> float:
+    """Distance of c (2,) inside the convex hull of points (n, 2), negative outside (by the nearest edge's line), m."""
+    ring = ring_of(points)
+    margin = math.inf
+    for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
+        edge = b - a
+        length = math.hypot(edge[0], edge[1])
+        if length > 1e-9:
+            margin = min(margin, (edge[0] * (c[1] - a[1]) - edge[1] * (c[0] - a[0])) / length)
+    return float(margin)
+
+
+class HullCheck:
+    """Static margin of the centre of mass over the hull of the standing feet."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._model = robot.model
+
+    def __call__(self, request: CheckRequest) -> CheckReply:
+        """Margin before and after the planned movement; the smaller one counts."""
+        if len(request.positions) < 3:
+            return CheckReply(False, None, "segment")
+        rot = rotations.matrix_from_quat(request.base_quat)
+        com = request.base_position + product(rot, kinematics.com(self._model, request.joints))
+        feet = request.positions[:, :2]
+        after = com[:2] + np.array(request.movement[:2])
+        margin = min(hull_margin(feet, com[:2]), hull_margin(feet, after))
+        return CheckReply(margin >= 0.0, margin, "ok", ring_of(feet), com[:2], after)

@@ -1,0 +1,113 @@
+"""Feet in motion: a planned step tick by tick, touch-down by the foot switches, and feet put down after a start."""
+
+import numpy as np
+
+from surefoot.geometry import rotations
+from surefoot.robot import kinematics
+from surefoot.robot.description import Robot
+from surefoot.services.walker.hexapod import posture, swing
+from surefoot.services.walker.hexapod.params import WalkerParams
+from surefoot.services.walker.hexapod.planning import Flags, StepPlan
+from surefoot.services.walker.hexapod.state import Stage, WalkerState
+
+TOUCH_PHASE = 0.05  # of the swing after the fall begins: earlier switch readings belong to the lift-off
+SETTLE_SPEED = 0.04  # m/s, how fast a lifted foot looks for the ground after a start
+SETTLE_DEPTH = 0.08  # m, how far
+HANGING = 2  # samples with an open switch after which a landed foot goes on down: one may be a bounce
+LOAD_S = 0.1  # s, in which a standing foot takes its load
+
+
+def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -> bool:
+    """Move trunk and feet by one tick of the planned step; returns whether the step is done.
+
+    The trunk moves evenly over the step. Feet that find no ground at their landing go on down while the trunk waits.
+    """
+    s, p, plan = state, params, state.plan
+    assert plan is not None
+    s.clock += dt
+    u = min(1.0, s.clock / plan.duration)
+    v = max(0.0, (s.clock / plan.duration - p.overlap) / (1.0 - 2.0 * p.overlap))
+    if s.fresh and v > plan.shape.fall_start + TOUCH_PHASE:
+        _touch(s, robot, plan)
+    if v > 1.0:
+        _give_up(s, robot, plan)
+    seeking = _seek(s, robot, plan, p.touch_speed * dt)
+    s.feet, s.support = swing.targets(
+        plan.shape, plan.swing, s.landed, plan.feet_from, plan.feet_to, plan.top, plan.go, plan.arrive,
+        v, s.feet, p.press_speed * dt, s.support, dt / (p.overlap * plan.duration),
+    )  # fmt: skip
+    a, b, ease = plan.begin, plan.end, swing.smooth(u)
+    s.body[:] = (a.x + u * (b.x - a.x), a.y + u * (b.y - a.y), a.z + ease * (b.z - a.z))
+    s.yaw = a.yaw + u * (b.yaw - a.yaw)
+    if u < 1.0 or seeking or not s.landed.all():
+        return False
+    s.footholds = plan.feet_to.copy()
+    s.steps += 1
+    s.steps_in_walk += 1
+    return True
+
+
+def _touch(state: WalkerState, robot: Robot, plan: StepPlan) -> None:
+    """Feet that swing and touch stay where they are; their height is the measured one."""
+    s = state
+    touched = plan.swing & ~s.landed & s.contacts
+    if touched.any() and s.measured is not None:
+        _put(s, robot, plan, touched)
+        s.landed |= touched
+
+
+def _put(state: WalkerState, robot: Robot, plan: StepPlan, feet: Flags) -> None:
+    """These feet stand where they are."""
+    s = state
+    assert s.measured is not None
+    rot = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
+    measured = posture.into_map(kinematics.foot_positions(robot.model, s.measured), s.body, rot)
+    plan.feet_to[feet] = s.feet[feet]
+    plan.feet_to[feet, 2] = measured[feet, 2]
+
+
+def _seek(state: WalkerState, robot: Robot, plan: StepPlan, way: float) -> bool:
+    """Landed feet that touch nothing any more go on down by `way` (m); returns whether there are any.
+
+    A foot that met an edge on its way stands there for a moment and then hangs beside it: were the others lifted now,
+    the robot would fall onto it.
+    """
+    s = state
+    if s.fresh:
+        landed = plan.swing & s.landed
+        found = landed & s.contacts & (s.hanging >= HANGING)
+        if found.any() and s.measured is not None:
+            _put(s, robot, plan, found)
+        s.hanging = np.where(landed & ~s.contacts, s.hanging + 1, 0)
+    seeking = (s.hanging >= HANGING) & (plan.feet_to[:, 2] > plan.deepest)
+    plan.feet_to[seeking, 2] -= way
+    return bool(seeking.any())
+
+
+def _give_up(state: WalkerState, robot: Robot, plan: StepPlan) -> None:
+    """Feet that have looked for the ground far enough stay where they are."""
+    s = state
+    lost = plan.swing & ~s.landed & (s.feet[:, 2] < plan.deepest)
+    if lost.any():
+        s.landed |= lost
+        plan.feet_to[lost] = s.feet[lost]
+        names = [name for name, gone in zip(robot.leg_names, lost, strict=True) if gone]
+        s.reason = f"no ground found under {', '.join(names)}"
+
+
+def settle(state: WalkerState, dt: float) -> None:
+    """Lower every foot that has no contact until all stand."""
+    s = state
+    if s.fresh:
+        s.landed |= s.contacts
+    s.landed |= s.footholds[:, 2] - s.feet[:, 2] > SETTLE_DEPTH
+    s.feet[~s.landed, 2] -= SETTLE_SPEED * dt
+    load(s, dt)
+    if s.landed.all():
+        s.footholds = s.feet.copy()
+        s.stage = Stage.STAND
+
+
+def load(state: WalkerState, dt: float) -> None:
+    """Standing feet take their load."""
+    state.support = np.minimum(1.0, state.support + state.landed * (dt / LOAD_S))

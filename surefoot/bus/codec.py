@@ -1,0 +1,133 @@
+"""Wire format: JSON by pydantic, its name and version in the encoding; bulk arrays raw with a JSON attachment."""
+
+from functools import cache
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from surefoot.errors import Refusal
+from surefoot.schemas.base import Bulk, BulkRequest, Header, Message, Wire
+
+W = TypeVar("W", bound=Wire)
+
+MAX_JSON_BYTES = 1 << 20
+"""A JSON payload beyond 1 MiB is refused: the largest message of ours is a few kB."""
+
+MAX_BULK_BYTES = 64 << 20
+"""A 4096 x 4096 float32 map is 64 MiB."""
+
+_JSON = "application/json"
+_OCTETS = "application/octet-stream"
+
+
+@cache
+def encoding_of(model: type[Wire]) -> str:
+    """Zenoh encoding of a model, e.g. ``application/json;surefoot/Imu/1.0``."""
+    return f"{_OCTETS if issubclass(model, Bulk) else _JSON};{model.schema_name()}"
+
+
+@cache
+def _plain(model: type[Wire]) -> bool:
+    """No model of raw bytes. Kept: pydantic's classes are abstract, and asking one costs more than a small message."""
+    return not issubclass(model, (Bulk, BulkRequest))
+
+
+def encode(message: Wire) -> tuple[bytes, bytes | None]:
+    """Payload and attachment of a message."""
+    text = message.__pydantic_serializer__.to_json(message)
+    if _plain(type(message)):
+        return text, None
+    if isinstance(message, Bulk) or (isinstance(message, BulkRequest) and message.data):
+        return message.data, text
+    return text, None
+
+
+def decode(model: type[W], payload: bytes, attachment: bytes | None = None, encoding: str = "") -> W:
+    """Message of a payload.
+
+    Raises:
+        Refusal: too_large, schema (another named schema or major version), malformed, or invalid (names the field).
+    """
+    if encoding:
+        check_encoding(model, encoding)
+    if _plain(model):
+        return validate_json(model, payload)
+    if issubclass(model, Bulk) or (attachment is not None and issubclass(model, BulkRequest)):
+        if len(payload) > MAX_BULK_BYTES:
+            raise Refusal("too_large", f"payload of {len(payload)} bytes; at most {MAX_BULK_BYTES} are accepted")
+        head = validate_json(model, attachment or b"{}")
+        return head.model_copy(update={"data": payload})
+    return validate_json(model, payload)
+
+
+def validate_json(model: type[W], payload: bytes) -> W:
+    """Message of a JSON text; see ``decode`` for what it raises."""
+    if len(payload) > MAX_JSON_BYTES:
+        raise Refusal("too_large", f"payload of {len(payload)} bytes; at most {MAX_JSON_BYTES} are accepted")
+    try:
+        return model.__pydantic_validator__.validate_json(payload)
+    except ValidationError as error:
+        raise refusal_of(error, model.__name__) from None
+
+
+def refusal_of(error: ValidationError, what: str) -> Refusal:
+    """The first complaint of pydantic as one sentence with the field and the received value."""
+    first = first_complaint(error)
+    field = ".".join(str(part) for part in first["loc"]) or None
+    if first["type"] == "json_invalid":
+        return Refusal("malformed", f"{what}: {first['msg']}", field)
+    got = repr(first.get("input"))
+    got = got if len(got) <= 120 else got[:117] + "..."
+    return Refusal("invalid", f"{what}{'.' + field if field else ''}: {first['msg']} (got {got})", field)
+
+
+def first_complaint(error: ValidationError) -> ErrorDetails:
+    """The first complaint, ``loc`` without pydantic's names of a union's members, which nobody sent.
+
+    Of several complaints about one union (a number or a list of directions) it is that of the member that was
+    understood furthest: who sends a list hears of its third row, not that it is no number.
+    """
+    found = [(_sent(one), one) for one in error.errors(include_url=False, include_context=False)]
+    loc, first = found[0]
+    if len(loc) < len(first["loc"]):
+        same = [(where, one) for where, one in found if where[: len(loc)] == loc]
+        loc, first = max(same, key=lambda f: (len(f[0]), not f[1]["type"].endswith("_type")))
+    return {**first, "loc": loc}
+
+
+def _sent(complaint: ErrorDetails) -> tuple[int | str, ...]:
+    """The path of a complaint as it was sent: members of unions are called ``constrained-int``, ``tuple[...]``."""
+    loc = complaint["loc"]
+    last = len(loc) - 1 if complaint["type"] == "extra_forbidden" else len(loc)
+    return tuple(part for i, part in enumerate(loc) if i >= last or isinstance(part, int) or part.isidentifier())
+
+
+def check_encoding(model: type[Wire], encoding: str) -> None:
+    """Refuses another named schema or another major version; absent or generic encodings mean the current one."""
+    _, _, schema = encoding.partition(";")
+    if not schema or schema == model.schema_name():
+        return
+    owner, _, rest = schema.partition("/")
+    if owner != "surefoot":
+        return
+    name, _, version = rest.partition("/")
+    if name != model.__name__:
+        raise Refusal("schema", f"got a {name!r}, expected {model.__name__!r}")
+    if version.split(".")[0] != model.schema_version.split(".")[0]:
+        raise Refusal(
+            "schema", f"{name} version {version!r} has another major number than ours, {model.schema_version!r}"
+        )
+
+
+def read_header(payload: bytes, attachment: bytes | None) -> Header:
+    """Header alone, for those who pass messages on without reading them."""
+    return validate_json(Header, attachment or payload)
+
+
+def json_schema(model: type[Wire]) -> dict[str, Any]:
+    """JSON Schema of a model as published by ``surefoot schema export``."""
+    schema = model.model_json_schema(mode="serialization" if issubclass(model, Message) else "validation")
+    schema["$id"] = model.schema_name()
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    return schema

@@ -1,0 +1,64 @@
+"""A frame: everything a service says in one tick, or in a few, as one message.
+
+Payload: the JSON array of its messages, so that any tool can read it. Attachment: the index, one
+``<key>,<length>,<tick>,<epoch>,<stamp_ns>,<seq>`` per message, semicolons between them, in the order of the array, so
+that a reader takes what it needs without reading the rest. Length 0 is a prime: it has no place in the array.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from surefoot.bus.interface import Delivery, Raw, Stamp
+from surefoot.errors import Refusal
+from surefoot.schemas.topics import Topic
+
+
+class Part(NamedTuple):
+    """One message of a frame."""
+
+    key: str
+    payload: bytes
+    stamp: Stamp
+
+
+def pack(parts: Sequence[Part]) -> tuple[bytes, bytes]:
+    """Payload and attachment of a frame."""
+    index = [f"{key},{len(payload)},{s.tick},{s.epoch},{s.stamp_ns},{s.seq}" for key, payload, s in parts]
+    return b"[" + b",".join([part.payload for part in parts if part.payload]) + b"]", ";".join(index).encode()
+
+
+class Frame:
+    """A frame as it came; taken apart on the reader's own thread."""
+
+    __slots__ = ("_index", "_payload", "_topics", "owner")
+
+    def __init__(self, owner: str, topics: Mapping[str, Topic[Any]], payload: bytes, index: bytes) -> None:
+        self.owner = owner
+        self._topics = topics
+        self._payload = payload
+        self._index = index
+
+    def deliveries(self) -> list[Delivery]:
+        """The messages in it that the reader takes, in the order they were published.
+
+        Raises:
+            Refusal: malformed, the index is not one or does not fit the payload.
+        """
+        found: list[Delivery] = []
+        payload = self._payload
+        try:
+            begin = 1
+            for entry in self._index.decode("ascii").split(";"):
+                key, size, tick, epoch, stamp_ns, seq = entry.split(",")
+                length = int(size)
+                topic = self._topics.get(key)
+                if topic is not None:
+                    raw = Raw(payload[begin : begin + length], None, "")
+                    found.append(Delivery(topic, None, raw, (tick, epoch, stamp_ns, seq)))
+                if length:
+                    begin += length + 1
+        except ValueError as error:
+            raise Refusal("malformed", f"index of a frame: {error} (got {self._index[:80]!r})") from None
+        if max(begin, 2) != len(payload):
+            raise Refusal("malformed", f"frame of {len(payload)} bytes; its index says {max(begin, 2)}")
+        return found

@@ -1,0 +1,201 @@
+"""What a bus offers, whatever carries it: Zenoh between processes, or plain calls inside one.
+
+Participants of lockstep exchange *frames*: everything a service says in a tick travels to its peers as one message,
+for each message costs its sender and every reader a wake-up, however small it is. Onlookers subscribe to the topics
+themselves, which are published as well as soon as somebody listens.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+
+from surefoot.bus.codec import decode, encode, encoding_of, read_header
+from surefoot.errors import Refusal, SurefootError
+from surefoot.schemas.base import Message, Request, Wire
+from surefoot.schemas.topics import Query, Topic
+
+M = TypeVar("M", bound=Message)
+M_contra = TypeVar("M_contra", bound=Message, contravariant=True)
+Req = TypeVar("Req", bound=Request)
+Rep = TypeVar("Rep", bound=Wire)
+
+
+class Raw(NamedTuple):
+    """A message that is passed on without being read: what a recorder keeps."""
+
+    payload: bytes
+    attachment: bytes | None
+    encoding: str
+
+
+class Stamp(NamedTuple):
+    """The header of a message as the index of its frame tells it."""
+
+    tick: int
+    epoch: int
+    stamp_ns: int
+    seq: int
+
+
+class Delivery:
+    """A message as it came: already an object (in-memory bus) or still bytes (Zenoh); read on the node's own thread."""
+
+    __slots__ = ("_message", "_raw", "_stamp", "topic")
+
+    def __init__(
+        self, topic: Topic[Any], message: Message | None, raw: Raw | None, stamp: tuple[str, ...] | None = None
+    ) -> None:
+        self.topic = topic
+        self._message = message
+        self._raw = raw
+        self._stamp = stamp
+
+    @property
+    def prime(self) -> bool:
+        """An empty payload: the publisher proves the link before tick 0."""
+        return self._message is None and (self._raw is None or not self._raw.payload)
+
+    def message(self) -> Message:
+        """The decoded message.
+
+        Raises:
+            Refusal: the payload is not what the topic carries.
+        """
+        if self._message is None:
+            assert self._raw is not None
+            self._message = decode(self.topic.model, *self._raw)
+        return self._message
+
+    def header(self) -> Any:
+        """The header alone, without reading the rest (raises as ``message``)."""
+        if self._message is not None:
+            return self._message
+        if self._stamp is not None:
+            try:
+                return Stamp(*map(int, self._stamp))
+            except ValueError as error:
+                raise Refusal("malformed", f"index of a frame, {self.topic.key}: {error}") from None
+        assert self._raw is not None
+        return read_header(self._raw.payload, self._raw.attachment)
+
+    def raw(self) -> Raw:
+        """The bytes on the wire, encoded here when the message came as an object."""
+        if self._raw is None:
+            assert self._message is not None
+            self._raw = Raw(*encode(self._message), encoding_of(self.topic.model))
+        return self._raw
+
+
+class Incoming(Protocol):
+    """A query that waits for its answer. Exactly one of the methods ends it."""
+
+    query: Query[Any, Any]
+
+    @property
+    def probe(self) -> bool:
+        """True for the empty query that only proves the link."""
+        ...
+
+    def request(self) -> Request:
+        """The decoded request (raises Refusal)."""
+        ...
+
+    def reply(self, reply: Wire) -> None:
+        """Answers."""
+        ...
+
+    def fail(self, error: SurefootError) -> None:
+        """Answers with a typed error."""
+        ...
+
+    def accept_probe(self) -> None:
+        """Answers a probe."""
+        ...
+
+
+@dataclass(frozen=True)
+class Life:
+    """A process appeared or went."""
+
+    service: str
+    instance: str
+    alive: bool
+
+
+class Publisher(Protocol, Generic[M_contra]):
+    """One key, one writer."""
+
+    @property
+    def watched(self) -> bool:
+        """Whether somebody beside the participants listens to this very key."""
+        ...
+
+    def put(self, message: M_contra) -> Any:
+        """Publishes and returns a token for ``resend``."""
+        ...
+
+    def resend(self, token: Any) -> None:
+        """Publishes the very same bytes again."""
+        ...
+
+    def prime(self) -> None:
+        """Publishes the empty payload."""
+        ...
+
+
+class Bus(Protocol):
+    """A namespace of topics and queries. Sinks may be called from any thread and must only queue."""
+
+    def publisher(self, topic: Topic[M]) -> Publisher[M]:
+        """Declares the one writer of a key."""
+        ...
+
+    def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], None]) -> None:
+        """Delivers every message of a key, or of all keys of a ``/*`` family, whoever publishes it."""
+        ...
+
+    def take(self, topics: Iterable[Topic[Any]], sink: Callable[[Any], None], *, batched: bool = False) -> None:
+        """Delivers topics to a participant: framed ones as a Frame of their owner's, others as Deliveries.
+
+        Args:
+            topics: rows with one owner each.
+            sink: called from any thread.
+            batched: some ticks in one frame, for those whom nobody waits for.
+        """
+        ...
+
+    def cork(self) -> None:
+        """Holds back what is published on framed topics from now on."""
+        ...
+
+    def flush(self, *, batch: bool = True) -> None:
+        """Publishes what was held back as one frame; ``batch``: also what waits for those who take it batched."""
+        ...
+
+    def serve(self, query: Query[Any, Any], sink: Callable[[Incoming], None]) -> None:
+        """Delivers the queries of a key."""
+        ...
+
+    def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None) -> Rep:
+        """Asks and waits.
+
+        Raises:
+            CallError: absent, timeout, or the server's refusal under the server's code.
+        """
+        ...
+
+    def probe(self, query: Query[Any, Any]) -> bool:
+        """Whether the server of a query answers at all."""
+        ...
+
+    def announce(self, service: str, instance: str) -> None:
+        """Makes the process visible to ``watch``; call it after everything is declared."""
+        ...
+
+    def watch(self, sink: Callable[[Life], None]) -> None:
+        """Delivers the appearance and disappearance of services, those already there first."""
+        ...
+
+    def close(self) -> None:
+        """Ends it; harmless when repeated."""
+        ...

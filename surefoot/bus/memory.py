@@ -1,0 +1,153 @@
+"""The bus inside one process: same interface, no bytes, deterministic. For tests, replay and studies over seeds."""
+
+from collections.abc import Callable, Iterable
+from typing import Any, Generic, TypeVar
+
+from surefoot.bus.interface import Delivery, Incoming, Life
+from surefoot.errors import CallError, SurefootError
+from surefoot.schemas.base import Message, Request, Wire
+from surefoot.schemas.topics import Query, Topic
+
+M = TypeVar("M", bound=Message)
+Req = TypeVar("Req", bound=Request)
+Rep = TypeVar("Rep", bound=Wire)
+
+
+class MemoryPublisher(Generic[M]):
+    """Hands each message to the sinks of its key."""
+
+    watched = False
+
+    def __init__(self, topic: Topic[M], sinks: Callable[[str], list[Callable[[Delivery], None]]]) -> None:
+        self.topic = topic
+        self._sinks = sinks
+
+    def put(self, message: M) -> M:
+        for sink in self._sinks(self.topic.key):
+            sink(Delivery(self.topic, message, None))
+        return message
+
+    def resend(self, token: M) -> None:
+        self.put(token)
+
+    def prime(self) -> None:
+        for sink in self._sinks(self.topic.key):
+            sink(Delivery(self.topic, None, None))
+
+
+class MemoryIncoming:
+    """A query whose asker waits in the same thread."""
+
+    def __init__(self, query: Query[Any, Any], request: Request | None) -> None:
+        self.query = query
+        self.probe = request is None
+        self._request = request
+        self.answer: Wire | None = None
+        self.error: SurefootError | None = None
+
+    def request(self) -> Request:
+        assert self._request is not None
+        return self._request
+
+    def reply(self, reply: Wire) -> None:
+        self.answer = reply
+
+    def fail(self, error: SurefootError) -> None:
+        self.error = error
+
+    def accept_probe(self) -> None:
+        return
+
+
+class MemoryBus:
+    """Topics and queries of one robot inside one process.
+
+    A node that serves queries registers ``pump``, which handles what waits in its inbox; a call pumps its server until
+    the answer is there. Because the call graph is acyclic no node is ever pumped while it is in a call itself.
+    """
+
+    def __init__(self) -> None:
+        self._sinks: dict[str, list[Callable[[Delivery], None]]] = {}
+        self._families: list[tuple[str, Callable[[Delivery], None]]] = []
+        self._servers: dict[str, Callable[[Incoming], None]] = {}
+        self._pumps: dict[str, Callable[[], bool]] = {}
+        self._routes: dict[str, list[Callable[[Delivery], None]]] = {}
+        self._watchers: list[Callable[[Life], None]] = []
+        self._alive: list[Life] = []
+
+    def publisher(self, topic: Topic[M]) -> MemoryPublisher[M]:
+        return MemoryPublisher(topic, self._route)
+
+    def _route(self, key: str) -> list[Callable[[Delivery], None]]:
+        route = self._routes.get(key)
+        if route is None:
+            route = self._sinks.get(key, []) + [sink for prefix, sink in self._families if key.startswith(prefix)]
+            self._routes[key] = route
+        return route
+
+    def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], None]) -> None:
+        self._routes.clear()
+        if topic.key.endswith("/*"):
+            self._families.append((topic.key[:-1], sink))
+        else:
+            self._sinks.setdefault(topic.key, []).append(sink)
+
+    def take(self, topics: Iterable[Topic[Any]], sink: Callable[[Delivery], None], *, batched: bool = False) -> None:
+        for topic in topics:
+            self.subscribe(topic, sink)
+
+    def cork(self) -> None:
+        return  # a call costs the same for one message as for a frame of them
+
+    def flush(self, *, batch: bool = True) -> None:
+        return
+
+    def serve(self, query: Query[Any, Any], sink: Callable[[Incoming], None]) -> None:
+        self._servers[query.key] = sink
+
+    def pump_with(self, query: Query[Any, Any], pump: Callable[[], bool]) -> None:
+        """Tells how to make the server of ``query`` work; returns whether it did anything."""
+        self._pumps[query.key] = pump
+
+    def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None) -> Rep:
+        server = self._servers.get(query.key)
+        if server is None:
+            raise CallError("absent", f"nobody serves {query.key!r}")
+        incoming = MemoryIncoming(query, request)
+        server(incoming)
+        pump = self._pumps.get(query.key)
+        while incoming.answer is None and incoming.error is None:
+            if pump is None or not pump():
+                raise CallError("timeout", f"{query.key!r} did not answer")
+        if incoming.error is not None:
+            error = incoming.error
+            raise CallError(error.code, error.message, error.field)
+        answer = incoming.answer
+        assert isinstance(answer, query.reply)
+        return answer
+
+    def probe(self, query: Query[Any, Any]) -> bool:
+        return query.key in self._servers
+
+    def announce(self, service: str, instance: str) -> None:
+        life = Life(service, instance, True)
+        self._alive.append(life)
+        for watcher in self._watchers:
+            watcher(life)
+
+    def depart(self, service: str) -> None:
+        """What the loss of a process looks like; for tests of faults."""
+        for life in [life for life in self._alive if life.service == service]:
+            self._alive.remove(life)
+            for watcher in self._watchers:
+                watcher(Life(life.service, life.instance, False))
+
+    def watch(self, sink: Callable[[Life], None]) -> None:
+        self._watchers.append(sink)
+        for life in self._alive:
+            sink(life)
+
+    def close(self) -> None:
+        self._sinks.clear()
+        self._servers.clear()
+        self._routes.clear()

@@ -1,0 +1,125 @@
+"""Publishers over Zenoh: a key by itself for onlookers, and everything an owner says in frames for participants."""
+# pyright: reportUnknownMemberType=false
+
+from typing import Any, Generic, TypeVar
+
+import zenoh
+
+from surefoot.bus.codec import encode, encoding_of
+from surefoot.bus.frame import Part, pack
+from surefoot.bus.interface import Stamp
+from surefoot.schemas.base import Message
+from surefoot.schemas.topics import Kind, Topic
+
+M = TypeVar("M", bound=Message)
+
+_JSON = "application/json"
+_BLOCK = zenoh.CongestionControl.BLOCK
+_DROP = zenoh.CongestionControl.DROP
+_QOS = {  # congestion control, priority, express (no batching: a tick waits for its messages)
+    Kind.SAMPLE: (_DROP, zenoh.Priority.DATA_HIGH, False),
+    Kind.STATE: (_DROP, zenoh.Priority.DATA_HIGH, False),
+    Kind.COMMAND: (_DROP, zenoh.Priority.DATA_HIGH, False),
+    Kind.LATCHED: (_BLOCK, zenoh.Priority.DATA, False),
+    Kind.LOCKSTEP: (_BLOCK, zenoh.Priority.REAL_TIME, True),
+    Kind.STATUS: (_DROP, zenoh.Priority.DATA_LOW, False),
+    Kind.ALARM: (_BLOCK, zenoh.Priority.REAL_TIME, True),
+}
+"""Participants get samples, states and commands in frames, which block rather than drop; on the topics themselves are
+only onlookers, and one that does not read must not stop a robot."""
+
+FRAME, BATCH = "frame/{}", "batch/{}"
+"""Keys of what a service says (``driver``: the simulator or a hardware driver) in each tick and in some ticks."""
+
+
+class ZenohPublisher(Generic[M]):
+    """One key on the network."""
+
+    watched = True
+
+    def __init__(self, session: zenoh.Session, topic: Topic[M]) -> None:
+        self.topic = topic
+        self._publisher = _declare(session, topic.key, encoding_of(topic.model), *_QOS[topic.kind])
+
+    def put(self, message: M) -> tuple[bytes, bytes | None]:
+        token = encode(message)
+        self._publisher.put(token[0], attachment=token[1])
+        return token
+
+    def resend(self, token: tuple[bytes, bytes | None]) -> None:
+        self._publisher.put(token[0], attachment=token[1])
+
+    def prime(self) -> None:
+        self._publisher.put(b"")
+
+
+class Framer:
+    """Collects what one owner says and publishes it, by the tick and by the batch."""
+
+    def __init__(self, session: zenoh.Session, owner: str) -> None:
+        self.corked = False
+        self.frame: list[Part] = []
+        self.batch: list[Part] = []
+        self._frames = _declare(session, FRAME.format(owner), _JSON, *_QOS[Kind.LOCKSTEP])
+        self._batches = _declare(session, BATCH.format(owner), _JSON, *_QOS[Kind.LOCKSTEP])
+
+    def flush(self, batch: bool) -> None:
+        """Publishes what waits."""
+        self.corked = False
+        if self.frame:
+            payload, index = pack(self.frame)
+            self._frames.put(payload, attachment=index)
+            self.batch += self.frame
+            self.frame = []
+        if batch and self.batch:
+            payload, index = pack(self.batch)
+            self._batches.put(payload, attachment=index)
+            self.batch = []
+
+
+class FramedPublisher(Generic[M]):
+    """A key whose messages travel in frames, and by themselves for onlookers."""
+
+    def __init__(self, session: zenoh.Session, framer: Framer, topic: Topic[M]) -> None:
+        self.topic = topic
+        self._framer = framer
+        self._publisher = _declare(session, topic.key, encoding_of(topic.model), *_QOS[topic.kind])
+        self.watched = False
+        self._listener = self._publisher.declare_matching_listener(self._on_match)
+        status: Any = self._publisher.matching_status  # the stubs say bool
+        self._on_match(status)
+
+    def _on_match(self, status: Any) -> None:
+        self.watched = bool(status.matching)
+
+    def put(self, message: M) -> Part:
+        stamp = Stamp(message.tick, message.epoch, message.stamp_ns, message.seq)
+        part = Part(self.topic.key, encode(message)[0], stamp)
+        self.resend(part)
+        return part
+
+    def resend(self, token: Part) -> None:
+        self._frame(token)
+        if self.watched or not self._framer.corked:
+            self._publisher.put(token.payload)
+
+    def prime(self) -> None:
+        self._frame(Part(self.topic.key, b"", Stamp(-1, 0, 0, 0)))
+
+    def _frame(self, part: Part) -> None:
+        (self._framer.batch if self.topic.judging else self._framer.frame).append(part)
+        if not self._framer.corked:
+            self._framer.flush(batch=True)
+
+
+def _declare(
+    session: zenoh.Session, key: str, encoding: str, congestion: Any, priority: Any, express: bool
+) -> zenoh.Publisher:
+    return session.declare_publisher(
+        key,
+        encoding=encoding,
+        congestion_control=congestion,
+        priority=priority,
+        express=express,
+        reliability=zenoh.Reliability.RELIABLE,
+    )

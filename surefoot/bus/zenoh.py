@@ -1,0 +1,304 @@
+"""The bus between processes: one Zenoh session, one namespace, typed keys."""
+# pyright: reportUnknownMemberType=false, reportUnknownLambdaType=false
+# (the stubs of zenoh leave return types out)
+
+import ctypes
+import json
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from queue import Empty, SimpleQueue
+from typing import Any, TypeVar
+
+import zenoh
+from zenoh.handlers import Callback
+
+from surefoot.bus.codec import decode, encode, encoding_of, validate_json
+from surefoot.bus.endpoint import DEFAULT_ENDPOINT, checked_namespace, without_source
+from surefoot.bus.frame import Frame
+from surefoot.bus.interface import Delivery, Incoming, Life, Raw
+from surefoot.bus.publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher
+from surefoot.errors import BusError, CallError, Refusal, SurefootError
+from surefoot.schemas.base import ErrorReply, Message, Request, Wire
+from surefoot.schemas.topics import Query, Topic
+
+M = TypeVar("M", bound=Message)
+Req = TypeVar("Req", bound=Request)
+Rep = TypeVar("Rep", bound=Wire)
+
+DEFAULT_FLEET = "surefoot"
+LEASE_MS = 1000
+"""A frozen process is noticed after this time; a crash at once (Zenoh's default is 10 s)."""
+CONNECT_TIMEOUT_MS = 8000
+PROBE = b"probe"
+LIVE = "alive"
+_TIMEOUT = b"Timeout"  # what Zenoh itself puts into the error reply of a query that nobody ended in time
+
+_BLOCK = zenoh.CongestionControl.BLOCK
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """Where and as what a session joins the network."""
+
+    mode: str = "peer"
+    """router (the supervisor), peer (services), client (tools)."""
+    connect: tuple[str, ...] = (DEFAULT_ENDPOINT,)
+    listen: tuple[str, ...] = ()
+    namespace: str = f"{DEFAULT_FLEET}/ragno"
+
+
+def zenoh_config(endpoint: Endpoint) -> zenoh.Config:
+    """Zenoh settings of a session: no multicast, gossip between peers, no start-up delay, quick loss detection."""
+    listen = endpoint.listen
+    if endpoint.mode == "peer" and not listen:
+        listen = ("tcp/127.0.0.1:0",)  # a peer that does not listen gets no data from other peers
+    settings: dict[str, Any] = {
+        "mode": endpoint.mode,
+        "namespace": checked_namespace(endpoint.namespace),
+        "connect/endpoints": list(endpoint.connect) if endpoint.mode != "router" else [],
+        "connect/timeout_ms": CONNECT_TIMEOUT_MS,
+        "connect/exit_on_failure": endpoint.mode == "client",
+        "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
+        "listen/endpoints": list(listen),
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": endpoint.mode != "client",
+        "scouting/delay": 0,
+        "transport/link/tx/lease": LEASE_MS,
+    }
+    if endpoint.mode != "client":
+        settings["scouting/gossip/autoconnect_strategy"] = {
+            "peer": {"to_router": "always", "to_peer": "greater-zid"},
+        }
+    config = zenoh.Config()
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+class ZenohIncoming:
+    """A query over the network; it is ended by ``reply`` or ``fail``, else the asker would wait for its time-out."""
+
+    def __init__(self, query: Query[Any, Any], asked: zenoh.Query) -> None:
+        self.query = query
+        self._asked = asked
+        attachment = asked.attachment
+        self._attachment = None if attachment is None else attachment.to_bytes()
+        self.probe = self._attachment == PROBE
+
+    def request(self) -> Request:
+        payload, encoding = self._asked.payload, self._asked.encoding
+        data = b"" if payload is None else payload.to_bytes()
+        if not data and self._attachment is None:
+            if self.query.acts:
+                raise Refusal("malformed", f"{self.query.key}: an empty request does nothing; send a JSON object")
+            data = b"{}"
+        return decode(self.query.request, data, self._attachment, "" if encoding is None else str(encoding))
+
+    def reply(self, reply: Wire) -> None:
+        payload, attachment = encode(reply)
+        self._send(lambda q: q.reply(self.query.key, payload, encoding=encoding_of(type(reply)), attachment=attachment))
+
+    def fail(self, error: SurefootError) -> None:
+        payload = encode(error.reply())[0]
+        self._send(lambda q: q.reply_err(payload, encoding=encoding_of(ErrorReply)))
+
+    def accept_probe(self) -> None:
+        self._send(lambda q: q.reply(self.query.key, b"", attachment=PROBE))
+
+    def _send(self, send: Callable[[zenoh.Query], None]) -> None:
+        with self._asked as asked:
+            try:
+                send(asked)
+            except zenoh.ZError:
+                return  # the asker is gone; nobody is left to tell
+
+
+class ZenohBus:
+    """Topics and queries of one robot over a Zenoh session."""
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        self.endpoint = endpoint
+        try:
+            self.session = zenoh.open(zenoh_config(endpoint))
+        except zenoh.ZError as error:
+            raise BusError("no_bus", _why_not_open(endpoint, without_source(str(error)))) from None
+        self._keep: list[Any] = []
+        self._queriers: dict[tuple[str, float], zenoh.Querier] = {}
+        self._framers: dict[str, Framer] = {}
+
+    def publisher(self, topic: Topic[M], *, framed: bool = True) -> ZenohPublisher[M] | FramedPublisher[M]:
+        """See ``Bus``; without ``framed`` only for onlookers, as a recording is played."""
+        if not (framed and topic.framed):
+            return ZenohPublisher(self.session, topic)
+        framer = self._framers.get(topic.owner)
+        if framer is None:
+            framer = self._framers[topic.owner] = Framer(self.session, topic.owner)
+        return FramedPublisher(self.session, framer, topic)
+
+    def cork(self) -> None:
+        for framer in self._framers.values():
+            framer.corked = True
+
+    def flush(self, *, batch: bool = True) -> None:
+        for framer in self._framers.values():
+            framer.flush(batch)
+
+    def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], None]) -> None:
+        ours = encoding_of(topic.model)
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            attachment = sample.attachment
+            encoding = sample.encoding
+            raw = Raw(
+                sample.payload.to_bytes(),
+                None if attachment is None else attachment.to_bytes(),
+                "" if encoding == ours else str(encoding),
+            )
+            sink(Delivery(topic, None, raw))
+
+        self._keep.append(self.session.declare_subscriber(topic.key, on_sample))
+
+    def take(self, topics: Iterable[Topic[Any]], sink: Callable[[Any], None], *, batched: bool = False) -> None:
+        family = BATCH if batched else FRAME
+        owners: dict[str, dict[str, Topic[Any]]] = {}
+        for topic in topics:
+            if topic.framed:
+                owners.setdefault(topic.owner, {})[topic.key] = topic
+            else:
+                self.subscribe(topic, sink)
+        for owner, wanted in owners.items():
+            handler = Callback(_frame_sink(owner, wanted, sink), indirect=False)
+            self._keep.append(self.session.declare_subscriber(family.format(owner), handler))
+
+    def serve(self, query: Query[Any, Any], sink: Callable[[Incoming], None]) -> None:
+        def on_query(asked: zenoh.Query) -> None:
+            sink(ZenohIncoming(query, asked))
+
+        self._keep.append(self.session.declare_queryable(query.key, on_query, complete=True))
+
+    def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None) -> Rep:
+        timeout = query.timeout_s if timeout_s is None else timeout_s
+        reply = self._ask(query, timeout, *encode(request))
+        if reply is None:
+            status: Any = self._querier(query, timeout).matching_status  # the stubs say bool
+            if not status.matching:
+                raise CallError("absent", f"nobody serves {query.key!r} in {self.endpoint.namespace!r}")
+            raise CallError("timeout", f"{query.key!r} did not answer within {timeout:g} s")
+        if reply.ok is None:
+            assert reply.err is not None
+            raise _call_error(reply.err.payload.to_bytes(), query.key, timeout)
+        attachment = reply.ok.attachment
+        try:
+            return decode(
+                query.reply,
+                reply.ok.payload.to_bytes(),
+                None if attachment is None else attachment.to_bytes(),
+                str(reply.ok.encoding),
+            )
+        except Refusal as refusal:
+            raise CallError(refusal.code, refusal.message, refusal.field) from None
+
+    def probe(self, query: Query[Any, Any]) -> bool:
+        reply = self._ask(query, 0.2, b"", PROBE)
+        return reply is not None and reply.ok is not None
+
+    def _querier(self, query: Query[Any, Any], timeout: float) -> zenoh.Querier:
+        querier = self._queriers.get((query.key, timeout))
+        if querier is None:
+            querier = self.session.declare_querier(
+                query.key,
+                target=zenoh.QueryTarget.BEST_MATCHING,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                timeout=timeout,
+                congestion_control=_BLOCK,
+                priority=zenoh.Priority.INTERACTIVE_HIGH,
+                express=True,
+            )
+            self._queriers[(query.key, timeout)] = querier
+        return querier
+
+    def _ask(
+        self, query: Query[Any, Any], timeout: float, payload: bytes, attachment: bytes | None
+    ) -> zenoh.Reply | None:
+        """First reply, or None; the wait is bounded here too, should the network forget the query."""
+        replies: SimpleQueue[zenoh.Reply | None] = SimpleQueue()
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            _keep_thread_state()
+            replies.put(reply)
+
+        self._querier(query, timeout).get(
+            handler=Callback(on_reply, lambda: replies.put(None), indirect=False),
+            payload=payload,
+            encoding=encoding_of(query.request),
+            attachment=attachment,
+        )
+        try:
+            return replies.get(timeout=timeout + 0.2)
+        except Empty:
+            return None
+
+    def announce(self, service: str, instance: str) -> None:
+        self._keep.append(self.session.liveliness().declare_token(f"{LIVE}/{service}/{instance}"))
+
+    def watch(self, sink: Callable[[Life], None]) -> None:
+        def on_life(sample: zenoh.Sample) -> None:
+            _, service, instance = str(sample.key_expr).rsplit("/", 2)
+            sink(Life(service, instance, sample.kind == zenoh.SampleKind.PUT))
+
+        self._keep.append(self.session.liveliness().declare_subscriber(f"{LIVE}/*/*", on_life, history=True))
+
+    def close(self) -> None:
+        if not self.session.is_closed():
+            self.session.close()
+
+
+_kept: set[int] = set()
+
+
+def _keep_thread_state() -> None:
+    """To be called first on a thread of Zenoh's.
+
+    Python gives a foreign thread a new state at every call and takes it away after: memory mapped and unmapped per
+    message, and every other thread of the process interrupted for it. One more hold on the state lets it stay.
+    """
+    ident = threading.get_ident()
+    if ident not in _kept:
+        _kept.add(ident)
+        ctypes.pythonapi.PyGILState_Ensure()
+
+
+def _frame_sink(
+    owner: str, wanted: dict[str, Topic[Any]], sink: Callable[[Any], None]
+) -> Callable[[zenoh.Sample], None]:
+    def on_sample(sample: zenoh.Sample) -> None:
+        _keep_thread_state()
+        index = sample.attachment
+        sink(Frame(owner, wanted, sample.payload.to_bytes(), b"" if index is None else index.to_bytes()))
+
+    return on_sample
+
+
+def _call_error(payload: bytes, key: str, timeout: float) -> CallError:
+    try:
+        error = validate_json(ErrorReply, payload)
+    except Refusal:
+        if payload == _TIMEOUT:
+            return CallError("timeout", f"{key!r} did not answer within {timeout:g} s")
+        return CallError("error", payload[:200].decode("utf-8", "replace"))
+    return CallError(error.code, error.message, error.field)
+
+
+def _why_not_open(endpoint: Endpoint, error: str) -> str:
+    addresses: Sequence[str] = endpoint.listen if endpoint.mode == "router" else endpoint.connect
+    where = ", ".join(addresses)
+    if endpoint.mode == "router" and "in use" in error:
+        return f"cannot listen on {where}: another router holds it (stop it, or choose another with --listen)"
+    if endpoint.mode == "router":
+        return f"cannot open a router on {where} for {endpoint.namespace!r}: {error}"
+    why = "" if error.startswith("Unable to connect") else f": {error}"
+    return (
+        f"no router answers at {where} (start one with `surefoot up`, or name another with --connect or "
+        f"SUREFOOT_CONNECT){why}"
+    )

@@ -1,0 +1,61 @@
+"""Where the hand-written files are, and how one is read: bounded, UTF-8, with a sentence for every failure."""
+
+import sys
+from pathlib import Path
+
+from surefoot.tables import TableError, did_you_mean
+
+MAX_FILE_BYTES = 256 * 1024  # written by hand; more is a mistake
+
+
+class FileError(TableError):
+    """A hand-written file that cannot be used.
+
+    Attributes:
+        file: the file as the user named it.
+    """
+
+    file: str = ""
+
+    def __str__(self) -> str:
+        return ": ".join(part for part in (self.file, self.field, self.message) if part and part != "file")
+
+
+def read_text(path: Path, error: type[FileError]) -> str:
+    """Return the text of a file; `error` with code `not_found`, `value` or `syntax` when that is impossible."""
+    try:
+        size = path.stat().st_size
+        if size > MAX_FILE_BYTES:
+            problem = error("value", "file", f"has {size} bytes, allowed are {MAX_FILE_BYTES}")
+        else:
+            return path.read_text(encoding="utf-8")
+    except OSError as exc:
+        problem = error("not_found", "file", f"cannot be read ({exc.strerror})")
+    except UnicodeDecodeError:
+        problem = error("syntax", "file", "is not UTF-8 text")
+    problem.file = str(path)
+    raise problem
+
+
+def folders(kind: str) -> tuple[Path, ...]:
+    """Return the folders that may hold `kind` ("compose" or "scenarios"): working folder, checkout, installation."""
+    places = (Path.cwd(), Path(__file__).resolve().parents[1], Path(sys.prefix) / "share" / "surefoot")
+    return tuple(dict.fromkeys(place / kind for place in places))
+
+
+def names(kind: str, suffix: str) -> tuple[str, ...]:
+    """Return the names of the files of a kind, without suffix."""
+    return tuple(sorted({path.stem for folder in folders(kind) for path in folder.glob(f"*{suffix}")}))
+
+
+def find(kind: str, name: str, suffix: str, error: type[FileError]) -> Path:
+    """Return the file for a path or for a bare name such as `ragno`."""
+    path = Path(name)
+    if path.suffix == suffix or len(path.parts) > 1:
+        return path
+    for folder in folders(kind):
+        if (folder / f"{name}{suffix}").is_file():
+            return folder / f"{name}{suffix}"
+    known = names(kind, suffix)
+    hint = did_you_mean(name, known)
+    raise error("not_found", "", f"no {kind} file is named {name!r}{hint}; there are {', '.join(known) or 'none'}")

@@ -1,0 +1,246 @@
+"""The height map: one class for the wire, the files and the code.
+
+`z[row, col]` is the height of the ground in metres over the CENTRE of cell (row, col); row runs along y, column
+along x, row 0 is y-min; `origin` is the centre of cell [0, 0] in frame `map`; NaN is unknown. The cell centres are
+the vertices of a MuJoCo height field, so both describe the same surface. Between the centres the surface is
+bilinear; the outermost half cell continues the border value.
+"""
+
+import hashlib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal, Self, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from surefoot.geometry import heightmap_kernels as kernels
+
+FRAME = "map"
+MAX_CELLS = 16_000_000  # 4000 x 4000 cells, 64 MB: larger is taken for a mistake
+
+
+class HeightMapError(ValueError):
+    """A height map that cannot be: `field` names what is wrong."""
+
+    def __init__(self, field: str, message: str) -> None:
+        super().__init__(f"{field}: {message}")
+        self.field = field
+
+
+@dataclass(frozen=True, eq=False)
+class HeightMap:
+    """Ground heights on a regular grid in frame `map`; immutable."""
+
+    z: NDArray[np.float32]
+    """Heights, (ny, nx), m, NaN = unknown, row 0 = y-min; stored as a read-only contiguous copy."""
+    cell: float
+    """Edge of a cell, m."""
+    origin: tuple[float, float] = (0.0, 0.0)
+    """x and y of the centre of cell [0, 0], m, frame `map`."""
+    version: int = 0
+    """Rises with every change of content by the map's owner."""
+
+    def __post_init__(self) -> None:
+        z: NDArray[np.float32] = np.array(self.z, dtype=np.float32, order="C", copy=True)
+        if z.ndim != 2 or z.size == 0 or z.size > MAX_CELLS:
+            raise HeightMapError("z", f"a map has 2 dimensions and 1 to {MAX_CELLS} cells, got shape {z.shape}")
+        if np.isinf(z).any():
+            raise HeightMapError("z", "heights must be finite, or NaN where unknown; got infinity")
+        cell = float(self.cell)
+        if not (math.isfinite(cell) and cell > 0.0):
+            raise HeightMapError("cell", f"must be finite and > 0 m, got {self.cell!r}")
+        origin = (float(self.origin[0]), float(self.origin[1]))
+        if len(self.origin) != 2 or not all(math.isfinite(value) for value in origin):
+            raise HeightMapError("origin", f"must be two finite metres, got {self.origin!r}")
+        if self.version < 0:
+            raise HeightMapError("version", f"must be >= 0, got {self.version!r}")
+        z.flags.writeable = False
+        object.__setattr__(self, "z", z)
+        object.__setattr__(self, "cell", cell)
+        object.__setattr__(self, "origin", origin)
+        object.__setattr__(self, "version", int(self.version))
+
+    # --- geometry -----------------------------------------------------------------------------------------------
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(ny, nx): rows along y, columns along x."""
+        return (self.z.shape[0], self.z.shape[1])
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """x_min, y_min, x_max, y_max of the outermost cell CENTRES, m."""
+        ny, nx = self.shape
+        x0, y0 = self.origin
+        return (x0, y0, x0 + (nx - 1) * self.cell, y0 + (ny - 1) * self.cell)
+
+    def index(self, x: float, y: float) -> tuple[int, int]:
+        """(row, col) of the cell that holds the point; may lie outside the map (see `inside`)."""
+        return (self._nearest(y, self.origin[1]), self._nearest(x, self.origin[0]))
+
+    def inside(self, row: int, col: int) -> bool:
+        """Whether the cell belongs to the map."""
+        return 0 <= row < self.z.shape[0] and 0 <= col < self.z.shape[1]
+
+    def centre(self, row: int, col: int) -> tuple[float, float]:
+        """x, y of a cell's centre, m; the cell may lie outside the map."""
+        return (self.origin[0] + col * self.cell, self.origin[1] + row * self.cell)
+
+    def xs(self) -> NDArray[np.float64]:
+        """x of the columns' centres, (nx,), m."""
+        return self.origin[0] + self.cell * np.arange(self.z.shape[1], dtype=np.float64)
+
+    def ys(self) -> NDArray[np.float64]:
+        """y of the rows' centres, (ny,), m."""
+        return self.origin[1] + self.cell * np.arange(self.z.shape[0], dtype=np.float64)
+
+    def _nearest(self, value: float, start: float) -> int:
+        return math.floor((value - start) / self.cell + 0.5)
+
+    # --- heights ------------------------------------------------------------------------------------------------
+
+    def height(
+        self, x: ArrayLike, y: ArrayLike, method: Literal["bilinear", "nearest"] = "bilinear"
+    ) -> NDArray[np.float64]:
+        """Heights at points, m: NaN outside the map, or where a cell that counts is unknown.
+
+        Args:
+            x: x of the points, any shape that broadcasts with y, m, frame `map`.
+            y: y of the points, m.
+            method: "bilinear" between the four nearest centres, or the "nearest" cell's own height.
+
+        Returns:
+            Array of the broadcast shape (zero-dimensional for scalars: `float()` it).
+        """
+        xs, ys = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
+        out = np.empty(xs.shape, dtype=np.float64)
+        kernels.heights(self.z, self.cell, *self.origin, xs.ravel(), ys.ravel(), method == "bilinear", out.reshape(-1))
+        return out
+
+    def height_at(self, x: float, y: float) -> float:
+        """Bilinear height at one point, m (the quick path of `height`)."""
+        return kernels.bilinear(self.z, self.cell, self.origin[0], self.origin[1], float(x), float(y))
+
+    def patch(self, x: float, y: float, n: int) -> NDArray[np.float32]:
+        """The n x n cells about the cell that holds (x, y), n odd; NaN outside the map. (n, n), a copy."""
+        if n < 1 or n % 2 == 0:
+            raise HeightMapError("n", f"a patch has an odd number of cells, got {n!r}")
+        out = np.empty((n, n), dtype=np.float32)
+        row, col = self.index(x, y) if math.isfinite(x) and math.isfinite(y) else (-n - 1, -n - 1)
+        kernels.patch(self.z, row - n // 2, col - n // 2, out)
+        return out
+
+    def dilated(self, radius: float) -> "HeightMap":
+        """The map of foot CENTRES: how high the centre of a sphere is when the sphere rests on the ground.
+
+        c[i, j] = max over cells n within `radius` of z_n + sqrt(radius^2 - d_n^2). Subtract `radius` for the lowest
+        point of that sphere. Unknown neighbours are left out; a cell is NaN when it is itself unknown.
+        """
+        if not (math.isfinite(radius) and radius >= 0.0):
+            raise HeightMapError("radius", f"must be finite and >= 0 m, got {radius!r}")
+        out = np.empty_like(self.z)
+        kernels.dilate(self.z, *kernels.ball(radius, self.cell), out)
+        return replace(self, z=out)
+
+    def smoothed(self, min_known: int = 6) -> "HeightMap":
+        """The map with the noise of single cells filtered: the median of the known cells in each 3 x 3 window.
+
+        Straight edges stay where they are. An unknown cell is filled when at least `min_known` of its 8 neighbours
+        are known (a drop-out of the sensor); 9 fills none.
+        """
+        out = np.empty_like(self.z)
+        kernels.median3(self.z, min_known, out)
+        return replace(self, z=out)
+
+    def max_in_path(self, p0: Sequence[float], p1: Sequence[float], halfwidth: float) -> float:
+        """Highest ground in the whole corridor swept from p0 to p1, m; NaN when all of it is unknown.
+
+        The corridor is every point within `halfwidth` of the segment p0-p1 (x, y; further entries are ignored). A
+        cell counts when it shapes the bilinear surface anywhere in it, so no point of the corridor is higher.
+        Unknown cells and cells outside the map are left out.
+        """
+        return kernels.path_max(
+            self.z, self.cell, self.origin[0], self.origin[1],
+            float(p0[0]), float(p0[1]), float(p1[0]), float(p1[1]), float(halfwidth),
+        )  # fmt: skip
+
+    def with_z(self, z: NDArray[np.float32], version: int | None = None) -> "HeightMap":
+        """The same grid with other heights."""
+        if z.shape != self.z.shape:
+            raise HeightMapError("z", f"must keep the shape {self.z.shape}, got {z.shape}")
+        return replace(self, z=z, version=self.version if version is None else version)
+
+    # --- wire and files -----------------------------------------------------------------------------------------
+
+    @cached_property
+    def sha256(self) -> str:
+        """Digest of geometry and heights (not of the version): two maps with equal content have equal digests."""
+        head = f"{self.z.shape[0]} {self.z.shape[1]} {self.cell!r} {self.origin[0]!r} {self.origin[1]!r} "
+        return hashlib.sha256(head.encode() + self.to_bytes()).hexdigest()
+
+    def header(self) -> dict[str, Any]:
+        """What a receiver needs beside the heights, as plain JSON values."""
+        ny, nx = self.shape
+        return {
+            "frame": FRAME,
+            "rows": ny,
+            "cols": nx,
+            "cell": self.cell,
+            "origin": [self.origin[0], self.origin[1]],
+            "version": self.version,
+        }
+
+    def to_bytes(self) -> bytes:
+        """Heights as little-endian float32, row by row from y-min, NaN = unknown; 4 ny nx bytes."""
+        return self.z.astype("<f4", copy=False).tobytes()
+
+    @classmethod
+    def from_wire(cls, header: Mapping[str, Any], payload: bytes | bytearray | memoryview) -> Self:
+        """A map from its header and its float32 payload.
+
+        Raises:
+            HeightMapError: a header field is absent or wrong, or the payload has another length.
+        """
+        try:
+            frame, ny, nx = header["frame"], int(header["rows"]), int(header["cols"])
+            origin = (float(header["origin"][0]), float(header["origin"][1]))
+            cell, version = float(header["cell"]), int(header.get("version", 0))
+        except KeyError as error:
+            raise HeightMapError(str(error.args[0]), "absent from the header") from error
+        except (TypeError, ValueError, IndexError) as error:
+            raise HeightMapError("header", f"not a height-map header: {error}") from error
+        if frame != FRAME:
+            raise HeightMapError("frame", f"must be {FRAME!r}, got {frame!r}")
+        if ny < 1 or nx < 1 or ny * nx > MAX_CELLS:
+            raise HeightMapError("rows, cols", f"must be >= 1 with a product <= {MAX_CELLS}, got {ny} x {nx}")
+        if len(payload) != 4 * ny * nx:
+            raise HeightMapError("payload", f"{ny} x {nx} cells need {4 * ny * nx} bytes, got {len(payload)}")
+        z = np.frombuffer(payload, dtype="<f4").reshape(ny, nx)
+        return cls(z=cast("NDArray[np.float32]", z), cell=cell, origin=origin, version=version)
+
+    def save(self, path: str | Path, **extra: str | int | float) -> Path:
+        """Write `<path>.npz` and its `.json` sidecar; see `surefoot.geometry.heightmap_files.save`."""
+        from surefoot.geometry import heightmap_files
+
+        return heightmap_files.save(self, path, **extra)
+
+    @classmethod
+    def load(cls, path: str | Path) -> "HeightMap":
+        """Read a `.npz` (checked against its sidecar) or an ESRI `.asc`; see `surefoot.geometry.heightmap_files`."""
+        from surefoot.geometry import heightmap_files
+
+        return heightmap_files.load(path)
+
+
+def warm() -> None:
+    """Compile every kernel of the height map."""
+    tiny = HeightMap(z=np.zeros((3, 3), dtype=np.float32), cell=0.005)
+    tiny.height([0.0], [0.0])
+    tiny.height_at(0.0, 0.0)
+    tiny.patch(0.0, 0.0, 3)
+    tiny.smoothed().dilated(0.006)
+    tiny.max_in_path((0.0, 0.0), (0.005, 0.0), 0.004)

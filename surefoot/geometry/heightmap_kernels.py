@@ -1,0 +1,207 @@
+"""Compiled inner loops of the height map; z is (ny, nx) float32, x0 and y0 the centre of cell [0, 0]."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import kernel
+
+Heights = NDArray[np.float32]
+
+
+@kernel
+def bilinear(z: Heights, cell: float, x0: float, y0: float, x: float, y: float) -> float:
+    """Bilinear height; the outermost half cell continues the border; NaN outside or where a used cell is NaN."""
+    ny, nx = z.shape
+    u = (x - x0) / cell
+    v = (y - y0) / cell
+    if not (u >= -0.5 and u < nx - 0.5 and v >= -0.5 and v < ny - 0.5):  # also refuses NaN
+        return math.nan
+    u = min(max(u, 0.0), nx - 1.0)
+    v = min(max(v, 0.0), ny - 1.0)
+    col = min(int(u), max(nx - 2, 0))
+    row = min(int(v), max(ny - 2, 0))
+    a = u - col
+    b = v - row
+    total = 0.0
+    for i in range(2):  # a corner of weight 0 must not poison the sum with its NaN
+        wy = b if i == 1 else 1.0 - b
+        for j in range(2):
+            w = wy * (a if j == 1 else 1.0 - a)
+            if w > 0.0:
+                total += w * z[row + i, col + j]
+    return total
+
+
+@kernel
+def heights(
+    z: Heights,
+    cell: float,
+    x0: float,
+    y0: float,
+    xs: NDArray[np.float64],
+    ys: NDArray[np.float64],
+    smooth: bool,
+    out: NDArray[np.float64],
+) -> None:
+    """Height of every point (xs[k], ys[k]) into out[k]."""
+    ny, nx = z.shape
+    for k in range(xs.shape[0]):
+        if smooth:
+            out[k] = bilinear(z, cell, x0, y0, xs[k], ys[k])
+        else:
+            out[k] = math.nan
+            u = (xs[k] - x0) / cell + 0.5
+            v = (ys[k] - y0) / cell + 0.5
+            if u >= 0.0 and u < nx and v >= 0.0 and v < ny:
+                out[k] = z[int(v), int(u)]
+
+
+@kernel
+def patch(z: Heights, row: int, col: int, out: Heights) -> None:
+    """Copy the window that starts at (row, col) into out; NaN outside the map."""
+    ny, nx = z.shape
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            r = row + i
+            c = col + j
+            if r >= 0 and r < ny and c >= 0 and c < nx:
+                out[i, j] = z[r, c]
+            else:
+                out[i, j] = math.nan
+
+
+def ball(radius: float, cell: float) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]:
+    """Neighbours within a sphere: row offsets (k,), column offsets (k,), lift sqrt(radius^2 - d^2) (k,) in m."""
+    reach = int(radius / cell + 1e-9)
+    rows, cols = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    rest = radius**2 - cell**2 * (rows**2 + cols**2)
+    near = rest >= -1e-12
+    lift = np.sqrt(np.maximum(rest[near], 0.0)).astype(np.float32)
+    return rows[near].astype(np.int64), cols[near].astype(np.int64), lift
+
+
+@kernel
+def dilate(
+    z: Heights, rows: NDArray[np.int64], cols: NDArray[np.int64], lift: NDArray[np.float32], out: Heights
+) -> None:
+    """out[i, j] = max over k of z[i + rows[k], j + cols[k]] + lift[k]; NaN neighbours left out, NaN cells stay."""
+    ny, nx = z.shape
+    for i in range(ny):
+        here = z[i]
+        target = out[i]
+        for j in range(nx):
+            target[j] = -math.inf
+        for k in range(rows.shape[0]):
+            r = i + rows[k]
+            if r < 0 or r >= ny:
+                continue
+            source = z[r]
+            shift = cols[k]
+            extra = lift[k]
+            for j in range(max(0, -shift), min(nx, nx - shift)):
+                value = source[j + shift] + extra
+                if value > target[j]:  # False for NaN
+                    target[j] = value
+        for j in range(nx):
+            if math.isnan(here[j]):
+                target[j] = math.nan
+
+
+@kernel
+def median3(z: Heights, min_known: int, out: Heights) -> None:
+    """Median of the known heights in each 3 x 3 window; an unknown cell needs `min_known` known neighbours."""
+    ny, nx = z.shape
+    window = np.empty(9, dtype=np.float32)
+    for i in range(ny):
+        for j in range(nx):
+            n = 0
+            for r in range(max(0, i - 1), min(ny, i + 2)):
+                for c in range(max(0, j - 1), min(nx, j + 2)):
+                    value = z[r, c]
+                    if math.isnan(value):
+                        continue
+                    k = n
+                    while k > 0 and window[k - 1] > value:
+                        window[k] = window[k - 1]
+                        k -= 1
+                    window[k] = value
+                    n += 1
+            if n == 0 or (math.isnan(z[i, j]) and n < min_known):
+                out[i, j] = math.nan
+            else:
+                out[i, j] = np.float32(0.5) * (window[(n - 1) // 2] + window[n // 2])
+
+
+@kernel
+def _point_to_segment(px: float, py: float, ax: float, ay: float, dx: float, dy: float, length2: float) -> float:
+    """Squared distance of a point from the segment (ax, ay) + t (dx, dy), 0 <= t <= 1."""
+    t = 0.0
+    if length2 > 0.0:
+        t = min(max(((px - ax) * dx + (py - ay) * dy) / length2, 0.0), 1.0)
+    ex = ax + t * dx - px
+    ey = ay + t * dy - py
+    return ex * ex + ey * ey
+
+
+@kernel
+def _crosses(px: float, py: float, half: float, ax: float, ay: float, dx: float, dy: float) -> bool:
+    """Whether the segment meets the open square of half edge `half` about (px, py) (slab test)."""
+    low = 0.0
+    high = 1.0
+    for axis in range(2):
+        start = ax - px if axis == 0 else ay - py
+        step = dx if axis == 0 else dy
+        if step == 0.0:
+            if abs(start) >= half:
+                return False
+        else:
+            t0 = (-half - start) / step
+            t1 = (half - start) / step
+            low = max(low, min(t0, t1))
+            high = min(high, max(t0, t1))
+    return low < high or (low == high and dx == 0.0 and dy == 0.0)
+
+
+@kernel
+def path_max(
+    z: Heights, cell: float, x0: float, y0: float, ax: float, ay: float, bx: float, by: float, halfwidth: float
+) -> float:
+    """Largest height among the cells whose bilinear support, a square of half edge `cell`, meets the corridor."""
+    ny, nx = z.shape
+    best = -math.inf
+    total = ax + ay + bx + by + halfwidth
+    if not math.isfinite(total) or halfwidth < 0.0:
+        return math.nan
+    dx = bx - ax
+    dy = by - ay
+    length2 = dx * dx + dy * dy
+    margin = halfwidth + cell
+    row0 = max(0, math.floor((min(ay, by) - margin - y0) / cell))
+    row1 = min(ny - 1, math.ceil((max(ay, by) + margin - y0) / cell))
+    col0 = max(0, math.floor((min(ax, bx) - margin - x0) / cell))
+    col1 = min(nx - 1, math.ceil((max(ax, bx) + margin - x0) / cell))
+    near2 = halfwidth * halfwidth
+    for row in range(row0, row1 + 1):
+        py = y0 + row * cell
+        for col in range(col0, col1 + 1):
+            value = z[row, col]
+            if not value > best:  # lower than what is known already, or NaN
+                continue
+            px = x0 + col * cell
+            hit = _crosses(px, py, cell, ax, ay, dx, dy)
+            if not hit and halfwidth > 0.0:
+                ex = max(abs(ax - px) - cell, 0.0)  # ends of the segment against the square
+                ey = max(abs(ay - py) - cell, 0.0)
+                fx = max(abs(bx - px) - cell, 0.0)
+                fy = max(abs(by - py) - cell, 0.0)
+                gap = min(ex * ex + ey * ey, fx * fx + fy * fy)
+                for corner in range(4):  # corners of the square against the segment
+                    qx = px + (cell if corner % 2 else -cell)
+                    qy = py + (cell if corner // 2 else -cell)
+                    gap = min(gap, _point_to_segment(qx, qy, ax, ay, dx, dy, length2))
+                hit = gap < near2
+            if hit:
+                best = value
+    return best if best > -math.inf else math.nan

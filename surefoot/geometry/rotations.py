@@ -1,0 +1,263 @@
+"""Rotations as pure functions on float64 arrays, usable inside numba kernels.
+
+Quaternions are `quat_wxyz` (scalar first, as in MuJoCo), unit length. `rot_a_from_b` maps vectors from frame b to a.
+Frames: x forward, y left, z up; gravity is -z of the world, `g_up` is the upward unit vector (specific force at rest).
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import kernel
+
+Array = NDArray[np.float64]
+
+SMALL_ANGLE = 1e-8  # rad; below it series are exact to machine precision
+
+
+@kernel
+def multiply(qa: Array, qb: Array) -> Array:
+    """Hamilton product qa * qb, (4,): first rotate by qb, then by qa."""
+    q = np.empty(4)
+    q[0] = qa[0] * qb[0] - qa[1] * qb[1] - qa[2] * qb[2] - qa[3] * qb[3]
+    q[1] = qa[0] * qb[1] + qa[1] * qb[0] + qa[2] * qb[3] - qa[3] * qb[2]
+    q[2] = qa[0] * qb[2] - qa[1] * qb[3] + qa[2] * qb[0] + qa[3] * qb[1]
+    q[3] = qa[0] * qb[3] + qa[1] * qb[2] - qa[2] * qb[1] + qa[3] * qb[0]
+    return q
+
+
+@kernel
+def conjugate(q: Array) -> Array:
+    """Inverse of a unit quaternion, (4,)."""
+    return np.array([q[0], -q[1], -q[2], -q[3]])
+
+
+@kernel
+def normalized(q: Array) -> Array:
+    """Unit quaternion with the sign that makes the scalar part positive, (4,)."""
+    n = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    if q[0] < 0.0:
+        n = -n
+    return q / n
+
+
+@kernel
+def rotate(q_a_from_b: Array, v_b: Array) -> Array:
+    """Vector of frame b expressed in frame a, (3,): v + 2 u x (u x v + w v)."""
+    w, x, y, z = q_a_from_b[0], q_a_from_b[1], q_a_from_b[2], q_a_from_b[3]
+    cx = y * v_b[2] - z * v_b[1] + w * v_b[0]
+    cy = z * v_b[0] - x * v_b[2] + w * v_b[1]
+    cz = x * v_b[1] - y * v_b[0] + w * v_b[2]
+    v_a = np.empty(3)
+    v_a[0] = v_b[0] + 2.0 * (y * cz - z * cy)
+    v_a[1] = v_b[1] + 2.0 * (z * cx - x * cz)
+    v_a[2] = v_b[2] + 2.0 * (x * cy - y * cx)
+    return v_a
+
+
+@kernel
+def rotate_inverse(q_a_from_b: Array, v_a: Array) -> Array:
+    """Vector of frame a expressed in frame b, (3,)."""
+    return rotate(conjugate(q_a_from_b), v_a)
+
+
+@kernel
+def matrix_from_quat(q: Array) -> Array:
+    """Rotation matrix of a unit quaternion, (3, 3)."""
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    m = np.empty((3, 3))
+    m[0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    m[0, 1] = 2.0 * (x * y - w * z)
+    m[0, 2] = 2.0 * (x * z + w * y)
+    m[1, 0] = 2.0 * (x * y + w * z)
+    m[1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    m[1, 2] = 2.0 * (y * z - w * x)
+    m[2, 0] = 2.0 * (x * z - w * y)
+    m[2, 1] = 2.0 * (y * z + w * x)
+    m[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    return m
+
+
+@kernel
+def quat_from_matrix(m: Array) -> Array:
+    """Unit quaternion of a rotation matrix with w >= 0, (4,); the largest component is computed first."""
+    q = np.empty(4)
+    t = m[0, 0] + m[1, 1] + m[2, 2]
+    if t > m[0, 0] and t > m[1, 1] and t > m[2, 2]:
+        q[0] = 1.0 + t
+        q[1] = m[2, 1] - m[1, 2]
+        q[2] = m[0, 2] - m[2, 0]
+        q[3] = m[1, 0] - m[0, 1]
+    elif m[0, 0] >= m[1, 1] and m[0, 0] >= m[2, 2]:
+        q[0] = m[2, 1] - m[1, 2]
+        q[1] = 1.0 + 2.0 * m[0, 0] - t
+        q[2] = m[0, 1] + m[1, 0]
+        q[3] = m[0, 2] + m[2, 0]
+    elif m[1, 1] >= m[2, 2]:
+        q[0] = m[0, 2] - m[2, 0]
+        q[1] = m[0, 1] + m[1, 0]
+        q[2] = 1.0 + 2.0 * m[1, 1] - t
+        q[3] = m[1, 2] + m[2, 1]
+    else:
+        q[0] = m[1, 0] - m[0, 1]
+        q[1] = m[0, 2] + m[2, 0]
+        q[2] = m[1, 2] + m[2, 1]
+        q[3] = 1.0 + 2.0 * m[2, 2] - t
+    return normalized(q)
+
+
+@kernel
+def skew(v: Array) -> Array:
+    """Matrix [v] with [v] u = v x u, (3, 3)."""
+    m = np.zeros((3, 3))
+    m[0, 1] = -v[2]
+    m[0, 2] = v[1]
+    m[1, 0] = v[2]
+    m[1, 2] = -v[0]
+    m[2, 0] = -v[1]
+    m[2, 1] = v[0]
+    return m
+
+
+@kernel
+def quat_from_rotvec(v: Array) -> Array:
+    """Exponential map: rotation by |v| rad about v, (4,)."""
+    angle = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    half = 0.5 * angle
+    k = math.sin(half) / angle if angle > SMALL_ANGLE else 0.5
+    return np.array([math.cos(half), k * v[0], k * v[1], k * v[2]])
+
+
+@kernel
+def rotvec_from_quat(q: Array) -> Array:
+    """Logarithm: the rotation vector of at most pi rad, (3,)."""
+    sign = -1.0 if q[0] < 0.0 else 1.0
+    n = math.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    k = 2.0 * sign
+    if n > SMALL_ANGLE:
+        k *= math.atan2(n, sign * q[0]) / n
+    return np.array([k * q[1], k * q[2], k * q[3]])
+
+
+@kernel
+def matrix_from_rotvec(v: Array) -> Array:
+    """Exponential map to a matrix, (3, 3)."""
+    return matrix_from_quat(quat_from_rotvec(v))
+
+
+@kernel
+def rotvec_from_matrix(m: Array) -> Array:
+    """Logarithm of a rotation matrix, (3,)."""
+    return rotvec_from_quat(quat_from_matrix(m))
+
+
+@kernel
+def matrix_from_axis_angle(axis: Array, angle: float) -> Array:
+    """Rotation by `angle` rad about a unit axis, (3, 3)."""
+    m = np.empty((3, 3))
+    axis_angle_into(m, axis, angle)
+    return m
+
+
+@kernel
+def axis_angle_into(out: Array, axis: Array, angle: float) -> None:
+    """`matrix_from_axis_angle` into `out` (3, 3), for loops over many joints."""
+    c, s = math.cos(angle), math.sin(angle)
+    x, y, z = axis[0], axis[1], axis[2]
+    k = 1.0 - c
+    out[0, 0] = c + k * x * x
+    out[0, 1] = k * x * y - s * z
+    out[0, 2] = k * x * z + s * y
+    out[1, 0] = k * x * y + s * z
+    out[1, 1] = c + k * y * y
+    out[1, 2] = k * y * z - s * x
+    out[2, 0] = k * x * z - s * y
+    out[2, 1] = k * y * z + s * x
+    out[2, 2] = c + k * z * z
+
+
+@kernel
+def quat_from_rpy(roll: float, pitch: float, yaw: float) -> Array:
+    """Rz(yaw) Ry(pitch) Rx(roll), world from base, (4,)."""
+    cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
+    cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
+    cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+    q = np.empty(4)
+    q[0] = cr * cp * cy + sr * sp * sy
+    q[1] = sr * cp * cy - cr * sp * sy
+    q[2] = cr * sp * cy + sr * cp * sy
+    q[3] = cr * cp * sy - sr * sp * cy
+    return q
+
+
+@kernel
+def matrix_from_rpy(roll: float, pitch: float, yaw: float) -> Array:
+    """Rz(yaw) Ry(pitch) Rx(roll), world from base, (3, 3)."""
+    return matrix_from_quat(quat_from_rpy(roll, pitch, yaw))
+
+
+@kernel
+def rpy_from_matrix(rot_world_from_base: Array) -> Array:
+    """Roll, pitch, yaw in rad, (3,); at |pitch| = 90 deg roll is set to 0."""
+    m = rot_world_from_base
+    flat = math.hypot(m[0, 0], m[1, 0])
+    pitch = math.atan2(-m[2, 0], flat)
+    if flat > SMALL_ANGLE:
+        return np.array([math.atan2(m[2, 1], m[2, 2]), pitch, math.atan2(m[1, 0], m[0, 0])])
+    return np.array([0.0, pitch, math.atan2(-m[0, 1], m[1, 1])])
+
+
+@kernel
+def rpy_from_quat(q_world_from_base: Array) -> Array:
+    """Roll, pitch, yaw in rad, (3,)."""
+    return rpy_from_matrix(matrix_from_quat(q_world_from_base))
+
+
+@kernel
+def yaw_from_quat(q_world_from_base: Array) -> float:
+    """Heading in rad."""
+    w, x, y, z = q_world_from_base[0], q_world_from_base[1], q_world_from_base[2], q_world_from_base[3]
+    return math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
+
+
+@kernel
+def roll_pitch_from_up(g_up: Array) -> Array:
+    """Roll and pitch in rad, (2,), of a base in which the upward direction reads `g_up` (any length)."""
+    return np.array([math.atan2(g_up[1], g_up[2]), math.atan2(-g_up[0], math.hypot(g_up[1], g_up[2]))])
+
+
+@kernel
+def up_from_roll_pitch(roll: float, pitch: float) -> Array:
+    """Upward unit vector in the base frame, (3,): third row of Ry(pitch) Rx(roll)."""
+    return np.array([-math.sin(pitch), math.cos(pitch) * math.sin(roll), math.cos(pitch) * math.cos(roll)])
+
+
+@kernel
+def tilt_from_up(g_up: Array) -> float:
+    """Angle between the base z axis and the vertical in rad, from the upward direction in the base frame."""
+    return math.atan2(math.hypot(g_up[0], g_up[1]), g_up[2])
+
+
+@kernel
+def wrap_angle(angle: float) -> float:
+    """Angle in (-pi, pi]."""
+    return -((-angle + math.pi) % (2.0 * math.pi) - math.pi)
+
+
+def warm() -> None:
+    """Compile every kernel of this module."""
+    q, v = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    m = matrix_from_quat(multiply(q, normalized(quat_from_rpy(0.1, 0.2, 0.3))))
+    rotate_inverse(q, rotate(q, v))
+    rpy_from_quat(quat_from_matrix(m))
+    rpy_from_matrix(matrix_from_rpy(0.1, 0.2, 0.3))
+    matrix_from_rotvec(rotvec_from_matrix(m))
+    rotvec_from_quat(quat_from_rotvec(v))
+    matrix_from_axis_angle(v, 0.1)
+    conjugate(q)
+    skew(v)
+    yaw_from_quat(q)
+    tilt_from_up(up_from_roll_pitch(0.1, 0.2))
+    roll_pitch_from_up(v)
+    wrap_angle(4.0)

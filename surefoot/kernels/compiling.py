@@ -1,0 +1,49 @@
+"""What the compiler of kernels does: noted by `surefoot.kernels.jit`, read by the runtime. Imports no compiler."""
+
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+
+
+class Compiling:
+    """Compilations of this process; a kernel that comes from the cache on disk is none."""
+
+    def __init__(self) -> None:
+        self.used = False
+        """Kernels are there at all."""
+        self.done = 0
+        """Compilations that ended."""
+        self.last = ""
+        """Name of the kernel that was compiled last."""
+        self._depth = 0
+        self._listeners: list[Callable[[str], None]] = []
+
+    @property
+    def busy(self) -> bool:
+        """A kernel is being compiled now."""
+        return self._depth > 0
+
+    def began(self, name: str) -> None:
+        """A kernel is not in the cache; those that it calls are compiled on the way."""
+        self._depth += 1
+        if self._depth == 1:
+            for listener in tuple(self._listeners):
+                listener(name)
+
+    def ended(self, name: str) -> None:
+        """It is compiled."""
+        self._depth -= 1
+        self.done += 1
+        self.last = name
+
+    @contextmanager
+    def told(self, listener: Callable[[str], None]) -> Generator[None]:
+        """Meanwhile `listener` hears the name of each kernel before it is compiled."""
+        self._listeners.append(listener)
+        try:
+            yield
+        finally:
+            self._listeners.remove(listener)
+
+
+COMPILING = Compiling()
+"""Of this process."""

@@ -1,0 +1,76 @@
+"""Typed ways to compile a numeric kernel."""
+
+import contextlib
+import importlib
+import sys
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numba  # pyright: ignore[reportMissingTypeStubs]
+from numba.core import event  # pyright: ignore[reportMissingTypeStubs]
+
+from surefoot.kernels.compiling import COMPILING
+from surefoot.kernels.sources import fingerprint
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+class _Listener(event.Listener):  # pyright: ignore[reportUntypedBaseClass]
+    """Hears of compilations; functions that are loaded from the cache are none."""
+
+    def on_start(self, event: Any) -> None:
+        COMPILING.began(event.data["dispatcher"].py_func.__qualname__)
+
+    def on_end(self, event: Any) -> None:
+        COMPILING.ended(event.data["dispatcher"].py_func.__qualname__)
+
+
+def _load_without_scipy() -> None:
+    """Load numba's array functions, which try scipy.linalg only to choose how np.cov multiplies: 0.15 s of a start.
+
+    Kernels that multiply matrices find scipy's BLAS when they first do so.
+    """
+    name = "scipy.linalg.cython_blas"
+    if name in sys.modules:
+        return
+    sys.modules[name] = None  # type: ignore[assignment] - an import of it fails at once
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        del sys.modules[name]
+
+
+_load_without_scipy()
+COMPILING.used = True
+event.register("numba:compile", _Listener())  # pyright: ignore[reportUnknownMemberType]
+
+
+def kernel(function: F) -> F:
+    """Compile `function` with numba on its first call and keep the machine code on disk.
+
+    The compiled object is given the type of the plain function, so that a type checker sees the signature.
+    """
+    return _compiled(function)
+
+
+def row_kernel(function: F) -> F:
+    """Like `kernel`, with divisions as in numpy (x / 0 = inf or NaN, no exception), so that loops become vectors."""
+    return _compiled(function, error_model="numpy")
+
+
+def free_kernel(function: F) -> F:
+    """Like `row_kernel`, and runs without the interpreter's lock: other threads go on."""
+    return _compiled(function, error_model="numpy", nogil=True)
+
+
+def _compiled(function: F, **options: Any) -> F:
+    """Kept beside the source, else in the user's cache folder; where neither can be written, every process compiles.
+
+    Code is as old as the oldest file that went into it: see `surefoot.kernels.sources`.
+    """
+    compiled: Any = numba.njit(**options)(function)  # pyright: ignore[reportUnknownMemberType]
+    with contextlib.suppress(RuntimeError):  # numba finds no place to write
+        compiled.enable_caching()
+        index = compiled._cache._cache_file  # numba has no name for it that is its user's
+        index._source_stamp = (index._source_stamp, fingerprint(function.__module__))
+    return cast(F, compiled)

@@ -1,0 +1,41 @@
+"""What compiled code is made of: the source of a kernel, and of every module of ours that it can reach.
+
+numba keeps machine code until the file of the kernel itself changes; what it calls, and the constants it was compiled
+with, may come from other files, and would live on in the old code when only these change.
+"""
+
+import re
+import sys
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+
+_IMPORT = re.compile(r"^(?:from\s+([\w.]+)\s+import\s+(\([^)]*\)|[^\n]*)|import\s+([\w.]+))", re.MULTILINE)
+
+
+@cache
+def fingerprint(module: str) -> str:
+    """Return a hash of a module's source and of all that it imports, directly or not, from `surefoot` or
+    its own package; imports inside of functions do not count."""
+    packages = {"surefoot", module.partition(".")[0]}
+    found, left = dict[str, str](), [module]
+    while left:
+        name = left.pop()
+        if name not in found:
+            found[name], imported = _source(name)
+            left += [other for other in imported if other.partition(".")[0] in packages]
+    return sha256("".join(f"{name}:{found[name]}\n" for name in sorted(found)).encode()).hexdigest()
+
+
+@cache
+def _source(module: str) -> tuple[str, tuple[str, ...]]:
+    """Hash of the text of a module that is being, or has been, imported, and the modules it names."""
+    path = getattr(sys.modules.get(module), "__file__", None)
+    if path is None or not path.endswith(".py"):
+        return "", ()
+    content = Path(path).read_bytes()
+    names: list[str] = []
+    for origin, what, plain in _IMPORT.findall(content.decode("utf-8")):
+        names.append(origin or plain)
+        names += [f"{origin}.{word}" for word in re.findall(r"\w+", what) if f"{origin}.{word}" in sys.modules]
+    return sha256(content).hexdigest(), tuple(names)

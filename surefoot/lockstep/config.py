@@ -1,0 +1,115 @@
+"""Configuration: defaults in the model, then a TOML file, then the environment, then the command line.
+
+``SUREFOOT_<SERVICE>_<FIELD>`` sets one field of one service, ``SUREFOOT_<FIELD>`` (robot, ...) one of all services that
+have it. Values are read as TOML where they can be (numbers, booleans, lists), else as text.
+"""
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from surefoot.bus.codec import refusal_of
+from surefoot.errors import ConfigError
+from surefoot.schemas.base import Strict
+
+PREFIX = "SUREFOOT_"
+
+
+class ServiceConfig(Strict):
+    """What every service can be told."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    robot: str = Field(default="ragno", description="name of a robot description, or path of its folder")
+
+
+C = TypeVar("C", bound=BaseModel)
+
+
+def load_config(
+    model: type[C],
+    service: str,
+    file: Path | None = None,
+    environ: Mapping[str, str] | None = None,
+    overrides: Iterable[str] = (),
+) -> C:
+    """The validated configuration of a service.
+
+    Args:
+        model: its configuration model.
+        service: its name; the TOML file holds one table per service.
+        file: TOML file, or None.
+        environ: the environment, or None for an empty one.
+        overrides: ``field=value`` strings, the strongest.
+
+    Raises:
+        ConfigError: names the source, the field, the received value and what is allowed.
+    """
+    values: dict[str, Any] = {}
+    if file is not None:
+        values.update(_from_file(model, service, file))
+    values.update(_from_environment(model, service, environ or {}))
+    for item in overrides:
+        field, sign, value = item.partition("=")
+        if not sign:
+            raise ConfigError("invalid", f"{item!r} is not of the form field=value")
+        _known(model, field, f"{service}: command line")
+        values[field] = _value(value)
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        refusal = refusal_of(error, service)
+        raise ConfigError(refusal.code, refusal.message, refusal.field) from None
+
+
+def _from_file(model: type[BaseModel], service: str, file: Path) -> dict[str, Any]:
+    try:
+        tables = tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError("unreadable", f"{file}: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ConfigError("malformed", f"{file}: {error}") from None
+    table = tables.get(service, {})
+    if not isinstance(table, dict):
+        raise ConfigError("invalid", f"{file}: {service!r} must be a table, got {table!r}", service)
+    values: dict[str, Any] = dict(table)  # pyright: ignore[reportUnknownArgumentType] - TOML tables have str keys
+    for field in values:
+        _known(model, field, f"{file}: [{service}]")
+    return values
+
+
+def _from_environment(model: type[BaseModel], service: str, environ: Mapping[str, str]) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    own = f"{PREFIX}{service.upper()}_"
+    for field in model.model_fields:
+        for name in (f"{PREFIX}{field.upper()}", f"{own}{field.upper()}"):
+            if name in environ:
+                values[field] = _value(environ[name])
+    for name in environ:
+        if name.startswith(own):
+            _known(model, name[len(own) :].lower(), f"environment variable {name}")
+    return values
+
+
+def _known(model: type[BaseModel], field: str, where: str) -> None:
+    if field not in model.model_fields:
+        allowed = ", ".join(sorted(model.model_fields))
+        raise ConfigError("unknown_key", f"{where}: unknown field {field!r}; known are {allowed}", field)
+
+
+def _value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def config_hash(config: BaseModel) -> str:
+    """sha256 of the effective configuration."""
+    content = json.dumps(config.model_dump(mode="json"))  # a path may hold bytes that are no UTF-8
+    return hashlib.sha256(content.encode()).hexdigest()

@@ -1,0 +1,399 @@
+"""The runtime of a driver: the one owner of time. A simulator and a hardware driver run in it alike.
+
+A driver provides ``hw/*`` and takes ``cmd/joints``; the runtime keeps the roster, proves the links, emits the manifest
+of each tick, waits as the protocol asks (see ``surefoot.lockstep.leader``), repeats what was lost, and paces.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar, cast
+
+from surefoot.bus.interface import Bus, Delivery, Life, Publisher
+from surefoot.errors import Refusal
+from surefoot.lockstep.join import DRIVER
+from surefoot.lockstep.leader import Leader
+from surefoot.lockstep.node import Node
+from surefoot.lockstep.service import C, Service
+from surefoot.schemas.base import Message
+from surefoot.schemas.hw import JointCommand, Tick
+from surefoot.schemas.system import Done, JoinReply, JoinRequest
+from surefoot.schemas.topics import CMD_JOINTS, HW_TICK, SIM_JOIN, TICK_DONE, TICK_NS, Topic
+
+PRIME_S = 0.02
+JOIN_TIMEOUT_S = 30.0
+HOLD_S = 10.0
+"""Simulated time waits so long for the return of a lost member."""
+SILENCE_S = 0.25
+"""Without progress for this long the last ticks are sent again."""
+RESENDS = 8
+"""After so many repetitions (2 s) the slowest member counts as lost although its process lives (frozen)."""
+STALE_TICKS = 10
+"""A command older than 100 ms is not obeyed any more."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A sample due in the coming tick."""
+
+    topic: Topic[Any]
+    message: Message | Callable[[], Message]
+    """Or, of a ``judging`` topic, what makes it when it is told."""
+    stamp_ns: int
+    seq: int
+
+
+class Driver(Service[C]):
+    """Base of drivers: overrides three methods; the roster and the clock are the runtime's."""
+
+    leader: ClassVar[type[Leader]] = Leader
+
+    def release(self, tick: int) -> list[Sample]:
+        """Samples whose stamp is at or before the beginning of ``tick`` and that were not released yet."""
+        raise NotImplementedError
+
+    def reveal(self, tick: int) -> list[Sample]:
+        """Samples of ``judging`` topics that go with ``tick``, asked for when the tick's frame is on its way.
+
+        They are told with the next batch, or at once while somebody watches.
+        """
+        return []
+
+    def actuate(self, tick: int, command: JointCommand | None) -> None:
+        """Lets one tick of time pass under a command (None: hold what was)."""
+        raise NotImplementedError
+
+    def latched(self) -> list[tuple[Topic[Any], Message]]:
+        """Latched messages of this epoch."""
+        return []
+
+    def on_begin(self) -> None:
+        """Once, when the runtime is up: may begin the first run."""
+
+    def check(self, command: JointCommand) -> None:
+        """Refuses a command the hardware must not obey (raises Refusal)."""
+
+    @property
+    def node(self) -> "DriverNode":
+        """The runtime, for queries that reset, pause or step."""
+        return cast(DriverNode, self.runtime)
+
+
+class DriverNode(Node):
+    """Runs a driver: roster, manifests, commands, pace."""
+
+    def __init__(self, service: Driver[Any], bus: Bus) -> None:
+        super().__init__(service, bus)
+        self.driver = service
+        self.leader = Leader()
+        self.rtf = 0.0
+        self.measured_rtf = 0.0
+        self._commands: dict[int, JointCommand | None] = {}
+        self._judging = tuple(topic.key for topic in service.outputs if topic.judging)
+        self._unrevealed: list[tuple[int, Sample]] = []
+        self._obeyed = -1
+        self._joining: dict[str, float] = {}
+        self._next_prime = 0.0
+        self._since = 0.0
+        self._resends = 0
+        self._pace_origin = (0.0, 0)
+
+    def start(self) -> None:
+        self.service.handle(SIM_JOIN, self._on_join)
+        super().start()
+        self._publishers[HW_TICK.key] = self.bus.publisher(HW_TICK)
+        self.bus.subscribe(TICK_DONE, self.inbox.put)
+        self.bus.take((CMD_JOINTS,), self.inbox.put)
+        self.bus.announce(DRIVER, self.instance)
+        self.driver.on_begin()
+
+    def _subscriptions(self) -> list[Topic[Any]]:
+        return []  # the driver proves no links: participants do, and say so
+
+    # -- epochs ------------------------------------------------------------------------------------------------
+
+    def begin(self, expect: tuple[str, ...], mode: str, rtf: float, delay: int, policy: str, seed: int) -> int:
+        """Starts a new epoch: everybody proves their links anew, then tick 0 comes. Returns the epoch."""
+        leader = self.leader
+        self._reveal()
+        leader.expect, leader.delay, leader.seed = tuple(n for n in expect if n != self.name), delay, seed
+        leader.mode, leader.policy = mode, policy  # pyright: ignore[reportAttributeAccessIssue] - literals of the request
+        leader.end_tick = leader.pause_tick = None
+        self.rtf = rtf
+        self._commands.clear()
+        self._obeyed = -1
+        self._outbox.clear()
+        leader.begin(leader.epoch + 1)
+        self._since, self._resends = time.monotonic(), 0
+        self.state = "ready"
+        return leader.epoch
+
+    def pause(self, at_tick: int | None, end: bool) -> int:
+        """Stops after a tick; ``end`` makes it the last of the run. Returns the tick."""
+        tick = self.leader.tick + 1 if at_tick is None else at_tick
+        if tick <= self.leader.tick:
+            raise Refusal("late", f"at_tick {tick} has passed; the next tick is {self.leader.tick + 1}", "at_tick")
+        if end:
+            self.leader.end_tick = tick
+        else:
+            self.leader.pause_tick = tick
+        return tick
+
+    def resume(self, ticks: int | None) -> None:
+        """Goes on after a pause, for so many ticks or until told."""
+        leader = self.leader
+        if leader.state not in ("paused", "running"):
+            raise Refusal("refused", f"the simulation is {leader.state}; only a paused one can go on")
+        leader.pause_tick = None if ticks is None else leader.tick + ticks
+        leader.state = self.state = "running"
+        self._pace_origin = (time.monotonic(), leader.tick)
+
+    # -- what arrives ------------------------------------------------------------------------------------------
+
+    def _on_join(self, request: JoinRequest) -> JoinReply:
+        if self.leader.state in ("idle", "ended"):
+            return JoinReply(accepted=False, reason=f"the run is {self.leader.state}; wait for the next reset")
+        self._joining[request.service] = time.monotonic()
+        return JoinReply(accepted=True)
+
+    def _on_delivery(self, delivery: Delivery) -> None:
+        topic = delivery.topic
+        self.counts[topic.key] += 1
+        try:
+            message: Any = delivery.message()
+            if isinstance(message, JointCommand):
+                self._on_command(message)
+            elif isinstance(message, Done):
+                self._on_done(message)
+            else:
+                self.service.on_message(topic, message)
+        except Refusal as refusal:
+            self.refuse(refusal.code, f"{topic.key}: {refusal.message}")
+
+    def _on_command(self, command: JointCommand) -> None:
+        leader = self.leader
+        if command.epoch != leader.epoch:
+            self.refuse("stale_epoch")
+            return
+        if self._commands.get(command.tick) is not None:
+            leader.on_command(command.tick)  # of a walker that came back: what the lost one sent holds
+            return
+        if command.tick > leader.tick or command.tick < leader.tick - STALE_TICKS:
+            raise Refusal("stale", f"command of tick {command.tick} at tick {leader.tick}", "tick")
+        try:
+            self.driver.check(command)
+            self._commands[command.tick] = command
+        except Refusal:
+            self._commands[command.tick] = None
+            raise
+        finally:
+            leader.on_command(command.tick)
+
+    def _on_done(self, done: Done) -> None:
+        if done.epoch != self.leader.epoch:
+            return
+        if done.ready:
+            self.leader.on_ready(done.source, done.instance)
+        else:
+            self.leader.on_done(done.source, done.instance, done.tick)
+
+    def on_life(self, life: Life) -> None:
+        if not life.alive:
+            self.leader.on_gone(life.service, life.instance)
+            if self.leader.state == "holding":
+                self._since = time.monotonic()
+
+    # -- ticks -------------------------------------------------------------------------------------------------
+
+    def work(self) -> bool:
+        leader = self.leader
+        if leader.state == "running":
+            return self._run()
+        if leader.state == "joining":
+            return self._join_all()
+        if leader.state == "holding":
+            return self._hold()
+        self.state = "ready"  # paused or ended: no tick comes
+        return False
+
+    def _join_all(self) -> bool:
+        leader = self.leader
+        if not leader.may_start():
+            self._prime()
+            if time.monotonic() - self._since > JOIN_TIMEOUT_S:
+                missing = ", ".join(leader.missing())
+                leader.reason = f"not ready after {JOIN_TIMEOUT_S:g} s: {missing}"
+                leader.state = "idle"
+                self.log("error", leader.reason)
+            return False
+        self._tell_latched()
+        leader.start()
+        self.state = "running"
+        self._pace_origin = (time.monotonic(), 0)
+        return True
+
+    def _prime(self) -> None:
+        now = time.monotonic()
+        if now < self._next_prime:
+            return
+        self._next_prime = now + PRIME_S
+        self.bus.cork()
+        for topic in self.service.outputs:
+            self._publishers[topic.key].prime()
+        leader = self.leader
+        roster = sorted({*leader.expect, *leader.members, *self._joining})
+        self._publishers[HW_TICK.key].put(
+            Tick(
+                tick=-1,
+                epoch=leader.epoch,
+                source=self.name,
+                roster=tuple(roster),
+                due=tuple(row.key for row in (*self.service.outputs, *self.service.serves)),
+                mode=leader.mode,
+                roster_version=leader.roster_version,
+                seed=leader.seed,
+            )
+        )
+        self.bus.flush()
+
+    def _tell_latched(self) -> None:
+        for topic, message in self.driver.latched():
+            tick = max(0, self.leader.tick)
+            self._publishers[topic.key].put(message.relabelled(tick * TICK_NS, tick, self.leader.epoch, 0, self.name))
+
+    def _hold(self) -> bool:
+        leader = self.leader
+        if leader.lost <= set(leader.ready):
+            self._tell_latched()
+            self._repeat(leader.rejoin())
+            return True
+        self._prime()
+        if time.monotonic() - self._since > HOLD_S:
+            gone = leader.give_up_waiting()
+            self.log("error", f"gave up waiting for {', '.join(gone)} after {HOLD_S:g} s; the run goes on without")
+            self._repeat_all()
+            return True
+        return False
+
+    def _run(self) -> bool:
+        leader = self.leader
+        if self._joining:
+            self._admit_joiners()
+        if leader.mode == "paced" and self.rtf > 0.0 and self._until_due() > 0.0:
+            return False
+        if not leader.may_advance():
+            self._watch_silence()
+            return False
+        began = time.perf_counter_ns()
+        if leader.tick >= 0:
+            self.driver.actuate(leader.tick, self._command())
+            self._commands.pop(leader.tick - 4 * leader.window, None)
+        if leader.newcomers():
+            self._tell_latched()
+        self._emit()
+        self.join.last, self.epoch = leader.tick, leader.epoch  # for health
+        self.tick_us.append((time.perf_counter_ns() - began) * 1e-3)
+        return True
+
+    def _command(self) -> JointCommand | None:
+        """The command of tick t - delay; in paced mode the newest until then that was not obeyed yet."""
+        wanted = self.leader.tick - self.leader.delay
+        oldest = wanted if self.leader.mode == "lockstep" else max(self._obeyed, wanted - STALE_TICKS) + 1
+        for tick in range(wanted, oldest - 1, -1):
+            command = self._commands.get(tick)
+            if command is not None:
+                self._obeyed = tick
+                return command
+        return None
+
+    def _emit(self) -> None:
+        leader = self.leader
+        tick = leader.tick + 1
+        samples = self.driver.release(tick)
+        self.bus.cork()
+        box = [self._tell(sample, tick) for sample in samples]
+        due = (*(sample.topic.key for sample in samples), *self._judging)
+        manifest = leader.advance(tick * TICK_NS, due)
+        self._publishers[HW_TICK.key].put(manifest)
+        self.bus.flush(batch=False)
+        self._outbox[(leader.epoch, tick)] = box
+        self._outbox.pop((leader.epoch, tick - 4 * leader.window), None)
+        self._unrevealed += [(tick, sample) for sample in self.driver.reveal(tick)]
+        if manifest.report or any(self._publishers[key].watched for key in self._judging):
+            self.bus.cork()
+            self._reveal()
+            self.bus.flush(batch=manifest.report)
+        self._since, self._resends = time.monotonic(), 0
+
+    def _reveal(self) -> None:
+        """Tells what judges are to know of the last ticks."""
+        for tick, sample in self._unrevealed:
+            self._outbox.setdefault((self.leader.epoch, tick), []).append(self._tell(sample, tick))
+        self._unrevealed.clear()
+
+    def _tell(self, sample: Sample, tick: int) -> tuple[Publisher[Any], Any]:
+        made = sample.message
+        message = made() if callable(made) else made
+        publisher = self._publishers[sample.topic.key]
+        header = (sample.stamp_ns, tick, self.leader.epoch, sample.seq, self.name)
+        return publisher, publisher.put(message.stamped(*header))
+
+    def _repeat(self, ticks: range) -> None:
+        for tick in ticks:
+            self.bus.cork()
+            for publisher, token in self._outbox.get((self.leader.epoch, tick), ()):
+                publisher.resend(token)
+            manifest = self.leader.again(tick)
+            if manifest is not None:
+                self._publishers[HW_TICK.key].put(manifest)
+            self.bus.flush()
+        self._since = time.monotonic()
+
+    def _repeat_all(self) -> None:
+        first = min((member.done for member in self.leader.members.values()), default=self.leader.tick) + 1
+        self._repeat(range(max(0, min(first, self.leader.tick - self.leader.delay)), self.leader.tick + 1))
+
+    def _watch_silence(self) -> None:
+        if time.monotonic() - self._since < SILENCE_S:
+            return
+        self._resends += 1
+        if self._resends <= RESENDS:
+            self.refused["resent_ticks"] += 1
+            self._repeat_all()
+            return
+        leader = self.leader
+        order = {name: place for place, name in enumerate(leader.expect)}
+        behind = [name for name, member in leader.members.items() if member.done < leader.tick]
+        if behind:
+            silent = min(behind, key=lambda n: (leader.members[n].done, order.get(n, len(order))))
+            self.log("error", f"{silent} is silent in tick {leader.tick}; it counts as lost")
+            leader.drop(silent, f"{silent} is silent")
+        self._resends = 0
+        self._repeat_all()
+
+    def _admit_joiners(self) -> None:
+        now = time.monotonic()
+        for service, asked in list(self._joining.items()):
+            if service in self.leader.members or service in self.leader.ready or now - asked > 1.0:
+                del self._joining[service]
+        if self._joining:
+            self._prime()
+
+    def _until_due(self) -> float:
+        """Wall seconds until the next tick of paced time."""
+        started, tick = self._pace_origin
+        return started + (self.leader.tick + 1 - tick) * TICK_NS * 1e-9 / self.rtf - time.monotonic()
+
+    def _timers(self) -> float:
+        wait = super()._timers()
+        leader = self.leader
+        if leader.state in ("joining", "holding") or self._joining:
+            return min(wait, PRIME_S)
+        if leader.state != "running":
+            return wait
+        if leader.mode == "paced" and self.rtf > 0.0:
+            return max(0.0, min(wait, self._until_due()))
+        return min(wait, SILENCE_S)
+
+    def _ask_to_join(self) -> None:
+        return  # the driver is the one who is asked

@@ -1,0 +1,50 @@
+"""How a service does: its state, its times, what it waits for."""
+
+import os
+import resource
+from collections import Counter, deque
+from typing import Any, Literal, Protocol
+
+from surefoot.kernels.compiling import COMPILING
+from surefoot.lockstep.config import config_hash
+from surefoot.lockstep.join import Join
+from surefoot.lockstep.service import Service
+from surefoot.schemas.system import Health
+from surefoot.version import VERSION
+
+
+class Patient(Protocol):
+    """What of a node is told."""
+
+    service: Service[Any]
+    name: str
+    instance: str
+    state: str
+    epoch: int
+    join: Join
+    tick_us: deque[float]
+    refused: Counter[str]
+
+
+def kernels(state: str) -> Literal["warm", "compiling", "none"]:
+    """Whether the compiled kernels are there, for a service in that state."""
+    if COMPILING.busy or state == "compiling":
+        return "compiling"
+    return "warm" if COMPILING.used and state != "starting" else "none"
+
+
+def health_of(node: Patient, waiting_for: tuple[str, ...]) -> Health:
+    """The heartbeat of a service that lacks the keys in ``waiting_for``."""
+    times = sorted(node.tick_us)
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    return Health(
+        source=node.name, service=node.name, instance=node.instance, pid=os.getpid(),
+        tick=node.join.last, epoch=max(0, node.epoch),
+        state=node.state,  # pyright: ignore[reportArgumentType] - one of the literal's names
+        kernels=kernels(node.state),
+        tick_p50_us=times[len(times) // 2] if times else 0.0,
+        tick_p99_us=times[min(len(times) - 1, len(times) * 99 // 100)] if times else 0.0,
+        cpu_s=usage.ru_utime + usage.ru_stime, rss_mb=usage.ru_maxrss / 1024.0,
+        refused=dict(node.refused), version=VERSION, config_hash=config_hash(node.service.config),
+        waiting_for=waiting_for,
+    )  # fmt: skip

@@ -1,0 +1,257 @@
+"""Which inputs belong to a tick, and whether they are all there: the participant's half of lockstep, without a bus.
+
+A service is a function of its own named inputs per tick. Inputs are joined by the tick in their header, never by the
+order of their arrival, so every run with the same seed sees the same inputs.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar, cast
+
+from surefoot.schemas.base import Header, Message
+from surefoot.schemas.hw import Tick
+from surefoot.schemas.topics import HW_TICK, Kind, Topic
+
+M = TypeVar("M", bound=Message)
+
+DRIVER = "driver"
+_TICK = HW_TICK.key
+MAX_AHEAD = 64
+"""Inputs further ahead of the newest tick are refused; the driver never runs more than a few ticks ahead."""
+
+PATIENCE_TICKS = 2
+"""In paced mode a tick whose inputs are incomplete is taken when this many later ticks have come."""
+
+BACKLOG_TICKS = 8
+"""In paced mode a service this far behind leaves ticks out. In order until then: services that leave out every second
+tick would lack each other's messages in the others, and do so for ever."""
+
+BATCH_PATIENCE_TICKS, BATCH_BACKLOG_TICKS = 30, 1000
+"""The same for services that get ten ticks at a time: the batches of a tick come apart, and nobody waits for them."""
+
+
+@dataclass(frozen=True)
+class Delayed(Generic[M]):
+    """An input of tick t - 1: a feedback edge, so that the order within a tick stays free of cycles."""
+
+    topic: Topic[M]
+
+
+Input = Topic[Any] | Delayed[Any]
+
+
+@dataclass(frozen=True)
+class TickInputs:
+    """Everything that belongs to one tick."""
+
+    tick: Tick
+    messages: dict[str, Any] = field(repr=False)
+
+    @property
+    def number(self) -> int:
+        """The control tick."""
+        return self.tick.tick
+
+    def get(self, topic: Topic[M]) -> M | None:
+        """The message of this tick (of the tick before for a delayed input, the latest for a latched one), or None."""
+        return cast(M | None, self.messages.get(topic.key))
+
+
+class Join:
+    """Collects the inputs of one service and hands them out tick by tick."""
+
+    def __init__(self, service: str, inputs: Iterable[Input], batched: bool = False) -> None:
+        self.service = service
+        self.patience = BATCH_PATIENCE_TICKS if batched else PATIENCE_TICKS
+        self.backlog = BATCH_BACKLOG_TICKS if batched else BACKLOG_TICKS
+        self.same_tick: list[Topic[Any]] = []
+        self.delayed: list[Topic[Any]] = []
+        self.latched: list[Topic[Any]] = []
+        for item in inputs:
+            if isinstance(item, Delayed):
+                self.delayed.append(item.topic)
+            elif item.kind is Kind.LATCHED:
+                self.latched.append(item)
+            else:
+                self.same_tick.append(item)
+        self._delayed_keys = {topic.key for topic in self.delayed}
+        self.owners = {topic.key: topic.owner for topic in (*self.same_tick, *self.delayed, *self.latched)}
+        self.absent: set[str] = set()
+        """Keys that nobody will ever tell: the driver has no such sensor."""
+        self.epoch = -1
+        self.last = -1
+        self.on_roster = False
+        self._newest = -1
+        self._ticks: dict[int, Tick] = {}
+        self._slots: dict[tuple[int, int], dict[str, Any]] = {}
+        self._latched: dict[str, tuple[int, Any]] = {}
+        self._previous_roster: tuple[str, ...] = ()
+        self._lockstep = False
+        self._wanted_of: tuple[Tick | None, list[str]] = (None, [])
+        self._lacking: set[str] | None = None
+        """What tick ``last + 1`` still waits for; None = not worked out yet. Kept, for every message asks."""
+
+    def offer(self, topic: Topic[Any], message: Header, value: Any = None) -> str | None:
+        """Takes an input; returns the reason when it is refused.
+
+        Args:
+            topic: the row it came under.
+            message: the message, or its header alone.
+            value: what ``TickInputs.get`` shall return, default the message.
+        """
+        value = message if value is None else value
+        key, epoch, tick = topic.key, message.epoch, message.tick
+        if epoch < self.epoch:
+            return "stale_epoch"
+        if key == _TICK:
+            return self._offer_tick(cast(Tick, message))
+        if topic.kind is Kind.LATCHED:
+            held = self._latched.get(key)
+            if held is not None and held[0] > epoch:
+                return "stale_epoch"
+            self._latched[key] = (epoch, value)
+            self._lacking = None
+            return None
+        awaited = self.last if key in self._delayed_keys else self.last + 1
+        """The tick whose message the next one wants; what is older has been used."""
+        if epoch == self.epoch:
+            if tick < awaited:
+                return "duplicate"
+            if tick > self._newest + MAX_AHEAD and tick > self.last + MAX_AHEAD and self.on_roster:
+                return "too_far_ahead"
+        slot = self._slots.setdefault((epoch, tick), {})
+        if key in slot:
+            return "duplicate"
+        slot[key] = value
+        if self._lacking and tick == awaited and epoch == self.epoch:
+            self._lacking.discard(key)
+        if len(self._slots) > 4 * MAX_AHEAD:  # not on the roster: nothing is ever taken, keep the newest
+            del self._slots[min(self._slots)]
+        return None
+
+    def _offer_tick(self, tick: Tick) -> str | None:
+        self._lacking = None
+        if tick.epoch > self.epoch:
+            self.epoch = tick.epoch
+            self.last = self._newest = -1
+            self.on_roster = False
+            self._ticks.clear()
+            self._slots = {key: slot for key, slot in self._slots.items() if key[0] >= tick.epoch}
+        if self.service not in tick.roster:
+            self.on_roster = False
+            return "not_on_roster"
+        if tick.tick <= self.last:
+            return "replay"
+        if not self.on_roster:
+            self.on_roster = True
+            self.last = tick.tick - 1  # a newcomer begins with the first tick whose roster names it
+            self._previous_roster = ()  # what was published while it was away is not awaited
+        elif tick.mode == "lockstep" and tick.tick > self.last + MAX_AHEAD:
+            return "too_far_ahead"
+        self._newest = max(self._newest, tick.tick)
+        self._lockstep = tick.mode == "lockstep"
+        held = self._ticks.get(tick.tick)
+        if held is None or tick.roster_version >= held.roster_version:
+            self._ticks[tick.tick] = tick
+        return None
+
+    def _wanted(self, tick: Tick) -> list[str]:
+        """Keys due in a tick; asked for twice of each, so the last answer is kept."""
+        if tick is self._wanted_of[0]:
+            return self._wanted_of[1]
+        wanted: list[str] = []
+        for topic in self.same_tick:
+            if topic.kind is Kind.SAMPLE:
+                if topic.key in tick.due:
+                    wanted.append(topic.key)
+            elif topic.due(tick.tick) and (topic.owner == DRIVER or topic.owner in tick.roster):
+                wanted.append(topic.key)
+        self._wanted_of = tick, wanted
+        return wanted
+
+    def missing(self) -> tuple[str, ...]:
+        """Keys the next tick still waits for; empty also when the tick itself has not come."""
+        tick = self._ticks.get(self.last + 1)
+        return () if tick is None else tuple(self._missing(tick))
+
+    def _missing(self, tick: Tick) -> list[str]:
+        slot = self._slots.get((tick.epoch, tick.tick), {})
+        lacking = [key for key in self._wanted(tick) if key not in slot]
+        before = self._slots.get((tick.epoch, tick.tick - 1), {})
+        for topic in self.delayed:
+            expected = tick.tick > 0 and topic.due(tick.tick - 1)
+            present = topic.owner in self._previous_roster and topic.owner in tick.roster
+            if expected and present and topic.key not in before:
+                lacking.append(topic.key)
+        for topic in self.latched:
+            held = self._latched.get(topic.key)
+            if topic.key not in self.absent and (held is None or held[0] != tick.epoch):
+                lacking.append(topic.key)
+        return lacking
+
+    def awaited(self) -> set[str]:
+        """Owners of what the next tick still lacks; empty when anything that comes may matter."""
+        if not self.on_roster or not self._lockstep:
+            return set()
+        number = self.last + 1
+        tick = self._ticks.get(number)
+        if tick is not None:
+            if self._lacking is None:
+                self._lacking = set(self._missing(tick))
+            return {self.owners[key] for key in self._lacking}
+        roster = self._previous_roster
+        owners = {DRIVER}
+        slot = self._slots.get((self.epoch, number), {})
+        for topic in self.same_tick:
+            if topic.owner in roster and topic.key not in slot and topic.due(number):
+                owners.add(topic.owner)
+        before = self._slots.get((self.epoch, number - 1), {})
+        for topic in self.delayed:
+            if topic.owner in roster and topic.key not in before and topic.due(number - 1):
+                owners.add(topic.owner)
+        return owners
+
+    def take(self) -> TickInputs | None:
+        """The next tick if its inputs are complete (in paced mode: or if later ticks have overtaken it)."""
+        if not self._ticks or not self.on_roster:
+            return None
+        tick = self._ticks.get(self.last + 1)
+        if (tick or next(iter(self._ticks.values()))).mode == "paced":
+            return self._take_paced()
+        if tick is None:
+            return None
+        if self._lacking is None:
+            self._lacking = set(self._missing(tick))
+        return None if self._lacking else self._bundle(tick)
+
+    def _take_paced(self) -> TickInputs | None:
+        newest, first = max(self._ticks), min(self._ticks)
+        if newest - first >= self.backlog:
+            first = min(n for n in self._ticks if n >= newest - self.patience)
+        tick = self._ticks[first]
+        if newest - first >= self.patience or not self._missing(tick):
+            return self._bundle(tick)
+        return None
+
+    def _bundle(self, tick: Tick) -> TickInputs:
+        slot = self._slots.pop((tick.epoch, tick.tick), {})
+        messages: dict[str, Any] = {key: slot[key] for key in self._wanted(tick) if key in slot}
+        before = self._slots.get((tick.epoch, tick.tick - 1), {})
+        for topic in self.delayed:
+            if topic.key in before:
+                messages[topic.key] = before[topic.key]
+        for topic in self.latched:
+            if topic.key in self._latched:
+                messages[topic.key] = self._latched[topic.key][1]
+        skipped = tick.tick - self.last > 1
+        self.last = tick.tick
+        self._previous_roster = tick.roster
+        self._lacking = None
+        kept_for_next = {t.key: slot[t.key] for t in self.delayed if t.key in slot}
+        self._slots = {k: s for k, s in self._slots.items() if k > (tick.epoch, tick.tick)} if skipped else self._slots
+        self._slots.pop((tick.epoch, tick.tick - 1), None)
+        if kept_for_next:
+            self._slots[(tick.epoch, tick.tick)] = kept_for_next
+        for number in [n for n in self._ticks if n <= tick.tick]:
+            del self._ticks[number]
+        return TickInputs(tick, messages)

@@ -1,0 +1,118 @@
+"""Starts one service as a process: command line, configuration, bus, signals, and the exit."""
+
+import argparse
+import gc
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import Any, NoReturn
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: small matrices, and the cores belong to the services
+
+from surefoot.bus.endpoint import checked, to_connect
+from surefoot.errors import SurefootError
+from surefoot.lockstep.config import load_config
+from surefoot.lockstep.service import Service
+from surefoot.logline import log_line
+from surefoot.tables import TableError
+from surefoot.version import VERSION
+
+EXIT_USAGE = 2
+ZENOH_RUNTIME = "(rx:(worker_threads:1),acc:(handover:rx),net:(handover:rx))"
+"""Zenoh's thread pools: one thread receives. Of two, each wakes the other to look for work whenever a frame comes; with
+one the demo runs a third faster. Not for a router: what it forwards to a slow reader would stop all it receives."""
+
+
+def main(service: type[Service[Any]], arguments: list[str] | None = None) -> NoReturn:
+    """Runs a service until it is told to stop; ends the process.
+
+    Everything of ours is closed by then. Taking down the interpreter with compiled kernels and a compiler in it takes
+    up to seconds on a busy machine, and two are promised from SIGTERM to exit: so it is left out.
+    """
+    gc.freeze()  # what is imported by now stays
+    gc.enable()  # who starts a service may have switched it off until here
+    try:
+        code = run(service, arguments)
+    except SystemExit as end:  # --help, or told to stop while starting
+        code = end.code if isinstance(end.code, int) else 0
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
+
+
+def run(service: type[Service[Any]], arguments: list[str] | None = None) -> int:
+    """Runs a service until SIGTERM or SIGINT; returns the exit code."""
+    options = _parser(service).parse_args(arguments)
+    try:
+        options.connect = [checked("--connect", place) for place in options.connect] or [to_connect()]
+        options.listen = [checked("--listen", place, any_port=True) for place in options.listen]
+        config = load_config(service.Config, service.name, options.config, os.environ, options.set)
+        if options.print_config:
+            sys.stdout.write(config.model_dump_json(indent=2) + "\n")
+            return 0
+        return _serve(service(config), options)
+    except SurefootError as error:
+        sys.stderr.write(log_line("error", service.name, error.message) + "\n")
+        return EXIT_USAGE
+    except TableError as error:  # a robot or another file that the service was told to use
+        sys.stderr.write(log_line("error", service.name, str(error)) + "\n")
+        return EXIT_USAGE
+    except Exception as error:
+        sys.stderr.write(log_line("error", service.name, f"ended by {type(error).__name__}: {error}") + "\n")
+        raise
+
+
+def _serve(service: Service[Any], options: argparse.Namespace) -> int:
+    from surefoot.bus.zenoh import Endpoint, ZenohBus
+    from surefoot.lockstep.local import node_of
+    from surefoot.lockstep.node import Node
+
+    endpoint = Endpoint(
+        mode=options.mode, connect=tuple(options.connect), listen=tuple(options.listen), namespace=options.namespace
+    )
+    if options.mode != "router":
+        os.environ.setdefault("ZENOH_RUNTIME", ZENOH_RUNTIME)  # read when the process opens its first session
+    bus: ZenohBus | None = None
+    node: Node | None = None
+
+    def stop(signum: int, frame: Any) -> None:
+        if node is None or node.state in ("starting", "compiling"):
+            raise SystemExit(0)  # still preparing: nothing to finish
+        node.stop()
+
+    signal.signal(signal.SIGTERM, stop)
+    signal.signal(signal.SIGINT, stop)
+    try:
+        bus = ZenohBus(endpoint)
+        node = node_of(service, bus)
+        node.start()
+        spare_collector()
+        node.run()
+    finally:
+        if bus is not None:
+            bus.close()  # a session that stays open would keep the process alive for ever
+    return 0
+
+
+def spare_collector() -> None:
+    """Keeps collections out of ticks: what start-up made stays, and messages are freed by their counts."""
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 50)
+
+
+def _parser(service: type[Service[Any]]) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog=f"surefoot-service {service.name}", description=(service.__doc__ or "").strip().split("\n")[0]
+    )
+    parser.add_argument("--connect", action="append", default=[], help="router to connect to [SUREFOOT_CONNECT]")
+    parser.add_argument("--listen", action="append", default=[], help="endpoint to listen on [tcp/127.0.0.1:0]")
+    parser.add_argument("--mode", choices=("peer", "client", "router"), default="peer", help="Zenoh mode [peer]")
+    robot = os.environ.get("SUREFOOT_ROBOT", "ragno")
+    namespace = os.environ.get("SUREFOOT_NAMESPACE") or f"surefoot/{Path(robot).name}"
+    parser.add_argument("--namespace", default=namespace, help=f"<fleet>/<robot> [{namespace}]")
+    parser.add_argument("--config", type=Path, default=None, help="TOML file with one table per service")
+    parser.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", help="one field, the strongest")
+    parser.add_argument("--print-config", action="store_true", help="print the effective configuration and end")
+    parser.add_argument("--version", action="version", version=VERSION)
+    return parser

@@ -1,0 +1,215 @@
+"""The driver's half of lockstep, without a bus or a clock: who is on the roster, and when the next tick may come.
+
+Protocol (a Kahn network with a bounded lag): the driver publishes tick k, goes on when it has the command of tick
+k - ``delay`` and nobody on the roster lags more than ``window`` ticks. Only the driver changes the roster, only between
+two ticks.
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from surefoot.schemas.hw import Tick
+from surefoot.schemas.topics import CMD_JOINTS
+
+State = Literal["idle", "joining", "running", "paused", "holding", "ended"]
+
+WINDOW_TICKS = 20
+"""How far the slowest member may lag."""
+
+REPORT_TICKS = 10
+"""Members answer every tenth tick, and the last one before a pause or the end: half the window, for each answer costs
+the driver as much as a frame. Batches go with the answers."""
+
+COMMANDER = CMD_JOINTS.owner
+"""The service whose command a tick waits for; its command counts as its done."""
+
+
+@dataclass
+class Member:
+    """A service on the roster."""
+
+    instance: str
+    done: int
+    admitted: int
+
+
+@dataclass
+class Leader:
+    """Roster and progress of one run."""
+
+    expect: tuple[str, ...] = ()
+    delay: int = 1
+    window: int = WINDOW_TICKS
+    mode: Literal["lockstep", "paced"] = "lockstep"
+    policy: Literal["hold", "degrade", "fail"] = "hold"
+    seed: int = 0
+    epoch: int = 0
+    state: State = "idle"
+    tick: int = -1
+    """Last tick published."""
+    end_tick: int | None = None
+    pause_tick: int | None = None
+    comparable: bool = True
+    roster_version: int = 0
+    reason: str = ""
+    members: dict[str, Member] = field(default_factory=dict[str, Member])
+    ready: dict[str, str] = field(default_factory=dict[str, str])
+    """Services whose links are proved, not yet on the roster: name to instance."""
+    lost: set[str] = field(default_factory=set[str])
+    """Members whose process is gone and whose return is awaited."""
+    _manifests: dict[int, Tick] = field(default_factory=dict[int, Tick])
+
+    def begin(self, epoch: int) -> None:
+        """A new run: nobody is ready until they prove their links anew."""
+        self.epoch, self.tick, self.state = epoch, -1, "joining"
+        self.members.clear()
+        self.ready.clear()
+        self.lost.clear()
+        self._manifests.clear()
+        self.roster_version, self.comparable, self.reason = 0, True, ""
+
+    # -- events ------------------------------------------------------------------------------------------------
+
+    def on_ready(self, service: str, instance: str) -> None:
+        """A service proved its links (done of tick -1)."""
+        member = self.members.get(service)
+        if member is None or member.instance != instance or service in self.lost:
+            self.ready[service] = instance
+
+    def on_done(self, service: str, instance: str, tick: int) -> None:
+        """A member finished a tick; a late done of a dead instance does not count."""
+        member = self.members.get(service)
+        if member is not None and member.instance == instance and tick > member.done:
+            member.done = tick
+
+    def on_command(self, tick: int) -> None:
+        """The commander's command of a tick is also its done."""
+        member = self.members.get(COMMANDER)
+        if member is not None and tick > member.done:
+            member.done = tick
+
+    def on_gone(self, service: str, instance: str) -> None:
+        """A process vanished."""
+        if self.ready.get(service) == instance:
+            del self.ready[service]
+        member = self.members.get(service)
+        if member is None or member.instance != instance or self.state in ("idle", "ended"):
+            return
+        self.drop(service, f"{service} died")
+
+    def drop(self, service: str, why: str) -> None:
+        """Applies the policy to a lost member."""
+        self.comparable = False
+        self.reason = why
+        if self.policy == "fail":
+            self.state = "ended"
+        elif self.policy == "hold" and self.mode == "lockstep":
+            self.lost.add(service)
+            if self.state == "running":
+                self.state = "holding"
+        else:
+            self._remove(service)
+
+    def give_up_waiting(self) -> tuple[str, ...]:
+        """Ends a hold: the lost leave the roster, the run goes on without them."""
+        gone = tuple(sorted(self.lost))
+        for service in gone:
+            self._remove(service)
+        self.lost.clear()
+        if self.state == "holding":
+            self.state = "running"
+        return gone
+
+    def _remove(self, service: str) -> None:
+        self.members.pop(service, None)
+        self.lost.discard(service)
+        self.roster_version += 1
+
+    # -- progress ----------------------------------------------------------------------------------------------
+
+    def missing(self) -> tuple[str, ...]:
+        """Who is awaited."""
+        if self.state == "joining":
+            return tuple(name for name in self.expect if name not in self.ready)
+        if self.state == "holding":
+            return tuple(sorted(self.lost))
+        return tuple(name for name, member in self.members.items() if not self._far_enough(name, member))
+
+    def _far_enough(self, name: str, member: Member) -> bool:
+        lag = self.delay if name == COMMANDER else self.window
+        return member.done >= self.tick - lag
+
+    def may_start(self) -> bool:
+        """Every expected service is ready."""
+        return self.state == "joining" and not self.missing()
+
+    def start(self) -> None:
+        """Tick 0 comes next."""
+        self._admit()
+        self.state = "running"
+
+    def may_advance(self) -> bool:
+        """The tick before is far enough for the next one to come."""
+        if self.state != "running":
+            return False
+        if self.mode == "paced" or self.tick < 0:
+            return True
+        return all(self._far_enough(name, member) for name, member in self.members.items())
+
+    def all_done(self) -> bool:
+        """Everybody finished the last tick."""
+        return all(member.done >= self.tick for member in self.members.values())
+
+    def newcomers(self) -> bool:
+        """Somebody is ready and not on the roster."""
+        return bool(self.ready)
+
+    def _admit(self) -> None:
+        if not self.ready:
+            return
+        for service, instance in self.ready.items():
+            self.members[service] = Member(instance, self.tick, self.tick + 1)
+            self.lost.discard(service)
+        self.ready.clear()
+        self.roster_version += 1
+
+    def rejoin(self) -> range:
+        """Admits those who came back during a hold; returns the ticks to send again, oldest first."""
+        first = min((m.done for n, m in self.members.items() if n not in self.lost), default=self.tick) + 1
+        first = min(first, max(0, self.tick - self.delay))
+        returned = [name for name in self.lost if name in self.ready]
+        self._admit()
+        for name in returned:
+            self.members[name].done = first - 1
+        if not self.lost and self.state == "holding":
+            self.state = "running"
+        return range(first, self.tick + 1)
+
+    def advance(self, stamp_ns: int, due: tuple[str, ...]) -> Tick:
+        """The manifest of the next tick; newcomers are admitted here and nowhere else."""
+        if self.state == "running":
+            self._admit()
+        self.tick += 1
+        end = self.tick == self.end_tick
+        pause = self.pause_tick is not None and self.tick >= self.pause_tick
+        manifest = Tick(
+            stamp_ns=stamp_ns, tick=self.tick, epoch=self.epoch, seq=self.tick, source="driver",
+            roster=tuple(sorted(self.members)), roster_version=self.roster_version, due=due, mode=self.mode,
+            seed=self.seed, end=end, report=end or pause or self.tick % REPORT_TICKS == REPORT_TICKS - 1,
+        )  # fmt: skip
+        self._manifests[self.tick] = manifest
+        self._manifests.pop(self.tick - 4 * self.window, None)
+        if manifest.end:
+            self.state = "ended"
+        elif pause:
+            self.state, self.pause_tick = "paused", None
+        return manifest
+
+    def again(self, tick: int) -> Tick | None:
+        """The manifest of an earlier tick under the present roster, to be sent again."""
+        manifest = self._manifests.get(tick)
+        if manifest is None:
+            return None
+        return manifest.model_copy(
+            update={"roster": tuple(sorted(self.members)), "roster_version": self.roster_version}
+        )

@@ -1,0 +1,52 @@
+"""A whole system in one process on the in-memory bus: the same services, the same lockstep, the same run hash.
+
+For tests, for studies over many seeds (one process per seed, no ports) and for replay.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from surefoot.bus.memory import MemoryBus
+from surefoot.errors import BusError
+from surefoot.lockstep.driver import Driver, DriverNode
+from surefoot.lockstep.node import Node
+from surefoot.lockstep.service import Service
+
+
+def node_of(service: Service[Any], bus: Any) -> Node:
+    """The runtime a service runs in."""
+    return DriverNode(service, bus) if isinstance(service, Driver) else Node(service, bus)
+
+
+class LocalSystem:
+    """Services that share a memory bus; nothing happens but in ``run_until``."""
+
+    def __init__(self, services: Iterable[Service[Any]]) -> None:
+        self.bus = MemoryBus()
+        self.nodes = [node_of(service, self.bus) for service in services]
+        for node in self.nodes:
+            node.start()
+            for query in node.service.serves:
+                self.bus.pump_with(query, node.pump_once)
+
+    def run_until(self, finished: Callable[[], bool], max_idle_rounds: int = 200_000) -> None:
+        """Lets the nodes work in turn until ``finished``.
+
+        Raises:
+            BusError: nothing happens any more although it is not finished.
+        """
+        idle = 0
+        while not finished():
+            progressed = False
+            for node in self.nodes:
+                progressed = node.pump_once() or progressed
+            idle = 0 if progressed else idle + 1
+            if idle > max_idle_rounds:
+                waiting = {node.name: node.health().waiting_for for node in self.nodes}
+                raise BusError("stalled", f"nothing moves any more; waiting: {waiting}")
+
+    def close(self) -> None:
+        """Ends all services."""
+        for node in self.nodes:
+            node.service.on_stop()
+        self.bus.close()

@@ -1,0 +1,388 @@
+"""The runtime around a service: inbox, join, queries, health. One thread does everything a service sees.
+
+Whatever arrives, from whatever thread, is put into one inbox. ``pump`` handles what is there; ``run`` waits for more.
+On the in-memory bus nobody waits: the system pumps its nodes in turn.
+"""
+
+import sys
+import time
+import uuid
+from collections import Counter, deque
+from contextlib import suppress
+from queue import Empty
+from typing import Any, TypeVar
+
+from surefoot.bus.frame import Frame
+from surefoot.bus.inbox import Inbox
+from surefoot.bus.interface import Bus, Delivery, Incoming, Life, Publisher
+from surefoot.errors import CallError, Refusal
+from surefoot.kernels.compiling import COMPILING
+from surefoot.lockstep.answers import Answers, Late
+from surefoot.lockstep.config import config_hash
+from surefoot.lockstep.health import health_of
+from surefoot.lockstep.join import DRIVER, Delayed, Join, TickInputs
+from surefoot.lockstep.service import Service
+from surefoot.logline import log_line, sendable
+from surefoot.schemas.base import Message, Request, TickRequest, Wire
+from surefoot.schemas.hw import Tick
+from surefoot.schemas.system import Done, Health, HealthReply, JoinRequest, LogRecord
+from surefoot.schemas.topics import CMD_JOINTS, HEALTH, HEALTH_GET, HW_TICK, LOG, SIM_JOIN, TICK_DONE, Query, Topic
+from surefoot.version import VERSION
+
+Req = TypeVar("Req", bound=Request)
+Rep = TypeVar("Rep", bound=Wire)
+
+KEEP_TICKS = 20
+"""Outputs of so many ticks are kept, to be sent again when the driver repeats a tick."""
+JOIN_RETRY_S = 0.3
+HEALTH_PERIOD_S = 1.0
+LOOK_S = 0.1
+"""A node looks into its inbox at least so often: a frame that it waits for may never come."""
+NOT_READY_S = 2.0
+"""A query that asks about a tick which does not come is answered ``not_ready`` after this wall time."""
+
+_STOP = object()
+_TICK = HW_TICK.key
+
+
+class Node:
+    """Runs one service on one bus."""
+
+    def __init__(self, service: Service[Any], bus: Bus) -> None:
+        self.service = service
+        self.bus = bus
+        self.name = service.name
+        self.instance = uuid.uuid4().hex[:12]
+        self.inbox = Inbox()
+        self.join = Join(service.name, service.inputs, service.batched)
+        self.refused: Counter[str] = Counter()
+        self.counts: Counter[str] = Counter()
+        self.tick_us: deque[float] = deque(maxlen=2000)
+        self.state = "starting"
+        self.stopping = False
+        self._publishers: dict[str, Publisher[Any]] = {}
+        self._outbox: dict[tuple[int, int], list[tuple[Publisher[Any], Any]]] = {}
+        self._observed = {topic.key for topic in service.observes}
+        self._links: tuple[Topic[Any] | Query[Any, Any], ...] = ()
+        self._proved: set[str] = set()
+        self._unproved: list[str] = []
+        self._waiting: list[tuple[float, Incoming, TickRequest]] = []
+        self._answers = Answers(self.inbox.put, self.refuse)
+        self._tick: TickInputs | None = None
+        self.epoch = -1
+        self._primed_at = 0.0
+        self._next_health = 0.0
+        self._next_join = 0.0
+        self._counts_as_done = any(topic.key == CMD_JOINTS.key for topic in service.outputs)
+        self._done = TICK_DONE.of(self.name)
+
+    # -- life --------------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Declares everything, lets the service prepare, then becomes visible."""
+        service, put = self.service, self.inbox.put
+        service.attach(self)
+        for topic in self._subscriptions():
+            if topic.judging and not service.batched:
+                raise ValueError(f"{self.name} reads {topic.key!r}, which is told in batches, but is not batched")
+        for topic in (*service.outputs, self._done, HEALTH.of(self.name), LOG.of(self.name)):
+            self._publishers[topic.key] = self.bus.publisher(topic)
+        self.bus.serve(HEALTH_GET.of(self.name), self._early)  # the only question that a cold service answers
+        began, before = time.monotonic(), COMPILING.done
+        with COMPILING.told(self._on_compile):
+            service.on_start()
+        if self.state == "compiling":
+            self.log("info", f"{COMPILING.done - before} kernels compiled in {time.monotonic() - began:.1f} s")
+        for query in service.serves:
+            if query.key not in service.handlers:
+                raise ValueError(f"{self.name} declares {query.key!r} but registered no handler in on_start")
+        self.bus.take(self._subscriptions(), put, batched=service.batched)
+        for topic in service.observes:
+            self.bus.subscribe(topic, put)
+        for query in service.serves:
+            self.bus.serve(query, put)
+        self.bus.watch(put)
+        self._links = (*(t for t in self._subscriptions() if t.key != HW_TICK.key), *service.calls)
+        self.state = "joining"
+        self.bus.announce(self.name, self.instance)
+
+    def _early(self, incoming: Incoming) -> None:
+        """A question about health; while kernels compile it is answered at once, on the thread of the bus."""
+        if self.state in ("starting", "compiling") and not incoming.probe:
+            incoming.reply(HealthReply(health=self.health()))
+        else:
+            self.inbox.put(incoming)
+
+    def _on_compile(self, name: str) -> None:
+        """A kernel is not in the cache while the service prepares."""
+        if self.state == "starting":
+            self.state = "compiling"
+            self.log("info", f"compiling kernels, {name} first; `surefoot warm` does so ahead of time")
+            self._publishers[f"health/{self.name}"].put(self.health())
+
+    def _subscriptions(self) -> list[Topic[Any]]:
+        topics = [item.topic if isinstance(item, Delayed) else item for item in self.service.inputs]
+        return [HW_TICK, *topics]
+
+    def run(self) -> None:
+        """Works until ``stop``."""
+        try:
+            while not self.stopping:
+                self.pump()
+                wait = min(self._timers(), LOOK_S)
+                try:
+                    self.handle(self.inbox.get(wait, self.join.awaited()))
+                except Empty:
+                    continue
+        finally:
+            self.state = "stopping"
+            self.service.on_stop()
+
+    def stop(self) -> None:
+        """Ends ``run``; may be called from any thread or a signal handler."""
+        self.stopping = True
+        self.inbox.put(_STOP)
+
+    def pump(self) -> bool:
+        """Handles everything that is there; returns whether there was anything."""
+        progressed = False
+        while not self.stopping:
+            while not self.inbox.empty():
+                self.handle(self.inbox.get_nowait())
+                progressed = True
+            if not self.work():
+                return progressed
+            progressed = True
+        return progressed
+
+    def pump_once(self) -> bool:
+        """Handles what is there and does at most one tick, so that nodes of one process take turns."""
+        progressed = False
+        while not self.inbox.empty():
+            self.handle(self.inbox.get_nowait())
+            progressed = True
+        progressed = self.work() or progressed
+        if self._answers.late and not progressed:
+            with suppress(Empty):  # an answer is worked out on another thread: there is nothing else to do
+                self.handle(self.inbox.get(LOOK_S, set()))
+            return True
+        return progressed
+
+    def _timers(self) -> float:
+        """Does what the wall clock asks for; returns the seconds until it asks again."""
+        now = time.monotonic()
+        if now >= self._next_health:
+            self._next_health = now + HEALTH_PERIOD_S
+            self._publishers[f"health/{self.name}"].put(self.health())
+        if now >= self._next_join:
+            self._next_join = now + JOIN_RETRY_S
+            if not self.stopping and not self.join.on_roster and now - self._primed_at > JOIN_RETRY_S:
+                self._ask_to_join()
+        for item in [item for item in self._waiting if now - item[0] > NOT_READY_S]:
+            self._waiting.remove(item)
+            item[1].fail(Refusal("not_ready", f"{self.name} has not seen tick {item[2].tick} of epoch {item[2].epoch}"))
+        return max(0.0, min(self._next_health, self._next_join) - time.monotonic())
+
+    def _ask_to_join(self) -> None:
+        request = JoinRequest(
+            service=self.name, instance=self.instance, version=VERSION, config_hash=config_hash(self.service.config)
+        )
+        try:
+            self.bus.call(SIM_JOIN, request, 0.3)
+        except CallError as error:
+            self.refused[f"join_{error.code}"] += 1
+
+    # -- what arrives ------------------------------------------------------------------------------------------
+
+    def handle(self, item: Any) -> None:
+        """One item of the inbox."""
+        if isinstance(item, Delivery):
+            if item.prime:
+                self._proved.add(item.topic.key)
+            else:
+                self._on_delivery(item)
+        elif isinstance(item, Frame):
+            self._on_frame(item)
+        elif isinstance(item, Life):
+            self.on_life(item)
+        elif isinstance(item, Late):
+            self._answers.arrived(item)
+        elif item is not _STOP:
+            self._on_query(item)
+
+    def _on_frame(self, frame: Frame) -> None:
+        try:
+            deliveries = frame.deliveries()
+        except Refusal as refusal:
+            self.refuse(refusal.code, refusal.message)
+            return
+        for delivery in deliveries:
+            if delivery.prime:
+                self._proved.add(delivery.topic.key)
+            else:
+                self._on_delivery(delivery)
+
+    def _on_delivery(self, delivery: Delivery) -> None:
+        topic, key = delivery.topic, delivery.topic.key
+        self.counts[key] += 1
+        try:
+            if key in self._observed:
+                self.service.on_message(topic, delivery.message())
+                return
+            raw = self.service.raw and key != _TICK
+            message: Any = delivery.header() if raw else delivery.message()
+        except Refusal as refusal:
+            self.refuse(refusal.code, f"{key}: {refusal.message}")
+            return
+        if key == _TICK and message.tick < 0:
+            self._on_prime(message)
+            return
+        reason = self.join.offer(topic, message, delivery if raw else None)
+        if reason == "replay":
+            self._replay(message.epoch, message.tick)
+        elif reason is not None and reason != "duplicate":
+            self.refuse(reason)
+
+    def refuse(self, reason: str, detail: str = "") -> None:
+        """Counts a refusal; the first of each kind is logged."""
+        self.refused[reason] += 1
+        if detail and self.refused[reason] == 1:
+            self.log("warning", f"refused ({reason}): {detail}")
+
+    def _on_prime(self, prime: Tick) -> None:
+        """The driver proves its links before tick 0: answer in kind, and report when all of ours are proved.
+
+        Only the links from services of the roster are awaited, and of the driver's only those it has (``due``; none
+        named: all); a prime of another topic is an empty payload.
+        """
+        self._primed_at = time.monotonic()
+        self.bus.cork()
+        for output in self.service.outputs:
+            self._publishers[output.key].prime()
+        self.bus.flush()
+        present, had = {DRIVER, *prime.roster}, set(prime.due)
+        lacking = {row.key for row in self._links if had and row.owner == DRIVER and row.key not in had}
+        self.join.absent = lacking
+        links = [r for r in self._links if r.owner in present and r.key not in lacking and r.key not in self._proved]
+        self._proved |= {row.key for row in links if isinstance(row, Query) and self.bus.probe(row)}
+        self._unproved = sorted(row.key for row in links if row.key not in self._proved)
+        if self._unproved:
+            return
+        if self.state == "joining":
+            self.state = "ready"
+        self._publishers[self._done.key].put(
+            Done(tick=-1, epoch=prime.epoch, source=self.name, instance=self.instance, ready=True)
+        )
+
+    def on_life(self, life: Life) -> None:
+        """A process came or went; a new driver begins a new count of epochs."""
+        if life.service == DRIVER and not life.alive:
+            self.join = Join(self.name, self.service.inputs, self.service.batched)
+            self.epoch = -1
+            self._outbox.clear()
+
+    def _on_query(self, incoming: Incoming) -> None:
+        request = self._answers.request(incoming)
+        if request is None:
+            return
+        if isinstance(request, TickRequest) and request.tick is not None and not self._has_seen(request):
+            self._waiting.append((time.monotonic(), incoming, request))
+            return
+        self._answer(incoming, request)
+
+    def _has_seen(self, request: TickRequest) -> bool:
+        assert request.tick is not None
+        epoch = self.epoch if request.epoch is None else request.epoch
+        if not self.join.same_tick and not self.join.delayed:
+            return self.epoch >= epoch  # what it knows comes once per epoch, no tick changes it
+        return (self.epoch, self.join.last) >= (epoch, request.tick)
+
+    def _answer(self, incoming: Incoming, request: Request) -> None:
+        key, before = incoming.query.key, COMPILING.done
+        self.counts[key] += 1
+        if key == f"health/{self.name}":
+            incoming.reply(HealthReply(health=self.health()))
+        else:
+            self._answers.settle(incoming, lambda: self.service.handlers[key](request))
+        if COMPILING.done != before:  # a kernel that on_start forgot: never silently
+            self.counts["compiled_in_query"] += 1
+            self.log("warning", f"{key} had to compile {COMPILING.last}, which on_start should have done")
+
+    # -- ticks -------------------------------------------------------------------------------------------------
+
+    def work(self) -> bool:
+        """Does the next tick if its inputs are complete."""
+        inputs = self.join.take()
+        if inputs is None:
+            return False
+        began = time.perf_counter_ns()
+        self._tick = inputs
+        tick = inputs.tick
+        if tick.epoch != self.epoch:
+            self.epoch = tick.epoch
+            self._outbox.clear()
+            self.service.on_reset()
+        self.state = "running"
+        self._outbox[(tick.epoch, tick.tick)] = []
+        self.bus.cork()
+        self.service.on_tick(inputs)
+        self.bus.flush(batch=tick.report)
+        if tick.report and not self._counts_as_done:
+            self._send(self._done, Done(tick=tick.tick, epoch=tick.epoch, source=self.name, instance=self.instance))
+        self._outbox.pop((tick.epoch, tick.tick - KEEP_TICKS), None)
+        self._tick = None
+        self.tick_us.append((time.perf_counter_ns() - began) * 1e-3)
+        if self._waiting:
+            for item in [item for item in self._waiting if self._has_seen(item[2])]:
+                self._waiting.remove(item)
+                self._answer(item[1], item[2])
+        return True
+
+    def _send(self, topic: Topic[Any], message: Message) -> None:
+        publisher = self._publishers[topic.key]
+        token = publisher.put(message)
+        box = self._outbox.get((message.epoch, message.tick))
+        if box is not None:
+            box.append((publisher, token))
+
+    def _replay(self, epoch: int, tick: int) -> None:
+        """A repeated tick: the same bytes again, and how far this service is, so that the driver sees who is silent."""
+        self.bus.cork()
+        for publisher, token in self._outbox.get((epoch, tick), ()):
+            publisher.resend(token)
+        self.bus.flush()
+        if not self._counts_as_done:
+            self._publishers[self._done.key].put(
+                Done(tick=self.join.last, epoch=epoch, source=self.name, instance=self.instance)
+            )
+
+    # -- what a service asks for -------------------------------------------------------------------------------
+
+    def publish(self, topic: Topic[Any], message: Message, stamp_ns: int | None) -> None:
+        if topic.key not in self._publishers:
+            raise ValueError(f"{self.name} publishes {topic.key!r} but does not declare it in outputs")
+        if self._tick is None:
+            self._publishers[topic.key].put(message.model_copy(update={"source": self.name}))
+            return
+        tick = self._tick.tick
+        stamp = tick.stamp_ns if stamp_ns is None else stamp_ns
+        seq = tick.tick // max(1, topic.period_ticks)
+        self._send(topic, message.stamped(stamp, tick.tick, tick.epoch, seq, self.name))
+
+    def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None) -> Rep:
+        if query not in self.service.calls:
+            raise ValueError(f"{self.name} calls {query.key!r} but does not declare it in calls")
+        if self._tick is not None and query.owner != DRIVER and query.owner not in self._tick.tick.roster:
+            raise CallError("absent", f"{query.owner} is not on the roster")
+        return self.bus.call(query, request, timeout_s)
+
+    def log(self, level: str, text: str) -> None:
+        sys.stderr.write(log_line(level, self.name, text, self.join.last) + "\n")
+        sys.stderr.flush()
+        publisher = self._publishers.get(f"log/{self.name}")
+        if publisher is not None:
+            publisher.put(LogRecord(source=self.name, level=level, text=sendable(text[:2000])))  # pyright: ignore[reportArgumentType]
+
+    def health(self) -> Health:
+        """How the service does."""
+        return health_of(self, (*self._unproved, *self.join.missing()))

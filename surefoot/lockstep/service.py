@@ -1,0 +1,108 @@
+"""What a service declares and overrides. The runtime around it is ``surefoot.lockstep.node``."""
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+from surefoot.lockstep.config import ServiceConfig
+from surefoot.lockstep.join import Input, TickInputs
+from surefoot.schemas.base import Message, Request, Wire
+from surefoot.schemas.topics import Query, Topic
+
+C = TypeVar("C", bound=ServiceConfig)
+M = TypeVar("M", bound=Message)
+Req = TypeVar("Req", bound=Request)
+Rep = TypeVar("Rep", bound=Wire)
+
+
+class Runtime(Protocol):
+    """What a service may ask of the runtime."""
+
+    def publish(self, topic: Topic[Any], message: Message, stamp_ns: int | None) -> None:
+        """Publishes under the header of the present tick."""
+        ...
+
+    def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None) -> Rep:
+        """Asks another service and waits."""
+        ...
+
+    def log(self, level: str, text: str) -> None:
+        """Writes a line to the log and to ``log/<service>``."""
+        ...
+
+
+class Service(Generic[C]):
+    """Base of all services: one process, a function of its own named inputs per tick.
+
+    Subclasses declare what they read, write, serve and ask; the runtime checks every use against the declaration, and
+    the graph, the start order and the documentation are derived from it.
+    """
+
+    name: ClassVar[str]
+    Config: ClassVar[type[ServiceConfig]] = ServiceConfig
+    inputs: ClassVar[tuple[Input, ...]] = ()
+    outputs: ClassVar[tuple[Topic[Any], ...]] = ()
+    serves: ClassVar[tuple[Query[Any, Any], ...]] = ()
+    calls: ClassVar[tuple[Query[Any, Any], ...]] = ()
+    observes: ClassVar[tuple[Topic[Any], ...]] = ()
+    """Topics outside lockstep (health, logs): delivered to ``on_message`` as they come."""
+    batched: ClassVar[bool] = False
+    """Its ticks may come some at a time: for those whose output nobody awaits within a tick."""
+    raw: ClassVar[bool] = False
+    """Inputs are handed over undecoded, as ``Delivery``: for those who pass them on."""
+
+    def __init__(self, config: C) -> None:
+        self.config = config
+        self.handlers: dict[str, Callable[[Any], Wire | Future[Any]]] = {}
+        self._runtime: Runtime | None = None
+
+    # -- overridden --------------------------------------------------------------------------------------------
+
+    def on_start(self) -> None:
+        """Once, before anything arrives: register handlers, load the robot, warm the kernels."""
+
+    def on_reset(self) -> None:
+        """A new epoch: drop all state."""
+
+    def on_tick(self, inputs: TickInputs) -> None:
+        """All due inputs of a tick are here: compute and publish."""
+
+    def on_message(self, topic: Topic[Any], message: Message) -> None:
+        """A message of an observed topic."""
+
+    def on_stop(self) -> None:
+        """Once, at the end: close files."""
+
+    # -- used --------------------------------------------------------------------------------------------------
+
+    def attach(self, runtime: Runtime) -> None:
+        """Gives the service its runtime."""
+        self._runtime = runtime
+
+    @property
+    def runtime(self) -> Runtime:
+        """The runtime; there from ``on_start`` on."""
+        assert self._runtime is not None
+        return self._runtime
+
+    def handle(self, query: Query[Req, Rep], handler: Callable[[Req], Rep | Future[Rep]]) -> None:
+        """Registers the handler of a declared query; it must not call other services.
+
+        A handler whose work would hold up ticks returns a future of the reply; that work runs on a thread of the
+        service's own and must use nothing but the request.
+        """
+        if query.key not in {served.key for served in self.serves}:
+            raise ValueError(f"{self.name} handles {query.key!r} but does not declare it in serves")
+        self.handlers[query.key] = handler
+
+    def publish(self, topic: Topic[M], message: M, stamp_ns: int | None = None) -> None:
+        """Publishes a declared output; ``stamp_ns`` is the time of the sample it speaks of, default the tick's."""
+        self.runtime.publish(topic, message, stamp_ns)
+
+    def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None) -> Rep:
+        """Asks another service (raises CallError)."""
+        return self.runtime.call(query, request, timeout_s)
+
+    def log(self, level: str, text: str) -> None:
+        """Writes a line to the log; level is debug, info, warning or error."""
+        self.runtime.log(level, text)

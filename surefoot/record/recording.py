@@ -1,0 +1,181 @@
+"""MCAP recordings: the bytes of the bus as they were, with their JSON Schemas. Foxglove and PlotJuggler open them."""
+
+import json
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from errno import EINVAL
+from pathlib import Path
+from typing import Any
+
+from mcap.reader import make_reader
+
+from surefoot.bus.codec import decode, encoding_of, json_schema
+from surefoot.bus.interface import Raw
+from surefoot.errors import SurefootError
+from surefoot.record.check import BROKEN, Findings, check
+from surefoot.record.chunks import MAGIC, ChunkWriter
+from surefoot.schemas.base import Bulk, Header, Message
+from surefoot.schemas.topics import TOPICS, Topic
+from surefoot.version import VERSION
+
+BULK = "surefoot-bulk"
+"""Message encoding of arrays: uint32 length of the JSON header, header, raw array."""
+SUMMARY = "surefoot"
+
+
+class RecordingWriter:
+    """Appends messages to an MCAP file; what is in a full chunk survives a crash."""
+
+    def __init__(self, path: Path, metadata: dict[str, str]) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.path = path
+        self.messages = 0
+        self._file = path.open("wb")
+        self._writer = ChunkWriter(self._file, f"surefoot {VERSION}")
+        self._writer.add_metadata("run", metadata)
+        self._channels: dict[str, tuple[int, bool]] = {}
+
+    def write(self, topic: Topic[Any], header: Header, raw: Raw) -> None:
+        """Adds a message as it came."""
+        key = topic.key if not topic.key.endswith("/*") else f"{topic.key[:-1]}{header.source}"
+        channel, bulk = self._channels.get(key) or self._add_channel(key, topic.model)
+        data = raw.payload
+        if bulk:
+            head = raw.attachment or b"{}"
+            data = struct.pack("<I", len(head)) + head + raw.payload
+        self._writer.add_message(channel, header.stamp_ns, header.seq, data)
+        self.messages += 1
+
+    def _add_channel(self, key: str, model: type[Message]) -> tuple[int, bool]:
+        bulk = issubclass(model, Bulk)
+        schema = json.dumps(json_schema(model)).encode()
+        number = self._writer.add_channel(key, BULK if bulk else "json", model.schema_name(), schema)
+        self._channels[key] = number, bulk
+        return number, bulk
+
+    def close(self, summary: dict[str, str]) -> None:
+        """Writes the summary and the index."""
+        self._writer.add_metadata(SUMMARY, summary)
+        self._writer.finish()
+        self._file.close()
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """One message of a recording."""
+
+    key: str
+    stamp_ns: int
+    model: type[Message] | None
+    data: bytes
+
+    def raw(self) -> Raw:
+        """The bytes on the wire."""
+        if self.model is not None and issubclass(self.model, Bulk):
+            (length,) = struct.unpack_from("<I", self.data)
+            return Raw(self.data[4 + length :], self.data[4 : 4 + length], encoding_of(self.model))
+        return Raw(self.data, None, "" if self.model is None else encoding_of(self.model))
+
+    def message(self) -> Message:
+        """The decoded message (raises Refusal; SurefootError for a key this version does not know)."""
+        if self.model is None:
+            raise SurefootError("unknown_key", f"{self.key!r} is not a topic of this version")
+        return decode(self.model, *self.raw())
+
+
+def topic_of(key: str) -> Topic[Any] | None:
+    """The row of the table a key belongs to."""
+    for topic in TOPICS:
+        if topic.key == key or (topic.key.endswith("/*") and key.startswith(topic.key[:-1])):
+            return topic
+    return None
+
+
+def read_recording(path: Path, keys: tuple[str, ...] | None = None) -> Iterator[Recorded]:
+    """The messages of a recording in the order of their stamps.
+
+    Raises:
+        SurefootError: the file cannot be read, is empty, no MCAP file, or cut off or damaged.
+    """
+    try:
+        with path.open("rb") as file:
+            reader = make_reader(file, validate_crcs=True)
+            count = 0
+            for _, channel, message in reader.iter_messages(topics=list(keys) if keys else None, log_time_order=True):
+                row = topic_of(channel.topic)
+                yield Recorded(channel.topic, message.log_time, None if row is None else row.model, message.data)
+                count += 1
+            summary = reader.get_summary()
+    except OSError as error:
+        raise _unreadable(path, error) from None
+    except BROKEN as error:
+        raise _broken(path, str(error)) from None
+    if summary is not None and summary.statistics is not None:
+        counts = summary.statistics.channel_message_counts
+        told = sum(counts.get(i, 0) for i, c in summary.channels.items() if not keys or c.topic in keys)
+        if count < told:
+            raise _broken(path, f"{told - count} of {told} messages cannot be read")
+
+
+def _unreadable(path: Path, error: OSError) -> SurefootError:
+    """Why a file cannot be read; one too short for a summary makes the reader look before its beginning."""
+    return _broken(path, "") if error.errno == EINVAL else SurefootError("unreadable", f"{path}: {error.strerror}")
+
+
+def _broken(path: Path, why: str) -> SurefootError:
+    """What is wrong with a file that cannot be read as a recording."""
+    with path.open("rb") as file:
+        head, size = file.read(len(MAGIC)), path.stat().st_size
+        file.seek(max(0, size - len(MAGIC)))
+        if file.read() != MAGIC:
+            why = "it has no summary at its end, without which nothing is found by index"
+    if not head:
+        return SurefootError("malformed", f"{path} is empty")
+    if not MAGIC.startswith(head):
+        return SurefootError("malformed", f"{path} is not an MCAP file: it begins with {head!r}")
+    told = f" ({why[:120]})" if why else ""
+    hint = "`surefoot bag info --verify` tells what can be read of it"
+    return SurefootError("malformed", f"{path} is cut off or damaged{told}; {hint}")
+
+
+def recording_info(path: Path) -> dict[str, Any]:
+    """Counts, times and metadata of a recording (raises as ``read_recording``)."""
+    try:
+        with path.open("rb") as file:
+            reader = make_reader(file)
+            summary = reader.get_summary()
+            metadata = {record.name: dict(record.metadata) for record in reader.iter_metadata()}
+    except OSError as error:
+        raise _unreadable(path, error) from None
+    except BROKEN as error:
+        raise _broken(path, str(error)) from None
+    if summary is None or summary.statistics is None:
+        raise _broken(path, "it has no summary, the recorder did not finish")
+    counts = summary.statistics.channel_message_counts
+    return {
+        "path": str(path),
+        "messages": summary.statistics.message_count,
+        "start_ns": summary.statistics.message_start_time,
+        "end_ns": summary.statistics.message_end_time,
+        "topics": {c.topic: counts.get(i, 0) for i, c in sorted(summary.channels.items(), key=lambda p: p[1].topic)},
+        "metadata": metadata,
+    }
+
+
+def verify_recording(path: Path) -> Findings:
+    """All of a recording, with its checksums, whatever has happened to it.
+
+    Raises:
+        SurefootError: the file cannot be read, is empty, or no MCAP file.
+    """
+    try:
+        found = check(path)
+    except OSError as error:
+        raise SurefootError("unreadable", f"{path}: {error.strerror}") from None
+    if not found.whole and not found.chunks:
+        with path.open("rb") as file:
+            head = file.read(len(MAGIC))
+        if not head or not MAGIC.startswith(head):
+            raise _broken(path, "")
+    return found

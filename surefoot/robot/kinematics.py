@@ -1,0 +1,274 @@
+"""Kinematics of a link tree: positions, Jacobians, centre of mass, gravity torques, closed-form leg solutions.
+
+All functions are numba kernels on a `KinematicModel` and joint angles `q` (nj,) in rad; results in `base_link`.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.rotations import axis_angle_into
+from surefoot.kernels.jit import kernel
+from surefoot.robot.description import KinematicModel, load_robot
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+LIMIT_SLACK = 1e-7  # rad; a joint on its limit counts as inside
+REACH_SLACK = 1e-9  # of the knee's cosine; a stretched leg counts as reaching (less than 1e-10 m)
+
+
+@kernel
+def forward(model: KinematicModel, q: Array) -> tuple[Array, Array]:
+    """Pose of every link: rot_base_from_link (nl, 3, 3) and origins pos_base (nl, 3)."""
+    n = model.parent.size
+    rot, pos = np.empty((n, 3, 3)), np.empty((n, 3))
+    joint, turn = np.empty((3, 3)), np.empty((3, 3))
+    for i in range(n):
+        up, j = model.parent[i], model.joint[i]
+        if up < 0:
+            rot[i] = model.origin_rot[i]
+            pos[i] = model.origin_pos[i]
+            continue
+        if j >= 0:
+            axis_angle_into(joint, model.axis[i], float(q[j]))
+            _multiply_into(turn, model.origin_rot[i], joint)
+            _multiply_into(rot[i], rot[up], turn)
+        else:
+            _multiply_into(rot[i], rot[up], model.origin_rot[i])
+        _point_into(pos[i], rot[up], pos[up], model.origin_pos[i])
+    return rot, pos
+
+
+@kernel
+def _multiply_into(out: Array, a: Array, b: Array) -> None:
+    for i in range(3):
+        for k in range(3):
+            out[i, k] = a[i, 0] * b[0, k] + a[i, 1] * b[1, k] + a[i, 2] * b[2, k]
+
+
+@kernel
+def _point_into(out: Array, rot: Array, pos: Array, point: Array) -> None:
+    for i in range(3):
+        out[i] = pos[i] + rot[i, 0] * point[0] + rot[i, 1] * point[1] + rot[i, 2] * point[2]
+
+
+@kernel
+def foot_positions(model: KinematicModel, q: Array) -> Array:
+    """Foot centres in base_link, (L, 3)."""
+    rot, pos = forward(model, q)
+    return foot_positions_of(model, rot, pos)
+
+
+@kernel
+def foot_positions_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
+    """`foot_positions` from the links' poses of `forward`: so that who asks for several things computes them once."""
+    n = model.foot_link.size
+    feet = np.empty((n, 3))
+    for i in range(n):
+        k = model.foot_link[i]
+        _point_into(feet[i], rot[k], pos[k], model.foot_point[i])
+    return feet
+
+
+@kernel
+def foot_jacobians(model: KinematicModel, q: Array) -> Array:
+    """d foot_i / d (joints of leg i), (L, 3, n); columns in the order of `model.leg_joints`, padding is 0."""
+    rot, pos = forward(model, q)
+    return foot_jacobians_of(model, rot, pos)
+
+
+@kernel
+def foot_jacobians_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
+    """`foot_jacobians` from the links' poses of `forward`."""
+    legs, width = model.leg_joints.shape
+    jac = np.zeros((legs, 3, width))
+    foot, arm = np.empty(3), np.empty(3)
+    for i in range(legs):
+        k = model.foot_link[i]
+        _point_into(foot, rot[k], pos[k], model.foot_point[i])
+        for c in range(width):
+            j = model.leg_joints[i, c]
+            s = _moved_link(model, int(j), int(k))
+            if s >= 0:
+                for d in range(3):
+                    arm[d] = foot[d] - pos[s, d]
+                _cross_into(jac[i, :, c], rot[s], model.axis[s], arm)
+    return jac
+
+
+@kernel
+def _moved_link(model: KinematicModel, joint: int, tip: int) -> int:
+    """The link between the trunk and `tip` that a joint moves, -1 = none."""
+    while tip >= 0 and joint >= 0:
+        if model.joint[tip] == joint:
+            return tip
+        tip = model.parent[tip]
+    return -1
+
+
+@kernel
+def _cross_into(out: Array, rot: Array, axis: Array, arm: Array) -> None:
+    x = rot[0, 0] * axis[0] + rot[0, 1] * axis[1] + rot[0, 2] * axis[2]
+    y = rot[1, 0] * axis[0] + rot[1, 1] * axis[1] + rot[1, 2] * axis[2]
+    z = rot[2, 0] * axis[0] + rot[2, 1] * axis[1] + rot[2, 2] * axis[2]
+    out[0] = y * arm[2] - z * arm[1]
+    out[1] = z * arm[0] - x * arm[2]
+    out[2] = x * arm[1] - y * arm[0]
+
+
+@kernel
+def total_mass(model: KinematicModel) -> float:
+    """Mass of all links, kg."""
+    return float(np.sum(model.mass))
+
+
+@kernel
+def com(model: KinematicModel, q: Array) -> Array:
+    """Centre of mass of all links in base_link, (3,)."""
+    rot, pos = forward(model, q)
+    return com_of(model, rot, pos)
+
+
+@kernel
+def com_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
+    """`com` from the links' poses of `forward`."""
+    total, c = np.zeros(3), np.empty(3)
+    for i in range(model.mass.size):
+        _point_into(c, rot[i], pos[i], model.com[i])
+        for d in range(3):
+            total[d] += model.mass[i] * c[d]
+    return total / np.sum(model.mass)
+
+
+@kernel
+def com_jacobian(model: KinematicModel, q: Array) -> Array:
+    """d com / d q, (3, nj): m_sub/m axis x (c_sub - o), "sub" = all links moved by the joint."""
+    rot, pos = forward(model, q)
+    return com_jacobian_of(model, rot, pos)
+
+
+@kernel
+def com_jacobian_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
+    """`com_jacobian` from the links' poses of `forward`."""
+    n = model.mass.size
+    mass, moment = model.mass.copy(), np.empty((n, 3))
+    for i in range(n):
+        _point_into(moment[i], rot[i], pos[i], model.com[i])
+        for d in range(3):
+            moment[i, d] *= mass[i]
+    for i in range(n - 1, 0, -1):  # children before parents
+        up = model.parent[i]
+        mass[up] += mass[i]
+        for d in range(3):
+            moment[up, d] += moment[i, d]
+    jac, part, arm = np.zeros((3, model.lower.size)), np.empty(3), np.empty(3)
+    for i in range(n):
+        j = model.joint[i]
+        if j < 0:
+            continue
+        for d in range(3):
+            arm[d] = (moment[i, d] - mass[i] * pos[i, d]) / mass[0]
+        _cross_into(part, rot[i], model.axis[i], arm)
+        for d in range(3):  # one motor may move several links
+            jac[d, j] += part[d]
+    return jac
+
+
+@kernel
+def gravity_torques(model: KinematicModel, q: Array, g_up: Array) -> Array:
+    """G(q) = dV/dq with the trunk fixed, (nj,) Nm: what the servos hold against the links' own weight.
+
+    Args:
+        model: the robot.
+        q: joint angles, (nj,).
+        g_up: upward specific force at rest in base_link, (3,) m/s2 (length 9.81).
+    """
+    rot, pos = forward(model, q)
+    return gravity_torques_of(model, rot, pos, g_up)
+
+
+@kernel
+def gravity_torques_of(model: KinematicModel, rot: Array, pos: Array, g_up: Array) -> Array:
+    """`gravity_torques` from the links' poses of `forward`."""
+    jac, weight = com_jacobian_of(model, rot, pos), np.sum(model.mass)
+    torques = np.empty(model.lower.size)
+    for j in range(model.lower.size):
+        torques[j] = weight * (jac[0, j] * g_up[0] + jac[1, j] * g_up[1] + jac[2, j] * g_up[2])
+    return torques
+
+
+@kernel
+def leg_ik(model: KinematicModel, leg: int, p_base: Array) -> tuple[Array, bool]:
+    """Joint angles that bring the foot centre to `p_base`, knee up, for yaw-pitch-pitch legs.
+
+    p = Rz(-psi) (p_base - hip), q1 = atan2(y, x), r = hypot(x, y) - c,
+    D = (r^2 + z^2 - f^2 - t^2) / (2 f t), q3 = -acos D, q2 = atan2(z, r) - atan2(t sin q3, f + t cos q3).
+
+    Args:
+        model: the robot.
+        leg: index of the leg.
+        p_base: foot centre in base_link, (3,) m.
+
+    Returns:
+        The angles (3,), the nearest ones if the point is out of reach (D clipped, then joint limits), and whether the
+        point is reached with every joint inside its limits. NaN lengths (no closed form) give False.
+    """
+    c, f, t = model.segment[leg, 0], model.segment[leg, 1], model.segment[leg, 2]
+    psi = model.hip[leg, 3]
+    dx, dy, z = p_base[0] - model.hip[leg, 0], p_base[1] - model.hip[leg, 1], p_base[2] - model.hip[leg, 2]
+    x = math.cos(psi) * dx + math.sin(psi) * dy
+    y = -math.sin(psi) * dx + math.cos(psi) * dy
+    r = math.hypot(x, y) - c
+    cos_knee = (r * r + z * z - f * f - t * t) / (2.0 * f * t)
+    reachable = abs(cos_knee) <= 1.0 + REACH_SLACK
+    cos_knee = min(1.0, max(-1.0, cos_knee))
+    q = np.empty(3)
+    q[0] = math.atan2(y, x)
+    q[2] = -math.acos(cos_knee)
+    q[1] = math.atan2(z, r) - math.atan2(t * math.sin(q[2]), f + t * cos_knee)
+    if q[1] > math.pi:
+        q[1] -= 2.0 * math.pi
+    elif q[1] < -math.pi:
+        q[1] += 2.0 * math.pi
+    for i in range(3):
+        j = model.leg_joints[leg, i]
+        if not model.lower[j] - LIMIT_SLACK <= q[i] <= model.upper[j] + LIMIT_SLACK:
+            reachable = False
+        q[i] = min(model.upper[j], max(model.lower[j], q[i]))
+    return q, reachable
+
+
+@kernel
+def legs_ik(model: KinematicModel, feet: Array) -> tuple[Array, Flags]:
+    """Closed-form solution of all legs.
+
+    Args:
+        model: the robot.
+        feet: foot centres in base_link, (L, 3) m.
+
+    Returns:
+        q (nj,) (joints outside the legs are 0) and reachable (L,).
+    """
+    n = model.foot_link.size
+    q, reachable = np.zeros(model.lower.size), np.zeros(n, dtype=np.bool_)
+    for i in range(n):
+        angles, reachable[i] = leg_ik(model, i, feet[i])
+        for c in range(3):
+            q[model.leg_joints[i, c]] = angles[c]
+    return q, reachable
+
+
+def warm() -> None:
+    """Compile every kernel of this module."""
+    robot = load_robot("ragno")
+    model, q = robot.model, robot.neutral
+    legs_ik(model, foot_positions(model, q))
+    leg_ik(model, 0, foot_positions(model, q)[0])
+    forward(model, q)
+    foot_jacobians(model, q)
+    com(model, q)
+    com_jacobian(model, q)
+    total_mass(model)
+    gravity_torques(model, q, np.array([0.0, 0.0, 9.81]))

@@ -1,0 +1,126 @@
+"""A system that is up, by the command line."""
+
+import json
+import os
+import re
+import signal
+import time
+
+import pytest
+
+from surefoot.bus.zenoh import Endpoint, ZenohBus
+from surefoot.services.supervisor.processes.rundir import RunFolder
+from tests.ports import free_address
+
+pytestmark = pytest.mark.e2e
+
+
+def processes(place):
+    return RunFolder("ragno", place[0] / "state" / "surefoot").processes()
+
+
+@pytest.fixture(scope="module")
+def system(surefoot):
+    began = time.monotonic()
+    done = surefoot("up", "ragno", "-d")
+    assert done.returncode == 0, done.stderr
+    yield time.monotonic() - began
+    assert surefoot("down").returncode == 0
+
+
+def test_tells_how_to_watch_it(system, surefoot):
+    done = surefoot("status")
+    assert done.returncode == 0
+    assert len(re.findall(r"\bhealthy\b", done.stdout)) == 6
+
+
+def test_topics_can_be_heard_and_measured(system, surefoot):
+    done = surefoot("topic", "echo", "state/odometry", "-n", "3", "--timeout", "10")
+    assert done.returncode == 0
+    assert len([json.loads(line) for line in done.stdout.splitlines()]) == 3
+    rate = json.loads(surefoot("topic", "hz", "hw/imu", "--window", "1", "--json").stdout)
+    assert rate["simulated_hz"] == pytest.approx(100.0, rel=0.02)
+
+
+def test_queries_are_answered_or_refused_in_words(system, surefoot):
+    reply = json.loads(surefoot("call", "sim/features").stdout)
+    assert reply["robot"] == "ragno"
+    done = surefoot("call", "sim/push", '{"force": [0, 1, 0], "duration": 0.1, "body": "tail"}')
+    assert done.returncode != 0
+    assert "tail" in done.stderr
+
+
+def test_an_emergency_stop_is_confirmed_by_the_driver_and_released_by_a_reset(system, surefoot):
+    for _ in range(2):
+        done = surefoot("stop", "--reason", "a hand in the way", "--json")
+        assert done.returncode == 0, done.stderr
+        assert json.loads(done.stdout)["stopped"] == "a hand in the way"
+        assert json.loads(done.stdout)["driver"] == "simulator"
+    refused = json.loads(surefoot("health", "simulator", "--json").stdout)["refused"]
+    assert refused["stopped"] > 0
+    assert surefoot("call", "sim/reset", '{"mode": "paced", "rtf": 1}').returncode == 0
+    done = surefoot("topic", "echo", "sim/status", "-n", "1", "--timeout", "10")
+    assert json.loads(done.stdout)["stopped"] == ""
+
+
+def test_a_stop_that_nobody_confirms_is_an_error(surefoot, place):
+    address = free_address()
+    bus = ZenohBus(Endpoint("router", (), (address,), "test/nobody"))
+    try:
+        done = surefoot("stop", "--timeout", "0.3", "--connect", address, "--namespace", "test/nobody", "--json")
+    finally:
+        bus.close()
+    assert done.returncode == 1
+    assert json.loads(done.stdout)["error"]["code"] == "timeout"
+
+
+def test_it_cannot_be_started_twice(system, surefoot):
+    for words in (["up", "ragno", "-d"], ["run", "stand"]):
+        done = surefoot(*words)
+        assert done.returncode == 1
+        assert "surefoot down ragno" in done.stderr
+
+
+def test_a_killed_service_is_healthy_again(system, surefoot, place):
+    before = processes(place)["footholds"]
+    os.kill(before.pid, signal.SIGKILL)
+    deadline = time.monotonic() + 20.0
+    while time.monotonic() < deadline:
+        rows = {row["service"]: row for row in json.loads(surefoot("status", "--json").stdout)["ragno"]["services"]}
+        if rows["footholds"]["restarts"] == 1 and rows["footholds"]["state"] == "healthy":
+            break
+    assert rows["footholds"]["restarts"] == 1
+    assert rows["footholds"]["state"] == "healthy"
+    assert processes(place)["footholds"] != before
+
+
+def test_bags_are_recorded_and_played(system, surefoot, tmp_path):
+    bag = tmp_path / "x.mcap"
+    done = surefoot("bag", "record", "-o", bag, "--duration", "0.5", "-k", "state/odometry")
+    assert done.returncode == 0
+    assert json.loads(surefoot("bag", "info", bag, "--json").stdout)["topics"]["state/odometry"] > 10
+
+
+def test_logs_are_kept(system, surefoot):
+    shown = surefoot("logs", "supervisor", "--json").stdout.splitlines()
+    told = [json.loads(line) for line in shown]
+    assert "everything is ready" in [line["text"] for line in told]
+    assert all(line["time"] and line["level"] for line in told)
+    assert surefoot("logs", "nobody").returncode == 2
+
+
+def test_what_a_killed_supervisor_leaves_behind_is_found_and_ended(system, surefoot, place):
+    folder = RunFolder("ragno", place[0] / "state" / "surefoot")
+    os.kill(folder.supervisor().pid, signal.SIGKILL)
+    left = processes(place)
+    assert len(left) == 6
+    deadline = time.monotonic() + 5.0
+    while folder.held() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    done = surefoot("status")
+    assert done.returncode == 1
+    assert "services of ragno run without their supervisor; `surefoot down ragno` ends them" in done.stdout
+    done = surefoot("down", "ragno")
+    assert done.returncode == 0
+    assert "ragno" in done.stdout
+    assert processes(place) == {}

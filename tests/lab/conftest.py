@@ -1,0 +1,162 @@
+"""What several tests need: an invented run for judge and report, and the command line for live tests."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from surefoot.lab.report.traces import Traces
+from tests.ports import free_address
+
+IDENTITY = (1.0, 0.0, 0.0, 0.0)
+
+
+def header(tick, epoch=1):
+    return {"tick": tick, "epoch": epoch, "stamp_ns": tick * 10_000_000}
+
+
+def truth(
+    tick, x=0.0, *, epoch=1, tilt=0.0, fallen=False, stances=(0,) * 6, sliding=(0.0,) * 6, twist=(), vx=0.0, y=0.0
+):
+    return SimpleNamespace(
+        **header(tick, epoch),
+        position=(x, y, 0.08),
+        quat_wxyz=IDENTITY,
+        velocity=(vx, 0.0, 0.0),
+        com=(x, y, 0.06),
+        tilt=tilt,
+        fallen=fallen,
+        stances=stances,
+        stance_sliding=sliding,
+        stance_twist=twist,
+        foot_position=tuple((x + 0.1, y + 0.02 * i, 0.008) for i in range(6)),
+    )
+
+
+def velocity(tick, vx=0.0, *, initialised=True):
+    return SimpleNamespace(
+        **header(tick), velocity=(vx, 0.0, 0.0), initialised=initialised, covariance=tuple(np.eye(6).ravel() * 1e-4)
+    )
+
+
+def odometry(tick, x=0.0, y=0.0, yaw=0.0, *, initialised=True):
+    return SimpleNamespace(
+        **header(tick), position=(x, y, 0.08), yaw=yaw, initialised=initialised, covariance=(1e-4,) * 16
+    )
+
+
+def gait(tick, *, state="walking", reason="", margin=0.02, remaining=0.5, walk_id=1):
+    return SimpleNamespace(
+        **header(tick),
+        state=state,
+        reason=reason,
+        margin=margin,
+        remaining=remaining,
+        steps=tick // 50,
+        stance=(True,) * 6,
+        walk_id=walk_id,
+    )
+
+
+def ground(shape=(80, 200), cell=0.02):
+    z = 0.03 * np.sin(np.arange(shape[1]) / 9.0) * np.ones((shape[0], 1))
+    z[10:12, 30:33] = np.nan
+    data = z.astype("<f4").tobytes()
+    return SimpleNamespace(epoch=1, rows=shape[0], cols=shape[1], cell=cell, origin=(-0.8, -0.8), data=data)
+
+
+def walk(ticks=600, speed=0.1):
+    """Traces of a walk with every kind of message."""
+    traces = Traces()
+    traces.feed("terrain/map", ground())
+    done = [0] * 6
+    for tick in range(ticks):
+        x = speed * tick * 0.01
+        if tick and tick % 50 == 0:
+            for foot in range(tick // 50 % 2, 6, 2):
+                done[foot] += 1
+        traces.feed(
+            "sim/truth",
+            truth(
+                tick,
+                x,
+                vx=speed,
+                y=0.004 * np.sin(tick / 30),
+                tilt=0.05 + 0.03 * np.sin(tick / 40),
+                stances=tuple(done),
+                sliding=tuple(1e-4 * (1 + f + tick % 7) for f in range(6)),
+                twist=(0.01,) * 6,
+            ),
+        )
+        noise = 0.01 * np.sin(tick / 5)
+        for name in ("", "/imu", "/kinematics", "/kinematics_gyro", "/ekf"):
+            traces.feed(f"state/velocity{name}", velocity(tick, speed + noise * (1 + len(name) / 4)))
+        traces.feed("state/odometry", odometry(tick, 1.02 * x, 0.01 * x))
+        traces.feed("state/gait", gait(tick, reason="step refused: margin too small" if tick == 300 else ""))
+        if tick % 2 == 0:
+            margin = 0.03 + 0.01 * np.sin(tick / 25)
+            traces.feed("state/stability", stability(tick, margin, margin - 0.002))
+    return traces
+
+
+def stability(tick, planned, measured):
+    return SimpleNamespace(**header(tick), margin_planned=planned, margin_measured=measured)
+
+
+@pytest.fixture
+def invented():
+    """Makers of invented messages, and `walk`, a whole run of them."""
+    makers = (truth, velocity, odometry, gait, ground, stability, walk)
+    return SimpleNamespace(**{make.__name__: make for make in makers})
+
+
+@pytest.fixture
+def listen(monkeypatch, tmp_path):
+    """An own state folder, and the endpoint of an own router."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.delenv("SUREFOOT_LISTEN", raising=False)
+    return free_address()
+
+
+@pytest.fixture(scope="session")
+def command_line():
+    """`surefoot`, run by this Python."""
+    return [sys.executable, "-m", "surefoot.lab.cli.main"]
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """Own state folder and port; the kernels' stamps stay shared."""
+    folder = tmp_path_factory.mktemp("live")
+    environment = {
+        **{key: value for key, value in os.environ.items() if not key.startswith("SUREFOOT_")},
+        "XDG_STATE_HOME": str(folder / "state"),
+        "SUREFOOT_LISTEN": free_address(),
+        "PYTHONPATH": str(Path(__file__).parents[3]),
+        "NO_COLOR": "1",
+    }
+    return folder, environment
+
+
+@pytest.fixture(scope="module")
+def surefoot(place, command_line):
+    folder, environment = place
+
+    def run(*words, timeout=120.0):
+        done = subprocess.run(
+            [*command_line, *map(str, words)],
+            cwd=folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            check=False,
+        )
+        assert "Traceback" not in done.stderr, done.stderr
+        return done
+
+    return run

@@ -1,0 +1,125 @@
+"""Scenarios as processes over Zenoh, by the command line."""
+
+import json
+import signal
+import subprocess
+import time
+
+import pytest
+
+from surefoot.services.supervisor.processes.rundir import RunFolder
+
+pytestmark = pytest.mark.e2e
+
+
+def processes(place):
+    return RunFolder("ragno", place[0] / "state" / "surefoot").processes()
+
+
+@pytest.fixture(scope="module")
+def outcome(surefoot):
+    done = surefoot("run", "stand", "--json")
+    assert done.returncode == 0, done.stdout + done.stderr
+    return json.loads(done.stdout)
+
+
+def test_passes_and_leaves_nothing(outcome, place):
+    assert outcome["ok"]
+    assert outcome["values"]["fell"] == 0.0
+    assert outcome["comparable"]
+    assert processes(place) == {}
+
+
+def test_writes_a_report_and_a_recording(outcome, place, surefoot):
+    page = (place[0] / outcome["report"]).read_text()
+    assert "PASS" in page
+    assert "http" not in page
+    info = json.loads(surefoot("bag", "info", outcome["recording"], "--json").stdout)
+    assert info["metadata"]["surefoot"]["run_hash"] == outcome["message_hash"]
+    assert info["topics"]["sim/truth"] == outcome["values"]["ticks"]
+
+
+def test_the_recording_gives_the_same_numbers(outcome, surefoot):
+    again = json.loads(surefoot("report", outcome["recording"], "--scenario", "stand", "--json").stdout)
+    live = {name: value for name, value in outcome["values"].items() if name != "real_time_factor"}
+    assert {name: again["values"][name] for name in live} == live
+
+
+def test_the_same_seed_gives_the_same_hash_and_another_another(outcome, surefoot):
+    runs = [json.loads(surefoot("run", "stand", "--json", "--no-record", "--seed", seed).stdout) for seed in (0, 1)]
+    assert runs[0]["message_hash"] == outcome["message_hash"]
+    assert runs[1]["message_hash"] != outcome["message_hash"]
+    assert runs[0]["recording"] is None
+
+
+def test_a_limit_that_is_not_met_is_exit_code_1(surefoot, tmp_path):
+    strict = tmp_path / "strict.toml"
+    strict.write_text(
+        'description = "stands, and should not"\nmax_duration_s = 1.0\n'
+        '[[step]]\nat_tick = 10\ndo = "push"\nforce = [0.1, 0.0, 0.0]\nduration = 0.1\n'
+        "[limits]\nmin_distance_m = 1.0\n"
+    )
+    done = surefoot("run", strict, "--no-record", "--out", tmp_path / "out")
+    assert done.returncode == 1
+    assert "FAIL" in done.stdout
+    assert (tmp_path / "out" / "report.html").is_file()
+
+
+def test_a_full_disk_costs_recording_and_report_but_not_the_verdict(place, command_line, outcome):
+    folder, environment = place
+    command = ["bash", "-c", 'ulimit -f 40; exec "$@"', "bash", *command_line, "run", "stand", "--json"]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    found = json.loads(done.stdout)
+    assert found["message_hash"] == outcome["message_hash"]
+    assert found["ok"]
+    assert found["report"] is None
+    assert "the recording could not be written to its end; `surefoot logs recorder` tells why" in found["notes"]
+    assert "the report could not be written: File too large" in found["notes"]
+
+
+def test_ends_on_ctrl_c(place, command_line):
+    folder, environment = place
+    command = [*command_line, "run", "stand", "--no-record", "--rtf", "0.1"]
+    with subprocess.Popen(command, cwd=folder, env=environment, stderr=subprocess.PIPE, text=True) as process:
+        for line in process.stderr:
+            if "begins" in line:
+                break
+        assert processes(place)
+        process.send_signal(signal.SIGINT)
+        assert "Traceback" not in process.stderr.read()
+        assert process.wait(20.0) == 130
+    assert processes(place) == {}
+
+
+def test_a_service_killed_in_mid_run_comes_back_and_the_report_says_so(surefoot, tmp_path):
+    scenario = tmp_path / "killed.toml"
+    scenario.write_text(
+        'description = "the estimator is killed while the robot walks"\nmax_duration_s = 30.0\n'
+        '[[step]]\nwhen = "ready"\ndo = "walk"\ndistance = 0.2\n'
+        '[[step]]\nat_tick = 200\ndo = "kill"\nservice = "estimator"\n'
+        "[limits]\nno_fall = true\nmin_distance_m = 0.15\n"
+    )
+    done = surefoot("run", scenario, "--json", "--out", tmp_path / "out")
+    outcome = json.loads(done.stdout)
+    assert outcome["ok"], outcome
+    assert not outcome["comparable"]
+    assert "estimator was restarted 1x" in outcome["notes"]
+    assert "estimator was restarted" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_bag_is_played_behind_an_own_router(surefoot, place, outcome, command_line):
+    folder, environment = place
+    bag = outcome["recording"]
+    play = [*command_line, "bag", "play", bag, "--loop", "-k", "state/odometry"]
+    with subprocess.Popen(play, cwd=folder, env=environment, stdout=subprocess.DEVNULL) as player:
+        done = None
+        deadline = time.monotonic() + 20.0
+        while time.monotonic() < deadline:
+            done = surefoot("topic", "echo", "state/odometry", "-n", "2", "--timeout", "5", "--connect",
+                            environment["SUREFOOT_LISTEN"])  # fmt: skip
+            if done.returncode == 0:
+                break
+        player.send_signal(signal.SIGINT)
+        assert player.wait(10.0) == 0
+    assert done is not None
+    assert len(done.stdout.splitlines()) == 2

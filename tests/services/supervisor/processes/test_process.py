@@ -1,0 +1,123 @@
+"""Processes are started, recognised and ended; nothing that is not ours is ever touched."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import pytest
+
+from surefoot.services.supervisor.processes.logs import tail
+from surefoot.services.supervisor.processes.ports import owner_of, port_of
+from surefoot.services.supervisor.processes.process import Child, end, identify, resolve_command
+
+SLEEP = [sys.executable, "-c", "import time; print('up', flush=True); time.sleep(60)"]
+DEAF = [
+    sys.executable,
+    "-c",
+    "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('up', flush=True); time.sleep(60)",
+]
+
+
+def started(tmp_path, command, name="child"):
+    """A child that has written its first line: its signal handlers are in place."""
+    child = Child(name, command, {}, tmp_path / "logs" / f"{name}.log")
+    deadline = time.monotonic() + 10.0
+    while not child.log.read_bytes() and time.monotonic() < deadline:
+        child.wait(0.01)
+    return child
+
+
+def test_a_child_ends_on_sigterm_and_tells_how(tmp_path):
+    child = started(tmp_path, SLEEP)
+    assert child.poll() is None
+    assert child.identity.alive()
+    child.terminate()
+    assert child.wait(5.0) == -signal.SIGTERM
+    assert not child.identity.alive()
+    assert child.last_words() == "up"
+    child.terminate()  # the id is free now: nothing may be signalled
+    child.kill()
+
+
+def test_a_deaf_child_is_killed(tmp_path):
+    child = started(tmp_path, DEAF)
+    child.terminate()
+    assert child.wait(0.2) is None
+    child.kill()
+    assert child.wait(5.0) == -signal.SIGKILL
+
+
+def test_a_child_has_its_environment_and_its_log(tmp_path):
+    code = "import os, sys; print(os.environ['X']); print('bad', file=sys.stderr)"
+    child = Child("env", [sys.executable, "-c", code], {"X": "seven"}, tmp_path / "env.log")
+    assert child.wait(10.0) == 0
+    assert sorted(child.log.read_text().split()) == ["bad", "seven"]
+
+
+def test_a_program_that_does_not_exist_is_an_error(tmp_path):
+    with pytest.raises(OSError, match="No such file"):
+        Child("none", ["/no/such/program"], {}, tmp_path / "none.log")
+
+
+def test_an_id_that_was_given_again_is_not_taken_for_ours(tmp_path):
+    child = started(tmp_path, SLEEP)
+    other = replace(child.identity, started=child.identity.started - 1)
+    assert not other.alive()
+    assert not other.signal_group(signal.SIGKILL)
+    assert end(other)
+    assert replace(child.identity, boot="another").alive() is False
+    assert child.poll() is None
+    child.kill()
+    child.wait(5.0)
+
+
+def test_ends_a_process_that_is_not_a_child(tmp_path):
+    script = (
+        "import subprocess, sys; p = subprocess.Popen([sys.executable, '-c', "
+        f"{DEAF[2]!r}], start_new_session=True, stdout=open({str(tmp_path / 'out')!r}, 'w')); print(p.pid)"
+    )
+    pid = int(subprocess.run([sys.executable, "-c", script], check=True, stdout=subprocess.PIPE, text=True).stdout)
+    identity = identify(pid)
+    assert identity is not None
+    assert end(identity, grace_s=0.2)
+    assert identify(pid) != identity
+
+
+def test_own_programs_run_by_this_python():
+    assert resolve_command(["surefoot-service", "walker"])[:2] == [sys.executable, "-m"]
+    assert resolve_command(["python", "-V"]) == [sys.executable, "-V"]
+    assert resolve_command(["sh", "-c", "x"]) == ["sh", "-c", "x"]
+
+
+def test_tail_reads_the_end_only(tmp_path):
+    path = tmp_path / "long.log"
+    path.write_text("".join(f"line {i}\n" for i in range(50_000)))
+    assert tail(path, 3) == ["line 49997", "line 49998", "line 49999"]
+    assert tail(path, 0) == []
+    assert tail(tmp_path / "none", 3) == []
+    assert len(tail(path, 60_000)) == 50_000
+
+
+def test_a_busy_port_is_told_with_its_owner():
+    import socket
+
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        port = listener.getsockname()[1]
+        assert owner_of(port).startswith(f"process {os.getpid()} (")
+    assert owner_of(port) == ""
+
+
+def test_the_owner_of_a_port_is_told_in_one_line():
+    script = "import socket\ns = socket.create_server(('127.0.0.1', 0))\nprint(s.getsockname()[1], flush=True)\ninput()"
+    with subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
+        owner = owner_of(int(child.stdout.readline()))
+        child.communicate(b"\n")
+    assert owner.startswith(f"process {child.pid} (")
+    assert "\n" not in owner
+    assert port_of("tcp/127.0.0.1:7447") == 7447
+    assert port_of("unixsock-stream//tmp/x") is None

@@ -1,0 +1,94 @@
+"""The run folder: one supervisor at a time, a stale one is no obstacle."""
+
+import subprocess
+import sys
+
+import pytest
+
+from surefoot.services.supervisor.processes.process import Child
+from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder, RunFolderError, run_folders, state_home
+from surefoot.services.supervisor.processes.system import Row
+
+ENDPOINT = Endpoint("tcp/127.0.0.1:1", "surefoot/ragno", "/x.yaml", "ragno")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    found = RunFolder("ragno", tmp_path)
+    yield found
+    found.release()
+
+
+def test_is_taken_once(folder, tmp_path):
+    folder.acquire()
+    folder.write_endpoint(ENDPOINT)
+    other = RunFolder("ragno", tmp_path)
+    assert other.held()
+    assert other.endpoint() == ENDPOINT
+    with pytest.raises(RunFolderError, match="surefoot down ragno"):
+        other.acquire()
+    folder.release()
+    assert not other.held()
+    assert other.endpoint() is None
+    other.acquire()
+    other.release()
+
+
+def test_holds_table_and_readiness(folder):
+    folder.acquire()
+    folder.write_rows([Row("walker", "healthy", 7, 1, "")])
+    assert folder.read_rows()[0]["service"] == "walker"
+    assert not folder.ready()
+    folder.write_ready()
+    assert folder.ready()
+    folder.release()
+    assert not folder.ready()
+    assert folder.read_rows() == []
+
+
+def test_a_supervisor_that_was_killed_leaves_processes_that_the_next_one_ends(folder, tmp_path):
+    child = Child("walker", [sys.executable, "-c", "import time; time.sleep(60)"], {}, folder.log("walker"))
+    script = (
+        "import os, signal, sys; from surefoot.services.supervisor.processes.process import identify\n"
+        "from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder\n"
+        "from pathlib import Path\n"
+        f"f = RunFolder('ragno', Path({str(tmp_path)!r})); f.acquire()\n"
+        f"f.write_endpoint(Endpoint('tcp/x', 'a/b')); f.write_processes({{'walker': identify({child.pid})}})\n"
+        "os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == -9
+    assert not folder.held()
+    assert folder.endpoint() is None
+    assert folder.supervisor() is None
+    assert set(folder.processes()) == {"walker"}
+    with pytest.raises(RunFolderError, match="not held"):
+        folder.end_leftovers()
+    folder.acquire()
+    assert folder.end_leftovers() == ("walker",)
+    assert child.wait(5.0) == -15
+    assert folder.end_leftovers() == ()
+
+
+@pytest.mark.parametrize("content", ["", "null", "[1]", '{"walker": {"pid": 1}}', '{"walker": null}', "\x00"])
+def test_a_damaged_file_is_an_empty_one(folder, content):
+    folder.acquire()
+    for name in ("processes.json", "endpoint.json", "supervisor.json", "status.json"):
+        (folder.path / name).write_text(content)
+    assert folder.processes() == {}
+    assert folder.endpoint() is None
+    assert folder.supervisor() is None
+    assert folder.end_leftovers() == ()
+
+
+def test_a_folder_that_cannot_be_written_is_told(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RunFolderError, match="cannot write"):
+        RunFolder("ragno", tmp_path / "file").acquire()
+
+
+def test_lies_under_the_state_home(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert state_home() == tmp_path / "surefoot"
+    monkeypatch.setenv("XDG_STATE_HOME", "relative")
+    assert state_home().parts[-3:] == (".local", "state", "surefoot")
+    assert run_folders(tmp_path) == ()

@@ -1,0 +1,155 @@
+"""A system from up to down, with processes that do nothing: router, run folder, restarts, leftovers, busy port."""
+
+import os
+import shutil
+import signal
+import socket
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from surefoot.bus.interface import Life
+from surefoot.errors import BusError
+from surefoot.robot.reader import ROBOTS
+from surefoot.schemas.sim import SimStatus, World
+from surefoot.services.supervisor.processes.compose import parse_compose
+from surefoot.services.supervisor.processes.keep import Order, keep
+from surefoot.services.supervisor.processes.rundir import RunFolder, RunFolderError
+from surefoot.services.supervisor.processes.session import Session
+
+IDLE = """
+name: idle
+services:
+  a: {command: [python, -c, "import time; time.sleep(60)"], restart: on-failure, healthcheck: {disable: true}}
+  b: {command: [python, -c, "import time; time.sleep(60)"], depends_on: [a], healthcheck: {disable: true}}
+"""
+BROKEN = """
+name: idle
+services:
+  a: {command: [python, -c, "import sys; sys.exit('no such sensor')"], healthcheck: {disable: true}}
+"""
+
+
+def pids(session):
+    return {row.service: row.pid for row in session.system.rows() if row.pid is not None}
+
+
+def gone(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+
+
+def test_leaves_nothing_behind(listen):
+    with Session(parse_compose(IDLE), listen=listen) as session:
+        assert session.wait_for(session.system.settled, 10.0)
+        found = pids(session)
+        assert set(found) == {"a", "b"}
+        endpoint = RunFolder("idle").endpoint()
+        assert endpoint is not None
+        assert endpoint.connect == listen
+        assert set(RunFolder("idle").processes()) == {"a", "b"}
+    assert all(gone(pid) for pid in found.values())
+    assert not RunFolder("idle").held()
+    assert [path.name for path in RunFolder("idle").path.iterdir() if path.is_file()] == ["lock"]
+
+
+def test_a_system_without_a_driver_is_told(listen, monkeypatch):
+    monkeypatch.setattr("surefoot.services.supervisor.processes.keep.DRIVER_S", 0.1)
+    monkeypatch.setattr(Session, "alive", ("a", "b"))
+    with pytest.raises(BusError, match=r"no service of compose\.yaml drives") as caught:
+        keep(parse_compose(IDLE), Order(World()), threading.Event(), listen=listen)
+    assert caught.value.code == "not_ready"
+
+
+def test_status_tells_why_a_run_has_ended(listen, monkeypatch):
+    with Session(parse_compose(IDLE), listen=listen) as session:
+        session.supervisor.status = SimStatus(state="ended", rtf=0.0, ticks=7, comparable=True, failed="it diverged")
+        monkeypatch.setattr(Session, "driver", "a")
+        assert {row.service: row.detail for row in session.rows()} == {"a": "it diverged", "b": ""}
+        session._on_life(Life("driver", "1", alive=False))  # the next one says for itself how it is
+        assert {row.detail for row in session.rows()} == {""}
+
+
+def test_stops_everything_when_the_caller_fails(listen):
+    found = {}
+
+    def fail():
+        with Session(parse_compose(IDLE), listen=listen) as session:
+            session.wait_for(session.system.settled, 10.0)
+            found.update(pids(session))
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fail()
+    assert len(found) == 2
+    assert all(gone(pid) for pid in found.values())
+
+
+def test_a_killed_process_is_started_again(listen):
+    with Session(parse_compose(IDLE), listen=listen) as session:
+        session.wait_for(session.system.settled, 10.0)
+        before = pids(session)
+        os.kill(before["a"], signal.SIGKILL)
+        assert session.wait_for(lambda: pids(session).get("a", before["a"]) != before["a"], 10.0)
+        assert pids(session)["b"] == before["b"]
+        assert next(row.restarts for row in session.system.rows() if row.service == "a") == 1
+
+
+def test_a_service_that_does_not_run_is_told_with_its_last_words(listen):
+    with Session(parse_compose(BROKEN), listen=listen) as session, pytest.raises(BusError) as caught:
+        session.wait_for(lambda: False, 10.0)
+    assert caught.value.code == "service_failed"
+    assert "no such sensor" in caught.value.message
+    assert "a.log" in caught.value.message
+
+
+def test_a_busy_port_names_owner_and_flag(listen):
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", int(listen.rpartition(":")[2])))
+        other.listen()
+        with pytest.raises(BusError) as caught, Session(parse_compose(IDLE), listen=listen):
+            pytest.fail("it must not start")
+    assert caught.value.code == "busy"
+    assert f"process {os.getpid()}" in caught.value.message
+    assert "--listen" in caught.value.message
+    assert not RunFolder("idle").held()
+
+
+def test_the_same_system_runs_once(listen):
+    with Session(parse_compose(IDLE), listen=listen):
+        with pytest.raises(RunFolderError, match="surefoot down idle"), Session(parse_compose(IDLE), listen=listen):
+            pytest.fail("it must not start twice")
+        assert RunFolder("idle").held()
+
+
+def test_is_kept_until_the_end_is_asked_for(listen):
+    stop, told = threading.Event(), []
+    thread = threading.Thread(
+        target=keep, args=(parse_compose(IDLE), Order(World()), stop), kwargs={"listen": listen, "tell": told.append}
+    )
+    thread.start()
+    folder = RunFolder("idle")
+    deadline = time.monotonic() + 10.0
+    while {row["state"] for row in folder.read_rows()} != {"healthy"} and time.monotonic() < deadline:
+        stop.wait(0.02)
+    rows = folder.read_rows()
+    stop.set()
+    thread.join(10.0)
+    assert not thread.is_alive()
+    assert [row["service"] for row in rows] == ["a", "b"]
+    assert told[0].startswith("start a")
+    assert all(gone(row["pid"]) for row in rows)
+
+
+def test_a_robot_given_as_a_folder_gives_its_name_to_the_namespace(listen, monkeypatch, tmp_path):
+    monkeypatch.delenv("SUREFOOT_NAMESPACE", raising=False)
+    monkeypatch.setenv("SUREFOOT_ROBOT", str(tmp_path / "mybot"))
+    shutil.copytree(ROBOTS / "ragno", tmp_path / "mybot")
+    with Session(parse_compose(IDLE), listen=listen) as session:
+        assert session.namespace == "surefoot/mybot"
+        assert session.robot == str(tmp_path / "mybot")

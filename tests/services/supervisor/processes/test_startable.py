@@ -1,0 +1,94 @@
+"""What a compose file or a scenario names and nobody has is told by name, before any process is started."""
+
+from pathlib import Path
+
+import pytest
+
+from surefoot.files import names
+from surefoot.lab.cli.output import near
+from surefoot.services.supervisor.processes.startable import startable, system_of
+from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario, parse_scenario
+from surefoot.tables import TableError
+
+FILE = """
+services:
+  supervisor: {{command: surefoot supervise x --no-spawn}}
+  legs: {{command: {command}}}
+"""
+KILL = """
+description = "ends a service"
+compose = "ragno"
+[[step]]
+at_tick = 10
+do = "kill"
+service = "{service}"
+"""
+
+
+def system(folder: Path, command: str) -> str:
+    file = folder / "some.yaml"
+    file.write_text(FILE.format(command=command), encoding="utf-8")
+    return str(file)
+
+
+@pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        ("surefoot-service wlaker", ("'wlaker'", "did you mean 'walker'?", "estimator")),
+        ("surefoot-service", ("no service ''", "walker")),
+        ("python -m services.wlaker", ("no module 'services.wlaker'",)),
+        ("python -m no_such_package.driver", ("no module 'no_such_package.driver'",)),
+        ("python -m", ("no module ''",)),
+        ("python my_driver.py", ("no file 'my_driver.py'",)),
+        ("./no-such-program", ("no program './no-such-program'",)),
+    ],
+)
+def test_a_command_that_cannot_be_started_is_refused_by_name(
+    tmp_path: Path, command: str, told: tuple[str, ...]
+) -> None:
+    with pytest.raises(TableError) as caught:
+        startable(system(tmp_path, command))
+    assert caught.value.field == "services.legs.command"
+    for words in told:
+        assert words in str(caught.value)
+
+
+def test_what_is_there_is_found_without_being_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "__init__.py").write_text("raise RuntimeError('imported')\n", encoding="utf-8")
+    (tmp_path / "mine" / "driver.py").write_text("", encoding="utf-8")
+    for command in ("python -m mine.driver", "python mine/driver.py", "surefoot-service walker", "sh -c true"):
+        assert startable(system(tmp_path, command)).service_names == ("supervisor", "legs")
+
+
+def test_everything_that_comes_with_the_project_can_be_started() -> None:
+    assert {startable(name).name for name in names("compose", ".yaml")}
+    assert {system_of(load_scenario(find_scenario(name))).name for name in names("scenarios", ".toml")}
+
+
+def test_a_scenario_kills_only_what_its_system_has() -> None:
+    assert system_of(parse_scenario(KILL.format(service="walker"))).name == "ragno"
+    for nobody in ("wlaker", "supervisor"):
+        with pytest.raises(TableError) as caught:
+            system_of(parse_scenario(KILL.format(service=nobody)))
+        assert caught.value.field == "step[0].service"
+        assert repr(nobody) in str(caught.value)
+
+
+def test_nothing_is_started_for_a_wrong_name(surefoot, place, tmp_path: Path) -> None:
+    file = system(tmp_path, "surefoot-service wlaker")
+    scenario = tmp_path / "some.toml"
+    scenario.write_text(f'description = "x"\ncompose = "{file}"\n', encoding="utf-8")
+    for words in (("up", file), ("run", scenario)):
+        done = surefoot(*words)
+        assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+        assert "did you mean 'walker'?" in done.stderr
+    assert not (place[0] / "state").exists()
+    assert not (place[0] / "runs").exists()
+
+
+def test_paths_are_told_as_one_would_type_them_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert near(tmp_path / "runs" / "run.mcap") == near(Path("runs/run.mcap")) == "runs/run.mcap"
+    assert near(tmp_path.parent / "x.html") == near(Path("../x.html")) == str(tmp_path.parent / "x.html")

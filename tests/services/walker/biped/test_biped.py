@@ -1,0 +1,178 @@
+"""The biped walker in its world: walks, turns, stops, refuses, falls."""
+
+import hashlib
+import math
+
+import numpy as np
+import pytest
+
+from surefoot.services.walker.interface import Command
+from tests.services.walker.biped.biped_plant import Plant
+
+BOTH = ("bioloid", "nao")
+
+
+def standing(out):
+    return out.state == "standing"
+
+
+@pytest.mark.parametrize("name", BOTH)
+def test_walks_the_distance_and_stands_with_its_feet_together(name):
+    plant = Plant(name, seed=1, level=1.0).stand()
+    before = plant.world.truth()
+    assert plant.walker.command(Command("walk", distance=0.15)).accepted
+    plant.until(standing, 1500)
+    for _ in range(80):
+        plant.tick()
+    after = plant.world.truth()
+    assert not plant.fallen
+    assert after.position[0] - before.position[0] == pytest.approx(0.15, abs=0.03)
+    feet = after.foot_position
+    assert abs(feet[0, 0] - feet[1, 0]) < 0.015
+    assert np.all(after.foot_force_n > 1.0)
+
+
+@pytest.mark.parametrize("name", BOTH)
+def test_turns_by_two_steps_of_half_the_angle(name):
+    plant = Plant(name, seed=2, level=1.0).stand()
+    plant.walker.command(Command("turn", angle=math.radians(23)))
+    plant.until(standing, 800)
+    w, _, _, z = plant.world.truth().quat_wxyz
+    assert not plant.fallen
+    assert plant.out.steps == 3
+    assert math.degrees(2 * math.atan2(z, w)) == pytest.approx(23.0, abs=4.0)
+
+
+@pytest.mark.parametrize("name", BOTH)
+@pytest.mark.parametrize("phase", [0.1, 0.6])
+def test_a_stop_in_any_support_is_a_closing_step(name, phase):
+    plant = Plant(name, level=1.0).stand()
+    plant.walker.command(Command("walk"))
+    plant.until(lambda out: out.steps >= 2 and out.phase > phase)
+    steps = plant.out.steps
+    assert plant.walker.command(Command("stop")).accepted
+    plant.until(standing, 400)
+    assert plant.out.steps - steps <= 2
+    assert not plant.fallen
+
+
+def test_a_new_command_while_stepping_replaces_the_old_one_at_the_next_step():
+    plant = Plant("bioloid").stand()
+    first = plant.walker.command(Command("walk"))
+    plant.until(lambda out: out.steps >= 2 and out.phase > 0.5)
+    second = plant.walker.command(Command("turn", angle=-0.2))
+    assert second.walk_id == first.walk_id + 1
+    plant.until(standing, 600)
+    w, _, _, z = plant.world.truth().quat_wxyz
+    assert not plant.fallen
+    assert 2 * math.atan2(z, w) == pytest.approx(-0.2, abs=0.06)
+
+
+def test_impossible_commands_while_stepping_change_nothing():
+    plant = Plant("bioloid").stand()
+    plant.walker.command(Command("walk", distance=0.1))
+    plant.until(lambda out: out.steps >= 1 and out.phase > 0.5)
+    route = plant.walker.state.route
+    for command in (Command("walk", velocity=9.0), Command("turn"), Command("walk", distance=math.inf)):
+        reply = plant.walker.command(command)
+        assert not reply.accepted
+        assert reply.reason
+    assert plant.walker.state.route is route
+    plant.until(standing, 800)
+    assert not plant.fallen
+
+
+def test_a_silent_estimator_ends_the_walk_on_two_feet():
+    plant = Plant("bioloid").stand()
+    plant.walker.command(Command("walk"))
+    plant.until(lambda out: out.steps >= 2 and out.phase > 0.5)
+    steps = plant.out.steps
+    plant.until(lambda out: out.state == "hold" and not out.phase, 400, blind=True)
+    assert plant.out.steps - steps <= 2
+    assert plant.out.stance.all()
+    assert not plant.fallen
+
+
+def test_a_lost_robot_folds_and_says_so():
+    plant = Plant("bioloid").stand()
+    plant.world.push((0.0, 40.0, 0.0), 0.2)
+    plant.until(lambda out: out.state == "refused", 300)
+    assert plant.out.reason.startswith("fallen")
+    reply = plant.walker.command(Command("walk", distance=0.1))
+    assert reply.code == "fallen"
+    for _ in range(100):
+        plant.tick()
+    assert np.all(np.isfinite(plant.out.command))
+    assert plant.fallen
+
+
+def test_a_step_after_much_tilt_is_shorter():
+    plant = Plant("bioloid").stand()
+    plant.walker.command(Command("walk"))
+    state, params = plant.walker.state, plant.walker.params
+    plant.until(lambda out: out.steps >= 2 and out.phase > 0.9)
+    state.peak = 0.5 * (params.slow_from_rad + params.slow_full_rad)
+    before = state.step.body[0]
+    plant.until(lambda out: out.steps >= 3)
+    full = params.step_m / state.gain[0]
+    assert state.step.body[0] - before == pytest.approx(0.5 * full, abs=0.1 * full)
+
+
+def test_a_push_that_tilts_the_robot_slows_it_down_until_it_is_level_again():
+    plant = Plant("bioloid").stand()
+    plant.walker.command(Command("walk"))
+    state, params = plant.walker.state, plant.walker.params
+    plant.until(lambda out: out.steps >= 3 and out.phase > 0.5)
+    assert state.scale == 1.0
+    plant.world.push((0.0, 5.0, 0.0), 0.1)
+    scales, peak = [], 0.0
+
+    def look(out):
+        nonlocal peak
+        peak = max(peak, float(np.hypot(*state.tilt)))
+        scales.append(state.scale)
+        return out.steps >= 9
+
+    plant.until(look, 1500)
+    assert not plant.fallen
+    assert peak > params.slow_from_rad
+    assert min(scales) < 0.9
+    assert scales[-1] == 1.0
+
+
+def test_the_gait_does_not_change_in_mid_walk():
+    plant = Plant("bioloid").stand()
+    assert plant.walker.command(Command("walk", distance=0.1, gait="quick")).accepted
+    plant.until(lambda out: out.phase > 0.5)
+    assert plant.walker.command(Command("walk", gait="zmp")).code == "conflict"
+    ticks = plant.until(standing, 900)
+    assert ticks < 400
+    assert plant.walker.command(Command("walk", gait="zmp")).accepted
+
+
+def test_equal_seeds_give_equal_walks():
+    def digest():
+        plant = Plant("bioloid", seed=5, level=1.0).stand()
+        plant.walker.command(Command("walk", distance=0.05))
+        plant.until(standing, 800)
+        return hashlib.sha256(b"".join(np.asarray(a).tobytes() for a in plant.world.truth()[1:])).hexdigest()
+
+    assert digest() == digest()
+
+
+def test_plan_is_what_the_feet_do():
+    """Soles land where the plan put them, seen from each other: within the play of the servos."""
+    plant = Plant("nao").stand()
+    plant.walker.command(Command("walk", distance=0.2))
+    gaps = []
+
+    def look(out):
+        state = plant.walker.state
+        if state.step is not None and state.clock == 10 and out.steps > 0:
+            truth, soles = plant.world.truth().foot_position, plant.walker._soles()
+            gaps.append(np.abs((truth[0] - truth[1])[:2] - (soles[0] - soles[1])[:2]).max())
+        return out.state == "standing"
+
+    plant.until(look, 1500)
+    assert len(gaps) >= 3
+    assert max(gaps) < 0.006

@@ -1,0 +1,70 @@
+"""A robot without physics: servos are perfect, feet stop nothing, switches close when a foot is at the ground."""
+
+import numpy as np
+
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.services.walker.hexapod.gait import HexapodWalker
+from surefoot.services.walker.interface import Command, WalkerInputs, WalkerOutputs
+
+KINEMATICS_TICKS = 3  # close to the 33 ms of the real sensors
+
+
+class Plant:
+    """Closes the loop around a walker by kinematics only; flat ground at z = 0 without a map."""
+
+    def __init__(self, walker: HexapodWalker, heights: HeightMap | None = None, initialised: bool = True) -> None:
+        self.walker = walker
+        self.heights = heights
+        self.initialised = initialised
+        self.tick = 0
+        self.joints = walker.robot.neutral.copy()
+        self.contacts = np.ones(walker.robot.nlegs, dtype=np.bool_)
+        self.estimate_age = 0.0
+        self.out: WalkerOutputs | None = None
+        if heights is not None:
+            walker.set_map(heights)
+
+    def inputs(self) -> WalkerInputs:
+        due = self.tick % KINEMATICS_TICKS == 0
+        s, now = self.walker.state, 0.01 * self.tick
+        return WalkerInputs(
+            stamp=now,
+            x=float(s.body[0]),
+            y=float(s.body[1]),
+            yaw=s.yaw,
+            estimate_stamp=now - self.estimate_age,
+            initialised=self.initialised,
+            joints=self.joints.copy() if due else None,
+            contacts=self.contacts.copy() if due else None,
+        )
+
+    def step(self) -> WalkerOutputs:
+        s = self.walker.state
+        self.out = self.walker.step(self.inputs())
+        self.joints = s.q.copy()
+        ground = np.zeros(len(s.feet))
+        if self.heights is not None:
+            ground = self.heights.height(s.feet[:, 0], s.feet[:, 1])
+        self.contacts = s.feet[:, 2] - self.walker.robot.foot_radius <= ground + 1e-3
+        self.tick += 1
+        return self.out
+
+    def run(self, seconds: float) -> list[WalkerOutputs]:
+        return [self.step() for _ in range(round(100 * seconds))]
+
+    def until(self, *states: str, limit: float = 60.0) -> list[WalkerOutputs]:
+        """Step until the walker is in one of the states."""
+        outs: list[WalkerOutputs] = []
+        while not outs or outs[-1].state not in states:
+            outs.append(self.step())
+            assert len(outs) < 100 * limit, f"never in {states}, but in {outs[-1].state}: {outs[-1].reason}"
+        return outs
+
+    def obey(self, command: Command, limit: float = 60.0) -> list[WalkerOutputs]:
+        """Stand up if need be, give the command, return the ticks until it is done or refused."""
+        if self.out is None:
+            self.run(1.0)
+        reply = self.walker.command(command)
+        assert reply.accepted, reply
+        self.step()
+        return self.until("standing", "refused", limit=limit)

@@ -1,0 +1,74 @@
+"""Frames: what goes in comes out, by topic and in order, and what is no frame is refused."""
+
+import json
+import random
+import re
+
+import pytest
+
+from surefoot.bus.frame import Frame, Part, pack
+from surefoot.bus.interface import Stamp
+from surefoot.errors import Refusal
+from surefoot.schemas.topics import CMD_JOINTS, HW_IMU, HW_JOINTS, STATE_ODOMETRY, STATE_VELOCITY, TOPICS, Kind
+
+TAKEN = {topic.key: topic for topic in (HW_IMU, STATE_VELOCITY, CMD_JOINTS)}
+KEYS = [topic.key for topic in (HW_IMU, HW_JOINTS, STATE_VELOCITY, STATE_ODOMETRY, CMD_JOINTS)]
+
+
+def parts(seed: int, count: int) -> list[Part]:
+    rng = random.Random(seed)
+    made: list[Part] = []
+    for _ in range(count):
+        payload = json.dumps({"text": "[,]{};" * rng.randrange(4), "number": rng.random()}).encode()
+        stamp = Stamp(rng.randrange(-1, 10**6), rng.randrange(9), rng.randrange(10**15), rng.randrange(10**6))
+        made.append(Part(rng.choice(KEYS), rng.choice((b"", payload, payload, payload)), stamp))
+    return made
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_what_is_taken_comes_out_as_it_was(seed: int) -> None:
+    said = parts(seed, 1 + seed % 12)
+    found = Frame("driver", TAKEN, *pack(said)).deliveries()
+    expected = [part for part in said if part.key in TAKEN]
+    assert [d.topic.key for d in found] == [part.key for part in expected]
+    assert [d.raw().payload for d in found] == [part.payload for part in expected]
+    assert [d.header() for d in found] == [part.stamp for part in expected]
+    assert [d.prime for d in found] == [not part.payload for part in expected]
+
+
+def test_payload_is_a_json_array_any_tool_can_read() -> None:
+    said = parts(3, 8)
+    assert json.loads(pack(said)[0]) == [json.loads(part.payload) for part in said if part.payload]
+
+
+@pytest.mark.parametrize(
+    ("payload", "index"),
+    [
+        (b"", b""),
+        (b"[]", b""),
+        (b"[]", b"\xff\xfe"),
+        (b"[]", b"hw/imu"),
+        (b"[]", b"hw/imu,0,0,1,0"),
+        (b"[]", b"hw/imu,x,0,1,0,0"),
+        (b"[{}]", b"hw/imu,3,0,1,0,0"),
+        (b"[{},{}]", b"hw/imu,2,0,1,0,0"),
+        (b"[{}]", b"hw/imu,2,0,1,0,0;hw/imu,-3,0,1,0,0"),
+        (b"7" * 2_000_000, b"7" * 2_000_000),
+    ],
+)
+def test_what_is_no_frame_is_refused(payload: bytes, index: bytes) -> None:
+    with pytest.raises(Refusal, match="frame") as caught:
+        Frame("driver", TAKEN, payload, index).deliveries()
+    assert caught.value.code == "malformed"
+    assert len(caught.value.message) < 400
+
+
+def test_keys_can_stand_in_an_index() -> None:
+    for topic in TOPICS:
+        assert re.fullmatch(r"[a-z0-9_/*]+", topic.key)
+
+
+def test_framed_are_what_belongs_to_a_tick() -> None:
+    for topic in TOPICS:
+        periodic = topic.kind in (Kind.SAMPLE, Kind.STATE, Kind.COMMAND) or topic.key == "hw/tick"
+        assert topic.framed == periodic

@@ -1,0 +1,110 @@
+"""When a node is woken, and that nothing is ever left lying."""
+
+import threading
+from queue import Empty
+
+import pytest
+
+from surefoot.bus.frame import Frame
+from surefoot.bus.inbox import Inbox
+from surefoot.lockstep.join import Delayed, Join
+from surefoot.schemas.base import Header
+from surefoot.schemas.hw import Tick
+from surefoot.schemas.topics import HW_IMU, HW_TICK, STATE_GAIT, STATE_VELOCITY
+from tests.surefoot.lockstep.node_bench import IMU
+
+LONG_S = 20.0
+
+
+def frame(owner: str) -> Frame:
+    return Frame(owner, {}, b"[]", b"")
+
+
+def got_by_a_sleeper(inbox: Inbox, awaited: set[str], items: list[Frame]) -> bool:
+    """Whether a reader that sleeps is woken by the last of the items, and by none before."""
+    asleep, woken = threading.Event(), threading.Event()
+
+    def read() -> None:
+        asleep.set()
+        inbox.get(LONG_S, awaited)
+        woken.set()
+
+    thread = threading.Thread(target=read, daemon=True)
+    thread.start()
+    asleep.wait(LONG_S)
+    while inbox._awaited is not awaited:  # pyright: ignore[reportPrivateUsage] - it is about to sleep
+        pass
+    for item in items[:-1]:
+        inbox.put(item)
+        assert not woken.wait(0.02)
+    inbox.put(items[-1])
+    return woken.wait(LONG_S)
+
+
+def test_reader_sleeps_until_the_last_awaited_frame() -> None:
+    frames = [frame("driver"), frame("driver"), frame("estimator")]
+    assert got_by_a_sleeper(Inbox(), {"driver", "estimator"}, frames)
+
+
+def test_any_frame_wakes_a_reader_that_awaits_nobody() -> None:
+    assert got_by_a_sleeper(Inbox(), set(), [frame("walker")])
+
+
+def test_what_is_no_frame_wakes_at_once() -> None:
+    inbox = Inbox()
+    inbox.put("query")
+    assert inbox.get(LONG_S, {"driver"}) == "query"
+
+
+def test_what_came_while_the_reader_was_awake_needs_no_bell() -> None:
+    inbox = Inbox()
+    inbox.put(frame("driver"))
+    assert inbox.get(LONG_S, {"driver", "estimator"}).owner == "driver"
+    with pytest.raises(Empty):
+        inbox.get(0.001, {"estimator"})
+
+
+def test_nothing_is_lost_between_many_writers_and_one_reader() -> None:
+    inbox, per = Inbox(), 2000
+    owners = ("driver", "estimator", "walker")
+    writers = [threading.Thread(target=lambda o=o: [inbox.put(frame(o)) for _ in range(per)]) for o in owners]
+    for writer in writers:
+        writer.start()
+    seen: list[str] = []
+    while len(seen) < per * len(owners):
+        try:
+            seen.append(inbox.get(0.01, {"driver", "walker"}).owner)
+        except Empty:
+            continue
+    assert {owner: seen.count(owner) for owner in owners} == dict.fromkeys(owners, per)
+
+
+def test_a_join_awaits_the_owners_of_what_it_lacks() -> None:
+    join = Join("stability", (HW_IMU, STATE_VELOCITY, Delayed(STATE_GAIT)))
+    assert join.awaited() == set()  # not on the roster: anything may matter
+    roster = ("stability", "estimator", "walker")
+
+    def offer(tick: int, mode: str = "lockstep") -> None:
+        join.offer(
+            HW_TICK,
+            Tick(tick=tick, epoch=1, roster=roster, due=("hw/imu",), mode=mode, roster_version=1),  # pyright: ignore[reportArgumentType]
+        )
+        join.offer(HW_IMU, IMU.stamped(0, tick, 1, tick, "driver"))
+
+    offer(0)
+    assert join.awaited() == {"estimator"}
+    join.offer(STATE_VELOCITY, Header(tick=0, epoch=1, source="estimator"))
+    assert join.awaited() == set()
+    assert join.take() is not None
+    assert join.awaited() == {"driver", "estimator", "walker"}
+    join.offer(STATE_GAIT, Header(tick=0, epoch=1, source="walker"))
+    assert join.awaited() == {"driver", "estimator"}
+    offer(1)
+    assert join.awaited() == {"estimator"}
+    join.offer(STATE_VELOCITY, Header(tick=1, epoch=1, source="estimator"))
+    offer(2, mode="paced")
+    assert join.take() is not None
+    join.offer(STATE_VELOCITY, Header(tick=2, epoch=1, source="estimator"))
+    join.offer(STATE_GAIT, Header(tick=1, epoch=1, source="walker"))
+    assert join.take() is not None
+    assert join.awaited() == set()  # paced: a tick is taken even if something lacks

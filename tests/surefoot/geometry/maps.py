@@ -1,0 +1,24 @@
+"""Height maps of the tests."""
+
+import numpy as np
+
+from surefoot.geometry.heightmap import HeightMap
+
+CELL = 0.005
+
+
+def bumpy(ny: int = 15, nx: int = 21, seed: int = 0, origin: tuple[float, float] = (0.0, 0.0)) -> HeightMap:
+    """Random ground with sizes that tell rows from columns."""
+    z = np.random.default_rng(seed).uniform(-0.02, 0.03, (ny, nx))
+    return HeightMap(z=z.astype(np.float32), cell=CELL, origin=origin)
+
+
+def with_hole() -> HeightMap:
+    z = np.array(bumpy().z)
+    z[3, 4] = np.nan
+    return HeightMap(z=z, cell=CELL, origin=(-0.5, 0.25), version=7)
+
+
+def same(a: HeightMap, b: HeightMap) -> None:
+    np.testing.assert_array_equal(a.z, b.z)
+    assert (a.cell, a.origin, a.version, a.sha256) == (b.cell, b.origin, b.version, b.sha256)

@@ -1,0 +1,246 @@
+"""The height map: orientation, heights, dilation, swept corridors, wire."""
+
+import json
+import math
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from surefoot.geometry import heightmap
+from surefoot.geometry.heightmap import HeightMap, HeightMapError
+from tests.surefoot.geometry.maps import CELL, bumpy, same, with_hole
+
+NAN = float("nan")
+POINT = st.tuples(st.floats(-0.01, 0.11), st.floats(-0.01, 0.08))
+
+
+def test_rows_run_along_y_and_columns_along_x() -> None:
+    ground = HeightMap(z=np.array([[0, 1, 2], [10, 11, 12]], dtype=np.float32), cell=0.1, origin=(1.0, 2.0))
+    assert ground.shape == (2, 3)
+    assert ground.index(1.2, 2.1) == (1, 2)
+    assert ground.centre(1, 2) == pytest.approx((1.2, 2.1))
+    assert float(ground.height(1.2, 2.0)) == pytest.approx(2.0)
+    assert ground.height_at(1.0, 2.1) == pytest.approx(10.0)
+    assert ground.bounds == pytest.approx((1.0, 2.0, 1.2, 2.1))
+    assert ground.xs() == pytest.approx([1.0, 1.1, 1.2])
+    assert ground.ys() == pytest.approx([2.0, 2.1])
+
+
+def test_same_surface_as_a_mujoco_height_field() -> None:
+    ground = bumpy(origin=(0.3, -0.2))
+    low, high = float(ground.z.min()), float(ground.z.max())
+    ny, nx = ground.shape
+    x0, y0, x1, y1 = ground.bounds
+    spec = mujoco.MjSpec()
+    data = ((ground.z - low) / (high - low)).ravel()
+    spec.add_hfield(
+        name="ground", nrow=ny, ncol=nx, userdata=data.tolist(), size=[(x1 - x0) / 2, (y1 - y0) / 2, high - low, 0.01]
+    )
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_HFIELD, hfieldname="ground", pos=[(x0 + x1) / 2, (y0 + y1) / 2, low]
+    )
+    model = spec.compile()
+    world = mujoco.MjData(model)
+    mujoco.mj_forward(model, world)
+    geom = np.zeros(1, dtype=np.int32)
+    for row in range(1, ny - 1, 3):
+        for col in range(1, nx - 1, 3):
+            # a hair beside the vertex: a ray exactly through it may slip between two triangles
+            x, y = ground.centre(row, col)
+            start = np.array([x + 1e-7, y + 2e-7, 1.0])
+            way = mujoco.mj_ray(model, world, start, np.array([0.0, 0.0, -1.0]), None, 1, -1, geom)
+            assert 1.0 - way == pytest.approx(ground.height_at(x, y), abs=1e-5)
+
+
+@given(POINT)
+def test_height_is_bilinear(point: tuple[float, float]) -> None:
+    ground = bumpy()
+    x, y = point
+    u, v = x / CELL, y / CELL
+    inside = -0.5 <= u < 20.5 and -0.5 <= v < 14.5
+    got = ground.height_at(x, y)
+    assert float(ground.height(x, y)) == pytest.approx(got, nan_ok=True)
+    if not inside:
+        assert math.isnan(got)
+        return
+    u, v = min(max(u, 0.0), 20.0), min(max(v, 0.0), 14.0)
+    i, j = min(int(v), 13), min(int(u), 19)
+    a, b = u - j, v - i
+    z = ground.z.astype(float)
+    low = (1 - a) * z[i, j] + a * z[i, j + 1]
+    high = (1 - a) * z[i + 1, j] + a * z[i + 1, j + 1]
+    assert got == pytest.approx((1 - b) * low + b * high, abs=1e-12)
+
+
+def test_unknown_corner_counts_only_with_weight() -> None:
+    ground = HeightMap(z=np.array([[1, NAN], [1, 1]], dtype=np.float32), cell=1.0)
+    assert ground.height_at(0.0, 0.0) == 1.0
+    assert ground.height_at(0.0, 0.7) == 1.0
+    assert math.isnan(ground.height_at(0.1, 0.0))
+    assert np.isnan(ground.height([0.9, NAN, 5.0], 0.0, method="nearest")).all()
+    assert float(ground.height(0.4, 0.4, method="nearest")) == 1.0
+
+
+def test_height_keeps_the_shape() -> None:
+    ground = bumpy()
+    assert ground.height(np.zeros((2, 1)), np.zeros((1, 3))).shape == (2, 3)
+    assert ground.height(0.0, 0.0).shape == ()
+
+
+def test_patch_is_nan_outside() -> None:
+    ground = bumpy()
+    patch = ground.patch(0.0, 0.0, 5)
+    assert np.isnan(patch[:2]).all()
+    assert np.isnan(patch[:, :2]).all()
+    np.testing.assert_array_equal(patch[2:, 2:], ground.z[:3, :3])
+    assert np.isnan(ground.patch(NAN, 0.0, 3)).all()
+    with pytest.raises(HeightMapError) as error:
+        ground.patch(0.0, 0.0, 4)
+    assert error.value.field == "n"
+
+
+def test_dilation_is_the_height_of_a_resting_sphere() -> None:
+    ground, radius = bumpy(), 0.012
+    got = ground.dilated(radius).z
+    ny, nx = ground.shape
+    for i in range(ny):
+        for j in range(nx):
+            best = -math.inf
+            for r in range(ny):
+                for c in range(nx):
+                    d2 = CELL**2 * ((r - i) ** 2 + (c - j) ** 2)
+                    if d2 <= radius**2:
+                        best = max(best, float(ground.z[r, c]) + math.sqrt(radius**2 - d2))
+            assert got[i, j] == pytest.approx(best, abs=1e-7)
+
+
+def test_dilation_of_flat_ground_and_of_unknown_cells() -> None:
+    z = np.zeros((5, 5), dtype=np.float32)
+    z[2, 2] = np.nan
+    got = HeightMap(z=z, cell=CELL).dilated(0.008).z
+    assert math.isnan(got[2, 2])
+    assert np.nanmax(np.abs(got - 0.008)) < 1e-8
+    with pytest.raises(HeightMapError):
+        HeightMap(z=z, cell=CELL).dilated(-1.0)
+
+
+def test_median_filters_spikes_keeps_edges_and_fills_drop_outs() -> None:
+    z = np.zeros((9, 9), dtype=np.float32)
+    z[:, 5:] = 0.03
+    z[2, 2] = 0.5
+    z[6, 2] = np.nan
+    z[4:8, 6:9] = np.nan
+    got = HeightMap(z=z, cell=CELL).smoothed().z
+    assert got[2, 2] == 0.0
+    assert got[6, 2] == 0.0
+    assert (got[1:-1, 4] == 0.0).all()
+    assert got[1:3, 5] == pytest.approx(0.03)
+    assert np.isnan(got[5:7, 7]).all()
+    assert np.isnan(HeightMap(z=z, cell=CELL).smoothed(min_known=9).z[6, 2])
+
+
+@given(POINT, POINT, st.floats(0.0, 0.02), st.integers(0, 5), st.floats(0, 1), st.floats(-1, 1))
+def test_no_point_of_the_corridor_is_higher(
+    p0: tuple[float, float], p1: tuple[float, float], halfwidth: float, seed: int, along: float, across: float
+) -> None:
+    ground = bumpy(seed=seed)
+    best = ground.max_in_path(p0, p1, halfwidth)
+    dx, dy = p1[0] - p0[0], p1[1] - p0[1]
+    length = math.hypot(dx, dy)
+    normal = (-dy / length, dx / length) if length > 1e-9 else (0.6, 0.8)
+    side = 0.999 * across * halfwidth
+    height = ground.height_at(p0[0] + along * dx + side * normal[0], p0[1] + along * dy + side * normal[1])
+    assert math.isnan(height) or height <= best + 1e-7
+
+
+@given(st.integers(0, 14), st.integers(0, 20), POINT, POINT, st.floats(0.0, 0.02))
+def test_corridor_looks_no_further_than_a_cell_beyond_its_edge(
+    row: int, col: int, p0: tuple[float, float], p1: tuple[float, float], halfwidth: float
+) -> None:
+    z = np.zeros((15, 21), dtype=np.float32)
+    z[row, col] = 1.0
+    ground = HeightMap(z=z, cell=CELL)
+    x, y = ground.centre(row, col)
+    t = np.linspace(0.0, 1.0, 400)
+    gap = np.hypot(p0[0] + t * (p1[0] - p0[0]) - x, p0[1] + t * (p1[1] - p0[1]) - y).min()
+    if gap > halfwidth + math.sqrt(2.0) * CELL + 1e-4:
+        best = ground.max_in_path(p0, p1, halfwidth)
+        assert math.isnan(best) or best == 0.0
+
+
+def test_corridor_over_unknown_ground() -> None:
+    ground = HeightMap(z=np.full((4, 4), np.nan, dtype=np.float32), cell=CELL)
+    assert math.isnan(ground.max_in_path((0.0, 0.0), (0.01, 0.01), 0.01))
+    assert math.isnan(bumpy().max_in_path((NAN, 0.0), (0.01, 0.01), 0.01))
+    assert math.isnan(bumpy().max_in_path((5.0, 5.0), (6.0, 6.0), 0.01))
+
+
+@pytest.mark.parametrize(
+    ("field", "changes"),
+    [
+        ("z", {"z": np.zeros(3)}),
+        ("z", {"z": np.array([[0.0, np.inf]])}),
+        ("z", {"z": np.zeros((0, 3))}),
+        ("cell", {"cell": 0.0}),
+        ("cell", {"cell": NAN}),
+        ("origin", {"origin": (NAN, 0.0)}),
+        ("version", {"version": -1}),
+    ],
+)
+def test_wrong_maps_are_refused_by_field(field: str, changes: dict[str, object]) -> None:
+    good: dict[str, object] = {"z": np.zeros((2, 2)), "cell": CELL, "origin": (0.0, 0.0), "version": 0}
+    with pytest.raises(HeightMapError) as error:
+        HeightMap(**(good | changes))
+    assert error.value.field == field
+
+
+def test_maps_do_not_change() -> None:
+    z = np.zeros((2, 2), dtype=np.float32)
+    ground = HeightMap(z=z, cell=CELL)
+    z[0, 0] = 1.0
+    assert ground.z[0, 0] == 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        ground.z[0, 0] = 1.0
+
+
+def test_wire_round_trip() -> None:
+    ground = with_hole()
+    header = json.loads(json.dumps(ground.header()))
+    assert len(ground.to_bytes()) == 4 * 15 * 21
+    same(HeightMap.from_wire(header, ground.to_bytes()), ground)
+    # byte order and place: little-endian float32, row by row from y-min
+    assert np.frombuffer(ground.to_bytes(), "<f4")[21 * 2 + 5] == ground.z[2, 5]
+
+
+@pytest.mark.parametrize(
+    ("field", "changes"),
+    [
+        ("frame", {"frame": "odom"}),
+        ("rows, cols", {"rows": 0}),
+        ("rows, cols", {"rows": 10**9, "cols": 10**9}),
+        ("payload", {"cols": 5}),
+        ("header", {"cell": "wide"}),
+        ("cell", {"cell": -1.0}),
+        ("header", {"origin": [1.0]}),
+    ],
+)
+def test_wrong_headers_are_refused_by_field(field: str, changes: dict[str, object]) -> None:
+    ground = with_hole()
+    with pytest.raises(HeightMapError) as error:
+        HeightMap.from_wire(ground.header() | changes, ground.to_bytes())
+    assert error.value.field == field
+
+
+def test_absent_header_field_is_named() -> None:
+    header = with_hole().header()
+    del header["cell"]
+    with pytest.raises(HeightMapError) as error:
+        HeightMap.from_wire(header, with_hole().to_bytes())
+    assert error.value.field == "cell"
+
+
+def test_warm_compiles_everything() -> None:
+    heightmap.warm()

@@ -1,0 +1,165 @@
+"""Lost, returning and frozen members."""
+
+import pytest
+
+from surefoot.bus.interface import Delivery
+from surefoot.lockstep import driver as runtime
+from surefoot.lockstep.config import ServiceConfig
+from surefoot.schemas.system import Done, JoinRequest
+from surefoot.schemas.topics import SIM_JOIN, TICK_DONE
+from tests.surefoot.lockstep.driver_bench import EXPECT, Bench, MapReader, reference
+from tests.surefoot.toys import ToyObserver, ToyWalker
+
+
+@pytest.fixture(autouse=True)
+def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Links are proved as fast as the nodes are pumped, not each 20 ms."""
+    monkeypatch.setattr(runtime, "PRIME_S", 0.0)
+
+
+# -- loss and return ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["estimator", "walker", "recorder"])
+@pytest.mark.parametrize("at", [3, 20])
+def test_hold_waits_and_a_new_process_joins(name: str, at: int) -> None:
+    bench = Bench()
+    bench.until_tick(at)
+    bench.kill(name)
+    for _ in range(5):
+        for node in bench.system.nodes:
+            node.pump()
+    held = bench.leader.tick
+    assert bench.leader.state == "holding"
+    assert bench.leader.missing() == (name,)
+    new = {"estimator": MapReader, "walker": lambda: ToyWalker(ServiceConfig()), "recorder": ToyObserver}[name]()
+    bench.revive(new)
+    history = bench.finish(40)
+    assert len(history) == 40
+    assert held < 40
+    assert not bench.leader.comparable
+    assert name in bench.leader.members
+    assert bench.node.refused["resent_ticks"] == 0  # nothing had to be waited for
+    if name == "estimator":
+        assert set(new.versions) == {4}  # latched state is told to the newcomer
+
+
+@pytest.mark.parametrize("pumps", range(1, 7))
+def test_hold_of_a_walker_that_had_answered_already(pumps: int) -> None:
+    """Whatever the dead one had sent for the present tick, the new one's command must be enough to go on."""
+    bench = Bench(delay=1)
+    bench.until_tick(20)
+    for _ in range(pumps):
+        for node in bench.system.nodes[1:]:
+            node.pump()
+    bench.kill("walker")
+    bench.revive(ToyWalker(ServiceConfig()))
+    assert len(bench.finish(40)) == 40
+    assert bench.node.refused["resent_ticks"] == 0
+
+
+def test_stateless_member_that_returns_under_hold_gives_the_same_run() -> None:
+    bench = Bench()
+    bench.until_tick(20)
+    bench.kill("estimator")
+    bench.revive(MapReader())
+    assert bench.finish(40) == reference(40)
+    assert not bench.leader.comparable
+
+
+def test_hold_gives_up_and_goes_on_without(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runtime, "HOLD_S", 0.0)
+    bench = Bench()
+    bench.until_tick(20)
+    bench.kill("estimator")
+    bench.finish(40)
+    assert "estimator" not in bench.leader.members
+
+
+def test_degrade_goes_on_at_once_and_takes_the_newcomer_in_at_a_tick() -> None:
+    bench = Bench(policy="degrade")
+    bench.until_tick(20)
+    bench.kill("estimator")
+    bench.until_tick(30)
+    assert "estimator" not in bench.leader.members
+    version = bench.leader.roster_version
+    new = MapReader()
+    node = bench.revive(new)
+    bench.bus.call(SIM_JOIN, JoinRequest(service="estimator", instance=node.instance))
+    bench.until(lambda: "estimator" in bench.leader.members)
+    assert bench.leader.roster_version == version + 1
+    bench.finish(bench.leader.tick + 10)
+    assert new.versions
+    assert set(new.versions) == {4}
+    without = [t.tick for t in bench.ticks if "estimator" not in t.roster]
+    assert without == list(range(without[0], without[-1] + 1))
+
+
+def test_fail_ends_the_run() -> None:
+    bench = Bench(policy="fail")
+    bench.until_tick(20)
+    bench.kill("estimator")
+    bench.node.pump()
+    assert bench.leader.state == "ended"
+    assert "estimator" in bench.leader.reason
+
+
+def test_a_late_done_of_a_dead_instance_does_not_count() -> None:
+    bench = Bench()
+    bench.until_tick(20)
+    before = bench.leader.members["recorder"].done
+    late = Done(tick=before + 3, epoch=1, source="recorder", instance="dead")
+    bench.node.handle(Delivery(TICK_DONE, late, None))
+    assert bench.leader.members["recorder"].done == before
+
+
+def test_a_late_ready_of_an_epoch_before_does_not_count() -> None:
+    bench = Bench()
+    bench.finish(5)
+    bench.node.begin(EXPECT, "lockstep", 0.0, 1, "hold", 0)
+    late = Done(tick=-1, epoch=1, source="recorder", instance="x", ready=True)
+    bench.node.handle(Delivery(TICK_DONE, late, None))
+    assert bench.leader.ready == {}
+
+
+def test_silence_is_answered_by_the_same_tick_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench()
+    bench.until_tick(20)
+    asleep = bench.system.nodes.pop(1)
+    monkeypatch.setattr(runtime, "SILENCE_S", 0.0)
+    for _ in range(4):
+        bench.node.pump_once()
+    assert bench.node.refused["resent_ticks"] > 0
+    assert [t.tick for t in bench.ticks].count(bench.leader.tick) > 1
+    monkeypatch.setattr(runtime, "SILENCE_S", 10.0)
+    bench.system.nodes.insert(1, asleep)
+    assert bench.finish(40) == reference(40)
+    assert bench.leader.comparable
+
+
+@pytest.mark.parametrize("name", ["estimator", "walker", "recorder"])
+@pytest.mark.parametrize("policy", ["degrade", "hold"])
+def test_a_frozen_member_counts_as_lost_and_may_return(name: str, policy: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench(policy=policy)
+    bench.until_tick(20)
+    asleep = next(node for node in bench.system.nodes if node.name == name)
+    bench.system.nodes.remove(asleep)
+    monkeypatch.setattr(runtime, "SILENCE_S", 0.0)
+    while not bench.leader.reason:
+        bench.node.pump_once()
+        for node in bench.system.nodes[1:]:
+            node.pump()
+    monkeypatch.setattr(runtime, "SILENCE_S", 10.0)
+    assert bench.leader.reason == f"{name} is silent"
+    if policy == "degrade":
+        assert name not in bench.leader.members
+        bench.until_tick(40)
+        bench.system.nodes.append(asleep)
+        bench.bus.call(SIM_JOIN, JoinRequest(service=name, instance=asleep.instance))
+        bench.until(lambda: name in bench.leader.members)
+    else:
+        assert bench.leader.missing() == (name,)
+        bench.system.nodes.append(asleep)
+    bench.finish(bench.leader.tick + 20)
+    assert name in bench.leader.members
+    assert not bench.leader.comparable

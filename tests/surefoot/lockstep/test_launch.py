@@ -1,0 +1,38 @@
+"""Start of a service's process."""
+
+import gc
+import os
+
+import pytest
+
+from surefoot.lockstep import launch
+from surefoot.lockstep.service import Service
+
+
+class Idle(Service):
+    """Does nothing."""
+
+    name = "idle"
+
+
+def test_the_collector_is_on_again_when_a_service_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Entry points switch it off for their imports."""
+    seen: list[bool] = []
+
+    def run(service: type[Service], arguments: list[str] | None) -> int:
+        seen.append(gc.isenabled())
+        return 0
+
+    def leave(code: int) -> None:
+        raise SystemExit(code)
+
+    monkeypatch.setattr(launch, "run", run)
+    monkeypatch.setattr(os, "_exit", leave)
+    gc.disable()
+    try:
+        with pytest.raises(SystemExit) as end:
+            launch.main(Idle, [])
+    finally:
+        gc.enable()
+        gc.unfreeze()
+    assert (seen, end.value.code) == ([True], 0)

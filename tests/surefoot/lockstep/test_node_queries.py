@@ -1,0 +1,175 @@
+"""Queries of a node: whoever asks gets an answer, a typed error at worst."""
+
+import threading
+from concurrent.futures import Future
+from typing import Any
+
+import pytest
+
+from surefoot.bus.codec import decode
+from surefoot.bus.memory import MemoryBus, MemoryIncoming
+from surefoot.errors import CallError, Refusal
+from surefoot.lockstep import node as runtime
+from surefoot.schemas.footholds import AssessRequest, SelectReply, SelectRequest
+from surefoot.schemas.stability import RegionReply, RegionRequest
+from surefoot.schemas.system import Health, HealthRequest
+from surefoot.schemas.topics import FOOTHOLDS_ASSESS, FOOTHOLDS_SELECT, HEALTH_GET, HW_IMU, STABILITY_REGION, Query
+from tests.surefoot.lockstep.node_bench import MEGABYTE, SELECT, Bench
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+# -- queries -----------------------------------------------------------------------------------------------------------
+
+
+class Asked(MemoryIncoming):
+    """A query whose request comes as bytes."""
+
+    def __init__(self, query: Query[Any, Any], payload: bytes, encoding: str = "") -> None:
+        super().__init__(query, None)
+        self.probe = False
+        self._payload, self._encoding = payload, encoding
+
+    def request(self) -> Any:
+        return decode(self.query.request, self._payload, None, self._encoding)
+
+
+@pytest.mark.parametrize(
+    ("payload", "encoding", "code", "field"),
+    [
+        (b"{", "", "malformed", None),
+        (b"[]", "", "invalid", None),
+        (b"{}", "", "invalid", "contacts"),
+        (b'{"contacts":[],"friction":1}', "", "invalid", "friction"),
+        (b'{"contacts":[{"position":[0,0,0],"normal":[0,0,1],"mu":-1}]}', "", "invalid", "contacts.0.mu"),
+        (b'{"contacts":[{"position":[0,0,NaN],"normal":[0,0,1],"mu":1}]}', "", "invalid", "contacts.0.position.2"),
+        (b'{"contacts":"' + b"x" * 10 * MEGABYTE + b'"}', "", "too_large", None),
+        (b'{"contacts":[]}', "application/json;surefoot/RegionRequest/2.0", "schema", None),
+        (b'{"contacts":[]}', "application/json;surefoot/CheckRequest/1.0", "schema", None),
+    ],
+    ids=["cut", "list", "missing", "unknown", "negative", "nan", "10 MB", "major", "name"],
+)
+def test_bad_request_gets_a_typed_error(
+    bench: Bench, payload: bytes, encoding: str, code: str, field: str | None
+) -> None:
+    asked = Asked(STABILITY_REGION, payload, encoding)
+    bench.node.handle(asked)
+    assert asked.error is not None
+    reply = asked.error.reply()
+    assert (reply.code, reply.field) == (code, field)
+    assert len(reply.message) < 400
+    assert bench.node.refused == {code: 1}
+    again = Asked(STABILITY_REGION, b'{"contacts":[]}')
+    bench.node.handle(again)
+    assert isinstance(again.answer, RegionReply)
+
+
+def test_a_handler_that_fails_answers_internal_and_the_node_lives(bench: Bench) -> None:
+    def broken(request: RegionRequest) -> RegionReply:
+        raise ZeroDivisionError("no feet")
+
+    bench.subject.answer = broken
+    with pytest.raises(CallError, match="no feet") as caught:
+        bench.bus.call(STABILITY_REGION, RegionRequest(contacts=()))
+    assert caught.value.code == "internal"
+    assert bench.node.refused == {"internal": 1}
+    bench.both(0)
+    assert bench.subject.ticks == [0]
+
+
+def test_a_handler_that_refuses_is_heard_under_its_own_code(bench: Bench) -> None:
+    def refuses(request: RegionRequest) -> RegionReply:
+        raise Refusal("refused", "not today", "contacts")
+
+    bench.subject.answer = refuses
+    with pytest.raises(CallError) as caught:
+        bench.bus.call(STABILITY_REGION, RegionRequest(contacts=()))
+    assert (caught.value.code, caught.value.message, caught.value.field) == ("refused", "not today", "contacts")
+
+
+def test_an_answer_from_another_thread_comes_when_it_is_there(bench: Bench) -> None:
+    """Meanwhile ticks and other queries go on; what the thread raises is answered like any other error."""
+    work: list[Future[RegionReply]] = [Future(), Future(), Future()]
+    pending = iter(work)
+    bench.subject.answer = lambda request: next(pending)
+    late = [MemoryIncoming(STABILITY_REGION, RegionRequest(contacts=())) for _ in work]
+    for incoming in late:
+        bench.node.handle(incoming)
+    bench.both(0)
+    assert bench.subject.ticks == [0]
+    assert bench.bus.call(HEALTH_GET.of("estimator"), HealthRequest()).health.service == "estimator"
+    assert [incoming.answer for incoming in late] == [None] * 3
+    reply = RegionReply(status="infeasible", inner=(), outer=(), support=())
+    work[1].set_exception(Refusal("refused", "not today", "contacts"))
+    work[2].set_exception(ZeroDivisionError("no feet"))
+    worker = threading.Thread(target=work[0].set_result, args=(reply,))
+    worker.start()
+    while bench.node.pump_once():  # waits for what is being worked out, then has nothing left to do
+        pass
+    assert late[0].answer is reply
+    assert [incoming.error.code for incoming in late[1:] if incoming.error is not None] == ["refused", "internal"]
+    worker.join()
+
+
+def test_a_request_for_a_tick_waits_until_it_is_consumed(bench: Bench) -> None:
+    bench.both(0)
+    asked = MemoryIncoming(FOOTHOLDS_SELECT, SelectRequest.model_validate({"tick": 1, "epoch": 1, **SELECT}))
+    bench.node.handle(asked)
+    assert asked.answer is None
+    bench.both(1)
+    assert isinstance(asked.answer, SelectReply)
+    assert asked.answer.map_version == 2
+    at_once = MemoryIncoming(FOOTHOLDS_SELECT, SelectRequest.model_validate({"tick": 1, **SELECT}))
+    bench.node.handle(at_once)
+    assert at_once.answer is not None
+
+
+def test_a_request_for_a_tick_that_does_not_come_is_not_ready(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench.both(0)
+    asked = MemoryIncoming(FOOTHOLDS_SELECT, SelectRequest.model_validate({"tick": 10**6, "epoch": 1, **SELECT}))
+    bench.node.handle(asked)
+    bench.node._timers()
+    assert asked.error is None
+    monkeypatch.setattr(runtime, "NOT_READY_S", 0.0)
+    bench.node._timers()
+    assert asked.error is not None
+    assert asked.error.code == "not_ready"
+
+
+def test_probe_is_answered_without_a_request(bench: Bench) -> None:
+    incoming = MemoryIncoming(STABILITY_REGION, None)
+    bench.node.handle(incoming)
+    assert incoming.answer is None
+    assert incoming.error is None
+    assert bench.node.counts[STABILITY_REGION.key] == 0
+
+
+def test_nobody_there_and_nobody_answers() -> None:
+    bus = MemoryBus()
+    with pytest.raises(CallError) as caught:
+        bus.call(STABILITY_REGION, RegionRequest(contacts=()))
+    assert caught.value.code == "absent"
+    bus.serve(STABILITY_REGION, lambda incoming: None)
+    with pytest.raises(CallError) as caught:
+        bus.call(STABILITY_REGION, RegionRequest(contacts=()))
+    assert caught.value.code == "timeout"
+
+
+def test_a_call_within_a_tick_goes_only_to_the_roster(bench: Bench) -> None:
+    request = AssessRequest.model_construct()
+    with pytest.raises(CallError) as caught:
+        bench.node.call(FOOTHOLDS_ASSESS, request, None)
+    assert caught.value.code == "absent"
+    with pytest.raises(ValueError, match="does not declare"):
+        bench.node.call(STABILITY_REGION, RegionRequest(contacts=()), None)
+
+
+def test_health_is_asked_like_any_query_and_counts_refusals_by_name(bench: Bench) -> None:
+    bench.raw(HW_IMU, b"{")
+    health: Health = bench.bus.call(HEALTH_GET.of("estimator"), HEALTH_GET.request()).health
+    assert health.refused == {"malformed": 1}
+    assert health.instance == bench.node.instance
+    assert health.state == "joining"

@@ -1,0 +1,88 @@
+"""The whole runtime over Zenoh, a thread and a session for each node."""
+
+import threading
+import time
+from typing import Any
+
+import pytest
+import zenoh
+
+from surefoot.bus.publish import FRAME
+from surefoot.lockstep.driver import DriverNode
+from surefoot.lockstep.join import DRIVER
+from surefoot.lockstep.local import node_of
+from surefoot.lockstep.node import Node
+from surefoot.schemas.system import HealthRequest
+from surefoot.schemas.topics import HEALTH_GET, HW_IMU, HW_TICK
+from tests.surefoot.net import WAIT_S, Net
+from tests.surefoot.toys import toys
+
+
+class Threads:
+    """The toys of the in-memory tests as threads with a Zenoh session each, in a given order."""
+
+    def __init__(self, net: Net, order: tuple[int, ...], ticks: int) -> None:
+        self.driver, services = toys()
+        self.observer: Any = services[3]
+        self.nodes: list[Node] = []
+        self.threads: list[threading.Thread] = []
+        for place in order:
+            node = node_of(services[place], net.open())
+            node.start()
+            if isinstance(node, DriverNode):
+                node.begin(("estimator", "walker", "recorder"), "lockstep", 0.0, 1, "hold", 0)
+                node.leader.end_tick = ticks
+                self.leader = node.leader
+            thread = threading.Thread(target=node.run)
+            thread.start()
+            self.nodes.append(node)
+            self.threads.append(thread)
+
+    def wait(self) -> list[float]:
+        deadline = time.monotonic() + 20.0
+        while not (self.leader.state == "ended" and self.leader.all_done()):
+            assert time.monotonic() < deadline, self.leader
+            threading.Event().wait(0.01)
+        return self.driver.history
+
+    def stop(self) -> None:
+        for node in self.nodes:
+            node.stop()
+        for thread in self.threads:
+            thread.join(WAIT_S)
+            assert not thread.is_alive()
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2, 3), (3, 2, 1, 0), (2, 0, 3, 1)], ids=str)
+def test_run_over_zenoh_is_the_in_memory_run_in_any_order_and_misses_no_first_message(
+    net: Net, order: tuple[int, ...]
+) -> None:
+    from tests.surefoot.lockstep.test_lockstep import run
+
+    system = Threads(net, order, ticks=60)
+    try:
+        assert system.wait() == run(ticks=60)[0]
+        assert [tick for tick, _ in system.observer.seen] == list(range(61))
+        assert set(system.observer.seen[0][1]) == {"hw/imu", "state/velocity", "state/gait"}
+    finally:
+        system.stop()
+
+
+def test_live_node_answers_its_health_and_refuses_what_strangers_send(net: Net) -> None:
+    system = Threads(net, (0, 1, 2, 3), ticks=20)
+    try:
+        system.wait()
+        tool = net.open("client")
+        with net.plain() as stranger:
+            for key in (HW_IMU.key, HW_TICK.key, FRAME.format(DRIVER), FRAME.format(DRIVER)):
+                stranger.put(f"{net.namespace}/{key}", b"\xff{", congestion_control=zenoh.CongestionControl.BLOCK)
+            deadline = time.monotonic() + WAIT_S
+            while True:
+                health = tool.call(HEALTH_GET.of("estimator"), HealthRequest()).health
+                if health.refused.get("malformed") == 2:
+                    break
+                assert time.monotonic() < deadline, health
+        assert health.state == "running"
+        assert health.tick == 20
+    finally:
+        system.stop()

@@ -1,0 +1,146 @@
+"""Recordings: read back as they were, by us and by any MCAP reader; a broken file is told in a sentence."""
+
+import json
+from pathlib import Path
+
+import jsonschema
+import pytest
+from mcap.reader import make_reader
+
+from surefoot.bus.codec import encode, encoding_of
+from surefoot.bus.interface import Raw
+from surefoot.errors import SurefootError
+from surefoot.record.recording import RecordingWriter, read_recording, recording_info, topic_of
+from surefoot.record.runhash import RunHash
+from surefoot.schemas.hw import Imu
+from surefoot.schemas.system import Health, LogRecord
+from surefoot.schemas.terrain import HeightMapMessage
+from surefoot.schemas.topics import HEALTH, HW_IMU, LOG, TERRAIN_MAP
+
+MAP = HeightMapMessage(rows=2, cols=2, cell=0.1, origin=(0.0, -1.0), data=bytes(range(16))).stamped(
+    0, 0, 1, 0, "driver"
+)
+
+
+def imu(tick: int) -> Imu:
+    return Imu(acc=(tick / 3, 0.0, 9.81), gyro=(0.0, 0.0, -1e-17)).stamped(tick * 10_000_000, tick, 1, tick, "driver")
+
+
+def raw(message: Imu | HeightMapMessage | LogRecord) -> Raw:
+    return Raw(*encode(message), encoding_of(type(message)))
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    path = tmp_path / "deep" / "run.mcap"
+    writer = RecordingWriter(path, {"robot": "ragno", "seed": "7"})
+    writer.write(TERRAIN_MAP, MAP, raw(MAP))
+    for tick in range(5000):
+        writer.write(HW_IMU, imu(tick), raw(imu(tick)))
+    log = LogRecord(source="walker", level="info", text="hello", stamp_ns=5)
+    writer.write(LOG, log, raw(log))
+    writer.close({"run_hash": "abc", "last_tick": "4999"})
+    return path
+
+
+def test_messages_are_read_back_as_they_were(bag: Path) -> None:
+    found = list(read_recording(bag))
+    assert len(found) == 5002
+    assert [m.stamp_ns for m in found] == sorted(m.stamp_ns for m in found)
+    assert [m.message() for m in found if m.key == "hw/imu"] == [imu(tick) for tick in range(5000)]
+    (ground,) = read_recording(bag, ("terrain/map",))
+    assert ground.message() == MAP
+    assert ground.raw() == raw(MAP)
+    (line,) = read_recording(bag, ("log/walker",))
+    assert line.message() == LogRecord(source="walker", level="info", text="hello", stamp_ns=5)
+
+
+def test_a_plain_reader_finds_json_with_its_schema(bag: Path) -> None:
+    with bag.open("rb") as file:
+        seen: set[str] = set()
+        for schema, channel, message in make_reader(file).iter_messages():
+            assert schema is not None
+            assert schema.encoding == "jsonschema"
+            if channel.message_encoding == "json" and channel.topic not in seen:
+                seen.add(channel.topic)
+                jsonschema.validate(json.loads(message.data), json.loads(schema.data))
+                assert schema.name.startswith("surefoot/")
+            if channel.topic == "hw/imu":
+                assert message.sequence == message.log_time // 10_000_000
+    assert seen == {"hw/imu", "log/walker"}
+
+
+def test_info_tells_what_is_inside(bag: Path) -> None:
+    info = recording_info(bag)
+    assert info["messages"] == 5002
+    assert info["topics"] == {"hw/imu": 5000, "log/walker": 1, "terrain/map": 1}
+    assert info["metadata"]["run"] == {"robot": "ragno", "seed": "7"}
+    assert info["metadata"]["surefoot"]["run_hash"] == "abc"
+    assert (info["start_ns"], info["end_ns"]) == (0, 4999 * 10_000_000)
+
+
+@pytest.mark.parametrize("read", [lambda path: list(read_recording(path)), recording_info], ids=["read", "info"])
+@pytest.mark.parametrize("damage", ["none", "folder", "empty", "text", "cut", "torn"])
+def test_a_broken_file_is_one_sentence(bag: Path, tmp_path: Path, damage: str, read: object) -> None:
+    path = tmp_path / "x.mcap"
+    content = bag.read_bytes()
+    if damage == "folder":
+        path.mkdir()
+    elif damage != "none":
+        torn = content[: len(content) // 3] + bytes(64) + content[len(content) // 3 + 64 :]
+        path.write_bytes(
+            {"empty": b"", "text": b"hello\n" * 99, "cut": content[: len(content) // 2], "torn": torn}[damage]
+        )
+    assert callable(read)
+    if damage == "torn" and read is recording_info:
+        return  # its index is whole
+    with pytest.raises(SurefootError) as caught:
+        read(path)
+    assert str(path) in caught.value.message
+    assert "\n" not in caught.value.message
+    words = {"none": "No such file", "folder": "Is a directory", "empty": "is empty", "text": "is not an MCAP file"}
+    assert words.get(damage, "is cut off or damaged") in caught.value.message
+
+
+def test_what_was_written_before_a_crash_is_on_disk(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    writer = RecordingWriter(path, {})
+    for tick in range(20_000):
+        writer.write(HW_IMU, imu(tick), raw(imu(tick)))
+    writer._file.flush()
+    from mcap.stream_reader import StreamReader
+
+    with path.open("rb") as file:
+        records = [type(record).__name__ for record in _until_torn(StreamReader(file, emit_chunks=True))]
+    assert records.count("Chunk") > 3
+    writer.close({})
+
+
+def _until_torn(reader: object) -> object:
+    from mcap.exceptions import McapError
+
+    try:
+        yield from reader.records  # type: ignore[attr-defined]
+    except McapError:
+        return
+
+
+def test_keys_belong_to_rows() -> None:
+    assert topic_of("health/walker") == HEALTH
+    assert topic_of("health/walker").model is Health  # type: ignore[union-attr]
+    assert topic_of("state/nothing") is None
+
+
+def test_hash_is_of_keys_and_bytes_not_of_the_order_between_keys() -> None:
+    def run(order: list[tuple[str, int]], payload: bytes = b"{}") -> str:
+        total = RunHash()
+        for key, tick in order:
+            total.update(key, 1, tick * 10, tick, payload, None)
+        return total.hexdigest()
+
+    ab = [(key, tick) for tick in range(5) for key in "ab"]
+    assert run(ab) == run(sorted(ab))
+    assert run(ab) != run([(key, tick) for tick in reversed(range(5)) for key in "ab"])
+    assert run(ab) != run(ab[:-1])
+    assert run(ab) != run(ab, b"{ }")
+    assert run([("a", 1)]) != run([("b", 1)])
