@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from surefoot.lockstep.discover import service_names
 from surefoot.robot.description import robot_names
 from surefoot.services.supervisor.processes.compose import ComposeError, load_compose
 from surefoot.services.supervisor.processes.extends import extended
+from tests.processes import run_process
 
 ROOT = Path(__file__).parents[2]
 FILES = sorted((ROOT / "compose").glob("*.yaml"))
@@ -62,7 +62,7 @@ def test_scripts_hand_over_to_the_command(name: str, tmp_path: Path) -> None:
     fake.chmod(0o755)
     environment = {"PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}"}
     for given, said in (([], f"{name} ragno"), (["other", "-d"], f"{name} other -d")):
-        done = subprocess.run([script, *given], env=environment, capture_output=True, text=True, check=True)
+        done = run_process([script, *given], env=environment, capture_output=True, text=True, check=True)
         assert done.stdout.strip() == said
 
 
@@ -70,4 +70,4 @@ def test_scripts_are_plain_shell() -> None:
     if shutil.which("sh") is None:
         pytest.skip("no shell here")
     for name in ("up", "down"):
-        subprocess.run(["sh", "-n", ROOT / "compose" / name], check=True)
+        run_process(["sh", "-n", ROOT / "compose" / name], check=True)

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.processes import run_process
+
 ROOT = Path(__file__).parents[2]
 MAX_LINES = 400
 KEEP_TIME = ("simulator", "supervisor")
@@ -17,7 +19,7 @@ HOSTS = re.compile("|".join(_WORDS), re.IGNORECASE)
 
 def tracked() -> list[Path]:
     try:
-        listing = subprocess.run(["git", "ls-files"], cwd=ROOT, check=True, capture_output=True, text=True).stdout
+        listing = run_process(["git", "ls-files"], cwd=ROOT, check=True, capture_output=True, text=True).stdout
     except (OSError, subprocess.CalledProcessError):
         pytest.skip("not a git checkout")
     return [path for line in listing.splitlines() if not (path := ROOT / line).is_symlink()]

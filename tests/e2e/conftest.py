@@ -2,26 +2,28 @@
 
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from tests.e2e.live import environment
 from tests.ports import free_address
+from tests.processes import end_systems, run_process
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
 @pytest.fixture
-def surefoot(tmp_path: Path) -> Run:
-    """`surefoot WORDS`, with an own state folder, port and namespace."""
+def surefoot(tmp_path: Path) -> Iterator[Run]:
+    """`surefoot WORDS`, with an own state folder, port and namespace. What still runs at the end is ended."""
     settings = environment(tmp_path, SUREFOOT_LISTEN=free_address(), SUREFOOT_NAMESPACE="test/cli")
 
-    def run(*words: str, timeout: float = 60.0, **more: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
+    def run(*words: str, **more: str) -> subprocess.CompletedProcess[str]:
+        return run_process(
             [sys.executable, "-m", "surefoot.lab.cli.main", *words],
-            cwd=tmp_path, env={**settings, **more}, capture_output=True, text=True, timeout=timeout, check=False,
+            cwd=tmp_path, env={**settings, **more}, capture_output=True, text=True,
         )  # fmt: skip
 
-    return run
+    yield run
+    end_systems(tmp_path / "state" / "surefoot")

@@ -27,11 +27,12 @@ from surefoot.services.supervisor.scenarios.director import Director
 from surefoot.services.supervisor.scenarios.scenario import Scenario
 from surefoot.services.supervisor.service import Supervisor
 from tests.ports import free_port
+from tests.processes import end_process
 
 ROOT = Path(__file__).parents[2]
-START_S = 60.0  # s wall, a first start compiles kernels
-RUN_S = 60.0  # s wall without the end of a run
-STOP_S = 10.0  # s wall, then a process is killed
+START_S = 240.0  # s wall, a first start compiles kernels
+RUN_S = 240.0  # s wall without the end of a run
+STOP_S = 60.0  # s wall for an end; takes less than 2
 SERVICES = tuple(
     name
     for name in load_compose(find("compose", "ragno", ".yaml", ComposeError)).service_names
@@ -87,13 +88,16 @@ class Live:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for process in self.processes.values():
-            if process.poll() is None:
-                process.kill()
-            process.wait(STOP_S)
-        self.node.stop()
-        self._thread.join(STOP_S)
-        self.bus.close()
+        try:
+            for process in self.processes.values():
+                process.send_signal(signal.SIGCONT)
+                process.terminate()
+            for process in self.processes.values():
+                end_process(process)
+        finally:
+            self.node.stop()
+            self._thread.join(STOP_S)
+            self.bus.close()
 
     def _on_life(self, life: Life) -> None:
         if life.alive:
@@ -104,7 +108,7 @@ class Live:
     # -- processes -----------------------------------------------------------------------------------------------------
 
     def spawn(self, name: str) -> None:
-        """Starts a service as a user would, with its output in a file."""
+        """Start a service, with its output in a file; it handles SIGINT whatever it inherits. Any thread may do so."""
         own = {
             "SUREFOOT_SIMULATOR_AUTOSTART": "false",
             "SUREFOOT_RECORDER_PATH": "" if self.bag is None else str(self.bag),

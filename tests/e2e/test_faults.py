@@ -97,14 +97,14 @@ def test_nonsense_on_every_key_is_counted_and_changes_nothing(live: Live) -> Non
                     stranger.put(f"{live.namespace}/{key}", payload, congestion_control=zenoh.CongestionControl.BLOCK)
                     sent[key] += 1
                 for query in QUERIES:
-                    for reply in stranger.get(f"{live.namespace}/{query.key}", payload=payload, timeout=5.0):
+                    for reply in stranger.get(f"{live.namespace}/{query.key}", payload=payload, timeout=60.0):
                         codes.append("" if reply.err is None else json.loads(reply.err.payload.to_bytes())["code"])
         stop.set()
 
-    stranger = threading.Thread(target=babble)
+    stranger = threading.Thread(target=babble, daemon=True)
     stranger.start()
     outcome = live.conduct(walk())
-    wait_until(stop.is_set, 30.0, "the stranger has said everything")
+    wait_until(stop.is_set, 240.0, "the stranger has said everything")
     stranger.join()
     assert len(codes) > 100
     assert set(codes) <= {"malformed", "invalid", "too_large"}

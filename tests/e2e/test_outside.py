@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,9 +16,12 @@ from surefoot.lab.runs.local import run_local
 from surefoot.schemas.topics import STATE_VELOCITY
 from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 from tests.ports import free_address
+from tests.processes import end_systems, run_process, running
 
 ROOT = Path(__file__).parents[2]
 BIN = Path(sys.executable).parent
+
+END_S = 80.0  # s wall; takes 1 to 2
 
 pytestmark = pytest.mark.e2e
 
@@ -30,10 +32,10 @@ with zenoh.open(config) as session:
     subscriber = session.declare_subscriber("surefoot/ragno/state/velocity")
     v = json.loads(subscriber.recv().payload.to_string())
     feet = [{"position": [x, y, 0], "normal": [0, 0, 1], "mu": 0.5} for x, y in [(0.1, 0.1), (0.1, -0.1), (-0.1, 0)]]
-    answers = session.get("surefoot/ragno/stability/region", payload=json.dumps({"contacts": feet}), timeout=10.0)
+    answers = session.get("surefoot/ragno/stability/region", payload=json.dumps({"contacts": feet}), timeout=60.0)
     region = json.loads(next(iter(answers)).ok.payload.to_string())
     typo = json.dumps({"contacts": feet, "direction": 8})
-    wrong = session.get("surefoot/ragno/stability/region", payload=typo, timeout=10.0)
+    wrong = session.get("surefoot/ragno/stability/region", payload=typo, timeout=60.0)
     error = json.loads(next(iter(wrong)).err.payload.to_string())
 print(json.dumps({"velocity": v["velocity"], "region": region, "error": error, "ours": "surefoot" in sys.modules}))
 """
@@ -45,23 +47,26 @@ def endpoint(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     folder = tmp_path_factory.mktemp("up")
     where = free_address()
     environment = dict(os.environ, SUREFOOT_LISTEN=where, XDG_STATE_HOME=str(folder))
-    with (folder / "up.log").open("w") as log:
-        command = [sys.executable, "-m", "surefoot.lab.cli.main", "up", "ragno"]
-        up = subprocess.Popen(command, cwd=folder, env=environment, stdout=log, stderr=log)
+    command = [sys.executable, "-m", "surefoot.lab.cli.main", "up", "ragno"]
     try:
-        _wait_until_it_walks(where, up)
-        yield where
+        with (
+            (folder / "up.log").open("w") as log,
+            running(command, cwd=folder, env=environment, stdout=log, stderr=log) as up,
+        ):
+            _wait_until_it_walks(where, up)
+            yield where
+            up.send_signal(signal.SIGINT)
+            assert up.wait(END_S) == 0
     finally:
-        up.send_signal(signal.SIGINT)
-        up.wait(20)
+        end_systems(folder / "surefoot")
 
 
 def _wait_until_it_walks(where: str, up: subprocess.Popen[bytes]) -> None:
-    for _ in range(5):  # a client waits 8 s for the router
+    for _ in range(20):  # a client waits 8 s for the router
         assert up.poll() is None, "surefoot up ended"
         try:
             with connect("ragno", where) as robot:
-                robot.latest(STATE_VELOCITY, 90.0)
+                robot.latest(STATE_VELOCITY, 300.0)
                 return
         except BusError as error:
             last = error
@@ -69,9 +74,7 @@ def _wait_until_it_walks(where: str, up: subprocess.Popen[bytes]) -> None:
 
 
 def test_plain_zenoh_python(endpoint: str, tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-I", "-c", PLAIN, endpoint], cwd=tmp_path, capture_output=True, text=True, timeout=60
-    )
+    done = run_process([sys.executable, "-I", "-c", PLAIN, endpoint], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     got = json.loads(done.stdout)
     assert len(got["velocity"]) == 3
@@ -84,42 +87,33 @@ def test_plain_zenoh_python(endpoint: str, tmp_path: Path) -> None:
 
 def test_zenoh_cli_asks_for_a_region(endpoint: str, tmp_path: Path) -> None:
     contacts = [{"position": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0], "mu": 0.5}]
-    done = subprocess.run(
+    done = run_process(
         [
             str(BIN / "zenoh"), "--mode", "client", "--connect", endpoint, "get",
             "--selector", "surefoot/ragno/stability/region", "--value", json.dumps({"contacts": contacts}),
             "--encoder", "text", "--decoder", "json",
         ],
-        cwd=tmp_path, capture_output=True, text=True, timeout=60,
+        cwd=tmp_path, capture_output=True, text=True,
     )  # fmt: skip
     assert "point" in done.stdout, done.stdout + done.stderr
 
 
 def test_zenoh_cli_echoes_the_velocity(endpoint: str, tmp_path: Path) -> None:
-    echo = subprocess.Popen(
-        [
-            str(BIN / "zenoh"), "--mode", "client", "--connect", endpoint, "subscribe",
-            "-k", "surefoot/ragno/state/velocity", "--decoder", "text", "--line", "{value}",
-        ],
-        cwd=tmp_path, env=dict(os.environ, PYTHONUNBUFFERED="1"), text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
-    bound = threading.Timer(30.0, echo.kill)
-    bound.start()
-    try:
+    command = [
+        str(BIN / "zenoh"), "--mode", "client", "--connect", endpoint, "subscribe",
+        "-k", "surefoot/ragno/state/velocity", "--decoder", "text", "--line", "{value}",
+    ]  # fmt: skip
+    environment = dict(os.environ, PYTHONUNBUFFERED="1")
+    with running(command, cwd=tmp_path, env=environment, text=True, stdout=subprocess.PIPE) as echo:
         assert echo.stdout is not None
         ticks = [json.loads(echo.stdout.readline())["tick"] for _ in range(5)]
-    finally:
-        bound.cancel()
-        echo.kill()
-        echo.communicate()
     assert ticks == sorted(set(ticks))
 
 
 @pytest.mark.parametrize("name", sorted(p.name for p in (ROOT / "examples").glob("*.py")))
 def test_example_runs(endpoint: str, name: str, tmp_path: Path) -> None:
     command = [sys.executable, str(ROOT / "examples" / name), endpoint]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=90)
+    done = run_process(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert done.stdout
 
@@ -128,7 +122,7 @@ def test_a_run_in_one_process_has_the_hash_of_the_run_over_zenoh(tmp_path: Path)
     where = free_address()
     environment = dict(os.environ, SUREFOOT_LISTEN=where, XDG_STATE_HOME=str(tmp_path))
     command = [sys.executable, "-m", "surefoot.lab.cli.main", "run", "stand", "--seed", "5", "--json"]
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+    done = run_process(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     result = json.loads(done.stdout)
     assert result["comparable"], result
     local = run_local(load_scenario(find_scenario("stand")), 5)

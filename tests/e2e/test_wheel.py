@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.processes import run_process
+
 ROOT = Path(__file__).parents[2]
 
 pytestmark = pytest.mark.e2e
@@ -19,15 +21,15 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")
     build = "from setuptools.build_meta import build_wheel; import sys; build_wheel(sys.argv[1])"
     source = folder / "source"
-    subprocess.run(["git", "clone", "-q", "--depth", "1", f"file://{ROOT}", str(source)], check=True)
-    subprocess.run([sys.executable, "-c", build, str(folder)], cwd=source, check=True, capture_output=True)
+    run_process(["git", "clone", "-q", "--depth", "1", f"file://{ROOT}", str(source)], check=True)
+    run_process([sys.executable, "-c", build, str(folder)], cwd=source, check=True, capture_output=True)
     (wheel,) = folder.glob("*.whl")
     environment = folder / "env"
     venv.create(environment, with_pip=False, symlinks=True)
     (site,) = environment.glob("lib/python*/site-packages")
     here = next(path for path in sys.path if path.endswith("site-packages"))
     install = "import sys, zipfile; zipfile.ZipFile(sys.argv[1]).extractall(sys.argv[2])"
-    subprocess.run([sys.executable, "-c", install, str(wheel), str(site)], check=True)
+    run_process([sys.executable, "-c", install, str(wheel), str(site)], check=True)
     for data in site.glob("surefoot-*.data/data/*"):
         data.rename(environment / data.name)
     (site / "dependencies.pth").write_text(here + "\n")
@@ -38,7 +40,7 @@ def run(environment: Path, folder: Path, *words: str) -> subprocess.CompletedPro
     """Runs Python of the environment in an empty folder, away from the checkout."""
     clean = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")}
     python = environment / "bin" / "python"
-    return subprocess.run([str(python), *words], cwd=folder, env=clean, capture_output=True, text=True, timeout=120)
+    return run_process([str(python), *words], cwd=folder, env=clean, capture_output=True, text=True)
 
 
 def test_packages_and_data_come_from_the_wheel(installed: Path, tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """What several tests need: an invented run for judge and report, and the command line for live tests."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,6 +10,7 @@ import pytest
 
 from surefoot.lab.report.traces import Traces
 from tests.ports import free_address
+from tests.processes import end_systems, run_process
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
@@ -130,7 +130,7 @@ def command_line():
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
-    """Own state folder and port; the kernels' stamps stay shared."""
+    """Own state folder and port; the kernels' stamps stay shared. What still runs at the end is ended."""
     folder = tmp_path_factory.mktemp("live")
     environment = {
         **{key: value for key, value in os.environ.items() if not key.startswith("SUREFOOT_")},
@@ -139,21 +139,21 @@ def place(tmp_path_factory):
         "PYTHONPATH": str(Path(__file__).parents[3]),
         "NO_COLOR": "1",
     }
-    return folder, environment
+    yield folder, environment
+    end_systems(folder / "state" / "surefoot")
 
 
 @pytest.fixture(scope="module")
 def surefoot(place, command_line):
     folder, environment = place
 
-    def run(*words, timeout=120.0):
-        done = subprocess.run(
+    def run(*words):
+        done = run_process(
             [*command_line, *map(str, words)],
             cwd=folder,
             env=environment,
             capture_output=True,
             text=True,
-            timeout=timeout,
             check=False,
         )
         assert "Traceback" not in done.stderr, done.stderr

@@ -9,7 +9,7 @@ from surefoot.errors import BusError, CallError, ConfigError, SurefootError
 from surefoot.schemas.stability import RegionReply
 from surefoot.schemas.state import VelocityEstimate
 from surefoot.schemas.topics import HEALTH, STABILITY_REGION, STATE_VELOCITY
-from tests.surefoot.net import Net, matched, reached, serve
+from tests.surefoot.net import WAIT_S, Net, matched, reached, serve
 from tests.surefoot.toys import estimate
 
 EMPTY = RegionReply(status="infeasible", inner=(), outer=(), support=())
@@ -54,14 +54,14 @@ def test_watch_and_ask(net: Net) -> None:
         heard: list[VelocityEstimate] = []
 
         def listen() -> None:
-            heard.append(tool.latest(STATE_VELOCITY))
+            heard.append(tool.latest(STATE_VELOCITY, WAIT_S))
 
-        listener = threading.Thread(target=listen)
+        listener = threading.Thread(target=listen, daemon=True)
         listener.start()
         publisher = matched(server, STATE_VELOCITY)
         publisher.prime()
         publisher.put(estimate(0.25))
-        listener.join(5.0)
+        listener.join(WAIT_S)
         assert heard == [estimate(0.25)]
     tool.close()
 

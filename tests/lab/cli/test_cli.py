@@ -21,8 +21,8 @@ from surefoot.record.recording import RecordingWriter
 from surefoot.schemas.cmd import WalkReply
 from surefoot.schemas.hw import Imu
 from surefoot.schemas.topics import HW_IMU, QUERIES
-from surefoot.services.supervisor.processes.process import Child
 from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder
+from tests.processes import run_process, running_child
 
 PLAIN = {
     "list": ["list"],
@@ -129,7 +129,7 @@ def test_nothing_running_is_told_at_once(surefoot, words):
     assert code in (cli.EXIT_CHECK, cli.EXIT_USAGE)
     assert json.loads(out) == {} or "error" in json.loads(out)
     assert not err
-    assert time.monotonic() - began < 3.0
+    assert time.monotonic() - began < 6.0  # without waiting for a router; takes 0.1
 
 
 @pytest.mark.parametrize("words", [["up"], ["up", "-d"], ["run", "stand"]], ids=" ".join)
@@ -143,8 +143,8 @@ def test_a_listen_variable_that_is_no_endpoint_is_told(surefoot, monkeypatch, wo
 def test_services_without_their_supervisor_are_told(surefoot):
     folder = RunFolder("ragno")
     folder.acquire()
-    child = Child("walker", [sys.executable, "-c", "import time; time.sleep(60)"], {}, folder.log("walker"))
-    try:
+    sleep = [sys.executable, "-c", "import time; time.sleep(60)"]
+    with running_child("walker", sleep, {}, folder.log("walker")) as child:
         folder.write_processes({"walker": child.identity})
         folder._lock.close()  # as when the supervisor is killed
         what = "services of ragno run without their supervisor; `surefoot down ragno` ends them"
@@ -155,9 +155,6 @@ def test_services_without_their_supervisor_are_told(surefoot):
         assert what in surefoot("stop")[2]
         assert surefoot("logs", "walker")[0] == 0
         assert surefoot("down")[1] == "stopped ragno\n"
-    finally:
-        child.terminate()
-        child.wait(5.0)
 
 
 def test_a_client_looks_for_the_system_in_this_order(monkeypatch):
@@ -202,7 +199,7 @@ def test_a_full_disk_behind_the_output_is_one_sentence():
     with open("/dev/full", "w") as full:
         for words in (["list"], ["list", "--json"]):
             command = [sys.executable, "-m", "surefoot.lab.cli.main", *words]
-            done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+            done = run_process(command, stdout=full, stderr=subprocess.PIPE, text=True)
             assert done.returncode == cli.EXIT_CHECK
             assert done.stderr == "surefoot: No space left on device\n"
 
@@ -311,18 +308,18 @@ def test_an_internal_error_is_a_sentence_unless_debugging(surefoot, monkeypatch)
 
 def test_help_is_quick_and_imports_nothing_heavy():
     code = (
-        "import sys, time; began = time.perf_counter()\n"
+        "import sys, time; began = time.process_time()\n"
         "from surefoot.lab.cli import main as cli\n"
         "try: cli.main(['--help'])\n"
         "except SystemExit: pass\n"
         "heavy = {'numpy', 'zenoh', 'pydantic', 'mujoco', 'matplotlib', 'scipy', 'numba', 'mcap'} & set(sys.modules)\n"
-        "sys.stderr.write(f'{heavy or None} {time.perf_counter() - began:.3f}')"
+        "sys.stderr.write(f'{heavy or None} {time.process_time() - began:.3f}')"
     )
     environment = {**os.environ, "COLUMNS": "100"}
-    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    done = run_process([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
     heavy, seconds = done.stderr.split()
     assert heavy == "None"
-    assert float(seconds) < 1.0  # 0.1 s on a quiet machine; the tests share theirs
+    assert float(seconds) < 1.0  # s of processor time; takes 0.1
     assert "Usage:" in done.stdout
 
 

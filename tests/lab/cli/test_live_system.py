@@ -14,6 +14,8 @@ from tests.ports import free_address
 
 pytestmark = pytest.mark.e2e
 
+WAIT_S = 80.0  # s wall; takes 1 to 3
+
 
 def processes(place):
     return RunFolder("ragno", place[0] / "state" / "surefoot").processes()
@@ -21,10 +23,9 @@ def processes(place):
 
 @pytest.fixture(scope="module")
 def system(surefoot):
-    began = time.monotonic()
     done = surefoot("up", "ragno", "-d")
     assert done.returncode == 0, done.stderr
-    yield time.monotonic() - began
+    yield
     assert surefoot("down").returncode == 0
 
 
@@ -35,7 +36,7 @@ def test_tells_how_to_watch_it(system, surefoot):
 
 
 def test_topics_can_be_heard_and_measured(system, surefoot):
-    done = surefoot("topic", "echo", "state/odometry", "-n", "3", "--timeout", "10")
+    done = surefoot("topic", "echo", "state/odometry", "-n", "3", "--timeout", "60")
     assert done.returncode == 0
     assert len([json.loads(line) for line in done.stdout.splitlines()]) == 3
     rate = json.loads(surefoot("topic", "hz", "hw/imu", "--window", "1", "--json").stdout)
@@ -59,7 +60,7 @@ def test_an_emergency_stop_is_confirmed_by_the_driver_and_released_by_a_reset(sy
     refused = json.loads(surefoot("health", "simulator", "--json").stdout)["refused"]
     assert refused["stopped"] > 0
     assert surefoot("call", "sim/reset", '{"mode": "paced", "rtf": 1}').returncode == 0
-    done = surefoot("topic", "echo", "sim/status", "-n", "1", "--timeout", "10")
+    done = surefoot("topic", "echo", "sim/status", "-n", "1", "--timeout", "60")
     assert json.loads(done.stdout)["stopped"] == ""
 
 
@@ -84,7 +85,7 @@ def test_it_cannot_be_started_twice(system, surefoot):
 def test_a_killed_service_is_healthy_again(system, surefoot, place):
     before = processes(place)["footholds"]
     os.kill(before.pid, signal.SIGKILL)
-    deadline = time.monotonic() + 20.0
+    deadline = time.monotonic() + WAIT_S
     while time.monotonic() < deadline:
         rows = {row["service"]: row for row in json.loads(surefoot("status", "--json").stdout)["ragno"]["services"]}
         if rows["footholds"]["restarts"] == 1 and rows["footholds"]["state"] == "healthy":
@@ -114,7 +115,7 @@ def test_what_a_killed_supervisor_leaves_behind_is_found_and_ended(system, suref
     os.kill(folder.supervisor().pid, signal.SIGKILL)
     left = processes(place)
     assert len(left) == 6
-    deadline = time.monotonic() + 5.0
+    deadline = time.monotonic() + WAIT_S
     while folder.held() and time.monotonic() < deadline:
         time.sleep(0.02)
     done = surefoot("status")

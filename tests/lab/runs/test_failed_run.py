@@ -1,7 +1,6 @@
 """Runs that mean nothing end at once and never pass; a service that cannot be set up says so in a sentence."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.world import World
 from surefoot.services.supervisor.processes.compose import ComposeError
 from surefoot.services.supervisor.scenarios.scenario import parse_scenario
+from tests.processes import run_process
 
 MAD = """
 description = "a push no robot survives"
@@ -39,9 +39,9 @@ def test_physics_that_diverged_end_the_run_and_fail_it() -> None:
 
 
 def test_a_service_told_to_use_an_unknown_robot_says_so() -> None:
-    done = subprocess.run(
+    done = run_process(
         [sys.executable, "-m", "surefoot.lockstep.discover", "footholds", "--connect", "tcp/127.0.0.1:1"],
-        env=dict(os.environ, SUREFOOT_ROBOT="nobody"), capture_output=True, text=True, timeout=60,
+        env=dict(os.environ, SUREFOOT_ROBOT="nobody"), capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 2
     assert "Traceback" not in done.stderr
@@ -56,9 +56,9 @@ def test_a_system_that_cannot_begin_ends_with_a_sentence(
     compose = tmp_path / "x.yaml"
     text = find("compose", "ragno", ".yaml", ComposeError).read_text()
     compose.write_text(text.replace("SUREFOOT_ROBOT: ragno", f"SUREFOOT_ROBOT: {env.get('SUREFOOT_ROBOT', 'ragno')}"))
-    done = subprocess.run(
+    done = run_process(
         [sys.executable, "-m", "surefoot.lab.cli.main", "up", str(compose), *words, "--listen", listen],
-        cwd=tmp_path, env=dict(os.environ, XDG_STATE_HOME=str(tmp_path)), capture_output=True, text=True, timeout=120,
+        cwd=tmp_path, env=dict(os.environ, XDG_STATE_HOME=str(tmp_path)), capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 2, done.stderr
     assert ("moon" in done.stderr and "flat" in done.stderr) or ("rango" in done.stderr and "ragno" in done.stderr)
@@ -87,9 +87,9 @@ def test_a_world_taken_back_forgets_that_it_diverged_later() -> None:
 def test_a_service_refuses_what_is_no_endpoint(
     options: tuple[str, ...], environment: dict[str, str], source: str
 ) -> None:
-    done = subprocess.run(
+    done = run_process(
         [sys.executable, "-m", "surefoot.lockstep.discover", "footholds", *options],
-        env={**os.environ, **environment}, capture_output=True, text=True, timeout=60,
+        env={**os.environ, **environment}, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()

@@ -2,7 +2,6 @@
 
 import hashlib
 import math
-import subprocess
 import sys
 from dataclasses import replace
 
@@ -18,6 +17,7 @@ from surefoot.services.simulator.physics.faults import Fault
 from surefoot.services.simulator.physics.model import Perturbation, Physics
 from surefoot.services.simulator.physics.samples import Checkpoint
 from surefoot.services.simulator.world import TICK_NS, World, WorldConfig, WorldError
+from tests.processes import run_process
 
 RAGNO = load_robot("ragno")
 WEIGHT = RAGNO.mass * 9.81
@@ -227,7 +227,7 @@ def test_another_process_gives_the_same_bits(demo: World) -> None:
         "from tests.services.simulator.test_world import *\n"
         "print(run(World(RAGNO, make_terrain('demo', 1), 0), 40).hex())"
     )
-    other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    other = run_process([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert other.stdout.strip() == run(demo, 40).hex()
 
 

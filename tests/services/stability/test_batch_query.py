@@ -33,6 +33,8 @@ from tests.services.stability.sets import SQUARE, UP, feasible_sets
 from tests.services.stability.test_service import samples
 from tests.surefoot.net import WAIT_S, Net
 
+CALL_S = 120.0  # s wall; takes seconds
+
 FLOOR = [{"position": p, "normal": UP, "mu": 0.5} for p in SQUARE]
 BAD = FLOOR[0] | {"normal": (0, 0, 0)}
 
@@ -174,7 +176,7 @@ def test_over_zenoh() -> None:
     try:
         made = Node(SERVICE(StabilityConfig()), net.open())
         made.start()
-        thread = threading.Thread(target=made.run)
+        thread = threading.Thread(target=made.run, daemon=True)
         thread.start()
         try:
             request, expected = raw(MAX_SETS)
@@ -184,11 +186,13 @@ def test_over_zenoh() -> None:
             while not other.probe(STABILITY_CHECK) and time.monotonic() < until:
                 pass
             answers: list[BatchReply] = []
-            caller = threading.Thread(target=lambda: answers.append(asker.call(STABILITY_BATCH, request, 30.0)))
+            caller = threading.Thread(
+                target=lambda: answers.append(asker.call(STABILITY_BATCH, request, CALL_S)), daemon=True
+            )
             caller.start()
             checks = 0
             while caller.is_alive():
-                assert other.call(STABILITY_CHECK, check, 30.0).margin == pytest.approx(0.1)
+                assert other.call(STABILITY_CHECK, check, CALL_S).margin == pytest.approx(0.1)
                 checks += 1
             caller.join()
             matches(answers[0], expected)

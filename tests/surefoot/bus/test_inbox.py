@@ -13,7 +13,7 @@ from surefoot.schemas.hw import Tick
 from surefoot.schemas.topics import HW_IMU, HW_TICK, STATE_GAIT, STATE_VELOCITY
 from tests.surefoot.lockstep.node_bench import IMU
 
-LONG_S = 20.0
+LONG_S = 80.0
 
 
 def frame(owner: str) -> Frame:

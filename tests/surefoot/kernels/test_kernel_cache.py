@@ -2,13 +2,13 @@
 
 import os
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 import surefoot
+from tests.processes import run_process
 
 PROGRAM = """
 import numpy as np
@@ -33,7 +33,7 @@ def site(tmp_path: Path) -> Path:
 def run(site: Path, home: Path) -> list[str]:
     env = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
     env |= {"PYTHONPATH": str(site), "HOME": str(home)}
-    done = subprocess.run([sys.executable, "-c", PROGRAM], env=env, cwd=home.parent, capture_output=True, text=True)
+    done = run_process([sys.executable, "-c", PROGRAM], env=env, cwd=home.parent, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return done.stdout.split()
 

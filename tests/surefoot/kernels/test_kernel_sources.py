@@ -1,9 +1,10 @@
 """Compiled code does not outlive what it was compiled from."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
+
+from tests.processes import run_process
 
 INNER = "from surefoot.kernels.jit import kernel\n\n\n@kernel\ndef twice(x):\n    return 2.0 * x\n"
 OUTER = """
@@ -34,7 +35,7 @@ def test_code_is_compiled_anew_when_what_it_calls_changes(tmp_path: Path) -> Non
 
     def run() -> tuple[float, int]:
         command = [sys.executable, "-c", PROGRAM]
-        told = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.split()
+        told = run_process(command, env=environment, capture_output=True, text=True, check=True).stdout.split()
         return float(told[0]), int(told[1])
 
     assert run() == (21.0, 2)

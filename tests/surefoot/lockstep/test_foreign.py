@@ -6,6 +6,7 @@ from pathlib import Path
 
 from surefoot.schemas.system import HealthRequest
 from surefoot.schemas.topics import HEALTH_GET
+from tests.processes import running
 from tests.surefoot.lockstep.test_lockstep import run
 from tests.surefoot.lockstep.test_zenoh_run import Threads
 from tests.surefoot.net import WAIT_S, Net
@@ -15,9 +16,8 @@ PROGRAM = Path(__file__).with_name("foreign_estimator.py")
 
 def test_a_foreign_estimator_gives_the_run_of_our_own(net: Net, tmp_path: Path) -> None:
     command = [sys.executable, "-I", str(PROGRAM), net.address, net.namespace]
-    foreign = subprocess.Popen(command, cwd=tmp_path, stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    system = Threads(net, (0, 2, 3), ticks=60)
-    try:
+    pipes = {"stdin": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with running(command, cwd=tmp_path, **pipes) as foreign, Threads(net, (0, 2, 3), ticks=60) as system:
         assert system.wait() == run(ticks=60)[0]
         assert [tick for tick, _ in system.observer.seen] == list(range(61))
         assert system.observer.seen[-1][1]["state/velocity"].source == "estimator"
@@ -26,10 +26,6 @@ def test_a_foreign_estimator_gives_the_run_of_our_own(net: Net, tmp_path: Path) 
         _, complaints = foreign.communicate(timeout=WAIT_S)
         assert foreign.returncode == 0, complaints
         assert "Traceback" not in complaints
-    finally:
-        foreign.kill()
-        foreign.wait()
-        system.stop()
 
 
 def test_it_is_foreign() -> None:

@@ -1,7 +1,6 @@
 """An installed package adds a service without touching our tree: an entry point, nothing else."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import pytest
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.discover import GROUP, own_service_names, service_class, service_names
 from surefoot.lockstep.local import LocalSystem
+from tests.processes import run_process
 from tests.surefoot.toys import ToyDriver, ToyEstimator, ToyWalker
 
 SERVICE = """
@@ -80,6 +80,6 @@ def test_it_is_started_by_its_name(package: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": f"{package}{os.pathsep}{root}"}
     for name, code in (("counter", 0), ("countr", 2)):
         command = [sys.executable, "-m", "surefoot.lockstep.discover", name, "--print-config"]
-        done = subprocess.run(command, cwd=package, env=environment, capture_output=True, text=True, check=False)
+        done = run_process(command, cwd=package, env=environment, capture_output=True, text=True)
         assert done.returncode == code, done.stderr
     assert "did you mean 'counter'" in done.stderr

@@ -1,5 +1,4 @@
 import math
-import subprocess
 import sys
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import pytest
 from surefoot.robot import kinematics as kin
 from surefoot.robot.description import RobotError, load_robot, robot_names
 from surefoot.robot.reader import ROBOTS
+from tests.processes import run_process
 
 RAGNO = (ROBOTS / "ragno" / "robot.toml").read_text()
 TOY_BIPED = Path(__file__).parent / "toy_biped.toml"
@@ -216,7 +216,7 @@ def test_reading_a_robot_needs_no_heavy_library():
         "import sys; from surefoot.robot.description import load_robot; load_robot('ragno');"
         "print([m for m in ('numba', 'scipy', 'mujoco', 'pydantic', 'zenoh') if m in sys.modules])"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    done = run_process([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 
 

@@ -51,7 +51,7 @@ def test_the_driver_is_who_is_alive_as_driver(listen, appear):
     with Session(parse_compose(SYSTEM), listen=listen) as session:
         assert session.driver == ""
         appear()
-        assert session.wait_for(lambda: session.driver == "motors", 10.0)
+        assert session.wait_for(lambda: session.driver == "motors", 80.0)
         assert session.expected == ("walker", "supervisor")
         assert session.alive == ("motors", "supervisor", "walker")
         assert not session.answers(SIM_RESET)
@@ -64,17 +64,19 @@ def test_only_a_driver_that_can_be_reset_is(listen, appear, simulates):
     arguments = {"listen": listen, "tell": told.append}
     thread = threading.Thread(target=keep, args=(parse_compose(SYSTEM), Order(World()), stop), kwargs=arguments)
     thread.start()
-    for _ in range(500):
-        if len(told) >= 2:  # both processes are started, so the router is there
-            break
-        pause.wait(0.02)
-    appear(resets if simulates else None)
-    for _ in range(500 if simulates else 50):
-        if resets:
-            break
-        pause.wait(0.02)
-    stop.set()
-    thread.join(20.0)
+    try:
+        for _ in range(4000):
+            if len(told) >= 2:  # both processes are started, so the router is there
+                break
+            pause.wait(0.02)
+        appear(resets if simulates else None)
+        for _ in range(4000 if simulates else 50):
+            if resets:
+                break
+            pause.wait(0.02)
+    finally:
+        stop.set()
+        thread.join(80.0)
     assert not thread.is_alive()
     assert [request.expect for request in resets] == ([("walker", "supervisor")] if simulates else [])
     assert not any("could not be started" in line for line in told)

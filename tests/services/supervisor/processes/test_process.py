@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from dataclasses import replace
 
 import pytest
@@ -12,6 +13,7 @@ import pytest
 from surefoot.services.supervisor.processes.logs import tail
 from surefoot.services.supervisor.processes.ports import owner_of, port_of
 from surefoot.services.supervisor.processes.process import Child, end, identify, resolve_command
+from tests.processes import GRACE_S, run_process, running, running_child
 
 SLEEP = [sys.executable, "-c", "import time; print('up', flush=True); time.sleep(60)"]
 DEAF = [
@@ -21,39 +23,40 @@ DEAF = [
 ]
 
 
-def started(tmp_path, command, name="child"):
+@contextmanager
+def started(tmp_path, command):
     """A child that has written its first line: its signal handlers are in place."""
-    child = Child(name, command, {}, tmp_path / "logs" / f"{name}.log")
-    deadline = time.monotonic() + 10.0
-    while not child.log.read_bytes() and time.monotonic() < deadline:
-        child.wait(0.01)
-    return child
+    with running_child("child", command, {}, tmp_path / "logs" / "child.log") as child:
+        deadline = time.monotonic() + GRACE_S
+        while not child.log.read_bytes() and time.monotonic() < deadline:
+            child.wait(0.01)
+        yield child
 
 
 def test_a_child_ends_on_sigterm_and_tells_how(tmp_path):
-    child = started(tmp_path, SLEEP)
-    assert child.poll() is None
-    assert child.identity.alive()
-    child.terminate()
-    assert child.wait(5.0) == -signal.SIGTERM
-    assert not child.identity.alive()
-    assert child.last_words() == "up"
-    child.terminate()  # the id is free now: nothing may be signalled
-    child.kill()
+    with started(tmp_path, SLEEP) as child:
+        assert child.poll() is None
+        assert child.identity.alive()
+        child.terminate()
+        assert child.wait(GRACE_S) == -signal.SIGTERM
+        assert not child.identity.alive()
+        assert child.last_words() == "up"
+        child.terminate()  # the id is free now: nothing may be signalled
+        child.kill()
 
 
 def test_a_deaf_child_is_killed(tmp_path):
-    child = started(tmp_path, DEAF)
-    child.terminate()
-    assert child.wait(0.2) is None
-    child.kill()
-    assert child.wait(5.0) == -signal.SIGKILL
+    with started(tmp_path, DEAF) as child:
+        child.terminate()
+        assert child.wait(0.2) is None
+        child.kill()
+        assert child.wait(GRACE_S) == -signal.SIGKILL
 
 
 def test_a_child_has_its_environment_and_its_log(tmp_path):
     code = "import os, sys; print(os.environ['X']); print('bad', file=sys.stderr)"
-    child = Child("env", [sys.executable, "-c", code], {"X": "seven"}, tmp_path / "env.log")
-    assert child.wait(10.0) == 0
+    with running_child("env", [sys.executable, "-c", code], {"X": "seven"}, tmp_path / "env.log") as child:
+        assert child.wait(GRACE_S) == 0
     assert sorted(child.log.read_text().split()) == ["bad", "seven"]
 
 
@@ -63,15 +66,13 @@ def test_a_program_that_does_not_exist_is_an_error(tmp_path):
 
 
 def test_an_id_that_was_given_again_is_not_taken_for_ours(tmp_path):
-    child = started(tmp_path, SLEEP)
-    other = replace(child.identity, started=child.identity.started - 1)
-    assert not other.alive()
-    assert not other.signal_group(signal.SIGKILL)
-    assert end(other)
-    assert replace(child.identity, boot="another").alive() is False
-    assert child.poll() is None
-    child.kill()
-    child.wait(5.0)
+    with started(tmp_path, SLEEP) as child:
+        other = replace(child.identity, started=child.identity.started - 1)
+        assert not other.alive()
+        assert not other.signal_group(signal.SIGKILL)
+        assert end(other)
+        assert replace(child.identity, boot="another").alive() is False
+        assert child.poll() is None
 
 
 def test_ends_a_process_that_is_not_a_child(tmp_path):
@@ -79,11 +80,14 @@ def test_ends_a_process_that_is_not_a_child(tmp_path):
         "import subprocess, sys; p = subprocess.Popen([sys.executable, '-c', "
         f"{DEAF[2]!r}], start_new_session=True, stdout=open({str(tmp_path / 'out')!r}, 'w')); print(p.pid)"
     )
-    pid = int(subprocess.run([sys.executable, "-c", script], check=True, stdout=subprocess.PIPE, text=True).stdout)
+    pid = int(run_process([sys.executable, "-c", script], check=True, stdout=subprocess.PIPE, text=True).stdout)
     identity = identify(pid)
     assert identity is not None
-    assert end(identity, grace_s=0.2)
-    assert identify(pid) != identity
+    try:
+        assert end(identity, grace_s=0.2)
+        assert identify(pid) != identity
+    finally:
+        identity.signal_group(signal.SIGKILL)
 
 
 def test_own_programs_run_by_this_python():
@@ -114,7 +118,7 @@ def test_a_busy_port_is_told_with_its_owner():
 
 def test_the_owner_of_a_port_is_told_in_one_line():
     script = "import socket\ns = socket.create_server(('127.0.0.1', 0))\nprint(s.getsockname()[1], flush=True)\ninput()"
-    with subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
+    with running([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
         owner = owner_of(int(child.stdout.readline()))
         child.communicate(b"\n")
     assert owner.startswith(f"process {child.pid} (")

@@ -1,14 +1,14 @@
 """The run folder: one supervisor at a time, a stale one is no obstacle."""
 
-import subprocess
 import sys
 
 import pytest
 
-from surefoot.services.supervisor.processes.process import Child
 from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder, RunFolderError, run_folders, state_home
 from surefoot.services.supervisor.processes.system import Row
+from tests.processes import GRACE_S, run_process, running_child
 
+SLEEP = [sys.executable, "-c", "import time; time.sleep(60)"]
 ENDPOINT = Endpoint("tcp/127.0.0.1:1", "surefoot/ragno", "/x.yaml", "ragno")
 
 
@@ -47,7 +47,21 @@ def test_holds_table_and_readiness(folder):
 
 
 def test_a_supervisor_that_was_killed_leaves_processes_that_the_next_one_ends(folder, tmp_path):
-    child = Child("walker", [sys.executable, "-c", "import time; time.sleep(60)"], {}, folder.log("walker"))
+    with running_child("walker", SLEEP, {}, folder.log("walker")) as child:
+        _supervise_and_die(child, tmp_path)
+        assert not folder.held()
+        assert folder.endpoint() is None
+        assert folder.supervisor() is None
+        assert set(folder.processes()) == {"walker"}
+        with pytest.raises(RunFolderError, match="not held"):
+            folder.end_leftovers()
+        folder.acquire()
+        assert folder.end_leftovers() == ("walker",)
+        assert child.wait(GRACE_S) == -15
+        assert folder.end_leftovers() == ()
+
+
+def _supervise_and_die(child, tmp_path):
     script = (
         "import os, signal, sys; from surefoot.services.supervisor.processes.process import identify\n"
         "from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder\n"
@@ -56,17 +70,7 @@ def test_a_supervisor_that_was_killed_leaves_processes_that_the_next_one_ends(fo
         f"f.write_endpoint(Endpoint('tcp/x', 'a/b')); f.write_processes({{'walker': identify({child.pid})}})\n"
         "os.kill(os.getpid(), signal.SIGKILL)"
     )
-    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == -9
-    assert not folder.held()
-    assert folder.endpoint() is None
-    assert folder.supervisor() is None
-    assert set(folder.processes()) == {"walker"}
-    with pytest.raises(RunFolderError, match="not held"):
-        folder.end_leftovers()
-    folder.acquire()
-    assert folder.end_leftovers() == ("walker",)
-    assert child.wait(5.0) == -15
-    assert folder.end_leftovers() == ()
+    assert run_process([sys.executable, "-c", script]).returncode == -9
 
 
 @pytest.mark.parametrize("content", ["", "null", "[1]", '{"walker": {"pid": 1}}', '{"walker": null}', "\x00"])
