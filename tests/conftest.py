@@ -1,7 +1,19 @@
 """Settings of all tests."""
 
+import pytest
 from hypothesis import settings
+
+LIMITS_S = {"slow": 1800.0, "e2e": 900.0}
+"""Time limits of marked tests, s wall, with their fixtures; `timeout` of pyproject.toml holds for the others."""
 
 # The same examples on every machine; a first call may compile a kernel, so single examples have no time limit.
 settings.register_profile("surefoot", derandomize=True, deadline=None)
 settings.load_profile("surefoot")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Give marked tests their time limit."""
+    for item in items:
+        marked = [seconds for name, seconds in LIMITS_S.items() if item.get_closest_marker(name)]
+        if marked and not item.get_closest_marker("timeout"):
+            item.add_marker(pytest.mark.timeout(max(marked)))
