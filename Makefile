@@ -4,10 +4,10 @@ PYTHON ?= python3
 BIN := .venv/bin
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: help demo setup check test test-all bench warm lock clean
+.PHONY: help demo setup lint check test test-all test-processors bench warm lock clean
 
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 demo: ## set up, then walk the hexapod over rough terrain with every service live
 	@PYTHON=$(PYTHON) scripts/setup core
@@ -20,11 +20,13 @@ setup: ## virtual environment with everything tests need
 warm: setup ## compile the numeric kernels
 	@$(BIN)/surefoot warm
 
-check: setup ## style, types, layers, quick tests (< 1 min)
+lint: setup ## style, types, layers
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-cache > .lint-imports.log || { cat .lint-imports.log; exit 1; }
 	$(BIN)/pyright --pythonpath $(BIN)/python
+
+check: lint ## the same and the quick tests (< 1 min)
 	$(BIN)/pytest tests/schemas tests/surefoot tests/contract -m "not slow and not e2e"
 
 test: warm ## all tests but the long ones (< 8 min)
@@ -32,6 +34,9 @@ test: warm ## all tests but the long ones (< 8 min)
 
 test-all: warm ## all tests
 	$(BIN)/pytest
+
+test-processors: warm ## numeric tests under other processor settings (3 min each)
+	$(BIN)/python -m tests.processors
 
 bench: warm ## the long studies and side-by-side timings
 	$(BIN)/python -m benchmarks
