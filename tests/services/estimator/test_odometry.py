@@ -98,7 +98,7 @@ def test_covariance_grows_with_the_way_and_stays_positive():
     for _ in range(10):
         walk.go(odometry, 60)
         sizes.append(np.sqrt(np.diag(odometry.cov)[:4]))
-        np.testing.assert_array_equal(odometry.cov, odometry.cov.T)
+        np.testing.assert_allclose(odometry.cov, odometry.cov.T, rtol=1e-9, atol=1e-15)
         assert np.linalg.eigvalsh(odometry.cov).min() > 0.0
     assert (np.diff(sizes, axis=0) > 0.0).all()
 

@@ -136,7 +136,7 @@ def test_maps_without_inner_cells(shape: tuple[int, int]) -> None:
 
 def test_distance_is_planar() -> None:
     got = distance(np.array([0.0, 0.03]), np.array([0.04, 0.0, 1.0]), 0.0, 0.0)
-    np.testing.assert_allclose(got, [[0.04, 0.05], [0.0, 0.03], [1.0, math.hypot(1.0, 0.03)]])
+    np.testing.assert_allclose(got, [[0.04, 0.05], [0.0, 0.03], [1.0, math.hypot(1.0, 0.03)]], atol=1e-12)
 
 
 def test_warm() -> None:

@@ -39,7 +39,7 @@ def test_flat_ground_picks_the_nominal_footholds() -> None:
         assert found.status == "ok"
         assert found.foothold == pytest.approx((asked.nominal[0], asked.nominal[1], RADIUS), abs=1e-7)
         assert found.contact == pytest.approx((asked.nominal[0], asked.nominal[1], 0.0), abs=1e-7)
-        assert found.normal == (0.0, 0.0, 1.0)
+        assert found.normal == pytest.approx((0.0, 0.0, 1.0), abs=1e-9)
         assert found.slip == pytest.approx(MODEL.flat)
         assert found.trunk_shift == 0.0
         assert found.reason == ""

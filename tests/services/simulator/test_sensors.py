@@ -119,8 +119,8 @@ def test_joint_sensor_quantises_and_knows_another_constant() -> None:
     q, current, torque = sensor.measure(np.array([0.1, -0.2, 1.0]), np.array([0.5, 0.0, -1.0]))
     np.testing.assert_allclose(q / resolution, np.rint(q / resolution))
     assert np.abs(q - [0.1, -0.2, 1.0]).max() <= resolution / 2
-    np.testing.assert_allclose(current, [1.0, 0.0, -2.0])
-    np.testing.assert_allclose(torque, [0.6, 0.0, -1.2])
+    np.testing.assert_allclose(current, [1.0, 0.0, -2.0], atol=1e-12)
+    np.testing.assert_allclose(torque, [0.6, 0.0, -1.2], atol=1e-12)
 
 
 def test_encoder_zero_error_is_constant() -> None:
@@ -142,5 +142,5 @@ def test_force_sensor_is_blind_below_and_saturates() -> None:
     touch, force = sensor.measure(np.array([3.0, 4.0, 2.0]))
     assert touch.tolist() == [True, True, True]
     assert force is not None
-    np.testing.assert_allclose(force, [7.0, 0.0])
+    np.testing.assert_allclose(force, [7.0, 0.0], atol=1e-12)
     assert sensor.measure(np.array([30.0, 0.0, 0.0]))[1][0] == 19.6  # type: ignore[index]

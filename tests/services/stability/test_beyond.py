@@ -92,7 +92,7 @@ def test_least_friction_is_needed_and_enough() -> None:
         normal = np.einsum("ij,ij->i", contacts.normal, got.force)
         tangential = np.linalg.norm(got.force - normal[:, None] * contacts.normal, axis=1)
         loaded = normal > 0.0
-        assert np.all(tangential[~loaded] == 0.0)
+        assert np.all(tangential[~loaded] < 1e-9)
         used = float(np.max(tangential[loaded] / (contacts.mu * normal)[loaded]))
         assert used == pytest.approx(got.share, abs=1e-7)
         if got.share > 1e-7:
@@ -216,4 +216,4 @@ def test_shrunk_friction() -> None:
         np.tan(np.radians(80)),
         0.0,
     ]
-    np.testing.assert_allclose(got, expected)
+    np.testing.assert_allclose(got, expected, atol=1e-12)

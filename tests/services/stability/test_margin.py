@@ -66,7 +66,7 @@ def test_margin_without_inside() -> None:
         region(contact_set([[1, 2, 0]], [UP], 0.5)),
         region(contact_set([[0, 0, 0], [1, 0, 0]], [UP] * 2, 1)),
     )
-    assert margin(point, np.array([1.0, 2.0])).value == 0.0
+    assert margin(point, np.array([1.0, 2.0])).value == pytest.approx(0.0, abs=1e-12)
     assert margin(point, np.array([4.0, 6.0])).value == pytest.approx(-5.0)
     assert margin(segment, np.array([0.5, 0.0])).value == pytest.approx(0.0, abs=1e-8)
     assert margin(segment, np.array([0.5, 0.2])).value == pytest.approx(-0.2)

@@ -14,7 +14,7 @@ ORIGIN, STILL = np.zeros(2), np.zeros(3)
 
 def test_numbers_of_a_square() -> None:
     found = check(SQUARE_REGION, np.array([0.02, 0.0]), np.array([0.05, 0.0, 0.3]), np.array([-0.01, 0.0, 9.0]))
-    np.testing.assert_allclose(found.com_after, [0.06, 0.0])
+    np.testing.assert_allclose(found.com_after, [0.06, 0.0], atol=1e-12)
     assert found.margin_now.value == pytest.approx(0.08)
     assert found.margin.value == pytest.approx(0.04)
     assert found.extent is not None

@@ -14,7 +14,7 @@ def test_characteristic_rises_and_turns_round() -> None:
     assert (np.diff(voltage) > 0.0).all()
     assert 0.0 < voltage[0] < voltage[-1] < SENSOR.supply
     np.testing.assert_allclose(SENSOR.force(voltage), force, rtol=1e-12)
-    assert SENSOR.voltage(np.zeros(1))[0] == 0.0
+    assert SENSOR.voltage(np.zeros(1))[0] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_nearly_linear_from_half_a_kilogram_to_two() -> None:

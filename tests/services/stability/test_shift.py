@@ -46,7 +46,7 @@ def test_only_standing_legs_move() -> None:
 
 def test_no_movement_is_no_shift_and_a_far_one_is_out_of_reach() -> None:
     still = kinematic_shift(RAGNO, RAGNO.neutral, np.eye(3), np.zeros(3), ALL)
-    assert not still.vector.any()
+    np.testing.assert_allclose(still.vector, 0.0, atol=1e-12)
     assert still.reachable
     far = kinematic_shift(RAGNO, RAGNO.neutral, np.eye(3), np.array([0.5, 0.0, 0.0]), ALL)
     assert not far.reachable

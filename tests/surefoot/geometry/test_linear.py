@@ -57,7 +57,7 @@ def test_eigenvalues(seed):
 def test_eigenvalues_of_a_diagonal_matrix_are_sorted():
     value, vector = linear.eigen3(np.diag([1.0, 3.0, 2.0]))
     np.testing.assert_allclose(value, [3.0, 2.0, 1.0])
-    np.testing.assert_allclose(np.abs(vector), np.eye(3)[[1, 2, 0]])
+    np.testing.assert_allclose(np.abs(vector), np.eye(3)[[1, 2, 0]], atol=1e-12)
 
 
 def test_elementary_functions():
