@@ -29,8 +29,9 @@ lint: setup ## style, types, layers
 check: lint ## the same and the quick tests (< 1 min)
 	$(BIN)/pytest tests/schemas tests/surefoot tests/contract -m "not slow and not e2e"
 
+# By file: the tests of a file share the live system that its fixture starts.
 test: warm ## all tests but the long ones (< 8 min)
-	$(BIN)/pytest -m "not slow"
+	$(BIN)/pytest -n 2 --dist loadfile -m "not slow"
 
 test-all: warm ## all tests
 	$(BIN)/pytest
