@@ -20,7 +20,7 @@ from scipy.signal import savgol_filter
 from surefoot.geometry.rotations import matrix_from_quat, yaw_from_quat
 from surefoot.lab.papers.wawrzynski.replay import log_from_columns, replay, score, tilt_errors
 from surefoot.lab.papers.wawrzynski.synthetic import KINDS, synthesize
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.estimator import Estimator
 from surefoot.services.estimator.feet import FootMount, bare_mount
 from surefoot.services.estimator.odometry import OdometryParams

@@ -10,8 +10,8 @@ from collections.abc import Callable
 import numpy as np
 
 from surefoot.geometry.heightmap import HeightMap
-from surefoot.robot.description import load_robot
 from surefoot.robot.kinematics import foot_positions
+from surefoot.robot.reader import load_robot
 from surefoot.services.footholds import features
 from surefoot.services.footholds.assess import assess, whole_map
 from surefoot.services.footholds.features import coefficients, map_features_numpy, push_direction, window_features

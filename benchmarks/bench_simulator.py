@@ -33,7 +33,8 @@ from surefoot.client import connect
 from surefoot.errors import SurefootError
 from surefoot.files import find
 from surefoot.record.recording import read_recording
-from surefoot.robot.description import Robot, load_robot
+from surefoot.robot.description import Robot
+from surefoot.robot.reader import load_robot
 from surefoot.schemas.hw import JointCommand
 from surefoot.schemas.sim import SimStatus
 from surefoot.schemas.system import Health

@@ -13,7 +13,7 @@ import numpy as np
 
 from surefoot.geometry.polygon import area
 from surefoot.kernels.jit import kernel
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.services.stability.programs.contacts import Array, ContactSet, contact_set
 from surefoot.services.stability.programs.directions import equally_spaced
 from surefoot.services.stability.programs.interior import SOLVED

@@ -23,7 +23,7 @@ import zenoh
 
 from surefoot.bus.codec import encode
 from surefoot.bus.zenoh import Endpoint, ZenohBus
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.schemas.base import Request
 from surefoot.schemas.stability import CheckRequest, Contact, RegionRequest
 from surefoot.schemas.topics import STABILITY_CHECK, STABILITY_REGION, STABILITY_WHATIF, Query

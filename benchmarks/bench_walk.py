@@ -21,7 +21,8 @@ import numpy as np
 
 from benchmarks.joined import TICK_S, costs_us, sense
 from surefoot.geometry.heightmap import HeightMap
-from surefoot.robot.description import Robot, load_robot
+from surefoot.robot.description import Robot
+from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.estimator import Estimator
 from surefoot.services.simulator.ground.terrain import make_terrain, observed_map
 from surefoot.services.simulator.world import World

@@ -20,21 +20,17 @@ PIN = "import os, sys; os.sched_setaffinity(0, {int(sys.argv[1])}); os.execvp(sy
 CHOICES = ("OPENBLAS_CORETYPE", "OPENBLAS_NUM_THREADS", "NPY_DISABLE_CPU_FEATURES")
 AVX512_OF_NUMPY = ("X86_V4", "AVX512_ICL", "AVX512_SPR")
 
-NUMERIC = ("tests/surefoot", "tests/services")
+NUMERIC = ("tests/surefoot", "tests/services", "tests/lab/papers")
 WITHOUT = (
-    "tests/services/supervisor/test_cli.py",
-    "tests/services/supervisor/test_live_run.py",
-    "tests/services/supervisor/test_live_system.py",
-    "tests/services/supervisor/test_packaged.py",
-    "tests/services/supervisor/test_process.py",
-    "tests/services/supervisor/test_rundir.py",
-    "tests/services/supervisor/test_session.py",
-    "tests/surefoot/test_foreign.py",
+    "tests/services/supervisor/processes/test_process.py",
+    "tests/services/supervisor/processes/test_rundir.py",
+    "tests/services/supervisor/processes/test_session.py",
+    "tests/surefoot/bus/test_zenoh_bus.py",
+    "tests/surefoot/kernels",
+    "tests/surefoot/lockstep/test_foreign.py",
+    "tests/surefoot/lockstep/test_packaged.py",
+    "tests/surefoot/lockstep/test_zenoh_run.py",
     "tests/surefoot/test_import.py",
-    "tests/surefoot/test_kernel_cache.py",
-    "tests/surefoot/test_kernel_sources.py",
-    "tests/surefoot/test_zenoh_bus.py",
-    "tests/surefoot/test_zenoh_run.py",
 )
 """Files of these folders about processes, sockets and caches; their results hold no computed numbers."""
 

@@ -6,8 +6,8 @@ from surefoot.errors import Refusal
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.driver import Driver, Sample
 from surefoot.lockstep.launch import main
-from surefoot.robot.description import load_robot
 from surefoot.robot.kinematics import foot_positions
+from surefoot.robot.reader import load_robot
 from surefoot.schemas.hw import EmergencyStop, FootContacts, Imu, JointCommand, JointState
 from surefoot.schemas.sim import SimStatus
 from surefoot.schemas.topics import CMD_ESTOP, HW_CONTACTS, HW_IMU, HW_JOINTS, SIM_JOIN, SIM_STATUS, TICK_NS

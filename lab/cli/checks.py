@@ -172,7 +172,7 @@ def _zenoh() -> Finding:
 def _simulator() -> Finding:
     import mujoco
 
-    from surefoot.robot.description import load_robot
+    from surefoot.robot.reader import load_robot
     from surefoot.services.simulator.physics.model import build_model
 
     step = mujoco.mj_step  # pyright: ignore[reportAttributeAccessIssue]  # from the compiled part

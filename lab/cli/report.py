@@ -17,9 +17,9 @@ def report(
     """Judge a recording again and write its report. Exit code 1: a limit was not met."""
     from surefoot.lab.report.judge import judge
     from surefoot.lab.report.page import About, write_report
-    from surefoot.lab.report.replay import traces_of
+    from surefoot.lab.report.traces import traces_of
     from surefoot.record.recording import recording_info
-    from surefoot.robot.description import load_robot
+    from surefoot.robot.reader import load_robot
     from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 
     use_json(json)

@@ -12,7 +12,7 @@ app = typer.Typer(help="Robot descriptions.", no_args_is_help=True)
 @app.command("list")
 def list_robots(json: Json = False) -> None:
     """List the robots that come with the package."""
-    from surefoot.robot.description import load_robot, robot_names
+    from surefoot.robot.reader import load_robot, robot_names
 
     use_json(json)
     robots = {name: load_robot(name) for name in robot_names()}
@@ -35,8 +35,8 @@ def check(
     """Read and validate a robot description and show what was understood."""
     import numpy as np
 
-    from surefoot.robot.description import load_robot
     from surefoot.robot.kinematics import com, foot_positions
+    from surefoot.robot.reader import load_robot
 
     use_json(json)
     robot = load_robot(name)

@@ -62,7 +62,7 @@ def list_all(json: Json = False) -> None:
     """List scenarios, systems, robots and services."""
     from surefoot.files import find, names
     from surefoot.lockstep.discover import service_names
-    from surefoot.robot.description import robot_names
+    from surefoot.robot.reader import robot_names
     from surefoot.services.supervisor.processes.compose import ComposeError, load_compose
     from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 

@@ -3,16 +3,14 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.lab.report.traces import VARIANTS, Array, Traces
+from surefoot.services.supervisor.scenarios.limits import LIMITS, Side
 
 DEG = math.degrees(1.0)
-
-Side = Literal["least", "most"]
 
 
 @dataclass(frozen=True)
@@ -48,41 +46,6 @@ METRICS: Mapping[str, Metric] = {
     "real_time_factor": Metric("real-time factor", "x", 1),
 }
 """Every number of a run, in the order of the verdict table."""
-
-
-@dataclass(frozen=True)
-class Limit:
-    """What a run must achieve in one metric.
-
-    Attributes:
-        metric: key of `METRICS`.
-        side: whether the value has to be at least or at most the limit.
-        yes_no: the limit is a flag in the scenario file (`no_fall = true`).
-    """
-
-    metric: str
-    side: Side
-    yes_no: bool = False
-
-
-LIMITS: Mapping[str, Limit] = {
-    "no_fall": Limit("fell", "most", yes_no=True),
-    "min_distance_m": Limit("distance_m", "least"),
-    "max_distance_m": Limit("distance_m", "most"),
-    "max_tilt_deg": Limit("max_tilt_deg", "most"),
-    "max_mean_slip_mm": Limit("mean_slip_mm", "most"),
-    "max_slip_mm": Limit("max_slip_mm", "most"),
-    "min_twist_deg": Limit("max_twist_deg", "least"),
-    "max_twist_deg": Limit("max_twist_deg", "most"),
-    "max_velocity_rmse_mps": Limit("velocity_rmse_mps", "most"),
-    "max_odometry_error_m": Limit("odometry_error_m", "most"),
-    "max_odometry_error_percent": Limit("odometry_error_percent", "most"),
-    "max_heading_error_deg": Limit("heading_error_deg", "most"),
-    "min_margin_m": Limit("min_margin_m", "least"),
-    "max_duration_s": Limit("duration_s", "most"),
-    "min_real_time_factor": Limit("real_time_factor", "least"),
-}
-"""Keys of `[limits]` in a scenario file."""
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,18 @@
 """What a run was like, as time series: messages in, one at a time, live or from a recording; arrays out."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.errors import Refusal
 from surefoot.geometry.linear import product
 from surefoot.geometry.rotations import matrix_from_quat
+from surefoot.record.recording import read_recording
 
 Array = NDArray[np.float64]
 
@@ -147,3 +151,34 @@ _READERS = {
     "terrain/map": Traces._map,
     **{key: Traces._velocity for key in KEYS if key.startswith("state/velocity")},
 }
+
+
+class Kept(Protocol):
+    """A message as it came from the bus or from a recording."""
+
+    @property
+    def key(self) -> str:
+        """Key of its topic."""
+        ...
+
+    def message(self) -> Any:
+        """Decode it (raises Refusal)."""
+        ...
+
+
+def read_traces(kept: Iterable[Kept], notes: Iterable[tuple[float, str]] = ()) -> Traces:
+    """Return the traces of a run from its messages, and marks with their simulated time in s."""
+    traces = Traces()
+    for item in kept:
+        try:
+            traces.feed(item.key, item.message())
+        except Refusal as refusal:
+            traces.note(0.0, f"{item.key} could not be read: {refusal.message}")
+    for time_s, text in notes:
+        traces.note(time_s, text)
+    return traces
+
+
+def traces_of(file: Path) -> Traces:
+    """Return the traces of a recording (raises SurefootError when the file cannot be read)."""
+    return read_traces(read_recording(file, (*KEYS, "terrain/map")))

@@ -11,8 +11,8 @@ from surefoot.errors import BusError, CallError
 from surefoot.lab.report.judge import Verdict, judge
 from surefoot.lab.report.page import About, write_report
 from surefoot.lab.report.plots import Timing
-from surefoot.lab.report.traces import Traces
-from surefoot.robot.description import load_robot
+from surefoot.lab.report.traces import Traces, read_traces
+from surefoot.robot.reader import load_robot
 from surefoot.schemas.sim import ResetReply, ResetRequest
 from surefoot.schemas.system import RecorderReply, RecorderRequest
 from surefoot.schemas.topics import RECORDER_STATUS, SIM_RESET
@@ -108,7 +108,7 @@ def run_scenario(
         status, wall_s = session.supervisor.status, session.supervisor.wall_s
     problems += session.supervisor.stops()
     comparable = not restarts and options.rtf is None and (status is None or status.comparable)
-    traces = session.supervisor.traces()
+    traces = read_traces(session.supervisor.kept, session.supervisor.notes)
     verdict = judge(
         traces,
         scenario.limits,

@@ -13,6 +13,7 @@ from typing import Any
 
 from surefoot.files import find
 from surefoot.lab.report.judge import Verdict, judge
+from surefoot.lab.report.traces import read_traces
 from surefoot.lockstep.config import ServiceConfig, load_config
 from surefoot.lockstep.discover import service_class
 from surefoot.lockstep.driver import DriverNode
@@ -102,7 +103,8 @@ def run_local(
         if "recorder" in names:
             run_hash = system.bus.call(RECORDER_STATUS, RecorderRequest()).run_hash
         verdict = judge(
-            supervisor.traces(), scenario.limits, wall_s=wall_s, message_hash=run_hash, comparable=leader.comparable,
+            read_traces(supervisor.kept, supervisor.notes), scenario.limits, wall_s=wall_s,
+            message_hash=run_hash, comparable=leader.comparable,
             problems=(*supervisor.stops(), *director.problems, *director.unfinished()), notes=tuple(director.notes),
         )  # fmt: skip
         return LocalRun(seed, verdict, run_hash, leader.tick + 1, wall_s)

@@ -307,7 +307,7 @@ def combine(v: Array, used: Flags, gate: float) -> tuple[Array, Flags, int]:
 
 def warm() -> None:
     """Compile every kernel of this module."""
-    from surefoot.robot.description import load_robot
+    from surefoot.robot.reader import load_robot
 
     robot = load_robot("ragno")
     p, rot = feet_in_imu(foot_mount(robot), robot.neutral)

@@ -6,7 +6,7 @@ from surefoot.geometry import rotations
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.service import Service
 from surefoot.robot import kinematics
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.schemas.hw import FootContacts, Imu, JointState
 from surefoot.schemas.topics import (
     HW_CONTACTS,

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.kernels.jit import kernel
-from surefoot.robot.description import Robot, load_robot
+from surefoot.robot.description import Robot
+from surefoot.robot.reader import load_robot
 from surefoot.services.footholds.features import Layer, window_features
 from surefoot.services.footholds.ground import Ground, build_ground
 from surefoot.services.footholds.masks import REASONS, Limits, Mask, Placement, count_reasons, gradient, mask_window

@@ -8,7 +8,7 @@ from surefoot.errors import Refusal
 from surefoot.geometry.heightmap import HeightMap, HeightMapError
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.service import Service
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.schemas.footholds import AssessReply, AssessRequest, SelectReply, SelectRequest
 from surefoot.schemas.terrain import HeightMapMessage
 from surefoot.schemas.topics import FOOTHOLDS_ASSESS, FOOTHOLDS_SELECT, TERRAIN_MAP

@@ -11,7 +11,7 @@ from surefoot.errors import Refusal
 from surefoot.geometry.heightmap import HeightMapError
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.driver import Driver, Sample
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.schemas import sim
 from surefoot.schemas.base import Message
 from surefoot.schemas.hw import DescriptionReply, DescriptionRequest, EmergencyStop, JointCommand

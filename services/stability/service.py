@@ -13,8 +13,8 @@ from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.kernels.compiling import COMPILING
 from surefoot.lockstep.join import Delayed, TickInputs
 from surefoot.lockstep.service import Service
-from surefoot.robot.description import load_robot
 from surefoot.robot.kinematics import com, foot_positions
+from surefoot.robot.reader import load_robot
 from surefoot.schemas.base import Reply, Request
 from surefoot.schemas.hw import FootContacts, JointState
 from surefoot.schemas.stability import StabilityStatus

@@ -5,8 +5,7 @@ import time
 from typing import Any, Protocol, TypeVar
 
 from surefoot.bus.interface import Delivery
-from surefoot.errors import CallError, Refusal
-from surefoot.lab.report.traces import Traces
+from surefoot.errors import CallError
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.service import Service
@@ -35,7 +34,6 @@ from surefoot.schemas.topics import (
     TERRAIN_MAP,
     Topic,
 )
-from surefoot.services.supervisor.processes.system import Row
 from surefoot.services.supervisor.scenarios.director import Director, Order
 
 M = TypeVar("M", bound=Message)
@@ -70,7 +68,7 @@ class Watched(Protocol):
     def signal_kill(self, service: str) -> None:
         """End a service without warning."""
 
-    def rows(self) -> tuple[Row, ...]:
+    def rows(self) -> tuple[ServiceStatus, ...]:
         """Return how every service does."""
         ...
 
@@ -103,25 +101,15 @@ class Supervisor(Service[ServiceConfig]):
         self.ended = threading.Event()
         self.ticks = 0
         self.began = self.last = 0.0
-        self._kept: list[Delivery] = []
-        self._notes: list[tuple[float, str]] = []
+        self.kept: list[Delivery] = []
+        """Every message of `JUDGED` since the start of the run, as it came."""
+        self.notes: list[tuple[float, str]] = []
+        """What the scenario did, with its simulated time in s."""
 
     @property
     def wall_s(self) -> float:
         """Wall time between the first and the last tick, s."""
         return self.last - self.began
-
-    def traces(self) -> Traces:
-        """Read everything that was kept. Call it after the end of the run."""
-        traces = Traces()
-        for delivery in self._kept:
-            try:
-                traces.feed(delivery.topic.key, delivery.message())
-            except Refusal as refusal:
-                traces.note(0.0, f"{delivery.topic.key} could not be read: {refusal.message}")
-        for time_s, text in self._notes:
-            traces.note(time_s, text)
-        return traces
 
     def stops(self) -> list[str]:
         """Return what the driver said why the run is no run: an emergency stop, physics that diverged."""
@@ -134,8 +122,8 @@ class Supervisor(Service[ServiceConfig]):
     def on_reset(self) -> None:
         """A new run: forget the one before."""
         self.ended.clear()
-        self._kept.clear()
-        self._notes.clear()
+        self.kept.clear()
+        self.notes.clear()
         self.ticks = 0
         self.began = time.monotonic()
 
@@ -143,7 +131,7 @@ class Supervisor(Service[ServiceConfig]):
         """Keep what happened; send what the scenario asks for."""
         self.ticks, self.last = inputs.number + 1, time.monotonic()
         if self.director is not None:
-            self._kept += inputs.messages.values()
+            self.kept += inputs.messages.values()
         if self.director is not None and inputs.tick.report:
             truth, gait = _read(inputs, SIM_TRUTH), _read(inputs, STATE_GAIT)
             fallen = truth is not None and truth.fallen
@@ -165,7 +153,7 @@ class Supervisor(Service[ServiceConfig]):
             self.watched.heard(message.service, well=message.state in WELL)
 
     def _send(self, director: Director, order: Order, time_s: float) -> None:
-        self._notes.append((time_s, order.text))
+        self.notes.append((time_s, order.text))
         if order.kill and self.watched is not None:
             self.watched.signal_kill(order.kill)
         if order.query is None or order.request is None:
@@ -179,10 +167,7 @@ class Supervisor(Service[ServiceConfig]):
         rows = self.watched.rows() if self.watched is not None else ()
         return SupervisorStatus(
             system=self.watched.name if self.watched is not None else "",
-            services=tuple(
-                ServiceStatus(service=r.service, state=r.state, pid=r.pid, restarts=r.restarts, detail=r.detail)
-                for r in rows
-            ),
+            services=rows,
             scenario=self.director.scenario.name if self.director is not None else None,
         )
 

@@ -14,7 +14,7 @@ from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import Delayed, TickInputs
 from surefoot.lockstep.service import Service
 from surefoot.robot import kinematics
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.schemas.base import Message
 from surefoot.schemas.cmd import WalkCommand, WalkReply
 from surefoot.schemas.footholds import BasePose, LegRequest, SelectRequest

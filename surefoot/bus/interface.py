@@ -51,6 +51,11 @@ class Delivery:
         self._stamp = stamp
 
     @property
+    def key(self) -> str:
+        """Key of the topic."""
+        return self.topic.key
+
+    @property
     def prime(self) -> bool:
         """An empty payload: the publisher proves the link before tick 0."""
         return self._message is None and (self._raw is None or not self._raw.payload)

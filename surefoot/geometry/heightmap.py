@@ -11,7 +11,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any, Literal, Self, cast
 
 import numpy as np
@@ -221,19 +220,6 @@ class HeightMap:
             raise HeightMapError("payload", f"{ny} x {nx} cells need {4 * ny * nx} bytes, got {len(payload)}")
         z = np.frombuffer(payload, dtype="<f4").reshape(ny, nx)
         return cls(z=cast("NDArray[np.float32]", z), cell=cell, origin=origin, version=version)
-
-    def save(self, path: str | Path, **extra: str | int | float) -> Path:
-        """Write `<path>.npz` and its `.json` sidecar; see `surefoot.geometry.heightmap_files.save`."""
-        from surefoot.geometry import heightmap_files
-
-        return heightmap_files.save(self, path, **extra)
-
-    @classmethod
-    def load(cls, path: str | Path) -> "HeightMap":
-        """Read a `.npz` (checked against its sidecar) or an ESRI `.asc`; see `surefoot.geometry.heightmap_files`."""
-        from surefoot.geometry import heightmap_files
-
-        return heightmap_files.load(path)
 
 
 def warm() -> None:

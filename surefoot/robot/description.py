@@ -5,7 +5,6 @@ Arrays are C-contiguous float64; treat them as read-only (kernels are compiled f
 """
 
 from dataclasses import dataclass, field
-from os import PathLike
 from typing import NamedTuple
 
 import numpy as np
@@ -237,24 +236,3 @@ class Robot:
     def foot_radius(self) -> float:
         """Radius of the foot spheres of the first leg."""
         return self.legs[0].foot.radius
-
-
-def load_robot(name: str | PathLike[str]) -> Robot:
-    """Read a robot by name or by path.
-
-    Args:
-        name: folder name under `surefoot/robots`, or a path (anything that ends in `.toml` or holds a separator).
-
-    Raises:
-        RobotError: what is wrong, with the field.
-    """
-    from surefoot.robot.reader import read_robot
-
-    return read_robot(name)
-
-
-def robot_names() -> tuple[str, ...]:
-    """Names of the robots that come with the package."""
-    from surefoot.robot.reader import ROBOTS
-
-    return tuple(sorted(path.parent.name for path in ROBOTS.glob("*/robot.toml")))

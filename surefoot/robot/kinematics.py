@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.rotations import axis_angle_into
 from surefoot.kernels.jit import kernel
-from surefoot.robot.description import KinematicModel, load_robot
+from surefoot.robot.description import KinematicModel
+from surefoot.robot.reader import load_robot
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -21,7 +21,7 @@ _NOT_HASHED = frozenset({"source", "sources", "description", "schema"})
 
 
 def read_robot(name: str | PathLike[str]) -> r.Robot:
-    """Read, validate and expand a description; see `surefoot.robot.description.load_robot`."""
+    """Read, validate and expand a description; see `surefoot.robot.reader.load_robot`."""
     text = str(name)
     is_path = isinstance(name, PathLike) or text.endswith(".toml") or "/" in text
     path = Path(name) if is_path else ROBOTS / text / "robot.toml"
@@ -31,7 +31,7 @@ def read_robot(name: str | PathLike[str]) -> r.Robot:
             raise RobotError("not_found", "name", f"{text!r} holds no robot.toml: a robot is a folder with that file")
     if not path.is_file():
         hint = f"; the folder here is './{text}'" if not is_path and Path(text, "robot.toml").is_file() else ""
-        raise RobotError("not_found", "name", f"no robot {text!r}; known are {', '.join(r.robot_names())}{hint}")
+        raise RobotError("not_found", "name", f"no robot {text!r}; known are {', '.join(robot_names())}{hint}")
     data = read_toml(path, RobotError)
     return _Reader(data).robot()
 
@@ -313,3 +313,20 @@ def _yaw_pitch_pitch(links: list[r.Link], joints: list[r.Joint], leg: r.Leg) -> 
         return None
     yaw = 2.0 * math.atan2(coxa.quat_wxyz[3], coxa.quat_wxyz[0])
     return np.append(coxa.position, yaw), np.array([femur.position[0], tibia.position[0], foot[0]])
+
+
+def load_robot(name: str | PathLike[str]) -> r.Robot:
+    """Read a robot by name or by path.
+
+    Args:
+        name: folder name under `surefoot/robots`, or a path (anything that ends in `.toml` or holds a separator).
+
+    Raises:
+        RobotError: what is wrong, with the field.
+    """
+    return read_robot(name)
+
+
+def robot_names() -> tuple[str, ...]:
+    """Names of the robots that come with the package."""
+    return tuple(sorted(path.parent.name for path in ROBOTS.glob("*/robot.toml")))

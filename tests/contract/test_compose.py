@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from surefoot.lockstep.discover import service_names
-from surefoot.robot.description import robot_names
+from surefoot.robot.reader import robot_names
 from surefoot.services.supervisor.processes.compose import ComposeError, load_compose
 from surefoot.services.supervisor.processes.extends import extended
 from tests.processes import run_process

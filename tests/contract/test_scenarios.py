@@ -5,13 +5,14 @@ from pathlib import Path
 import pytest
 
 from surefoot.files import find
-from surefoot.lab.report.judge import LIMITS, METRICS
-from surefoot.robot.description import load_robot
+from surefoot.lab.report.judge import METRICS
+from surefoot.robot.reader import load_robot
 from surefoot.schemas.base import Request
 from surefoot.schemas.sim import World
 from surefoot.services.simulator.ground.terrain import KINDS
 from surefoot.services.supervisor.processes.compose import ComposeError, load_compose
 from surefoot.services.supervisor.scenarios.director import LEAD_TICKS
+from surefoot.services.supervisor.scenarios.limits import LIMITS
 from surefoot.services.supervisor.scenarios.scenario import COMMANDS, load_scenario
 
 ROOT = Path(__file__).parents[2]

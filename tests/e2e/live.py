@@ -16,13 +16,13 @@ from surefoot.bus.interface import Life
 from surefoot.bus.zenoh import Endpoint, ZenohBus
 from surefoot.files import find
 from surefoot.lab.report.judge import Verdict, judge
+from surefoot.lab.report.traces import read_traces
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.node import Node
 from surefoot.schemas.sim import ResetRequest
-from surefoot.schemas.system import Health, HealthRequest, RecorderRequest
+from surefoot.schemas.system import Health, HealthRequest, RecorderRequest, ServiceStatus
 from surefoot.schemas.topics import HEALTH_GET, RECORDER_STATUS, SIM_RESET
 from surefoot.services.supervisor.processes.compose import ComposeError, load_compose
-from surefoot.services.supervisor.processes.system import Row
 from surefoot.services.supervisor.scenarios.director import Director
 from surefoot.services.supervisor.scenarios.scenario import Scenario
 from surefoot.services.supervisor.service import Supervisor
@@ -139,7 +139,7 @@ class Live:
     def heard(self, service: str, *, well: bool) -> None:
         """A heartbeat: nothing is done about it."""
 
-    def rows(self) -> tuple[Row, ...]:
+    def rows(self) -> tuple[ServiceStatus, ...]:
         """No table."""
         return ()
 
@@ -191,7 +191,7 @@ class Live:
         wait_until(finished, STOP_S, "the recorder has the last tick")
         status = self.supervisor.status
         verdict = judge(
-            self.supervisor.traces(), scenario.limits, message_hash=found[0].run_hash,
+            read_traces(self.supervisor.kept, self.supervisor.notes), scenario.limits, message_hash=found[0].run_hash,
             comparable=status is None or status.comparable, wall_s=self.supervisor.wall_s,
             problems=(*director.problems, *director.unfinished()), notes=tuple(director.notes),
         )  # fmt: skip

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from surefoot.lab.papers.walas import ragno as walas_ragno
-from surefoot.lab.papers.walas.stability import Study
+from surefoot.lab.papers.walas.study import Study
 from surefoot.lab.report.drawing import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, STYLE
 
 Array = NDArray[np.float64]

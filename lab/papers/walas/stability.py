@@ -1,7 +1,6 @@
 """Walas & Belter (2011), section 4: static stability, all figures and numbers again."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,8 @@ from surefoot.lab.papers.findings import Finding, Reproduction, at_most, told
 from surefoot.lab.papers.walas import messor as walas_messor
 from surefoot.lab.papers.walas import ragno as walas_ragno
 from surefoot.lab.papers.walas import stand as walas_stand
-from surefoot.robot.description import Robot, load_robot
+from surefoot.lab.papers.walas.study import Study
+from surefoot.robot.reader import load_robot
 from surefoot.services.stability.sensing.pressure import PressureSensor
 
 Array = NDArray[np.float64]
@@ -29,27 +29,6 @@ NOTES = (
     "The measured CoM of Fig. 24, (-4.47, 1.07) cm, carries the sensors' errors of that day and is no target.",
     "The characteristic of Fig. 18 is printed without numbers; ours is a typical sensor of that kind.",
 )
-
-
-@dataclass(frozen=True)
-class Study:
-    """Everything the figures need."""
-
-    ragno: Robot
-    messor: Robot
-    postures: tuple[walas_ragno.Posture, ...]
-    slopes: tuple[walas_ragno.Slope, ...]
-    sensor: PressureSensor
-    sweep: walas_messor.Sweep
-    standing: walas_messor.Standing
-    gait: walas_messor.Gait
-    errors: tuple[walas_messor.ComErrors, ...]
-    small_errors: tuple[walas_messor.ComErrors, ...]
-
-    @property
-    def demo(self) -> walas_ragno.Slope:
-        """The slope as drawn in Fig. 17."""
-        return next(s for s in self.slopes if s.mu == walas_ragno.DEMO_MU)
 
 
 def study(tell: Callable[[str], None] = lambda text: None) -> Study:

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.robot.description import Robot
+from surefoot.services.simulator.physics.addresses import Addresses
 from surefoot.services.simulator.physics.faults import Fault, FaultBank
-from surefoot.services.simulator.physics.model import NO_TORQUE, Addresses, Perturbation, Physics, retune
+from surefoot.services.simulator.physics.model import NO_TORQUE, Perturbation, Physics, retune
 from surefoot.services.simulator.physics.samples import (
     Command,
     ContactSample,

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from surefoot.geometry.linear import norm
 from surefoot.robot.description import Robot
 from surefoot.services.simulator.ground.terrain import Terrain
+from surefoot.services.simulator.physics.addresses import Addresses
 from surefoot.services.simulator.physics.joints import add_backlash, add_coupled, add_joint, coupled_links
 
 Array = NDArray[np.float64]
@@ -56,31 +57,6 @@ class Perturbation:
     torque_scale: float | Array = 1.0  # 0 = dead servo
     zero_sigma: float = 0.0  # rad, standard deviation of servo zero errors beyond the encoder's own
     floor_tilt: tuple[float, float] = (0.0, 0.0)  # rad, roll and pitch of the floor against the horizontal
-
-
-@dataclass(frozen=True, eq=False)
-class Addresses:
-    """Indices into MjModel and MjData, in the robot's order."""
-
-    trunk: int  # body id of base_link
-    bodies: Ints  # (nl,) body id per link
-    joint_qpos: Ints  # (nj,)
-    joint_dof: Ints  # (nj,)
-    actuators: Ints  # (nj,)
-    joint_qpos_slice: slice | Ints  # the same as a slice where the joints follow each other in order
-    joint_dof_slice: slice | Ints
-    coupled: Ints  # (c,) joints whose motor also turns another axis,
-    coupled_qpos: Ints  # (c,) and that axis
-    coupled_dof: Ints  # (c,)
-    backlash_qpos: Ints  # (nj,) play behind each joint, -1 = none; empty when no servo has any
-    foot_bodies: Ints  # (L,)
-    foot_geoms: Ints  # (L, k), -1 pads
-    foot_of_geom: Ints  # (ngeom,) foot index, -1 = no foot
-    belly_geoms: Ints  # (b,)
-    terrain_geoms: Ints  # (t,)
-    is_terrain: NDArray[np.bool_]  # (ngeom,)
-    is_belly: NDArray[np.bool_]  # (ngeom,) trunk spheres, and leg segments if they collide
-    imu_site: int
 
 
 def build_spec(

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from surefoot.geometry.heightmap import HeightMap
+from surefoot.geometry import heightmap_files
 from surefoot.services.simulator.ground.terrain import (
     KINDS,
     Terrain,
@@ -39,7 +39,7 @@ def find_ground(name: str, seed: int, amplitude: float | None) -> Terrain:
         known = ", ".join(KINDS)
         raise TerrainError("terrain", f"got {name!r}, which is neither a kind ({known}) nor a .npz or .asc file")
     try:
-        return terrain_from_map(HeightMap.load(Path(name)))
+        return terrain_from_map(heightmap_files.load(Path(name)))
     except OSError as error:
         raise TerrainError("terrain", f"{name!r} cannot be read: {error.strerror}") from None
 

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.rotations import multiply, quat_from_rpy
 from surefoot.services.simulator.ground.terrain import Terrain
+from surefoot.services.simulator.physics.addresses import Addresses
 from surefoot.services.simulator.physics.disturb import WorldError
 from surefoot.services.simulator.physics.joints import place_joints
-from surefoot.services.simulator.physics.model import Addresses
 
 STANCE_GAP = 0.001  # m, the lowest foot starts this high above the ground
 

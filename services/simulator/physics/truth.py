@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import Robot
-from surefoot.services.simulator.physics.model import Addresses
+from surefoot.services.simulator.physics.addresses import Addresses
 from surefoot.services.simulator.physics.twist import TwistTracker
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from surefoot.geometry.linear import product
 from surefoot.robot.description import Robot
 from surefoot.services.simulator.ground.shapes import random_stream
-from surefoot.services.simulator.physics.model import Addresses
+from surefoot.services.simulator.physics.addresses import Addresses
 from surefoot.services.simulator.physics.samples import Truth
 from surefoot.services.simulator.sensors.landmarks import (
     CameraPose,

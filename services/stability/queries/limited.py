@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from surefoot.geometry.polygon import area, half_planes, hull
-from surefoot.robot.description import Robot, load_robot
+from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import com, foot_positions, gravity_torques
+from surefoot.robot.reader import load_robot
 from surefoot.schemas.stability import (
     Actuation,
     BasePose,

@@ -9,7 +9,8 @@ import numpy as np
 
 from surefoot.geometry.polygon import area
 from surefoot.geometry.rotations import matrix_from_quat
-from surefoot.robot.description import Robot, load_robot, robot_names
+from surefoot.robot.description import Robot
+from surefoot.robot.reader import load_robot, robot_names
 from surefoot.schemas.stability import (
     BasePose,
     Contact,

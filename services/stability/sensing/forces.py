@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from surefoot.geometry.linear import dot, norm, product
 from surefoot.geometry.linear_kernels import inverse3
 from surefoot.kernels.jit import row_kernel
-from surefoot.robot.description import KinematicModel, Robot, load_robot
+from surefoot.robot.description import KinematicModel, Robot
 from surefoot.robot.kinematics import foot_jacobians_of, forward, gravity_torques_of
+from surefoot.robot.reader import load_robot
 from surefoot.services.stability.programs.contacts import Array
 
 Flags = NDArray[np.bool_]

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from surefoot.geometry.linear import product
 from surefoot.geometry.linear_kernels import solve3
 from surefoot.kernels.jit import kernel
-from surefoot.robot.description import KinematicModel, Robot, load_robot
+from surefoot.robot.description import KinematicModel, Robot
 from surefoot.robot.kinematics import com, foot_jacobians, foot_positions
+from surefoot.robot.reader import load_robot
 from surefoot.services.stability.programs.contacts import Array, ContactSet, StabilityError
 
 Flags = NDArray[np.bool_]

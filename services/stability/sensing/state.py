@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.linear import norm, product
 from surefoot.kernels.jit import row_kernel
-from surefoot.robot.description import KinematicModel, Robot, load_robot
+from surefoot.robot.description import KinematicModel, Robot
 from surefoot.robot.kinematics import com_of, foot_positions_of, forward
+from surefoot.robot.reader import load_robot
 from surefoot.services.stability.programs.contacts import Array, ContactSet
 from surefoot.services.stability.regions.margin import Margin, margin
 from surefoot.services.stability.regions.region import Region, region

@@ -13,7 +13,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, Any
 
+from surefoot.schemas.system import ServiceStatus
 from surefoot.services.supervisor.processes.process import Identity, end, identify
+
+ROW = {"service", "state", "pid", "restarts", "detail"}
 
 WALKER_MEMORY = "walker.json"
 FILES = ("endpoint.json", "processes.json", "supervisor.json", "status.json", "ready.json", WALKER_MEMORY)
@@ -136,9 +139,9 @@ class RunFolder:
         found = _identity(self._read("supervisor.json"))
         return found if found is not None and found.alive() else None
 
-    def write_rows(self, rows: Sequence[Any]) -> None:
+    def write_rows(self, rows: Sequence[ServiceStatus]) -> None:
         """Store the table of `surefoot status`."""
-        self._write("status.json", [asdict(row) for row in rows])
+        self._write("status.json", [row.model_dump(include=ROW) for row in rows])
 
     def read_rows(self) -> list[dict[str, Any]]:
         """Return the table of `surefoot status`."""

@@ -4,7 +4,6 @@ import os
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self, TypeVar
@@ -19,17 +18,17 @@ from surefoot.lockstep.join import DRIVER
 from surefoot.lockstep.launch import spare_collector
 from surefoot.lockstep.node import Node
 from surefoot.logline import said
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.schemas.base import Request, Wire
 from surefoot.schemas.hw import EmergencyStop
 from surefoot.schemas.sim import SimStatus
-from surefoot.schemas.system import Health, HealthRequest
+from surefoot.schemas.system import Health, HealthRequest, ServiceStatus
 from surefoot.schemas.topics import CMD_ESTOP, HEALTH_GET, Query
 from surefoot.services.supervisor.processes.compose import Compose
 from surefoot.services.supervisor.processes.ports import owner_of, port_of
 from surefoot.services.supervisor.processes.reconcile import Action
 from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder
-from surefoot.services.supervisor.processes.system import SELF, Row, System
+from surefoot.services.supervisor.processes.system import SELF, System
 from surefoot.services.supervisor.scenarios.director import Director
 from surefoot.services.supervisor.service import Supervisor
 
@@ -192,16 +191,22 @@ class Session:
         """End a service without warning."""
         self.system.signal_kill(service)
 
-    def rows(self) -> tuple[Row, ...]:
+    def rows(self) -> tuple[ServiceStatus, ...]:
         """Return how every service does: by its process, or by the bus where the processes are not ours."""
         if self._spawn:
             told = self.supervisor.status is not self._gone
             why, driver = "; ".join(self.supervisor.stops()) if told else "", self.driver
+            rows = self.system.rows()
             return tuple(
-                replace(row, detail=why) if why and row.service == driver else row for row in self.system.rows()
+                row.model_copy(update={"detail": why}) if row.service == driver and why else row for row in rows
             )
         alive = self.alive
-        return tuple(Row(n, "healthy" if n in alive else "stopped", None, 0, "") for n in self.system.service_names)
+        return tuple(
+            ServiceStatus(
+                service=name, state="healthy" if name in alive else "stopped", pid=None, restarts=0, detail=""
+            )
+            for name in self.system.service_names
+        )
 
     def instance_of(self, service: str) -> str:
         """Return the identity of a visible service's process, empty when it is not visible."""

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+from surefoot.schemas.system import ServiceStatus
 from surefoot.services.supervisor.processes.compose import Compose, ComposeService
 from surefoot.services.supervisor.processes.process import Child
 from surefoot.services.supervisor.processes.reconcile import (
@@ -44,17 +45,6 @@ class Heartbeat:
 
     at: float
     well: bool
-
-
-@dataclass(frozen=True)
-class Row:
-    """One row of `surefoot status`."""
-
-    service: str
-    state: str
-    pid: int | None
-    restarts: int
-    detail: str
 
 
 class System:
@@ -145,11 +135,11 @@ class System:
         if process is not None:
             process.kill()
 
-    def rows(self) -> tuple[Row, ...]:
+    def rows(self) -> tuple[ServiceStatus, ...]:
         """Return the table of `surefoot status`."""
         return tuple(self._row(name) for name in self._services)
 
-    def _row(self, name: str) -> Row:
+    def _row(self, name: str) -> ServiceStatus:
         state = self._observed.get(name, ABSENT)
         note = self._notes.get(name)
         words = {"absent": "stopped", "exited": "stopped", "running": "healthy" if state.healthy else "starting"}
@@ -159,7 +149,9 @@ class System:
         if note is not None and state.phase == "exited":
             word = "failed" if note.verb == "give_up" else "backoff"
         pid = self._processes[name].pid if state.phase == "running" else None
-        return Row(name, word, pid, self._restarts[name], note.reason if note else "")
+        return ServiceStatus(
+            service=name, state=word, pid=pid, restarts=self._restarts[name], detail=note.reason if note else ""
+        )
 
     def _observe(self, name: str, now: float) -> Observed:
         """Bring what was known of a service up to date."""

@@ -2,7 +2,7 @@
 
 A step is a command of the wire with a time: `do` names it, the other keys are the fields of that command
 (`surefoot.schemas.cmd.WalkCommand`, `surefoot.schemas.sim.PushRequest`, ...), so nothing is listed twice. `[world]` is
-`surefoot.schemas.sim.World`, `[limits]` holds limits of `surefoot.lab.report.judge.LIMITS`.
+`surefoot.schemas.sim.World`, `[limits]` holds limits of `limits.LIMITS`.
 """
 
 import re
@@ -16,12 +16,12 @@ from pydantic import ValidationError
 
 from surefoot.bus.codec import first_complaint
 from surefoot.files import FileError, find, read_text
-from surefoot.lab.report.judge import LIMITS
 from surefoot.schemas.base import Request
 from surefoot.schemas.calibration import CalibrateRequest
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.schemas.sim import FaultRequest, PushRequest, SetRequest, World
 from surefoot.schemas.topics import CMD_WALK, SIM_FAULT, SIM_PUSH, SIM_SET, STABILITY_CALIBRATE, TICK_NS, Query
+from surefoot.services.supervisor.scenarios.limits import LIMITS
 from surefoot.tables import Table, did_you_mean
 
 M = TypeVar("M", bound=Request)

@@ -190,7 +190,7 @@ def legs_ik(g: LegGeometry, q: Array, ankles: Array, rots: Array) -> tuple[float
 
 def warm() -> None:
     """Compile the kernels of this module."""
-    from surefoot.robot.description import load_robot
+    from surefoot.robot.reader import load_robot
 
     rotations.warm()
     for name in ("bioloid", "nao"):

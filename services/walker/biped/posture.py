@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from surefoot.kernels.jit import kernel
 from surefoot.robot import kinematics
-from surefoot.robot.description import KinematicModel, load_robot
+from surefoot.robot.description import KinematicModel
+from surefoot.robot.reader import load_robot
 from surefoot.services.walker.biped.ik import LegGeometry, leg_geometry, legs_ik
 
 Array = NDArray[np.float64]

@@ -13,8 +13,8 @@ from surefoot.geometry import rotations
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
-from surefoot.services.walker.commands import refusal_of
 from surefoot.services.walker.hexapod import anchor, balance, planning, posture, stepping
+from surefoot.services.walker.hexapod.commands import refusal_of
 from surefoot.services.walker.hexapod.ground import Ground
 from surefoot.services.walker.hexapod.params import WalkerParams
 from surefoot.services.walker.hexapod.patterns import HEXAPOD_GAITS

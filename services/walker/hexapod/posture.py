@@ -5,7 +5,8 @@ from numpy.typing import NDArray
 
 from surefoot.kernels.jit import kernel
 from surefoot.robot import kinematics
-from surefoot.robot.description import KinematicModel, load_robot
+from surefoot.robot.description import KinematicModel
+from surefoot.robot.reader import load_robot
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -297,7 +297,7 @@ def test_an_internal_error_is_a_sentence_unless_debugging(surefoot, monkeypatch)
     def broken(*_):
         raise ZeroDivisionError("oops")
 
-    monkeypatch.setattr("surefoot.robot.description.load_robot", broken)
+    monkeypatch.setattr("surefoot.robot.reader.load_robot", broken)
     code, _, err = surefoot("robot", "list")
     assert code == cli.EXIT_CHECK
     assert "ZeroDivisionError" in err

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from surefoot.geometry.polygon import area, hull
-from surefoot.robot.description import load_robot
 from surefoot.robot.kinematics import com, foot_positions, legs_ik
+from surefoot.robot.reader import load_robot
 from surefoot.services.stability.programs.contacts import ContactSet, contact_set
 from surefoot.services.stability.programs.directions import equally_spaced
 from surefoot.services.stability.regions.movement import check

@@ -8,7 +8,7 @@ from surefoot.lab.papers.walas import messor as walas_messor
 from surefoot.lab.papers.walas import ragno as walas_ragno
 from surefoot.lab.papers.walas import stability as walas_stability
 from surefoot.lab.papers.walas import stand as walas_stand
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 
 RAGNO, MESSOR = load_robot("ragno"), load_robot("messor")
 

@@ -4,8 +4,9 @@ import math
 
 import pytest
 
-from surefoot.lab.report.judge import LIMITS, METRICS, judge, measure, variants
+from surefoot.lab.report.judge import METRICS, judge, measure, variants
 from surefoot.lab.report.traces import Traces
+from surefoot.services.supervisor.scenarios.limits import LIMITS
 
 
 def test_a_straight_walk(invented):

@@ -9,7 +9,7 @@ import pytest
 from surefoot.files import find
 from surefoot.lab.runs.local import run_local
 from surefoot.logline import read_log_line
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.world import World
 from surefoot.services.supervisor.processes.compose import ComposeError

@@ -8,7 +8,7 @@ import pytest
 
 from surefoot.lab.papers.wawrzynski.replay import replay, score, tilt_errors
 from surefoot.lab.papers.wawrzynski.synthetic import WalkParams, synthesize
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.services.estimator import feet as feet_module
 from surefoot.services.estimator.estimator import Estimator, StartPose
 from surefoot.services.estimator.estimators import ESTIMATORS

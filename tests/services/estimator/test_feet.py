@@ -6,7 +6,7 @@ import pytest
 from surefoot.geometry.rotations import matrix_from_rotvec
 from surefoot.lab.papers.wawrzynski import chain as legs
 from surefoot.lab.papers.wawrzynski.synthetic import bioloid_chains
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.services.estimator import feet
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -8,7 +8,7 @@ import pytest
 
 from surefoot.bus.codec import decode, encode
 from surefoot.lockstep.join import TickInputs
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.schemas.base import Message
 from surefoot.schemas.hw import FootContacts, Imu, JointState, Tick
 from surefoot.schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, STATE_ODOMETRY, STATE_VELOCITY

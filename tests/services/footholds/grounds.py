@@ -5,8 +5,9 @@ from functools import lru_cache
 import numpy as np
 
 from surefoot.geometry.heightmap import HeightMap
-from surefoot.robot.description import Robot, load_robot
+from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions
+from surefoot.robot.reader import load_robot
 from surefoot.services.footholds.ground import Ground, build_ground
 from surefoot.services.footholds.select import BasePose, Landing
 

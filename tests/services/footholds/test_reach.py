@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from surefoot.robot.description import load_robot
 from surefoot.robot.kinematics import foot_positions, forward, leg_ik
+from surefoot.robot.reader import load_robot
 from surefoot.services.footholds import reach
 from surefoot.services.footholds.reach import leg_table, solve
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from surefoot.bus.codec import encode
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.messages import truth_message
 from surefoot.services.simulator.physics.model import Physics

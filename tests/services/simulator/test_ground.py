@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from surefoot.geometry import heightmap_files
 from surefoot.geometry.heightmap import HeightMapError
 from surefoot.services.simulator.ground.terrain import TerrainError, make_terrain
 from surefoot.services.simulator.physics import perturb as ground
@@ -11,7 +12,7 @@ from surefoot.services.simulator.physics.perturb import find_ground, perturbatio
 
 def test_kind_and_file(tmp_path: object) -> None:
     made = make_terrain("hills", 3)
-    path = made.map.save(f"{tmp_path}/hills", kind="hills", seed=3)
+    path = heightmap_files.save(made.map, f"{tmp_path}/hills", kind="hills", seed=3)
     assert find_ground("hills", 3, None).map.sha256 == made.map.sha256
     assert find_ground(str(path), 0, None).map.sha256 == made.map.sha256
 

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from surefoot.robot.description import RobotError, load_robot
+from surefoot.robot.description import RobotError
+from surefoot.robot.reader import load_robot
 from surefoot.services.simulator.sensors import landmarks as lm
 
 NAO = load_robot("nao")

@@ -6,7 +6,7 @@ import pytest
 
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot import kinematics as kin
-from surefoot.robot.description import load_robot, robot_names
+from surefoot.robot.reader import load_robot, robot_names
 from surefoot.services.simulator.ground.terrain import Box, Terrain, make_terrain
 from surefoot.services.simulator.physics.model import Perturbation, Physics, build_model, build_spec, retune
 

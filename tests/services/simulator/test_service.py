@@ -11,7 +11,7 @@ from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.local import LocalSystem
 from surefoot.lockstep.service import Service
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.schemas import sim
 from surefoot.schemas.base import Request
 from surefoot.schemas.hw import DescriptionRequest, EmergencyStop, JointCommand

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from surefoot.geometry import heightmap_files
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.services.simulator.ground import shapes
@@ -128,8 +129,8 @@ def test_shifted_map_is_the_same_surface_elsewhere() -> None:
 
 def test_file_round_trip(tmp_path: object) -> None:
     ground = make_terrain("hills", 4, size=(1.4, 0.4)).map
-    path = ground.save(f"{tmp_path}/hills", kind="hills", seed=4)
-    again = terrain_from_map(HeightMap.load(path))
+    path = heightmap_files.save(ground, f"{tmp_path}/hills", kind="hills", seed=4)
+    again = terrain_from_map(heightmap_files.load(path))
     assert again.map.sha256 == ground.sha256
     assert again.ground is not None
 

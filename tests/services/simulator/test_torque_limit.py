@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.physics.faults import Fault
 from surefoot.services.simulator.world import World, WorldConfig

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.physics.model import Physics
 from surefoot.services.simulator.physics.truth import GATE_N, LIFT_TICKS

@@ -11,7 +11,7 @@ import pytest
 
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.geometry.rotations import rotate_inverse
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.services.simulator.ground.terrain import make_terrain, terrain_from_map
 from surefoot.services.simulator.physics.faults import Fault
 from surefoot.services.simulator.physics.model import Perturbation, Physics

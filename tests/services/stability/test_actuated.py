@@ -5,8 +5,8 @@ import pytest
 from scipy.optimize import linprog
 
 from surefoot.geometry.polygon import area, hull
-from surefoot.robot.description import load_robot
 from surefoot.robot.kinematics import foot_jacobians, foot_positions, gravity_torques
+from surefoot.robot.reader import load_robot
 from surefoot.services.stability.programs.contacts import ContactSet, StabilityError, contact_set
 from surefoot.services.stability.programs.directions import equally_spaced
 from surefoot.services.stability.regions.actuated import Legs, actuated_region

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from surefoot.bus.codec import decode
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.schemas.stability import CheckReply, CheckRequest, Contact, RegionRequest
 from surefoot.services.stability.programs.contacts import ContactSet, StabilityError, contact_set
 from surefoot.services.stability.queries.beyond import region_answer

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from surefoot.robot.description import load_robot
 from surefoot.robot.kinematics import foot_jacobians, foot_positions, forward, gravity_torques
+from surefoot.robot.reader import load_robot
 from surefoot.services.stability.programs.directions import equally_spaced
 from surefoot.services.stability.regions.region import region
 from surefoot.services.stability.sensing.forces import (

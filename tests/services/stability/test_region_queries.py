@@ -7,8 +7,8 @@ import pytest
 
 from surefoot.errors import Refusal
 from surefoot.geometry.rotations import matrix_from_quat
-from surefoot.robot.description import load_robot
 from surefoot.robot.kinematics import foot_positions
+from surefoot.robot.reader import load_robot
 from surefoot.services.stability.programs.contacts import contact_set
 from surefoot.services.stability.programs.directions import equally_spaced
 from surefoot.services.stability.regions.actuated import actuated_region

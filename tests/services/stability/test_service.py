@@ -11,8 +11,8 @@ from surefoot.bus.codec import encode
 from surefoot.errors import Refusal
 from surefoot.lab.cli.fields import example
 from surefoot.lockstep.join import TickInputs
-from surefoot.robot.description import load_robot
 from surefoot.robot.kinematics import com, foot_jacobians, foot_positions, gravity_torques
+from surefoot.robot.reader import load_robot
 from surefoot.schemas.base import Message
 from surefoot.schemas.hw import FootContacts, JointState, Tick
 from surefoot.schemas.stability import CheckRequest, StabilityStatus

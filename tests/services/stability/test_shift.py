@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from surefoot.geometry.rotations import matrix_from_rpy
-from surefoot.robot.description import load_robot
 from surefoot.robot.kinematics import com, foot_positions, legs_ik
+from surefoot.robot.reader import load_robot
 from surefoot.services.stability.programs.contacts import StabilityError, contact_set
 from surefoot.services.stability.sensing.shift import kinematic_shift, stance_legs
 from tests.services.stability.sets import UP

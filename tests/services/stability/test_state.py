@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from surefoot.geometry.polygon import hull, signed_distance
 from surefoot.geometry.rotations import matrix_from_rpy
-from surefoot.robot.description import load_robot
 from surefoot.robot.kinematics import com, foot_jacobians, foot_positions, gravity_torques
+from surefoot.robot.reader import load_robot
 from surefoot.services.stability.sensing.state import StandingFeet, WatchParams, level_from_base, watch
 
 RAGNO = load_robot("ragno")

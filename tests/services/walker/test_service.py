@@ -7,7 +7,7 @@ import pytest
 
 from surefoot.errors import CallError
 from surefoot.lockstep.join import TickInputs
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.schemas.footholds import LegFoothold, SelectReply
 from surefoot.schemas.hw import EmergencyStop, FootContacts, JointState, Tick

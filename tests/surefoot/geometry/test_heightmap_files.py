@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from surefoot.geometry import heightmap_files
-from surefoot.geometry.heightmap import HeightMap, HeightMapError
+from surefoot.geometry.heightmap import HeightMapError
 from tests.surefoot.geometry.maps import CELL, same, with_hole
 
 
 def test_file_round_trip_and_checks(tmp_path: Path) -> None:
     ground = with_hole()
-    path = ground.save(tmp_path / "field", kind="rough", seed=3)
-    same(HeightMap.load(path), ground)
+    path = heightmap_files.save(ground, tmp_path / "field", kind="rough", seed=3)
+    same(heightmap_files.load(path), ground)
     first = path.read_bytes()
-    ground.save(path, kind="rough", seed=3)
+    heightmap_files.save(ground, path, kind="rough", seed=3)
     assert path.read_bytes() == first  # same content, same bytes
     sidecar = json.loads(path.with_suffix(".json").read_text())
     assert sidecar["extra"] == {"kind": "rough", "seed": 3}
@@ -24,11 +24,11 @@ def test_file_round_trip_and_checks(tmp_path: Path) -> None:
 
     path.write_bytes(first[:-1] + b"x")
     with pytest.raises(HeightMapError) as error:
-        HeightMap.load(path)
+        heightmap_files.load(path)
     assert error.value.field == "sha256"
     path.with_suffix(".json").write_text("{}")
     with pytest.raises(HeightMapError) as error:
-        HeightMap.load(path)
+        heightmap_files.load(path)
     assert error.value.field == "sidecar"
 
 
@@ -37,7 +37,7 @@ def test_files_that_are_no_map(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "wrong.npz"
     path.write_bytes(content)
     with pytest.raises(HeightMapError) as error:
-        HeightMap.load(path)
+        heightmap_files.load(path)
     assert error.value.field == "file"
 
 
@@ -45,24 +45,24 @@ def test_npz_without_an_array(tmp_path: Path) -> None:
     path = tmp_path / "wrong.npz"
     np.savez(path, z=np.zeros((2, 2)))
     with pytest.raises(HeightMapError) as error:
-        HeightMap.load(path)
+        heightmap_files.load(path)
     assert error.value.field == "file"
 
 
 def test_npz_that_unpacks_to_too_much(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = with_hole().save(tmp_path / "field")
+    path = heightmap_files.save(with_hole(), tmp_path / "field")
     monkeypatch.setattr(heightmap_files, "MAX_FILE_BYTES", 1000 + path.stat().st_size)
     np.savez_compressed(path, z=np.zeros((100, 100)))
     path.with_suffix(".json").unlink()
     with pytest.raises(HeightMapError, match="unpacks"):
-        HeightMap.load(path)
+        heightmap_files.load(path)
 
 
 @pytest.mark.parametrize(("key", "half"), [("corner", 0.5), ("center", 0.0)])
 def test_esri_grid_runs_from_north(tmp_path: Path, key: str, half: float) -> None:
     path = tmp_path / "dem.asc"
     path.write_text(f"ncols 3\nnrows 2\nxll{key} 10\nyll{key} 20\ncellsize 0.5\nNODATA_value -9999\n1 2 3\n4 -9999 6\n")
-    ground = HeightMap.load(path)
+    ground = heightmap_files.load(path)
     np.testing.assert_array_equal(ground.z, np.array([[4, np.nan, 6], [1, 2, 3]], dtype=np.float32))
     assert ground.origin == (10 + half * 0.5, 20 + half * 0.5)
 
@@ -81,7 +81,7 @@ def test_wrong_esri_grids(tmp_path: Path, text: str, field: str) -> None:
     path = tmp_path / "dem.asc"
     path.write_text(text)
     with pytest.raises(HeightMapError) as error:
-        HeightMap.load(path)
+        heightmap_files.load(path)
     assert error.value.field == field
 
 

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from surefoot.robot import kinematics as kin
-from surefoot.robot.description import RobotError, load_robot
+from surefoot.robot.description import RobotError
 from surefoot.robot.dh import dh_transform, read_dh
-from surefoot.robot.reader import ROBOTS
+from surefoot.robot.reader import ROBOTS, load_robot
 from surefoot.services.simulator.physics.joints import place_joints, read_joints
 from surefoot.services.simulator.physics.model import build_model
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from surefoot.robot import kinematics as kin
-from surefoot.robot.description import load_robot, robot_names
+from surefoot.robot.reader import load_robot, robot_names
 from surefoot.services.simulator.physics.joints import place_joints
 from surefoot.services.simulator.physics.model import build_model
 

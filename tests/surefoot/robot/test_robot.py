@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from surefoot.robot import kinematics as kin
-from surefoot.robot.description import RobotError, load_robot, robot_names
-from surefoot.robot.reader import ROBOTS
+from surefoot.robot.description import RobotError
+from surefoot.robot.reader import ROBOTS, load_robot, robot_names
 from tests.processes import run_process
 
 RAGNO = (ROBOTS / "ragno" / "robot.toml").read_text()
@@ -213,7 +213,7 @@ def test_mirrored_leg_is_the_reflection_of_the_other(load_changed):
 
 def test_reading_a_robot_needs_no_heavy_library():
     code = (
-        "import sys; from surefoot.robot.description import load_robot; load_robot('ragno');"
+        "import sys; from surefoot.robot.reader import load_robot; load_robot('ragno');"
         "print([m for m in ('numba', 'scipy', 'mujoco', 'pydantic', 'zenoh') if m in sys.modules])"
     )
     done = run_process([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -5,7 +5,7 @@ import pytest
 
 from surefoot.lab.papers.wawrzynski import chain as legs
 from surefoot.lab.papers.wawrzynski.synthetic import bioloid_chains
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.feet import feet_in_imu, foot_mount
 
 STENCIL = ((-2, 1.0 / 12.0), (-1, -8.0 / 12.0), (1, 8.0 / 12.0), (2, -1.0 / 12.0))

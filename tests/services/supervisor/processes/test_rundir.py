@@ -4,8 +4,8 @@ import sys
 
 import pytest
 
+from surefoot.schemas.system import ServiceStatus
 from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder, RunFolderError, run_folders, state_home
-from surefoot.services.supervisor.processes.system import Row
 from tests.processes import GRACE_S, run_process, running_child
 
 SLEEP = [sys.executable, "-c", "import time; time.sleep(60)"]
@@ -36,7 +36,7 @@ def test_is_taken_once(folder, tmp_path):
 
 def test_holds_table_and_readiness(folder):
     folder.acquire()
-    folder.write_rows([Row("walker", "healthy", 7, 1, "")])
+    folder.write_rows([ServiceStatus(service="walker", state="healthy", pid=7, restarts=1, detail="")])
     assert folder.read_rows()[0]["service"] == "walker"
     assert not folder.ready()
     folder.write_ready()

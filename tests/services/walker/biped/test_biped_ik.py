@@ -7,7 +7,8 @@ import pytest
 
 from surefoot.geometry.rotations import matrix_from_rpy
 from surefoot.robot import kinematics as kin
-from surefoot.robot.description import RobotError, load_robot
+from surefoot.robot.description import RobotError
+from surefoot.robot.reader import load_robot
 from surefoot.services.walker.biped import ik
 
 ROBOTS = {name: load_robot(name) for name in ("bioloid", "nao")}

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.services.walker.hexapod.balance import nearest_inside, shift_into
 from surefoot.services.walker.hexapod.gait import HexapodWalker
 from surefoot.services.walker.hexapod.params import WalkerParams

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from surefoot.robot import kinematics
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.services.walker.hexapod.patterns import HEXAPOD_GAITS, TRIPOD
 from surefoot.services.walker.hexapod.standins import hull_margin
 

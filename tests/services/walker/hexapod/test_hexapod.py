@@ -9,7 +9,7 @@ import pytest
 
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot import kinematics
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.services.walker.hexapod.gait import HexapodWalker
 from surefoot.services.walker.hexapod.params import WalkerParams
 from surefoot.services.walker.interface import Command, WalkerInputs

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from surefoot.geometry import rotations
 from surefoot.robot import kinematics
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.services.walker.hexapod import posture
 
 ROBOT = load_robot("ragno")

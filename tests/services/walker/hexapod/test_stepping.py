@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from surefoot.geometry.heightmap import HeightMap
-from surefoot.robot.description import load_robot
+from surefoot.robot.reader import load_robot
 from surefoot.services.walker.hexapod.gait import HexapodWalker
 from surefoot.services.walker.interface import Command
 from tests.services.walker.hexapod.plant import KINEMATICS_TICKS, Plant

@@ -1,0 +1,42 @@
+"""What a scenario may demand of a run: the keys of `[limits]`."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+Side = Literal["least", "most"]
+
+
+@dataclass(frozen=True)
+class Limit:
+    """What a run must achieve in one metric.
+
+    Attributes:
+        metric: name of the number that is judged, a row of the verdict.
+        side: whether the value has to be at least or at most the limit.
+        yes_no: the limit is a flag in the scenario file (`no_fall = true`).
+    """
+
+    metric: str
+    side: Side
+    yes_no: bool = False
+
+
+LIMITS: Mapping[str, Limit] = {
+    "no_fall": Limit("fell", "most", yes_no=True),
+    "min_distance_m": Limit("distance_m", "least"),
+    "max_distance_m": Limit("distance_m", "most"),
+    "max_tilt_deg": Limit("max_tilt_deg", "most"),
+    "max_mean_slip_mm": Limit("mean_slip_mm", "most"),
+    "max_slip_mm": Limit("max_slip_mm", "most"),
+    "min_twist_deg": Limit("max_twist_deg", "least"),
+    "max_twist_deg": Limit("max_twist_deg", "most"),
+    "max_velocity_rmse_mps": Limit("velocity_rmse_mps", "most"),
+    "max_odometry_error_m": Limit("odometry_error_m", "most"),
+    "max_odometry_error_percent": Limit("odometry_error_percent", "most"),
+    "max_heading_error_deg": Limit("heading_error_deg", "most"),
+    "min_margin_m": Limit("min_margin_m", "least"),
+    "max_duration_s": Limit("duration_s", "most"),
+    "min_real_time_factor": Limit("real_time_factor", "least"),
+}
+"""Keys of `[limits]` in a scenario file."""
