@@ -18,7 +18,7 @@ from pydantic import BaseModel
 from surefoot.bus.codec import encode
 from surefoot.bus.frame import Frame
 from surefoot.bus.interface import Delivery
-from surefoot.bus.zenoh import Endpoint, ZenohBus
+from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.lockstep.leader import REPORT_TICKS
 from surefoot.schemas.hw import JointState
 from surefoot.schemas.topics import Kind, Topic
@@ -63,7 +63,7 @@ def tell(bus: ZenohBus, publisher: Any, message: Any) -> None:
 
 def echo(ready: Any, stop: Any) -> None:
     """The other process: sends back what comes, each way in its own manner."""
-    bus = ZenohBus(Endpoint("peer", (ROUTER,), (), NAMESPACE))
+    bus = ZenohBus(ZenohOptions("peer", (ROUTER,), (), NAMESPACE))
     work: SimpleQueue[Any] = SimpleQueue()
     pong, lone_pong = bus.publisher(PONG), bus.publisher(LONE_PONG, framed=False)
     bus.take((PING,), work.put)
@@ -96,12 +96,12 @@ def echo(ready: Any, stop: Any) -> None:
 
 def main() -> dict[str, float]:
     """Prints the table and returns the ratios."""
-    router = ZenohBus(Endpoint("router", (), (ROUTER,), NAMESPACE))
+    router = ZenohBus(ZenohOptions("router", (), (ROUTER,), NAMESPACE))
     context = multiprocessing.get_context("spawn")
     ready, stop = context.Event(), context.Event()
     other = context.Process(target=echo, args=(ready, stop))
     other.start()
-    bus = ZenohBus(Endpoint("peer", (ROUTER,), (), NAMESPACE))
+    bus = ZenohBus(ZenohOptions("peer", (ROUTER,), (), NAMESPACE))
     try:
         times = _measure(bus, ready)
     finally:

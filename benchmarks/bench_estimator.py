@@ -26,9 +26,9 @@ from surefoot.services.estimator.feet import FootMount, bare_mount
 from surefoot.services.estimator.odometry import OdometryParams
 from surefoot.services.estimator.params import EstimatorParams, paper_params
 from surefoot.services.simulator.ground.terrain import make_terrain, observed_map
-from surefoot.services.simulator.world import World
+from surefoot.services.simulator.world import PhysicsWorld
 from surefoot.services.walker.hexapod.gait import HexapodWalker
-from surefoot.services.walker.interface import Command, WalkerInputs
+from surefoot.services.walker.interface import MotionCommand, WalkerInputs
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 NAMES = ("imu", "kinematics", "kinematics_gyro", "ekf")
@@ -103,7 +103,7 @@ def hexapod_track(terrain: str, slope_sd: float, seed: int) -> Track:
     """Walk 1.5 m on the estimates; the actuation delay is one tick."""
     robot = load_robot("ragno")
     ground = make_terrain(terrain, seed)
-    world, estimator = World(robot, ground, seed), Estimator.for_robot(robot, start_slope_sd=slope_sd)
+    world, estimator = PhysicsWorld(robot, ground, seed), Estimator.for_robot(robot, start_slope_sd=slope_sd)
     walker = HexapodWalker(robot)
     walker.set_map(observed_map(ground, "noise", seed))
     begin, begin_yaw = world.truth().position.copy(), yaw_from_quat(world.truth().quat_wxyz)
@@ -135,7 +135,7 @@ def hexapod_track(terrain: str, slope_sd: float, seed: int) -> Track:
         rot = matrix_from_quat(truth.quat_wxyz)
         if world.tick >= 150:
             if not started:
-                started = walker.command(Command("walk", distance=1.5)).accepted
+                started = walker.command(MotionCommand("walk", distance=1.5)).accepted
             still = still + 1 if world.tick > 300 and out.state == "standing" else 0
             true_v = rot.T @ truth.velocity
             squares.append([np.sum((estimator.estimate(n).velocity - true_v) ** 2) for n in NAMES])

@@ -18,7 +18,7 @@ from surefoot.services.footholds.features import coefficients, map_features_nump
 from surefoot.services.footholds.ground import build_ground
 from surefoot.services.footholds.masks import Limits
 from surefoot.services.footholds.models import score
-from surefoot.services.footholds.select import BasePose, Landing, SelectParams, select, warm
+from surefoot.services.footholds.select import Landing, SelectParams, TrunkPose, select, warm
 
 CELL = 0.005
 STROKE = np.array([-0.05, 0.0, 0.0])
@@ -86,7 +86,7 @@ def main() -> None:
     print(f"  numpy / kernel {slices / fast:.0f}x, loops / kernel {loops * n**2 / fast:.0f}x")
 
     feet = foot_positions(robot.model, robot.neutral)
-    base = BasePose((0.0, 0.0, 0.008 - float(feet[0, 2]) + 0.005))
+    base = TrunkPose((0.0, 0.0, 0.008 - float(feet[0, 2]) + 0.005))
     landings = [Landing(leg, (float(feet[leg, 0]), float(feet[leg, 1]), 0.0), (-0.05, 0.0, 0.0)) for leg in range(6)]
     row, col = heights.index(float(feet[0, 0]), float(feet[0, 1]))
     print("one 15 x 15 window, us (best of 100 blocks of 10)")
@@ -95,7 +95,7 @@ def main() -> None:
     window_numpy = best_of(lambda: map_features_numpy(patch, STROKE, CELL), repeats=100, calls=10)
     leg = best_of(lambda: select(ground, robot, model, base, landings[:1]), repeats=100, calls=10)
     six = best_of(lambda: select(ground, robot, model, base, landings), repeats=100, calls=10)
-    far = BasePose((0.0, 0.0, 1.0))
+    far = TrunkPose((0.0, 0.0, 1.0))
     worst = best_of(lambda: select(ground, robot, model, far, landings[:1], SelectParams()), repeats=100, calls=10)
     for name, seconds in (
         ("K1 K2 cosK3, kernel", window),

@@ -123,7 +123,7 @@ def timed(owner: Any, method: str, book: Callable[[Any, float], None]) -> Iterat
 
 def breakdown(recording: Path, delay_us: float, strict_us: float) -> None:
     """Where the time of a tick goes: CPU of each service, of physics and of the codec; transport is the rest."""
-    from surefoot.services.simulator.world import World
+    from surefoot.services.simulator.world import PhysicsWorld
 
     spare_collector()  # as every service does
     spent: dict[str, float] = {}
@@ -134,7 +134,7 @@ def breakdown(recording: Path, delay_us: float, strict_us: float) -> None:
     def book_physics(world: Any, seconds: float) -> None:
         spent["physics"] = spent.get("physics", 0.0) + seconds
 
-    with timed(Node, "pump_once", book_node), timed(World, "step_tick", book_physics):
+    with timed(Node, "pump_once", book_node), timed(PhysicsWorld, "step_tick", book_physics):
         run = run_local(load_scenario(find_scenario(SCENARIO)), 0)
     per = {name: 1e6 * seconds / run.ticks for name, seconds in spent.items()}
     per["simulator"] -= per["physics"]

@@ -74,7 +74,7 @@ def pair(kind: str, seconds: float, rounds: int) -> tuple[float, float, float]:
     """Median us per tick: bare, world, bare over world."""
     robot = load_robot("ragno")
     terrain = make_terrain(kind, seed=1)
-    world = w.World(robot, terrain)
+    world = w.PhysicsWorld(robot, terrain)
     ticks = round(seconds * 1e9 / w.TICK_NS)
     commands = marching(robot, ticks)
     start = 0.5 if kind == "demo" else 0.0  # m, in the middle of the hills
@@ -108,7 +108,7 @@ def pair(kind: str, seconds: float, rounds: int) -> tuple[float, float, float]:
 def bare_replay(commands: Array, seed: int) -> float:
     """Median us per tick of bare steps over a run's commands on the demo's terrain."""
     robot, terrain = load_robot("ragno"), make_terrain("demo", seed)
-    world = w.World(robot, terrain, seed)
+    world = w.PhysicsWorld(robot, terrain, seed)
     model, _ = build_model(robot, terrain)
     times: list[float] = []
     for _ in range(3):

@@ -22,7 +22,7 @@ import numpy as np
 import zenoh
 
 from surefoot.bus.codec import encode
-from surefoot.bus.zenoh import Endpoint, ZenohBus
+from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.base import Request
 from surefoot.schemas.stability import CheckRequest, Contact, RegionRequest
@@ -98,7 +98,7 @@ class Asker:
 
 def serve_raw(ready: Any, stop: Any, sizes: dict[str, bytes]) -> None:
     """Another process that answers with bytes of the right size."""
-    bus = ZenohBus(Endpoint("peer", (ROUTER,), (), NAMESPACE))
+    bus = ZenohBus(ZenohOptions("peer", (ROUTER,), (), NAMESPACE))
     work: SimpleQueue[zenoh.Query | None] = SimpleQueue()
     kept = [bus.session.declare_queryable(f"{RAW}/{name}", work.put, complete=True) for name in sizes]
     ready.set()
@@ -116,7 +116,7 @@ def serve_raw(ready: Any, stop: Any, sizes: dict[str, bytes]) -> None:
 
 def client(number: int, count: int, go: Any, out: Any) -> None:
     """One of the clients of the load: asks, compares every answer, says what it saw."""
-    bus = ZenohBus(Endpoint("peer", (ROUTER,), (), NAMESPACE))
+    bus = ZenohBus(ZenohOptions("peer", (ROUTER,), (), NAMESPACE))
     asked = requests()
     expected = [json.loads(a) for a in answers(asked)]
     payloads = [encode(request)[0] for _, request in asked]
@@ -140,7 +140,7 @@ def client(number: int, count: int, go: Any, out: Any) -> None:
 
 def start() -> tuple[subprocess.Popen[bytes], float, float]:
     """Start the service; seconds to its first right answer, and of that the time the interpreter needs for nothing."""
-    bus = ZenohBus(Endpoint("peer", (ROUTER,), (), NAMESPACE))
+    bus = ZenohBus(ZenohOptions("peer", (ROUTER,), (), NAMESPACE))
     asker, (query, request) = Asker(bus.session, STABILITY_CHECK.key), requests()[0]
     payload, expected = encode(request)[0], json.loads(answers([(query, request)])[0])
     began = time.perf_counter()
@@ -163,7 +163,7 @@ def start() -> tuple[subprocess.Popen[bytes], float, float]:
 
 def pairs(count: int, asked: list[tuple[Query[Any, Any], Request]]) -> dict[str, float]:
     """Single queries, ours and raw in turn; prints p50 and p99 and returns the ratios."""
-    bus = ZenohBus(Endpoint("peer", (ROUTER,), (), NAMESPACE))
+    bus = ZenohBus(ZenohOptions("peer", (ROUTER,), (), NAMESPACE))
     ratios: dict[str, float] = {}
     for kind in range(KINDS):
         chosen = asked[kind::KINDS]
@@ -228,7 +228,7 @@ def main() -> dict[str, float]:
     parser.add_argument("--pairs", type=int, default=1500, help="single queries of each kind")
     parser.add_argument("--starts", type=int, default=5, help="starts of the service")
     options, _ = parser.parse_known_args()
-    router = ZenohBus(Endpoint("router", (), (ROUTER,), NAMESPACE))
+    router = ZenohBus(ZenohOptions("router", (), (ROUTER,), NAMESPACE))
     asked = requests()
     replies = answers(asked)
     sizes = {query.key.rsplit("/", 1)[1]: replies[k] for k, (query, _) in enumerate(asked[:KINDS])}

@@ -25,10 +25,10 @@ from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.estimator import Estimator
 from surefoot.services.simulator.ground.terrain import make_terrain, observed_map
-from surefoot.services.simulator.world import World
+from surefoot.services.simulator.world import PhysicsWorld
 from surefoot.services.walker.hexapod.gait import HexapodWalker
 from surefoot.services.walker.hexapod.params import WalkerParams
-from surefoot.services.walker.interface import Command, Select, WalkerOutputs
+from surefoot.services.walker.interface import MotionCommand, Select, WalkerOutputs
 
 PATIENCE_S = 5.0  # simulated time to stand before the walk command
 REACHED = 0.95  # part of the commanded distance that counts as the end, by truth
@@ -48,7 +48,7 @@ class Setting:
     delay: int = 1
     limit_s: float = 120.0
     params: tuple[tuple[str, Any], ...] = ()
-    command: Command | None = None
+    command: MotionCommand | None = None
 
 
 @dataclass(frozen=True)
@@ -78,13 +78,13 @@ class Walk:
 class Judge:
     """Follows truth."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: PhysicsWorld) -> None:
         self.tilt = 0.0
         self.sliding: list[float] = []
         self.displacement: list[float] = []
         self._stances = world.truth().stances.copy()
 
-    def look(self, world: World) -> bool:
+    def look(self, world: PhysicsWorld) -> bool:
         """Whether the robot has fallen."""
         truth = world.truth()
         self.tilt = max(self.tilt, truth.tilt)
@@ -100,13 +100,13 @@ def foothold_select(robot: Robot, heights: HeightMap) -> Select:
     from surefoot.services.footholds import select as chooser
     from surefoot.services.footholds.ground import build_ground
     from surefoot.services.footholds.models.score import HandScore
-    from surefoot.services.walker.interface import FootholdReply, StepRequest
+    from surefoot.services.walker.interface import FootholdReply, LandingRequest
 
     ground, model = build_ground(heights, robot.foot_radius), HandScore()
 
-    def ask(request: StepRequest) -> list[FootholdReply]:
+    def ask(request: LandingRequest) -> list[FootholdReply]:
         half = 0.5 * request.yaw
-        base = chooser.BasePose(request.body, (math.cos(half), 0.0, 0.0, math.sin(half)))
+        base = chooser.TrunkPose(request.body, (math.cos(half), 0.0, 0.0, math.sin(half)))
         landings = [chooser.Landing(leg.leg, leg.nominal, leg.stroke) for leg in request.legs]
         replies = chooser.select(ground, robot, model, base, landings)
         return [FootholdReply(r.status, r.foothold, r.trunk_shift, r.reason) for r in replies]
@@ -115,18 +115,18 @@ def foothold_select(robot: Robot, heights: HeightMap) -> Select:
 
 
 def walk(
-    seed: int, setting: Setting, observe: Callable[[World, HexapodWalker, WalkerOutputs], None] | None = None
+    seed: int, setting: Setting, observe: Callable[[PhysicsWorld, HexapodWalker, WalkerOutputs], None] | None = None
 ) -> Walk:
     """One walk to its end, a refusal, a fall or the time limit."""
     robot = load_robot(setting.robot)
     terrain = make_terrain(setting.terrain, seed=seed, amp=setting.amplitude)
     heights = observed_map(terrain, setting.profile, seed)
-    world = World(robot, terrain, seed=seed)
+    world = PhysicsWorld(robot, terrain, seed=seed)
     estimator = Estimator.for_robot(robot)
     select = {"select": foothold_select(robot, heights)} if setting.footholds else {}
     walker = HexapodWalker(robot, WalkerParams.for_robot(robot, **dict(setting.params)), **select)
     walker.set_map(heights)
-    command = setting.command or Command("walk", distance=setting.distance)
+    command = setting.command or MotionCommand("walk", distance=setting.distance)
     judge, costs, unreachable, margin = Judge(world), [], 0, math.inf
     pending = [world.command.copy()] * setting.delay
     started, out, odometry = False, None, 0.0

@@ -22,12 +22,12 @@ from surefoot.services.estimator.estimator import Estimator
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.physics.model import Physics
 from surefoot.services.simulator.physics.perturb import perturbation
-from surefoot.services.simulator.world import World, WorldConfig
+from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
 from surefoot.services.walker.biped.gait import BipedWalker
 from surefoot.services.walker.biped.params import BipedParams
 from surefoot.services.walker.biped.plan import RIGHT
 from surefoot.services.walker.biped.state import Mode
-from surefoot.services.walker.interface import Command
+from surefoot.services.walker.interface import MotionCommand
 
 PATIENCE_S = 6.0  # simulated time to stand before the command
 PUSH_TICKS = 10
@@ -117,14 +117,16 @@ def walk(seed: int, setting: Setting, observe: Callable[..., None] | None = None
     robot = robot_with(setting)
     physics = Physics() if setting.friction is None else Physics(friction=setting.friction)
     differs = perturbation(setting.level, seed, robot.nj, robot.kind)
-    world = World(robot, make_terrain("flat", seed=seed), seed, WorldConfig(physics=physics, perturbation=differs))
+    world = PhysicsWorld(
+        robot, make_terrain("flat", seed=seed), seed, WorldConfig(physics=physics, perturbation=differs)
+    )
     estimator = Estimator.for_robot(robot)
     walker = BipedWalker(robot, BipedParams.for_robot(robot, **dict(setting.params)))
     if setting.turn_deg is not None:
-        command = Command("turn", angle=math.radians(setting.turn_deg))
+        command = MotionCommand("turn", angle=math.radians(setting.turn_deg))
     else:
         arc = None if setting.arc_deg is None else math.radians(setting.arc_deg)
-        command = Command("walk", distance=setting.distance, angle=arc)
+        command = MotionCommand("walk", distance=setting.distance, angle=arc)
     pending = [world.command.copy()]
     costs: list[float] = []
     digest = hashlib.sha256()
@@ -155,7 +157,7 @@ def walk(seed: int, setting: Setting, observe: Callable[..., None] | None = None
                 began, begin_truth, start_steps = world.tick, truth, out.steps
         elif began >= 0:
             if setting.stop_s is not None and stopped_at < 0 and now - began * TICK_S > setting.stop_s:
-                walker.command(Command("stop"))
+                walker.command(MotionCommand("stop"))
                 stopped_at, stop_steps = world.tick, out.steps
             if not pushed and out.steps - start_steps >= 4 and walker.state.mode is Mode.STEP:
                 pushed = _push(world, walker, setting)
@@ -229,7 +231,7 @@ class FootJudge:
         return slip, twist
 
 
-def _push(world: World, walker: BipedWalker, setting: Setting) -> bool:
+def _push(world: PhysicsWorld, walker: BipedWalker, setting: Setting) -> bool:
     """Push in the wanted phase of a step of the left foot; tells whether it was done."""
     s = walker.state
     assert setting.push is not None
@@ -242,7 +244,7 @@ def _push(world: World, walker: BipedWalker, setting: Setting) -> bool:
     return True
 
 
-def capture_point(world: World, foot: int) -> Capture:
+def capture_point(world: PhysicsWorld, foot: int) -> Capture:
     """Where the linear inverted pendulum would come to rest, c + c' sqrt(z/g) (Pratt et al. 2006), from the true state.
 
     Args:

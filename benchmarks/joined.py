@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 
 from surefoot.services.estimator.estimator import Estimator
-from surefoot.services.simulator.world import World
+from surefoot.services.simulator.world import PhysicsWorld
 from surefoot.services.walker.interface import WalkerInputs
 
 TICK_S = 0.01
 
 
-def sense(world: World, estimator: Estimator) -> tuple[WalkerInputs, Any]:
+def sense(world: PhysicsWorld, estimator: Estimator) -> tuple[WalkerInputs, Any]:
     """What the walker gets in this tick, and the estimate it comes from; the truth stays in the world."""
     samples = world.samples
     imu, joints, contacts = samples.imu, samples.joints, samples.contacts

@@ -6,13 +6,13 @@ import time
 from pathlib import Path
 
 from surefoot.services.simulator.service import Simulator
-from surefoot.services.simulator.world import World
+from surefoot.services.simulator.world import PhysicsWorld
 
 spent = 0.0
-_run_to = World._run_to  # pyright: ignore[reportPrivateUsage]
+_run_to = PhysicsWorld._run_to  # pyright: ignore[reportPrivateUsage]
 
 
-def timed(self: World, step: int) -> None:
+def timed(self: PhysicsWorld, step: int) -> None:
     """Physics steps, their CPU time booked."""
     global spent
     began = time.thread_time()
@@ -31,5 +31,5 @@ class TimedSimulator(Simulator):
 if __name__ == "__main__":
     from surefoot.lockstep.launch import main
 
-    World._run_to = timed  # pyright: ignore[reportPrivateUsage]
+    PhysicsWorld._run_to = timed  # pyright: ignore[reportPrivateUsage]
     main(TimedSimulator)

@@ -15,7 +15,7 @@ from typing import Any, Self, TypeVar
 from surefoot.bus.codec import refusal_of
 from surefoot.bus.endpoint import checked, to_connect
 from surefoot.bus.interface import Delivery
-from surefoot.bus.zenoh import Endpoint, ZenohBus
+from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.errors import CallError, SurefootError
 from surefoot.schemas.base import Message, Wire
 from surefoot.schemas.topics import QUERIES, TOPICS, Query, Topic
@@ -119,4 +119,4 @@ def connect(robot: str = "ragno", endpoint: str | None = None, fleet: str = "sur
         ConfigError: what was told is no endpoint.
     """
     where = checked("endpoint", endpoint) if endpoint else to_connect()
-    return Client(ZenohBus(Endpoint(mode="client", connect=(where,), namespace=f"{fleet}/{robot}")))
+    return Client(ZenohBus(ZenohOptions(mode="client", connect=(where,), namespace=f"{fleet}/{robot}")))

@@ -10,7 +10,7 @@ from typing import Any
 
 from surefoot.bus.endpoint import checked, to_listen
 from surefoot.bus.interface import Delivery, Publisher
-from surefoot.bus.zenoh import Endpoint, ZenohBus
+from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.client import Client, topic_named
 from surefoot.errors import BusError, Refusal, SurefootError
 from surefoot.record.recording import RecordingWriter, read_recording, recording_info, topic_of
@@ -115,10 +115,10 @@ def play_bag(
 
 def _open(listen: str | None, connect: str | None, namespace: str) -> ZenohBus:
     if connect is not None:
-        return ZenohBus(Endpoint(mode="client", connect=(checked("--connect", connect),), namespace=namespace))
+        return ZenohBus(ZenohOptions(mode="client", connect=(checked("--connect", connect),), namespace=namespace))
     listen = to_listen(listen)
     try:
-        return ZenohBus(Endpoint(mode="router", connect=(), listen=(listen,), namespace=namespace))
+        return ZenohBus(ZenohOptions(mode="router", connect=(), listen=(listen,), namespace=namespace))
     except BusError:
         port = port_of(listen)
         owner = (owner_of(port) if port else "") or "another process"

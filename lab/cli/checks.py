@@ -20,7 +20,7 @@ MAX_ROUND_TRIP_US = 2000.0  # of an empty query on loopback
 
 
 @dataclass(frozen=True)
-class Finding:
+class Diagnosis:
     """One line of the table."""
 
     grade: Grade
@@ -29,31 +29,31 @@ class Finding:
     remedy: str = ""
 
 
-def examine() -> list[Finding]:
+def examine() -> list[Diagnosis]:
     """Run all checks, quick ones first."""
-    findings: list[Finding] = []
+    findings: list[Diagnosis] = []
     for check in CHECKS:
         try:
             findings.append(check())
         except Exception as error:  # whatever is wrong with this machine is what we are here to tell
             name = check.__name__.strip("_").replace("_", " ")
-            findings.append(Finding("FAIL", name, f"{type(error).__name__}: {error}", "see the message"))
+            findings.append(Diagnosis("FAIL", name, f"{type(error).__name__}: {error}", "see the message"))
     return findings
 
 
-def _python() -> Finding:
+def _python() -> Diagnosis:
     found = platform.python_version()
     if sys.version_info < MIN_PYTHON:
-        return Finding("FAIL", "Python", found, "install Python 3.11 or newer")
-    return Finding("PASS", "Python", f"{found} on {platform.system()} {platform.machine()}, {os.cpu_count()} cores")
+        return Diagnosis("FAIL", "Python", found, "install Python 3.11 or newer")
+    return Diagnosis("PASS", "Python", f"{found} on {platform.system()} {platform.machine()}, {os.cpu_count()} cores")
 
 
-def _packages() -> Finding:
+def _packages() -> Diagnosis:
     missing, old = [], []
     try:
         needed = metadata.requires("surefoot") or []
     except metadata.PackageNotFoundError:
-        return Finding("WARN", "packages", "surefoot is not installed, it runs from a folder", "pip install -e .")
+        return Diagnosis("WARN", "packages", "surefoot is not installed, it runs from a folder", "pip install -e .")
     core = [line for line in needed if "extra ==" not in line]
     for line in core:
         match = re.match(r"([\w.-]+)\s*(?:>=\s*([\d.]+))?", line)
@@ -68,19 +68,21 @@ def _packages() -> Finding:
         if least and _numbers(version) < _numbers(least):
             old.append(f"{name} {version} < {least}")
     if missing or old:
-        return Finding("FAIL", "packages", f"missing: {missing}; too old: {old}", "make setup, or pip install surefoot")
-    return Finding("PASS", "packages", f"all {len(core)} requirements are met")
+        return Diagnosis(
+            "FAIL", "packages", f"missing: {missing}; too old: {old}", "make setup, or pip install surefoot"
+        )
+    return Diagnosis("PASS", "packages", f"all {len(core)} requirements are met")
 
 
-def _kernels() -> Finding:
+def _kernels() -> Diagnosis:
     from surefoot.kernels.warming import is_cold
 
     if is_cold():
-        return Finding("WARN", "kernels", "not compiled yet", "surefoot warm")
-    return Finding("PASS", "kernels", "compiled")
+        return Diagnosis("WARN", "kernels", "not compiled yet", "surefoot warm")
+    return Diagnosis("PASS", "kernels", "compiled")
 
 
-def _port() -> Finding:
+def _port() -> Diagnosis:
     from surefoot.bus.endpoint import to_connect, to_listen
     from surefoot.errors import ConfigError
     from surefoot.services.supervisor.processes.ports import owner_of, port_of
@@ -88,29 +90,31 @@ def _port() -> Finding:
     try:
         endpoint, _ = to_listen(), to_connect()
     except ConfigError as error:
-        return Finding("FAIL", "port", error.message, f"correct or unset {error.field}")
+        return Diagnosis("FAIL", "port", error.message, f"correct or unset {error.field}")
     port = port_of(endpoint)
     owner = owner_of(port) if port is not None else ""
     if owner:
-        return Finding("WARN", "port", f"{endpoint} is taken by {owner}", "fine if that is your system; else --listen")
-    return Finding("PASS", "port", f"{endpoint} is free")
+        return Diagnosis(
+            "WARN", "port", f"{endpoint} is taken by {owner}", "fine if that is your system; else --listen"
+        )
+    return Diagnosis("PASS", "port", f"{endpoint} is free")
 
 
-def _run_folders() -> Finding:
+def _run_folders() -> Diagnosis:
     from surefoot.services.supervisor.processes.rundir import run_folders, state_home
 
     stale = [folder.name for folder in run_folders() if not folder.held() and folder.processes()]
     running = [folder.name for folder in run_folders() if folder.held()]
     if stale:
-        return Finding("WARN", "run folders", f"processes left behind by {', '.join(stale)}", "surefoot down")
+        return Diagnosis("WARN", "run folders", f"processes left behind by {', '.join(stale)}", "surefoot down")
     home = state_home()
     parent = next(path for path in (home, *home.parents) if path.exists())
     if not os.access(parent, os.W_OK):
-        return Finding("FAIL", "run folders", f"{parent} cannot be written", "set XDG_STATE_HOME")
-    return Finding("PASS", "run folders", f"running: {', '.join(running) or 'none'}")
+        return Diagnosis("FAIL", "run folders", f"{parent} cannot be written", "set XDG_STATE_HOME")
+    return Diagnosis("PASS", "run folders", f"running: {', '.join(running) or 'none'}")
 
 
-def _files() -> Finding:
+def _files() -> Diagnosis:
     from surefoot.files import find, names
     from surefoot.services.supervisor.processes.compose import ComposeError, load_compose
     from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
@@ -121,11 +125,11 @@ def _files() -> Finding:
     for name in scenarios:
         load_scenario(find_scenario(name))
     if not systems or not scenarios:
-        return Finding("FAIL", "files", "no compose files or no scenarios", "install the package again")
-    return Finding("PASS", "files", f"{len(systems)} systems, {len(scenarios)} scenarios")
+        return Diagnosis("FAIL", "files", "no compose files or no scenarios", "install the package again")
+    return Diagnosis("PASS", "files", f"{len(systems)} systems, {len(scenarios)} scenarios")
 
 
-def _timer() -> Finding:
+def _timer() -> Diagnosis:
     late = []
     for _ in range(200):
         began = time.perf_counter()
@@ -134,13 +138,13 @@ def _timer() -> Finding:
     worst = sorted(late)[197]
     grade: Grade = "PASS" if worst <= MAX_JITTER_MS else "WARN"
     remedy = "" if grade == "PASS" else "paced runs will stutter; lockstep does not mind"
-    return Finding(grade, "timer", f"a sleep of 1 ms is {worst:.2f} ms late (99 %)", remedy)
+    return Diagnosis(grade, "timer", f"a sleep of 1 ms is {worst:.2f} ms late (99 %)", remedy)
 
 
-def _zenoh() -> Finding:
+def _zenoh() -> Diagnosis:
     import socket
 
-    from surefoot.bus.zenoh import Endpoint, ZenohBus
+    from surefoot.bus.zenoh import ZenohBus, ZenohOptions
     from surefoot.schemas.system import Health, HealthReply
     from surefoot.schemas.system import HealthRequest as Request
     from surefoot.schemas.topics import HEALTH_GET
@@ -150,10 +154,10 @@ def _zenoh() -> Finding:
         endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
     query = HEALTH_GET.of("doctor")
     reply = HealthReply(health=Health(service="doctor", instance="x", state="ready", pid=os.getpid()))
-    router = ZenohBus(Endpoint("router", (), (endpoint,), "doctor/self"))
+    router = ZenohBus(ZenohOptions("router", (), (endpoint,), "doctor/self"))
     try:
         router.serve(query, lambda incoming: incoming.reply(reply))
-        asker = ZenohBus(Endpoint("client", (endpoint,), (), "doctor/self"))
+        asker = ZenohBus(ZenohOptions("client", (endpoint,), (), "doctor/self"))
         try:
             times = []
             for _ in range(100):
@@ -166,10 +170,12 @@ def _zenoh() -> Finding:
         router.close()
     median = sorted(times)[50]
     grade: Grade = "PASS" if median <= MAX_ROUND_TRIP_US else "WARN"
-    return Finding(grade, "Zenoh", f"a query takes {median:.0f} us", "" if grade == "PASS" else "is the machine busy?")
+    return Diagnosis(
+        grade, "Zenoh", f"a query takes {median:.0f} us", "" if grade == "PASS" else "is the machine busy?"
+    )
 
 
-def _simulator() -> Finding:
+def _simulator() -> Diagnosis:
     import mujoco
 
     from surefoot.robot.reader import load_robot
@@ -184,20 +190,22 @@ def _simulator() -> Finding:
     rate = 2000.0 / max(time.process_time() - began, 1e-6)
     grade: Grade = "PASS" if rate >= MIN_STEPS_PER_S else "WARN"
     remedy = "" if grade == "PASS" else "the machine is slow or busy: expect a low real-time factor"
-    return Finding(grade, "MuJoCo", f"{mujoco.__version__}, {rate:.0f} steps per CPU second", remedy)
+    return Diagnosis(grade, "MuJoCo", f"{mujoco.__version__}, {rate:.0f} steps per CPU second", remedy)
 
 
-def _display() -> Finding:
+def _display() -> Diagnosis:
     has = bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
     gl = any(Path(folder).glob("libEGL.so*") for folder in ("/usr/lib/x86_64-linux-gnu", "/usr/lib", "/usr/lib64"))
-    return Finding("PASS", "graphics", f"display: {'yes' if has else 'no'}, EGL: {'yes' if gl else 'no'} (not needed)")
+    return Diagnosis(
+        "PASS", "graphics", f"display: {'yes' if has else 'no'}, EGL: {'yes' if gl else 'no'} (not needed)"
+    )
 
 
 def _numbers(version: str) -> tuple[int, ...]:
     return tuple(int(part) for part in re.findall(r"\d+", version)[:3])
 
 
-CHECKS: tuple[Callable[[], Finding], ...] = (
+CHECKS: tuple[Callable[[], Diagnosis], ...] = (
     _python,
     _packages,
     _files,

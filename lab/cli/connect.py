@@ -18,12 +18,12 @@ def client(connect: str | None = None, namespace: str | None = None) -> Iterator
     Raises:
         BusError: nobody answers there.
     """
-    from surefoot.bus.zenoh import Endpoint, ZenohBus
+    from surefoot.bus.zenoh import ZenohBus, ZenohOptions
     from surefoot.client import Client
 
     where, prefix = endpoint(connect, namespace)
     _knock(where)
-    with Client(ZenohBus(Endpoint(mode="client", connect=(where,), namespace=prefix))) as robot:
+    with Client(ZenohBus(ZenohOptions(mode="client", connect=(where,), namespace=prefix))) as robot:
         yield robot
 
 

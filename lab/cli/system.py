@@ -49,14 +49,14 @@ def up(
     from surefoot.bus.endpoint import to_listen
     from surefoot.kernels.warming import warm_if_cold
     from surefoot.schemas.sim import World
-    from surefoot.services.supervisor.processes.keep import Order, keep
+    from surefoot.services.supervisor.processes.keep import StartOrder, keep
     from surefoot.services.supervisor.processes.startable import startable
 
     use_json(json)
     state.log = log
     to_listen(listen)  # a wrong endpoint is told before anything starts
     compose = startable(system)
-    order = Order(World(terrain=terrain), seed, rtf, record)
+    order = StartOrder(World(terrain=terrain), seed, rtf, record)
     warm_if_cold(tell)
     if detach:
         _detach(compose, system, order, listen, json=json)
@@ -76,10 +76,10 @@ def supervise(
 ) -> None:
     """Hold the router and watch a system whose services are started by somebody else."""
     from surefoot.schemas.sim import World
-    from surefoot.services.supervisor.processes.keep import Order, keep
+    from surefoot.services.supervisor.processes.keep import StartOrder, keep
 
     with _until_signal() as stop:
-        keep(_compose(system), Order(World(terrain=terrain)), stop, listen=listen, spawn=not no_spawn, tell=tell)
+        keep(_compose(system), StartOrder(World(terrain=terrain)), stop, listen=listen, spawn=not no_spawn, tell=tell)
 
 
 def down(

@@ -153,7 +153,7 @@ _READERS = {
 }
 
 
-class Kept(Protocol):
+class KeptMessage(Protocol):
     """A message as it came from the bus or from a recording."""
 
     @property
@@ -166,7 +166,7 @@ class Kept(Protocol):
         ...
 
 
-def read_traces(kept: Iterable[Kept], notes: Iterable[tuple[float, str]] = ()) -> Traces:
+def read_traces(kept: Iterable[KeptMessage], notes: Iterable[tuple[float, str]] = ()) -> Traces:
     """Return the traces of a run from its messages, and marks with their simulated time in s."""
     traces = Traces()
     for item in kept:

@@ -15,7 +15,7 @@ from surefoot.services.estimator.history import History
 from surefoot.services.estimator.inertial import GRAVITY
 from surefoot.services.estimator.inputs import InputJudge, InputResult, peak
 from surefoot.services.estimator.legs import LegTracker
-from surefoot.services.estimator.odometry import Odometry, OdometryParams, Pose
+from surefoot.services.estimator.odometry import OdometryFilter, OdometryParams, OdometryPose
 from surefoot.services.estimator.odometry_kernel import heading_view, level, turned
 from surefoot.services.estimator.output import Estimate, express, summary
 from surefoot.services.estimator.params import EstimatorParams
@@ -104,7 +104,7 @@ class Estimator:
         self._wide = np.diag([(GRAVITY * UNKNOWN_TILT) ** 2] * 3 + [UNKNOWN_SPEED**2] * 3)
         for one in self.filters.values():
             one.reset(np.array([0.0, 0.0, GRAVITY]), self._wide)
-        self._odometry = Odometry(
+        self._odometry = OdometryFilter(
             self._feet, self._rot_base_from_imu, self._mount.imu_position, self._mount.radius, self._odometry_params
         )
         self._begin_odometry(np.array([0.0, 0.0, GRAVITY]), wide=True)
@@ -301,7 +301,7 @@ class Estimator:
             prediction_only_s=1e-9 * (now - self._last_velocity_ns),
         )
 
-    def pose(self) -> Pose:
+    def pose(self) -> OdometryPose:
         """Dead-reckoned pose of base_link in odom at the last inertial sample."""
         since = 1e-9 * max(0, self.stamp_ns - self._last_feet_ns) if self._odometry.ready else 0.0
         g, psi = self._row[G], float(self._row[PSI])

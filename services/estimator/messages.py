@@ -5,7 +5,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from surefoot.schemas.state import Odometry, VelocityEstimate
-from surefoot.services.estimator.odometry import Pose
+from surefoot.services.estimator.odometry import OdometryPose
 from surefoot.services.estimator.output import Estimate
 
 
@@ -34,7 +34,7 @@ def velocity_message(e: Estimate) -> VelocityEstimate:
     )
 
 
-def odometry_message(pose: Pose, initialised: bool) -> Odometry:
+def odometry_message(pose: OdometryPose, initialised: bool) -> Odometry:
     """The dead-reckoned pose."""
     return Odometry(
         position=_list(pose.position),

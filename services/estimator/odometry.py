@@ -41,7 +41,7 @@ class OdometryParams:
         )
 
 
-class Pose(NamedTuple):
+class OdometryPose(NamedTuple):
     """Pose of base_link in odom."""
 
     position: Array  # (3,) m
@@ -51,7 +51,7 @@ class Pose(NamedTuple):
     covariance: Array  # (4, 4) of x, y, z, yaw
 
 
-class Odometry:
+class OdometryFilter:
     """Filter over position, yaw, gyro bias and feet."""
 
     def __init__(
@@ -121,7 +121,7 @@ class Odometry:
             k.anchor(self.x, self.cov, int(foot), seen[foot], self._noise)
         self._stance = contact.copy()
 
-    def pose(self, since_s: float, psi: float, g: Array, v_heading: Array, tilt_variance: float = 0.0) -> Pose:
+    def pose(self, since_s: float, psi: float, g: Array, v_heading: Array, tilt_variance: float = 0.0) -> OdometryPose:
         """Pose now, carried on from the last foot sample by `since_s`.
 
         A constant error of the tilt (rad^2 per axis) bends the whole way up or down: it adds to the covariance.
@@ -130,7 +130,7 @@ class Odometry:
         rows, covariance = carry_on(
             self.x, self.cov, since_s, turn, v_heading, self._rot_base_from_imu, g, self._begin, tilt_variance
         )
-        return Pose(rows[:3], rows[3:7], float(rows[7]), rows[8:], covariance)
+        return OdometryPose(rows[:3], rows[3:7], float(rows[7]), rows[8:], covariance)
 
     @property
     def ready(self) -> bool:

@@ -37,7 +37,7 @@ VARIANTS = {
 _KERNELS = (rotations, kinematics, feet, history, inertial, inputs, odometry, odometry_kernel, output, standstill)
 
 
-class Estimator(Service[EstimatorConfig]):
+class EstimatorService(Service[EstimatorConfig]):
     """Velocity and gravity by the four estimators of Wawrzynski et al. side by side, and the odometry."""
 
     name = "estimator"
@@ -92,4 +92,4 @@ class Estimator(Service[EstimatorConfig]):
             self.log("warning", f"{source} refused: {result}")
 
 
-SERVICE = Estimator
+SERVICE = EstimatorService

@@ -7,7 +7,7 @@ import numpy as np
 
 from surefoot.geometry.heightmap_kernels import patch
 from surefoot.services.footholds.features import Features, Layer, distance, map_features, window_features
-from surefoot.services.footholds.ground import Ground
+from surefoot.services.footholds.ground import FootholdGround
 from surefoot.services.footholds.masks import REASONS, Limits, Placement, count_reasons, mask_window
 from surefoot.services.footholds.models.protocol import SlipModel
 
@@ -34,19 +34,19 @@ class Assessment:
     """Cells excluded per reason, then free cells."""
 
 
-def window_about(ground: Ground, x: float, y: float, size: int) -> Window:
+def window_about(ground: FootholdGround, x: float, y: float, size: int) -> Window:
     """The window of size x size cells about the cell that holds the point."""
     row, col = ground.surface.index(x, y)
     return Window(row - size // 2, col - size // 2, size, size)
 
 
-def whole_map(ground: Ground) -> Window:
+def whole_map(ground: FootholdGround) -> Window:
     """All cells of the map."""
     return Window(0, 0, *ground.surface.shape)
 
 
 def assess(
-    ground: Ground,
+    ground: FootholdGround,
     model: SlipModel,
     window: Window,
     nominal: tuple[float, float] | None,

@@ -6,7 +6,7 @@ from surefoot.geometry.heightmap import HeightMap
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class FootholdGround:
     """Layers over one grid."""
 
     surface: HeightMap
@@ -28,7 +28,7 @@ class Ground:
         return abs(x - x0) <= far and abs(y - y0) <= far
 
 
-def build_ground(heights: HeightMap, foot_radius: float, smooth: bool = True) -> Ground:
+def build_ground(heights: HeightMap, foot_radius: float, smooth: bool = True) -> FootholdGround:
     """Filter a map and dilate it by the foot sphere.
 
     Args:
@@ -38,4 +38,4 @@ def build_ground(heights: HeightMap, foot_radius: float, smooth: bool = True) ->
             edge; the filter leaves 7 mm, and straight edges stay. Switch it off for exact maps.
     """
     surface = heights.smoothed() if smooth else heights
-    return Ground(surface=surface, centres=surface.dilated(foot_radius), foot_radius=foot_radius)
+    return FootholdGround(surface=surface, centres=surface.dilated(foot_radius), foot_radius=foot_radius)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.kernels.jit import kernel, row_kernel
 from surefoot.services.footholds.features import Layer
-from surefoot.services.footholds.ground import Ground, build_ground
+from surefoot.services.footholds.ground import FootholdGround, build_ground
 from surefoot.services.footholds.reach import LEG_NUMBERS, LegTable, solve
 
 Array = NDArray[np.float64]
@@ -70,7 +70,9 @@ NO_LEG = Placement((math.nan,) * LEG_NUMBERS, np.zeros(3), np.eye(3), np.zeros(3
 """Stands for "no leg": neither reach nor the leg's collisions are tested."""
 
 
-def mask_window(ground: Ground, row: int, col: int, slip: Layer, limits: Limits, placement: Placement | None) -> Mask:
+def mask_window(
+    ground: FootholdGround, row: int, col: int, slip: Layer, limits: Limits, placement: Placement | None
+) -> Mask:
     """Reasons against each cell of the window that starts at (row, col).
 
     Args:

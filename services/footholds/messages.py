@@ -5,12 +5,12 @@ import math
 from surefoot.schemas.footholds import BasePose as BaseMessage
 from surefoot.schemas.footholds import LegFoothold, LegRequest, MaskCounts
 from surefoot.services.footholds.masks import REASONS
-from surefoot.services.footholds.select import BasePose, Foothold
+from surefoot.services.footholds.select import Foothold, TrunkPose
 
 
-def base_pose(message: BaseMessage) -> BasePose:
+def base_pose(message: BaseMessage) -> TrunkPose:
     """The pose of a request."""
-    return BasePose(message.position, message.quat_wxyz)
+    return TrunkPose(message.position, message.quat_wxyz)
 
 
 def mask_bits() -> dict[str, int]:

@@ -19,7 +19,7 @@ from surefoot.kernels.jit import kernel
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
 from surefoot.services.footholds.features import Layer, window_features
-from surefoot.services.footholds.ground import Ground, build_ground
+from surefoot.services.footholds.ground import FootholdGround, build_ground
 from surefoot.services.footholds.masks import REASONS, Limits, Mask, Placement, count_reasons, gradient, mask_window
 from surefoot.services.footholds.models.protocol import SlipModel
 from surefoot.services.footholds.models.score import HandScore
@@ -48,7 +48,7 @@ class SelectParams:
 
 
 @dataclass(frozen=True, slots=True)
-class BasePose:
+class TrunkPose:
     """base_link when the feet land, map frame."""
 
     position: Point
@@ -92,10 +92,10 @@ class Foothold:
 
 
 def select(
-    ground: Ground,
+    ground: FootholdGround,
     robot: Robot,
     model: SlipModel,
-    base: BasePose,
+    base: TrunkPose,
     landings: Sequence[Landing],
     params: SelectParams = SelectParams(),
 ) -> tuple[Foothold, ...]:
@@ -104,7 +104,7 @@ def select(
 
 
 def select_leg(
-    ground: Ground, robot: Robot, model: SlipModel, base: BasePose, landing: Landing, params: SelectParams
+    ground: FootholdGround, robot: Robot, model: SlipModel, base: TrunkPose, landing: Landing, params: SelectParams
 ) -> Foothold:
     """Foothold of one leg: `ok`, `raise_trunk` with the change of trunk height, or `infeasible` with the reason."""
     finite = (*base.position, *base.quat_wxyz, *landing.nominal[:2], *landing.stroke)
@@ -141,7 +141,7 @@ def select_leg(
     return Foothold("infeasible", counts=first, reason=_why(first, params))
 
 
-def placement(robot: Robot, leg: int, base: BasePose, stroke: Sequence[float]) -> Placement | None:
+def placement(robot: Robot, leg: int, base: TrunkPose, stroke: Sequence[float]) -> Placement | None:
     """The leg and its base as arrays; None if the quaternion is no rotation."""
     norm = math.sqrt(sum(value * value for value in base.quat_wxyz))
     if not (norm > 1e-6 and math.isfinite(norm)):
@@ -210,7 +210,7 @@ def _hopeful(mask: Mask) -> bool:
 
 
 def _answer(
-    ground: Ground, landing: Landing, row: int, col: int, shift: float, slip: Layer, index: int, best: Array,
+    ground: FootholdGround, landing: Landing, row: int, col: int, shift: float, slip: Layer, index: int, best: Array,
     counts: tuple[int, ...],
 ) -> Foothold:  # fmt: skip
     surface = ground.surface
@@ -256,5 +256,5 @@ def warm() -> None:
     robot = load_robot("ragno")
     heights = HeightMap(z=np.zeros((17, 17), dtype=np.float32), cell=0.005)
     flat = build_ground(heights, robot.foot_radius)
-    select(flat, robot, HandScore(), BasePose((0.0, 0.0, 0.1)), [Landing(0, (0.04, 0.04, 0.0), (-0.05, 0.0, 0.0))])
+    select(flat, robot, HandScore(), TrunkPose((0.0, 0.0, 0.1)), [Landing(0, (0.04, 0.04, 0.0), (-0.05, 0.0, 0.0))])
     choose(np.zeros((1, 1), dtype=np.uint8), np.zeros((1, 1), dtype=np.float32), 1.0, 0.0, 0.0, 1.0, True, np.zeros(2))

@@ -14,7 +14,7 @@ from surefoot.schemas.terrain import HeightMapMessage
 from surefoot.schemas.topics import FOOTHOLDS_ASSESS, FOOTHOLDS_SELECT, TERRAIN_MAP
 from surefoot.services.footholds.assess import assess, whole_map, window_about
 from surefoot.services.footholds.config import FootholdsConfig
-from surefoot.services.footholds.ground import Ground, build_ground
+from surefoot.services.footholds.ground import FootholdGround, build_ground
 from surefoot.services.footholds.messages import base_pose, leg_foothold, mask_bits, mask_counts
 from surefoot.services.footholds.select import Landing, placement, select, warm
 
@@ -35,7 +35,7 @@ class Footholds(Service[FootholdsConfig]):
         self.params = self.config.params()
         self.legs = {leg.name: index for index, leg in enumerate(self.robot.legs)}
         self._message: HeightMapMessage | None = None
-        self._ground: Ground | None = None
+        self._ground: FootholdGround | None = None
         warm()
         self.handle(FOOTHOLDS_SELECT, self.select)
         self.handle(FOOTHOLDS_ASSESS, self.assess)
@@ -97,7 +97,7 @@ class Footholds(Service[FootholdsConfig]):
             data=np.ascontiguousarray(found.layers, dtype="<f4").tobytes(),
         )  # fmt: skip
 
-    def _map(self) -> Ground:
+    def _map(self) -> FootholdGround:
         if self._ground is None:
             raise Refusal("not_ready", "no terrain map has come yet")
         return self._ground

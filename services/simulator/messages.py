@@ -7,7 +7,7 @@ from surefoot.schemas.sim import Truth as TruthMessage
 from surefoot.schemas.terrain import HeightMapMessage
 from surefoot.schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, HW_LANDMARKS, HW_RANGE
 from surefoot.services.simulator.ground.terrain import Terrain
-from surefoot.services.simulator.physics.samples import Samples, Truth
+from surefoot.services.simulator.physics.samples import ExactState, Samples
 from surefoot.services.simulator.sensors.sight import Sight
 
 
@@ -58,7 +58,7 @@ def sight_messages(sight: Sight | None, stamp_ns: int) -> list[Sample]:
     return out
 
 
-def truth_message(truth: Truth) -> TruthMessage:
+def truth_message(truth: ExactState) -> TruthMessage:
     """The exact state as it travels."""
     return TruthMessage(
         position=tuple(truth.position.tolist()),

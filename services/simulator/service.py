@@ -50,7 +50,7 @@ from surefoot.services.simulator.physics.model import Physics
 from surefoot.services.simulator.physics.perturb import find_ground, perturbation
 from surefoot.services.simulator.physics.samples import Checkpoint
 from surefoot.services.simulator.sensors.sight import Floor
-from surefoot.services.simulator.world import World, WorldConfig, WorldError
+from surefoot.services.simulator.world import PhysicsWorld, WorldConfig, WorldError
 
 STATUS_TICKS = 100
 
@@ -193,7 +193,7 @@ class Simulator(Driver[SimulatorConfig]):
                 torque_per_ampere=w.torque_per_ampere,
                 floor=Floor(w.landmarks, w.goal),
             )
-            self.world = World(self.robot, terrain, request.seed, config)
+            self.world = PhysicsWorld(self.robot, terrain, request.seed, config)
             heights = observed_map(terrain, w.map_profile, request.seed)
         except (TerrainError, WorldError, HeightMapError) as error:
             raise Refusal("invalid", str(error), f"world.{error.field}") from None

@@ -29,12 +29,12 @@ from surefoot.services.simulator.physics.model import TRUNK_DOF, Perturbation, P
 from surefoot.services.simulator.physics.placing import place
 from surefoot.services.simulator.physics.samples import (
     Checkpoint,
-    Command,
     ContactSample,
+    ExactState,
     ImuSample,
     JointSample,
     Samples,
-    Truth,
+    ServoCommand,
     pack,
     unpack,
 )
@@ -72,7 +72,7 @@ class WorldConfig:
     """What a camera finds on it."""
 
 
-class World:
+class PhysicsWorld:
     """One robot on one ground.
 
     Args:
@@ -171,11 +171,11 @@ class World:
             torque_limit: the most the servos may give for it, (nj,), Nm, >= 0; None = what they can.
         """
         self.tick += 1
-        sent = None if command is None else Command(command, torque_limit)
+        sent = None if command is None else ServoCommand(command, torque_limit)
         arrived = self.disturb.before_step(self.tick, self.data, sent)
         if arrived is not None:
             self.command, self.torque_limit = arrived
-        self._line.send(self.steps, Command(self.command - self.sensors.zero, self.torque_limit))
+        self._line.send(self.steps, ServoCommand(self.command - self.sensors.zero, self.torque_limit))
         end = self.steps + TICK_STEPS
         sample = (self.steps // self._period + 1) * self._period
         while sample <= end:
@@ -274,12 +274,12 @@ class World:
 
     # --- what is so ---------------------------------------------------------------------------------------------
 
-    def truth(self) -> Truth:
+    def truth(self) -> ExactState:
         """The exact state now."""
         feet = self.tracker.feet_now()
         qpos, qvel = self.data.qpos.copy(), self.data.qvel[TRUNK_DOF].copy()
         up = float(self.data.xmat[self.address.trunk, 8])
-        return Truth(
+        return ExactState(
             self.stamp_ns, qpos[:3], qpos[3:7], qvel[:3], qvel[3:], self.data.subtree_com[self.address.trunk].copy(),
             read_joints(qpos, self.address), feet.centre, feet.force, feet.normal_force, feet.displacement,
             feet.sliding, feet.last_sliding, feet.last_displacement, feet.stances, math.acos(min(1.0, max(-1.0, up))),
@@ -300,7 +300,7 @@ class World:
             "tick": self.tick,
             "first_tick": self._first_tick,
             "steps": self.steps,
-            "command": pack(Command(self.command, self.torque_limit)),
+            "command": pack(ServoCommand(self.command, self.torque_limit)),
             "line": self._line.state(self.steps),
             "disturb": self.disturb.state(),
             "truth": self.tracker.state(),
@@ -325,7 +325,7 @@ class World:
         if meta["world"] != self._identity() or saved.physics.shape != (mujoco.mj_stateSize(self.model, STATE),):
             raise WorldError("checkpoint", f"is of {meta['world']!r}, this world is {self._identity()!r}")
         self.seed, self.tick, self.steps = meta["seed"], meta["tick"], meta["steps"]
-        self.command, self.torque_limit = unpack(Command, meta["command"])
+        self.command, self.torque_limit = unpack(ServoCommand, meta["command"])
         self._line.restore(self.steps, meta["line"])
         self.disturb.restore(self.tick, meta["disturb"])
         mujoco.mj_setState(self.model, self.data, saved.physics, STATE)

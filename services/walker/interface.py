@@ -78,7 +78,7 @@ class WalkerOutputs:
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class MotionCommand:
     """What the robot is asked to do; a later command replaces an earlier one."""
 
     action: Action
@@ -128,7 +128,7 @@ class FootholdRequest:
 
 
 @dataclass(frozen=True, slots=True)
-class StepRequest:
+class LandingRequest:
     """The landings of all legs that swing together, and where the trunk will be when they land."""
 
     body: Vec3
@@ -151,7 +151,7 @@ class FootholdReply:
 
 
 @dataclass(frozen=True, slots=True)
-class CheckRequest:
+class StanceCheck:
     """A step before it is taken: the feet that will stand and how the trunk will move over them."""
 
     positions: Array
@@ -172,7 +172,7 @@ class CheckRequest:
 
 
 @dataclass(frozen=True, slots=True)
-class CheckReply:
+class StanceVerdict:
     """Whether the step is safe."""
 
     stable: bool
@@ -187,12 +187,12 @@ class CheckReply:
     """after it."""
 
 
-Select = Callable[[StepRequest], Sequence[FootholdReply]]
-Check = Callable[[CheckRequest], CheckReply]
+Select = Callable[[LandingRequest], Sequence[FootholdReply]]
+Check = Callable[[StanceCheck], StanceVerdict]
 
 
 @dataclass(frozen=True, slots=True)
-class Pose:
+class BodyPose:
     """Planar pose with height."""
 
     x: float = 0.0

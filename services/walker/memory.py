@@ -10,17 +10,17 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from surefoot.services.walker.interface import Command, Pose
+from surefoot.services.walker.interface import BodyPose, MotionCommand
 
 
 @dataclass(frozen=True)
-class Kept:
+class WalkMemory:
     """What a walker must know to go on."""
 
     walk_id: int
-    command: Command | None
+    command: MotionCommand | None
     """None: nothing is under way. Of a biped: what is left of it."""
-    start: Pose | None
+    start: BodyPose | None
     """Where the command began, map frame; None: it has not, or it is what is left."""
     began: float | None
     """When, simulated time, s."""
@@ -40,9 +40,9 @@ class Memory:
     def __init__(self, path: str | None) -> None:
         self.path = None if path is None else Path(path)
         self.problem = ""
-        self._last: Kept | None = None
+        self._last: WalkMemory | None = None
 
-    def keep(self, epoch: int, tick: int, kept: Kept) -> None:
+    def keep(self, epoch: int, tick: int, kept: WalkMemory) -> None:
         """Write what has changed; a disk that fails costs the memory, not the walk."""
         if self.path is None or kept == self._last:
             return
@@ -61,7 +61,7 @@ class Memory:
         if self.path is not None:
             self.path.unlink(missing_ok=True)
 
-    def recall(self, epoch: int, tick: int) -> Kept | None:
+    def recall(self, epoch: int, tick: int) -> WalkMemory | None:
         """What was kept in this epoch before this tick, or None."""
         if self.path is None or not self.path.exists():
             return None
@@ -69,10 +69,10 @@ class Memory:
             found = json.loads(self.path.read_text(encoding="utf-8"))
             if found["epoch"] != epoch or found["tick"] >= tick:
                 return None
-            return Kept(
+            return WalkMemory(
                 walk_id=int(found["walk_id"]),
-                command=_made(Command, found["command"]),
-                start=_made(Pose, found["start"]),
+                command=_made(MotionCommand, found["command"]),
+                start=_made(BodyPose, found["start"]),
                 began=found["began"],
                 offset=tuple(found["offset"]),
                 planned=tuple(found["planned"]),

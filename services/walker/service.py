@@ -44,6 +44,7 @@ from surefoot.services.walker.biped import plan as biped_plan
 from surefoot.services.walker.biped import posture as biped_posture
 from surefoot.services.walker.biped import preview
 from surefoot.services.walker.biped.gait import BipedWalker
+from surefoot.services.walker.gait import Gait
 from surefoot.services.walker.hexapod import balance, ground, posture, swing
 from surefoot.services.walker.hexapod.gait import HexapodWalker
 from surefoot.services.walker.hexapod.params import WalkerParams
@@ -95,7 +96,7 @@ class Walker(Service[WalkerConfig]):
         self.handle(CMD_WALK, self.walk)
 
     def on_reset(self) -> None:
-        self.walker: Any = (
+        self.gait: Gait = (
             BipedWalker(self.robot) if self.biped else HexapodWalker(self.robot, self.params, self._select, self._check)
         )
         self._map: object = None
@@ -114,10 +115,10 @@ class Walker(Service[WalkerConfig]):
             if request.at_tick <= self._tick:
                 reason = f"at_tick {request.at_tick} has passed; the next tick is {self._tick + 1}"
                 raise Refusal("late", reason, "at_tick")
-            refusal = self.walker.never(_command_of(request))
+            refusal = self.gait.never(_command_of(request))
             if refusal is not None:
                 return _reply(refusal)
-            number = self.walker.state.walk_id + len(self._planned) + 1
+            number = self.gait.walk_id + len(self._planned) + 1
             self._planned.append((request.at_tick, number, request))
             return WalkReply(accepted=True, id=number)
         return self._command(request)
@@ -134,14 +135,14 @@ class Walker(Service[WalkerConfig]):
     def _command(self, request: WalkCommand) -> WalkReply:
         if self._stopped and request.action != "stop":
             return self._refused()  # planned before the stop
-        return _reply(self.walker.command(_command_of(request)))
+        return _reply(self.gait.command(_command_of(request)))
 
     def _recall(self, tick: int) -> None:
         """A newcomer in the middle of a run takes up what it left."""
         kept = self.memory.recall(self._epoch, tick)
         if kept is None:
             return
-        self.walker.resume(kept)
+        self.gait.resume(kept)
         for number, item in enumerate(kept.planned, kept.walk_id + 1):
             request = WalkCommand.model_validate(item)
             self._planned.append((request.at_tick or tick, number, request))
@@ -150,7 +151,7 @@ class Walker(Service[WalkerConfig]):
 
     def _keep(self) -> None:
         planned = tuple(item[2].model_dump() for item in self._planned)
-        self.memory.keep(self._epoch, self._tick, dataclasses.replace(self.walker.kept(), planned=planned))
+        self.memory.keep(self._epoch, self._tick, dataclasses.replace(self.gait.kept(), planned=planned))
         if self.memory.problem:
             self.log("warning", self.memory.problem)
             self.memory.problem = ""
@@ -171,7 +172,7 @@ class Walker(Service[WalkerConfig]):
             if not reply.accepted:
                 self.log("warning", f"command {item[1]} ({item[2].action}) refused in its tick: {reply.reason}")
                 self._degraded = reply.reason
-        out = self.walker.step(self._inputs(inputs))
+        out = self.gait.step(self._inputs(inputs))
         if self.memory.path is not None:
             self._keep()
         position = None if out.command is None else tuple(out.command.tolist())
@@ -180,13 +181,13 @@ class Walker(Service[WalkerConfig]):
 
     def _take_map(self, inputs: TickInputs) -> None:
         message = inputs.get(TERRAIN_MAP)
-        if message is None or message is self._map or self.biped:
+        if message is None or message is self._map:
             return
         self._map = message
         try:
-            self.walker.set_map(HeightMap.from_wire(message.model_dump(), message.data))
+            self.gait.set_map(HeightMap.from_wire(message.model_dump(), message.data))
         except HeightMapError as error:
-            self.walker.set_map(None)
+            self.gait.set_map(None)
             self.log("error", f"terrain/map refused: {error}")
 
     def _inputs(self, inputs: TickInputs) -> WalkerInputs:
@@ -226,7 +227,7 @@ class Walker(Service[WalkerConfig]):
 
     # -- questions ---------------------------------------------------------------------------------------------
 
-    def _select(self, step: interface.StepRequest) -> Sequence[FootholdReply]:
+    def _select(self, step: interface.LandingRequest) -> Sequence[FootholdReply]:
         """Footholds of a step, all legs in one question."""
         if not self.config.ask_footholds:
             return nominal_footholds(step)
@@ -247,7 +248,7 @@ class Walker(Service[WalkerConfig]):
             return [dataclasses.replace(own, status="no_answer") for own in nominal_footholds(step)]
         return [FootholdReply(leg.status, leg.foothold, leg.trunk_shift, leg.reason) for leg in reply.legs]
 
-    def _check(self, step: interface.CheckRequest) -> interface.CheckReply:
+    def _check(self, step: interface.StanceCheck) -> interface.StanceVerdict:
         """Whether a step is safe; without an answer the hull of the feet decides."""
         if not self.config.ask_stability:
             return self.own_check(step)
@@ -267,7 +268,7 @@ class Walker(Service[WalkerConfig]):
             self._degraded = f"no stability advice: {error.message}"
             return self.own_check(step)
         margins = [value for value in (reply.margin_now, reply.margin) if value is not None]
-        return interface.CheckReply(
+        return interface.StanceVerdict(
             stable=reply.stable and min(margins, default=0.0) >= 0.0,
             margin=min(margins, default=None),
             status=reply.status,
@@ -287,8 +288,8 @@ def _floats(values: Iterable[float]) -> Any:
     return tuple(float(value) for value in values)
 
 
-def _command_of(r: WalkCommand) -> interface.Command:
-    return interface.Command(r.action, r.distance, r.velocity, r.angle, r.gait, r.duration, r.shift)
+def _command_of(r: WalkCommand) -> interface.MotionCommand:
+    return interface.MotionCommand(r.action, r.distance, r.velocity, r.angle, r.gait, r.duration, r.shift)
 
 
 def _reply(r: interface.CommandReply) -> WalkReply:

@@ -38,7 +38,7 @@ _BLOCK = zenoh.CongestionControl.BLOCK
 
 
 @dataclass(frozen=True)
-class Endpoint:
+class ZenohOptions:
     """Where and as what a session joins the network."""
 
     mode: str = "peer"
@@ -48,7 +48,7 @@ class Endpoint:
     namespace: str = f"{DEFAULT_FLEET}/ragno"
 
 
-def zenoh_config(endpoint: Endpoint) -> zenoh.Config:
+def zenoh_config(endpoint: ZenohOptions) -> zenoh.Config:
     """Zenoh settings of a session: no multicast, gossip between peers, no start-up delay, quick loss detection."""
     listen = endpoint.listen
     if endpoint.mode == "peer" and not listen:
@@ -117,7 +117,7 @@ class ZenohIncoming:
 class ZenohBus:
     """Topics and queries of one robot over a Zenoh session."""
 
-    def __init__(self, endpoint: Endpoint) -> None:
+    def __init__(self, endpoint: ZenohOptions) -> None:
         self.endpoint = endpoint
         try:
             self.session = zenoh.open(zenoh_config(endpoint))
@@ -290,7 +290,7 @@ def _call_error(payload: bytes, key: str, timeout: float) -> CallError:
     return CallError(error.code, error.message, error.field)
 
 
-def _why_not_open(endpoint: Endpoint, error: str) -> str:
+def _why_not_open(endpoint: ZenohOptions, error: str) -> str:
     addresses: Sequence[str] = endpoint.listen if endpoint.mode == "router" else endpoint.connect
     where = ", ".join(addresses)
     if endpoint.mode == "router" and "in use" in error:

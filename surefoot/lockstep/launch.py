@@ -64,11 +64,11 @@ def run(service: type[Service[Any]], arguments: list[str] | None = None) -> int:
 
 
 def _serve(service: Service[Any], options: argparse.Namespace) -> int:
-    from surefoot.bus.zenoh import Endpoint, ZenohBus
+    from surefoot.bus.zenoh import ZenohBus, ZenohOptions
     from surefoot.lockstep.local import node_of
     from surefoot.lockstep.node import Node
 
-    endpoint = Endpoint(
+    endpoint = ZenohOptions(
         mode=options.mode, connect=tuple(options.connect), listen=tuple(options.listen), namespace=options.namespace
     )
     if options.mode != "router":

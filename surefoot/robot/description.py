@@ -139,7 +139,7 @@ class ImuProfile:
 
 
 @dataclass(frozen=True, eq=False)
-class Imu:
+class ImuMount:
     """Inertial unit in the trunk."""
 
     position: Array  # (3,)
@@ -186,7 +186,7 @@ class Robot:
     joints: tuple[Joint, ...]
     legs: tuple[Leg, ...]
     trunk: Trunk
-    imu: Imu
+    imu: ImuMount
     contacts: ContactSensor
     encoder: Encoder
     current: CurrentSensor

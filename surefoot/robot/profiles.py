@@ -12,14 +12,14 @@ GRAVITY = 9.81  # m/s2
 MILLI_G = 1e-3 * GRAVITY
 
 
-def read_imu(t: Table) -> tuple[r.Imu, dict[str, object]]:
+def read_imu(t: Table) -> tuple[r.ImuMount, dict[str, object]]:
     """The inertial unit, and the content of its profile's file, which counts in the description's hash."""
     name = t.text("profile")
     if name not in imu_profile_names():
         known = ", ".join(imu_profile_names())
         raise t.refuse("unknown_name", "profile", f"got {name!r}, known are {known}")
     profile, data = _imu_profile(name)
-    imu = r.Imu(t.vector("position", 3), t.unit("quat_wxyz", 4), profile)
+    imu = r.ImuMount(t.vector("position", 3), t.unit("quat_wxyz", 4), profile)
     t.close()
     return imu, data
 

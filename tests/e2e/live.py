@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from surefoot.bus.interface import Life
-from surefoot.bus.zenoh import Endpoint, ZenohBus
+from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.files import find
 from surefoot.lab.report.judge import Verdict, judge
 from surefoot.lab.report.traces import read_traces
@@ -77,7 +77,7 @@ class Live:
         self.supervisor = Supervisor(ServiceConfig(), watched=self)
 
     def __enter__(self) -> Self:
-        self.bus = ZenohBus(Endpoint("router", (), (self.address,), self.namespace))
+        self.bus = ZenohBus(ZenohOptions("router", (), (self.address,), self.namespace))
         self.bus.watch(self._on_life)
         self.node = Node(self.supervisor, self.bus)
         self._thread = threading.Thread(target=self.node.run, daemon=True)

@@ -10,7 +10,7 @@ import pytest
 import zenoh
 
 from surefoot.bus.interface import Incoming
-from surefoot.bus.zenoh import Endpoint, ZenohBus
+from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.errors import Refusal
 from surefoot.schemas.topics import STABILITY_REGION
 from tests.ports import free_address
@@ -28,7 +28,7 @@ class Net:
 
     def open(self, mode: str = "peer", namespace: str | None = None) -> ZenohBus:
         listen = (self.address,) if mode == "router" else ()
-        bus = ZenohBus(Endpoint(mode, (self.address,), listen, namespace or self.namespace))
+        bus = ZenohBus(ZenohOptions(mode, (self.address,), listen, namespace or self.namespace))
         self.buses.append(bus)
         return bus
 

@@ -12,7 +12,7 @@ from surefoot.lab.papers.walas.stand import DATA_SHEET, GRAVITY, Reading, Stand
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import com, foot_positions
 from surefoot.services.simulator.ground.terrain import make_terrain
-from surefoot.services.simulator.world import World
+from surefoot.services.simulator.world import PhysicsWorld
 from surefoot.services.stability.programs.contacts import contact_set
 from surefoot.services.stability.regions.region import Region, region
 from surefoot.services.stability.sensing.calibration import Calibration, calibrate, gain_of_47, level_from_up
@@ -27,7 +27,7 @@ from surefoot.services.stability.sensing.forces import (
 from surefoot.services.stability.sensing.pressure import PressureSensor, read_loads
 from surefoot.services.walker.hexapod.gait import HexapodWalker
 from surefoot.services.walker.hexapod.params import WalkerParams
-from surefoot.services.walker.interface import Command, WalkerInputs
+from surefoot.services.walker.interface import MotionCommand, WalkerInputs
 
 Array = NDArray[np.float64]
 
@@ -185,7 +185,7 @@ def _error(robot: Robot, reading: Reading, sensor: PressureSensor | None) -> flo
 
 
 @dataclass(frozen=True)
-class Standing:
+class StandingStudy:
     """Messor in its neutral stance (Fig. 24)."""
 
     reading: Reading
@@ -195,18 +195,18 @@ class Standing:
     region: Region
 
 
-def standing(robot: Robot, factor: float, seed: int = 0) -> Standing:
+def standing(robot: Robot, factor: float, seed: int = 0) -> StandingStudy:
     """Measure forces and CoM with a calibrated factor."""
     reading = Stand(robot, seed).read()
     sensor = PressureSensor()
     forces = forces_of(robot, reading, factor, sensor)
     feet = feet_of(robot, reading)
     contacts = contact_set(feet, [[0.0, 0.0, 1.0]] * robot.nlegs, 0.6)
-    return Standing(reading, feet, forces.force, measured_com(robot, reading, factor, sensor), region(contacts))
+    return StandingStudy(reading, feet, forces.force, measured_com(robot, reading, factor, sensor), region(contacts))
 
 
 @dataclass(frozen=True)
-class Gait:
+class GaitStudy:
     """Force at the tip of one leg during the tripod gait (Fig. 20)."""
 
     time: Array  # (k,) s
@@ -216,9 +216,9 @@ class Gait:
     carried: Array  # (k,) N, all feet, measured
 
 
-def gait(robot: Robot, factor: float, seed: int = 0, distance: float = 0.25, leg: int = 1) -> Gait:
+def gait(robot: Robot, factor: float, seed: int = 0, distance: float = 0.25, leg: int = 1) -> GaitStudy:
     """Walk with the tripod gait and read one leg's force; the pose is the true one (nothing here is about it)."""
-    world = World(robot, make_terrain("flat"), seed)
+    world = PhysicsWorld(robot, make_terrain("flat"), seed)
     walker = HexapodWalker(robot, WalkerParams.for_robot(robot))
     rows: list[tuple[float, ...]] = []
     started = False
@@ -244,9 +244,9 @@ def gait(robot: Robot, factor: float, seed: int = 0, distance: float = 0.25, leg
             bare = -level[2] @ inverse @ told[robot.model.leg_joints[leg, :3]]
             rows.append((0.01 * world.tick, upward[leg], bare, truth.foot_force[leg, 2], upward.sum()))
         if not started and out.state == "standing":
-            started = walker.command(Command("walk", distance=distance)).accepted
+            started = walker.command(MotionCommand("walk", distance=distance)).accepted
         elif started and out.state in ("standing", "refused"):
             break
         world.step_tick(out.command)
     m = np.array(rows)
-    return Gait(m[:, 0], m[:, 1], m[:, 2], m[:, 3], m[:, 4])
+    return GaitStudy(m[:, 0], m[:, 1], m[:, 2], m[:, 3], m[:, 4])

@@ -15,8 +15,8 @@ from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions, legs_ik
 from surefoot.services.estimator.estimator import Estimator
 from surefoot.services.simulator.ground.terrain import make_terrain
-from surefoot.services.simulator.world import World, WorldConfig
-from surefoot.services.stability.sensing.calibration import Pose, level_from_up
+from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
+from surefoot.services.stability.sensing.calibration import CalibrationPose, level_from_up
 
 Array = NDArray[np.float64]
 
@@ -43,9 +43,9 @@ class Reading:
         """rot_level_from_base by the measured tilt."""
         return level_from_up(self.g_up / np.linalg.norm(self.g_up))
 
-    def pose(self, nm_per_a: float = DATA_SHEET) -> Pose:
+    def pose(self, nm_per_a: float = DATA_SHEET) -> CalibrationPose:
         """For the calibration."""
-        return Pose(self.joints, nm_per_a * self.current, self.g_up, np.ones(len(self.load), dtype=np.bool_))
+        return CalibrationPose(self.joints, nm_per_a * self.current, self.g_up, np.ones(len(self.load), dtype=np.bool_))
 
 
 class Stand:
@@ -55,7 +55,7 @@ class Stand:
         self.robot = robot
         true = gain * robot.current.torque_per_ampere
         config = WorldConfig(imu_profile="ideal" if ideal else None, torque_per_ampere=true)
-        self.world = World(robot, make_terrain("flat"), seed, config)
+        self.world = PhysicsWorld(robot, make_terrain("flat"), seed, config)
         self.estimator = None if ideal else Estimator.for_robot(robot)
         self.feet = foot_positions(robot.model, robot.neutral)
         self.place, self.tilt = np.zeros(3), np.zeros(2)

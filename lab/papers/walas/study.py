@@ -18,8 +18,8 @@ class Study:
     slopes: tuple[walas_ragno.Slope, ...]
     sensor: PressureSensor
     sweep: walas_messor.Sweep
-    standing: walas_messor.Standing
-    gait: walas_messor.Gait
+    standing: walas_messor.StandingStudy
+    gait: walas_messor.GaitStudy
     errors: tuple[walas_messor.ComErrors, ...]
     small_errors: tuple[walas_messor.ComErrors, ...]
 

@@ -59,7 +59,7 @@ class Shape(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Wanted:
+class ShapeSpec:
     """What a shape depends on."""
 
     grid: "Grid"
@@ -96,11 +96,11 @@ def _smooth(u: Array) -> Array:
     return u * u * (3.0 - 2.0 * u)
 
 
-def _flat(r: Wanted) -> Shape:
+def _flat(r: ShapeSpec) -> Shape:
     return Shape(np.zeros((1, 1)))
 
 
-def _slope(r: Wanted) -> Shape:
+def _slope(r: ShapeSpec) -> Shape:
     x, _ = r.grid.axes()
     n = math.hypot(1.0, r.amp)
     return Shape(r.amp * x, normal=(-r.amp / n, 0.0, 1.0 / n))
@@ -135,12 +135,12 @@ def _noise_field(grid: Grid, seed: int, amp: float) -> Array:
     return (rows[j] * (1.0 - b) + rows[j + 1] * b) * _smooth((x - PAD_END) / BLEND)
 
 
-def _hills(r: Wanted) -> Shape:
+def _hills(r: ShapeSpec) -> Shape:
     z = _hill_field(r.grid, r.seed, r.amp)
     return Shape(z, z)
 
 
-def _rough(r: Wanted) -> Shape:
+def _rough(r: ShapeSpec) -> Shape:
     z = _noise_field(r.grid, r.seed, r.amp)
     return Shape(z, z)
 
@@ -158,12 +158,12 @@ def _stairs(grid: Grid, first: float, riser: float) -> tuple[tuple[Box, ...], Ar
     return tuple(boxes), top
 
 
-def _steps(r: Wanted) -> Shape:
+def _steps(r: ShapeSpec) -> Shape:
     boxes, top = _stairs(r.grid, PAD_END + BLEND, r.amp)
     return Shape(top, boxes=boxes)
 
 
-def _flagstones(r: Wanted) -> Shape:
+def _flagstones(r: ShapeSpec) -> Shape:
     """Tiles of 10 cm at random heights and slopes; the gaps of tilted tiles are closed by their depth."""
     x, y = r.grid.axes()
     rng = random_stream(r.seed, "terrain/flagstones")
@@ -196,7 +196,7 @@ def _tile(corner: tuple[float, float], height: float, slope_x: float, slope_y: f
     return Box((centre[0], centre[1], centre[2]), half, (q[0], q[1], q[2], q[3]))
 
 
-def _primitive(r: Wanted) -> Shape:
+def _primitive(r: ShapeSpec) -> Shape:
     """Flat, slope, step edge, hill, ridge, hole, groove about the origin; `yaw` turns them."""
     grid, amp, yaw = r.grid, r.amp, r.yaw
     x, y = grid.axes()
@@ -222,7 +222,7 @@ def _primitive(r: Wanted) -> Shape:
     return Shape(surface, surface)
 
 
-def _demo(r: Wanted) -> Shape:
+def _demo(r: ShapeSpec) -> Shape:
     """Pad, hills with rough noise, three steps: everything on the first 1.5 m; `amp` scales all heights."""
     grid = r.grid
     x, _ = grid.axes()
@@ -235,7 +235,7 @@ def _demo(r: Wanted) -> Shape:
     return Shape(surface, z, boxes)
 
 
-def _room(r: Wanted) -> Shape:
+def _room(r: ShapeSpec) -> Shape:
     """A level floor between four walls, `amp` high."""
     x, y = r.grid.axes()
     (x0, x1), (y0, y1), half = ROOM[0], ROOM[1], 0.5 * WALL
@@ -249,24 +249,24 @@ def _room(r: Wanted) -> Shape:
     return Shape(np.where(inside, 0.0, r.amp), boxes=boxes if r.amp > 0.0 else ())
 
 
-class Kind(NamedTuple):
+class TerrainKind(NamedTuple):
     """One kind of terrain."""
 
     amp: float
     """Its own amplitude, m (slope: rise per metre)."""
     least_end: float
     """The map must reach this x, m."""
-    make: Callable[[Wanted], Shape]
+    make: Callable[[ShapeSpec], Shape]
 
 
-SHAPES: dict[str, Kind] = {
-    "flat": Kind(0.0, -math.inf, _flat),
-    "slope": Kind(math.tan(math.radians(15.0)), -math.inf, _slope),
-    "hills": Kind(0.06, 0.6, _hills),
-    "rough": Kind(0.02, 0.6, _rough),
-    "steps": Kind(0.025, 1.0, _steps),
-    "flagstones": Kind(0.03, 0.6, _flagstones),
-    "primitive": Kind(0.02, -math.inf, _primitive),
-    "room": Kind(0.5, ROOM[0][1] + WALL, _room),
-    "demo": Kind(DEMO_HILLS, DEMO_STEPS_AT + N_RISERS * TREAD, _demo),
+SHAPES: dict[str, TerrainKind] = {
+    "flat": TerrainKind(0.0, -math.inf, _flat),
+    "slope": TerrainKind(math.tan(math.radians(15.0)), -math.inf, _slope),
+    "hills": TerrainKind(0.06, 0.6, _hills),
+    "rough": TerrainKind(0.02, 0.6, _rough),
+    "steps": TerrainKind(0.025, 1.0, _steps),
+    "flagstones": TerrainKind(0.03, 0.6, _flagstones),
+    "primitive": TerrainKind(0.02, -math.inf, _primitive),
+    "room": TerrainKind(0.5, ROOM[0][1] + WALL, _room),
+    "demo": TerrainKind(DEMO_HILLS, DEMO_STEPS_AT + N_RISERS * TREAD, _demo),
 }

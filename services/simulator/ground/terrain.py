@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.geometry.rotations import quat_from_rotvec
-from surefoot.services.simulator.ground.shapes import SHAPES, Box, Grid, Wanted, random_stream
+from surefoot.services.simulator.ground.shapes import SHAPES, Box, Grid, ShapeSpec, random_stream
 from surefoot.tables import UNIT_SLACK
 
 __all__ = [
@@ -127,7 +127,7 @@ def make_terrain(
     if start_x + size[0] < known.least_end:
         raise TerrainError("size", f"{kind} needs ground up to x = {known.least_end} m, got {start_x + size[0]:g} m")
     grid = Grid(start_x, -0.5 * (ny - 1) * cell, nx, ny, cell)
-    shape = known.make(Wanted(grid, seed, amp, number, yaw))
+    shape = known.make(ShapeSpec(grid, seed, amp, number, yaw))
     surface = _map(grid, shape.surface)
     ground = None if shape.ground is None else surface if shape.ground is shape.surface else _map(grid, shape.ground)
     return Terrain(kind, seed, amp, surface, ground, shape.normal, shape.boxes)

@@ -15,11 +15,11 @@ from surefoot.services.simulator.physics.addresses import Addresses
 from surefoot.services.simulator.physics.faults import Fault, FaultBank
 from surefoot.services.simulator.physics.model import NO_TORQUE, Perturbation, Physics, retune
 from surefoot.services.simulator.physics.samples import (
-    Command,
     ContactSample,
     ImuSample,
     JointSample,
     Samples,
+    ServoCommand,
     pack,
     unpack,
 )
@@ -130,7 +130,7 @@ class Disturbances:
 
     # --- effects ------------------------------------------------------------------------------------------------
 
-    def before_step(self, tick: int, data: mujoco.MjData, command: Command | None) -> Command | None:
+    def before_step(self, tick: int, data: mujoco.MjData, command: ServoCommand | None) -> ServoCommand | None:
         """Apply what is due in a tick; the command that gets through to the servos is returned."""
         if self.pushes:
             self._push(tick, data)
@@ -141,7 +141,7 @@ class Disturbances:
         if not self.faults.packets:
             return command
         arrived = self.faults.packet(tick, "command", None if command is None else pack(command))
-        return None if arrived is None else unpack(Command, arrived)
+        return None if arrived is None else unpack(ServoCommand, arrived)
 
     def after_step(self, tick: int, samples: Samples, limit: Array) -> Samples:
         """The samples after all faults of sensors and lines; `limit` (6,) is the range of the inertial unit."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-class Command(NamedTuple):
+class ServoCommand(NamedTuple):
     """What the servos are told."""
 
     position: Array
@@ -79,7 +79,7 @@ def unpack(kind: type[Any], values: dict[str, Any]) -> Any:
     return kind(**known)
 
 
-class Truth(NamedTuple):
+class ExactState(NamedTuple):
     """Exact state at the end of a tick; forces are those of the last physics step. Arrays are copies."""
 
     stamp_ns: int

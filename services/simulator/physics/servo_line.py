@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.robot.description import Robot
-from surefoot.services.simulator.physics.samples import Command, pack, unpack
+from surefoot.services.simulator.physics.samples import ServoCommand, pack, unpack
 
 Array = NDArray[np.float64]
 
@@ -18,7 +18,7 @@ class Arrival(NamedTuple):
 
     step: int
     """Physics step it takes effect in."""
-    command: Command
+    command: ServoCommand
 
 
 class ServoLine:
@@ -46,10 +46,10 @@ class ServoLine:
             return set_points
         return self.resolution * np.rint(set_points / self.resolution)
 
-    def send(self, step: int, command: Command) -> None:
+    def send(self, step: int, command: ServoCommand) -> None:
         """Send a command in a physics step."""
         heard = self.heard(command.position)
-        self._coming.append(Arrival(step + self.latency_steps, Command(heard, command.torque_limit)))
+        self._coming.append(Arrival(step + self.latency_steps, ServoCommand(heard, command.torque_limit)))
 
     def arrival(self, until: int) -> Arrival | None:
         """What arrives next, up to a physics step; None = no more."""
@@ -61,4 +61,4 @@ class ServoLine:
 
     def restore(self, step: int, state: list[Any]) -> None:
         """Continue where `state` was taken."""
-        self._coming = [Arrival(step + ahead, unpack(Command, command)) for ahead, command in state]
+        self._coming = [Arrival(step + ahead, unpack(ServoCommand, command)) for ahead, command in state]

@@ -12,7 +12,7 @@ from surefoot.geometry.linear import product
 from surefoot.robot.description import Robot
 from surefoot.services.simulator.ground.shapes import random_stream
 from surefoot.services.simulator.physics.addresses import Addresses
-from surefoot.services.simulator.physics.samples import Truth
+from surefoot.services.simulator.physics.samples import ExactState
 from surefoot.services.simulator.sensors.landmarks import (
     CameraPose,
     Detection,
@@ -29,7 +29,7 @@ TICK_MS = 10
 FIELD = ((-5.0, -5.0), (5.0, 5.0))  # m, where the floor has landmarks
 
 
-class Frame(NamedTuple):
+class CameraFrame(NamedTuple):
     """What the camera recognised in one image."""
 
     seq: int
@@ -80,10 +80,10 @@ class Sight:
         self.rng = random_stream(seed, "ranger")
         self.bump = np.zeros(robot.nlegs, dtype=np.bool_)
         self.before: CameraPose | None = None
-        self.frame: Frame | None = None
+        self.frame: CameraFrame | None = None
         self.reach: Reach | None = None
 
-    def look(self, ticks: int, truth: Callable[[], Truth], model: Any, data: Any, address: Addresses) -> None:
+    def look(self, ticks: int, truth: Callable[[], ExactState], model: Any, data: Any, address: Addresses) -> None:
         """Take the state at the end of a tick; sets `frame` and `reach` where they are due.
 
         Args:
@@ -101,7 +101,7 @@ class Sight:
                 now = camera_pose(self.robot, self.camera, exact.position, exact.quat_wxyz, exact.joints)
                 if ticks % every == 0:
                     seen = self.sensor.look(self.before or now, now, 1e-3 * TICK_MS)
-                    self.frame = Frame(ticks // every, *seen)
+                    self.frame = CameraFrame(ticks // every, *seen)
                 self.before = now
         if self.ranger is not None:
             self.bump |= bumped(data, address, self.robot.nlegs, self.ranger.bump_n)

@@ -38,7 +38,7 @@ from surefoot.services.stability.sensing.shift import NEAR, Shift, kinematic_shi
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class LimitedStance:
     """A robot that stands on contacts, one leg on each."""
 
     robot: Robot
@@ -66,7 +66,7 @@ class Standing:
         """Centre of mass by kinematics, (3,) m."""
         return np.asarray(self.base + self.rot @ com(self.robot.model, self.joints))
 
-    def moved(self, movement: Array) -> tuple["Standing", Shift]:
+    def moved(self, movement: Array) -> tuple["LimitedStance", Shift]:
         """The posture after the trunk has moved over the feet, and what that does to the CoM in the trunk."""
         stance = np.zeros(len(self.robot.legs), dtype=np.bool_)
         stance[self.chosen] = True
@@ -78,7 +78,7 @@ class Standing:
 class Moved:
     """A planned movement under torque limits."""
 
-    before: Standing
+    before: LimitedStance
     now: tuple[float, float]
     """Where the CoM was taken to be."""
     shift: Shift
@@ -117,7 +117,7 @@ def limited_check(request: CheckRequest, actuation: Actuation, own: Robot) -> Mo
     return Moved(before, now, shift, verdict, reply)
 
 
-def _reply(asked: RegionFields, contacts: ContactSet, stands: Standing) -> tuple[Region, RegionReply]:
+def _reply(asked: RegionFields, contacts: ContactSet, stands: LimitedStance) -> tuple[Region, RegionReply]:
     """The region for margins, which lies inside the true one by at most its gap, and as it travels."""
     given = directions_of(asked)
     first = equally_spaced(16)  # they alone tell point, segment and area
@@ -165,7 +165,7 @@ def _support(found: ActuatedRegion, begin: int, proven: bool) -> tuple[SupportPo
     return tuple(out)
 
 
-def standing(asked: Actuation, given: tuple[Contact, ...], contacts: ContactSet, own: Robot) -> Standing:
+def standing(asked: Actuation, given: tuple[Contact, ...], contacts: ContactSet, own: Robot) -> LimitedStance:
     """The posture of a request, checked.
 
     Raises:
@@ -194,7 +194,7 @@ def standing(asked: Actuation, given: tuple[Contact, ...], contacts: ContactSet,
     radius = np.array([leg.foot.radius for leg in robot.legs])
     feet = base + foot_positions(model, joints) @ rot.T
     chosen = _chosen(robot, feet, radius, contacts, tuple(c.leg for c in given))
-    return Standing(robot, joints, base, rot, chosen, limit)
+    return LimitedStance(robot, joints, base, rot, chosen, limit)
 
 
 def _chosen(robot: Robot, feet: Array, radius: Array, contacts: ContactSet, names: tuple[str | None, ...]) -> list[int]:
@@ -220,4 +220,4 @@ def warm() -> None:
     """Compile what only this module asks of a leg."""
     robot = load_robot("ragno")
     feet = list(range(len(robot.legs)))
-    Standing(robot, robot.neutral.copy(), np.zeros(3), np.eye(3), feet, np.ones(robot.nj)).legs()
+    LimitedStance(robot, robot.neutral.copy(), np.zeros(3), np.eye(3), feet, np.ones(robot.nj)).legs()

@@ -57,7 +57,7 @@ def _slope(contacts: ContactSet, twist: Array, force: Array, a: Array) -> Gradie
 
 
 @dataclass(frozen=True, slots=True)
-class MarginGradient:
+class RobustGradient:
     """How the signed margin of a CoM changes."""
 
     value: float
@@ -70,7 +70,7 @@ class MarginGradient:
     """(n, 3) no unit."""
 
 
-def margin_gradient(contacts: ContactSet, com: Array) -> MarginGradient | None:
+def margin_gradient(contacts: ContactSet, com: Array) -> RobustGradient | None:
     """Gradient of the margin of a CoM (2,) m: that of h(a) in the direction of the nearest edge.
 
     The forces are those that hold the CoM at the nearest point of the edge: along a straight edge support points are
@@ -91,7 +91,7 @@ def margin_gradient(contacts: ContactSet, com: Array) -> MarginGradient | None:
     if held.force is None:
         return None
     slope = _slope(contacts, answer.twist[-1], held.force, a)
-    return MarginGradient(here.value, -a, slope.mu, slope.position)
+    return RobustGradient(here.value, -a, slope.mu, slope.position)
 
 
 def _nearest(polygon: Array, point: Array) -> Array:

@@ -22,7 +22,7 @@ READY_S = 90.0  # s wall, until every service is there; the first start compiles
 
 
 @dataclass(frozen=True)
-class Order:
+class StartOrder:
     """What the simulator is to do once everything is there.
 
     Attributes:
@@ -45,7 +45,7 @@ class Order:
 
 def keep(
     compose: Compose,
-    order: Order,
+    order: StartOrder,
     stop: threading.Event,
     *,
     listen: str | None = None,
@@ -90,7 +90,7 @@ def keep(
             stop.wait(STEP_S)
 
 
-def _reset(session: Session, order: Order, tell: Callable[[str], None]) -> None:
+def _reset(session: Session, order: StartOrder, tell: Callable[[str], None]) -> None:
     """Let simulated time run; again for a simulator that was restarted."""
     request = ResetRequest(seed=order.seed, world=order.world, expect=session.expected, mode="paced", rtf=order.rtf)
     try:
@@ -103,7 +103,7 @@ def _reset(session: Session, order: Order, tell: Callable[[str], None]) -> None:
 
 
 def start_detached(
-    compose: Compose, system: str, order: Order, listen: str | None, tell: Callable[[str], None]
+    compose: Compose, system: str, order: StartOrder, listen: str | None, tell: Callable[[str], None]
 ) -> None:
     """Start `surefoot up` in a session of its own and wait until it is ready.
 

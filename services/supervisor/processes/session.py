@@ -11,7 +11,7 @@ from typing import Self, TypeVar
 from surefoot.bus.endpoint import to_listen
 from surefoot.bus.interface import Life, Publisher
 from surefoot.bus.zenoh import DEFAULT_FLEET, ZenohBus
-from surefoot.bus.zenoh import Endpoint as BusEndpoint
+from surefoot.bus.zenoh import ZenohOptions as BusEndpoint
 from surefoot.errors import BusError, CallError
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import DRIVER

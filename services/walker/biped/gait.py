@@ -12,20 +12,22 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
 from surefoot.services.walker.biped import balance, feedback
 from surefoot.services.walker.biped import route as routes
 from surefoot.services.walker.biped.ik import leg_geometry
-from surefoot.services.walker.biped.params import BipedParams
+from surefoot.services.walker.biped.params import GAITS, BipedParams, abilities
 from surefoot.services.walker.biped.plan import LEFT, RIGHT, between, placed, reference, smooth, support_point, swing
 from surefoot.services.walker.biped.preview import HORIZON, preview_gains, preview_step
 from surefoot.services.walker.biped.report import outputs
-from surefoot.services.walker.biped.route import refusal_of, route_of, upcoming
+from surefoot.services.walker.biped.route import route_of, upcoming
 from surefoot.services.walker.biped.servos import DT, GRAVITY, SetPoints
 from surefoot.services.walker.biped.state import BipedState, Mode
-from surefoot.services.walker.interface import Command, CommandReply, WalkerInputs, WalkerOutputs
-from surefoot.services.walker.memory import Kept
+from surefoot.services.walker.commands import refusal_of
+from surefoot.services.walker.interface import CommandReply, MotionCommand, WalkerInputs, WalkerOutputs
+from surefoot.services.walker.memory import WalkMemory
 
 Array = NDArray[np.float64]
 
@@ -53,7 +55,7 @@ class BipedWalker:
 
     def _params_of(self, gait: str) -> BipedParams:
         own = self._own
-        return own if gait == routes.GAITS[0] else replace(own, step_s=own.quick_s, step_m=own.quick_m)
+        return own if gait == GAITS[0] else replace(own, step_s=own.quick_s, step_m=own.quick_m)
 
     def _take_params(self, params: BipedParams) -> None:
         self.params = params
@@ -62,22 +64,31 @@ class BipedWalker:
 
     # --- commands --------------------------------------------------------------------------------------------------
 
-    def never(self, command: Command) -> CommandReply | None:
-        """Why a command cannot be obeyed at any time, or None; without a gait it is judged by the present one."""
+    def never(self, command: MotionCommand) -> CommandReply | None:
+        """Return why a command cannot be obeyed at any time, or None; without a gait the present one judges it."""
         s = self.state
         stepping = s.gait if s.mode in (Mode.START, Mode.STEP) else None
-        return refusal_of(command, self._gait_of(command, stepping)[1], calibrated=True, fallen=False)
+        return refusal_of(command, abilities(self._gait_of(command, stepping)[1]), calibrated=True)
 
-    def _gait_of(self, command: Command, stepping: str | None) -> tuple[str, BipedParams]:
-        gait = command.gait or stepping or routes.GAITS[0]
-        return gait, self._params_of(gait) if gait in routes.GAITS else self.params
+    def set_map(self, heights: HeightMap | None) -> None:
+        """Ignore the terrain map: the floor is taken to be level."""
 
-    def command(self, command: Command) -> CommandReply:
+    @property
+    def walk_id(self) -> int:
+        """Number of the last command that was accepted, 0 before the first."""
+        return self.state.walk_id
+
+    def _gait_of(self, command: MotionCommand, stepping: str | None) -> tuple[str, BipedParams]:
+        gait = command.gait or stepping or GAITS[0]
+        return gait, self._params_of(gait) if gait in GAITS else self.params
+
+    def command(self, command: MotionCommand) -> CommandReply:
         """Accept or refuse a command; an accepted one replaces the present one at the next step."""
         s = self.state
         stepping = s.gait if s.mode in (Mode.START, Mode.STEP) else None
         gait, params = self._gait_of(command, stepping)
-        refusal = refusal_of(command, params, s.calibrated, s.mode in (Mode.FOLD, Mode.FALLEN), stepping)
+        fallen = s.mode in (Mode.FOLD, Mode.FALLEN)
+        refusal = refusal_of(command, abilities(params), calibrated=s.calibrated, fallen=fallen, stepping_gait=stepping)
         if refusal is not None:
             return refusal
         s.gait = gait
@@ -97,19 +108,19 @@ class BipedWalker:
                 self._stand()
         return CommandReply(True, s.walk_id)
 
-    def kept(self) -> Kept:
+    def kept(self) -> WalkMemory:
         """What a restart must not lose; a step that is not finished has to be done again."""
         s = self.state
         route = s.undone if s.mode is Mode.STEP else s.route
         left = None if route is None or route.finished else route.left(self.params.step_s, s.gait, s.duration)
-        return Kept(s.walk_id, left, None, s.began)
+        return WalkMemory(s.walk_id, left, None, s.began)
 
-    def resume(self, kept: Kept) -> None:
+    def resume(self, kept: WalkMemory) -> None:
         """Go on after a restart: to the stance, a closing step, then what is left; before the first tick."""
         s = self.state
         s.walk_id, s.began, s.recovering = kept.walk_id, kept.began, True
         if kept.command is not None:
-            s.gait, s.duration = kept.command.gait or routes.GAITS[0], kept.command.duration
+            s.gait, s.duration = kept.command.gait or GAITS[0], kept.command.duration
             self._take_params(self._params_of(s.gait))
             s.route = route_of(kept.command, self.params, s.walk_id)
 

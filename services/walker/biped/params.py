@@ -4,6 +4,10 @@ import math
 from dataclasses import dataclass, fields, replace
 
 from surefoot.robot.description import Robot
+from surefoot.services.walker.commands import Abilities, ArcLimits
+
+GAITS = ("zmp", "quick")
+"""Names of the gaits; the first is the usual one."""
 
 
 @dataclass(frozen=True)
@@ -86,3 +90,9 @@ class BipedParams:
         """Defaults, then the robot's own gait table, then `overrides`."""
         own = {f.name: robot.gait[f.name] for f in fields(cls) if f.name in robot.gait}
         return replace(cls(**own), **overrides)  # type: ignore[arg-type]
+
+
+def abilities(params: BipedParams) -> Abilities:
+    """Return what a biped can do with these settings of a gait."""
+    arcs = ArcLimits(params.step_m, params.step_s, params.max_turn_rad)
+    return Abilities(GAITS, params.max_step_m / params.step_s, arcs=arcs)

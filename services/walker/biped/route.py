@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from surefoot.services.walker.biped.params import BipedParams
 from surefoot.services.walker.biped.plan import LEFT, RIGHT, advanced, between, placed
-from surefoot.services.walker.interface import Command, CommandReply, refused
+from surefoot.services.walker.interface import MotionCommand
 
 Array = NDArray[np.float64]
 
@@ -52,13 +52,13 @@ class BipedRoute:
         """Nothing is left."""
         return abs(self.forward) < DONE and (abs(self.turn) < DONE or not self.turning)
 
-    def left(self, step_s: float, gait: str, duration: float | None) -> Command:
+    def left(self, step_s: float, gait: str, duration: float | None) -> MotionCommand:
         """What is left as a command: it leads to the same steps."""
         if self.turning:
-            return Command("turn", angle=self.turn, gait=gait, duration=duration)
+            return MotionCommand("turn", angle=self.turn, gait=gait, duration=duration)
         distance = self.forward if math.isfinite(self.forward) else None
         angle = None if distance is None or self.turn == 0.0 else self.turn
-        return Command("walk", distance, self.step / step_s, angle, gait, duration)
+        return MotionCommand("walk", distance, self.step / step_s, angle, gait, duration)
 
     def next(self, scale: float) -> tuple[float, float, "BipedRoute"]:
         """Advance, turn and the rest after one step; `scale` shortens it."""
@@ -71,7 +71,7 @@ class BipedRoute:
         return a, g, replace(self, forward=self.forward - a, turn=self.turn - g)
 
 
-def route_of(command: Command, params: BipedParams, walk_id: int) -> BipedRoute:
+def route_of(command: MotionCommand, params: BipedParams, walk_id: int) -> BipedRoute:
     """Equal steps that end exactly where the command says."""
     if command.action == "turn":
         angle = command.angle or 0.0
@@ -88,59 +88,6 @@ def route_of(command: Command, params: BipedParams, walk_id: int) -> BipedRoute:
     angle = command.angle or 0.0
     count = max(1, math.ceil(abs(distance) / longest - 1e-6), math.ceil(abs(angle) / params.turn_step_rad - 1e-6))
     return BipedRoute(distance, angle, distance / count, angle / count, walk_id, turning=False)
-
-
-GAITS = ("zmp", "quick")
-
-
-def refusal_of(
-    command: Command, params: BipedParams, calibrated: bool, fallen: bool, stepping_gait: str | None = None
-) -> CommandReply | None:
-    """Why a command cannot be obeyed, or None.
-
-    Args:
-        command: as received.
-        params: settings of the gait it asks for.
-        calibrated: the estimator has finished its standstill calibration.
-        fallen: the robot has fallen.
-        stepping_gait: gait of the walk under way; None while standing.
-    """
-    for name in ("distance", "velocity", "angle"):
-        value = getattr(command, name)
-        if value is not None and not math.isfinite(value):
-            return refused("bad_value", name, f"{name} must be finite, got {value}")
-    if command.shift is not None:
-        return refused("unsupported", "shift", "shift is for robots with more than two legs")
-    if command.gait not in (None, *GAITS):
-        return refused("unknown_gait", "gait", f"gait must be one of {', '.join(GAITS)}, got {command.gait!r}")
-    if command.gait is not None and stepping_gait not in (None, command.gait):
-        return refused("conflict", "gait", f"gait can change only while standing; {stepping_gait} is under way")
-    if fallen:
-        return refused("fallen", None, "the robot has fallen")
-    if command.action in ("stand", "stop"):
-        return None
-    if not calibrated:
-        return refused("not_initialised", None, "the estimator has not finished its standstill calibration")
-    if command.action == "turn":
-        if command.angle is None:
-            return refused("missing_field", "angle", "angle is missing: turn needs one")
-        if command.distance is not None or command.velocity is not None:
-            field = "velocity" if command.distance is None else "distance"
-            return refused("conflict", field, f"{field} does not go with turn; walk with an angle is an arc")
-        return None
-    fastest = params.max_step_m / params.step_s
-    if command.velocity is not None and not 0.0 < abs(command.velocity) <= fastest:
-        reason = f"velocity must be within 0 and {fastest:.3f} m/s, got {command.velocity:g}"
-        return refused("too_fast", "velocity", reason)
-    if command.angle is not None:
-        if command.distance is None or command.distance == 0.0:
-            return refused("missing_field", "distance", "distance is missing: an arc needs one; turn turns on the spot")
-        radius = abs(command.distance / command.angle) if command.angle else math.inf
-        longest = params.step_m if command.velocity is None else abs(command.velocity) * params.step_s
-        if longest / radius > params.max_turn_rad:
-            least = longest / params.max_turn_rad
-            return refused("too_tight", "angle", f"angle makes an arc of {radius:.3f} m radius, least is {least:.3f} m")
-    return None
 
 
 def first_swing(route: BipedRoute, feet: Array) -> int:

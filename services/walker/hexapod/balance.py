@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from surefoot.geometry.linear import product
 from surefoot.kernels.jit import kernel
 from surefoot.services.walker.hexapod import planning
-from surefoot.services.walker.hexapod.patterns import HEXAPOD_GAITS, Gait
-from surefoot.services.walker.hexapod.planning import Frame
+from surefoot.services.walker.hexapod.patterns import HEXAPOD_GAITS, GaitPattern
+from surefoot.services.walker.hexapod.planning import PlanningContext
 from surefoot.services.walker.hexapod.state import Stage, WalkerState
-from surefoot.services.walker.interface import CheckReply, Pose
+from surefoot.services.walker.interface import BodyPose, StanceVerdict
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ def nearest_inside(edges: Array, slack: Array, wanted: float) -> tuple[Array, bo
     return t, False
 
 
-def shift_into(reply: CheckReply, wanted: float) -> Array | None:
+def shift_into(reply: StanceVerdict, wanted: float) -> Array | None:
     """Shortest shift of the centre of mass, (2,) m, that gives the margin before and after the movement; or None.
 
     Where the region has no room for the wanted margin, for a part of it.
@@ -73,7 +73,7 @@ def shift_into(reply: CheckReply, wanted: float) -> Array | None:
     return None
 
 
-def react(state: WalkerState, frame: Frame, begin: Pose, reply: CheckReply) -> bool:
+def react(state: WalkerState, frame: PlanningContext, begin: BodyPose, reply: StanceVerdict) -> bool:
     """Choose what to do about a step of small margin; returns whether it may be taken as it is.
 
     Args:
@@ -105,14 +105,14 @@ def react(state: WalkerState, frame: Frame, begin: Pose, reply: CheckReply) -> b
     return False
 
 
-def _aim(state: WalkerState, frame: Frame, begin: Pose, shift: Array) -> bool:
+def _aim(state: WalkerState, frame: PlanningContext, begin: BodyPose, shift: Array) -> bool:
     """Give the trunk a goal as near to the shifted place as all legs reach and the limit allows."""
     size = float(np.hypot(shift[0], shift[1]))
     if size < LEAST_SHIFT:
         return False
     shift = shift * min(1.0, frame.params.shift_limit_m / size)
     for part in PARTS:
-        goal = Pose(begin.x + part * float(shift[0]), begin.y + part * float(shift[1]), begin.z, begin.yaw)
+        goal = BodyPose(begin.x + part * float(shift[0]), begin.y + part * float(shift[1]), begin.z, begin.yaw)
         if planning.reaches(frame, begin, goal, state.footholds, 1.0):
             state.goal = np.array([goal.x, goal.y])
             return True
@@ -131,21 +131,21 @@ def shift(state: WalkerState, reach: float) -> None:
         s.goal = None
 
 
-def stand_at(state: WalkerState, frame: Frame, now: Pose, shift: tuple[float, float]) -> str | None:
+def stand_at(state: WalkerState, frame: PlanningContext, now: BodyPose, shift: tuple[float, float]) -> str | None:
     """Give the standing trunk a goal, m forward and left of the middle of its feet; or why that cannot be, in words."""
     s = state
     if s.stage is not Stage.STAND or s.route is not None or s.closing or s.recovering:
         return "the trunk is moved over its feet only while the robot stands"
     middle = s.footholds[:, :2].mean(axis=0) - planning.rotated(s.yaw, frame.neutral).mean(axis=0)
     goal = middle + planning.rotated(s.yaw, np.array([shift]))[0]
-    end = Pose(float(goal[0]), float(goal[1]), now.z, now.yaw)
+    end = BodyPose(float(goal[0]), float(goal[1]), now.z, now.yaw)
     if not (np.isfinite(goal).all() and planning.reaches(frame, now, end, s.footholds, 1.0)):
         return f"the legs do not reach their feet with the trunk shifted by ({shift[0]:g}, {shift[1]:g}) m"
     s.goal = goal
     return None
 
 
-def lagging(state: WalkerState, frame: Frame) -> int:
+def lagging(state: WalkerState, frame: PlanningContext) -> int:
     """The group of the gait that is to swing first: feet far from neutral, and not those that have just landed."""
     off = state.footholds[:, :2] - state.body[:2] - planning.rotated(state.yaw, frame.neutral)
     far = np.hypot(off[:, 0], off[:, 1])
@@ -153,7 +153,7 @@ def lagging(state: WalkerState, frame: Frame) -> int:
     return int(np.argmax([far[list(group)].mean() for group in state.gait.groups]))
 
 
-def relax(state: WalkerState, frame: Frame) -> None:
+def relax(state: WalkerState, frame: PlanningContext) -> None:
     """After a step: back to the gait that was asked for when the other one has done a whole cycle."""
     s = state
     s.shifts = 0
@@ -165,7 +165,7 @@ def relax(state: WalkerState, frame: Frame) -> None:
         s.group = lagging(s, frame)
 
 
-def usual(state: WalkerState, gait: Gait) -> None:
+def usual(state: WalkerState, gait: GaitPattern) -> None:
     """Take the gait a command asks for."""
     state.gait = state.usual = gait
     state.group %= gait.steps_per_cycle

@@ -13,27 +13,27 @@ from surefoot.geometry import rotations
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
+from surefoot.services.walker.commands import refusal_of
 from surefoot.services.walker.hexapod import anchor, balance, planning, posture, stepping
-from surefoot.services.walker.hexapod.commands import refusal_of
 from surefoot.services.walker.hexapod.ground import Ground
-from surefoot.services.walker.hexapod.params import WalkerParams
+from surefoot.services.walker.hexapod.params import WalkerParams, abilities
 from surefoot.services.walker.hexapod.patterns import HEXAPOD_GAITS
 from surefoot.services.walker.hexapod.route import Route, advance, finished, moved, remaining
 from surefoot.services.walker.hexapod.standins import HullCheck, nominal_footholds
 from surefoot.services.walker.hexapod.state import Stage, WalkerState
 from surefoot.services.walker.interface import (
     Advance,
+    BodyPose,
     Check,
-    Command,
     CommandReply,
-    Pose,
+    MotionCommand,
     Select,
     WalkerInputs,
     WalkerOutputs,
     WalkState,
     refused,
 )
-from surefoot.services.walker.memory import Kept
+from surefoot.services.walker.memory import WalkMemory
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ class HexapodWalker:
         self.select = select
         self.check = check or HullCheck(robot)
         neutral = kinematics.foot_positions(robot.model, robot.neutral)
-        self.frame = planning.Frame(robot, self.params, None, np.ascontiguousarray(neutral[:, :2]))
+        self.frame = planning.PlanningContext(robot, self.params, None, np.ascontiguousarray(neutral[:, :2]))
         self._compliance = self.params.sag / np.array([joint.servo.kp for joint in robot.joints])
         self.state = WalkerState(robot.nlegs, robot.nj)
         balance.usual(self.state, HEXAPOD_GAITS[self.params.gait])
@@ -72,11 +72,11 @@ class HexapodWalker:
     def set_map(self, heights: HeightMap | None) -> None:
         """Take a new terrain map, or none (then the ground is where the feet are)."""
         ground = None if heights is None else Ground.build(heights, self.robot.foot_radius)
-        self.frame = planning.Frame(self.robot, self.params, ground, self.frame.neutral)
+        self.frame = planning.PlanningContext(self.robot, self.params, ground, self.frame.neutral)
 
-    def command(self, command: Command) -> CommandReply:
+    def command(self, command: MotionCommand) -> CommandReply:
         """Accept or refuse a command; an accepted one replaces the present one at the next step."""
-        refusal = refusal_of(command, self.params, self.state.calibrated)
+        refusal = refusal_of(command, abilities(self.params), calibrated=self.state.calibrated)
         if refusal is not None:
             return refusal
         s = self.state
@@ -94,18 +94,23 @@ class HexapodWalker:
         s.closing = not walking and (s.closing or s.stage is Stage.STEP or s.steps_in_walk > 0)
         return CommandReply(True, s.walk_id)
 
-    def never(self, command: Command) -> CommandReply | None:
-        """Why a command cannot be obeyed at any time, or None."""
-        return refusal_of(command, self.params, calibrated=True)
+    def never(self, command: MotionCommand) -> CommandReply | None:
+        """Return why a command cannot be obeyed at any time, or None."""
+        return refusal_of(command, abilities(self.params), calibrated=True)
 
-    def kept(self) -> Kept:
+    @property
+    def walk_id(self) -> int:
+        """Number of the last command that was accepted, 0 before the first."""
+        return self.state.walk_id
+
+    def kept(self) -> WalkMemory:
         """What a restart must not lose."""
         s, route = self.state, self.state.route
         if route is None:
-            return Kept(s.walk_id, None, None, None, s.offset)
-        return Kept(s.walk_id, route.command, route.start, route.began, s.offset)
+            return WalkMemory(s.walk_id, None, None, None, s.offset)
+        return WalkMemory(s.walk_id, route.command, route.start, route.began, s.offset)
 
-    def resume(self, kept: Kept) -> None:
+    def resume(self, kept: WalkMemory) -> None:
         """Go on after a restart: feet down, to neutral, then the rest of the route; before the first tick."""
         s = self.state
         route = None if kept.command is None else Route(kept.command, kept.start, kept.walk_id, kept.began)
@@ -237,14 +242,14 @@ class HexapodWalker:
                 worst, far = group, reach
         return worst
 
-    def _plan(self, legs: tuple[int, ...], begin: Pose, step: Advance, after: Advance) -> planning.StepPlan | None:
+    def _plan(self, legs: tuple[int, ...], begin: BodyPose, step: Advance, after: Advance) -> planning.StepPlan | None:
         """Ask for footholds and for the step's safety; None with the reason set when the step cannot be taken."""
         s, frame, gait = self.state, self.frame, self.state.gait
         planar = moved(begin, step)
         nominal = planning.landings(frame, gait, legs, planar, after, s.footholds)
         feet_to = s.footholds.copy()
         feet_to[list(legs)] = nominal
-        guess = Pose(planar.x, planar.y, planning.trunk_height(frame, feet_to, planar, s.trunk_shift), planar.yaw)
+        guess = BodyPose(planar.x, planar.y, planning.trunk_height(frame, feet_to, planar, s.trunk_shift), planar.yaw)
         replies = self.select(planning.foothold_request(legs, nominal, guess, after, gait))
         status = ["nominal"] * self.robot.nlegs
         shift = 0.0
@@ -282,9 +287,9 @@ class HexapodWalker:
 
     # --- outputs ---------------------------------------------------------------------------------------------------
 
-    def _pose(self) -> Pose:
+    def _pose(self) -> BodyPose:
         s = self.state
-        return Pose(float(s.body[0]), float(s.body[1]), float(s.body[2]), s.yaw)
+        return BodyPose(float(s.body[0]), float(s.body[1]), float(s.body[2]), s.yaw)
 
     def _posture(self) -> None:
         s = self.state

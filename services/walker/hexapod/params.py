@@ -3,6 +3,8 @@
 from dataclasses import dataclass, fields, replace
 
 from surefoot.robot.description import Robot
+from surefoot.services.walker.commands import Abilities
+from surefoot.services.walker.hexapod.patterns import HEXAPOD_GAITS
 from surefoot.services.walker.hexapod.swing import SwingShape
 
 
@@ -88,3 +90,8 @@ class WalkerParams:
         """Defaults, then the robot's own gait table, then `overrides`."""
         own = {f.name: robot.gait[f.name] for f in fields(cls) if f.name in robot.gait}
         return replace(cls(**own), **overrides)  # type: ignore[arg-type]
+
+
+def abilities(params: WalkerParams) -> Abilities:
+    """Return what a hexapod can do with these settings."""
+    return Abilities(tuple(HEXAPOD_GAITS), params.max_stride_m / params.period_s, shifts=True)

@@ -9,7 +9,7 @@ LF, LM, LH, RF, RM, RH = range(6)
 
 
 @dataclass(frozen=True, slots=True)
-class Gait:
+class GaitPattern:
     """Groups of legs that swing in turn; the others stand."""
 
     name: str
@@ -31,8 +31,8 @@ class Gait:
         return 0.5 * (len(self.groups) - 1)
 
 
-TRIPOD = Gait("tripod", ((LF, LH, RM), (LM, RF, RH)), careful="ripple")
-RIPPLE = Gait("ripple", ((LH, RF), (LM, RH), (LF, RM)), careful="wave")
-WAVE = Gait("wave", ((LH,), (LM,), (LF,), (RH,), (RM,), (RF,)))
+TRIPOD = GaitPattern("tripod", ((LF, LH, RM), (LM, RF, RH)), careful="ripple")
+RIPPLE = GaitPattern("ripple", ((LH, RF), (LM, RH), (LF, RM)), careful="wave")
+WAVE = GaitPattern("wave", ((LH,), (LM,), (LF,), (RH,), (RM,), (RF,)))
 
-HEXAPOD_GAITS: dict[str, Gait] = {gait.name: gait for gait in (TRIPOD, RIPPLE, WAVE)}
+HEXAPOD_GAITS: dict[str, GaitPattern] = {gait.name: gait for gait in (TRIPOD, RIPPLE, WAVE)}

@@ -13,10 +13,10 @@ from surefoot.robot.description import Robot
 from surefoot.services.walker.hexapod import posture, swing
 from surefoot.services.walker.hexapod.ground import Ground
 from surefoot.services.walker.hexapod.params import WalkerParams
-from surefoot.services.walker.hexapod.patterns import Gait
+from surefoot.services.walker.hexapod.patterns import GaitPattern
 from surefoot.services.walker.hexapod.route import moved
 from surefoot.services.walker.hexapod.swing import SwingShape
-from surefoot.services.walker.interface import Advance, CheckRequest, FootholdRequest, Pose, StepRequest
+from surefoot.services.walker.interface import Advance, BodyPose, FootholdRequest, LandingRequest, StanceCheck
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -25,7 +25,7 @@ HEIGHT_TRIALS = tuple(0.005 * k for n in range(9) for k in ((n, -n) if n else (0
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class PlanningContext:
     """What planning needs to know of robot and world; fixed over a step."""
 
     robot: Robot
@@ -41,8 +41,8 @@ class StepPlan:
 
     swing: Flags
     """Legs that swing, (L,)."""
-    begin: Pose
-    end: Pose
+    begin: BodyPose
+    end: BodyPose
     feet_from: Array
     """Foot centres at lift-off, (L, 3) map."""
     feet_to: Array
@@ -68,24 +68,28 @@ def rotated(yaw: float, vectors: Array) -> Array:
     return product(vectors, np.array([[c, s], [-s, c]]))
 
 
-def centre_height(frame: Frame, x: float, y: float, feet: Array) -> float:
+def centre_height(frame: PlanningContext, x: float, y: float, feet: Array) -> float:
     """Foot-centre height at (x, y) by the map, or the mean of the present feet where it is unknown."""
     z = frame.ground.centre_height(x, y) if frame.ground is not None else float("nan")
     return z if np.isfinite(z) else float(np.mean(feet[:, 2]))
 
 
-def landings(frame: Frame, gait: Gait, legs: tuple[int, ...], end: Pose, after: Advance, feet: Array) -> Array:
+def landings(
+    frame: PlanningContext, gait: GaitPattern, legs: tuple[int, ...], end: BodyPose, after: Advance, feet: Array
+) -> Array:
     """Nominal landings (n, 3): neutral about the trunk `lead` steps beyond the end of this one."""
     ahead = moved(end, after, gait.lead)
     xy = rotated(ahead.yaw, frame.neutral[list(legs)]) + np.array([ahead.x, ahead.y])
     return np.array([[x, y, centre_height(frame, x, y, feet)] for x, y in xy])
 
 
-def foothold_request(legs: tuple[int, ...], nominal: Array, end: Pose, after: Advance, gait: Gait) -> StepRequest:
+def foothold_request(
+    legs: tuple[int, ...], nominal: Array, end: BodyPose, after: Advance, gait: GaitPattern
+) -> LandingRequest:
     """The question to the foothold service for all legs of the step."""
     stance_steps = 2.0 * gait.lead
     x, y = rotated(end.yaw, np.array([[after.forward, after.left]]))[0] * -stance_steps
-    return StepRequest(
+    return LandingRequest(
         body=(end.x, end.y, end.z),
         yaw=end.yaw,
         legs=tuple(
@@ -95,7 +99,7 @@ def foothold_request(legs: tuple[int, ...], nominal: Array, end: Pose, after: Ad
     )
 
 
-def trunk_height(frame: Frame, feet: Array, at: Pose, shift: float) -> float:
+def trunk_height(frame: PlanningContext, feet: Array, at: BodyPose, shift: float) -> float:
     """Height of base_link: mean ground under the feet + hip height, and the trunk clear of the highest ground below.
 
     Walas & Belter's rule over the last six footholds, here the six feet at the end of the step.
@@ -110,7 +114,7 @@ def trunk_height(frame: Frame, feet: Array, at: Pose, shift: float) -> float:
     return z
 
 
-def swing_tops(frame: Frame, legs: tuple[int, ...], feet: Array, feet_to: Array) -> tuple[Array, Array]:
+def swing_tops(frame: PlanningContext, legs: tuple[int, ...], feet: Array, feet_to: Array) -> tuple[Array, Array]:
     """Swept ground (n, SAMPLES) and height of the level part (n,) of the swings of `legs`, m."""
     swept = np.full((len(legs), swing.SAMPLES), np.nan)
     if frame.ground is not None:
@@ -122,15 +126,15 @@ def swing_tops(frame: Frame, legs: tuple[int, ...], feet: Array, feet_to: Array)
 
 
 def end_pose(
-    frame: Frame,
-    begin: Pose,
-    planar: Pose,
+    frame: PlanningContext,
+    begin: BodyPose,
+    planar: BodyPose,
     feet: Array,
     feet_to: Array,
     legs: tuple[int, ...],
     top: Array,
     shift: float,
-) -> Pose | None:
+) -> BodyPose | None:
     """The trunk at the end of the step: the wanted height, or the nearest one at which all legs reach, or None.
 
     A height at which the swings reach their tops too is preferred.
@@ -141,9 +145,9 @@ def end_pose(
     apex = feet_to.copy()
     apex[list(legs)] = 0.5 * (feet[list(legs)] + feet_to[list(legs)])
     apex[list(legs), 2] = top
-    second: Pose | None = None
+    second: BodyPose | None = None
     for trial in HEIGHT_TRIALS:
-        end = Pose(planar.x, planar.y, wanted + trial, planar.yaw)
+        end = BodyPose(planar.x, planar.y, wanted + trial, planar.yaw)
         if reaches(frame, begin, end, feet_to, 0.5) and reaches(frame, begin, end, feet_to, 1.0):
             if reaches(frame, begin, end, apex, 0.5):
                 return end
@@ -151,7 +155,7 @@ def end_pose(
     return second
 
 
-def reaches(frame: Frame, begin: Pose, end: Pose, feet: Array, part: float) -> bool:
+def reaches(frame: PlanningContext, begin: BodyPose, end: BodyPose, feet: Array, part: float) -> bool:
     """Whether every leg reaches its foot with a level trunk after a part of the step."""
     a, b = begin, end
     body = np.array([a.x + part * (b.x - a.x), a.y + part * (b.y - a.y), a.z + part * (b.z - a.z)])
@@ -160,10 +164,10 @@ def reaches(frame: Frame, begin: Pose, end: Pose, feet: Array, part: float) -> b
 
 
 def complete(
-    frame: Frame,
+    frame: PlanningContext,
     legs: tuple[int, ...],
-    begin: Pose,
-    end: Pose,
+    begin: BodyPose,
+    end: BodyPose,
     feet: Array,
     feet_to: Array,
     swings: tuple[Array, Array],
@@ -186,14 +190,14 @@ def complete(
     return StepPlan(swinging, begin, end, feet.copy(), feet_to, deepest, top, go, arrive, status, duration, shape)
 
 
-def check_request(frame: Frame, plan: StepPlan, joints: Array, rot: Array) -> CheckRequest:
+def check_request(frame: PlanningContext, plan: StepPlan, joints: Array, rot: Array) -> StanceCheck:
     """The question to the stability service: the standing feet and the way of the trunk over them."""
     r = frame.robot.foot_radius
     standing = plan.feet_from[~plan.swing]
     up = np.array([0.0, 0.0, 1.0])
     normals = np.array([up if frame.ground is None else frame.ground.normal(p[0], p[1], p[2] - r) for p in standing])
     begin, end = plan.begin, plan.end
-    return CheckRequest(
+    return StanceCheck(
         positions=standing - r * normals,
         normals=normals,
         mu=frame.params.friction,

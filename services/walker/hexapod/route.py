@@ -4,20 +4,20 @@ import math
 from dataclasses import dataclass, replace
 
 from surefoot.services.walker.hexapod.params import WalkerParams
-from surefoot.services.walker.interface import Advance, Command, Pose
+from surefoot.services.walker.interface import Advance, BodyPose, MotionCommand
 
 
 @dataclass(frozen=True, slots=True)
 class Route:
     """A command with the pose it began at, None until its first step is planned."""
 
-    command: Command
-    start: Pose | None
+    command: MotionCommand
+    start: BodyPose | None
     walk_id: int
     began: float | None = None
     """Simulated time of its first step, s."""
 
-    def begun(self, pose: Pose, now: float) -> "Route":
+    def begun(self, pose: BodyPose, now: float) -> "Route":
         """The route with its start: `pose` at the time `now` if it has not begun yet."""
         return self if self.start is not None else replace(self, start=pose, began=now)
 
@@ -32,7 +32,7 @@ def wrap(angle: float) -> float:
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
-def remaining(route: Route, pose: Pose) -> float:
+def remaining(route: Route, pose: BodyPose) -> float:
     """Signed way (m) or angle (rad) still to go; infinite for a walk without an end, 0 for stand and stop."""
     command, start = route.command, route.start or pose
     if command.action == "walk":
@@ -45,7 +45,7 @@ def remaining(route: Route, pose: Pose) -> float:
     return 0.0
 
 
-def finished(route: Route, pose: Pose, params: WalkerParams) -> bool:
+def finished(route: Route, pose: BodyPose, params: WalkerParams) -> bool:
     """Whether the command is carried out (a distance that was passed counts)."""
     left = remaining(route, pose)
     if route.command.action == "walk":
@@ -54,14 +54,14 @@ def finished(route: Route, pose: Pose, params: WalkerParams) -> bool:
     return abs(left) <= params.angle_tolerance_rad
 
 
-def stride(command: Command, params: WalkerParams, steps_per_cycle: int) -> float:
+def stride(command: MotionCommand, params: WalkerParams, steps_per_cycle: int) -> float:
     """Way of the trunk in one step, m, without sign."""
     if command.velocity is None:
         return params.stride_m / steps_per_cycle
     return min(abs(command.velocity) * 0.5 * params.period_s, params.max_stride_m / steps_per_cycle)
 
 
-def advance(route: Route, pose: Pose, params: WalkerParams, steps_per_cycle: int, scale: float = 1.0) -> Advance:
+def advance(route: Route, pose: BodyPose, params: WalkerParams, steps_per_cycle: int, scale: float = 1.0) -> Advance:
     """Movement of the trunk in the next step, heading axes of `pose`.
 
     Args:
@@ -96,10 +96,10 @@ def advance(route: Route, pose: Pose, params: WalkerParams, steps_per_cycle: int
     )
 
 
-def moved(pose: Pose, step: Advance, part: float = 1.0) -> Pose:
+def moved(pose: BodyPose, step: Advance, part: float = 1.0) -> BodyPose:
     """The pose after `part` of an advance; z is kept."""
     c, s = math.cos(pose.yaw), math.sin(pose.yaw)
-    return Pose(
+    return BodyPose(
         x=pose.x + part * (c * step.forward - s * step.left),
         y=pose.y + part * (s * step.forward + c * step.left),
         z=pose.z,

@@ -9,10 +9,10 @@ from surefoot.geometry import rotations
 from surefoot.geometry.linear import angle_of, product
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
-from surefoot.services.walker.interface import CheckReply, CheckRequest, FootholdReply, StepRequest
+from surefoot.services.walker.interface import FootholdReply, LandingRequest, StanceCheck, StanceVerdict
 
 
-def nominal_footholds(request: StepRequest) -> tuple[FootholdReply, ...]:
+def nominal_footholds(request: LandingRequest) -> tuple[FootholdReply, ...]:
     """Every foot lands on its nominal foothold."""
     return tuple(FootholdReply("ok", leg.nominal) for leg in request.legs)
 
@@ -41,13 +41,13 @@ class HullCheck:
     def __init__(self, robot: Robot) -> None:
         self._model = robot.model
 
-    def __call__(self, request: CheckRequest) -> CheckReply:
+    def __call__(self, request: StanceCheck) -> StanceVerdict:
         """Margin before and after the planned movement; the smaller one counts."""
         if len(request.positions) < 3:
-            return CheckReply(False, None, "segment")
+            return StanceVerdict(False, None, "segment")
         rot = rotations.matrix_from_quat(request.base_quat)
         com = request.base_position + product(rot, kinematics.com(self._model, request.joints))
         feet = request.positions[:, :2]
         after = com[:2] + np.array(request.movement[:2])
         margin = min(hull_margin(feet, com[:2]), hull_margin(feet, after))
-        return CheckReply(margin >= 0.0, margin, "ok", ring_of(feet), com[:2], after)
+        return StanceVerdict(margin >= 0.0, margin, "ok", ring_of(feet), com[:2], after)

@@ -6,7 +6,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.walker.hexapod.patterns import TRIPOD, Gait
+from surefoot.services.walker.hexapod.patterns import TRIPOD, GaitPattern
 from surefoot.services.walker.hexapod.planning import StepPlan
 from surefoot.services.walker.hexapod.route import Route
 
@@ -31,9 +31,9 @@ class WalkerState:
     legs: int
     joints: int
     stage: Stage = Stage.WAIT
-    gait: Gait = TRIPOD
+    gait: GaitPattern = TRIPOD
     """In use."""
-    usual: Gait = TRIPOD
+    usual: GaitPattern = TRIPOD
     """As asked for; another one is in use after a step that was not safe."""
     swung: tuple[int, ...] = ()
     """Legs of the last step."""

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from surefoot.bus.zenoh import Endpoint, ZenohBus
+from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.services.supervisor.processes.rundir import RunFolder
 from tests.ports import free_address
 
@@ -66,7 +66,7 @@ def test_an_emergency_stop_is_confirmed_by_the_driver_and_released_by_a_reset(sy
 
 def test_a_stop_that_nobody_confirms_is_an_error(surefoot, place):
     address = free_address()
-    bus = ZenohBus(Endpoint("router", (), (address,), "test/nobody"))
+    bus = ZenohBus(ZenohOptions("router", (), (address,), "test/nobody"))
     try:
         done = surefoot("stop", "--timeout", "0.3", "--connect", address, "--namespace", "test/nobody", "--json")
     finally:

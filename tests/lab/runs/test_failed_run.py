@@ -11,7 +11,7 @@ from surefoot.lab.runs.local import run_local
 from surefoot.logline import read_log_line
 from surefoot.robot.reader import load_robot
 from surefoot.services.simulator.ground.terrain import make_terrain
-from surefoot.services.simulator.world import World
+from surefoot.services.simulator.world import PhysicsWorld
 from surefoot.services.supervisor.processes.compose import ComposeError
 from surefoot.services.supervisor.scenarios.scenario import parse_scenario
 from tests.processes import run_process
@@ -66,7 +66,7 @@ def test_a_system_that_cannot_begin_ends_with_a_sentence(
 
 
 def test_a_world_taken_back_forgets_that_it_diverged_later() -> None:
-    world = World(load_robot("ragno"), make_terrain("flat", 0), 0)
+    world = PhysicsWorld(load_robot("ragno"), make_terrain("flat", 0), 0)
     saved = world.checkpoint()
     world.push((1.0e9, 0.0, 0.0), 0.1)
     for _ in range(20):

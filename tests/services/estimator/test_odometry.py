@@ -8,7 +8,7 @@ import pytest
 from surefoot.geometry.rotations import matrix_from_rpy
 from surefoot.services.estimator import odometry_kernel as k
 from surefoot.services.estimator.feet import FootSample
-from surefoot.services.estimator.odometry import Odometry, OdometryParams
+from surefoot.services.estimator.odometry import OdometryFilter, OdometryParams
 
 G = np.array([0.0, 0.0, 9.81])
 PERIOD = 33_000_000
@@ -23,7 +23,7 @@ def tripod(step):
 
 
 def make(params=None, bias_sd=1e-3, pose_sd=1e-3):
-    odometry = Odometry(6, np.eye(3), np.zeros(3), np.zeros(6), params or OdometryParams())
+    odometry = OdometryFilter(6, np.eye(3), np.zeros(3), np.zeros(6), params or OdometryParams())
     odometry.start(np.array([0.0, 0.0, 0.1]), 0.0, bias_sd, np.full(4, pose_sd))
     return odometry
 

@@ -8,8 +8,8 @@ from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions
 from surefoot.robot.reader import load_robot
-from surefoot.services.footholds.ground import Ground, build_ground
-from surefoot.services.footholds.select import BasePose, Landing
+from surefoot.services.footholds.ground import FootholdGround, build_ground
+from surefoot.services.footholds.select import Landing, TrunkPose
 
 CELL = 0.005
 STROKE = (-0.05, 0.0, 0.0)
@@ -23,7 +23,7 @@ def ragno() -> Robot:
 
 def ground_of(
     z: np.ndarray, origin: tuple[float, float] = (-0.5, -0.4), version: int = 1, smooth: bool = False
-) -> Ground:
+) -> FootholdGround:
     """Prepared ground from heights (ny, nx)."""
     heights = HeightMap(z=z.astype(np.float32), cell=CELL, origin=origin, version=version)
     return build_ground(heights, ragno().foot_radius, smooth)
@@ -39,9 +39,9 @@ def neutral(leg: int) -> np.ndarray:
     return foot_positions(ragno().model, ragno().neutral)[leg]
 
 
-def standing(x: float = 0.0, y: float = 0.0, ground: float = 0.0) -> BasePose:
+def standing(x: float = 0.0, y: float = 0.0, ground: float = 0.0) -> TrunkPose:
     """The base over flat ground of a height, legs neutral."""
-    return BasePose((x, y, ground + ragno().foot_radius - float(neutral(0)[2])))
+    return TrunkPose((x, y, ground + ragno().foot_radius - float(neutral(0)[2])))
 
 
 def landing(leg: int, x: float = 0.0, y: float = 0.0, stroke: tuple[float, float, float] = STROKE) -> Landing:

@@ -9,7 +9,7 @@ from surefoot.geometry.rotations import matrix_from_rpy, quat_from_matrix
 from surefoot.robot.kinematics import leg_ik
 from surefoot.services.footholds import masks
 from surefoot.services.footholds.masks import REASONS, Limits, Reason, count_reasons, gradient, mask_window
-from surefoot.services.footholds.select import BasePose, placement
+from surefoot.services.footholds.select import TrunkPose, placement
 from tests.services.footholds.grounds import CELL, STROKE, flat, ground_of, neutral, ragno, standing
 
 FREE = np.full((15, 15), 0.04, dtype=np.float32)
@@ -75,7 +75,7 @@ def test_reach_equals_inverse_kinematics_at_both_ends(leg: int, tilt: tuple[floa
     robot, ground = ragno(), ground_of(flat())
     rot = matrix_from_rpy(*tilt)
     w, x, y, z = quat_from_matrix(rot)
-    base = BasePose((0.0113, -0.0207, 0.09), (float(w), float(x), float(y), float(z)))
+    base = TrunkPose((0.0113, -0.0207, 0.09), (float(w), float(x), float(y), float(z)))
     foot = rot @ neutral(leg)
     placed = placement(robot, leg, base, STROKE)
     assert placed is not None

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from surefoot.services.footholds import select as module
 from surefoot.services.footholds.features import Features, window_features
-from surefoot.services.footholds.ground import Ground
+from surefoot.services.footholds.ground import FootholdGround
 from surefoot.services.footholds.masks import REASONS, Limits, mask_window
 from surefoot.services.footholds.models.score import HandScore
-from surefoot.services.footholds.select import BasePose, Foothold, Landing, SelectParams, choose, placement, select
+from surefoot.services.footholds.select import Foothold, Landing, SelectParams, TrunkPose, choose, placement, select
 from tests.services.footholds.grounds import CELL, STROKE, flat, ground_of, landing, neutral, ragno, standing
 
 NAN = float("nan")
@@ -21,7 +21,9 @@ MODEL = HandScore()
 RADIUS = 0.008
 
 
-def ask(ground: Ground, base: BasePose, *landings: Landing, params: SelectParams | None = None) -> tuple[Foothold, ...]:
+def ask(
+    ground: FootholdGround, base: TrunkPose, *landings: Landing, params: SelectParams | None = None
+) -> tuple[Foothold, ...]:
     return select(ground, ragno(), MODEL, base, landings, params or SelectParams())
 
 
@@ -168,13 +170,13 @@ def test_robust_choice_shuns_a_lone_good_cell() -> None:
 
 def test_trunk_too_high_is_lowered_and_too_low_is_raised() -> None:
     for height, sign in ((0.185, -1), (0.0, 1)):
-        base = BasePose((0.0, 0.0, height))
+        base = TrunkPose((0.0, 0.0, height))
         found = ask(ground_of(flat()), base, landing(0), params=SelectParams(limits=Limits(reach_margin=0.02)))[0]
         assert found.status == "raise_trunk", (height, found)
         assert math.copysign(1, found.trunk_shift) == sign
         assert found.foothold is not None
         assert "trunk" in found.reason
-        moved = BasePose((0.0, 0.0, height + found.trunk_shift))
+        moved = TrunkPose((0.0, 0.0, height + found.trunk_shift))
         again = ask(ground_of(flat()), moved, landing(0), params=SelectParams(limits=Limits(reach_margin=0.02)))[0]
         assert again.status == "ok"
         assert again.foothold == pytest.approx(found.foothold)
@@ -183,17 +185,17 @@ def test_trunk_too_high_is_lowered_and_too_low_is_raised() -> None:
 @pytest.mark.parametrize(
     ("base", "asked", "word"),
     [
-        (BasePose((0.0, 0.0, 1.0)), landing(0), "reach"),
-        (BasePose((NAN, 0.0, 0.1)), landing(0), "finite"),
-        (BasePose((0.0, 0.0, 0.1), (0.0, 0.0, 0.0, 0.0)), landing(0), "quaternion"),
-        (BasePose((0.0, 0.0, 0.1), (1e300, 1e300, 0.0, 0.0)), landing(0), "quaternion"),
+        (TrunkPose((0.0, 0.0, 1.0)), landing(0), "reach"),
+        (TrunkPose((NAN, 0.0, 0.1)), landing(0), "finite"),
+        (TrunkPose((0.0, 0.0, 0.1), (0.0, 0.0, 0.0, 0.0)), landing(0), "quaternion"),
+        (TrunkPose((0.0, 0.0, 0.1), (1e300, 1e300, 0.0, 0.0)), landing(0), "quaternion"),
         (standing(), Landing(0, (NAN, 0.0, 0.0), STROKE), "finite"),
         (standing(), Landing(0, (1e30, 0.0, 0.0), STROKE), "outside"),
         (standing(), Landing(0, (5.0, 5.0, 0.0), STROKE), "unknown"),
         (standing(), Landing(0, (0.18, 0.12, 0.0), (math.inf, 0.0, 0.0)), "finite"),
     ],
 )
-def test_what_cannot_be_is_typed(base: BasePose, asked: Landing, word: str) -> None:
+def test_what_cannot_be_is_typed(base: TrunkPose, asked: Landing, word: str) -> None:
     found = ask(ground_of(flat()), base, asked)[0]
     assert found.status == "infeasible"
     assert word in found.reason

@@ -12,9 +12,9 @@ from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.messages import truth_message
 from surefoot.services.simulator.physics.model import Physics
 from surefoot.services.simulator.physics.perturb import perturbation
-from surefoot.services.simulator.physics.samples import Command
+from surefoot.services.simulator.physics.samples import ServoCommand
 from surefoot.services.simulator.physics.servo_line import ServoLine
-from surefoot.services.simulator.world import World, WorldConfig
+from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
 
 BIOLOID, NAO, RAGNO = (load_robot(name) for name in ("bioloid", "nao", "ragno"))
 
@@ -29,7 +29,7 @@ def sway(robot, tick):
 
 @pytest.mark.parametrize("robot", [BIOLOID, NAO], ids=lambda robot: robot.name)
 def test_a_biped_stands_on_eight_switches_and_weighs_what_it_should(robot):
-    world = World(robot, make_terrain("flat"))
+    world = PhysicsWorld(robot, make_terrain("flat"))
     for _ in range(8):
         world.step_tick()
     truth = world.truth()
@@ -45,7 +45,7 @@ def test_a_biped_stands_on_eight_switches_and_weighs_what_it_should(robot):
 
 def test_a_restored_biped_has_the_same_future_to_the_bit():
     config = WorldConfig(perturbation=perturbation(1.0, 4, BIOLOID.nj, "biped"))
-    world = World(BIOLOID, make_terrain("flat"), 4, config)
+    world = PhysicsWorld(BIOLOID, make_terrain("flat"), 4, config)
     for tick in range(20):
         world.step_tick(sway(BIOLOID, tick))
     saved = world.checkpoint()
@@ -66,7 +66,7 @@ def test_set_points_come_in_steps_and_late():
     assert heard / step == pytest.approx(np.rint(heard / step))
     assert np.abs(heard - 0.1).max() <= 0.5 * step
     limit = np.full(18, 0.5)
-    line.send(100, Command(np.full(18, 0.1), limit))
+    line.send(100, ServoCommand(np.full(18, 0.1), limit))
     assert line.arrival(103) is None
     at, (position, torque_limit) = line.arrival(110)
     assert at == 104
@@ -78,7 +78,7 @@ def test_set_points_come_in_steps_and_late():
 def test_servos_of_hexapods_hear_exactly_what_is_sent_at_once():
     line = ServoLine(RAGNO, 1_000_000)
     sent = np.linspace(-1.0, 1.0, 18)
-    line.send(7, Command(sent))
+    line.send(7, ServoCommand(sent))
     at, (position, torque_limit) = line.arrival(7)
     assert at == 7
     assert position is sent
@@ -101,7 +101,7 @@ def test_perturbation_levels_scale_and_are_seeded():
 def test_a_tilted_floor_is_what_the_accelerometer_feels():
     differs = dataclasses.replace(perturbation(0.0, 0, 18), floor_tilt=(0.05, -0.03))
     config = WorldConfig(perturbation=differs, imu_profile="ideal", physics=Physics(friction=2.0))
-    world = World(NAO, make_terrain("flat"), 0, config)
+    world = PhysicsWorld(NAO, make_terrain("flat"), 0, config)
     world.step_tick()
     acc = world.samples.imu.acc
     up = acc / np.linalg.norm(acc)
@@ -110,16 +110,16 @@ def test_a_tilted_floor_is_what_the_accelerometer_feels():
 
 
 def test_twist_is_on_the_wire_for_soles_only():
-    biped = World(BIOLOID, make_terrain("flat")).truth()
+    biped = PhysicsWorld(BIOLOID, make_terrain("flat")).truth()
     assert biped.foot_twist.shape == biped.stance_twist.shape == (2,)
     assert b"foot_twist" in encode(truth_message(biped))[0]
-    hexapod = World(RAGNO, make_terrain("flat")).truth()
+    hexapod = PhysicsWorld(RAGNO, make_terrain("flat")).truth()
     assert hexapod.foot_twist.shape == (0,)
     assert b"twist" not in encode(truth_message(hexapod))[0]
 
 
 def test_a_turning_robot_twists_its_standing_soles():
-    world = World(BIOLOID, make_terrain("flat"), config=WorldConfig(physics=Physics(friction=0.02)))
+    world = PhysicsWorld(BIOLOID, make_terrain("flat"), config=WorldConfig(physics=Physics(friction=0.02)))
     q = BIOLOID.neutral.copy()
     for leg, sign in zip(BIOLOID.legs, (1.0, -1.0), strict=True):
         q[leg.joints[0]] = 0.3 * sign

@@ -107,7 +107,7 @@ def test_unknown_cameras_and_robots_without_the_link_are_refused():
 @pytest.mark.slow
 def test_a_walking_nao_recognises_three_and_a_quarter_a_frame_and_a_standing_one_far_more():
     """Osswald et al.: 3.25 matched features a frame while walking slowly."""
-    from surefoot.services.walker.interface import Command
+    from surefoot.services.walker.interface import MotionCommand
     from tests.services.walker.biped.biped_plant import Plant
 
     plant = Plant("nao", seed=1, level=1.0).stand()
@@ -125,7 +125,7 @@ def test_a_walking_nao_recognises_three_and_a_quarter_a_frame_and_a_standing_one
 
     for _ in range(100):
         look(plant.tick())
-    plant.walker.command(Command("walk", distance=0.4))
+    plant.walker.command(MotionCommand("walk", distance=0.4))
     plant.until(look, 1500)
     assert np.mean(frames["walking"]) == pytest.approx(3.25, abs=0.6)
     assert np.mean(frames["standing"]) > 2.0 * np.mean(frames["walking"])

@@ -10,9 +10,9 @@ from surefoot.robot.reader import load_robot
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.messages import sight_messages
 from surefoot.services.simulator.physics.model import Physics
-from surefoot.services.simulator.sensors.sight import Floor, Frame, Reach, Sight
+from surefoot.services.simulator.sensors.sight import CameraFrame, Floor, Reach, Sight
 from surefoot.services.simulator.sensors.walls import read_ranger
-from surefoot.services.simulator.world import World, WorldConfig
+from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
 
 NAO = load_robot("nao")
 RANGER = read_ranger("nao_walls")
@@ -20,17 +20,17 @@ FRONT = 1.5  # m, inner face of the wall ahead in the terrain `room`
 
 
 def world(terrain="room", seed=1, pose=(0.0, 0.0, 0.0), **config):
-    made = World(NAO, make_terrain(terrain), seed, WorldConfig(**config))
+    made = PhysicsWorld(NAO, make_terrain(terrain), seed, WorldConfig(**config))
     made.reset(pose=pose)
     return made
 
 
-def sight_of(made: World) -> Sight:
+def sight_of(made: PhysicsWorld) -> Sight:
     assert made.sight is not None
     return made.sight
 
 
-def run(made: World, ticks: int) -> tuple[list[Frame], list[Reach]]:
+def run(made: PhysicsWorld, ticks: int) -> tuple[list[CameraFrame], list[Reach]]:
     frames, reaches = [], []
     for _ in range(ticks):
         made.step_tick()
@@ -42,7 +42,7 @@ def run(made: World, ticks: int) -> tuple[list[Frame], list[Reach]]:
 
 def test_only_robots_that_have_them_see_and_feel():
     for name in ("bioloid", "ragno", "messor"):
-        made = World(load_robot(name), make_terrain("flat"), 1)
+        made = PhysicsWorld(load_robot(name), make_terrain("flat"), 1)
         assert made.sight is None
         assert sight_messages(made.sight, made.stamp_ns) == []
 

@@ -6,18 +6,18 @@ import pytest
 from surefoot.robot.reader import load_robot
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.physics.faults import Fault
-from surefoot.services.simulator.world import World, WorldConfig
+from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
 from tests.services.simulator.test_world import march
 
 RAGNO = load_robot("ragno")
 
 
 @pytest.fixture
-def flat() -> World:
-    return World(RAGNO, make_terrain("flat"), config=WorldConfig(imu_profile="ideal"))
+def flat() -> PhysicsWorld:
+    return PhysicsWorld(RAGNO, make_terrain("flat"), config=WorldConfig(imu_profile="ideal"))
 
 
-def test_a_torque_limit_holds_for_its_command_only(flat: World) -> None:
+def test_a_torque_limit_holds_for_its_command_only(flat: PhysicsWorld) -> None:
     """Limp servos let the robot down; a limit above what standing takes changes nothing; none sets it up again."""
     for _ in range(33):
         flat.step_tick(RAGNO.neutral)
@@ -37,7 +37,7 @@ def test_a_torque_limit_holds_for_its_command_only(flat: World) -> None:
     assert flat.truth().position[2] > height - 0.01
 
 
-def test_a_torque_limit_never_raises_what_a_weak_servo_can(flat: World) -> None:
+def test_a_torque_limit_never_raises_what_a_weak_servo_can(flat: PhysicsWorld) -> None:
     own = RAGNO.joints[0].servo.max_torque
     limit = np.full(RAGNO.nj, 0.8 * own)
     flat.add_fault(Fault("servo_weak", 3, 0.05, "", 0.5))
@@ -50,7 +50,7 @@ def test_a_torque_limit_never_raises_what_a_weak_servo_can(flat: World) -> None:
     assert flat.model.actuator_forcerange[flat.address.actuators[0], 1] == own
 
 
-def test_a_torque_limit_outlives_a_checkpoint(flat: World) -> None:
+def test_a_torque_limit_outlives_a_checkpoint(flat: PhysicsWorld) -> None:
     limit = np.full(RAGNO.nj, 0.1)
     for tick in range(7):
         flat.step_tick(march(tick), limit)

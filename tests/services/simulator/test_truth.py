@@ -8,17 +8,19 @@ from surefoot.robot.reader import load_robot
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.physics.model import Physics
 from surefoot.services.simulator.physics.truth import GATE_N, LIFT_TICKS
-from surefoot.services.simulator.world import TICK_STEPS, World, WorldConfig
+from surefoot.services.simulator.world import TICK_STEPS, PhysicsWorld, WorldConfig
 
 RAGNO = load_robot("ragno")
 
 
 @pytest.fixture(scope="module")
-def world() -> World:
-    return World(RAGNO, make_terrain("flat"), config=WorldConfig(imu_profile="ideal", physics=Physics(friction=0.7)))
+def world() -> PhysicsWorld:
+    return PhysicsWorld(
+        RAGNO, make_terrain("flat"), config=WorldConfig(imu_profile="ideal", physics=Physics(friction=0.7))
+    )
 
 
-def test_a_trunk_that_sinks_rolls_the_feet_but_hardly_slides_them(world: World) -> None:
+def test_a_trunk_that_sinks_rolls_the_feet_but_hardly_slides_them(world: PhysicsWorld) -> None:
     world.reset()
     start = world.truth().foot_position
     for k in range(25):
@@ -34,7 +36,7 @@ def test_a_trunk_that_sinks_rolls_the_feet_but_hardly_slides_them(world: World) 
     assert truth.contact_sliding.max() < 0.05 * moved.min()
 
 
-def test_sliding_is_the_way_of_a_robot_that_is_pulled(world: World) -> None:
+def test_sliding_is_the_way_of_a_robot_that_is_pulled(world: PhysicsWorld) -> None:
     world.reset()
     world.set("friction", 0.02)
     world.push((1.5, 0.0, 0.0), 0.3)
@@ -48,7 +50,7 @@ def test_sliding_is_the_way_of_a_robot_that_is_pulled(world: World) -> None:
     np.testing.assert_allclose(truth.foot_displacement, way, rtol=0.05)
 
 
-def test_sliding_is_the_integral_of_the_contact_points_velocity(world: World) -> None:
+def test_sliding_is_the_integral_of_the_contact_points_velocity(world: PhysicsWorld) -> None:
     """Against MuJoCo's own velocities and contact forces, looked up after every physics step."""
     world.reset()
     world.set("friction", 0.02)
@@ -73,7 +75,7 @@ def test_sliding_is_the_integral_of_the_contact_points_velocity(world: World) ->
     np.testing.assert_allclose(world.truth().contact_sliding, expected, rtol=0.005)
 
 
-def test_stances_are_counted_and_a_bounce_is_none(world: World) -> None:
+def test_stances_are_counted_and_a_bounce_is_none(world: PhysicsWorld) -> None:
     world.reset()
     lifted = RAGNO.neutral.copy()
     lifted[RAGNO.legs[1].joints[1]] += 0.5
@@ -94,7 +96,7 @@ def test_stances_are_counted_and_a_bounce_is_none(world: World) -> None:
     np.testing.assert_array_equal(feet.start[0], before)
 
 
-def test_trunk_contact_is_a_fall_that_stays(world: World) -> None:
+def test_trunk_contact_is_a_fall_that_stays(world: PhysicsWorld) -> None:
     world.reset()
     folded = RAGNO.neutral.copy()
     folded[[leg.joints[1] for leg in RAGNO.legs]] = np.radians(85.0)

@@ -16,7 +16,7 @@ from surefoot.services.simulator.ground.terrain import make_terrain, terrain_fro
 from surefoot.services.simulator.physics.faults import Fault
 from surefoot.services.simulator.physics.model import Perturbation, Physics
 from surefoot.services.simulator.physics.samples import Checkpoint
-from surefoot.services.simulator.world import TICK_NS, World, WorldConfig, WorldError
+from surefoot.services.simulator.world import TICK_NS, PhysicsWorld, WorldConfig, WorldError
 from tests.processes import run_process
 
 RAGNO = load_robot("ragno")
@@ -26,23 +26,23 @@ SLOPE = math.radians(15.0)
 
 
 @pytest.fixture(scope="module")
-def flat_world() -> World:
-    return World(RAGNO, make_terrain("flat"), config=IDEAL)
+def flat_world() -> PhysicsWorld:
+    return PhysicsWorld(RAGNO, make_terrain("flat"), config=IDEAL)
 
 
 @pytest.fixture(scope="module")
-def demo_world() -> World:
-    return World(RAGNO, make_terrain("demo", 1))
+def demo_world() -> PhysicsWorld:
+    return PhysicsWorld(RAGNO, make_terrain("demo", 1))
 
 
 @pytest.fixture
-def flat(flat_world: World) -> World:
+def flat(flat_world: PhysicsWorld) -> PhysicsWorld:
     flat_world.reset(seed=0)
     return flat_world
 
 
 @pytest.fixture
-def demo(demo_world: World) -> World:
+def demo(demo_world: PhysicsWorld) -> PhysicsWorld:
     demo_world.reset(seed=0)
     return demo_world
 
@@ -57,7 +57,7 @@ def march(tick: int) -> np.ndarray:
     return q
 
 
-def run(world: World, ticks: int) -> bytes:
+def run(world: PhysicsWorld, ticks: int) -> bytes:
     """Truth and samples of so many ticks of marching, as one digest."""
     digest = hashlib.sha256()
     for _ in range(ticks):
@@ -71,7 +71,7 @@ def run(world: World, ticks: int) -> bytes:
 # --- rest ---------------------------------------------------------------------------------------------------------
 
 
-def test_at_rest_sensors_read_gravity_and_weight(flat: World) -> None:
+def test_at_rest_sensors_read_gravity_and_weight(flat: PhysicsWorld) -> None:
     for _ in range(20):
         flat.step_tick()
     imu, truth = flat.samples.imu, flat.truth()
@@ -85,7 +85,7 @@ def test_at_rest_sensors_read_gravity_and_weight(flat: World) -> None:
     assert truth.tilt < math.radians(0.1)
 
 
-def test_rest_on_a_height_field(demo: World) -> None:
+def test_rest_on_a_height_field(demo: PhysicsWorld) -> None:
     truth = demo.truth()
     assert truth.foot_force_n.sum() / WEIGHT == pytest.approx(1.0, abs=1e-3)
     assert min(demo.data.contact.dist) > -0.05e-3
@@ -94,7 +94,7 @@ def test_rest_on_a_height_field(demo: World) -> None:
 
 def test_creep_on_a_slope() -> None:
     config = replace(IDEAL, physics=Physics(friction=0.5))
-    world = World(RAGNO, make_terrain("slope", amp=math.tan(SLOPE)), config=config)
+    world = PhysicsWorld(RAGNO, make_terrain("slope", amp=math.tan(SLOPE)), config=config)
     before = world.truth()
     for _ in range(200):
         world.step_tick()
@@ -109,7 +109,7 @@ def test_creep_on_a_slope() -> None:
 # --- time and samples ---------------------------------------------------------------------------------------------
 
 
-def test_a_sample_is_released_in_the_first_tick_at_or_after_its_stamp(flat: World) -> None:
+def test_a_sample_is_released_in_the_first_tick_at_or_after_its_stamp(flat: PhysicsWorld) -> None:
     seen = []
     for _ in range(100):
         joints = flat.samples.joints
@@ -125,7 +125,7 @@ def test_a_sample_is_released_in_the_first_tick_at_or_after_its_stamp(flat: Worl
     assert [s[2] for s in seen] == list(range(len(seen)))
 
 
-def test_imu_mean_is_the_change_of_velocity(flat: World) -> None:
+def test_imu_mean_is_the_change_of_velocity(flat: PhysicsWorld) -> None:
     """Nothing is lost between two samples: the mean force over a tick times its length is the change of velocity."""
     flat.push((8.0, 3.0, 0.0), 0.05)
     speed = np.zeros(3)
@@ -139,7 +139,7 @@ def test_imu_mean_is_the_change_of_velocity(flat: World) -> None:
     assert np.linalg.norm(speed) > 0.01
 
 
-def test_joints_follow_and_currents_carry(flat: World) -> None:
+def test_joints_follow_and_currents_carry(flat: PhysicsWorld) -> None:
     for _ in range(33):
         flat.step_tick()
     joints, contacts = flat.samples.joints, flat.samples.contacts
@@ -154,7 +154,7 @@ def test_joints_follow_and_currents_carry(flat: World) -> None:
 # --- reproducibility ----------------------------------------------------------------------------------------------
 
 
-def test_checkpoint_continues_to_the_bit(demo: World) -> None:
+def test_checkpoint_continues_to_the_bit(demo: PhysicsWorld) -> None:
     demo.add_fault(Fault("packet_loss", 0, 10.0, "imu", 0.2))
     demo.add_fault(Fault("servo_weak", 90, 0.5, "lf", 0.5))
     demo.push((2.0, 1.0, 0.0), 0.3, start_tick=55)
@@ -169,16 +169,16 @@ def test_checkpoint_continues_to_the_bit(demo: World) -> None:
     assert demo.checkpoint().sha256 == last.sha256
 
 
-def test_checkpoint_continues_in_another_world_object(demo: World) -> None:
+def test_checkpoint_continues_in_another_world_object(demo: PhysicsWorld) -> None:
     run(demo, 30)
     saved = demo.checkpoint()
     expected = run(demo, 30)
-    other = World(RAGNO, make_terrain("demo", 1), seed=9)
+    other = PhysicsWorld(RAGNO, make_terrain("demo", 1), seed=9)
     other.restore(saved)
     assert run(other, 30) == expected
 
 
-def test_restart_from_a_checkpoint_counts_from_zero(flat: World) -> None:
+def test_restart_from_a_checkpoint_counts_from_zero(flat: PhysicsWorld) -> None:
     for tick in range(24):
         flat.step_tick(march(tick))
     saved = flat.checkpoint()
@@ -203,13 +203,13 @@ def test_restart_from_a_checkpoint_counts_from_zero(flat: World) -> None:
             assert now.joints.seq == before.joints.seq - 7
 
 
-def test_checkpoint_of_another_world_is_refused(demo: World, flat: World) -> None:
+def test_checkpoint_of_another_world_is_refused(demo: PhysicsWorld, flat: PhysicsWorld) -> None:
     with pytest.raises(WorldError) as error:
         flat.restore(demo.checkpoint())
     assert error.value.field == "checkpoint"
 
 
-def test_reset_undoes_everything(demo: World) -> None:
+def test_reset_undoes_everything(demo: PhysicsWorld) -> None:
     expected = run(demo, 30)
     demo.set("mass", 1.5)
     demo.set("servo", 0.7)
@@ -222,10 +222,10 @@ def test_reset_undoes_everything(demo: World) -> None:
     assert run(demo, 30) != expected
 
 
-def test_another_process_gives_the_same_bits(demo: World) -> None:
+def test_another_process_gives_the_same_bits(demo: PhysicsWorld) -> None:
     code = (
         "from tests.services.simulator.test_world import *\n"
-        "print(run(World(RAGNO, make_terrain('demo', 1), 0), 40).hex())"
+        "print(run(PhysicsWorld(RAGNO, make_terrain('demo', 1), 0), 40).hex())"
     )
     other = run_process([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert other.stdout.strip() == run(demo, 40).hex()
@@ -234,7 +234,7 @@ def test_another_process_gives_the_same_bits(demo: World) -> None:
 # --- ground -------------------------------------------------------------------------------------------------------
 
 
-def test_physics_and_map_are_the_same_surface(demo: World) -> None:
+def test_physics_and_map_are_the_same_surface(demo: PhysicsWorld) -> None:
     """Rays from above hit the ground where the map has it: rows are y, columns x, row 0 is y-min."""
     _assert_same_surface(demo, 400)
 
@@ -244,10 +244,10 @@ def test_height_field_of_a_file_lies_right() -> None:
     z = np.zeros((121, 161), dtype=np.float32)  # x from -0.4, y from -0.3
     z[:, 130:] = rng.uniform(0.0, 0.05, (121, 31))
     ground = HeightMap(z=z, cell=0.005, origin=(-0.4, -0.3))
-    _assert_same_surface(World(RAGNO, terrain_from_map(ground)), 300)
+    _assert_same_surface(PhysicsWorld(RAGNO, terrain_from_map(ground)), 300)
 
 
-def _assert_same_surface(world: World, n: int) -> None:
+def _assert_same_surface(world: PhysicsWorld, n: int) -> None:
     ground = world.terrain.map
     rng = np.random.default_rng(0)
     rows = rng.integers(2, ground.shape[0] - 2, n)
@@ -265,7 +265,7 @@ def _assert_same_surface(world: World, n: int) -> None:
 # --- disturbances -------------------------------------------------------------------------------------------------
 
 
-def test_push_lasts_as_long_as_it_says(flat: World) -> None:
+def test_push_lasts_as_long_as_it_says(flat: PhysicsWorld) -> None:
     flat.push((0.0, 5.0, 0.0), 0.05, start_tick=10)
     forces = []
     for _ in range(20):
@@ -274,7 +274,7 @@ def test_push_lasts_as_long_as_it_says(flat: World) -> None:
     assert [tick for tick, f in enumerate(forces, 1) if f] == list(range(10, 15))
 
 
-def test_settings_reach_the_model(flat: World) -> None:
+def test_settings_reach_the_model(flat: PhysicsWorld) -> None:
     flat.set("mass", 2.0)
     for _ in range(50):
         flat.step_tick()
@@ -283,14 +283,14 @@ def test_settings_reach_the_model(flat: World) -> None:
     assert flat.model.geom_friction[flat.address.terrain_geoms, 0] == pytest.approx(0.05)
 
 
-def test_dead_servos_let_the_trunk_fall(flat: World) -> None:
+def test_dead_servos_let_the_trunk_fall(flat: PhysicsWorld) -> None:
     flat.add_fault(Fault("servo_dead", 5, 100.0))
     for _ in range(150):
         flat.step_tick()
     assert flat.truth().fallen
 
 
-def test_sensor_faults_reach_the_samples(flat: World) -> None:
+def test_sensor_faults_reach_the_samples(flat: PhysicsWorld) -> None:
     flat.add_fault(Fault("imu_drop", 3, 0.02))
     flat.add_fault(Fault("foot_stuck_off", 0, 10.0, "rm"))
     flat.add_fault(Fault("packet_delay", 0, 10.0, "joints", 2.0))
@@ -308,7 +308,7 @@ def test_sensor_faults_reach_the_samples(flat: World) -> None:
 
 def test_perturbed_world_never_changes_the_description() -> None:
     config = WorldConfig(perturbation=Perturbation(trunk_mass_scale=1.2, kp_scale=0.8))
-    world = World(RAGNO, make_terrain("flat"), config=config)
+    world = PhysicsWorld(RAGNO, make_terrain("flat"), config=config)
     extra = 0.2 * RAGNO.trunk.mass * 9.81
     assert world.truth().foot_force_n.sum() == pytest.approx(WEIGHT + extra, rel=1e-3)
     assert load_robot("ragno").hash == RAGNO.hash
@@ -323,10 +323,10 @@ def test_perturbed_world_never_changes_the_description() -> None:
         (lambda w: w.set("mass", -1.0), "value"),
         (lambda w: w.reset(pose=(50.0, 0.0, 0.0)), "pose"),
         (lambda w: w.reset(stance=np.full(18, 9.0)), "stance"),
-        (lambda w: World(RAGNO, w.terrain, config=WorldConfig(imu_profile="crystal")), "imu_profile"),
+        (lambda w: PhysicsWorld(RAGNO, w.terrain, config=WorldConfig(imu_profile="crystal")), "imu_profile"),
     ],
 )
-def test_refusals_name_the_field(flat: World, call: object, field: str) -> None:
+def test_refusals_name_the_field(flat: PhysicsWorld, call: object, field: str) -> None:
     with pytest.raises(WorldError) as error:
         call(flat)  # type: ignore[operator]
     assert error.value.field == field

@@ -10,8 +10,8 @@ import pytest
 from surefoot.robot.reader import load_robot
 from surefoot.services.walker.hexapod.gait import HexapodWalker
 from surefoot.services.walker.hexapod.params import WalkerParams
-from surefoot.services.walker.interface import Command, Pose
-from surefoot.services.walker.memory import Kept, Memory
+from surefoot.services.walker.interface import BodyPose, MotionCommand
+from surefoot.services.walker.memory import Memory, WalkMemory
 from tests.services.walker.hexapod.plant import KINEMATICS_TICKS, Plant
 
 ROBOT = load_robot("ragno")
@@ -21,7 +21,7 @@ PARAMS = WalkerParams.for_robot(ROBOT)
 class Forgetful(Plant):
     """Its odometry may begin anew: then it is at zero where the robot is, and initialised after half a second."""
 
-    origin = Pose()
+    origin = BodyPose()
     uncertain_until = 0
 
     def inputs(self):
@@ -40,19 +40,19 @@ class Forgetful(Plant):
         s = self.walker.state
         if self.walker.state.plan is not None:
             end = s.plan.end  # the robot finishes its step and stands
-            self.origin = Pose(end.x, end.y, 0.0, end.yaw)
+            self.origin = BodyPose(end.x, end.y, 0.0, end.yaw)
         else:
-            self.origin = Pose(float(s.body[0]), float(s.body[1]), 0.0, s.yaw)
+            self.origin = BodyPose(float(s.body[0]), float(s.body[1]), 0.0, s.yaw)
         self.uncertain_until = self.tick + 150
 
 
 def test_after_a_restart_of_the_estimator_the_walk_goes_on_where_the_robot_is():
     p = Forgetful(HexapodWalker(ROBOT))
     p.run(1.0)
-    p.walker.command(Command("turn", angle=0.5))
+    p.walker.command(MotionCommand("turn", angle=0.5))
     p.step()
     p.until("standing")
-    p.walker.command(Command("walk", distance=0.3))
+    p.walker.command(MotionCommand("walk", distance=0.3))
     p.run(3.1)
     before = p.walker.state.body.copy()
     p.restart_estimator()
@@ -81,7 +81,7 @@ def test_what_was_learned_of_the_old_estimate_is_forgotten():
 def test_a_walker_started_again_closes_and_walks_the_rest(tmp_path, after_s):
     p = Plant(HexapodWalker(ROBOT))
     p.run(1.0)
-    p.walker.command(Command("walk", distance=0.3, gait="ripple"))
+    p.walker.command(MotionCommand("walk", distance=0.3, gait="ripple"))
     p.run(after_s)
     memory = Memory(str(tmp_path / "walker.json"))
     memory.keep(1, p.tick, p.walker.kept())
@@ -103,7 +103,14 @@ def test_a_walker_started_again_closes_and_walks_the_rest(tmp_path, after_s):
 
 def test_a_memory_of_another_run_or_of_later_is_not_taken_up(tmp_path):
     path = tmp_path / "walker.json"
-    kept = Kept(3, Command("walk", distance=1.0), Pose(0.1, 0.2, 0.3, 0.4), 5.0, (0.0, 0.1, 0.2), ({"action": "stop"},))
+    kept = WalkMemory(
+        3,
+        MotionCommand("walk", distance=1.0),
+        BodyPose(0.1, 0.2, 0.3, 0.4),
+        5.0,
+        (0.0, 0.1, 0.2),
+        ({"action": "stop"},),
+    )
     Memory(str(path)).keep(2, 100, kept)
     assert Memory(str(path)).recall(2, 101) == kept
     assert Memory(str(path)).recall(1, 101) is None
@@ -123,14 +130,14 @@ def test_a_torn_memory_is_told_in_words(tmp_path, text):
 
 def test_a_disk_that_fails_costs_the_memory_only(tmp_path):
     memory = Memory(str(tmp_path / "no such folder" / "walker.json"))
-    memory.keep(1, 1, Kept(0, None, None, None, (0.0, 0.0, 0.0)))
+    memory.keep(1, 1, WalkMemory(0, None, None, None, (0.0, 0.0, 0.0)))
     assert "cannot be kept" in memory.problem
     assert memory.path is None
 
 
 def test_it_writes_only_what_has_changed(tmp_path):
     path = tmp_path / "walker.json"
-    memory, kept = Memory(str(path)), Kept(1, None, None, None, (0.0, 0.0, 0.0))
+    memory, kept = Memory(str(path)), WalkMemory(1, None, None, None, (0.0, 0.0, 0.0))
     for tick in range(5):
         memory.keep(1, tick, kept)
     assert json.loads(path.read_text())["tick"] == 0
@@ -138,7 +145,7 @@ def test_it_writes_only_what_has_changed(tmp_path):
 
 def test_a_walk_with_a_duration_ends_after_it():
     p = Plant(HexapodWalker(ROBOT))
-    outs = p.obey(Command("walk", velocity=0.05, duration=2.0))
+    outs = p.obey(MotionCommand("walk", velocity=0.05, duration=2.0))
     assert outs[-1].state == "standing"
     assert 2.0 <= 0.01 * len(outs) < 5.0
     assert 0.05 < p.walker.state.body[0] < 0.15

@@ -61,7 +61,7 @@ class Robot:
         self.joints = ROBOT.neutral.copy()
 
     def step(self) -> Any:
-        s = self.service.walker.state
+        s = self.service.gait.state
         now = self.tick * 10_000_000
         head: dict[str, Any] = {"stamp_ns": now, "tick": self.tick, "epoch": EPOCH, "seq": 0, "source": "test"}
         touch = (
@@ -86,7 +86,7 @@ class Robot:
         self.service.on_tick(TickInputs(tick, messages))
         command = self.stage.said[CMD_JOINTS.key].position
         if command is not None:
-            self.joints = self.service.walker.state.q.copy()
+            self.joints = self.service.gait.state.q.copy()
         self.tick += 1
         return self.stage.said[STATE_GAIT.key]
 
@@ -132,16 +132,16 @@ def test_a_walker_killed_in_mid_step_goes_on_with_its_command_under_the_same_num
     assert not all(gaits[-1].stance)
     again = Robot(str(tmp_path / "walker.json"), robot.tick + 20)
     again.joints = robot.joints
-    again.service.walker.state.body[:2] = robot.service.walker.state.body[:2]
+    again.service.gait.state.body[:2] = robot.service.gait.state.body[:2]
     gaits = again.run(450)
     assert gaits[0].walk_id == number
     assert gaits[0].state == "recovering"
     assert {"walking", "standing"} <= {gait.state for gait in gaits}
     assert "standing" not in {gait.state for gait in gaits[: [gait.state for gait in gaits].index("walking")]}
-    assert again.service.walker.state.body[0] == pytest.approx(0.2, abs=0.01)
+    assert again.service.gait.state.body[0] == pytest.approx(0.2, abs=0.01)
     again.run(400)
-    assert again.service.walker.state.walk_id == number + 1
-    assert again.service.walker.state.yaw == pytest.approx(0.1, abs=0.03)
+    assert again.service.gait.state.walk_id == number + 1
+    assert again.service.gait.state.yaw == pytest.approx(0.1, abs=0.03)
 
 
 def test_a_new_run_begins_without_a_command(robot: Robot, tmp_path: Any) -> None:
@@ -151,7 +151,7 @@ def test_a_new_run_begins_without_a_command(robot: Robot, tmp_path: Any) -> None
     assert (tmp_path / "walker.json").exists()
     new = Robot(str(tmp_path / "walker.json"))
     assert new.run(60)[-1].state == "standing"
-    assert new.service.walker.state.walk_id == 0
+    assert new.service.gait.state.walk_id == 0
 
 
 def test_without_a_memory_the_tick_is_the_same(robot: Robot) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.bench_walk import Setting, walk
-from surefoot.services.walker.interface import Command
+from surefoot.services.walker.interface import MotionCommand
 
 
 def test_walks_on_flat_ground_by_the_estimate_alone_without_sliding():
@@ -24,7 +24,7 @@ def test_walks_over_the_first_hills_of_the_demo():
 
 def test_turns_on_the_spot():
     yaw = []
-    setting = Setting(terrain="flat", command=Command("turn", angle=0.4))
+    setting = Setting(terrain="flat", command=MotionCommand("turn", angle=0.4))
     result = walk(3, setting, lambda world, walker, out: yaw.append(world.truth().quat_wxyz))
     assert not result.fallen
     assert 2.0 * np.arctan2(yaw[-1][3], yaw[-1][0]) == pytest.approx(0.4, abs=0.03)

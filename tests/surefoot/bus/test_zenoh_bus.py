@@ -12,7 +12,7 @@ from surefoot.bus import zenoh as zenoh_bus
 from surefoot.bus.codec import encode, encoding_of
 from surefoot.bus.interface import Delivery, Incoming, Life
 from surefoot.bus.publish import FramedPublisher
-from surefoot.bus.zenoh import Endpoint, ZenohBus, zenoh_config
+from surefoot.bus.zenoh import ZenohBus, ZenohOptions, zenoh_config
 from surefoot.errors import BusError, CallError, Refusal
 from surefoot.schemas.base import Request, Wire
 from surefoot.schemas.hw import Imu
@@ -335,14 +335,14 @@ def test_no_router_is_one_sentence_with_the_flag(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(zenoh_bus, "CONNECT_TIMEOUT_MS", 200)
     address = free_address()
     with pytest.raises(BusError, match="--connect") as caught:
-        ZenohBus(Endpoint("client", (address,), (), "test/nobody"))
+        ZenohBus(ZenohOptions("client", (address,), (), "test/nobody"))
     assert address in caught.value.message
     assert "\n" not in caught.value.message
 
 
 def test_settings_keep_to_the_loopback_and_off_multicast() -> None:
     for mode in ("peer", "client", "router"):
-        config = zenoh_config(Endpoint(mode, listen=("tcp/127.0.0.1:7999",) if mode == "router" else ()))
+        config = zenoh_config(ZenohOptions(mode, listen=("tcp/127.0.0.1:7999",) if mode == "router" else ()))
         assert config.get_json("scouting/multicast/enabled") == "false"
         assert "0.0.0.0" not in config.get_json("listen/endpoints")
         assert config.get_json("namespace") == '"surefoot/ragno"'

@@ -4,12 +4,12 @@ import threading
 
 import pytest
 
-from surefoot.bus.zenoh import Endpoint, ZenohBus
+from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.lockstep.join import DRIVER
 from surefoot.schemas.sim import ResetReply, World
 from surefoot.schemas.topics import SIM_RESET
 from surefoot.services.supervisor.processes.compose import parse_compose
-from surefoot.services.supervisor.processes.keep import Order, keep
+from surefoot.services.supervisor.processes.keep import StartOrder, keep
 from surefoot.services.supervisor.processes.session import Session
 
 SYSTEM = """
@@ -27,7 +27,7 @@ def appear(listen, monkeypatch):
     buses = []
 
     def announce(resets=None):
-        bus = ZenohBus(Endpoint("peer", (listen,), (), "test/bench"))
+        bus = ZenohBus(ZenohOptions("peer", (listen,), (), "test/bench"))
         buses.append(bus)
         if resets is not None:
 
@@ -62,7 +62,7 @@ def test_only_a_driver_that_can_be_reset_is(listen, appear, simulates):
     resets, told, stop = [], [], threading.Event()
     pause = threading.Event()
     arguments = {"listen": listen, "tell": told.append}
-    thread = threading.Thread(target=keep, args=(parse_compose(SYSTEM), Order(World()), stop), kwargs=arguments)
+    thread = threading.Thread(target=keep, args=(parse_compose(SYSTEM), StartOrder(World()), stop), kwargs=arguments)
     thread.start()
     try:
         for _ in range(4000):

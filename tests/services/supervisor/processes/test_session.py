@@ -15,7 +15,7 @@ from surefoot.errors import BusError
 from surefoot.robot.reader import ROBOTS
 from surefoot.schemas.sim import SimStatus, World
 from surefoot.services.supervisor.processes.compose import parse_compose
-from surefoot.services.supervisor.processes.keep import Order, keep
+from surefoot.services.supervisor.processes.keep import StartOrder, keep
 from surefoot.services.supervisor.processes.rundir import RunFolder, RunFolderError
 from surefoot.services.supervisor.processes.session import Session
 
@@ -63,7 +63,7 @@ def test_a_system_without_a_driver_is_told(listen, monkeypatch):
     monkeypatch.setattr("surefoot.services.supervisor.processes.keep.DRIVER_S", 0.1)
     monkeypatch.setattr(Session, "alive", ("a", "b"))
     with pytest.raises(BusError, match=r"no service of compose\.yaml drives") as caught:
-        keep(parse_compose(IDLE), Order(World()), threading.Event(), listen=listen)
+        keep(parse_compose(IDLE), StartOrder(World()), threading.Event(), listen=listen)
     assert caught.value.code == "not_ready"
 
 
@@ -131,7 +131,9 @@ def test_the_same_system_runs_once(listen):
 def test_is_kept_until_the_end_is_asked_for(listen):
     stop, told = threading.Event(), []
     thread = threading.Thread(
-        target=keep, args=(parse_compose(IDLE), Order(World()), stop), kwargs={"listen": listen, "tell": told.append}
+        target=keep,
+        args=(parse_compose(IDLE), StartOrder(World()), stop),
+        kwargs={"listen": listen, "tell": told.append},
     )
     thread.start()
     folder = RunFolder("idle")

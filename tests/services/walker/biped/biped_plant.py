@@ -6,7 +6,7 @@ from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.estimator import Estimator
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.physics.perturb import perturbation
-from surefoot.services.simulator.world import World, WorldConfig
+from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
 from surefoot.services.walker.biped.gait import BipedWalker
 from surefoot.services.walker.interface import WalkerInputs
 
@@ -17,7 +17,7 @@ class Plant:
     def __init__(self, name, seed=0, level=0.0, **params):
         self.robot = load_robot(name)
         differs = perturbation(level, seed, self.robot.nj, self.robot.kind)
-        self.world = World(self.robot, make_terrain("flat"), seed, WorldConfig(perturbation=differs))
+        self.world = PhysicsWorld(self.robot, make_terrain("flat"), seed, WorldConfig(perturbation=differs))
         self.estimator = Estimator.for_robot(self.robot)
         self.walker = BipedWalker(self.robot, **params)
         self.pending = self.world.command.copy()

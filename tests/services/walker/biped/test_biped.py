@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from surefoot.services.walker.interface import Command
+from surefoot.services.walker.interface import MotionCommand
 from tests.services.walker.biped.biped_plant import Plant
 
 BOTH = ("bioloid", "nao")
@@ -20,7 +20,7 @@ def standing(out):
 def test_walks_the_distance_and_stands_with_its_feet_together(name):
     plant = Plant(name, seed=1, level=1.0).stand()
     before = plant.world.truth()
-    assert plant.walker.command(Command("walk", distance=0.15)).accepted
+    assert plant.walker.command(MotionCommand("walk", distance=0.15)).accepted
     plant.until(standing, 1500)
     for _ in range(80):
         plant.tick()
@@ -35,7 +35,7 @@ def test_walks_the_distance_and_stands_with_its_feet_together(name):
 @pytest.mark.parametrize("name", BOTH)
 def test_turns_by_two_steps_of_half_the_angle(name):
     plant = Plant(name, seed=2, level=1.0).stand()
-    plant.walker.command(Command("turn", angle=math.radians(23)))
+    plant.walker.command(MotionCommand("turn", angle=math.radians(23)))
     plant.until(standing, 800)
     w, _, _, z = plant.world.truth().quat_wxyz
     assert not plant.fallen
@@ -47,10 +47,10 @@ def test_turns_by_two_steps_of_half_the_angle(name):
 @pytest.mark.parametrize("phase", [0.1, 0.6])
 def test_a_stop_in_any_support_is_a_closing_step(name, phase):
     plant = Plant(name, level=1.0).stand()
-    plant.walker.command(Command("walk"))
+    plant.walker.command(MotionCommand("walk"))
     plant.until(lambda out: out.steps >= 2 and out.phase > phase)
     steps = plant.out.steps
-    assert plant.walker.command(Command("stop")).accepted
+    assert plant.walker.command(MotionCommand("stop")).accepted
     plant.until(standing, 400)
     assert plant.out.steps - steps <= 2
     assert not plant.fallen
@@ -58,9 +58,9 @@ def test_a_stop_in_any_support_is_a_closing_step(name, phase):
 
 def test_a_new_command_while_stepping_replaces_the_old_one_at_the_next_step():
     plant = Plant("bioloid").stand()
-    first = plant.walker.command(Command("walk"))
+    first = plant.walker.command(MotionCommand("walk"))
     plant.until(lambda out: out.steps >= 2 and out.phase > 0.5)
-    second = plant.walker.command(Command("turn", angle=-0.2))
+    second = plant.walker.command(MotionCommand("turn", angle=-0.2))
     assert second.walk_id == first.walk_id + 1
     plant.until(standing, 600)
     w, _, _, z = plant.world.truth().quat_wxyz
@@ -70,10 +70,14 @@ def test_a_new_command_while_stepping_replaces_the_old_one_at_the_next_step():
 
 def test_impossible_commands_while_stepping_change_nothing():
     plant = Plant("bioloid").stand()
-    plant.walker.command(Command("walk", distance=0.1))
+    plant.walker.command(MotionCommand("walk", distance=0.1))
     plant.until(lambda out: out.steps >= 1 and out.phase > 0.5)
     route = plant.walker.state.route
-    for command in (Command("walk", velocity=9.0), Command("turn"), Command("walk", distance=math.inf)):
+    for command in (
+        MotionCommand("walk", velocity=9.0),
+        MotionCommand("turn"),
+        MotionCommand("walk", distance=math.inf),
+    ):
         reply = plant.walker.command(command)
         assert not reply.accepted
         assert reply.reason
@@ -84,7 +88,7 @@ def test_impossible_commands_while_stepping_change_nothing():
 
 def test_a_silent_estimator_ends_the_walk_on_two_feet():
     plant = Plant("bioloid").stand()
-    plant.walker.command(Command("walk"))
+    plant.walker.command(MotionCommand("walk"))
     plant.until(lambda out: out.steps >= 2 and out.phase > 0.5)
     steps = plant.out.steps
     plant.until(lambda out: out.state == "hold" and not out.phase, 400, blind=True)
@@ -98,7 +102,7 @@ def test_a_lost_robot_folds_and_says_so():
     plant.world.push((0.0, 40.0, 0.0), 0.2)
     plant.until(lambda out: out.state == "refused", 300)
     assert plant.out.reason.startswith("fallen")
-    reply = plant.walker.command(Command("walk", distance=0.1))
+    reply = plant.walker.command(MotionCommand("walk", distance=0.1))
     assert reply.code == "fallen"
     for _ in range(100):
         plant.tick()
@@ -108,7 +112,7 @@ def test_a_lost_robot_folds_and_says_so():
 
 def test_a_step_after_much_tilt_is_shorter():
     plant = Plant("bioloid").stand()
-    plant.walker.command(Command("walk"))
+    plant.walker.command(MotionCommand("walk"))
     state, params = plant.walker.state, plant.walker.params
     plant.until(lambda out: out.steps >= 2 and out.phase > 0.9)
     state.peak = 0.5 * (params.slow_from_rad + params.slow_full_rad)
@@ -120,7 +124,7 @@ def test_a_step_after_much_tilt_is_shorter():
 
 def test_a_push_that_tilts_the_robot_slows_it_down_until_it_is_level_again():
     plant = Plant("bioloid").stand()
-    plant.walker.command(Command("walk"))
+    plant.walker.command(MotionCommand("walk"))
     state, params = plant.walker.state, plant.walker.params
     plant.until(lambda out: out.steps >= 3 and out.phase > 0.5)
     assert state.scale == 1.0
@@ -142,18 +146,18 @@ def test_a_push_that_tilts_the_robot_slows_it_down_until_it_is_level_again():
 
 def test_the_gait_does_not_change_in_mid_walk():
     plant = Plant("bioloid").stand()
-    assert plant.walker.command(Command("walk", distance=0.1, gait="quick")).accepted
+    assert plant.walker.command(MotionCommand("walk", distance=0.1, gait="quick")).accepted
     plant.until(lambda out: out.phase > 0.5)
-    assert plant.walker.command(Command("walk", gait="zmp")).code == "conflict"
+    assert plant.walker.command(MotionCommand("walk", gait="zmp")).code == "conflict"
     ticks = plant.until(standing, 900)
     assert ticks < 400
-    assert plant.walker.command(Command("walk", gait="zmp")).accepted
+    assert plant.walker.command(MotionCommand("walk", gait="zmp")).accepted
 
 
 def test_equal_seeds_give_equal_walks():
     def digest():
         plant = Plant("bioloid", seed=5, level=1.0).stand()
-        plant.walker.command(Command("walk", distance=0.05))
+        plant.walker.command(MotionCommand("walk", distance=0.05))
         plant.until(standing, 800)
         return hashlib.sha256(b"".join(np.asarray(a).tobytes() for a in plant.world.truth()[1:])).hexdigest()
 
@@ -163,7 +167,7 @@ def test_equal_seeds_give_equal_walks():
 def test_plan_is_what_the_feet_do():
     """Soles land where the plan put them, seen from each other: within the play of the servos."""
     plant = Plant("nao").stand()
-    plant.walker.command(Command("walk", distance=0.2))
+    plant.walker.command(MotionCommand("walk", distance=0.2))
     gaps = []
 
     def look(out):

@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_are
 
 from surefoot.services.walker.biped import plan
-from surefoot.services.walker.biped.params import BipedParams
+from surefoot.services.walker.biped.params import BipedParams, abilities
 from surefoot.services.walker.biped.preview import preview_gains, preview_step, riccati
-from surefoot.services.walker.biped.route import refusal_of, route_of, together, upcoming
-from surefoot.services.walker.interface import Command
+from surefoot.services.walker.biped.route import route_of, together, upcoming
+from surefoot.services.walker.commands import refusal_of
+from surefoot.services.walker.interface import MotionCommand
 
 P = BipedParams()
 WIDTH = 0.0385
@@ -90,7 +91,7 @@ def final(steps):
 
 def test_ten_centimetres_of_nao_are_two_steps_and_a_closing_one():
     params = BipedParams(step_m=0.05)
-    steps = all_steps(Command("walk", distance=0.10), params)
+    steps = all_steps(MotionCommand("walk", distance=0.10), params)
     assert len(steps) == 3
     assert steps[1].body == pytest.approx([0.10, 0.0, 0.0])
     feet, body = final(steps)
@@ -98,7 +99,7 @@ def test_ten_centimetres_of_nao_are_two_steps_and_a_closing_one():
 
 
 def test_a_turn_of_23_degrees_is_two_steps_of_half_of_it():
-    steps = all_steps(Command("turn", angle=math.radians(23)))
+    steps = all_steps(MotionCommand("turn", angle=math.radians(23)))
     assert len(steps) == 3
     assert np.degrees(steps[0].body[2]) == pytest.approx(11.5)
     assert np.degrees(final(steps)[1][2]) == pytest.approx(23.0)
@@ -109,7 +110,7 @@ def test_a_turn_of_23_degrees_is_two_steps_of_half_of_it():
 def test_walks_and_arcs_end_where_the_command_says_with_the_feet_together(distance, angle):
     if abs(distance) < 0.01:
         return
-    steps = all_steps(Command("walk", distance=distance, angle=angle))
+    steps = all_steps(MotionCommand("walk", distance=distance, angle=angle))
     feet, body = final(steps)
     assert together(feet, body, WIDTH, P)
     assert body[2] == pytest.approx(angle, abs=1e-9)
@@ -121,27 +122,27 @@ def test_walks_and_arcs_end_where_the_command_says_with_the_feet_together(distan
 
 
 def test_a_learned_gain_makes_the_plan_shorter():
-    steps = all_steps(Command("walk", distance=0.25), gain=(1.25, 1.0))
+    steps = all_steps(MotionCommand("walk", distance=0.25), gain=(1.25, 1.0))
     assert final(steps)[1][0] == pytest.approx(0.20)
 
 
 @pytest.mark.parametrize(
     ("command", "code", "field"),
     [
-        (Command("walk", distance=math.nan), "bad_value", "distance"),
-        (Command("walk", velocity=1.0), "too_fast", "velocity"),
-        (Command("walk", velocity=0.0), "too_fast", "velocity"),
-        (Command("turn"), "missing_field", "angle"),
-        (Command("turn", angle=1.0, distance=1.0), "conflict", "distance"),
-        (Command("turn", angle=1.0, velocity=0.1), "conflict", "velocity"),
-        (Command("walk", angle=1.0), "missing_field", "distance"),
-        (Command("walk", distance=0.05, angle=3.0), "too_tight", "angle"),
-        (Command("walk", distance=1.0, gait="tripod"), "unknown_gait", "gait"),
-        (Command("stand", shift=(0.01, 0.0)), "unsupported", "shift"),
+        (MotionCommand("walk", distance=math.nan), "bad_value", "distance"),
+        (MotionCommand("walk", velocity=1.0), "too_fast", "velocity"),
+        (MotionCommand("walk", velocity=0.0), "too_fast", "velocity"),
+        (MotionCommand("turn"), "missing_field", "angle"),
+        (MotionCommand("turn", angle=1.0, distance=1.0), "conflict", "distance"),
+        (MotionCommand("turn", angle=1.0, velocity=0.1), "conflict", "velocity"),
+        (MotionCommand("walk", angle=1.0), "missing_field", "distance"),
+        (MotionCommand("walk", distance=0.05, angle=3.0), "too_tight", "angle"),
+        (MotionCommand("walk", distance=1.0, gait="tripod"), "unknown_gait", "gait"),
+        (MotionCommand("stand", shift=(0.01, 0.0)), "unsupported", "shift"),
     ],
 )
 def test_impossible_commands_are_refused_and_name_the_field(command, code, field):
-    refusal = refusal_of(command, P, calibrated=True, fallen=False)
+    refusal = refusal_of(command, abilities(P), calibrated=True, fallen=False)
     assert refusal is not None
     assert not refusal.accepted
     assert (refusal.code, refusal.field) == (code, field)
@@ -149,16 +150,16 @@ def test_impossible_commands_are_refused_and_name_the_field(command, code, field
 
 
 def test_the_gait_changes_only_while_standing():
-    quick = Command("walk", distance=1.0, gait="quick")
-    assert refusal_of(quick, P, calibrated=True, fallen=False) is None
-    assert refusal_of(quick, P, calibrated=True, fallen=False, stepping_gait="quick") is None
-    refusal = refusal_of(quick, P, calibrated=True, fallen=False, stepping_gait="zmp")
+    quick = MotionCommand("walk", distance=1.0, gait="quick")
+    assert refusal_of(quick, abilities(P), calibrated=True, fallen=False) is None
+    assert refusal_of(quick, abilities(P), calibrated=True, fallen=False, stepping_gait="quick") is None
+    refusal = refusal_of(quick, abilities(P), calibrated=True, fallen=False, stepping_gait="zmp")
     assert refusal is not None
     assert (refusal.code, refusal.field) == ("conflict", "gait")
 
 
 def test_nothing_before_the_calibration_and_nothing_after_a_fall():
-    walking = Command("walk", distance=1.0)
-    assert refusal_of(walking, P, calibrated=False, fallen=False).code == "not_initialised"
-    assert refusal_of(walking, P, calibrated=True, fallen=True).code == "fallen"
-    assert refusal_of(Command("stop"), P, calibrated=False, fallen=False) is None
+    walking = MotionCommand("walk", distance=1.0)
+    assert refusal_of(walking, abilities(P), calibrated=False, fallen=False).code == "not_initialised"
+    assert refusal_of(walking, abilities(P), calibrated=True, fallen=True).code == "fallen"
+    assert refusal_of(MotionCommand("stop"), abilities(P), calibrated=False, fallen=False) is None

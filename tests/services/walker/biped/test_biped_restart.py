@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from surefoot.services.walker.biped.gait import BipedWalker
 from surefoot.services.walker.biped.params import BipedParams
 from surefoot.services.walker.biped.route import route_of
-from surefoot.services.walker.interface import Command
+from surefoot.services.walker.interface import MotionCommand
 from surefoot.services.walker.memory import Memory
 from tests.services.walker.biped.biped_plant import Plant
 
@@ -29,8 +29,8 @@ def standing(out):
 )
 def test_what_is_left_leads_to_the_same_steps(distance, speed, angle, done):
     velocity = None if speed is None else math.copysign(speed, distance)
-    routes = [route_of(Command("walk", distance, velocity, angle), P, 7)]
-    routes.append(route_of(Command("turn", angle=1.0 if angle is None else angle), P, 7))
+    routes = [route_of(MotionCommand("walk", distance, velocity, angle), P, 7)]
+    routes.append(route_of(MotionCommand("turn", angle=1.0 if angle is None else angle), P, 7))
     for route in routes:
         for _ in range(done):
             route = route.next(1.0)[2]
@@ -59,7 +59,7 @@ def restart(plant, memory):
 def test_killed_in_any_support_it_stays_up_and_walks_the_rest(name, phase, tmp_path):
     plant = Plant(name, seed=1, level=1.0).stand()
     before = plant.world.truth().position[0]
-    number = plant.walker.command(Command("walk", distance=0.2)).walk_id
+    number = plant.walker.command(MotionCommand("walk", distance=0.2)).walk_id
     plant.until(lambda out: out.steps >= 2 and out.phase > phase)
     Memory(str(tmp_path / "walker.json")).keep(1, plant.world.tick, plant.walker.kept())
     kept = restart(plant, tmp_path / "walker.json")
@@ -75,7 +75,7 @@ def test_killed_in_any_support_it_stays_up_and_walks_the_rest(name, phase, tmp_p
 
 def test_a_turn_in_the_quick_gait_goes_on_in_it():
     plant = Plant("bioloid", level=1.0).stand()
-    plant.walker.command(Command("turn", angle=-0.6, gait="quick"))
+    plant.walker.command(MotionCommand("turn", angle=-0.6, gait="quick"))
     plant.until(lambda out: out.steps >= 2 and out.phase > 0.6)
     kept = plant.walker.kept()
     plant.walker = BipedWalker(plant.robot)
@@ -89,7 +89,7 @@ def test_a_turn_in_the_quick_gait_goes_on_in_it():
 
 def test_the_time_of_a_walk_goes_on():
     plant = Plant("bioloid").stand()
-    plant.walker.command(Command("walk", duration=3.0))
+    plant.walker.command(MotionCommand("walk", duration=3.0))
     plant.until(lambda out: out.steps >= 2 and out.phase > 0.5)
     kept = plant.walker.kept()
     assert (kept.command.distance, kept.command.duration) == (None, 3.0)
@@ -102,7 +102,7 @@ def test_the_time_of_a_walk_goes_on():
 def test_nothing_under_way_is_kept_as_nothing():
     plant = Plant("bioloid").stand()
     assert plant.walker.kept().command is None
-    plant.walker.command(Command("walk", distance=0.05))
+    plant.walker.command(MotionCommand("walk", distance=0.05))
     plant.until(standing, 900)
     kept = plant.walker.kept()
     assert (kept.walk_id, kept.command) == (1, None)
@@ -110,7 +110,7 @@ def test_nothing_under_way_is_kept_as_nothing():
 
 def test_a_walker_that_finds_its_robot_lying_does_not_walk():
     plant = Plant("bioloid").stand()
-    plant.walker.command(Command("walk"))
+    plant.walker.command(MotionCommand("walk"))
     kept = plant.walker.kept()
     plant.world.push((0.0, 40.0, 0.0), 0.2)
     plant.until(lambda out: out.state == "refused", 300)

@@ -78,7 +78,7 @@ class ByMessages:
 @pytest.fixture
 def nao() -> Any:
     service = service_of("nao")
-    service.walker.state.calibrated = True
+    service.gait.state.calibrated = True
     return service
 
 
@@ -99,7 +99,7 @@ def test_a_refusal_on_the_wire_names_code_and_field(nao: Any, command: WalkComma
 
 
 def test_before_the_calibration_the_robot_is_to_blame_no_field(nao: Any) -> None:
-    nao.walker.state.calibrated = False
+    nao.gait.state.calibrated = False
     reply = nao.walk(WalkCommand(action="walk", distance=0.1))
     assert (reply.accepted, reply.code, reply.field) == (False, "not_initialised", None)
 

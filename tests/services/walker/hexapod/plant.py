@@ -4,7 +4,7 @@ import numpy as np
 
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.services.walker.hexapod.gait import HexapodWalker
-from surefoot.services.walker.interface import Command, WalkerInputs, WalkerOutputs
+from surefoot.services.walker.interface import MotionCommand, WalkerInputs, WalkerOutputs
 
 KINEMATICS_TICKS = 3  # close to the 33 ms of the real sensors
 
@@ -60,7 +60,7 @@ class Plant:
             assert len(outs) < 100 * limit, f"never in {states}, but in {outs[-1].state}: {outs[-1].reason}"
         return outs
 
-    def obey(self, command: Command, limit: float = 60.0) -> list[WalkerOutputs]:
+    def obey(self, command: MotionCommand, limit: float = 60.0) -> list[WalkerOutputs]:
         """Stand up if need be, give the command, return the ticks until it is done or refused."""
         if self.out is None:
             self.run(1.0)

@@ -10,7 +10,7 @@ from surefoot.services.walker.hexapod.balance import nearest_inside, shift_into
 from surefoot.services.walker.hexapod.gait import HexapodWalker
 from surefoot.services.walker.hexapod.params import WalkerParams
 from surefoot.services.walker.hexapod.standins import HullCheck, hull_margin, ring_of
-from surefoot.services.walker.interface import CheckReply, Command
+from surefoot.services.walker.interface import MotionCommand, StanceVerdict
 from tests.services.walker.hexapod.plant import Plant
 
 ROBOT = load_robot("ragno")
@@ -22,7 +22,7 @@ def random_reply(rng):
     ring = ring_of(rng.uniform(-0.1, 0.1, (3, 2)))
     com = rng.uniform(-0.1, 0.1, 2)
     after = com + rng.uniform(-0.02, 0.02, 2)
-    return CheckReply(False, min(hull_margin(ring, com), hull_margin(ring, after)), "ok", ring, com, after)
+    return StanceVerdict(False, min(hull_margin(ring, com), hull_margin(ring, after)), "ok", ring, com, after)
 
 
 def test_a_shift_never_lessens_the_margin_and_reaches_the_wanted_one_where_there_is_room():
@@ -47,7 +47,7 @@ def test_the_shift_is_the_shortest():
 
 
 def test_without_a_region_there_is_no_shift():
-    assert shift_into(CheckReply(False, None, "segment"), 0.01) is None
+    assert shift_into(StanceVerdict(False, None, "segment"), 0.01) is None
 
 
 class LoadedTrunk(HullCheck):
@@ -64,7 +64,7 @@ class LoadedTrunk(HullCheck):
             return reply
         com, after = reply.com + self.offset, reply.com_after + self.offset
         margin = min(hull_margin(reply.region, com), hull_margin(reply.region, after))
-        made = CheckReply(margin >= 0.0, margin, "ok", reply.region, com, after)
+        made = StanceVerdict(margin >= 0.0, margin, "ok", reply.region, com, after)
         self.seen.append((len(request.positions), made))
         return made
 
@@ -72,7 +72,7 @@ class LoadedTrunk(HullCheck):
 def test_the_trunk_moves_over_its_feet_before_a_leg_is_lifted():
     check = LoadedTrunk((-0.075, 0.0))
     p = Plant(HexapodWalker(ROBOT, check=check))
-    outs = p.obey(Command("walk", distance=0.1))
+    outs = p.obey(MotionCommand("walk", distance=0.1))
     assert outs[-1].state == "standing"
     assert p.walker.state.body[0] == pytest.approx(0.1, abs=0.02)
     first = next(i for i, out in enumerate(outs) if not out.stance.all())
@@ -87,7 +87,7 @@ def test_no_leg_is_ever_lifted_from_an_unstable_stance():
     for offset in ((-0.08, 0.0), (0.07, 0.03), (0.0, -0.09)):
         check = LoadedTrunk(offset)
         p = Plant(HexapodWalker(ROBOT, check=check))
-        outs = p.obey(Command("walk", distance=0.05), limit=120.0)
+        outs = p.obey(MotionCommand("walk", distance=0.05), limit=120.0)
         for before, after in itertools.pairwise(outs):
             if after.steps == before.steps and before.stance.all() and not after.stance.all():
                 assert after.margin is not None
@@ -101,10 +101,10 @@ def test_a_step_that_no_shift_mends_is_taken_with_fewer_legs_and_the_old_gait_re
     def check(request):
         lifted.append(ROBOT.nlegs - len(request.positions))
         safe = len(lifted) > 12 or len(request.positions) >= 4
-        return CheckReply(safe, 0.05 if safe else -0.01, "ok")
+        return StanceVerdict(safe, 0.05 if safe else -0.01, "ok")
 
     p = Plant(HexapodWalker(ROBOT, check=check))
-    outs = p.obey(Command("walk", distance=0.2))
+    outs = p.obey(MotionCommand("walk", distance=0.2))
     assert outs[-1].state == "standing"
     assert p.walker.state.body[0] == pytest.approx(0.2, abs=0.005)
     assert 2 in lifted
@@ -113,8 +113,8 @@ def test_a_step_that_no_shift_mends_is_taken_with_fewer_legs_and_the_old_gait_re
 
 
 def test_when_nothing_helps_the_walk_is_refused_with_the_margin():
-    p = Plant(HexapodWalker(ROBOT, check=lambda request: CheckReply(False, -0.02, "ok")))
-    outs = p.obey(Command("walk", distance=0.05))
+    p = Plant(HexapodWalker(ROBOT, check=lambda request: StanceVerdict(False, -0.02, "ok")))
+    outs = p.obey(MotionCommand("walk", distance=0.05))
     assert outs[-1].state == "refused"
     assert outs[-1].steps == 0
     assert "-20 mm" in outs[-1].reason

@@ -12,7 +12,7 @@ from surefoot.robot import kinematics
 from surefoot.robot.reader import load_robot
 from surefoot.services.walker.hexapod.gait import HexapodWalker
 from surefoot.services.walker.hexapod.params import WalkerParams
-from surefoot.services.walker.interface import Command, WalkerInputs
+from surefoot.services.walker.interface import MotionCommand, WalkerInputs
 from tests.services.walker.hexapod.plant import Plant
 
 ROBOT = load_robot("ragno")
@@ -25,7 +25,7 @@ def plant(**kwargs):
 
 def test_walks_a_distance_and_ends_in_the_neutral_stance():
     p = plant()
-    outs = p.obey(Command("walk", distance=0.3))
+    outs = p.obey(MotionCommand("walk", distance=0.3))
     s = p.walker.state
     assert outs[-1].state == "standing"
     assert s.body[0] == pytest.approx(0.3, abs=0.005)
@@ -37,7 +37,7 @@ def test_walks_a_distance_and_ends_in_the_neutral_stance():
 
 def test_tripods_alternate_with_three_feet_down_and_all_targets_in_reach():
     p = plant()
-    outs = p.obey(Command("walk", distance=0.3))
+    outs = p.obey(MotionCommand("walk", distance=0.3))
     assert all(np.count_nonzero(o.stance) >= 3 for o in outs)
     assert all(o.unreachable == 0 for o in outs)
     groups = [tuple(o.stance) for o in outs if np.count_nonzero(o.stance) == 3]
@@ -48,7 +48,7 @@ def test_tripods_alternate_with_three_feet_down_and_all_targets_in_reach():
 
 def test_set_points_are_continuous_and_within_limits():
     p = plant()
-    outs = p.obey(Command("walk", distance=0.2))
+    outs = p.obey(MotionCommand("walk", distance=0.2))
     commands = np.array([o.command for o in outs])
     assert (commands >= ROBOT.joint_lower).all()
     assert (commands <= ROBOT.joint_upper).all()
@@ -58,21 +58,21 @@ def test_set_points_are_continuous_and_within_limits():
 @pytest.mark.parametrize("angle", [0.8, -0.8])
 def test_turns_on_the_spot(angle):
     p = plant()
-    p.obey(Command("turn", angle=angle))
+    p.obey(MotionCommand("turn", angle=angle))
     assert p.walker.state.yaw == pytest.approx(angle, abs=0.02)
     assert np.hypot(*p.walker.state.body[:2]) < 0.01
 
 
 def test_walks_backward():
     p = plant()
-    p.obey(Command("walk", distance=-0.1))
+    p.obey(MotionCommand("walk", distance=-0.1))
     assert p.walker.state.body[0] == pytest.approx(-0.1, abs=0.005)
 
 
 @pytest.mark.parametrize("gait", ["ripple", "wave"])
 def test_other_gaits_keep_more_feet_down(gait):
     p = plant()
-    outs = p.obey(Command("walk", distance=0.1, gait=gait))
+    outs = p.obey(MotionCommand("walk", distance=0.1, gait=gait))
     assert p.walker.state.body[0] == pytest.approx(0.1, abs=0.005)
     assert min(np.count_nonzero(o.stance) for o in outs) == {"ripple": 4, "wave": 5}[gait]
 
@@ -80,12 +80,12 @@ def test_other_gaits_keep_more_feet_down(gait):
 def test_stop_in_the_middle_of_a_swing_closes_and_stands():
     p = plant()
     p.run(1.0)
-    assert p.walker.command(Command("walk", velocity=0.05)).accepted
+    assert p.walker.command(MotionCommand("walk", velocity=0.05)).accepted
     p.run(1.75)
     assert p.out.state == "walking"
     assert not p.out.stance.all()
     where = p.walker.state.body[0]
-    assert p.walker.command(Command("stop")).accepted
+    assert p.walker.command(MotionCommand("stop")).accepted
     outs = p.until("standing", limit=3.0)
     assert {o.state for o in outs} == {"stopping", "standing"}
     assert p.walker.state.body[0] - where < 0.03
@@ -96,9 +96,9 @@ def test_stop_in_the_middle_of_a_swing_closes_and_stands():
 def test_a_later_command_replaces_an_earlier_one():
     p = plant()
     p.run(1.0)
-    first = p.walker.command(Command("walk", distance=1.0))
+    first = p.walker.command(MotionCommand("walk", distance=1.0))
     p.run(2.0)
-    second = p.walker.command(Command("turn", angle=0.3))
+    second = p.walker.command(MotionCommand("turn", angle=0.3))
     assert second.walk_id == first.walk_id + 1
     p.step()
     p.until("standing")
@@ -112,26 +112,26 @@ def test_refuses_to_walk_before_the_estimator_is_initialised_but_stands():
     assert {o.state for o in outs} == {"waiting"}
     still = np.array([o.command for o in outs])
     assert np.abs(np.diff(still, axis=0)).max() == 0.0  # the standstill calibration needs it
-    reply = p.walker.command(Command("walk", distance=1.0))
+    reply = p.walker.command(MotionCommand("walk", distance=1.0))
     assert (reply.accepted, reply.code) == (False, "not_initialised")
-    assert p.walker.command(Command("stop")).accepted
+    assert p.walker.command(MotionCommand("stop")).accepted
     p.initialised = True
     p.run(1.0)
-    assert p.walker.command(Command("walk", distance=0.1)).accepted
+    assert p.walker.command(MotionCommand("walk", distance=0.1)).accepted
 
 
 @pytest.mark.parametrize(
     ("command", "code", "field"),
     [
-        (Command("walk", distance=math.nan), "bad_value", "distance"),
-        (Command("walk", velocity=math.inf), "bad_value", "velocity"),
-        (Command("walk", velocity=0.5), "too_fast", "velocity"),
-        (Command("walk", velocity=0.0), "too_fast", "velocity"),
-        (Command("turn"), "missing_field", "angle"),
-        (Command("walk", distance=1.0, angle=0.2), "unsupported", "angle"),
-        (Command("walk", distance=1.0, gait="trot"), "unknown_gait", "gait"),
-        (Command("walk", shift=(0.01, 0.0)), "bad_value", "shift"),
-        (Command("stand", shift=(0.5, 0.0)), "bad_value", "shift"),
+        (MotionCommand("walk", distance=math.nan), "bad_value", "distance"),
+        (MotionCommand("walk", velocity=math.inf), "bad_value", "velocity"),
+        (MotionCommand("walk", velocity=0.5), "too_fast", "velocity"),
+        (MotionCommand("walk", velocity=0.0), "too_fast", "velocity"),
+        (MotionCommand("turn"), "missing_field", "angle"),
+        (MotionCommand("walk", distance=1.0, angle=0.2), "unsupported", "angle"),
+        (MotionCommand("walk", distance=1.0, gait="trot"), "unknown_gait", "gait"),
+        (MotionCommand("walk", shift=(0.01, 0.0)), "bad_value", "shift"),
+        (MotionCommand("stand", shift=(0.5, 0.0)), "bad_value", "shift"),
     ],
 )
 def test_impossible_commands_are_refused_and_change_nothing(command, code, field):
@@ -147,7 +147,7 @@ def test_impossible_commands_are_refused_and_change_nothing(command, code, field
 def test_no_new_step_on_a_stale_estimate_and_on_again_when_it_returns():
     p = plant()
     p.run(1.0)
-    p.walker.command(Command("walk", velocity=0.05))
+    p.walker.command(MotionCommand("walk", velocity=0.05))
     p.run(1.3)
     p.estimate_age = 0.2
     p.run(1.5)
@@ -165,7 +165,7 @@ def test_no_new_step_on_a_stale_estimate_and_on_again_when_it_returns():
 def test_a_restart_with_feet_in_the_air_puts_them_down_closes_and_walks_on():
     p = plant()
     p.run(1.0)
-    p.walker.command(Command("walk", distance=1.0))
+    p.walker.command(MotionCommand("walk", distance=1.0))
     p.run(1.25)
     assert not p.out.stance.all()
     again = Plant(HexapodWalker(ROBOT))
@@ -178,7 +178,7 @@ def test_a_restart_with_feet_in_the_air_puts_them_down_closes_and_walks_on():
     assert first.state == "recovering"
     again.until("standing", limit=10.0)
     assert again.contacts.all()
-    again.obey(Command("walk", distance=0.1))
+    again.obey(MotionCommand("walk", distance=0.1))
     assert again.walker.state.body[0] == pytest.approx(0.1, abs=0.02)
 
 
@@ -187,7 +187,7 @@ def test_climbs_a_step_of_the_map_and_keeps_the_trunk_over_it():
     z[:, 160:] = 0.025  # x >= 0.4 m
     heights = HeightMap(z=z, cell=0.005, origin=(-0.4, -0.4))
     p = Plant(HexapodWalker(ROBOT), heights)
-    outs = p.obey(Command("walk", distance=0.9))
+    outs = p.obey(MotionCommand("walk", distance=0.9))
     assert outs[-1].state == "standing"
     s = p.walker.state
     assert (s.footholds[:, 2] > 0.02).all()
@@ -202,7 +202,7 @@ def test_a_hole_in_the_map_and_in_the_ground_is_found_by_the_foot():
     )
     p.run(1.0)
     p.heights = HeightMap(z=np.full((161, 161), -0.02, dtype=np.float32), cell=0.005, origin=(-0.4, -0.4))
-    p.walker.command(Command("walk", distance=0.05))
+    p.walker.command(MotionCommand("walk", distance=0.05))
     p.step()
     while p.walker.state.steps < 1:
         p.step()
@@ -226,7 +226,7 @@ def test_levelling_works_against_the_estimated_tilt_within_its_limit():
 def test_equal_inputs_give_equal_outputs():
     a, b = plant(), plant()
     for p in (a, b):
-        p.obey(Command("walk", distance=0.1))
+        p.obey(MotionCommand("walk", distance=0.1))
     assert np.array_equal(a.out.command, b.out.command)
     assert a.tick == b.tick
 
@@ -242,7 +242,7 @@ def test_a_low_published_margin_shortens_the_steps_and_says_so():
     for margin in (0.05, 0.004):
         p = plant()
         p.run(1.0)
-        p.walker.command(Command("walk", velocity=0.05))
+        p.walker.command(MotionCommand("walk", velocity=0.05))
         for _ in range(300):
             p.walker.step(dataclasses.replace(p.inputs(), margin=margin))
             p.joints, p.tick = p.walker.state.q.copy(), p.tick + 1
@@ -264,5 +264,5 @@ def test_a_walk_counts_from_the_estimate_at_its_first_step_not_from_the_old_plan
         return dataclasses.replace(base, x=base.x + (0.03 if p.walker.state.steps == 0 and base.x < 0.03 else 0.0))
 
     p.inputs = pushed
-    p.obey(Command("walk", distance=0.1))
+    p.obey(MotionCommand("walk", distance=0.1))
     assert p.walker.state.body[0] == pytest.approx(0.13, abs=0.005)

@@ -7,7 +7,7 @@ from surefoot.robot.reader import load_robot
 from surefoot.services.walker.hexapod.gait import HexapodWalker
 from surefoot.services.walker.hexapod.params import WalkerParams
 from surefoot.services.walker.hexapod.standins import nominal_footholds
-from surefoot.services.walker.interface import CheckReply, Command, FootholdReply
+from surefoot.services.walker.interface import FootholdReply, MotionCommand, StanceVerdict
 from tests.services.walker.hexapod.plant import Plant
 
 ROBOT = load_robot("ragno")
@@ -26,7 +26,7 @@ def test_footholds_of_the_selector_are_stepped_on():
         return [FootholdReply("ok", (leg.nominal[0] + 0.01, leg.nominal[1], 9.9)) for leg in request.legs]
 
     p = plant(select=select)
-    outs = p.obey(Command("walk", distance=0.15))
+    outs = p.obey(MotionCommand("walk", distance=0.15))
     assert outs[-1].state == "standing"
     assert all(len(request.legs) == 3 for request in asked)  # one question for a whole tripod
     assert len(asked) == outs[-1].steps
@@ -43,13 +43,13 @@ def test_infeasible_footholds_shorten_the_step_and_end_in_a_refusal_with_the_rea
         return [FootholdReply("infeasible", None, 0.0, "water") for _ in request.legs]
 
     p = plant(select=select)
-    outs = p.obey(Command("walk", distance=0.3))
+    outs = p.obey(MotionCommand("walk", distance=0.3))
     assert outs[-1].state == "refused"
     assert "water" in outs[-1].reason
     assert len(strokes) == PARAMS.max_attempts
     assert strokes[-1] < 0.2 * strokes[0]
     assert outs[-1].stance.all()
-    assert p.walker.command(Command("stand")).accepted
+    assert p.walker.command(MotionCommand("stand")).accepted
     p.step()
     assert p.out.state == "standing"
 
@@ -64,7 +64,7 @@ def test_raise_trunk_moves_the_trunk_and_then_the_step_is_taken():
         return nominal_footholds(request)
 
     p = plant(select=select)
-    outs = p.obey(Command("walk", distance=0.1))
+    outs = p.obey(MotionCommand("walk", distance=0.1))
     assert max(o.trunk_height for o in outs) == pytest.approx(PARAMS.hip_height_m + 0.02, abs=0.003)
     assert p.walker.state.body[0] == pytest.approx(0.1, abs=0.005)
 
@@ -74,15 +74,15 @@ def test_unstable_steps_are_shortened_then_refused():
 
     def check(request):
         moves.append(request.movement[0])
-        return CheckReply(stable=abs(request.movement[0]) < 0.008, margin=-0.01)
+        return StanceVerdict(stable=abs(request.movement[0]) < 0.008, margin=-0.01)
 
     p = plant(check=check)
-    outs = p.obey(Command("walk", distance=0.05))
+    outs = p.obey(MotionCommand("walk", distance=0.05))
     assert outs[-1].state == "standing"
     assert p.walker.state.body[0] == pytest.approx(0.05, abs=0.005)
     assert any(abs(move) > 0.008 for move in moves)
-    p = plant(check=lambda request: CheckReply(False, -0.02, "infeasible"))
-    outs = p.obey(Command("walk", distance=0.05))
+    p = plant(check=lambda request: StanceVerdict(False, -0.02, "infeasible"))
+    outs = p.obey(MotionCommand("walk", distance=0.05))
     assert outs[-1].state == "refused"
     assert outs[-1].steps == 0
     assert "infeasible" in outs[-1].reason
@@ -93,10 +93,10 @@ def test_the_check_sees_the_standing_feet_and_the_movement():
 
     def check(request):
         seen.append(request)
-        return CheckReply(True, 0.05)
+        return StanceVerdict(True, 0.05)
 
     p = plant(check=check)
-    p.obey(Command("walk", distance=0.1))
+    p.obey(MotionCommand("walk", distance=0.1))
     request = seen[1]
     assert request.positions.shape == (3, 3)
     assert request.positions[:, 2] == pytest.approx(np.zeros(3), abs=2e-3)

@@ -8,13 +8,13 @@ from hypothesis import strategies as st
 
 from surefoot.services.walker.hexapod.params import WalkerParams
 from surefoot.services.walker.hexapod.route import Route, advance, finished, moved, remaining, wrap
-from surefoot.services.walker.interface import Command, Pose
+from surefoot.services.walker.interface import BodyPose, MotionCommand
 
 P = WalkerParams()
 
 
 def follow(command, start, error=(0.0, 0.0, 0.0), steps=400):
-    route, pose = Route(command, start, 1), Pose(start.x + error[0], start.y + error[1], 0.0, start.yaw + error[2])
+    route, pose = Route(command, start, 1), BodyPose(start.x + error[0], start.y + error[1], 0.0, start.yaw + error[2])
     for n in range(steps):
         if finished(route, pose, P):
             return pose, n
@@ -24,8 +24,8 @@ def follow(command, start, error=(0.0, 0.0, 0.0), steps=400):
 
 @given(st.floats(-2.0, 2.0), st.floats(-3.0, 3.0), st.floats(-0.05, 0.05), st.floats(-0.3, 0.3))
 def test_a_walk_ends_at_its_distance_on_its_line(distance, yaw, across, heading):
-    start = Pose(0.3, -0.2, 0.0, yaw)
-    pose, _ = follow(Command("walk", distance=distance), start, (0.0, 0.0, heading))
+    start = BodyPose(0.3, -0.2, 0.0, yaw)
+    pose, _ = follow(MotionCommand("walk", distance=distance), start, (0.0, 0.0, heading))
     c, s = math.cos(yaw), math.sin(yaw)
     along = c * (pose.x - start.x) + s * (pose.y - start.y)
     assert along == pytest.approx(distance, abs=P.distance_tolerance_m + 1e-9)
@@ -36,29 +36,29 @@ def test_a_walk_ends_at_its_distance_on_its_line(distance, yaw, across, heading)
 
 @given(st.floats(-6.0, 6.0))
 def test_a_turn_ends_at_its_angle_on_the_spot(angle):
-    pose, _ = follow(Command("turn", angle=angle), Pose(1.0, 2.0, 0.0, 0.5))
+    pose, _ = follow(MotionCommand("turn", angle=angle), BodyPose(1.0, 2.0, 0.0, 0.5))
     assert pose.yaw == pytest.approx(0.5 + angle, abs=P.angle_tolerance_rad + 1e-9)
     assert (pose.x, pose.y) == (1.0, 2.0)
 
 
 def test_velocity_sets_the_way_of_a_step_within_the_longest_stride():
-    slow = advance(Route(Command("walk", velocity=0.02), Pose(), 1), Pose(), P, 2)
+    slow = advance(Route(MotionCommand("walk", velocity=0.02), BodyPose(), 1), BodyPose(), P, 2)
     assert slow.forward == pytest.approx(0.02 * 0.5 * P.period_s)
-    fast = advance(Route(Command("walk", velocity=1.0), Pose(), 1), Pose(), P, 2)
+    fast = advance(Route(MotionCommand("walk", velocity=1.0), BodyPose(), 1), BodyPose(), P, 2)
     assert fast.forward == pytest.approx(0.5 * P.max_stride_m)
-    back = advance(Route(Command("walk", velocity=-0.02), Pose(), 1), Pose(), P, 2)
+    back = advance(Route(MotionCommand("walk", velocity=-0.02), BodyPose(), 1), BodyPose(), P, 2)
     assert back.forward == pytest.approx(-0.01)
 
 
 def test_a_walk_without_distance_never_ends_and_stand_is_done_at_once():
-    route = Route(Command("walk"), Pose(), 1)
-    assert remaining(route, Pose(x=50.0)) == math.inf
-    assert not finished(route, Pose(x=50.0), P)
-    assert finished(Route(Command("stand"), Pose(), 1), Pose(), P)
-    assert advance(Route(Command("stand"), Pose(), 1), Pose(), P, 2).forward == 0.0
+    route = Route(MotionCommand("walk"), BodyPose(), 1)
+    assert remaining(route, BodyPose(x=50.0)) == math.inf
+    assert not finished(route, BodyPose(x=50.0), P)
+    assert finished(Route(MotionCommand("stand"), BodyPose(), 1), BodyPose(), P)
+    assert advance(Route(MotionCommand("stand"), BodyPose(), 1), BodyPose(), P, 2).forward == 0.0
 
 
 @given(st.integers(2, 6))
 def test_speed_of_a_cycle_does_not_depend_on_the_number_of_groups(groups):
-    step = advance(Route(Command("walk", distance=1.0), Pose(), 1), Pose(), P, groups)
+    step = advance(Route(MotionCommand("walk", distance=1.0), BodyPose(), 1), BodyPose(), P, groups)
     assert step.forward * groups == pytest.approx(P.stride_m)

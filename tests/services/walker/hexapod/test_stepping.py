@@ -6,7 +6,7 @@ import pytest
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot.reader import load_robot
 from surefoot.services.walker.hexapod.gait import HexapodWalker
-from surefoot.services.walker.interface import Command
+from surefoot.services.walker.interface import MotionCommand
 from tests.services.walker.hexapod.plant import KINEMATICS_TICKS, Plant
 
 ROBOT = load_robot("ragno")
@@ -17,7 +17,7 @@ EDGE = 0.012  # m over the ground
 def walking(heights: HeightMap | None = None) -> Plant:
     plant = Plant(HexapodWalker(ROBOT), heights)
     plant.run(1.0)
-    assert plant.walker.command(Command("walk", distance=0.1)).accepted
+    assert plant.walker.command(MotionCommand("walk", distance=0.1)).accepted
     return plant
 
 

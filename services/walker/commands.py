@@ -1,0 +1,94 @@
+"""Commands judged before they are obeyed, for every kind of robot."""
+
+import math
+from dataclasses import dataclass
+
+from surefoot.services.walker.interface import CommandReply, MotionCommand, refused
+
+
+@dataclass(frozen=True, slots=True)
+class ArcLimits:
+    """How tightly a walk may turn."""
+
+    step_m: float
+    """Length of a step at the usual speed, m."""
+    step_s: float
+    """Duration of a step, s."""
+    max_turn_rad: float
+    """Largest turn of a step, rad."""
+
+
+@dataclass(frozen=True, slots=True)
+class Abilities:
+    """What a gait can do, as far as a command is judged by it."""
+
+    gaits: tuple[str, ...]
+    """Names a command may ask for."""
+    fastest: float
+    """Largest speed, m/s."""
+    shifts: bool = False
+    """True if the trunk can be shifted over the standing feet."""
+    arcs: ArcLimits | None = None
+    """None: the robot turns on the spot only."""
+
+
+def refusal_of(
+    command: MotionCommand,
+    can: Abilities,
+    *,
+    calibrated: bool,
+    fallen: bool = False,
+    stepping_gait: str | None = None,
+) -> CommandReply | None:
+    """Return why a command cannot be obeyed, or None.
+
+    Args:
+        command: as received.
+        can: abilities of the gait it asks for.
+        calibrated: the estimator has finished its standstill calibration.
+        fallen: the robot has fallen.
+        stepping_gait: gait of the walk under way that has to end first; None: any gait may begin now.
+    """
+    for name in ("distance", "velocity", "angle"):
+        value = getattr(command, name)
+        if value is not None and not math.isfinite(value):
+            return refused("bad_value", name, f"{name} must be finite, got {value}")
+    if command.shift is not None and not can.shifts:
+        return refused("unsupported", "shift", "shift is for robots with more than two legs")
+    if command.shift is not None and command.action != "stand":
+        return refused("bad_value", "shift", f"shift goes with stand, got it with {command.action!r}")
+    if command.gait not in (None, *can.gaits):
+        return refused("unknown_gait", "gait", f"gait must be one of {', '.join(can.gaits)}, got {command.gait!r}")
+    if command.gait is not None and stepping_gait not in (None, command.gait):
+        return refused("conflict", "gait", f"gait can change only while standing; {stepping_gait} is under way")
+    if fallen:
+        return refused("fallen", None, "the robot has fallen")
+    if command.action in ("stand", "stop"):
+        return None
+    if command.action == "walk" and command.angle is not None and can.arcs is None:
+        return refused("unsupported", "angle", "angle makes an arc, for robots with two legs; first turn, then walk")
+    if not calibrated:
+        return refused("not_initialised", None, "the estimator has not finished its standstill calibration")
+    if command.action == "turn" and command.angle is None:
+        return refused("missing_field", "angle", "angle is missing: turn needs one")
+    if command.action == "turn" and can.arcs is not None:
+        for field in ("distance", "velocity"):
+            if getattr(command, field) is not None:
+                return refused("conflict", field, f"{field} does not go with turn; walk with an angle is an arc")
+    if command.velocity is not None and not 0.0 < abs(command.velocity) <= can.fastest:
+        reason = f"velocity must be within 0 and {can.fastest:.3f} m/s, got {command.velocity:g}"
+        return refused("too_fast", "velocity", reason)
+    if command.action == "walk" and command.angle is not None and can.arcs is not None:
+        return _too_tight(command, command.angle, can.arcs)
+    return None
+
+
+def _too_tight(command: MotionCommand, angle: float, arcs: ArcLimits) -> CommandReply | None:
+    if command.distance is None or command.distance == 0.0:
+        return refused("missing_field", "distance", "distance is missing: an arc needs one; turn turns on the spot")
+    radius = abs(command.distance / angle) if angle else math.inf
+    longest = arcs.step_m if command.velocity is None else abs(command.velocity) * arcs.step_s
+    if longest / radius > arcs.max_turn_rad:
+        least = longest / arcs.max_turn_rad
+        return refused("too_tight", "angle", f"angle makes an arc of {radius:.3f} m radius, least is {least:.3f} m")
+    return None

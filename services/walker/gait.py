@@ -1,0 +1,40 @@
+"""What the walker service asks of a gait, whatever the number of legs."""
+
+from typing import Protocol
+
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.services.walker.interface import CommandReply, MotionCommand, WalkerInputs, WalkerOutputs
+from surefoot.services.walker.memory import WalkMemory
+
+
+class Gait(Protocol):
+    """Moves one kind of robot: commands in, set-points of its joints out, one control tick at a time."""
+
+    @property
+    def walk_id(self) -> int:
+        """Number of the last command that was accepted, 0 before the first."""
+        ...
+
+    def command(self, command: MotionCommand) -> CommandReply:
+        """Accept or refuse a command; an accepted one replaces the present one at the next step."""
+        ...
+
+    def never(self, command: MotionCommand) -> CommandReply | None:
+        """Return why a command cannot be obeyed at any time, or None."""
+        ...
+
+    def set_map(self, heights: HeightMap | None) -> None:
+        """Take a new terrain map, frame map; None: the ground is where the feet are. Gaits without eyes ignore it."""
+        ...
+
+    def kept(self) -> WalkMemory:
+        """Return what a restart must not lose."""
+        ...
+
+    def resume(self, kept: WalkMemory) -> None:
+        """Go on after a restart with what was kept; called before the first tick."""
+        ...
+
+    def step(self, inputs: WalkerInputs) -> WalkerOutputs:
+        """Advance by one control tick of 10 ms."""
+        ...
