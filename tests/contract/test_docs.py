@@ -1,0 +1,128 @@
+"""The pages are true to the tree: links, paths, modules, targets of make; generated pages are those of now."""
+
+import importlib.util
+import re
+from pathlib import Path
+
+import pytest
+
+from surefoot.lab.topics_page import page
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
+DECISIONS = ROOT / "docs" / "decisions"
+
+BLOCK = re.compile(r"^```(.*?)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+CODE = re.compile(r"`([^`\n]+)`")
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
+RUN = re.compile(r"python -m ([\w.]+)")
+MAKE = re.compile(r"make ([a-z][\w-]*)")
+PATH = re.compile(r"[\w<>*.-]+(/[\w<>*.-]+)*/?")
+NAME = re.compile(r"surefoot(\.\w+)+")
+PLACEHOLDER = re.compile(r"<[^>]*>")
+ENDING = re.compile(r"\.(py|md|toml|yaml|json|png|cff)$")
+DECISION = re.compile(r"^\*\*(.+?)\*\*", re.MULTILINE)
+ROW = re.compile(r"^\| (.+) \| \[.+\]\((.+)\) \|$", re.MULTILINE)
+FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir() and not path.name.startswith(".")}
+
+
+def each_page() -> pytest.MarkDecorator:
+    return pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+
+
+def shown(path: Path) -> str:
+    """Return the text of a page without the blocks that are files of their own."""
+    return BLOCK.sub(lambda block: "" if "=" in block[1] else block[0], path.read_text(encoding="utf-8"))
+
+
+def codes(path: Path) -> list[str]:
+    """Return what stands between backticks in the text of a page."""
+    return CODE.findall(BLOCK.sub("", path.read_text(encoding="utf-8")))
+
+
+def anchors(path: Path) -> set[str]:
+    """Return the anchors of the headings of a page."""
+    headings = HEADING.findall(BLOCK.sub("", path.read_text(encoding="utf-8")))
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def exists(path: str) -> bool:
+    """Return whether a file or folder has this path, with placeholders in angle brackets."""
+    pattern = PLACEHOLDER.sub("*", path).rstrip("/")
+    return any(found.is_dir() or not path.endswith("/") for found in ROOT.glob(pattern))
+
+
+def of_the_tree(word: str) -> bool:
+    """Return whether a word in backticks is a path from the top of the repository."""
+    if not PATH.fullmatch(word) or "/" not in word or word.partition("/")[0] not in FOLDERS:
+        return False
+    return word.endswith("/") or bool(ENDING.search(word)) or not re.search(r"[<>.]", word)
+
+
+@each_page()
+def test_links_lead_somewhere(path: Path) -> None:
+    for link in LINK.findall(shown(path)):
+        target, _, anchor = link.partition("#")
+        if "://" in target:
+            continue
+        file = (path.parent / target).resolve() if target else path
+        assert file.exists(), link
+        assert not anchor or anchor in anchors(file), link
+
+
+@each_page()
+def test_paths_exist(path: Path) -> None:
+    names = {file.name for folder in FOLDERS for file in (ROOT / folder).rglob("*") if ENDING.search(file.name)}
+    for word in codes(path):
+        if of_the_tree(word):
+            assert exists(word), word
+        elif "/" not in word and PATH.fullmatch(word) and ENDING.search(word):
+            assert word in names or (ROOT / word).exists(), word
+
+
+@each_page()
+def test_modules_exist(path: Path) -> None:
+    for module in RUN.findall(shown(path)):
+        spec = importlib.util.find_spec(module)
+        assert spec is not None, module
+        if spec.submodule_search_locations is not None:
+            assert importlib.util.find_spec(f"{module}.__main__") is not None, module
+
+
+@each_page()
+def test_names_are_in_their_modules(path: Path) -> None:
+    for word in codes(path):
+        if not NAME.fullmatch(word) or ENDING.search(word):
+            continue
+        module, _, name = word.rpartition(".")
+        place = importlib.util.find_spec(module)
+        assert place is not None, word
+        if place.submodule_search_locations is not None and importlib.util.find_spec(word):
+            continue
+        assert place.origin is not None, word
+        assert re.search(rf"\b{name}\b", Path(place.origin).read_text(encoding="utf-8")), word
+
+
+@each_page()
+def test_targets_of_make_exist(path: Path) -> None:
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    in_blocks = "\n".join(text for _, text in BLOCK.findall(path.read_text(encoding="utf-8")))
+    words = [*codes(path), *re.findall(r"^make .*", in_blocks, re.MULTILINE)]
+    assert {target for word in words for target in MAKE.findall(word)} <= targets
+
+
+def test_page_of_topics_is_the_generated_one() -> None:
+    path = ROOT / "docs" / "topics.md"
+    assert path.read_text(encoding="utf-8") == page(), "python -m surefoot.lab.topics_page > docs/topics.md"
+
+
+def test_every_decision_is_in_the_index() -> None:
+    index = ROW.findall((DECISIONS / "README.md").read_text(encoding="utf-8"))
+    found = [
+        (head.rstrip(".:"), path.name)
+        for path in DECISIONS.glob("*.md")
+        if path.name != "README.md"
+        for head in DECISION.findall(path.read_text(encoding="utf-8"))
+    ]
+    assert sorted(index) == sorted(found)
