@@ -1,4 +1,4 @@
-"""The command `surefoot`: verbs and nouns, one file each in `commands`; heavy libraries are imported by the command."""
+"""The command `surefoot`: verbs and nouns, one file each; heavy libraries are imported by the command."""
 
 import os
 import sys

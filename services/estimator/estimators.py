@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.services.estimator.ekf import PaperEkf
 from surefoot.services.estimator.inertial import predict, widened, without_velocity
 from surefoot.services.estimator.legs import LegVelocity
 from surefoot.services.estimator.params import EstimatorParams
@@ -153,16 +154,10 @@ class _LegsGyro(_Legs):
         self._take(legs.v_kg, legs.feet_kg)
 
 
-def _ekf(params: EstimatorParams) -> VelocityEstimator:
-    from surefoot.services.estimator.ekf import PaperEkf  # filterpy takes a second to import
-
-    return PaperEkf(params)
-
-
 ESTIMATORS: dict[str, Callable[[EstimatorParams], VelocityEstimator]] = {
     "imu": _Inertial,
     "kinematics": _Legs,
     "kinematics_gyro": _LegsGyro,
-    "ekf": _ekf,
+    "ekf": PaperEkf,
 }
 """Name -> constructor. Names are those of the topics `state/velocity/<name>`."""

@@ -45,7 +45,7 @@ def run(environment: Path, folder: Path, *words: str) -> subprocess.CompletedPro
 
 def test_packages_and_data_come_from_the_wheel(installed: Path, tmp_path: Path) -> None:
     code = (
-        "import surefoot.schemas.topics, surefoot.robot.description, surefoot.lab.cli.main as c;"
+        "import surefoot.schemas.topics, surefoot.robot.reader, surefoot.lab.cli.main as c;"
         "print(surefoot.robot.reader.load_robot('ragno').nj, c.__file__)"
     )
     done = run(installed, tmp_path, "-c", code)
