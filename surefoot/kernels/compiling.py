@@ -29,10 +29,10 @@ class Compiling:
             for listener in tuple(self._listeners):
                 listener(name)
 
-    def ended(self, name: str) -> None:
-        """It is compiled."""
+    def ended(self, name: str, counts: bool = True) -> None:
+        """It is compiled; one step of several does not count."""
         self._depth -= 1
-        self.done += 1
+        self.done += counts
         self.last = name
 
     @contextmanager

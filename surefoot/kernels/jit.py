@@ -1,12 +1,12 @@
 """Typed ways to compile a numeric kernel."""
 
 import contextlib
+import gc
 import importlib
 import sys
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
-import numba  # pyright: ignore[reportMissingTypeStubs]
 from numba.core import event  # pyright: ignore[reportMissingTypeStubs]
 
 from surefoot.kernels.compiling import COMPILING
@@ -16,13 +16,29 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 class _Listener(event.Listener):  # pyright: ignore[reportUntypedBaseClass]
-    """Hears of compilations; functions that are loaded from the cache are none."""
+    """Counts compilations; functions that are loaded from the cache are none.
+
+    The collector of garbage rests meanwhile: it would go through all of numba's objects again and again, a sixth of
+    the time of a compilation.
+    """
+
+    def __init__(self) -> None:
+        self._collects = False
+        self._linked = set[Any]()  # what the compilation now under way has counted: a wrapper of it counts no more
 
     def on_start(self, event: Any) -> None:
+        if not COMPILING.busy:
+            self._collects = gc.isenabled()
+            gc.disable()
+            self._linked.clear()
         COMPILING.began(event.data["dispatcher"].py_func.__qualname__)
 
     def on_end(self, event: Any) -> None:
-        COMPILING.ended(event.data["dispatcher"].py_func.__qualname__)
+        function, args = event.data["dispatcher"].py_func, event.data["args"]
+        COMPILING.ended(function.__qualname__, (function, args) not in self._linked)
+        self._linked.add((function, args))
+        if self._collects and not COMPILING.busy:
+            gc.enable()
 
 
 def _load_without_scipy() -> None:
@@ -41,6 +57,9 @@ def _load_without_scipy() -> None:
 
 
 _load_without_scipy()
+
+from surefoot.kernels.linking import Kernel  # noqa: E402 - loads what has to be loaded without scipy
+
 COMPILING.used = True
 event.register("numba:compile", _Listener())  # pyright: ignore[reportUnknownMemberType]
 
@@ -68,9 +87,9 @@ def _compiled(function: F, **options: Any) -> F:
 
     Code is as old as the oldest file that went into it: see `surefoot.kernels.sources`.
     """
-    compiled: Any = numba.njit(**options)(function)  # pyright: ignore[reportUnknownMemberType]
+    compiled: Any = Kernel(function, targetoptions=dict(options, nopython=True))
     with contextlib.suppress(RuntimeError):  # numba finds no place to write
         compiled.enable_caching()
-        index = compiled._cache._cache_file  # numba has no name for it that is its user's
-        index._source_stamp = (index._source_stamp, fingerprint(function.__module__))
+        for index in (compiled._cache._cache_file, compiled.linked._cache._cache_file):  # numba has no public name
+            index._source_stamp = (index._source_stamp, fingerprint(function.__module__))
     return cast(F, compiled)

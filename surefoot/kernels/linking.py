@@ -1,0 +1,173 @@
+# pyright: basic, reportPrivateUsage=false, reportAttributeAccessIssue=false
+"""How compiled kernels are put together: each piece of code is optimised and turned into machine code once.
+
+numba makes a library of every function it compiles, optimises it, emits machine code with a wrapper for Python, and
+then links the library into every caller, where all of that is done again. Here a function is lowered once and kept as
+code to link; only what Python calls, an entry, becomes machine code, together with everything that it calls. Constant
+arguments of a call from another kernel do not make a specialisation of their own.
+"""
+
+from copy import copy
+from typing import Any
+
+import llvmlite.binding as llvm
+import numba.core.dispatcher  # noqa: F401 - registers what codegen needs
+from numba.core import caching, types
+from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
+from numba.core.environment import Environment, lookup_environment
+from numba.core.registry import CPUDispatcher
+
+ENVIRONMENT = "_ZN08NumbaEnv"
+"""Prefix of the variables that hold the Python objects of a compiled function."""
+DYNAMIC = "numba.dynamic.globals"
+"""Prefix of the variables that hold addresses of one process: such code cannot be kept."""
+
+
+class Library(JITCodeLibrary):
+    """Code of one function. It is optimised and emitted when the address of its wrapper is asked for, else never."""
+
+    def add_linking_library(self, library: Any) -> None:
+        """Note a callee, which may be code to link only."""
+        self._linking_libraries.append(library)
+
+    def _get_module_for_linking(self) -> Any:
+        """Return the code with that of all callees, as a module that may be linked into several others."""
+        if self._shared_module is None:
+            module = self._final_module.clone()
+            module.name = self._final_module.name
+            for library in dict.fromkeys(self._linking_libraries):
+                self._reload_init.update(library._reload_init)
+                module.link_in(library._get_module_for_linking(), preserve=True)
+            for function in module.functions:
+                if not function.is_declaration and function.linkage == llvm.Linkage.external:
+                    function.linkage = "linkonce_odr"
+            self._shared_module = module
+        return self._shared_module
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """Return the address of a wrapper, or 0 for code without one, which stays code to link."""
+        if not self._finalized:
+            try:
+                self._final_module.get_function(name)
+            except NameError:
+                return 0
+        return super().get_pointer_to_function(name)
+
+    def _finalize_specific(self) -> None:
+        """Emit machine code, and give it the Python objects of all functions that went into it."""
+        super()._finalize_specific()
+        for variable in self._final_module.global_variables:
+            environment = lookup_environment(variable.name) if variable.name.startswith(ENVIRONMENT) else None
+            if environment is not None:
+                self._codegen.set_env(variable.name, environment)
+
+    @property
+    def has_dynamic_globals(self) -> bool:
+        """Report whether the code holds addresses that are valid in this process only."""
+        module = self._final_module if self._finalized else self._get_module_for_linking()
+        return any(variable.name.startswith(DYNAMIC) for variable in module.global_variables)
+
+    def serialize_using_object_code(self) -> tuple[str, str, Any]:
+        """Return what the cache keeps: machine code and its names, or the code to link."""
+        if not self._finalized:
+            return self.name, "link", self._get_module_for_linking().as_bitcode()
+        symbols = (*self._final_module.functions, *self._final_module.global_variables)
+        return self.name, "emitted", (self._get_compiled_object(), [s.name for s in symbols if not s.is_declaration])
+
+    @classmethod
+    def _unserialize(cls, codegen: Any, state: tuple[str, str, Any]) -> Any:
+        name, kind, data = state
+        if kind not in ("link", "emitted"):
+            return super()._unserialize(codegen, state)
+        self = codegen.create_library(name)
+        if kind == "link":
+            self._final_module = self._shared_module = llvm.parse_bitcode(data)
+        else:
+            self.enable_object_caching()
+            self._set_compiled_object(data[0])
+            codegen._engine._defined_symbols.update(data[1])
+            self._finalize_final_module()
+        return self
+
+
+class _LinkedImpl(caching.CompileResultCacheImpl):
+    """Files of code to link, beside those of the machine code."""
+
+    def get_filename_base(self, fullname: str, abiflags: str) -> str:
+        return super().get_filename_base(fullname, abiflags) + ".link"
+
+    def reduce(self, cres: Any) -> tuple[Any, ...]:
+        """Return what is kept of a compilation, with the Python objects of all functions that it calls."""
+        *kept, _own = super().reduce(cres)
+        names = [variable.name for variable in cres.library._get_module_for_linking().global_variables]
+        found = [lookup_environment(name) for name in names if name.startswith(ENVIRONMENT)]
+        return *kept, tuple(each for each in found if each is not None and each.can_cache())
+
+
+class _LinkedCache(caching.FunctionCache):
+    _impl_class = _LinkedImpl
+
+
+class Linked(CPUDispatcher):
+    """A function as other kernels call it: without wrapper, never machine code of its own."""
+
+    def enable_caching(self) -> None:
+        self._cache = _LinkedCache(self.py_func)
+
+
+class _Entries:
+    """Compiles a wrapper for Python around a linked function; in all else the compiler that numba gave the kernel."""
+
+    def __init__(self, kernel: Any, compiler: Any) -> None:
+        self._kernel, self._compiler = kernel, compiler
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._compiler, name)
+
+    def compile(self, args: tuple[Any, ...], return_type: Any) -> Any:
+        linked = self._kernel.linked
+        linked.compile(tuple(args))
+        inner = linked.overloads[tuple(args)]
+        context = self._kernel.targetctx.subtarget(enable_nrt=True)
+        library = context.codegen().create_library(inner.fndesc.qualname)
+        library.enable_object_caching()
+        unlocked = self._kernel.targetoptions.get("nogil", False)
+        wrapped = copy(inner.fndesc)
+        wrapped.env_name += "_entry"  # Python objects of the wrapper, kept apart: linked code is kept without them
+        environment = Environment.from_fndesc(wrapped)
+        context.create_cpython_wrapper(library, wrapped, environment, None, unlocked)
+        library.add_linking_library(inner.library)
+        entry = context.get_executable(library, wrapped, environment)
+        return inner._replace(library=library, fndesc=wrapped, environment=environment, entry_point=entry, metadata={})
+
+
+class Kernel(CPUDispatcher):
+    """A function that Python calls, and that other kernels call as `linked`."""
+
+    def __init__(self, py_func: Any, locals: Any = None, targetoptions: Any = None, **others: Any) -> None:
+        super().__init__(py_func, locals, targetoptions, **others)
+        bare = dict(targetoptions or {}, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+        self.linked = Linked(py_func, locals, bare, **others)
+        self._compiler = _Entries(self, self._compiler)
+
+    def enable_caching(self) -> None:
+        super().enable_caching()
+        self.linked.enable_caching()
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Return the signature of a call from a kernel: the same for constants and for variables."""
+        plain = {name: types.unliteral(value) for name, value in kws.items()}
+        return self.linked.get_call_template(tuple(types.unliteral(value) for value in args), plain)
+
+    def get_overload(self, sig: Any) -> Any:
+        return self.linked.get_overload(sig)
+
+
+def _set_env(codegen: Any, name: str, environment: Any, original: Any = JITCPUCodegen.set_env) -> None:
+    """Set the Python objects of a function that is machine code; code to link gets them when it is emitted."""
+    if codegen._engine.is_symbol_defined(name):
+        original(codegen, name, environment)
+
+
+JITCPUCodegen._library_class = Library
+JITCPUCodegen.set_env = _set_env
