@@ -19,7 +19,6 @@ from surefoot.services.stability.programs.directions import equally_spaced
 from surefoot.services.stability.programs.interior import SOLVED
 from surefoot.services.stability.programs.oracle import Oracle
 from surefoot.services.stability.programs.reference import Reference
-from surefoot.services.stability.programs.single import support_value
 from surefoot.services.stability.regions.many import COARSE
 from surefoot.services.stability.regions.margin import extent, margin, warm
 from surefoot.services.stability.regions.region import Region, region
@@ -74,7 +73,7 @@ def speed(repeats: int) -> None:
                     microseconds(lambda s=s: region(s, tolerance=1e-9, limit=16)),
                     microseconds(lambda s=s: region(s)),
                     microseconds(lambda o=oracle: o.fan(SIXTEEN, 16)),
-                    microseconds(lambda s=s: support_value(s, SIXTEEN[1])),
+                    microseconds(lambda s=s: Oracle(s).fan(SIXTEEN[1:2], 1)),
                     microseconds(lambda f=found, c=c: margin(f, c)),
                     microseconds(lambda f=found, c=c: extent(f, c, SIXTEEN[3])),
                     microseconds(lambda r=reference, o=oracle: [r.solve(o.reduced.h @ a) for a in SIXTEEN], 1),

@@ -24,7 +24,6 @@ import numpy as np
 from surefoot.services.stability.programs.contacts import ContactSet, contact_set
 from surefoot.services.stability.programs.directions import equally_spaced
 from surefoot.services.stability.programs.oracle import Oracle
-from surefoot.services.stability.programs.single import support_value
 from surefoot.services.stability.regions.margin import extent, warm
 from surefoot.services.stability.regions.region import region
 from tests.services.stability.oracles import literal_matrices
@@ -189,7 +188,7 @@ def compare(n: int, repeats: int, others: dict[str, tuple[Call, int]]) -> dict[s
     mine: dict[str, tuple[Call, int]] = {
         "region, 16 directions": (lambda s: region(s, SIXTEEN), 5),
         "  kernel alone": (lambda s: Oracle(s).fan(SIXTEEN, 16), 5),
-        "one direction": (lambda s: support_value(s, SIXTEEN[1]), 5),
+        "one direction": (lambda s: Oracle(s).fan(SIXTEEN[1:2], 1), 5),
     }
     times: dict[str, list[float]] = {name: [] for name in (*mine, *others)}
     errors: dict[str, list[float]] = {name: [] for name in others}

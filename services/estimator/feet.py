@@ -9,6 +9,7 @@ it and p the mean of both positions, a foot that does not slide gives (identity 
 A round foot rolls: its centre moves by w_foot x (radius * up), which `v^KG` takes into account (note 2.3, (13) `best`).
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -85,7 +86,14 @@ def _feet_in_imu(model: KinematicModel, rot_imu_from_base: Array, imu_position: 
 
 @kernel
 def _all_finite(position: Array, rot: Array) -> bool:
-    return bool(np.isfinite(position).all() and np.isfinite(rot).all())
+    for f in range(position.shape[0]):
+        for i in range(3):
+            if not math.isfinite(position[f, i]):
+                return False
+            for k in range(3):
+                if not math.isfinite(rot[f, i, k]):
+                    return False
+    return True
 
 
 def without_unknown_feet(sample: FootSample) -> FootSample:
@@ -140,15 +148,23 @@ def foot_velocities(
     """
     feet = p_0.shape[0]
     v_kg, v_k = np.zeros((feet, 3)), np.zeros((feet, 3))
+    arm, moved = np.empty(3), np.empty(3)
     for f in range(feet):
         if not used[f]:
             continue
-        sweep = cross(w, 0.5 * (p_0[f] + p_1[f]))
+        for i in range(3):
+            arm[i] = 0.5 * (p_0[f, i] + p_1[f, i])
+        sweep = cross(w, arm)
         for i in range(3):
             v_kg[f, i] = -(p_1[f, i] - p_0[f, i]) / d - sweep[i]
         if radius[f] > 0.0:
-            v_kg[f] += cross(w + foot_turn(rot_0[f], rot_1[f]) / d, radius[f] * up)
-        moved = np.empty(3)
+            turn = foot_turn(rot_0[f], rot_1[f])
+            for i in range(3):
+                turn[i] = w[i] + turn[i] / d
+                arm[i] = radius[f] * up[i]
+            rolled = cross(turn, arm)
+            for i in range(3):
+                v_kg[f, i] += rolled[i]
         for i in range(3):
             moved[i] = 0.0
             for k in range(3):
@@ -180,13 +196,18 @@ def rigid_fit(p_0: Array, p_1: Array, used: Flags, d: float) -> tuple[Array, Arr
                 mean[i] -= (p_1[f, i] - p_0[f, i]) / d
     if n < 3:
         return np.zeros(3), np.zeros(3), False
-    centre /= n
-    mean /= n
-    a, b = np.zeros((3, 3)), np.zeros(3)
+    for i in range(3):
+        centre[i] /= n
+        mean[i] /= n
+    a, b, arm, rate = np.zeros((3, 3)), np.zeros(3), np.empty(3), np.empty(3)
     for f in range(feet):
         if used[f]:
-            arm = 0.5 * (p_0[f] + p_1[f]) - centre
-            b += cross(arm, -(p_1[f] - p_0[f]) / d - mean)
+            for i in range(3):
+                arm[i] = 0.5 * (p_0[f, i] + p_1[f, i]) - centre[i]
+                rate[i] = -(p_1[f, i] - p_0[f, i]) / d - mean[i]
+            moment = cross(arm, rate)
+            for i in range(3):
+                b[i] += moment[i]
             square = arm[0] * arm[0] + arm[1] * arm[1] + arm[2] * arm[2]
             for i in range(3):
                 a[i, i] += square
@@ -195,7 +216,10 @@ def rigid_fit(p_0: Array, p_1: Array, used: Flags, d: float) -> tuple[Array, Arr
     w, ok = _solve_3(a, b)
     if not ok:
         return np.zeros(3), np.zeros(3), False
-    return mean - cross(w, centre), w, True
+    swept = cross(w, centre)
+    for i in range(3):
+        mean[i] -= swept[i]
+    return mean, w, True
 
 
 @kernel
@@ -224,9 +248,11 @@ def leg_velocity(
     """
     v_kg, v_k = foot_velocities(p_0, p_1, rot_0, rot_1, used, w, up, radius, d)
     mean_kg, slipping, feet_kg = combine(v_kg, used, gate)
-    trusted = used & ~slipping
+    trusted, feet_k = np.empty(used.size, dtype=np.bool_), 0
+    for f in range(used.size):
+        trusted[f] = used[f] and not slipping[f]
+        feet_k += 1 if trusted[f] else 0
     mean_k, _, fits = rigid_fit(p_0, p_1, trusted, d)
-    feet_k = int(np.count_nonzero(trusted))
     if not fits:
         mean_k, _, feet_k = combine(v_k, trusted, np.inf)
     if 0 < feet_kg < 3:
@@ -258,6 +284,26 @@ def _solve_3(a: Array, b: Array) -> tuple[Array, bool]:
 
 
 @kernel
+def order(values: Array) -> NDArray[np.int64]:
+    """Indices (n,) that sort a handful of numbers (n,), equal ones in their order, NaN last."""
+    ranked = np.empty(values.size, dtype=np.int64)
+    for i in range(values.size):
+        k = i
+        while k > 0 and (values[i] < values[ranked[k - 1]] or math.isnan(values[ranked[k - 1]])):
+            ranked[k] = ranked[k - 1]
+            k -= 1
+        ranked[k] = i
+    return ranked
+
+
+@kernel
+def median(values: Array) -> float:
+    """Median of a handful of numbers, (n,), n > 0."""
+    ranked = order(values)
+    return 0.5 * (values[ranked[(values.size - 1) // 2]] + values[ranked[values.size // 2]])
+
+
+@kernel
 def combine(v: Array, used: Flags, gate: float) -> tuple[Array, Flags, int]:
     """One velocity from several feet, and which of them slip.
 
@@ -280,7 +326,7 @@ def combine(v: Array, used: Flags, gate: float) -> tuple[Array, Flags, int]:
     out = np.zeros(3)
     if n == 0:
         return out, slipping, 0
-    median = np.empty(3)
+    middle = np.empty(3)
     values = np.empty(n)
     for i in range(3):
         k = 0
@@ -288,21 +334,23 @@ def combine(v: Array, used: Flags, gate: float) -> tuple[Array, Flags, int]:
             if used[f]:
                 values[k] = v[f, i]
                 k += 1
-        values.sort()
-        median[i] = 0.5 * (values[(n - 1) // 2] + values[n // 2])
+        middle[i] = median(values)
     kept = 0
     for f in range(feet):
         if not used[f]:
             continue
-        x, y, z = v[f, 0] - median[0], v[f, 1] - median[1], v[f, 2] - median[2]
+        x, y, z = v[f, 0] - middle[0], v[f, 1] - middle[1], v[f, 2] - middle[2]
         if n > 2 and x * x + y * y + z * z > gate * gate:
             slipping[f] = True
             continue
         kept += 1
-        out += v[f]
+        for i in range(3):
+            out[i] += v[f, i]
     if kept == 0:  # no two feet agree: the median is all there is
-        return median, slipping, 0
-    return out / kept, slipping, kept
+        return middle, slipping, 0
+    for i in range(3):
+        out[i] /= kept
+    return out, slipping, kept
 
 
 def warm() -> None:

@@ -44,9 +44,12 @@ def propagate(g: Array, v: Array, w: Array, q: Array, d: float) -> tuple[Array, 
     Returns:
         g (3,), v (3,) after the step.
     """
-    half = -0.5 * d * w
-    g_mid = rotate_by(half, g)
-    v_next = rotate_by(-d * w, v) + (q - g_mid) * d
+    half, whole = np.empty(3), np.empty(3)
+    for i in range(3):
+        half[i], whole[i] = -0.5 * d * w[i], -d * w[i]
+    g_mid, v_next = rotate_by(half, g), rotate_by(whole, v)
+    for i in range(3):
+        v_next[i] += (q[i] - g_mid[i]) * d
     return rotate_by(half, g_mid), v_next
 
 
@@ -67,14 +70,15 @@ def turn_jacobian(x: Array) -> Array:
 def transition(w: Array, d: float, exact: bool) -> Array:
     """F, (6, 6): equation (24) [I 0; -d I I], or with the rotation it drops: [E 0; -d E_h E], E = exp(-[w] d)."""
     f = np.zeros((6, 6))
-    axis = np.zeros(3)
+    axis, by_half, by_whole = np.zeros(3), np.empty(3), np.empty(3)
     for i in range(3):
-        axis[:] = 0.0
-        axis[i] = 1.0
+        by_half[i], by_whole[i] = -0.5 * d * w[i], -d * w[i]
+    for i in range(3):
+        for k in range(3):
+            axis[k] = 1.0 if k == i else 0.0
+        turned, half = axis, axis
         if exact:
-            turned, half = rotate_by(-d * w, axis), rotate_by(-0.5 * d * w, axis)
-        else:
-            turned, half = axis, axis
+            turned, half = rotate_by(by_whole, axis), rotate_by(by_half, axis)
         for k in range(3):
             f[k, i] = f[3 + k, 3 + i] = turned[k]
             f[3 + k, i] = -d * half[k]
@@ -111,7 +115,11 @@ def propagate_covariance(p: Array, g: Array, v: Array, w: Array, d: float, noise
 @kernel
 def _covariance(p: Array, g: Array, v: Array, w: Array, d: float, noise: Array, exact: bool) -> Array:
     f = transition(w, d, exact)
-    return times_transposed(times(f, p), f) + process_noise(g, v, d, noise[0], noise[1])
+    out, more = times_transposed(times(f, p), f), process_noise(g, v, d, noise[0], noise[1])
+    for i in range(6):
+        for k in range(6):
+            out[i, k] += more[i, k]
+    return out
 
 
 @kernel
@@ -124,9 +132,15 @@ def predict(
     """
     g, v = x[:3], x[3:]
     p_next = _covariance(p, g, v, w, d, noise, exact)
+    g_next, v_next = propagate(g, v, w, q, d)
     x_next = np.empty(6)
-    x_next[:3], x_next[3:] = propagate(g, v, w, q, d)
-    return x_next, 0.5 * (p_next + p_next.T) if symmetric else p_next
+    for i in range(3):
+        x_next[i], x_next[3 + i] = g_next[i], v_next[i]
+    if symmetric:
+        for i in range(6):
+            for k in range(i):
+                p_next[i, k] = p_next[k, i] = 0.5 * (p_next[i, k] + p_next[k, i])
+    return x_next, p_next
 
 
 def widened(p: Array, sd_g: float, sd_v: float) -> Array:

@@ -179,15 +179,18 @@ def take_feet(
     """
     rot = k.level(rot_base_from_imu, g)
     seen = k.heading_view(rot, rot_base_from_imu, imu_position, position)
-    turned_by, rot_heading_from_imu = np.empty(position.shape), np.zeros((3, 3))
+    turned_by, rot_heading_from_imu, moved = np.empty(position.shape), np.zeros((3, 3)), np.empty(3)
     for f in range(radius.size):  # rotation of each foot over the ground, IMU axes
-        turned_by[f] = foot_turn(rot_0[f], rot_1[f]) + w * d
+        turn_by_feet = foot_turn(rot_0[f], rot_1[f])
+        for i in range(3):
+            turned_by[f, i] = turn_by_feet[i] + w[i] * d
     for i in range(3):
+        moved[i] = v_heading[i] * d
         for m in range(3):
             for j in range(3):
                 rot_heading_from_imu[i, j] += rot[i, m] * rot_base_from_imu[m, j]
     roll = k.heading_roll(rot_heading_from_imu, turned_by, radius)
-    return k.step(x, cov, d, turn, v_heading * d, roll, seen, was, now, noise)
+    return k.step(x, cov, d, turn, moved, roll, seen, was, now, noise)
 
 
 @kernel
@@ -210,23 +213,28 @@ def carry_on(
     out = np.empty(11)
     yaw = x[k.YAW] + turn - x[k.BIAS] * since_s
     c, s = math.cos(yaw), math.sin(yaw)
-    velocity = out[8:]
-    velocity[0] = c * v_heading[0] - s * v_heading[1]
-    velocity[1] = s * v_heading[0] + c * v_heading[1]
-    velocity[2] = v_heading[2]
+    out[8] = c * v_heading[0] - s * v_heading[1]
+    out[9] = s * v_heading[0] + c * v_heading[1]
+    out[10] = v_heading[2]
     for i in range(3):
-        out[i] = x[i] + velocity[i] * since_s
-    tilt = k.level(rot_base_from_imu, g)
-    rot = tilt.copy()
+        out[i] = x[i] + out[8 + i] * since_s
+    rot = k.level(rot_base_from_imu, g)
     for i in range(3):
-        rot[0, i] = c * tilt[0, i] - s * tilt[1, i]
-        rot[1, i] = s * tilt[0, i] + c * tilt[1, i]
-    out[3:7] = quat_from_matrix(rot)
+        ahead, left = rot[0, i], rot[1, i]
+        rot[0, i] = c * ahead - s * left
+        rot[1, i] = s * ahead + c * left
+    quat = quat_from_matrix(rot)
+    for i in range(4):
+        out[3 + i] = quat[i]
     out[7] = yaw
-    covariance, way = cov[: k.YAW + 1, : k.YAW + 1].copy(), x[:3] - begin
-    covariance[0, 0] += tilt_variance * way[2] * way[2]
-    covariance[1, 1] += tilt_variance * way[2] * way[2]
-    covariance[2, 2] += tilt_variance * (way[0] * way[0] + way[1] * way[1])
+    covariance = np.empty((4, 4))
+    for i in range(4):
+        for j in range(4):
+            covariance[i, j] = cov[i, j]
+    dx, dy, dz = x[0] - begin[0], x[1] - begin[1], x[2] - begin[2]
+    covariance[0, 0] += tilt_variance * dz * dz
+    covariance[1, 1] += tilt_variance * dz * dz
+    covariance[2, 2] += tilt_variance * (dx * dx + dy * dy)
     return out, covariance
 
 

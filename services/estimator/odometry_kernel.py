@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.linear_kernels import inverse3, times
 from surefoot.kernels.jit import kernel
+from surefoot.services.estimator.feet import median, order
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -160,20 +161,28 @@ def agreement(x: Array, seen: Array, used: Flags) -> NDArray[np.int64]:
 
     The predicted position is loose, so the foot that is taken first decides: it must not be the one that slides.
     """
-    feet = np.flatnonzero(used)
-    gap, apart = np.empty((feet.size, 3)), np.zeros(feet.size)
+    n = 0
+    for f in range(used.size):
+        n += 1 if used[f] else 0
+    feet, gap, apart = np.empty(n, dtype=np.int64), np.empty((3, n)), np.zeros(n)
     c, s = math.cos(x[YAW]), math.sin(x[YAW])
-    for i in range(feet.size):
-        f = feet[i]
-        at = FEET + 3 * f
-        gap[i, 0] = x[at] - c * seen[f, 0] + s * seen[f, 1]
-        gap[i, 1] = x[at + 1] - s * seen[f, 0] - c * seen[f, 1]
-        gap[i, 2] = x[at + 2] - seen[f, 2]
+    i = 0
+    for f in range(used.size):
+        if used[f]:
+            at = FEET + 3 * f
+            feet[i] = f
+            gap[0, i] = x[at] - c * seen[f, 0] + s * seen[f, 1]
+            gap[1, i] = x[at + 1] - s * seen[f, 0] - c * seen[f, 1]
+            gap[2, i] = x[at + 2] - seen[f, 2]
+            i += 1
     for k in range(3):
-        middle = np.median(gap[:, k]) if feet.size > 0 else 0.0
-        for i in range(feet.size):
-            apart[i] += (gap[i, k] - middle) ** 2
-    return feet[np.argsort(apart)]
+        middle = median(gap[k]) if n > 0 else 0.0
+        for i in range(n):
+            apart[i] += (gap[k, i] - middle) ** 2
+    best, ranked = order(apart), np.empty(n, dtype=np.int64)
+    for i in range(n):
+        ranked[i] = feet[best[i]]
+    return ranked
 
 
 @kernel
@@ -206,12 +215,14 @@ def step(
     Returns:
         Normalised innovation squared by foot, (L,), 0 for feet not used.
     """
-    nis = np.zeros(now.size)
-    predict(x, cov, d, turn, moved, roll, was & now, noise)
+    nis, stayed = np.zeros(now.size), np.empty(now.size, dtype=np.bool_)
+    for f in range(now.size):
+        stayed[f] = was[f] and now[f]
+    predict(x, cov, d, turn, moved, roll, stayed, noise)
     for f in range(now.size):
         if was[f] and not now[f]:
             lift(cov, f)
-    for f in agreement(x, seen, was & now):
+    for f in agreement(x, seen, stayed):
         nis[f] = observe(x, cov, f, seen[f], noise)
     for f in range(now.size):
         if now[f] and not was[f]:

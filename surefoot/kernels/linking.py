@@ -30,6 +30,14 @@ class Library(JITCodeLibrary):
         """Note a callee, which may be code to link only."""
         self._linking_libraries.append(library)
 
+    def _optimize_functions(self, ll_module: Any) -> None:
+        """Run the passes on single functions, prepared once for all of them."""
+        ll_module.data_layout = self._codegen._data_layout
+        passes, builder = self._codegen._function_pass_manager()
+        for function in ll_module.functions:
+            if not function.is_declaration:
+                passes.run(function, builder)
+
     def _get_module_for_linking(self) -> Any:
         """Return the code with that of all callees, as a module that may be linked into several others."""
         if self._shared_module is None:

@@ -29,8 +29,10 @@ def forward(model: KinematicModel, q: Array) -> tuple[Array, Array]:
     for i in range(n):
         up, j = model.parent[i], model.joint[i]
         if up < 0:
-            rot[i] = model.origin_rot[i]
-            pos[i] = model.origin_pos[i]
+            for r in range(3):
+                pos[i, r] = model.origin_pos[i, r]
+                for c in range(3):
+                    rot[i, r, c] = model.origin_rot[i, r, c]
             continue
         if j >= 0:
             axis_angle_into(joint, model.axis[i], float(q[j]))
@@ -85,7 +87,7 @@ def foot_jacobians_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
     """`foot_jacobians` from the links' poses of `forward`."""
     legs, width = model.leg_joints.shape
     jac = np.zeros((legs, 3, width))
-    foot, arm = np.empty(3), np.empty(3)
+    foot, arm, column = np.empty(3), np.empty(3), np.empty(3)
     for i in range(legs):
         k = model.foot_link[i]
         _point_into(foot, rot[k], pos[k], model.foot_point[i])
@@ -95,7 +97,9 @@ def foot_jacobians_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
             if s >= 0:
                 for d in range(3):
                     arm[d] = foot[d] - pos[s, d]
-                _cross_into(jac[i, :, c], rot[s], model.axis[s], arm)
+                _cross_into(column, rot[s], model.axis[s], arm)
+                for d in range(3):
+                    jac[i, d, c] = column[d]
     return jac
 
 
@@ -122,7 +126,10 @@ def _cross_into(out: Array, rot: Array, axis: Array, arm: Array) -> None:
 @kernel
 def total_mass(model: KinematicModel) -> float:
     """Mass of all links, kg."""
-    return float(np.sum(model.mass))
+    mass = 0.0
+    for i in range(model.mass.size):
+        mass += model.mass[i]
+    return mass
 
 
 @kernel
@@ -140,7 +147,10 @@ def com_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
         _point_into(c, rot[i], pos[i], model.com[i])
         for d in range(3):
             total[d] += model.mass[i] * c[d]
-    return total / np.sum(model.mass)
+    mass = total_mass(model)
+    for d in range(3):
+        total[d] /= mass
+    return total
 
 
 @kernel
@@ -154,8 +164,9 @@ def com_jacobian(model: KinematicModel, q: Array) -> Array:
 def com_jacobian_of(model: KinematicModel, rot: Array, pos: Array) -> Array:
     """`com_jacobian` from the links' poses of `forward`."""
     n = model.mass.size
-    mass, moment = model.mass.copy(), np.empty((n, 3))
+    mass, moment = np.empty(n), np.empty((n, 3))
     for i in range(n):
+        mass[i] = model.mass[i]
         _point_into(moment[i], rot[i], pos[i], model.com[i])
         for d in range(3):
             moment[i, d] *= mass[i]
@@ -193,7 +204,7 @@ def gravity_torques(model: KinematicModel, q: Array, g_up: Array) -> Array:
 @kernel
 def gravity_torques_of(model: KinematicModel, rot: Array, pos: Array, g_up: Array) -> Array:
     """`gravity_torques` from the links' poses of `forward`."""
-    jac, weight = com_jacobian_of(model, rot, pos), np.sum(model.mass)
+    jac, weight = com_jacobian_of(model, rot, pos), total_mass(model)
     torques = np.empty(model.lower.size)
     for j in range(model.lower.size):
         torques[j] = weight * (jac[0, j] * g_up[0] + jac[1, j] * g_up[1] + jac[2, j] * g_up[2])

@@ -224,7 +224,7 @@ def explore(
         if wanted == 0:
             break
         for k in range(wanted):
-            fan.direction[count + k] = pick[k]
+            fan.direction[count + k, 0], fan.direction[count + k, 1] = pick[k, 0], pick[k, 1]
         if not evaluate(a, h, c, fan, count, count + wanted):
             break  # numerically at the end: what was there stays valid
         insert(fan, count, count + wanted)

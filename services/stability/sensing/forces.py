@@ -169,16 +169,25 @@ def _leg_inverses(model: KinematicModel, joints: Array, g_up: Array, radius: Arr
 def _leg_inverses_of(
     model: KinematicModel, rot: Array, pos: Array, g_up: Array, radius: Array
 ) -> tuple[Array, Array, Flags]:
-    jacobian = _contact_jacobians_of(model, rot, pos, g_up / math.sqrt(np.sum(g_up * g_up)), radius)
+    size = math.sqrt(g_up[0] * g_up[0] + g_up[1] * g_up[1] + g_up[2] * g_up[2])
+    up, transposed = np.empty(3), np.empty((3, 3))
+    for r in range(3):
+        up[r] = g_up[r] / size
+    jacobian = _contact_jacobians_of(model, rot, pos, up, radius)
     count, width = model.leg_joints.shape
     inverse, observed = np.zeros((count, 3, 3)), np.zeros(count, dtype=np.bool_)
     for i in range(count):
         if width != 3 or model.leg_joints[i, 2] < 0:
             continue
-        inv, condition = inverse3(jacobian[i].T)  # J^-T
+        for r in range(3):
+            for s in range(3):
+                transposed[r, s] = jacobian[i, s, r]
+        inv, condition = inverse3(transposed)  # J^-T
         if condition <= STRAIGHT:
             observed[i] = True
-            inverse[i] = inv
+            for r in range(3):
+                for s in range(3):
+                    inverse[i, r, s] = inv[r, s]
     return inverse, gravity_torques_of(model, rot, pos, g_up), observed
 
 
@@ -241,7 +250,8 @@ def _com(position: Array, force: Array, covariance: Array, tilt_sd: float) -> tu
     n = position.shape[0]
     centroid = np.zeros(3)
     for i in range(n):
-        centroid += position[i] / n
+        for a in range(3):
+            centroid[a] += position[i, a] / n
     row = np.zeros((n, 3, 3))  # C: for each foot the 3x3 block that maps its force to (sum F_x, sum F_y, yaw moment)
     gain = np.zeros((n, 3, 3))  # R C' for each foot
     square, broken = np.zeros((3, 3)), np.zeros(3)
@@ -257,7 +267,10 @@ def _com(position: Array, force: Array, covariance: Array, tilt_sd: float) -> tu
             for b in range(3):
                 for c in range(3):
                     square[a, b] += row[i, a, c] * gain[i, c, b]
-    lean = tilt_sd * np.sum(force[:, 2])
+    vertical = 0.0
+    for i in range(n):
+        vertical += force[i, 2]
+    lean = tilt_sd * vertical
     square[0, 0] += lean * lean
     square[1, 1] += lean * lean
     for a in range(3):  # one foot feels no yaw moment: leave that equation out
@@ -299,7 +312,9 @@ def _com(position: Array, force: Array, covariance: Array, tilt_sd: float) -> tu
             for a in range(3):
                 for b in range(3):
                     spread[d, e] -= seen[d, a] * inv[a, b] * seen[e, b]
-    return centroid[:2] + com, spread, weight, misfit
+    for d in range(2):
+        com[d] = centroid[d] + com[d]
+    return com, spread, weight, misfit
 
 
 def warm() -> None:

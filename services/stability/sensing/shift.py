@@ -1,5 +1,6 @@
 """CoM shift in the trunk while the feet stay (second step of 4.3): r_KIN = com(q after) - com(q now)."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from surefoot.geometry.linear import product
 from surefoot.geometry.linear_kernels import solve3
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import KinematicModel, Robot
-from surefoot.robot.kinematics import com, foot_jacobians, foot_positions
+from surefoot.robot.kinematics import com, foot_jacobians_of, foot_positions, foot_positions_of, forward
 from surefoot.robot.reader import load_robot
 from surefoot.services.stability.programs.contacts import Array, ContactSet, StabilityError
 
@@ -51,21 +52,26 @@ def hold_feet(model: KinematicModel, joints: Array, move: Array, stance: Flags) 
     Newton's method from the present angles, dq = J'(J J')^-1 e: it stays on the leg's own branch, and legs with more
     than three joints take the shortest way.
     """
-    q, start = joints.copy(), foot_positions(model, joints)
+    rot, pos = forward(model, joints)
+    q, start = joints.copy(), foot_positions_of(model, rot, pos)
     legs, width = model.leg_joints.shape
+    error, gram = np.empty(3), np.empty((3, 3))
     worst = 0.0
     for _ in range(ITERATIONS):
-        feet, jac = foot_positions(model, q), foot_jacobians(model, q)
+        rot, pos = forward(model, q)
+        feet, jac = foot_positions_of(model, rot, pos), foot_jacobians_of(model, rot, pos)
         worst = 0.0
         for i in range(legs):
             if not stance[i]:
                 continue
-            error = start[i] - move - feet[i]
-            worst = max(worst, np.sqrt(np.sum(error * error)))
-            gram = np.empty((3, 3))
+            for r in range(3):
+                error[r] = start[i, r] - move[r] - feet[i, r]
+            worst = max(worst, math.sqrt(error[0] * error[0] + error[1] * error[1] + error[2] * error[2]))
             for r in range(3):
                 for s in range(3):
-                    gram[r, s] = np.sum(jac[i, r] * jac[i, s])
+                    gram[r, s] = 0.0
+                    for k in range(width):
+                        gram[r, s] += jac[i, r, k] * jac[i, s, k]
                 gram[r, r] += 1e-12
             push = solve3(gram, error)
             for k in range(width):

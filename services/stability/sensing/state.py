@@ -96,16 +96,16 @@ class Status:
 def level_from_base(g_up: Array) -> Array:
     """rot_level_from_base (3, 3): z along g_up, x the horizontal part of the trunk's x axis."""
     rot = np.empty((3, 3))
-    up = g_up / np.sqrt(np.sum(g_up * g_up))
-    x = np.array([1.0 - up[0] * up[0], -up[0] * up[1], -up[0] * up[2]])
-    length = np.sqrt(np.sum(x * x))
+    size = math.sqrt(g_up[0] * g_up[0] + g_up[1] * g_up[1] + g_up[2] * g_up[2])
+    ux, uy, uz = g_up[0] / size, g_up[1] / size, g_up[2] / size
+    x, y, z = 1.0 - ux * ux, -ux * uy, -ux * uz
+    length = math.sqrt(x * x + y * y + z * z)
     if length < 1e-9:  # nose straight up or down: there is no heading
-        x, length = np.array([0.0, 1.0, 0.0]), 1.0
-    x /= length
-    rot[0], rot[2] = x, up
-    rot[1, 0] = up[1] * x[2] - up[2] * x[1]
-    rot[1, 1] = up[2] * x[0] - up[0] * x[2]
-    rot[1, 2] = up[0] * x[1] - up[1] * x[0]
+        x, y, z, length = 0.0, 1.0, 0.0, 1.0
+    x, y, z = x / length, y / length, z / length
+    rot[0, 0], rot[0, 1], rot[0, 2] = x, y, z
+    rot[1, 0], rot[1, 1], rot[1, 2] = uy * z - uz * y, uz * x - ux * z, ux * y - uy * x
+    rot[2, 0], rot[2, 1], rot[2, 2] = ux, uy, uz
     return rot
 
 
@@ -144,22 +144,29 @@ def _footing(
     """The links' poses once, and all that follows from them."""
     links, origins = forward(model, joints)
     feet, centre = foot_positions_of(model, links, origins), com_of(model, links, origins)
-    force, covariance, observed = leg_forces_of(model, links, origins, g_up, radius, torque, variance)
-    rot, standing = level_from_base(g_up), np.flatnonzero(touch)
-    n, all_seen, com = standing.size, True, np.zeros(3)
-    position, normal = np.zeros((n, 3)), np.zeros((n, 3))
+    forces, covariances, observed = leg_forces_of(model, links, origins, g_up, radius, torque, variance)
+    rot, n, all_seen, com = level_from_base(g_up), 0, True, np.zeros(3)
+    for foot in range(touch.size):
+        n += 1 if touch[foot] else 0
+    position, normal, friction = np.zeros((n, 3)), np.zeros((n, 3)), np.empty(n)
+    force, covariance = np.empty((n, 3)), np.empty((n, 3, 3))
     for q in range(3):
         for p in range(3):
             com[q] += rot[q, p] * centre[p]
-    for i in range(n):
-        foot = standing[i]
+    i = 0
+    for foot in range(touch.size):
+        if not touch[foot]:
+            continue
         for q in range(3):
+            force[i, q] = forces[foot, q]
             for p in range(3):
                 position[i, q] += rot[q, p] * feet[foot, p]
+                covariance[i, q, p] = covariances[foot, q, p]
         position[i, 2] -= radius[foot]
-        normal[i, 2] = 1.0
+        normal[i, 2], friction[i] = 1.0, mu
         all_seen = all_seen and bool(observed[foot])
-    return Footing(position, normal, np.full(n, mu), force[standing], covariance[standing], all_seen, com, rot)
+        i += 1
+    return Footing(position, normal, friction, force, covariance, all_seen, com, rot)
 
 
 def watch(robot: Robot, joints: Array, touch: Flags, g_up: Array, torque: Array | None, params: WatchParams) -> Status:

@@ -100,9 +100,11 @@ def set_points(
     """
     feet_base = into_base(feet, body, rot)
     q, reachable = kinematics.legs_ik(model, feet_base)
-    up = rot[2].copy()
+    up, g_up = np.empty(3), np.empty(3)
+    for k in range(3):
+        up[k], g_up[k] = rot[2, k], GRAVITY * rot[2, k]
     rot_links, pos_links = kinematics.forward(model, q)
-    torque = kinematics.gravity_torques_of(model, rot_links, pos_links, GRAVITY * up)
+    torque = kinematics.gravity_torques_of(model, rot_links, pos_links, g_up)
     com = kinematics.com_of(model, rot_links, pos_links)
     com_xy = np.empty(2)
     for k in range(2):

@@ -197,7 +197,9 @@ def targets(
     for i in range(feet_from.shape[0]):
         share[i] = min(1.0, max(0.0, support[i] + (rate if landed[i] else -rate)))
         if swinging[i] and not landed[i]:
-            out[i] = point(shape, feet_from[i], feet_to[i], top[i], go[i], arrive[i], v)
+            there = point(shape, feet_from[i], feet_to[i], top[i], go[i], arrive[i], v)
+            for k in range(3):
+                out[i, k] = there[k]
             continue
         for k in range(3):
             step = feet_to[i, k] - present[i, k]

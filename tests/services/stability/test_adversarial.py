@@ -11,8 +11,8 @@ import pytest
 from surefoot.services.stability.programs.contacts import MAX_MU, ContactSet, StabilityError, contact_set
 from surefoot.services.stability.programs.directions import corner_normals, edge_normals, equally_spaced
 from surefoot.services.stability.programs.interior import FAILED
+from surefoot.services.stability.programs.oracle import Oracle
 from surefoot.services.stability.programs.reference import ReferenceAnswer
-from surefoot.services.stability.programs.single import support_value
 from surefoot.services.stability.regions import margin as margins
 from surefoot.services.stability.regions.equilibrium import equilibrium, least_forces
 from surefoot.services.stability.regions.many import STATUSES, assess
@@ -45,6 +45,12 @@ def drawn(rng: np.random.Generator) -> ContactSet:
     return contact_set(
         p + far * rng.normal(size=3), normals(rng, n, rng.choice([30.0, 120.0])), mu[int(rng.integers(4))]
     )
+
+
+def support_value(contacts: ContactSet, direction: np.ndarray) -> float:
+    """Return h(a), m, of one unit direction (2,), solved alone."""
+    oracle = Oracle(contacts)
+    return float(oracle.support(oracle.fan(direction[None], 1), np.zeros(1, dtype=np.int64)).value[0])
 
 
 def check_forces(contacts: ContactSet, force: np.ndarray, com: np.ndarray) -> None:
@@ -138,7 +144,7 @@ def test_the_gap_of_a_needle_is_true() -> None:
         assert found.gap <= 1e-4
         assert distance(found.inner, found.outer) <= found.gap + 1e-9
         for a in SIXTEEN:
-            value = support_value(contacts, a).value
+            value = support_value(contacts, a)
             assert float((found.inner @ a).max()) - 1e-8 <= value <= float((found.outer @ a).max()) + 1e-8
 
 
@@ -173,7 +179,7 @@ def test_the_middle_of_a_circle_has_a_margin() -> None:
     """Two feet of one vertical: all directions are equally near, and none can be told to be the nearest."""
     contacts = contact_set([[0.0, 0.0, 0.1], [0.0, 0.0, -0.1]], [UP] * 2, [1.4, 0.4])
     found = region(contacts)
-    radius = support_value(contacts, SIXTEEN[0]).value
+    radius = support_value(contacts, SIXTEEN[0])
     assert found.status == "ok"
     assert margin(found, np.zeros(2)).value == pytest.approx(radius, abs=1e-8)
     got = assess(contacts, np.arange(2), np.array([0, 2]), np.zeros((1, 2)))
