@@ -17,8 +17,8 @@ demo: ## set up, then walk the hexapod over rough terrain with every service liv
 setup: ## virtual environment with everything tests need
 	@PYTHON=$(PYTHON) scripts/setup dev
 
-warm: setup ## compile the numeric kernels
-	@$(BIN)/surefoot warm
+warm: setup ## compile the numeric kernels of all systems
+	@$(BIN)/surefoot warm --all
 
 lint: setup ## style, types, layers
 	$(BIN)/ruff check .

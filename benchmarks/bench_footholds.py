@@ -12,13 +12,14 @@ import numpy as np
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot.kinematics import foot_positions
 from surefoot.robot.reader import load_robot
-from surefoot.services.footholds import features
 from surefoot.services.footholds.assess import assess, whole_map
+from surefoot.services.footholds.config import FootholdsConfig
 from surefoot.services.footholds.features import coefficients, map_features_numpy, push_direction, window_features
 from surefoot.services.footholds.ground import build_ground
 from surefoot.services.footholds.masks import Limits
 from surefoot.services.footholds.models import score
-from surefoot.services.footholds.select import Landing, SelectParams, TrunkPose, select, warm
+from surefoot.services.footholds.select import Landing, SelectParams, TrunkPose, select
+from surefoot.services.footholds.service import Footholds
 
 CELL = 0.005
 STROKE = np.array([-0.05, 0.0, 0.0])
@@ -52,9 +53,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cells", type=int, default=1000, help="edge of the map in cells")
     n = parser.parse_args().cells
-    features.warm()
-    score.warm()
-    warm()
+    Footholds(FootholdsConfig()).rehearse()
     robot = load_robot("ragno")
     rng = np.random.default_rng(0)
     x = CELL * np.arange(n)

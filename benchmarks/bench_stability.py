@@ -20,9 +20,10 @@ from surefoot.services.stability.programs.interior import SOLVED
 from surefoot.services.stability.programs.oracle import Oracle
 from surefoot.services.stability.programs.reference import Reference
 from surefoot.services.stability.regions.many import COARSE
-from surefoot.services.stability.regions.margin import extent, margin, warm
+from surefoot.services.stability.regions.margin import extent, margin
 from surefoot.services.stability.regions.region import Region, region
 from surefoot.services.stability.regions.whatif import batch, pack
+from surefoot.services.stability.rehearsal import rehearse
 from surefoot.services.stability.sensing.state import WatchParams, watch
 from tests.services.stability.certificate import balance, force_violation, twist_violation
 from tests.services.stability.oracles import literal_support
@@ -241,7 +242,7 @@ def main() -> None:
     parser.add_argument("--sets", type=int, default=2000, help="random sets for the verdicts")
     parser.add_argument("--repeats", type=int, default=60, help="stances per row of the speed table")
     options, _ = parser.parse_known_args()
-    warm()
+    rehearse(load_robot("ragno"), WatchParams())
     speed(options.repeats)
     for seed in (1, 2, 3, 4):
         adaptive(10 * options.repeats, seed)

@@ -21,11 +21,14 @@ from typing import Any
 
 import numpy as np
 
+from surefoot.robot.reader import load_robot
 from surefoot.services.stability.programs.contacts import ContactSet, contact_set
 from surefoot.services.stability.programs.directions import equally_spaced
 from surefoot.services.stability.programs.oracle import Oracle
-from surefoot.services.stability.regions.margin import extent, warm
+from surefoot.services.stability.regions.margin import extent
 from surefoot.services.stability.regions.region import region
+from surefoot.services.stability.rehearsal import rehearse
+from surefoot.services.stability.sensing.state import WatchParams
 from tests.services.stability.oracles import literal_matrices
 
 SIXTEEN = equally_spaced(16)
@@ -233,7 +236,7 @@ def main() -> dict[str, float]:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=40, help="stances of each size")
     options, _ = parser.parse_known_args()
-    warm()
+    rehearse(load_robot("ragno"), WatchParams())
     others, absent = peers()
     for name, reason in absent.items():
         print(f"{name}: absent ({reason}), skipped")

@@ -75,9 +75,9 @@ def _packages() -> Diagnosis:
 
 
 def _kernels() -> Diagnosis:
-    from surefoot.kernels.warming import is_cold
+    from surefoot.lab.cli.warming import DEFAULT_SYSTEM, is_cold, jobs_of, systems_of
 
-    if is_cold():
+    if is_cold(jobs_of(systems_of([DEFAULT_SYSTEM]))):
         return Diagnosis("WARN", "kernels", "not compiled yet", "surefoot warm")
     return Diagnosis("PASS", "kernels", "compiled")
 

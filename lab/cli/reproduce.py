@@ -23,8 +23,9 @@ def reproduce(
     """Compute the figures and numbers of a paper again, its value beside ours. Exit code 1: a limit was not met."""
     import importlib
 
+    from surefoot.lab.cli.warming import DEFAULT_SYSTEM, systems_of, warm_if_cold
+
     from surefoot.errors import SurefootError
-    from surefoot.kernels.warming import warm_if_cold
     from surefoot.tables import did_you_mean
 
     use_json(json)
@@ -32,7 +33,7 @@ def reproduce(
         known = ", ".join(PAPERS)
         hint = did_you_mean(paper, PAPERS)
         raise SurefootError("invalid", f"got {paper!r}{hint}; known are {known}", "paper")
-    warm_if_cold(tell)
+    warm_if_cold(systems_of([DEFAULT_SYSTEM])[0], tell)
     found: Reproduction = importlib.import_module(PAPERS[paper]).reproduce(
         (out or Path("runs") / paper) if figures else None, tell
     )

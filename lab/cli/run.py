@@ -35,8 +35,9 @@ def run(
     json: Json = False,
 ) -> None:
     """Run a scenario with every service live, judge it, and write a report. Exit code 1: a limit was not met."""
+    from surefoot.lab.cli.warming import warm_if_cold
+
     from surefoot.bus.endpoint import to_listen
-    from surefoot.kernels.warming import warm_if_cold
     from surefoot.lab.runs.live import Options, run_scenario
     from surefoot.services.supervisor.processes.startable import system_of
     from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
@@ -44,8 +45,7 @@ def run(
     use_json(json)
     loaded = load_scenario(find_scenario(scenario))
     to_listen(listen)  # what is wrong is told before kernels are compiled
-    system_of(loaded)
-    warm_if_cold(tell)
+    warm_if_cold(system_of(loaded), tell)
     options = Options(seed, record, rtf, strict, listen, out)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does: everything is stopped
     with _ProgressLine(loaded.name, loaded.max_duration_s, quiet=json) as line:

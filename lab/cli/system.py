@@ -47,7 +47,7 @@ def up(
 ) -> None:
     """Start the services of a compose file and keep them running."""
     from surefoot.bus.endpoint import to_listen
-    from surefoot.kernels.warming import warm_if_cold
+    from surefoot.lab.cli.warming import warm_if_cold
     from surefoot.schemas.sim import World
     from surefoot.services.supervisor.processes.keep import StartOrder, keep
     from surefoot.services.supervisor.processes.startable import startable
@@ -57,7 +57,7 @@ def up(
     to_listen(listen)  # a wrong endpoint is told before anything starts
     compose = startable(system)
     order = StartOrder(World(terrain=terrain), seed, rtf, record)
-    warm_if_cold(tell)
+    warm_if_cold(compose, tell)
     if detach:
         _detach(compose, system, order, listen, json=json)
         return

@@ -8,15 +8,26 @@ from surefoot.lab.cli.output import Json, tell, use_json, write, write_json
 
 
 def warm(
-    force: Annotated[bool, typer.Option("--force", help="Compile even if that was done before.")] = False,
+    system: Annotated[list[str] | None, typer.Argument(help="Names or paths of compose files [ragno].")] = None,
+    every: Annotated[
+        bool, typer.Option("--all", help="Of every system, and of rare queries too, which else compile when asked.")
+    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Rehearse even if that was done before.")] = False,
     json: Json = False,
 ) -> None:
-    """Compile the numeric kernels, so that every later start is quick."""
-    from surefoot.kernels.warming import is_cold, warm_all
+    """Compile the numeric kernels that the services of systems use, so that every later start is quick."""
+    from dataclasses import asdict
+
+    from surefoot.lab.cli import warming
 
     use_json(json)
-    took = warm_all(tell) if force or is_cold() else {}
+    chosen = warming.all_systems() if every else warming.systems_of(system or [warming.DEFAULT_SYSTEM])
+    jobs = warming.jobs_of(chosen, rare=every)
+    found = warming.warm(jobs, tell) if force or warming.is_cold(jobs) else []
     if json:
-        write_json({"compiled": bool(took), "seconds": took})
-    else:
-        write(f"{len(took)} modules compiled" if took else "the kernels are warm")
+        write_json({"compiled": bool(found), "services": [asdict(each) for each in found]})
+        return
+    for each in found:
+        write(f"{each.service:12} {each.robot:10} {each.kernels:4} kernels {each.seconds:6.1f} s")
+    if not found:
+        write("the kernels are warm")

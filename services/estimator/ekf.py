@@ -111,8 +111,3 @@ class PaperEkf:
     def v(self) -> Array:
         """Velocity of the IMU, (3,) m/s, IMU axes."""
         return self._x[V]
-
-
-def warm() -> None:
-    """Compile every kernel of this module."""
-    correct(np.zeros(6), np.eye(6), np.zeros(3), 1.0)

@@ -300,7 +300,7 @@ def order(values: Array) -> NDArray[np.int64]:
 def median(values: Array) -> float:
     """Median of a handful of numbers, (n,), n > 0."""
     ranked = order(values)
-    return 0.5 * (values[ranked[(values.size - 1) // 2]] + values[ranked[values.size // 2]])
+    return float(0.5 * (values[ranked[(values.size - 1) // 2]] + values[ranked[values.size // 2]]))
 
 
 @kernel
@@ -351,14 +351,3 @@ def combine(v: Array, used: Flags, gate: float) -> tuple[Array, Flags, int]:
     for i in range(3):
         out[i] /= kept
     return out, slipping, kept
-
-
-def warm() -> None:
-    """Compile every kernel of this module."""
-    from surefoot.robot.reader import load_robot
-
-    robot = load_robot("ragno")
-    p, rot = feet_in_imu(foot_mount(robot), robot.neutral)
-    used, w, up = np.ones(len(p), dtype=np.bool_), np.zeros(3), np.array([0.0, 0.0, 1.0])
-    leg_velocity(p, p, rot, rot, used, w, up, np.zeros(len(p)), 0.033, 0.05, w)
-    _all_finite(p, rot)

@@ -60,10 +60,3 @@ class History:
 
     def __len__(self) -> int:
         return min(self._count, ROWS)
-
-
-def warm() -> None:
-    """Compile every kernel of this module."""
-    history = History(7)
-    history.put(0, np.zeros(7))
-    history.at(0)

@@ -154,9 +154,3 @@ def without_velocity(p: Array, sd: float) -> Array:
     out[:3, :3] = p[:3, :3]
     out[3:, 3:] = np.eye(3) * sd**2
     return out
-
-
-def warm() -> None:
-    """Compile every kernel of this module."""
-    g, v, w = np.array([0.0, 0.0, GRAVITY]), np.zeros(3), np.array([0.1, 0.0, 0.0])
-    predict(np.concatenate([g, v]), np.eye(6), w, g, 0.01, np.array([0.01, 0.01]), False, False)

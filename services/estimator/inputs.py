@@ -192,10 +192,3 @@ class InputJudge:
     def joints_frozen(self, moving: bool) -> bool:
         """The encoders repeat themselves while the robot moves."""
         return moving and self._equal_feet >= STEADY_ROWS
-
-
-def warm() -> None:
-    """Compile every kernel of this module."""
-    peak(np.zeros(3))
-    _look(np.zeros(3), np.zeros(3), np.zeros(6))
-    _look_at_feet(np.zeros((1, 3)), np.zeros((1, 3)))

@@ -236,18 +236,3 @@ def carry_on(
     covariance[1, 1] += tilt_variance * dz * dz
     covariance[2, 2] += tilt_variance * (dx * dx + dy * dy)
     return out, covariance
-
-
-def warm() -> None:
-    """Compile every kernel of this module."""
-    g = np.array([0.0, 0.0, 9.81])
-    carry_on(np.zeros(k.FEET), np.eye(k.FEET), 0.0, 0.0, np.zeros(3), np.eye(3), g, np.zeros(3), 0.0)
-    feet, turned, off, on = (
-        np.zeros((2, 3)),
-        np.zeros((2, 3, 3)),
-        np.zeros(2, dtype=np.bool_),
-        np.ones(2, dtype=np.bool_),
-    )
-    noise = OdometryParams().noise()
-    x, cov, still = np.zeros(k.FEET + 6), np.eye(k.FEET + 6), np.zeros(3)
-    take_feet(x, cov, 0.01, 0.0, still, still, g, np.eye(3), still, np.zeros(2), feet, turned, turned, off, on, noise)

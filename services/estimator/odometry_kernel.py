@@ -303,10 +303,3 @@ def heading_roll(rot_heading_from_imu: Array, turn_imu: Array, radius: Array) ->
                 turn[i] += rot_heading_from_imu[i, k] * turn_imu[f, k]
         roll[f, 0], roll[f, 1] = turn[1] * radius[f], -turn[0] * radius[f]
     return roll
-
-
-def warm() -> None:
-    """Compile every kernel of this module."""
-    rot, g = np.eye(3), np.array([0.0, 0.0, 9.81])
-    turned(np.zeros(7), np.zeros(3), np.zeros(3), g, 0.01, rot)
-    heading_view(level(rot, g), rot, np.zeros(3), np.zeros((2, 3)))

@@ -96,10 +96,3 @@ def summary(
     for i in range(3):
         covariance[i, i] += hidden
     return express(g, v, w, rot_base_from_imu, imu_position), covariance, healthy(g, v, covariance)
-
-
-def warm() -> None:
-    """Compile every kernel of this module."""
-    g, zero = np.array([0.0, 0.0, 9.81]), np.zeros(3)
-    express(g, zero, zero, np.eye(3), zero)
-    summary(g, zero, np.eye(6), zero, np.eye(3), zero, 0.0)

@@ -2,10 +2,8 @@
 
 import numpy as np
 
-from surefoot.geometry import rotations
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.service import Service
-from surefoot.robot import kinematics
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.hw import FootContacts, Imu, JointState
 from surefoot.schemas.topics import (
@@ -19,10 +17,10 @@ from surefoot.schemas.topics import (
     STATE_VELOCITY_KINEMATICS,
     STATE_VELOCITY_KINEMATICS_GYRO,
 )
-from surefoot.services.estimator import feet, history, inertial, inputs, odometry, odometry_kernel, output, standstill
 from surefoot.services.estimator.config import EstimatorConfig
 from surefoot.services.estimator.inputs import InputResult
 from surefoot.services.estimator.messages import odometry_message, velocity_message
+from surefoot.services.estimator.rehearsal import rehearse
 
 LATE_TICK = 100
 """Who joins an epoch after this tick no longer stands at the stated start pose."""
@@ -34,8 +32,6 @@ VARIANTS = {
     "ekf": STATE_VELOCITY_EKF,
 }
 
-_KERNELS = (rotations, kinematics, feet, history, inertial, inputs, odometry, odometry_kernel, output, standstill)
-
 
 class EstimatorService(Service[EstimatorConfig]):
     """Velocity and gravity by the four estimators of Wawrzynski et al. side by side, and the odometry."""
@@ -46,11 +42,12 @@ class EstimatorService(Service[EstimatorConfig]):
     outputs = (STATE_VELOCITY, STATE_ODOMETRY, *VARIANTS.values())
 
     def on_start(self) -> None:
-        for module in _KERNELS:
-            module.warm()
         self.estimator = self.config.estimator(load_robot(self.config.robot))
         self._contacts: FootContacts | None = None
         self._first = True
+
+    def rehearse(self) -> None:
+        rehearse(self.config, load_robot(self.config.robot), (self.config.mode, *VARIANTS))
 
     def on_reset(self) -> None:
         self.estimator.reset()

@@ -206,10 +206,3 @@ def plane_normal(points: Array, used: Flags, g: Array) -> Array | None:
     if square[1] < MIN_SPREAD**2:
         return None
     return axes[2] if dot(axes[2], g) > 0.0 else -axes[2]
-
-
-def warm() -> None:
-    """Compile every kernel of this module."""
-    ring = np.zeros((2, 6))
-    _push(ring, 0, np.zeros(3), np.zeros(3), 0.0, 0.0)
-    _travel(np.zeros((1, 3)), np.zeros((1, 3)))

@@ -149,13 +149,3 @@ def coefficients(z: Layer, push: Layer, cell: np.float32, k1: Layer, k2: Layer, 
         _row(
             z[i - 1], z[i], z[i + 1], near, far, fx, fy, n_z, lift, ahead, sx, sy, k1[i], k2[i], cos_k3[i]
         )  # fmt: skip
-
-
-def warm() -> None:
-    """Compile every kernel of this module for the two kinds of array it meets (patches and read-only maps)."""
-    local = np.zeros((3, 3), dtype=np.float32)
-    frozen = local.copy()
-    frozen.flags.writeable = False
-    stroke = np.array([-1.0, 0.0, 0.0])
-    map_features(frozen, stroke, 0.005)
-    window_features(frozen, 1, 1, 1, 1, stroke, 0.005)

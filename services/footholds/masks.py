@@ -8,10 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.geometry.heightmap import HeightMap
 from surefoot.kernels.jit import kernel, row_kernel
 from surefoot.services.footholds.features import Layer
-from surefoot.services.footholds.ground import FootholdGround, build_ground
+from surefoot.services.footholds.ground import FootholdGround
 from surefoot.services.footholds.reach import LEG_NUMBERS, LegTable, solve
 
 Array = NDArray[np.float64]
@@ -244,11 +243,3 @@ def _mask(
                     hit |= _leg_bits(z, grid, leg, ex, ey, ez, turn, x, y, height, margin, leg_radius, top)
                 bits |= hit
             out[i, j] = bits
-
-
-def warm() -> None:
-    """Compile the kernels, for maps as they are and as `select` and `assess` call them."""
-    ground = build_ground(HeightMap(z=np.zeros((3, 3), dtype=np.float32), cell=0.005), 0.008)
-    mask = mask_window(ground, 0, 0, np.zeros((3, 3), dtype=np.float32), Limits(), NO_LEG)
-    count_reasons(mask, np.zeros(len(REASONS) + 1, dtype=np.int64))
-    gradient(ground.surface.z, 0.005, 1, 1)

@@ -110,8 +110,3 @@ def solve(leg: LegTable, px: float, py: float, pz: float) -> tuple[float, float,
         hip_x + coxa * hx, hip_y + coxa * hy, hip_z,
         hip_x + knee * hx, hip_y + knee * hy, hip_z + femur * kz,
     )  # fmt: skip
-
-
-def warm() -> None:
-    """Compile the kernels."""
-    solve((1.0,) * LEG_NUMBERS, 0.0, 0.0, 0.0)

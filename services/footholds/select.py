@@ -13,16 +13,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.geometry.heightmap import HeightMap
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import Robot
-from surefoot.robot.reader import load_robot
 from surefoot.services.footholds.features import Layer, window_features
-from surefoot.services.footholds.ground import FootholdGround, build_ground
+from surefoot.services.footholds.ground import FootholdGround
 from surefoot.services.footholds.masks import REASONS, Limits, Mask, Placement, count_reasons, gradient, mask_window
 from surefoot.services.footholds.models.protocol import SlipModel
-from surefoot.services.footholds.models.score import HandScore
 from surefoot.services.footholds.reach import LegTable, leg_table
 
 Array = NDArray[np.float64]
@@ -249,12 +246,3 @@ def _why(counts: tuple[int, ...], params: SelectParams) -> str:
 @lru_cache(maxsize=64)
 def _table(robot: Robot, leg: int) -> LegTable:
     return leg_table(robot.model, leg)
-
-
-def warm() -> None:
-    """Compile every kernel a choice needs, by choosing on a flat map."""
-    robot = load_robot("ragno")
-    heights = HeightMap(z=np.zeros((17, 17), dtype=np.float32), cell=0.005)
-    flat = build_ground(heights, robot.foot_radius)
-    select(flat, robot, HandScore(), TrunkPose((0.0, 0.0, 0.1)), [Landing(0, (0.04, 0.04, 0.0), (-0.05, 0.0, 0.0))])
-    choose(np.zeros((1, 1), dtype=np.uint8), np.zeros((1, 1), dtype=np.float32), 1.0, 0.0, 0.0, 1.0, True, np.zeros(2))

@@ -16,7 +16,8 @@ from surefoot.services.footholds.assess import assess, whole_map, window_about
 from surefoot.services.footholds.config import FootholdsConfig
 from surefoot.services.footholds.ground import FootholdGround, build_ground
 from surefoot.services.footholds.messages import base_pose, leg_foothold, mask_bits, mask_counts
-from surefoot.services.footholds.select import Landing, placement, select, warm
+from surefoot.services.footholds.rehearsal import made_up_map, made_up_requests
+from surefoot.services.footholds.select import Landing, placement, select
 
 
 class Footholds(Service[FootholdsConfig]):
@@ -29,16 +30,26 @@ class Footholds(Service[FootholdsConfig]):
     serves = (FOOTHOLDS_SELECT, FOOTHOLDS_ASSESS)
 
     def on_start(self) -> None:
-        """Load the robot, compile the kernels, register the handlers."""
+        """Load the robot, register the handlers."""
         self.robot = load_robot(self.config.robot)
         self.model = self.config.model()
         self.params = self.config.params()
         self.legs = {leg.name: index for index, leg in enumerate(self.robot.legs)}
         self._message: HeightMapMessage | None = None
         self._ground: FootholdGround | None = None
-        warm()
         self.handle(FOOTHOLDS_SELECT, self.select)
         self.handle(FOOTHOLDS_ASSESS, self.assess)
+
+    def rehearse(self) -> None:
+        """Answer made-up requests on a made-up map, as another service of the same configuration."""
+        other = Footholds(self.config)
+        other.on_start()
+        other._ground = build_ground(made_up_map(other.robot), other.robot.foot_radius, self.config.smooth)
+        selects, assesses = made_up_requests(other.robot)
+        for each in selects:
+            other.select(each)
+        for each in assesses:
+            other.assess(each)
 
     def on_reset(self) -> None:
         """Forget the map; the new epoch brings its own."""

@@ -88,7 +88,6 @@ class Simulator(Driver[SimulatorConfig]):
         self._wall = (time.perf_counter(), 0)
         self._held = 0
         self._stopped = self._failed = ""
-        worlds.warm()
         for query, handler in (
             (SIM_RESET, self.reset), (SIM_STEP, self.step), (SIM_PAUSE, self.pause), (SIM_PUSH, self.push),
             (SIM_SET, self.set), (SIM_FAULT, self.fault), (SIM_CHECKPOINT, self.checkpoint),
@@ -102,6 +101,9 @@ class Simulator(Driver[SimulatorConfig]):
         )
         self._build(self._request)
         self._begin_on_first_work = c.autostart
+
+    def rehearse(self) -> None:
+        worlds.rehearse()
 
     def on_begin(self) -> None:
         if self._begin_on_first_work:

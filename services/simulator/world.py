@@ -359,7 +359,7 @@ class PhysicsWorld:
 mujoco.set_mju_user_warning(lambda text: None)  # it would write into the working folder; `World.diverged` tells
 
 
-def warm() -> None:
-    """Compile the kernels."""
-    sensors.warm()
-    truth.warm()
+def rehearse() -> None:
+    """Call every kernel once with made-up arguments, so that it is loaded."""
+    sensors.rehearse()
+    truth.rehearse()

@@ -9,11 +9,8 @@ from typing import TypeVar
 import numpy as np
 
 from surefoot.errors import Refusal
-from surefoot.geometry.rotations import matrix_from_quat
-from surefoot.kernels.compiling import COMPILING
 from surefoot.lockstep.join import Delayed, TickInputs
 from surefoot.lockstep.service import Service
-from surefoot.robot.kinematics import com, foot_positions
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.base import Reply, Request
 from surefoot.schemas.hw import FootContacts, JointState
@@ -33,11 +30,10 @@ from surefoot.schemas.topics import (
     STATE_STABILITY,
     STATE_VELOCITY,
 )
-from surefoot.schemas.whatif import BatchReply, BatchRequest
+from surefoot.schemas.whatif import BatchReply, BatchRequest, WhatifReply, WhatifRequest
 from surefoot.services.stability.config import StabilityConfig
-from surefoot.services.stability.programs import clarabel_tools, interior
+from surefoot.services.stability.programs.clarabel_tools import clarabel_and_sparse
 from surefoot.services.stability.programs.contacts import StabilityError
-from surefoot.services.stability.queries import limited
 from surefoot.services.stability.queries.answers import (
     batch_reply,
     com_reply,
@@ -47,8 +43,9 @@ from surefoot.services.stability.queries.answers import (
 from surefoot.services.stability.queries.beyond import region_answer
 from surefoot.services.stability.queries.check_query import check_reply
 from surefoot.services.stability.queries.job import CalibrationJob
-from surefoot.services.stability.regions import many, margin, region
-from surefoot.services.stability.sensing import forces, shift, state
+from surefoot.services.stability.regions import many
+from surefoot.services.stability.rehearsal import rehearse, rehearse_rare
+from surefoot.services.stability.sensing import state
 
 Req = TypeVar("Req", bound=Request)
 Rep = TypeVar("Rep", bound=Reply)
@@ -59,14 +56,8 @@ STALE_NS = 100_000_000
 LEAST_GRAVITY = 1.0
 """m/s^2; a shorter g_up is no direction."""
 
-_KERNELS = (interior, region, margin, shift, forces, state)
-"""Modules whose kernels a walking robot needs; with those of `surefoot` that they call. Others would only cost time."""
-
-_LATER = (many, clarabel_tools, limited)
-"""What other queries need: loaded on another thread once the service answers, as that takes 0.2 s."""
-
 LATER_S = 1.0
-"""s after the start."""
+"""s after the start: what is imported for odd contact sets only is imported then, on another thread; it takes 0.2 s."""
 
 AT_ONCE = 32
 """Sets of a batch that are worked out between two ticks, about 1 ms; more go to another thread."""
@@ -93,31 +84,30 @@ class Stability(Service[StabilityConfig]):
     )
 
     def on_start(self) -> None:
-        """Load the robot, compile the kernels, register the handlers."""
+        """Load the robot, register the handlers."""
         self.robot = load_robot(self.config.robot)
         self.params = self.config.watch()
-        compiled = COMPILING.done
-        for module in _KERNELS:
-            module.warm()
-        matrix_from_quat(np.array([1.0, 0.0, 0.0, 0.0]))
-        com(self.robot.model, self.robot.neutral)
-        foot_positions(self.robot.model, self.robot.neutral)
-        if COMPILING.done != compiled:  # a cold cache: whatever is missing is compiled now, not in a query
-            _load_the_rest()
-        else:
-            self._timer = threading.Timer(LATER_S, _load_the_rest)
-            self._timer.daemon = True
-            self._timer.start()
+        self._timer = threading.Timer(LATER_S, clarabel_and_sparse)
+        self._timer.daemon = True
+        self._timer.start()
         self._worker = ThreadPoolExecutor(1, "batch", initializer=many.be_nice)
         self._waiting = threading.BoundedSemaphore(MOST_WAITING)
         self.on_reset()
         self.handle(STABILITY_REGION, _answer(lambda r: region_answer(r, self.robot)))
         self.handle(STABILITY_CHECK, _answer(lambda r: check_reply(r, self.robot)))
         self.handle(STABILITY_COM, _answer(lambda r: com_reply(r, self.robot)))
-        self.handle(STABILITY_WHATIF, _answer(whatif_reply))
+        self.handle(STABILITY_WHATIF, self._whatif)
         self.handle(STABILITY_EQUILIBRIUM, _answer(equilibrium_reply))
         self.handle(STABILITY_BATCH, self._batch)
         self.handle(STABILITY_CALIBRATE, _answer(lambda r: self.calibration.answer(r)))
+
+    def rehearse(self) -> None:
+        """Answer made-up requests, and judge made-up stances."""
+        rehearse(self.robot, self.params)
+
+    def rehearse_rare(self) -> None:
+        """Answer a batch, and ask what the servos can hold."""
+        rehearse_rare(self.robot)
 
     def on_reset(self) -> None:
         """A new epoch: forget joints, contacts, tilt."""
@@ -164,12 +154,22 @@ class Stability(Service[StabilityConfig]):
 
     def _batch(self, request: BatchRequest) -> BatchReply | Future[BatchReply]:
         """Answer to `stability/batch`, of large ones later."""
-        answer = _answer(batch_reply)
-        if max(len(request.sets), len(request.counts)) <= AT_ONCE:
-            return answer(request)
+        large = max(len(request.sets), len(request.counts)) > AT_ONCE
+        return self._aside(_answer(batch_reply), request) if large else self._soon(_answer(batch_reply), request)
+
+    def _whatif(self, request: WhatifRequest) -> WhatifReply | Future[WhatifReply]:
+        """Answer to `stability/whatif`."""
+        return self._soon(_answer(whatif_reply), request)
+
+    def _soon(self, answer: Callable[[Req], Rep], request: Req) -> Rep | Future[Rep]:
+        """Answer with the kernel of many sets: at once, but on the other thread as long as it is not compiled."""
+        return answer(request) if many.loaded() else self._aside(answer, request)
+
+    def _aside(self, answer: Callable[[Req], Rep], request: Req) -> Future[Rep]:
+        """Answer on the thread of batches."""
         if not self._waiting.acquire(blocking=False):
             raise Refusal("busy", f"{MOST_WAITING} batches wait already; ask again later")
-        found = self._worker.submit(answer, request)
+        found: Future[Rep] = self._worker.submit(answer, request)
         found.add_done_callback(lambda _: self._waiting.release())
         return found
 
@@ -194,11 +194,6 @@ class Stability(Service[StabilityConfig]):
             mu=self.config.mu,
             fresh=False,
         )
-
-
-def _load_the_rest() -> None:
-    for module in _LATER:
-        module.warm()
 
 
 def _points_up(g_up: tuple[float, float, float]) -> bool:

@@ -13,7 +13,6 @@ from surefoot.geometry.heightmap import HeightMap, HeightMapError
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import Delayed, TickInputs
 from surefoot.lockstep.service import Service
-from surefoot.robot import kinematics
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.base import Message
 from surefoot.schemas.cmd import WalkCommand, WalkReply
@@ -38,19 +37,14 @@ from surefoot.schemas.topics import (
     Topic,
 )
 from surefoot.services.walker import interface
-from surefoot.services.walker.biped import balance as biped_balance
-from surefoot.services.walker.biped import ik as biped_ik
-from surefoot.services.walker.biped import plan as biped_plan
-from surefoot.services.walker.biped import posture as biped_posture
-from surefoot.services.walker.biped import preview
 from surefoot.services.walker.biped.gait import BipedWalker
 from surefoot.services.walker.gait import Gait
-from surefoot.services.walker.hexapod import balance, ground, posture, swing
 from surefoot.services.walker.hexapod.gait import HexapodWalker
 from surefoot.services.walker.hexapod.params import WalkerParams
 from surefoot.services.walker.hexapod.standins import HullCheck, nominal_footholds
 from surefoot.services.walker.interface import FootholdReply, WalkerInputs, WalkerOutputs
 from surefoot.services.walker.memory import Memory
+from surefoot.services.walker.rehearsal import rehearse
 
 ANSWER_S = 1.0
 """A question to another service that is not answered in this wall time is answered by the walker's own stand-in."""
@@ -86,14 +80,19 @@ class Walker(Service[WalkerConfig]):
     def on_start(self) -> None:
         self.robot = load_robot(self.config.robot)
         self.biped = self.robot.kind == "biped"
-        for module in (rotations, kinematics, *(_BIPED_KERNELS if self.biped else _HEXAPOD_KERNELS)):
-            module.warm()
         chosen = {k: v for k, v in self.config.model_dump().items() if k in _TUNABLE and v is not None}
         self.params = WalkerParams.for_robot(self.robot, **chosen)
         self.own_check = HullCheck(self.robot)
         self.memory = Memory(self.config.memory)
         self.on_reset()
         self.handle(CMD_WALK, self.walk)
+
+    def rehearse(self) -> None:
+        rotations.quat_from_rpy(0.0, 0.0, 0.1)
+        if self.biped:
+            rehearse(BipedWalker(self.robot), hexapod=False)
+        else:
+            rehearse(HexapodWalker(self.robot, self.params), hexapod=True)
 
     def on_reset(self) -> None:
         self.gait: Gait = (
@@ -278,8 +277,6 @@ class Walker(Service[WalkerConfig]):
         )
 
 
-_HEXAPOD_KERNELS = (swing, posture, ground, balance)
-_BIPED_KERNELS = (biped_ik, preview, biped_plan, biped_posture, biped_balance)
 _TUNABLE = ("hip_height_m", "stride_m", "period_s", "clearance_m")
 
 

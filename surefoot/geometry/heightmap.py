@@ -220,13 +220,3 @@ class HeightMap:
             raise HeightMapError("payload", f"{ny} x {nx} cells need {4 * ny * nx} bytes, got {len(payload)}")
         z = np.frombuffer(payload, dtype="<f4").reshape(ny, nx)
         return cls(z=cast("NDArray[np.float32]", z), cell=cell, origin=origin, version=version)
-
-
-def warm() -> None:
-    """Compile every kernel of the height map."""
-    tiny = HeightMap(z=np.zeros((3, 3), dtype=np.float32), cell=0.005)
-    tiny.height([0.0], [0.0])
-    tiny.height_at(0.0, 0.0)
-    tiny.patch(0.0, 0.0, 3)
-    tiny.smoothed().dilated(0.006)
-    tiny.max_in_path((0.0, 0.0), (0.005, 0.0), 0.004)

@@ -175,13 +175,3 @@ def ray(polygon: Array, x: float, y: float, ax: float, ay: float) -> tuple[float
     if t_in > t_out:
         return MISSED, MISSED
     return t_in, t_out
-
-
-def warm() -> None:
-    """Compile every kernel of this module."""
-    square = hull(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]))
-    area(square)
-    signed_distance(square, 0.5, 0.5)
-    half_planes(square, np.ones(4), 2.0)
-    clip(square, 1.0, 0.0, 0.5)
-    ray(square, 0.5, 0.5, 1.0, 0.0)

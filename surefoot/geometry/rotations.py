@@ -243,21 +243,3 @@ def tilt_from_up(g_up: Array) -> float:
 def wrap_angle(angle: float) -> float:
     """Angle in (-pi, pi]."""
     return -((-angle + math.pi) % (2.0 * math.pi) - math.pi)
-
-
-def warm() -> None:
-    """Compile every kernel of this module."""
-    q, v = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
-    m = matrix_from_quat(multiply(q, normalized(quat_from_rpy(0.1, 0.2, 0.3))))
-    rotate_inverse(q, rotate(q, v))
-    rpy_from_quat(quat_from_matrix(m))
-    rpy_from_matrix(matrix_from_rpy(0.1, 0.2, 0.3))
-    matrix_from_rotvec(rotvec_from_matrix(m))
-    rotvec_from_quat(quat_from_rotvec(v))
-    matrix_from_axis_angle(v, 0.1)
-    conjugate(q)
-    skew(v)
-    yaw_from_quat(q)
-    tilt_from_up(up_from_roll_pitch(0.1, 0.2))
-    roll_pitch_from_up(v)
-    wrap_angle(4.0)

@@ -1,7 +1,9 @@
 """What the compiler of kernels does: noted by `surefoot.kernels.jit`, read by the runtime. Imports no compiler."""
 
+from collections import Counter
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from threading import get_ident
 
 
 class Compiling:
@@ -15,12 +17,18 @@ class Compiling:
         self.last = ""
         """Name of the kernel that was compiled last."""
         self._depth = 0
+        self._by_thread = Counter[int]()
         self._listeners: list[Callable[[str], None]] = []
 
     @property
     def busy(self) -> bool:
         """A kernel is being compiled now."""
         return self._depth > 0
+
+    @property
+    def done_here(self) -> int:
+        """Compilations that ended on this thread."""
+        return self._by_thread[get_ident()]
 
     def began(self, name: str) -> None:
         """A kernel is not in the cache; those that it calls are compiled on the way."""
@@ -33,6 +41,7 @@ class Compiling:
         """It is compiled; one step of several does not count."""
         self._depth -= 1
         self.done += counts
+        self._by_thread[get_ident()] += counts
         self.last = name
 
     @contextmanager

@@ -60,6 +60,8 @@ _load_without_scipy()
 
 from surefoot.kernels.linking import Kernel  # noqa: E402 - loads what has to be loaded without scipy
 
+_KERNELS: list[Any] = []
+
 COMPILING.used = True
 event.register("numba:compile", _Listener())  # pyright: ignore[reportUnknownMemberType]
 
@@ -82,12 +84,24 @@ def free_kernel(function: F) -> F:
     return _compiled(function, error_model="numpy", nogil=True)
 
 
+def loaded() -> dict[str, int]:
+    """Return the kernels that Python has called in this process, and the number of specialisations of each."""
+    return {f"{k.__module__}.{k.__qualname__}": len(k.signatures) for k in _KERNELS if k.signatures}
+
+
+def set_aside() -> None:
+    """Let `loaded` begin anew; kernels that are called again are at hand without the cache."""
+    for each in _KERNELS:
+        each.set_aside()
+
+
 def _compiled(function: F, **options: Any) -> F:
     """Kept beside the source, else in the user's cache folder; where neither can be written, every process compiles.
 
     Code is as old as the oldest file that went into it: see `surefoot.kernels.sources`.
     """
     compiled: Any = Kernel(function, targetoptions=dict(options, nopython=True))
+    _KERNELS.append(compiled)
     with contextlib.suppress(RuntimeError):  # numba finds no place to write
         compiled.enable_caching()
         for index in (compiled._cache._cache_file, compiled.linked._cache._cache_file):  # numba has no public name

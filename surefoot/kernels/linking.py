@@ -157,10 +157,24 @@ class Kernel(CPUDispatcher):
         bare = dict(targetoptions or {}, no_cpython_wrapper=True, no_cfunc_wrapper=True)
         self.linked = Linked(py_func, locals, bare, **others)
         self._compiler = _Entries(self, self._compiler)
+        self._aside: dict[tuple[Any, ...], Any] = {}
 
     def enable_caching(self) -> None:
         super().enable_caching()
         self.linked.enable_caching()
+
+    def set_aside(self) -> None:
+        """Have no signatures for now; those that Python calls again come back."""
+        self._aside |= self.overloads
+        self._reset_overloads()
+
+    def compile(self, sig: Any) -> Any:
+        """Return the entry for argument types: kept, from the cache, or compiled."""
+        kept = self._aside.get(sig) if isinstance(sig, tuple) else None
+        if kept is None or sig in self.overloads:
+            return super().compile(sig)
+        self.add_overload(kept)
+        return kept.entry_point
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Return the signature of a call from a kernel: the same for constants and for variables."""

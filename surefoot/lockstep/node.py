@@ -91,6 +91,7 @@ class Node:
         began, before = time.monotonic(), COMPILING.done
         with COMPILING.told(self._on_compile):
             service.on_start()
+            service.rehearse()
         if self.state == "compiling":
             self.log("info", f"{COMPILING.done - before} kernels compiled in {time.monotonic() - began:.1f} s")
         for query in service.serves:
@@ -298,15 +299,15 @@ class Node:
         return (self.epoch, self.join.last) >= (epoch, request.tick)
 
     def _answer(self, incoming: Incoming, request: Request) -> None:
-        key, before = incoming.query.key, COMPILING.done
+        key, before = incoming.query.key, COMPILING.done_here
         self.counts[key] += 1
         if key == f"health/{self.name}":
             incoming.reply(HealthReply(health=self.health()))
         else:
             self._answers.settle(incoming, lambda: self.service.handlers[key](request))
-        if COMPILING.done != before:  # a kernel that on_start forgot: never silently
+        if COMPILING.done_here != before:  # a kernel that no rehearsal needs: never silently
             self.counts["compiled_in_query"] += 1
-            self.log("warning", f"{key} had to compile {COMPILING.last}, which on_start should have done")
+            self.log("warning", f"{key} had to compile {COMPILING.last}; `surefoot warm --all` does so ahead of time")
 
     # -- ticks -------------------------------------------------------------------------------------------------
 

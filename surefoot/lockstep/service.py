@@ -59,7 +59,18 @@ class Service(Generic[C]):
     # -- overridden --------------------------------------------------------------------------------------------
 
     def on_start(self) -> None:
-        """Once, before anything arrives: register handlers, load the robot, warm the kernels."""
+        """Once, before anything arrives: register handlers, load the robot."""
+
+    def rehearse(self) -> None:
+        """Once, after ``on_start``: do made-up work with objects of its own, so that every kernel is loaded.
+
+        A kernel that is first needed in a tick would be loaded there, or compiled. Nothing is published, and what the
+        service computes later is the same as without a rehearsal. It takes less than 0.1 s once the kernels are
+        compiled.
+        """
+
+    def rehearse_rare(self) -> None:
+        """As ``rehearse``, for kernels that only rare queries need: `surefoot warm --all` runs it, no start does."""
 
     def on_reset(self) -> None:
         """A new epoch: drop all state."""

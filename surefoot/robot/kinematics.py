@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from surefoot.geometry.rotations import axis_angle_into
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import KinematicModel
-from surefoot.robot.reader import load_robot
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -270,17 +269,3 @@ def legs_ik(model: KinematicModel, feet: Array) -> tuple[Array, Flags]:
         for c in range(3):
             q[model.leg_joints[i, c]] = angles[c]
     return q, reachable
-
-
-def warm() -> None:
-    """Compile every kernel of this module."""
-    robot = load_robot("ragno")
-    model, q = robot.model, robot.neutral
-    legs_ik(model, foot_positions(model, q))
-    leg_ik(model, 0, foot_positions(model, q)[0])
-    forward(model, q)
-    foot_jacobians(model, q)
-    com(model, q)
-    com_jacobian(model, q)
-    total_mass(model)
-    gravity_torques(model, q, np.array([0.0, 0.0, 9.81]))

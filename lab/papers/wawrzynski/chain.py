@@ -202,12 +202,3 @@ def foot_pose(state: ChainState) -> tuple[Array, Array]:
     """Foot in IMU axes: position (3,) = -W_1^T p_1 and rot_imu_from_foot (3, 3) = W_1^T."""
     rot = np.ascontiguousarray(state.imu_axes.T)
     return -rot @ state.p_1, rot
-
-
-def warm() -> None:
-    """Compile every kernel of this module."""
-    chain = Chain(np.eye(3)[None].copy(), np.ones((1, 3)), np.eye(3), np.zeros(1, dtype=np.int64), 1.0)
-    state = descend(chain, np.zeros(1), np.zeros(1), np.zeros(3))
-    velocity_kinematics(state)
-    velocity_kinematics_gyro(state, np.zeros(3))
-    foot_pose(state)

@@ -79,11 +79,3 @@ def _predict(k1: Layer, k2: Layer, cos_k3: Layer, weights: Layer, scale: np.floa
             value += face * max(c, zero) + lean * min(c, zero)
             # b + c carries a NaN of the coefficients past max and min
             target[j] = min(max(value, zero), one) + zero * (b + c)
-
-
-def warm() -> None:
-    """Compile the kernel for whole layers and for windows (views without contiguous rows)."""
-    whole = np.zeros((3, 3), dtype=np.float32)
-    HandScore().predict(Features(whole, whole, whole), 0.005)
-    part = whole[1:-1, 1:-1]
-    HandScore().predict(Features(part, part, part), 0.005)

@@ -303,8 +303,8 @@ def _feet_at_rest(n: int) -> tuple[Array, Ints]:
     return table, counts
 
 
-def warm() -> None:
-    """Compile the kernels."""
+def rehearse() -> None:
+    """Call every kernel once with made-up arguments, so that it is loaded."""
     one, three = np.zeros(1, dtype=np.int64), np.zeros((1, 3))
     zeros, flags, contact = np.zeros(1), np.zeros(1, dtype=np.bool_), np.zeros((1, 6))
     none = np.zeros((0, 3))

@@ -235,8 +235,8 @@ class FootSensor:
         self.closed = np.array(state["closed"], dtype=np.bool_)
 
 
-def warm() -> None:
-    """Compile the kernels."""
+def rehearse() -> None:
+    """Call every kernel once with made-up arguments, so that it is loaded."""
     acc, one = np.zeros((1, 3)), np.zeros(1)
     window_mean(acc, acc)
     _imu(acc, acc, np.zeros(6), np.zeros(6), np.zeros(12), np.ones((5, 6)), np.zeros(6))

@@ -12,8 +12,3 @@ def clarabel_and_sparse() -> tuple[Any, Any]:
     from scipy import sparse
 
     return clarabel, sparse
-
-
-def warm() -> None:
-    """Import both."""
-    clarabel_and_sparse()

@@ -29,7 +29,6 @@ from surefoot.services.stability.programs.lanes import (
     GAP,
     KAPPA,
     LAMBDA,
-    LANES,
     LENGTH,
     MASK,
     MATRIX,
@@ -289,12 +288,3 @@ def _step(c: Array, w: Array, g: Array, n: int, lanes: int, correct: bool) -> No
         g[REACH + k] = max(1.0, max(-t / g[TAU + k], -u / g[KAPPA + k]))
     for i in range(n):
         cones.direction(w, i * BLOCK, g, lanes)
-
-
-def warm() -> None:
-    """Compile the solver for 4 and 5 unknowns."""
-    for m in (4, 5):
-        a = np.zeros((1, 3, m))
-        a[0, :, :3] = np.eye(3)[[2, 0, 1]]
-        lam, x, error = np.empty((m, LANES)), np.empty((1, 3, LANES)), np.empty(LANES)
-        solve_lanes(a, np.zeros((1, 3, LANES)), np.eye(5)[2, :m].copy(), lam, x, error, np.empty(LANES, np.int64), 0.0)

@@ -8,7 +8,6 @@ import numpy as np
 from surefoot.geometry.polygon import area, half_planes, hull
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import com, foot_positions, gravity_torques
-from surefoot.robot.reader import load_robot
 from surefoot.schemas.stability import (
     Actuation,
     BasePose,
@@ -214,10 +213,3 @@ def _chosen(robot: Robot, feet: Array, radius: Array, contacts: ContactSet, name
             raise StabilityError("duplicate_leg", field, f"{known[leg]!r} stands on another contact already")
         out.append(leg)
     return out
-
-
-def warm() -> None:
-    """Compile what only this module asks of a leg."""
-    robot = load_robot("ragno")
-    feet = list(range(len(robot.legs)))
-    LimitedStance(robot, robot.neutral.copy(), np.zeros(3), np.eye(3), feet, np.ones(robot.nj)).legs()

@@ -79,6 +79,11 @@ def _pool(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, "stability", initializer=be_nice)
 
 
+def loaded() -> bool:
+    """Report whether the kernel is there, so that an answer takes no longer than its sets do."""
+    return bool(_assess.signatures)  # pyright: ignore[reportFunctionMemberAccess] - of numba's object
+
+
 def be_nice() -> None:
     """Let the other threads of the process go first (Linux: niceness belongs to a thread)."""
     os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
@@ -176,10 +181,3 @@ def _without_end(status: Ints) -> tuple[int, float]:
 def _from(polygon: Array, x: float, y: float) -> float:
     value = signed_distance(polygon, x, y)
     return 0.0 if abs(value) < ON_EDGE else value
-
-
-def warm() -> None:
-    """Compile the kernel."""
-    nothing = np.empty((0, 3))
-    none = ContactSet(nothing, nothing, np.empty(0))
-    assess(none, np.empty(0, dtype=np.int64), np.zeros(2, dtype=np.int64), np.zeros((1, 2)))

@@ -188,15 +188,3 @@ def _drifting(oracle: Oracle, start: Array, a: Array, across: Array, gains: Arra
     if status == NO_PRIMAL:
         return Extent(None, "infeasible")
     return Extent((value - float(d @ start)) * r.length, "ok")
-
-
-def warm() -> None:
-    """Compile the kernels behind `margin` and `extent`."""
-    from surefoot.services.stability.programs.contacts import contact_set
-    from surefoot.services.stability.regions.region import region
-
-    feet = np.array([[0.1, 0.1, 0.0], [0.1, -0.1, 0.0], [-0.1, -0.1, 0.02], [-0.1, 0.1, 0.0]])
-    for z in (0.0, 1.0):
-        found = region(contact_set(feet * [1.0, 1.0, z], [[0.0, 0.0, 1.0]] * 4, 0.5))
-        margin(found, np.zeros(2))
-        extent(found, np.zeros(2), np.array([1.0, 0.0]))

@@ -295,19 +295,3 @@ def _ends(oracle: Oracle, fan: Fan, count: int) -> Array | None:
     probe = oracle.fan(along(line), 4)
     kind, ends = flat_ends(probe)
     return ends if kind != WIDE else None
-
-
-def warm() -> None:
-    """Compile the kernels behind `region`."""
-    feet = np.array([[0.1, 0.1, 0.0], [0.1, -0.1, 0.0], [-0.1, 0.0, 0.02], [0.0, 0.1, 0.0]])
-    up = np.tile([0.0, 0.0, 1.0], (4, 1))
-    for chosen, mu in (
-        ([0, 1, 2, 3], 0.5),
-        ([0, 1, 3], 0.5),
-        ([0, 2], 0.5),
-        ([0, 1, 2, 3], 0.0),
-        ([0, 1, 2, 3], math.inf),
-    ):
-        some = ContactSet(feet[chosen], up[: len(chosen)], np.full(len(chosen), mu))
-        region(some)
-        region(some, AXES)

@@ -12,7 +12,6 @@ from surefoot.geometry.linear_kernels import inverse3
 from surefoot.kernels.jit import row_kernel
 from surefoot.robot.description import KinematicModel, Robot
 from surefoot.robot.kinematics import foot_jacobians_of, forward, gravity_torques_of
-from surefoot.robot.reader import load_robot
 from surefoot.services.stability.programs.contacts import Array
 
 Flags = NDArray[np.bool_]
@@ -315,10 +314,3 @@ def _com(position: Array, force: Array, covariance: Array, tilt_sd: float) -> tu
     for d in range(2):
         com[d] = centroid[d] + com[d]
     return com, spread, weight, misfit
-
-
-def warm() -> None:
-    """Compile the kernels of this module."""
-    robot = load_robot("ragno")
-    found = forces_from_torques(robot, robot.neutral, np.zeros(len(robot.neutral)), np.array([0.0, 0.0, 9.81]), 1.0)
-    com_from_forces(np.zeros((1, 3)), found.force[:1], found.covariance[:1])

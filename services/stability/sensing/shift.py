@@ -11,7 +11,6 @@ from surefoot.geometry.linear_kernels import solve3
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import KinematicModel, Robot
 from surefoot.robot.kinematics import com, foot_jacobians_of, foot_positions, foot_positions_of, forward
-from surefoot.robot.reader import load_robot
 from surefoot.services.stability.programs.contacts import Array, ContactSet, StabilityError
 
 Flags = NDArray[np.bool_]
@@ -130,9 +129,3 @@ def stance_legs(
             if distance[leg] < NEAR:
                 stance[leg] = True
     return stance if stance.any() else np.ones_like(stance)
-
-
-def warm() -> None:
-    """Compile the kernels of this module."""
-    robot = load_robot("ragno")
-    hold_feet(robot.model, robot.neutral, np.zeros(3), np.ones(len(robot.legs), dtype=np.bool_))

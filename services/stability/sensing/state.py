@@ -11,7 +11,6 @@ from surefoot.geometry.linear import norm, product
 from surefoot.kernels.jit import row_kernel
 from surefoot.robot.description import KinematicModel, Robot
 from surefoot.robot.kinematics import com_of, foot_positions_of, forward
-from surefoot.robot.reader import load_robot
 from surefoot.services.stability.programs.contacts import Array, ContactSet
 from surefoot.services.stability.regions.margin import Margin, margin
 from surefoot.services.stability.regions.region import Region, region
@@ -197,11 +196,3 @@ def watch(robot: Robot, joints: Array, touch: Flags, g_up: Array, torque: Array 
         margin_planned=margin(found, f.com[:2]),
         margin_measured=None if measured is None else margin(found, measured.com),
     )
-
-
-def warm() -> None:
-    """Compile everything a status needs."""
-    robot = load_robot("ragno")
-    touch = np.ones(len(robot.legs), dtype=np.bool_)
-    StandingFeet(len(robot.legs), 0.0).update(0.0, touch, touch)
-    watch(robot, robot.neutral, touch, np.array([0.0, 0.0, 9.81]), np.zeros(len(robot.neutral)), WatchParams())

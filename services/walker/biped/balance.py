@@ -74,9 +74,3 @@ def beside(foot: Array, stance: Array, swing: int, least: float) -> Array:
     across = -s * (foot[0] - stance[0]) + c * (foot[1] - stance[1])
     missing = max(0.0, least - across) if swing == 0 else min(0.0, -least - across)
     return np.array([foot[0] - s * missing, foot[1] + c * missing, foot[2]])
-
-
-def warm() -> None:
-    """Compile the kernels of this module."""
-    offset = com_beside(np.zeros(2), np.zeros(2), 0.2, 0.0)
-    foothold_shift(offset, 7.0, 0.1, 0.01, 0.5)

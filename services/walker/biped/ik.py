@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.geometry import rotations
 from surefoot.geometry.rotations import matrix_from_axis_angle
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import Robot, RobotError
@@ -186,15 +185,3 @@ def legs_ik(g: LegGeometry, q: Array, ankles: Array, rots: Array) -> tuple[float
                 reachable = False
             q[j] = min(g.upper[j], max(g.lower[j], angles[i]))
     return worst, reachable
-
-
-def warm() -> None:
-    """Compile the kernels of this module."""
-    from surefoot.robot.reader import load_robot
-
-    rotations.warm()
-    for name in ("bioloid", "nao"):
-        robot = load_robot(name)
-        g = leg_geometry(robot)
-        ankles = g.hip - np.array([0.0, 0.0, 0.9 * (g.thigh + g.shin)])
-        legs_ik(g, robot.neutral.copy(), ankles, np.stack([np.eye(3)] * 2))

@@ -89,11 +89,3 @@ def between(feet: Array) -> Array:
     """Body pose (3,) half way between the feet (2, 3)."""
     turn = math.atan2(math.sin(feet[1, 2] - feet[0, 2]), math.cos(feet[1, 2] - feet[0, 2]))
     return np.array([*(0.5 * (feet[0, :2] + feet[1, :2])), feet[0, 2] + 0.5 * turn])
-
-
-def warm() -> None:
-    """Compile the kernels of this module."""
-    foot = np.zeros(3)
-    support_point(foot, 0, 0.0, 0.0)
-    reference(np.zeros((2, 2)), np.ones(1), np.ones(1))
-    swing(foot, foot, 0.5, 0.01)

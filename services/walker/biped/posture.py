@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from surefoot.kernels.jit import kernel
 from surefoot.robot import kinematics
 from surefoot.robot.description import KinematicModel
-from surefoot.robot.reader import load_robot
-from surefoot.services.walker.biped.ik import LegGeometry, leg_geometry, legs_ik
+from surefoot.services.walker.biped.ik import LegGeometry, legs_ik
 
 Array = NDArray[np.float64]
 
@@ -124,14 +123,3 @@ def load_share(zmp: Array, feet: Array) -> Array:
     out[0] = min(1.0, max(0.0, w))
     out[1] = 1.0 - out[0]
     return out
-
-
-def warm() -> None:
-    """Compile the kernels of this module."""
-    robot = load_robot("bioloid")
-    g = leg_geometry(robot)
-    q, trunk, tilt = robot.neutral.copy(), np.array([0.0, 0.0, 0.0, 0.29]), np.zeros(2)
-    feet = np.array([[0.0, 0.04, 0.0, 0.0], [0.0, -0.04, 0.0, 0.0]])
-    _, _, rot = place_com(robot.model, g, q, feet, trunk, tilt, np.zeros(2))
-    load_share(np.zeros(2), feet)
-    load_torques(robot.model, q, rot, trunk, np.array([0.0, 0.0, 9.81]), np.ones(2), np.zeros((2, 2)))

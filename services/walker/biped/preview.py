@@ -108,9 +108,3 @@ def preview_step(gains: PreviewGains, x: Array, error: Array, reference: Array, 
         x[2, i] += dt * u
         zmp[i] = x[0, i] - lead * x[2, i]
     return zmp
-
-
-def warm() -> None:
-    """Compile the kernels of this module."""
-    gains = preview_gains(0.2, 0.01, 4)
-    preview_step(gains, np.zeros((3, 2)), np.zeros(2), np.zeros((5, 2)), 0)

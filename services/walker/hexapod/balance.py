@@ -169,8 +169,3 @@ def usual(state: WalkerState, gait: GaitPattern) -> None:
     """Take the gait a command asks for."""
     state.gait = state.usual = gait
     state.group %= gait.steps_per_cycle
-
-
-def warm() -> None:
-    """Compile the kernel of this module."""
-    nearest_inside(np.zeros((1, 2)), np.zeros(1), 0.0)

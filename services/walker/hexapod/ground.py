@@ -156,12 +156,3 @@ class Ground:
         """Highest ground under a rectangle about (x, y) turned by yaw, m; NaN where all is unknown."""
         s = self.surface
         return box_max(s.z, s.cell, s.origin[0], s.origin[1], x, y, yaw, half_x, half_y)
-
-
-def warm() -> None:
-    """Compile the kernels of this module."""
-    z = np.full((3, 3), np.nan, dtype=np.float32)
-    z[0, 0] = 0.0
-    ground = Ground.build(HeightMap(z=z, cell=0.005), 0.006)
-    ground.highest_under(0.0, 0.0, 0.0, 0.01, 0.01)
-    ground.normal(0.0, 0.0, 0.0)

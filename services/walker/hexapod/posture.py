@@ -6,7 +6,6 @@ from numpy.typing import NDArray
 from surefoot.kernels.jit import kernel
 from surefoot.robot import kinematics
 from surefoot.robot.description import KinematicModel
-from surefoot.robot.reader import load_robot
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -120,11 +119,3 @@ def set_points(
     for j in range(q.size):
         command[j] = min(model.upper[j], max(model.lower[j], q[j] + compliance[j] * torque[j]))
     return command, q, reachable
-
-
-def warm() -> None:
-    """Compile the kernels of this module."""
-    robot = load_robot("ragno")
-    feet, body = kinematics.foot_positions(robot.model, robot.neutral), np.zeros(3)
-    into_map(feet, body, np.eye(3))
-    set_points(robot.model, feet, body, np.eye(3), np.ones(len(feet)), np.zeros(robot.nj))

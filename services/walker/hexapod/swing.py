@@ -205,11 +205,3 @@ def targets(
             step = feet_to[i, k] - present[i, k]
             out[i, k] = present[i, k] + min(reach, max(-reach, step))
     return out, share
-
-
-def warm() -> None:
-    """Compile the kernels of this module."""
-    shape, feet, ones = SwingShape(), np.zeros((2, 3)), np.ones(2)
-    window(shape, feet[0], feet[1], 0.02, np.zeros(SAMPLES), 0.005)
-    swept_ground(HeightMap(z=np.zeros((3, 3), dtype=np.float32), cell=0.005), feet[0], feet[1], 0.01)
-    targets(shape, ones > 0, ones < 0, feet, feet, ones, 0.1 * ones, ones, 0.5, feet, 0.001, ones, 0.1)

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from surefoot.kernels import warming
 from surefoot.lab.cli import main as cli
+from surefoot.lab.cli import warming
 from surefoot.lab.cli.output import state
 from surefoot.lab.papers.findings import Finding, Reproduction
 from surefoot.lab.papers.walas import stability as walas_stability
@@ -19,7 +19,7 @@ BAD = Finding("4.7", "gain", "0.752", "0.8", False, "within 1 %")
 def surefoot(capsys, monkeypatch):
     monkeypatch.setenv("NO_COLOR", "1")
     monkeypatch.setattr(state, "json", False)
-    monkeypatch.setattr(warming, "warm_if_cold", lambda tell: None)
+    monkeypatch.setattr(warming, "warm_if_cold", lambda system, tell: None)
 
     def run(*words):
         with pytest.raises(SystemExit) as ended:

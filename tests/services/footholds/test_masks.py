@@ -7,7 +7,6 @@ import pytest
 
 from surefoot.geometry.rotations import matrix_from_rpy, quat_from_matrix
 from surefoot.robot.kinematics import leg_ik
-from surefoot.services.footholds import masks
 from surefoot.services.footholds.masks import REASONS, Limits, Reason, count_reasons, gradient, mask_window
 from surefoot.services.footholds.select import TrunkPose, placement
 from tests.services.footholds.grounds import CELL, STROKE, flat, ground_of, neutral, ragno, standing
@@ -135,7 +134,3 @@ def test_gradient_of_a_plane_and_at_the_border() -> None:
     assert gradient(surface.z, CELL, 1, 2) == pytest.approx((0.3, -0.7), abs=1e-5)
     for row, col in ((0, 2), (3, 2), (1, 0), (1, 4), (-5, 90)):
         assert all(math.isnan(value) for value in gradient(surface.z, CELL, row, col))
-
-
-def test_warm() -> None:
-    masks.warm()

@@ -55,7 +55,3 @@ def test_leg_without_closed_form_reaches_nothing() -> None:
     model = load_robot("ragno").model
     unknown = model._replace(segment=np.full_like(model.segment, np.nan))
     assert solve(leg_table(unknown, 0), 0.18, 0.12, -0.07)[0] == reach.OUTSIDE
-
-
-def test_warm() -> None:
-    reach.warm()

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from surefoot.services.footholds.features import Features, map_features
-from surefoot.services.footholds.models import score
 from surefoot.services.footholds.models.protocol import SlipModel
 from surefoot.services.footholds.models.score import HandScore
 
@@ -76,7 +75,3 @@ def test_weights_out_of_range_are_refused(name: str, value: float) -> None:
 
 def test_weights_count() -> None:
     assert one(0.0, 0.0, 0.0, HandScore(flat=0.2)) == pytest.approx(0.2)
-
-
-def test_warm() -> None:
-    score.warm()

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from surefoot.services.footholds import select as module
 from surefoot.services.footholds.features import Features, window_features
 from surefoot.services.footholds.ground import FootholdGround
 from surefoot.services.footholds.masks import REASONS, Limits, mask_window
@@ -224,7 +223,3 @@ def test_legs_are_answered_in_order() -> None:
     found = ask(ground_of(rough(1, 0.002)), standing(), landing(5), landing(0))
     assert [np.sign(one.foothold[1]) for one in found if one.foothold] == [-1, 1]
     assert abs(found[0].foothold[0] - neutral(5)[0]) < 0.04  # type: ignore[index]
-
-
-def test_warm() -> None:
-    module.warm()

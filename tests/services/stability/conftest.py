@@ -1,6 +1,7 @@
 """The stability service as an outside client sees it."""
 
 import json
+from concurrent.futures import Future
 from typing import Any
 
 import pytest
@@ -21,4 +22,4 @@ def ask(service: Stability, what: str, **fields: Any) -> dict[str, Any]:
     """Request and reply through the codec."""
     model = {query.key: query.request for query in SERVICE.serves}[f"stability/{what}"]
     reply = service.handlers[f"stability/{what}"](decode(model, json.dumps(fields).encode()))
-    return json.loads(encode(reply)[0])
+    return json.loads(encode(reply.result() if isinstance(reply, Future) else reply)[0])

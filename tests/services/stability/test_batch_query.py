@@ -3,6 +3,7 @@
 import json
 import threading
 import time
+from concurrent.futures import Future
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from surefoot.schemas.topics import (
 from surefoot.schemas.whatif import MAX_SETS, BatchReply, BatchRequest
 from surefoot.services.stability import service as module
 from surefoot.services.stability.config import StabilityConfig
+from surefoot.services.stability.regions import many
 from surefoot.services.stability.regions.many import STATUSES
 from surefoot.services.stability.regions.whatif import batch, pack
 from surefoot.services.stability.service import SERVICE, Stability
@@ -202,3 +204,17 @@ def test_over_zenoh() -> None:
             thread.join(WAIT_S)
     finally:
         net.close()
+
+
+def test_the_first_small_batch_waits_for_its_kernel_aside(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever compiles for seconds between two ticks stops the robot."""
+    service = Stability(StabilityConfig())
+    service.on_start()
+    request = raw(1)[0]
+    monkeypatch.setattr(many, "loaded", lambda: False)
+    later = service.handlers["stability/batch"](request)
+    assert isinstance(later, Future)
+    monkeypatch.setattr(many, "loaded", lambda: True)
+    now = service.handlers["stability/batch"](request)
+    assert now == later.result(timeout=300.0)
+    service.on_stop()

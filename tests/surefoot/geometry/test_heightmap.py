@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from surefoot.geometry import heightmap
 from surefoot.geometry.heightmap import HeightMap, HeightMapError
 from tests.surefoot.geometry.maps import CELL, bumpy, same, with_hole
 
@@ -240,7 +239,3 @@ def test_absent_header_field_is_named() -> None:
     with pytest.raises(HeightMapError) as error:
         HeightMap.from_wire(header, with_hole().to_bytes())
     assert error.value.field == "cell"
-
-
-def test_warm_compiles_everything() -> None:
-    heightmap.warm()

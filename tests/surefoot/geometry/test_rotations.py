@@ -132,13 +132,3 @@ def test_wrapped_angle_is_the_same_direction(angle):
 def test_wrap_keeps_plus_pi():
     assert rot.wrap_angle(math.pi) == math.pi
     assert rot.wrap_angle(-math.pi) == math.pi
-
-
-def test_warm_compiles_every_kernel():
-    rot.warm()
-    kernels = [
-        f for f in vars(rot).values() if getattr(f, "__module__", "") == rot.__name__ and hasattr(f, "signatures")
-    ]
-    assert len(kernels) >= 20
-    called = [f for f in kernels if not f.__name__.endswith("_into")]  # those are called from kernels only
-    assert [f.__name__ for f in called if not (f.signatures or f.__name__.startswith("_"))] == []

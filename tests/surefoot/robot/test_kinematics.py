@@ -191,13 +191,3 @@ def test_legs_are_mirror_images(name, rng):
         feet = kin.foot_positions(robot.model, q)
         assert np.allclose(feet[:3] * [1, -1, 1], feet[3:])
         assert kin.com(robot.model, q)[1] == pytest.approx(0.0, abs=1e-12)
-
-
-def test_warm_compiles_every_kernel():
-    kin.warm()
-    kernels = [
-        f for f in vars(kin).values() if getattr(f, "__module__", "") == kin.__name__ and hasattr(f, "signatures")
-    ]
-    inner = ("_of", "_into")  # called from kernels only: they come with their callers
-    called = [f for f in kernels if not (f.__name__.startswith("_") or f.__name__.endswith(inner))]
-    assert [f.__name__ for f in called if not f.signatures] == []

@@ -1,0 +1,229 @@
+"""Compiling the numeric kernels of a system ahead of time, once per installation and version.
+
+Each service rehearses, by which it calls every kernel that it uses: see `surefoot.lockstep.service`. So nothing is
+compiled that the robot and its services do not use.
+"""
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from subprocess import PIPE
+from tempfile import TemporaryFile
+from typing import Any
+
+import surefoot
+from surefoot.errors import SurefootError
+from surefoot.files import find, names
+from surefoot.services.supervisor.processes.compose import Compose, ComposeError, load_compose
+
+HOME = Path(surefoot.__file__).parent
+"""The package; in a checkout its services are a link to the folder beside it."""
+DEFAULT_SYSTEM = "ragno"
+ORDER = ("stability", "walker", "estimator", "footholds", "simulator")
+"""The longest first. What the first two have in common the walker compiles at its begin, stability at its end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One service with one robot."""
+
+    service: str
+    robot: str
+    rare: bool = False
+    """With the kernels that only rare queries need."""
+
+    @property
+    def stamp(self) -> Path:
+        """The file that says it is done; of this version of the sources."""
+        robot = hashlib.sha256(self.robot.encode()).hexdigest()[:12]
+        return _stamps() / f"{signature()}-{self.service}-{robot}{'-rare' * self.rare}"
+
+
+@dataclass(frozen=True, slots=True)
+class Warmed:
+    """What a service uses, and what it took to compile that."""
+
+    service: str
+    robot: str
+    kernels: int
+    """Functions that Python calls; each holds the code of all that it calls itself."""
+    compiled: int
+    """Functions that were not in the cache, with those that kernels and numba call."""
+    seconds: float
+
+
+def jobs_of(systems: Iterable[Compose], rare: bool = False) -> tuple[Job, ...]:
+    """Return the services of these systems that have kernels, each with its robot, the longest first."""
+    from surefoot.lockstep.discover import service_class, service_names
+    from surefoot.lockstep.service import Service
+
+    known = service_names()
+    kept: list[Job] = []
+    for system in systems:
+        for name in system.service_names:
+            if name in known and service_class(name).rehearse is not Service.rehearse:
+                kept.append(Job(name, system.robot, rare))
+    rank = {name: place for place, name in enumerate(ORDER)}
+    return tuple(sorted(dict.fromkeys(kept), key=lambda job: rank.get(job.service, len(rank))))
+
+
+def systems_of(named: Iterable[str]) -> list[Compose]:
+    """Return systems by name or path (raises ComposeError)."""
+    return [load_compose(find("compose", name, ".yaml", ComposeError)) for name in named]
+
+
+def all_systems() -> list[Compose]:
+    """Return every system of the installation."""
+    return systems_of(names("compose", ".yaml"))
+
+
+def signature() -> str:
+    """Return a hash of everything compiled code depends on: sources, Python, numba, processor."""
+    from importlib.metadata import version
+
+    digest = hashlib.sha256(f"{sys.version}|{version('numba')}|{os.uname().machine}|{HOME}".encode())
+    sources = {path for folder in (HOME, HOME / "services") for path in folder.rglob("*.py")}
+    for path in sorted(sources):
+        content = path.read_bytes()
+        if b"kernel" in content:
+            digest.update(content)
+    return digest.hexdigest()
+
+
+def is_cold(jobs: Iterable[Job]) -> bool:
+    """Report whether kernels have to be compiled before these services start quickly."""
+    return any(not job.stamp.exists() for job in jobs)
+
+
+def warm_if_cold(system: Compose, tell: Callable[[str], None]) -> None:
+    """Compile the kernels of a system unless that was done before."""
+    jobs = jobs_of([system])
+    if is_cold(jobs):
+        warm(jobs, tell)
+
+
+def warm(jobs: tuple[Job, ...], tell: Callable[[str], None] = lambda text: None) -> list[Warmed]:
+    """Let the services rehearse, as many side by side as there are cores.
+
+    A process takes one service after the other: what numba compiles for itself is then compiled once a process.
+    """
+    progress = _Progress(len(jobs), tell)
+    todo, lock = iter(jobs), threading.Lock()
+
+    def work(_: int) -> list[Warmed]:
+        done: list[Warmed] = []
+        with _worker() as ask:
+            while True:
+                with lock:
+                    job = next(todo, None)
+                if job is None:
+                    return done
+                done.append(ask(job))
+                progress.another()
+
+    width = min(os.cpu_count() or 1, len(jobs))
+    with ThreadPoolExecutor(max_workers=max(1, width)) as pool:
+        found = [each for part in pool.map(work, range(width)) for each in part]
+    try:
+        for job in jobs:
+            job.stamp.parent.mkdir(parents=True, exist_ok=True)
+            job.stamp.touch()
+    except OSError as error:
+        tell(f"  nothing can be kept in {_stamps()}: {error.strerror}; kernels are compiled again at each start")
+    place = {(job.service, job.robot): i for i, job in enumerate(jobs)}
+    return sorted(found, key=lambda each: place[each.service, each.robot])
+
+
+class _Progress:
+    """Reports each service that is done; called from several threads."""
+
+    def __init__(self, total: int, tell: Callable[[str], None]) -> None:
+        self._total, self._done, self._tell, self._began = total, 0, tell, time.monotonic()
+        self._lock = threading.Lock()
+        tell(f"compiling numeric kernels: {total} services, takes half a minute or more, only this once")
+
+    def another(self) -> None:
+        """A service is done."""
+        with self._lock:
+            self._done += 1
+            self._tell(f"  {self._done} of {self._total} after {time.monotonic() - self._began:.0f} s")
+
+
+@contextmanager
+def _worker() -> Iterator[Callable[[Job], Warmed]]:
+    """Compile in a process of its own: compilers are neither thread-safe nor small."""
+    command = [sys.executable, "-m", "surefoot.lab.cli.warming"]
+    with (
+        TemporaryFile("w+") as errors,
+        subprocess.Popen(command, stdin=PIPE, stdout=PIPE, stderr=errors, text=True) as process,
+    ):
+        assert process.stdin is not None
+        assert process.stdout is not None
+        put, take = process.stdin, process.stdout
+
+        def ask(job: Job) -> Warmed:
+            try:
+                put.write(json.dumps(asdict(job)) + "\n")
+                put.flush()
+                answer = take.readline()
+            except OSError:
+                answer = ""
+            if not answer:
+                process.wait()
+                errors.seek(0)
+                words = errors.read().strip().splitlines()[-1:] or [f"exit code {process.returncode}"]
+                raise SurefootError("warm", f"the kernels of {job.service} could not be compiled: {words[0]}")
+            return Warmed(**json.loads(answer))
+
+        try:
+            yield ask
+        finally:
+            put.close()
+
+
+def _rehearse(job: Job) -> Warmed:
+    from surefoot.kernels import jit
+    from surefoot.kernels.compiling import COMPILING
+    from surefoot.lockstep.config import load_config
+    from surefoot.lockstep.discover import service_class
+
+    jit.set_aside()
+    began, before = time.monotonic(), COMPILING.done
+    kind: Any = service_class(job.service)
+    overrides = [f"robot={json.dumps(job.robot)}"]
+    if "autostart" in kind.Config.model_fields:
+        overrides.append("autostart=false")
+    service = kind(load_config(kind.Config, job.service, None, None, overrides))
+    service.on_start()
+    service.rehearse()
+    if job.rare:
+        service.rehearse_rare()
+    service.on_stop()
+    return Warmed(
+        job.service, job.robot, len(jit.loaded()), COMPILING.done - before, round(time.monotonic() - began, 3)
+    )
+
+
+def _main() -> None:
+    for line in sys.stdin:
+        answer = _rehearse(Job(**json.loads(line)))
+        sys.stdout.write(json.dumps(asdict(answer)) + "\n")
+        sys.stdout.flush()
+
+
+def _stamps() -> Path:
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    return (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "surefoot" / "warm"
+
+
+if __name__ == "__main__":
+    _main()

@@ -1,0 +1,37 @@
+"""A dry run of the estimator with made-up samples: standing still, then walking on the spot."""
+
+import numpy as np
+
+from surefoot.robot.description import Robot
+from surefoot.services.estimator.config import EstimatorConfig
+from surefoot.services.estimator.messages import odometry_message, velocity_message
+
+WALK_SAMPLES = 24
+"""Inertial samples after the start, 8 of the joints: every foot lifts and comes down."""
+
+
+def rehearse(config: EstimatorConfig, robot: Robot, modes: tuple[str, ...]) -> None:
+    """Run an estimator of its own through start, stance, steps and messages, so that every kernel is loaded.
+
+    Args:
+        config: of the service.
+        robot: the robot.
+        modes: the estimates that the service publishes.
+    """
+    estimator = config.estimator(robot)
+    period, up = estimator.params.imu_period_ns, np.array([0.0, 0.0, 9.81])
+    joints, every = robot.neutral.copy(), np.ones(len(robot.legs), dtype=np.bool_)
+    rest = estimator.params.standstill_samples + 2
+    for i in range(rest + WALK_SAMPLES):
+        stamp, walking = (i + 1) * period, i >= rest
+        wobble = 1e-3 * np.sin(i + np.arange(3.0))
+        estimator.on_imu(stamp, wobble, up + wobble)
+        if i % 3 == 0:
+            swinging = np.arange(len(every)) % 2 == (i // 6) % 2
+            estimator.on_kinematics(
+                stamp, joints + 1e-3 * walking * np.sin(i + np.arange(joints.size)), every & ~(swinging & walking)
+            )
+        if walking:
+            odometry_message(estimator.pose(), estimator.initialised)
+            for mode in modes:
+                velocity_message(estimator.estimate(mode))

@@ -1,0 +1,38 @@
+"""What the foothold service is asked in a dry run: choices and assessments on a flat map with a stone and a hole."""
+
+import numpy as np
+
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.robot.description import Robot
+from surefoot.robot.kinematics import foot_positions
+from surefoot.schemas.footholds import AssessRequest, BasePose, LegRequest, SelectRequest
+
+CELL = 0.005
+"""m."""
+HEIGHT = 0.1
+"""m, base_link over the ground."""
+STROKE = (-0.03, 0.0, 0.0)
+"""m."""
+
+
+def made_up_map(robot: Robot) -> HeightMap:
+    """Return a map under the neutral stance of a robot."""
+    half = int(np.abs(foot_positions(robot.model, robot.neutral)[:, :2]).max() / CELL) + 12
+    z = np.zeros((2 * half + 1, 2 * half + 1), dtype=np.float32)
+    z[half, half], z[half + 3, half + 3] = 0.02, np.nan
+    return HeightMap(z=z, cell=CELL, origin=(-half * CELL, -half * CELL))
+
+
+def made_up_requests(robot: Robot) -> tuple[list[SelectRequest], list[AssessRequest]]:
+    """Return requests that take every way through the service."""
+    feet = foot_positions(robot.model, robot.neutral)
+    places = [(float(foot[0]), float(foot[1]), robot.foot_radius) for foot in feet]
+    base = BasePose(position=(0.0, 0.0, HEIGHT), quat_wxyz=(1.0, 0.0, 0.0, 0.0))
+    legs = tuple(
+        LegRequest(leg=leg, nominal=place, stroke=STROKE) for leg, place in zip(robot.leg_names, places, strict=True)
+    )
+    centre = places[0][:2]
+    return (
+        [SelectRequest(base=base, legs=legs, mode=mode) for mode in ("robust", "paper")],
+        [AssessRequest(leg=robot.leg_names[0], base=base, centre=centre, stroke=STROKE), AssessRequest(stroke=STROKE)],
+    )

@@ -1,0 +1,98 @@
+"""A dry run of the stability service: made-up requests and stances of its robot, and contact sets of every kind."""
+
+import math
+
+import numpy as np
+
+from surefoot.robot.description import Robot
+from surefoot.robot.kinematics import foot_positions
+from surefoot.schemas.stability import Actuation, CheckRequest, ComRequest, Contact, EquilibriumRequest, RegionRequest
+from surefoot.schemas.whatif import BatchRequest, WhatifRequest
+from surefoot.services.stability.programs.contacts import Array, ContactSet
+from surefoot.services.stability.queries.answers import batch_reply, com_reply, equilibrium_reply, whatif_reply
+from surefoot.services.stability.queries.beyond import region_answer
+from surefoot.services.stability.queries.check_query import check_reply
+from surefoot.services.stability.regions.margin import extent, margin
+from surefoot.services.stability.regions.region import AXES, region
+from surefoot.services.stability.sensing import state
+
+UP = (0.0, 0.0, 1.0)
+GRAVITY = np.array([0.0, 0.0, 9.81])
+"""m/s2, specific force at rest of a level trunk."""
+MOVEMENT = (0.01, 0.0, 0.0)
+"""m."""
+
+
+def rehearse(robot: Robot, params: state.WatchParams) -> None:
+    """Go through what a walking robot asks for, and through the contact sets that its feet can make.
+
+    Args:
+        robot: the robot.
+        params: of the status.
+    """
+    _regions()
+    contacts, joints = _contacts(robot), tuple(robot.neutral.tolist())
+    com = contacts[0].position[:2]
+    region_answer(RegionRequest(contacts=contacts), robot)
+    region_answer(RegionRequest(contacts=contacts, directions=4, certificates=True), robot)
+    for chosen in (contacts, contacts[::2]):
+        check_reply(CheckRequest(contacts=chosen, joints=joints, movement=MOVEMENT), robot)
+    check_reply(CheckRequest(contacts=contacts, com=com), robot)
+    com_reply(ComRequest(joints=joints, torque=(0.1,) * robot.nj), robot)
+    equilibrium_reply(EquilibriumRequest(contacts=contacts, com=com))
+    _statuses(robot, params)
+
+
+def rehearse_rare(robot: Robot) -> None:
+    """Go through queries with kernels of their own that no walk asks: many sets at once, limits of servos."""
+    contacts, joints = _contacts(robot), tuple(robot.neutral.tolist())
+    com = contacts[0].position[:2]
+    whatif_reply(WhatifRequest(contacts=contacts, com=com))
+    batch_reply(BatchRequest.model_validate({"sets": [{"contacts": contacts, "com": com}]}))
+    if robot.kind == "hexapod":
+        region_answer(RegionRequest(contacts=contacts, actuation=Actuation(joints=joints)), robot)
+
+
+def _contacts(robot: Robot) -> tuple[Contact, ...]:
+    """Return the points where the feet of the neutral stance touch, m, frame base_link."""
+    feet = foot_positions(robot.model, robot.neutral) - robot.foot_radius * np.array(UP)
+    return tuple(Contact(position=tuple(foot.tolist()), normal=UP, mu=0.5) for foot in feet)
+
+
+def _regions() -> None:
+    """Ask for regions of sets with an area, without, level and not, with no friction and with unlimited."""
+    feet = np.array([[0.1, 0.1, 0.0], [0.1, -0.1, 0.0], [-0.1, 0.0, 0.02], [0.0, 0.1, 0.0]])
+    for chosen, mu in (
+        ([0, 1, 2, 3], 0.5),
+        ([0, 1, 3], 0.5),
+        ([0, 2], 0.5),
+        ([0, 1, 2, 3], 0.0),
+        ([0, 1, 2, 3], math.inf),
+    ):
+        some = ContactSet(feet[chosen], np.tile(UP, (len(chosen), 1)), np.full(len(chosen), mu))
+        region(some)
+        found = region(some, AXES)
+        if found.status == "ok":
+            margin(found, np.zeros(2))
+            extent(found, np.zeros(2), np.array([1.0, 0.0]))
+
+
+def _statuses(robot: Robot, params: state.WatchParams) -> None:
+    """Judge the neutral stance on all feet and on every second."""
+    every, torque = np.ones(len(robot.legs), dtype=np.bool_), _holding(robot)
+    standing = state.StandingFeet(len(robot.legs), params.hold_s)
+    for touch in (every, np.arange(len(robot.legs)) % 2 == 0):
+        state.watch(robot, robot.neutral, standing.update(0.0, touch, every), GRAVITY, torque, params)
+        state.watch(robot, robot.neutral, touch, GRAVITY, None, params)
+
+
+def _holding(robot: Robot) -> Array:
+    """Return torques, (nj,) Nm, with which every foot carries an equal share of the weight."""
+    from surefoot.services.stability.sensing.forces import leg_inverses
+
+    found = leg_inverses(robot, robot.neutral, GRAVITY)
+    torque = found.own.copy()
+    for i in np.flatnonzero(found.observed):
+        push = np.linalg.solve(found.inverse[i], np.array([0.0, 0.0, 9.81 * robot.mass / len(robot.legs)]))
+        torque[robot.model.leg_joints[i, :3]] -= push
+    return torque

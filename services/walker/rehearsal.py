@@ -1,0 +1,36 @@
+"""A dry run of the walker: the robot stands up, walks a little and stops, with servos that reach every set-point."""
+
+from typing import Any
+
+import numpy as np
+
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.services.walker.interface import MotionCommand, WalkerInputs
+
+STAND_TICKS, WALK_TICKS = 120, 150
+SIZE, CELL = 41, 0.02
+"""Cells a side, and m a cell, of the flat map."""
+
+
+def rehearse(walker: Any, hexapod: bool) -> None:
+    """Lead a walker of its own through stand, steps and stop, so that every kernel of its gait is loaded.
+
+    Args:
+        walker: a `HexapodWalker` or a `BipedWalker` that nothing else uses.
+        hexapod: it takes a map.
+    """
+    robot = walker.robot
+    if hexapod:
+        origin = (-0.5 * SIZE * CELL, -0.5 * SIZE * CELL)
+        walker.set_map(HeightMap(z=np.zeros((SIZE, SIZE), dtype=np.float32), cell=CELL, origin=origin))
+    joints, stance = robot.neutral.copy(), np.ones(len(robot.legs), dtype=np.bool_)
+    for tick in range(STAND_TICKS + WALK_TICKS):
+        if tick == STAND_TICKS:
+            walker.command(MotionCommand("walk", distance=0.5))
+        now = 0.01 * tick
+        out = walker.step(
+            WalkerInputs(
+                stamp=now, pitch=0.01, estimate_stamp=now, initialised=True, joints=joints, contacts=stance, margin=0.02
+            )
+        )
+        joints, stance = joints if out.command is None else out.command.copy(), out.stance.copy()

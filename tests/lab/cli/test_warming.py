@@ -1,0 +1,65 @@
+"""Compiling announces that it takes long, but only once, and counts by service; what fails is named."""
+
+import json
+
+import pytest
+from surefoot.lab.cli.warming import Job
+
+from surefoot.errors import SurefootError
+from surefoot.lab.cli import main as cli
+from surefoot.lab.cli import warming
+from surefoot.lab.cli.output import state
+
+
+@pytest.fixture(autouse=True)
+def apart(monkeypatch, tmp_path):
+    """Stamps of its own; the kernels' caches stay where they are."""
+    monkeypatch.setattr(warming, "_stamps", lambda: tmp_path / "warm")
+    monkeypatch.setattr(state, "json", False)
+
+
+def test_a_system_has_the_services_that_have_kernels():
+    (ragno,) = warming.systems_of(["ragno"])
+    jobs = warming.jobs_of([ragno, ragno])
+    assert [job.service for job in jobs] == list(warming.ORDER)
+    assert {job.robot for job in jobs} == {"ragno"}
+    robots = {job.robot for job in warming.jobs_of(warming.all_systems(), rare=True)}
+    assert robots == {"ragno", "messor", "bioloid", "nao"}
+
+
+def test_says_first_that_it_takes_long_and_then_how_far_it_is(monkeypatch):
+    (ragno,) = warming.systems_of(["ragno"])
+    jobs = (Job("simulator", "ragno"), Job("footholds", "ragno"))
+    monkeypatch.setattr(warming, "jobs_of", lambda systems: jobs)
+    told = []
+    assert warming.is_cold(jobs)
+    warming.warm_if_cold(ragno, told.append)
+    assert told[0] == "compiling numeric kernels: 2 services, takes half a minute or more, only this once"
+    assert [line.split(" after ")[0] for line in told[1:]] == [f"  {n} of 2" for n in (1, 2)]
+    assert not warming.is_cold(jobs)
+    assert warming.is_cold((Job("simulator", "nao"),))
+    assert warming.is_cold((Job("simulator", "ragno", rare=True),))
+    warming.warm_if_cold(ragno, told.append)
+    assert len(told) == 3
+
+
+def test_what_cannot_be_compiled_is_told_by_name():
+    jobs = (Job("nothing", "ragno"),)
+    with pytest.raises(SurefootError) as caught:
+        warming.warm(jobs)
+    assert "nothing" in caught.value.message
+    assert "\n" not in caught.value.message
+    assert warming.is_cold(jobs)
+
+
+def test_the_command_shows_the_kernels_of_each_service(monkeypatch, capsys):
+    monkeypatch.setattr(warming, "ORDER", ())
+    monkeypatch.setattr(warming, "jobs_of", lambda systems, rare: (Job("footholds", "ragno", rare),))
+    with pytest.raises(SystemExit):
+        cli.main(["warm", "--json"])
+    (row,) = json.loads(capsys.readouterr().out)["services"]
+    assert (row["service"], row["robot"]) == ("footholds", "ragno")
+    assert row["kernels"] >= 8
+    with pytest.raises(SystemExit):
+        cli.main(["warm"])
+    assert "warm" in capsys.readouterr().out
