@@ -62,13 +62,19 @@ class Warmed:
 
 
 def jobs_of(systems: Iterable[Compose], rare: bool = False) -> tuple[Job, ...]:
-    """Return the services of these systems that have kernels, each with its robot, the longest first."""
+    """Return the services of these systems that have kernels, each with its robot, the longest first.
+
+    Raises:
+        RobotError: a system names a robot that is not there.
+    """
     from surefoot.lockstep.discover import service_class, service_names
     from surefoot.lockstep.service import Service
+    from surefoot.robot.reader import load_robot
 
     known = service_names()
     kept: list[Job] = []
     for system in systems:
+        load_robot(system.robot)
         for name in system.service_names:
             if name in known and service_class(name).rehearse is not Service.rehearse:
                 kept.append(Job(name, system.robot, rare))

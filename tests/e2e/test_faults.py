@@ -51,7 +51,7 @@ def walk(step: str = "") -> Scenario:
 @pytest.mark.parametrize("name", ["walker", "estimator", "stability", "footholds"])
 def test_killed_in_mid_step_the_robot_holds_and_walks_on(live: Live, name: str) -> None:
     outcome = live.conduct(walk(f'[[step]]\nat_tick = {MID_STEP}\ndo = "kill"\nservice = "{name}"'))
-    gaits = [d.message() for d in live.supervisor._kept if d.topic.key == STATE_GAIT.key]
+    gaits = [d.message() for d in live.supervisor.kept if d.topic.key == STATE_GAIT.key]
     assert any(not all(g.stance) for g in gaits if MID_STEP - 20 <= g.tick <= MID_STEP), "no foot was in the air"
     assert outcome.verdict.ok, outcome.verdict
     assert not outcome.verdict.comparable
