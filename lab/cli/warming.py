@@ -13,9 +13,10 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from queue import Empty, Queue
 from subprocess import PIPE
 from tempfile import TemporaryFile
 from typing import Any
@@ -120,25 +121,27 @@ def warm_if_cold(system: Compose, tell: Callable[[str], None]) -> None:
 def warm(jobs: tuple[Job, ...], tell: Callable[[str], None] = lambda text: None) -> list[Warmed]:
     """Let the services rehearse, as many side by side as there are cores.
 
-    A process takes one service after the other: what numba compiles for itself is then compiled once a process.
+    A process takes one service after the other: what numba compiles for itself is then compiled once a process. A
+    service rehearses with the next robot when all have with one: it has most kernels in common with itself.
     """
     progress = _Progress(len(jobs), tell)
-    todo, lock = iter(jobs), threading.Lock()
+    found: list[Warmed] = []
 
-    def work(_: int) -> list[Warmed]:
-        done: list[Warmed] = []
-        with _worker() as ask:
+    def work(ask: Callable[[Job], Warmed], todo: Queue[Job]) -> None:
+        with suppress(Empty):
             while True:
-                with lock:
-                    job = next(todo, None)
-                if job is None:
-                    return done
-                done.append(ask(job))
+                found.append(ask(todo.get_nowait()))
                 progress.another()
 
-    width = min(os.cpu_count() or 1, len(jobs))
-    with ThreadPoolExecutor(max_workers=max(1, width)) as pool:
-        found = [each for part in pool.map(work, range(width)) for each in part]
+    width = min(os.cpu_count() or 1, len({job.service for job in jobs}))
+    with ExitStack() as stack:
+        workers = [stack.enter_context(_worker()) for _ in range(width)]
+        pool = stack.enter_context(ThreadPoolExecutor(max_workers=max(1, width)))
+        for turn in _turns(jobs):
+            todo: Queue[Job] = Queue()
+            for job in turn:
+                todo.put(job)
+            list(pool.map(lambda ask, todo=todo: work(ask, todo), workers))
     try:
         for job in jobs:
             job.stamp.parent.mkdir(parents=True, exist_ok=True)
@@ -147,6 +150,18 @@ def warm(jobs: tuple[Job, ...], tell: Callable[[str], None] = lambda text: None)
         tell(f"  nothing can be kept in {_stamps()}: {error.strerror}; kernels are compiled again at each start")
     place = {(job.service, job.robot): i for i, job in enumerate(jobs)}
     return sorted(found, key=lambda each: place[each.service, each.robot])
+
+
+def _turns(jobs: Iterable[Job]) -> list[list[Job]]:
+    """Return the jobs in groups with no service twice."""
+    turns: list[list[Job]] = []
+    for job in jobs:
+        turn = next((turn for turn in turns if all(job.service != other.service for other in turn)), None)
+        if turn is None:
+            turns.append([job])
+        else:
+            turn.append(job)
+    return turns
 
 
 class _Progress:
