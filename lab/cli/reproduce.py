@@ -23,9 +23,8 @@ def reproduce(
     """Compute the figures and numbers of a paper again, its value beside ours. Exit code 1: a limit was not met."""
     import importlib
 
-    from surefoot.lab.cli.warming import DEFAULT_SYSTEM, systems_of, warm_if_cold
-
     from surefoot.errors import SurefootError
+    from surefoot.lab.cli.warming import DEFAULT_SYSTEM, systems_of, warm_if_cold
     from surefoot.tables import did_you_mean
 
     use_json(json)

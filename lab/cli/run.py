@@ -35,9 +35,8 @@ def run(
     json: Json = False,
 ) -> None:
     """Run a scenario with every service live, judge it, and write a report. Exit code 1: a limit was not met."""
-    from surefoot.lab.cli.warming import warm_if_cold
-
     from surefoot.bus.endpoint import to_listen
+    from surefoot.lab.cli.warming import warm_if_cold
     from surefoot.lab.runs.live import Options, run_scenario
     from surefoot.services.supervisor.processes.startable import system_of
     from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario

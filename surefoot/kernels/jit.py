@@ -3,6 +3,7 @@
 import contextlib
 import gc
 import importlib
+import os
 import sys
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
@@ -58,7 +59,17 @@ def _load_without_scipy() -> None:
 
 _load_without_scipy()
 
-from surefoot.kernels.linking import Kernel  # noqa: E402 - loads what has to be loaded without scipy
+import numba  # noqa: E402  # pyright: ignore[reportMissingTypeStubs] - after what has to be loaded without scipy
+
+TESTED = "0.68."
+"""Versions of numba whose inner parts `surefoot.kernels.linking` knows; others compile in numba's own way."""
+PLAIN = os.environ.get("SUREFOOT_KERNELS") == "plain" or not numba.__version__.startswith(TESTED)
+"""Kernels are compiled in numba's own way: the same results after half as long again in the compiler."""
+
+if PLAIN:
+    from surefoot.kernels.plain import Kernel
+else:
+    from surefoot.kernels.linking import Kernel
 
 _KERNELS: list[Any] = []
 
@@ -104,6 +115,6 @@ def _compiled(function: F, **options: Any) -> F:
     _KERNELS.append(compiled)
     with contextlib.suppress(RuntimeError):  # numba finds no place to write
         compiled.enable_caching()
-        for index in (compiled._cache._cache_file, compiled.linked._cache._cache_file):  # numba has no public name
-            index._source_stamp = (index._source_stamp, fingerprint(function.__module__))
+        for index in compiled.cache_files():
+            index._source_stamp = (index._source_stamp, fingerprint(function.__module__), PLAIN)
     return cast(F, compiled)

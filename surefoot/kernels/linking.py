@@ -163,6 +163,10 @@ class Kernel(CPUDispatcher):
         super().enable_caching()
         self.linked.enable_caching()
 
+    def cache_files(self) -> tuple[Any, ...]:
+        """Return the indices of the files on disk; numba has no public name for them."""
+        return self._cache._cache_file, self.linked._cache._cache_file
+
     def set_aside(self) -> None:
         """Have no signatures for now; those that Python calls again come back."""
         self._aside |= self.overloads

@@ -3,12 +3,12 @@
 import json
 
 import pytest
-from surefoot.lab.cli.warming import Job
 
 from surefoot.errors import SurefootError
 from surefoot.lab.cli import main as cli
 from surefoot.lab.cli import warming
 from surefoot.lab.cli.output import state
+from surefoot.lab.cli.warming import Job
 
 
 @pytest.fixture(autouse=True)

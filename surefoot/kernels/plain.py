@@ -1,0 +1,23 @@
+# pyright: basic, reportPrivateUsage=false, reportAttributeAccessIssue=false
+"""Kernels compiled in numba's own way, for versions of numba that `surefoot.kernels.linking` does not know."""
+
+from typing import Any
+
+from numba.core import types
+from numba.core.registry import CPUDispatcher
+
+
+class Kernel(CPUDispatcher):
+    """A function that Python and other kernels call; constant arguments make no specialisation of their own."""
+
+    def cache_files(self) -> tuple[Any, ...]:
+        """Return the indices of the files on disk; numba has no public name for them."""
+        return (self._cache._cache_file,)
+
+    def set_aside(self) -> None:
+        """Keep all signatures: a count of kernels by service is an upper bound here."""
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Return the signature of a call from a kernel: the same for constants and for variables."""
+        plain = {name: types.unliteral(value) for name, value in kws.items()}
+        return super().get_call_template(tuple(types.unliteral(value) for value in args), plain)
