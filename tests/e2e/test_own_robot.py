@@ -96,7 +96,7 @@ def driver_pid(client: Client) -> Any:
 def test_a_driver_of_ones_own_walks_stops_and_is_recorded(robot: Robot) -> None:
     with robot.client() as client:
         standing = next(gait for gait in client.messages(STATE_GAIT, WAIT_S) if gait.state == "standing")
-        began = next(iter(client.messages(HW_TICK, WAIT_S)))
+        began = next(tick for tick in client.messages(HW_TICK, WAIT_S) if tick.tick >= standing.tick)
         wall, before = time.monotonic(), next(iter(client.messages(HW_JOINTS, WAIT_S)))
         reply = client.call(CMD_WALK, action="walk", distance=0.05)
         assert reply.accepted, reply.reason
