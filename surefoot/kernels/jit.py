@@ -67,7 +67,7 @@ PLAIN = os.environ.get("SUREFOOT_KERNELS") == "plain" or not numba.__version__.s
 """Kernels are compiled in numba's own way: the same results after half as long again in the compiler."""
 
 if PLAIN:
-    from surefoot.kernels.plain import Kernel
+    from surefoot.kernels.plain import PlainKernel as Kernel
 else:
     from surefoot.kernels.linking import Kernel
 

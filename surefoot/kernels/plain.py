@@ -7,7 +7,7 @@ from numba.core import types
 from numba.core.registry import CPUDispatcher
 
 
-class Kernel(CPUDispatcher):
+class PlainKernel(CPUDispatcher):
     """A function that Python and other kernels call; constant arguments make no specialisation of their own."""
 
     def cache_files(self) -> tuple[Any, ...]:

@@ -16,7 +16,7 @@ from surefoot.robot.kinematics import foot_positions, legs_ik
 from surefoot.services.estimator.estimator import Estimator
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
-from surefoot.services.stability.sensing.calibration import CalibrationPose, level_from_up
+from surefoot.services.stability.sensing.calibration import SweptPose, level_from_up
 
 Array = NDArray[np.float64]
 
@@ -43,9 +43,9 @@ class Reading:
         """rot_level_from_base by the measured tilt."""
         return level_from_up(self.g_up / np.linalg.norm(self.g_up))
 
-    def pose(self, nm_per_a: float = DATA_SHEET) -> CalibrationPose:
+    def pose(self, nm_per_a: float = DATA_SHEET) -> SweptPose:
         """For the calibration."""
-        return CalibrationPose(self.joints, nm_per_a * self.current, self.g_up, np.ones(len(self.load), dtype=np.bool_))
+        return SweptPose(self.joints, nm_per_a * self.current, self.g_up, np.ones(len(self.load), dtype=np.bool_))
 
 
 class Stand:

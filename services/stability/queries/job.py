@@ -8,9 +8,9 @@ from surefoot.services.stability.programs.contacts import Array, StabilityError
 from surefoot.services.stability.sensing.calibration import (
     APART_SD,
     Calibration,
-    CalibrationPose,
     Flags,
     PoseCollector,
+    SweptPose,
     calibrate,
 )
 
@@ -86,8 +86,8 @@ class CalibrationJob:
             f"torques as told x {found.common:.4f} +- {found.common_sd:.4f}, {constant:.4f} Nm/A, {found.poses} poses"
         )
 
-    def _poses(self, request: CalibrateRequest) -> list[CalibrationPose]:
-        legs, nj, out = len(self.robot.legs), self.robot.nj, list[CalibrationPose]()
+    def _poses(self, request: CalibrateRequest) -> list[SweptPose]:
+        legs, nj, out = len(self.robot.legs), self.robot.nj, list[SweptPose]()
         for i, pose in enumerate(request.poses):
             stance = np.ones(legs, dtype=np.bool_) if pose.touch is None else np.array(pose.touch)
             up = np.array(pose.g_up)
@@ -100,7 +100,7 @@ class CalibrationJob:
                     raise StabilityError("shape", f"poses.{i}.{name}", f"got {size} values, expected {wanted}")
             if float(np.linalg.norm(up)) < 1.0 or abs(up[0]) > 0.99 * float(np.linalg.norm(up)):
                 raise StabilityError("zero_direction", f"poses.{i}.g_up", f"got {pose.g_up}, must point up")
-            out.append(CalibrationPose(np.array(pose.joints), np.array(pose.torque), up, stance))
+            out.append(SweptPose(np.array(pose.joints), np.array(pose.torque), up, stance))
         return out
 
     def _state(self) -> str:

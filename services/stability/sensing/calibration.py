@@ -30,7 +30,7 @@ OFFSET_SD = 0.02  # m, prior standard deviation of the CoM's offset
 
 
 @dataclass(frozen=True, slots=True)
-class CalibrationPose:
+class SweptPose:
     """The robot at rest."""
 
     joints: Array
@@ -48,7 +48,7 @@ class PoseCollector:
 
     def __init__(self, window: int = 15, still: float = 0.012, apart: float = 0.02) -> None:
         """Window in samples; largest change of a joint in it and least change between poses, rad."""
-        self.poses: list[CalibrationPose] = []
+        self.poses: list[SweptPose] = []
         self._window, self._still, self._apart = window, still, apart
         self._recent: list[tuple[Array, Array, Array, Flags]] = []
 
@@ -67,7 +67,7 @@ class PoseCollector:
             return False
         torques = np.mean([row[1] for row in self._recent], axis=0)
         up = np.mean([row[2] for row in self._recent], axis=0)
-        self.poses.append(CalibrationPose(middle, torques, up, stance.copy()))
+        self.poses.append(SweptPose(middle, torques, up, stance.copy()))
         self._recent.clear()
         return True
 
@@ -90,7 +90,7 @@ class Calibration:
 
 
 def calibrate(
-    robot: Robot, poses: Sequence[CalibrationPose], torque_variance: float, apart_sd: float = APART_SD
+    robot: Robot, poses: Sequence[SweptPose], torque_variance: float, apart_sd: float = APART_SD
 ) -> Calibration:
     """Fit the factors.
 
@@ -142,13 +142,13 @@ def calibrate(
     )
 
 
-def _used(robot: Robot, poses: Sequence[CalibrationPose]) -> Array:
+def _used(robot: Robot, poses: Sequence[SweptPose]) -> Array:
     """(nj,) mean square of each torque: what a common factor is the mean over."""
     square = np.mean([pose.torque**2 for pose in poses], axis=0)
     return square + 1e-12 * np.ones(robot.nj)
 
 
-def equations(robot: Robot, pose: CalibrationPose) -> tuple[Array, Array, Array] | None:
+def equations(robot: Robot, pose: SweptPose) -> tuple[Array, Array, Array] | None:
     """The six equations of a pose: matrix (6, nj + 2) of factors and offset, right side (6,), and what they take of
     each torque (6, nj). Level axes, moments about the mean foot. None when a standing leg is not observed."""
     found = leg_inverses(robot, pose.joints, pose.g_up)

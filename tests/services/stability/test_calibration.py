@@ -5,14 +5,14 @@ import pytest
 
 from surefoot.robot.kinematics import com
 from surefoot.services.stability.programs.contacts import StabilityError
-from surefoot.services.stability.sensing.calibration import CalibrationPose, calibrate, gain_of_47
+from surefoot.services.stability.sensing.calibration import SweptPose, calibrate, gain_of_47
 from surefoot.services.stability.sensing.shift import hold_feet
 from tests.services.stability.test_forces import ALL, RAGNO, UP, held, standing
 
 MOVES = [(0.0, 0.0), (0.03, 0.0), (-0.03, 0.0), (0.0, 0.02), (0.0, -0.02), (0.02, 0.02), (-0.02, 0.02)]
 
 
-def poses(gain: np.ndarray, offset: tuple[float, float] = (0.0, 0.0), noise: float = 0.0) -> list[CalibrationPose]:
+def poses(gain: np.ndarray, offset: tuple[float, float] = (0.0, 0.0), noise: float = 0.0) -> list[SweptPose]:
     """Standing with the trunk moved over the feet; told torques are the true ones divided by the gain."""
     rng = np.random.default_rng(7)
     out = []
@@ -20,7 +20,7 @@ def poses(gain: np.ndarray, offset: tuple[float, float] = (0.0, 0.0), noise: flo
         q, reached = hold_feet(RAGNO.model, RAGNO.neutral, np.array([x, y, 0.0]), ALL)
         assert reached
         torque = standing(held(q, com(RAGNO.model, q)[:2] + offset), q)
-        out.append(CalibrationPose(q, (torque + noise * rng.normal(size=18)) / gain, UP, ALL))
+        out.append(SweptPose(q, (torque + noise * rng.normal(size=18)) / gain, UP, ALL))
     return out
 
 
@@ -56,7 +56,7 @@ def test_4_7_divides_the_ways() -> None:
 def test_poses_that_tell_nothing_are_refused() -> None:
     bent = RAGNO.neutral.copy()
     bent[list(RAGNO.legs[0].joints)] = [0.0, 0.3, 0.0]
-    useless = [CalibrationPose(bent, np.zeros(18), UP, ALL), CalibrationPose(RAGNO.neutral, np.zeros(18), UP, ~ALL)]
+    useless = [SweptPose(bent, np.zeros(18), UP, ALL), SweptPose(RAGNO.neutral, np.zeros(18), UP, ~ALL)]
     for given in ([], useless):
         with pytest.raises(StabilityError) as refused:
             calibrate(RAGNO, given, 1e-4)
