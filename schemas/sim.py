@@ -84,6 +84,11 @@ class World(Request):
     goal: Vec2 | None = Field(default=None, description="m, marker of the goal on the floor; null = none")
     landmarks: float = Field(default=60.0, ge=0, le=400, description="1/m2, landmarks on the floor for a camera")
     perturbation: float = Field(default=0.0, ge=0, le=10, description="level of model perturbation, 0 = nominal")
+    start: Vec3 | None = Field(default=None, description="x, y in m and yaw in rad at the start; null = 0, 0, 0")
+    drift: float = Field(default=0.0, ge=-0.8, le=0.8, description="rad per m, turn of a walk by unequal legs")
+    camera: str | None = Field(default=None, max_length=64, description="camera profile; null = the robot's own")
+    copied_landmarks: float = Field(default=0.0, ge=0, le=1, description="share of landmarks whose look is another's")
+    copies: int = Field(default=10, ge=2, le=1000, description="landmarks that share one such look")
 
 
 class ResetRequest(Request):
@@ -136,6 +141,15 @@ class PushRequest(Request):
     duration: float = Field(gt=0, le=10, description="s")
     body: str = Field(default="trunk", max_length=64, description="link the force acts on, at its centre of mass")
     at_tick: int | None = Field(default=None, ge=0, description="tick it begins in; null = the next one")
+
+
+class PlaceRequest(Request):
+    """Displaces the standing robot, as a hand that lifts it and puts it down elsewhere."""
+
+    forward: float = Field(default=0.0, ge=-100, le=100, description="m along the heading")
+    left: float = Field(default=0.0, ge=-100, le=100, description="m to the left")
+    turn: float = Field(default=0.0, ge=-6.3, le=6.3, description="rad, left positive")
+    at_tick: int | None = Field(default=None, ge=0, description="tick it happens in; null = the next one")
 
 
 class SetRequest(Request):

@@ -1,6 +1,6 @@
 """What the function services say about the robot: velocity, odometry, gait."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -8,6 +8,14 @@ from surefoot.schemas.base import MAX_FEET, Message, PerFoot, QuatWxyz, Vec3
 
 Covariance6 = Annotated[tuple[float, ...], Field(min_length=36, max_length=36)]
 Covariance4 = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]
+
+
+def _none(value: object) -> bool:
+    return value is None
+
+
+def _zero(value: object) -> bool:
+    return not value
 
 
 class VelocityEstimate(Message):
@@ -52,6 +60,7 @@ class Odometry(Message):
 class GaitState(Message):
     """What the walker is doing."""
 
+    schema_version: ClassVar[str] = "1.1"
     walk_id: int = Field(ge=0, description="number of the accepted walk command, 0 = none yet")
     state: Literal["waiting", "standing", "walking", "stopping", "turning", "recovering", "refused", "hold"] = Field(
         description="waiting: the estimator is not initialised; hold: inputs are stale or absent"
@@ -74,3 +83,13 @@ class GaitState(Message):
     reason: str = Field(default="", description="why a step was refused or degraded, in words")
     steps: int = Field(default=0, ge=0, description="steps taken in this epoch")
     feet_sensed: PerFoot = Field(default=(), description="per foot 1.0 if the switches say contact, else 0.0")
+    order: int = Field(
+        default=0, ge=0, exclude_if=_zero, description="number of the navigator's last order that was taken up"
+    )
+    order_refused: str = Field(default="", exclude_if=_zero, description="why that order was refused, in words")
+    ends_in_s: float | None = Field(
+        default=None,
+        exclude_if=_none,
+        description="s until the last planned step of the command lands; a command that comes 0.25 s before it follows "
+        "without a halt; null = no command is under way, or the gait cannot say",
+    )

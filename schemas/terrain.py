@@ -20,3 +20,13 @@ class HeightMapMessage(Bulk):
 
 class MapRequest(Request):
     """Asks for the latched map; the reply is a HeightMapMessage, as published."""
+
+
+class LandmarkMap(Bulk):
+    """Landmarks on the floor, float32 little-endian, C order, one row each: x, y in m, then the descriptor."""
+
+    count: int = Field(ge=0, le=100_000, description="landmarks")
+    descriptor_length: int = Field(ge=0, le=256, description="numbers in a descriptor")
+    frame: str = Field(default="map", description="frame of the positions")
+    version: int = Field(default=0, ge=0, description="changes whenever the landmarks change")
+    source: str = Field(default="", description="how the map was made")

@@ -8,7 +8,20 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Generic, TypeVar, cast
 
-from surefoot.schemas import base, calibration, cmd, footholds, hw, sim, stability, state, system, terrain, whatif
+from surefoot.schemas import (
+    base,
+    calibration,
+    cmd,
+    footholds,
+    hw,
+    navigation,
+    sim,
+    stability,
+    state,
+    system,
+    terrain,
+    whatif,
+)
 
 M = TypeVar("M", bound=base.Message)
 Req = TypeVar("Req", bound=base.Request)
@@ -103,6 +116,7 @@ HW_LANDMARKS = Topic(
 )
 HW_RANGE = Topic("hw/range", hw.Range, Kind.SAMPLE, "driver", period_ticks=0, period_ns=100_000_000)
 TERRAIN_MAP = Topic("terrain/map", terrain.HeightMapMessage, Kind.LATCHED, "driver", period_ticks=0)
+TERRAIN_LANDMARKS = Topic("terrain/landmarks", terrain.LandmarkMap, Kind.LATCHED, "driver", period_ticks=0)
 CMD_JOINTS = Topic("cmd/joints", hw.JointCommand, Kind.COMMAND, "walker")
 CMD_ESTOP = Topic("cmd/estop", hw.EmergencyStop, Kind.ALARM, "*", period_ticks=0, deterministic=False)
 
@@ -123,6 +137,11 @@ STATE_VELOCITY_EKF = Topic(
 STATE_ODOMETRY = Topic("state/odometry", state.Odometry, Kind.STATE, "estimator")
 STATE_GAIT = Topic("state/gait", state.GaitState, Kind.STATE, "walker")
 STATE_STABILITY = Topic("state/stability", stability.StabilityStatus, Kind.STATE, "stability", period_ticks=2)
+STATE_POSE = Topic("state/pose", navigation.PoseBelief, Kind.STATE, "navigator", period_ticks=10)
+NAVIGATOR_ORDER = Topic("navigator/order", navigation.MotionOrder, Kind.STATE, "navigator")
+NAVIGATOR_FEEDBACK = Topic(
+    "navigator/feedback", navigation.NavigationFeedback, Kind.STATE, "navigator", period_ticks=10
+)
 
 # simulation only
 SIM_TRUTH = Topic("sim/truth", sim.Truth, Kind.SAMPLE, "driver", period_ticks=0, period_ns=TICK_NS, judging=True)
@@ -154,12 +173,25 @@ STABILITY_CALIBRATE = Query(
     "stability/calibrate", calibration.CalibrateRequest, calibration.CalibrateReply, "stability", acts=True
 )
 STABILITY_BATCH = Query("stability/batch", whatif.BatchRequest, whatif.BatchReply, "stability")
+NAVIGATOR_GOTO = Query("navigator/goto", navigation.GotoRequest, navigation.GoalReply, "navigator", acts=True)
+NAVIGATOR_WAYPOINTS = Query(
+    "navigator/waypoints", navigation.WaypointsRequest, navigation.GoalReply, "navigator", acts=True
+)
+NAVIGATOR_CANCEL = Query(
+    "navigator/cancel", navigation.CancelRequest, navigation.NavigatorReply, "navigator", acts=True
+)
+NAVIGATOR_SET_POSE = Query(
+    "navigator/set_pose", navigation.SetPoseRequest, navigation.NavigatorReply, "navigator", acts=True
+)
+NAVIGATOR_MAP = Query("navigator/map", navigation.NavigatorMapRequest, navigation.OccupancyGrid, "navigator")
+NAVIGATOR_POLICY = Query("navigator/policy", navigation.PolicyRequest, navigation.PolicyReply, "navigator")
 SIM_JOIN = Query("sim/join", system.JoinRequest, system.JoinReply, "driver", acts=True)
 SIM_RESET = Query("sim/reset", sim.ResetRequest, sim.ResetReply, "driver", timeout_s=30.0, acts=True)
 SIM_STEP = Query("sim/step", sim.StepRequest, sim.SimReply, "driver", acts=True)
 SIM_PAUSE = Query("sim/pause", sim.PauseRequest, sim.SimReply, "driver", acts=True)
 SIM_PUSH = Query("sim/push", sim.PushRequest, sim.SimReply, "driver", acts=True)
 SIM_SET = Query("sim/set", sim.SetRequest, sim.SimReply, "driver", acts=True)
+SIM_PLACE = Query("sim/place", sim.PlaceRequest, sim.SimReply, "driver", acts=True)
 SIM_FAULT = Query("sim/fault", sim.FaultRequest, sim.SimReply, "driver", acts=True)
 SIM_CHECKPOINT = Query("sim/checkpoint", sim.CheckpointRequest, sim.CheckpointReply, "driver", acts=True)
 SIM_RESTORE = Query("sim/restore", sim.RestoreRequest, sim.CheckpointReply, "driver", acts=True)

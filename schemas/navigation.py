@@ -1,0 +1,161 @@
+"""Navigation: where the robot is in the map and how sure that is, goals, what was decided and why, results."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from surefoot.schemas.base import Bulk, Message, Reply, Request, Vec2, Vec3, Wire
+from surefoot.schemas.cmd import WalkCommand
+
+MAX_WAYPOINTS = 200
+
+Covariance3 = Annotated[
+    tuple[float, ...], Field(min_length=9, max_length=9, description="row-major 3x3 of (x, y, yaw), m and rad")
+]
+FloorPose = Annotated[Vec3, Field(description="x, y in m and yaw in rad, frame map")]
+GoalState = Literal["idle", "navigating", "stopping", "succeeded", "failed", "cancelled"]
+GoalError = Literal[
+    "", "replaced", "cancelled", "taken_over", "lost", "unreachable", "stuck", "timeout", "fallen", "stopped",
+    "walker_refused",
+]  # fmt: skip
+
+
+class PoseBelief(Message):
+    """The pose of the robot in the map: estimate, covariance, drift, and whether to believe it."""
+
+    pose: FloorPose
+    covariance: Covariance3
+    entropy: float = Field(description="nats, differential entropy of (x, y, yaw) in m and rad")
+    drift: float = Field(description="rad per m, estimated turn of the robot per way walked that no command asked for")
+    drift_sd: float = Field(ge=0, description="rad per m, its standard deviation")
+    map_from_odom: FloorPose = Field(description="pose of the odom frame in map, by this estimate")
+    initialised: bool = Field(description="a start pose is known")
+    control: Literal["commands", "odometry"] = Field(description="what the prediction follows")
+    matched: int = Field(ge=0, description="landmarks of the last frame that were matched with the map")
+    nis: float | None = Field(default=None, description="normalised innovation squared per degree of freedom, smoothed")
+    lost: bool = Field(default=False, description="the estimate is not to be trusted")
+    lost_probability: float = Field(default=0.0, ge=0, le=1, description="probability that it is wrong")
+    lost_reason: str = Field(default="", description="in words")
+
+
+class MotionOrder(Message):
+    """What the navigator wants the walker to do; a new number is a new command."""
+
+    number: int = Field(ge=0, description="number of the order in this epoch, 0 = none yet")
+    command: WalkCommand | None = Field(default=None, description="null as long as number is 0")
+
+
+class Decision(Wire):
+    """One choice of the policy."""
+
+    number: int = Field(ge=0, description="counts the decisions of this epoch")
+    action: str = Field(description="name of the chosen action")
+    reason: str = Field(description="in words")
+    values: dict[str, float] = Field(
+        default_factory=dict, description="s or return: value of each action that could be chosen, larger is better"
+    )
+    distance: float = Field(ge=0, description="m to the present waypoint, by the estimate")
+    bearing: float = Field(description="rad, of the waypoint against the heading, left positive")
+    entropy: float = Field(description="nats, when it was decided")
+
+
+class NavigationFeedback(Message):
+    """Progress of the present goal, or of the last one; names as Nav2's users know them."""
+
+    state: GoalState = Field(description="of the goal")
+    goal_id: str = Field(default="", description="of the present or last goal, empty = none yet")
+    policy: str = Field(default="", description="name of the policy")
+    goal_pose: Vec2 | None = Field(default=None, description="m, the last pose of the goal, frame map")
+    current_pose: FloorPose
+    navigation_time: float = Field(default=0.0, ge=0, description="s since the goal was accepted")
+    estimated_time_remaining: float | None = Field(default=None, description="s; null = not known")
+    number_of_recoveries: int = Field(default=0, ge=0, description="since the goal was accepted")
+    recoveries: dict[str, int] = Field(default_factory=dict, description="the same by name")
+    distance_remaining: float = Field(default=0.0, ge=0, description="m along the route")
+    number_of_poses_remaining: int = Field(default=0, ge=0, description="waypoints not yet reached")
+    position_tracking_error: float = Field(default=0.0, description="m, distance from the route")
+    heading_tracking_error: float = Field(default=0.0, description="rad, bearing of the present waypoint")
+    decision: Decision | None = Field(default=None, description="the last one of this goal")
+    missed_waypoints: tuple[int, ...] = Field(default=(), description="indices of waypoints that were given up")
+    error_code: GoalError = Field(default="", description="why the goal failed; empty = it has not")
+    error_msg: str = Field(default="", description="the same in words")
+
+
+class GotoRequest(Request):
+    """Sends the robot to a place. A new goal replaces the present one without a halt."""
+
+    position: Vec2 = Field(description="m, frame map")
+    yaw: float | None = Field(default=None, description="rad, heading at the end; null = any")
+    frame: str = Field(default="map", max_length=32, description="map, or odom")
+    policy: str | None = Field(default=None, max_length=256, description="name or file of a policy; null = configured")
+    goal_id: str | None = Field(default=None, max_length=64, description="name of the goal; null = made up")
+
+
+class WaypointsRequest(Request):
+    """Sends the robot to several places, one after the other."""
+
+    positions: Annotated[tuple[Vec2, ...], Field(min_length=1, max_length=MAX_WAYPOINTS)] = Field(
+        description="m, frame map"
+    )
+    policy: str | None = Field(default=None, max_length=256, description="name or file of a policy; null = configured")
+    goal_id: str | None = Field(default=None, max_length=64, description="name of the goal; null = made up")
+
+
+class GoalReply(Reply):
+    """Whether a goal was accepted; progress is in navigator/feedback."""
+
+    accepted: bool = Field(description="false: nothing changes")
+    goal_id: str = Field(default="", description="name of the goal")
+    route: tuple[Vec2, ...] = Field(default=(), description="m, the waypoints that will be walked to")
+    length: float = Field(default=0.0, ge=0, description="m, of the route")
+
+
+class CancelRequest(Request):
+    """Ends the present goal; the robot comes to stand on both feet."""
+
+    goal_id: str | None = Field(default=None, max_length=64, description="only if this is the goal; null = any")
+
+
+class SetPoseRequest(Request):
+    """States where the robot is."""
+
+    pose: FloorPose
+    covariance: Covariance3 | None = Field(default=None, description="null = 5 cm, 5 cm, 5 deg")
+
+
+class NavigatorReply(Reply):
+    """Whether a request was obeyed."""
+
+    accepted: bool = Field(description="false: nothing changes")
+    reason: str = Field(default="", description="in words")
+
+
+class NavigatorMapRequest(Request):
+    """Asks for the map that routes are planned on."""
+
+
+class OccupancyGrid(Bulk):
+    """Occupancy, int8, C order ``[row = y, col = x]``, row 0 = y-min: 0 free, 100 occupied, -1 unknown."""
+
+    rows: int = Field(ge=0, description="cells along y; 0 = there is no map")
+    cols: int = Field(ge=0, description="cells along x")
+    cell: float = Field(gt=0, description="edge of a cell, m")
+    origin: Vec2 = Field(description="x, y of the lower-left CORNER of cell [0, 0], m, frame map")
+    source: str = Field(default="", description="file, or terrain/map")
+
+
+class PolicyRequest(Request):
+    """Asks which policies there are, or chooses another default."""
+
+    use: str | None = Field(default=None, max_length=256, description="name or file of the policy; null = only ask")
+
+
+class PolicyReply(Reply):
+    """The policy in use and where it comes from."""
+
+    policy: str = Field(description="name of the default policy")
+    known: tuple[str, ...] = Field(description="names that ship")
+    actions: tuple[str, ...] = Field(description="names of its actions")
+    version: str = Field(default="", description="version of the file")
+    sha256: str = Field(default="", description="of the file; empty = the policy has none")
+    provenance: dict[str, str] = Field(default_factory=dict, description="parameters, seed and date of the training")
