@@ -1,0 +1,322 @@
+"""Unscented Kalman filter of a pose in the map, as kernels on arrays that are changed in place.
+
+State mean (n,): x, y in m and heading theta in rad, frame map; from n = 4 on also the drift b in rad per m walked; what
+follows the fourth state are nuisances, errors that observations have in common (an unknown tilt of the camera, say).
+cov (n, n) is its covariance. Sigma points are Julier's with kappa 0: L L^T = n cov, mean + and - each column of L, all
+of weight 1 / (2 n); they are drawn anew for every prediction and every landmark. L is a lower triangle, so only its
+first two columns move the position: five positions stand for all 2 n points of a landmark.
+
+Equal to filterpy's UnscentedKalmanFilter with JulierSigmaPoints(n, kappa=0), Q = 0 and the noise added by hand.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import row_kernel
+
+Array = NDArray[np.float64]
+
+X, Y, THETA, DRIFT, NUISANCE = 0, 1, 2, 3, 4  # parts of the state
+ALONG, ACROSS, HEADING, DRIFTING = 0, 1, 2, 3  # parts of the noise
+TURN = 2.0 * math.pi
+ENTROPY_OF_UNIT = 1.5 * math.log(2.0 * math.pi * math.e)  # nats, of three independent unit variances
+
+
+@row_kernel
+def wrap(angle: float) -> float:
+    """Return an angle in [-pi, pi)."""
+    return angle - TURN * math.floor((angle + math.pi) / TURN)
+
+
+def work_space(n: int) -> Array:
+    """Return the scratch array that the kernels for n states need: (3 n, max(n, 4))."""
+    return np.zeros((3 * n, max(n, 4)))
+
+
+@row_kernel
+def spread(cov: Array, low: Array) -> None:
+    """Write L with L L^T = n cov into the first n rows of low; directions without variance give a column of zeros."""
+    n = cov.shape[0]
+    for j in range(n):
+        pivot = n * cov[j, j]
+        for k in range(j):
+            pivot -= low[j, k] * low[j, k]
+        root = math.sqrt(pivot) if pivot > 0.0 else 0.0
+        low[j, j] = root
+        for i in range(j):
+            low[i, j] = 0.0
+        for i in range(j + 1, n):
+            rest = n * cov[i, j]
+            for k in range(j):
+                rest -= low[i, k] * low[j, k]
+            low[i, j] = rest / root if root > 0.0 else 0.0
+
+
+@row_kernel
+def predict_with(
+    mean: Array, cov: Array, forward: float, left: float, turn: float, walked: float, noise: Array, work: Array
+) -> None:
+    """Carry the belief over a motion, in place: `predict` without allocation, for motions that may also go sideways.
+
+    Args:
+        mean: state, (n,).
+        cov: covariance, (n, n).
+        forward: way ahead, m, along the heading half-way through the turn.
+        left: way to the left, m, likewise.
+        turn: commanded or measured change of heading, rad.
+        walked: way over which the drift acts, m.
+        noise: variances (4,) of the way along (m^2) and across (m^2) that heading, of the heading (rad^2) and of the
+            drift (rad^2 per m^2), added after the transform.
+        work: scratch of `work_space(n)`.
+    """
+    n = mean.size
+    spread(cov, work)
+    drifts = n > DRIFT
+    change = turn + (mean[DRIFT] * walked if drifts else 0.0)
+    middle = mean[THETA] + 0.5 * change
+    cos_m, sin_m = math.cos(middle), math.sin(middle)
+    # Displacements of the points from the mean state: rows n .. 2 n - 1 for mean + column, 2 n .. 3 n - 1 for mean -
+    # column; in each the new x, y, theta less their old means. What the motion leaves as it is stays the column.
+    mean_x, mean_y = 0.0, 0.0
+    for j in range(n):
+        d_theta = work[THETA, j]
+        d_change = work[DRIFT, j] * walked if drifts else 0.0
+        c, s = math.cos(d_theta + 0.5 * d_change), math.sin(d_theta + 0.5 * d_change)
+        for half in range(2):
+            sign = 1.0 - 2.0 * half
+            cos_p, sin_p = cos_m * c - sign * sin_m * s, sin_m * c + sign * cos_m * s
+            row = n + n * half + j
+            work[row, X] = sign * work[X, j] + forward * cos_p - left * sin_p
+            work[row, Y] = sign * work[Y, j] + forward * sin_p + left * cos_p
+            mean_x += work[row, X]
+            mean_y += work[row, Y]
+        work[THETA, j] += d_change
+    mean_x /= 2.0 * n
+    mean_y /= 2.0 * n
+    for i in range(n):
+        for k in range(i + 1):
+            total = 0.0
+            for j in range(n):
+                if i < THETA:
+                    above_i, below_i = work[n + j, i], work[2 * n + j, i]
+                    above_i -= mean_x if i == X else mean_y
+                    below_i -= mean_x if i == X else mean_y
+                else:
+                    above_i = work[i, j]
+                    below_i = -above_i
+                if k < THETA:
+                    above_k, below_k = work[n + j, k], work[2 * n + j, k]
+                    above_k -= mean_x if k == X else mean_y
+                    below_k -= mean_x if k == X else mean_y
+                else:
+                    above_k = work[k, j]
+                    below_k = -above_k
+                total += above_i * above_k + below_i * below_k
+            cov[i, k] = total / (2.0 * n)
+    cov[X, X] += noise[ALONG] * cos_m * cos_m + noise[ACROSS] * sin_m * sin_m
+    cov[Y, X] += (noise[ALONG] - noise[ACROSS]) * cos_m * sin_m
+    cov[Y, Y] += noise[ALONG] * sin_m * sin_m + noise[ACROSS] * cos_m * cos_m
+    cov[THETA, THETA] += noise[HEADING]
+    if drifts:
+        cov[DRIFT, DRIFT] += noise[DRIFTING]
+    for i in range(n):
+        for k in range(i):
+            cov[k, i] = cov[i, k]
+    mean[X] += mean_x
+    mean[Y] += mean_y
+    mean[THETA] = wrap(mean[THETA] + change)
+
+
+@row_kernel
+def predict(mean: Array, cov: Array, forward: float, turn: float, walked: float, noise: Array) -> None:
+    """Carry the belief over a motion, in place.
+
+    theta' = theta + turn + b walked; (x, y)' = (x, y) + forward (cos, sin)(theta + (turn + b walked) / 2).
+
+    Args:
+        mean: state, (n,).
+        cov: covariance, (n, n).
+        forward: way ahead, m.
+        turn: commanded or measured change of heading, rad.
+        walked: way over which the drift acts, m; 0 where the heading is measured.
+        noise: variances (4,) of the way along (m^2) and across (m^2) the heading half-way, of the heading (rad^2) and
+            of the drift (rad^2 per m^2), added after the transform.
+    """
+    predict_with(mean, cov, forward, 0.0, turn, walked, noise, np.empty((3 * mean.size, max(mean.size, 4))))
+
+
+@row_kernel
+def _observe(
+    mean: Array,
+    cov: Array,
+    lx: float,
+    ly: float,
+    range_: float,
+    bearing: float,
+    var_range: float,
+    var_bearing: float,
+    gain: Array,
+    work: Array,
+) -> tuple[float, float, float, float, float]:
+    """Return innovation (2) and its covariance s00, s01, s11; the points' range and bearing stay in work.
+
+    Rows n .. 2 n - 1 of work hold range and bearing of mean + column less their means (0, 1), then those of
+    mean - column (2, 3).
+    """
+    n = mean.size
+    spread(cov, work)
+    dx, dy = lx - mean[X], ly - mean[Y]
+    r_mean, a_mean = math.sqrt(dx * dx + dy * dy), math.atan2(dy, dx)
+    sum_r, sum_a = 0.0, 0.0  # of the points, range less that of the mean, bearing less that of the mean
+    for j in range(n):
+        d_theta = work[THETA, j]
+        dr, da = 0.0, 0.0
+        for m in range(n - NUISANCE):
+            dr += gain[0, m] * work[NUISANCE + m, j]
+            da += gain[1, m] * work[NUISANCE + m, j]
+        for half in range(2):
+            sign = 1.0 - 2.0 * half
+            r, a = 0.0, 0.0
+            if j < THETA:
+                px, py = dx - sign * work[X, j], dy - sign * work[Y, j]
+                r = math.sqrt(px * px + py * py) - r_mean
+                a = math.atan2(py, px) - a_mean
+            r += sign * dr
+            a = wrap(a - sign * (d_theta - da))
+            work[n + j, 2 * half] = r
+            work[n + j, 2 * half + 1] = a
+            sum_r += r
+            sum_a += a
+    sum_r /= 2.0 * n
+    sum_a /= 2.0 * n
+    s00, s01, s11 = 0.0, 0.0, 0.0
+    for j in range(n):
+        for half in range(2):
+            work[n + j, 2 * half] -= sum_r
+            work[n + j, 2 * half + 1] -= sum_a
+            r, a = work[n + j, 2 * half], work[n + j, 2 * half + 1]
+            s00 += r * r
+            s01 += r * a
+            s11 += a * a
+    s00 = s00 / (2.0 * n) + var_range
+    s01 = s01 / (2.0 * n)
+    s11 = s11 / (2.0 * n) + var_bearing
+    r, a = r_mean + sum_r, a_mean - mean[THETA] + sum_a
+    for m in range(n - NUISANCE):
+        r += gain[0, m] * mean[NUISANCE + m]
+        a += gain[1, m] * mean[NUISANCE + m]
+    return range_ - r, wrap(bearing - a), s00, s01, s11
+
+
+@row_kernel
+def update_with(
+    mean: Array,
+    cov: Array,
+    lx: float,
+    ly: float,
+    range_: float,
+    bearing: float,
+    var_range: float,
+    var_bearing: float,
+    gain: Array,
+    work: Array,
+) -> float:
+    """Correct the belief with one landmark, in place: `update` without allocation, work = `work_space(n)`."""
+    n = mean.size
+    v0, v1, s00, s01, s11 = _observe(mean, cov, lx, ly, range_, bearing, var_range, var_bearing, gain, work)
+    det = s00 * s11 - s01 * s01
+    i00, i01, i11 = s11 / det, -s01 / det, s00 / det
+    for i in range(n):
+        c0, c1 = 0.0, 0.0
+        for j in range(min(i + 1, n)):
+            c0 += work[i, j] * (work[n + j, 0] - work[n + j, 2])
+            c1 += work[i, j] * (work[n + j, 1] - work[n + j, 3])
+        c0 /= 2.0 * n
+        c1 /= 2.0 * n
+        work[2 * n + i, 0] = c0  # cross covariance of state and observation
+        work[2 * n + i, 1] = c1
+        work[2 * n + i, 2] = c0 * i00 + c1 * i01  # gain of the filter
+        work[2 * n + i, 3] = c0 * i01 + c1 * i11
+    for i in range(n):
+        mean[i] += work[2 * n + i, 2] * v0 + work[2 * n + i, 3] * v1
+        for k in range(i + 1):
+            cov[i, k] -= work[2 * n + i, 2] * work[2 * n + k, 0] + work[2 * n + i, 3] * work[2 * n + k, 1]
+            cov[k, i] = cov[i, k]
+    mean[THETA] = wrap(mean[THETA])
+    return v0 * (i00 * v0 + i01 * v1) + v1 * (i01 * v0 + i11 * v1)
+
+
+@row_kernel
+def update(
+    mean: Array,
+    cov: Array,
+    lx: float,
+    ly: float,
+    range_: float,
+    bearing: float,
+    var_range: float,
+    var_bearing: float,
+    gain: Array,
+) -> float:
+    """Correct the belief with one landmark seen, in place.
+
+    Predicted: r = |l - (x, y)| + gain[0] z, phi = wrap(atan2(ly - y, lx - x) - theta + gain[1] z), z = mean[4:].
+
+    Args:
+        mean: state, (n,).
+        cov: covariance, (n, n).
+        lx: x of the landmark in the map, m.
+        ly: y of it, m.
+        range_: distance seen, m.
+        bearing: direction seen, rad, left of the heading positive.
+        var_range: variance of the range, m^2.
+        var_bearing: variance of the bearing, rad^2.
+        gain: change of range (row 0) and bearing (row 1) by each nuisance, (2, n - 4), or (2, 0).
+
+    Returns:
+        Normalised innovation squared before the correction, 2 degrees of freedom.
+    """
+    work = np.empty((3 * mean.size, max(mean.size, 4)))
+    return update_with(mean, cov, lx, ly, range_, bearing, var_range, var_bearing, gain, work)
+
+
+@row_kernel
+def innovation(
+    mean: Array,
+    cov: Array,
+    lx: float,
+    ly: float,
+    range_: float,
+    bearing: float,
+    var_range: float,
+    var_bearing: float,
+    gain: Array,
+) -> tuple[float, float, float, float, float]:
+    """Return what a landmark would correct, without correcting; arguments as of `update`.
+
+    Returns:
+        Innovation of the range (m) and of the bearing (rad, wrapped), and their covariance s00, s01, s11.
+    """
+    work = np.empty((3 * mean.size, max(mean.size, 4)))
+    return _observe(mean, cov, lx, ly, range_, bearing, var_range, var_bearing, gain, work)
+
+
+@row_kernel
+def entropy(cov: Array) -> float:
+    """Return h = 1/2 ln((2 pi e)^3 det S) in nats, S the 3x3 marginal of the pose in m and rad; equation (6).
+
+    -inf where S is singular.
+    """
+    l00 = cov[0, 0]
+    if l00 <= 0.0:
+        return -math.inf
+    l11 = cov[1, 1] - cov[1, 0] * cov[1, 0] / l00
+    if l11 <= 0.0:
+        return -math.inf
+    m = cov[2, 1] - cov[2, 0] * cov[1, 0] / l00
+    l22 = cov[2, 2] - cov[2, 0] * cov[2, 0] / l00 - m * m / l11
+    if l22 <= 0.0:
+        return -math.inf
+    return ENTROPY_OF_UNIT + 0.5 * (math.log(l00) + math.log(l11) + math.log(l22))
