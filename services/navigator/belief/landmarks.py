@@ -1,0 +1,161 @@
+"""A map of landmarks on the floor: where each is, what it looks like, and an index of places."""
+
+import hashlib
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.errors import Refusal
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+MOST_LANDMARKS = 100_000
+LONGEST_DESCRIPTOR = 256
+FARTHEST = 1e5
+"""m, of a landmark from the origin; beyond it float32 no longer resolves a centimetre."""
+SMALLEST_SPREAD = 0.01
+"""m, least extent of a map: landmarks in one point say nothing about a heading."""
+PER_BUCKET = 4.0
+"""Landmarks a bucket of the index holds in the mean."""
+
+
+class LandmarkMapError(Refusal):
+    """A landmark map that cannot be used; `field` names what is wrong with it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Buckets:
+    """Landmarks sorted by square cells of the floor."""
+
+    grid: Array
+    """(5,): x and y of the lower-left corner of cell [0, 0] in m (frame map), edge of a cell in m, rows, columns."""
+    starts: Index
+    """(rows * columns + 1,): members of cell c are `members[starts[c]:starts[c + 1]]`."""
+    members: Index
+    """(n,): landmarks, by cell and then by number."""
+
+
+@dataclass(frozen=True, eq=False)
+class LandmarkMap:
+    """Landmarks on the floor, frame map; immutable.
+
+    Raises:
+        LandmarkMapError: no landmarks or too many, arrays that do not fit each other, values that are not finite,
+            all landmarks in one point.
+    """
+
+    positions: Array
+    """(n, 2) m, frame map."""
+    descriptors: Array
+    """(n, k), what each looks like."""
+    version: int = 0
+    """Rises with every change of content."""
+    source: str = ""
+    """How the map was made."""
+
+    def __post_init__(self) -> None:
+        positions = np.array(self.positions, dtype=np.float64, order="C", copy=True)
+        descriptors = np.array(self.descriptors, dtype=np.float64, order="C", copy=True)
+        _check(positions, descriptors)
+        positions.flags.writeable = descriptors.flags.writeable = False
+        object.__setattr__(self, "positions", positions)
+        object.__setattr__(self, "descriptors", descriptors)
+
+    def __len__(self) -> int:
+        return self.positions.shape[0]
+
+    @property
+    def descriptor_length(self) -> int:
+        """Numbers in a descriptor."""
+        return self.descriptors.shape[1]
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """x_min, y_min, x_max, y_max of the landmarks, m, frame map."""
+        low, high = self.positions.min(axis=0), self.positions.max(axis=0)
+        return (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+
+    @cached_property
+    def buckets(self) -> Buckets:
+        """Index of places."""
+        return _sorted_by_place(self.positions)
+
+    @cached_property
+    def columns(self) -> Array:
+        """Descriptors transposed, (k, n)."""
+        return np.ascontiguousarray(self.descriptors.T)
+
+    @cached_property
+    def sha256(self) -> str:
+        """Digest of positions and descriptors, not of version and source."""
+        return hashlib.sha256(f"{self.descriptors.shape} ".encode() + self.to_bytes()).hexdigest()
+
+    def to_bytes(self) -> bytes:
+        """Rows (x, y, descriptor) as little-endian float32, C order; 4 n (2 + k) bytes."""
+        return np.hstack((self.positions, self.descriptors)).astype("<f4").tobytes()
+
+    @classmethod
+    def from_bytes(cls, data: bytes, count: int, length: int, version: int = 0, source: str = "") -> "LandmarkMap":
+        """Return the map of `to_bytes`.
+
+        Args:
+            data: the rows.
+            count: number of landmarks.
+            length: numbers in a descriptor.
+            version: of the map.
+            source: how it was made.
+
+        Raises:
+            LandmarkMapError: another number of bytes, or content that is no map.
+        """
+        expected = 4 * count * (2 + length)
+        if len(data) != expected:
+            raise LandmarkMapError(
+                "bad_map", f"{count} landmarks with {length} numbers need {expected} bytes, got {len(data)}", "data"
+            )
+        rows = np.frombuffer(data, dtype="<f4").reshape(count, 2 + length).astype(np.float64)
+        return cls(rows[:, :2], rows[:, 2:], version, source)
+
+
+def _check(positions: Array, descriptors: Array) -> None:
+    if positions.ndim != 2 or positions.shape[1] != 2:
+        raise LandmarkMapError("bad_map", f"positions are (n, 2), got {positions.shape}", "positions")
+    n = positions.shape[0]
+    if not 2 <= n <= MOST_LANDMARKS:
+        raise LandmarkMapError("bad_map", f"a map has 2 to {MOST_LANDMARKS} landmarks, got {n}", "positions")
+    if descriptors.ndim != 2 or descriptors.shape[0] != n or not 1 <= descriptors.shape[1] <= LONGEST_DESCRIPTOR:
+        allowed = f"({n}, 1 to {LONGEST_DESCRIPTOR})"
+        raise LandmarkMapError("bad_map", f"descriptors are {allowed}, got {descriptors.shape}", "descriptors")
+    for name, values in (("positions", positions), ("descriptors", descriptors)):
+        bad = ~np.isfinite(values).all(axis=1)
+        if bad.any():
+            first = int(np.flatnonzero(bad)[0])
+            shown = values[first, :4].tolist()
+            raise LandmarkMapError("bad_map", f"landmark {first} is not finite: {shown}", name)
+    farthest = float(np.abs(positions).max())
+    if farthest > FARTHEST:
+        raise LandmarkMapError("bad_map", f"coordinates are within {FARTHEST:g} m, got {farthest:g} m", "positions")
+    spread = float((positions.max(axis=0) - positions.min(axis=0)).max())
+    if spread < SMALLEST_SPREAD:
+        where = f"({positions[0, 0]:g}, {positions[0, 1]:g})"
+        text = f"all {n} landmarks are within {spread:.2g} m of {where}, a map extends over {SMALLEST_SPREAD} m or more"
+        raise LandmarkMapError("bad_map", text, "positions")
+
+
+def _sorted_by_place(positions: Array) -> Buckets:
+    n = positions.shape[0]
+    low, size = positions.min(axis=0), np.ptp(positions, axis=0)
+    edge = max(
+        math.sqrt(PER_BUCKET * max(float(size[0] * size[1]), 1e-6) / n), float(size.max()) * PER_BUCKET / n, 0.02
+    )
+    rows, cols = int(size[1] / edge) + 1, int(size[0] / edge) + 1
+    cell = np.floor((positions - low) / edge).astype(np.int64)
+    number = cell[:, 1] * cols + cell[:, 0]
+    starts = np.zeros(rows * cols + 1, dtype=np.int64)
+    np.cumsum(np.bincount(number, minlength=rows * cols), out=starts[1:])
+    members = np.argsort(number, kind="stable").astype(np.int64)
+    return Buckets(np.array([low[0], low[1], edge, rows, cols], dtype=np.float64), starts, members)

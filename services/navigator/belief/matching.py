@@ -1,0 +1,215 @@
+"""Data association: which landmark of the map each detection of a frame is.
+
+Gate by the covariance of the pose, nearest descriptor with ratio test within the gate, two-point rigid motions (RANSAC),
+a maximum per frame (Osswald et al., section III; their sizes are not printed, these are ours).
+"""
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from surefoot.errors import Refusal
+from surefoot.services.navigator.belief import matching_kernel as kernel
+from surefoot.services.navigator.belief.landmarks import LandmarkMap
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+MOST_DETECTIONS = 256
+FATES = ("matched", "invalid", "far", "unlike", "ambiguous", "doubled", "outlier", "surplus")
+"""What becomes of a detection, in the order of the kernel's numbers: matched; range or bearing that cannot be; no
+landmark in the gate; none there looks like it; two there look like it; its landmark is taken by another detection;
+no rigid motion of the others explains it; beyond the maximum per frame."""
+
+
+class DetectionError(Refusal):
+    """Detections that cannot be used; `field` names what is wrong with them."""
+
+
+@dataclass(frozen=True)
+class SightNoise:
+    """Noise of a camera that measures range and bearing of landmarks on the floor; standard deviations.
+
+    Raises:
+        DetectionError: a number is negative or not finite, or a whole measurement has no noise.
+    """
+
+    range_sd: float = 0.0
+    """m, of a range, whatever it is."""
+    range_share: float = 0.03
+    """Part of the range that is added to it."""
+    bearing_sd: float = math.radians(1.5)
+    """rad."""
+    common_range_sd: float = 0.0
+    """m, error that all detections of a frame have in common, as by a tilt that is not known."""
+    common_bearing_sd: float = 0.0
+    """rad, likewise."""
+    look_sd: float = 0.05
+    """Of each number of a descriptor."""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (math.isfinite(value) and value >= 0.0):
+                raise DetectionError("bad_noise", f"{name} is finite and >= 0, got {value!r}", name)
+        if self.range_sd + self.range_share == 0.0 or self.bearing_sd == 0.0 or self.look_sd == 0.0:
+            text = "range_sd or range_share, bearing_sd and look_sd are > 0"
+            raise DetectionError("bad_noise", f"{text}, got {vars(self)}", "bearing_sd")
+
+    def array(self) -> Array:
+        """The numbers in the order of the kernel, (5,)."""
+        return np.array(
+            [self.range_sd, self.range_share, self.bearing_sd, self.common_range_sd, self.common_bearing_sd]
+        )
+
+    def wider(self, factor: float) -> "SightNoise":
+        """Return the noise with every standard deviation of range and bearing times a factor."""
+        return replace(
+            self,
+            range_sd=self.range_sd * factor,
+            range_share=self.range_share * factor,
+            bearing_sd=self.bearing_sd * factor,
+            common_range_sd=self.common_range_sd * factor,
+            common_bearing_sd=self.common_bearing_sd * factor,
+        )
+
+
+@dataclass(frozen=True)
+class MatchLimits:
+    """What counts as a match."""
+
+    gate: float = 9.21
+    """Normalised innovation squared, chi^2_2(.99)."""
+    look_sds: float = 2.0
+    """Descriptors of one landmark differ by less than this many times look_sd sqrt(k); 2 sqrt(8) passes 99.99 %."""
+    ratio: float = 0.8
+    """Largest distance to the nearest descriptor over that to the second nearest in the gate."""
+    shortest: float = 0.02
+    """m, nearer detections are refused as invalid."""
+    longest: float = 50.0
+    """m, farther detections are refused as invalid."""
+    spread: float = 1.3
+    """Variance of a residual at the refined motion over that of a detection."""
+    pairs: int = 190
+    """Motions that are tried: all pairs of up to 20 matches."""
+    most: int = 10
+    """Matches of a frame that are used."""
+
+    def array(self, noise: SightNoise, length: int) -> Array:
+        """The numbers in the order of the kernel, (8,), for descriptors of `length` numbers."""
+        look = self.look(noise, length)
+        return np.array(
+            [self.gate, look, self.ratio, self.shortest, self.longest, self.spread, self.pairs, self.most],
+            dtype=np.float64,
+        )
+
+    def look(self, noise: SightNoise, length: int) -> float:
+        """Largest distance of two descriptors of one landmark."""
+        return self.look_sds * noise.look_sd * math.sqrt(length)
+
+
+@dataclass(frozen=True, eq=False)
+class Detections:
+    """What a camera recognised in one frame, seen from base_link in heading axes.
+
+    Raises:
+        DetectionError: shapes that do not fit each other, or more than 256 detections.
+    """
+
+    ranges: Array
+    """(m,) m, along the floor."""
+    bearings: Array
+    """(m,) rad, left positive."""
+    looks: Array
+    """(m, k) descriptors."""
+
+    def __post_init__(self) -> None:
+        ranges, bearings = _floats(self.ranges), _floats(self.bearings)
+        looks = _floats(self.looks)
+        m = ranges.size
+        if ranges.ndim != 1 or bearings.shape != ranges.shape or looks.ndim != 2 or looks.shape[0] != m:
+            shapes = f"{ranges.shape}, {bearings.shape}, {looks.shape}"
+            raise DetectionError("bad_detections", f"ranges, bearings, looks are (m,), (m,), (m, k), got {shapes}")
+        if m > MOST_DETECTIONS:
+            raise DetectionError("bad_detections", f"a frame has at most {MOST_DETECTIONS} detections, got {m}")
+        object.__setattr__(self, "ranges", ranges)
+        object.__setattr__(self, "bearings", bearings)
+        object.__setattr__(self, "looks", looks)
+
+    def __len__(self) -> int:
+        return self.ranges.size
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Which landmark each detection is."""
+
+    detections: Index
+    """(k,): matched detections, those first that look most like their landmark."""
+    landmarks: Index
+    """(k,): the landmark of each."""
+    nis: Array
+    """(k,): normalised innovation squared of each against the gate's covariance, 2 degrees of freedom."""
+    fates: Index
+    """(m,): what became of every detection, index of `FATES`."""
+    counts: dict[str, int] = field(default_factory=dict[str, int])
+    """Detections by what became of them."""
+
+
+def match(
+    mean: Array,
+    cov: Array,
+    seen: Detections,
+    world: LandmarkMap,
+    noise: SightNoise,
+    limits: MatchLimits | None = None,
+    seed: int = 0,
+) -> Matches:
+    """Associate the detections of one frame with the landmarks of a map.
+
+    Args:
+        mean: believed x, y (m, frame map) and heading (rad), (3,) or longer.
+        cov: its covariance, (3, 3) or larger.
+        seen: detections of the frame.
+        world: landmarks.
+        noise: of the camera.
+        limits: None = the defaults of `MatchLimits`.
+        seed: of the random pairs, which are drawn where there are more than `limits.pairs`.
+
+    Raises:
+        DetectionError: descriptors of another length than the map's.
+    """
+    limits = limits or MatchLimits()
+    check_length(seen, world)
+    at = world.buckets
+    landmark, fate, nis, _, kept = kernel.match(
+        np.ascontiguousarray(mean, dtype=np.float64), np.ascontiguousarray(cov, dtype=np.float64),
+        seen.ranges, seen.bearings, seen.looks, world.positions, world.descriptors, at.grid, at.starts, at.members,
+        noise.array(), limits.array(noise, world.descriptor_length), seed,
+    )  # fmt: skip
+    counts = np.bincount(fate, minlength=len(FATES)).tolist()
+    return Matches(kept, landmark[kept], nis[kept], fate, dict(zip(FATES, counts, strict=True)))
+
+
+def check_length(seen: Detections, world: LandmarkMap) -> None:
+    """Refuse descriptors of another length than the map's (raises DetectionError); no detections have none."""
+    if len(seen) and seen.looks.shape[1] != world.descriptor_length:
+        text = f"the map's descriptors have {world.descriptor_length} numbers, got {seen.looks.shape[1]}"
+        raise DetectionError("bad_descriptor", text, "descriptor")
+
+
+def known_elsewhere(matches: Matches, seen: Detections, world: LandmarkMap, noise: SightNoise) -> int:
+    """Count the detections that look like a landmark of the map, but like none where they were seen.
+
+    Few if the pose is right: a wrong detection now and then. Nearly all if it is wrong.
+    """
+    wanted = np.flatnonzero((matches.fates == kernel.FAR) | (matches.fates == kernel.UNLIKE))
+    if not wanted.size:
+        return 0
+    look = MatchLimits().look(noise, world.descriptor_length)
+    return kernel.known_anywhere(seen.looks, wanted, world.columns, look)
+
+
+def _floats(values: ArrayLike) -> Array:
+    return np.ascontiguousarray(values, dtype=np.float64)
