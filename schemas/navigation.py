@@ -89,6 +89,9 @@ class GotoRequest(Request):
     frame: str = Field(default="map", max_length=32, description="map, or odom")
     policy: str | None = Field(default=None, max_length=256, description="name or file of a policy; null = configured")
     goal_id: str | None = Field(default=None, max_length=64, description="name of the goal; null = made up")
+    at_tick: int | None = Field(
+        default=None, ge=0, description="tick it takes effect in (reproducible); null = the next one"
+    )
 
 
 class WaypointsRequest(Request):
@@ -99,6 +102,9 @@ class WaypointsRequest(Request):
     )
     policy: str | None = Field(default=None, max_length=256, description="name or file of a policy; null = configured")
     goal_id: str | None = Field(default=None, max_length=64, description="name of the goal; null = made up")
+    at_tick: int | None = Field(
+        default=None, ge=0, description="tick it takes effect in (reproducible); null = the next one"
+    )
 
 
 class GoalReply(Reply):
@@ -114,6 +120,9 @@ class CancelRequest(Request):
     """Ends the present goal; the robot comes to stand on both feet."""
 
     goal_id: str | None = Field(default=None, max_length=64, description="only if this is the goal; null = any")
+    at_tick: int | None = Field(
+        default=None, ge=0, description="tick it takes effect in (reproducible); null = the next one"
+    )
 
 
 class SetPoseRequest(Request):
@@ -121,6 +130,9 @@ class SetPoseRequest(Request):
 
     pose: FloorPose
     covariance: Covariance3 | None = Field(default=None, description="null = 5 cm, 5 cm, 5 deg")
+    at_tick: int | None = Field(
+        default=None, ge=0, description="tick it takes effect in (reproducible); null = the next one"
+    )
 
 
 class NavigatorReply(Reply):

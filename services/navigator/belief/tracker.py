@@ -1,0 +1,212 @@
+"""The pose of the robot in the map, estimated live: what it did predicts, landmarks correct.
+
+State (x, y, theta, b): pose in m and rad, frame map; b the drift in rad per m walked. A camera whose tilt is not known
+adds two states, the errors of pitch and roll. They move all landmarks of a frame together and fade with a time
+constant, so that frames which share the error are not taken for independent ones (a first-order Gauss-Markov process).
+A landmark at distance r and bearing a, seen from height h by a camera that is tilted by (p, q) more than it knows, is
+taken for one at r + (h^2 + r^2)/h (p cos a + q sin a) and a + h/r (q cos a - p sin a), to first order.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.services.navigator.belief import ukf
+from surefoot.services.navigator.belief.landmarks import LandmarkMap
+from surefoot.services.navigator.belief.matching import Detections, MatchLimits, SightNoise, match
+
+Array = NDArray[np.float64]
+Control = Literal["commands", "odometry"]
+
+STATES, TILTS = 4, 2
+NO_GAIN = np.zeros((2, 0))
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A motion of the body and how well it is known."""
+
+    forward: float = 0.0
+    """m ahead, along the heading half-way through the turn."""
+    left: float = 0.0
+    """m to the left, likewise."""
+    turn: float = 0.0
+    """rad, left positive."""
+    walked: float = 0.0
+    """m over which the drift acts."""
+    along: float = 0.0
+    """m^2, variance along the heading,"""
+    across: float = 0.0
+    """m^2, and across;"""
+    heading: float = 0.0
+    """rad^2, of the heading,"""
+    drifting: float = 0.0
+    """rad^2 per m^2, and of the drift."""
+
+    def part(self, share: float) -> "Motion":
+        """Return the first part of the motion; variances grow in proportion."""
+        return Motion(*(share * value for value in vars(self).values()))
+
+
+@dataclass(frozen=True)
+class Start:
+    """How well the start pose is known; standard deviations."""
+
+    position: float = 0.05
+    """m."""
+    heading: float = math.radians(5.0)
+    """rad."""
+    drift: float = 0.76
+    """rad per m."""
+
+
+@dataclass(frozen=True)
+class Tilt:
+    """Error of a camera's tilt that it does not know."""
+
+    sd: float = 0.0
+    """rad, of pitch and of roll; 0 = the tilt is known."""
+    fade: float = 0.3
+    """s, time constant."""
+    height: float = 0.45
+    """m, of the camera over the floor."""
+
+
+@dataclass(frozen=True)
+class FrameResult:
+    """What one frame of the camera did."""
+
+    seen: int
+    matched: int
+    nis: float
+    """Mean over the matched landmarks of the normalised innovation squared per degree of freedom; 0 for none."""
+
+
+class PoseTracker:
+    """Belief of the pose.
+
+    Args:
+        start: uncertainty of a stated pose.
+        noise: of the camera while walking.
+        standing: the same while the robot stands.
+        tilt: error of its tilt.
+        limits: of matching.
+    """
+
+    def __init__(
+        self,
+        start: Start,
+        noise: SightNoise,
+        standing: SightNoise,
+        tilt: Tilt | None = None,
+        limits: MatchLimits | None = None,
+    ) -> None:
+        self.start, self.noise, self.standing = start, noise, standing
+        self.tilt = tilt or Tilt()
+        self.limits = limits or MatchLimits()
+        self.n = STATES + (TILTS if self.tilt.sd > 0.0 else 0)
+        self.mean, self.cov = np.zeros(self.n), np.zeros((self.n, self.n))
+        self._work = ukf.work_space(self.n)
+        self._gain = np.zeros((2, self.n - STATES))
+        self._noise = np.zeros(4)
+        self._tilted_at = 0.0
+        self.world: LandmarkMap | None = None
+        self.frames = 0
+        self.place((0.0, 0.0, 0.0))
+
+    def place(self, pose: tuple[float, float, float], cov: Array | None = None, *, keep_drift: bool = False) -> None:
+        """Begin anew at a stated pose.
+
+        Args:
+            pose: x, y in m, heading in rad, frame map.
+            cov: its covariance, (3, 3); None = as in `start`.
+            keep_drift: the drift is what it was: the robot is the same, only the place is another.
+        """
+        drift, variance = float(self.mean[3]), float(self.cov[3, 3])
+        self.mean[:], self.cov[:] = 0.0, 0.0
+        self.mean[:3] = pose[0], pose[1], ukf.wrap(pose[2])
+        if cov is None:
+            s = self.start
+            self.cov[0, 0] = self.cov[1, 1] = s.position**2
+            self.cov[2, 2] = s.heading**2
+        else:
+            self.cov[:3, :3] = cov
+        self.mean[3], self.cov[3, 3] = (drift, variance) if keep_drift else (0.0, self.start.drift**2)
+        for i in range(STATES, self.n):
+            self.cov[i, i] = self.tilt.sd**2
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """x, y in m and heading in rad, frame map."""
+        return (float(self.mean[0]), float(self.mean[1]), float(self.mean[2]))
+
+    @property
+    def entropy(self) -> float:
+        """nats, of the pose in m and rad."""
+        return float(ukf.entropy(self.cov))
+
+    def move(self, motion: Motion) -> None:
+        """Take in a motion of the body."""
+        self._carry(self.mean, self.cov, motion)
+
+    def after(self, motion: Motion) -> tuple[Array, Array]:
+        """Return mean (4,) and covariance (4, 4) as they would be after a motion, without taking it in."""
+        mean, cov = self.mean.copy(), self.cov.copy()
+        self._carry(mean, cov, motion)
+        return mean[:STATES], cov[:STATES, :STATES].copy()
+
+    def _carry(self, mean: Array, cov: Array, m: Motion) -> None:
+        self._noise[:] = m.along, m.across, m.heading, m.drifting
+        ukf.predict_with(mean, cov, m.forward, m.left, m.turn, m.walked, self._noise, self._work)
+
+    def look(self, seen: Detections, time: float, *, standing: bool) -> FrameResult:
+        """Take in the landmarks of one frame.
+
+        Args:
+            seen: detections.
+            time: of the exposure's end, s.
+            standing: the robot stands.
+
+        Raises:
+            DetectionError: descriptors of another length than the map's.
+        """
+        if self.world is None or not len(seen):
+            return FrameResult(len(seen), 0, 0.0)
+        self._fade(time)
+        noise = self.standing if standing else self.noise
+        self.frames += 1
+        found = match(self.mean, self.cov, seen, self.world, noise, self.limits, seed=self.frames)
+        total = 0.0
+        for detection, landmark in zip(found.detections, found.landmarks, strict=True):
+            r, a = float(seen.ranges[detection]), float(seen.bearings[detection])
+            x, y = self.world.positions[landmark]
+            self._set_gain(r, a)
+            var_r = noise.range_sd**2 + (noise.range_share * r) ** 2
+            total += ukf.update_with(
+                self.mean, self.cov, x, y, r, a, var_r, noise.bearing_sd**2, self._gain, self._work
+            )
+        count = len(found.detections)
+        return FrameResult(len(seen), count, 0.5 * total / count if count else 0.0)
+
+    def _fade(self, time: float) -> None:
+        if self.n == STATES:
+            return
+        keep = math.exp(-max(0.0, time - self._tilted_at) / self.tilt.fade)
+        self._tilted_at = time
+        self.mean[STATES:] *= keep
+        self.cov[STATES:, :] *= keep
+        self.cov[:, STATES:] *= keep
+        for i in range(STATES, self.n):
+            self.cov[i, i] += (1.0 - keep * keep) * self.tilt.sd**2
+
+    def _set_gain(self, r: float, a: float) -> None:
+        if self.n == STATES:
+            return
+        h = self.tilt.height
+        stretch, swing = (h * h + r * r) / h, h / max(r, 0.1)
+        c, s = math.cos(a), math.sin(a)
+        self._gain[0, 0], self._gain[0, 1] = stretch * c, stretch * s
+        self._gain[1, 0], self._gain[1, 1] = -swing * s, swing * c

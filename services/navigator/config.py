@@ -1,0 +1,29 @@
+"""Configuration of the navigator service."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from surefoot.lockstep.config import ServiceConfig
+
+
+class NavigatorConfig(ServiceConfig):
+    """Where the robot starts, what it knows of the world, how it decides."""
+
+    params: str = Field(default="nao", max_length=256, description="model of the robot: a shipped name or a .toml file")
+    policy: str = Field(default="planner", max_length=256, description="name or file of the default policy")
+    actions: str = Field(default="", max_length=64, description="action set of the model; empty = the model's own")
+    control: Literal["commands", "odometry"] = Field(
+        default="odometry", description="what the belief follows between observations; without odometry: commands"
+    )
+    use_landmarks: bool = Field(default=True, description="correct the pose with hw/landmarks")
+    start_x: float = Field(default=0.0, description="m, start pose in map")
+    start_y: float = Field(default=0.0, description="m")
+    start_yaw: float = Field(default=0.0, description="rad")
+    map: str | None = Field(default=None, description="map_server YAML file; null = from terrain/map")
+    landmarks: str | None = Field(default=None, description="landmark map file; null = from terrain/landmarks")
+    robot_radius: float = Field(default=0.15, ge=0, le=2, description="m, kept free of obstacles")
+    viewing_distance: float = Field(default=6.0, gt=0, le=100, description="m, longest way between two waypoints")
+    memory: str | None = Field(
+        default=None, description="file of this run that keeps the goal for a navigator that is started again"
+    )

@@ -1,0 +1,73 @@
+"""What the walker makes of the ordered actions, as motions in time: the control of a robot without odometry.
+
+An action's way is taken to be walked evenly from the landing of the last step before it to the landing of its own last
+step; both times come from `state/gait`.
+"""
+
+from dataclasses import dataclass
+
+from surefoot.services.navigator.belief.tracker import Motion
+
+NOTHING = Motion()
+
+
+@dataclass
+class Piece:
+    """One action under way."""
+
+    motion: Motion
+    start: float
+    """s, simulated time."""
+    end: float
+    done: float = 0.0
+    """Share that has been handed out."""
+
+
+class Execution:
+    """Actions under way, the oldest first: at most the one that ends and the one that follows."""
+
+    def __init__(self) -> None:
+        self.pieces: list[Piece] = []
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing is under way."""
+        return not self.pieces
+
+    def begin(self, motion: Motion, duration: float, now: float, ends_in: float | None) -> None:
+        """Take in that the walker has taken up an action.
+
+        Args:
+            motion: of the whole action.
+            duration: of its steps, s.
+            now: s.
+            ends_in: s until its last step lands; None = the gait cannot say: `duration` is believed.
+        """
+        end = now + (duration if ends_in is None else ends_in)
+        last = self.pieces[-1].end if self.pieces else now
+        self.pieces.append(Piece(motion, max(min(last, end), end - duration, now), end))
+
+    def correct(self, now: float, ends_in: float | None) -> None:
+        """Take in when the walker now expects the last step to land; a slowed step moves the end."""
+        if self.pieces and ends_in is not None:
+            last = self.pieces[-1]
+            last.end = max(now + ends_in, last.start + 1e-3)
+
+    def advance(self, now: float) -> list[Motion]:
+        """Return the motions since the last call."""
+        moved: list[Motion] = []
+        for piece in self.pieces:
+            share = min(1.0, max(0.0, (now - piece.start) / max(piece.end - piece.start, 1e-3)))
+            if share > piece.done:
+                moved.append(piece.motion.part(share - piece.done))
+                piece.done = share
+        self.pieces = [piece for piece in self.pieces if piece.done < 1.0]
+        return moved
+
+    def rest(self) -> list[Motion]:
+        """Return what is still to come of the actions under way."""
+        return [piece.motion.part(1.0 - piece.done) for piece in self.pieces]
+
+    def stop(self) -> None:
+        """Forget what is under way: the robot halts, or somebody else commands it."""
+        self.pieces.clear()

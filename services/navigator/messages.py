@@ -1,0 +1,117 @@
+"""Messages of the navigator, from what it knows."""
+
+import math
+
+from surefoot.schemas.cmd import WalkCommand
+from surefoot.schemas.navigation import Decision, MotionOrder, NavigationFeedback, PoseBelief
+from surefoot.services.navigator.belief.tracker import Control, PoseTracker
+from surefoot.services.navigator.belief.ukf import wrap
+from surefoot.services.navigator.pilot import Pilot
+
+Pose = tuple[float, float, float]
+
+
+def order_message(pilot: Pilot) -> MotionOrder:
+    """Return the present order; the walker takes each number once."""
+    order = pilot.order
+    if order is None:
+        return MotionOrder(number=0)
+    command = WalkCommand(action=order.action, distance=order.distance, angle=order.angle)
+    return MotionOrder(number=pilot.number, command=command)
+
+
+def pose_message(
+    tracker: PoseTracker, odom: Pose | None, control: Control, matched: int, nis: float | None, lost: "LostView"
+) -> PoseBelief:
+    """Return the belief of the pose.
+
+    Args:
+        tracker: the belief.
+        odom: pose of base_link in odom, m and rad; None = there is no odometry.
+        control: what the prediction follows.
+        matched: landmarks of the last frame that were matched.
+        nis: smoothed normalised innovation squared per degree of freedom.
+        lost: whether the belief is to be trusted.
+    """
+    cov = tracker.cov[:3, :3]
+    return PoseBelief(
+        pose=tracker.pose,
+        covariance=tuple(cov.ravel().tolist()),
+        entropy=max(tracker.entropy, -1e3),
+        drift=float(tracker.mean[3]),
+        drift_sd=math.sqrt(max(0.0, float(tracker.cov[3, 3]))),
+        map_from_odom=(0.0, 0.0, 0.0) if odom is None else between(tracker.pose, odom),
+        initialised=True,
+        control=control,
+        matched=matched,
+        nis=nis,
+        lost=lost.lost,
+        lost_probability=lost.probability,
+        lost_reason=lost.reason,
+    )
+
+
+class LostView:
+    """Whether the belief is to be trusted."""
+
+    def __init__(self, lost: bool = False, probability: float = 0.0, reason: str = "") -> None:
+        self.lost, self.probability, self.reason = lost, min(1.0, max(0.0, probability)), reason
+
+
+def feedback_message(pilot: Pilot, pose: Pose, now: float) -> NavigationFeedback:
+    """Return the progress of the present or last goal."""
+    goal = pilot.goal
+    if goal is None:
+        return NavigationFeedback(state="idle", current_pose=pose)
+    under_way = pilot.state in ("navigating", "stopping")
+    elapsed = max(0.0, (now if under_way else pilot.ended or now) - goal.began)
+    left = goal.left(pose[0], pose[1]) if under_way else 0.0
+    whole = goal.left(*goal.start) if goal.start is not None else left
+    decided = pilot.decision
+    walked = max(0.0, math.hypot(whole - left, 0.0))
+    remaining = elapsed * left / walked if under_way and walked > 0.2 and elapsed > 0.0 else None
+    return NavigationFeedback(
+        state=pilot.state,
+        goal_id=goal.id,
+        policy=goal.policy,
+        goal_pose=goal.route[-1],
+        current_pose=pose,
+        navigation_time=elapsed,
+        estimated_time_remaining=remaining,
+        number_of_recoveries=sum(goal.recoveries.values()),
+        recoveries=dict(goal.recoveries),
+        distance_remaining=left,
+        number_of_poses_remaining=max(0, len(goal.route) - goal.index),
+        position_tracking_error=goal.off_route(pose[0], pose[1]),
+        heading_tracking_error=_bearing(goal.waypoint, pose),
+        decision=None
+        if decided is None
+        else Decision(
+            number=decided.number, action=decided.action, reason=decided.reason, values=decided.values,
+            distance=decided.distance, bearing=decided.bearing, entropy=max(decided.entropy, -1e3),
+        ),
+        missed_waypoints=tuple(goal.missed),
+        error_code=pilot.error,  # pyright: ignore[reportArgumentType] - one of the literals, set in the pilot
+        error_msg=pilot.message if pilot.error else "",
+    )  # fmt: skip
+
+
+def _bearing(place: tuple[float, float], pose: Pose) -> float:
+    return float(wrap(math.atan2(place[1] - pose[1], place[0] - pose[0]) - pose[2]))
+
+
+def between(pose: Pose, odom: Pose) -> Pose:
+    """Return the pose of odom in map for the pose of the robot in both, m and rad."""
+    turn = float(wrap(pose[2] - odom[2]))
+    c, s = math.cos(turn), math.sin(turn)
+    return (pose[0] - c * odom[0] + s * odom[1], pose[1] - s * odom[0] - c * odom[1], turn)
+
+
+def placed(frame: Pose, pose: Pose) -> Pose:
+    """Return a pose that is known in a frame, in the frame that `frame` is known in, m and rad."""
+    c, s = math.cos(frame[2]), math.sin(frame[2])
+    return (
+        frame[0] + c * pose[0] - s * pose[1],
+        frame[1] + s * pose[0] + c * pose[1],
+        float(wrap(frame[2] + pose[2])),
+    )

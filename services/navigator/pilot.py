@@ -1,0 +1,383 @@
+"""Takes goals to their end: decides at the right moment, gives orders to the walker, recovers, reports. No bus.
+
+An action is decided while the one before still runs, `LEAD_S` before its last step lands, on the belief predicted to
+that moment, so that the walker goes on without a halt. A walker that cannot say when it ends is waited for.
+"""
+
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.services.navigator.belief.tracker import Motion, PoseTracker
+from surefoot.services.navigator.belief.ukf import entropy, wrap
+from surefoot.services.navigator.execution import Execution
+
+Array = NDArray[np.float64]
+Point = tuple[float, float]
+State = Literal["idle", "navigating", "stopping", "succeeded", "failed", "cancelled"]
+
+LEAD_S = 0.30
+"""Before the last step of an action lands; the walker asks for 0.25 s and an order takes 0.02 s."""
+SURE = 2.0
+"""Standard deviations that must fit between the estimate and the edge of what counts as arrived."""
+ARRIVED_WITHIN = 0.30
+"""m, true distance that an arrived robot is within."""
+LOOKS = 5
+"""Stands in a row to become sure of having arrived; then the estimate decides."""
+STUCK_S, PROGRESS_M = 120.0, 0.10
+"""A waypoint that has not become nearer by so much in so long is given up."""
+ALIGNED = math.radians(8.0)
+"""Error of the last heading that is good enough."""
+SMALLEST_TURN = math.radians(6.0)
+
+
+@dataclass(frozen=True)
+class GaitView:
+    """What the walker says."""
+
+    state: str
+    walk_id: int = 0
+    order: int = 0
+    """Number of the last order it took up."""
+    refused: str = ""
+    """Why it refused that order."""
+    ends_in: float | None = None
+    """s until the last planned step lands."""
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Act:
+    """One action the robot offers: what is ordered, and what becomes of it."""
+
+    name: str
+    kind: Literal["stand", "turn", "walk"]
+    motion: Motion
+    """Of the whole action; forward and turn are what is ordered."""
+    duration: float
+    """s, of its steps; of a stand, of standing."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """A command to the walker."""
+
+    action: Literal["walk", "turn", "stop"]
+    distance: float | None = None
+    """m."""
+    angle: float | None = None
+    """rad."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What a policy decided."""
+
+    index: int
+    values: tuple[float, ...] = ()
+    """Per action; NaN for those that were not allowed."""
+    reason: str = ""
+
+
+class Policy(Protocol):
+    """Chooses the next action."""
+
+    name: str
+
+    def decide(self, mean: Array, cov: Array, goal: Point, blocked: bool) -> Choice:
+        """Return the next action for a belief (4,), (4, 4) as it will be when that action begins."""
+        ...
+
+    def begin(self) -> None:
+        """Forget the run of actions so far: a new goal."""
+        ...
+
+
+@dataclass
+class Goal:
+    """One goal and how it went."""
+
+    id: str
+    route: tuple[Point, ...]
+    policy: str
+    began: float
+    """s."""
+    yaw: float | None = None
+    index: int = 0
+    """Present waypoint."""
+    missed: list[int] = field(default_factory=list[int])
+    recoveries: Counter[str] = field(default_factory=Counter[str])
+    nearest: float = math.inf
+    """m, to the present waypoint so far,"""
+    nearest_at: float = 0.0
+    """s, and since when."""
+    looks: int = 0
+    start: Point | None = None
+    """Where the robot was when the goal began, m."""
+
+    def off_route(self, x: float, y: float) -> float:
+        """Return the distance of a place from the present leg of the route, m."""
+        end = self.waypoint
+        begin = self.route[self.index - 1] if 0 < self.index < len(self.route) else self.start or end
+        dx, dy = end[0] - begin[0], end[1] - begin[1]
+        length = dx * dx + dy * dy
+        along = 0.0 if length == 0.0 else min(1.0, max(0.0, ((x - begin[0]) * dx + (y - begin[1]) * dy) / length))
+        return math.hypot(x - begin[0] - along * dx, y - begin[1] - along * dy)
+
+    @property
+    def waypoint(self) -> Point:
+        """The present waypoint, m."""
+        return self.route[min(self.index, len(self.route) - 1)]
+
+    def left(self, x: float, y: float) -> float:
+        """Return the way from a place over the waypoints that are left, m."""
+        total = 0.0
+        for px, py in self.route[self.index :]:
+            total += math.hypot(px - x, py - y)
+            x, y = px, py
+        return total
+
+
+@dataclass(frozen=True)
+class Decided:
+    """A decision as it is published."""
+
+    number: int
+    action: str
+    reason: str
+    values: dict[str, float]
+    distance: float
+    bearing: float
+    entropy: float
+
+
+class Pilot:
+    """Conducts one goal at a time.
+
+    Args:
+        acts: the actions, in the order of the policy's values.
+        commands: the tracker follows the commands; else somebody else moves it.
+    """
+
+    def __init__(self, acts: tuple[Act, ...], *, commands: bool) -> None:
+        self.acts, self.commands = acts, commands
+        self.execution = Execution()
+        self.state: State = "idle"
+        self.error, self.message = "", ""
+        self.goal: Goal | None = None
+        self.policy: Policy | None = None
+        self.number = 0
+        self.order: Order | None = None
+        self.decision: Decided | None = None
+        self.decisions = 0
+        self.ended = 0.0
+        self._given: Act | None = None
+        """The act of the last order, until the walker has taken it up."""
+        self._walk_id: int | None = None
+        self._stand_until = -1.0
+        self._prefix = 0.0
+        """s, when the goal began, less what an earlier process had used."""
+        self._halting: tuple[State, str, str] | None = None
+
+    # -- goals -------------------------------------------------------------------------------------------------
+
+    def begin(self, goal: Goal, policy: Policy) -> None:
+        """Take up a goal; one under way ends as replaced, and the walk goes on."""
+        self.goal, self.policy = goal, policy
+        policy.begin()
+        goal.nearest_at = goal.began
+        self.state, self.error, self.message = "navigating", "", ""
+        self.decision, self._halting = None, None
+
+    def cancel(self) -> bool:
+        """End the goal; returns False when there is none under way."""
+        if self.state != "navigating":
+            return False
+        self.halt("cancelled", "cancelled", "cancelled by request")
+        return True
+
+    def halt(self, state: State, error: str, message: str) -> None:
+        """Order a stop; the goal has the given end as soon as the robot stands."""
+        self._halting = (state, error, message)
+        self.state = "stopping"
+        self._give(Order("stop"), None)
+
+    def fail(self, error: str, message: str) -> None:
+        """End the goal at once: no order would be obeyed, or somebody else commands the robot."""
+        self.state, self.error, self.message = "failed", error, message
+        self.execution.stop()
+        self._given, self._halting = None, None
+
+    # -- ticks -------------------------------------------------------------------------------------------------
+
+    def follow(self, now: float, gait: GaitView, tracker: PoseTracker) -> None:
+        """Notice what the walker took up, and carry the belief along where commands are the control."""
+        given = self._given
+        if self.number and gait.order == self.number and given is not None:
+            self._given = None
+            if given.kind != "stand" and not gait.refused:
+                self.execution.begin(given.motion, given.duration, now, gait.ends_in)
+        elif given is None:
+            self.execution.correct(now, gait.ends_in)
+        moved = self.execution.advance(now)
+        if self.commands:
+            for motion in moved:
+                tracker.move(motion)
+
+    def tick(self, now: float, gait: GaitView, tracker: PoseTracker, *, blocked: bool) -> None:
+        """Decide, if it is time to.
+
+        Args:
+            now: simulated time, s.
+            gait: of this tick.
+            tracker: belief now.
+            blocked: something is too near ahead to walk.
+        """
+        if self.goal is None or self.state not in ("navigating", "stopping"):
+            return
+        if self._went_wrong(gait):
+            return
+        if gait.order != self.number:
+            return  # an order is on its way
+        if self.state == "stopping":
+            if gait.state == "standing" and self._halting is not None:
+                self.state, self.error, self.message = self._halting
+                self.execution.stop()
+                self.ended = now
+            return
+        if gait.ends_in is None:
+            if gait.state != "standing" or now < self._stand_until:
+                return
+        elif gait.ends_in > LEAD_S or self._stand_until > now:
+            return
+        self._decide(now, gait, tracker, blocked=blocked)
+
+    def _went_wrong(self, gait: GaitView) -> bool:
+        if gait.state == "refused":
+            self.fail("fallen", gait.reason or "the robot has fallen")
+        elif gait.order == self.number and gait.refused:
+            stopped = "emergency stop" in gait.refused
+            self.fail("stopped" if stopped else "walker_refused", gait.refused)
+        elif gait.order == self.number:
+            if self._walk_id is None:
+                self._walk_id = gait.walk_id
+            elif gait.walk_id != self._walk_id:
+                self.fail("taken_over", "another client commands the walker (cmd/walk)")
+        return self.state == "failed"
+
+    def _decide(self, now: float, gait: GaitView, tracker: PoseTracker, *, blocked: bool) -> None:
+        goal, policy = self.goal, self.policy
+        assert goal is not None
+        assert policy is not None
+        mean, cov = self.predicted(tracker)
+        distance = self._pass_waypoints(now, mean, cov)
+        if goal.index >= len(goal.route):
+            self._arrive(now, gait, mean, distance)
+            return
+        if distance < goal.nearest - PROGRESS_M:
+            goal.nearest, goal.nearest_at = distance, now
+        elif now - goal.nearest_at > STUCK_S:
+            self._give_up(now)
+            return
+        to_look = distance <= ARRIVED_WITHIN / 2.0  # there by the estimate, but not sure
+        choice = policy.decide(mean, cov, goal.waypoint, blocked)
+        act = self.acts[choice.index]
+        reason = choice.reason
+        if to_look:
+            stand = [a for a in self.acts if a.kind == "stand"]
+            if stand:
+                act, reason = stand[0], f"at the waypoint by the estimate, but not sure of it: look ({goal.looks + 1})"
+                goal.looks += 1
+                goal.recoveries["look"] += 1
+        self._note(act, reason, choice, mean, cov)
+        if act.kind == "stand":
+            self._stand_until = now + (gait.ends_in or 0.0) + act.duration
+            return
+        self._given = act
+        m = act.motion
+        turn = m.turn if m.turn != 0.0 else None
+        self._give(Order("turn", None, turn) if act.kind == "turn" else Order("walk", m.forward, turn), act)
+
+    def predicted(self, tracker: PoseTracker) -> tuple[Array, Array]:
+        """Return mean (4,) and covariance (4, 4) as they will be when the actions under way have ended."""
+        rest = self.execution.rest()
+        if not rest:
+            return tracker.after(Motion())
+        total = rest[0]
+        for motion in rest[1:]:
+            total = Motion(*(a + b for a, b in zip(vars(total).values(), vars(motion).values(), strict=True)))
+        return tracker.after(total)
+
+    def _pass_waypoints(self, now: float, mean: Array, cov: Array) -> float:
+        """Go on to the next waypoint as long as one is reached; returns the distance to the present one, m."""
+        goal = self.goal
+        assert goal is not None
+        while True:
+            gx, gy = goal.waypoint
+            distance = math.hypot(gx - float(mean[0]), gy - float(mean[1]))
+            last = goal.index >= len(goal.route) - 1
+            if distance > ARRIVED_WITHIN / 2.0:
+                return distance
+            spread = math.sqrt(max(0.0, _largest(cov)))
+            if last and distance + SURE * spread > ARRIVED_WITHIN and goal.looks < LOOKS:
+                return distance
+            goal.index += 1
+            goal.nearest, goal.nearest_at, goal.looks = math.inf, now, 0
+            if goal.index >= len(goal.route):
+                return distance
+
+    def _arrive(self, now: float, gait: GaitView, mean: Array, distance: float) -> None:
+        """At the last waypoint: turn to the wanted heading, then end on both feet."""
+        goal = self.goal
+        assert goal is not None
+        error = 0.0 if goal.yaw is None else float(wrap(goal.yaw - float(mean[2])))
+        if abs(error) > ALIGNED:
+            turn = Act("align", "turn", Motion(turn=error, heading=0.02 * abs(error)), 1.8 * max(1.0, abs(error) / 0.4))
+            self._given = turn
+            self._give(Order("turn", None, error), turn)
+            return
+        message = f"arrived, {distance:.2f} m beside the goal by the estimate"
+        if gait.state == "standing" and gait.ends_in is None:
+            self.state, self.error, self.message, self.ended = "succeeded", "", message, now
+        else:
+            self.halt("succeeded", "", message)
+
+    def _give_up(self, now: float) -> None:
+        goal = self.goal
+        assert goal is not None
+        goal.missed.append(goal.index)
+        goal.recoveries["give_up"] += 1
+        if goal.index >= len(goal.route) - 1:
+            self.halt("failed", "stuck", f"no progress towards the goal for {STUCK_S:g} s")
+            return
+        goal.index += 1
+        goal.nearest, goal.nearest_at, goal.looks = math.inf, now, 0
+
+    def _note(self, act: Act, reason: str, choice: Choice, mean: Array, cov: Array) -> None:
+        goal = self.goal
+        assert goal is not None
+        gx, gy = goal.waypoint
+        dx, dy = gx - float(mean[0]), gy - float(mean[1])
+        values = {a.name: v for a, v in zip(self.acts, choice.values, strict=False) if math.isfinite(v)}
+        self.decisions += 1
+        self.decision = Decided(
+            self.decisions, act.name, reason, values, math.hypot(dx, dy),
+            float(wrap(math.atan2(dy, dx) - float(mean[2]))), float(entropy(cov)),
+        )  # fmt: skip
+
+    def _give(self, order: Order, act: Act | None) -> None:
+        self._given = act
+        self.number += 1
+        self.order = order
+        self._walk_id = None
+        self._stand_until = -1.0
+
+
+def _largest(cov: Array) -> float:
+    """Return the largest variance of the position in any direction, m^2."""
+    a, b, c = float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1])
+    return 0.5 * (a + c) + math.hypot(0.5 * (a - c), b)
