@@ -75,6 +75,8 @@ class WalkerOutputs:
     """Steps finished since the start."""
     unreachable: int
     """Feet whose target was out of reach in this tick."""
+    ends_in_s: float | None = None
+    """Time until the last planned step of the command lands, s; None = no command is under way, or unknown."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,6 +28,8 @@ class WalkMemory:
     """Pose of odom in the map, m and rad."""
     planned: tuple[Mapping[str, Any], ...] = ()
     """Commands that wait for their tick, as they came."""
+    order: int = 0
+    """Number of the navigator's last order that was taken up, 0 = none yet."""
 
 
 class Memory:
@@ -76,6 +78,7 @@ class Memory:
                 began=found["began"],
                 offset=tuple(found["offset"]),
                 planned=tuple(found["planned"]),
+                order=int(found["order"]),
             )
         except (OSError, ValueError, KeyError, TypeError) as error:
             self.problem = f"the kept command cannot be read: {error}"

@@ -18,6 +18,7 @@ from surefoot.schemas.base import Message
 from surefoot.schemas.cmd import WalkCommand, WalkReply
 from surefoot.schemas.footholds import BasePose, LegRequest, SelectRequest
 from surefoot.schemas.hw import EmergencyStop, JointCommand
+from surefoot.schemas.navigation import MotionOrder
 from surefoot.schemas.stability import BasePose as CheckBase
 from surefoot.schemas.stability import CheckRequest, Contact
 from surefoot.schemas.state import GaitState
@@ -28,6 +29,7 @@ from surefoot.schemas.topics import (
     FOOTHOLDS_SELECT,
     HW_CONTACTS,
     HW_JOINTS,
+    NAVIGATOR_ORDER,
     STABILITY_CHECK,
     STATE_GAIT,
     STATE_ODOMETRY,
@@ -44,6 +46,7 @@ from surefoot.services.walker.hexapod.params import WalkerParams
 from surefoot.services.walker.hexapod.standins import HullCheck, nominal_footholds
 from surefoot.services.walker.interface import FootholdReply, WalkerInputs, WalkerOutputs
 from surefoot.services.walker.memory import Memory
+from surefoot.services.walker.orders import Order
 from surefoot.services.walker.rehearsal import rehearse
 
 ANSWER_S = 1.0
@@ -71,7 +74,10 @@ class Walker(Service[WalkerConfig]):
 
     name = "walker"
     Config = WalkerConfig
-    inputs = (STATE_VELOCITY, STATE_ODOMETRY, HW_JOINTS, HW_CONTACTS, TERRAIN_MAP, Delayed(STATE_STABILITY))
+    inputs = (
+        STATE_VELOCITY, STATE_ODOMETRY, HW_JOINTS, HW_CONTACTS, TERRAIN_MAP, Delayed(STATE_STABILITY),
+        Delayed(NAVIGATOR_ORDER),
+    )  # fmt: skip
     outputs = (CMD_JOINTS, STATE_GAIT)
     serves = (CMD_WALK,)
     calls = (FOOTHOLDS_SELECT, STABILITY_CHECK)
@@ -102,6 +108,7 @@ class Walker(Service[WalkerConfig]):
         self._planned: list[tuple[int, int, WalkCommand]] = []
         self._tick, self._epoch = -1, 0
         self._degraded = ""
+        self._order = Order()
         self._stopped = ""  # the reason of an emergency stop; only a new run releases it
 
     # -- commands ----------------------------------------------------------------------------------------------
@@ -140,7 +147,9 @@ class Walker(Service[WalkerConfig]):
         """A newcomer in the middle of a run takes up what it left."""
         kept = self.memory.recall(self._epoch, tick)
         if kept is None:
+            self._order = Order(known=False)
             return
+        self._order = Order(kept.order)
         self.gait.resume(kept)
         for number, item in enumerate(kept.planned, kept.walk_id + 1):
             request = WalkCommand.model_validate(item)
@@ -150,7 +159,8 @@ class Walker(Service[WalkerConfig]):
 
     def _keep(self) -> None:
         planned = tuple(item[2].model_dump() for item in self._planned)
-        self.memory.keep(self._epoch, self._tick, dataclasses.replace(self.gait.kept(), planned=planned))
+        kept = dataclasses.replace(self.gait.kept(), planned=planned, order=self._order.number)
+        self.memory.keep(self._epoch, self._tick, kept)
         if self.memory.problem:
             self.log("warning", self.memory.problem)
             self.memory.problem = ""
@@ -171,12 +181,29 @@ class Walker(Service[WalkerConfig]):
             if not reply.accepted:
                 self.log("warning", f"command {item[1]} ({item[2].action}) refused in its tick: {reply.reason}")
                 self._degraded = reply.reason
+        order = inputs.get(NAVIGATOR_ORDER)
+        if order is not None:
+            self._take_order(order)
         out = self.gait.step(self._inputs(inputs))
         if self.memory.path is not None:
             self._keep()
         position = None if out.command is None else tuple(out.command.tolist())
-        self.publish(STATE_GAIT, self._gait(out))
+        self.publish(STATE_GAIT, self._gait(out, order is not None))
         self.publish(CMD_JOINTS, JointCommand(position=position))
+
+    def _take_order(self, order: MotionOrder) -> None:
+        """Obey a new order of the navigator as `cmd/walk` would; none is taken twice."""
+        taken, self._order = self._order, self._order.after(order)
+        if self._order.number == taken.number or order.command is None:
+            return
+        try:
+            reply = self.walk(order.command)
+            reason = "" if reply.accepted else reply.reason
+        except Refusal as refusal:
+            reason = refusal.message
+        self._order = dataclasses.replace(self._order, refused=reason)
+        if reason:
+            self.log("warning", f"order {order.number} ({order.command.action}) refused: {reason}")
 
     def _take_map(self, inputs: TickInputs) -> None:
         message = inputs.get(TERRAIN_MAP)
@@ -209,7 +236,7 @@ class Walker(Service[WalkerConfig]):
             margin=None if stability is None else stability.margin_planned,
         )
 
-    def _gait(self, out: WalkerOutputs) -> GaitState:
+    def _gait(self, out: WalkerOutputs, navigated: bool) -> GaitState:
         return GaitState(
             walk_id=out.walk_id,
             state=out.state,
@@ -222,6 +249,9 @@ class Walker(Service[WalkerConfig]):
             margin=out.margin,
             reason=self._degraded or out.reason,
             steps=out.steps,
+            order=self._order.number,
+            order_refused=self._order.refused,
+            ends_in_s=out.ends_in_s if navigated else None,
         )
 
     # -- questions ---------------------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ from surefoot.robot.reader import load_robot
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.schemas.footholds import LegFoothold, SelectReply
 from surefoot.schemas.hw import EmergencyStop, FootContacts, JointState, Tick
+from surefoot.schemas.navigation import MotionOrder
 from surefoot.schemas.state import Odometry, VelocityEstimate
 from surefoot.schemas.topics import (
     CMD_ESTOP,
@@ -18,6 +19,7 @@ from surefoot.schemas.topics import (
     FOOTHOLDS_SELECT,
     HW_CONTACTS,
     HW_JOINTS,
+    NAVIGATOR_ORDER,
     STABILITY_CHECK,
     STATE_GAIT,
     STATE_ODOMETRY,
@@ -59,6 +61,7 @@ class Robot:
         self.service.attach(self.stage)
         self.service.on_start()
         self.joints = ROBOT.neutral.copy()
+        self.order: MotionOrder | None = None
 
     def step(self) -> Any:
         s = self.service.gait.state
@@ -68,7 +71,8 @@ class Robot:
             tuple((bool(foot[2] < ROBOT.foot_radius + 1e-3),) for foot in s.feet) if s.feet.any() else ((True,),) * 6
         )
         q, zero = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        messages = {
+        messages: dict[str, Any] = {} if self.order is None else {NAVIGATOR_ORDER.key: self.order}
+        messages |= {
             HW_JOINTS.key: JointState(**head, position=tuple(self.joints.tolist())),
             HW_CONTACTS.key: FootContacts(**head, touch=touch, normal_force_n=(None,) * 6),
             STATE_ODOMETRY.key: Odometry(
@@ -171,3 +175,68 @@ def test_a_planned_command_that_can_never_be_obeyed_is_refused_at_once():
     reply = robot.service.walk(WalkCommand(action="walk", velocity=0.9, at_tick=100))
     assert (reply.accepted, reply.code, reply.field) == (False, "too_fast", "velocity")
     assert robot.service.walk(WalkCommand(action="walk", velocity=0.05, at_tick=100)).accepted
+
+
+def order(number: int, **command: Any) -> MotionOrder:
+    return MotionOrder(number=number, command=WalkCommand(**command) if command else None)
+
+
+def test_an_order_is_obeyed_in_the_tick_it_comes_in_and_once(robot: Robot) -> None:
+    robot.order = order(0)
+    assert robot.run(20)[-1].order == 0
+    robot.order = order(1, action="walk", distance=0.1)
+    first = robot.step()
+    assert (first.order, first.order_refused, first.walk_id) == (1, "", 1)
+    assert {gait.walk_id for gait in robot.run(30)} == {1}
+    assert robot.service.walk(WalkCommand(action="stop")).id == 2  # somebody else's command stands
+    assert {gait.walk_id for gait in robot.run(30)} == {2}
+    robot.order = order(2, action="turn", angle=0.3)
+    assert robot.step().walk_id == 3
+
+
+def test_without_a_navigator_nothing_of_it_is_on_the_wire(robot: Robot) -> None:
+    robot.run(20)
+    robot.service.walk(WalkCommand(action="walk", distance=0.1))
+    text = robot.run(30)[-1].model_dump_json()
+    assert not any(name in text for name in ("order", "ends_in_s"))
+
+
+@pytest.mark.parametrize("command", [{"action": "walk", "velocity": 0.9}, {"action": "walk", "at_tick": 3}])
+def test_an_order_that_cannot_be_obeyed_says_why_once(robot: Robot, command: dict[str, Any]) -> None:
+    robot.run(20)
+    robot.order = order(4, **command)
+    refused = robot.step()
+    assert (refused.order, refused.walk_id, refused.state) == (4, 0, "standing")
+    assert refused.order_refused
+    assert refused.order_refused in robot.stage.said.pop("log")
+    robot.run(5)
+    assert "log" not in robot.stage.said
+    robot.order = order(5, action="walk", distance=0.1)
+    assert robot.step().order_refused == ""
+
+
+def test_an_emergency_stop_refuses_orders(robot: Robot) -> None:
+    robot.run(20)
+    robot.service.on_message(CMD_ESTOP, EmergencyStop(reason="a hand in the way"))
+    robot.order = order(1, action="walk", distance=0.1)
+    assert "a hand in the way" in robot.step().order_refused
+
+
+@pytest.mark.parametrize("remembers", [True, False])
+def test_a_walker_that_is_started_again_does_not_obey_an_old_order(tmp_path: Any, remembers: bool) -> None:
+    memory = str(tmp_path / "walker.json") if remembers else None
+    before = Robot(memory)
+    before.run(20)
+    before.order = order(7, action="walk", distance=0.1)
+    before.run(5)
+    assert before.service.walk(WalkCommand(action="stop")).accepted
+    before.run(300)
+    after = Robot(memory, before.tick)
+    after.order = before.order
+    gaits = after.run(50)
+    assert {gait.order for gait in gaits} == {7 if remembers else 0}
+    assert "walking" not in {gait.state for gait in gaits}
+    after.order = order(8, action="turn", angle=0.2)
+    gait = after.step()
+    assert (gait.order, gait.order_refused) == (8, "")
+    assert gait.walk_id == gaits[-1].walk_id + 1
