@@ -1,0 +1,72 @@
+"""Seeded random numbers inside kernels: the same bits on every processor, one stream per purpose.
+
+xoshiro256+ (Blackman and Vigna), its state filled by splitmix64 from three integers, say seed, episode and purpose.
+Streams for the floor, the start and each step are separate, so episodes of one seed differ by the actions alone.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import row_kernel
+
+State = NDArray[np.uint64]
+
+UNIT = 2.0**-53
+
+
+def stream() -> State:
+    """Return an array for the state of one stream, (4,)."""
+    return np.zeros(4, dtype=np.uint64)
+
+
+@row_kernel
+def _mixed(z: np.uint64) -> np.uint64:
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
+
+
+@row_kernel
+def seed(state: State, a: int, b: int, c: int) -> None:
+    """Begin the stream of three integers, in place."""
+    z = _mixed(np.uint64(a) + np.uint64(0x9E3779B97F4A7C15))
+    z = _mixed((z ^ np.uint64(b)) + np.uint64(0x9E3779B97F4A7C15))
+    z = _mixed((z ^ np.uint64(c)) + np.uint64(0x9E3779B97F4A7C15))
+    for i in range(4):
+        z += np.uint64(0x9E3779B97F4A7C15)
+        state[i] = _mixed(z)
+
+
+@row_kernel
+def uniform(state: State) -> float:
+    """Draw from [0, 1)."""
+    s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
+    out = s0 + s3
+    t = s1 << np.uint64(17)
+    s2 ^= s0
+    s3 ^= s1
+    s1 ^= s2
+    s0 ^= s3
+    s2 ^= t
+    s3 = (s3 << np.uint64(45)) | (s3 >> np.uint64(19))
+    state[0], state[1], state[2], state[3] = s0, s1, s2, s3
+    return (out >> np.uint64(11)) * UNIT
+
+
+@row_kernel
+def normal_pair(state: State) -> tuple[float, float]:
+    """Draw two independent standard normal numbers (polar method)."""
+    while True:
+        u, v = 2.0 * uniform(state) - 1.0, 2.0 * uniform(state) - 1.0
+        s = u * u + v * v
+        if 0.0 < s < 1.0:
+            f = math.sqrt(-2.0 * math.log(s) / s)
+            return u * f, v * f
+
+
+@row_kernel
+def below(state: State, n: int) -> int:
+    """Draw from 0 .. n - 1."""
+    return int(uniform(state) * n)

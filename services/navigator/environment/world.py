@@ -1,0 +1,368 @@
+"""The world of an episode as kernels: floor of landmarks, true motion with drift and noise, frames, walls, goal, belief.
+
+All arrays belong to one episode and are changed in place. truth (6,): x, y, heading, drift (rad per m), roll and pitch
+error of the camera in the last frame. The policy sees the belief and whether the robot is blocked; the truth decides
+about walls, about what is in view, and whether the goal is reached, as in the paper.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import row_kernel
+from surefoot.services.navigator.belief.ukf import NUISANCE, predict_with, update_with, wrap
+from surefoot.services.navigator.environment.draws import below, normal_pair, seed, uniform
+from surefoot.services.navigator.policy.arrays import (
+    BLOCKED,
+    BOX_AT,
+    BOX_HALF,
+    COS_HALF,
+    CUT_OFF,
+    DENSITY,
+    DRIFT_KNOWN,
+    DRIFT_NORMAL,
+    DRIFT_SIZE,
+    FILTER_HEADING,
+    FORWARD,
+    FRAMES,
+    GOAL_RADIUS,
+    GOAL_REWARD,
+    GOAL_X,
+    GOAL_Y,
+    HEIGHT,
+    KIND,
+    LAST,
+    LATE,
+    LOOK_AHEAD,
+    MATCH,
+    MOST,
+    NO_ACTION,
+    OUTCOME,
+    RADIUS,
+    RANGE_MAX,
+    RANGE_MIN,
+    REACHED,
+    RUNNING,
+    SD_BEARING,
+    SD_RANGE,
+    SD_SHARE,
+    SECONDS,
+    STAND,
+    STANDS,
+    START_SD,
+    START_X,
+    START_Y,
+    START_YAW,
+    START_YAW_SD,
+    STEPS,
+    TILT_KEEP,
+    TILT_SD,
+    TIME,
+    TIME_LIMIT,
+    TURN,
+    TURNING,
+    TURNS,
+    VAR_ACROSS,
+    VAR_ALONG,
+    VAR_DRIFT,
+    VAR_HEADING,
+    WAY,
+    X_MAX,
+    X_MIN,
+    Y_MAX,
+    Y_MIN,
+)
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+State = NDArray[np.uint64]
+
+CELL = 0.25  # m, edge of the squares by which landmarks are found
+FLOOR, BEGIN, STEP = 1, 2, 3  # purposes of random streams
+IN_VIEW = 128  # landmarks of one frame that are looked at before `most` are drawn of them
+
+
+def cells(scene: Array) -> tuple[int, int]:
+    """Return the numbers of squares along x and y."""
+    return math.ceil((scene[X_MAX] - scene[X_MIN]) / CELL), math.ceil((scene[Y_MAX] - scene[Y_MIN]) / CELL)
+
+
+def work_space_of(states: int) -> Array:
+    """Return the scratch array of the kernels here: that of the filter, and a column for the landmarks in view."""
+    return np.zeros((max(3 * states, IN_VIEW), max(states, 4) + 1))
+
+
+def room_for(scene: Array) -> int:
+    """Return how many landmarks an episode needs room for (mean and ten standard deviations)."""
+    nx, ny = cells(scene)
+    mean = nx * ny * CELL * CELL * scene[DENSITY]
+    return int(mean + 10.0 * math.sqrt(mean)) + 16
+
+
+@row_kernel
+def scatter(scene: Array, rng: State, marks: Array, first: Ints) -> None:
+    """Draw the landmarks of a floor, in place.
+
+    Args:
+        scene: elements of the scene.
+        rng: stream of the floor.
+        marks: x and y of landmarks in the map, (M, 2), m, square by square.
+        first: index of the first landmark of each square, and their number at the end, (squares + 1,).
+    """
+    nx = int(math.ceil((scene[X_MAX] - scene[X_MIN]) / CELL))
+    ny = int(math.ceil((scene[Y_MAX] - scene[Y_MIN]) / CELL))
+    floor, count = math.exp(-scene[DENSITY] * CELL * CELL), 0
+    for ix in range(nx):
+        for iy in range(ny):
+            first[ix * ny + iy] = count
+            product = uniform(rng)
+            while product > floor and count < marks.shape[0]:
+                marks[count, 0] = scene[X_MIN] + (ix + uniform(rng)) * CELL
+                marks[count, 1] = scene[Y_MIN] + (iy + uniform(rng)) * CELL
+                product *= uniform(rng)
+                if marks[count, 0] <= scene[X_MAX] and marks[count, 1] <= scene[Y_MAX]:
+                    count += 1
+    first[nx * ny] = count
+
+
+@row_kernel
+def is_blocked(scene: Array, truth: Array) -> float:
+    """Return 1.0 where a wall is closer ahead than the robot's radius and the look-ahead, else 0.0."""
+    x = truth[0] + scene[LOOK_AHEAD] * math.cos(truth[2])
+    y = truth[1] + scene[LOOK_AHEAD] * math.sin(truth[2])
+    r = scene[RADIUS]
+    free = scene[X_MIN] + r <= x <= scene[X_MAX] - r and scene[Y_MIN] + r <= y <= scene[Y_MAX] - r
+    return 0.0 if free else 1.0
+
+
+@row_kernel
+def begin(
+    scene: Array,
+    run: int,
+    episode: int,
+    rng: State,
+    marks: Array,
+    first: Ints,
+    truth: Array,
+    mean: Array,
+    cov: Array,
+    ahead_mean: Array,
+    ahead_cov: Array,
+    status: Array,
+) -> None:
+    """Begin episode `episode` of seed `run`: floor, drift and true start are drawn, the belief is that of the start."""
+    n = mean.size
+    seed(rng, run, episode, FLOOR)
+    scatter(scene, rng, marks, first)
+    seed(rng, run, episode, BEGIN)
+    mean[0], mean[1], mean[2] = scene[START_X], scene[START_Y], scene[START_YAW]
+    for i in range(n):
+        if i > 2:
+            mean[i] = 0.0
+        for j in range(n):
+            cov[i, j] = 0.0
+    cov[0, 0] = cov[1, 1] = scene[START_SD] ** 2
+    cov[2, 2] = scene[START_YAW_SD] ** 2
+    if n > 3:
+        cov[3, 3] = scene[DRIFT_KNOWN] ** 2
+    for i in range(NUISANCE, n):
+        cov[i, i] = scene[TILT_SD] ** 2
+    ex, ey = normal_pair(rng)
+    eh, ed = normal_pair(rng)
+    r = scene[RADIUS]
+    truth[0] = min(max(mean[0] + scene[START_SD] * ex, scene[X_MIN] + r), scene[X_MAX] - r)
+    truth[1] = min(max(mean[1] + scene[START_SD] * ey, scene[Y_MIN] + r), scene[Y_MAX] - r)
+    truth[2] = wrap(mean[2] + scene[START_YAW_SD] * eh)
+    if scene[DRIFT_NORMAL] > 0.0:
+        truth[3] = scene[DRIFT_SIZE] * ed
+    else:
+        truth[3] = scene[DRIFT_SIZE] if ed > 0.0 else -scene[DRIFT_SIZE]
+    tilt_a, tilt_b = normal_pair(rng)
+    truth[4], truth[5] = scene[TILT_SD] * tilt_a, scene[TILT_SD] * tilt_b
+    for i in range(status.size):
+        status[i] = 0.0
+    status[LAST] = NO_ACTION
+    status[BLOCKED] = is_blocked(scene, truth)
+    copy_belief(mean, cov, ahead_mean, ahead_cov)
+
+
+@row_kernel
+def copy_belief(mean: Array, cov: Array, to_mean: Array, to_cov: Array) -> None:
+    """Copy a belief, in place."""
+    for i in range(mean.size):
+        to_mean[i] = mean[i]
+        for j in range(mean.size):
+            to_cov[i, j] = cov[i, j]
+
+
+@row_kernel
+def tilt_gain(range_: float, bearing: float, height: float, gain: Array) -> None:
+    """Write how roll and pitch of a camera `height` m above the floor move a landmark there, into gain (2, 2).
+
+    A pitch error p shifts (x, y) in the robot's heading axes by p (height + x^2 / height, x y / height), a roll error
+    q by q (x y / height, height + y^2 / height); columns are (roll, pitch), rows range (m/rad) and bearing (rad/rad).
+    """
+    c, s = math.cos(bearing), math.sin(bearing)
+    along = height + range_ * range_ / height
+    gain[0, 0], gain[0, 1] = s * along, c * along
+    gain[1, 0], gain[1, 1] = c * height / range_, -s * height / range_
+
+
+@row_kernel
+def age_nuisances(mean: Array, cov: Array, keep: float, variance: float) -> None:
+    """Replace common errors in part: z' = keep z + noise, with `variance` (rad^2) as the variance in the long run."""
+    n = mean.size
+    for i in range(NUISANCE, n):
+        mean[i] *= keep
+        for j in range(n):
+            cov[i, j] *= keep
+            cov[j, i] *= keep
+        cov[i, i] += (1.0 - keep * keep) * variance
+
+
+@row_kernel
+def look(
+    scene: Array,
+    action: Array,
+    rng: State,
+    marks: Array,
+    first: Ints,
+    truth: Array,
+    mean: Array,
+    cov: Array,
+    gain: Array,
+    work: Array,
+) -> int:
+    """Take one frame and correct the belief with each landmark that is recognised; return their number."""
+    n = mean.size
+    nx = int(math.ceil((scene[X_MAX] - scene[X_MIN]) / CELL))
+    ny = int(math.ceil((scene[Y_MAX] - scene[Y_MIN]) / CELL))
+    c, s = math.cos(truth[2]), math.sin(truth[2])
+    at_x, at_y, half = truth[0] + action[BOX_AT] * c, truth[1] + action[BOX_AT] * s, action[BOX_HALF]
+    ix0 = max(int(math.floor((at_x - half - scene[X_MIN]) / CELL)), 0)
+    ix1 = min(int(math.floor((at_x + half - scene[X_MIN]) / CELL)), nx - 1)
+    iy0 = max(int(math.floor((at_y - half - scene[Y_MIN]) / CELL)), 0)
+    iy1 = min(int(math.floor((at_y + half - scene[Y_MIN]) / CELL)), ny - 1)
+    near2, far2, cos_half = action[RANGE_MIN] ** 2, action[RANGE_MAX] ** 2, action[COS_HALF]
+    found, column = 0, work.shape[1] - 1
+    if iy1 < iy0:
+        return 0
+    for ix in range(ix0, ix1 + 1):
+        for k in range(first[ix * ny + iy0], first[ix * ny + iy1 + 1]):
+            dx, dy = marks[k, 0] - truth[0], marks[k, 1] - truth[1]
+            r2 = dx * dx + dy * dy
+            inside = near2 <= r2 <= far2 and c * dx + s * dy >= cos_half * math.sqrt(r2)
+            if inside and found < IN_VIEW and uniform(rng) < action[MATCH]:
+                work[found, column] = k
+                found += 1
+    used = min(found, int(scene[MOST]))
+    for i in range(used):
+        if found > used:  # a random choice of them
+            j = i + below(rng, found - i)
+            swap = work[i, column]
+            work[i, column] = work[j, column]
+            work[j, column] = swap
+        k = int(work[i, column])
+        dx, dy = marks[k, 0] - truth[0], marks[k, 1] - truth[1]
+        r, b = math.sqrt(dx * dx + dy * dy), wrap(math.atan2(dy, dx) - truth[2])
+        er, eb = normal_pair(rng)
+        var_r = action[SD_RANGE] ** 2 + (action[SD_SHARE] * r) ** 2
+        seen_r, seen_b = r + math.sqrt(var_r) * er, b + action[SD_BEARING] * eb
+        if n > NUISANCE:
+            tilt_gain(r, b, scene[HEIGHT], gain)
+            seen_r += gain[0, 0] * truth[4] + gain[0, 1] * truth[5]
+            seen_b += gain[1, 0] * truth[4] + gain[1, 1] * truth[5]
+        seen_r = max(seen_r, 0.01)
+        if n > NUISANCE:
+            tilt_gain(max(seen_r, action[RANGE_MIN]), seen_b, scene[HEIGHT], gain)
+        update_with(
+            mean, cov, marks[k, 0], marks[k, 1], seen_r, wrap(seen_b), var_r, action[SD_BEARING] ** 2, gain, work
+        )
+    return used
+
+
+@row_kernel
+def move(scene: Array, action: Array, share: float, rng: State, truth: Array) -> None:
+    """Carry the truth over a share of an action, in place; a wall stops it."""
+    along_e, across_e = normal_pair(rng)
+    heading_e, _ = normal_pair(rng)
+    change = share * (action[TURN] + truth[3] * action[FORWARD])
+    middle = truth[2] + 0.5 * change
+    along = share * action[FORWARD] + math.sqrt(share * action[VAR_ALONG]) * along_e
+    across = math.sqrt(share * action[VAR_ACROSS]) * across_e
+    c, s, r = math.cos(middle), math.sin(middle), scene[RADIUS]
+    truth[0] = min(max(truth[0] + along * c - across * s, scene[X_MIN] + r), scene[X_MAX] - r)
+    truth[1] = min(max(truth[1] + along * s + across * c, scene[Y_MIN] + r), scene[Y_MAX] - r)
+    truth[2] = wrap(truth[2] + change + math.sqrt(share * action[VAR_HEADING]) * heading_e)
+
+
+@row_kernel
+def act(
+    scene: Array,
+    actions: Array,
+    switching: Array,
+    run: int,
+    episode: int,
+    chosen: int,
+    rng: State,
+    marks: Array,
+    first: Ints,
+    truth: Array,
+    mean: Array,
+    cov: Array,
+    ahead_mean: Array,
+    ahead_cov: Array,
+    status: Array,
+    noise: Array,
+    gain: Array,
+    work: Array,
+) -> float:
+    """Do one action: truth, frames, belief, status; return the reward (7): -seconds, or the bonus at the goal.
+
+    The belief at the next decision, ahead, lacks the frames of the last `decision_delay` s: it is predicted instead.
+    """
+    action = actions[chosen]
+    seed(rng, run, episode, STEP + int(status[STEPS]))
+    frames, late = int(action[FRAMES]), int(action[LATE])
+    share = 1.0 / frames
+    noise[0], noise[1] = share * action[VAR_ALONG], share * action[VAR_ACROSS]
+    noise[2], noise[3] = share * action[FILTER_HEADING], share * action[VAR_DRIFT]
+    still = action[KIND] == STAND
+    for f in range(frames):
+        if late > 0 and f == frames - late:
+            copy_belief(mean, cov, ahead_mean, ahead_cov)
+        if not still:
+            move(scene, action, share, rng, truth)
+            way = share * action[FORWARD]
+            predict_with(mean, cov, way, 0.0, share * action[TURN], way, noise, work)
+        if mean.size > NUISANCE:
+            keep = action[TILT_KEEP]
+            ea, eb = normal_pair(rng)
+            fresh = math.sqrt(1.0 - keep * keep) * scene[TILT_SD]
+            truth[4], truth[5] = keep * truth[4] + fresh * ea, keep * truth[5] + fresh * eb
+            age_nuisances(mean, cov, keep, scene[TILT_SD] ** 2)
+        look(scene, action, rng, marks, first, truth, mean, cov, gain, work)
+    if late == 0:
+        copy_belief(mean, cov, ahead_mean, ahead_cov)
+    elif not still:
+        for i in range(4):
+            noise[i] *= late
+        way = late * share * action[FORWARD]
+        predict_with(ahead_mean, ahead_cov, way, 0.0, late * share * action[TURN], way, noise, work)
+    kind, last = int(action[KIND]), int(status[LAST])
+    before = STAND if last < 0 else int(actions[last, KIND])
+    seconds = action[SECONDS] + switching[before, kind]
+    status[TIME] += seconds
+    status[WAY] += action[FORWARD]
+    status[LAST] = chosen
+    status[STEPS] += 1.0
+    status[STANDS] = status[STANDS] + 1.0 if kind == STAND else 0.0
+    status[TURNS] = status[TURNS] + 1.0 if kind == TURNING else 0.0
+    status[BLOCKED] = is_blocked(scene, truth)
+    dx, dy = scene[GOAL_X] - truth[0], scene[GOAL_Y] - truth[1]
+    if dx * dx + dy * dy < scene[GOAL_RADIUS] ** 2:
+        status[OUTCOME] = REACHED
+        return scene[GOAL_REWARD]
+    status[OUTCOME] = CUT_OFF if status[TIME] >= scene[TIME_LIMIT] else RUNNING
+    return -seconds

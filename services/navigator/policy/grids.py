@@ -1,0 +1,60 @@
+"""Tables of action values on a grid, and how they are read between the grid's points.
+
+table (layers, nd, nphi, A): layer = drift of the planner or entropy of the learner; d = distance of the goal, 0 to
+d_max, clamped; phi = its bearing, periodic, row 0 at -pi. Weights are multilinear hats: not negative, of sum 1.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import row_kernel
+from surefoot.services.navigator.policy.arrays import MIRROR
+
+Array = NDArray[np.float64]
+
+D_MIN, D_MAX, LAYER_MIN, LAYER_MAX, MIRRORED = 0, 1, 2, 3, 4
+"""Elements of a grid: d of the first and last row (m), value of the first and last layer, 1 = layers mirror."""
+GRID = 5
+
+
+@row_kernel
+def place(value: float, low: float, high: float, count: int) -> tuple[int, float]:
+    """Return index i and weight w of the point i + 1 of a uniform axis; value is clamped to [low, high]."""
+    if count < 2:
+        return 0, 0.0
+    u = (min(max(value, low), high) - low) / (high - low) * (count - 1)
+    i = min(int(u), count - 2)
+    return i, u - i
+
+
+@row_kernel
+def add_values(
+    table: Array, grid: Array, actions: Array, d: float, phi: float, layer: float, weight: float, out: Array
+) -> None:
+    """Add weight * values of all actions at (d, phi, layer) to out (A,).
+
+    With grid[MIRRORED] > 0 a negative layer is read at (-phi, -layer), left and right exchanged.
+    """
+    flip = grid[MIRRORED] > 0.0 and layer < 0.0
+    if flip:
+        layer, phi = -layer, -phi
+    nl, nd, nphi = table.shape[0], table.shape[1], table.shape[2]
+    il, wl = place(layer, grid[LAYER_MIN], grid[LAYER_MAX], nl)
+    jd, wd = place(d, grid[D_MIN], grid[D_MAX], nd)
+    u = (phi + math.pi) / (2.0 * math.pi) * nphi
+    whole = math.floor(u)
+    wp = u - whole
+    k0 = int(whole) % nphi
+    k1 = k0 + 1 if k0 + 1 < nphi else 0
+    jd1, il1 = min(jd + 1, nd - 1), min(il + 1, nl - 1)
+    w00, w01, w10, w11 = (1.0 - wd) * (1.0 - wp), (1.0 - wd) * wp, wd * (1.0 - wp), wd * wp
+    for a in range(table.shape[3]):
+        low = w00 * table[il, jd, k0, a] + w01 * table[il, jd, k1, a]
+        low += w10 * table[il, jd1, k0, a] + w11 * table[il, jd1, k1, a]
+        if wl > 0.0:
+            high = w00 * table[il1, jd, k0, a] + w01 * table[il1, jd, k1, a]
+            high += w10 * table[il1, jd1, k0, a] + w11 * table[il1, jd1, k1, a]
+            low += wl * (high - low)
+        out[int(actions[a, MIRROR]) if flip else a] += weight * low
