@@ -1,7 +1,7 @@
 """Data association: which landmark of the map each detection of a frame is.
 
-Gate by the covariance of the pose, nearest descriptor with ratio test within the gate, two-point rigid motions (RANSAC),
-a maximum per frame (Osswald et al., section III; their sizes are not printed, these are ours).
+Gate by the covariance of the pose, nearest descriptor with ratio test within the gate, two-point rigid motions
+(RANSAC), a maximum per frame (Osswald et al., section III; their sizes are not printed, these are ours).
 """
 
 import math
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from surefoot.errors import Refusal
 from surefoot.services.navigator.belief import matching_kernel as kernel
+from surefoot.services.navigator.belief.gate_kernel import FAR, UNLIKE
 from surefoot.services.navigator.belief.landmarks import LandmarkMap
 
 Array = NDArray[np.float64]
@@ -204,7 +205,7 @@ def known_elsewhere(matches: Matches, seen: Detections, world: LandmarkMap, nois
 
     Few if the pose is right: a wrong detection now and then. Nearly all if it is wrong.
     """
-    wanted = np.flatnonzero((matches.fates == kernel.FAR) | (matches.fates == kernel.UNLIKE))
+    wanted = np.flatnonzero((matches.fates == FAR) | (matches.fates == UNLIKE))
     if not wanted.size:
         return 0
     look = MatchLimits().look(noise, world.descriptor_length)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from surefoot.services.navigator.belief import matching_kernel as kernel
+from surefoot.services.navigator.belief import gate_kernel as kernel
 from surefoot.services.navigator.belief.landmarks import LandmarkMap, LandmarkMapError
 from surefoot.services.navigator.belief.matching import (
     FATES,
@@ -121,7 +121,7 @@ def test_rigid_motion_rejects_what_gate_and_look_pass():
     eye = Eye(world, EASY, 9)
     for _ in range(100):
         truth, mean = drawn(rng, COV)
-        seen, ids = eye.look(truth)
+        seen, _ = eye.look(truth)
         if len(seen) < 6:
             continue
         bearings = seen.bearings.copy()
@@ -244,7 +244,7 @@ def test_a_wrong_pose_shows_in_what_is_known_elsewhere():
     for _ in range(100):
         truth, mean = drawn(rng)
         seen, _ = eye.look(truth)
-        away = mean + [0.7, 0.0, math.pi / 2]
+        away = mean + np.array([0.7, 0.0, math.pi / 2])
         right += known_elsewhere(match(mean, COV, seen, world, EASY), seen, world, EASY)
         wrong += known_elsewhere(match(away, COV, seen, world, EASY), seen, world, EASY)
         total += len(seen)
