@@ -97,6 +97,7 @@ def run_scenario(
     environment = {
         "SUREFOOT_RECORDER_PATH": str(recording) if recording else "",
         "SUREFOOT_SIMULATOR_AUTOSTART": "false",  # the first epoch is ours
+        **scenario.environment,
     }
     with Session(compose, listen=options.listen, director=director, environment=environment, tell=tell) as session:
         reset = _reset(session, scenario, options, seed)

@@ -23,7 +23,7 @@ from surefoot.lockstep.service import Service
 from surefoot.schemas.sim import ResetRequest
 from surefoot.schemas.system import RecorderRequest
 from surefoot.schemas.topics import RECORDER_STATUS, SIM_RESET
-from surefoot.services.supervisor.processes.compose import ComposeError, load_compose
+from surefoot.services.supervisor.processes.compose import Compose, ComposeError, load_compose
 from surefoot.services.supervisor.scenarios.director import Director
 from surefoot.services.supervisor.scenarios.scenario import TICK_S, Scenario, find_scenario, load_scenario
 from surefoot.services.supervisor.service import Supervisor
@@ -45,9 +45,12 @@ class LocalRun:
         return self.ticks * TICK_S / self.wall_s
 
 
-def build_services(names: Iterable[str], robot: str, director: Director, recording: Path | None) -> list[Service[Any]]:
+def build_services(
+    names: Iterable[str], compose: Compose, director: Director, recording: Path | None
+) -> list[Service[Any]]:
     """The services of a compose file as objects; the supervisor conducts ``director``."""
     built: list[Service[Any]] = []
+    robot = compose.robot
     for name in names:
         if name == Supervisor.name:
             built.append(Supervisor(ServiceConfig(robot=robot), director))
@@ -56,7 +59,8 @@ def build_services(names: Iterable[str], robot: str, director: Director, recordi
         overrides = [f"robot={robot!r}"]
         if "autostart" in kind.Config.model_fields:  # the first epoch is ours
             overrides.append("autostart=false")
-        config = load_config(kind.Config, name, None, None, overrides)
+        environment = {**compose.service(name).environment, **director.scenario.environment}
+        config = load_config(kind.Config, name, None, environment, overrides)
         if name == "recorder":
             config = config.model_copy(update={"path": None if recording is None else str(recording)})
         built.append(kind(config))
@@ -84,7 +88,7 @@ def run_local(
     compose = load_compose(find("compose", scenario.compose, ".yaml", ComposeError))
     director = Director(scenario)
     names = [name for name in compose.service_names if name not in set(without)]
-    services = build_services(names, compose.robot, director, recording)
+    services = build_services(names, compose, director, recording)
     system = LocalSystem(services)
     supervisor = next(service for service in services if isinstance(service, Supervisor))
     try:

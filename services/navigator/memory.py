@@ -65,9 +65,14 @@ class Memory:
                 return None
             odom = found["odom"]
             return Kept(
-                int(found["number"]), tuple(map(float, found["pose"])), tuple(map(float, found["covariance"])),
-                None if odom is None else tuple(map(float, odom)), found["goal"],
+                int(found["number"]), _pose(found["pose"]), tuple(map(float, found["covariance"])),
+                None if odom is None else _pose(odom), found["goal"],
             )  # fmt: skip
         except (OSError, ValueError, KeyError, TypeError) as error:
             self.problem = f"the kept goal cannot be read: {error}"
             return None
+
+
+def _pose(values: Any) -> tuple[float, float, float]:
+    x, y, yaw = map(float, values)
+    return (x, y, yaw)

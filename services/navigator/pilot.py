@@ -6,8 +6,8 @@ that moment, so that the walker goes on without a halt. A walker that cannot say
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,6 +127,10 @@ class Goal:
         length = dx * dx + dy * dy
         along = 0.0 if length == 0.0 else min(1.0, max(0.0, ((x - begin[0]) * dx + (y - begin[1]) * dy) / length))
         return math.hypot(x - begin[0] - along * dx, y - begin[1] - along * dy)
+
+    def kept(self) -> dict[str, Any]:
+        """Return the fields as plain values of JSON; an infinite distance begins anew."""
+        return {**asdict(self), "nearest": min(self.nearest, 1e9), "recoveries": dict(self.recoveries)}
 
     @property
     def waypoint(self) -> Point:

@@ -105,9 +105,7 @@ class Navigator(Service[NavigatorConfig]):
         here = self.localiser.tracker.pose[:2]
         field = "position" if isinstance(request, nav.GotoRequest) else "positions"
         route = self.world.route(here, places, field)
-        goal = Goal(
-            request.goal_id or f"goal-{next(self._names)}", route, policy.name, self._now, yaw, start=here
-        )
+        goal = Goal(request.goal_id or f"goal-{next(self._names)}", route, policy.name, self._now, yaw, start=here)
         self._schedule(request.at_tick, lambda: self._begin(goal, request))
         return nav.GoalReply(accepted=True, goal_id=goal.id, route=route, length=goal.left(*here))
 

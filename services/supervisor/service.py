@@ -13,17 +13,14 @@ from surefoot.schemas.base import Message
 from surefoot.schemas.sim import SimStatus
 from surefoot.schemas.system import Health, ServiceStatus, SupervisorStatus
 from surefoot.schemas.topics import (
-    CMD_WALK,
     HEALTH,
-    SIM_FAULT,
+    NAVIGATOR_FEEDBACK,
     SIM_PAUSE,
-    SIM_PUSH,
-    SIM_SET,
     SIM_STATUS,
     SIM_TRUTH,
-    STABILITY_CALIBRATE,
     STATE_GAIT,
     STATE_ODOMETRY,
+    STATE_POSE,
     STATE_STABILITY,
     STATE_VELOCITY,
     STATE_VELOCITY_EKF,
@@ -35,6 +32,7 @@ from surefoot.schemas.topics import (
     Topic,
 )
 from surefoot.services.supervisor.scenarios.director import Director, Order
+from surefoot.services.supervisor.scenarios.scenario import COMMANDS
 
 M = TypeVar("M", bound=Message)
 
@@ -53,6 +51,8 @@ JUDGED: tuple[Topic[Any], ...] = (
     STATE_VELOCITY_KINEMATICS_GYRO,
     STATE_VELOCITY_EKF,
     TERRAIN_MAP,
+    STATE_POSE,
+    NAVIGATOR_FEEDBACK,
 )
 """What the verdict is made from."""
 
@@ -83,7 +83,7 @@ class Supervisor(Service[ServiceConfig]):
     Config = ServiceConfig
     inputs = JUDGED
     outputs = (SUPERVISOR_STATUS,)
-    calls = (CMD_WALK, SIM_PUSH, SIM_SET, SIM_FAULT, STABILITY_CALIBRATE, SIM_PAUSE)
+    calls = (*dict.fromkeys(query for query, _ in COMMANDS.values()), SIM_PAUSE)
     observes = (HEALTH, SIM_STATUS)
     raw = batched = True
 
@@ -101,6 +101,8 @@ class Supervisor(Service[ServiceConfig]):
         self.ended = threading.Event()
         self.ticks = 0
         self.began = self.last = 0.0
+        self._feedback: Delivery | None = None
+        """The latest progress of a goal."""
         self.kept: list[Delivery] = []
         """Every message of `JUDGED` since the start of the run, as it came."""
         self.notes: list[tuple[float, str]] = []
@@ -124,6 +126,7 @@ class Supervisor(Service[ServiceConfig]):
         self.ended.clear()
         self.kept.clear()
         self.notes.clear()
+        self._feedback = None
         self.ticks = 0
         self.began = time.monotonic()
 
@@ -132,10 +135,12 @@ class Supervisor(Service[ServiceConfig]):
         self.ticks, self.last = inputs.number + 1, time.monotonic()
         if self.director is not None:
             self.kept += inputs.messages.values()
+            self._feedback = inputs.messages.get(NAVIGATOR_FEEDBACK.key, self._feedback)
         if self.director is not None and inputs.tick.report:
             truth, gait = _read(inputs, SIM_TRUTH), _read(inputs, STATE_GAIT)
             fallen = truth is not None and truth.fallen
-            for order in self.director.on_tick(inputs.number, gait, fallen=fallen):
+            feedback = None if self._feedback is None else self._feedback.message()
+            for order in self.director.on_tick(inputs.number, gait, fallen=fallen, feedback=feedback):
                 self._send(self.director, order, inputs.tick.stamp_ns * 1e-9)
         if inputs.tick.end:
             self.ended.set()

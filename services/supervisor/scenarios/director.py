@@ -13,7 +13,7 @@ from surefoot.schemas.base import Request
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.schemas.sim import PauseRequest
 from surefoot.schemas.topics import SIM_PAUSE, STABILITY_CALIBRATE, Query
-from surefoot.services.supervisor.scenarios.scenario import COMMANDS, TICK_S, WALKING, Scenario, Step
+from surefoot.services.supervisor.scenarios.scenario import COMMANDS, GOALS, TICK_S, WALKING, Scenario, Step
 
 LEAD_TICKS = WINDOW_TICKS + 1
 """An order comes at least so long before its tick."""
@@ -32,7 +32,7 @@ class Order:
         query: where it goes; None for `kill`.
         request: the command with its tick.
         kill: name of the service that is to be ended at once.
-        walking: its end is a moment.
+        walking: its end is the moment `walk_done`.
     """
 
     text: str
@@ -40,6 +40,8 @@ class Order:
     request: Request | None = None
     kill: str = ""
     walking: bool = False
+    goal: bool = False
+    """Its end is the moment `goal_done`."""
 
 
 @dataclass
@@ -68,20 +70,27 @@ class Director:
         self._walk_ended_at: int | None = None
         self._busy_until = 0
         self._resend = False
+        self._goal = ""
+        """Name of the goal under way."""
+        self._goal_ended_at: int | None = None
 
-    def on_tick(self, tick: int, gait: Any | None, *, fallen: bool = False) -> tuple[Order, ...]:
+    def on_tick(
+        self, tick: int, gait: Any | None, *, fallen: bool = False, feedback: Any | None = None
+    ) -> tuple[Order, ...]:
         """Take in a tick and say what to send now; called at least every ``REPORT_TICKS``.
 
         Args:
             tick: number of the control tick.
             gait: GaitState of this tick, None when the walker is absent.
             fallen: the truth says so.
+            feedback: the latest NavigationFeedback, None when there is none.
         """
         if self.ended:
             return ()
         if fallen and "no_fall" in self.scenario.limits:
             return (self._end(tick, "the robot has fallen"),)
         self._note_moments(tick, gait)
+        self._note_goal(tick, feedback)
         orders: list[Order] = []
         if self._resend and gait is not None and gait.state == "standing":
             orders.append(self._walk_again(tick))
@@ -89,7 +98,7 @@ class Director:
         for step in due:
             self._timed.remove(step)
             orders.append(self._order(step, max(step.at_tick or 0, tick + LEAD_TICKS)))
-        while self._waiting and not any(order.walking for order in orders):
+        while self._waiting and not any(order.walking or order.goal for order in orders):
             at = self._time_of(self._waiting[0])
             if at is None or at > tick + HORIZON_TICKS:
                 break
@@ -108,6 +117,8 @@ class Director:
         elif order.walking and isinstance(order.request, WalkCommand):
             self._walk = Walk(order.request, order.request.at_tick or 0, reply.id)
             self._walk_ended_at = None
+        elif order.goal:
+            self._goal, self._goal_ended_at = reply.goal_id, None
 
     def failed(self, order: Order, message: str) -> None:
         """Take in that an order brought no reply."""
@@ -119,6 +130,8 @@ class Director:
         left: list[str] = []
         if self._walk is not None:
             left.append(f"the {self._walk.command.action} was not finished in time")
+        if self._goal:
+            left.append(f"the goal {self._goal!r} was not reached in time")
         steps = [*self._timed, *self._waiting]
         if steps:
             left.append(f"{len(steps)} steps were not reached, the first is {steps[0].do!r}")
@@ -143,6 +156,14 @@ class Director:
         elif walk.seen and gait.walk_id < walk.id:
             self._resend = True
 
+    def _note_goal(self, tick: int, feedback: Any | None) -> None:
+        if not self._goal or feedback is None or feedback.goal_id != self._goal:
+            return
+        if feedback.state in ("succeeded", "failed", "cancelled"):
+            if feedback.state == "failed":
+                self.problems.append(f"the goal {self._goal!r} failed: {feedback.error_code}: {feedback.error_msg}")
+            self._goal, self._goal_ended_at = "", tick
+
     def _walk_again(self, tick: int) -> Order:
         """A walker that was restarted knows nothing of the command: it gets the rest of the way."""
         assert self._walk is not None
@@ -159,7 +180,8 @@ class Director:
 
     def _time_of(self, step: Step) -> int | None:
         """Tick a waiting step is due at, None when its moment has not come."""
-        moment = self._ready_at if step.when == "ready" else self._walk_ended_at
+        moments = {"ready": self._ready_at, "walk_done": self._walk_ended_at, "goal_done": self._goal_ended_at}
+        moment = moments.get(step.when or "")
         return None if moment is None else moment + round(step.after_s / TICK_S)
 
     def _order(self, step: Step, at_tick: int) -> Order:
@@ -169,13 +191,13 @@ class Director:
         query, _ = COMMANDS[step.do]
         duration = getattr(step.request, "duration", None) or 0.0
         self._busy_until = max(self._busy_until, at_tick + round(duration / TICK_S))
-        walking = step.do in WALKING
-        return Order(text, query, step.request.model_copy(update={"at_tick": at_tick}), walking=walking)
+        request = step.request.model_copy(update={"at_tick": at_tick})
+        return Order(text, query, request, walking=step.do in WALKING, goal=step.do in GOALS)
 
     def _nothing_left(self, tick: int) -> bool:
-        if self._timed or self._waiting or self._walk is not None:
-            return bool(self.problems) and self._walk is None
-        last = max(self._busy_until, self._walk_ended_at or 0)
+        if self._timed or self._waiting or self._walk is not None or self._goal:
+            return bool(self.problems) and self._walk is None and not self._goal
+        last = max(self._busy_until, self._walk_ended_at or 0, self._goal_ended_at or 0)
         return tick + LEAD_TICKS >= last + round(self.scenario.settle_s / TICK_S)
 
     def _end(self, tick: int, reason: str) -> Order:

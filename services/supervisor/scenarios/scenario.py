@@ -5,6 +5,7 @@ A step is a command of the wire with a time: `do` names it, the other keys are t
 `surefoot.schemas.sim.World`, `[limits]` holds limits of `limits.LIMITS`.
 """
 
+import json
 import re
 import tomllib
 from collections.abc import Mapping
@@ -16,20 +17,36 @@ from pydantic import ValidationError
 
 from surefoot.bus.codec import first_complaint
 from surefoot.files import FileError, find, read_text
+from surefoot.lockstep.config import PREFIX
 from surefoot.schemas.base import Request
 from surefoot.schemas.calibration import CalibrateRequest
 from surefoot.schemas.cmd import WalkCommand
-from surefoot.schemas.sim import FaultRequest, PushRequest, SetRequest, World
-from surefoot.schemas.topics import CMD_WALK, SIM_FAULT, SIM_PUSH, SIM_SET, STABILITY_CALIBRATE, TICK_NS, Query
+from surefoot.schemas.navigation import CancelRequest, GotoRequest, SetPoseRequest, WaypointsRequest
+from surefoot.schemas.sim import FaultRequest, PlaceRequest, PushRequest, SetRequest, World
+from surefoot.schemas.topics import (
+    CMD_WALK,
+    NAVIGATOR_CANCEL,
+    NAVIGATOR_GOTO,
+    NAVIGATOR_SET_POSE,
+    NAVIGATOR_WAYPOINTS,
+    SIM_FAULT,
+    SIM_PLACE,
+    SIM_PUSH,
+    SIM_SET,
+    STABILITY_CALIBRATE,
+    TICK_NS,
+    Query,
+)
 from surefoot.services.supervisor.scenarios.limits import LIMITS
 from surefoot.tables import Table, did_you_mean
 
 M = TypeVar("M", bound=Request)
 
-Moment = Literal["ready", "walk_done"]
+Moment = Literal["ready", "walk_done", "goal_done"]
 Policy = Literal["hold", "degrade", "fail"]
-MOMENTS: tuple[Moment, ...] = ("ready", "walk_done")
-"""ready: the walker stands and the estimator is initialised; walk_done: the last walking command has ended."""
+MOMENTS: tuple[Moment, ...] = ("ready", "walk_done", "goal_done")
+"""ready: the walker stands and the estimator is initialised; walk_done: the last walking command has ended; goal_done:
+the last goal of the navigator has ended, however it did."""
 
 TICK_S = TICK_NS / 1e9
 MAX_DURATION_S = 3600.0
@@ -43,12 +60,20 @@ COMMANDS: Mapping[str, tuple[Query[Any, Any], type[Request]]] = {
     "push": (SIM_PUSH, PushRequest),
     "set": (SIM_SET, SetRequest),
     "fault": (SIM_FAULT, FaultRequest),
+    "place": (SIM_PLACE, PlaceRequest),
+    "goto": (NAVIGATOR_GOTO, GotoRequest),
+    "waypoints": (NAVIGATOR_WAYPOINTS, WaypointsRequest),
+    "cancel": (NAVIGATOR_CANCEL, CancelRequest),
+    "set_pose": (NAVIGATOR_SET_POSE, SetPoseRequest),
     "calibrate": (STABILITY_CALIBRATE, CalibrateRequest),
 }
 """What a step can do, with the query that carries it. `kill` is the supervisor's own: it ends a service at once."""
 
 WALKING = ("walk", "turn", "stop")
 """Steps that end with the moment `walk_done`."""
+
+GOALS = ("goto", "waypoints")
+"""Steps that end with the moment `goal_done`."""
 
 
 class ScenarioError(FileError):
@@ -90,6 +115,7 @@ class Scenario:
         policy: what the simulator does when a member dies.
         max_duration_s: simulated time after which the run is ended, s.
         settle_s: simulated time between the end of the last step and the end of the run, s.
+        config: by service, fields of its configuration and their values.
         steps: in the order of the file.
         limits: acceptance, by name of `LIMITS`.
     """
@@ -103,8 +129,18 @@ class Scenario:
     policy: Policy = "hold"
     max_duration_s: float = 60.0
     settle_s: float = 0.5
+    config: Mapping[str, Mapping[str, Any]] = field(default_factory=dict[str, Mapping[str, Any]])
     steps: tuple[Step, ...] = ()
     limits: Mapping[str, float] = field(default_factory=dict[str, float])
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """The variables that carry `config` to the services: SUREFOOT_<SERVICE>_<FIELD>, values as TOML."""
+        return {
+            f"{PREFIX}{service.upper()}_{name.upper()}": json.dumps(value)
+            for service, fields in self.config.items()
+            for name, value in fields.items()
+        }
 
     @property
     def max_ticks(self) -> int:
@@ -157,6 +193,7 @@ def _scenario(top: Table, stem: str) -> Scenario:
         policy=policy,
         max_duration_s=top.number("max_duration_s", default=60.0, above=0.0, at_most=MAX_DURATION_S),
         settle_s=top.number("settle_s", default=0.5, at_least=0.0, at_most=60.0),
+        config=_config(top.table("config")) if top.has("config") else {},
         steps=tuple(_step(table) for table in top.tables("step")) if top.has("step") else (),
         limits=_limits(top.table("limits")) if top.has("limits") else {},
     )
@@ -169,6 +206,20 @@ def _world(top: Table) -> World:
         return World()
     table = top.table("world")
     return _model(World, table, _rest(table))
+
+
+def _config(table: Table) -> dict[str, Mapping[str, Any]]:
+    """Read the tables `[config.<service>]`; each service judges its own fields when it starts."""
+    result: dict[str, Mapping[str, Any]] = {}
+    services = table.keys()
+    for name in services:
+        fields = _rest(table.table(name))
+        for key, value in fields.items():
+            if not isinstance(value, str | int | float | bool):
+                raise table.refuse("type", f"{name}.{key}", f"expected text, a number or a flag, got {value!r}")
+        result[name] = fields
+    table.close()
+    return result
 
 
 def _limits(table: Table) -> dict[str, float]:

@@ -1,0 +1,157 @@
+"""Where the robot is in the map: odometry and frames of the camera go into the tracker, and it is watched."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.schemas.hw import LandmarkDetections
+from surefoot.schemas.navigation import PoseBelief
+from surefoot.services.navigator.belief.matching import DetectionError, Detections, SightNoise
+from surefoot.services.navigator.belief.tracker import Control, Motion, PoseTracker, Start, Tilt
+from surefoot.services.navigator.belief.ukf import wrap
+from surefoot.services.navigator.config import NavigatorConfig
+from surefoot.services.navigator.messages import LostView, Pose, between, placed, pose_message
+from surefoot.services.navigator.pilot import GaitView, Pilot
+from surefoot.services.navigator.policy.arrays import PER_10CM
+from surefoot.services.navigator.policy.params import NavigationModel
+
+Array = NDArray[np.float64]
+
+ODOMETRY_S = 0.1
+"""Odometry is taken in at least so often; more often it would only cost time."""
+ODOMETRY_ALONG, ODOMETRY_TURN = 0.03, 0.05
+"""Standard deviations of odometry: part of the way, and rad per root of a metre walked."""
+ODOMETRY_STILL = (1e-3, 5e-4)
+"""m and rad per root of a second, of a robot that stands."""
+SMOOTH = 0.1
+"""Weight of a new NIS in its running mean."""
+RESTART_SD = (0.10, 0.15)
+"""m and rad, added to what was known before a restart."""
+
+
+class Localiser:
+    """Belief of the pose, fed with what comes from the bus.
+
+    Args:
+        config: of the service.
+        model: numbers of the robot.
+    """
+
+    def __init__(self, config: NavigatorConfig, model: NavigationModel) -> None:
+        sight, share = model.sight, model.sight.standing_share
+        noise = SightNoise(sight.range_sd, sight.range_sd_share, math.radians(sight.bearing_sd_deg))
+        standing = SightNoise(
+            sight.range_sd * share, sight.range_sd_share * share, math.radians(sight.bearing_sd_deg) * share
+        )
+        start = Start(
+            model.filter.position_sd,
+            math.radians(model.filter.heading_sd_deg),
+            math.radians(model.drift.known_sd_deg) * PER_10CM if config.control == "commands" else 0.05,
+        )
+        tilt = Tilt(math.radians(sight.tilt_sd_deg), height=sight.camera_height)
+        self.tracker = PoseTracker(start, noise, standing, tilt)
+        self.tracker.place((config.start_x, config.start_y, config.start_yaw))
+        self.control: Control = config.control
+        self.odom: Pose | None = None
+        """Odometry as it came last, m and rad."""
+        self._taken: Pose | None = None
+        self._taken_at = 0.0
+        self.matched, self.nis = 0, None
+        self.refused = 0
+        """Frames that could not be used."""
+        self.lost = LostView()
+
+    def place(self, pose: Pose, cov: Array | None = None) -> None:
+        """Begin anew at a stated pose; the drift stays what it was."""
+        self._take_odometry(self._taken_at, force=True)
+        self.tracker.place(pose, cov, keep_drift=True)
+        self.nis = None
+
+    @property
+    def map_from_odom(self) -> Pose:
+        """Pose of odom in map, m and rad."""
+        return (0.0, 0.0, 0.0) if self.odom is None else between(self.tracker.pose, self.odom)
+
+    def resume(self, pose: Pose, cov: Array, odom: Pose | None, now: Pose | None) -> None:
+        """Take up what was known before a restart, carried along by what the odometry has seen since."""
+        if odom is not None and now is not None:
+            pose = placed(between(pose, odom), now)
+        self.odom = self._taken = now
+        more = np.diag([RESTART_SD[0] ** 2, RESTART_SD[0] ** 2, RESTART_SD[1] ** 2])
+        self.tracker.place(pose, cov + more)
+
+    # -- odometry ----------------------------------------------------------------------------------------------
+
+    def odometry(self, x: float, y: float, yaw: float, now: float) -> None:
+        """Take in a pose in odom, m and rad (not wrapped), of time `now`, s."""
+        self.odom = (x, y, yaw)
+        if self._taken is None:
+            self._taken, self._taken_at = self.odom, now
+        elif now - self._taken_at >= ODOMETRY_S - 1e-6:
+            self._take_odometry(now)
+
+    def _take_odometry(self, now: float, *, force: bool = False) -> None:
+        if self.odom is None or self._taken is None or (self.odom == self._taken and not force):
+            return
+        before, after = self._taken, self.odom
+        dt, self._taken, self._taken_at = max(0.0, now - self._taken_at), after, now
+        if self.control == "commands":
+            return
+        dx, dy, turn = after[0] - before[0], after[1] - before[1], float(wrap(after[2] - before[2]))
+        middle = before[2] + 0.5 * turn
+        c, s = math.cos(middle), math.sin(middle)
+        forward, left = c * dx + s * dy, c * dy - s * dx
+        way = math.hypot(dx, dy)
+        still = ODOMETRY_STILL[0] ** 2 * dt
+        self.tracker.move(
+            Motion(
+                forward, left, turn, abs(forward),
+                along=(ODOMETRY_ALONG**2) * way * 0.1 + still,
+                across=(ODOMETRY_ALONG**2) * way * 0.1 + still,
+                heading=ODOMETRY_TURN**2 * way + ODOMETRY_STILL[1] ** 2 * dt,
+            )
+        )  # fmt: skip
+
+    # -- sight -------------------------------------------------------------------------------------------------
+
+    def look(self, frame: LandmarkDetections, gait: GaitView) -> None:
+        """Take in a frame of the camera.
+
+        Raises:
+            DetectionError: descriptors of another length than the map's, or of different lengths.
+        """
+        time = frame.stamp_ns * 1e-9
+        self._take_odometry(time, force=False)
+        try:
+            seen = detections(frame)
+            found = self.tracker.look(seen, time, standing=gait.state == "standing")
+        except DetectionError:
+            self.refused += 1
+            raise
+        self.matched = found.matched
+        if found.matched:
+            self.nis = found.nis if self.nis is None else self.nis + SMOOTH * (found.nis - self.nis)
+
+    def watch(self, now: float, pilot: Pilot, gait: GaitView) -> None:
+        """Look whether the belief is to be trusted, and do something about it."""
+
+    def message(self) -> PoseBelief:
+        """Return the belief as a message."""
+        return pose_message(self.tracker, self.odom, self.control, self.matched, self.nis, self.lost)
+
+
+def detections(frame: LandmarkDetections) -> Detections:
+    """Return the landmarks of a frame as arrays; raises DetectionError."""
+    marks = frame.landmarks
+    lengths = {len(mark.descriptor) for mark in marks}
+    if len(lengths) > 1:
+        raise DetectionError(
+            "bad_descriptor", f"all descriptors of a frame have one length, got {sorted(lengths)}", "descriptor"
+        )
+    k = lengths.pop() if lengths else 0
+    return Detections(
+        np.array([mark.range for mark in marks], dtype=np.float64),
+        np.array([mark.bearing for mark in marks], dtype=np.float64),
+        np.array([mark.descriptor for mark in marks], dtype=np.float64).reshape(len(marks), k),
+    )

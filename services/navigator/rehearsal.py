@@ -1,0 +1,29 @@
+"""A dry run of the navigator with made-up landmarks, a frame of them and one decision."""
+
+import numpy as np
+
+from surefoot.services.navigator.belief.landmarks import LandmarkMap
+from surefoot.services.navigator.belief.matching import Detections
+from surefoot.services.navigator.belief.tracker import Motion
+from surefoot.services.navigator.config import NavigatorConfig
+from surefoot.services.navigator.localiser import Localiser
+from surefoot.services.navigator.policies import Policies
+
+
+def rehearse(config: NavigatorConfig) -> None:
+    """Predict, match, correct and decide once, so that every kernel is loaded.
+
+    Args:
+        config: of the service.
+    """
+    policies = Policies(config)
+    tracker = Localiser(config, policies.model).tracker
+    rng = np.random.default_rng(0)
+    places, looks = rng.uniform(-1.0, 1.0, (40, 2)), rng.standard_normal((40, 8))
+    tracker.world = LandmarkMap(places, looks)
+    tracker.place((0.0, 0.0, 0.0))
+    tracker.move(Motion(0.01, 0.0, 0.01, 0.01, 1e-6, 1e-6, 1e-6, 1e-6))
+    ranges, bearings = np.hypot(places[:, 0], places[:, 1]), np.arctan2(places[:, 1], places[:, 0])
+    tracker.look(Detections(ranges[:12], bearings[:12], looks[:12]), 0.1, standing=False)
+    mean, cov = tracker.after(Motion())
+    policies.find(None).decide(mean, cov, (1.0, 0.0), blocked=False)
