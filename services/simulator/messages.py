@@ -1,13 +1,16 @@
 """Between the world's arrays and the messages on the bus."""
 
+import numpy as np
+
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.lockstep.driver import Sample
 from surefoot.schemas.hw import FootContacts, Imu, JointState, Landmark, LandmarkDetections, Range, Sighting
 from surefoot.schemas.sim import Truth as TruthMessage
-from surefoot.schemas.terrain import HeightMapMessage
+from surefoot.schemas.terrain import HeightMapMessage, LandmarkMap
 from surefoot.schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, HW_LANDMARKS, HW_RANGE
 from surefoot.services.simulator.ground.terrain import Terrain
 from surefoot.services.simulator.physics.samples import ExactState, Samples
+from surefoot.services.simulator.sensors.landmarks import Landmarks
 from surefoot.services.simulator.sensors.sight import Sight
 
 
@@ -83,3 +86,12 @@ def truth_message(truth: ExactState) -> TruthMessage:
 def map_message(heights: HeightMap, terrain: Terrain, profile: str) -> HeightMapMessage:
     """The robot's map as it travels."""
     return HeightMapMessage(**heights.header(), kind=terrain.kind, profile=profile, data=heights.to_bytes())
+
+
+def landmark_message(field: Landmarks, seed: int) -> LandmarkMap:
+    """The map of the landmarks as it travels; the marker of the goal is not in it."""
+    rows = np.concatenate((field.position, field.descriptor), axis=1).astype("<f4")
+    return LandmarkMap(
+        count=len(rows), descriptor_length=field.descriptor.shape[1], version=1, source=f"simulator, seed {seed}",
+        data=rows.tobytes(),
+    )  # fmt: skip

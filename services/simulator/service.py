@@ -36,13 +36,20 @@ from surefoot.schemas.topics import (
     SIM_STATUS,
     SIM_STEP,
     SIM_TRUTH,
+    TERRAIN_LANDMARKS,
     TERRAIN_MAP,
     TERRAIN_MAP_GET,
     Topic,
 )
 from surefoot.services.simulator import world as worlds
 from surefoot.services.simulator.ground.terrain import KINDS, MAP_PROFILES, TerrainError, observed_map
-from surefoot.services.simulator.messages import map_message, sample_messages, sight_messages, truth_message
+from surefoot.services.simulator.messages import (
+    landmark_message,
+    map_message,
+    sample_messages,
+    sight_messages,
+    truth_message,
+)
 from surefoot.services.simulator.physics.command import STALE_NS, CommandGuard
 from surefoot.services.simulator.physics.faults import KINDS as FAULTS
 from surefoot.services.simulator.physics.faults import Fault, FaultError
@@ -72,7 +79,9 @@ class Simulator(Driver[SimulatorConfig]):
 
     name = "simulator"
     Config = SimulatorConfig
-    outputs = (HW_IMU, HW_JOINTS, HW_CONTACTS, HW_LANDMARKS, HW_RANGE, SIM_TRUTH, TERRAIN_MAP, SIM_STATUS)
+    outputs = (
+        HW_IMU, HW_JOINTS, HW_CONTACTS, HW_LANDMARKS, HW_RANGE, SIM_TRUTH, TERRAIN_MAP, TERRAIN_LANDMARKS, SIM_STATUS,
+    )  # fmt: skip
     observes = (CMD_ESTOP,)
     serves = (
         SIM_JOIN, HW_DESCRIPTION, TERRAIN_MAP_GET, SIM_RESET, SIM_STEP, SIM_PAUSE, SIM_PUSH, SIM_SET, SIM_FAULT,
@@ -82,7 +91,6 @@ class Simulator(Driver[SimulatorConfig]):
     def on_start(self) -> None:
         self.robot = load_robot(self.config.robot)
         self.guard = CommandGuard(self.robot.joint_lower, self.robot.joint_upper)
-        self._maps = 0
         self._later: list[tuple[int, Callable[[], None]]] = []
         self._saved: dict[str, tuple[Checkpoint, sim.ResetRequest]] = {}
         self._wall = (time.perf_counter(), 0)
@@ -148,7 +156,11 @@ class Simulator(Driver[SimulatorConfig]):
         self.world.step_tick(None)
 
     def latched(self) -> list[tuple[Topic, Message]]:  # pyright: ignore[reportMissingTypeArgument] - rows of any model
-        return [(TERRAIN_MAP, self._map)]
+        landmarks = [] if self._landmarks is None else [(TERRAIN_LANDMARKS, self._landmarks)]
+        return [(TERRAIN_MAP, self._map), *landmarks]
+
+    def lacking(self) -> tuple[Topic, ...]:  # pyright: ignore[reportMissingTypeArgument] - rows of any model
+        return (TERRAIN_LANDMARKS,) if self._landmarks is None else ()
 
     def on_message(self, topic: Topic, message: Message) -> None:  # pyright: ignore[reportMissingTypeArgument]
         """Emergency stop: hold the joints where they are until the next reset; whoever asked is told at once."""
@@ -193,13 +205,17 @@ class Simulator(Driver[SimulatorConfig]):
                 perturbation=differs,
                 imu_profile=w.imu_profile,
                 torque_per_ampere=w.torque_per_ampere,
-                floor=Floor(w.landmarks, w.goal),
+                floor=Floor(w.landmarks, w.goal, w.copied_landmarks, w.copies),
+                camera=w.camera,
+                start=(0.0, 0.0, 0.0) if w.start is None else w.start,
             )
             self.world = PhysicsWorld(self.robot, terrain, request.seed, config)
             heights = observed_map(terrain, w.map_profile, request.seed)
         except (TerrainError, WorldError, HeightMapError) as error:
-            raise Refusal("invalid", str(error), f"world.{error.field}") from None
-        self._maps += 1
+            field = "start" if error.field == "pose" else error.field
+            raise Refusal("invalid", str(error), f"world.{field}") from None
+        field = None if self.world.sight is None else self.world.sight.landmarks
+        self._landmarks = None if field is None else landmark_message(field, request.seed)
         self._map = map_message(heights.with_z(heights.z, version=1), terrain, w.map_profile)
         self._request = request
 

@@ -19,7 +19,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.robot.description import ImuProfile, Robot
+from surefoot.robot.description import ImuProfile, Robot, RobotError
 from surefoot.services.simulator.ground.terrain import Terrain
 from surefoot.services.simulator.physics import truth
 from surefoot.services.simulator.physics.disturb import Disturbances, WorldError
@@ -40,7 +40,7 @@ from surefoot.services.simulator.physics.samples import (
 )
 from surefoot.services.simulator.physics.servo_line import ServoLine
 from surefoot.services.simulator.sensors import noise as sensors
-from surefoot.services.simulator.sensors.sight import Floor, sight_of
+from surefoot.services.simulator.sensors.sight import Floor, Sight, sight_of
 from surefoot.services.simulator.sensors.suite import SensorSuite
 
 Array = NDArray[np.float64]
@@ -70,6 +70,10 @@ class WorldConfig:
     """True constant of the servo motors, Nm/A; None = as described."""
     floor: Floor = field(default_factory=Floor)
     """What a camera finds on it."""
+    camera: str | None = None
+    """Name of a camera profile; None = the robot's own, if it has one."""
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """x, y in m and yaw in rad of the trunk before it settles."""
 
 
 class PhysicsWorld:
@@ -123,13 +127,13 @@ class PhysicsWorld:
     # --- time ---------------------------------------------------------------------------------------------------
 
     def reset(
-        self, seed: int | None = None, pose: tuple[float, float, float] = (0.0, 0.0, 0.0), stance: Array | None = None
+        self, seed: int | None = None, pose: tuple[float, float, float] | None = None, stance: Array | None = None
     ) -> None:
         """Begin anew at tick 0 in a settled stance; equal arguments give equal bits.
 
         Args:
             seed: of sensors and faults; None = the last one.
-            pose: x, y in m and yaw in rad of the trunk before it settles.
+            pose: x, y in m and yaw in rad of the trunk before it settles; None = `WorldConfig.start`.
             stance: joint angles that are held, (nj,), rad; None = neutral.
 
         Raises:
@@ -146,7 +150,8 @@ class PhysicsWorld:
         self.sensors = SensorSuite(
             robot, c.imu_profile, 1e9 / TICK_NS, self.seed, c.torque_per_ampere, c.perturbation.zero_sigma
         )
-        self.sight = sight_of(robot, self.seed, c.floor)
+        self.sight = _sight(robot, self.seed, c, self.terrain)
+        pose = c.start if pose is None else pose
         mujoco.mj_resetData(self.model, self.data)
         place(self.model, self.data, self.address, self.tracker.spheres, self.terrain, pose, stance)
         self.command, self.torque_limit = stance, None
@@ -354,6 +359,13 @@ class PhysicsWorld:
     def _identity(self) -> list[str]:
         """Robot, ground and profile; a checkpoint fits no other world."""
         return [self.robot.hash, self.terrain.name, self.terrain.map.sha256, self.sensors.profile_name]
+
+
+def _sight(robot: Robot, seed: int, config: WorldConfig, terrain: Terrain) -> Sight | None:
+    try:
+        return sight_of(robot, seed, config.floor, terrain, config.camera)
+    except RobotError as error:
+        raise WorldError("camera", error.message) from None
 
 
 mujoco.set_mju_user_warning(lambda text: None)  # it would write into the working folder; `World.diverged` tells

@@ -67,6 +67,10 @@ class Driver(Service[C]):
         """Latched messages of this epoch."""
         return []
 
+    def lacking(self) -> tuple[Topic[Any], ...]:
+        """Declared outputs that this hardware does not have: no reader waits for them."""
+        return ()
+
     def on_begin(self) -> None:
         """Once, when the runtime is up: may begin the first run."""
 
@@ -242,13 +246,15 @@ class DriverNode(Node):
             self._publishers[topic.key].prime()
         leader = self.leader
         roster = sorted({*leader.expect, *leader.members, *self._joining})
+        lacking = {topic.key for topic in self.driver.lacking()}
+        rows = (*self.service.outputs, *self.service.serves)
         self._publishers[HW_TICK.key].put(
             Tick(
                 tick=-1,
                 epoch=leader.epoch,
                 source=self.name,
                 roster=tuple(roster),
-                due=tuple(row.key for row in (*self.service.outputs, *self.service.serves)),
+                due=tuple(row.key for row in rows if row.key not in lacking),
                 mode=leader.mode,
                 roster_version=leader.roster_version,
                 seed=leader.seed,

@@ -4,6 +4,7 @@ A shape has two faces: `surface`, all of it on the grid, and what the physics st
 the plane through the origin, and exact boxes. Hills, noise and stones begin behind the flat pad about the origin.
 """
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from surefoot.geometry.linear import exp
 from surefoot.geometry.rotations import quat_from_matrix
 
 Array = NDArray[np.float64]
+Outline = tuple[tuple[float, float], ...]
 
 PAD_END = 0.25  # m, the ground is flat for x below this: the feet of Ragno reach to .17 m ahead of the trunk centre
 BLEND = 0.10  # m, over which hills grow behind the pad
@@ -31,8 +33,12 @@ DEMO_HILLS = 0.06  # m, version 1 of the demo: highest hill in the lane,
 DEMO_NOISE = 0.02  # m, rough noise from peak to peak,
 DEMO_RISER = 0.025  # m, and three steps
 DEMO_STEPS_AT = 0.95  # m, the first riser
-ROOM = ((-1.0, 1.5), (-1.0, 1.0))  # m, inner faces of the walls along x and y
-WALL = 0.05  # m, their thickness
+ROOM = ((-1.0, -1.0), (1.5, -1.0), (1.5, 1.0), (-1.0, 1.0))  # m, corners of the floor, counter-clockwise
+CORRIDOR_FLOOR = ((-1.0, -1.0), (6.5, -1.0), (6.5, 1.0), (-1.0, 1.0))  # m: 7.5 x 2 m, that of Osswald et al.
+CORNER_FLOOR = ((-1.0, -1.0), (5.0, -1.0), (5.0, 5.0), (3.0, 5.0), (3.0, 1.0), (-1.0, 1.0))
+"""m: 2 m wide, 4 m along x from (0, 0) to (4, 0), then 4 m along y to (4, 4), which is a good goal."""
+WALL = 0.05  # m, thickness of the walls
+WALLED_CELL = 0.01  # m, of the maps of corridor and corner
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,18 +241,55 @@ def _demo(r: ShapeSpec) -> Shape:
     return Shape(surface, z, boxes)
 
 
-def _room(r: ShapeSpec) -> Shape:
-    """A level floor between four walls, `amp` high."""
-    x, y = r.grid.axes()
-    (x0, x1), (y0, y1), half = ROOM[0], ROOM[1], 0.5 * WALL
-    middle, wide = (0.5 * (x0 + x1), 0.5 * (y0 + y1)), (0.5 * (x1 - x0) + WALL, 0.5 * (y1 - y0) + WALL)
-    up = 0.5 * r.amp
-    boxes = (
-        *(Box((at, middle[1], up), (half, wide[1], up)) for at in (x0 - half, x1 + half)),
-        *(Box((middle[0], at, up), (wide[0], half, up)) for at in (y0 - half, y1 + half)),
-    )
-    inside = (x > x0) & (x < x1) & (y > y0) & (y < y1)
-    return Shape(np.where(inside, 0.0, r.amp), boxes=boxes if r.amp > 0.0 else ())
+def inside(outline: Outline, x: Array, y: Array) -> NDArray[np.bool_]:
+    """Return which points lie on a floor, not on its edge.
+
+    Args:
+        outline: corners of the floor, m; its edges run along x and y.
+        x: of the points, m; broadcast with `y`.
+        y: of the points, m.
+    """
+    x, y = np.broadcast_arrays(x, y)
+    found, edge = np.zeros(x.shape, dtype=np.bool_), np.zeros(x.shape, dtype=np.bool_)
+    for (x0, y0), (x1, y1) in itertools.pairwise((*outline, outline[0])):
+        low, high = min(y0, y1), max(y0, y1)
+        if x0 == x1:
+            found ^= (y >= low) & (y < high) & (x < x0)
+        edge |= (x >= min(x0, x1)) & (x <= max(x0, x1)) & (y >= low) & (y <= high)
+    return found & ~edge
+
+
+def walls(outline: Outline, height: float) -> tuple[Box, ...]:
+    """Return a wall of thickness `WALL` outside of each edge of a floor; it also fills corners that point outwards.
+
+    Args:
+        outline: corners of the floor, counter-clockwise, m; its edges run along x and y.
+        height: m.
+    """
+    boxes: list[Box] = []
+    for k in range(len(outline)):
+        before, begin, end, after = (outline[(k + i) % len(outline)] for i in (-1, 0, 1, 2))
+        length = abs(end[0] - begin[0]) + abs(end[1] - begin[1])
+        along = ((end[0] - begin[0]) / length, (end[1] - begin[1]) / length)
+        out = (along[1], -along[0])
+        first = WALL if out[0] * (before[0] - begin[0]) + out[1] * (before[1] - begin[1]) < 0.0 else 0.0
+        last = WALL if out[0] * (after[0] - end[0]) + out[1] * (after[1] - end[1]) < 0.0 else 0.0
+        a = [begin[i] - first * along[i] for i in (0, 1)]
+        b = [end[i] + last * along[i] + WALL * out[i] for i in (0, 1)]
+        half = [0.5 * abs(b[i] - a[i]) for i in (0, 1)]
+        centre = (0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * height)
+        boxes.append(Box(centre, (half[0], half[1], 0.5 * height)))
+    return tuple(boxes)
+
+
+def _walled(outline: Outline) -> Callable[[ShapeSpec], Shape]:
+    """A level floor between walls, `amp` high."""
+
+    def make(r: ShapeSpec) -> Shape:
+        floor = np.where(inside(outline, *r.grid.axes()), 0.0, r.amp)
+        return Shape(floor, boxes=walls(outline, r.amp) if r.amp > 0.0 else ())
+
+    return make
 
 
 class TerrainKind(NamedTuple):
@@ -257,6 +300,10 @@ class TerrainKind(NamedTuple):
     least_end: float
     """The map must reach this x, m."""
     make: Callable[[ShapeSpec], Shape]
+    floor: Outline = ()
+    """Corners of the floor between walls, counter-clockwise, m; empty = the ground is open."""
+    whole: bool = False
+    """The map reaches to the outer faces of the walls, in cells of `WALLED_CELL`, unless another size is asked for."""
 
 
 SHAPES: dict[str, TerrainKind] = {
@@ -267,6 +314,8 @@ SHAPES: dict[str, TerrainKind] = {
     "steps": TerrainKind(0.025, 1.0, _steps),
     "flagstones": TerrainKind(0.03, 0.6, _flagstones),
     "primitive": TerrainKind(0.02, -math.inf, _primitive),
-    "room": TerrainKind(0.5, ROOM[0][1] + WALL, _room),
+    "room": TerrainKind(0.5, ROOM[1][0] + WALL, _walled(ROOM), ROOM),
+    "corridor": TerrainKind(0.5, -math.inf, _walled(CORRIDOR_FLOOR), CORRIDOR_FLOOR, whole=True),
+    "corner": TerrainKind(0.5, -math.inf, _walled(CORNER_FLOOR), CORNER_FLOOR, whole=True),
     "demo": TerrainKind(DEMO_HILLS, DEMO_STEPS_AT + N_RISERS * TREAD, _demo),
 }

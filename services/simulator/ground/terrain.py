@@ -14,7 +14,18 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.geometry.rotations import quat_from_rotvec
-from surefoot.services.simulator.ground.shapes import SHAPES, Box, Grid, ShapeSpec, random_stream
+from surefoot.services.simulator.ground.shapes import (
+    SHAPES,
+    WALL,
+    WALLED_CELL,
+    Box,
+    Grid,
+    Outline,
+    ShapeSpec,
+    TerrainKind,
+    inside,
+    random_stream,
+)
 from surefoot.tables import UNIT_SLACK
 
 __all__ = [
@@ -32,6 +43,9 @@ __all__ = [
 Array = NDArray[np.float64]
 KINDS = tuple(SHAPES)
 MAP_PROFILES = ("exact", "noise", "shifted")
+
+OWN_SIZE = (3.0, 1.6)  # m, of a map along x and y
+OWN_CELL = 0.005  # m
 
 MAP_NOISE = 0.003  # m, standard deviation of the height noise of the `noise` map
 MAP_UNKNOWN = 0.01  # share of single cells without a height
@@ -63,6 +77,12 @@ class Terrain:
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
     """Unit normal of the plane where there is no height field."""
     boxes: tuple[Box, ...] = ()
+    floor: Outline = ()
+    """Corners of the floor between walls, counter-clockwise, m; empty = the ground is open."""
+
+    def on_floor(self, points: Array) -> NDArray[np.bool_]:
+        """Return which points (n, 2) m are not in or behind a wall, (n,)."""
+        return inside(self.floor, points[:, 0], points[:, 1]) if self.floor else np.ones(len(points), dtype=np.bool_)
 
     @property
     def name(self) -> str:
@@ -85,8 +105,8 @@ def make_terrain(
     kind: str,
     seed: int = 0,
     amp: float | None = None,
-    size: tuple[float, float] = (3.0, 1.6),
-    cell: float = 0.005,
+    size: tuple[float, float] | None = None,
+    cell: float | None = None,
     start_x: float = -0.6,
     number: int = 1,
     yaw: float = 0.0,
@@ -98,8 +118,8 @@ def make_terrain(
         seed: of the random kinds.
         amp: scale, m: hills highest hill, rough and flagstones height from peak to peak, steps riser, primitive
             height, demo highest hill (noise and risers grow with it), slope rise per metre. None = the kind's own.
-        size: extent along x and y, m.
-        cell: edge of a cell, m.
+        size: extent along x and y, m; None = 3.0 x 1.6 m, or the whole of a corridor or corner with its walls.
+        cell: edge of a cell, m; None = 5 mm, 10 mm for the whole of a corridor or corner.
         start_x: x of the first column of cells, m; the rows lie symmetric about y = 0.
         number: which primitive, 1..7: flat, slope, step edge, hill, ridge, hole, groove.
         yaw: heading of the primitive, rad.
@@ -109,6 +129,8 @@ def make_terrain(
     """
     if kind not in SHAPES:
         raise TerrainError("kind", f"got {kind!r}, known are {', '.join(KINDS)}")
+    whole = SHAPES[kind].whole and size is None
+    cell = (WALLED_CELL if whole else OWN_CELL) if cell is None else cell
     if not (math.isfinite(cell) and 0.0 < cell <= 0.1):
         raise TerrainError("cell", f"must be in (0, 0.1] m, got {cell!r}")
     if seed < 0:
@@ -117,6 +139,7 @@ def make_terrain(
     amp = known.amp if amp is None else float(amp)
     if not math.isfinite(amp) or amp < 0.0 or amp > 1.0:
         raise TerrainError("amp", f"must be in [0, 1], got {amp!r}")
+    size = size or OWN_SIZE
     nx, ny = round(size[0] / cell) + 1, 2 * round(size[1] / (2.0 * cell)) + 1
     if not (4 <= nx <= 4000 and 4 <= ny <= 4000):
         raise TerrainError("size", f"must give 4 to 4000 cells a side, got {nx} x {ny} for {size!r} m")
@@ -126,11 +149,17 @@ def make_terrain(
         start_x = -0.5 * (nx - 1) * cell
     if start_x + size[0] < known.least_end:
         raise TerrainError("size", f"{kind} needs ground up to x = {known.least_end} m, got {start_x + size[0]:g} m")
-    grid = Grid(start_x, -0.5 * (ny - 1) * cell, nx, ny, cell)
+    grid = _around(known, cell) if whole else Grid(start_x, -0.5 * (ny - 1) * cell, nx, ny, cell)
     shape = known.make(ShapeSpec(grid, seed, amp, number, yaw))
     surface = _map(grid, shape.surface)
     ground = None if shape.ground is None else surface if shape.ground is shape.surface else _map(grid, shape.ground)
-    return Terrain(kind, seed, amp, surface, ground, shape.normal, shape.boxes)
+    return Terrain(kind, seed, amp, surface, ground, shape.normal, shape.boxes, known.floor)
+
+
+def _around(kind: TerrainKind, cell: float) -> Grid:
+    """Cells of a floor and its walls."""
+    (x0, x1), (y0, y1) = ((min(side) - WALL, max(side) + WALL) for side in zip(*kind.floor, strict=True))
+    return Grid(x0, y0, round((x1 - x0) / cell) + 1, round((y1 - y0) / cell) + 1, cell)
 
 
 def _map(grid: Grid, z: Array) -> HeightMap:

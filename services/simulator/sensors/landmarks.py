@@ -23,6 +23,7 @@ from surefoot.robot.description import Robot, RobotError
 from surefoot.robot.kinematics import forward
 from surefoot.robot.profiles import profile_table
 from surefoot.services.simulator.ground.shapes import random_stream
+from surefoot.services.simulator.ground.terrain import Terrain
 
 Array = NDArray[np.float64]
 
@@ -117,8 +118,27 @@ def scatter(seed: int, low: tuple[float, float], high: tuple[float, float], dens
     return Landmarks(rng.uniform(low, high, (n, 2)), descriptor / np.linalg.norm(descriptor, axis=1, keepdims=True))
 
 
-def camera_pose(robot: Robot, camera: Camera, position: Array, quat_wxyz: Array, joints: Array) -> CameraPose:
-    """Pose of the camera for a pose of base_link and joint angles.
+def laid(field: Landmarks, terrain: Terrain, seed: int, copied: float, copies: int) -> Landmarks:
+    """Return the landmarks that lie on the floor of a terrain, some of which look alike.
+
+    Args:
+        field: landmarks, those in or behind walls as well.
+        terrain: the ground.
+        seed: of the choice of those that look alike.
+        copied: share of the landmarks whose look is that of others, 0..1.
+        copies: how many share one such look.
+    """
+    on = terrain.on_floor(field.position)
+    position, descriptor = field.position[on], field.descriptor[on]
+    groups = round(copied * len(position)) // copies
+    if groups > 0:
+        alike = random_stream(seed, "landmarks/copies").permutation(len(position))[: groups * copies]
+        descriptor[alike] = np.repeat(descriptor[alike[::copies]], copies, axis=0)
+    return Landmarks(position, descriptor)
+
+
+def link_of(robot: Robot, camera: Camera) -> int:
+    """Return the index of the link that carries a camera.
 
     Raises:
         RobotError: the robot has no such link.
@@ -126,7 +146,12 @@ def camera_pose(robot: Robot, camera: Camera, position: Array, quat_wxyz: Array,
     names = [link.name for link in robot.links]
     if camera.link not in names:
         raise RobotError("unknown_name", "link", f"camera {camera.name} sits on {camera.link!r}, {robot.name} has none")
-    i = names.index(camera.link)
+    return names.index(camera.link)
+
+
+def camera_pose(robot: Robot, camera: Camera, position: Array, quat_wxyz: Array, joints: Array) -> CameraPose:
+    """Pose of the camera for a pose of base_link and joint angles (raises RobotError: see `link_of`)."""
+    i = link_of(robot, camera)
     links, origins = forward(robot.model, joints)
     base = matrix_from_quat(quat_wxyz)
     c, s = math.cos(camera.pitch), math.sin(camera.pitch)

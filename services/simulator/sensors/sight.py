@@ -11,13 +11,17 @@ from numpy.typing import NDArray
 from surefoot.geometry.linear import product
 from surefoot.robot.description import Robot
 from surefoot.services.simulator.ground.shapes import random_stream
+from surefoot.services.simulator.ground.terrain import Terrain
 from surefoot.services.simulator.physics.addresses import Addresses
 from surefoot.services.simulator.physics.samples import ExactState
 from surefoot.services.simulator.sensors.landmarks import (
     CameraPose,
     Detection,
+    Landmarks,
     LandmarkSensor,
     camera_pose,
+    laid,
+    link_of,
     read_camera,
     scatter,
 )
@@ -26,7 +30,7 @@ from surefoot.services.simulator.sensors.walls import bumped, echo, read_ranger
 Array = NDArray[np.float64]
 
 TICK_MS = 10
-FIELD = ((-5.0, -5.0), (5.0, 5.0))  # m, where the floor has landmarks
+FIELD = ((-5.0, -5.0), (5.0, 5.0))  # m, where an open floor has landmarks at least
 
 
 class CameraFrame(NamedTuple):
@@ -55,11 +59,27 @@ class Floor:
     """1/m2."""
     goal: tuple[float, float] | None = None
     """Marker of the goal, m; None = none."""
+    copied: float = 0.0
+    """Share of the landmarks whose look is that of others, 0..1."""
+    copies: int = 10
+    """Landmarks that share one such look."""
 
 
-def sight_of(robot: Robot, seed: int, floor: Floor) -> "Sight | None":
-    """Camera and ranger of a robot; None if it has neither."""
-    return None if robot.camera is None and robot.ranger is None else Sight(robot, seed, floor)
+def sight_of(robot: Robot, seed: int, floor: Floor, terrain: Terrain, camera: str | None = None) -> "Sight | None":
+    """Camera and ranger of a robot; None if it has neither.
+
+    Args:
+        robot: the description.
+        seed: of the run.
+        floor: what is on it.
+        terrain: the ground.
+        camera: name of a profile; None = the robot's own.
+
+    Raises:
+        RobotError: no such profile, or the robot has no link to carry it.
+    """
+    camera = robot.camera if camera is None else camera
+    return None if camera is None and robot.ranger is None else Sight(robot, seed, floor, terrain, camera)
 
 
 class Sight:
@@ -69,14 +89,26 @@ class Sight:
         robot: names its camera and its ranger, or one of them.
         seed: of the run: where the landmarks are, what is recognised, noise.
         floor: what is on it.
+        terrain: the ground: landmarks lie on its floor, on open ground as far as its map and `FIELD` reach.
+        camera: name of a profile; None = no camera.
+
+    Raises:
+        RobotError: no such profile, or the robot has no link to carry it.
     """
 
-    def __init__(self, robot: Robot, seed: int, floor: Floor) -> None:
+    def __init__(self, robot: Robot, seed: int, floor: Floor, terrain: Terrain, camera: str | None) -> None:
         self.robot = robot
-        self.camera = None if robot.camera is None else read_camera(robot.camera)
+        self.camera = None if camera is None else read_camera(camera)
         self.ranger = None if robot.ranger is None else read_ranger(robot.ranger)
+        self.landmarks: Landmarks | None = None
+        """What the camera may recognise; None without a camera."""
         if self.camera is not None:
-            self.sensor = LandmarkSensor(robot, self.camera, scatter(seed, *FIELD, floor.landmarks), seed, floor.goal)
+            link_of(robot, self.camera)
+            x0, y0, x1, y1 = terrain.map.bounds
+            (a0, b0), (a1, b1) = FIELD
+            field = scatter(seed, (min(a0, x0), min(b0, y0)), (max(a1, x1), max(b1, y1)), floor.landmarks)
+            self.landmarks = laid(field, terrain, seed, floor.copied, floor.copies)
+            self.sensor = LandmarkSensor(robot, self.camera, self.landmarks, seed, floor.goal)
         self.rng = random_stream(seed, "ranger")
         self.bump = np.zeros(robot.nlegs, dtype=np.bool_)
         self.before: CameraPose | None = None

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 
 from surefoot.errors import CallError
@@ -34,6 +35,7 @@ from surefoot.schemas.topics import (
     SIM_STATUS,
     SIM_STEP,
     SIM_TRUTH,
+    TERRAIN_LANDMARKS,
     TERRAIN_MAP_GET,
     TICK_NS,
     Query,
@@ -126,6 +128,37 @@ def test_every_tick_has_its_samples_and_stamps(bench: Bench) -> None:
     assert seen[4][HW_JOINTS.key].stamp_ns == 33_000_000
     assert seen[4][HW_CONTACTS.key].seq == 1
     assert not truths(seen)[-1].fallen
+
+
+class Reader(Witness):
+    """Reads the map of the landmarks as well."""
+
+    inputs = (*Witness.inputs, TERRAIN_LANDMARKS)
+
+
+@pytest.mark.parametrize("robot", ["nao", "ragno"])
+def test_the_map_of_the_landmarks_is_latched_and_nobody_waits_for_one_that_is_not_there(robot: str) -> None:
+    simulator = Simulator(SimulatorConfig(robot=robot, autostart=False))
+    reader = Reader(ServiceConfig(robot=robot))
+    system = LocalSystem([simulator, reader])
+    try:
+        world = sim.World(terrain="corridor", goal=(5.0, 0.0), start=(1.0, 0.0, 0.5))
+        system.bus.call(SIM_RESET, sim.ResetRequest(expect=("recorder",), max_ticks=5, world=world))
+        leader = simulator.node.leader
+        system.run_until(lambda: leader.state == "ended" and leader.all_done())
+    finally:
+        system.close()
+    assert len(reader.seen) == 5
+    if robot == "ragno":
+        assert TERRAIN_LANDMARKS.key not in reader.seen[-1]
+        return
+    found = reader.seen[-1][TERRAIN_LANDMARKS.key]
+    assert simulator.world.sight is not None
+    field = simulator.world.sight.sensor.field
+    rows = np.frombuffer(found.data, dtype="<f4").reshape(found.count, 2 + found.descriptor_length)
+    assert rows[:, :2] == pytest.approx(field.position, abs=1e-6)
+    assert rows[:, 2:] == pytest.approx(field.descriptor, abs=1e-6)
+    assert (found.frame, found.version, found.epoch) == ("map", 1, leader.epoch)
 
 
 def test_same_seed_same_run_another_seed_another(bench: Bench) -> None:
@@ -270,6 +303,10 @@ def test_every_emergency_stop_is_confirmed_at_once_even_in_a_pause(bench: Bench)
         (SIM_RESET, sim.ResetRequest(world=sim.World(terrain="moon")), "world.terrain"),
         (SIM_RESET, sim.ResetRequest(world=sim.World(terrain="nowhere.npz")), "world.terrain"),
         (SIM_RESET, sim.ResetRequest(world=sim.World(imu_profile="crystal")), "world.imu_profile"),
+        (SIM_RESET, sim.ResetRequest(world=sim.World(camera="crystal")), "world.camera"),
+        (SIM_RESET, sim.ResetRequest(world=sim.World(camera="nao_bottom")), "world.camera"),
+        (SIM_RESET, sim.ResetRequest(world=sim.World(terrain="corridor", start=(0.0, 0.95, 0.0))), "world.start"),
+        (SIM_RESET, sim.ResetRequest(world=sim.World(start=(1e9, 0.0, 0.0))), "world.start"),
         (SIM_PUSH, sim.PushRequest(force=(1.0, 0.0, 0.0), duration=0.1, body="tail"), "body"),
         (SIM_FAULT, sim.FaultRequest(kind="servo_dead", target="tail"), "target"),
         (SIM_FAULT, sim.FaultRequest(kind="packet_loss", value=2.0), "value"),

@@ -144,6 +144,32 @@ def test_eyes_change_nothing_else():
     assert seeing.samples.imu.acc.tobytes() == blind.samples.imu.acc.tobytes()
 
 
+@pytest.mark.parametrize(("terrain", "area"), [("flat", 100.0), ("room", 5.0), ("corridor", 15.0), ("corner", 20.0)])
+def test_landmarks_lie_on_the_whole_floor_and_nowhere_else(terrain, area):
+    ground = make_terrain(terrain)
+    made = PhysicsWorld(NAO, ground, 3, WorldConfig(floor=Floor(landmarks=40.0)))
+    points = sight_of(made).sensor.field.position
+    assert ground.on_floor(points).all()
+    assert len(points) == pytest.approx(40.0 * area, rel=0.12)
+    if ground.floor:
+        outline = np.array(ground.floor)
+        assert np.all(points.min(axis=0) < outline.min(axis=0) + 0.3)
+        assert np.all(points.max(axis=0) > outline.max(axis=0) - 0.3)
+
+
+def test_copied_landmarks_look_alike_in_groups():
+    ground = make_terrain("corridor")
+    floor = Floor(landmarks=40.0, copied=0.5, copies=10)
+    plain, made = (PhysicsWorld(NAO, ground, 3, WorldConfig(floor=f)) for f in (Floor(landmarks=40.0), floor))
+    field, before = sight_of(made).sensor.field, sight_of(plain).sensor.field
+    assert np.array_equal(field.position, before.position)
+    _, count = np.unique(field.descriptor, axis=0, return_counts=True)
+    groups = round(0.5 * len(field.position)) // 10
+    assert sorted(set(count.tolist())) == [1, 10]
+    assert int(np.sum(count == 10)) == groups
+    assert len(np.unique(before.descriptor, axis=0)) == len(before.descriptor)
+
+
 def test_unknown_profiles_are_refused_by_name():
     with pytest.raises(RobotError) as error:
         read_ranger("bat")

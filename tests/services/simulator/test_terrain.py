@@ -33,7 +33,9 @@ def test_equal_arguments_give_equal_bits(kind: str) -> None:
 def test_the_start_is_flat(kind: str) -> None:
     terrain = make_terrain(kind, 3)
     start = terrain.map.xs() < shapes.PAD_END - 1e-9
-    assert not terrain.map.z[:, start].any()
+    x, y = np.meshgrid(terrain.map.xs()[start], terrain.map.ys())
+    behind = ~terrain.on_floor(np.column_stack((x.ravel(), y.ravel()))).reshape(x.shape)
+    assert not terrain.map.z[:, start][~behind].any()
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -84,6 +86,38 @@ def test_boxes_are_where_the_map_has_them(kind: str) -> None:
     if terrain.ground is not None:
         top = np.maximum(top, terrain.ground.z[rows, cols])
     np.testing.assert_allclose(terrain.map.z[rows, cols], np.maximum(top, 0.0) if kind != "demo" else top, atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["room", "corridor", "corner"])
+def test_walls_stand_around_the_floor_and_nowhere_on_it(kind: str) -> None:
+    terrain = make_terrain(kind)
+    rng = np.random.default_rng(0)
+    outline = np.array(terrain.floor)
+    points = rng.uniform(outline.min(axis=0) - 0.049, outline.max(axis=0) + 0.049, (4000, 2))
+    tops = np.array([box_top(box, points[:, 0], points[:, 1]) for box in terrain.boxes])
+    in_wall = np.isfinite(tops).any(axis=0)
+    on_floor = terrain.on_floor(points)
+    assert not (in_wall & on_floor).any()
+    edges = zip(outline, np.roll(outline, -1, axis=0), strict=True)
+    near = np.zeros(len(points), dtype=np.bool_)
+    for a, b in edges:  # what is nearer to the outline than the wall is thick and not on the floor is wall
+        near |= (np.abs(points - np.clip(points, np.minimum(a, b), np.maximum(a, b))) < 0.049).all(axis=1)
+    assert (in_wall[near] ^ on_floor[near]).all()
+    heights = terrain.map.height(points[:, 0], points[:, 1])
+    known = np.isfinite(heights)
+    assert np.all(heights[known & on_floor & ~near] == 0.0)
+    area = 0.5 * abs(np.sum(outline[:, 0] * np.roll(outline[:, 1], -1) - np.roll(outline[:, 0], -1) * outline[:, 1]))
+    drawn = float(np.prod(np.ptp(outline, axis=0) + 0.098))
+    assert on_floor.mean() * drawn == pytest.approx(area, rel=0.05)
+
+
+def test_a_corridor_is_seven_and_a_half_by_two_metres_and_a_corner_leads_to_the_left() -> None:
+    corridor, corner = make_terrain("corridor"), make_terrain("corner")
+    assert corridor.map.bounds == pytest.approx((-1.05, -1.05, 6.55, 1.05))
+    assert corner.map.bounds == pytest.approx((-1.05, -1.05, 5.05, 5.05))
+    way = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (3.1, 3.0), (4.9, 3.0), (2.9, 3.0), (5.1, 3.0), (0.0, 1.1)])
+    assert corner.on_floor(way).tolist() == [True, True, True, True, True, False, False, False]
+    assert make_terrain("corridor", size=(2.0, 1.0)).map.shape == (201, 401)
 
 
 def test_slope_is_an_exact_plane() -> None:

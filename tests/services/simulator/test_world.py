@@ -19,7 +19,7 @@ from surefoot.services.simulator.physics.samples import Checkpoint
 from surefoot.services.simulator.world import TICK_NS, PhysicsWorld, WorldConfig, WorldError
 from tests.processes import run_process
 
-RAGNO = load_robot("ragno")
+RAGNO, NAO = load_robot("ragno"), load_robot("nao")
 WEIGHT = RAGNO.mass * 9.81
 IDEAL = WorldConfig(imu_profile="ideal")
 SLOPE = math.radians(15.0)
@@ -304,6 +304,31 @@ def test_sensor_faults_reach_the_samples(flat: PhysicsWorld) -> None:
     assert [s.joints is not None for s in seen] == [False, False, False, False, False, True, False, False]
     assert seen[5].joints is not None
     assert seen[5].joints.stamp_ns == 33_000_000
+
+
+@pytest.mark.parametrize("pose", [(0.0, 0.0, 0.0), (5.0, -0.5, 1.0), (-0.5, 0.5, -3.0)])
+def test_a_run_begins_where_it_is_asked_to(pose: tuple[float, float, float]) -> None:
+    truth = PhysicsWorld(NAO, make_terrain("corridor"), config=WorldConfig(start=pose)).truth()
+    w, _, _, z = truth.quat_wxyz
+    assert truth.position[:2] == pytest.approx(pose[:2], abs=0.01)
+    assert 2.0 * math.atan2(z, w) == pytest.approx(pose[2], abs=0.02)
+
+
+@pytest.mark.parametrize(
+    "pose",
+    [
+        (0.0, 0.95, 0.0),  # a foot in the wall
+        (2.9, 1.1, 0.0),  # behind it
+        (3.05, 1.05, 0.7),  # across the corner that points inwards
+        (2.93, 0.93, 0.785),
+        (40.0, 0.0, 0.0),
+        (1e9, 0.0, 0.0),
+    ],
+)
+def test_no_run_begins_in_a_wall_or_off_the_ground(pose: tuple[float, float, float]) -> None:
+    with pytest.raises(WorldError) as error:
+        PhysicsWorld(NAO, make_terrain("corner"), config=WorldConfig(start=pose))
+    assert error.value.field == "pose"
 
 
 def test_perturbed_world_never_changes_the_description() -> None:
