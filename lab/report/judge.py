@@ -41,6 +41,12 @@ METRICS: Mapping[str, Metric] = {
     "heading_error_deg": Metric("heading error of the odometry at the end", "deg", 2),
     "min_margin_m": Metric("smallest static margin, planned CoM", "m", 4),
     "min_margin_measured_m": Metric("smallest static margin, measured CoM", "m", 4),
+    "goals_missed": Metric("goals that were not reached", "", 0),
+    "goal_error_m": Metric("true distance from the goal when it was reached, worst", "m"),
+    "goal_time_s": Metric("time from goal to goal reached, all goals", "s", 1),
+    "recoveries": Metric("recoveries of the navigator", "", 0),
+    "pose_error_m": Metric("error of the pose in the map, horizontal, RMS", "m"),
+    "pose_nees": Metric("NEES of the pose per degree of freedom, mean", "", 2),
     "duration_s": Metric("simulated time", "s", 2),
     "ticks": Metric("control ticks", "", 0),
     "real_time_factor": Metric("real-time factor", "x", 1),
@@ -177,11 +183,46 @@ def measure(traces: Traces, wall_s: float | None = None) -> dict[str, float]:
         way = path_length(truth)
         if way > 0.1:
             values["odometry_error_percent"] = 100.0 * float(drift[-1, 1]) / way
+    values |= navigation(traces, truth)
     stability = since_ready(traces.series("state/stability"), traces.series("state/gait"))
     for name, column in (("min_margin_m", 1), ("min_margin_measured_m", 2)):
         if len(stability) and np.isfinite(stability[:, column]).any():
             values[name] = float(np.nanmin(stability[:, column]))
     return values
+
+
+def navigation(traces: Traces, truth: Array) -> dict[str, float]:
+    """Return how goals ended and how good the pose in the map was; nothing without a navigator."""
+    values: dict[str, float] = {}
+    if traces.goals and len(truth):
+        reached = [goal for goal in traces.goals if goal.state == "succeeded"]
+        values["goals_missed"] = float(sum(goal.state == "failed" for goal in traces.goals))
+        values["recoveries"] = float(sum(goal.recoveries for goal in traces.goals))
+        if reached:
+            ends = [truth[min(int(np.searchsorted(truth[:, 0], goal.time)), len(truth) - 1), 1:3] for goal in reached]
+            errors = [float(np.hypot(*(end - goal.place))) for end, goal in zip(ends, reached, strict=True)]
+            values["goal_error_m"] = max(errors)
+            values["goal_time_s"] = sum(goal.seconds for goal in reached)
+    error, cov = pose_error(truth, traces.series("state/pose"))
+    if len(error):
+        values["pose_error_m"] = rms(error[:, 1:3])
+        values["pose_nees"] = float(nees(error[:, 1:], cov).mean() / 3.0)
+    return values
+
+
+def pose_error(truth: Array, belief: Array) -> tuple[Array, Array]:
+    """Return rows (time, error x, y in m, yaw in rad) of the pose in the map, (n, 4), and its covariances (n, 3, 3)."""
+    if not len(truth) or not len(belief):
+        return np.empty((0, 4)), np.empty((0, 3, 3))
+    _, here, there = np.intersect1d(_stamps(truth), _stamps(belief), return_indices=True)
+    real, found = truth[here], belief[there]
+    turn = np.angle(np.exp(1j * (found[:, 3] - real[:, 7])))
+    return np.column_stack([found[:, 0], found[:, 1:3] - real[:, 1:3], turn]), found[:, 4:13].reshape(-1, 3, 3)
+
+
+def nees(error: Array, cov: Array) -> Array:
+    """Return the normalised estimation error squared e^T S^-1 e of errors (n, 3) with covariances (n, 3, 3)."""
+    return np.einsum("ni,ni->n", error, np.linalg.solve(cov, error[..., None])[..., 0])
 
 
 def since_ready(rows: Array, gait: Array) -> Array:

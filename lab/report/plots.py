@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from surefoot.lab.report import judge
+from surefoot.lab.report import judge, navigation_plots
 from surefoot.lab.report.drawing import BLUE, GREEN, GREY, INK, ORANGE, PAPER, PURPLE, RED, STYLE, svg_of
 from surefoot.lab.report.traces import VARIANTS, Array, Traces
 
@@ -72,6 +72,10 @@ def draw(
     truth = traces.series("sim/truth")
     plots: dict[str, Callable[[], Figure] | None] = {
         "Way over the ground": (lambda: _top_view(traces)) if len(truth) else None,
+        "Where it was and thought it was": (
+            (lambda: navigation_plots.top_view(traces)) if _has(traces, "state/pose") else None
+        ),
+        "What it decided": (lambda: navigation_plots.decisions(traces)) if traces.choices else None,
         "Height along the way": (lambda: _profile(traces)) if len(truth) else None,
         "Tilt of the trunk": (lambda: _tilt(truth, marks.get("tilt"), limits)) if len(truth) else None,
         "Velocity, estimated and true": (lambda: _velocity(traces)) if _has(traces, "state/velocity") else None,

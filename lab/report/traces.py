@@ -24,6 +24,8 @@ KEYS = (
     "state/odometry",
     "state/gait",
     "state/stability",
+    "state/pose",
+    "navigator/feedback",
 )
 """Keys that say something about a run; others are ignored."""
 
@@ -48,6 +50,31 @@ class Event:
     text: str
 
 
+@dataclass(frozen=True)
+class Choice:
+    """A decision of the navigator: when (s), the action, why, and the value of each action that was allowed."""
+
+    time: float
+    action: str
+    reason: str
+    values: dict[str, float]
+    distance: float
+    bearing: float
+    entropy: float
+
+
+@dataclass(frozen=True)
+class GoalEnd:
+    """How a goal ended: when (s), its state and place (m), and what the navigator counted."""
+
+    time: float
+    state: str
+    place: tuple[float, float]
+    error: str
+    seconds: float
+    recoveries: int
+
+
 @dataclass
 class Traces:
     """Accumulates the messages of one epoch. A later epoch starts anew: a reset belongs to another run."""
@@ -57,12 +84,16 @@ class Traces:
     """Per key one row of numbers a message; first the simulated time in s."""
     stances: list[Stance] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
+    choices: list[Choice] = field(default_factory=list)
+    goals: list[GoalEnd] = field(default_factory=list)
     ground: tuple[Array, float, tuple[float, float]] | None = None
     """Heights (ny, nx) m, cell m, centre of cell [0, 0] (x, y) m of the map that the robot was given."""
     fallen_at: float | None = None
     last_tick: int = -1
     _finished: tuple[int, ...] = ()
     _gait: tuple[str, str] = ("", "")
+    _decided: int = 0
+    _goal: tuple[str, str] = ("", "")
 
     def feed(self, key: str, message: Any) -> None:
         """Take a message of any key; keys that say nothing about the run are ignored."""
@@ -89,6 +120,9 @@ class Traces:
         self.rows.clear()
         self.stances.clear()
         self.events.clear()
+        self.choices.clear()
+        self.goals.clear()
+        self._decided, self._goal = 0, ("", "")
         self.fallen_at, self.last_tick, self._finished, self._gait = None, -1, (), ("", "")
 
     def _row(self, key: str, message: Any, *values: float) -> float:
@@ -138,6 +172,28 @@ class Traces:
         planned, measured = (np.nan if margin is None else margin for margin in (m.margin_planned, m.margin_measured))
         self._row(key, m, planned, measured)
 
+    def _pose(self, key: str, m: Any) -> None:
+        """Columns: time, x, y, yaw (map), covariance 9 of them, entropy, drift, its sd, matched, lost probability."""
+        lost = m.lost_probability
+        time = self._row(key, m, *m.pose, *m.covariance, m.entropy, m.drift, m.drift_sd, m.matched, lost)
+        if m.lost and m.lost_reason and m.lost_reason not in {event.text for event in self.events}:
+            self.note(time, m.lost_reason)
+
+    def _feedback(self, key: str, m: Any) -> None:
+        """Columns: time, distance remaining, m."""
+        time = self._row(key, m, m.distance_remaining)
+        d = m.decision
+        if d is not None and d.number != self._decided:
+            self._decided = d.number
+            self.choices.append(Choice(time, d.action, d.reason, dict(d.values), d.distance, d.bearing, d.entropy))
+        now = (m.goal_id, m.state)
+        if now != self._goal and m.goal_pose is not None and m.state in ("succeeded", "failed", "cancelled"):
+            self.note(time, f"goal {m.goal_id} {m.state} {m.error_code}".rstrip())
+            self.goals.append(
+                GoalEnd(time, m.state, tuple(m.goal_pose), m.error_code, m.navigation_time, m.number_of_recoveries)
+            )
+        self._goal = now
+
     def _map(self, key: str, m: Any) -> None:
         heights = np.frombuffer(m.data, dtype="<f4").reshape(m.rows, m.cols).astype(np.float64)
         self.ground = (heights, m.cell, tuple(m.origin))
@@ -148,6 +204,8 @@ _READERS = {
     "state/odometry": Traces._odometry,
     "state/gait": Traces._gait_state,
     "state/stability": Traces._stability,
+    "state/pose": Traces._pose,
+    "navigator/feedback": Traces._feedback,
     "terrain/map": Traces._map,
     **{key: Traces._velocity for key in KEYS if key.startswith("state/velocity")},
 }

@@ -36,6 +36,12 @@ LIMITS: Mapping[str, Limit] = {
     "max_odometry_error_percent": Limit("odometry_error_percent", "most"),
     "max_heading_error_deg": Limit("heading_error_deg", "most"),
     "min_margin_m": Limit("min_margin_m", "least"),
+    "all_goals": Limit("goals_missed", "most", yes_no=True),
+    "max_goal_error_m": Limit("goal_error_m", "most"),
+    "max_goal_time_s": Limit("goal_time_s", "most"),
+    "max_recoveries": Limit("recoveries", "most"),
+    "max_pose_error_m": Limit("pose_error_m", "most"),
+    "max_pose_nees": Limit("pose_nees", "most"),
     "max_duration_s": Limit("duration_s", "most"),
     "min_real_time_factor": Limit("real_time_factor", "least"),
 }
