@@ -1,0 +1,337 @@
+"""Kernels of relocalisation: sightings from several frames, poses by pairs of them, the evidence for each place.
+
+A sighting i is a landmark-like thing at a_i (reference frame of the robot) with covariance C_i. At a pose (t, theta) it
+is explained by one of its candidates l in the map with density N(R(theta)^T (l - t); a_i, C_i), and otherwise false:
+uniform over the A m^2 that the camera overlooks. With eps_i the share of false sightings,
+
+    L(t, theta) = sum_i ln(eps_i + (1 - eps_i) A max_l N(...))
+    evidence of a place = exp(L) (2 pi)^(3/2) sqrt(det Sigma) / (2 pi area of the map)
+
+against 1 for "everything is false". Sigma is the covariance of the pose by the explained sightings (Laplace's method).
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.linear_kernels import inverse3
+from surefoot.kernels.jit import row_kernel
+from surefoot.services.navigator.belief.gate_kernel import apart2, variances, wrapped
+from surefoot.services.navigator.belief.matching_kernel import likeness
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+WIDE = 13.8  # chi^2_2(.999): a candidate farther from its sighting does not explain it
+
+# columns of a place
+X, Y, HEADING, EVIDENCE, EXPLAINED, COV = 0, 1, 2, 3, 4, 5
+
+
+@row_kernel
+def gather(
+    ranges: Array, bearings: Array, looks: Array, poses: Array, noise: Array, look: float, most: int
+) -> tuple[Array, Array, Array, Index]:
+    """Join the detections of several frames that show the same thing.
+
+    Noise of the bearing draws the mean of r (cos phi, sin phi) towards the robot by exp(-sigma_phi^2/2): undone here.
+
+    Args:
+        ranges: of all frames in order, m, (m,).
+        bearings: rad, (m,).
+        looks: descriptors, (m, k).
+        poses: of base_link when each was taken, reference frame, x, y in m and heading in rad, (m, 3).
+        noise: see the indices in `gate_kernel`, (5,).
+        look: largest distance of two descriptors of one landmark.
+        most: sightings that are kept.
+
+    Returns:
+        Mean place (s, 2) m, covariance of a place (xx, xy, yy) (s, 3) m^2, mean descriptor (s, k), detections (s,).
+    """
+    n, k = ranges.size, looks.shape[1]
+    place, spread, mean = np.zeros((most, 2)), np.zeros((most, 3)), np.zeros((most, k))
+    count, total = np.zeros(most, dtype=np.int64), 0
+    for d in range(n):
+        r, b = variances(ranges[d], noise)
+        out = ranges[d] * math.exp(0.5 * b)
+        r, b = r + 0.5 * (out * b) ** 2, b * out * out
+        c, s = math.cos(poses[d, 2] + bearings[d]), math.sin(poses[d, 2] + bearings[d])
+        x, y = poses[d, 0] + out * c, poses[d, 1] + out * s
+        xx, xy, yy = c * c * r + s * s * b, c * s * (r - b), s * s * r + c * c * b
+        best, nearest = -1, 1.3 * look * look
+        for i in range(total):
+            gap = apart2(looks[d], mean[i], nearest)
+            if gap < nearest:
+                dx, dy = x - place[i, 0], y - place[i, 1]
+                more = 1.0 + 1.0 / count[i]
+                det = more * more * (xx * yy - xy * xy)
+                if more * (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) < 1.5 * WIDE * det:
+                    best, nearest = i, gap
+        if best < 0:
+            if total == most:
+                continue
+            best = total
+            total += 1
+        count[best] += 1
+        part = 1.0 / count[best]
+        place[best, 0] += part * (x - place[best, 0])
+        place[best, 1] += part * (y - place[best, 1])
+        for j in range(k):
+            mean[best, j] += part * (looks[d, j] - mean[best, j])
+        spread[best, 0] += part * (xx - spread[best, 0])
+        spread[best, 1] += part * (xy - spread[best, 1])
+        spread[best, 2] += part * (yy - spread[best, 2])
+    return place[:total], spread[:total], mean[:total], count[:total]
+
+
+@row_kernel
+def candidates(looks: Array, columns: Array, look: float, ratio: float, most: int) -> tuple[Index, Index]:
+    """Landmarks that each sighting may be: those about as alike as the one most alike; none if they are too many.
+
+    Args:
+        looks: mean descriptors, (s, k).
+        columns: descriptors of the landmarks, (k, n).
+        look: largest distance of two descriptors of one landmark.
+        ratio: of the distance to the most alike over that to a candidate.
+        most: of one sighting.
+
+    Returns:
+        Starts (s + 1,) and landmarks (starts[s],).
+    """
+    s, n = looks.shape[0], columns.shape[1]
+    starts, members, gap = np.zeros(s + 1, dtype=np.int64), np.empty(s * most, dtype=np.int64), np.empty(n)
+    for i in range(s):
+        likeness(looks[i], columns, gap)
+        least = gap[0]
+        for j in range(n):
+            least = min(least, gap[j])
+        limit, at = min(look * look, max(least / (ratio * ratio), 1e-12)), starts[i]
+        for j in range(n):
+            if gap[j] <= limit:
+                if at - starts[i] == most:
+                    at = starts[i]
+                    break
+                members[at] = j
+                at += 1
+        starts[i + 1] = at
+    return starts, members[: starts[s]]
+
+
+@row_kernel
+def associate(
+    pose: Array,
+    loose: float,
+    wide: float,
+    place: Array,
+    spread: Array,
+    starts: Index,
+    members: Index,
+    positions: Array,
+    chosen: Index,
+    far: Array,
+) -> int:
+    """Choose the nearest candidate of each sighting at a pose; return how many sightings are explained.
+
+    Args:
+        pose: of the reference frame in the map, (3,).
+        loose: variance of its heading, rad^2, beside `wide`.
+        wide: factor of every covariance.
+        place: of the sightings, (s, 2) m.
+        spread: their covariances, (s, 3) m^2.
+        starts: of the candidates.
+        members: candidates.
+        positions: of the landmarks, (n, 2) m, frame map.
+        chosen: landmark of each or -1, (s,), written.
+        far: squared residual over the variances, (s,), written.
+    """
+    c, s, explained = math.cos(pose[2]), math.sin(pose[2]), 0
+    for i in range(place.shape[0]):
+        x, y = place[i, 0], place[i, 1]
+        xx, xy, yy = wide * spread[i, 0], wide * spread[i, 1], wide * spread[i, 2]
+        if loose > 0.0:
+            xx, xy, yy = xx + loose * y * y, xy - loose * x * y, yy + loose * x * x
+        det = xx * yy - xy * xy
+        chosen[i], far[i] = -1, WIDE
+        mx, my = pose[0] + c * x - s * y, pose[1] + s * x + c * y
+        for at in range(starts[i], starts[i + 1]):
+            vx, vy = positions[members[at], 0] - mx, positions[members[at], 1] - my
+            ex, ey = c * vx + s * vy, c * vy - s * vx
+            m = (yy * ex * ex - 2.0 * xy * ex * ey + xx * ey * ey) / det
+            if m < far[i]:
+                chosen[i], far[i] = members[at], m
+        for j in range(i):  # a landmark explains the sighting nearest to it
+            if chosen[i] >= 0 and chosen[j] == chosen[i]:
+                loser = i if far[i] >= far[j] else j
+                chosen[loser], far[loser] = -1, WIDE
+    for i in range(place.shape[0]):
+        explained += chosen[i] >= 0
+    return explained
+
+
+@row_kernel
+def improve(pose: Array, place: Array, spread: Array, chosen: Index, positions: Array) -> tuple[Array, float]:
+    """One step of least squares over the explained sightings, in place.
+
+    Returns:
+        Covariance of the pose (3, 3), and the logarithm of its determinant (inf: it does not follow from these).
+    """
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    a, v = np.zeros((3, 3)), np.zeros(3)
+    for i in range(place.shape[0]):
+        if chosen[i] < 0:
+            continue
+        dx, dy = positions[chosen[i], 0] - pose[0], positions[chosen[i], 1] - pose[1]
+        ax, ay = c * dx + s * dy, c * dy - s * dx
+        ex, ey = ax - place[i, 0], ay - place[i, 1]
+        det = spread[i, 0] * spread[i, 2] - spread[i, 1] * spread[i, 1]
+        wxx, wxy, wyy = spread[i, 2] / det, -spread[i, 1] / det, spread[i, 0] / det
+        jx, jy = np.array([-c, -s, ay]), np.array([s, -c, -ax])  # of ex and ey by the pose
+        for p in range(3):
+            gx, gy = wxx * jx[p] + wxy * jy[p], wxy * jx[p] + wyy * jy[p]
+            v[p] -= gx * ex + gy * ey
+            for q in range(3):
+                a[p, q] += gx * jx[q] + gy * jy[q]
+    cov, condition = inverse3(a)
+    if not condition < 1e10 or cov[0, 0] <= 0.0 or cov[1, 1] <= 0.0 or cov[2, 2] <= 0.0:
+        return cov, math.inf
+    for p in range(3):
+        pose[p] += cov[p, 0] * v[0] + cov[p, 1] * v[1] + cov[p, 2] * v[2]
+    pose[2] = wrapped(pose[2])
+    det = cov[0, 0] * (cov[1, 1] * cov[2, 2] - cov[1, 2] * cov[2, 1])
+    det -= cov[0, 1] * (cov[1, 0] * cov[2, 2] - cov[1, 2] * cov[2, 0])
+    det += cov[0, 2] * (cov[1, 0] * cov[2, 1] - cov[1, 1] * cov[2, 0])
+    return cov, math.log(det) if det > 0.0 else math.inf
+
+
+@row_kernel
+def evidence(spread: Array, chosen: Index, far: Array, false: Array, view: float) -> float:
+    """Return L, see the module: of sightings with their nearest candidates; false (s,), view m^2."""
+    total = 0.0
+    for i in range(chosen.size):
+        p = 0.0
+        if chosen[i] >= 0:
+            det = spread[i, 0] * spread[i, 2] - spread[i, 1] * spread[i, 1]
+            p = view * math.exp(-0.5 * far[i]) / (2.0 * math.pi * math.sqrt(det))
+        total += math.log(false[i] + (1.0 - false[i]) * p)
+    return total
+
+
+@row_kernel
+def keep(places: Array, chosen_of: Index, filled: int, row: Array, chosen: Index) -> int:
+    """Enter a place into the list of the best (p, 14); one that explains half of its sightings alike is the same."""
+    same = -1
+    for p in range(filled):
+        shared = 0
+        for i in range(chosen.size):
+            shared += chosen[i] >= 0 and chosen[i] == chosen_of[p, i]
+        if 2 * shared > min(row[EXPLAINED], places[p, EXPLAINED]):
+            if places[p, EVIDENCE] >= row[EVIDENCE]:
+                return filled
+            if same < 0:
+                same = p
+            else:  # it unites two
+                places[p, EVIDENCE] = -math.inf
+    if same < 0 and filled < places.shape[0]:
+        same = filled
+        filled += 1
+    if same < 0:
+        least = 0
+        for p in range(filled):
+            if places[p, EVIDENCE] < places[least, EVIDENCE]:
+                least = p
+        if places[least, EVIDENCE] >= row[EVIDENCE]:
+            return filled
+        same = least
+    places[same], chosen_of[same] = row, chosen
+    return filled
+
+
+@row_kernel
+def search(
+    place: Array,
+    spread: Array,
+    false: Array,
+    starts: Index,
+    members: Index,
+    positions: Array,
+    view: float,
+    area: float,
+    most: int,
+    tries: int,
+) -> tuple[Array, int]:
+    """Find the places of a map from which the sightings would look like this.
+
+    Args:
+        place: of the sightings in the reference frame, (s, 2) m.
+        spread: their covariances (xx, xy, yy), (s, 3) m^2.
+        false: share of false ones among such sightings, (s,).
+        starts: of the candidates of each sighting, (s + 1,).
+        members: candidates.
+        positions: of the landmarks, (n, 2) m, frame map.
+        view: area that the camera overlooks, m^2.
+        area: of the map, m^2.
+        most: places that are returned.
+        tries: poses that are looked at.
+
+    Returns:
+        Places (p, 14): x, y (m), heading (rad), logarithm of the evidence, explained sightings, covariance row by row;
+        and the number of poses that were looked at.
+    """
+    n = place.shape[0]
+    places, chosen_of = np.zeros((most, 14)), np.full((most, n), -1)
+    filled, tried = 0, 0
+    pose, chosen, far = np.zeros(3), np.full(n, -1), np.zeros(n)
+    row = np.zeros(14)
+    few = np.argsort(starts[1:] - starts[:-1], kind="mergesort")  # those with few candidates first
+    for second in range(1, n):
+        for first in range(second):
+            i, j = few[first], few[second]
+            ux, uy = place[j, 0] - place[i, 0], place[j, 1] - place[i, 1]
+            length2 = ux * ux + uy * uy
+            largest = spread[i, 0] + spread[i, 2] + spread[j, 0] + spread[j, 2]
+            if length2 < largest:
+                continue
+            length = math.sqrt(length2)
+            slack = 3.0 * math.sqrt(largest)
+            for a in range(starts[i], starts[i + 1]):
+                for b in range(starts[j], starts[j + 1]):
+                    p, q = members[a], members[b]
+                    wx, wy = positions[q, 0] - positions[p, 0], positions[q, 1] - positions[p, 1]
+                    reach2 = wx * wx + wy * wy
+                    if p == q or reach2 > (length + slack) ** 2 or reach2 < max(0.0, length - slack) ** 2:
+                        continue
+                    known = False
+                    for r in range(filled):  # a place that explains both alike is found already
+                        known = known or (chosen_of[r, i] == p and chosen_of[r, j] == q)
+                    if known:
+                        continue
+                    if tried == tries:
+                        return places[:filled], tried
+                    tried += 1
+                    heading = wrapped(math.atan2(wy, wx) - math.atan2(uy, ux))
+                    c, s = math.cos(heading), math.sin(heading)
+                    mx, my = 0.5 * (place[i, 0] + place[j, 0]), 0.5 * (place[i, 1] + place[j, 1])
+                    pose[0] = 0.5 * (positions[p, 0] + positions[q, 0]) - c * mx + s * my
+                    pose[1] = 0.5 * (positions[p, 1] + positions[q, 1]) - s * mx - c * my
+                    pose[2] = heading
+                    loose = 0.5 * largest / length2
+                    explained = associate(pose, loose, 2.0, place, spread, starts, members, positions, chosen, far)
+                    if explained < 2:
+                        continue
+                    cov, log_det = improve(pose, place, spread, chosen, positions)
+                    for _ in range(3 if log_det < math.inf else 0):
+                        explained = associate(pose, 0.0, 1.0, place, spread, starts, members, positions, chosen, far)
+                        if explained < 2 or log_det == math.inf:
+                            break
+                        cov, log_det = improve(pose, place, spread, chosen, positions)
+                    if explained < 2 or log_det == math.inf:
+                        continue
+                    row[X], row[Y], row[HEADING] = pose[0], pose[1], pose[2]
+                    row[EVIDENCE] = evidence(spread, chosen, far, false, view)
+                    row[EVIDENCE] += min(0.0, 0.5 * (log_det + math.log(2.0 * math.pi)) - math.log(area))
+                    row[EXPLAINED] = explained
+                    for k in range(9):
+                        row[COV + k] = cov[k // 3, k % 3]
+                    filled = keep(places, chosen_of, filled, row, chosen)
+    return places[:filled], tried
