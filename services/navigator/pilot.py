@@ -324,7 +324,7 @@ class Pilot:
             gx, gy = goal.waypoint
             distance = math.hypot(gx - float(mean[0]), gy - float(mean[1]))
             last = goal.index >= len(goal.route) - 1
-            if distance > ARRIVED_WITHIN / 2.0:
+            if distance > ARRIVED_WITHIN / 2.0 or goal.index >= len(goal.route):
                 return distance
             spread = math.sqrt(max(0.0, _largest(cov)))
             if last and distance + SURE * spread > ARRIVED_WITHIN and goal.looks < LOOKS:

@@ -1,0 +1,182 @@
+"""The pilot takes goals to their end, on a walker without legs."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from surefoot.services.navigator.belief.matching import SightNoise
+from surefoot.services.navigator.belief.tracker import Motion, PoseTracker, Start
+from surefoot.services.navigator.pilot import Act, Array, Choice, Goal, Pilot, Point
+from tests.services.navigator.strollers import TICK_S, Stroller
+
+TURN = math.radians(23.0)
+ACTS = (
+    Act("walk", "walk", Motion(forward=0.1, walked=0.1), 1.8),
+    Act("left", "turn", Motion(turn=TURN), 1.8),
+    Act("right", "turn", Motion(turn=-TURN), 1.8),
+    Act("stand", "stand", Motion(), 0.7),
+)
+
+
+class TowardsGoal:
+    """Turns to the goal, then walks."""
+
+    name = "towards"
+
+    def begin(self) -> None:
+        """Forget nothing."""
+
+    def decide(self, mean: Array, cov: Array, goal: Point, blocked: bool) -> Choice:
+        """Return a turn when the goal is aside, else a walk."""
+        phi = math.remainder(math.atan2(goal[1] - mean[1], goal[0] - mean[0]) - mean[2], 2.0 * math.pi)
+        if abs(phi) > TURN or blocked:
+            return Choice(1 if phi > 0.0 else 2, (0.0, 1.0, 1.0, math.nan), "aside")
+        return Choice(0, (1.0, 0.0, 0.0, math.nan), "ahead")
+
+
+class Run:
+    """Pilot, belief and walker together; the belief is exact."""
+
+    def __init__(self, early: bool = True, sd: float = 0.005) -> None:
+        self.walker = Stroller(early=early)
+        self.pilot = Pilot(ACTS, commands=True)
+        noise = SightNoise()
+        self.tracker = PoseTracker(Start(sd, sd, 0.0), noise, noise)
+        self.now = 0.0
+        self.blocked = False
+
+    def goal(self, *route: Point, yaw: float | None = None) -> Goal:
+        """Begin a goal."""
+        goal = Goal("g", route, "towards", self.now, yaw, start=self.tracker.pose[:2])
+        self.pilot.begin(goal, TowardsGoal())
+        return goal
+
+    def until(self, done: Callable[[], bool], most_s: float = 400.0) -> None:
+        """Let time pass until something is so."""
+        end = self.now + most_s
+        while not done():
+            assert self.now < end, f"not in {most_s} s: {self.pilot.state} {self.pilot.decision}"
+            self.walker.take(self.pilot)
+            self.walker.tick()
+            self.now += TICK_S
+            view = self.walker.view()
+            self.pilot.follow(self.now, view, self.tracker)
+            self.pilot.tick(self.now, view, self.tracker, blocked=self.blocked)
+
+    def ended(self) -> bool:
+        """Whether the goal has ended."""
+        return self.pilot.state not in ("navigating", "stopping")
+
+
+@pytest.mark.parametrize("early", [True, False])
+@pytest.mark.parametrize("place", [(1.0, 0.0), (0.6, 0.8), (-0.9, -0.4)])
+def test_arrives_and_stands(place: Point, early: bool) -> None:
+    run = Run(early)
+    run.goal(place)
+    run.until(run.ended)
+    assert run.pilot.state == "succeeded"
+    assert math.hypot(run.walker.x - place[0], run.walker.y - place[1]) < 0.2
+    assert run.walker.state == "standing"
+    assert run.tracker.pose[:2] == pytest.approx((run.walker.x, run.walker.y), abs=0.02)
+
+
+def test_actions_follow_without_a_halt_where_the_walker_says_when_it_ends() -> None:
+    run = Run()
+    run.goal((1.5, 0.5))
+    run.until(run.ended)
+    assert run.walker.halts == 1
+    assert run.pilot.decisions >= 15
+
+
+def test_a_new_goal_replaces_the_old_one_without_a_halt() -> None:
+    run = Run()
+    run.goal((2.0, 0.0))
+    run.until(lambda: run.walker.x > 0.5)
+    run.goal((0.8, 0.8))
+    run.until(run.ended)
+    assert run.walker.halts == 1
+    assert math.hypot(run.walker.x - 0.8, run.walker.y - 0.8) < 0.2
+
+
+def test_cancel_ends_on_both_feet_within_two_steps() -> None:
+    run = Run()
+    run.goal((2.0, 0.0))
+    run.until(lambda: run.walker.x > 0.5)
+    began = run.now
+    assert run.pilot.cancel()
+    run.until(run.ended)
+    assert run.pilot.state == "cancelled"
+    assert run.walker.state == "standing"
+    assert run.now - began < 1.9
+    assert not run.pilot.cancel()
+
+
+def test_another_client_takes_over() -> None:
+    run = Run()
+    run.goal((2.0, 0.0))
+    run.until(lambda: run.walker.x > 0.3)
+    run.walker.walk_id += 1
+    number = run.pilot.number
+    run.until(run.ended)
+    assert (run.pilot.state, run.pilot.error) == ("failed", "taken_over")
+    run.now += 5.0
+    assert run.pilot.number == number  # no order against it
+
+
+@pytest.mark.parametrize(
+    ("refusal", "error"), [("an emergency stop is in force (x)", "stopped"), ("too_fast", "walker_refused")]
+)
+def test_a_refused_order_ends_the_goal(refusal: str, error: str) -> None:
+    run = Run()
+    run.goal((2.0, 0.0))
+    run.until(lambda: run.walker.x > 0.3)
+    run.walker.refused = refusal
+    run.until(run.ended)
+    assert (run.pilot.state, run.pilot.error) == ("failed", error)
+
+
+def test_a_fall_ends_the_goal() -> None:
+    run = Run()
+    run.goal((2.0, 0.0))
+    run.until(lambda: run.walker.x > 0.3)
+    run.walker.state = "refused"
+    run.until(run.ended)
+    assert (run.pilot.state, run.pilot.error) == ("failed", "fallen")
+
+
+def test_waypoints_in_turn_and_the_last_heading() -> None:
+    run = Run()
+    goal = run.goal((0.6, 0.0), (0.6, 0.6), yaw=math.pi)
+    run.until(run.ended)
+    assert run.pilot.state == "succeeded"
+    assert goal.index == 2
+    assert goal.missed == []
+    assert abs(math.remainder(run.walker.yaw - math.pi, 2.0 * math.pi)) < math.radians(9.0)
+
+
+def test_a_waypoint_without_progress_is_missed_and_the_last_one_fails_the_goal() -> None:
+    run = Run()
+    goal = run.goal((0.8, 0.0), (0.0, 0.8))
+    run.blocked = True  # it turns for ever
+    run.until(run.ended, 600.0)
+    assert goal.missed == [0, 1]
+    assert (run.pilot.state, run.pilot.error) == ("failed", "stuck")
+
+
+def test_unsure_arrival_is_looked_at_and_counted() -> None:
+    run = Run(sd=0.2)
+    goal = run.goal((0.4, 0.0))
+    run.until(run.ended)
+    assert run.pilot.state == "succeeded"
+    assert goal.recoveries["look"] > 0
+
+
+def test_the_belief_at_the_end_of_an_action_is_what_decides() -> None:
+    run = Run()
+    run.goal((1.0, 0.0))
+    run.until(lambda: run.pilot.number == 2)
+    mean, cov = run.pilot.predicted(run.tracker)
+    assert mean[0] == pytest.approx(0.1, abs=1e-4)
+    assert np.all(np.linalg.eigvalsh(cov[:3, :3]) >= 0.0)
