@@ -2,27 +2,26 @@
 
 State (x, y, theta, b): pose in m and rad, frame map; b the drift in rad per m walked. A camera whose tilt is not known
 adds two states, the errors of pitch and roll. They move all landmarks of a frame together and fade with a time
-constant, so that frames which share the error are not taken for independent ones (a first-order Gauss-Markov process).
-A landmark at distance r and bearing a, seen from height h by a camera that is tilted by (p, q) more than it knows, is
-taken for one at r + (h^2 + r^2)/h (p cos a + q sin a) and a + h/r (q cos a - p sin a), to first order.
+constant, so that frames which share the error are not taken for independent ones.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.navigator.belief import ukf
+from surefoot.services.navigator.belief import tilt, ukf
 from surefoot.services.navigator.belief.landmarks import LandmarkMap
 from surefoot.services.navigator.belief.matching import Detections, MatchLimits, SightNoise, match
 
 Array = NDArray[np.float64]
 Control = Literal["commands", "odometry"]
 
-STATES, TILTS = 4, 2
-NO_GAIN = np.zeros((2, 0))
+STATES = 4
+TYPICAL = 0.75
+"""m, distance of a landmark."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +73,15 @@ class Tilt:
     height: float = 0.45
     """m, of the camera over the floor."""
 
+    def common(self, noise: SightNoise) -> SightNoise:
+        """Return the noise with what all detections of a frame have in common, for matching; at `TYPICAL` distance."""
+        if self.sd == 0.0:
+            return noise
+        h = self.height
+        return replace(
+            noise, common_range_sd=self.sd * (h * h + TYPICAL**2) / h, common_bearing_sd=self.sd * h / TYPICAL
+        )
+
 
 @dataclass(frozen=True)
 class FrameResult:
@@ -92,7 +100,7 @@ class PoseTracker:
         start: uncertainty of a stated pose.
         noise: of the camera while walking.
         standing: the same while the robot stands.
-        tilt: error of its tilt.
+        tilted: error of its tilt.
         limits: of matching.
     """
 
@@ -101,13 +109,14 @@ class PoseTracker:
         start: Start,
         noise: SightNoise,
         standing: SightNoise,
-        tilt: Tilt | None = None,
+        tilted: Tilt | None = None,
         limits: MatchLimits | None = None,
     ) -> None:
-        self.start, self.noise, self.standing = start, noise, standing
-        self.tilt = tilt or Tilt()
+        self.tilt = tilted or Tilt()
+        self.start = start
+        self.noise, self.standing = self.tilt.common(noise), self.tilt.common(standing)
         self.limits = limits or MatchLimits()
-        self.n = STATES + (TILTS if self.tilt.sd > 0.0 else 0)
+        self.n = STATES + (tilt.TILTS if self.tilt.sd > 0.0 else 0)
         self.mean, self.cov = np.zeros(self.n), np.zeros((self.n, self.n))
         self._work = ukf.work_space(self.n)
         self._gain = np.zeros((2, self.n - STATES))
@@ -183,7 +192,7 @@ class PoseTracker:
         for detection, landmark in zip(found.detections, found.landmarks, strict=True):
             r, a = float(seen.ranges[detection]), float(seen.bearings[detection])
             x, y = self.world.positions[landmark]
-            self._set_gain(r, a)
+            tilt.fill_gain(r, a, self.tilt.height, self._gain)
             var_r = noise.range_sd**2 + (noise.range_share * r) ** 2
             total += ukf.update_with(
                 self.mean, self.cov, x, y, r, a, var_r, noise.bearing_sd**2, self._gain, self._work
@@ -192,21 +201,7 @@ class PoseTracker:
         return FrameResult(len(seen), count, 0.5 * total / count if count else 0.0)
 
     def _fade(self, time: float) -> None:
-        if self.n == STATES:
-            return
-        keep = math.exp(-max(0.0, time - self._tilted_at) / self.tilt.fade)
-        self._tilted_at = time
-        self.mean[STATES:] *= keep
-        self.cov[STATES:, :] *= keep
-        self.cov[:, STATES:] *= keep
-        for i in range(STATES, self.n):
-            self.cov[i, i] += (1.0 - keep * keep) * self.tilt.sd**2
-
-    def _set_gain(self, r: float, a: float) -> None:
-        if self.n == STATES:
-            return
-        h = self.tilt.height
-        stretch, swing = (h * h + r * r) / h, h / max(r, 0.1)
-        c, s = math.cos(a), math.sin(a)
-        self._gain[0, 0], self._gain[0, 1] = stretch * c, stretch * s
-        self._gain[1, 0], self._gain[1, 1] = -swing * s, swing * c
+        if self.n > STATES:
+            keep = math.exp(-max(0.0, time - self._tilted_at) / self.tilt.fade)
+            self._tilted_at = time
+            tilt.fade(self.mean, self.cov, keep, self.tilt.sd)

@@ -1,0 +1,111 @@
+"""The live belief: unbiased, and as sure as it may be, also when frames share the error of a tilt."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from surefoot.services.navigator.belief import tilt
+from surefoot.services.navigator.belief.landmarks import LandmarkMap
+from surefoot.services.navigator.belief.matching import DetectionError, Detections, SightNoise
+from surefoot.services.navigator.belief.tracker import Motion, PoseTracker, Start, Tilt
+
+TILT = Tilt(math.radians(2.5), fade=0.3, height=0.45)
+NOISE = SightNoise(0.0, 0.03, math.radians(1.5))
+STEP = Motion(
+    0.0055, 0.0, 0.0, 0.0055, along=1e-6, across=1e-6, heading=math.radians(0.4) ** 2, drifting=1e-6
+)  # a tenth of a second of a walking Nao
+
+
+def walk(seed: int, tilted: Tilt, believed: Tilt, seconds: float = 20.0) -> tuple[float, float]:
+    """Walk with a drift past landmarks; return NEES of the pose at the end and the distance of the estimate, m."""
+    rng = np.random.default_rng(seed)
+    places, looks = rng.uniform((-1.0, -1.5), (3.0, 1.5), (480, 2)), rng.standard_normal((480, 8))
+    looks /= np.linalg.norm(looks, axis=1, keepdims=True)
+    tracker = PoseTracker(Start(0.05, math.radians(5.0), 0.4), NOISE, NOISE, believed)
+    tracker.world = LandmarkMap(places, looks)
+    x, y, theta = 0.05 * rng.standard_normal(), 0.05 * rng.standard_normal(), math.radians(5.0) * rng.standard_normal()
+    drift, error, keep = 0.4 * rng.standard_normal(), tilted.sd * rng.standard_normal(2), math.exp(-0.1 / tilted.fade)
+    gain = np.zeros((2, 2))
+    for k in range(round(seconds / 0.1)):
+        forward = STEP.forward + math.sqrt(STEP.along) * rng.standard_normal()
+        turn = drift * STEP.walked + math.sqrt(STEP.heading) * rng.standard_normal()
+        left = math.sqrt(STEP.across) * rng.standard_normal()
+        c, s = math.cos(theta + 0.5 * turn), math.sin(theta + 0.5 * turn)
+        x, y, theta = x + forward * c - left * s, y + forward * s + left * c, theta + turn
+        drift += math.sqrt(STEP.drifting) * rng.standard_normal()
+        error = keep * error + math.sqrt(1.0 - keep * keep) * tilted.sd * rng.standard_normal(2)
+        tracker.move(STEP)
+        away = places - (x, y)
+        r, a = np.hypot(*away.T), np.arctan2(away[:, 1], away[:, 0]) - theta
+        a = np.angle(np.exp(1j * a))
+        seen = np.flatnonzero((r > 0.35) & (r < 1.18) & (np.abs(a) < 0.57) & (rng.random(480) < 0.1))
+        ranges, bearings = [], []
+        for i in seen:
+            tilt.fill_gain(r[i], a[i], tilted.height, gain)
+            ranges.append(r[i] * (1.0 + 0.03 * rng.standard_normal()) + float((gain[0] * error).sum()))
+            bearings.append(a[i] + NOISE.bearing_sd * rng.standard_normal() + float((gain[1] * error).sum()))
+        frame = Detections(
+            np.maximum(ranges, 0.0), np.array(bearings), looks[seen] + 0.05 * rng.standard_normal((len(seen), 8))
+        )
+        tracker.look(frame, 0.1 * (k + 1), standing=False)
+    e = tracker.mean[:3] - (x, y, theta)
+    e[2] = math.remainder(e[2], 2.0 * math.pi)
+    return float(e @ np.linalg.solve(tracker.cov[:3, :3], e)), math.hypot(e[0], e[1])
+
+
+RUNS = 60
+
+
+def band(share: float) -> tuple[float, float]:
+    """Return the band that holds the mean NEES of RUNS runs with a probability."""
+    return (chi2.ppf((1 - share) / 2, 3 * RUNS) / RUNS, chi2.ppf((1 + share) / 2, 3 * RUNS) / RUNS)
+
+
+def test_consistent_with_a_known_tilt() -> None:
+    none = Tilt()
+    found = np.array([walk(seed, Tilt(1e-9), none) for seed in range(RUNS)])
+    low, high = band(0.999)
+    assert low < found[:, 0].mean() < high
+    assert found[:, 1].mean() < 0.02
+
+
+def test_consistent_with_a_tilt_that_frames_share() -> None:
+    found = np.array([walk(seed, TILT, TILT) for seed in range(RUNS)])
+    low, high = band(0.999)
+    assert low < found[:, 0].mean() < high
+
+
+def test_a_tilt_that_is_ignored_makes_it_far_too_sure() -> None:
+    found = np.array([walk(seed, TILT, Tilt()) for seed in range(20)])
+    assert found[:, 0].mean() > 3.0 * 4.0
+
+
+def test_place_keeps_the_drift_only_when_told() -> None:
+    tracker = PoseTracker(Start(), NOISE, NOISE)
+    tracker.mean[3], tracker.cov[3, 3] = 0.3, 0.01
+    tracker.place((1.0, 2.0, 0.5), keep_drift=True)
+    assert tracker.mean[3] == 0.3
+    assert tracker.cov[3, 3] == 0.01
+    tracker.place((1.0, 2.0, 7.0))
+    assert tracker.mean[3] == 0.0
+    assert tracker.pose == pytest.approx((1.0, 2.0, 7.0 - 2.0 * math.pi))
+
+
+def test_after_changes_nothing() -> None:
+    tracker = PoseTracker(Start(), NOISE, NOISE, TILT)
+    before = (tracker.mean.copy(), tracker.cov.copy())
+    mean, cov = tracker.after(STEP)
+    np.testing.assert_array_equal(tracker.mean, before[0])
+    np.testing.assert_array_equal(tracker.cov, before[1])
+    assert mean.shape == (4,)
+    assert cov[0, 0] > before[1][0, 0]
+
+
+def test_descriptors_of_another_length_are_refused() -> None:
+    tracker = PoseTracker(Start(), NOISE, NOISE)
+    rng = np.random.default_rng(0)
+    tracker.world = LandmarkMap(rng.uniform(-1, 1, (20, 2)), rng.standard_normal((20, 8)))
+    with pytest.raises(DetectionError, match="8 numbers, got 4"):
+        tracker.look(Detections(np.array([0.5]), np.array([0.0]), np.ones((1, 4))), 0.1, standing=True)
