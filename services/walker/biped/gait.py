@@ -21,15 +21,19 @@ from surefoot.services.walker.biped.ik import leg_geometry
 from surefoot.services.walker.biped.params import GAITS, BipedParams, abilities
 from surefoot.services.walker.biped.plan import LEFT, RIGHT, between, placed, reference, smooth, support_point, swing
 from surefoot.services.walker.biped.preview import HORIZON, preview_gains, preview_step
-from surefoot.services.walker.biped.report import outputs
+from surefoot.services.walker.biped.report import ends_in_s, outputs
 from surefoot.services.walker.biped.route import route_of, upcoming
 from surefoot.services.walker.biped.servos import DT, GRAVITY, SetPoints
-from surefoot.services.walker.biped.state import BipedState, Mode
+from surefoot.services.walker.biped.state import BipedState, Late, Mode
 from surefoot.services.walker.commands import refusal_of
 from surefoot.services.walker.interface import CommandReply, MotionCommand, WalkerInputs, WalkerOutputs
 from surefoot.services.walker.memory import WalkMemory
 
 Array = NDArray[np.float64]
+
+LATE_TICKS = 25
+"""A command that comes later than this before the last landing does not begin until the robot stands: one in the last
+0.1 s that was laid into the plan at once toppled Nao."""
 
 
 class BipedWalker:
@@ -83,7 +87,11 @@ class BipedWalker:
         return gait, self._params_of(gait) if gait in GAITS else self.params
 
     def command(self, command: MotionCommand) -> CommandReply:
-        """Accept or refuse a command; an accepted one replaces the present one at the next step."""
+        """Accept or refuse a command; an accepted one replaces the present one at the next step.
+
+        One that comes less than `LATE_TICKS` before the last landing finds the weight on its way to rest between the
+        feet: it is taken up when the robot stands.
+        """
         s = self.state
         stepping = s.gait if s.mode in (Mode.START, Mode.STEP) else None
         gait, params = self._gait_of(command, stepping)
@@ -91,13 +99,23 @@ class BipedWalker:
         refusal = refusal_of(command, abilities(params), calibrated=s.calibrated, fallen=fallen, stepping_gait=stepping)
         if refusal is not None:
             return refusal
-        s.gait = gait
-        self._take_params(params)
         s.walk_id += 1
         s.reason = ""
         walking = command.action in ("walk", "turn")
-        s.route = s.undone = route_of(command, self.params, s.walk_id) if walking else None
-        s.duration, s.began = command.duration if walking else None, None
+        late = Late(command, gait, route_of(command, params, s.walk_id) if walking else None)
+        if s.mode is Mode.STEP and self._ticks_left() < LATE_TICKS and not self._upcoming(1):
+            s.late = late
+        else:
+            self._take_up(late)
+        return CommandReply(True, s.walk_id)
+
+    def _take_up(self, late: Late) -> None:
+        """Let a command replace the present one from the next step on."""
+        s = self.state
+        s.gait, s.late, walking = late.gait, None, late.route is not None
+        self._take_params(self._params_of(late.gait))
+        s.route = s.undone = late.route
+        s.duration, s.began = late.command.duration if walking else None, None
         s.stopping = not walking and s.mode in (Mode.START, Mode.STEP)
         if s.mode is Mode.STEP:
             self._lay_reference()
@@ -106,11 +124,13 @@ class BipedWalker:
                 self._lay_reference()
             else:
                 self._stand()
-        return CommandReply(True, s.walk_id)
 
     def kept(self) -> WalkMemory:
         """What a restart must not lose; a step that is not finished has to be done again."""
         s = self.state
+        if s.late is not None:
+            walking = s.late.route is not None
+            return WalkMemory(s.walk_id, replace(s.late.command, gait=s.late.gait) if walking else None, None, None)
         route = s.undone if s.mode is Mode.STEP else s.route
         left = None if route is None or route.finished else route.left(self.params.step_s, s.gait, s.duration)
         return WalkMemory(s.walk_id, left, None, s.began)
@@ -138,7 +158,8 @@ class BipedWalker:
             self._advance()
             self.servos.follow(s, self.params, self._soles(), self._double)
         phase = min(1.0, s.clock / self._ticks) if s.mode is Mode.STEP else 0.0
-        return outputs(s, self._soles(), phase, s.clock <= self._double, self.servos.height)
+        ends = ends_in_s(s, self.params, self._ticks_left())
+        return outputs(s, self._soles(), phase, s.clock <= self._double, self.servos.height, ends)
 
     def _take(self, inputs: WalkerInputs) -> None:
         s, p = self.state, self.params
@@ -158,7 +179,7 @@ class BipedWalker:
             s.offset[:] = 0.0
             return
         if feedback.watch(s, p, inputs, self.servos.com_height):
-            s.mode, s.clock, s.route = Mode.FOLD, 0, None
+            s.mode, s.clock, s.route, s.late = Mode.FOLD, 0, None, None
             s.rise_from = s.command
 
     def _begin(self) -> None:
@@ -222,12 +243,16 @@ class BipedWalker:
         if s.progress > 1.0 - 1e-9:
             self._land()
             self._next_step()
+            if s.late is not None:
+                self._take_up(s.late)
         else:
             self._adjust()
 
     def _ticks_left(self) -> int:
-        """Until the present step's touch-down."""
+        """Until the present step's touch-down, or until the first step begins."""
         s = self.state
+        if s.mode is Mode.START:
+            return max(0, math.ceil(self.params.start_s / DT - 1e-9) - s.clock)
         swinging = (1.0 - s.progress) * (self._ticks - self._double) / s.pace
         return max(0, self._double - s.clock) + math.ceil(swinging - 1e-9)
 
@@ -249,7 +274,7 @@ class BipedWalker:
         s.scale = min(1.0, max(0.0, (p.slow_full_rad - s.peak) / (p.slow_full_rad - p.slow_from_rad)))
         s.peak = 0.0
         if s.held:
-            s.route, s.reason = None, "the estimate is stale or absent: the walk ends"
+            s.route, s.late, s.reason = None, None, "the estimate is stale or absent: the walk ends"
         s.began = s.stamp if s.began is None else s.began
         if s.duration is not None and s.stamp - s.began >= s.duration:
             s.route = None

@@ -1,8 +1,12 @@
 """What the biped walker says about itself in each tick."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.services.walker.biped.params import BipedParams
+from surefoot.services.walker.biped.servos import DT
 from surefoot.services.walker.biped.state import BipedState, Mode
 from surefoot.services.walker.interface import WalkerOutputs, WalkState
 
@@ -17,12 +21,40 @@ def walk_state(s: BipedState) -> WalkState:
         return "recovering" if s.recovering else "waiting"
     if s.held:
         return "hold"
+    if s.late is not None:
+        route = s.late.route
+        return "stopping" if route is None else "turning" if route.turning else "walking"
     if s.route is not None:
         return "turning" if s.route.turning else "walking"
     return "standing" if s.mode is Mode.STAND else "stopping"
 
 
-def outputs(s: BipedState, soles: Array, phase: float, double: bool, height: float) -> WalkerOutputs:
+def ends_in_s(s: BipedState, p: BipedParams, ticks_left: int) -> float | None:
+    """Return the time until the last planned step of the present command lands, s; None: no command is under way.
+
+    Args:
+        s: state.
+        p: settings of the gait.
+        ticks_left: of the present step, or of the shift of weight before the first.
+    """
+    route = s.route if s.late is None else s.late.route
+    if route is None or s.mode not in (Mode.STAND, Mode.START, Mode.STEP):
+        return None
+    begins = DT * ticks_left if s.mode is not Mode.STAND else p.start_s
+    if s.late is not None:
+        begins += p.start_s
+    elif s.mode is Mode.STEP and route.finished and (s.undone is None or s.undone.finished):
+        return None  # the closing step
+    ends = begins + route.steps * p.step_s
+    if s.duration is not None and s.late is None:
+        rest = s.duration if s.began is None else max(0.0, s.began + s.duration - s.stamp - begins)
+        ends = min(ends, begins + math.ceil(rest / p.step_s - 1e-9) * p.step_s)
+    return round(ends, 6) if math.isfinite(ends) else None
+
+
+def outputs(
+    s: BipedState, soles: Array, phase: float, double: bool, height: float, ends: float | None = None
+) -> WalkerOutputs:
     """The walker's decision as it goes out.
 
     Args:
@@ -31,7 +63,9 @@ def outputs(s: BipedState, soles: Array, phase: float, double: bool, height: flo
         phase: of the present step, 0..1.
         double: both feet stand in the present step.
         height: of base_link, m.
+        ends: see `ends_in_s`.
     """
+    route = s.route if s.late is None else s.late.route
     stance = np.ones(2, dtype=np.bool_)
     if s.mode is Mode.STEP and s.step is not None:
         stance[s.step.swing] = double
@@ -46,9 +80,10 @@ def outputs(s: BipedState, soles: Array, phase: float, double: bool, height: flo
         footholds=np.column_stack((soles[:, :2], soles[:, 3])),
         foothold_status=("nominal", "nominal"),
         trunk_height=height,
-        remaining=0.0 if s.route is None else s.route.remaining,
+        remaining=0.0 if route is None else route.remaining,
         margin=None,
         reason=s.reason,
         steps=s.steps,
         unreachable=s.unreachable,
+        ends_in_s=ends,
     )

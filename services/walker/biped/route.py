@@ -52,6 +52,14 @@ class BipedRoute:
         """Nothing is left."""
         return abs(self.forward) < DONE and (abs(self.turn) < DONE or not self.turning)
 
+    @property
+    def steps(self) -> float:
+        """Full steps that are left; inf of an endless walk."""
+        if self.finished:
+            return 0.0
+        part = abs(self.forward / self.step) if abs(self.step) > 0.0 else abs(self.turn / self.step_turn)
+        return math.ceil(part - DONE) if math.isfinite(part) else math.inf
+
     def left(self, step_s: float, gait: str, duration: float | None) -> MotionCommand:
         """What is left as a command: it leads to the same steps."""
         if self.turning:

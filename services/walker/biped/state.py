@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.services.walker.biped.route import BipedRoute, Footstep
+from surefoot.services.walker.interface import MotionCommand
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -24,6 +25,16 @@ class Mode(Enum):
     FALLEN = "fallen"
 
 
+@dataclass(frozen=True)
+class Late:
+    """A command that was accepted."""
+
+    command: MotionCommand
+    gait: str
+    route: BipedRoute | None
+    """None: it is no walking one."""
+
+
 @dataclass(eq=False)
 class BipedState:
     """State of the walker; frame odom."""
@@ -36,6 +47,8 @@ class BipedState:
     route: BipedRoute | None = None
     undone: BipedRoute | None = None
     """What the route was before the present step."""
+    late: Late | None = None
+    """Came while the closing step landed: taken up when the robot stands."""
     walk_id: int = 0
     step: Footstep | None = None
     """The present step."""
