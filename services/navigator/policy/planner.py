@@ -1,0 +1,219 @@
+"""Value iteration over what a robot with a drift must do to reach a goal, its pose and drift known.
+
+V(d, phi, b) = max_a { -dt_a + mean_k [s'_k not in the goal] V(s'_k) }, s'_k the state after action a with noise sample
+k; d and phi as in (4) and (5), b the drift. V is kept for each kind of last action that makes a difference, because
+stopping and starting take time. Only b >= 0 is computed: (d, phi, b) and (d, -phi, -b) are mirror images.
+"""
+
+import math
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import free_kernel
+from surefoot.services.navigator.policy.arrays import (
+    COS_HALF,
+    DENSITY,
+    FORWARD,
+    FRAMES,
+    GOAL_RADIUS,
+    HEIGHT,
+    KIND,
+    LATE,
+    MATCH,
+    MOST,
+    RANGE_MAX,
+    RANGE_MIN,
+    SD_BEARING,
+    SD_RANGE,
+    SD_SHARE,
+    SECONDS,
+    STAND,
+    TILT_SD,
+    TURN,
+    VAR_ACROSS,
+    VAR_ALONG,
+    VAR_HEADING,
+    Arrays,
+)
+from surefoot.services.navigator.policy.grids import D_MAX, D_MIN, GRID, LAYER_MAX, LAYER_MIN, MIRRORED
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+NOTHING = -1e9
+VARIANCE_UNSEEN = 1e4  # of a pose where nothing is seen
+
+
+def noise_samples(count: int) -> Array:
+    """Return standard normal samples (count, 3): a lattice in antithetic pairs, of unit variance in each column."""
+    plastic = 1.1347241384015194  # x^6 = x + 1: the additive recurrence that fills five dimensions evenly
+    half, normal = count // 2, NormalDist()
+    steps = [plastic**-1, plastic**-2, plastic**-3, plastic**-4, plastic**-5]
+    points = np.array([[normal.inv_cdf((0.5 + step * (k + 1)) % 1.0) for step in steps] for k in range(half)])
+    both = np.concatenate([points, -points])
+    return both / np.sqrt((both**2).mean(axis=0))
+
+
+@free_kernel
+def _sweep(
+    v: Array,
+    q: Array,
+    actions: Array,
+    switching: Array,
+    groups: Ints,
+    samples: Array,
+    radius: float,
+    d_min: float,
+    d_max: float,
+    drifts: Array,
+    inner: int,
+    error: float,
+) -> float:
+    """Update V (groups, nb, nd, nphi) and Q (nb, nd, nphi, A) in place, near goals first; return the largest change."""
+    nb, nd, nphi = v.shape[1], v.shape[2], v.shape[3]
+    na, worst = actions.shape[0], 0.0
+    b_step = drifts[1] - drifts[0] if nb > 1 else 1.0
+    dx_step, phi_step = (d_max - d_min) / (nd - 1), 2.0 * math.pi / nphi
+    moved = np.empty((na, samples.shape[0], 3))
+    for ib in range(nb):
+        for a in range(na):
+            change = actions[a, TURN] + drifts[ib] * actions[a, FORWARD]
+            c, s = math.cos(0.5 * change), math.sin(0.5 * change)
+            for k in range(samples.shape[0]):
+                along = actions[a, FORWARD] + math.sqrt(actions[a, VAR_ALONG]) * samples[k, 0]
+                across = math.sqrt(actions[a, VAR_ACROSS]) * samples[k, 1]
+                moved[a, k, 0] = along * c - across * s
+                moved[a, k, 1] = along * s + across * c
+                moved[a, k, 2] = change + math.sqrt(actions[a, VAR_HEADING]) * samples[k, 2]
+        for jd in range(nd):
+            d = d_min + jd * dx_step
+            for again in range(inner):
+                for kp in range(nphi):
+                    phi = -math.pi + kp * phi_step
+                    gx, gy = d * math.cos(phi), d * math.sin(phi)
+                    for a in range(na):
+                        if actions[a, KIND] == STAND:
+                            q[ib, jd, kp, a] = NOTHING
+                            continue
+                        after, total = groups[int(actions[a, KIND])], 0.0
+                        for k in range(samples.shape[0]):
+                            x, y = gx - moved[a, k, 0], gy - moved[a, k, 1]
+                            far = math.sqrt(x * x + y * y)
+                            ex, ey = x + error * samples[k, 3], y + error * samples[k, 4]
+                            if ex * ex + ey * ey < radius * radius:
+                                continue
+                            u = (min(far, d_max) - d_min) / dx_step
+                            j0 = min(int(u), nd - 2)
+                            wd = u - j0
+                            t = (math.atan2(y, x) - moved[a, k, 2] + math.pi) / phi_step
+                            whole = math.floor(t)
+                            wp = t - whole
+                            k0 = int(whole) % nphi
+                            k1 = k0 + 1 if k0 + 1 < nphi else 0
+                            near = (1.0 - wp) * v[after, ib, j0, k0] + wp * v[after, ib, j0, k1]
+                            beyond = (1.0 - wp) * v[after, ib, j0 + 1, k0] + wp * v[after, ib, j0 + 1, k1]
+                            total += (1.0 - wd) * near + wd * beyond
+                        q[ib, jd, kp, a] = total / samples.shape[0] - actions[a, SECONDS]
+                    for kind in range(3):
+                        top = NOTHING
+                        for a in range(na):
+                            top = max(top, q[ib, jd, kp, a] - switching[kind, int(actions[a, KIND])])
+                        worst = max(worst, abs(top - v[groups[kind], ib, jd, kp]))
+                        v[groups[kind], ib, jd, kp] = top
+    return worst
+
+
+def grid_of(d_max: float, drift_max: float, d_min: float = 0.0) -> Array:
+    """Return the axes of a planner's table: distances to d_max m, layers of drift 0 to drift_max rad per m."""
+    grid = np.zeros(GRID)
+    grid[[D_MIN, D_MAX, LAYER_MIN, LAYER_MAX, MIRRORED]] = d_min, d_max, 0.0, drift_max, 1.0
+    return grid
+
+
+def plan(
+    world: Arrays,
+    d_max: float = 5.8,
+    drift_max: float = math.radians(80.0),
+    shape: tuple[int, int, int] = (5, 161, 120),
+    samples: int = 24,
+    tolerance: float = 0.01,
+    inner: int = 2,
+    most: int = 60,
+    error: float = 0.0,
+    scale: tuple[float, float] = (1.0, 1.0),
+) -> tuple[Array, Array, int]:
+    """Return the table of action values (nb, nd, nphi, A) in s (negative), its grid, and the number of sweeps.
+
+    Args:
+        world: the model.
+        d_max: m, largest distance of the table; farther goals are read there.
+        drift_max: rad per m, largest drift.
+        shape: number of drifts from 0 on, of distances, of bearings.
+        samples: of the motion noise.
+        tolerance: s, change of a value in a sweep that is small enough.
+        inner: sweeps over the bearings of a distance before the next one.
+        most: sweeps after which it ends in any case.
+    """
+    nb, nd, nphi = shape
+    v = np.zeros((int(world.groups.max()) + 1, nb, nd, nphi))
+    v += _guess(world, np.linspace(0.0, d_max, nd), nphi)
+    q = np.zeros((nb, nd, nphi, len(world.names)))
+    grid, drifts, noise = grid_of(d_max, drift_max), np.linspace(0.0, drift_max, nb), noise_samples(samples) * np.array([scale[0], scale[0], scale[1], 1.0, 1.0])
+    for sweep in range(most):
+        worst = _sweep(
+            v, q, world.actions, world.switching, world.groups, noise, world.scene[GOAL_RADIUS], 0.0, d_max, drifts, inner, error
+        )
+        if worst < tolerance:
+            break
+    return q, grid, sweep + 1
+
+
+def _guess(world: Arrays, d: Array, nphi: int) -> Array:
+    """Return a start for V, (nd, nphi), s: turn to the goal, then walk to it."""
+    walks = [row for row in world.actions if row[FORWARD] > 0.0]
+    turns = [row for row in world.actions if row[FORWARD] == 0.0 and row[TURN] != 0.0]
+    per_m = min(row[SECONDS] / row[FORWARD] for row in walks)
+    per_rad = min(row[SECONDS] / abs(row[TURN]) for row in turns)
+    phi = np.abs(-math.pi + np.arange(nphi) * (2.0 * math.pi / nphi))
+    return -(1.1 * per_m * d[:, None] + per_rad * phi[None, :])
+
+
+def shown_by_standing(world: Arrays) -> Array:
+    """Return the covariance (3, 3) of the pose that one stand shows, robot axes, m and rad.
+
+    Information of the landmarks that are recognised on average: density * match * integral of H^T R^-1 H over the
+    footprint, times the frames that arrive before the decision; scaled down where more would be seen than are used.
+    A tilt common to all frames moves the pose by height * tilt, which no number of landmarks averages out.
+    """
+    stands = [row for row in world.actions if row[KIND] == STAND]
+    if not stands:
+        return np.eye(3) * VARIANCE_UNSEEN
+    row, density = stands[0], world.scene[DENSITY]
+    info, seen, half = np.zeros((3, 3)), 0.0, math.acos(row[COS_HALF])
+    nr, na = 24, 24
+    dr, da = (row[RANGE_MAX] - row[RANGE_MIN]) / nr, 2.0 * half / na
+    for i in range(nr):
+        r = row[RANGE_MIN] + (i + 0.5) * dr
+        for j in range(na):
+            a = -half + (j + 0.5) * da
+            weight = density * row[MATCH] * r * dr * da
+            h_range = np.array([-math.cos(a), -math.sin(a), 0.0])
+            h_bearing = np.array([math.sin(a) / r, -math.cos(a) / r, -1.0])
+            var_range = row[SD_RANGE] ** 2 + (row[SD_SHARE] * r) ** 2
+            info += weight * np.multiply.outer(h_range, h_range) / var_range
+            info += weight * np.multiply.outer(h_bearing, h_bearing) / row[SD_BEARING] ** 2
+            seen += weight
+    frames = max(row[FRAMES] - row[LATE], 0.0)
+    if seen <= 0.0 or frames <= 0.0:
+        return np.eye(3) * VARIANCE_UNSEEN
+    info *= frames * min(1.0, world.scene[MOST] / seen)
+    return _inverse(info) + np.diag([(world.scene[HEIGHT] * world.scene[TILT_SD]) ** 2] * 2 + [0.0])
+
+
+def _inverse(m: Array) -> Array:
+    """Inverse of a symmetric 3x3 matrix, every sum in index order."""
+    from surefoot.geometry.linear_kernels import inverse3
+
+    return inverse3(m)[0]
