@@ -107,6 +107,16 @@ def _by_hand(
 
 
 @row_kernel
+def _at(
+    table: Array, grid: Array, actions: Array, x: Array, gx: float, gy: float, radius: float, weight: float, out: Array
+) -> None:
+    """Add weight * values of a known state x (4,) to out (A,)."""
+    dx, dy = gx - x[0], gy - x[1]
+    d = max(math.sqrt(dx * dx + dy * dy), radius)
+    add_values(table, grid, actions, d, wrap(math.atan2(dy, dx) - x[2]), x[3], weight, out)
+
+
+@row_kernel
 def _average(
     numbers: Array,
     table: Array,
@@ -204,41 +214,49 @@ def _planned(
     Value of a stand: -its seconds + mean over where the estimate may then be of the best action's average value. It is
     compared with the actions' averages over the belief of now, so it pays where what is seen can change the choice.
     """
+    na = actions.shape[0]
+    left4, moved4, average, there, single = work[20:24], work[24:28], work[30, 0:na], work[31, 0:4], work[32, 0:na]
     _top4(mean, cov, work)
-    spread4, average = work[20:24], work[30]
-    spread(work[0:4], spread4)
-    _average(numbers, table, grid, actions, mean, spread4, gx, gy, radius, values)
-    can_stand = -1
-    for a in range(actions.shape[0]):
+    spread(work[0:4], left4)
+    _average(numbers, table, grid, actions, mean, left4, gx, gy, radius, values)
+    can_stand, now = -1, -math.inf
+    for a in range(na):
         kind = int(actions[a, KIND])
+        values[a] -= switching[last, kind]
         if kind == STAND:
             can_stand = a
-        values[a] -= switching[last, kind]
+        else:
+            now = max(now, values[a])
     if can_stand < 0:
         return
-    after_sight(mean[2], shown, work)
-    moved4, left4 = work[24:28], work[20:24]
-    spread(work[8:12], moved4)
-    spread(work[4:8], left4)
-    total, there = 0.0, work[31]
-    for j in range(4):
-        for half in range(2):
-            sign = 1.0 - 2.0 * half
-            for i in range(4):
-                there[i] = (mean[i] if i < mean.size else 0.0) + sign * moved4[i, j]
-            _average(numbers, table, grid, actions, there[0:4], left4, gx, gy, radius, average[0 : values.size])
-            top = -math.inf
-            for a in range(actions.shape[0]):
-                kind = int(actions[a, KIND])
-                if kind != STAND:
-                    top = max(top, average[a] - switching[STAND, kind])
-            total += 0.125 * top
-    now = -math.inf
-    for a in range(actions.shape[0]):
-        if int(actions[a, KIND]) != STAND:
-            now = max(now, values[a])
-    stand = total - actions[can_stand, SECONDS] - switching[last, STAND]
-    values[can_stand] = now + (stand - now) if numbers[STAND_SHARE] > 0.0 else now - 1.0
+    stand = now - actions[can_stand, SECONDS] - switching[last, STAND]
+    if numbers[STAND_SHARE] > 0.0:
+        after_sight(mean[2], shown, work)
+        spread(work[8:12], moved4)
+        chosen_later = 0.0
+        for a in range(na):
+            average[a] = 0.0
+        for j in range(4):
+            for half in range(2):
+                sign = 1.0 - 2.0 * half
+                for i in range(4):
+                    there[i] = (mean[i] if i < mean.size else 0.0) + sign * moved4[i, j]
+                for a in range(na):
+                    single[a] = 0.0
+                _at(table, grid, actions, there, gx, gy, radius, 1.0, single)
+                top = -math.inf
+                for a in range(na):
+                    if int(actions[a, KIND]) != STAND:
+                        value = single[a] - switching[STAND, int(actions[a, KIND])]
+                        average[a] += 0.125 * value
+                        top = max(top, value)
+                chosen_later += 0.125 * top
+        chosen_now = -math.inf
+        for a in range(na):
+            if int(actions[a, KIND]) != STAND:
+                chosen_now = max(chosen_now, average[a])
+        stand += numbers[STAND_SHARE] * (chosen_later - chosen_now)
+    values[can_stand] = stand
 
 
 @row_kernel
