@@ -145,3 +145,17 @@ def known_anywhere(looks: Array, wanted: Index, columns: Array, look: float) -> 
                 found += 1
                 break
     return found
+
+
+@row_kernel
+def in_view(
+    positions: Array, x: float, y: float, heading: float, nearest: float, farthest: float, half_angle: float
+) -> int:
+    """Count of landmarks (n, 2) between two distances (m) and within an angle (rad) of a heading from (x, y)."""
+    c, s, limit, count = math.cos(heading), math.sin(heading), math.cos(half_angle), 0
+    for i in range(positions.shape[0]):
+        dx, dy = positions[i, 0] - x, positions[i, 1] - y
+        q2 = dx * dx + dy * dy
+        if nearest * nearest <= q2 <= farthest * farthest and c * dx + s * dy >= limit * math.sqrt(q2):
+            count += 1
+    return count

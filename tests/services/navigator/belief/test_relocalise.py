@@ -19,7 +19,7 @@ def difference(pose, truth):
 
 def glances(eye, truth, frames, turns=(0.0,)):
     """Frames of a robot that stands, and then at other headings."""
-    return [Glance(eye.look(truth + [0.0, 0.0, t])[0], (0.0, 0.0, t)) for t in turns for _ in range(frames)]
+    return [Glance(eye.look(truth + np.array([0.0, 0.0, t]))[0], (0.0, 0.0, t)) for t in turns for _ in range(frames)]
 
 
 def trials(n, density, noise, frames, recognised=0.45, turns=(0.0,), first=0):
@@ -65,7 +65,7 @@ def test_turning_on_the_spot_finds_what_standing_does_not():
 def test_a_patch_that_is_there_twice_is_ambiguous():
     one = floor(3, 40.0, (-1.0, -1.0), (2.0, 1.0))
     twice = LandmarkMap(
-        np.vstack((one.positions, one.positions + [10.0, 0.0])), np.vstack((one.descriptors, one.descriptors))
+        np.vstack((one.positions, one.positions + np.array([10.0, 0.0]))), np.vstack((one.descriptors, one.descriptors))
     )
     eye = Eye(one, EASY, 4)
     found = relocalise(glances(eye, np.zeros(3), 10), twice, EASY)

@@ -1,0 +1,162 @@
+"""Lost or not: probabilities, what raises and lowers them, calibration on streams drawn from the model, real frames."""
+
+import math
+
+import numpy as np
+import pytest
+
+from surefoot.errors import Refusal
+from surefoot.services.navigator.belief.lost import (
+    Footprint,
+    FrameEvidence,
+    LostModel,
+    LostState,
+    evidence_of,
+    in_view,
+    observed,
+    passed,
+)
+from surefoot.services.navigator.belief.matching import Detections, match
+from tests.services.navigator.belief.floors import EASY, LENGTH, ROUGH, Eye, floor
+
+MODEL, DT = LostModel(), 0.1
+
+
+def after(frames, state=None, model=MODEL):
+    state = state or LostState()
+    for frame in frames:
+        state = observed(passed(state, DT, model), frame, model)
+    return state
+
+
+def test_probabilities_add_up_to_one():
+    rng, state = np.random.default_rng(1), LostState()
+    for _ in range(500):
+        counts = rng.poisson([2, 1, 0.3])
+        state = after([FrameEvidence(*counts.tolist(), tuple(rng.uniform(0, 9, counts[0])), 2.0)], state)
+        parts = (state.right, state.displaced, state.off_map, state.blind)
+        assert min(parts) >= 0.0
+        assert sum(parts) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_what_is_seen_here_lowers_and_what_belongs_elsewhere_raises():
+    start = after([FrameEvidence()] * 50)
+    assert after([FrameEvidence(here=1)], start).displaced < start.displaced
+    assert after([FrameEvidence(elsewhere=1)], start).displaced > start.displaced
+    assert after([FrameEvidence(strange=1)], start).off_map > start.off_map
+    assert (
+        after([FrameEvidence(here=1, nis=(8.0,))], start).displaced
+        > after([FrameEvidence(here=1, nis=(0.5,))], start).displaced
+    )
+
+
+def test_no_single_frame_decides():
+    settled = after([FrameEvidence(here=2)] * 100)
+    assert after([FrameEvidence(elsewhere=20)], settled).doubt < 0.1
+    assert after([FrameEvidence(elsewhere=20)] * 5, settled).doubt > MODEL.threshold
+
+
+def test_false_detections_and_silence_are_no_loss():
+    rng = np.random.default_rng(2)
+    worst, state = 0.0, LostState()
+    for _ in range(36_000):  # an hour
+        n = rng.poisson(2.4)
+        elsewhere = rng.binomial(n, 0.15)
+        state = after([FrameEvidence(n - elsewhere, elsewhere, 0, (), 2.4)], state)
+        worst = max(worst, state.doubt)
+    assert worst < MODEL.threshold
+    assert after([FrameEvidence()] * 600).doubt < 0.5  # nothing is expected where nothing is seen
+
+
+def test_a_dark_camera_is_blind_and_not_displaced():
+    state = after([FrameEvidence(here=2, expected=2.4)] * 50)
+    state = after([FrameEvidence(expected=2.4)] * 30, state)
+    assert state.blind > 0.9
+    assert state.probability < 0.05
+    assert "nothing is seen" in state.reason(MODEL)
+    state = after([FrameEvidence(here=2, expected=2.4)] * 10, state)
+    assert state.doubt < 0.05
+    assert state.reason(MODEL) == ""
+
+
+def test_a_floor_without_known_landmarks_is_off_the_map():
+    state = after([FrameEvidence(strange=2)] * 30, after([FrameEvidence(here=2)] * 30))
+    assert state.off_map > MODEL.threshold
+    assert "not on the map" in state.reason(MODEL)
+
+
+def test_probability_means_what_it_says():
+    """Streams drawn from the model: of the moments with probability p, a part p is truly displaced."""
+    model = LostModel(displacement_rate=0.02, recovery_rate=1e-9, leaving_rate=1e-9, blinding_rate=1e-9)
+    rng, said, true = np.random.default_rng(3), [], []
+    for _ in range(400):
+        state, displaced = LostState(), False
+        for _ in range(150):
+            displaced = displaced or rng.uniform() < 1.0 - math.exp(-model.displacement_rate * DT)
+            counts = rng.multinomial(int(rng.uniform() < 0.15), model.displaced if displaced else model.right)
+            state = after([FrameEvidence(*counts.tolist())], state, model)
+            said.append(state.displaced)
+            true.append(displaced)
+    said, true = np.array(said), np.array(true)
+    for low, high in ((0.0, 0.1), (0.1, 0.4), (0.4, 0.7), (0.7, 0.95), (0.95, 1.01)):
+        inside = (said >= low) & (said < high)
+        assert inside.sum() > 200
+        assert true[inside].mean() == pytest.approx(said[inside].mean(), abs=0.08)
+
+
+@pytest.mark.parametrize(("noise", "recognised"), [(EASY, 0.1), (ROUGH, 0.1)])
+def test_a_displaced_walker_is_noticed_in_three_seconds(noise, recognised):
+    model, cov = LostModel.of(noise, Footprint()), np.diag([0.03**2, 0.03**2, math.radians(3) ** 2])
+    for seed in range(10):
+        world = floor(seed, copied=0.5)
+        eye, believed = Eye(world, noise, seed, recognised=recognised, false=0.1), np.array([2.0, 0.0, 0.0])
+        state, noticed = LostState(), None
+        for i in range(80):
+            truth = believed if i < 50 else np.array([2.3, 0.6, -math.pi / 2])
+            seen, _ = eye.look(truth)
+            expected = recognised * in_view(world, tuple(believed.tolist()), Footprint())
+            found = match(believed, cov, seen, world, noise)
+            state = observed(passed(state, DT, model), evidence_of(found, seen, world, noise, expected), model)
+            if i < 50:
+                assert state.doubt < 0.5
+            elif noticed is None and state.doubt > model.threshold:
+                noticed = i
+        assert noticed is not None
+        assert "elsewhere" in state.reason(model)
+
+
+def test_evidence_counts_every_detection_but_outliers_and_nonsense():
+    world = floor(4)
+    seen, _ = Eye(world, EASY, 5, false=0.3).look((1.0, 0.0, 0.0))
+    looks = np.vstack((seen.looks, np.full((1, LENGTH), 9.0), seen.looks[:1]))
+    more = Detections(np.append(seen.ranges, [0.7, 0.0]), np.append(seen.bearings, [0.0, 0.0]), looks)
+    found = match(np.array([1.0, 0.0, 0.0]), np.eye(3) * 1e-3, more, world, EASY)
+    evidence = evidence_of(found, more, world, EASY)
+    assert evidence.strange == 1
+    counted = evidence.here + evidence.elsewhere + evidence.strange
+    assert counted == len(more) - found.counts["outlier"] - found.counts["invalid"]
+    assert found.counts["invalid"] == 1
+
+
+def test_landmarks_in_view_are_those_of_the_sector():
+    world, view, rng = floor(6), Footprint(), np.random.default_rng(7)
+    for _ in range(20):
+        x, y, heading = rng.uniform([0, -1, -9], [5, 1, 9])
+        d = world.positions - [x, y]
+        r, b = np.hypot(*d.T), np.arctan2(d[:, 1], d[:, 0]) - heading
+        inside = (r >= view.nearest) & (r <= view.farthest) & (np.cos(b) >= math.cos(view.half_angle))
+        assert in_view(world, (x, y, heading), view) == inside.sum()
+
+
+@pytest.mark.parametrize(
+    "bad", [{"right": (0.5, 0.5, 0.5)}, {"displaced": (1.0, 0.0, 0.0)}, {"displacement_rate": 0.0}, {"scale": math.nan}]
+)
+def test_models_that_cannot_be_are_refused(bad):
+    with pytest.raises(Refusal):
+        LostModel(**bad)
+
+
+@pytest.mark.parametrize("dt", [-0.1, math.nan, math.inf])
+def test_time_that_cannot_be_is_refused(dt):
+    with pytest.raises(Refusal):
+        passed(LostState(), dt, MODEL)
