@@ -50,6 +50,17 @@ ATTEMPT, PATIENCE = 0.5, 1.5
 """s between attempts to relocalise; s until a robot that cannot turns by 46 degrees."""
 
 
+def wrapped(angle: float) -> float:
+    """Return the same angle in [-pi, pi), rad."""
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def spread(values: Array) -> dict[str, float]:
+    """Return median, 95 % quantile and maximum."""
+    found = np.quantile(values, (0.5, 0.95, 1.0), method="higher").round(3).tolist()
+    return dict(zip(("median", "95 %", "max"), found, strict=True))
+
+
 def corridor(seed: int, density: float, copied: float, copies: int = 10) -> LandmarkMap:
     """Landmarks at random; a share of them in groups that look the same."""
     rng = np.random.default_rng(seed)
@@ -94,7 +105,7 @@ class Robot:
         goal = math.atan2(-y, 2.0 * math.copysign(1.0, math.cos(heading)))
         if (x > 5.0 and math.cos(heading) > -0.5) or (x < 0.5 and math.cos(heading) < 0.5):
             self.mode, self.left = "turn", 1.0
-        steer = (goal - heading + math.pi) % (2 * math.pi) - math.pi
+        steer = wrapped(goal - heading)
         turn = TURN if self.mode == "turn" else max(-TURN, min(TURN, steer)) if self.mode == "walk" else 0.0
         self.move(SPEED if self.mode == "walk" else 0.0, turn)
 
@@ -111,7 +122,7 @@ class Robot:
             c, s = math.cos(pose[2] + 0.5 * angle), math.sin(pose[2] + 0.5 * angle)
             pose[0] += way * c - along * r[1] * s
             pose[1] += way * s + along * r[1] * c
-            pose[2] = (pose[2] + angle + bend * r[2] + math.pi) % (2 * math.pi) - math.pi
+            pose[2] = wrapped(pose[2] + angle + bend * r[2])
         f = np.eye(3)
         f[0, 2], f[1, 2] = -step * math.sin(self.mean[2]), step * math.cos(self.mean[2])
         self.cov = f @ self.cov @ f.T + np.diag([along**2 + 1e-8, along**2 + 1e-8, bend**2 + 1e-8])
@@ -142,11 +153,11 @@ class Robot:
         evidence = evidence_of(found, seen, self.world, self.noise, expected)
         self.lost = observed(self.lost, evidence, self.model)
         common = self.noise.common_range_sd**2 * max(1.0, 3.0 * len(found.detections))
-        for d, l in zip(found.detections, found.landmarks, strict=True):
-            dx, dy = self.world.positions[l] - self.mean[:2]
+        for d, mark in zip(found.detections, found.landmarks, strict=True):
+            dx, dy = self.world.positions[mark] - self.mean[:2]
             q = math.hypot(dx, dy)
             nu = np.array([seen.ranges[d] - q, seen.bearings[d] - math.atan2(dy, dx) + self.mean[2]])
-            nu[1] = (nu[1] + math.pi) % (2 * math.pi) - math.pi
+            nu[1] = wrapped(nu[1])
             h = np.array([[-dx / q, -dy / q, 0.0], [dy / q**2, -dx / q**2, -1.0]])
             own = self.noise.range_sd**2 + (self.noise.range_share * q) ** 2
             s = h @ self.cov @ h.T + np.diag([own + common, self.noise.bearing_sd**2])
@@ -162,13 +173,12 @@ class Robot:
 
     def displace(self) -> None:
         """Be lifted and put down 0.7 m away, turned by 90 degrees, still on the floor."""
-        for _ in range(100):
+        there = np.array([np.inf, np.inf])
+        while not (-0.3 < there[0] < 5.8 and abs(there[1]) < 0.6):
             way = self.rng.uniform(-math.pi, math.pi)
-            x, y = self.truth[0] + 0.7 * math.cos(way), self.truth[1] + 0.7 * math.sin(way)
-            if -0.3 < x < 5.8 and abs(y) < 0.6:
-                break
+            there = self.truth[:2] + 0.7 * np.array([math.cos(way), math.sin(way)])
         turn = math.copysign(0.5 * math.pi, self.rng.uniform(-1, 1))
-        self.truth[:] = x, y, (self.truth[2] + turn + math.pi) % (2 * math.pi) - math.pi
+        self.truth[:] = there[0], there[1], wrapped(self.truth[2] + turn)
 
     def error(self, pose: Array) -> tuple[float, float]:
         """Distance in m and angle in rad of a pose from the truth."""
@@ -187,7 +197,7 @@ def recover(robot: Robot) -> tuple[float, Array | None, int]:
         if robot.mode == "turn":
             before = robot.truth[2]
             robot.move(0.0, TURN)
-            turned += (robot.truth[2] - before + math.pi) % (2 * math.pi) - math.pi  # odometry hardly errs here
+            turned += wrapped(robot.truth[2] - before)  # odometry hardly errs here
             if since >= 3.6:
                 robot.mode, since = "settle", 0.0
             continue
@@ -236,7 +246,7 @@ def alarms(
     for _ in range(round(minutes * 60 / FRAME)):
         robot.frame()
         e = robot.mean - robot.truth
-        e[2] = (e[2] + math.pi) % (2 * math.pi) - math.pi
+        e[2] = wrapped(e[2])
         nees.append(float(e @ np.linalg.solve(robot.cov, e)) / 3)
         far, turned = robot.error(robot.mean)
         off += far > 0.3 or turned > 0.5
@@ -270,11 +280,8 @@ def main() -> None:
         total, off, nees = total + count, off + away, nees + each
     result = {
         "camera": args.camera, "density": args.density, "displacements": n,
-        "noticed_s": dict(zip(("median", "95 %", "max"), np.quantile(noticed, (0.5, 0.95, 1.0), method="higher").tolist(), strict=True)),
-        "noticed_in_3_s": float((noticed <= 3.0).mean()),
-        "recovered_s": dict(
-            zip(("median", "95 %", "max"), np.quantile(recovered, (0.5, 0.95, 1.0), method="higher").tolist(), strict=True)
-        ),
+        "noticed_s": spread(noticed), "noticed_in_3_s": float((noticed <= 3.0).mean()),
+        "recovered_s": spread(recovered),
         "recovered_in_10_s": float((recovered <= 10.0).mean()),
         "wrong": wrong, "wrong_at_most": 1.0 - 0.05 ** (1.0 / n) if wrong == 0 else None,
         "hours": args.hours, "false_alarms": total, "frames_off": off, "nees": float(np.mean(nees)) if nees else None,
