@@ -7,12 +7,23 @@ from numpy.typing import NDArray
 
 from surefoot.schemas.hw import LandmarkDetections
 from surefoot.schemas.navigation import PoseBelief
+from surefoot.services.navigator.belief.lost import (
+    Footprint,
+    FrameEvidence,
+    LostModel,
+    LostState,
+    evidence_of,
+    in_view,
+    observed,
+    passed,
+)
 from surefoot.services.navigator.belief.matching import DetectionError, Detections, SightNoise
-from surefoot.services.navigator.belief.tracker import Control, Motion, PoseTracker, Start, Tilt
+from surefoot.services.navigator.belief.relocalise import Glance, relocalise
+from surefoot.services.navigator.belief.tracker import Control, FrameResult, Motion, PoseTracker, Start, Tilt
 from surefoot.services.navigator.belief.ukf import wrap
 from surefoot.services.navigator.config import NavigatorConfig
 from surefoot.services.navigator.messages import LostView, Pose, between, placed, pose_message
-from surefoot.services.navigator.pilot import GaitView, Pilot
+from surefoot.services.navigator.pilot import GaitView
 from surefoot.services.navigator.policy.arrays import PER_10CM
 from surefoot.services.navigator.policy.params import NavigationModel
 
@@ -28,6 +39,10 @@ SMOOTH = 0.1
 """Weight of a new NIS in its running mean."""
 RESTART_SD = (0.10, 0.15)
 """m and rad, added to what was known before a restart."""
+
+
+GLANCES = 5
+"""Frames between two searches for a lost pose."""
 
 
 class Localiser:
@@ -61,12 +76,24 @@ class Localiser:
         self.refused = 0
         """Frames that could not be used."""
         self.lost = LostView()
+        self.footprint = Footprint(sight.range_min, sight.range_max, math.radians(sight.half_angle_deg))
+        self.lost_model = LostModel.of(self.tracker.noise, self.footprint)
+        self._lost_state, self._lost_at = LostState(), 0.0
+        self._shares = (_share(model, "walk"), _share(model, "stand"))
+        self._glances: list[tuple[Detections, Pose]] = []
+        self.relocated = 0
+        """Times that the pose was found again."""
 
     def place(self, pose: Pose, cov: Array | None = None) -> None:
         """Begin anew at a stated pose; the drift stays what it was."""
         self._take_odometry(self._taken_at, force=True)
         self.tracker.place(pose, cov, keep_drift=True)
+        self._trust()
+
+    def _trust(self) -> None:
         self.nis = None
+        self._lost_state, self.lost = LostState(), LostView()
+        self._glances.clear()
 
     @property
     def map_from_odom(self) -> Pose:
@@ -121,24 +148,69 @@ class Localiser:
         Raises:
             DetectionError: descriptors of another length than the map's, or of different lengths.
         """
-        time = frame.stamp_ns * 1e-9
-        self._take_odometry(time, force=False)
+        time, standing = frame.stamp_ns * 1e-9, gait.state == "standing"
+        self._take_odometry(time)
         try:
             seen = detections(frame)
-            found = self.tracker.look(seen, time, standing=gait.state == "standing")
+            found = self.tracker.look(seen, time, standing=standing, trusted=not self.lost.lost)
         except DetectionError:
             self.refused += 1
             raise
         self.matched = found.matched
         if found.matched:
             self.nis = found.nis if self.nis is None else self.nis + SMOOTH * (found.nis - self.nis)
+        self._doubt(seen, found, time, standing=standing)
 
-    def watch(self, now: float, pilot: Pilot, gait: GaitView) -> None:
-        """Look whether the belief is to be trusted, and do something about it."""
+    def _doubt(self, seen: Detections, found: FrameResult, time: float, *, standing: bool) -> None:
+        """Judge by a frame whether the belief is wrong; if it is, look for the pose while the robot stands."""
+        world = self.tracker.world
+        if world is None:
+            return
+        expected = self._shares[standing] * in_view(world, self.tracker.pose, self.footprint)
+        evidence = FrameEvidence(expected=expected)
+        if found.matches is not None:
+            noise = self.tracker.standing if standing else self.tracker.noise
+            evidence = evidence_of(found.matches, seen, world, noise, expected)
+        state = passed(self._lost_state, max(0.0, time - self._lost_at), self.lost_model)
+        self._lost_state, self._lost_at = observed(state, evidence, self.lost_model), time
+        probability = self._lost_state.probability
+        if probability >= self.lost_model.threshold or self.lost.lost:
+            reason = self._lost_state.reason(self.lost_model) or self.lost.reason
+            self.lost = LostView(lost=True, probability=max(probability, self.lost_model.threshold), reason=reason)
+            self._find(seen, standing=standing)
+        else:
+            self.lost = LostView(probability=probability)
+
+    def _find(self, seen: Detections, *, standing: bool) -> None:
+        if not standing or not len(seen):
+            return
+        self._glances.append((seen, self.tracker.pose))
+        if len(self._glances) % GLANCES != 0:
+            return
+        here, world = self.tracker.pose, self.tracker.world
+        assert world is not None
+        glances = [Glance(detections, _relative(pose, here)) for detections, pose in self._glances]
+        result = relocalise(glances, world, self.tracker.standing)
+        if result.pose is not None:
+            self.tracker.place(result.pose, result.covariance, keep_drift=True)
+            self._trust()
+            self.relocated += 1
 
     def message(self) -> PoseBelief:
         """Return the belief as a message."""
         return pose_message(self.tracker, self.odom, self.control, self.matched, self.nis, self.lost)
+
+
+def _share(model: NavigationModel, kind: str) -> float:
+    """Return the share of landmarks in view that an action of a kind recognises in a frame, the least of them."""
+    return min((action.match for action in model.actions.values() if action.kind == kind), default=0.0)
+
+
+def _relative(pose: Pose, here: Pose) -> Pose:
+    """Return a pose as it is seen from another, m and rad."""
+    c, s = math.cos(here[2]), math.sin(here[2])
+    dx, dy = pose[0] - here[0], pose[1] - here[1]
+    return (c * dx + s * dy, c * dy - s * dx, float(wrap(pose[2] - here[2])))
 
 
 def detections(frame: LandmarkDetections) -> Detections:

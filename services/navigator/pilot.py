@@ -32,7 +32,10 @@ STUCK_S, PROGRESS_M = 120.0, 0.10
 """A waypoint that has not become nearer by so much in so long is given up."""
 ALIGNED = math.radians(8.0)
 """Error of the last heading that is good enough."""
-SMALLEST_TURN = math.radians(6.0)
+LOOK_S = 3.0
+"""How long a lost robot looks in one direction."""
+LOOK_TURN, TURNS = math.radians(46.0), 7
+"""Then it turns by this, so many times."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,15 @@ class Choice:
     values: tuple[float, ...] = ()
     """Per action; NaN for those that were not allowed."""
     reason: str = ""
+
+
+@dataclass
+class Searching:
+    """A search for the pose of a lost robot."""
+
+    until: float
+    """s, when this look ends; inf: it has not begun."""
+    turns: int = 0
 
 
 class Policy(Protocol):
@@ -183,9 +195,8 @@ class Pilot:
         """The act of the last order, until the walker has taken it up."""
         self._walk_id: int | None = None
         self._stand_until = -1.0
-        self._prefix = 0.0
-        """s, when the goal began, less what an earlier process had used."""
         self._halting: tuple[State, str, str] | None = None
+        self._searching: Searching | None = None
 
     # -- goals -------------------------------------------------------------------------------------------------
 
@@ -195,7 +206,7 @@ class Pilot:
         policy.begin()
         goal.nearest_at = goal.began
         self.state, self.error, self.message = "navigating", "", ""
-        self.decision, self._halting = None, None
+        self.decision, self._halting, self._searching = None, None, None
 
     def cancel(self) -> bool:
         """End the goal; returns False when there is none under way."""
@@ -214,7 +225,7 @@ class Pilot:
         """End the goal at once: no order would be obeyed, or somebody else commands the robot."""
         self.state, self.error, self.message = "failed", error, message
         self.execution.stop()
-        self._given, self._halting = None, None
+        self._given, self._halting, self._searching = None, None, None
 
     # -- ticks -------------------------------------------------------------------------------------------------
 
@@ -232,7 +243,7 @@ class Pilot:
             for motion in moved:
                 tracker.move(motion)
 
-    def tick(self, now: float, gait: GaitView, tracker: PoseTracker, *, blocked: bool) -> None:
+    def tick(self, now: float, gait: GaitView, tracker: PoseTracker, *, blocked: bool, lost: bool = False) -> None:
         """Decide, if it is time to.
 
         Args:
@@ -240,6 +251,7 @@ class Pilot:
             gait: of this tick.
             tracker: belief now.
             blocked: something is too near ahead to walk.
+            lost: the belief is not to be trusted: stand and look, then turn and look, until it is, or give up.
         """
         if self.goal is None or self.state not in ("navigating", "stopping"):
             return
@@ -253,6 +265,10 @@ class Pilot:
                 self.execution.stop()
                 self.ended = now
             return
+        if lost or self._searching is not None:
+            self._search(now, gait, lost=lost)
+            if self._searching is not None or self.state != "navigating":
+                return
         if gait.ends_in is None:
             if gait.state != "standing" or now < self._stand_until:
                 return
@@ -305,6 +321,32 @@ class Pilot:
         m = act.motion
         turn = m.turn if m.turn != 0.0 else None
         self._give(Order("turn", None, turn) if act.kind == "turn" else Order("walk", m.forward, turn), act)
+
+    def _search(self, now: float, gait: GaitView, *, lost: bool) -> None:
+        """While the robot is lost: halt, look, turn, look; `LOOK_S` each, once around."""
+        goal = self.goal
+        assert goal is not None
+        if not lost:
+            self._searching = None
+            goal.recoveries["relocalise"] += 1
+            goal.nearest, goal.nearest_at = math.inf, now
+        elif self._searching is None:
+            self._searching = Searching(math.inf)
+            goal.recoveries["stand_and_look"] += 1
+            if gait.ends_in is not None or gait.state != "standing":
+                self._give(Order("stop"), None)
+        elif gait.state == "standing" and gait.ends_in is None:
+            search = self._searching
+            if math.isinf(search.until):
+                search.until = now + LOOK_S
+            elif now >= search.until and search.turns >= TURNS:
+                self._searching = None
+                self.halt("failed", "lost", f"the pose was not found again in {TURNS + 1} looks around")
+            elif now >= search.until:
+                search.until, search.turns = math.inf, search.turns + 1
+                goal.recoveries["turn_and_look"] += 1
+                turn = Act("look", "turn", Motion(turn=LOOK_TURN, heading=0.01), 4.0)
+                self._give(Order("turn", None, LOOK_TURN), turn)
 
     def predicted(self, tracker: PoseTracker) -> tuple[Array, Array]:
         """Return mean (4,) and covariance (4, 4) as they will be when the actions under way have ended."""

@@ -185,9 +185,9 @@ class Navigator(Service[NavigatorConfig]):
         for item in [item for item in self._later if item[0] <= inputs.number]:
             self._later.remove(item)
             item[1]()
-        self.localiser.watch(self._now, self.pilot, self._gait)
         if gait is not None:
-            self.pilot.tick(self._now, self._gait, self.localiser.tracker, blocked=self._blocked)
+            tracker, lost = self.localiser.tracker, self.localiser.lost.lost
+            self.pilot.tick(self._now, self._gait, tracker, blocked=self._blocked, lost=lost)
         self.publish(NAVIGATOR_ORDER, messages.order_message(self.pilot))
         if STATE_POSE.due(inputs.number):
             self.publish(STATE_POSE, self.localiser.message())

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from surefoot.services.navigator.belief import tilt, ukf
 from surefoot.services.navigator.belief.landmarks import LandmarkMap
-from surefoot.services.navigator.belief.matching import Detections, MatchLimits, SightNoise, match
+from surefoot.services.navigator.belief.matching import Detections, Matches, MatchLimits, SightNoise, match
 
 Array = NDArray[np.float64]
 Control = Literal["commands", "odometry"]
@@ -91,6 +91,8 @@ class FrameResult:
     matched: int
     nis: float
     """Mean over the matched landmarks of the normalised innovation squared per degree of freedom; 0 for none."""
+    matches: Matches | None = None
+    """What became of each detection; None without a map or detections."""
 
 
 class PoseTracker:
@@ -171,13 +173,14 @@ class PoseTracker:
         self._noise[:] = m.along, m.across, m.heading, m.drifting
         ukf.predict_with(mean, cov, m.forward, m.left, m.turn, m.walked, self._noise, self._work)
 
-    def look(self, seen: Detections, time: float, *, standing: bool) -> FrameResult:
+    def look(self, seen: Detections, time: float, *, standing: bool, trusted: bool = True) -> FrameResult:
         """Take in the landmarks of one frame.
 
         Args:
             seen: detections.
             time: of the exposure's end, s.
             standing: the robot stands.
+            trusted: the belief is corrected; else the frame is only compared with it.
 
         Raises:
             DetectionError: descriptors of another length than the map's.
@@ -188,6 +191,8 @@ class PoseTracker:
         noise = self.standing if standing else self.noise
         self.frames += 1
         found = match(self.mean, self.cov, seen, self.world, noise, self.limits, seed=self.frames)
+        if not trusted:
+            return FrameResult(len(seen), 0, 0.0, found)
         total = 0.0
         for detection, landmark in zip(found.detections, found.landmarks, strict=True):
             r, a = float(seen.ranges[detection]), float(seen.bearings[detection])
@@ -198,7 +203,7 @@ class PoseTracker:
                 self.mean, self.cov, x, y, r, a, var_r, noise.bearing_sd**2, self._gain, self._work
             )
         count = len(found.detections)
-        return FrameResult(len(seen), count, 0.5 * total / count if count else 0.0)
+        return FrameResult(len(seen), count, 0.5 * total / count if count else 0.0, found)
 
     def _fade(self, time: float) -> None:
         if self.n > STATES:
