@@ -21,6 +21,8 @@ FADE_S = 0.3
 Z95 = 1.959964
 LEAST = 1e-5
 """A standard deviation is taken to be at least this (m or rad)."""
+IMPOSSIBLE = 1e12
+"""Of noises under which the filter breaks down."""
 STEP = 1e-3
 """Of the differences that make gradient and curvature."""
 
@@ -155,10 +157,11 @@ def _noises(runs: Sequence[Run], model: NavigationModel, found: Fitted, show: Ca
 
     def cost(x: Array) -> float:
         full = at(x)
-        return sum(
+        total = sum(
             lk.minus_log_likelihood(run.events, table, start, sd, full, model.sight.camera_height, FADE_S)
             for run, start in zip(runs, starts, strict=True)
         )
+        return total if math.isfinite(total) else IMPOSSIBLE
 
     def slope(x: Array) -> Array:
         steps = STEP * np.eye(len(x))
@@ -168,7 +171,11 @@ def _noises(runs: Sequence[Run], model: NavigationModel, found: Fitted, show: Ca
     before = cost(first)
     show(f"{len(runs)} recordings, {found.sightings} sightings, {len(wanted)} noises to fit")
     bounds = [(math.log(LEAST), 3.0) if i.log else (0.3, 3.0) for i in wanted]
-    result: Any = minimize(cost, first, jac=slope, method="L-BFGS-B", bounds=bounds, options={"maxiter": 120})
+    size = max(1, found.sightings)  # of the order of 1 a sighting: the line search takes sensible steps
+    result: Any = minimize(
+        lambda x: cost(x) / size, first, jac=lambda x: slope(x) / size, method="L-BFGS-B", bounds=bounds,
+        options={"maxiter": 200, "ftol": 1e-12, "gtol": 1e-6},
+    )  # fmt: skip
     best: Array = result.x
     found.improvement = before - cost(best)
     curvature = np.array([(slope(best + s) - slope(best - s)) / (2.0 * STEP) for s in STEP * np.eye(len(best))])

@@ -15,11 +15,12 @@ from surefoot.record.recording import RecordingWriter
 from surefoot.record.runhash import RunHash
 from surefoot.schemas.base import Message
 from surefoot.schemas.system import RecorderReply, RecorderRequest
-from surefoot.schemas.terrain import HeightMapMessage
-from surefoot.schemas.topics import HW_TICK, LOG, RECORDER_STATUS, SIM_STATUS, TERRAIN_MAP, TOPICS, Kind, Topic
+from surefoot.schemas.terrain import HeightMapMessage, LandmarkMap
+from surefoot.schemas.topics import HW_TICK, LOG, RECORDER_STATUS, SIM_STATUS, TOPICS, Kind, Topic
 from surefoot.version import VERSION
 
 JOINED = tuple(t for t in TOPICS if t.deterministic and t.kind not in (Kind.LATCHED, Kind.STATUS))
+LATCHED = tuple(t for t in TOPICS if t.deterministic and t.kind is Kind.LATCHED)
 
 
 class RecorderConfig(ServiceConfig):
@@ -34,7 +35,7 @@ class Recorder(Service[RecorderConfig]):
     name = "recorder"
     Config = RecorderConfig
     inputs = JOINED
-    observes = (TERRAIN_MAP, SIM_STATUS, LOG)
+    observes = (*LATCHED, SIM_STATUS, LOG)
     serves = (RECORDER_STATUS,)
     raw = batched = True
 
@@ -52,7 +53,7 @@ class Recorder(Service[RecorderConfig]):
         self._hash, self._finished, self._failed = RunHash(), False, False
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
-        if isinstance(message, HeightMapMessage):  # told again to every newcomer: kept once
+        if isinstance(message, HeightMapMessage | LandmarkMap):  # told again to every newcomer: kept once
             identity = (topic.key, message.epoch, message.version)
             if identity in self._known:
                 return

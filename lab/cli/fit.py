@@ -1,0 +1,57 @@
+"""`surefoot fit`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from surefoot.lab.cli.output import Json, tell, use_json, write, write_json, write_table
+
+if TYPE_CHECKING:
+    from surefoot.lab.fit.estimate import Fitted
+
+app = typer.Typer(help="Numbers of a robot from recordings of it.", no_args_is_help=True)
+
+
+@app.command("navigator")
+def navigator(
+    recordings: Annotated[list[Path], typer.Argument(help="MCAP files of runs with goals, a camera and landmarks.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="TOML file to write.")] = Path("fitted.toml"),
+    params: Annotated[
+        str, typer.Option("--params", help="Model to begin with: a shipped name or a .toml file.")
+    ] = "nao",
+    json: Json = False,
+) -> None:
+    """Fit motion noise, drift, durations, match probabilities and sight of a robot. The truth is not read."""
+    from surefoot.lab.fit.estimate import fit
+    from surefoot.lab.fit.events import read_run
+    from surefoot.lab.fit.output import fitted_toml
+    from surefoot.services.navigator.policy.params import load
+
+    use_json(json)
+    model = load(params)
+    runs = []
+    for path in recordings:
+        tell(f"reading {path}")
+        runs.append(read_run(path, model))
+    found = fit(runs, model, tell)
+    out.write_text(fitted_toml(found, params, [path.name for path in recordings]), encoding="utf-8")
+    load(str(out))  # what was written can be used
+    if json:
+        write_json(
+            {
+                "out": str(out), "runs": found.runs, "sightings": found.sightings, "improvement": found.improvement,
+                "values": {key: vars(value) for key, value in found.values.items()},
+            }
+        )  # fmt: skip
+    else:
+        _show(found, out)
+
+
+def _show(found: "Fitted", out: Path) -> None:
+    rows = [
+        (key, f"{v.value:.4g}", f"{v.low:.4g} to {v.high:.4g}", str(v.count or "-")) for key, v in found.values.items()
+    ]
+    title = f"{found.runs} recordings, {found.sightings} sightings"
+    write_table(("parameter", "value", "95 % interval", "samples"), rows, title, right=(1, 2, 3))
+    write(f"wrote   {out}")
