@@ -96,6 +96,9 @@ class MotionCommand:
     """For walk and turn: s from the first step on after which it ends, None = no limit."""
     shift: tuple[float, float] | None = None
     """For stand: trunk over its standing feet, m forward and left of their middle; None = it stays."""
+    learn: bool = True
+    """A biped compares what its steps become with the odometry and corrects the next ones. False: steps stay as they
+    are, for somebody who estimates their drift himself; two who learn the same correct it twice."""
 
 
 @dataclass(frozen=True, slots=True)

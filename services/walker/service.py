@@ -138,10 +138,10 @@ class Walker(Service[WalkerConfig]):
         reason = f"an emergency stop is in force ({self._stopped}); sim/reset begins a new run"
         return WalkReply(accepted=False, id=0, code="stopped", reason=reason)
 
-    def _command(self, request: WalkCommand) -> WalkReply:
+    def _command(self, request: WalkCommand, learn: bool = True) -> WalkReply:
         if self._stopped and request.action != "stop":
             return self._refused()  # planned before the stop
-        return _reply(self.gait.command(_command_of(request)))
+        return _reply(self.gait.command(dataclasses.replace(_command_of(request), learn=learn)))
 
     def _recall(self, tick: int) -> None:
         """A newcomer in the middle of a run takes up what it left."""
@@ -192,15 +192,16 @@ class Walker(Service[WalkerConfig]):
         self.publish(CMD_JOINTS, JointCommand(position=position))
 
     def _take_order(self, order: MotionOrder) -> None:
-        """Obey a new order of the navigator as `cmd/walk` would; none is taken twice."""
+        """Obey a new order of the navigator, none twice; it takes effect in this tick.
+
+        The walker does not learn from such a walk: the navigator estimates drift itself.
+        """
         taken, self._order = self._order, self._order.after(order)
         if self._order.number == taken.number or order.command is None:
             return
-        try:
-            reply = self.walk(order.command)
-            reason = "" if reply.accepted else reply.reason
-        except Refusal as refusal:
-            reason = refusal.message
+        reason = "at_tick does not go with an order"
+        if order.command.at_tick is None:
+            reason = self._command(order.command, learn=False).reason
         self._order = dataclasses.replace(self._order, refused=reason)
         if reason:
             self.log("warning", f"order {order.number} ({order.command.action}) refused: {reason}")

@@ -54,7 +54,7 @@ def learn(s: BipedState, p: BipedParams, body: Array) -> None:
         p: settings.
         body: (3,) body pose of the step that ends now.
     """
-    if s.seen_then is not None and p.learn > 0.0 and not s.held:
+    if s.seen_then is not None and p.learn > 0.0 and s.learning and not s.held:
         plan, seen = body - s.body, s.seen - s.seen_then
         heading, back = body[2], s.seen[2]
         s.planned_way += (math.cos(heading) * plan[0] + math.sin(heading) * plan[1], plan[2])

@@ -116,6 +116,7 @@ class BipedWalker:
         self._take_params(self._params_of(late.gait))
         s.route = s.undone = late.route
         s.duration, s.began = late.command.duration if walking else None, None
+        s.learning = late.command.learn
         s.stopping = not walking and s.mode in (Mode.START, Mode.STEP)
         if s.mode is Mode.STEP:
             self._lay_reference()
@@ -133,7 +134,7 @@ class BipedWalker:
             return WalkMemory(s.walk_id, replace(s.late.command, gait=s.late.gait) if walking else None, None, None)
         route = s.undone if s.mode is Mode.STEP else s.route
         left = None if route is None or route.finished else route.left(self.params.step_s, s.gait, s.duration)
-        return WalkMemory(s.walk_id, left, None, s.began)
+        return WalkMemory(s.walk_id, left and replace(left, learn=s.learning), None, s.began)
 
     def resume(self, kept: WalkMemory) -> None:
         """Go on after a restart: to the stance, a closing step, then what is left; before the first tick."""
@@ -141,6 +142,7 @@ class BipedWalker:
         s.walk_id, s.began, s.recovering = kept.walk_id, kept.began, True
         if kept.command is not None:
             s.gait, s.duration = kept.command.gait or GAITS[0], kept.command.duration
+            s.learning = kept.command.learn
             self._take_params(self._params_of(s.gait))
             s.route = route_of(kept.command, self.params, s.walk_id)
 

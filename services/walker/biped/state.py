@@ -116,6 +116,8 @@ class BipedState:
     """and by odometry."""
     gain: Array = field(default_factory=lambda: np.ones(2))
     """What a planned way and turn become in the world."""
+    learning: bool = True
+    """The present command lets the walker learn that."""
     steps: int = 0
     reason: str = ""
     unreachable: int = 0

@@ -201,7 +201,7 @@ def test_without_a_navigator_nothing_of_it_is_on_the_wire(robot: Robot) -> None:
     assert not any(name in text for name in ("order", "ends_in_s"))
 
 
-@pytest.mark.parametrize("command", [{"action": "walk", "velocity": 0.9}, {"action": "walk", "at_tick": 3}])
+@pytest.mark.parametrize("command", [{"action": "walk", "velocity": 0.9}, {"action": "walk", "at_tick": 900}])
 def test_an_order_that_cannot_be_obeyed_says_why_once(robot: Robot, command: dict[str, Any]) -> None:
     robot.run(20)
     robot.order = order(4, **command)

@@ -121,3 +121,16 @@ def test_a_walker_killed_with_a_late_command_goes_on_with_it():
     assert (kept.walk_id, kept.command.action, kept.command.angle) == (number, "turn", LEFT.angle)
     assert plant.tick().state == "turning"
     assert plant.out.remaining == pytest.approx(LEFT.angle)
+
+
+def test_a_walk_that_is_not_to_be_learned_from_leaves_the_steps_as_they_are():
+    gains = {}
+    for learn in (True, False):
+        plant = Plant("nao", seed=3, level=1.0).stand()
+        arc = MotionCommand("walk", distance=0.4, angle=4 * HALF, learn=learn)
+        plant.walker.command(arc)
+        plant.until(lambda out: out.steps == 6)
+        gains[learn] = plant.walker.state.gain.copy()
+        assert plant.walker.kept().command.learn == learn
+    assert np.all(gains[True] != 1.0)
+    assert gains[False].tolist() == [1.0, 1.0]
