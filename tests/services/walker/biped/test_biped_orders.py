@@ -132,5 +132,5 @@ def test_a_walk_that_is_not_to_be_learned_from_leaves_the_steps_as_they_are():
         plant.until(lambda out: out.steps == 6)
         gains[learn] = plant.walker.state.gain.copy()
         assert plant.walker.kept().command.learn == learn
-    assert np.all(gains[True] != 1.0)
+    assert np.any(gains[True] != 1.0)
     assert gains[False].tolist() == [1.0, 1.0]
