@@ -81,10 +81,10 @@ class Tried:
 class Robot:
     """World, estimator and walker, and the way back to where they were."""
 
-    def __init__(self, seed: int, level: float, name: str = "nao") -> None:
+    def __init__(self, seed: int, level: float, name: str = "nao", drift: float = 0.0) -> None:
         robot = load_robot(name)
         differs = perturbation(level, seed, robot.nj, robot.kind)
-        self.world = PhysicsWorld(robot, make_terrain("flat"), seed, WorldConfig(perturbation=differs))
+        self.world = PhysicsWorld(robot, make_terrain("flat"), seed, WorldConfig(perturbation=differs, drift=drift))
         self.estimator, self.walker = Estimator.for_robot(robot), BipedWalker(robot)
         self.pending = self.world.command.copy()
 

@@ -208,6 +208,7 @@ class Simulator(Driver[SimulatorConfig]):
                 floor=Floor(w.landmarks, w.goal, w.copied_landmarks, w.copies),
                 camera=w.camera,
                 start=(0.0, 0.0, 0.0) if w.start is None else w.start,
+                drift=w.drift,
             )
             self.world = PhysicsWorld(self.robot, terrain, request.seed, config)
             heights = observed_map(terrain, w.map_profile, request.seed)

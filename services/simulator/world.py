@@ -39,6 +39,7 @@ from surefoot.services.simulator.physics.samples import (
     unpack,
 )
 from surefoot.services.simulator.physics.servo_line import ServoLine
+from surefoot.services.simulator.physics.unequal import UnequalLegs
 from surefoot.services.simulator.sensors import noise as sensors
 from surefoot.services.simulator.sensors.sight import Floor, Sight, sight_of
 from surefoot.services.simulator.sensors.suite import SensorSuite
@@ -74,6 +75,8 @@ class WorldConfig:
     """Name of a camera profile; None = the robot's own, if it has one."""
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """x, y in m and yaw in rad of the trunk before it settles."""
+    drift: float = 0.0
+    """Turn of a biped's walk by unequal legs, rad/m; see `UnequalLegs`."""
 
 
 class PhysicsWorld:
@@ -114,6 +117,7 @@ class PhysicsWorld:
         self._acc, self._gyro = (history[s : s + 3 * TICK_STEPS].reshape(TICK_STEPS, 3) for s in starts)
         self._period = self.config.kinematics_period_ms
         self._line = ServoLine(robot, STEP_NS)
+        self._legs = UnequalLegs(robot, self.config.drift)
         self.disturb = Disturbances(
             robot,
             self.model,
@@ -180,7 +184,7 @@ class PhysicsWorld:
         arrived = self.disturb.before_step(self.tick, self.data, sent)
         if arrived is not None:
             self.command, self.torque_limit = arrived
-        self._line.send(self.steps, ServoCommand(self.command - self.sensors.zero, self.torque_limit))
+        self._line.send(self.steps, ServoCommand(self._legs(self.command) - self.sensors.zero, self.torque_limit))
         end = self.steps + TICK_STEPS
         sample = (self.steps // self._period + 1) * self._period
         while sample <= end:

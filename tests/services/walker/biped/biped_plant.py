@@ -14,10 +14,11 @@ from surefoot.services.walker.interface import WalkerInputs
 class Plant:
     """One robot that can be told to walk."""
 
-    def __init__(self, name, seed=0, level=0.0, **params):
+    def __init__(self, name, seed=0, level=0.0, drift=0.0, **params):
         self.robot = load_robot(name)
         differs = perturbation(level, seed, self.robot.nj, self.robot.kind)
-        self.world = PhysicsWorld(self.robot, make_terrain("flat"), seed, WorldConfig(perturbation=differs))
+        config = WorldConfig(perturbation=differs, drift=drift)
+        self.world = PhysicsWorld(self.robot, make_terrain("flat"), seed, config)
         self.estimator = Estimator.for_robot(self.robot)
         self.walker = BipedWalker(self.robot, **params)
         self.pending = self.world.command.copy()
