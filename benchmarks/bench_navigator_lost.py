@@ -249,7 +249,7 @@ def alarms(
         e[2] = wrapped(e[2])
         nees.append(float(e @ np.linalg.solve(robot.cov, e)) / 3)
         far, turned = robot.error(robot.mean)
-        off += far > 0.3 or turned > 0.5
+        off += int(far > 0.3 or turned > 0.5)
         if robot.lost.doubt >= robot.model.threshold:
             count += 1 if far < 0.3 and turned < 0.5 else 0
             robot.lost = LostState()

@@ -1,0 +1,82 @@
+"""Landmark maps in files: `.npz` without pickled objects."""
+
+import struct
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.services.navigator.belief.landmarks import (
+    LONGEST_DESCRIPTOR,
+    MOST_LANDMARKS,
+    LandmarkMap,
+    LandmarkMapError,
+)
+
+SCHEMA = "surefoot.landmarks/1"
+MAX_FILE_BYTES = 256_000_000
+MAX_UNPACKED_BYTES = 8 * MOST_LANDMARKS * (LONGEST_DESCRIPTOR + 3) + 100_000
+KEYS = ("schema", "positions", "descriptors", "version", "source")
+
+
+def save(world: LandmarkMap, path: str | Path) -> Path:
+    """Write a landmark map; return the path, which ends in `.npz`."""
+    target = Path(path).with_suffix(".npz")
+    with target.open("wb") as file:
+        np.savez_compressed(
+            file, allow_pickle=False, schema=np.asarray(SCHEMA), positions=world.positions,
+            descriptors=world.descriptors, version=np.asarray(world.version), source=np.asarray(world.source),
+        )  # fmt: skip
+    return target
+
+
+def load(path: str | Path) -> LandmarkMap:
+    """Read a landmark map.
+
+    Raises:
+        LandmarkMapError: the file is missing, no landmark map, of another version, damaged, too large, or holds pickled
+            objects; or what it holds is no map (see `LandmarkMap`).
+    """
+    source = Path(path)
+    try:
+        size = source.stat().st_size
+        if size > MAX_FILE_BYTES:
+            raise _malformed(source, f"has {size} bytes, allowed are {MAX_FILE_BYTES}")
+        if not zipfile.is_zipfile(source):
+            raise _malformed(source, "is no .npz archive, or cut off")
+        with source.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            unpacked = sum(member.file_size for member in archive.zip.infolist())
+            if unpacked > MAX_UNPACKED_BYTES:
+                raise _malformed(source, f"unpacks to {unpacked} bytes, allowed are {MAX_UNPACKED_BYTES}")
+            absent = [key for key in KEYS if key not in archive.files]
+            if absent:
+                raise _malformed(source, f"lacks {', '.join(absent)}; a landmark map has {', '.join(KEYS)}")
+            arrays: dict[str, NDArray[Any]] = {key: archive[key] for key in KEYS}
+    except OSError as error:
+        if error.strerror is None:
+            raise _malformed(source, f"is no .npz archive: {error}") from None
+        raise LandmarkMapError("not_found", f"{source} cannot be read: {error.strerror}", "file") from None
+    except (zipfile.BadZipFile, zlib.error, ValueError, EOFError, KeyError, struct.error, NotImplementedError) as error:
+        raise _malformed(
+            source, f"is no .npz archive without pickled objects, or damaged: {str(error)[:120]}"
+        ) from None
+    schema = str(arrays["schema"])
+    if schema != SCHEMA:
+        raise LandmarkMapError(
+            "malformed", f"{source.name} has schema {schema[:64]!r}, this version reads {SCHEMA!r}", "schema"
+        )
+    for key in ("positions", "descriptors"):
+        if arrays[key].dtype.kind != "f":
+            raise LandmarkMapError("malformed", f"{source.name}: {key} are floats, got {arrays[key].dtype}", key)
+    if arrays["version"].shape != () or arrays["version"].dtype.kind not in "iu":
+        raise LandmarkMapError(
+            "malformed", f"{source.name}: version is an integer, got {arrays['version']!r:.80}", "version"
+        )
+    return LandmarkMap(arrays["positions"], arrays["descriptors"], int(arrays["version"]), str(arrays["source"]))
+
+
+def _malformed(path: Path, text: str) -> LandmarkMapError:
+    return LandmarkMapError("malformed", f"{path.name} {text}", "file")

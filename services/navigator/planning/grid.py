@@ -1,0 +1,122 @@
+"""Occupancy of the floor on a regular grid: what routes are planned on."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.errors import Refusal
+from surefoot.geometry.heightmap import HeightMap
+
+Cells = NDArray[np.int8]
+
+FREE, OCCUPIED, UNKNOWN = 0, 100, -1
+MAX_CELLS = 16_000_000
+"""4000 x 4000, 40 000 m2 at 5 cm; larger is taken for a mistake."""
+LARGEST_CELL = 10.0
+"""m, edge of a cell."""
+STEP = 0.04
+"""m over or under the floor from which ground is an obstacle: a biped that walks on flat ground lifts its feet less."""
+
+
+class GridError(Refusal):
+    """An occupancy grid that cannot be; `field` names what is wrong with it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Occupancy in frame `map`, as map_server publishes it; immutable.
+
+    Raises:
+        GridError: no cells or too many, values outside -1 to 100, a cell size or an origin that cannot be.
+    """
+
+    cells: Cells
+    """(rows, cols), row 0 = y-min: 0 free to 100 occupied, -1 unknown."""
+    cell: float
+    """Edge of a cell, m."""
+    origin: tuple[float, float] = (0.0, 0.0)
+    """x, y of the lower-left corner of cell [0, 0], m, frame map."""
+    source: str = ""
+    """Where it comes from."""
+
+    def __post_init__(self) -> None:
+        cells = np.array(self.cells, dtype=np.int8, order="C", copy=True)
+        if cells.ndim != 2 or not 1 <= cells.size <= MAX_CELLS:
+            raise GridError(
+                "bad_grid", f"a grid has 2 dimensions and 1 to {MAX_CELLS} cells, got {cells.shape}", "cells"
+            )
+        low, high = int(cells.min()), int(cells.max())
+        if low < UNKNOWN or high > OCCUPIED:
+            raise GridError("bad_grid", f"cells are -1 (unknown) or 0 to 100, got {low} to {high}", "cells")
+        if not (math.isfinite(self.cell) and 0.0 < self.cell <= LARGEST_CELL):
+            raise GridError("bad_grid", f"cell is in (0, {LARGEST_CELL}] m, got {self.cell!r}", "cell")
+        if len(self.origin) != 2 or not all(math.isfinite(value) for value in self.origin):
+            raise GridError("bad_grid", f"origin is two finite numbers, got {self.origin!r}", "origin")
+        cells.flags.writeable = False
+        object.__setattr__(self, "cells", cells)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, cols): rows along y, columns along x."""
+        return (self.cells.shape[0], self.cells.shape[1])
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """x_min, y_min, x_max, y_max of the grid's edges, m, frame map."""
+        rows, cols = self.shape
+        x, y = self.origin
+        return (x, y, x + cols * self.cell, y + rows * self.cell)
+
+    def index(self, x: float, y: float) -> tuple[int, int]:
+        """Return (row, col) of the cell that holds a point (m, frame map); it may lie outside: see `inside`."""
+        return (math.floor((y - self.origin[1]) / self.cell), math.floor((x - self.origin[0]) / self.cell))
+
+    def inside(self, row: int, col: int) -> bool:
+        """Return whether the cell belongs to the grid."""
+        return 0 <= row < self.cells.shape[0] and 0 <= col < self.cells.shape[1]
+
+    def centre(self, row: int, col: int) -> tuple[float, float]:
+        """Return x, y of the centre of a cell, m, frame map."""
+        return (self.origin[0] + (col + 0.5) * self.cell, self.origin[1] + (row + 0.5) * self.cell)
+
+    def to_bytes(self) -> bytes:
+        """Cells as int8, row by row from y-min."""
+        return self.cells.tobytes()
+
+    @classmethod
+    def from_bytes(
+        cls, data: bytes, rows: int, cols: int, cell: float, origin: tuple[float, float], source: str = ""
+    ) -> "Grid":
+        """Return the grid of `to_bytes` (raises GridError: another number of bytes, or content that is no grid)."""
+        if rows < 1 or cols < 1 or len(data) != rows * cols:
+            raise GridError("bad_grid", f"{rows} x {cols} cells need {rows * cols} bytes, got {len(data)}", "data")
+        return cls(np.frombuffer(data, dtype=np.int8).reshape(rows, cols), cell, origin, source)
+
+
+def grid_of(ground: HeightMap, step: float = STEP, floor: float | None = None, source: str = "terrain/map") -> Grid:
+    """Return the occupancy of a height map: ground more than `step` over or under the floor is occupied.
+
+    Args:
+        ground: heights; cells without one are unknown.
+        step: m.
+        floor: height of the floor, m; None = the median height.
+        source: of the grid.
+
+    Raises:
+        GridError: `step` is not > 0, or no height is known and none is given.
+    """
+    if not (math.isfinite(step) and step > 0.0):
+        raise GridError("bad_grid", f"step is finite and > 0 m, got {step!r}", "step")
+    z, known = ground.z.astype(np.float64), ~np.isnan(ground.z)
+    if floor is None:
+        if not known.any():
+            raise GridError(
+                "bad_grid", "the height map has no known cell, and no height of the floor is given", "floor"
+            )
+        floor = float(np.median(z[known]))
+    cells = np.full(z.shape, UNKNOWN, dtype=np.int8)
+    cells[known] = np.where(np.abs(z[known] - floor) > step, OCCUPIED, FREE)
+    half = 0.5 * ground.cell
+    return Grid(cells, ground.cell, (ground.origin[0] - half, ground.origin[1] - half), source)
