@@ -100,6 +100,7 @@ def _begin(model: NavigationModel) -> Array:
     theta[[lk.TURN_PLACE, lk.TURN_HEADING]] = turn.along_sd, turn.heading_sd_deg / DEG
     theta[[lk.RANGE, lk.SHARE, lk.BEARING]] = s.range_sd, s.range_sd_share, s.bearing_sd_deg / DEG
     theta[[lk.STANDING, lk.TILT]] = s.standing_share, s.tilt_sd_deg / DEG
+    theta[lk.SWAY] = s.sway_sd
     theta[lk.DRIFT] = 10.0 * model.drift.known_sd_deg / DEG
     theta[lk.WANDER] = 10.0 * walk.drift_walk_deg / DEG
     return np.maximum(theta, LEAST)
@@ -128,6 +129,8 @@ def _free(model: NavigationModel, runs: Sequence[Run]) -> tuple[Wanted, ...]:
         ]
     if stood:
         wanted.append(Wanted(lk.STANDING, True, ("sight.standing_share",)))
+    if model.sight.sway_sd > 0.0:
+        wanted.append(Wanted(lk.SWAY, True, ("sight.sway_sd",)))
     if model.sight.tilt_sd_deg > 0.0:
         wanted.append(Wanted(lk.TILT, True, ("sight.tilt_sd_deg",), DEG))
     return tuple(wanted)
@@ -143,6 +146,8 @@ def _noises(runs: Sequence[Run], model: NavigationModel, found: Fitted, show: Ca
     theta, wanted = _begin(model), _free(model, runs)
     if model.sight.tilt_sd_deg == 0.0:
         theta[lk.TILT] = 0.0
+    if model.sight.sway_sd == 0.0:
+        theta[lk.SWAY] = 0.0
     if model.sight.range_sd == 0.0 or model.sight.range_sd_share == 0.0:
         theta[lk.RANGE if model.sight.range_sd == 0.0 else lk.SHARE] = 0.0
     table = np.array([(a.forward, math.radians(a.turn_deg), float(a.kind == "walk")) for a in model.actions.values()])

@@ -12,7 +12,7 @@ from surefoot.errors import SurefootError
 from surefoot.record.recording import read_recording
 from surefoot.services.navigator.belief.landmarks import LandmarkMap
 from surefoot.services.navigator.belief.matching import DetectionError, SightNoise, match
-from surefoot.services.navigator.belief.tracker import PoseTracker, Start, Tilt
+from surefoot.services.navigator.belief.tracker import CommonErrors, PoseTracker, Start
 from surefoot.services.navigator.execution import Execution
 from surefoot.services.navigator.localiser import detections
 from surefoot.services.navigator.pilot import Act
@@ -79,10 +79,10 @@ class _Reader:
         self.acts = [act_of(name, action) for name, action in model.actions.items()]
         sight = model.sight
         noise = SightNoise(sight.range_sd, sight.range_sd_share, math.radians(sight.bearing_sd_deg)).wider(GATE_WIDER)
-        tilt = Tilt(math.radians(sight.tilt_sd_deg), height=sight.camera_height)
+        shared = CommonErrors(math.radians(sight.tilt_sd_deg), sight.sway_sd, height=sight.camera_height)
         drift = math.radians(model.drift.known_sd_deg) * 10.0
         start = Start(model.filter.position_sd, math.radians(model.filter.heading_sd_deg), drift)
-        self.tracker = PoseTracker(start, noise, noise, tilt)
+        self.tracker = PoseTracker(start, noise, noise, shared)
         self.execution = Execution()
         self.events: list[tuple[float, ...]] = []
         self.places: list[tuple[float, float, float]] = []

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.kernels.jit import free_kernel
-from surefoot.services.navigator.belief.tilt import fade, fill_gain
+from surefoot.services.navigator.belief.common import fade, fill_gain
 from surefoot.services.navigator.belief.ukf import innovation, predict_with, update_with
 
 Array = NDArray[np.float64]
 
 ALONG, ACROSS, HEADING, TURN_PLACE, TURN_HEADING = 0, 1, 2, 3, 4  # sd of a whole action, m and rad
 RANGE, SHARE, BEARING, STANDING, TILT, DRIFT, WANDER = 5, 6, 7, 8, 9, 10, 11
-FORWARD, TURNED = 12, 13  # what becomes of a commanded way and turn, 1 = what was commanded
-PARAMETERS = 14
+FORWARD, TURNED, SWAY = 12, 13, 14  # SWAY m; what becomes of a commanded way and turn, 1 = what was commanded
+PARAMETERS = 15
 LOG_2PI = math.log(2.0 * math.pi)
 
 
@@ -37,15 +37,16 @@ def minus_log_likelihood(
         height: of the camera, m.
         fading: time constant of the tilt's error, s.
     """
-    n = 6 if theta[TILT] > 0.0 else 4
+    n = 7 if theta[TILT] > 0.0 or theta[SWAY] > 0.0 else 4
     mean, cov, gain, noise = np.zeros(n), np.zeros((n, n)), np.zeros((2, n - 4)), np.zeros(4)
+    sds = np.array([theta[TILT], theta[TILT], theta[SWAY]])
     work = np.zeros((3 * n, max(n, 4)))
     mean[:3] = start
     cov[0, 0] = cov[1, 1] = sd_start[0] ** 2
     cov[2, 2] = sd_start[1] ** 2
     cov[3, 3] = theta[DRIFT] ** 2
     for i in range(4, n):
-        cov[i, i] = theta[TILT] ** 2
+        cov[i, i] = sds[i - 4] ** 2
     total = 0.0
     for k in range(events.shape[0]):
         kind = events[k, 0]
@@ -62,7 +63,7 @@ def minus_log_likelihood(
             predict_with(mean, cov, forward * share, 0.0, turn * share, walked, noise, work)
         elif kind == 1.0:
             if n > 4:
-                fade(mean, cov, math.exp(-events[k, 1] / fading), theta[TILT])
+                fade(mean, cov, math.exp(-events[k, 1] / fading), sds)
         else:
             r, b = events[k, 3], events[k, 4]
             scale = theta[STANDING] if events[k, 5] > 0.0 else 1.0

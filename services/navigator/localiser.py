@@ -19,7 +19,7 @@ from surefoot.services.navigator.belief.lost import (
 )
 from surefoot.services.navigator.belief.matching import DetectionError, Detections, SightNoise
 from surefoot.services.navigator.belief.relocalise import Glance, relocalise
-from surefoot.services.navigator.belief.tracker import Control, FrameResult, Motion, PoseTracker, Start, Tilt
+from surefoot.services.navigator.belief.tracker import CommonErrors, Control, FrameResult, Motion, PoseTracker, Start
 from surefoot.services.navigator.belief.ukf import wrap
 from surefoot.services.navigator.config import NavigatorConfig
 from surefoot.services.navigator.messages import LostView, Pose, between, placed, pose_message
@@ -64,8 +64,9 @@ class Localiser:
             math.radians(model.filter.heading_sd_deg),
             math.radians(model.drift.known_sd_deg) * PER_10CM if config.control == "commands" else 0.05,
         )
-        tilt = Tilt(math.radians(sight.tilt_sd_deg), height=sight.camera_height)
-        self.tracker = PoseTracker(start, noise, standing, tilt)
+        sway = sight.sway_sd if config.control == "commands" else 0.0
+        shared = CommonErrors(math.radians(sight.tilt_sd_deg), sway, height=sight.camera_height)
+        self.tracker = PoseTracker(start, noise, standing, shared)
         self.tracker.place((config.start_x, config.start_y, config.start_yaw))
         self.control: Control = config.control
         self.odom: Pose | None = None

@@ -1,8 +1,7 @@
 """The pose of the robot in the map, estimated live: what it did predicts, landmarks correct.
 
-State (x, y, theta, b): pose in m and rad, frame map; b the drift in rad per m walked. A camera whose tilt is not known
-adds two states, the errors of pitch and roll. They move all landmarks of a frame together and fade with a time
-constant, so that frames which share the error are not taken for independent ones.
+State (x, y, theta, b): pose in m and rad, frame map; b the drift in rad per m walked. A camera whose tilt is not known,
+and a body that sways beside its path add three more, errors that the landmarks of a frame have in common (`common`).
 """
 
 import math
@@ -12,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.navigator.belief import tilt, ukf
+from surefoot.services.navigator.belief import common, ukf
 from surefoot.services.navigator.belief.landmarks import LandmarkMap
 from surefoot.services.navigator.belief.matching import Detections, Matches, MatchLimits, SightNoise, match
 
@@ -63,24 +62,35 @@ class Start:
 
 
 @dataclass(frozen=True)
-class Tilt:
-    """Error of a camera's tilt that it does not know."""
+class CommonErrors:
+    """Errors that all landmarks of a frame share, see `common`."""
 
-    sd: float = 0.0
-    """rad, of pitch and of roll; 0 = the tilt is known."""
+    tilt: float = 0.0
+    """rad, standard deviation of pitch and of roll that the camera does not know; 0 = the tilt is known."""
+    sway: float = 0.0
+    """m, of the body beside its path; 0 where it is measured."""
     fade: float = 0.3
     """s, time constant."""
     height: float = 0.45
     """m, of the camera over the floor."""
 
-    def common(self, noise: SightNoise) -> SightNoise:
-        """Return the noise with what all detections of a frame have in common, for matching; at `TYPICAL` distance."""
-        if self.sd == 0.0:
+    @property
+    def any(self) -> bool:
+        """Whether there are such errors."""
+        return self.tilt > 0.0 or self.sway > 0.0
+
+    def array(self) -> Array:
+        """Standard deviations in the order of the states, (3,)."""
+        return np.array([self.tilt, self.tilt, self.sway])
+
+    def widen(self, noise: SightNoise) -> SightNoise:
+        """Return the noise with what the detections of a frame have in common, for matching; at `TYPICAL` distance."""
+        if not self.any:
             return noise
         h = self.height
-        return replace(
-            noise, common_range_sd=self.sd * (h * h + TYPICAL**2) / h, common_bearing_sd=self.sd * h / TYPICAL
-        )
+        along = self.tilt * (h * h + TYPICAL**2) / h
+        across = math.hypot(self.tilt * h / TYPICAL, self.sway / TYPICAL)
+        return replace(noise, common_range_sd=along, common_bearing_sd=across)
 
 
 @dataclass(frozen=True)
@@ -102,7 +112,7 @@ class PoseTracker:
         start: uncertainty of a stated pose.
         noise: of the camera while walking.
         standing: the same while the robot stands.
-        tilted: error of its tilt.
+        shared: errors that the landmarks of a frame have in common.
         limits: of matching.
     """
 
@@ -111,19 +121,20 @@ class PoseTracker:
         start: Start,
         noise: SightNoise,
         standing: SightNoise,
-        tilted: Tilt | None = None,
+        shared: CommonErrors | None = None,
         limits: MatchLimits | None = None,
     ) -> None:
-        self.tilt = tilted or Tilt()
+        self.shared = shared or CommonErrors()
         self.start = start
-        self.noise, self.standing = self.tilt.common(noise), self.tilt.common(standing)
+        self.noise, self.standing = self.shared.widen(noise), self.shared.widen(standing)
         self.limits = limits or MatchLimits()
-        self.n = STATES + (tilt.TILTS if self.tilt.sd > 0.0 else 0)
+        self.n = STATES + (common.ERRORS if self.shared.any else 0)
         self.mean, self.cov = np.zeros(self.n), np.zeros((self.n, self.n))
         self._work = ukf.work_space(self.n)
         self._gain = np.zeros((2, self.n - STATES))
         self._noise = np.zeros(4)
-        self._tilted_at = 0.0
+        self._sds = self.shared.array()
+        self._faded_at = 0.0
         self.world: LandmarkMap | None = None
         self.frames = 0
         self.place((0.0, 0.0, 0.0))
@@ -147,7 +158,7 @@ class PoseTracker:
             self.cov[:3, :3] = cov
         self.mean[3], self.cov[3, 3] = (drift, variance) if keep_drift else (0.0, self.start.drift**2)
         for i in range(STATES, self.n):
-            self.cov[i, i] = self.tilt.sd**2
+            self.cov[i, i] = float(self._sds[i - STATES]) ** 2
 
     @property
     def pose(self) -> tuple[float, float, float]:
@@ -197,7 +208,7 @@ class PoseTracker:
         for detection, landmark in zip(found.detections, found.landmarks, strict=True):
             r, a = float(seen.ranges[detection]), float(seen.bearings[detection])
             x, y = self.world.positions[landmark]
-            tilt.fill_gain(r, a, self.tilt.height, self._gain)
+            common.fill_gain(r, a, self.shared.height, self._gain)
             var_r = noise.range_sd**2 + (noise.range_share * r) ** 2
             total += ukf.update_with(
                 self.mean, self.cov, x, y, r, a, var_r, noise.bearing_sd**2, self._gain, self._work
@@ -207,6 +218,6 @@ class PoseTracker:
 
     def _fade(self, time: float) -> None:
         if self.n > STATES:
-            keep = math.exp(-max(0.0, time - self._tilted_at) / self.tilt.fade)
-            self._tilted_at = time
-            tilt.fade(self.mean, self.cov, keep, self.tilt.sd)
+            keep = math.exp(-max(0.0, time - self._faded_at) / self.shared.fade)
+            self._faded_at = time
+            common.fade(self.mean, self.cov, keep, self._sds)

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from surefoot.services.navigator.belief import tilt
+from surefoot.services.navigator.belief import common
 from surefoot.services.navigator.belief.landmarks import LandmarkMap
 from surefoot.services.navigator.belief.matching import DetectionError, Detections, SightNoise
-from surefoot.services.navigator.belief.tracker import Motion, PoseTracker, Start, Tilt
+from surefoot.services.navigator.belief.tracker import CommonErrors, Motion, PoseTracker, Start
 
-TILT = Tilt(math.radians(2.5), fade=0.3, height=0.45)
+TILT = CommonErrors(math.radians(2.5), sway=0.02, fade=0.3, height=0.45)
 NOISE = SightNoise(0.0, 0.03, math.radians(1.5))
 STEP = Motion(
     0.0055, 0.0, 0.0, 0.0055, along=1e-6, across=1e-6, heading=math.radians(0.4) ** 2, drifting=1e-6
 )  # a tenth of a second of a walking Nao
 
 
-def walk(seed: int, tilted: Tilt, believed: Tilt, seconds: float = 20.0) -> tuple[float, float]:
+def walk(seed: int, tilted: CommonErrors, believed: CommonErrors, seconds: float = 20.0) -> tuple[float, float]:
     """Walk with a drift past landmarks; return NEES of the pose at the end and the distance of the estimate, m."""
     rng = np.random.default_rng(seed)
     places, looks = rng.uniform((-1.0, -1.5), (3.0, 1.5), (480, 2)), rng.standard_normal((480, 8))
@@ -26,8 +26,12 @@ def walk(seed: int, tilted: Tilt, believed: Tilt, seconds: float = 20.0) -> tupl
     tracker = PoseTracker(Start(0.05, math.radians(5.0), 0.4), NOISE, NOISE, believed)
     tracker.world = LandmarkMap(places, looks)
     x, y, theta = 0.05 * rng.standard_normal(), 0.05 * rng.standard_normal(), math.radians(5.0) * rng.standard_normal()
-    drift, error, keep = 0.4 * rng.standard_normal(), tilted.sd * rng.standard_normal(2), math.exp(-0.1 / tilted.fade)
-    gain = np.zeros((2, 2))
+    drift, error, keep = (
+        0.4 * rng.standard_normal(),
+        tilted.array() * rng.standard_normal(3),
+        math.exp(-0.1 / tilted.fade),
+    )
+    gain = np.zeros((2, 3))
     for k in range(round(seconds / 0.1)):
         forward = STEP.forward + math.sqrt(STEP.along) * rng.standard_normal()
         turn = drift * STEP.walked + math.sqrt(STEP.heading) * rng.standard_normal()
@@ -35,7 +39,7 @@ def walk(seed: int, tilted: Tilt, believed: Tilt, seconds: float = 20.0) -> tupl
         c, s = math.cos(theta + 0.5 * turn), math.sin(theta + 0.5 * turn)
         x, y, theta = x + forward * c - left * s, y + forward * s + left * c, theta + turn
         drift += math.sqrt(STEP.drifting) * rng.standard_normal()
-        error = keep * error + math.sqrt(1.0 - keep * keep) * tilted.sd * rng.standard_normal(2)
+        error = keep * error + math.sqrt(1.0 - keep * keep) * tilted.array() * rng.standard_normal(3)
         tracker.move(STEP)
         away = places - (x, y)
         r, a = np.hypot(*away.T), np.arctan2(away[:, 1], away[:, 0]) - theta
@@ -43,7 +47,7 @@ def walk(seed: int, tilted: Tilt, believed: Tilt, seconds: float = 20.0) -> tupl
         seen = np.flatnonzero((r > 0.35) & (r < 1.18) & (np.abs(a) < 0.57) & (rng.random(480) < 0.1))
         ranges, bearings = [], []
         for i in seen:
-            tilt.fill_gain(r[i], a[i], tilted.height, gain)
+            common.fill_gain(r[i], a[i], tilted.height, gain)
             ranges.append(r[i] * (1.0 + 0.03 * rng.standard_normal()) + float((gain[0] * error).sum()))
             bearings.append(a[i] + NOISE.bearing_sd * rng.standard_normal() + float((gain[1] * error).sum()))
         frame = Detections(
@@ -64,21 +68,21 @@ def band(share: float) -> tuple[float, float]:
 
 
 def test_consistent_with_a_known_tilt() -> None:
-    none = Tilt()
-    found = np.array([walk(seed, Tilt(1e-9), none) for seed in range(RUNS)])
+    none = CommonErrors()
+    found = np.array([walk(seed, CommonErrors(1e-9), none) for seed in range(RUNS)])
     low, high = band(0.999)
     assert low < found[:, 0].mean() < high
     assert found[:, 1].mean() < 0.02
 
 
-def test_consistent_with_a_tilt_that_frames_share() -> None:
+def test_consistent_with_errors_that_frames_share() -> None:
     found = np.array([walk(seed, TILT, TILT) for seed in range(RUNS)])
     low, high = band(0.999)
     assert low < found[:, 0].mean() < high
 
 
-def test_a_tilt_that_is_ignored_makes_it_far_too_sure() -> None:
-    found = np.array([walk(seed, TILT, Tilt()) for seed in range(20)])
+def test_shared_errors_that_are_ignored_make_it_far_too_sure() -> None:
+    found = np.array([walk(seed, TILT, CommonErrors()) for seed in range(20)])
     assert found[:, 0].mean() > 3.0 * 4.0
 
 

@@ -1,0 +1,64 @@
+"""Errors that all landmarks of a frame have in common and that fade from frame to frame: tilt and sway.
+
+Three states behind the drift: errors p of pitch and q of roll that the camera does not know, rad, and w, how far to the
+left of its path the body sways, m. A landmark at distance r and bearing a, seen from height h, is taken for one at
+
+    r + (h^2 + r^2)/h (p cos a + q sin a) - w sin a   and   a + h/r (q cos a - p sin a) - w cos a / r,
+
+to first order. Each is first-order Gauss-Markov: after a time t the share exp(-t / fade) is left of it, and noise makes
+up for it. Frames that share an error are so not taken for independent ones.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import row_kernel
+from surefoot.services.navigator.belief.ukf import NUISANCE
+
+Array = NDArray[np.float64]
+
+ERRORS = 3
+"""States of the errors: pitch, roll, sway."""
+NEAREST = 0.1
+"""m, distances are taken to be at least this."""
+
+
+@row_kernel
+def fade(mean: Array, cov: Array, keep: float, sds: Array) -> None:
+    """Let the share `keep` of the errors stay and add noise so that their standard deviations tend to sds, in place.
+
+    Args:
+        mean: state, (n,), n > 4.
+        cov: covariance, (n, n).
+        keep: 0 to 1.
+        sds: (3,) rad, rad, m.
+    """
+    n = mean.size
+    for i in range(NUISANCE, n):
+        mean[i] *= keep
+        for j in range(n):
+            cov[i, j] *= keep
+        for j in range(n):
+            cov[j, i] *= keep
+        cov[i, i] += (1.0 - keep * keep) * sds[i - NUISANCE] ** 2
+
+
+@row_kernel
+def fill_gain(range_: float, bearing: float, height: float, gain: Array) -> None:
+    """Write what the errors add to range (row 0) and bearing (row 1), (2, 3); (2, 0) stays empty.
+
+    Args:
+        range_: distance of the landmark, m.
+        bearing: direction of it, rad.
+        height: of the camera, m.
+        gain: result.
+    """
+    if gain.shape[1] == 0:
+        return
+    far = max(range_, NEAREST)
+    stretch, swing = (height * height + range_ * range_) / height, height / far
+    c, s = math.cos(bearing), math.sin(bearing)
+    gain[0, 0], gain[0, 1], gain[0, 2] = stretch * c, stretch * s, -s
+    gain[1, 0], gain[1, 1], gain[1, 2] = -swing * s, swing * c, -c / far
