@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from surefoot.geometry.linear import exp, product
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.robot.description import Robot, RobotError
-from surefoot.robot.kinematics import forward
+from surefoot.robot.kinematics import foot_positions, forward
 from surefoot.robot.profiles import profile_table
 from surefoot.services.simulator.ground.shapes import random_stream
 from surefoot.services.simulator.ground.terrain import Terrain
@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 DESCRIPTOR = 8  # numbers in a descriptor
 CAMERA_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # rot_link_from_camera, looking ahead
 NEAREST = 0.05  # m, of a point before the camera
+NOISE_BLUR = 9  # a third of the blur that hides a landmark blurs its place
 GOAL_SHARP = 3.0  # a goal marker is big: it stands this many times the blur
 
 
@@ -52,6 +53,12 @@ class Camera:
     range_sigma: float  # part of the range
     bearing_sigma: float  # rad
     descriptor_sigma: float
+    range_noise: float = 0.0
+    """m, beside `range_sigma`."""
+    still: float = 1.0
+    """Part of the noise of range and bearing that a sharp image has; blur brings the rest."""
+    tilt_blind: bool = False
+    """Places on the floor are computed as if the trunk were level and at its height in the neutral stance."""
 
 
 class Landmarks(NamedTuple):
@@ -71,12 +78,22 @@ class Detection(NamedTuple):
     """Which one it is: truth; -1 = the goal marker."""
 
 
+class Spot(NamedTuple):
+    """A point of the floor in an image."""
+
+    point: Array  # (2,) m, map
+    local: Array  # (3,) m, camera axes
+    sharp: float  # 0..1, 1 = no blur
+
+
 class CameraPose(NamedTuple):
     """Where the camera is."""
 
     position: Array  # (3,) m, map
     rot: Array  # (3, 3) rot_map_from_camera
     base: Array  # (3,) x, y, heading of base_link
+    mount: Array = np.zeros(3)  # (3,) m, the camera in base_link
+    look: Array = np.eye(3)  # (3, 3) rot_base_from_camera
 
 
 def read_camera(name: str) -> Camera:
@@ -104,6 +121,9 @@ def read_camera(name: str) -> Camera:
         range_sigma=t.number("range_sigma", at_least=0),
         bearing_sigma=math.radians(t.number("bearing_sigma_deg", at_least=0)),
         descriptor_sigma=t.number("descriptor_sigma", at_least=0),
+        range_noise=t.number("range_noise", default=0.0, at_least=0),
+        still=t.number("still", default=1.0, at_least=0, at_most=1),
+        tilt_blind=t.flag("tilt_blind", default=False),
     )
     t.close()
     return camera
@@ -156,9 +176,10 @@ def camera_pose(robot: Robot, camera: Camera, position: Array, quat_wxyz: Array,
     base = matrix_from_quat(quat_wxyz)
     c, s = math.cos(camera.pitch), math.sin(camera.pitch)
     look = product(links[i], np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]))
-    place = position + product(base, origins[i] + product(links[i], camera.position))
-    heading = math.atan2(base[1, 0], base[0, 0])
-    return CameraPose(place, product(product(base, look), CAMERA_AXES), np.array([position[0], position[1], heading]))
+    mount = origins[i] + product(links[i], camera.position)
+    ground = np.array([position[0], position[1], math.atan2(base[1, 0], base[0, 0])])
+    rot = product(product(base, look), CAMERA_AXES)
+    return CameraPose(position + product(base, mount), rot, ground, mount, product(look, CAMERA_AXES))
 
 
 def motion(before: CameraPose, now: CameraPose, dt: float) -> tuple[Array, Array]:
@@ -188,6 +209,25 @@ def blur(camera: Camera, local: Array, v: Array, w: Array) -> Array:
     return camera.focal * camera.exposure * np.hypot(along_x, along_y)
 
 
+def on_level_floor(pose: CameraPose, local: Array, height: float) -> tuple[float, float]:
+    """Return where on the floor a level trunk would see a point: forward and left of base_link, m.
+
+    Args:
+        pose: of the camera; its place and direction in base_link count.
+        local: (3,) the point in camera axes, m; its direction counts.
+        height: of base_link over the floor, m.
+
+    Returns:
+        inf, inf for a direction that does not meet the floor.
+    """
+    ray = product(pose.look, local)
+    above = height + float(pose.mount[2])
+    if ray[2] > -1e-3 * above:
+        return math.inf, math.inf
+    scale = above / -float(ray[2])
+    return float(pose.mount[0] + scale * ray[0]), float(pose.mount[1] + scale * ray[1])
+
+
 class LandmarkSensor:
     """Recognises landmarks in the floor; one seeded random stream.
 
@@ -206,6 +246,8 @@ class LandmarkSensor:
         self.goal = None if goal is None else np.array([goal])
         self.rng = random_stream(seed, "landmark sensor")
         self.visible = 0
+        self.height = -float(foot_positions(robot.model, robot.neutral)[:, 2].min())
+        """Of base_link over the floor in the neutral stance, m."""
 
     def look(self, before: CameraPose, now: CameraPose, dt: float) -> tuple[list[Detection], Detection | None]:
         """One frame: recognised landmarks, at most `camera.most`, and the goal marker if it is seen.
@@ -219,24 +261,34 @@ class LandmarkSensor:
         v, w = motion(before, now, dt)
         index, local = seen(c, now, self.field.position)
         self.visible = len(index)
-        sharp = c.detect * exp(-0.5 * (blur(c, local, v, w) / c.blur) ** 2)
-        found = index[self.rng.uniform(size=len(index)) < sharp][: c.most]
-        detections = [self._measure(now, self.field.position[i], self.field.descriptor[i], int(i)) for i in found]
+        sharp = exp(-0.5 * (blur(c, local, v, w) / c.blur) ** 2)
+        found = np.flatnonzero(self.rng.uniform(size=len(index)) < c.detect * sharp)[: c.most]
+        detections: list[Detection] = []
+        for k in found:
+            i = int(index[k])
+            place = Spot(self.field.position[i], local[k], float(sharp[k]))
+            detections.append(self._measure(now, place, self.field.descriptor[i], i))
         marker = None
         if self.goal is not None:
             _, place = seen(c, now, self.goal)
             if len(place):
                 p = math.exp(-0.5 * (float(blur(c, place, v, w)[0]) / (GOAL_SHARP * c.blur)) ** 2)
                 if self.rng.uniform() < p:
-                    marker = self._measure(now, self.goal[0], np.zeros(DESCRIPTOR), -1)
-        return detections, marker
+                    marker = self._measure(now, Spot(self.goal[0], place[0], p), np.zeros(DESCRIPTOR), -1)
+        return [d for d in detections if math.isfinite(d.range)], marker
 
-    def _measure(self, now: CameraPose, point: Array, descriptor: Array, index: int) -> Detection:
+    def _measure(self, now: CameraPose, spot: Spot, descriptor: Array, index: int) -> Detection:
         c, base = self.camera, now.base
-        dx, dy = point[0] - base[0], point[1] - base[1]
-        noise = self.rng.standard_normal(2 + DESCRIPTOR)
-        distance = math.hypot(dx, dy) * (1.0 + c.range_sigma * noise[0])
-        bearing = math.atan2(dy, dx) - base[2] + c.bearing_sigma * noise[1]
+        dx, dy = spot.point[0] - base[0], spot.point[1] - base[1]
+        noise, heading = self.rng.standard_normal(2 + DESCRIPTOR), base[2]
+        if c.tilt_blind:
+            (dx, dy), heading = on_level_floor(now, spot.local, self.height), 0.0
+        part = 1.0 - (1.0 - c.still) * spot.sharp**NOISE_BLUR
+        away = math.hypot(dx, dy)
+        distance = away * (1.0 + part * c.range_sigma * noise[0])
+        if c.range_noise > 0.0:
+            distance = max(NEAREST, distance + part * c.range_noise * float(self.rng.standard_normal()))
+        bearing = math.atan2(dy, dx) - heading + part * c.bearing_sigma * noise[1]
         bearing = math.atan2(math.sin(bearing), math.cos(bearing))
         return Detection(float(distance), float(bearing), descriptor + c.descriptor_sigma * noise[2:], index)
 

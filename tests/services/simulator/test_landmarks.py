@@ -1,16 +1,18 @@
 """Landmarks seen by a camera: projection and flow against finite differences, blur against the motion, calibration."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
+from surefoot.geometry import rotations
 from surefoot.robot.description import RobotError
 from surefoot.robot.reader import load_robot
 from surefoot.services.simulator.sensors import landmarks as lm
 
 NAO = load_robot("nao")
-CAMERA = lm.read_camera("nao_bottom")
+CAMERA, PAPER = lm.read_camera("nao_bottom"), lm.read_camera("nao_paper")
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 HEIGHT = 0.3128
 
@@ -104,21 +106,82 @@ def test_unknown_cameras_and_robots_without_the_link_are_refused():
     assert error.value.field == "link"
 
 
+def tilted(roll, pitch, yaw=0.4, z=HEIGHT):
+    quat = rotations.quat_from_rpy(roll, pitch, yaw)
+    return lm.camera_pose(NAO, PAPER, np.array([0.3, -0.2, z]), quat, NAO.neutral)
+
+
+def errors(sensor, here):
+    """Forward and left error of each detection of many frames without noise, and which frame it was, (n, 3)."""
+    rows = []
+    for frame in range(40):
+        for d in sensor.look(here, here, 0.01)[0]:
+            dx, dy = sensor.field.position[d.landmark] - here.base[:2]
+            c, s = math.cos(here.base[2]), math.sin(here.base[2])
+            ahead, left = d.range * math.cos(d.bearing), d.range * math.sin(d.bearing)
+            rows.append((ahead - (c * dx + s * dy), left - (c * dy - s * dx), frame))
+    return np.array(rows)
+
+
+def exact(**changes):
+    return dataclasses.replace(PAPER, range_noise=0.0, bearing_sigma=0.0, **changes)
+
+
+def test_a_camera_that_takes_the_trunk_to_be_level_is_right_when_it_is():
+    sensor = lm.LandmarkSensor(NAO, exact(), field(), seed=2)
+    assert errors(sensor, tilted(0.0, 0.0, z=sensor.height))[:, :2] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_tilt_moves_all_landmarks_of_a_frame_alike():
+    sensor = lm.LandmarkSensor(NAO, exact(), field(), seed=2)
+    for roll, pitch, axis, sign in ((0.0, 0.03, 0, 1), (0.0, -0.03, 0, -1), (0.03, 0.0, 1, -1), (-0.03, 0.0, 1, 1)):
+        found = errors(sensor, tilted(roll, pitch, z=sensor.height))[:, axis]
+        assert np.all(sign * found > 0.005)
+        assert np.std(found) < 0.7 * abs(np.mean(found))
+    seeing = lm.LandmarkSensor(NAO, exact(tilt_blind=False), field(), seed=2)
+    assert errors(seeing, tilted(0.0, 0.03))[:, :2] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_sharp_image_has_less_noise_than_a_blurred_one():
+    def spread(camera, speed):
+        sensor = lm.LandmarkSensor(NAO, dataclasses.replace(camera, tilt_blind=False), field(400.0), seed=2)
+        land, away = sensor.field.position, []
+        for _ in range(60):
+            for d in sensor.look(pose(x=-speed * 0.01), pose(), 0.01)[0]:
+                away.append(d.range - math.hypot(*land[d.landmark]))
+        return float(np.std(away))
+
+    assert spread(PAPER, 0.0) == pytest.approx(PAPER.still * PAPER.range_noise, rel=0.15)
+    assert spread(PAPER, 0.15) > 1.7 * spread(PAPER, 0.0)
+    assert spread(dataclasses.replace(PAPER, still=1.0), 0.0) == pytest.approx(PAPER.range_noise, rel=0.15)
+
+
+def test_the_camera_of_the_paper_sees_once_an_action_and_not_in_step_with_the_gait():
+    step_ms = round(1000.0 * NAO.gait["step_s"])
+    assert 1 <= PAPER.period_ms / (2 * step_ms) * 1.2 < 1.2
+    phases = {n * PAPER.period_ms % step_ms for n in range(20)}
+    assert len(phases) >= 5
+
+
 @pytest.mark.slow
-def test_a_walking_nao_recognises_three_and_a_quarter_a_frame_and_a_standing_one_far_more():
-    """Osswald et al.: 3.25 matched features a frame while walking slowly."""
+@pytest.mark.parametrize(("camera", "first"), [(CAMERA, 0), (PAPER, 1)], ids=("nao_bottom", "nao_paper"))
+def test_a_walking_nao_recognises_three_and_a_quarter_a_frame_and_a_standing_one_far_more(camera, first):
+    """Osswald et al.: 3.25 matched features a frame while walking slowly; `first`: steps before the first frame."""
     from surefoot.services.walker.interface import MotionCommand
     from tests.services.walker.biped.biped_plant import Plant
 
     plant = Plant("nao", seed=1, level=1.0).stand()
-    sensor = lm.LandmarkSensor(plant.robot, CAMERA, field(), seed=1)
+    sensor = lm.LandmarkSensor(plant.robot, camera, field(), seed=1)
     before, frames = None, {"standing": [], "walking": []}
+
+    def enough(out):
+        return out.state == "standing" or out.steps >= first
 
     def look(out):
         nonlocal before
         truth = plant.world.truth()
-        now = lm.camera_pose(plant.robot, CAMERA, truth.position, truth.quat_wxyz, truth.joints)
-        if before is not None and plant.world.tick * 10 % CAMERA.period_ms == 0 and out.state in frames:
+        now = lm.camera_pose(plant.robot, camera, truth.position, truth.quat_wxyz, truth.joints)
+        if before is not None and plant.world.tick * 10 % 100 == 0 and out.state in frames and enough(out):
             frames[out.state].append(len(sensor.look(before, now, 0.01)[0]))
         before = now
         return out.state == "standing" and len(frames["walking"]) > 40
@@ -127,5 +190,5 @@ def test_a_walking_nao_recognises_three_and_a_quarter_a_frame_and_a_standing_one
         look(plant.tick())
     plant.walker.command(MotionCommand("walk", distance=0.4))
     plant.until(look, 1500)
-    assert np.mean(frames["walking"]) == pytest.approx(3.25, abs=0.6)
+    assert np.mean(frames["walking"]) == pytest.approx(3.25, abs=0.6 if camera is CAMERA else 1.3)
     assert np.mean(frames["standing"]) > 2.0 * np.mean(frames["walking"])

@@ -55,7 +55,7 @@ def test_seen_from_a_standing_foot_the_trunk_goes_along_an_arc(name, drift, foot
         turn = drift * way
         c, s = math.cos(begin[2]), math.sin(begin[2])
         forward, left = math.sin(turn) / drift, (1.0 - math.cos(turn)) / drift
-        expected = begin + (c * forward - s * left, s * forward + c * left, turn)
+        expected = begin + np.array([c * forward - s * left, s * forward + c * left, turn])
         assert now == pytest.approx(expected, abs=2e-4)
 
 
