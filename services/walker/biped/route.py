@@ -14,6 +14,7 @@ from surefoot.services.walker.interface import MotionCommand
 Array = NDArray[np.float64]
 
 DONE = 1e-6  # m and rad, rest of a command that is nothing
+LITTLE = 0.2  # of a step, rest of a walk that is not worth one
 MAX_AHEAD = 32
 
 
@@ -40,6 +41,10 @@ class BipedRoute:
     walk_id: int
     turning: bool
     """On the spot."""
+    longest: float = math.inf
+    """Advance of the longest step, m,"""
+    widest: float = math.inf
+    """and the largest turn of one, rad."""
 
     @property
     def remaining(self) -> float:
@@ -58,7 +63,7 @@ class BipedRoute:
         if self.finished:
             return 0.0
         part = abs(self.forward / self.step) if abs(self.step) > 0.0 else abs(self.turn / self.step_turn)
-        return math.ceil(part - DONE) if math.isfinite(part) else math.inf
+        return max(1, math.ceil(part - LITTLE)) if math.isfinite(part) else math.inf
 
     def left(self, step_s: float, gait: str, duration: float | None) -> MotionCommand:
         """What is left as a command: it leads to the same steps."""
@@ -69,22 +74,33 @@ class BipedRoute:
         return MotionCommand("walk", distance, self.step / step_s, angle, gait, duration)
 
     def next(self, scale: float) -> tuple[float, float, "BipedRoute"]:
-        """Advance, turn and the rest after one step; `scale` shortens it."""
-        part = scale
+        """Advance, turn and the rest after one step; `scale` shortens it.
+
+        After shortened steps a rest of less than `LITTLE` steps is left: the last step takes it along where it may be
+        so long, else it is given up, for it would cost the time of a whole step.
+        """
+        rest = 0.0
         if abs(self.step) > 0.0:
-            part = min(part, abs(self.forward / self.step))
+            rest = abs(self.forward / self.step)
         elif abs(self.step_turn) > 0.0:
-            part = min(part, abs(self.turn / self.step_turn))
+            rest = abs(self.turn / self.step_turn)
+        part = min(scale, rest)
+        longest = abs(self.step) * rest <= self.longest and abs(self.step_turn) * rest <= self.widest
+        if scale == 1.0 and rest < 1.0 + LITTLE and longest:
+            part = rest
         a, g = part * self.step, part * self.step_turn
+        if rest - part < LITTLE:
+            return a, g, replace(self, forward=0.0, turn=0.0)
         return a, g, replace(self, forward=self.forward - a, turn=self.turn - g)
 
 
 def route_of(command: MotionCommand, params: BipedParams, walk_id: int) -> BipedRoute:
     """Equal steps that end exactly where the command says."""
+    most = params.max_step_m, params.max_turn_rad
     if command.action == "turn":
         angle = command.angle or 0.0
         count = max(1, math.ceil(abs(angle) / params.turn_step_rad - 1e-6))
-        return BipedRoute(0.0, angle, 0.0, angle / count, walk_id, turning=True)
+        return BipedRoute(0.0, angle, 0.0, angle / count, walk_id, True, *most)
     longest, distance = params.step_m, command.distance
     if command.velocity is not None:
         longest = abs(command.velocity) * params.step_s
@@ -92,10 +108,10 @@ def route_of(command: MotionCommand, params: BipedParams, walk_id: int) -> Biped
     if command.velocity is not None and command.velocity < 0.0:
         sign = -1.0
     if distance is None:
-        return BipedRoute(sign * math.inf, 0.0, sign * longest, 0.0, walk_id, turning=False)
+        return BipedRoute(sign * math.inf, 0.0, sign * longest, 0.0, walk_id, False, *most)
     angle = command.angle or 0.0
     count = max(1, math.ceil(abs(distance) / longest - 1e-6), math.ceil(abs(angle) / params.turn_step_rad - 1e-6))
-    return BipedRoute(distance, angle, distance / count, angle / count, walk_id, turning=False)
+    return BipedRoute(distance, angle, distance / count, angle / count, walk_id, False, *most)
 
 
 def first_swing(route: BipedRoute, feet: Array) -> int:

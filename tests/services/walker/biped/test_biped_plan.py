@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_are
 
+from surefoot.robot.reader import load_robot
 from surefoot.services.walker.biped import plan
 from surefoot.services.walker.biped.params import BipedParams, abilities
 from surefoot.services.walker.biped.preview import preview_gains, preview_step, riccati
@@ -163,3 +164,22 @@ def test_nothing_before_the_calibration_and_nothing_after_a_fall():
     assert refusal_of(walking, abilities(P), calibrated=False, fallen=False).code == "not_initialised"
     assert refusal_of(walking, abilities(P), calibrated=True, fallen=True).code == "fallen"
     assert refusal_of(MotionCommand("stop"), abilities(P), calibrated=False, fallen=False) is None
+
+
+def test_shortened_steps_cost_no_step_of_their_own():
+    """After a tilt a step is shorter; what is left then is taken along or given up, not walked for 0.9 s."""
+    params = BipedParams.for_robot(load_robot("nao"))
+    for command in (MotionCommand("walk", distance=0.1, angle=0.4), MotionCommand("turn", angle=0.4)):
+        for scales in ((1.0, 1.0), (0.85, 1.0), (1.0, 0.85), (0.9, 0.9)):
+            route, way = route_of(command, params, 1), np.zeros(2)
+            for scale in scales:
+                forward, turn, route = route.next(scale)
+                way += (forward, turn)
+                assert abs(forward) <= params.max_step_m
+                assert abs(turn) <= params.max_turn_rad
+            assert route.finished
+            assert way[1] == pytest.approx(0.4, rel=0.11)
+            assert abs(way[0]) <= 0.1 + 1e-12
+    route = route_of(MotionCommand("walk", distance=0.1), params, 1).next(0.5)[2]
+    assert route.steps == 2
+    assert not route.finished
