@@ -10,6 +10,7 @@ import typer
 from surefoot.lab.cli import (
     bag,
     doctor,
+    evaluate,
     graph,
     report,
     reproduce,
@@ -20,6 +21,7 @@ from surefoot.lab.cli import (
     stop,
     system,
     topic,
+    train,
     warm,
 )
 from surefoot.lab.cli.output import EXIT_CHECK, EXIT_INTERRUPT, EXIT_USAGE, fail, misused, state
@@ -52,6 +54,8 @@ app.add_typer(service.app, name="service")
 app.add_typer(schema.app, name="schema")
 app.add_typer(bag.app, name="bag")
 app.add_typer(robot.app, name="robot")
+app.add_typer(train.train, name="train")
+app.add_typer(evaluate.evaluate, name="evaluate")
 
 
 def _version(wanted: bool) -> None:

@@ -1,7 +1,6 @@
 """Whole episodes of a policy, one after the other in a kernel."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,37 +22,19 @@ from surefoot.services.navigator.policy.arrays import (
     TURNING,
     Arrays,
 )
-from surefoot.services.navigator.policy.choose import NUMBERS, choose, work_space_to_choose
-from surefoot.services.navigator.policy.grids import GRID
+from surefoot.services.navigator.policy.choose import choose, work_space_to_choose
+from surefoot.services.navigator.policy.policies import Policy
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 State = NDArray[np.uint64]
 Flags = NDArray[np.bool_]
 
-SECONDS_TAKEN, ENDED_AS, DECISIONS, STANDS_MADE, TURNS_MADE, ERROR, NEES_SUM, NEES_LAST = 0, 1, 2, 3, 4, 5, 6, 7
+SECONDS_TAKEN, ENDED_AS, DECISIONS, STANDS_MADE, TURNS_MADE, ERROR, NEES_SUM, NEES_AT = 0, 1, 2, 3, 4, 5, 6, 7
 RESULTS = 8
-"""Columns of the result of an episode: s, REACHED or CUT_OFF, number of actions, of stands, of turns, final error of the
-estimate in m, sum over decisions of the NEES of the pose (3 degrees of freedom), NEES at the end."""
-
-
-@dataclass(frozen=True)
-class Policy:
-    """A policy as arrays.
-
-    Attributes:
-        kind: HAND, STEER, PLANNER or SARSA.
-        numbers: its parameters, (NUMBERS,).
-        table: action values, (layers, nd, nphi, A).
-        grid: axes of the table, (GRID,).
-        shown: covariance of a pose seen from one stand, (3, 3).
-    """
-
-    kind: int
-    numbers: Array
-    table: Array
-    grid: Array
-    shown: Array
+NEES_DECISION = 20
+"""Columns of the result of an episode: s, REACHED or CUT_OFF, number of actions, of stands, of turns, final error of
+the estimate in m, sum over decisions of the NEES of the pose (3 degrees of freedom), NEES after decision NEES_DECISION."""
 
 
 @free_kernel
@@ -149,7 +130,10 @@ def _run(
             )
             stands += actions[chosen, KIND] == STAND
             turns += actions[chosen, KIND] == TURNING
-            total += nees(truth, mean, cov)
+            error = nees(truth, mean, cov)
+            total += error
+            if status[STEPS] == NEES_DECISION:
+                results[e, NEES_AT] = error
         results[e, SECONDS_TAKEN], results[e, ENDED_AS], results[e, DECISIONS] = (
             status[TIME],
             status[OUTCOME],
@@ -157,7 +141,7 @@ def _run(
         )
         results[e, STANDS_MADE], results[e, TURNS_MADE] = stands, turns
         results[e, ERROR] = math.sqrt((truth[0] - mean[0]) ** 2 + (truth[1] - mean[1]) ** 2)
-        results[e, NEES_SUM], results[e, NEES_LAST] = total, nees(truth, mean, cov)
+        results[e, NEES_SUM] = total
 
 
 def run_episodes(world: Arrays, policy: Policy, run: int, start: int, count: int, knows: bool = False) -> Array:
@@ -205,10 +189,3 @@ def run_episodes(world: Arrays, policy: Policy, run: int, start: int, count: int
         np.zeros((4, 4)),
     )
     return results
-
-
-def hand(kind: int, actions: int, stand_above: float, turn_beyond_deg: float, slope: float = 0.0, gain: float = 1.0) -> Policy:
-    """Return a hand controller."""
-    numbers = np.zeros(NUMBERS)
-    numbers[:4] = stand_above, slope, math.radians(turn_beyond_deg), gain
-    return Policy(kind, numbers, np.zeros((1, 1, 1, actions)), np.zeros(GRID), np.eye(3))

@@ -1,4 +1,4 @@
-"""The world of an episode as kernels: floor of landmarks, true motion with drift and noise, frames, walls, goal, belief.
+"""The world of an episode as kernels: floor of landmarks, motion with drift and noise, frames, walls, goal, belief.
 
 All arrays belong to one episode and are changed in place. truth (6,): x, y, heading, drift (rad per m), roll and pitch
 error of the camera in the last frame. The policy sees the belief and whether the robot is blocked; the truth decides
@@ -110,8 +110,8 @@ def scatter(scene: Array, rng: State, marks: Array, first: Ints) -> None:
         marks: x and y of landmarks in the map, (M, 2), m, square by square.
         first: index of the first landmark of each square, and their number at the end, (squares + 1,).
     """
-    nx = int(math.ceil((scene[X_MAX] - scene[X_MIN]) / CELL))
-    ny = int(math.ceil((scene[Y_MAX] - scene[Y_MIN]) / CELL))
+    nx = math.ceil((scene[X_MAX] - scene[X_MIN]) / CELL)
+    ny = math.ceil((scene[Y_MAX] - scene[Y_MIN]) / CELL)
     floor, count = math.exp(-scene[DENSITY] * CELL * CELL), 0
     for ix in range(nx):
         for iy in range(ny):
@@ -236,14 +236,14 @@ def look(
 ) -> int:
     """Take one frame and correct the belief with each landmark that is recognised; return their number."""
     n = mean.size
-    nx = int(math.ceil((scene[X_MAX] - scene[X_MIN]) / CELL))
-    ny = int(math.ceil((scene[Y_MAX] - scene[Y_MIN]) / CELL))
+    nx = math.ceil((scene[X_MAX] - scene[X_MIN]) / CELL)
+    ny = math.ceil((scene[Y_MAX] - scene[Y_MIN]) / CELL)
     c, s = math.cos(truth[2]), math.sin(truth[2])
     at_x, at_y, half = truth[0] + action[BOX_AT] * c, truth[1] + action[BOX_AT] * s, action[BOX_HALF]
-    ix0 = max(int(math.floor((at_x - half - scene[X_MIN]) / CELL)), 0)
-    ix1 = min(int(math.floor((at_x + half - scene[X_MIN]) / CELL)), nx - 1)
-    iy0 = max(int(math.floor((at_y - half - scene[Y_MIN]) / CELL)), 0)
-    iy1 = min(int(math.floor((at_y + half - scene[Y_MIN]) / CELL)), ny - 1)
+    ix0 = max(math.floor((at_x - half - scene[X_MIN]) / CELL), 0)
+    ix1 = min(math.floor((at_x + half - scene[X_MIN]) / CELL), nx - 1)
+    iy0 = max(math.floor((at_y - half - scene[Y_MIN]) / CELL), 0)
+    iy1 = min(math.floor((at_y + half - scene[Y_MIN]) / CELL), ny - 1)
     near2, far2, cos_half = action[RANGE_MIN] ** 2, action[RANGE_MAX] ** 2, action[COS_HALF]
     found, column = 0, work.shape[1] - 1
     if iy1 < iy0:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.kernels.jit import row_kernel
-from surefoot.services.navigator.belief.ukf import NUISANCE, entropy, spread, wrap
+from surefoot.services.navigator.belief.ukf import entropy, spread, wrap
 from surefoot.services.navigator.policy.arrays import (
     BLOCKED,
     FORWARD,
@@ -25,7 +25,6 @@ from surefoot.services.navigator.policy.arrays import (
     TURN,
     TURNING,
     TURNS,
-    WALK,
 )
 from surefoot.services.navigator.policy.grids import add_values
 
@@ -37,7 +36,7 @@ HAND, STEER, PLANNER, SARSA = 0, 1, 2, 3  # kinds of policy
 # numbers of hand and steer
 STAND_ABOVE, STAND_SLOPE, TURN_BEYOND, STEER_GAIN = 0, 1, 2, 3
 # numbers of the planner
-SPREAD_XY, SPREAD_HEADING, SPREAD_DRIFT, STAND_SHARE = 0, 1, 2, 3
+SPREAD_XY, SPREAD_HEADING, SPREAD_DRIFT, SIGHT_SHARE = 0, 1, 2, 3
 NUMBERS = 8
 
 POINTS = 8  # sigma points of (x, y, heading, drift)
@@ -162,7 +161,7 @@ def after_sight(heading: float, shown: Array, work: Array) -> None:
     """Split the covariance P (rows 0 .. 3 of work) by what a stand would show.
 
     shown (3, 3) is the covariance of a pose seen from the frames of one stand, x ahead. With S = P33 + shown, turned
-    into the map, P - P+ = P[:, :3] S^-1 P[:3, :] is how far the mean will move (rows 8 .. 11), P+ is left (rows 4 .. 7).
+    into the map, P - P+ = P[:, :3] S^-1 P[:3, :] is how far the mean will move (rows 8 .. 11), P+ is left (4 .. 7).
     """
     c, s = math.cos(heading), math.sin(heading)
     # S, lower triangle, in rows 12 .. 14
@@ -230,7 +229,7 @@ def _planned(
     if can_stand < 0:
         return
     stand = now - actions[can_stand, SECONDS] - switching[last, STAND]
-    if numbers[STAND_SHARE] > 0.0:
+    if numbers[SIGHT_SHARE] > 0.0:
         after_sight(mean[2], shown, work)
         spread(work[8:12], moved4)
         chosen_later = 0.0
@@ -255,7 +254,7 @@ def _planned(
         for a in range(na):
             if int(actions[a, KIND]) != STAND:
                 chosen_now = max(chosen_now, average[a])
-        stand += numbers[STAND_SHARE] * (chosen_later - chosen_now)
+        stand += numbers[SIGHT_SHARE] * (chosen_later - chosen_now)
     values[can_stand] = stand
 
 

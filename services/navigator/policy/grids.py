@@ -14,9 +14,10 @@ from surefoot.services.navigator.policy.arrays import MIRROR
 
 Array = NDArray[np.float64]
 
-D_MIN, D_MAX, LAYER_MIN, LAYER_MAX, MIRRORED = 0, 1, 2, 3, 4
-"""Elements of a grid: d of the first and last row (m), value of the first and last layer, 1 = layers mirror."""
-GRID = 5
+D_MIN, D_MAX, LAYER_MIN, LAYER_MAX, MIRRORED, PER_M = 0, 1, 2, 3, 4, 5
+"""Elements of a grid: d of the first and last row (m), value of the first and last layer, 1 = layers mirror (-1:
+bearings do), and what each m beyond the last row adds to all values."""
+GRID = 6
 
 
 @row_kernel
@@ -35,12 +36,16 @@ def add_values(
 ) -> None:
     """Add weight * values of all actions at (d, phi, layer) to out (A,).
 
-    With grid[MIRRORED] > 0 a negative layer is read at (-phi, -layer), left and right exchanged.
+    With grid[MIRRORED] > 0 a negative layer is read at (-phi, -layer), with < 0 a negative phi at -phi; left and right
+    are then exchanged.
     """
-    flip = grid[MIRRORED] > 0.0 and layer < 0.0
+    flip = (grid[MIRRORED] > 0.0 and layer < 0.0) or (grid[MIRRORED] < 0.0 and phi < 0.0)
     if flip:
-        layer, phi = -layer, -phi
+        phi = -phi
+        if grid[MIRRORED] > 0.0:
+            layer = -layer
     nl, nd, nphi = table.shape[0], table.shape[1], table.shape[2]
+    beyond = grid[PER_M] * max(0.0, d - grid[D_MAX])
     il, wl = place(layer, grid[LAYER_MIN], grid[LAYER_MAX], nl)
     jd, wd = place(d, grid[D_MIN], grid[D_MAX], nd)
     u = (phi + math.pi) / (2.0 * math.pi) * nphi
@@ -57,4 +62,4 @@ def add_values(
             high = w00 * table[il1, jd, k0, a] + w01 * table[il1, jd, k1, a]
             high += w10 * table[il1, jd1, k0, a] + w11 * table[il1, jd1, k1, a]
             low += wl * (high - low)
-        out[int(actions[a, MIRROR]) if flip else a] += weight * low
+        out[int(actions[a, MIRROR]) if flip else a] += weight * (low + beyond)

@@ -121,7 +121,9 @@ class Guards(_Part):
     """What ends a run of the same decision, whatever the policy says."""
 
     stands: int = Field(default=15, ge=1, description="stands in a row, then the robot must move")
-    turns: int = Field(default=16, ge=1, description="turns in a row (16 of 23 deg: once around), then it must not turn")
+    turns: int = Field(
+        default=16, ge=1, description="turns in a row (16 of 23 deg: once around), then it must not turn"
+    )
 
 
 class Reward(_Part):
@@ -143,7 +145,9 @@ class NavigationModel(_Part):
     filter: Filter = Filter()
     guards: Guards = Guards()
     reward: Reward = Reward()
-    decision_delay: NotNegative = Field(default=0.0, le=5, description="s before the end of an action: decision is made")
+    decision_delay: NotNegative = Field(
+        default=0.0, le=5, description="s before the end of an action: decision is made"
+    )
     switching: dict[Kind, dict[Kind, NotNegative]] = Field(
         default_factory=dict, description="s, extra time of an action (second key) after one of another kind (first)"
     )
@@ -158,7 +162,9 @@ class NavigationModel(_Part):
         for title, names in self.action_sets.items():
             unknown = [name for name in names if name not in self.actions]
             if unknown or len(set(names)) != len(names) or not names:
-                raise ValueError(f"action_sets.{title}: got {names}, allowed are different ones of {list(self.actions)}")
+                raise ValueError(
+                    f"action_sets.{title}: got {names}, allowed are different ones of {list(self.actions)}"
+                )
             kinds = {self.actions[name].kind for name in names}
             if not {"walk", "turn"} <= kinds:
                 raise ValueError(f"action_sets.{title}: has {sorted(kinds)}, but needs walk and turn")
@@ -228,9 +234,11 @@ def refuse_standing_for_ever(model: NavigationModel) -> None:
         goal = -walk.duration * (1.0 - kept) / (1.0 - gamma) + kept * model.reward.goal
         if standing >= goal:
             raise ValueError(
-                f"reward.gamma: got {gamma}, with which standing for ever is best ({title}): -{min(stands)} / (1 - "
-                f"{gamma}) = {standing:.2f} >= {goal:.2f} = -{walk.duration} (1 - {gamma}^{steps - 1}) / (1 - {gamma}) + "
-                f"{gamma}^{steps - 1} {model.reward.goal:g}, the goal after {steps} walks; allowed is a larger one, or 1"
+                f"reward.gamma: got {gamma}, with which standing for ever is best ({title}): "
+                f"-{min(stands)} / (1 - {gamma}) = {standing:.2f} >= {goal:.2f} = "
+                f"-{walk.duration} (1 - {gamma}^{steps - 1}) / (1 - {gamma}) + "
+                f"{gamma}^{steps - 1} {model.reward.goal:g}, "
+                f"the goal after {steps} walks; allowed is a larger one, or 1"
             )
 
 

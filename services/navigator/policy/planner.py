@@ -37,7 +37,9 @@ from surefoot.services.navigator.policy.arrays import (
     VAR_HEADING,
     Arrays,
 )
-from surefoot.services.navigator.policy.grids import D_MAX, D_MIN, GRID, LAYER_MAX, LAYER_MIN, MIRRORED
+from surefoot.services.navigator.policy.choose import PLANNER
+from surefoot.services.navigator.policy.grids import D_MAX, D_MIN, GRID, LAYER_MAX, LAYER_MIN, MIRRORED, PER_M
+from surefoot.services.navigator.policy.policies import Policy, planner_numbers
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -48,9 +50,9 @@ VARIANCE_UNSEEN = 1e4  # of a pose where nothing is seen
 
 def noise_samples(count: int) -> Array:
     """Return standard normal samples (count, 3): a lattice in antithetic pairs, of unit variance in each column."""
-    plastic = 1.1347241384015194  # x^6 = x + 1: the additive recurrence that fills five dimensions evenly
+    plastic = 1.2207440846057596  # x^4 = x + 1: the additive recurrence that fills three dimensions evenly
     half, normal = count // 2, NormalDist()
-    steps = [plastic**-1, plastic**-2, plastic**-3, plastic**-4, plastic**-5]
+    steps = [plastic**-1, plastic**-2, plastic**-3]
     points = np.array([[normal.inv_cdf((0.5 + step * (k + 1)) % 1.0) for step in steps] for k in range(half)])
     both = np.concatenate([points, -points])
     return both / np.sqrt((both**2).mean(axis=0))
@@ -65,17 +67,14 @@ def _sweep(
     groups: Ints,
     samples: Array,
     radius: float,
-    d_min: float,
     d_max: float,
     drifts: Array,
-    inner: int,
-    error: float,
+    per_m: float,
 ) -> float:
     """Update V (groups, nb, nd, nphi) and Q (nb, nd, nphi, A) in place, near goals first; return the largest change."""
     nb, nd, nphi = v.shape[1], v.shape[2], v.shape[3]
     na, worst = actions.shape[0], 0.0
-    b_step = drifts[1] - drifts[0] if nb > 1 else 1.0
-    dx_step, phi_step = (d_max - d_min) / (nd - 1), 2.0 * math.pi / nphi
+    dx_step, phi_step = d_max / (nd - 1), 2.0 * math.pi / nphi
     moved = np.empty((na, samples.shape[0], 3))
     for ib in range(nb):
         for a in range(na):
@@ -88,96 +87,91 @@ def _sweep(
                 moved[a, k, 1] = along * s + across * c
                 moved[a, k, 2] = change + math.sqrt(actions[a, VAR_HEADING]) * samples[k, 2]
         for jd in range(nd):
-            d = d_min + jd * dx_step
-            for again in range(inner):
-                for kp in range(nphi):
-                    phi = -math.pi + kp * phi_step
-                    gx, gy = d * math.cos(phi), d * math.sin(phi)
-                    for a in range(na):
-                        if actions[a, KIND] == STAND:
-                            q[ib, jd, kp, a] = NOTHING
+            d = jd * dx_step
+            for kp in range(nphi):
+                phi = -math.pi + kp * phi_step
+                gx, gy = d * math.cos(phi), d * math.sin(phi)
+                for a in range(na):
+                    if actions[a, KIND] == STAND:
+                        q[ib, jd, kp, a] = NOTHING
+                        continue
+                    after, total = groups[int(actions[a, KIND])], 0.0
+                    for k in range(samples.shape[0]):
+                        x, y = gx - moved[a, k, 0], gy - moved[a, k, 1]
+                        far = math.sqrt(x * x + y * y)
+                        if far < radius:
                             continue
-                        after, total = groups[int(actions[a, KIND])], 0.0
-                        for k in range(samples.shape[0]):
-                            x, y = gx - moved[a, k, 0], gy - moved[a, k, 1]
-                            far = math.sqrt(x * x + y * y)
-                            ex, ey = x + error * samples[k, 3], y + error * samples[k, 4]
-                            if ex * ex + ey * ey < radius * radius:
-                                continue
-                            u = (min(far, d_max) - d_min) / dx_step
-                            j0 = min(int(u), nd - 2)
-                            wd = u - j0
-                            t = (math.atan2(y, x) - moved[a, k, 2] + math.pi) / phi_step
-                            whole = math.floor(t)
-                            wp = t - whole
-                            k0 = int(whole) % nphi
-                            k1 = k0 + 1 if k0 + 1 < nphi else 0
-                            near = (1.0 - wp) * v[after, ib, j0, k0] + wp * v[after, ib, j0, k1]
-                            beyond = (1.0 - wp) * v[after, ib, j0 + 1, k0] + wp * v[after, ib, j0 + 1, k1]
-                            total += (1.0 - wd) * near + wd * beyond
-                        q[ib, jd, kp, a] = total / samples.shape[0] - actions[a, SECONDS]
-                    for kind in range(3):
-                        top = NOTHING
-                        for a in range(na):
-                            top = max(top, q[ib, jd, kp, a] - switching[kind, int(actions[a, KIND])])
-                        worst = max(worst, abs(top - v[groups[kind], ib, jd, kp]))
-                        v[groups[kind], ib, jd, kp] = top
+                        u = min(far, d_max) / dx_step
+                        j0 = min(int(u), nd - 2)
+                        wd = u - j0
+                        t = (math.atan2(y, x) - moved[a, k, 2] + math.pi) / phi_step
+                        whole = math.floor(t)
+                        wp = t - whole
+                        k0 = int(whole) % nphi
+                        k1 = k0 + 1 if k0 + 1 < nphi else 0
+                        near = (1.0 - wp) * v[after, ib, j0, k0] + wp * v[after, ib, j0, k1]
+                        beyond = (1.0 - wp) * v[after, ib, j0 + 1, k0] + wp * v[after, ib, j0 + 1, k1]
+                        total += (1.0 - wd) * near + wd * beyond - per_m * max(0.0, far - d_max)
+                    q[ib, jd, kp, a] = total / samples.shape[0] - actions[a, SECONDS]
+                for kind in range(3):
+                    top = NOTHING
+                    for a in range(na):
+                        top = max(top, q[ib, jd, kp, a] - switching[kind, int(actions[a, KIND])])
+                    worst = max(worst, abs(top - v[groups[kind], ib, jd, kp]))
+                    v[groups[kind], ib, jd, kp] = top
     return worst
 
 
-def grid_of(d_max: float, drift_max: float, d_min: float = 0.0) -> Array:
+def grid_of(world: Arrays, d_max: float, drift_max: float) -> Array:
     """Return the axes of a planner's table: distances to d_max m, layers of drift 0 to drift_max rad per m."""
     grid = np.zeros(GRID)
-    grid[[D_MIN, D_MAX, LAYER_MIN, LAYER_MAX, MIRRORED]] = d_min, d_max, 0.0, drift_max, 1.0
+    grid[[D_MIN, D_MAX, LAYER_MIN, LAYER_MAX, MIRRORED, PER_M]] = 0.0, d_max, 0.0, drift_max, 1.0, -_per_m(world)
     return grid
+
+
+def _per_m(world: Arrays) -> float:
+    """Return the seconds that a metre takes."""
+    return min(float(row[SECONDS] / row[FORWARD]) for row in world.actions if row[FORWARD] > 0.0)
 
 
 def plan(
     world: Arrays,
-    d_max: float = 5.8,
+    d_max: float = 2.5,
     drift_max: float = math.radians(80.0),
-    shape: tuple[int, int, int] = (5, 161, 120),
+    shape: tuple[int, int, int] = (5, 51, 90),
     samples: int = 24,
-    tolerance: float = 0.01,
-    inner: int = 2,
-    most: int = 60,
-    error: float = 0.0,
-    scale: tuple[float, float] = (1.0, 1.0),
+    tolerance: float = 0.1,
+    most: int = 200,
 ) -> tuple[Array, Array, int]:
     """Return the table of action values (nb, nd, nphi, A) in s (negative), its grid, and the number of sweeps.
 
     Args:
         world: the model.
-        d_max: m, largest distance of the table; farther goals are read there.
+        d_max: m, largest distance of the table; beyond it the choice depends on bearing and drift only.
         drift_max: rad per m, largest drift.
         shape: number of drifts from 0 on, of distances, of bearings.
         samples: of the motion noise.
         tolerance: s, change of a value in a sweep that is small enough.
-        inner: sweeps over the bearings of a distance before the next one.
         most: sweeps after which it ends in any case.
     """
     nb, nd, nphi = shape
     v = np.zeros((int(world.groups.max()) + 1, nb, nd, nphi))
     v += _guess(world, np.linspace(0.0, d_max, nd), nphi)
     q = np.zeros((nb, nd, nphi, len(world.names)))
-    grid, drifts, noise = grid_of(d_max, drift_max), np.linspace(0.0, drift_max, nb), noise_samples(samples) * np.array([scale[0], scale[0], scale[1], 1.0, 1.0])
-    for sweep in range(most):
-        worst = _sweep(
-            v, q, world.actions, world.switching, world.groups, noise, world.scene[GOAL_RADIUS], 0.0, d_max, drifts, inner, error
-        )
-        if worst < tolerance:
-            break
-    return q, grid, sweep + 1
+    grid, drifts, noise = grid_of(world, d_max, drift_max), np.linspace(0.0, drift_max, nb), noise_samples(samples)
+    per_m, radius, sweeps, worst = _per_m(world), float(world.scene[GOAL_RADIUS]), 0, math.inf
+    while worst > tolerance and sweeps < most:
+        sweeps += 1
+        worst = _sweep(v, q, world.actions, world.switching, world.groups, noise, radius, d_max, drifts, per_m)
+    return q, grid, sweeps
 
 
 def _guess(world: Arrays, d: Array, nphi: int) -> Array:
     """Return a start for V, (nd, nphi), s: turn to the goal, then walk to it."""
-    walks = [row for row in world.actions if row[FORWARD] > 0.0]
     turns = [row for row in world.actions if row[FORWARD] == 0.0 and row[TURN] != 0.0]
-    per_m = min(row[SECONDS] / row[FORWARD] for row in walks)
     per_rad = min(row[SECONDS] / abs(row[TURN]) for row in turns)
     phi = np.abs(-math.pi + np.arange(nphi) * (2.0 * math.pi / nphi))
-    return -(1.1 * per_m * d[:, None] + per_rad * phi[None, :])
+    return -(1.1 * _per_m(world) * d[:, None] + per_rad * phi[None, :])
 
 
 def shown_by_standing(world: Arrays) -> Array:
@@ -217,3 +211,10 @@ def _inverse(m: Array) -> Array:
     from surefoot.geometry.linear_kernels import inverse3
 
     return inverse3(m)[0]
+
+
+def planner(world: Arrays, provenance: dict[str, str] | None = None) -> Policy:
+    """Return the planner of a model: table, sight and numbers."""
+    table, grid, _ = plan(world)
+    numbers, shown = planner_numbers(), shown_by_standing(world)
+    return Policy("planner", PLANNER, world.names, numbers, table, grid, shown, provenance or {})

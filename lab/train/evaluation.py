@@ -1,0 +1,118 @@
+"""How good a policy is: whole episodes on all cores, and what they say with how much certainty."""
+
+import math
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from surefoot.services.navigator.environment.episodes import (
+    DECISIONS,
+    ENDED_AS,
+    NEES_AT,
+    NEES_SUM,
+    SECONDS_TAKEN,
+    STANDS_MADE,
+    TURNS_MADE,
+    run_episodes,
+)
+from surefoot.services.navigator.policy.arrays import REACHED, Arrays
+from surefoot.services.navigator.policy.policies import Policy
+
+Array = NDArray[np.float64]
+
+EVALUATION = 0
+"""Random stream of evaluations; training run k uses stream k + 1, so no episode serves both."""
+CHUNK = 250
+
+
+@dataclass(frozen=True)
+class Seeds:
+    """Episodes first .. end - 1."""
+
+    first: int
+    end: int
+
+    @property
+    def count(self) -> int:
+        """Number of episodes."""
+        return self.end - self.first
+
+
+def episodes(world: Arrays, policy: Policy, seeds: Seeds, *, knows: bool = False, stream: int = EVALUATION) -> Array:
+    """Return the results (count, RESULTS) of a policy, computed on all cores.
+
+    Args:
+        world: the model's arrays.
+        policy: who decides.
+        seeds: of the episodes; two policies with the same seeds get the same floors, drifts and starts.
+        knows: true pose and drift are given to the policy.
+        stream: which stream of random numbers.
+    """
+    starts = range(seeds.first, seeds.end, CHUNK)
+
+    def part(start: int) -> Array:
+        return run_episodes(world, policy, stream, start, min(CHUNK, seeds.end - start), knows)
+
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        return np.concatenate(list(pool.map(part, starts)))
+
+
+def interval(values: Array) -> tuple[float, float]:
+    """Return the 95 % interval of the mean by Student's t."""
+    half = float(stats.t.ppf(0.975, values.size - 1) * values.std(ddof=1) / math.sqrt(values.size))
+    mean = float(values.mean())
+    return mean - half, mean + half
+
+
+def summary(results: Array) -> dict[str, Any]:
+    """Return mean, spread, success and consistency of episodes; times of failed episodes count as they are."""
+    seconds, n = results[:, SECONDS_TAKEN], results.shape[0]
+    reached = int((results[:, ENDED_AS] == REACHED).sum())
+    low, high = chi_band(n)
+    return {
+        "episodes": n,
+        "mean_s": float(seconds.mean()),
+        "mean_ci95_s": interval(seconds),
+        "sd_s": float(seconds.std(ddof=1)),
+        "median_s": float(np.median(seconds)),
+        "p95_s": float(np.quantile(seconds, 0.95)),
+        "worst_s": float(seconds.max()),
+        "success": reached / n,
+        "success_at_least": success_bound(reached, n),
+        "stands": float(results[:, STANDS_MADE].mean()),
+        "turns": float(results[:, TURNS_MADE].mean()),
+        "nees": float(results[:, NEES_SUM].sum() / results[:, DECISIONS].sum()),
+        "nees_at_20": float(results[:, NEES_AT].mean()),
+        "nees_at_20_band95": (low, high),
+    }
+
+
+def chi_band(n: int) -> tuple[float, float]:
+    """Return the band that the mean of n NEES of 3 degrees of freedom lies in with 95 % if the belief is consistent."""
+    return float(stats.chi2.ppf(0.025, 3 * n) / n), float(stats.chi2.ppf(0.975, 3 * n) / n)
+
+
+def success_bound(successes: int, n: int) -> float:
+    """Return the success rate that is exceeded with 95 % confidence (Clopper and Pearson)."""
+    return float(stats.beta.ppf(0.05, successes, n - successes + 1)) if successes else 0.0
+
+
+def paired(ours: Array, others: Array) -> dict[str, Any]:
+    """Return the mean difference of times, ours - others, of the same seeds, with its 95 % interval and p-value."""
+    a, b = ours[:, SECONDS_TAKEN], others[:, SECONDS_TAKEN]
+    low, high = interval(a - b)
+    base = float(b.mean())
+    differ = bool((a != b).any())
+    return {
+        "difference_s": float((a - b).mean()),
+        "difference_ci95_s": (low, high),
+        "difference_percent": 100.0 * float((a - b).mean()) / base,
+        "difference_ci95_percent": (100.0 * low / base, 100.0 * high / base),
+        "p_paired_t": float(stats.ttest_rel(a, b).pvalue) if differ else 1.0,
+        "p_welch": float(stats.ttest_ind(a, b, equal_var=False).pvalue) if differ else 1.0,
+    }

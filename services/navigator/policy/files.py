@@ -1,0 +1,137 @@
+"""Policy files: arrays and provenance in one .npz without pickles; whatever is not as it should be is refused."""
+
+import hashlib
+import io
+import json
+import zipfile
+from collections.abc import Callable, Mapping
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.errors import Refusal
+from surefoot.services.navigator.policy.choose import NUMBERS
+from surefoot.services.navigator.policy.grids import GRID
+from surefoot.services.navigator.policy.policies import KIND_NAMES, Policy
+
+VERSION = 1
+"""Of the format; other versions are refused."""
+MAX_BYTES = 64 * 1024 * 1024
+MEMBERS = ("version", "kind", "actions", "numbers", "table", "grid", "shown", "provenance")
+KINDS_BY_NAME = {name: kind for kind, name in KIND_NAMES.items()}
+
+
+def content_of(policy: Policy) -> bytes:
+    """Return the bytes of a policy file; equal policies give equal bytes. Tables are kept in single precision."""
+    buffer = io.BytesIO()
+    np.savez_compressed(
+        buffer,
+        version=np.int64(VERSION),
+        kind=np.str_(KIND_NAMES[policy.kind]),
+        actions=np.array(policy.actions),
+        numbers=policy.numbers,
+        table=policy.table.astype(np.float32),
+        grid=policy.grid,
+        shown=policy.shown,
+        provenance=np.str_(json.dumps(dict(policy.provenance), sort_keys=True)),
+    )
+    return buffer.getvalue()
+
+
+def save(policy: Policy, path: Path) -> str:
+    """Write a policy file, complete or not at all, and return its sha256."""
+    content = content_of(policy)
+    part = path.with_name(path.name + ".part")
+    part.write_bytes(content)
+    part.replace(path)
+    return hashlib.sha256(content).hexdigest()
+
+
+def load_policy(path: Path, actions: tuple[str, ...] | None = None) -> Policy:
+    """Return the policy of a file.
+
+    Args:
+        path: the file.
+        actions: names that its actions must have, in this order; None = any.
+
+    Raises:
+        Refusal: the file cannot be read, is truncated, holds pickles, NaN or arrays of wrong shape, is of another
+            version or for other actions; the message quotes what was received and what is allowed.
+    """
+    try:
+        content = path.read_bytes() if path.stat().st_size <= MAX_BYTES else b""
+    except OSError as error:
+        raise Refusal("policy_unreadable", f"{path}: {error.strerror}", "policy") from None
+    if not content:
+        raise Refusal("policy_invalid", f"{path}: must have 1 to {MAX_BYTES} bytes", "policy")
+    return parse(content, path.stem, str(path), actions)
+
+
+def parse(content: bytes, name: str, where: str, actions: tuple[str, ...] | None = None) -> Policy:
+    """Return the policy in the bytes of a file; arguments and errors as of `load_policy`."""
+
+    def refuse(message: str) -> Refusal:
+        return Refusal("policy_invalid", f"{where}: {message}", "policy")
+
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            size = sum(info.file_size for info in archive.infolist())
+        if size > MAX_BYTES:
+            raise refuse(f"unpacks to {size} bytes, allowed are {MAX_BYTES}")
+        with np.load(io.BytesIO(content), allow_pickle=False) as file:
+            missing = [member for member in MEMBERS if member not in file.files]
+            if missing:
+                raise refuse(f"lacks {', '.join(missing)}; a policy file has {', '.join(MEMBERS)}")
+            held = {member: file[member] for member in MEMBERS}
+        version, kind = int(held["version"]), str(held["kind"])
+        names = tuple(str(each) for each in held["actions"].reshape(-1))
+        provenance = json.loads(str(held["provenance"]))
+    except Refusal:
+        raise
+    except Exception as error:  # zip, zlib, numpy, struct and json each have their own
+        raise refuse(f"is no policy file or is damaged ({type(error).__name__}: {str(error)[:120]})") from None
+    if version != VERSION:
+        raise refuse(f"is of version {version}, allowed is {VERSION}")
+    if kind not in KINDS_BY_NAME:
+        raise refuse(f"has kind {kind!r}, allowed are {', '.join(KINDS_BY_NAME)}")
+    if actions is not None and names != actions:
+        raise Refusal("policy_actions", f"{where}: is for actions {names}, allowed are {actions}", "policy")
+    if not isinstance(provenance, dict):
+        raise refuse(f"has the provenance {str(provenance)[:80]!r}, allowed is an object")
+    numbers, table, grid, shown = _checked(held, len(names), refuse)
+    words = {str(key): str(value) for key, value in provenance.items()}  # pyright: ignore[reportUnknownVariableType]
+    return Policy(
+        words.get("name", name),
+        KINDS_BY_NAME[kind],
+        names,
+        numbers,
+        table,
+        grid,
+        shown,
+        words,
+        hashlib.sha256(content).hexdigest(),
+    )
+
+
+def _checked(
+    held: Mapping[str, NDArray[np.generic]], count: int, refuse: Callable[[str], Refusal]
+) -> list[NDArray[np.float64]]:
+    shapes = {"numbers": (NUMBERS,), "table": (None, None, None, count), "grid": (GRID,), "shown": (3, 3)}
+    out: list[NDArray[np.float64]] = []
+    for member, shape in shapes.items():
+        array = held[member]
+        fits = len(array.shape) == len(shape) and all(w in (None, g) for w, g in zip(shape, array.shape, strict=True))
+        if not fits or array.size == 0 or array.dtype.kind != "f":
+            raise refuse(f"{member} has shape {array.shape} of {array.dtype}, allowed is {shape} of floats")
+        if not np.isfinite(array).all():
+            raise refuse(f"{member} holds NaN or infinity, allowed are finite numbers")
+        out.append(np.ascontiguousarray(array, dtype=np.float64))
+    return out
+
+
+def shipped() -> dict[str, Path]:
+    """Return the policy files that ship, by name."""
+    folder = Path(str(resources.files("surefoot.services.navigator"))) / "policies"
+    return {path.stem: path for path in sorted(folder.glob("*.npz"))}

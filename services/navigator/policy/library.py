@@ -1,0 +1,75 @@
+"""Where policies come from: rules, files that ship, other files, or a table that is computed now."""
+
+from pathlib import Path
+
+from surefoot.errors import Refusal
+from surefoot.services.navigator.policy.arrays import Arrays, arrays
+from surefoot.services.navigator.policy.files import load_policy, shipped
+from surefoot.services.navigator.policy.params import NavigationModel
+from surefoot.services.navigator.policy.planner import planner
+from surefoot.services.navigator.policy.policies import Policy, by_rule
+from surefoot.tables import did_you_mean
+from surefoot.version import VERSION
+
+NAMES = ("hand", "tuned", "steer", "planner", "sarsa")
+
+
+def known() -> tuple[str, ...]:
+    """Return the names that `find` takes, files aside."""
+    return (*NAMES, *shipped())
+
+
+def find(name: str, model: NavigationModel, world: Arrays | None = None) -> Policy:
+    """Return a policy for a model.
+
+    Args:
+        name: `hand` (35 deg), `tuned`, `steer`, `planner` (computed for the model, about 1 s, if no file for it ships),
+            `sarsa` (a file for these actions that ships), the name of a shipped file, or a path that ends in .npz.
+        model: the robot.
+        world: its arrays, if at hand.
+
+    Raises:
+        Refusal: no such policy, a file that cannot be used, or one for other actions.
+    """
+    world = arrays(model) if world is None else world
+    ruled = by_rule(name, world)
+    if ruled is not None:
+        return ruled
+    files = shipped()
+    if name.endswith(".npz"):
+        return load_policy(Path(name), world.names)
+    if name in files:
+        return load_policy(files[name], world.names)
+    if name in ("planner", "sarsa"):
+        own = [path for stem, path in files.items() if stem.split("-")[0] == name]
+        fitting = [policy for path in own if (policy := _if_for(path, world.names)) is not None]
+        made_for = [policy for policy in fitting if policy.provenance.get("model_sha256") == model.sha256()]
+        if made_for:
+            return made_for[0]
+        if name == "planner":
+            return planner(world, provenance_of(model, "planner"))
+        if fitting:
+            return fitting[0]
+    hint, allowed = did_you_mean(name, known()), ", ".join(known())
+    raise Refusal("unknown_policy", f"got {name!r}{hint} for {', '.join(world.names)}; allowed are {allowed}", "policy")
+
+
+def _if_for(path: Path, actions: tuple[str, ...]) -> Policy | None:
+    try:
+        return load_policy(path, actions)
+    except Refusal as refusal:
+        if refusal.code == "policy_actions":
+            return None
+        raise
+
+
+def provenance_of(model: NavigationModel, name: str, **more: str) -> dict[str, str]:
+    """Return where a policy for a model comes from."""
+    return {
+        "name": name,
+        "model": model.name,
+        "model_sha256": model.sha256(),
+        "action_set": model.use,
+        "surefoot": VERSION,
+        **more,
+    }

@@ -1,0 +1,254 @@
+"""Policies by name, as arrays for kernels and as one object that decides and says why."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.services.navigator.policy.arrays import (
+    BLOCKED,
+    KIND,
+    LAST,
+    NO_ACTION,
+    SECONDS,
+    STAND,
+    STANDS,
+    STATUS,
+    TURNING,
+    TURNS,
+    Arrays,
+)
+from surefoot.services.navigator.policy.choose import (
+    HAND,
+    NUMBERS,
+    PLANNER,
+    SARSA,
+    SIGHT_SHARE,
+    SPREAD_DRIFT,
+    SPREAD_HEADING,
+    SPREAD_XY,
+    STAND_ABOVE,
+    STAND_SLOPE,
+    STEER,
+    STEER_GAIN,
+    TURN_BEYOND,
+    choose,
+    features,
+    work_space_to_choose,
+)
+from surefoot.services.navigator.policy.grids import GRID
+
+Array = NDArray[np.float64]
+
+KIND_NAMES = {HAND: "hand", STEER: "steer", PLANNER: "planner", SARSA: "sarsa"}
+
+PAPER_TURN_DEG = 35.0  # deg, threshold of the paper's controller
+PAPER_STAND_ABOVE = -3.0  # nats; least time at full success with PAPER_TURN_DEG on seed 1, normal and blurred
+TUNED_TURN_DEG = 18.5  # deg; least time on seed 1, 4000 episodes, of 11 .. 28 deg
+TUNED_STAND_ABOVE = -2.5  # nats at the goal
+TUNED_STAND_SLOPE = 0.2  # nats per m; least time blurred; normal vision has no preference
+STEER_TURN_DEG = 60.0  # deg; least time blurred of 35, 60, 90
+STEER_STAND_ABOVE = -2.0  # nats; least time blurred of -3 .. -2
+STEER_SHARE = 1.0  # of the bearing that is steered out in one arc; of .5 .. 1.2
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A policy as arrays.
+
+    Attributes:
+        name: what it is called.
+        kind: HAND, STEER, PLANNER or SARSA.
+        actions: names of the actions, in the order of the table.
+        numbers: its parameters, (NUMBERS,).
+        table: action values, (layers, nd, nphi, A).
+        grid: axes of the table, (GRID,).
+        shown: covariance of a pose seen from one stand, (3, 3), robot axes, m and rad.
+        provenance: where it comes from: model, hash, seed, version.
+        sha256: of the file; empty = from no file.
+    """
+
+    name: str
+    kind: int
+    actions: tuple[str, ...]
+    numbers: Array
+    table: Array
+    grid: Array
+    shown: Array
+    provenance: Mapping[str, str] = field(default_factory=dict[str, str])
+    sha256: str = ""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One decision.
+
+    Attributes:
+        index: of the chosen action.
+        values: of all actions, larger is better; NaN where the action is not allowed.
+        reason: in words.
+    """
+
+    index: int
+    values: tuple[float, ...]
+    reason: str
+
+
+class Decider:
+    """Decides with one policy, and keeps what a decision needs of the ones before.
+
+    Args:
+        world: the model's arrays; the action names must be the policy's.
+        policy: the policy.
+    """
+
+    def __init__(self, world: Arrays, policy: Policy) -> None:
+        self.world, self.policy = world, policy
+        count = len(world.names)
+        self._values, self._mask = np.zeros(count), np.zeros(count, dtype=np.bool_)
+        self._work = work_space_to_choose(8, count)
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget the actions so far: a new goal."""
+        self.status = np.zeros(STATUS)
+        self.status[LAST] = NO_ACTION
+
+    def decide(self, mean: Array, cov: Array, goal: tuple[float, float], *, blocked: bool) -> Verdict:
+        """Return the next action for a belief mean (n,), cov (n, n) as it will be when the action begins.
+
+        Args:
+            mean: x, y (m), heading (rad), and from n = 4 on the drift (rad per m), frame map.
+            cov: its covariance.
+            goal: m, frame map.
+            blocked: a wall is close ahead, only turns are allowed.
+        """
+        self.status[BLOCKED] = float(blocked)
+        index = choose_with(self.policy, self.world, mean, cov, goal, self.status, self._values, self._mask, self._work)
+        verdict = Verdict(
+            index,
+            tuple(float(v) if ok else math.nan for v, ok in zip(self._values, self._mask, strict=True)),
+            self._reason(index, mean, cov, goal, blocked),
+        )
+        self.did(index)
+        return verdict
+
+    def did(self, index: int) -> None:
+        """Note that an action was done; `decide` does so for the one it returns."""
+        kind, status = self.world.actions[index, KIND], self.status
+        status[LAST] = index
+        status[STANDS] = status[STANDS] + 1.0 if kind == STAND else 0.0
+        status[TURNS] = status[TURNS] + 1.0 if kind == TURNING else 0.0
+
+    def _reason(self, index: int, mean: Array, cov: Array, goal: tuple[float, float], blocked: bool) -> str:
+        name, policy = self.world.names[index], self.policy
+        if blocked:
+            return f"a wall is close ahead, only turns are allowed: {name}"
+        d, phi, h = features(mean, cov, goal[0], goal[1])
+        if policy.kind in (HAND, STEER):
+            return _rule(policy, name, self.world.actions[index], d, math.degrees(phi), h)
+        others = [i for i in range(len(self._values)) if i != index and self._mask[i]]
+        if not others:
+            return f"{name} is the only action allowed"
+        second = max(others, key=lambda i: self._values[i])
+        ahead = self._values[index] - self._values[second]
+        if policy.kind == SARSA:
+            return f"{name}: return {self._values[index]:.1f}, {ahead:.1f} more than {self.world.names[second]}"
+        if self.world.actions[index, KIND] == STAND:
+            cost = self.world.actions[index, SECONDS]
+            return f"{name}: a look of {cost:.1f} s may change the way and saves {ahead:.2f} s on average (h {h:.1f})"
+        return f"{name}: {-self._values[index]:.1f} s to the goal, {ahead:.2f} s less than {self.world.names[second]}"
+
+
+def _rule(policy: Policy, name: str, action: Array, d: float, phi_deg: float, h: float) -> str:
+    limit = policy.numbers[STAND_ABOVE] + policy.numbers[STAND_SLOPE] * d
+    side, beyond = "left" if phi_deg > 0 else "right", math.degrees(policy.numbers[TURN_BEYOND])
+    if action[KIND] == STAND:
+        return f"{name}: entropy {h:.1f} is above {limit:.1f} nats"
+    where = f"goal {abs(phi_deg):.0f} deg to the {side}"
+    return f"{name}: {where}, {'beyond' if abs(phi_deg) > beyond else 'within'} {beyond:.0f} deg"
+
+
+def choose_with(
+    policy: Policy,
+    world: Arrays,
+    mean: Array,
+    cov: Array,
+    goal: tuple[float, float],
+    status: Array,
+    values: Array,
+    mask: NDArray[np.bool_],
+    work: Array,
+) -> int:
+    """Return the chosen action and write values and mask: `choose` with the arrays of a policy and a model."""
+    return int(
+        choose(
+            policy.kind,
+            policy.numbers,
+            policy.table,
+            policy.grid,
+            policy.shown,
+            world.actions,
+            world.scene,
+            world.switching,
+            mean,
+            cov,
+            float(goal[0]),
+            float(goal[1]),
+            status,
+            values,
+            mask,
+            work,
+        )
+    )
+
+
+def hand(
+    world: Arrays,
+    name: str = "hand",
+    *,
+    turn_deg: float = PAPER_TURN_DEG,
+    stand_above: float = PAPER_STAND_ABOVE,
+    slope: float = 0.0,
+    steer: float = 0.0,
+) -> Policy:
+    """Return a controller made by hand.
+
+    Args:
+        world: the model's arrays.
+        name: of the policy.
+        turn_deg: deg, it turns to a goal farther aside than this.
+        stand_above: nats, it stands while the entropy is above this.
+        slope: nats per m, added to that by distance.
+        steer: share of the bearing that an arc should take out; 0 = it walks straight (paper).
+    """
+    numbers = np.zeros(NUMBERS)
+    numbers[STAND_ABOVE], numbers[STAND_SLOPE] = stand_above, slope
+    numbers[TURN_BEYOND], numbers[STEER_GAIN] = math.radians(turn_deg), steer
+    kind, count = (STEER if steer > 0.0 else HAND), len(world.names)
+    return Policy(name, kind, world.names, numbers, np.zeros((1, 1, 1, count)), np.zeros(GRID), np.eye(3))
+
+
+def by_rule(name: str, world: Arrays) -> Policy | None:
+    """Return a policy that needs no table (`hand`, `tuned`, `steer`), or None for other names."""
+    if name == "hand":
+        return hand(world)
+    if name == "tuned":
+        return hand(world, name, turn_deg=TUNED_TURN_DEG, stand_above=TUNED_STAND_ABOVE, slope=TUNED_STAND_SLOPE)
+    if name == "steer":
+        return hand(world, name, turn_deg=STEER_TURN_DEG, stand_above=STEER_STAND_ABOVE, steer=STEER_SHARE)
+    return None
+
+
+def planner_numbers() -> Array:
+    """Return the planner's numbers, chosen on seed 1 with the paper's robot, drift 0 to 8 deg, normal and blurred.
+
+    How far the belief is spread when values are averaged (shares of its standard deviations), and the weight of what a
+    stand would show. Averaging over the full belief turns too late, for each value supposes that the pose will be known
+    after one action; a look's worth is counted double, for what it shows serves more than the next decision.
+    """
+    numbers = np.zeros(NUMBERS)
+    numbers[[SPREAD_XY, SPREAD_HEADING, SPREAD_DRIFT, SIGHT_SHARE]] = 0.3, 0.3, 0.6, 2.0
+    return numbers
