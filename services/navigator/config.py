@@ -11,9 +11,9 @@ class NavigatorConfig(ServiceConfig):
     """Where the robot starts, what it knows of the world, how it decides."""
 
     params: str = Field(
-        default="paper", max_length=256, description="model of the robot: a shipped name or a .toml file"
+        default="nao", max_length=256, description="model of the robot: a shipped name or a .toml file"
     )
-    policy: str = Field(default="hand", max_length=256, description="name or file of the default policy")
+    policy: str = Field(default="planner", max_length=256, description="name or file of the default policy")
     actions: str = Field(default="", max_length=64, description="action set of the model; empty = the model's own")
     control: Literal["commands", "odometry"] = Field(
         default="odometry", description="what the belief follows between observations; without odometry: commands"

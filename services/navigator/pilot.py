@@ -76,14 +76,23 @@ class Order:
     """rad."""
 
 
-@dataclass(frozen=True)
-class Choice:
+class Choice(Protocol):
     """What a policy decided."""
 
-    index: int
-    values: tuple[float, ...] = ()
-    """Per action; NaN for those that were not allowed."""
-    reason: str = ""
+    @property
+    def index(self) -> int:
+        """Of the action."""
+        ...
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """Per action, larger is better; NaN for those that were not allowed."""
+        ...
+
+    @property
+    def reason(self) -> str:
+        """In words."""
+        ...
 
 
 @dataclass
@@ -98,9 +107,7 @@ class Searching:
 class Policy(Protocol):
     """Chooses the next action."""
 
-    name: str
-
-    def decide(self, mean: Array, cov: Array, goal: Point, blocked: bool) -> Choice:
+    def decide(self, mean: Array, cov: Array, goal: Point, *, blocked: bool) -> Choice:
         """Return the next action for a belief (4,), (4, 4) as it will be when that action begins."""
         ...
 
@@ -304,7 +311,7 @@ class Pilot:
             self._give_up(now)
             return
         to_look = distance <= ARRIVED_WITHIN / 2.0  # there by the estimate, but not sure
-        choice = policy.decide(mean, cov, goal.waypoint, blocked)
+        choice = policy.decide(mean, cov, goal.waypoint, blocked=blocked)
         act = self.acts[choice.index]
         reason = choice.reason
         if to_look:

@@ -26,4 +26,4 @@ def rehearse(config: NavigatorConfig) -> None:
     ranges, bearings = np.hypot(places[:, 0], places[:, 1]), np.arctan2(places[:, 1], places[:, 0])
     tracker.look(Detections(ranges[:12], bearings[:12], looks[:12]), 0.1, standing=False)
     mean, cov = tracker.after(Motion())
-    policies.find(None).decide(mean, cov, (1.0, 0.0), blocked=False)
+    policies.decider(None).decide(mean, cov, (1.0, 0.0), blocked=False)

@@ -111,7 +111,7 @@ class Navigator(Service[NavigatorConfig]):
 
     def _begin(self, goal: Goal, request: nav.GotoRequest | nav.WaypointsRequest) -> None:
         goal.began, goal.start = self._now, self.localiser.tracker.pose[:2]
-        self.pilot.begin(goal, self.policies.find(request.policy))
+        self.pilot.begin(goal, self.policies.decider(request.policy))
         self.log("info", f"goal {goal.id}: {len(goal.route)} waypoints, policy {goal.policy}")
 
     def cancel(self, request: nav.CancelRequest) -> nav.NavigatorReply:
@@ -225,7 +225,7 @@ class Navigator(Service[NavigatorConfig]):
         if kept.goal is not None:
             goal = Goal(**kept.goal)
             goal.route = tuple((float(x), float(y)) for x, y in goal.route)
-            self.pilot.begin(goal, self.policies.find(goal.policy))
+            self.pilot.begin(goal, self.policies.decider(goal.policy))
         self.log("info", f"started again in tick {self._tick}: {'goes on with its goal' if kept.goal else 'no goal'}")
 
     def _keep(self) -> None:

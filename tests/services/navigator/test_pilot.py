@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from surefoot.services.navigator.belief.matching import SightNoise
 from surefoot.services.navigator.belief.tracker import Motion, PoseTracker, Start
-from surefoot.services.navigator.pilot import Act, Array, Choice, Goal, Pilot, Point
+from surefoot.services.navigator.pilot import Act, Array, Goal, Pilot, Point
 from tests.services.navigator.strollers import TICK_S, Stroller
 
 TURN = math.radians(23.0)
@@ -20,20 +21,27 @@ ACTS = (
 )
 
 
+@dataclass(frozen=True)
+class Picked:
+    """A choice."""
+
+    index: int
+    values: tuple[float, ...]
+    reason: str
+
+
 class TowardsGoal:
     """Turns to the goal, then walks."""
-
-    name = "towards"
 
     def begin(self) -> None:
         """Forget nothing."""
 
-    def decide(self, mean: Array, cov: Array, goal: Point, blocked: bool) -> Choice:
+    def decide(self, mean: Array, cov: Array, goal: Point, *, blocked: bool) -> Picked:
         """Return a turn when the goal is aside, else a walk."""
         phi = math.remainder(math.atan2(goal[1] - mean[1], goal[0] - mean[0]) - mean[2], 2.0 * math.pi)
         if abs(phi) > TURN or blocked:
-            return Choice(1 if phi > 0.0 else 2, (0.0, 1.0, 1.0, math.nan), "aside")
-        return Choice(0, (1.0, 0.0, 0.0, math.nan), "ahead")
+            return Picked(1 if phi > 0.0 else 2, (0.0, 1.0, 1.0, math.nan), "aside")
+        return Picked(0, (1.0, 0.0, 0.0, math.nan), "ahead")
 
 
 class Run:
