@@ -9,9 +9,12 @@ from surefoot.schemas.base import MAX_FEET, Message, PerFoot, PerJoint, QuatWxyz
 FaultKind = Literal[
     "imu_drop", "imu_freeze", "imu_bias", "imu_saturate", "joints_drop", "joints_freeze", "encoder_stuck",
     "contacts_drop", "foot_stuck_on", "foot_stuck_off", "servo_dead", "servo_weak", "packet_delay", "packet_loss",
-    "packet_reorder",
+    "packet_reorder", "landmarks_false", "landmarks_drop", "camera_dark", "camera_freeze", "range_drop", "range_stuck",
 ]  # fmt: skip
-SIZED_FAULTS = ("imu_bias", "imu_saturate", "servo_weak", "packet_delay", "packet_loss", "packet_reorder")
+SIZED_FAULTS = (
+    "imu_bias", "imu_saturate", "servo_weak", "packet_delay", "packet_loss", "packet_reorder", "landmarks_false",
+    "landmarks_drop",
+)  # fmt: skip
 FAULT_FIELDS = {kind: ("value",) if kind in SIZED_FAULTS else () for kind in get_args(FaultKind)}
 
 
@@ -165,7 +168,10 @@ class FaultRequest(Request):
 
     kind: FaultKind = Field(description="which fault")
     target: str = Field(default="", max_length=64, description="joint or leg name where the fault has one")
-    value: float = Field(default=0.0, description="size: bias (SI), weakness factor, delay (ticks), loss probability")
+    value: float = Field(
+        default=0.0,
+        description="size: bias (SI), weakness factor, delay (ticks), loss probability, share of the landmarks",
+    )
     duration: float = Field(default=1.0, gt=0, le=3600, description="s")
     at_tick: int | None = Field(default=None, ge=0, description="tick it begins in; null = the next one")
 

@@ -242,6 +242,8 @@ class PhysicsWorld:
             self.samples = self.disturb.after_step(self.tick, self.samples, self.sensors.limit)
         if self.sight is not None:
             self.sight.look(self.tick - self._first_tick, self.truth, self.model, self.data, self.address)
+            if self.disturb.faults:
+                self.sight.spoil(self.disturb.faults, self.tick)
 
     # --- disturbances -------------------------------------------------------------------------------------------
 

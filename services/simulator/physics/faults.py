@@ -1,4 +1,4 @@
-"""Things that break for a while: sensors, servos and packets. Each fault has a start, a duration and a seed."""
+"""Things that break for a while: sensors, servos, packets, camera, ultrasound. A fault has start, duration and seed."""
 
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args
@@ -7,12 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.services.simulator.ground.shapes import random_stream
+from surefoot.services.simulator.physics.samples import Detection
 
 Array = NDArray[np.float64]
 Kind = Literal[
     "imu_drop", "imu_freeze", "imu_bias", "imu_saturate", "joints_drop", "joints_freeze", "encoder_stuck",
     "contacts_drop", "foot_stuck_on", "foot_stuck_off", "servo_dead", "servo_weak", "packet_delay", "packet_loss",
-    "packet_reorder",
+    "packet_reorder", "landmarks_false", "landmarks_drop", "camera_dark", "camera_freeze", "range_drop", "range_stuck",
 ]  # fmt: skip
 KINDS: tuple[str, ...] = get_args(Kind)
 IMU_AXES = ("acc_x", "acc_y", "acc_z", "gyro_x", "gyro_y", "gyro_z")
@@ -40,7 +41,8 @@ class Fault:
     target: str = ""
     """Joint, leg, IMU axis (or `acc`, `gyro`) or channel; "" = all."""
     value: float = 0.0
-    """Bias or saturation (m/s2, rad/s), servo strength 0..1, delay or jitter in ticks, probability of loss."""
+    """Bias or saturation (m/s2, rad/s), servo strength 0..1, delay or jitter in ticks, probability of loss, share of
+    the recognised landmarks 0..1."""
     seed: int = 0
 
     @property
@@ -149,6 +151,40 @@ class FaultBank:
             touch[np.isin(foot_of_sphere, self._indices(fault))] = fault.kind == "foot_stuck_on"
         return None if self.on(tick, "contacts_drop") else touch
 
+    # --- camera and ranger --------------------------------------------------------------------------------------
+
+    def seen(
+        self, tick: int, marks: list[Detection], goal: Detection | None, looks: Array
+    ) -> tuple[list[Detection], Detection | None]:
+        """What the broken camera makes of an image.
+
+        Args:
+            tick: now.
+            marks: recognised landmarks.
+            goal: marker of the goal, None = not seen.
+            looks: descriptors of all landmarks, (n, d).
+
+        Returns:
+            Landmarks and marker.
+        """
+        for fault, rng in zip(self.faults, self._random, strict=True):
+            if fault.kind == "landmarks_drop" and fault.active(tick):
+                marks = [mark for mark in marks if rng.random() >= fault.value]
+            elif fault.kind == "landmarks_false" and fault.active(tick):
+                marks = [_mistaken(mark, looks, rng) if rng.random() < fault.value else mark for mark in marks]
+        frozen = bool(self.on(tick, "camera_freeze"))
+        marks = _unpacked(self._freeze("landmarks", frozen, _packed(marks)))
+        markers = _unpacked(self._freeze("goal", frozen, _packed([] if goal is None else [goal])))
+        if self.on(tick, "camera_dark"):
+            return [], None
+        return marks, markers[0] if markers else None
+
+    def echo(self, tick: int, distance: float | None, shortest: float) -> tuple[float | None] | None:
+        """The distance as the broken ultrasound gives it, m, None = no echo; None instead of a tuple = no sample."""
+        if self.on(tick, "range_drop"):
+            return None
+        return (shortest,) if self.on(tick, "range_stuck") else (distance,)
+
     def _freeze(self, key: str, frozen: bool, value: Array) -> Array:
         """The last value before the fault while it is on."""
         if frozen and key in self._held:
@@ -220,6 +256,28 @@ class FaultBank:
         self.lost = int(state["lost"])
 
 
+def _mistaken(mark: Detection, looks: Array, rng: np.random.Generator) -> Detection:
+    """A landmark that looks like another one."""
+    if len(looks) < 2 or mark.landmark < 0:
+        return mark
+    other = int(rng.integers(len(looks) - 1))
+    other += other >= mark.landmark
+    return mark._replace(descriptor=mark.descriptor + (looks[other] - looks[mark.landmark]))
+
+
+def _packed(marks: list[Detection]) -> Array:
+    """Recognised landmarks as numbers, their count first."""
+    rows = [np.array([mark.range, mark.bearing, mark.landmark, *mark.descriptor]) for mark in marks]
+    return np.concatenate((np.array([float(len(rows))]), *rows))
+
+
+def _unpacked(numbers: Array) -> list[Detection]:
+    """The landmarks that `_packed` took apart."""
+    count = int(numbers[0])
+    rows = numbers[1:].reshape(count, -1) if count else ()
+    return [Detection(float(row[0]), float(row[1]), row[3:].copy(), int(row[2])) for row in rows]
+
+
 def _target_of(kind: str) -> str:
     if kind.startswith("packet"):
         return "channel"
@@ -235,6 +293,6 @@ def _limits(kind: str) -> tuple[float, float]:
         return -1000.0, 1000.0
     if kind == "imu_saturate":
         return 0.0, 1000.0
-    if kind in ("servo_weak", "packet_loss"):
+    if kind in ("servo_weak", "packet_loss", "landmarks_false", "landmarks_drop"):
         return 0.0, 1.0
     return 0.0, float(MAX_DELAY_TICKS)

@@ -63,6 +63,34 @@ class Samples(NamedTuple):
     contacts: ContactSample | None
 
 
+class Detection(NamedTuple):
+    """One recognised landmark, seen from base_link in heading axes."""
+
+    range: float
+    bearing: float
+    descriptor: Array
+    landmark: int
+    """Which one it is: truth; -1 = the goal marker."""
+
+
+class CameraFrame(NamedTuple):
+    """What the camera recognised in one image."""
+
+    seq: int
+    landmarks: list[Detection]
+    goal: Detection | None
+
+
+class Reach(NamedTuple):
+    """What ultrasound and bumpers tell."""
+
+    seq: int
+    distance: float | None
+    """m; None = no echo."""
+    bump: tuple[bool, ...]
+    """Per foot, since the last sample."""
+
+
 _ARRAYS = frozenset({"acc", "gyro", "position", "current", "torque", "torque_limit", "normal_force"})
 
 

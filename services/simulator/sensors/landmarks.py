@@ -24,6 +24,7 @@ from surefoot.robot.kinematics import foot_positions, forward
 from surefoot.robot.profiles import profile_table
 from surefoot.services.simulator.ground.shapes import random_stream
 from surefoot.services.simulator.ground.terrain import Terrain
+from surefoot.services.simulator.physics.samples import Detection
 
 Array = NDArray[np.float64]
 
@@ -66,16 +67,6 @@ class Landmarks(NamedTuple):
 
     position: Array  # (n, 2) m
     descriptor: Array  # (n, DESCRIPTOR) unit vectors
-
-
-class Detection(NamedTuple):
-    """One recognised landmark, seen from base_link in heading axes."""
-
-    range: float
-    bearing: float
-    descriptor: Array
-    landmark: int
-    """Which one it is: truth; -1 = the goal marker."""
 
 
 class Spot(NamedTuple):

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,10 @@ from surefoot.robot.description import Robot
 from surefoot.services.simulator.ground.shapes import random_stream
 from surefoot.services.simulator.ground.terrain import Terrain
 from surefoot.services.simulator.physics.addresses import Addresses
-from surefoot.services.simulator.physics.samples import ExactState
+from surefoot.services.simulator.physics.faults import FaultBank
+from surefoot.services.simulator.physics.samples import CameraFrame, ExactState, Reach
 from surefoot.services.simulator.sensors.landmarks import (
     CameraPose,
-    Detection,
     Landmarks,
     LandmarkSensor,
     camera_pose,
@@ -31,24 +31,6 @@ Array = NDArray[np.float64]
 
 TICK_MS = 10
 FIELD = ((-5.0, -5.0), (5.0, 5.0))  # m, where an open floor has landmarks at least
-
-
-class CameraFrame(NamedTuple):
-    """What the camera recognised in one image."""
-
-    seq: int
-    landmarks: list[Detection]
-    goal: Detection | None
-
-
-class Reach(NamedTuple):
-    """What ultrasound and bumpers tell."""
-
-    seq: int
-    distance: float | None
-    """m; None = no echo."""
-    bump: tuple[bool, ...]
-    """Per foot, since the last sample."""
 
 
 @dataclass(frozen=True)
@@ -143,6 +125,20 @@ class Sight:
                     ticks // every, self._distance(model, data, address.trunk), tuple(self.bump.tolist())
                 )
                 self.bump[:] = False
+
+    def spoil(self, faults: FaultBank, tick: int) -> None:
+        """Change what is released in this tick by its faults.
+
+        Args:
+            faults: of the run.
+            tick: of the world.
+        """
+        if self.frame is not None:
+            marks, goal = faults.seen(tick, self.frame.landmarks, self.frame.goal, self.sensor.field.descriptor)
+            self.frame = self.frame._replace(landmarks=marks, goal=goal)
+        if self.reach is not None and self.ranger is not None:
+            heard = faults.echo(tick, self.reach.distance, self.ranger.shortest)
+            self.reach = None if heard is None else self.reach._replace(distance=heard[0])
 
     def _distance(self, model: Any, data: Any, trunk: int) -> float | None:
         r = self.ranger

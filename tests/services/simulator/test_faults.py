@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from surefoot.services.simulator.physics.faults import KINDS, Fault, FaultBank, FaultError
+from surefoot.services.simulator.physics.samples import Detection
 
 JOINTS = ("lf_coxa", "lf_femur", "rf_coxa", "rf_femur")
 LEGS = ("lf", "rf")
@@ -36,6 +37,16 @@ def joints(found: FaultBank, tick: int) -> np.ndarray | None:
     return None if table is None else np.array(table)
 
 
+N = 200
+LOOKS = np.random.default_rng(0).standard_normal((N, 3))
+
+
+def see(found: FaultBank, tick: int) -> tuple[list[Detection], Detection | None]:
+    """An image of all landmarks and the marker, all of them as far away as the tick says."""
+    marks = [Detection(float(tick), 0.1, LOOKS[i].copy(), i) for i in range(N)]
+    return found.seen(tick, marks, Detection(float(tick), 0.0, np.zeros(3), -1), LOOKS)
+
+
 def test_an_empty_bank_is_false() -> None:
     assert not bank()
     assert bank(fault("imu_drop"))
@@ -50,6 +61,13 @@ def test_nothing_happens_outside_its_time(kind: str) -> None:
         assert found.contacts(tick, np.array([True, False]), FEET).tolist() == [True, False]
         assert found.packet(tick, "imu", {"x": tick}) == {"x": tick}
         np.testing.assert_array_equal(found.servo_strength(tick), np.ones(4))
+        assert found.echo(tick, 1.0, 0.25) == (1.0,)
+        marks, goal = see(found, tick)
+        assert [mark.landmark for mark in marks] == list(range(N))
+        assert all(np.array_equal(mark.descriptor, LOOKS[mark.landmark]) for mark in marks)
+        assert [mark.range for mark in marks] == [float(tick)] * N
+        assert goal is not None
+        assert goal.range == tick
 
 
 @pytest.mark.parametrize(("kind", "call"), [("imu_drop", imu), ("joints_drop", joints)])
@@ -120,14 +138,54 @@ def test_packet_reorder_lets_stamps_go_back() -> None:
     assert len(sent) + found.lost <= 200
 
 
+def test_false_landmarks_look_like_others_and_are_where_they_are() -> None:
+    found = bank(fault("landmarks_false", value=0.3))
+    false = 0
+    for tick in ON:
+        for mark in see(found, tick)[0]:
+            looks_like = int(np.argmin(np.linalg.norm(LOOKS - mark.descriptor, axis=1)))
+            assert np.linalg.norm(LOOKS[looks_like] - mark.descriptor) < 1e-9
+            false += looks_like != mark.landmark
+            assert (mark.range, mark.bearing) == (float(tick), 0.1)
+    assert false / (N * len(ON)) == pytest.approx(0.3, abs=0.06)
+    assert see(bank(fault("landmarks_false", value=0.0)), ON[0])[0][0].descriptor is not None
+
+
+def test_a_share_of_the_landmarks_is_dropped_the_marker_is_not() -> None:
+    marks, goal = see(bank(fault("landmarks_drop", value=0.75)), ON[0])
+    assert len(marks) == pytest.approx(0.25 * N, abs=25)
+    assert goal is not None
+    assert see(bank(fault("landmarks_drop", value=1.0)), ON[0])[0] == []
+
+
+def test_a_dark_camera_sees_nothing_and_a_frozen_one_what_it_saw() -> None:
+    assert see(bank(fault("camera_dark")), ON[0]) == ([], None)
+    found = bank(fault("camera_freeze"))
+    ranges = [see(found, tick)[0][0].range for tick in range(3, 10)]
+    assert ranges == [3, 4, 4, 4, 4, 8, 9]
+    found = bank(fault("camera_freeze"))
+    found.seen(4, [], None, LOOKS)
+    assert see(found, 5) == ([], None)
+
+
+def test_ultrasound_that_is_lost_or_stuck_at_its_shortest() -> None:
+    lost, stuck = bank(fault("range_drop")), bank(fault("range_stuck"))
+    assert [tick for tick in range(12) if lost.echo(tick, 1.0, 0.25) is None] == list(ON)
+    assert [tick for tick in range(12) if stuck.echo(tick, None, 0.25) == (0.25,)] == list(ON)
+
+
 def test_state_continues_to_the_bit() -> None:
-    kinds = (("imu_freeze", "", 0.0), ("packet_delay", "imu", 3.0), ("packet_loss", "joints", 0.5))
+    kinds = (
+        ("imu_freeze", "", 0.0), ("packet_delay", "imu", 3.0), ("packet_loss", "joints", 0.5),
+        ("landmarks_false", "", 0.5), ("landmarks_drop", "", 0.5), ("camera_freeze", "", 0.0),
+    )  # fmt: skip
     found = bank(*(Fault(kind, 2, 1.0, target, value, 4) for kind, target, value in kinds))
 
     def ahead(faults: FaultBank, begin: int) -> list[object]:
         out: list[object] = []
         for tick in range(begin, begin + 20):
             out.append(np.ravel(imu(faults, tick)).tolist())
+            out.append(str(see(faults, tick)))
             out += [faults.packet(tick, channel, {"n": tick}) for channel in ("imu", "joints")]
         return out
 
@@ -148,6 +206,8 @@ def test_state_continues_to_the_bit() -> None:
         (Fault("servo_dead", 0, 1.0, "tail"), "target"),
         (Fault("servo_weak", 0, 1.0, "", 1.5), "value"),
         (Fault("packet_loss", 0, 1.0, "imu", float("nan")), "value"),
+        (Fault("landmarks_false", 0, 1.0, "", 1.1), "value"),
+        (Fault("camera_dark", 0, 1.0, "left"), "target"),
     ],
 )
 def test_refusals_name_the_field(made: Fault, field: str) -> None:

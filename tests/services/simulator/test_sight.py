@@ -9,6 +9,7 @@ from surefoot.robot.description import RobotError
 from surefoot.robot.reader import load_robot
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.messages import sight_messages
+from surefoot.services.simulator.physics.faults import Fault
 from surefoot.services.simulator.physics.model import Physics
 from surefoot.services.simulator.sensors.sight import CameraFrame, Floor, Reach, Sight
 from surefoot.services.simulator.sensors.walls import read_ranger
@@ -129,6 +130,18 @@ def test_a_restored_world_sees_what_it_saw():
     first = run(made, 30)
     made.restore(saved)
     assert str(run(made, 30)) == str(first)
+
+
+@pytest.mark.parametrize("kind", ["camera_dark", "range_drop", "range_stuck", "landmarks_drop"])
+def test_faults_of_camera_and_ultrasound_act_in_their_time(kind):
+    made = world(floor=Floor(goal=(0.45, 0.0)))
+    made.add_fault(Fault(kind, 15, 0.2, value=1.0 if kind == "landmarks_drop" else 0.0))
+    frames, reaches = run(made, 50)
+    assert [r.seq for r in reaches] == ([1, 4, 5] if kind == "range_drop" else [1, 2, 3, 4, 5])
+    dark = [f.seq for f in frames if not f.landmarks]
+    assert dark == ([2, 3] if kind in ("camera_dark", "landmarks_drop") else [])
+    assert [f.seq for f in frames if f.goal is None] == ([2, 3] if kind == "camera_dark" else [])
+    assert [r.seq for r in reaches if r.distance == RANGER.shortest] == ([2, 3] if kind == "range_stuck" else [])
 
 
 def test_eyes_change_nothing_else():
