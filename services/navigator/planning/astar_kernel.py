@@ -1,0 +1,302 @@
+"""Kernel of the route search: A* over cells with integer costs and a queue of buckets.
+
+A step between cells of weights v and w costs STRAIGHT (v + w) over an edge and DIAGONAL (v + w) over a corner (17/12 is
+sqrt 2 but for 0.2 %), and over a corner only if both cells beside it are free. Bounds of the cost to the goal:
+
+    2 UNIT (STRAIGHT (max - min) + DIAGONAL min)   of the offsets along rows and columns, and
+    |d(mark, goal) - d(mark, cell)|                for marks whose costs to all cells are known (ALT; Goldberg 2005).
+
+The larger one never exceeds the cost and is consistent, so a cell that has left the queue is settled. f = g + h grows by
+less than BUCKETS from a cell to its neighbour: a ring of that many buckets is a queue, and within a bucket the last
+comes first.
+
+Where a cell and its eight neighbours weigh the same (EVEN), only the steps onward are taken: straight on after a step
+over an edge; straight on and along both its parts after one over a corner. What is left out costs no more by a way
+around the cell, over the corner first (canonical orders, as in jump point search; Harabor & Grastien 2011).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import row_kernel
+
+Bytes = NDArray[np.uint8]
+Ints = NDArray[np.int32]
+
+STRAIGHT, DIAGONAL = 12, 17
+UNIT = 4
+"""Weight of a cell far from everything."""
+HEAVIEST = 16
+"""Largest weight."""
+BUCKETS = 2048
+"""A power of two > 4 DIAGONAL HEAVIEST, twice the dearest step."""
+NOWHERE = -1
+"""As a goal: settle everything."""
+EVEN = 128
+"""Bit of a weight: the cell and its eight neighbours weigh the same."""
+FACTOR = 127
+"""Bits of a weight that are its value."""
+ANY = 8
+"""Direction of a cell that was reached by no step."""
+UNSEEN = 2**31 - 1
+GROWTH = 65_536
+"""Entries the pool of the queue begins with."""
+
+
+@row_kernel
+def bound(dr: int, dc: int, marks: Ints, cell: int, goal: int) -> int:
+    """Return the bound of the cost from a cell to the goal.
+
+    Args:
+        dr: offset along rows, cells.
+        dc: offset along columns, cells.
+        marks: costs between marks and cells, (cells, marks), UNSEEN where there is no way.
+        cell: index of the cell.
+        goal: index of the goal.
+    """
+    dr, dc = abs(dr), abs(dc)
+    h = 2 * UNIT * (STRAIGHT * max(dr, dc) + (DIAGONAL - STRAIGHT) * min(dr, dc))
+    for m in range(marks.shape[1]):
+        h = max(h, abs(marks[cell, m] - marks[goal, m]))
+    return h
+
+
+@row_kernel
+def enter(entry: int, f: int, heads: Ints, cell_of: Ints, next_of: Ints, spare: int, used: int) -> tuple[int, int]:
+    """Put an entry (cell << 4 | direction) into the bucket of f.
+
+    Args:
+        entry: what to put.
+        f: cost and bound.
+        heads: first place of each bucket, -1 = empty.
+        cell_of: entry at each place.
+        next_of: place after each, of a bucket or of those that are spare.
+        spare: first spare place, -1 = none: the place `used` is taken, which has to exist.
+        used: places that were ever used.
+
+    Returns:
+        `spare` and `used`.
+    """
+    place = used
+    if spare >= 0:
+        place = spare
+        spare = next_of[place]
+    else:
+        used += 1
+    slot = f & (BUCKETS - 1)
+    cell_of[place] = entry
+    next_of[place] = heads[slot]
+    heads[slot] = place
+    return spare, used
+
+
+@row_kernel
+def search(weight: Bytes, start: int, goal: int, marks: Ints, g: Ints) -> int:
+    """Settle cells from the start on until the goal is.
+
+    Args:
+        weight: cost factors with the bit EVEN, padded by a frame of zeros, (rows + 2, cols + 2).
+        start: index of a free cell in the flattened array.
+        goal: likewise, in the region of the start; or NOWHERE.
+        marks: costs between marks and cells of that region, (cells, marks); (cells, 0) = none.
+        g: cost from the start, flattened, written: settled cells as -g - 1, seen ones as g, others as UNSEEN.
+
+    Returns:
+        Number of settled cells.
+    """
+    wide = weight.shape[1]
+    w = weight.ravel()
+    g[:] = UNSEEN
+    goal_r, goal_c = goal // wide, goal % wide
+    heads = np.full(BUCKETS, -1, dtype=np.int32)
+    cell_of, next_of = np.empty(GROWTH, dtype=np.int32), np.empty(GROWTH, dtype=np.int32)
+    spare, used, queued, settled = -1, 1, 1, 0
+    g[start] = 0
+    f = 0
+    if goal != NOWHERE:
+        f = bound(start // wide - goal_r, start % wide - goal_c, marks, start, goal)
+    cell_of[0], next_of[0] = start << 4 | ANY, -1
+    heads[f & (BUCKETS - 1)] = 0
+    offsets = np.array([1, wide, -1, -wide, wide + 1, wide - 1, -wide - 1, -wide + 1])
+    row_of = np.array([0, 1, 0, -1, 1, 1, -1, -1])
+    col_of = np.array([1, 0, -1, 0, 1, -1, -1, 1])
+    onward = np.array(  # directions after each
+        [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [4, 0, 1], [5, 1, 2], [6, 2, 3], [7, 3, 0]]
+    )
+    open_edge = np.zeros(4, dtype=np.bool_)
+    while queued > 0:
+        slot = f & (BUCKETS - 1)
+        entry = heads[slot]
+        if entry < 0:
+            f += 1
+            continue
+        heads[slot] = next_of[entry]
+        cell, came = cell_of[entry] >> 4, cell_of[entry] & 15
+        next_of[entry] = spare
+        spare = entry
+        queued -= 1
+        here = g[cell]
+        if here < 0:
+            continue
+        g[cell] = -here - 1
+        settled += 1
+        if cell == goal:
+            return settled
+        r, c = cell // wide, cell % wide
+        even, own = w[cell] >= EVEN and came < ANY, w[cell] & FACTOR
+        if used + 8 > cell_of.size:
+            cell_of, next_of = np.append(cell_of, np.empty_like(cell_of)), np.append(next_of, np.empty_like(next_of))
+        held, held_f, held_h, steps = -1, 0, 0, 8
+        if even:
+            steps = 1 if came < 4 else 3
+        for i in range(steps):
+            k = onward[came, i] if even else i
+            n = cell + offsets[k]
+            factor = w[n] & FACTOR
+            if not even:
+                if k < 4:
+                    open_edge[k] = factor > 0
+                elif not (open_edge[onward[k, 1]] and open_edge[onward[k, 2]]):
+                    continue
+                if factor == 0:
+                    continue
+            cost = here + (STRAIGHT if k < 4 else DIAGONAL) * (own + factor)
+            if cost >= g[n]:
+                continue
+            g[n] = cost
+            h = 0
+            if goal != NOWHERE:
+                h = bound(r + row_of[k] - goal_r, c + col_of[k] - goal_c, marks, n, goal)
+            this, this_f, this_h = n << 4 | k, cost + h, h
+            if held >= 0:  # the most promising neighbour enters the queue last, to be taken first
+                if this_f < held_f or (this_f == held_f and this_h < held_h):
+                    this, held, this_f, held_f, held_h = held, this, held_f, this_f, this_h
+            else:
+                held, held_f, held_h = this, this_f, this_h
+                continue
+            spare, used = enter(this, this_f, heads, cell_of, next_of, spare, used)
+            queued += 1
+        if held >= 0:
+            spare, used = enter(held, held_f, heads, cell_of, next_of, spare, used)
+            queued += 1
+    return settled
+
+
+@row_kernel
+def trace(weight: Bytes, start: int, goal: int, g: Ints) -> Ints:
+    """Cells of the path from start to goal, flattened indices (n,), from what `search` has written."""
+    wide = weight.shape[1]
+    w = weight.ravel()
+    offsets = np.array([1, wide, -1, -wide, wide + 1, wide - 1, -wide - 1, -wide + 1])
+    path = np.empty(1024, dtype=np.int32)
+    path[0], n, cell = goal, 1, goal
+    while cell != start:
+        here, factor, found = -g[cell] - 1, w[cell] & FACTOR, -1
+        for k in range(8):
+            if found >= 0:
+                break
+            other = cell + offsets[k]
+            if w[other] == 0 or g[other] >= 0:
+                continue
+            if k < 4:
+                if -g[other] - 1 + STRAIGHT * (factor + (w[other] & FACTOR)) == here:
+                    found = other
+            elif -g[other] - 1 + DIAGONAL * (factor + (w[other] & FACTOR)) == here:
+                across = offsets[k] - wide if k < 6 else offsets[k] + wide
+                if w[cell + across] > 0 and w[other - across] > 0:
+                    found = other
+        cell = found
+        if n == path.size:
+            path = np.append(path, np.empty_like(path))
+        path[n] = cell
+        n += 1
+    return path[:n][::-1].copy()
+
+
+@row_kernel
+def line_cost(weight: Bytes, r0: float, c0: float, r1: float, c1: float) -> float:
+    """Cost of a straight line, 2 STRAIGHT times length (cells) times weight, -1 if it touches a cell that is not free.
+
+    Args:
+        weight: cost factors, padded.
+        r0: row of the beginning in padded cells, cell i reaches from i to i + 1.
+        c0: its column.
+        r1: row of the end.
+        c1: its column.
+    """
+    r, c, last_r, last_c = int(r0), int(c0), int(r1), int(c1)
+    dr, dc = r1 - r0, c1 - c0
+    length = np.sqrt(dr * dr + dc * dc)
+    if weight[r, c] == 0:
+        return -1.0
+    if length == 0.0:
+        return 0.0
+    step_r, step_c = (1 if dr > 0.0 else -1), (1 if dc > 0.0 else -1)
+    each_r, each_c = 1.0 / max(abs(dr), 1e-12), 1.0 / max(abs(dc), 1e-12)  # of the line per row and column
+    next_r = ((r + 1 - r0) if dr > 0.0 else (r0 - r)) * each_r
+    next_c = ((c + 1 - c0) if dc > 0.0 else (c0 - c)) * each_c
+    at, total = 0.0, 0.0
+    for _ in range(abs(last_r - r) + abs(last_c - c) + 2):
+        to = min(1.0, min(next_r, next_c))
+        total += (to - at) * (weight[r, c] & FACTOR)
+        at = to
+        if at >= 1.0 or (r == last_r and c == last_c):
+            break
+        if abs(next_r - next_c) < 1e-9:  # through a corner: both cells beside it have to be free
+            if weight[r + step_r, c] == 0 or weight[r, c + step_c] == 0:
+                return -1.0
+            r, c = r + step_r, c + step_c
+            next_r, next_c = next_r + each_r, next_c + each_c
+        elif next_r < next_c:
+            r, next_r = r + step_r, next_r + each_r
+        else:
+            c, next_c = c + step_c, next_c + each_c
+        if weight[r, c] == 0:
+            return -1.0
+    return 2.0 * STRAIGHT * length * total
+
+
+@row_kernel
+def pull(weight: Bytes, path: Ints, r_start: float, c_start: float, r_goal: float, c_goal: float) -> Ints:
+    """Positions in a path (n,) of the corners that remain when straight lines replace what they do not make dearer.
+
+    From each corner the farthest cell is sought whose line is free and costs no more than the path, by doubling and
+    halving the way. The first corner is the start, at (r_start, c_start), the last one the goal.
+    """
+    wide, n = weight.shape[1], path.size
+    w = weight.ravel()
+    rows, cols = path // wide + 0.5, path % wide + 0.5
+    rows[0], cols[0], rows[n - 1], cols[n - 1] = r_start, c_start, r_goal, c_goal
+    spent = np.zeros(n)
+    for i in range(1, n):
+        over_edge = (path[i] // wide == path[i - 1] // wide) or (path[i] % wide == path[i - 1] % wide)
+        both = (w[path[i]] & FACTOR) + (w[path[i - 1]] & FACTOR)
+        spent[i] = spent[i - 1] + (STRAIGHT if over_edge else DIAGONAL) * both
+    corners, count, at = np.empty(n, dtype=np.int32), 1, 0
+    corners[0] = 0
+    slack = STRAIGHT * HEAVIEST  # of the cells at both ends a line counts what it crosses
+    while at < n - 1:
+        good, step, bad = at + 1, 2, n
+        while at + step < bad:
+            j = at + step
+            cost = line_cost(weight, rows[at], cols[at], rows[j], cols[j])
+            if 0.0 <= cost <= spent[j] - spent[at] + slack:
+                good = j
+                if j == n - 1:
+                    break
+                step = min(2 * step, n - 1 - at)
+            else:
+                bad = j
+        while bad - good > 1:
+            j = (good + bad) // 2
+            if j >= n:
+                break
+            cost = line_cost(weight, rows[at], cols[at], rows[j], cols[j])
+            if 0.0 <= cost <= spent[j] - spent[at] + slack:
+                good = j
+            else:
+                bad = j
+        corners[count] = good
+        count += 1
+        at = good
+    return corners[:count]

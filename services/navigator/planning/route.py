@@ -1,0 +1,220 @@
+"""Routes over a grid: the cheapest path of cells (A*), straightened, as waypoints within viewing distance."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.errors import Refusal
+from surefoot.services.navigator.planning import astar_kernel as astar
+from surefoot.services.navigator.planning import costs_kernel as kernel
+from surefoot.services.navigator.planning.costs import Costs
+
+Array = NDArray[np.float64]
+Point = tuple[float, float]
+
+FARTHEST = 1e6
+"""m, of a coordinate."""
+
+
+class RouteError(Refusal):
+    """There is no route; the code says why: `bad_point`, `outside`, `blocked` or `unreachable`."""
+
+    def __init__(self, code: str, message: str, field: str, nearest: Point | None = None) -> None:
+        super().__init__(code, message, field)
+        self.nearest = nearest
+        """Centre of the free cell nearest to the point that the robot could go to, m, frame map; None = none."""
+
+
+@dataclass(frozen=True)
+class RouteLimits:
+    """What a route looks like.
+
+    Raises:
+        Refusal: a number that cannot be; names the field.
+    """
+
+    leg: float = 1.0
+    """m, largest distance of two waypoints: viewing distance."""
+    slack: float = 0.3
+    """m, how far from a free cell a route may begin: a robot beside a wall may go away from it."""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.leg) and self.leg > 0.0):
+            raise Refusal("bad_route_limits", f"leg is finite and > 0 m, got {self.leg!r}", "leg")
+        if not (math.isfinite(self.slack) and self.slack >= 0.0):
+            raise Refusal("bad_route_limits", f"slack is finite and >= 0 m, got {self.slack!r}", "slack")
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """A way to a goal."""
+
+    start: Point
+    """m, frame map."""
+    waypoints: Array
+    """(n, 2) m, frame map: where to walk, one after the other; the last one is the goal."""
+    length: float
+    """m, from the start over all waypoints."""
+    cost: float
+    """m, of the path of cells, each step weighted by how near obstacles are (1 = far)."""
+    clearance: float
+    """m, least distance of a cell of the path to an obstacle; bounded by the comfortable one."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a robot is on its route."""
+
+    remaining: float
+    """m, straight to the present waypoint and from there along the route."""
+    off: float
+    """m, distance from the present leg of the route."""
+    poses: int
+    """Waypoints not yet reached."""
+
+
+def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = None) -> Route:
+    """Return the cheapest route.
+
+    Args:
+        costs: the prepared grid.
+        start: m, frame map.
+        goal: m, frame map.
+        limits: None = the defaults of `RouteLimits`.
+
+    Raises:
+        RouteError: a point is not finite, outside of the grid, or blocked, or the goal is out of reach; names the
+            nearest free cell.
+    """
+    limits = limits or RouteLimits()
+    begin, entry = _entry(costs, _checked(start, "start"), limits)
+    end = _free(costs, _checked(goal, "goal"), "goal")
+    region = int(costs.region[begin])
+    if int(costs.region[end]) != region:
+        near = _nearest(costs, goal, region)
+        there = "none" if near is None else f"({near[0]:.3f}, {near[1]:.3f})"
+        text = f"no way leads from {_shown(start)} to {_shown(goal)}; the nearest place that can be reached is {there}"
+        raise RouteError("unreachable", text, "goal", near)
+    wide, g = costs.weight.shape[1], costs.scratch
+    first, last = begin[0] * wide + begin[1], end[0] * wide + end[1]
+    astar.search(costs.weight, first, last, costs.marks_of(region), g)
+    path = astar.trace(costs.weight, first, last, g)
+    (r0, c0), (r1, c1) = _padded(costs, entry), _padded(costs, goal)
+    corners = path[astar.pull(costs.weight, path, r0, c0, r1, c1)]
+    points = [_centre(costs, int(cell) // wide, int(cell) % wide) for cell in corners]
+    points[0], points[-1] = entry, goal
+    if len(corners) == 1:  # start and goal share a cell
+        points = [entry, goal]
+    if entry != start:
+        points.insert(0, start)
+    waypoints, length = _legs(points, limits.leg)
+    at = np.unravel_index(path, costs.weight.shape)
+    least = int(path[int(np.argmin(costs.distance2[at]))])
+    cost = (-int(g[last]) - 1) / (2 * astar.STRAIGHT * astar.UNIT) * costs.grid.cell
+    clearance = costs.distance(least // wide - 1, least % wide - 1)
+    return Route(start, waypoints, length, cost, clearance)
+
+
+def progress(route: Route, following: int, x: float, y: float) -> Progress:
+    """Return where a robot at (x, y) m, frame map, is on a route.
+
+    Args:
+        route: that it follows.
+        following: index of the present waypoint.
+        x: m.
+        y: m.
+
+    Raises:
+        Refusal: there is no such waypoint.
+    """
+    n = len(route.waypoints)
+    if not 0 <= following < n:
+        raise Refusal("bad_waypoint", f"the route has waypoints 0 to {n - 1}, got {following!r}", "following")
+    points = route.waypoints.tolist()
+    bx, by = points[following]
+    ax, ay = points[following - 1] if following else route.start
+    remaining = math.hypot(bx - x, by - y)
+    remaining += sum(math.dist(points[i], points[i + 1]) for i in range(following, n - 1))
+    ux, uy = bx - ax, by - ay
+    length2 = ux * ux + uy * uy
+    part = 0.0 if length2 == 0.0 else min(1.0, max(0.0, ((x - ax) * ux + (y - ay) * uy) / length2))
+    return Progress(remaining, math.hypot(x - ax - part * ux, y - ay - part * uy), n - following)
+
+
+def _checked(point: Point, field: str) -> Point:
+    if len(point) != 2 or not all(math.isfinite(value) and abs(value) <= FARTHEST for value in point):
+        raise RouteError("bad_point", f"{field} is two finite coordinates within {FARTHEST:g} m, got {point!r}", field)
+    return (float(point[0]), float(point[1]))
+
+
+def _entry(costs: Costs, start: Point, limits: RouteLimits) -> tuple[tuple[int, int], Point]:
+    """Padded cell and place where the path begins: at the start, or at a free cell close to it."""
+    try:
+        return _free(costs, start, "start"), start
+    except RouteError as error:
+        near = error.nearest
+        if error.code != "blocked" or near is None or math.dist(near, start) > limits.slack:
+            raise
+        row, col = costs.grid.index(*near)
+        return (row + 1, col + 1), near
+
+
+def _free(costs: Costs, point: Point, field: str) -> tuple[int, int]:
+    """Padded cell that holds a point."""
+    grid = costs.grid
+    row, col = grid.index(*point)
+    if not grid.inside(row, col):
+        near = _nearest(costs, point, 0)
+        x0, y0, x1, y1 = grid.bounds
+        text = f"{field} {_shown(point)} is outside of the map, x {x0:g} to {x1:g} m and y {y0:g} to {y1:g} m"
+        raise RouteError("outside", text + _hint(near), field, near)
+    if costs.weight[row + 1, col + 1] == 0:
+        near, value = _nearest(costs, point, 0), int(grid.cells[row, col])
+        inside = value >= costs.clearance.obstacle
+        unknown = value < 0 and not costs.clearance.through_unknown
+        why = "in an obstacle" if inside else "unknown ground" if unknown else "too close to an obstacle"
+        text = f"{field} {_shown(point)} is {why}; the robot needs {costs.clearance.radius:g} m around it"
+        raise RouteError("blocked", text + _hint(near), field, near)
+    return row + 1, col + 1
+
+
+def _nearest(costs: Costs, point: Point, region: int) -> Point | None:
+    row, col = _padded(costs, point)
+    r, c, distance = kernel.nearest_free(costs.weight, costs.region, region, row - 0.5, col - 0.5)
+    return None if math.isinf(distance) else _centre(costs, r, c)
+
+
+def _hint(near: Point | None) -> str:
+    return "; there is no free cell" if near is None else f"; the nearest free cell is at {_shown(near)}"
+
+
+def _padded(costs: Costs, point: Point) -> tuple[float, float]:
+    """Row and column of a point in padded cells, cell i reaching from i to i + 1."""
+    (x0, y0), cell = costs.grid.origin, costs.grid.cell
+    return (point[1] - y0) / cell + 1.0, (point[0] - x0) / cell + 1.0
+
+
+def _centre(costs: Costs, row: int, col: int) -> Point:
+    """Centre of a padded cell, m, frame map."""
+    return costs.grid.centre(row - 1, col - 1)
+
+
+def _shown(point: Point) -> str:
+    return f"({point[0]:.3f}, {point[1]:.3f})"
+
+
+def _legs(points: list[Point], leg: float) -> tuple[Array, float]:
+    """Waypoints at most `leg` m apart on the lines through points, without the first, and the length of the lines."""
+    out: list[Point] = []
+    total = 0.0
+    for (ax, ay), (bx, by) in zip(points, points[1:], strict=False):
+        length = math.hypot(bx - ax, by - ay)
+        total += length
+        pieces = max(1, math.ceil(length / leg - 1e-9))
+        for i in range(1, pieces):
+            out.append((ax + (bx - ax) * i / pieces, ay + (by - ay) * i / pieces))
+        if length > 0.0 or not out:
+            out.append((bx, by))
+    return np.array(out), total
