@@ -180,7 +180,7 @@ class Localiser:
             self.lost = LostView(lost=True, probability=max(probability, self.lost_model.threshold), reason=reason)
             self._find(seen, standing=standing)
         else:
-            self.lost = LostView(probability=probability)
+            self.lost = LostView(probability=probability, reason=self._lost_state.reason(self.lost_model))
 
     def _find(self, seen: Detections, *, standing: bool) -> None:
         if not standing or not len(seen):

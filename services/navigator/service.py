@@ -38,7 +38,7 @@ from surefoot.services.navigator.policies import Policies
 from surefoot.services.navigator.rehearsal import rehearse
 from surefoot.services.navigator.world import World
 
-BLOCKED_M = 0.30
+BLOCKED_M = 0.38
 """An echo nearer than this forbids walking ahead (the collision rule of Osswald et al.: only rotations then)."""
 
 

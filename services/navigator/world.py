@@ -3,11 +3,17 @@
 import math
 
 from surefoot.errors import Refusal
+from surefoot.geometry.heightmap import HeightMap, HeightMapError
 from surefoot.schemas.navigation import OccupancyGrid
 from surefoot.schemas.terrain import HeightMapMessage
 from surefoot.schemas.terrain import LandmarkMap as LandmarkMapMessage
+from surefoot.services.navigator.belief.landmark_files import load as load_landmarks
 from surefoot.services.navigator.belief.landmarks import LandmarkMap, LandmarkMapError
 from surefoot.services.navigator.config import NavigatorConfig
+from surefoot.services.navigator.planning import map_files
+from surefoot.services.navigator.planning.costs import Clearance, Costs, prepare
+from surefoot.services.navigator.planning.grid import Grid, GridError, grid_of
+from surefoot.services.navigator.planning.route import RouteError, RouteLimits, plan
 
 Point = tuple[float, float]
 
@@ -20,24 +26,38 @@ class World:
 
     Args:
         config: of the service.
+
+    Raises:
+        Refusal: a map file that cannot be used.
     """
 
     def __init__(self, config: NavigatorConfig) -> None:
         self.config = config
+        self._clearance = Clearance(radius=config.robot_radius, through_unknown=config.through_unknown)
+        self._limits = RouteLimits(leg=config.viewing_distance)
+        self._filed = None if config.map is None else map_files.load(config.map)
+        self._marked = None if config.landmarks is None else load_landmarks(config.landmarks)
         self.reset()
 
     def reset(self) -> None:
         """Forget what came from the bus: a new epoch brings its own."""
-        self.landmarks: LandmarkMap | None = None
+        self.landmarks: LandmarkMap | None = self._marked
+        self.grid: Grid | None = self._filed
+        self._costs: Costs | None = None
         self._heights: HeightMapMessage | None = None
         self._marks: LandmarkMapMessage | None = None
 
     def take(self, heights: HeightMapMessage | None, marks: LandmarkMapMessage | None) -> list[str]:
-        """Take in the latched maps; returns what is wrong with them."""
+        """Take in the latched maps, unless files stand in for them; returns what is wrong with them."""
         problems: list[str] = []
-        if heights is not None and heights is not self._heights:
-            self._heights = heights
-        if marks is not None and marks is not self._marks:
+        if heights is not None and heights is not self._heights and self._filed is None:
+            self._heights, self._costs = heights, None
+            try:
+                self.grid = grid_of(HeightMap.from_wire(heights.model_dump(), heights.data))
+            except (HeightMapError, GridError) as error:
+                self.grid = None
+                problems.append(f"terrain/map refused: {error}")
+        if marks is not None and marks is not self._marks and self._marked is None:
             self._marks = marks
             try:
                 self.landmarks = LandmarkMap.from_bytes(
@@ -48,22 +68,54 @@ class World:
                 problems.append(f"terrain/landmarks refused: {error.message}")
         return problems
 
+    @property
+    def costs(self) -> Costs | None:
+        """The grid prepared for planning, None without a map; made when it is first needed."""
+        if self._costs is None and self.grid is not None:
+            self._costs = prepare(self.grid, self._clearance)
+        return self._costs
+
     def route(self, here: Point, places: tuple[Point, ...], field: str) -> tuple[Point, ...]:
-        """Return the waypoints from a place over the wanted ones.
+        """Return the waypoints from a place over the wanted ones; straight ways where there is no map.
 
         Raises:
             Refusal: a place that cannot be reached; names the field.
         """
+        route: list[Point] = []
         for i, place in enumerate(places):
             where = field if field == "position" else f"{field}.{i}"
             if math.hypot(*place) > FARTHEST:
                 raise Refusal("invalid", f"a goal lies within {FARTHEST:g} m of the origin, got {place}", where)
-            self.refuse_blocked(place, where)
-        return places
+            costs = self.costs
+            if costs is None:
+                route.append(place)
+            elif route and math.dist(route[-1], place) < 1e-6:
+                continue  # the same place twice in a row
+            else:
+                try:
+                    way = plan(costs, route[-1] if route else here, place, self._limits).waypoints
+                except RouteError as error:
+                    raise Refusal(error.code, error.message, where if error.field == "goal" else field) from None
+                route += [(float(x), float(y)) for x, y in way]
+        return tuple(route)
 
     def refuse_blocked(self, place: Point, field: str) -> None:
-        """Raise a refusal if there is an obstacle at a place."""
+        """Raise a refusal if a place is outside of the map or in an obstacle."""
+        grid = self.grid
+        if grid is None:
+            return
+        row, col = grid.index(*place)
+        if not grid.inside(row, col):
+            raise Refusal("outside", f"{place} is outside of the map, {grid.bounds} (x, y from and to, m)", field)
+        if int(grid.cells[row, col]) >= self._clearance.obstacle:
+            raise Refusal("blocked", f"{place} is in an obstacle of the map", field)
 
     def message(self) -> OccupancyGrid:
         """Return the occupancy grid; without a map it has no cells."""
-        return OccupancyGrid(rows=0, cols=0, cell=0.05, origin=(0.0, 0.0))
+        grid = self.grid
+        if grid is None:
+            return OccupancyGrid(rows=0, cols=0, cell=0.05, origin=(0.0, 0.0))
+        rows, cols = grid.shape
+        return OccupancyGrid(
+            rows=rows, cols=cols, cell=grid.cell, origin=grid.origin, source=grid.source, data=grid.to_bytes()
+        )

@@ -76,5 +76,5 @@ class Stroller:
                 self._left, self._closing = 0.0, CLOSE_S
         elif self._closing > 0.0:
             self._closing -= TICK_S
-        elif self.state not in ("standing", "refused"):
+        elif self.state not in ("standing", "refused", "waiting"):
             self.state, self.halts = "standing", self.halts + 1

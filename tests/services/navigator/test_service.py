@@ -1,0 +1,413 @@
+"""The navigator service without a bus: goals on a walker without legs, a camera that sees well, and bad input."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from surefoot.errors import Refusal, SurefootError
+from surefoot.lockstep.join import TickInputs
+from surefoot.schemas.hw import Landmark, LandmarkDetections, Range, Tick
+from surefoot.schemas.navigation import (
+    CancelRequest,
+    GotoRequest,
+    NavigatorMapRequest,
+    PolicyRequest,
+    SetPoseRequest,
+    WaypointsRequest,
+)
+from surefoot.schemas.state import GaitState, Odometry
+from surefoot.schemas.terrain import HeightMapMessage
+from surefoot.schemas.terrain import LandmarkMap as LandmarkMapMessage
+from surefoot.schemas.topics import (
+    HW_LANDMARKS,
+    HW_RANGE,
+    NAVIGATOR_FEEDBACK,
+    NAVIGATOR_ORDER,
+    STATE_GAIT,
+    STATE_ODOMETRY,
+    STATE_POSE,
+    TERRAIN_LANDMARKS,
+    TERRAIN_MAP,
+)
+from surefoot.services.navigator.pilot import Pilot
+from surefoot.services.navigator.service import SERVICE, NavigatorConfig, is_covariance
+from tests.services.navigator.strollers import Stroller
+
+EPOCH = 2
+CELL = 0.05
+
+
+class Stage:
+    """A runtime that keeps what is published and logged."""
+
+    def __init__(self) -> None:
+        self.said: dict[str, Any] = {}
+        self.logged: list[str] = []
+
+    def publish(self, topic: Any, message: Any, stamp_ns: int | None) -> None:
+        """Keep the last message of each topic."""
+        self.said[topic.key] = message
+
+    def call(self, query: Any, request: Any, timeout_s: float | None) -> Any:
+        """Nobody is asked."""
+        raise AssertionError(query.key)
+
+    def log(self, level: str, text: str) -> None:
+        """Keep the line."""
+        self.logged.append(f"{level}: {text}")
+
+
+def floor() -> HeightMapMessage:
+    """A corridor of 4 x 2 m with a wall around it and a pillar at (2, 0.6)."""
+    z = np.zeros((44, 84), dtype="<f4")
+    z[:2], z[-2:], z[:, :2], z[:, -2:] = 0.5, 0.5, 0.5, 0.5
+    z[30:35, 58:64] = 0.5
+    return HeightMapMessage(rows=44, cols=84, cell=CELL, origin=(-1.0, -1.075), data=z.tobytes(), version=1)
+
+
+class Journey:
+    """Service, walker and a camera in a corridor."""
+
+    def __init__(self, seed: int = 0, tick: int = 0, **config: Any) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.walker, self.stage, self.tick = Stroller(), Stage(), tick
+        self.places = self.rng.uniform((-0.9, -0.9), (3.0, 0.9), (320, 2))
+        looks = self.rng.standard_normal((320, 8))
+        self.looks = looks / np.linalg.norm(looks, axis=1, keepdims=True)
+        self.seen = True
+        self.distance: float | None = None
+        self.odom = True
+        self.service = SERVICE(NavigatorConfig(robot="nao", **{"policy": "steer", **config}))
+        self.service.attach(self.stage)
+        self.service.on_start()
+        self.service.on_reset()
+        rows = np.hstack((self.places, self.looks)).astype("<f4").tobytes()
+        self.maps = {
+            TERRAIN_MAP.key: floor(),
+            TERRAIN_LANDMARKS.key: LandmarkMapMessage(count=320, descriptor_length=8, data=rows, version=1),
+        }
+
+    @property
+    def pilot(self) -> Pilot:
+        """Of the service."""
+        return self.service.pilot
+
+    def step(self, ticks: int = 1) -> None:
+        """Let ticks pass."""
+        for _ in range(ticks):
+            self.walker.take(self.pilot)
+            self.walker.tick()
+            self.service.on_tick(TickInputs(self._tick(), self._messages()))
+            self.tick += 1
+
+    def _tick(self) -> Tick:
+        return Tick(
+            tick=self.tick, epoch=EPOCH, stamp_ns=self.tick * 10_000_000, roster=(), roster_version=1, due=(),
+            mode="lockstep",
+        )  # fmt: skip
+
+    def _messages(self) -> dict[str, Any]:
+        view, w = self.walker.view(), self.walker
+        messages: dict[str, Any] = {
+            **self.maps,
+            STATE_GAIT.key: GaitState(
+                walk_id=view.walk_id, state=view.state, phase=0.0, stance=(), footholds=(), remaining=0.0,  # pyright: ignore[reportArgumentType] - words of the toy
+                order=view.order, order_refused=view.refused, ends_in_s=view.ends_in,
+            ),
+        }  # fmt: skip
+        if self.odom:
+            messages[STATE_ODOMETRY.key] = Odometry(
+                position=(w.x, w.y, 0.3), quat_wxyz=(1.0, 0.0, 0.0, 0.0), yaw=w.yaw, velocity=(0.0, 0.0, 0.0),
+                covariance=(0.0,) * 16, initialised=True,
+            )  # fmt: skip
+        if self.tick % 10 == 0 and self.seen:
+            messages[HW_LANDMARKS.key] = self.frame()
+        if self.tick % 10 == 0:
+            messages[HW_RANGE.key] = Range(
+                distance=self.distance, shortest=0.25, longest=2.55, field_of_view=1.0, bump=(False, False)
+            )
+        return messages
+
+    def frame(self) -> LandmarkDetections:
+        """What the camera recognises."""
+        w = self.walker
+        away = self.places - (w.x, w.y)
+        r, a = np.hypot(*away.T), np.angle(np.exp(1j * (np.arctan2(away[:, 1], away[:, 0]) - w.yaw)))
+        seen = np.flatnonzero((r > 0.35) & (r < 1.18) & (np.abs(a) < 0.57) & (self.rng.random(320) < 0.15))[:10]
+        marks = tuple(
+            Landmark(
+                range=float(r[i] * (1.0 + 0.03 * self.rng.standard_normal())),
+                bearing=float(a[i] + 0.026 * self.rng.standard_normal()),
+                descriptor=tuple((self.looks[i] + 0.05 * self.rng.standard_normal(8)).tolist()),
+            )
+            for i in seen
+        )
+        return LandmarkDetections(landmarks=marks, stamp_ns=self.tick * 10_000_000)
+
+    def feedback(self) -> Any:
+        """The last progress."""
+        return self.stage.said[NAVIGATOR_FEEDBACK.key]
+
+    def until_ended(self, most: int = 20_000) -> None:
+        """Walk until the goal has ended, and ten ticks more for the feedback."""
+        for _ in range(most):
+            self.step()
+            if self.pilot.state not in ("navigating", "stopping", "idle"):
+                break
+        self.step(10)
+
+
+def ready(**config: Any) -> Journey:
+    """A journey that has begun."""
+    journey = Journey(**config)
+    journey.step(20)
+    return journey
+
+
+@pytest.mark.parametrize("control", ["odometry", "commands"])
+def test_reaches_a_goal_and_reports_what_users_of_nav2_expect(control: str) -> None:
+    journey = ready(control=control)
+    reply = journey.service.goto(GotoRequest(position=(1.2, 0.3)))
+    assert reply.accepted
+    assert reply.length == pytest.approx(math.hypot(1.2, 0.3), abs=0.1)
+    journey.step(300)
+    half = journey.feedback()
+    assert half.state == "navigating"
+    assert half.navigation_time == pytest.approx(3.0, abs=0.11)
+    assert 0.8 < half.distance_remaining < 1.3
+    assert half.number_of_poses_remaining == 1
+    assert half.decision is not None
+    assert half.decision.reason
+    assert half.decision.action in half.decision.values
+    journey.until_ended()
+    end = journey.feedback()
+    assert (end.state, end.error_code, end.error_msg) == ("succeeded", "", "")
+    assert math.hypot(journey.walker.x - 1.2, journey.walker.y - 0.3) < 0.2
+    pose = journey.stage.said[STATE_POSE.key]
+    assert pose.control == control
+    assert not pose.lost
+    assert math.hypot(pose.pose[0] - journey.walker.x, pose.pose[1] - journey.walker.y) < 0.05
+
+
+def test_first_order_comes_in_the_tick_after_the_goal() -> None:
+    journey = ready()
+    assert journey.stage.said[NAVIGATOR_ORDER.key].number == 0
+    journey.service.goto(GotoRequest(position=(1.0, 0.0)))
+    journey.step()
+    assert journey.stage.said[NAVIGATOR_ORDER.key].number == 1
+
+
+def test_at_tick_is_kept() -> None:
+    journey = ready()
+    journey.service.goto(GotoRequest(position=(1.0, 0.0), at_tick=40))
+    journey.step(20)
+    assert journey.pilot.state == "idle"
+    journey.step()
+    assert journey.pilot.state == "navigating"
+    with pytest.raises(Refusal) as caught:
+        journey.service.goto(GotoRequest(position=(1.0, 0.0), at_tick=3))
+    assert (caught.value.code, caught.value.field) == ("late", "at_tick")
+
+
+def test_routes_lead_around_obstacles() -> None:
+    journey = ready()
+    reply = journey.service.goto(GotoRequest(position=(2.6, 0.75)))
+    assert len(reply.route) > 1
+    assert reply.length > math.hypot(2.6, 0.75)
+
+
+BAD = [
+    (GotoRequest(position=(0.0, 1.05)), "blocked", "position"),
+    (GotoRequest(position=(2.05, 0.55)), "blocked", "position"),
+    (GotoRequest(position=(40.0, 0.0)), "outside", "position"),
+    (GotoRequest(position=(1e9, 0.0)), "invalid", "position"),
+    (GotoRequest(position=(1.0, 0.0), frame="camera"), "unknown_frame", "frame"),
+    (GotoRequest(position=(1.0, 0.0), policy="best"), "unknown_policy", "policy"),
+]
+
+
+@pytest.mark.parametrize(("request_", "code", "field"), BAD, ids=[f"{b[1]} {b[0].position}" for b in BAD])
+def test_a_goal_that_cannot_be_is_refused(request_: GotoRequest, code: str, field: str) -> None:
+    journey = ready()
+    with pytest.raises(Refusal) as caught:
+        journey.service.goto(request_)
+    assert (caught.value.code, caught.value.field) == (code, field)
+    journey.step(5)
+    assert journey.pilot.state == "idle"
+
+
+def test_waypoints_name_the_one_that_is_wrong_and_take_the_same_twice() -> None:
+    journey = ready()
+    with pytest.raises(Refusal) as caught:
+        journey.service.waypoints(WaypointsRequest(positions=((0.5, 0.0), (0.0, 1.05))))
+    assert caught.value.field == "positions.1"
+    reply = journey.service.waypoints(WaypointsRequest(positions=((0.5, 0.0), (0.5, 0.0), (0.8, 0.3))))
+    assert len(reply.route) == 2
+    journey.until_ended()
+    assert journey.feedback().state == "succeeded"
+
+
+def test_a_goal_in_odom_is_placed_in_the_map() -> None:
+    journey = ready(start_x=0.5, start_y=0.1)
+    journey.walker.x, journey.walker.y = 0.0, 0.0
+    journey.seen = False
+    reply = journey.service.goto(GotoRequest(position=(0.5, 0.0), frame="odom"))
+    assert reply.route[-1] == pytest.approx((1.0, 0.1), abs=0.02)
+
+
+@pytest.mark.parametrize(("state", "code"), [("waiting", "not_initialised"), ("refused", "fallen")])
+def test_a_robot_that_cannot_walk_takes_no_goal(state: str, code: str) -> None:
+    journey = ready()
+    journey.walker.state = state
+    journey.step()
+    with pytest.raises(Refusal) as caught:
+        journey.service.goto(GotoRequest(position=(1.0, 0.0)))
+    assert caught.value.code == code
+
+
+def test_cancel() -> None:
+    journey = ready()
+    assert not journey.service.cancel(CancelRequest()).accepted
+    journey.service.goto(GotoRequest(position=(1.5, 0.0), goal_id="far"))
+    journey.step(400)
+    assert not journey.service.cancel(CancelRequest(goal_id="near")).accepted
+    assert journey.service.cancel(CancelRequest(goal_id="far")).accepted
+    journey.until_ended(300)
+    assert journey.feedback().state == "cancelled"
+    assert journey.feedback().error_code == "cancelled"
+    assert journey.walker.state == "standing"
+
+
+def test_set_pose_is_judged() -> None:
+    journey = ready()
+    for request, field in (
+        (SetPoseRequest(pose=(0.0, 1.05, 0.0)), "pose"),
+        (SetPoseRequest(pose=(99.0, 0.0, 0.0)), "pose"),
+        (SetPoseRequest(pose=(0.0, 0.0, 0.0), covariance=(1.0, 2.0, 0.0, 2.0, 1.0, 0.0, 0.0, 0.0, 1.0)), "covariance"),
+        (SetPoseRequest(pose=(0.0, 0.0, 0.0), covariance=(-1.0, *((0.0,) * 8))), "covariance"),
+    ):
+        with pytest.raises(Refusal) as caught:
+            journey.service.set_pose(request)
+        assert caught.value.field == field
+    journey.seen = False
+    assert journey.service.set_pose(SetPoseRequest(pose=(1.0, 0.2, 0.3))).accepted
+    journey.step(11)
+    assert journey.stage.said[STATE_POSE.key].pose == pytest.approx((1.0, 0.2, 0.3), abs=0.02)
+
+
+def test_covariances() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(50):
+        root = rng.standard_normal((3, 3))
+        good = root @ root.T
+        assert is_covariance(good)
+        assert not is_covariance(good - 1.01 * np.linalg.eigvalsh(good)[0] * np.eye(3) - 1e-6 * np.eye(3))
+
+
+def test_map_and_policies_are_told() -> None:
+    journey = ready()
+    grid = journey.service.map(NavigatorMapRequest())
+    assert (grid.rows, grid.cols) == (44, 84)
+    assert len(grid.data) == 44 * 84
+    reply = journey.service.policy(PolicyRequest(use="hand"))
+    assert reply.policy == "hand"
+    assert {"hand", "planner", "steer"} <= set(reply.known)
+    with pytest.raises(Refusal):
+        journey.service.policy(PolicyRequest(use="nothing.npz"))
+
+
+def test_blocked_ahead_it_only_turns() -> None:
+    journey = ready()
+    journey.distance = 0.25
+    journey.step(10)
+    journey.service.goto(GotoRequest(position=(1.0, 0.0)))
+    journey.step(400)
+    order = journey.stage.said[NAVIGATOR_ORDER.key]
+    assert order.command.action == "turn"
+    assert "wall" in journey.feedback().decision.reason
+
+
+@pytest.mark.parametrize("length", [4, 256])
+def test_descriptors_of_another_length_are_refused_and_the_walk_goes_on(length: int) -> None:
+    journey = ready()
+    journey.service.goto(GotoRequest(position=(0.5, 0.0)))
+    odd = LandmarkDetections(landmarks=(Landmark(range=0.5, bearing=0.0, descriptor=(0.1,) * length),))
+    journey.frame = lambda: odd  # type: ignore[method-assign]
+    journey.until_ended()
+    assert journey.feedback().state == "succeeded"
+    assert any("numbers, got" in line for line in journey.stage.logged)
+    assert sum("refused" in line for line in journey.stage.logged) == 1
+
+
+@pytest.mark.parametrize("camera", ["dark", "frozen"])
+def test_without_a_camera_the_belief_grows_and_the_goal_is_reached_by_odometry(camera: str) -> None:
+    journey = ready()
+    journey.service.goto(GotoRequest(position=(0.8, 0.0)))
+    before = journey.stage.said[STATE_POSE.key].entropy
+    frame = journey.frame()
+    if camera == "dark":
+        journey.seen = False
+    else:
+        journey.frame = lambda: frame  # type: ignore[method-assign]
+    journey.until_ended()
+    if camera == "dark":
+        assert journey.feedback().state == "succeeded"
+        assert journey.stage.said[STATE_POSE.key].entropy > before
+    else:  # the same picture for ever contradicts the way: never a confident wrong pose
+        pose = journey.stage.said[STATE_POSE.key]
+        away = math.hypot(pose.pose[0] - journey.walker.x, pose.pose[1] - journey.walker.y)
+        assert pose.lost or away < 0.15 or journey.feedback().state == "failed"
+
+
+def test_moved_robots_are_found_again() -> None:
+    journey = ready()
+    journey.service.goto(GotoRequest(position=(2.4, 0.0)))
+    journey.step(900)
+    w = journey.walker
+    w.x, w.y, w.yaw = w.x - 0.3, w.y + 0.6, w.yaw - 0.5 * math.pi
+    journey.odom = False  # it was lifted: no odometry tells of it
+    journey.step()
+    journey.odom = True
+    journey.service.localiser._taken = (w.x, w.y, w.yaw)  # its own count goes on as if nothing had happened
+    journey.until_ended()
+    end = journey.feedback()
+    assert end.state == "succeeded"
+    assert end.recoveries["relocalise"] >= 1
+    assert math.hypot(w.x - 2.4, w.y) < 0.2
+
+
+def test_a_navigator_that_is_started_again_goes_on_with_its_goal(tmp_path: Path) -> None:
+    memory = str(tmp_path / "navigator.json")
+    first = ready(memory=memory)
+    first.service.goto(GotoRequest(position=(1.5, 0.0), goal_id="kept"))
+    first.step(600)
+    second = Journey(tick=first.tick + 50, memory=memory)
+    second.walker, second.places, second.looks = first.walker, first.places, first.looks
+    second.maps = first.maps
+    second.step(20)
+    assert second.pilot.goal is not None
+    assert second.pilot.goal.id == "kept"
+    assert second.pilot.number >= first.pilot.number
+    second.until_ended()
+    assert second.feedback().state == "succeeded"
+    assert math.hypot(second.walker.x - 1.5, second.walker.y) < 0.2
+
+
+def test_memory_of_another_run_is_not_taken_up(tmp_path: Path) -> None:
+    path = tmp_path / "navigator.json"
+    for text in ('{"epoch": 1, "tick": 5}', "not json", '{"epoch": 2, "tick": 5, "number": "x"}'):
+        path.write_text(text)
+        journey = Journey(tick=100, memory=str(path))
+        journey.step(5)
+        assert journey.pilot.state == "idle"
+
+
+@pytest.mark.parametrize(
+    "config", [{"params": "nothing"}, {"policy": "nothing"}, {"map": "nothing.yaml"}, {"landmarks": "nothing.npz"}]
+)
+def test_configurations_that_cannot_be_are_refused_at_the_start(config: dict[str, str]) -> None:
+    with pytest.raises(SurefootError):
+        Journey(**config)
