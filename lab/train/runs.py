@@ -1,0 +1,89 @@
+"""Several trainings at once, and the choice of one."""
+
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from surefoot.lab.train.sarsa import Schedule, Training, train
+from surefoot.services.navigator.environment.episodes import ENDED_AS, SECONDS_TAKEN, run_episodes
+from surefoot.services.navigator.policy.arrays import REACHED, arrays
+from surefoot.services.navigator.policy.library import provenance_of
+from surefoot.services.navigator.policy.params import NavigationModel
+from surefoot.services.navigator.policy.planner import planner
+from surefoot.services.navigator.policy.policies import Policy
+
+SELECTION = 2**40
+"""Random stream of the episodes by which one of several trainings is chosen: of no evaluation, of no training."""
+SELECTED_ON = 500  # episodes
+
+
+@dataclass
+class Trained:
+    """One training: seed, mean time (s) and success on the episodes of the selection, and whether it was kept."""
+
+    seed: int
+    mean_s: float
+    success: float
+    kept: bool = False
+
+
+def make_planner(model: NavigationModel) -> Policy:
+    """Return the planner of a model."""
+    return planner(arrays(model), provenance_of(model, "planner"))
+
+
+def make_sarsa(
+    model: NavigationModel,
+    schedule: Schedule,
+    seed: int,
+    runs: int,
+    out: Path,
+    *,
+    resume: bool = False,
+    tell: Callable[[str], None] = lambda _: None,
+) -> tuple[Policy, list[Trained]]:
+    """Train with seeds seed .. seed + runs - 1 on all cores; return the best policy and all trainings.
+
+    Args:
+        model: the robot.
+        schedule: settings.
+        seed: of the first training.
+        runs: number of trainings.
+        out: policy file; checkpoints are kept beside it and removed at the end.
+        resume: go on from checkpoints that are there.
+        tell: is called with a line of progress.
+    """
+    lock, world = threading.Lock(), arrays(model)
+
+    def note(training: Training) -> None:
+        if training.done % 500 == 0 or training.done == schedule.episodes:
+            recent = training.seconds[max(0, training.done - 100) : training.done].mean()
+            with lock:
+                tell(
+                    f"seed {training.seed}: {training.done} of {schedule.episodes} episodes, the last {recent:.1f} s long"
+                )
+
+    def one(number: int) -> tuple[Policy, Trained]:
+        training, path = Training(model, number, schedule), checkpoint(out, number)
+        if resume and path.exists():
+            training.take_up(path)
+        policy = train(training, path, note)
+        results = run_episodes(world, policy, SELECTION, 0, SELECTED_ON)
+        reached = float((results[:, ENDED_AS] == REACHED).mean())
+        return policy, Trained(number, float(results[:, SECONDS_TAKEN].mean()), reached)
+
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        made = list(pool.map(one, range(seed, seed + runs)))
+    policy, best = min(made, key=lambda each: (-each[1].success, each[1].mean_s))
+    best.kept = True
+    for number in range(seed, seed + runs):
+        checkpoint(out, number).unlink(missing_ok=True)
+    return replace(policy, provenance={**policy.provenance, "chosen_of": str(runs)}), [each[1] for each in made]
+
+
+def checkpoint(out: Path, seed: int) -> Path:
+    """Return the file of a training's checkpoint."""
+    return out.with_name(f"{out.stem}.seed{seed}.checkpoint.npz")
