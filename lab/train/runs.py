@@ -63,7 +63,7 @@ def make_sarsa(
             recent = training.seconds[max(0, training.done - 100) : training.done].mean()
             with lock:
                 tell(
-                    f"seed {training.seed}: {training.done} of {schedule.episodes} episodes, the last {recent:.1f} s long"
+                    f"seed {training.seed}: {training.done} of {schedule.episodes} episodes, the last take {recent:.1f} s"
                 )
 
     def one(number: int) -> tuple[Policy, Trained]:

@@ -34,7 +34,7 @@ SECONDS_TAKEN, ENDED_AS, DECISIONS, STANDS_MADE, TURNS_MADE, ERROR, NEES_SUM, NE
 RESULTS = 8
 NEES_DECISION = 20
 """Columns of the result of an episode: s, REACHED or CUT_OFF, number of actions, of stands, of turns, final error of
-the estimate in m, sum over decisions of the NEES of the pose (3 degrees of freedom), NEES after NEES_DECISION of them."""
+the estimate in m, sum over decisions of the NEES of the pose (3 degrees of freedom), NEES after NEES_DECISION."""
 
 
 @free_kernel
