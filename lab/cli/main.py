@@ -11,7 +11,9 @@ from surefoot.lab.cli import (
     bag,
     doctor,
     evaluate,
+    fit,
     graph,
+    map,
     report,
     reproduce,
     robot,
@@ -56,6 +58,8 @@ app.add_typer(bag.app, name="bag")
 app.add_typer(robot.app, name="robot")
 app.add_typer(train.train, name="train")
 app.add_typer(evaluate.evaluate, name="evaluate")
+app.add_typer(fit.app, name="fit")
+app.add_typer(map.app, name="map")
 
 
 def _version(wanted: bool) -> None:

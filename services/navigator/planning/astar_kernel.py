@@ -6,8 +6,8 @@ sqrt 2 but for 0.2 %), and over a corner only if both cells beside it are free. 
     2 UNIT (STRAIGHT (max - min) + DIAGONAL min)   of the offsets along rows and columns, and
     |d(mark, goal) - d(mark, cell)|                for marks whose costs to all cells are known (ALT; Goldberg 2005).
 
-The larger one never exceeds the cost and is consistent, so a cell that has left the queue is settled. f = g + h grows by
-less than BUCKETS from a cell to its neighbour: a ring of that many buckets is a queue, and within a bucket the last
+The larger one never exceeds the cost and is consistent, so a cell that has left the queue is settled. f = g + h grows
+by less than BUCKETS from a cell to its neighbour: a ring of that many buckets is a queue, and within a bucket the last
 comes first.
 
 Where a cell and its eight neighbours weigh the same (EVEN), only the steps onward are taken: straight on after a step
@@ -135,7 +135,7 @@ def search(weight: Bytes, start: int, goal: int, marks: Ints, g: Ints) -> int:
         next_of[entry] = spare
         spare = entry
         queued -= 1
-        here = g[cell]
+        here = int(g[cell])
         if here < 0:
             continue
         g[cell] = -here - 1
@@ -160,7 +160,7 @@ def search(weight: Bytes, start: int, goal: int, marks: Ints, g: Ints) -> int:
                     continue
                 if factor == 0:
                     continue
-            cost = here + (STRAIGHT if k < 4 else DIAGONAL) * (own + factor)
+            cost = int(here + (STRAIGHT if k < 4 else DIAGONAL) * (own + factor))
             if cost >= g[n]:
                 continue
             g[n] = cost

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -209,7 +210,7 @@ def _legs(points: list[Point], leg: float) -> tuple[Array, float]:
     """Waypoints at most `leg` m apart on the lines through points, without the first, and the length of the lines."""
     out: list[Point] = []
     total = 0.0
-    for (ax, ay), (bx, by) in zip(points, points[1:], strict=False):
+    for (ax, ay), (bx, by) in pairwise(points):
         length = math.hypot(bx - ax, by - ay)
         total += length
         pieces = max(1, math.ceil(length / leg - 1e-9))

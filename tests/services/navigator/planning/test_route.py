@@ -1,6 +1,7 @@
 """Routes against scipy: distances, regions, cheapest costs; what a route has to be; points that are refused."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -108,7 +109,7 @@ def test_every_leg_is_clear_and_within_viewing_distance():
             assert legs.max() <= 0.7 + 1e-9
             assert legs.sum() == pytest.approx(route.length)
             assert math.dist(start, goal) - 1e-9 <= route.length <= route.cost * 1.003 + 2 * costs.grid.cell
-            for a, b in zip(points, points[1:], strict=False):
+            for a, b in pairwise(points):
                 line = a + np.linspace(0, 1, 40)[:, None] * (b - a)
                 gap = np.sqrt(((line[:, None] - walls) ** 2).sum(axis=2)).min()
                 assert gap > radius - 0.5 * math.sqrt(2) * costs.grid.cell  # of cell centres: half a diagonal less

@@ -1,0 +1,84 @@
+"""`surefoot map build|show|check`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from surefoot.lab.cli.output import EXIT_CHECK, Json, use_json, write, write_json, write_table
+
+if TYPE_CHECKING:
+    from surefoot.lab.maps.build import BuiltMap
+
+app = typer.Typer(help="Maps: landmarks from a recording, occupancy of map_server.", no_args_is_help=True)
+File = Annotated[Path, typer.Argument(help="Landmark map (.npz), or the YAML of a map_server map.")]
+Radius = Annotated[float, typer.Option(min=0.0, help="Radius of the robot, m, for occupancy.")]
+
+
+@app.command()
+def build(
+    recording: Annotated[Path, typer.Argument(help="MCAP recording of a run of a robot that sees landmarks.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Landmark map to write.")] = Path("landmarks.npz"),
+    least: Annotated[int, typer.Option(min=1, help="Detections of a landmark that is kept.")] = 3,
+    json: Json = False,
+) -> None:
+    """Make a map of the landmarks that a robot saw, from its detections and its odometry; truth is not read."""
+    from surefoot.lab.maps.build import BuildOptions, build_map
+    from surefoot.lab.maps.sightings import read_sightings
+    from surefoot.services.navigator.belief.landmark_files import save
+
+    use_json(json)
+    seen = read_sightings(recording)
+    made = build_map(seen, BuildOptions(least=least), f"{recording.name}, {seen.source}")
+    path = save(made.world, out)
+    facts = _facts(made)
+    if json:
+        write_json({"file": str(path), **facts})
+        return
+    write(f"{path}: {len(made.world)} landmarks from {made.used} of {made.detections} detections")
+    write_table(("quantity", "value"), [(name.replace("_", " "), _shown(value)) for name, value in facts.items()])
+
+
+@app.command()
+def show(file: File, radius: Radius = 0.15, json: Json = False) -> None:
+    """Show what is in a map file."""
+    from surefoot.lab.maps.summary import summary_of
+
+    use_json(json)
+    found = summary_of(file, radius)
+    if json:
+        write_json({"file": str(file), **found.facts})
+        return
+    write_table(("quantity", "value"), [(name.replace("_", " "), _shown(value)) for name, value in found.facts.items()])
+
+
+@app.command()
+def check(file: File, radius: Radius = 0.15, json: Json = False) -> None:
+    """Read a map file and look for what makes it useless. Exit code 1: something was found; 2: it is no map."""
+    from surefoot.lab.maps.summary import summary_of
+
+    use_json(json)
+    found = summary_of(file, radius)
+    if json:
+        write_json({"file": str(file), "ok": not found.problems, "problems": found.problems})
+    else:
+        write(f"{file}: {'; '.join(found.problems) or 'ok'}")
+    if found.problems:
+        raise typer.Exit(EXIT_CHECK)
+
+
+def _facts(made: "BuiltMap") -> dict[str, Any]:
+    import numpy as np
+
+    return {
+        "landmarks": len(made.world), "left_out": made.dropped, "detections": made.detections, "used": made.used,
+        "detections_each": float(np.median(made.seen)), "place_sd_m": float(np.median(made.sd)),
+        "range_rms": made.range_rms, "bearing_rms_rad": made.bearing_rms, "look_sd": made.look_sd,
+        "largest_correction_of_odometry_m": made.shift,
+    }  # fmt: skip
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, list):
+        return " ".join(_shown(part) for part in value)
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

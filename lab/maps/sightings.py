@@ -1,0 +1,96 @@
+"""What a recording tells of the landmarks on the floor: detections, and where the robot believed to be."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.errors import SurefootError
+from surefoot.record.recording import read_recording
+from surefoot.schemas.topics import HW_LANDMARKS, STATE_ODOMETRY, STATE_POSE
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """Detections of a run with the poses they were made from; n frames, m detections."""
+
+    poses: Array
+    """(n, 3): x, y in m and heading in rad (not wrapped) of base_link by odometry, frame odom or map."""
+    frame: NDArray[np.int64]
+    """(m,): frame of each detection."""
+    ranges: Array
+    """(m,) m."""
+    bearings: Array
+    """(m,) rad."""
+    looks: Array
+    """(m, k) descriptors."""
+    source: str
+    """Key of the poses."""
+
+
+def read_sightings(path: Path) -> Sightings:
+    """Return the sightings of a recording: poses from `state/pose` where it is recorded, else from `state/odometry`.
+
+    A frame belongs to the last pose at or before its stamp. Only the last epoch counts. Frames without detections and
+    frames before the pose is initialised are left out. Truth is not read.
+
+    Raises:
+        SurefootError: the file cannot be read, or holds no detections, no poses, or descriptors of several lengths.
+    """
+    frames: list[tuple[int, Any]] = []
+    poses: dict[str, list[tuple[int, tuple[float, float, float]]]] = {STATE_POSE.key: [], STATE_ODOMETRY.key: []}
+    epoch = -1
+    for item in read_recording(path, (HW_LANDMARKS.key, STATE_ODOMETRY.key, STATE_POSE.key)):
+        message: Any = item.message()
+        if message.epoch < epoch:
+            continue
+        if message.epoch > epoch:
+            epoch = message.epoch
+            frames.clear()
+            for each in poses.values():
+                each.clear()
+        if item.key == HW_LANDMARKS.key:
+            frames.append((item.stamp_ns, message))
+        elif message.initialised:
+            x, y, yaw = message.pose if item.key == STATE_POSE.key else (*message.position[:2], message.yaw)
+            poses[item.key].append((item.stamp_ns, (x, y, yaw)))
+    source = STATE_POSE.key if poses[STATE_POSE.key] else STATE_ODOMETRY.key
+    if not frames:
+        raise SurefootError("no_landmarks", f"{path} holds no {HW_LANDMARKS.key}: nothing to make a map of")
+    if not poses[source]:
+        raise SurefootError("no_poses", f"{path} holds no {STATE_ODOMETRY.key} or {STATE_POSE.key} that is initialised")
+    return _joined(frames, poses[source], source, path)
+
+
+def _joined(
+    frames: list[tuple[int, Any]], poses: list[tuple[int, tuple[float, float, float]]], source: str, path: Path
+) -> Sightings:
+    """Give every frame its pose."""
+    stamps = np.array([stamp for stamp, _ in poses])
+    taken, number, ranges, bearings = list[tuple[float, float, float]](), list[int](), list[float](), list[float]()
+    looks: list[tuple[float, ...]] = []
+    for stamp, message in frames:
+        at = int(np.searchsorted(stamps, stamp, side="right")) - 1
+        if at < 0 or not message.landmarks:
+            continue
+        for each in message.landmarks:
+            number.append(len(taken))
+            ranges.append(each.range)
+            bearings.append(each.bearing)
+            looks.append(each.descriptor)
+        taken.append(poses[at][1])
+    lengths = {len(look) for look in looks}
+    if len(lengths) > 1:
+        text = f"{path} holds descriptors of {sorted(lengths)} numbers, one length is allowed"
+        raise SurefootError("bad_descriptor", text)
+    if not taken or lengths == {0}:
+        raise SurefootError("no_landmarks", f"{path} holds no detection with a descriptor and a pose")
+    where = np.array(taken)
+    where[:, 2] = np.unwrap(where[:, 2])
+    return Sightings(
+        where, np.array(number, dtype=np.int64), np.array(ranges), np.array(bearings), np.array(looks), source
+    )

@@ -1,0 +1,93 @@
+"""What is in a map file, in numbers, and what speaks against using it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from surefoot.services.navigator.belief import landmark_files
+from surefoot.services.navigator.belief.landmarks import LandmarkMap
+from surefoot.services.navigator.planning import map_files
+from surefoot.services.navigator.planning.costs import Clearance, prepare
+from surefoot.services.navigator.planning.grid import FREE, UNKNOWN, Grid
+
+ALIKE = 0.15
+"""Part of the median distance of two descriptors from which on two landmarks look alike."""
+FEW = 5.0
+"""Landmarks per m2; with fewer a robot that stands seldom sees enough to know where it is."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A map file."""
+
+    facts: dict[str, Any]
+    """By name."""
+    problems: tuple[str, ...]
+    """In words, why the map is of little use; empty = nothing found."""
+
+
+def summary_of(path: Path, radius: float = 0.15) -> Summary:
+    """Return what is in a landmark map (`.npz`) or in a map_server map (its YAML).
+
+    Args:
+        path: the file.
+        radius: of the robot that is to walk there, m.
+
+    Raises:
+        Refusal: the file cannot be used at all.
+    """
+    if path.suffix.lower() in (".yaml", ".yml"):
+        return _grid(map_files.load(path), radius)
+    return _landmarks(landmark_files.load(path))
+
+
+def _landmarks(world: LandmarkMap) -> Summary:
+    x0, y0, x1, y1 = world.bounds
+    area = (x1 - x0) * (y1 - y0)
+    copies = copied(world)
+    facts = {
+        "kind": "landmarks", "landmarks": len(world), "descriptor_length": world.descriptor_length,
+        "bounds_m": [x0, y0, x1, y1], "per_m2": len(world) / area if area else None, "look_like_another": copies,
+        "version": world.version, "source": world.source, "sha256": world.sha256,
+    }  # fmt: skip
+    problems = []
+    if copies > 0.9 * len(world):
+        problems.append(f"{copies} of {len(world)} landmarks look like another one: no place is recognised")
+    if not area or len(world) / area < FEW:
+        problems.append(f"there are fewer than {FEW:g} landmarks per m2")
+    return Summary(facts, tuple(problems))
+
+
+def copied(world: LandmarkMap) -> int:
+    """Count the landmarks that look like another one of the map."""
+    looks, n = world.descriptors, len(world)
+    squares, count = (looks**2).sum(axis=1), 0
+    sample = looks[:: max(1, n // 500)]
+    gaps = np.sqrt(np.maximum(0.0, ((sample[:, None] - sample[None]) ** 2).sum(axis=2)))
+    limit = (ALIKE * float(np.median(gaps))) ** 2
+    for first in range(0, n, 512):
+        part = looks[first : first + 512]
+        gap = squares[first : first + 512, None] + squares[None] - 2.0 * part @ looks.T
+        gap[np.arange(len(part)), first + np.arange(len(part))] = np.inf
+        count += int((gap.min(axis=1) < limit).sum())
+    return count
+
+
+def _grid(grid: Grid, radius: float) -> Summary:
+    costs = prepare(grid, Clearance(radius=radius, comfort=max(0.35, radius)))
+    sizes = np.bincount(costs.region.ravel())[1:]
+    largest = float(sizes.max()) / grid.cells.size if sizes.size else 0.0
+    facts = {
+        "kind": "occupancy", "rows": grid.shape[0], "cols": grid.shape[1], "cell_m": grid.cell,
+        "bounds_m": list(grid.bounds), "free": float((grid.cells == FREE).mean()),
+        "unknown": float((grid.cells == UNKNOWN).mean()), "regions": len(sizes), "largest_region": largest,
+        "radius_m": radius,
+    }  # fmt: skip
+    problems = []
+    if not sizes.size:
+        problems.append(f"a robot with a radius of {radius:g} m stands nowhere")
+    elif largest * grid.cells.size < 0.5 * sizes.sum():
+        problems.append(f"the free floor falls into {len(sizes)} regions without a way between them")
+    return Summary(facts, tuple(problems))
