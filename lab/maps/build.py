@@ -68,7 +68,7 @@ class BuiltMap:
     seen: Index
     """(n,): detections of each landmark."""
     sd: Array
-    """(n,) m: standard deviation of each place by the detections, poses taken for known (root of the mean of x and y)."""
+    """(n,) m: standard deviation of each place along one axis by its detections, poses taken for known."""
     poses: Array
     """(f, 3): corrected poses of the frames, m and rad."""
     shift: float
@@ -225,12 +225,13 @@ def _improve(seen: Sightings, track: Index, poses: Array, places: Array, options
     u = d / q[:, None]
     size = np.sqrt((nu[:, 0] / sd_r) ** 2 + (nu[:, 1] / sd_b) ** 2)
     weight = np.sqrt(np.minimum(1.0, HUBER / np.maximum(size, 1e-9)))
-    rows, p, l = np.arange(m), 3 * seen.frame, 3 * f + 2 * track
+    rows, p, at_place = np.arange(m), 3 * seen.frame, 3 * f + 2 * track
     wr, wb = weight / sd_r, weight / sd_b
     entries = [
-        (rows, p, -u[:, 0] * wr), (rows, p + 1, -u[:, 1] * wr), (rows, l, u[:, 0] * wr), (rows, l + 1, u[:, 1] * wr),
+        (rows, p, -u[:, 0] * wr), (rows, p + 1, -u[:, 1] * wr),
+        (rows, at_place, u[:, 0] * wr), (rows, at_place + 1, u[:, 1] * wr),
         (rows + m, p, u[:, 1] / q * wb), (rows + m, p + 1, -u[:, 0] / q * wb), (rows + m, p + 2, -wb),
-        (rows + m, l, -u[:, 1] / q * wb), (rows + m, l + 1, u[:, 0] / q * wb),
+        (rows + m, at_place, -u[:, 1] / q * wb), (rows + m, at_place + 1, u[:, 0] / q * wb),
     ]  # fmt: skip
     right = [nu[:, 0] * wr, nu[:, 1] * wb]
     start = 2 * m
@@ -255,7 +256,8 @@ def _improve(seen: Sightings, track: Index, poses: Array, places: Array, options
     right.append(1e6 * (seen.poses[0] - poses[0]))
     i, j, v = (np.concatenate([entry[x] for entry in entries]) for x in range(3))
     jacobian = sparse.csc_matrix((v, (i, j)), shape=(start + 3 * f, 3 * f + 2 * n))
-    step = spsolve((jacobian.T @ jacobian).tocsc(), jacobian.T @ np.concatenate(right))
+    normal = (jacobian.T @ jacobian).tocsc()
+    step: Array = np.asarray(spsolve(normal, jacobian.T @ np.concatenate(right)))
     poses += step[: 3 * f].reshape(f, 3)
     moved = step[3 * f :].reshape(n, 2)
     places += moved

@@ -66,7 +66,7 @@ def copied(world: LandmarkMap) -> int:
     squares, count = (looks**2).sum(axis=1), 0
     sample = looks[:: max(1, n // 500)]
     gaps = np.sqrt(np.maximum(0.0, ((sample[:, None] - sample[None]) ** 2).sum(axis=2)))
-    limit = (ALIKE * float(np.median(gaps))) ** 2
+    limit = max((ALIKE * float(np.median(gaps))) ** 2, 1e-9)
     for first in range(0, n, 512):
         part = looks[first : first + 512]
         gap = squares[first : first + 512, None] + squares[None] - 2.0 * part @ looks.T
