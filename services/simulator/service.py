@@ -29,6 +29,7 @@ from surefoot.schemas.topics import (
     SIM_FEATURES,
     SIM_JOIN,
     SIM_PAUSE,
+    SIM_PLACE,
     SIM_PUSH,
     SIM_RESET,
     SIM_RESTORE,
@@ -84,8 +85,8 @@ class Simulator(Driver[SimulatorConfig]):
     )  # fmt: skip
     observes = (CMD_ESTOP,)
     serves = (
-        SIM_JOIN, HW_DESCRIPTION, TERRAIN_MAP_GET, SIM_RESET, SIM_STEP, SIM_PAUSE, SIM_PUSH, SIM_SET, SIM_FAULT,
-        SIM_CHECKPOINT, SIM_RESTORE, SIM_FEATURES,
+        SIM_JOIN, HW_DESCRIPTION, TERRAIN_MAP_GET, SIM_RESET, SIM_STEP, SIM_PAUSE, SIM_PUSH, SIM_PLACE, SIM_SET,
+        SIM_FAULT, SIM_CHECKPOINT, SIM_RESTORE, SIM_FEATURES,
     )  # fmt: skip
 
     def on_start(self) -> None:
@@ -98,7 +99,7 @@ class Simulator(Driver[SimulatorConfig]):
         self._stopped = self._failed = ""
         for query, handler in (
             (SIM_RESET, self.reset), (SIM_STEP, self.step), (SIM_PAUSE, self.pause), (SIM_PUSH, self.push),
-            (SIM_SET, self.set), (SIM_FAULT, self.fault), (SIM_CHECKPOINT, self.checkpoint),
+            (SIM_PLACE, self.place), (SIM_SET, self.set), (SIM_FAULT, self.fault), (SIM_CHECKPOINT, self.checkpoint),
             (SIM_RESTORE, self.restore), (SIM_FEATURES, self.features), (HW_DESCRIPTION, self.description),
             (TERRAIN_MAP_GET, self.terrain_map),
         ):  # fmt: skip
@@ -276,6 +277,23 @@ class Simulator(Driver[SimulatorConfig]):
         if request.body not in names:
             raise Refusal("invalid", f"no link {request.body!r}; known are {', '.join(names)}", "body")
         return self._at(request.at_tick, lambda: self.world.push(request.force, request.duration, request.body))
+
+    def place(self, request: sim.PlaceRequest) -> sim.SimReply:
+        """Puts the standing robot elsewhere; one at a later tick that cannot be done then is logged."""
+        where = (request.forward, request.left, request.turn)
+        if request.at_tick is None:
+            try:
+                self.world.displace(*where, only_ask=True)
+            except WorldError as error:
+                raise Refusal("refused", str(error), error.field) from None
+
+        def put() -> None:
+            try:
+                self.world.displace(*where)
+            except WorldError as error:
+                self.log("warning", f"the robot stays where it is: {error}")
+
+        return self._at(request.at_tick, put)
 
     def set(self, request: sim.SetRequest) -> sim.SimReply:
         """Changes the world."""

@@ -26,7 +26,7 @@ from surefoot.services.simulator.physics.disturb import Disturbances, WorldError
 from surefoot.services.simulator.physics.faults import Fault
 from surefoot.services.simulator.physics.joints import read_joints
 from surefoot.services.simulator.physics.model import TRUNK_DOF, Perturbation, Physics, build_spec, find_addresses
-from surefoot.services.simulator.physics.placing import place
+from surefoot.services.simulator.physics.placing import displace, displacement, place
 from surefoot.services.simulator.physics.samples import (
     Checkpoint,
     ContactSample,
@@ -262,6 +262,23 @@ class PhysicsWorld:
             WorldError: unknown link, or numbers that are not finite.
         """
         self.disturb.push(max(start_tick, self.tick + 1), force, duration, body)
+
+    def displace(self, forward: float, left: float, turn: float, *, only_ask: bool = False) -> None:
+        """Put the robot beside where it stands, as it is (m and rad, heading axes); `only_ask`: change nothing.
+
+        Raises:
+            WorldError: a foot is in the air, or the robot cannot stand there; see `placing.displacement`.
+        """
+        if not (self.tracker.feet.normal_force >= truth.GATE_N).all():
+            raise WorldError("at_tick", "only a robot with all feet on the ground is displaced; one is in the air")
+        spheres = self.tracker.spheres
+        way = displacement(self.model, self.data, self.address, spheres, self.terrain, forward, left, turn)
+        if only_ask:
+            return
+        displace(self.data, way)
+        self.tracker.displaced(way)
+        if self.sight is not None:
+            self.sight.before = None  # or the camera's motion would blur the next image
 
     def set(self, quantity: str, value: float) -> None:
         """Change the world while it runs.

@@ -3,6 +3,7 @@
 # mujoco has no type stubs for its compiled modules:
 # pyright: reportAttributeAccessIssue=false
 import math
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -16,6 +17,7 @@ from surefoot.services.simulator.physics.joints import place_joints
 
 GRID = 0.03  # m, walls are thicker
 TOUCH = 0.01  # m, may reach into a wall: then the robot leans on it
+EVEN = 0.002  # m, the ground under the feet may differ so much where a standing robot is put
 STANCE_GAP = 0.001  # m, the lowest foot starts this high above the ground
 
 
@@ -78,3 +80,82 @@ def footprint(
         sides.append(low + (high - low) / count * np.arange(count + 1, dtype=np.float64))
     along, across = (side.ravel() for side in np.meshgrid(*sides))
     return np.column_stack((c * along - s * across, s * along + c * across))
+
+
+class Displacement(NamedTuple):
+    """A rigid motion over the floor: p' = Rz(turn) (p - centre) + centre + move."""
+
+    centre: NDArray[np.float64]
+    """(2,) m, origin of base_link before."""
+    move: NDArray[np.float64]
+    """(3,) m, map axes."""
+    turn: float
+    """rad, left positive."""
+
+    def of(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return where points (n, 3) m come to, (n, 3)."""
+        c, s = math.cos(self.turn), math.sin(self.turn)
+        x, y = points[:, 0] - self.centre[0], points[:, 1] - self.centre[1]
+        out = points + self.move
+        out[:, 0] = self.centre[0] + self.move[0] + c * x - s * y
+        out[:, 1] = self.centre[1] + self.move[1] + s * x + c * y
+        return out
+
+    def turned(self, vector: NDArray[np.float64]) -> None:
+        """Turn a vector in map axes, (3,), in place."""
+        c, s = math.cos(self.turn), math.sin(self.turn)
+        vector[:2] = c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]
+
+
+def displacement(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    address: Addresses,
+    spheres: NDArray[np.int64],
+    terrain: Terrain,
+    forward: float,
+    left: float,
+    turn: float,
+) -> Displacement:
+    """Return how the robot gets to a place beside where it is; nothing is changed.
+
+    Args:
+        model: the compiled world.
+        data: its state at the end of a tick.
+        address: where the robot is in it.
+        spheres: geoms of the feet.
+        terrain: the ground.
+        forward: m along the heading.
+        left: m.
+        turn: rad, left positive.
+
+    Raises:
+        WorldError: the place is in or behind a wall, off the ground, or the ground under the feet is another there.
+    """
+    base = data.xmat[address.trunk].reshape(3, 3)
+    yaw = math.atan2(base[1, 0], base[0, 0])
+    c, s = math.cos(yaw), math.sin(yaw)
+    way = Displacement(
+        data.qpos[:2].copy(), np.array([c * forward - s * left, s * forward + c * left, 0.0]), float(turn)
+    )
+    there = f"{forward:g} m ahead, {left:g} m to the left, turned by {turn:g} rad"
+    old = data.geom_xpos[spheres]
+    before, after = (terrain.map.height(feet[:, 0], feet[:, 1]) for feet in (old, way.of(old)))
+    if not np.isfinite(after).all():
+        raise WorldError("forward", f"a foot would stand beside the map: {there}")
+    ground = footprint(model, data, address, spheres, yaw)
+    if not terrain.on_floor(way.of(np.column_stack((ground, np.zeros(len(ground)))))[:, :2]).all():
+        raise WorldError("forward", f"the robot would stand in or behind a wall: {there}")
+    rise = after - before
+    if float(np.ptp(rise)) > EVEN:
+        raise WorldError("forward", f"the ground is {1e3 * float(np.ptp(rise)):.0f} mm less even: {there}")
+    way.move[2] = float(np.mean(rise))
+    return way
+
+
+def displace(data: mujoco.MjData, way: Displacement) -> None:
+    """Put the robot elsewhere as it is: posture, speeds and loads go with it, so it goes on to stand or to walk."""
+    data.qpos[:3] = way.of(data.qpos[None, :3])[0]
+    data.qpos[3:7] = multiply(quat_from_rpy(0.0, 0.0, way.turn), data.qpos[3:7].copy())
+    for vector in (data.qvel[:3], data.qacc_warmstart[:3]):  # rates of the free joint are in its own axes
+        way.turned(vector)

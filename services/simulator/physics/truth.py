@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import Robot
 from surefoot.services.simulator.physics.addresses import Addresses
+from surefoot.services.simulator.physics.placing import Displacement
 from surefoot.services.simulator.physics.twist import TwistTracker
 
 Array = NDArray[np.float64]
@@ -143,6 +144,14 @@ class TruthTracker:
             self.soles.update(self._xmat, self.feet.below, first)
         tilted = float(self._xmat[self.trunk, 8]) < math.cos(FALL_TILT)
         self.fallen = (self.fallen and not first) or touched or tilted
+
+    def displaced(self, way: Displacement) -> None:
+        """Take it that the robot was put elsewhere: no foot has slipped by that, no sole has twisted."""
+        self.feet.start[:] = way.of(self.feet.start)
+        for normal in self.feet.normal:
+            way.turned(normal)
+        if self.soles is not None:
+            self.soles.start += way.turn
 
     def feet_now(self) -> FeetTruth:
         """A copy of the feet's state."""

@@ -28,6 +28,7 @@ from surefoot.schemas.topics import (
     SIM_FAULT,
     SIM_FEATURES,
     SIM_PAUSE,
+    SIM_PLACE,
     SIM_PUSH,
     SIM_RESET,
     SIM_RESTORE,
@@ -199,6 +200,16 @@ def test_push_and_set_act_in_their_tick(bench: Bench) -> None:
     assert max(speed[:11]) < 1e-4 < speed[11]
 
 
+def test_the_robot_is_put_elsewhere_in_its_tick(bench: Bench) -> None:
+    bench.reset()
+    assert bench.ask(SIM_PLACE, sim.PlaceRequest(forward=0.1, turn=0.5, at_tick=10)).tick == 10
+    bench.ask(SIM_PLACE, sim.PlaceRequest(forward=40.0, at_tick=12))  # cannot be done then: it stays
+    x = [truth.position[0] for truth in truths(bench.finish())]
+    assert max(abs(a - x[0]) for a in x[:11]) < 1e-3
+    assert x[11] - x[0] == pytest.approx(0.1, abs=1e-3)
+    assert x[-1] == pytest.approx(x[11], abs=1e-3)
+
+
 def test_fault_begins_in_its_tick(bench: Bench) -> None:
     bench.reset()
     bench.ask(SIM_FAULT, sim.FaultRequest(kind="imu_drop", duration=0.03, at_tick=8))
@@ -311,6 +322,8 @@ def test_every_emergency_stop_is_confirmed_at_once_even_in_a_pause(bench: Bench)
         (SIM_FAULT, sim.FaultRequest(kind="servo_dead", target="tail"), "target"),
         (SIM_FAULT, sim.FaultRequest(kind="packet_loss", value=2.0), "value"),
         (SIM_PUSH, sim.PushRequest(force=(1.0, 0.0, 0.0), duration=0.1, at_tick=0), "at_tick"),
+        (SIM_PLACE, sim.PlaceRequest(forward=50.0), "forward"),
+        (SIM_PLACE, sim.PlaceRequest(turn=1.0, at_tick=0), "at_tick"),
         (SIM_RESTORE, sim.RestoreRequest(name="never"), "name"),
     ],
 )
