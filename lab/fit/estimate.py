@@ -13,11 +13,11 @@ from scipy.stats import t as student
 from surefoot.errors import SurefootError
 from surefoot.lab.fit import likelihood as lk
 from surefoot.lab.fit.events import Run
+from surefoot.services.navigator.policies import errors_of
 from surefoot.services.navigator.policy.params import NavigationModel
 
 Array = NDArray[np.float64]
 
-FADE_S = 0.3
 Z95 = 1.959964
 LEAST = 1e-5
 """A standard deviation is taken to be at least this (m or rad)."""
@@ -101,9 +101,11 @@ def _begin(model: NavigationModel) -> Array:
     theta[[lk.RANGE, lk.SHARE, lk.BEARING]] = s.range_sd, s.range_sd_share, s.bearing_sd_deg / DEG
     theta[[lk.STANDING, lk.TILT]] = s.standing_share, s.tilt_sd_deg / DEG
     theta[lk.SWAY] = s.sway_sd
+    theta[lk.PITCH] = s.pitch_deg / DEG
     theta[lk.DRIFT] = 10.0 * model.drift.known_sd_deg / DEG
     theta[lk.WANDER] = 10.0 * walk.drift_walk_deg / DEG
-    return np.maximum(theta, LEAST)
+    positive = np.arange(lk.PARAMETERS) != lk.PITCH
+    return np.where(positive, np.maximum(theta, LEAST), theta)
 
 
 def _free(model: NavigationModel, runs: Sequence[Run]) -> tuple[Wanted, ...]:
@@ -133,6 +135,7 @@ def _free(model: NavigationModel, runs: Sequence[Run]) -> tuple[Wanted, ...]:
         wanted.append(Wanted(lk.SWAY, True, ("sight.sway_sd",)))
     if model.sight.tilt_sd_deg > 0.0:
         wanted.append(Wanted(lk.TILT, True, ("sight.tilt_sd_deg",), DEG))
+        wanted.append(Wanted(lk.PITCH, False, ("sight.pitch_deg",), DEG))
     return tuple(wanted)
 
 
@@ -153,6 +156,8 @@ def _noises(runs: Sequence[Run], model: NavigationModel, found: Fitted, show: Ca
     table = np.array([(a.forward, math.radians(a.turn_deg), float(a.kind == "walk")) for a in model.actions.values()])
     sd = np.array([max(model.filter.position_sd, 1e-3), max(math.radians(model.filter.heading_sd_deg), 1e-3)])
     starts = [np.array(run.start) for run in runs]
+    shared = errors_of(model, sway=True)
+    fades = np.array([min(shared.tilt_fade, 1e6), shared.sway_fade])
 
     def at(x: Array) -> Array:
         full = theta.copy()
@@ -163,7 +168,7 @@ def _noises(runs: Sequence[Run], model: NavigationModel, found: Fitted, show: Ca
     def cost(x: Array) -> float:
         full = at(x)
         total = sum(
-            lk.minus_log_likelihood(run.events, table, start, sd, full, model.sight.camera_height, FADE_S)
+            lk.minus_log_likelihood(run.events, table, start, sd, full, model.sight.camera_height, fades)
             for run, start in zip(runs, starts, strict=True)
         )
         return total if math.isfinite(total) else IMPOSSIBLE
@@ -175,7 +180,7 @@ def _noises(runs: Sequence[Run], model: NavigationModel, found: Fitted, show: Ca
     first = np.array([math.log(theta[i.index]) if i.log else theta[i.index] for i in wanted])
     before = cost(first)
     show(f"{len(runs)} recordings, {found.sightings} sightings, {len(wanted)} noises to fit")
-    bounds = [(math.log(LEAST), 3.0) if i.log else (0.3, 3.0) for i in wanted]
+    bounds = [(math.log(LEAST), 3.0) if i.log else (-0.3, 0.3) if i.index == lk.PITCH else (0.3, 3.0) for i in wanted]
     size = max(1, found.sightings)  # of the order of 1 a sighting: the line search takes sensible steps
     result: Any = minimize(
         lambda x: cost(x) / size, first, jac=lambda x: slope(x) / size, method="L-BFGS-B", bounds=bounds,
@@ -204,6 +209,11 @@ def _put(found: Fitted, model: NavigationModel, key: str, item: Wanted, value: f
         if item.log:
             base = item.factor * math.exp(value)
             found.values[where] = Interval(base, base * math.exp(-Z95 * sigma), base * math.exp(Z95 * sigma))
+            continue
+        if not kind:
+            found.values[where] = Interval(
+                item.factor * value, item.factor * (value - Z95 * sigma), item.factor * (value + Z95 * sigma)
+            )
             continue
         nominal = model.actions[name].forward if key.endswith("forward") else model.actions[name].turn_deg
         ends = sorted((nominal * (value - Z95 * sigma), nominal * (value + Z95 * sigma)))

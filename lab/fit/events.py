@@ -12,11 +12,11 @@ from surefoot.errors import SurefootError
 from surefoot.record.recording import read_recording
 from surefoot.services.navigator.belief.landmarks import LandmarkMap
 from surefoot.services.navigator.belief.matching import DetectionError, SightNoise, match
-from surefoot.services.navigator.belief.tracker import CommonErrors, PoseTracker, Start
+from surefoot.services.navigator.belief.tracker import PoseTracker, Start
 from surefoot.services.navigator.execution import Execution
 from surefoot.services.navigator.localiser import detections
 from surefoot.services.navigator.pilot import Act
-from surefoot.services.navigator.policies import act_of
+from surefoot.services.navigator.policies import act_of, errors_of
 from surefoot.services.navigator.policy.params import NavigationModel
 
 Array = NDArray[np.float64]
@@ -79,7 +79,7 @@ class _Reader:
         self.acts = [act_of(name, action) for name, action in model.actions.items()]
         sight = model.sight
         noise = SightNoise(sight.range_sd, sight.range_sd_share, math.radians(sight.bearing_sd_deg)).wider(GATE_WIDER)
-        shared = CommonErrors(math.radians(sight.tilt_sd_deg), sight.sway_sd, height=sight.camera_height)
+        shared = errors_of(model, sway=True)
         drift = math.radians(model.drift.known_sd_deg) * 10.0
         start = Start(model.filter.position_sd, math.radians(model.filter.heading_sd_deg), drift)
         self.tracker = PoseTracker(start, noise, noise, shared)

@@ -17,14 +17,19 @@ Array = NDArray[np.float64]
 
 ALONG, ACROSS, HEADING, TURN_PLACE, TURN_HEADING = 0, 1, 2, 3, 4  # sd of a whole action, m and rad
 RANGE, SHARE, BEARING, STANDING, TILT, DRIFT, WANDER = 5, 6, 7, 8, 9, 10, 11
-FORWARD, TURNED, SWAY = 12, 13, 14  # SWAY m; what becomes of a commanded way and turn, 1 = what was commanded
-PARAMETERS = 15
+FORWARD, TURNED, SWAY, PITCH = (
+    12,
+    13,
+    14,
+    15,
+)  # SWAY m; PITCH rad, mean of the tilt; what becomes of a commanded way and turn, 1 = what was commanded
+PARAMETERS = 16
 LOG_2PI = math.log(2.0 * math.pi)
 
 
 @free_kernel
 def minus_log_likelihood(
-    events: Array, actions: Array, start: Array, sd_start: Array, theta: Array, height: float, fading: float
+    events: Array, actions: Array, start: Array, sd_start: Array, theta: Array, height: float, fades: Array
 ) -> float:
     """Return -ln L of one run.
 
@@ -35,16 +40,18 @@ def minus_log_likelihood(
         sd_start: standard deviations of position (m) and heading (rad) at the start, (2,).
         theta: parameters, (PARAMETERS,).
         height: of the camera, m.
-        fading: time constant of the tilt's error, s.
+        fades: time constants of tilt and sway, s, (2,); 0 = independent from frame to frame.
     """
     n = 7 if theta[TILT] > 0.0 or theta[SWAY] > 0.0 else 4
     mean, cov, gain, noise = np.zeros(n), np.zeros((n, n)), np.zeros((2, n - 4)), np.zeros(4)
     sds = np.array([theta[TILT], theta[TILT], theta[SWAY]])
-    work = np.zeros((3 * n, max(n, 4)))
+    work, keeps = np.zeros((3 * n, max(n, 4))), np.zeros(3)
     mean[:3] = start
     cov[0, 0] = cov[1, 1] = sd_start[0] ** 2
     cov[2, 2] = sd_start[1] ** 2
     cov[3, 3] = theta[DRIFT] ** 2
+    if n > 4:
+        mean[4] = theta[PITCH]
     for i in range(4, n):
         cov[i, i] = sds[i - 4] ** 2
     total = 0.0
@@ -63,7 +70,9 @@ def minus_log_likelihood(
             predict_with(mean, cov, forward * share, 0.0, turn * share, walked, noise, work)
         elif kind == 1.0:
             if n > 4:
-                fade(mean, cov, math.exp(-events[k, 1] / fading), sds)
+                keeps[0] = keeps[1] = math.exp(-events[k, 1] / fades[0]) if fades[0] > 0.0 else 0.0
+                keeps[2] = math.exp(-events[k, 1] / fades[1]) if fades[1] > 0.0 else 0.0
+                fade(mean, cov, keeps, sds, theta[PITCH])
         else:
             r, b = events[k, 3], events[k, 4]
             scale = theta[STANDING] if events[k, 5] > 0.0 else 1.0

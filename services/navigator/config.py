@@ -10,9 +10,7 @@ from surefoot.lockstep.config import ServiceConfig
 class NavigatorConfig(ServiceConfig):
     """Where the robot starts, what it knows of the world, how it decides."""
 
-    params: str = Field(
-        default="nao", max_length=256, description="model of the robot: a shipped name or a .toml file"
-    )
+    params: str = Field(default="nao", max_length=256, description="model of the robot: a shipped name or a .toml file")
     policy: str = Field(default="planner", max_length=256, description="name or file of the default policy")
     actions: str = Field(default="", max_length=64, description="action set of the model; empty = the model's own")
     control: Literal["commands", "odometry"] = Field(

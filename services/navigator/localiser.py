@@ -19,11 +19,12 @@ from surefoot.services.navigator.belief.lost import (
 )
 from surefoot.services.navigator.belief.matching import DetectionError, Detections, SightNoise
 from surefoot.services.navigator.belief.relocalise import Glance, relocalise
-from surefoot.services.navigator.belief.tracker import CommonErrors, Control, FrameResult, Motion, PoseTracker, Start
+from surefoot.services.navigator.belief.tracker import Control, FrameResult, Motion, PoseTracker, Start
 from surefoot.services.navigator.belief.ukf import wrap
 from surefoot.services.navigator.config import NavigatorConfig
 from surefoot.services.navigator.messages import LostView, Pose, between, placed, pose_message
 from surefoot.services.navigator.pilot import GaitView
+from surefoot.services.navigator.policies import errors_of
 from surefoot.services.navigator.policy.arrays import PER_10CM
 from surefoot.services.navigator.policy.params import NavigationModel
 
@@ -64,8 +65,7 @@ class Localiser:
             math.radians(model.filter.heading_sd_deg),
             math.radians(model.drift.known_sd_deg) * PER_10CM if config.control == "commands" else 0.05,
         )
-        sway = sight.sway_sd if config.control == "commands" else 0.0
-        shared = CommonErrors(math.radians(sight.tilt_sd_deg), sway, height=sight.camera_height)
+        shared = errors_of(model, sway=config.control == "commands")
         self.tracker = PoseTracker(start, noise, standing, shared)
         self.tracker.place((config.start_x, config.start_y, config.start_yaw))
         self.control: Control = config.control

@@ -33,7 +33,7 @@ def pose_message(
         nis: smoothed normalised innovation squared per degree of freedom.
         lost: whether the belief is to be trusted.
     """
-    cov = tracker.cov[:3, :3]
+    cov = tracker.body_covariance()
     return PoseBelief(
         pose=tracker.pose,
         covariance=tuple(cov.ravel().tolist()),

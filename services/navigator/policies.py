@@ -3,7 +3,7 @@
 import math
 
 from surefoot.schemas.navigation import PolicyReply
-from surefoot.services.navigator.belief.tracker import Motion
+from surefoot.services.navigator.belief.tracker import CommonErrors, Motion
 from surefoot.services.navigator.config import NavigatorConfig
 from surefoot.services.navigator.pilot import Act
 from surefoot.services.navigator.policy.arrays import PER_10CM, arrays
@@ -24,6 +24,17 @@ def act_of(name: str, action: Action) -> Act:
             drifting=(math.radians(action.drift_walk_deg) * PER_10CM) ** 2,
         ),
         action.duration,
+    )  # fmt: skip
+
+
+def errors_of(model: NavigationModel, *, sway: bool) -> CommonErrors:
+    """Return the errors that the landmarks of a frame share; `sway`: nothing measures that of the body."""
+    sight = model.sight
+    keep = sight.tilt_keep
+    fade = math.inf if keep >= 1.0 else -0.1 / math.log(keep) if keep > 0.0 else 0.0  # of frames 0.1 s apart
+    return CommonErrors(
+        math.radians(sight.tilt_sd_deg), math.radians(sight.pitch_deg), sight.sway_sd if sway else 0.0,
+        tilt_fade=fade, height=sight.camera_height,
     )  # fmt: skip
 
 

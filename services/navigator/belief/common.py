@@ -26,18 +26,20 @@ NEAREST = 0.1
 
 
 @row_kernel
-def fade(mean: Array, cov: Array, keep: float, sds: Array) -> None:
-    """Let the share `keep` of the errors stay and add noise so that their standard deviations tend to sds, in place.
+def fade(mean: Array, cov: Array, keeps: Array, sds: Array, pitch: float) -> None:
+    """Let a share of each error stay and add noise so that their standard deviations tend to sds, in place.
 
     Args:
         mean: state, (n,), n > 4.
         cov: covariance, (n, n).
-        keep: 0 to 1.
+        keeps: shares, (3,), 0 to 1.
         sds: (3,) rad, rad, m.
+        pitch: rad, what the error of pitch is in the mean; the others are 0.
     """
     n = mean.size
     for i in range(NUISANCE, n):
-        mean[i] *= keep
+        centre, keep = (pitch if i == NUISANCE else 0.0), keeps[i - NUISANCE]
+        mean[i] = centre + keep * (mean[i] - centre)
         for j in range(n):
             cov[i, j] *= keep
         for j in range(n):

@@ -67,10 +67,14 @@ class CommonErrors:
 
     tilt: float = 0.0
     """rad, standard deviation of pitch and of roll that the camera does not know; 0 = the tilt is known."""
+    pitch: float = 0.0
+    """rad, error of pitch in the mean: a walking robot leans."""
     sway: float = 0.0
     """m, of the body beside its path; 0 where it is measured."""
-    fade: float = 0.3
-    """s, time constant."""
+    tilt_fade: float = 0.3
+    """s, time constant of the tilt,"""
+    sway_fade: float = 0.3
+    """s, and of the sway."""
     height: float = 0.45
     """m, of the camera over the floor."""
 
@@ -82,6 +86,11 @@ class CommonErrors:
     def array(self) -> Array:
         """Standard deviations in the order of the states, (3,)."""
         return np.array([self.tilt, self.tilt, self.sway])
+
+    def kept(self, dt: float) -> tuple[float, float, float]:
+        """Return the shares of the errors that are left after dt s."""
+        tilt, sway = (math.exp(-dt / fade) if fade > 0.0 else 0.0 for fade in (self.tilt_fade, self.sway_fade))
+        return (tilt, tilt, sway)
 
     def widen(self, noise: SightNoise) -> SightNoise:
         """Return the noise with what the detections of a frame have in common, for matching; at `TYPICAL` distance."""
@@ -133,7 +142,7 @@ class PoseTracker:
         self._work = ukf.work_space(self.n)
         self._gain = np.zeros((2, self.n - STATES))
         self._noise = np.zeros(4)
-        self._sds = self.shared.array()
+        self._sds, self._keeps = self.shared.array(), np.zeros(3)
         self._faded_at = 0.0
         self.world: LandmarkMap | None = None
         self.frames = 0
@@ -157,6 +166,8 @@ class PoseTracker:
         else:
             self.cov[:3, :3] = cov
         self.mean[3], self.cov[3, 3] = (drift, variance) if keep_drift else (0.0, self.start.drift**2)
+        if self.n > STATES:
+            self.mean[STATES] = self.shared.pitch
         for i in range(STATES, self.n):
             self.cov[i, i] = float(self._sds[i - STATES]) ** 2
 
@@ -164,6 +175,16 @@ class PoseTracker:
     def pose(self) -> tuple[float, float, float]:
         """x, y in m and heading in rad, frame map."""
         return (float(self.mean[0]), float(self.mean[1]), float(self.mean[2]))
+
+    def body_covariance(self) -> Array:
+        """Return the covariance of base_link, (3, 3) in m and rad: the pose's, and the sway across the heading."""
+        cov = self.cov[:3, :3].copy()
+        c, s, variance = math.cos(float(self.mean[2])), math.sin(float(self.mean[2])), self.shared.sway**2
+        cov[0, 0] += s * s * variance
+        cov[1, 1] += c * c * variance
+        cov[0, 1] -= s * c * variance
+        cov[1, 0] -= s * c * variance
+        return cov
 
     @property
     def entropy(self) -> float:
@@ -218,6 +239,6 @@ class PoseTracker:
 
     def _fade(self, time: float) -> None:
         if self.n > STATES:
-            keep = math.exp(-max(0.0, time - self._faded_at) / self.shared.fade)
+            self._keeps[:] = self.shared.kept(max(0.0, time - self._faded_at))
             self._faded_at = time
-            common.fade(self.mean, self.cov, keep, self._sds)
+            common.fade(self.mean, self.cov, self._keeps, self._sds, self.shared.pitch)

@@ -86,6 +86,7 @@ class Sight(_Part):
     standing_share: Positive = Field(default=0.4, description="noise standing, relative to moving")
     moving_match_share: Share = Field(default=1.0, description="factor on the match probability of all moving actions")
     tilt_sd_deg: NotNegative = Field(default=0.0, description="deg, roll and pitch error common to a frame; 0 = none")
+    pitch_deg: float = Field(default=0.0, ge=-20, le=20, description="deg, error of pitch in the mean, downwards")
     tilt_keep: Share = Field(default=0.0, description="share of the tilt error that the next frame of 0.1 s has again")
     sway_sd: NotNegative = Field(default=0.0, description="m, sway of the body beside the path that commands tell of")
     camera_height: Positive = Field(default=0.45, description="m above the floor")

@@ -11,7 +11,7 @@ from surefoot.services.navigator.belief.landmarks import LandmarkMap
 from surefoot.services.navigator.belief.matching import DetectionError, Detections, SightNoise
 from surefoot.services.navigator.belief.tracker import CommonErrors, Motion, PoseTracker, Start
 
-TILT = CommonErrors(math.radians(2.5), sway=0.02, fade=0.3, height=0.45)
+TILT = CommonErrors(math.radians(2.5), sway=0.02, tilt_fade=5.0, height=0.45)
 NOISE = SightNoise(0.0, 0.03, math.radians(1.5))
 STEP = Motion(
     0.0055, 0.0, 0.0, 0.0055, along=1e-6, across=1e-6, heading=math.radians(0.4) ** 2, drifting=1e-6
@@ -29,7 +29,7 @@ def walk(seed: int, tilted: CommonErrors, believed: CommonErrors, seconds: float
     drift, error, keep = (
         0.4 * rng.standard_normal(),
         tilted.array() * rng.standard_normal(3),
-        math.exp(-0.1 / tilted.fade),
+        np.array(tilted.kept(0.1)),
     )
     gain = np.zeros((2, 3))
     for k in range(round(seconds / 0.1)):
@@ -39,7 +39,7 @@ def walk(seed: int, tilted: CommonErrors, believed: CommonErrors, seconds: float
         c, s = math.cos(theta + 0.5 * turn), math.sin(theta + 0.5 * turn)
         x, y, theta = x + forward * c - left * s, y + forward * s + left * c, theta + turn
         drift += math.sqrt(STEP.drifting) * rng.standard_normal()
-        error = keep * error + math.sqrt(1.0 - keep * keep) * tilted.array() * rng.standard_normal(3)
+        error = keep * error + np.sqrt(1.0 - keep * keep) * tilted.array() * rng.standard_normal(3)
         tracker.move(STEP)
         away = places - (x, y)
         r, a = np.hypot(*away.T), np.arctan2(away[:, 1], away[:, 0]) - theta
