@@ -35,8 +35,10 @@ class Glance:
 class RelocaliseLimits:
     """When a pose is returned."""
 
-    sure: float = 0.99
+    sure: float = 0.999
     """Least probability of the best place."""
+    heading_sd: float = 0.15
+    """rad, largest standard deviation of its heading: one false sighting bends a looser one."""
     least: int = 3
     """Landmarks that the best place has to explain."""
     false: float = 0.1
@@ -163,7 +165,7 @@ def _decided(places: Array, known: int, tried: int, noise: SightNoise, limits: R
     reason: Reason = ""
     if tried >= limits.tries:
         reason = "ambiguous"
-    elif first < limits.sure or best[kernel.EXPLAINED] < limits.least:
+    elif first < limits.sure or best[kernel.EXPLAINED] < limits.least or cov[2, 2] > limits.heading_sd**2:
         none = math.exp(chance - top) / whole
         reason = "ambiguous" if second > 0.5 * (1.0 - first) else "unknown" if none > first else "unsure"
     explained = int(best[kernel.EXPLAINED])

@@ -25,6 +25,8 @@ Index = NDArray[np.int64]
 
 WIDE = 13.8  # chi^2_2(.999): a candidate farther from its sighting does not explain it
 
+BESIDE = 0.3  # m and rad, of a pose from a place that the same pair led to
+
 # columns of a place
 X, Y, HEADING, EVIDENCE, EXPLAINED, COV = 0, 1, 2, 3, 4, 5
 
@@ -218,14 +220,25 @@ def evidence(spread: Array, chosen: Index, far: Array, false: Array, view: float
 
 
 @row_kernel
+def agree(one: Array, other: Array) -> bool:
+    """Whether two places (14,) are one within their covariances: no coordinate differs by 4 standard deviations."""
+    for k in range(3):
+        d = one[k] - other[k] if k < 2 else wrapped(one[k] - other[k])
+        if d * d > 16.0 * (one[COV + 4 * k] + other[COV + 4 * k]):
+            return False
+    return True
+
+
+@row_kernel
 def keep(places: Array, chosen_of: Index, filled: int, row: Array, chosen: Index) -> int:
-    """Enter a place into the list of the best (p, 14); one that explains half of its sightings alike is the same."""
+    """Enter a place into the list of the best (p, 14); one that explains half of its sightings alike and
+    lies within the covariances is the same."""
     same = -1
     for p in range(filled):
         shared = 0
         for i in range(chosen.size):
             shared += chosen[i] >= 0 and chosen[i] == chosen_of[p, i]
-        if 2 * shared > min(row[EXPLAINED], places[p, EXPLAINED]):
+        if 2 * shared > min(row[EXPLAINED], places[p, EXPLAINED]) and agree(row, places[p]):
             if places[p, EVIDENCE] >= row[EVIDENCE]:
                 return filled
             if same < 0:
@@ -301,20 +314,23 @@ def search(
                     reach2 = wx * wx + wy * wy
                     if p == q or reach2 > (length + slack) ** 2 or reach2 < max(0.0, length - slack) ** 2:
                         continue
-                    known = False
-                    for r in range(filled):  # a place that explains both alike is found already
-                        known = known or (chosen_of[r, i] == p and chosen_of[r, j] == q)
-                    if known:
-                        continue
-                    if tried == tries:
-                        return places[:filled], tried
-                    tried += 1
                     heading = wrapped(math.atan2(wy, wx) - math.atan2(uy, ux))
                     c, s = math.cos(heading), math.sin(heading)
                     mx, my = 0.5 * (place[i, 0] + place[j, 0]), 0.5 * (place[i, 1] + place[j, 1])
                     pose[0] = 0.5 * (positions[p, 0] + positions[q, 0]) - c * mx + s * my
                     pose[1] = 0.5 * (positions[p, 1] + positions[q, 1]) - s * mx - c * my
                     pose[2] = heading
+                    known = False
+                    for r in range(filled):  # a place close by that explains both alike is found already
+                        if chosen_of[r, i] == p and chosen_of[r, j] == q:
+                            beside = abs(wrapped(heading - places[r, HEADING])) < BESIDE
+                            beside = beside and abs(pose[0] - places[r, X]) + abs(pose[1] - places[r, Y]) < BESIDE
+                            known = known or beside
+                    if known:
+                        continue
+                    if tried == tries:
+                        return places[:filled], tried
+                    tried += 1
                     loose = 0.5 * largest / length2
                     explained = associate(pose, loose, 2.0, place, spread, starts, members, positions, chosen, far)
                     if explained < 2:
