@@ -5,6 +5,7 @@ detections false), 10 frames a second. Its belief is an extended Kalman filter o
 and 90 degrees it has to notice; then it stands, looks, turns on the spot where that is not enough.
 
     python -m benchmarks.bench_navigator_lost --displacements 100 --hours 10 --density 40 --camera easy
+    python -m benchmarks.bench_navigator_lost --standing 1000      share relocalised by s of standing, without turning
 """
 
 import argparse
@@ -257,6 +258,30 @@ def alarms(
     return count, off, nees
 
 
+def standing(count: int, camera: str, noise: SightNoise, copied: float, first: int) -> None:
+    """Print how often a robot that only stands and looks along the floor is relocalised, by density and time."""
+    print(f"{'camera':6} {'per m2':>6} {'frames':>6} {'right':>7} {'none':>7} {'wrong':>7} {'NEES/3':>7}")
+    for density in (60.0, 40.0, 10.0, 5.0):
+        for frames in (1, 5, 10, 30):
+            right, wrong, nees = 0, 0, list[float]()
+            for seed in range(first, first + count):
+                robot = Robot(corridor(seed, density, copied), noise, seed)
+                robot.truth[2] = robot.rng.uniform(-0.5, 0.5)
+                robot.mode = "stand"
+                found = relocalise([Glance(robot.look()) for _ in range(frames)], robot.world, noise)
+                if found.pose is None:
+                    continue
+                far, turned = robot.error(np.array(found.pose))
+                wrong += int(far > 0.3 or turned > 0.5)
+                right += int(far <= 0.3 and turned <= 0.5)
+                e = np.array(found.pose) - robot.truth
+                e[2] = wrapped(e[2])
+                nees.append(float(e @ np.linalg.solve(found.covariance, e)) / 3)
+            none, mean = count - right - wrong, float(np.mean(nees)) if nees else math.nan
+            shares = " ".join(f"{value / count:7.3f}" for value in (right, none, wrong))
+            print(f"{camera:6} {density:6.0f} {frames:6} {shares} {mean:7.2f}", flush=True)
+
+
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -266,9 +291,13 @@ def main() -> None:
     parser.add_argument("--copied", type=float, default=0.5, help="share of landmarks that look like nine others")
     parser.add_argument("--camera", choices=("easy", "rough"), default="easy")
     parser.add_argument("--first", type=int, default=1000, help="first seed")
+    parser.add_argument("--standing", type=int, default=0, help="robots of the table of standing; nothing else is run")
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     noise = EASY if args.camera == "easy" else ROUGH
+    if args.standing:
+        standing(args.standing, args.camera, noise, args.copied, args.first)
+        return
     rows = [displacement(args.first + i, args.density, noise, args.copied) for i in range(args.displacements)]
     noticed = np.array([math.inf if row["noticed"] is None else row["noticed"] for row in rows])
     recovered = np.array([math.inf if row["recovered"] is None else row["recovered"] for row in rows])
