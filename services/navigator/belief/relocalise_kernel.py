@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from surefoot.geometry.linear_kernels import inverse3
 from surefoot.kernels.jit import row_kernel
 from surefoot.services.navigator.belief.gate_kernel import apart2, variances, wrapped
-from surefoot.services.navigator.belief.matching_kernel import likeness
+from surefoot.services.navigator.belief.matching_kernel import likeness, order_of
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -296,7 +296,7 @@ def search(
     filled, tried = 0, 0
     pose, chosen, far = np.zeros(3), np.full(n, -1), np.zeros(n)
     row = np.zeros(14)
-    few = np.argsort(starts[1:] - starts[:-1], kind="mergesort")  # those with few candidates first
+    few = order_of((starts[1:] - starts[:-1]) * 1.0, starts)  # those with few candidates first
     for second in range(1, n):
         for first in range(second):
             i, j = few[first], few[second]

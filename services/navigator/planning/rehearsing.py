@@ -1,0 +1,23 @@
+"""A dry run of planning on a made-up floor: calls every kernel that it uses."""
+
+import contextlib
+
+import numpy as np
+
+from surefoot.services.navigator.planning.costs import prepare
+from surefoot.services.navigator.planning.grid import OCCUPIED, Grid
+from surefoot.services.navigator.planning.route import RouteError, plan
+
+LARGE_SIDE = 560
+"""Cells; from about this size on a map gets marks, see `costs.LARGE`."""
+
+
+def rehearse_planning() -> None:
+    """Plan a route around a wall on a small and on a large map, and one into the wall."""
+    for side in (40, LARGE_SIDE):
+        cells = np.zeros((side, side), dtype=np.int8)
+        cells[:-15, 20:22] = OCCUPIED
+        costs = prepare(Grid(cells, 0.05))
+        plan(costs, (0.4, 0.4), (1.7, 0.4))
+        with contextlib.suppress(RouteError):
+            plan(costs, (0.4, 0.4), (1.05, 0.4))
