@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 from surefoot.errors import Refusal
 from surefoot.services.navigator.belief import matching_kernel as kernel
 from surefoot.services.navigator.belief.landmarks import LandmarkMap
-from surefoot.services.navigator.belief.matching import Detections, Matches, SightNoise, known_elsewhere
+from surefoot.services.navigator.belief.matching import Detections, Matches, MatchLimits, SightNoise, known_elsewhere
 
 Shares = tuple[float, float, float]
 """Of detections here, elsewhere, strange."""
@@ -169,7 +169,12 @@ def in_view(world: LandmarkMap, pose: tuple[float, float, float], footprint: Foo
 
 
 def evidence_of(
-    matches: Matches, seen: Detections, world: LandmarkMap, noise: SightNoise, expected: float = 0.0
+    matches: Matches,
+    seen: Detections,
+    world: LandmarkMap,
+    noise: SightNoise,
+    expected: float = 0.0,
+    limits: MatchLimits | None = None,
 ) -> FrameEvidence:
     """Return what a frame says about whether the pose is wrong.
 
@@ -182,11 +187,12 @@ def evidence_of(
         world: landmarks.
         noise: of the camera.
         expected: landmarks in view there times the share that is recognised in this action; 0 = not known.
+        limits: those of the match; None = the defaults of `MatchLimits`.
     """
     counts = matches.counts
     here = counts["matched"] + counts["surplus"] + counts["doubled"] + counts["ambiguous"]
     away = counts["far"] + counts["unlike"]
-    elsewhere = known_elsewhere(matches, seen, world, noise)
+    elsewhere = known_elsewhere(matches, seen, world, noise, limits)
     return FrameEvidence(here, elsewhere, away - elsewhere, tuple(matches.nis.tolist()), expected)
 
 

@@ -200,15 +200,24 @@ def check_length(seen: Detections, world: LandmarkMap) -> None:
         raise DetectionError("bad_descriptor", text, "descriptor")
 
 
-def known_elsewhere(matches: Matches, seen: Detections, world: LandmarkMap, noise: SightNoise) -> int:
+def known_elsewhere(
+    matches: Matches, seen: Detections, world: LandmarkMap, noise: SightNoise, limits: MatchLimits | None = None
+) -> int:
     """Count the detections that look like a landmark of the map, but like none where they were seen.
 
     Few if the pose is right: a wrong detection now and then. Nearly all if it is wrong.
+
+    Args:
+        matches: of the frame at the believed pose.
+        seen: its detections.
+        world: landmarks.
+        noise: of the camera.
+        limits: those of the match; None = the defaults of `MatchLimits`.
     """
     wanted = np.flatnonzero((matches.fates == FAR) | (matches.fates == UNLIKE))
     if not wanted.size:
         return 0
-    look = MatchLimits().look(noise, world.descriptor_length)
+    look = (limits or MatchLimits()).look(noise, world.descriptor_length)
     return kernel.known_anywhere(seen.looks, wanted, world.columns, look)
 
 

@@ -296,7 +296,7 @@ def search(
     filled, tried = 0, 0
     pose, chosen, far = np.zeros(3), np.full(n, -1), np.zeros(n)
     row = np.zeros(14)
-    few = order_of((starts[1:] - starts[:-1]) * 1.0, starts)  # those with few candidates first
+    few = order_of((starts[1:] - starts[:-1]).astype(np.float64), starts)  # those with few candidates first
     for second in range(1, n):
         for first in range(second):
             i, j = few[first], few[second]
