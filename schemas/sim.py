@@ -97,7 +97,7 @@ class World(Request):
 class ResetRequest(Request):
     """Builds the world anew and raises the epoch; the run begins when every expected service is ready."""
 
-    schema_version: ClassVar[str] = "1.2"
+    schema_version: ClassVar[str] = "1.3"
     seed: int = Field(default=0, ge=0, lt=2**31, description="seed of everything random in the run")
     world: World = Field(default_factory=World, description="which world")
     expect: tuple[str, ...] = Field(default=(), description="services that must be ready before tick 0")
@@ -166,6 +166,7 @@ class SetRequest(Request):
 class FaultRequest(Request):
     """Breaks something for a while."""
 
+    schema_version: ClassVar[str] = "1.1"
     kind: FaultKind = Field(description="which fault")
     target: str = Field(default="", max_length=64, description="joint or leg name where the fault has one")
     value: float = Field(
