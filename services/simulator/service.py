@@ -160,9 +160,6 @@ class Simulator(Driver[SimulatorConfig]):
         landmarks = [] if self._landmarks is None else [(TERRAIN_LANDMARKS, self._landmarks)]
         return [(TERRAIN_MAP, self._map), *landmarks]
 
-    def lacking(self) -> tuple[Topic, ...]:  # pyright: ignore[reportMissingTypeArgument] - rows of any model
-        return (TERRAIN_LANDMARKS,) if self._landmarks is None else ()
-
     def on_message(self, topic: Topic, message: Message) -> None:  # pyright: ignore[reportMissingTypeArgument]
         """Emergency stop: hold the joints where they are until the next reset; whoever asked is told at once."""
         if not isinstance(message, EmergencyStop):
@@ -218,6 +215,7 @@ class Simulator(Driver[SimulatorConfig]):
             raise Refusal("invalid", str(error), f"world.{field}") from None
         field = None if self.world.sight is None else self.world.sight.landmarks
         self._landmarks = None if field is None else landmark_message(field, request.seed)
+        self.lacking = (TERRAIN_LANDMARKS,) if field is None else ()
         self._map = map_message(heights.with_z(heights.z, version=1), terrain, w.map_profile)
         self._request = request
 

@@ -47,6 +47,8 @@ class Driver(Service[C]):
     """Base of drivers: overrides three methods; the roster and the clock are the runtime's."""
 
     leader: ClassVar[type[Leader]] = Leader
+    lacking: tuple[Topic[Any], ...] = ()
+    """Declared outputs that this hardware does not have: no reader waits for them."""
 
     def release(self, tick: int) -> list[Sample]:
         """Samples whose stamp is at or before the beginning of ``tick`` and that were not released yet."""
@@ -66,10 +68,6 @@ class Driver(Service[C]):
     def latched(self) -> list[tuple[Topic[Any], Message]]:
         """Latched messages of this epoch."""
         return []
-
-    def lacking(self) -> tuple[Topic[Any], ...]:
-        """Declared outputs that this hardware does not have: no reader waits for them."""
-        return ()
 
     def on_begin(self) -> None:
         """Once, when the runtime is up: may begin the first run."""
@@ -245,21 +243,14 @@ class DriverNode(Node):
         for topic in self.service.outputs:
             self._publishers[topic.key].prime()
         leader = self.leader
-        roster = sorted({*leader.expect, *leader.members, *self._joining})
-        lacking = {topic.key for topic in self.driver.lacking()}
-        rows = (*self.service.outputs, *self.service.serves)
-        self._publishers[HW_TICK.key].put(
-            Tick(
-                tick=-1,
-                epoch=leader.epoch,
-                source=self.name,
-                roster=tuple(roster),
-                due=tuple(row.key for row in rows if row.key not in lacking),
-                mode=leader.mode,
-                roster_version=leader.roster_version,
-                seed=leader.seed,
-            )
-        )
+        roster = tuple(sorted({*leader.expect, *leader.members, *self._joining}))
+        rows = (*self.driver.outputs, *self.driver.serves)
+        prime = Tick(
+            tick=-1, epoch=leader.epoch, source=self.name, roster=roster, mode=leader.mode, seed=leader.seed,
+            roster_version=leader.roster_version,
+            due=tuple(row.key for row in rows if row not in self.driver.lacking),
+        )  # fmt: skip
+        self._publishers[HW_TICK.key].put(prime)
         self.bus.flush()
 
     def _tell_latched(self) -> None:
