@@ -11,7 +11,7 @@ from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.physics.disturb import WorldError
 from surefoot.services.simulator.physics.unequal import UnequalLegs
 from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
-from surefoot.services.walker.biped import posture
+from surefoot.services.walker.biped import plan, posture
 from surefoot.services.walker.biped.ik import leg_geometry
 from surefoot.services.walker.interface import MotionCommand
 from tests.services.walker.biped.biped_plant import Plant
@@ -57,6 +57,30 @@ def test_seen_from_a_standing_foot_the_trunk_goes_along_an_arc(name, drift, foot
         forward, left = math.sin(turn) / drift, (1.0 - math.cos(turn)) / drift
         expected = begin + np.array([c * forward - s * left, s * forward + c * left, turn])
         assert now == pytest.approx(expected, abs=2e-4)
+
+
+@pytest.mark.parametrize("drift", [-0.7, 0.35])
+@pytest.mark.parametrize("curvature", [-4.0, 2.0])
+def test_on_arcs_the_drift_comes_on_top(curvature, drift):
+    """Two steps of 5 cm of an arc, one on each foot: the turn is the arc's and the drift's."""
+    robot = load_robot("nao")
+    legs, geometry = UnequalLegs(robot, drift), leg_geometry(robot)
+    neutral = kinematics.foot_positions(robot.model, robot.neutral)
+    width, step, turned = float(abs(geometry.hip[0, 1])), 2.0 * HALF_STEP, 0.0
+    before, now = np.zeros(3), plan.advanced(np.zeros(3), step, 0.0, curvature * step)
+    after = plan.advanced(now, step, 0.0, curvature * step)
+    for stance in (plan.LEFT, plan.RIGHT):
+        yaws = []
+        for swing in (plan.placed(before, 1 - stance, width), plan.placed(after, 1 - stance, width)):
+            feet = np.zeros((2, 4))
+            feet[stance, :3], feet[1 - stance, :3] = plan.placed(now, stance, width), swing
+            middle, q = plan.between(feet), robot.neutral.copy()
+            back = neutral[0, 0] * np.array([math.cos(middle[2]), math.sin(middle[2])])
+            trunk = np.array([*(middle[:2] - back), middle[2], -neutral[0, 2]])
+            posture.pose_legs(geometry, q, feet, trunk, np.zeros(2))
+            yaws.append(trunk_from(robot, legs(q), stance)[2])
+        turned += yaws[1] - yaws[0]
+    assert turned == pytest.approx(2.0 * step * (curvature + drift), abs=0.01 * 2.0 * step * abs(drift))
 
 
 @pytest.mark.parametrize("name", BOTH)
