@@ -62,9 +62,7 @@ def make_sarsa(
         if training.done % 500 == 0 or training.done == schedule.episodes:
             recent = training.seconds[max(0, training.done - 100) : training.done].mean()
             with lock:
-                tell(
-                    f"seed {training.seed}: {training.done} of {schedule.episodes} episodes, the last take {recent:.1f} s"
-                )
+                tell(f"seed {training.seed}: {training.done} of {schedule.episodes} episodes, now {recent:.1f} s each")
 
     def one(number: int) -> tuple[Policy, Trained]:
         training, path = Training(model, number, schedule), checkpoint(out, number)

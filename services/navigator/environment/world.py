@@ -275,7 +275,9 @@ def look(
             seen_b += gain[1, 0] * truth[4] + gain[1, 1] * truth[5]
         seen_r = max(seen_r, 0.01)
         if n > NUISANCE:
-            tilt_gain(max(seen_r, action[RANGE_MIN]), seen_b, scene[HEIGHT], gain)
+            px, py = marks[k, 0] - mean[0], marks[k, 1] - mean[1]  # as predicted: what is seen is noisy
+            near = max(math.sqrt(px * px + py * py), action[RANGE_MIN])
+            tilt_gain(near, math.atan2(py, px) - mean[2], scene[HEIGHT], gain)
         update_with(
             mean, cov, marks[k, 0], marks[k, 1], seen_r, wrap(seen_b), var_r, action[SD_BEARING] ** 2, gain, work
         )

@@ -208,27 +208,29 @@ def _planned(
     values: Array,
     work: Array,
 ) -> None:
-    """Values of all actions in s (negative): the table averaged over the belief; standing by what it would show.
+    """Write the values of all actions, s (negative): the table averaged over a share of the belief's spread.
 
-    Value of a stand: -its seconds + mean over where the estimate may then be of the best action's average value. It is
-    compared with the actions' averages over the belief of now, so it pays where what is seen can change the choice.
+    Value of a stand: -its seconds, -what stopping and starting cost, + SIGHT_SHARE * gain + the best value of going on
+    after it. The gain is that of deciding after the look: the mean over where the estimate may then be of the best
+    value there, less the best of the actions' means over the same places; it is >= 0, and > 0 where what is seen can
+    change the choice.
     """
     na = actions.shape[0]
     left4, moved4, average, there, single = work[20:24], work[24:28], work[30, 0:na], work[31, 0:4], work[32, 0:na]
     _top4(mean, cov, work)
     spread(work[0:4], left4)
     _average(numbers, table, grid, actions, mean, left4, gx, gy, radius, values)
-    can_stand, now = -1, -math.inf
+    can_stand, later = -1, -math.inf  # value of going on after a stand
     for a in range(na):
         kind = int(actions[a, KIND])
-        values[a] -= switching[last, kind]
         if kind == STAND:
             can_stand = a
         else:
-            now = max(now, values[a])
+            later = max(later, values[a] - switching[STAND, kind])
+        values[a] -= switching[last, kind]
     if can_stand < 0:
         return
-    stand = now - actions[can_stand, SECONDS] - switching[last, STAND]
+    stand = later - actions[can_stand, SECONDS] - switching[last, STAND]
     if numbers[SIGHT_SHARE] > 0.0:
         after_sight(mean[2], shown, work)
         spread(work[8:12], moved4)

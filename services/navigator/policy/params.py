@@ -160,6 +160,10 @@ class NavigationModel(_Part):
     def _consistent(self) -> Self:
         if self.use not in self.action_sets:
             raise ValueError(f"use: got {self.use!r}, allowed are {', '.join(self.action_sets)}")
+        for name, action in self.actions.items():
+            wrong = _contradiction(action)
+            if wrong:
+                raise ValueError(f"actions.{name}: {wrong}")
         for title, names in self.action_sets.items():
             unknown = [name for name in names if name not in self.actions]
             if unknown or len(set(names)) != len(names) or not names:
@@ -171,10 +175,6 @@ class NavigationModel(_Part):
                 raise ValueError(f"action_sets.{title}: has {sorted(kinds)}, but needs walk and turn")
             for name in names:
                 mirror_of(self, name, names)
-        for name, action in self.actions.items():
-            wrong = _contradiction(action)
-            if wrong:
-                raise ValueError(f"actions.{name}: {wrong}")
         refuse_standing_for_ever(self)
         return self
 

@@ -1,0 +1,123 @@
+"""Policy files: what is written is read, and nothing else is."""
+
+import io
+import pickle
+import zipfile
+
+import numpy as np
+import pytest
+
+from surefoot.errors import Refusal
+from surefoot.services.navigator.policy.arrays import arrays
+from surefoot.services.navigator.policy.files import MEMBERS, content_of, load_policy, parse, save, shipped
+from surefoot.services.navigator.policy.library import find, known
+from surefoot.services.navigator.policy.params import load
+from surefoot.services.navigator.policy.policies import Policy, hand
+
+
+@pytest.fixture(scope="module")
+def policy():
+    world = arrays(load("paper"))
+    rng = np.random.default_rng(0)
+    return Policy(
+        "x", 3, world.names, np.zeros(8), rng.normal(size=(2, 3, 4, 4)), np.zeros(6), np.eye(3), {"seed": "1"}
+    )
+
+
+def changed(policy, **members):
+    with np.load(io.BytesIO(content_of(policy))) as file:
+        held = {m: file[m] for m in MEMBERS}
+    held.update(members)
+    buffer = io.BytesIO()
+    np.savez(buffer, **{k: v for k, v in held.items() if v is not None})
+    return buffer.getvalue()
+
+
+def test_round_trip_and_equal_bytes(policy, tmp_path):
+    digest = save(policy, tmp_path / "p.npz")
+    again = load_policy(tmp_path / "p.npz", policy.actions)
+    assert again.sha256 == digest
+    assert (again.kind, again.actions, dict(again.provenance)) == (3, policy.actions, {"seed": "1"})
+    assert again.table == pytest.approx(policy.table, abs=1e-6)
+    assert content_of(policy) == content_of(policy)
+    assert not list(tmp_path.glob("*.part"))
+
+
+@pytest.mark.parametrize(
+    "members",
+    [
+        {"version": np.int64(2)},
+        {"kind": np.str_("oracle")},
+        {"table": np.full((2, 3, 4, 4), np.nan, dtype=np.float32)},
+        {"table": np.zeros((2, 3, 4, 5), dtype=np.float32)},
+        {"table": np.zeros((0, 3, 4, 4), dtype=np.float32)},
+        {"table": np.zeros((2, 3, 4, 4), dtype=np.int64)},
+        {"numbers": np.zeros(3)},
+        {"numbers": np.full(8, np.inf)},
+        {"grid": None},
+        {"provenance": np.str_("[1]")},
+        {"provenance": np.str_("{")},
+        {"actions": np.array([b"walk", None], dtype=object)},
+    ],
+)
+def test_wrong_members_are_refused(policy, members):
+    with pytest.raises(Refusal) as caught:
+        parse(changed(policy, **members), "p", "p.npz")
+    assert caught.value.field == "policy"
+
+
+def test_truncated_foreign_and_pickled_files_are_refused(policy, tmp_path):
+    content = content_of(policy)
+    made = []
+
+    class Evil:
+        def __reduce__(self):
+            return made.append, (1,)
+
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w") as z:
+        z.writestr("table.npy", pickle.dumps(Evil()))
+    damaged = [
+        content[: len(content) // 2],
+        content[:-30],
+        b"PK\x03\x04",
+        pickle.dumps(Evil()),
+        archive.getvalue(),
+        b"",
+    ]
+    for number, each in enumerate(damaged):
+        path = tmp_path / f"{number}.npz"
+        path.write_bytes(each)
+        with pytest.raises(Refusal):
+            load_policy(path)
+    with pytest.raises(Refusal):
+        load_policy(tmp_path / "absent.npz")
+    assert made == []
+
+
+def test_other_actions_are_refused_with_both_lists(policy):
+    with pytest.raises(Refusal, match="arc_left_11") as caught:
+        parse(content_of(policy), "p", "p.npz", arrays(load("paper", ["use='arcs'"])).names)
+    assert caught.value.code == "policy_actions"
+
+
+def test_policies_that_ship_can_be_found_by_name_for_their_robot():
+    for stem, path in shipped().items():
+        found = load_policy(path)
+        model = load(found.provenance["model"], [f"use={found.provenance['action_set']!r}"])
+        assert find(stem, model).sha256 == found.sha256
+        assert found.provenance["model_sha256"] == model.sha256(), f"{stem} is of other parameters: train it again"
+
+
+def test_the_planner_of_a_shipped_robot_is_its_file_and_of_another_is_computed():
+    assert find("planner", load("nao")).sha256
+    assert not find("planner", load("paper")).sha256
+    with pytest.raises(Refusal, match="did you mean 'planner'"):
+        find("planer", load("paper"))
+    assert {"hand", "tuned", "steer", "planner", "sarsa"} <= set(known())
+
+
+def test_a_rule_can_be_kept_in_a_file(tmp_path):
+    world = arrays(load("paper"))
+    save(hand(world, turn_deg=20.0), tmp_path / "mine.npz")
+    assert find(str(tmp_path / "mine.npz"), load("paper")).numbers[2] == pytest.approx(np.radians(20.0))
