@@ -154,7 +154,7 @@ class Training:
     def take_up(self, path: Path) -> None:
         """Go on from a checkpoint (SurefootError: it is of another training, or damaged)."""
         try:
-            with np.load(path, allow_pickle=False) as file:
+            with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
                 held = {name: file[name] for name in ("identity", "done", "table", "mean_table", "seconds")}
         except Exception as error:
             raise SurefootError("invalid", f"{path}: is no checkpoint ({type(error).__name__})", "resume") from None

@@ -1,6 +1,7 @@
 """Value iteration against worlds that can be computed by hand, and its own equation."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -59,7 +60,7 @@ def test_values_satisfy_the_bellman_equation_where_the_grid_is_exact(noisy):
 def test_farther_is_longer_and_drift_costs(noisy):
     world, table, grid, _ = noisy
     ahead = [read(world, table, grid, d, 0.0, 0.0)[:3].max() for d in np.arange(0.3, 4.0, 0.2)]
-    assert all(later < sooner for sooner, later in zip(ahead, ahead[1:], strict=False))
+    assert all(later < sooner for sooner, later in pairwise(ahead))
     assert ahead[-1] < -1.75 * 35
     drifting = [read(world, table, grid, 1.9, 0.0, b)[:3].max() for b in (0.0, 0.7, 1.39)]
     assert drifting[0] > drifting[1] > drifting[2]

@@ -1,0 +1,99 @@
+"""The navigation environment for learners that speak Gymnasium: one episode at a time, or many at once.
+
+Needs the extra `surefoot[gym]`. Observation (6,): distance of the goal by the estimate (m), sine and cosine of its
+bearing, entropy (nats), estimated drift (rad per m), 1 while blocked. Action: index into the model's actions. Reward
+(7): minus the seconds of the action, or the bonus at the goal. `terminated` = goal reached, `truncated` = out of time;
+`info` has the seconds so far and `action_mask`. An action that is not allowed is replaced: by a turn while blocked, by
+the first walk where a guard forbids it.
+"""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from surefoot.lab.train.batch import OBSERVATION, Batch
+from surefoot.services.navigator.policy.params import NavigationModel, load
+
+Array = NDArray[np.float64]
+
+LOW = np.array([0.0, -1.0, -1.0, -50.0, -50.0, 0.0])
+HIGH = np.array([100.0, 1.0, 1.0, 50.0, 50.0, 1.0])
+
+
+class NavigatorEnv(gym.Env[Array, np.int64]):
+    """One navigating robot.
+
+    Args:
+        model: the robot, or the name or file of one.
+        render_mode: nothing is drawn.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012 - as gymnasium declares it
+
+    def __init__(self, model: NavigationModel | str = "paper", render_mode: str | None = None) -> None:
+        self.model = load(model) if isinstance(model, str) else model
+        self._batch = Batch(self.model, 1)
+        self.render_mode = render_mode
+        self.action_space = gym.spaces.Discrete(len(self._batch.world.names))
+        self.observation_space = gym.spaces.Box(LOW, HIGH, (OBSERVATION,), np.float64)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """Begin an episode; a seed begins its episodes anew, without one the next episode follows."""
+        super().reset(seed=seed)
+        if seed is not None:
+            self._batch.reseed(seed)
+        self._batch.begin(np.ones(1, dtype=np.bool_))
+        return self._batch.observation[0].copy(), self._info()
+
+    def step(self, action: np.int64) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Do one action."""
+        self._batch.act(np.array([action], dtype=np.int64))
+        b = self._batch
+        return b.observation[0].copy(), float(b.reward[0]), bool(b.terminated[0]), bool(b.truncated[0]), self._info()
+
+    def _info(self) -> dict[str, Any]:
+        return {"seconds": float(self._batch.seconds[0]), "action_mask": self._batch.mask[0].astype(np.int8)}
+
+
+class NavigatorVectorEnv(gym.vector.VectorEnv[Array, NDArray[np.int64], Array]):
+    """Many navigating robots in one kernel call; an episode that ended begins anew with the next step.
+
+    Args:
+        num_envs: number of robots.
+        model: the robot, or the name or file of one.
+    """
+
+    metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012 - as gymnasium declares it
+
+    def __init__(self, num_envs: int, model: NavigationModel | str = "paper") -> None:
+        self.model = load(model) if isinstance(model, str) else model
+        self._batch = Batch(self.model, num_envs)
+        self.num_envs, self.render_mode = num_envs, None
+        self.single_action_space = gym.spaces.Discrete(len(self._batch.world.names))
+        self.single_observation_space = gym.spaces.Box(LOW, HIGH, (OBSERVATION,), np.float64)
+        self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
+        self.observation_space = gym.vector.utils.batch_space(self.single_observation_space, num_envs)
+        self._ended = np.zeros(num_envs, dtype=np.bool_)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """Begin all episodes."""
+        if seed is not None:
+            self._batch.reseed(seed)
+        self._ended[:] = False
+        self._batch.begin(np.ones(self.num_envs, dtype=np.bool_))
+        return self._batch.observation.copy(), self._info()
+
+    def step(
+        self, actions: NDArray[np.int64]
+    ) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Do one action in each episode, or begin those anew that have ended."""
+        b = self._batch
+        b.step(np.asarray(actions, dtype=np.int64), self._ended)
+        np.logical_or(b.terminated, b.truncated, out=self._ended)
+        return b.observation.copy(), b.reward.copy(), b.terminated.copy(), b.truncated.copy(), self._info()
+
+    def _info(self) -> dict[str, Any]:
+        return {"seconds": self._batch.seconds.copy(), "action_mask": self._batch.mask.astype(np.int8)}
