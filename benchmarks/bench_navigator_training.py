@@ -108,9 +108,7 @@ def report(name: str, lines: list[dict[str, Any]]) -> None:
     full, target = sum(line["success"] == 1.0 for line in lines), TARGETS[name]
     half = 1.96 * percent.std(ddof=1) / np.sqrt(percent.size) if percent.size > 1 else float("nan")
     ok = percent.mean() <= -target and full >= 0.95 * len(lines)
-    print(
-        f"  mean {percent.mean():+.2f} +-{half:.2f} %, worst {percent.max():+.2f} %, full success {full} of {len(lines)};"
-    )
+    print(f"  mean {percent.mean():+.2f} +-{half:.2f} %, worst {percent.max():+.2f} %, {full} of {len(lines)} arrive;")
     print(f"  target -{target} % and 19 of 20: {'ok' if ok else 'MISSED'}")
 
 
