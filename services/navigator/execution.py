@@ -1,14 +1,15 @@
 """What the walker makes of the ordered actions, as motions in time: the control of a robot without odometry.
 
 An action's way is taken to be walked evenly from the landing of the last step before it to the landing of its own last
-step; both times come from `state/gait`.
+step; both times come from `state/gait`. The trunk follows the feet by `LAG_S`.
 """
 
 from dataclasses import dataclass
 
 from surefoot.services.navigator.belief.tracker import Motion
 
-NOTHING = Motion()
+LAG_S = 0.6
+"""A walking trunk is so far behind its feet: 42 mm of 10 cm, 6 of 23 deg at a landing (`benchmarks.bench_actions`)."""
 
 
 @dataclass
@@ -44,14 +45,15 @@ class Execution:
             ends_in: s until its last step lands; None = the gait cannot say: `duration` is believed.
         """
         end = now + (duration if ends_in is None else ends_in)
-        last = self.pieces[-1].end if self.pieces else now
-        self.pieces.append(Piece(motion, max(min(last, end), end - duration, now), end))
+        last = self.pieces[-1].end - LAG_S if self.pieces else now
+        start = max(min(last, end), end - duration, now)
+        self.pieces.append(Piece(motion, start + LAG_S, end + LAG_S))
 
     def correct(self, now: float, ends_in: float | None) -> None:
         """Take in when the walker now expects the last step to land; a slowed step moves the end."""
         if self.pieces and ends_in is not None:
             last = self.pieces[-1]
-            last.end = max(now + ends_in, last.start + 1e-3)
+            last.end = max(now + ends_in + LAG_S, last.start + 1e-3)
 
     def advance(self, now: float) -> list[Motion]:
         """Return the motions since the last call."""
