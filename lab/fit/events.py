@@ -14,8 +14,8 @@ from surefoot.services.navigator.belief.landmarks import LandmarkMap
 from surefoot.services.navigator.belief.matching import DetectionError, SightNoise, match
 from surefoot.services.navigator.belief.tracker import PoseTracker, Start
 from surefoot.services.navigator.execution import Execution
+from surefoot.services.navigator.goals import Act
 from surefoot.services.navigator.localiser import detections
-from surefoot.services.navigator.pilot import Act
 from surefoot.services.navigator.policies import act_of, errors_of
 from surefoot.services.navigator.policy.params import NavigationModel
 

@@ -22,8 +22,8 @@ from surefoot.services.navigator.belief.relocalise import Glance, relocalise
 from surefoot.services.navigator.belief.tracker import Control, FrameResult, Motion, PoseTracker, Start
 from surefoot.services.navigator.belief.ukf import wrap
 from surefoot.services.navigator.config import NavigatorConfig
+from surefoot.services.navigator.goals import GaitView
 from surefoot.services.navigator.messages import LostView, Pose, between, placed, pose_message
-from surefoot.services.navigator.pilot import GaitView
 from surefoot.services.navigator.policies import errors_of
 from surefoot.services.navigator.policy.arrays import PER_10CM
 from surefoot.services.navigator.policy.params import NavigationModel

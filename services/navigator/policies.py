@@ -5,7 +5,7 @@ import math
 from surefoot.schemas.navigation import PolicyReply
 from surefoot.services.navigator.belief.tracker import CommonErrors, Motion
 from surefoot.services.navigator.config import NavigatorConfig
-from surefoot.services.navigator.pilot import Act
+from surefoot.services.navigator.goals import Act
 from surefoot.services.navigator.policy.arrays import PER_10CM, arrays
 from surefoot.services.navigator.policy.library import find, known
 from surefoot.services.navigator.policy.params import Action, NavigationModel, load

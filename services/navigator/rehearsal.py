@@ -4,9 +4,11 @@ import numpy as np
 
 from surefoot.services.navigator.belief.landmarks import LandmarkMap
 from surefoot.services.navigator.belief.matching import Detections
+from surefoot.services.navigator.belief.rehearsing import rehearse_belief
 from surefoot.services.navigator.belief.tracker import Motion
 from surefoot.services.navigator.config import NavigatorConfig
 from surefoot.services.navigator.localiser import Localiser
+from surefoot.services.navigator.planning.rehearsing import rehearse_planning
 from surefoot.services.navigator.policies import Policies
 
 
@@ -16,6 +18,8 @@ def rehearse(config: NavigatorConfig) -> None:
     Args:
         config: of the service.
     """
+    rehearse_belief()
+    rehearse_planning()
     policies = Policies(config)
     tracker = Localiser(config, policies.model).tracker
     rng = np.random.default_rng(0)

@@ -31,9 +31,11 @@ from surefoot.schemas.topics import (
 from surefoot.services.navigator import messages
 from surefoot.services.navigator.belief.matching import DetectionError
 from surefoot.services.navigator.config import NavigatorConfig
+from surefoot.services.navigator.goals import GaitView, Goal
 from surefoot.services.navigator.localiser import Localiser
 from surefoot.services.navigator.memory import Kept, Memory
-from surefoot.services.navigator.pilot import GaitView, Goal, Pilot
+from surefoot.services.navigator.pilot import Pilot
+from surefoot.services.navigator.planning.rehearsing import rehearse_planning
 from surefoot.services.navigator.policies import Policies
 from surefoot.services.navigator.rehearsal import rehearse
 from surefoot.services.navigator.world import World
@@ -68,6 +70,9 @@ class Navigator(Service[NavigatorConfig]):
 
     def rehearse(self) -> None:
         rehearse(self.config)
+
+    def rehearse_rare(self) -> None:
+        rehearse_planning(large=True)
 
     def on_reset(self) -> None:
         self.localiser = Localiser(self.config, self.policies.model)

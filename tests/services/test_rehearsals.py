@@ -8,10 +8,10 @@ import pytest
 
 PROGRAM = """
 import json, sys
-from surefoot import jit
+from surefoot.kernels import jit
 from surefoot.lockstep.local import LocalSystem
 from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
-from surefoot.services.supervisor import study
+from surefoot.lab.runs import local
 
 at_start = {}
 begin = LocalSystem.__init__
@@ -19,14 +19,14 @@ def started(self, services):
     begin(self, services)
     at_start.update(jit.loaded())
 LocalSystem.__init__ = started
-study.run_local(load_scenario(find_scenario(sys.argv[1])))
+local.run_local(load_scenario(find_scenario(sys.argv[1])))
 now = jit.loaded()
 print(json.dumps([len(at_start), sorted(name for name in now if now[name] != at_start.get(name))]))
 """
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scenario", ["rough-terrain", "bioloid-walk", "nao-turn", "messor"])
+@pytest.mark.parametrize("scenario", ["rough-terrain", "bioloid-walk", "nao-turn", "messor", "nao-corner"])
 def test_nothing_is_loaded_after_the_start(scenario: str) -> None:
     command = [sys.executable, "-W", "ignore", "-c", PROGRAM, scenario]
     done = subprocess.run(command, capture_output=True, text=True, check=True)

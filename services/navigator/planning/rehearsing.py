@@ -12,9 +12,13 @@ LARGE_SIDE = 560
 """Cells; from about this size on a map gets marks, see `costs.LARGE`."""
 
 
-def rehearse_planning() -> None:
-    """Plan a route around a wall on a small and on a large map, and one into the wall."""
-    for side in (40, LARGE_SIDE):
+def rehearse_planning(*, large: bool = False) -> None:
+    """Plan a route around a wall, and one into the wall.
+
+    Args:
+        large: on a map so large that it gets marks; else on a small one.
+    """
+    for side in (LARGE_SIDE if large else 40,):
         cells = np.zeros((side, side), dtype=np.int8)
         cells[:-15, 20:22] = OCCUPIED
         costs = prepare(Grid(cells, 0.05))

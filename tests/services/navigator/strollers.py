@@ -3,7 +3,8 @@
 import math
 from dataclasses import dataclass
 
-from surefoot.services.navigator.pilot import GaitView, Pilot
+from surefoot.services.navigator.goals import GaitView
+from surefoot.services.navigator.pilot import Pilot
 
 TICK_S = 0.01
 STEPS_S, START_S, CLOSE_S = 1.8, 1.0, 0.9

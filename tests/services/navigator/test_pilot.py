@@ -9,7 +9,8 @@ import pytest
 
 from surefoot.services.navigator.belief.matching import SightNoise
 from surefoot.services.navigator.belief.tracker import Motion, PoseTracker, Start
-from surefoot.services.navigator.pilot import Act, Array, Goal, Pilot, Point
+from surefoot.services.navigator.goals import Act, Array, Goal, Point
+from surefoot.services.navigator.pilot import Pilot
 from tests.services.navigator.strollers import TICK_S, Stroller
 
 TURN = math.radians(23.0)
