@@ -61,9 +61,8 @@ class Study:
         at_least, band = s["success_at_least"], s["nees_at_20_band95"]
         print(
             f"  {policy:14s} {s['mean_s']:7.2f} s ({low:.2f} .. {high:.2f})  sd {s['sd_s']:.2f}",
-            f"median {s['median_s']:.1f}",
-            f" p95 {s['p95_s']:6.1f}  success {s['success']:.4f} (>= {at_least:.4f})  stands {s['stands']:.1f}",
-            f" NEES {s['nees_at_20']:.2f} in {band[0]:.2f} .. {band[1]:.2f}",
+            f" median {s['median_s']:.1f}  p95 {s['p95_s']:.1f}  success {s['success']:.4f} (>= {at_least:.4f})",
+            f" stands {s['stands']:.1f}  NEES {s['nees_at_20']:.2f} in {band[0]:.2f} .. {band[1]:.2f}",
             flush=True,
         )
         return results

@@ -251,5 +251,5 @@ def planner_numbers() -> Array:
     after one action; a look's worth is counted double, for what it shows serves more than the next decision.
     """
     numbers = np.zeros(NUMBERS)
-    numbers[[SPREAD_XY, SPREAD_HEADING, SPREAD_DRIFT, SIGHT_SHARE]] = 0.3, 0.3, 0.5, 2.0
+    numbers[[SPREAD_XY, SPREAD_HEADING, SPREAD_DRIFT, SIGHT_SHARE]] = 0.5, 0.4, 0.6, 2.0
     return numbers

@@ -1,0 +1,24 @@
+"""Send Nao to a place and print why it does what it does. Start a system first: `surefoot up nao-goal --terrain corridor`."""
+
+import sys
+
+from surefoot.client import connect
+from surefoot.errors import SurefootError
+from surefoot.schemas.topics import NAVIGATOR_FEEDBACK, NAVIGATOR_GOTO, STATE_GAIT
+
+try:
+    client = connect("nao", sys.argv[1] if len(sys.argv) > 1 else None)  # None: SUREFOOT_CONNECT or SUREFOOT_LISTEN
+except SurefootError as error:
+    sys.exit(str(error))
+with client as robot:
+    next(gait for gait in robot.messages(STATE_GAIT) if gait.state == "standing")
+    robot.call(NAVIGATOR_GOTO, position=(1.0, 0.0), goal_id="there")
+    told = 0
+    for feedback in robot.messages(NAVIGATOR_FEEDBACK):
+        decision = feedback.decision
+        if decision is not None and decision.number > told and feedback.goal_id == "there":
+            told = decision.number
+            print(f"{feedback.distance_remaining:5.2f} m  {decision.reason}")
+        if feedback.goal_id == "there" and feedback.state not in ("navigating", "stopping"):
+            print(feedback.state, feedback.error_msg)
+            break
