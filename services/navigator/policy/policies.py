@@ -16,8 +16,10 @@ from surefoot.services.navigator.policy.arrays import (
     STAND,
     STANDS,
     STATUS,
+    TURN,
     TURNING,
     TURNS,
+    WALK,
     Arrays,
 )
 from surefoot.services.navigator.policy.choose import (
@@ -243,13 +245,18 @@ def by_rule(name: str, world: Arrays) -> Policy | None:
     return None
 
 
-def planner_numbers() -> Array:
+def planner_numbers(world: Arrays) -> Array:
     """Return the planner's numbers, chosen on stream 1 with the paper's robot, drift 0 to 8 deg, normal and blurred.
 
     How far the belief is spread when values are averaged (shares of its standard deviations), and the weight of what a
     stand would show. Averaging over the full belief turns too late, for each value supposes that the pose will be known
-    after one action; a look's worth is counted double, for what it shows serves more than the next decision.
+    after one action. What a look shows serves more than the next decision: more so on arcs, and most where switching
+    makes looks rare.
     """
     numbers = np.zeros(NUMBERS)
     numbers[[SPREAD_XY, SPREAD_HEADING, SPREAD_DRIFT, SIGHT_SHARE]] = 0.5, 0.4, 0.6, 2.0
+    if any(row[KIND] == WALK and row[TURN] != 0.0 for row in world.actions):
+        numbers[[SPREAD_XY, SPREAD_HEADING, SPREAD_DRIFT, SIGHT_SHARE]] = 0.6, 0.6, 0.6, 3.0
+        if world.switching.any():
+            numbers[SIGHT_SHARE] = 5.0
     return numbers

@@ -87,13 +87,13 @@ def test_a_belief_inside_the_goal_does_not_turn_for_ever(blurred):
 
 def test_the_planner_stands_where_a_look_can_change_the_way_and_never_when_sure(blurred):
     table, grid, _ = plan(blurred)
-    policy = Policy("p", 2, blurred.names, planner_numbers(), table, grid, shown_by_standing(blurred))
+    policy = Policy("p", 2, blurred.names, planner_numbers(blurred), table, grid, shown_by_standing(blurred))
     d = Decider(blurred, policy)
     unsure = np.diag([0.15**2, 0.25**2, math.radians(20) ** 2, 0.3**2])
     assert name_of(d, belief(x=4.3, deg=30), unsure) == "stand"
     d.begin()
     assert name_of(d, belief(x=4.3, deg=0), SURE) == "walk"
-    blind = Policy("p", 2, blurred.names, planner_numbers(), table, grid, np.eye(3) * 1e4)
+    blind = Policy("p", 2, blurred.names, planner_numbers(blurred), table, grid, np.eye(3) * 1e4)
     assert name_of(Decider(blurred, blind), belief(x=4.3, deg=30), unsure) != "stand"
 
 
