@@ -113,6 +113,10 @@ def paired(ours: Array, others: Array) -> dict[str, Any]:
         "difference_ci95_s": (low, high),
         "difference_percent": 100.0 * float((a - b).mean()) / base,
         "difference_ci95_percent": (100.0 * low / base, 100.0 * high / base),
-        "p_paired_t": float(stats.ttest_rel(a, b)[1]) if differ else 1.0,
-        "p_welch": float(stats.ttest_ind(a, b, equal_var=False)[1]) if differ else 1.0,
+        "p_paired_t": _p_value(stats.ttest_rel(a, b)) if differ else 1.0,
+        "p_welch": _p_value(stats.ttest_ind(a, b, equal_var=False)) if differ else 1.0,
     }
+
+
+def _p_value(result: Any) -> float:
+    return float(result.pvalue)
