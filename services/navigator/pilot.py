@@ -26,10 +26,13 @@ LEAD_S = 0.30
 """Before the last step of an action lands; the walker asks for 0.25 s and an order takes 0.02 s."""
 SURE = 2.0
 """Standard deviations that must fit between the estimate and the edge of what counts as arrived."""
-ARRIVED_WITHIN = 0.30
-"""m, true distance that an arrived robot is within."""
-LOOKS = 5
-"""Stands in a row to become sure of having arrived; then the estimate decides."""
+REACHED = 0.15
+"""m, a waypoint is reached when the estimate is so near,"""
+ARRIVED_WITHIN = 0.20
+"""m, and the last one when the true distance is surely less than this."""
+LOOKS, LOOK_FOR_S = 3, 2.0
+"""Stands in a row to become sure of having arrived, then the estimate decides; each lasts until a frame has come, or so
+long, s."""
 STUCK_S, PROGRESS_M = 120.0, 0.10
 """A waypoint that has not become nearer by so much in so long is given up."""
 ALIGNED = math.radians(8.0)
@@ -64,6 +67,8 @@ class Pilot:
         """The act of the last order, until the walker has taken it up."""
         self._walk_id: int | None = None
         self._stand_until = -1.0
+        self._frames: int | None = None
+        """Frames that had been taken when a look at the goal began."""
         self._halting: tuple[State, str, str] | None = None
         self._searching: Searching | None = None
 
@@ -139,7 +144,10 @@ class Pilot:
             if self._searching is not None or self.state != "navigating":
                 return
         if gait.ends_in is None:
-            if gait.state != "standing" or now < self._stand_until:
+            if self._frames is not None and gait.state != "standing":
+                self._frames = tracker.frames  # only what it sees standing is a look
+            looked = self._frames is not None and tracker.frames > self._frames
+            if gait.state != "standing" or (now < self._stand_until and not looked):
                 return
         elif gait.ends_in > LEAD_S or self._stand_until > now:
             return
@@ -162,6 +170,7 @@ class Pilot:
         goal, policy = self.goal, self.policy
         assert goal is not None
         assert policy is not None
+        self._frames = None
         mean, cov = self.predicted(tracker)
         distance = self._pass_waypoints(now, mean, cov)
         if goal.index >= len(goal.route):
@@ -172,7 +181,7 @@ class Pilot:
         elif now - goal.nearest_at > STUCK_S:
             self._give_up(now)
             return
-        to_look = distance <= ARRIVED_WITHIN / 2.0  # there by the estimate, but not sure
+        to_look = distance <= REACHED  # there by the estimate, but not sure
         choice = policy.decide(mean, cov, goal.waypoint, blocked=blocked)
         act = self.acts[choice.index]
         reason = choice.reason
@@ -182,9 +191,10 @@ class Pilot:
                 act, reason = stand[0], f"at the waypoint by the estimate, but not sure of it: look ({goal.looks + 1})"
                 goal.looks += 1
                 goal.recoveries["look"] += 1
+                self._frames = tracker.frames
         self._note(act, reason, choice, mean, cov)
         if act.kind == "stand":
-            self._stand_until = now + (gait.ends_in or 0.0) + act.duration
+            self._stand_until = now + (gait.ends_in or 0.0) + (LOOK_FOR_S if to_look else act.duration)
             return
         self._given = act
         m = act.motion
@@ -235,7 +245,7 @@ class Pilot:
             gx, gy = goal.waypoint
             distance = math.hypot(gx - float(mean[0]), gy - float(mean[1]))
             last = goal.index >= len(goal.route) - 1
-            if distance > ARRIVED_WITHIN / 2.0 or goal.index >= len(goal.route):
+            if distance > REACHED or goal.index >= len(goal.route):
                 return distance
             spread = math.sqrt(max(0.0, _largest(cov)))
             if last and distance + SURE * spread > ARRIVED_WITHIN and goal.looks < LOOKS:

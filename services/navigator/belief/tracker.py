@@ -229,13 +229,19 @@ class PoseTracker:
         for detection, landmark in zip(found.detections, found.landmarks, strict=True):
             r, a = float(seen.ranges[detection]), float(seen.bearings[detection])
             x, y = self.world.positions[landmark]
-            common.fill_gain(r, a, self.shared.height, self._gain)
+            self._linearise(x, y)
             var_r = noise.range_sd**2 + (noise.range_share * r) ** 2
             total += ukf.update_with(
                 self.mean, self.cov, x, y, r, a, var_r, noise.bearing_sd**2, self._gain, self._work
             )
         count = len(found.detections)
         return FrameResult(len(seen), count, 0.5 * total / count if count else 0.0, found)
+
+    def _linearise(self, x: float, y: float) -> None:
+        """Work out what the common errors do to a landmark at (x, y) m, where it is expected: what is seen is noisy."""
+        dx, dy = x - float(self.mean[0]), y - float(self.mean[1])
+        bearing = ukf.wrap(math.atan2(dy, dx) - float(self.mean[2]))
+        common.fill_gain(math.hypot(dx, dy), bearing, self.shared.height, self._gain)
 
     def _fade(self, time: float) -> None:
         if self.n > STATES:

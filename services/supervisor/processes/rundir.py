@@ -18,8 +18,9 @@ from surefoot.services.supervisor.processes.process import Identity, end, identi
 
 ROW = {"service", "state", "pid", "restarts", "detail"}
 
-WALKER_MEMORY = "walker.json"
-FILES = ("endpoint.json", "processes.json", "supervisor.json", "status.json", "ready.json", WALKER_MEMORY)
+MEMORIES = {"walker": "walker.json", "navigator": "navigator.json"}
+"""Services that keep what a restart must not lose, and their files."""
+FILES = ("endpoint.json", "processes.json", "supervisor.json", "status.json", "ready.json", *MEMORIES.values())
 """What describes a running system, and is removed with it."""
 
 
@@ -91,13 +92,14 @@ class RunFolder:
                 f"system {self.name!r} is already run{by}; stop it with `surefoot down {self.name}`"
             ) from exc
         os.utime(self.path / "lock")
-        self.walker_memory.unlink(missing_ok=True)
+        for path in self.memories.values():
+            path.unlink(missing_ok=True)
         self._lock = stream
 
     @property
-    def walker_memory(self) -> Path:
-        """Where the walker keeps its command for the case that it is started again; gone with the run."""
-        return self.path / WALKER_MEMORY
+    def memories(self) -> dict[str, Path]:
+        """Where services keep what they were about for the case that they are started again; gone with the run."""
+        return {service: self.path / name for service, name in MEMORIES.items()}
 
     def release(self) -> None:
         """Leave the system: no process, no endpoint, logs stay."""

@@ -63,7 +63,7 @@ class Session:
             "SUREFOOT_CONNECT": self.listen,
             "SUREFOOT_NAMESPACE": self.namespace,
             "SUREFOOT_ROBOT": self.robot,
-            "SUREFOOT_WALKER_MEMORY": str(self.folder.walker_memory),
+            **{f"SUREFOOT_{name.upper()}_MEMORY": str(path) for name, path in self.folder.memories.items()},
         }
         self.system = System(
             compose, self.folder, environment={**own, **(environment or {})}, on_action=self._on_action
