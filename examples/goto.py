@@ -1,4 +1,4 @@
-"""Send Nao to a place and print why it does what it does. Start a system first: `surefoot up nao-goal --terrain corridor`."""
+"""Send Nao to a place and print why it acts so. Start a system first: `surefoot up nao-goal --terrain corridor`."""
 
 import sys
 
