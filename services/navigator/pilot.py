@@ -37,6 +37,8 @@ STUCK_S, PROGRESS_M = 120.0, 0.10
 """A waypoint that has not become nearer by so much in so long is given up."""
 ALIGNED = math.radians(8.0)
 """Error of the last heading that is good enough."""
+REMIND_S = 1.0
+"""An order that a standing walker has not taken up for so long is given again."""
 LOOK_S = 3.0
 """How long a lost robot looks in one direction."""
 LOOK_TURN, TURNS = math.radians(46.0), 7
@@ -66,6 +68,8 @@ class Pilot:
         self._given: Act | None = None
         """The act of the last order, until the walker has taken it up."""
         self._walk_id: int | None = None
+        self._given_at: float | None = None
+        """s, when an order was first missed in what the walker says."""
         self._stand_until = -1.0
         self._frames: int | None = None
         """Frames that had been taken when a look at the goal began."""
@@ -132,6 +136,7 @@ class Pilot:
         if self._went_wrong(gait):
             return
         if gait.order != self.number:
+            self._remind(now, gait)
             return  # an order is on its way
         if self.state == "stopping":
             if gait.state == "standing" and self._halting is not None:
@@ -152,6 +157,14 @@ class Pilot:
         elif gait.ends_in > LEAD_S or self._stand_until > now:
             return
         self._decide(now, gait, tracker, blocked=blocked)
+
+    def _remind(self, now: float, gait: GaitView) -> None:
+        """Give an order again that a standing walker has not taken up: it was started again and knows nothing of it."""
+        if self._given_at is None:
+            self._given_at = now
+        elif now - self._given_at > REMIND_S and gait.state == "standing" and self.order is not None:
+            self._give(self.order, self._given)
+            self.execution.stop()
 
     def _went_wrong(self, gait: GaitView) -> bool:
         if gait.state == "refused":
@@ -299,6 +312,7 @@ class Pilot:
         self.number += 1
         self.order = order
         self._walk_id = None
+        self._given_at = None
         self._stand_until = -1.0
 
 

@@ -155,6 +155,19 @@ def test_a_fall_ends_the_goal() -> None:
     assert (run.pilot.state, run.pilot.error) == ("failed", "fallen")
 
 
+def test_a_walker_that_was_started_again_gets_its_order_again() -> None:
+    run = Run()
+    run.goal((1.0, 0.0))
+    run.until(lambda: run.walker.x > 0.3)
+    run.walker = Stroller(run.walker.x, run.walker.y, run.walker.yaw, order=0)
+    asked = run.pilot.number
+    original = run.walker.take
+    run.walker.take = lambda pilot: original(pilot) if pilot.number > asked else None  # type: ignore[method-assign]
+    run.until(run.ended)
+    assert run.pilot.state == "succeeded"
+    assert math.hypot(run.walker.x - 1.0, run.walker.y) < 0.2
+
+
 def test_waypoints_in_turn_and_the_last_heading() -> None:
     run = Run()
     goal = run.goal((0.6, 0.0), (0.6, 0.6), yaw=math.pi)
