@@ -10,14 +10,22 @@ from surefoot.lab.cli.output import EXIT_CHECK, Json, tell, use_json, write, wri
 if TYPE_CHECKING:
     from surefoot.lab.papers.findings import Reproduction
 
-PAPERS = {"walas-stability": "surefoot.lab.papers.walas.stability"}
-"""Name: module with `reproduce(folder, tell)`."""
+PAPERS = {
+    "osswald": "surefoot.lab.papers.osswald.navigation",
+    "walas-stability": "surefoot.lab.papers.walas.stability",
+}
+"""Name: module with `reproduce(folder, tell)`, and with `SYSTEM = None` if no system's kernels are needed."""
+WITH_LIVE = ("osswald",)
+"""Papers whose `reproduce` also takes `live`, a file of results."""
 
 
 def reproduce(
     paper: Annotated[str, typer.Argument(help=f"What to reproduce: {', '.join(PAPERS)}.")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the figures [runs/<paper>].")] = None,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")] = True,
+    live: Annotated[
+        Path | None, typer.Option("--live", help="Results of benchmarks.bench_navigator_live to compare (osswald).")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Compute the figures and numbers of a paper again, its value beside ours. Exit code 1: a limit was not met."""
@@ -32,10 +40,13 @@ def reproduce(
         known = ", ".join(PAPERS)
         hint = did_you_mean(paper, PAPERS)
         raise SurefootError("invalid", f"got {paper!r}{hint}; known are {known}", "paper")
-    warm_if_cold(systems_of([DEFAULT_SYSTEM])[0], tell)
-    found: Reproduction = importlib.import_module(PAPERS[paper]).reproduce(
-        (out or Path("runs") / paper) if figures else None, tell
-    )
+    if live is not None and paper not in WITH_LIVE:
+        raise SurefootError("invalid", f"got {paper!r}, which takes no live runs; {', '.join(WITH_LIVE)} does", "live")
+    module = importlib.import_module(PAPERS[paper])
+    if getattr(module, "SYSTEM", DEFAULT_SYSTEM) is not None:
+        warm_if_cold(systems_of([DEFAULT_SYSTEM])[0], tell)
+    more = {} if live is None else {"live": live}
+    found: Reproduction = module.reproduce((out or Path("runs") / paper) if figures else None, tell, **more)
     if json:
         write_json(
             {

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.lab.train.evaluation import EVALUATION
 from surefoot.services.navigator.environment.draws import stream
 from surefoot.services.navigator.environment.world import act, begin, cells, room_for, work_space_of
 from surefoot.services.navigator.policy.arrays import (
@@ -84,12 +85,9 @@ def follow(world: Arrays, decide: Decide, run: int, episode: int) -> Episode:
 
     It is called once more at the end, with the last reward, and what it then returns is not done.
     """
-    n, (nx, ny), scene = world.states, cells(world.scene), world.scene
-    rng, marks = stream(), np.zeros((room_for(scene), 2))
-    first, truth, status = np.zeros(nx * ny + 1, dtype=np.int64), np.zeros(6), np.zeros(STATUS)
-    belief = np.zeros(n), np.zeros((n, n)), np.zeros(n), np.zeros((n, n))
+    n, scene = world.states, world.scene
     room = np.zeros(4), np.zeros((2, max(0, n - 4))), work_space_of(n)
-    begin(scene, run, episode, rng, marks, first, truth, *belief, status)
+    floor, truth, belief, status = _begun(world, run, episode)
     mean, cov = belief[2:]
     rows: list[tuple[Array, Array, Array, tuple[float, float, float], float, bool]] = []
     actions: list[int] = []
@@ -103,21 +101,7 @@ def follow(world: Arrays, decide: Decide, run: int, episode: int) -> Episode:
         if status[OUTCOME] != RUNNING:
             break
         actions.append(chosen)
-        reward = act(
-            scene,
-            world.actions,
-            world.switching,
-            run,
-            episode,
-            chosen,
-            rng,
-            marks,
-            first,
-            truth,
-            *belief,
-            status,
-            *room,
-        )
+        reward = act(scene, world.actions, world.switching, run, episode, chosen, *floor, truth, *belief, status, *room)
     done = np.array(actions, dtype=np.int64)
     kinds, turn = world.actions[done, KIND], world.actions[done, TURN]
     true, estimate, spread, seen_all, time, blocked = zip(*rows, strict=True)
@@ -132,9 +116,26 @@ def follow(world: Arrays, decide: Decide, run: int, episode: int) -> Episode:
         kinds == STAND,
         np.where(kinds == TURNING, np.sign(turn), 0.0).astype(np.int64),
         float(truth[3]),
-        marks[: first[-1]].copy(),
+        floor[1][: floor[2][-1]].copy(),
         status[OUTCOME] == REACHED,
     )
+
+
+def drift_of(world: Arrays, episode: int, run: int = EVALUATION) -> float:
+    """Return the drift of an episode, rad per m, left positive."""
+    return float(_begun(world, run, episode)[1][3])
+
+
+def _begun(
+    world: Arrays, run: int, episode: int
+) -> tuple[tuple[NDArray[np.uint64], Array, NDArray[np.int64]], Array, tuple[Array, Array, Array, Array], Array]:
+    """Return (random stream, landmarks, their index by square), truth, belief and status at the start."""
+    n, (nx, ny), scene = world.states, cells(world.scene), world.scene
+    floor = stream(), np.zeros((room_for(scene), 2)), np.zeros(nx * ny + 1, dtype=np.int64)
+    truth, status = np.zeros(6), np.zeros(STATUS)
+    belief = np.zeros(n), np.zeros((n, n)), np.zeros(n), np.zeros((n, n))
+    begin(scene, run, episode, *floor, truth, *belief, status)
+    return floor, truth, belief, status
 
 
 def deciding(world: Arrays, policy: Policy) -> Decide:

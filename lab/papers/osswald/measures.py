@@ -2,9 +2,11 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from surefoot.lab.papers.osswald.episode import Episode
 from surefoot.services.navigator.policy.arrays import COS_HALF, KIND, MATCH, RANGE_MAX, RANGE_MIN, STAND, Arrays
@@ -32,6 +34,15 @@ def converged(seconds: Array) -> int:
     return int(outside[-1]) + 1 if outside.size else 0
 
 
+def first_near_the_end(seconds: Array) -> int:
+    """Return the first episode from which on the mean of WINDOW episodes is within SETTLED of the mean at the end.
+
+    It may leave that again; see `converged`.
+    """
+    end = float(seconds[-seconds.size // 3 :].mean())
+    return int(np.argmax(np.abs(moving_mean(seconds) - end) <= SETTLED * end))
+
+
 def features_at_stands(episodes: Iterable[Episode]) -> Array:
     """Return d, phi, h at all decisions to stand, (k, 3)."""
     return np.concatenate([e.features[:-1][e.stands] for e in episodes])
@@ -54,9 +65,12 @@ def entropy_by_distance(episodes: Iterable[Episode]) -> tuple[float, float]:
     return float(all_[all_[:, 0] > FAR, 2].mean()), float(all_[all_[:, 0] < NEAR, 2].mean())
 
 
-def share_near(d: Array) -> float:
-    """Return the share of distances below NEAR, NaN of none."""
-    return float((d < NEAR).mean()) if d.size else math.nan
+def stand_rates(episodes: Iterable[Episode]) -> tuple[float, float]:
+    """Return the share of decisions that are stands, farther than FAR from the goal and nearer than NEAR to it."""
+    listed = list(episodes)
+    d = np.concatenate([e.features[:-1, 0] for e in listed])
+    stands = np.concatenate([e.stands for e in listed])
+    return float(stands[d > FAR].mean()), float(stands[d < NEAR].mean())
 
 
 def matches_expected(world: Arrays, episodes: Iterable[Episode]) -> float:
@@ -95,3 +109,23 @@ def typical(episodes: Sequence[Episode]) -> Episode:
     spread = rows.std(axis=0)
     off = np.abs(rows - rows.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
     return episodes[int(np.argmin(off.sum(axis=1)))]
+
+
+def welch(a: Array, b: Array) -> float:
+    """Return p of Welch's two-sided t-test for equal means."""
+    test: Any = stats.ttest_ind(a, b, equal_var=False)
+    return float(test.pvalue)
+
+
+def difference(a: Array, b: Array) -> tuple[float, float, float]:
+    """Return the difference of the means, a - b, in per cent of b's, and its 95 % interval by Welch."""
+    test: Any = stats.ttest_ind(a, b, equal_var=False)
+    low, high = test.confidence_interval(0.95)
+    base = 100.0 / float(b.mean())
+    return base * float(a.mean() - b.mean()), base * float(low), base * float(high)
+
+
+def welch_of(mean_a: float, sd_a: float, mean_b: float, sd_b: float, n: int) -> float:
+    """Return the same of printed means and standard deviations of n values each."""
+    test: Any = stats.ttest_ind_from_stats(mean_a, sd_a, n, mean_b, sd_b, n, equal_var=False)
+    return float(test.pvalue)
