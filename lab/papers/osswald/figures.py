@@ -89,9 +89,9 @@ def _figure_4(s: Study) -> Figure:
     chosen = v.trained[v.chosen]
     axes.plot(chosen, ".", color=BLUE, markersize=1.5, alpha=0.5, label="one training")
     axes.plot(middle, moving_mean(chosen), color=BLUE, label=f"its mean of {WINDOW}")
-    for at, name in ((700, "caption"), (800, "text")):
+    for at, name, side, shift in ((700, "caption", "right", -3), (800, "text", "left", 3)):
         axes.axvline(at, color=ORANGE, lw=0.9, ls="--")
-        axes.annotate(name, (at, 600.0), (3, 0), textcoords="offset points", color=ORANGE)
+        axes.annotate(name, (at, 400.0), (shift, 0), textcoords="offset points", color=ORANGE, ha=side)
     axes.set_ylim(0.0, 720.0)
     axes.set_xlabel("episode")
     axes.set_ylabel("time, s")
@@ -115,7 +115,7 @@ def _figure_5(s: Study) -> Figure:
             axes.plot(*e.mean[at, :2].T, mark, color=ORANGE, markersize=4, ls="none", label=name)
     if e.stands.any():
         axes.plot(*e.mean[:-1][e.stands, :2].T, "o", color=GREEN, markersize=4, ls="none", label="stand")
-    axes.legend(loc="lower left", ncols=4)
+    axes.legend(loc="upper left", ncols=5)
     return figure
 
 

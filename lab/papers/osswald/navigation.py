@@ -23,7 +23,7 @@ from surefoot.lab.papers.osswald.measures import (
     welch,
     welch_of,
 )
-from surefoot.lab.papers.osswald.study import PRINTED_GAMMA, TRAININGS, Study, Vision, study
+from surefoot.lab.papers.osswald.study import PRINTED_GAMMA, Study, Vision, study
 from surefoot.lab.train.evaluation import paired, summary
 from surefoot.services.navigator.environment.episodes import SECONDS_TAKEN
 from surefoot.services.navigator.policy.policies import PAPER_TURN_DEG, TUNED_TURN_DEG
@@ -211,7 +211,7 @@ def _blur(s: Study) -> list[Finding]:
         told(where, f"hand: actions that stand, d > {FAR:g} / < {NEAR:g} m, %", "no difference", _rates(rates[0])),
         told(where, f"learned: actions that stand, d > {FAR:g} / < {NEAR:g} m, %", "more near the goal",
              _rates(rates[1]), rates[1][1] > rates[1][0], "more near"),
-        told(where, f"trainings of {len(TRAININGS)} that stand more often near the goal", "", f"{more}"),
+        told(where, f"trainings of {len(v.walks)} that stand more often near the goal", "", f"{more}"),
         told(where, f"mean h at d > {FAR:g} m, hand / learned, nats", "learned higher",
              f"{by_hand[0]:.2f} / {ours[0]:.2f}", ours[0] > by_hand[0], "higher"),
         told(where, f"learned: mean h at d > {FAR:g} / < {NEAR:g} m, nats", "lower near the goal",
