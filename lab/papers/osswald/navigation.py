@@ -1,6 +1,6 @@
 """Osswald, Hornung & Bennewitz (2010), section VI: learned navigation against a controller made by hand."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -58,9 +58,9 @@ NOTES = (
 LIVE_NOTE = f"VI-C, the robot: `{live_runs.COMMAND}`, then `surefoot reproduce osswald --live FILE` compares its runs."
 
 
-def findings(s: Study) -> tuple[Finding, ...]:
-    """Return every number and conclusion of the section in its order."""
-    return (*_errata(s), *_training(s), *_normal(s), *_turning(s), *_robot(s), *_blur(s))
+def findings(s: Study, live: Iterable[Finding] = ()) -> tuple[Finding, ...]:
+    """Return every number and conclusion of the section in its order; `live` are the rows of the simulated Nao."""
+    return (*_errata(s), *_training(s), *_normal(s), *_turning(s), *live, *_robot(s), *_blur(s))
 
 
 def _errata(s: Study) -> list[Finding]:
@@ -254,4 +254,4 @@ def reproduce(
         tell("drawing")
         figures = draw(done, out)
     notes = NOTES if live is not None else (*NOTES, LIVE_NOTE)
-    return Reproduction(TITLE, (*findings(done), *robot), figures, notes)
+    return Reproduction(TITLE, findings(done, robot), figures, notes)
