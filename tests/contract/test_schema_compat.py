@@ -24,7 +24,10 @@ STRAYS: dict[type[Wire], tuple[str, ...]] = {WalkCommand: ("shift",)}
 def sample(node: dict[str, Any], top: dict[str, Any]) -> Any:
     """A value that a schema allows, with every field."""
     if "$ref" in node:
-        return sample(top["$defs"][node["$ref"].rsplit("/", 1)[1]], top)
+        name = node["$ref"].rsplit("/", 1)[1]
+        value = sample(top["$defs"][name], top)
+        strays = {model.__name__: fields for model, fields in STRAYS.items()}.get(name, ())
+        return {key: part for key, part in value.items() if key not in strays} if strays else value
     if "anyOf" in node:
         return sample(next(kind for kind in node["anyOf"] if kind.get("type") != "null"), top)
     if "const" in node or "enum" in node:

@@ -100,7 +100,31 @@ def walk(ticks=600, speed=0.1):
         if tick % 2 == 0:
             margin = 0.03 + 0.01 * np.sin(tick / 25)
             traces.feed("state/stability", stability(tick, margin, margin - 0.002))
+        if tick % 10 == 0:
+            traces.feed("state/pose", pose(tick, x + 0.01, np.cos(tick)))
+            traces.feed("navigator/feedback", feedback(tick, x, done=tick >= ticks - 10))
     return traces
+
+
+def pose(tick, x=0.0, wobble=0.0):
+    """A believed pose, 1 cm along and 1 cm aside of the truth, with 1 cm of standard deviation."""
+    return SimpleNamespace(
+        **header(tick), pose=(x, 0.01 * wobble, 0.0), covariance=tuple(np.diag([1e-4, 1e-4, 1e-4]).ravel()),
+        entropy=-9.0, drift=0.1, drift_sd=0.05, matched=3, lost=False, lost_probability=0.0, lost_reason="",
+    )  # fmt: skip
+
+
+def feedback(tick, x=0.0, *, done=False, error=""):
+    """Progress of a goal at (x, 0), with a decision every second."""
+    choice = SimpleNamespace(
+        number=1 + tick // 100, action=("walk", "stand")[tick // 100 % 2], reason="because",
+        values={"walk": -10.0, "stand": -11.0}, distance=1.0, bearing=0.1, entropy=-9.0,
+    )  # fmt: skip
+    state = ("failed" if error else "succeeded") if done else "navigating"
+    return SimpleNamespace(
+        **header(tick), state=state, goal_id="there", goal_pose=(x, 0.05), distance_remaining=1.0, decision=choice,
+        error_code=error, navigation_time=0.01 * tick, number_of_recoveries=1,
+    )  # fmt: skip
 
 
 def stability(tick, planned, measured):
@@ -110,7 +134,7 @@ def stability(tick, planned, measured):
 @pytest.fixture
 def invented():
     """Makers of invented messages, and `walk`, a whole run of them."""
-    makers = (truth, velocity, odometry, gait, ground, stability, walk)
+    makers = (truth, velocity, odometry, gait, ground, stability, walk, pose, feedback)
     return SimpleNamespace(**{make.__name__: make for make in makers})
 
 

@@ -37,6 +37,30 @@ def test_every_metric_is_measured_and_every_limit_has_one(invented):
     assert {limit.metric for limit in LIMITS.values()} <= set(METRICS)
 
 
+def test_goals_are_judged_by_the_truth(invented):
+    traces = invented.walk(600)
+    values = measure(traces)
+    assert values["goals_missed"] == 0.0
+    assert values["goal_error_m"] == pytest.approx(0.05, abs=0.005)
+    assert values["goal_time_s"] == pytest.approx(5.9)
+    assert values["recoveries"] == 1.0
+    assert 0.5 < values["pose_nees"] < 1.2
+    assert len(traces.goals) == 1
+    assert len(traces.choices) == 6
+
+
+def test_a_failed_goal_is_missed(invented):
+    traces = invented.walk(100)
+    fresh = Traces()
+    fresh.feed("sim/truth", invented.truth(0))
+    fresh.feed("navigator/feedback", invented.feedback(0, 1.0))
+    fresh.feed("navigator/feedback", invented.feedback(10, 1.0, done=True, error="lost"))
+    assert measure(fresh)["goals_missed"] == 1.0
+    assert "goal_error_m" not in measure(fresh)
+    assert not judge(fresh, {"all_goals": 0.0}).ok
+    assert judge(traces, {"all_goals": 0.0}).ok
+
+
 def test_a_limit_on_something_unknown_is_not_met():
     verdict = judge(Traces(), {"min_margin_m": 0.0})
     assert not verdict.ok

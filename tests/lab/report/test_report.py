@@ -71,9 +71,16 @@ def test_shows_verdict_plots_moments_and_events(invented, limits):
     text = page(invented, limits)
     for part in ("FAIL", "rough &lt;terrain&gt;", "walks &amp; looks", "ab" * 32, "recorder late", "step refused"):
         assert part in text
-    for title in ("Way over the ground", "Height along the way", "Tilt", "Odometry error", "Sliding per stance"):
+    for title in (
+        "Way over the ground",
+        "Height along the way",
+        "Tilt",
+        "Odometry error",
+        "Sliding per stance",
+        "What it decided",
+    ):
         assert title in text
-    assert text.count("<svg") == 9
+    assert text.count("<svg") == 11
     assert re.search(r"t = \d+\.\d\d s.*largest tilt", text)
 
 
