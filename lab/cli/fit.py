@@ -8,7 +8,7 @@ import typer
 from surefoot.lab.cli.output import Json, tell, use_json, write, write_json, write_table
 
 if TYPE_CHECKING:
-    from surefoot.lab.fit.estimate import Fitted
+    from surefoot.lab.fit.result import Fitted
 
 app = typer.Typer(help="Numbers of a robot from recordings of it.", no_args_is_help=True)
 
@@ -25,23 +25,23 @@ def navigator(
     """Fit motion noise, drift, durations, match probabilities and sight of a robot. The truth is not read."""
     from surefoot.lab.fit.estimate import fit
     from surefoot.lab.fit.events import read_run
-    from surefoot.lab.fit.output import fitted_toml
+    from surefoot.lab.fit.output import check_out, write_model
     from surefoot.services.navigator.policy.params import load
 
     use_json(json)
+    check_out(out, params)
     model = load(params)
     runs = []
     for path in recordings:
         tell(f"reading {path}")
         runs.append(read_run(path, model))
     found = fit(runs, model, tell)
-    out.write_text(fitted_toml(found, params, [path.name for path in recordings]), encoding="utf-8")
-    load(str(out))  # what was written can be used
+    write_model(found, params, [path.name for path in recordings], out)
     if json:
         write_json(
             {
                 "out": str(out), "runs": found.runs, "sightings": found.sightings, "improvement": found.improvement,
-                "values": {key: vars(value) for key, value in found.values.items()},
+                "values": {key: vars(value) for key, value in found.values.items()}, "undecided": found.undecided,
             }
         )  # fmt: skip
     else:
@@ -54,4 +54,6 @@ def _show(found: "Fitted", out: Path) -> None:
     ]
     title = f"{found.runs} recordings, {found.sightings} sightings"
     write_table(("parameter", "value", "95 % interval", "samples"), rows, title, right=(1, 2, 3))
+    if found.undecided:
+        write(f"not decided by the recordings, left as in --params: {', '.join(found.undecided)}")
     write(f"wrote   {out}")

@@ -1,7 +1,7 @@
 """A recording of a navigating robot as a sequence of motions and sightings. No truth is read."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from surefoot.errors import SurefootError
 from surefoot.record.recording import read_recording
 from surefoot.services.navigator.belief.landmarks import LandmarkMap
-from surefoot.services.navigator.belief.matching import DetectionError, SightNoise, match
-from surefoot.services.navigator.belief.tracker import PoseTracker, Start
+from surefoot.services.navigator.belief.matching import DetectionError, SightNoise
+from surefoot.services.navigator.belief.tracker import Motion, PoseTracker, Start
 from surefoot.services.navigator.execution import Execution
 from surefoot.services.navigator.goals import Act
 from surefoot.services.navigator.localiser import detections
@@ -28,6 +28,8 @@ landmark (m, map), range (m), bearing (rad), 1 if standing."""
 COLUMNS = 6
 SAME_TURN = math.radians(2.0)
 SAME_WAY = 0.02
+STANDING = ("standing", "waiting", "hold")
+"""States of the gait in which the robot stands on its feet."""
 GATE_WIDER = 1.5
 """Noise is taken for so much larger than the model says while landmarks are matched: the model is what is wanted."""
 
@@ -41,6 +43,7 @@ class Run:
         start: x, y, yaw at the beginning, m and rad.
         events: (n, COLUMNS).
         durations: per (kind before, action) the times of the action, s.
+        halts: per kind of action the times from its last landing until the robot stands, s.
         frames: per action name rows (landmarks in view, matched) of each frame.
         places: range (m) and bearing (rad) of each matched landmark, and 1 if standing, (m, 3).
     """
@@ -49,6 +52,7 @@ class Run:
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     events: Array = field(default_factory=lambda: np.zeros((0, COLUMNS)))
     durations: dict[tuple[str, str], list[float]] = field(default_factory=dict[tuple[str, str], list[float]])
+    halts: dict[str, list[float]] = field(default_factory=dict[str, list[float]])
     frames: dict[str, list[tuple[int, int]]] = field(default_factory=dict[str, list[tuple[int, int]]])
     places: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
@@ -57,18 +61,18 @@ def read_run(path: Path, model: NavigationModel) -> Run:
     """Return the events of a recording.
 
     Args:
-        path: MCAP file with `navigator/order`, `state/gait`, `hw/landmarks` and `terrain/landmarks`.
+        path: MCAP file with the topics `KEYS`.
         model: names the actions; its noises, widened, gate the matches.
 
     Raises:
-        SurefootError: the file cannot be read, has no landmarks, no map of them, or no orders of a navigator.
+        SurefootError: the file cannot be read, lacks one of the topics, or no landmark matches the map.
     """
     messages = list(read_recording(path, KEYS))
     keys = {item.key for item in messages}
-    for key in ("navigator/order", "state/gait", "hw/landmarks", "terrain/landmarks"):
+    for key in KEYS:
         if key not in keys:
             raise SurefootError(
-                "unusable", f"{path} has no {key}; fit needs recordings of a goal with a camera and a landmark map", key
+                "invalid", f"{path} has no {key}; fit needs recordings of a goal with a camera and a landmark map", key
             )
     return _Reader(path, model).read(messages)
 
@@ -87,11 +91,14 @@ class _Reader:
         self.events: list[tuple[float, ...]] = []
         self.places: list[tuple[float, float, float]] = []
         self.order: tuple[int, Act | None] = (0, None)
-        self.pending: Act | None = None
-        self.under_way: list[tuple[Act, float]] = []
+        self.taken = 0
+        """Number of the last order that the walker took up."""
+        self.under_way: list[tuple[Motion, int, float]] = []
+        """Motion of each piece of the execution, its action, and how much of that action it is."""
         self.now, self.frame_at = 0.0, 0.0
-        self.standing, self.started = True, False
-        self.last_end: tuple[str, float] | None = None
+        self.standing, self.started, self.unknown = True, False, False
+        self.landing: tuple[str, float] | None = None
+        """Kind of the action under way and when it lands, s."""
 
     def read(self, messages: list[Any]) -> Run:
         """Take in all messages, in the order of their ticks."""
@@ -108,92 +115,114 @@ class _Reader:
                 self._gait(message)
             elif key == "navigator/order":
                 self._order(message)
+                if self.unknown:
+                    break  # the robot goes where no action of the model goes
             elif key == "hw/landmarks":
                 self._frame(message)
         if not any(event[0] == SEE for event in self.events):
-            raise SurefootError("unusable", f"{self.run.path} has no landmark that matches the map", "hw/landmarks")
+            raise SurefootError("invalid", f"{self.run.path} has no landmark that matches the map", "hw/landmarks")
         self.run.events = np.array([(*e, *([0.0] * (COLUMNS - len(e)))) for e in self.events])
         self.run.places = np.array(self.places).reshape(-1, 3)
         return self.run
 
     def _order(self, m: Any) -> None:
         if m.number != self.order[0]:
-            act = None if m.command is None else self._act(m.command)
-            self.order = (m.number, act)
+            command = m.command
+            moves = command is not None and command.action in ("walk", "turn")
+            self.order = (m.number, self._act(command) if moves else None)
+            self.unknown = self.unknown or (moves and self.order[1] is None)
 
     def _act(self, command: Any) -> Act | None:
+        """Return the action of a command: one of the model, or a part or multiple of a turn on the spot."""
+        turn = command.angle or 0.0
         for act in self.acts:
-            same = abs((command.angle or 0.0) - act.motion.turn) < SAME_TURN
+            same = abs(turn - act.motion.turn) < SAME_TURN
             ahead = abs((command.distance or 0.0) - act.motion.forward) < SAME_WAY
             if act.kind == command.action and same and ahead:
                 return act
+        for act in self.acts:
+            if act.kind == command.action == "turn" and act.motion.turn * turn > 0.0:
+                return replace(act, motion=act.motion.part(turn / act.motion.turn))
         return None
 
     def _gait(self, m: Any) -> None:
         self.now = m.stamp_ns * 1e-9
-        taken = m.order == self.order[0] and self.order[1] is not None and self.pending is not self.order[1]
-        if m.order and taken and not m.order_refused and self._fresh(m.order):
-            act = self.order[1]
-            assert act is not None
-            self.execution.begin(act.motion, act.duration, self.now, m.ends_in_s)
-            self._time(act, m)
-        else:
-            self.execution.correct(self.now, m.ends_in_s)
-        self.standing = m.state == "standing"
+        number, act = self.order
+        if m.order == number and m.order != self.taken:
+            self.taken = number
+            if act is not None and not m.order_refused:
+                self.execution.begin(act.motion, act.duration, self.now, m.ends_in_s)
+                index = next(i for i, each in enumerate(self.acts) if each.name == act.name)
+                whole = self.acts[index].motion
+                share = act.motion.turn / whole.turn if whole.turn else 1.0
+                self.under_way.append((act.motion, index, share))
+                self._time(act, m.ends_in_s, whole=act is self.acts[index])
+        elif m.order == number or act is None:
+            self.execution.correct(self.now, m.ends_in_s)  # else an order is on its way, as in `Pilot.follow`
+        self._halt(m)
+        self.standing = m.state in STANDING
         before = [(piece, piece.done) for piece in self.execution.pieces]
-        moved = self.execution.advance(self.now)
-        for motion in moved:
+        for motion in self.execution.advance(self.now):
             self.tracker.move(motion)
         for piece, done in before:
             if piece.done > done:
-                index = next(i for i, act in enumerate(self.acts) if _same(act, piece.motion))
-                self.events.append((MOVE, float(index), piece.done - done))
-        if self.standing and self.last_end is not None and m.ends_in_s is None and self.last_end[0] != "stand":
-            self.last_end = ("stand", self.now)
+                index, share = self._piece(piece.motion)
+                self.events.append((MOVE, float(index), share * (piece.done - done)))
+        pieces = self.execution.pieces
+        self.under_way = [item for item in self.under_way if any(item[0] is piece.motion for piece in pieces)]
 
-    def _fresh(self, number: int) -> bool:
-        if number == getattr(self, "_seen", 0):
-            return False
-        self._seen = number
-        return True
+    def _piece(self, motion: Motion) -> tuple[int, float]:
+        return next((index, share) for own, index, share in self.under_way if own is motion)
 
-    def _time(self, act: Act, m: Any) -> None:
-        end = self.now + (act.duration if m.ends_in_s is None else m.ends_in_s)
-        if m.ends_in_s is not None:
-            kind, began = self.last_end or ("stand", self.now)
-            began = self.now if kind == "stand" else began
+    def _time(self, act: Act, ends_in: float | None, *, whole: bool) -> None:
+        """Take down how long an action takes by what the walker plans when it takes it up."""
+        if ends_in is None:
+            self.landing = None
+            return
+        end = self.now + ends_in
+        kind, began = self.landing or ("stand", self.now)
+        if whole:
             self.run.durations.setdefault((kind, act.name), []).append(end - began)
-        self.last_end = (act.kind, end)
+        self.landing = (act.kind, end)
+
+    def _halt(self, m: Any) -> None:
+        if self.landing is None:
+            return
+        if m.ends_in_s is not None and m.order == self.order[0]:
+            self.landing = (self.landing[0], self.now + m.ends_in_s)
+        elif m.state == "standing" and m.ends_in_s is None and self.now >= self.landing[1]:
+            self.run.halts.setdefault(self.landing[0], []).append(self.now - self.landing[1])
+            self.landing = None
 
     def _frame(self, m: Any) -> None:
         time = m.stamp_ns * 1e-9
         self.events.append((FRAME, time - self.frame_at))
         self.frame_at = time
+        t, world = self.tracker, self.tracker.world
+        if world is None or not self.started:
+            return
+        visible = in_view(t.mean, world, self.model)
         try:
             seen = detections(m)
+            found = t.look(seen, time, standing=self.standing).matches
         except DetectionError:
             return
-        t, world = self.tracker, self.tracker.world
-        if world is None:
-            return
-        found = match(t.mean, t.cov, seen, world, t.noise, t.limits, seed=len(self.events))
-        name = "stand" if self.standing else self._name()
-        for detection, landmark in zip(found.detections, found.landmarks, strict=True):
+        pairs = [] if found is None else list(zip(found.detections, found.landmarks, strict=True))
+        for detection, landmark in pairs:
             x, y = world.positions[landmark]
             r, a = float(seen.ranges[detection]), float(seen.bearings[detection])
             self.events.append((SEE, float(x), float(y), r, a, float(self.standing)))
             self.places.append((r, a, float(self.standing)))
-        self.run.frames.setdefault(name, []).append((in_view(t.mean, world, self.model), len(found.detections)))
-        t.look(seen, time, standing=self.standing)
+        name = self._name()
+        if name:
+            self.run.frames.setdefault(name, []).append((visible, len(pairs)))
 
     def _name(self) -> str:
-        if not self.execution.pieces:
-            return ""
-        return next(act.name for act in self.acts if _same(act, self.execution.pieces[0].motion))
-
-
-def _same(act: Act, motion: Any) -> bool:
-    return act.motion.forward == motion.forward and act.motion.turn == motion.turn
+        """Return the action that a frame belongs to; empty where the model has none."""
+        if self.standing:
+            return next((act.name for act in self.acts if act.kind == "stand"), "")
+        pieces = self.execution.pieces
+        return self.acts[self._piece(pieces[0].motion)[0]].name if pieces else ""
 
 
 def in_view(mean: Array, world: LandmarkMap, model: NavigationModel) -> int:

@@ -1,9 +1,13 @@
 """A fitted model as a TOML file, with the interval of each number beside it."""
 
+import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
-from surefoot.lab.fit.estimate import Fitted, Interval
+from surefoot.errors import SurefootError
+from surefoot.lab.fit.result import Fitted, Interval
+from surefoot.services.navigator.policy.params import NavigationModel, load
 
 
 def fitted_toml(found: Fitted, base: str, recordings: Sequence[str]) -> str:
@@ -24,12 +28,42 @@ def fitted_toml(found: Fitted, base: str, recordings: Sequence[str]) -> str:
     return "\n".join(lines)
 
 
+def check_out(out: Path, base: str) -> None:
+    """Refuse a file that could not be loaded again (raises SurefootError).
+
+    Args:
+        out: file to write.
+        base: model that it will extend, name or file.
+    """
+    if out.suffix != ".toml":
+        raise SurefootError("invalid", f"got {str(out)!r}, allowed is a file *.toml", "out")
+    if base.endswith(".toml") and Path(base).resolve() == out.resolve():
+        raise SurefootError("invalid", f"got {str(out)!r}, allowed is another file than that of --params", "out")
+
+
+def write_model(found: Fitted, base: str, recordings: Sequence[str], out: Path) -> NavigationModel:
+    """Write the fitted model, if it can be loaded, and return it; a file that was there before stays until then.
+
+    Raises:
+        ConfigError: the numbers make no model; nothing is written.
+    """
+    if base.endswith(".toml"):
+        base = Path(os.path.relpath(base, out.parent)).as_posix()
+    trial = out.with_name(f".{out.stem}.{os.getpid()}.toml")
+    try:
+        trial.write_text(fitted_toml(found, base, recordings), encoding="utf-8")
+        model = load(trial)
+        trial.replace(out)
+    finally:
+        trial.unlink(missing_ok=True)
+    return model
+
+
 def _number(name: str, interval: Interval) -> Any:
-    return int(interval.value) if name == "frames" else f"{interval.value:.6g}"
+    return int(interval.value) if name == "frames" else f"{round(interval.value, 9):.6g}"
 
 
 def _comment(interval: Interval) -> str:
-    if interval.low == interval.high:
-        return ""
+    low, high = (f"{round(end, 9):.4g}" for end in (interval.low, interval.high))
     samples = f", {interval.count} samples" if interval.count else ""
-    return f"  # {interval.low:.4g} to {interval.high:.4g}{samples}"
+    return "" if low == high else f"  # {low} to {high}{samples}"

@@ -1,0 +1,140 @@
+"""Times of actions, and how many landmarks in view are matched: means over samples, with intervals."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.stats import binom
+from scipy.stats import t as student
+
+from surefoot.lab.fit.events import FRAME, Run
+from surefoot.lab.fit.result import Z95, Fitted, Interval
+from surefoot.services.navigator.policy.params import NavigationModel
+
+Array = NDArray[np.float64]
+
+FULL = 0.99
+"""Frames hold at most this part of what they have room for; a share that fills all of them is not known."""
+
+
+def twins(model: NavigationModel) -> list[tuple[str, ...]]:
+    """Return the actions with their mirror images, each once: the model asks for equal numbers of both."""
+    groups: dict[tuple[str, float, float], list[str]] = {}
+    for name, action in model.actions.items():
+        groups.setdefault((action.kind, action.forward, abs(action.turn_deg)), []).append(name)
+    return [tuple(names) for names in groups.values()]
+
+
+def durations(runs: Sequence[Run], model: NavigationModel, found: Fitted) -> None:
+    """Write times of actions in a chain, what switching between kinds adds, and frames of an action.
+
+    Args:
+        runs: recordings.
+        model: names the actions.
+        found: result; actions that did not occur get no numbers.
+    """
+    samples: dict[tuple[str, str], list[float]] = {}
+    for run in runs:
+        for pair, times in run.durations.items():
+            samples.setdefault(pair, []).extend(times)
+    occurred = {name for _, name in samples} | {name for run in runs for name, rows in run.frames.items() if rows}
+    usual: dict[str, float] = {}
+    for names in twins(model):
+        times = [
+            time for (before, name), part in samples.items()
+            if name in names and before == model.actions[name].kind for time in part
+        ]  # fmt: skip
+        times = times or [
+            time for (before, name), part in samples.items() if name in names and before != "stand" for time in part
+        ]
+        for name in names:
+            if times:
+                found.values[f"actions.{name}.duration"] = mean = _mean(times)
+                usual[name] = mean.value
+    extra: dict[tuple[str, str], list[float]] = {}
+    for (before, name), times in samples.items():
+        kind = model.actions[name].kind
+        if before != kind and name in usual:
+            extra.setdefault((before, kind), []).extend(time - usual[name] for time in times)
+    for run in runs:
+        for kind, times in run.halts.items():
+            extra.setdefault((kind, "stand"), []).extend(times)
+    for (before, kind), times in extra.items():
+        mean = _mean(times)
+        value, low, high = (max(0.0, end) for end in (mean.value, mean.low, mean.high))
+        found.values[f"switching.{before}.{kind}"] = Interval(value, low, high, mean.count)
+    _frames(runs, model, found, occurred, usual)
+
+
+def _frames(
+    runs: Sequence[Run], model: NavigationModel, found: Fitted, occurred: set[str], usual: dict[str, float]
+) -> None:
+    """Write how many frames an action has: its time over the time between two frames."""
+    gaps = np.concatenate([run.events[run.events[:, 0] == FRAME, 1][1:] for run in runs])
+    if not len(gaps) or float(np.median(gaps)) <= 0.0:
+        return
+    period = float(np.median(gaps))
+    for names in twins(model):
+        for name in names:
+            if occurred.intersection(names):
+                count = min(64, max(1, round(usual.get(name, model.actions[name].duration) / period)))
+                found.values[f"actions.{name}.frames"] = Interval(count, count, count, len(gaps))
+
+
+def _mean(samples: Sequence[float]) -> Interval:
+    x = np.array(samples)
+    half = 0.0
+    if len(x) > 1:
+        half = float(student.ppf(0.975, len(x) - 1) * x.std(ddof=1) / math.sqrt(len(x)))
+    return Interval(float(x.mean()), float(x.mean()) - half, float(x.mean()) + half, len(x))
+
+
+def matches(runs: Sequence[Run], model: NavigationModel, found: Fitted) -> None:
+    """Write the probability that a landmark in view is matched, by action; intervals count runs, not landmarks.
+
+    A frame hands on `sight.most` landmarks at most, so the share of the matched is less than that probability where
+    many are matched. The probability p is the one at which as many as were matched are expected:
+    sum over frames of E min(Binomial(in view, p), most).
+
+    Args:
+        runs: recordings.
+        model: names the actions.
+        found: result.
+    """
+    for names in twins(model):
+        parts = [[row for name in names for row in run.frames.get(name, ())] for run in runs]
+        rows = [np.array(part, dtype=np.float64) for part in parts if part]
+        seen = np.array([part.sum(axis=0) for part in rows]).reshape(-1, 2)
+        if not len(seen) or seen[:, 0].sum() == 0.0:
+            continue
+        in_view, total = float(seen[:, 0].sum()), float(seen[:, 1].sum())
+        share = total / in_view
+        half = math.sqrt(max(share * (1.0 - share), 0.25 / in_view) / in_view) * Z95
+        if len(seen) > 1:  # ratio estimate: its variance from the differences between the runs
+            rest = seen[:, 1] - share * seen[:, 0]
+            sd = math.sqrt((rest**2).sum() * len(seen) / (len(seen) - 1)) / in_view
+            half = max(half, sd * float(student.ppf(0.975, len(seen) - 1)))
+        views = np.concatenate([part[:, 0] for part in rows])
+        most = model.sight.most
+        room = FULL * float(np.minimum(views, most).sum())
+        value = _probability(views, min(total, room), most)
+        low, high = (_probability(views, min(total, room) + k * half * in_view, most) for k in (-1.0, 1.0))
+        for name in names:
+            found.values[f"actions.{name}.match"] = Interval(value, low, high, int(in_view))
+
+
+def _probability(views: Array, total: float, most: int) -> float:
+    """Return p at which frames with `views` landmarks in view hold `total` in the mean, each at most `most`."""
+    sizes, frames = np.unique(views.astype(int), return_counts=True)
+    below = np.arange(most)
+
+    def excess(p: float) -> float:
+        held = binom.sf(below[None, :], sizes[:, None], p).sum(axis=1)  # E min(X, most) = sum over k < most of P(X > k)
+        return float((frames * held).sum()) - total
+
+    room = float((frames * np.minimum(sizes, most)).sum())
+    if total <= 0.0 or total >= room:
+        return 0.0 if total <= 0.0 else 1.0
+    return float(brentq(excess, 0.0, 1.0))  # pyright: ignore[reportArgumentType]

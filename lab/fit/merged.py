@@ -1,0 +1,44 @@
+"""Fewer events that say the same: motions between two sightings as one, frames without a sighting as time."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+WHOLE = 1.0 + 1e-9
+"""Shares of an action that are joined add up to at most this: a prediction covers one action."""
+
+
+def merged(events: Array) -> Array:
+    """Return the events with what lies between two sightings joined.
+
+    Motions of one action in a row become one motion, up to the whole action: the filter's prediction turns half-way
+    through, so that many short ones and a long one differ by noise only in the second order. Errors that fade by
+    exp(-t / fade) fade over the sum of the times; frames without a sighting only add to it.
+
+    Args:
+        events: (n, COLUMNS), see `events`.
+
+    Returns:
+        The joined events, (m, COLUMNS), m <= n; what follows the last sighting is left out.
+    """
+    out: list[Array] = []
+    moves: list[Array] = []
+    waited = np.zeros(events.shape[1])
+    waited[0] = 1.0
+    for row in events:
+        if row[0] == 0.0:
+            last = moves[-1] if moves else None
+            if last is not None and last[1] == row[1] and last[2] + row[2] <= WHOLE:
+                last[2] += row[2]
+            else:
+                moves.append(row.copy())
+        elif row[0] == 1.0:
+            waited[1] += row[1]
+        else:
+            out += moves
+            if waited[1] > 0.0:
+                out.append(waited.copy())
+            out.append(row)
+            moves, waited[1] = [], 0.0
+    return np.array(out).reshape(-1, events.shape[1])

@@ -1,0 +1,253 @@
+"""The search for the likeliest parameters, and how well they are known."""
+
+import math
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq, minimize
+
+from surefoot.lab.fit.events import Run
+from surefoot.lab.fit.likelihood import minus_log_likelihoods
+from surefoot.lab.fit.merged import merged
+from surefoot.lab.fit.result import Z95
+
+Array = NDArray[np.float64]
+
+STEP = 1e-3
+"""Of the differences that make gradient and curvature."""
+IMPOSSIBLE = 1e12
+"""Of parameters under which the filter breaks down."""
+LOWEST, HIGHEST = math.log(1e-5), 3.0
+"""ln of the standard deviations that are tried, m or rad."""
+FACTOR = 10.0
+"""A number that is not known within this factor up and down is not known."""
+ENOUGH = 0.5 * Z95**2
+"""nats that the likelihood falls by at the ends of a 95 % interval."""
+CENTRE = 0.41
+"""Mean of a half-normal density in 95 % ends: the value of a noise that may be zero."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of the likelihood."""
+
+    index: int
+    """Of `likelihood`."""
+    keys: tuple[str, ...]
+    """Of the model, dotted."""
+    factor: float = 1.0
+    """From SI to the unit of the model."""
+    bounds: tuple[float, float] | None = None
+    """None: the parameter is positive, its logarithm is searched."""
+
+    @property
+    def positive(self) -> bool:
+        """Whether its logarithm is searched."""
+        return self.bounds is None
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter and its 95 % interval, SI units."""
+
+    value: float
+    low: float
+    high: float
+
+
+class Likelihood:
+    """-ln L of all recordings under many parameters at once, on all cores; the threads end with the context.
+
+    Args:
+        runs: recordings.
+        actions: forward (m), turn (rad), group of each action, (A, 3).
+        sd_start: standard deviations of position (m) and heading (rad) at the start, (2,).
+        height: of the camera, m.
+        fades: time constants of tilt and sway, s, (2,).
+    """
+
+    def __init__(self, runs: Sequence[Run], actions: Array, sd_start: Array, height: float, fades: Array) -> None:
+        self._runs = [(merged(run.events), np.array(run.start, dtype=np.float64)) for run in runs]
+        self._actions, self._sd, self._height, self._fades = actions, sd_start, height, fades
+        self._cores = os.cpu_count() or 1
+        self._pool = ThreadPoolExecutor(self._cores)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pool.shutdown()
+
+    def __call__(self, thetas: Array) -> Array:
+        """Return the sums over the recordings, (m,), for parameters (m, PARAMETERS)."""
+        return self.each(thetas).sum(axis=0)
+
+    def each(self, thetas: Array) -> Array:
+        """Return the values of each recording, (R, m)."""
+        parts = np.array_split(thetas, min(len(thetas), math.ceil(self._cores / len(self._runs))))
+        jobs = [[self._pool.submit(self._one, run, part) for part in parts] for run in self._runs]
+        values = np.array([np.concatenate([job.result() for job in row]) for row in jobs])
+        return np.where(np.isfinite(values), values, IMPOSSIBLE)
+
+    def _one(self, run: tuple[Array, Array], thetas: Array) -> Array:
+        events, start = run
+        return minus_log_likelihoods(events, self._actions, start, self._sd, thetas, self._height, self._fades)
+
+
+class _Surface:
+    """-ln L as a function of the searched coordinates: logarithms of positive parameters, the others as they are."""
+
+    def __init__(self, likelihood: Likelihood, theta: Array, wanted: Sequence[Parameter]) -> None:
+        self.likelihood, self.theta, self.wanted = likelihood, theta, wanted
+
+    def coordinates(self) -> Array:
+        """Return theta as coordinates, (P,)."""
+        return np.array([math.log(self.theta[i.index]) if i.positive else self.theta[i.index] for i in self.wanted])
+
+    def full(self, x: Array) -> Array:
+        """Return the parameters (m, PARAMETERS) of coordinates (m, P)."""
+        out = np.tile(self.theta, (len(x), 1))
+        for column, item in zip(x.T, self.wanted, strict=True):
+            out[:, item.index] = np.exp(np.clip(column, LOWEST - 1.0, HIGHEST + 1.0)) if item.positive else column
+        return out
+
+    def values(self, x: Array) -> Array:
+        """Return the values at coordinates (m, P), (m,)."""
+        return self.likelihood(self.full(x))
+
+    def slopes(self, x: Array) -> Array:
+        """Return the gradient of each recording by central differences, (R, P)."""
+        steps = STEP * np.eye(len(x))
+        ends = self.likelihood.each(self.full(np.concatenate([x + steps, x - steps])))
+        return (ends[:, : len(x)] - ends[:, len(x) :]) / (2.0 * STEP)
+
+    def with_slope(self, x: Array) -> tuple[float, Array]:
+        """Return value and gradient by central differences."""
+        steps = STEP * np.eye(len(x))
+        all_of = self.values(np.concatenate([x[None], x + steps, x - steps]))
+        return float(all_of[0]), (all_of[1 : len(x) + 1] - all_of[len(x) + 1 :]) / (2.0 * STEP)
+
+    def curvature(self, x: Array) -> Array:
+        """Return the matrix of second derivatives by central differences, (P, P)."""
+        n, e = len(x), STEP * np.eye(len(x))
+        pairs = [(i, j) for i in range(n) for j in range(i + 1)]
+        signs = ((1, 1), (1, -1), (-1, 1), (-1, -1))
+        points = np.array([x + a * e[i] + b * e[j] for i, j in pairs for a, b in signs])
+        v = self.values(points).reshape(-1, 4)
+        out = np.zeros((n, n))
+        for (i, j), second in zip(pairs, (v[:, 0] - v[:, 1] - v[:, 2] + v[:, 3]) / (4.0 * STEP**2), strict=True):
+            out[i, j] = out[j, i] = second
+        return out
+
+
+def estimate(
+    likelihood: Likelihood, theta: Array, wanted: Sequence[Parameter], sightings: int
+) -> tuple[dict[int, Estimate], float]:
+    """Return the likeliest parameters by index, and by how many nats they are likelier than theta.
+
+    Intervals come from `deviations`. A parameter that is not known within `FACTOR` gets the value of theta
+    again, the rest is searched anew, and it is left out of the result. A noise that is not told from zero
+    begins there; one without a likeliest value, but smaller than theta says, ends where the likelihood has fallen by
+    `ENOUGH`.
+
+    Args:
+        likelihood: of the recordings.
+        theta: where to begin, (PARAMETERS,).
+        wanted: what is searched; the others stay as in theta.
+        sightings: scale of -ln L, so that the line search takes sensible steps.
+    """
+    before = float(likelihood(theta[None])[0])
+    first, small, searched = theta.copy(), dict[int, Estimate](), list(wanted)
+    theta = theta.copy()
+    while True:
+        surface = _Surface(likelihood, theta, searched)
+        best, value = _minimum(surface, max(1, sightings))
+        sigmas = deviations(surface.curvature(best), surface.slopes(best))
+        theta = surface.full(best[None])[0]
+        unknown = [k for k, item in enumerate(searched) if not _known(item, best[k], sigmas[k])]
+        if not unknown:
+            break
+        for k in unknown:
+            item = searched[k]
+            end = _upper_end(surface, best, value, k, first[item.index]) if item.positive else None
+            if end is not None:
+                small[item.index] = Estimate(CENTRE * end, 0.0, end)
+            theta[item.index] = first[item.index] if end is None else CENTRE * end
+        searched = [item for k, item in enumerate(searched) if k not in unknown]
+        if not searched:
+            break
+    found = dict(small)
+    for k, item in enumerate(searched):
+        x, half = float(best[k]), Z95 * float(sigmas[k])
+        if item.positive:
+            zero = _rise(surface, best, value, k, LOWEST) < ENOUGH
+            found[item.index] = Estimate(math.exp(x), 0.0 if zero else math.exp(x - half), math.exp(x + half))
+        else:
+            found[item.index] = Estimate(x, x - half, x + half)
+    return found, before - float(likelihood(theta[None])[0])
+
+
+def _minimum(surface: _Surface, scale: int) -> tuple[Array, float]:
+    def scaled(x: Array) -> tuple[float, Array]:
+        value, slope = surface.with_slope(x)
+        return value / scale, slope / scale
+
+    result: Any = minimize(
+        scaled, surface.coordinates(), jac=True, method="L-BFGS-B",
+        bounds=[(LOWEST, HIGHEST) if item.bounds is None else item.bounds for item in surface.wanted],
+        options={"maxiter": 200, "ftol": 1e-8, "gtol": 1e-5},
+    )  # fmt: skip
+    return result.x, float(result.fun) * scale
+
+
+def _known(item: Parameter, x: float, sigma: float) -> bool:
+    if item.bounds is None:
+        return Z95 * sigma <= math.log(FACTOR) and x > LOWEST + STEP
+    low, high = item.bounds
+    inside = low + STEP < x < high - STEP
+    return inside and Z95 * sigma <= (0.5 * (high - low) if low < 0.0 else (1.0 - 1.0 / FACTOR) * x)
+
+
+def _rise(surface: _Surface, best: Array, value: float, k: int, x: float) -> float:
+    """Return by how many nats -ln L rises when coordinate k alone becomes x."""
+    point = best.copy()
+    point[k] = x
+    return float(surface.values(point[None])[0]) - value
+
+
+def _upper_end(surface: _Surface, best: Array, value: float, k: int, first: float) -> float | None:
+    """Return where the likelihood of a positive parameter has fallen by `ENOUGH`, if below its first value."""
+
+    def above(x: float) -> float:
+        return _rise(surface, best, value, k, x) - ENOUGH
+
+    top = math.log(first)
+    if best[k] >= top or above(float(best[k])) >= 0.0 or above(top) <= 0.0:
+        return None
+    return math.exp(float(brentq(above, float(best[k]), top, xtol=1e-3)))  # pyright: ignore[reportArgumentType]
+
+
+def deviations(curvature: Array, slopes: Array) -> Array:
+    """Return the standard deviations of the likeliest parameters, (P,), the larger of two estimates.
+
+    H^-1, right if the model is, and R / (R - 1) H^-1 (sum_r g_r g_r^T) H^-1, which also counts what differs between
+    the recordings in a way that the model does not know (White 1982; clusters are recordings). Directions that
+    nothing is known of get 5.
+
+    Args:
+        curvature: H, of -ln L, (P, P).
+        slopes: g_r, gradient of each recording at the minimum, (R, P).
+    """
+    values, vectors = np.linalg.eigh(0.5 * (curvature + curvature.T))
+    inverse = (vectors / np.maximum(values, 0.04)) @ vectors.T
+    variances = np.diag(inverse)
+    runs = len(slopes)
+    if runs > 1:
+        between = inverse @ (slopes.T @ slopes) @ inverse * runs / (runs - 1)
+        variances = np.maximum(variances, np.diag(between))
+    return np.sqrt(variances)
