@@ -27,8 +27,8 @@ LEAN = 0.3
 def fit(runs: Sequence[Run], model: NavigationModel, show: Callable[[str], None] = lambda text: None) -> Fitted:
     """Return the numbers of the robot that made the recordings.
 
-    Numbers that the recordings do not decide within a factor of 10 are left out. An action and its mirror image are
-    one: the model asks for equal numbers.
+    Noises that the recordings do not decide within a factor of 10 are left out, and so are ways and turns that they do
+    not tell from what was commanded. An action and its mirror image are one: the model asks for equal numbers.
 
     Args:
         runs: recordings, see `events.read_run`.
@@ -101,16 +101,16 @@ def _parameters(runs: Sequence[Run], model: NavigationModel) -> list[Parameter]:
                 Parameter(first, keys(names, "along_sd")),
                 Parameter(first + 1, keys(names, "across_sd")),
                 Parameter(first + 2, keys(names, "heading_sd_deg"), DEG),
-                Parameter(factor, keys(names, "forward"), bounds=(0.3, 3.0)),
+                Parameter(factor, keys(names, "forward"), bounds=(0.3, 3.0), as_commanded=1.0),
             ]
     if lk.ARC in groups:
-        wanted.append(Parameter(lk.ARC_TURNED, keys(of[lk.ARC], "turn_deg"), bounds=(0.3, 3.0)))
+        wanted.append(Parameter(lk.ARC_TURNED, keys(of[lk.ARC], "turn_deg"), bounds=(0.3, 3.0), as_commanded=1.0))
     if lk.ON_THE_SPOT in groups:
         names = of[lk.ON_THE_SPOT]
         wanted += [
             Parameter(lk.TURN_PLACE, keys(names, "along_sd", "across_sd")),
             Parameter(lk.TURN_HEADING, keys(names, "heading_sd_deg"), DEG),
-            Parameter(lk.TURNED, keys(names, "turn_deg"), bounds=(0.3, 3.0)),
+            Parameter(lk.TURNED, keys(names, "turn_deg"), bounds=(0.3, 3.0), as_commanded=1.0),
         ]
     if stood:
         wanted.append(Parameter(lk.STANDING, ("sight.standing_share",)))

@@ -24,7 +24,7 @@ class Fitted:
     values: dict[str, Interval] = field(default_factory=dict[str, Interval])
     """Numbers by dotted key of the model."""
     undecided: list[str] = field(default_factory=list[str])
-    """Keys of which the recordings say nothing; the model to begin with keeps its numbers."""
+    """Keys of which the recordings say too little; the model to begin with keeps its numbers."""
     runs: int = 0
     """Recordings used."""
     sightings: int = 0

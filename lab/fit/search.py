@@ -44,6 +44,8 @@ class Parameter:
     """From SI to the unit of the model."""
     bounds: tuple[float, float] | None = None
     """None: the parameter is positive, its logarithm is searched."""
+    as_commanded: float | None = None
+    """What it is if the robot does what was commanded."""
 
     @property
     def positive(self) -> bool:
@@ -150,8 +152,9 @@ def estimate(
 ) -> tuple[dict[int, Estimate], float]:
     """Return the likeliest parameters by index, and by how many nats they are likelier than theta.
 
-    Intervals come from `deviations`. A parameter that is not known within `FACTOR` gets the value of theta
-    again, the rest is searched anew, and it is left out of the result. A noise that is not told from zero
+    Intervals come from `deviations`. A noise that is not known within `FACTOR`, and a way or
+    turn that is not told from what was commanded, gets the value of theta again, the rest is searched anew, and it is
+    left out of the result. A noise that is not told from zero
     begins there; one without a likeliest value, but smaller than theta says, ends where the likelihood has fallen by
     `ENOUGH`.
 
@@ -206,11 +209,13 @@ def _minimum(surface: _Surface, scale: int) -> tuple[Array, float]:
 
 
 def _known(item: Parameter, x: float, sigma: float) -> bool:
+    """Return whether a coordinate says more than the model: see `estimate`."""
     if item.bounds is None:
         return Z95 * sigma <= math.log(FACTOR) and x > LOWEST + STEP
     low, high = item.bounds
-    inside = low + STEP < x < high - STEP
-    return inside and Z95 * sigma <= (0.5 * (high - low) if low < 0.0 else (1.0 - 1.0 / FACTOR) * x)
+    if item.as_commanded is not None:
+        return abs(x - item.as_commanded) > Z95 * sigma
+    return low + STEP < x < high - STEP and Z95 * sigma <= 0.5 * (high - low)
 
 
 def _rise(surface: _Surface, best: Array, value: float, k: int, x: float) -> float:

@@ -34,10 +34,10 @@ class Robot:
     sway_fade: float = 0.3
     drift: float = 2.0
     wander: float = 0.05
-    forward: float = 0.95
-    turned: float = 1.1
+    forward: float = 0.9
+    turned: float = 1.2
     arc_forward: float = 1.0
-    arc_turned: float = 0.9
+    arc_turned: float = 0.7
     height: float = 0.45
 
 
