@@ -128,7 +128,7 @@ def show(rows: list[Compared]) -> None:
     good = sum(abs(row.error) <= WITHIN for row in rows)
     wrong, apart = wrong_pairs(rows)
     print(
-        f"within {WITHIN:g} %: {good} of {len(rows)} policies; episodes that reach: {min(r.success for r in rows):.4f}"
+        f"within {WITHIN:g} %: {good} of {len(rows)} policies; least success of a policy: {min(r.success for r in rows):.4f}"
     )
     print(f"pairs that live runs tell apart: {apart}, of these ranked otherwise: {wrong or 'none'}")
 

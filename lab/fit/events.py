@@ -45,7 +45,6 @@ class Run:
         durations: per (kind before, action) the times of the action, s.
         halts: per kind of action the times from its last landing until the robot stands, s.
         frames: per action name rows (landmarks in view, matched) of each frame.
-        places: range (m) and bearing (rad) of each matched landmark, and 1 if standing, (m, 3).
     """
 
     path: Path
@@ -54,7 +53,6 @@ class Run:
     durations: dict[tuple[str, str], list[float]] = field(default_factory=dict[tuple[str, str], list[float]])
     halts: dict[str, list[float]] = field(default_factory=dict[str, list[float]])
     frames: dict[str, list[tuple[int, int]]] = field(default_factory=dict[str, list[tuple[int, int]]])
-    places: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 def read_run(path: Path, model: NavigationModel) -> Run:
@@ -89,7 +87,6 @@ class _Reader:
         self.tracker = PoseTracker(start, noise, noise, shared)
         self.execution = Execution()
         self.events: list[tuple[float, ...]] = []
-        self.places: list[tuple[float, float, float]] = []
         self.order: tuple[int, Act | None] = (0, None)
         self.taken = 0
         """Number of the last order that the walker took up."""
@@ -122,7 +119,6 @@ class _Reader:
         if not any(event[0] == SEE for event in self.events):
             raise SurefootError("invalid", f"{self.run.path} has no landmark that matches the map", "hw/landmarks")
         self.run.events = np.array([(*e, *([0.0] * (COLUMNS - len(e)))) for e in self.events])
-        self.run.places = np.array(self.places).reshape(-1, 3)
         return self.run
 
     def _order(self, m: Any) -> None:
@@ -212,7 +208,6 @@ class _Reader:
             x, y = world.positions[landmark]
             r, a = float(seen.ranges[detection]), float(seen.bearings[detection])
             self.events.append((SEE, float(x), float(y), r, a, float(self.standing)))
-            self.places.append((r, a, float(self.standing)))
         name = self._name()
         if name:
             self.run.frames.setdefault(name, []).append((visible, len(pairs)))

@@ -7,6 +7,8 @@ import pytest
 
 from surefoot.errors import ConfigError, SurefootError
 from surefoot.lab.cli import main
+from surefoot.lab.fit.estimate import fit
+from surefoot.lab.fit.events import read_run
 from surefoot.lab.fit.output import check_out, fitted_toml, write_model
 from surefoot.lab.fit.result import Fitted, Interval
 from surefoot.services.navigator.policy.params import load
@@ -89,6 +91,17 @@ def test_from_a_recording_to_a_model_by_command(surefoot, tmp_path):
     assert not set(answer["undecided"]) & set(answer["values"])
     assert load(out).sight.range_sd == pytest.approx(answer["values"]["sight.range_sd"]["value"], rel=1e-5)
     assert load(out).switching["stand"]["walk"] == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize("params", ["nao", "paper"])
+def test_models_with_other_errors_are_fitted_too(tmp_path, params):
+    """`nao` has noise in proportion to the range, `paper` neither tilt nor sway."""
+    base = load(params, ["actions.walk.match=0.3"])
+    numbers = fit([read_run(tour(tmp_path / "tour.mcap"), base)], base)
+    model = write_model(numbers, params, ["tour.mcap"], tmp_path / "fitted.toml")
+    assert model.sight.bearing_sd_deg < 2.0  # the recording has 1.1 deg
+    assert (model.sight.tilt_sd_deg > 0.0) == (params == "nao")
+    assert ("sight.range_sd_share" in numbers.values) == (params == "nao")
 
 
 @pytest.mark.parametrize("key", ["navigator/order", "hw/landmarks", "terrain/landmarks"])
