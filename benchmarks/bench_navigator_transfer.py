@@ -127,9 +127,8 @@ def show(rows: list[Compared]) -> None:
         print(f"{text} {row.error:+8.1f} {by_live.index(row) + 1:10d} {by_model.index(row) + 1:10d}")
     good = sum(abs(row.error) <= WITHIN for row in rows)
     wrong, apart = wrong_pairs(rows)
-    print(
-        f"within {WITHIN:g} %: {good} of {len(rows)} policies; least success of a policy: {min(r.success for r in rows):.4f}"
-    )
+    least = min(row.success for row in rows)
+    print(f"within {WITHIN:g} %: {good} of {len(rows)} policies; least success of a policy: {least:.4f}")
     print(f"pairs that live runs tell apart: {apart}, of these ranked otherwise: {wrong or 'none'}")
 
 
