@@ -145,10 +145,10 @@ def main() -> None:
     if options.live is None or not (options.recordings or options.model):
         print("needs --live, and recordings or --model: nothing to compare")
         return
-    params = options.params or {"hard": "nao-paper", "easy": "nao"}[options.world]
+    home = {"hard": "nao-paper", "easy": "nao"}[options.world]  # the model that the live policies are made for
     lines = [line for line in kept(options.live) if line["world"] == options.world]
-    model = load(options.model) if options.model else fitted(options.recordings, params)
-    rows = compare(lines, model, load(params), options.episodes)
+    model = load(options.model) if options.model else fitted(options.recordings, options.params or home)
+    rows = compare(lines, model, load(home), options.episodes)
     if rows:
         show(rows)
     else:
