@@ -12,7 +12,7 @@ except SurefootError as error:
     sys.exit(str(error))
 with client as robot:
     next(gait for gait in robot.messages(STATE_GAIT) if gait.state == "standing")
-    robot.call(NAVIGATOR_GOTO, position=(1.0, 0.0), goal_id="there")
+    robot.call(NAVIGATOR_GOTO, position=(0.5, 0.1), goal_id="there")
     told = 0
     for feedback in robot.messages(NAVIGATOR_FEEDBACK):
         decision = feedback.decision

@@ -7,11 +7,14 @@ from typing import Any
 
 import pytest
 
+from surefoot.client import connect
+from surefoot.errors import BusError
 from surefoot.lab.runs.local import run_local
+from surefoot.schemas.topics import STATE_POSE
 from surefoot.services.supervisor.scenarios.scenario import load_scenario
-from tests.e2e.live import ROOT, environment
+from tests.e2e.live import ROOT, environment, wait_until
 from tests.ports import free_address
-from tests.processes import run_process
+from tests.processes import run_process, running
 
 pytestmark = pytest.mark.e2e
 
@@ -57,6 +60,37 @@ def test_a_goal_over_zenoh_is_the_run_of_one_process(tmp_path: Path) -> None:
     path, result = run(tmp_path, SHORT)
     assert result["ok"], result
     assert run_local(load_scenario(path)).run_hash in json.dumps(result)
+
+
+def stands(where: str) -> bool:
+    """Whether the robot of the system at an endpoint is there."""
+    try:
+        with connect("nao", where) as robot:
+            return robot.latest(STATE_POSE, 5.0).initialised
+    except (BusError, TimeoutError):
+        return False
+
+
+def test_the_example_walks_to_its_goal_in_paced_time(tmp_path: Path) -> None:
+    where = free_address()
+    around = environment(tmp_path, SUREFOOT_LISTEN=where)
+    command = [sys.executable, "-m", "surefoot.lab.cli.main"]
+    log = tmp_path / "up.log"
+    with (
+        log.open("wb") as stream,
+        running(
+            [*command, "up", "nao-goal", "--terrain", "corridor"], cwd=ROOT, env=around, stdout=stream, stderr=stream
+        ),
+    ):
+        wait_until(lambda: stands(where), 120.0, "the robot")
+        done = run_process(
+            [sys.executable, str(ROOT / "examples" / "goto.py"), where],
+            cwd=tmp_path, env=around, timeout=200, capture_output=True, text=True,
+        )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[-1].startswith("succeeded"), done.stdout
+    assert len(lines) >= 5
 
 
 def test_a_navigator_that_is_killed_goes_on_with_its_goal(tmp_path: Path) -> None:

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from surefoot.lab.runs.local import run_local
-from surefoot.lockstep.join import Delayed
+from surefoot.lockstep.join import DRIVER, Delayed
 from surefoot.record.recording import read_recording, recording_info
-from surefoot.schemas.topics import HW_LANDMARKS, HW_RANGE, Kind
+from surefoot.schemas.topics import HW_LANDMARKS, HW_RANGE, TERRAIN_LANDMARKS, Kind
 from surefoot.services.supervisor.scenarios.scenario import Scenario, parse_scenario
 from tests.e2e.live import SERVICES, Conducted, Live
 
@@ -90,8 +90,9 @@ def declared() -> set[str]:
     for name in SERVICES:
         service = importlib.import_module(f"services.{name}.service").SERVICE
         topics |= {item.topic if isinstance(item, Delayed) else item for item in (*service.inputs, *service.outputs)}
-    nao_has = {HW_LANDMARKS, HW_RANGE}
-    return {topic.key for topic in topics - nao_has if topic.deterministic and topic.kind is not Kind.STATUS}
+    nao_has = {HW_LANDMARKS, HW_RANGE, TERRAIN_LANDMARKS}
+    mine = {topic for topic in topics - nao_has if topic.owner in (*SERVICES, DRIVER)}
+    return {topic.key for topic in mine if topic.deterministic and topic.kind is not Kind.STATUS}
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT], ids=lambda n: n.name)
