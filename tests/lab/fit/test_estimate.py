@@ -34,7 +34,6 @@ def fits(wrong):
     return [fit(runs_of(Robot(), seed, FOUR * 2, 5), wrong) for seed in range(4)]
 
 
-@pytest.mark.slow
 def test_intervals_hold_the_truth_at_their_rate(fits):
     truth = truth_of(Robot())
     rows = [(key, truth[key], f.values[key]) for f in fits for key in truth if key in f.values]
@@ -43,7 +42,6 @@ def test_intervals_hold_the_truth_at_their_rate(fits):
     assert len(missed) <= 0.15 * len(rows), missed
 
 
-@pytest.mark.slow
 def test_no_number_is_missed_every_time(fits):
     truth = truth_of(Robot())
     for key in truth:
@@ -51,13 +49,11 @@ def test_no_number_is_missed_every_time(fits):
         assert not found or any(i.low <= truth[key] <= i.high for i in found), (key, truth[key], found)
 
 
-@pytest.mark.slow
 def test_recordings_become_likelier_than_under_the_model_to_begin_with(fits):
     assert all(f.improvement > 100.0 for f in fits)
     assert all(f.runs == 5 and f.sightings == 5 * 20 * 10 for f in fits)
 
 
-@pytest.mark.slow
 def test_walks_stretch_and_turns_differ_from_what_was_commanded(fits):
     """Where the robot goes less far, or turns farther, than commanded, most fits tell so; none says the opposite."""
     ways = [f.values["actions.walk.forward"] for f in fits if "actions.walk.forward" in f.values]
@@ -67,7 +63,6 @@ def test_walks_stretch_and_turns_differ_from_what_was_commanded(fits):
     assert all(turn.low > 23.0 for turn in turns)
 
 
-@pytest.mark.slow
 def test_ways_as_commanded_are_left_out(wrong):
     robot = Robot(forward=1.0, turned=1.0)
     found = [fit(runs_of(robot, seed, FOUR, 3), wrong) for seed in range(20, 23)]
@@ -88,7 +83,6 @@ def test_arcs_have_noises_of_their_own_where_they_occur(wrong):
     assert not any(key.startswith("actions.left") for key in found.values)  # none occurred
 
 
-@pytest.mark.slow
 def test_arcs_that_do_not_occur_take_the_noises_of_walks(fits):
     values = fits[0].values
     assert values["actions.arc_left_23.across_sd"] == values["actions.walk.across_sd"]
