@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from surefoot.client import connect
-from surefoot.errors import BusError
+from surefoot.errors import BusError, CallError
 from surefoot.lab.runs.local import run_local
 from surefoot.schemas.topics import STATE_POSE
 from surefoot.services.supervisor.scenarios.scenario import load_scenario
@@ -67,7 +67,7 @@ def stands(where: str) -> bool:
     try:
         with connect("nao", where) as robot:
             return robot.latest(STATE_POSE, 5.0).initialised
-    except (BusError, TimeoutError):
+    except (BusError, CallError):
         return False
 
 
