@@ -4,14 +4,14 @@ import sys
 
 from surefoot.client import connect
 from surefoot.errors import SurefootError
-from surefoot.schemas.topics import NAVIGATOR_FEEDBACK, NAVIGATOR_GOTO, STATE_GAIT
+from surefoot.schemas.topics import NAVIGATOR_FEEDBACK, NAVIGATOR_GOTO, STATE_POSE
 
 try:
     client = connect("nao", sys.argv[1] if len(sys.argv) > 1 else None)  # None: SUREFOOT_CONNECT or SUREFOOT_LISTEN
 except SurefootError as error:
     sys.exit(str(error))
 with client as robot:
-    next(gait for gait in robot.messages(STATE_GAIT) if gait.state == "standing")
+    next(pose for pose in robot.messages(STATE_POSE) if pose.initialised)
     robot.call(NAVIGATOR_GOTO, position=(0.5, 0.1), goal_id="there")
     told = 0
     for feedback in robot.messages(NAVIGATOR_FEEDBACK):

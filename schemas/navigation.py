@@ -29,7 +29,7 @@ class PoseBelief(Message):
     drift: float = Field(description="rad per m, estimated turn of the robot per way walked that no command asked for")
     drift_sd: float = Field(ge=0, description="rad per m, its standard deviation")
     map_from_odom: FloorPose = Field(description="pose of the odom frame in map, by this estimate")
-    initialised: bool = Field(description="a start pose is known")
+    initialised: bool = Field(description="the estimator is calibrated: goals are taken")
     control: Literal["commands", "odometry"] = Field(description="what the prediction follows")
     matched: int = Field(ge=0, description="landmarks of the last frame that were matched with the map")
     nis: float | None = Field(default=None, description="normalised innovation squared per degree of freedom, smoothed")

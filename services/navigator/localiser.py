@@ -197,9 +197,9 @@ class Localiser:
             self._trust()
             self.relocated += 1
 
-    def message(self) -> PoseBelief:
-        """Return the belief as a message."""
-        return pose_message(self.tracker, self.odom, self.control, self.matched, self.nis, self.lost)
+    def message(self, *, ready: bool) -> PoseBelief:
+        """Return the belief as a message; `ready`: the estimator is calibrated, goals are taken."""
+        return pose_message(self.tracker, self.odom, self.control, self.matched, self.nis, self.lost, ready)
 
 
 def _share(model: NavigationModel, kind: str) -> float:

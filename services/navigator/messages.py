@@ -21,7 +21,13 @@ def order_message(pilot: Pilot) -> MotionOrder:
 
 
 def pose_message(
-    tracker: PoseTracker, odom: Pose | None, control: Control, matched: int, nis: float | None, lost: "LostView"
+    tracker: PoseTracker,
+    odom: Pose | None,
+    control: Control,
+    matched: int,
+    nis: float | None,
+    lost: "LostView",
+    ready: bool,
 ) -> PoseBelief:
     """Return the belief of the pose.
 
@@ -32,6 +38,7 @@ def pose_message(
         matched: landmarks of the last frame that were matched.
         nis: smoothed normalised innovation squared per degree of freedom.
         lost: whether the belief is to be trusted.
+        ready: the estimator is calibrated, goals are taken.
     """
     cov = tracker.body_covariance()
     return PoseBelief(
@@ -41,7 +48,7 @@ def pose_message(
         drift=float(tracker.mean[3]),
         drift_sd=math.sqrt(max(0.0, float(tracker.cov[3, 3]))),
         map_from_odom=(0.0, 0.0, 0.0) if odom is None else between(tracker.pose, odom),
-        initialised=True,
+        initialised=ready,
         control=control,
         matched=matched,
         nis=nis,

@@ -195,7 +195,7 @@ class Navigator(Service[NavigatorConfig]):
             self.pilot.tick(self._now, self._gait, tracker, blocked=self._blocked, lost=lost)
         self.publish(NAVIGATOR_ORDER, messages.order_message(self.pilot))
         if STATE_POSE.due(inputs.number):
-            self.publish(STATE_POSE, self.localiser.message())
+            self.publish(STATE_POSE, self.localiser.message(ready=self._gait.state != "waiting"))
             self.publish(
                 NAVIGATOR_FEEDBACK,
                 messages.feedback_message(self.pilot, self.localiser.tracker.pose, self._now),
