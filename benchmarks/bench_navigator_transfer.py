@@ -3,7 +3,7 @@
 The recordings are runs of other seeds than the live results (`surefoot run nao-corridor --seed N`). Their fit makes an
 environment in which each policy of `bench_navigator_live`, as it ran there, walks many episodes. Live times end when
 the robot stands, so the closing step is added to those of the environment. Targets: each mean within 5 % of the live
-one, and all policies that the live runs tell apart ranked as live.
+one, and all policies that differ significantly in the live runs ranked as live.
 
     python -m benchmarks.bench_navigator_transfer --live live.jsonl run-31.mcap run-32.mcap ...
     python -m benchmarks.bench_navigator_transfer --live live.jsonl --model fitted.toml
@@ -97,9 +97,9 @@ def half_width(values: list[float]) -> float:
 
 
 def wrong_pairs(rows: list[Compared]) -> tuple[list[tuple[str, str]], int]:
-    """Returns the pairs of arms that are predicted the other way round than live, and how many live tells apart.
+    """Returns the pairs of arms that are predicted the other way round than live, and how many differ live.
 
-    Live tells two arms apart if the 95 % interval of their difference over the same seeds excludes zero.
+    Two arms differ live if the 95 % interval of their difference over the same seeds excludes zero.
     """
     wrong: list[tuple[str, str]] = []
     apart = 0
@@ -129,7 +129,7 @@ def show(rows: list[Compared]) -> None:
     wrong, apart = wrong_pairs(rows)
     least = min(row.success for row in rows)
     print(f"within {WITHIN:g} %: {good} of {len(rows)} policies; least success of a policy: {least:.4f}")
-    print(f"pairs that live runs tell apart: {apart}, of these ranked otherwise: {wrong or 'none'}")
+    print(f"pairs that differ in the live runs: {apart}, of these ranked otherwise: {wrong or 'none'}")
 
 
 def main() -> None:

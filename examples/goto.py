@@ -13,11 +13,11 @@ except SurefootError as error:
 with client as robot:
     next(pose for pose in robot.messages(STATE_POSE) if pose.initialised)
     robot.call(NAVIGATOR_GOTO, position=(0.5, 0.1), goal_id="there")
-    told = 0
+    shown = 0
     for feedback in robot.messages(NAVIGATOR_FEEDBACK):
         decision = feedback.decision
-        if decision is not None and decision.number > told and feedback.goal_id == "there":
-            told = decision.number
+        if decision is not None and decision.number > shown and feedback.goal_id == "there":
+            shown = decision.number
             print(f"{feedback.distance_remaining:5.2f} m  {decision.reason}")
         if feedback.goal_id == "there" and feedback.state not in ("navigating", "stopping"):
             print(feedback.state, feedback.error_msg)

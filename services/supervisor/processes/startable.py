@@ -30,13 +30,19 @@ def startable(system: str) -> Compose:
 
 
 def system_of(scenario: Scenario) -> Compose:
-    """Return the system of a scenario (raises ComposeError; ScenarioError: it kills one that is not there)."""
+    """Return the system of a scenario.
+
+    Raises:
+        ComposeError: the system cannot be started.
+        ScenarioError: the scenario kills or configures a service that the system does not have.
+    """
     compose = startable(scenario.compose)
     known = [name for name in compose.service_names if name != SELF]
-    for number, step in enumerate(scenario.steps):
-        if step.do == "kill" and step.service not in known:
-            message = f"got {step.service!r}{did_you_mean(step.service, known)}, {compose.name} has {', '.join(known)}"
-            error = ScenarioError("unknown_name", f"step[{number}].service", message)
+    named = [(f"step[{i}].service", step.service) for i, step in enumerate(scenario.steps) if step.do == "kill"]
+    for field, name in (*named, *((f"config.{name}", name) for name in scenario.config)):
+        if name not in known:
+            message = f"got {name!r}{did_you_mean(name, known)}, {compose.name} has {', '.join(known)}"
+            error = ScenarioError("unknown_name", field, message)
             error.file = scenario.name
             raise error
     return compose

@@ -76,6 +76,15 @@ def test_a_scenario_kills_only_what_its_system_has() -> None:
         assert repr(nobody) in str(caught.value)
 
 
+def test_a_scenario_configures_only_what_its_system_has() -> None:
+    text = 'description = "x"\n[config.{service}]\nask_footholds = false\n'
+    assert system_of(parse_scenario(text.format(service="walker"))).name == "ragno"
+    with pytest.raises(TableError) as caught:
+        system_of(parse_scenario(text.format(service="navigator")))
+    assert caught.value.field == "config.navigator"
+    assert "footholds" in str(caught.value)
+
+
 def test_nothing_is_started_for_a_wrong_name(surefoot, place, tmp_path: Path) -> None:
     file = system(tmp_path, "surefoot-service wlaker")
     scenario = tmp_path / "some.toml"
