@@ -1,14 +1,12 @@
 """A whole log through the estimators, and what they score against truth."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.lab.papers.wawrzynski.synthetic import Log
+from surefoot.lab.estimation.log import Log
 from surefoot.services.estimator.estimator import Estimator
-from surefoot.services.estimator.feet import FootSample
 from surefoot.services.estimator.inertial import GRAVITY
 
 Array = NDArray[np.float64]
@@ -78,20 +76,3 @@ def tilt_errors(log: Log, g: Array) -> Array:
     """Angle between estimated and true up, (n,) rad."""
     true, seen = log.up / GRAVITY, g / np.linalg.norm(g, axis=1)[:, None]
     return np.arcsin(np.clip(np.linalg.norm(np.cross(true, seen), axis=1), 0.0, 1.0))
-
-
-def log_from_columns(columns: Mapping[str, Array], v_world: Array, every: int = 3) -> Log:
-    """Log from the columns `t, w, a, pf, Rf, contact, p, R` of a humanoid data set.
-
-    Args:
-        columns: arrays with n rows; `t` in s, the rest in SI, IMU axes; `p`, `R` the true pose of the IMU.
-        v_world: true velocity, (n, 3) m/s.
-        every: rows between two foot samples.
-    """
-    stamp = 1 + np.round((columns["t"] - columns["t"][0]) * 1e9).astype(np.int64)
-    rows = range(0, len(stamp), every)
-    position, rot, contact = (np.ascontiguousarray(columns[name]) for name in ("pf", "Rf", "contact"))
-    feet = tuple(FootSample(int(stamp[k]), position[k], rot[k], contact[k]) for k in rows)
-    w, q = (np.ascontiguousarray(columns[name]) for name in ("w", "a"))
-    v = np.einsum("nji,nj->ni", columns["R"], v_world)
-    return Log(stamp, w, q, feet, np.asarray(columns["p"]), np.asarray(columns["R"]), v, v_world)

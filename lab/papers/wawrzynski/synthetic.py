@@ -11,14 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.geometry.rotations import matrix_from_rpy, rotvec_from_matrix
+from surefoot.geometry.rotations import matrix_from_rotvec, matrix_from_rpy, rotvec_from_matrix
 from surefoot.kernels.jit import kernel
+from surefoot.lab.estimation.log import Log, Truth
 from surefoot.lab.papers.wawrzynski.chain import Chain, chain_from_dh, descend, foot_pose
-from surefoot.services.estimator.feet import FootSample
 from surefoot.services.estimator.inertial import GRAVITY
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 
 FINE = 1e-3  # s, grid of the truth
 IMU_STEPS, KINEMATIC_STEPS = 10, 33  # of the fine grid
@@ -54,6 +55,11 @@ class WalkParams:
     acc_bias: float = 0.05  # m/s^2
     encoders: bool = True  # joints of the biped, quantised; otherwise foot positions with noise
     sigma_foot: float = 0.0003  # m, that noise
+    backlash_deg: tuple[float, float] = (0.0, 0.0)  # free play of each joint, end to end
+    edge_deg: tuple[float, float] = (0.0, 0.0)  # a foot rolls over an edge of its sole by so much
+    edge_share: float = 0.0  # share of the stances that do
+    false_share: float = 0.0  # share of the swings with a false contact
+    false_s: float = 0.13  # its length
 
 
 KINDS: dict[str, WalkParams] = {
@@ -61,26 +67,17 @@ KINDS: dict[str, WalkParams] = {
     "twist": WalkParams(twist_deg=(3.0, 10.0)),
     "turn": WalkParams(twist_deg=(3.0, 10.0), yaw_rate=(0.1, 0.3)),
     "slip": WalkParams(twist_deg=(3.0, 10.0), yaw_rate=(0.1, 0.3), slip=(0.003, 0.015), slip_share=(0.1, 0.5)),
-}
-
-
-@dataclass(frozen=True, eq=False)
-class Log:
-    """A walk: what the sensors said and what was true. n IMU rows, m foot samples."""
-
-    stamp_ns: NDArray[np.int64]  # (n,)
-    w: Array  # (n, 3) rad/s
-    q: Array  # (n, 3) m/s^2
-    feet: tuple[FootSample, ...]  # (m,)
-    position: Array  # (n, 3) m, IMU in the world
-    rot: Array  # (n, 3, 3) rot_world_from_imu
-    v: Array  # (n, 3) m/s, IMU axes
-    v_world: Array  # (n, 3) m/s
-
-    @property
-    def up(self) -> Array:
-        """True g, (n, 3) m/s^2, IMU axes."""
-        return GRAVITY * self.rot[:, 2, :]
+    "edges": WalkParams(
+        twist_deg=(3.0, 10.0), yaw_rate=(0.1, 0.3), slip=(0.003, 0.015), slip_share=(0.1, 0.5),
+        backlash_deg=(0.3, 0.7), edge_deg=(0.5, 2.0), edge_share=0.5,
+    ),
+    "false": WalkParams(twist_deg=(3.0, 10.0), false_share=0.2),
+}  # fmt: skip
+"""Kinds of walks: `edges` is `slip` with backlash and rolling over the edges of the soles, `false` is `twist` with
+false contacts of 0.13 s in a fifth of the swings."""
+SOLE = np.array([[0.0, 0.028, 0.055], [0.0, -0.028, 0.055], [0.0, 0.028, -0.035], [0.0, -0.028, -0.035]])
+"""Corners of the sole from the ankle, axes of frame 1 (x up, z forward), m; x is minus the ankle's height."""
+SOLE[:, 0] = -ANKLE
 
 
 def bioloid_chains() -> tuple[Chain, Chain]:
@@ -193,13 +190,18 @@ class _Feet:
     position: Array  # (L, N, 3) m, world
     yaw: Array  # (L, N) rad
     contact: Flags  # (L, N)
+    lean: Array  # (L, N, 3) rad, rotation over an edge of the sole, foot heading axes
+    load: Array  # (L, N) -1 .. 1, side of the play on which the joints lie
 
 
 def _feet(walk: WalkParams, path: _Path, rng: np.random.Generator) -> _Feet:
     """Feet that swing in two alternating groups and stand still, but for twist and slip, in between."""
     t, count = path.t, walk.feet
     n = len(t)
-    out = _Feet(np.zeros((count, n, 3)), np.zeros((count, n)), np.ones((count, n), dtype=np.bool_))
+    out = _Feet(
+        np.zeros((count, n, 3)), np.zeros((count, n)), np.ones((count, n), dtype=np.bool_), np.zeros((count, n, 3)),
+        np.ones((count, n)),
+    )  # fmt: skip
     twist_sd = math.radians(rng.uniform(*walk.twist_deg))
     share = rng.uniform(*walk.slip_share)
     for f in range(count):
@@ -234,6 +236,54 @@ def _feet(walk: WalkParams, path: _Path, rng: np.random.Generator) -> _Feet:
     return out
 
 
+EDGES = ((0.055, 0.0), (-0.035, 0.0), (0.0, 0.028), (0.0, -0.028))  # m, places of the edges from the ankle
+
+
+def _roll_over_edges(walk: WalkParams, path: _Path, feet: _Feet, rng: np.random.Generator) -> None:
+    """Roll some stances over an edge of the sole and back; the ankle goes along."""
+    size = math.radians(rng.uniform(*walk.edge_deg))
+    for f, first, last in _stances(feet):
+        if first == 0 or rng.random() >= walk.edge_share:
+            continue
+        edge = np.array([*EDGES[rng.integers(len(EDGES))], -ANKLE])
+        axis = np.cross([0.0, 0.0, 1.0], edge) / np.hypot(edge[0], edge[1])  # a turn about it lowers the edge
+        u = np.linspace(0.0, 1.0, last - first)
+        angle = size * rng.uniform(0.5, 1.5) * np.sin(math.pi * _smooth(u)) ** 2
+        for k in range(first, last):
+            yaw = matrix_from_rpy(0.0, 0.0, feet.yaw[f, k])
+            feet.lean[f, k] = angle[k - first] * axis
+            feet.position[f, k] += yaw @ (edge - matrix_from_rotvec(feet.lean[f, k]) @ edge)
+
+
+def _stances(feet: _Feet) -> list[tuple[int, int, int]]:
+    """Foot, first row and row after the last of every stance."""
+    out: list[tuple[int, int, int]] = []
+    for f, contact in enumerate(feet.contact):
+        change = np.flatnonzero(np.diff(np.concatenate([[False], contact, [False]]).astype(np.int8)))
+        out += [(f, int(a), int(b)) for a, b in zip(change[::2], change[1::2], strict=True)]
+    return out
+
+
+def _lie_of_joints(feet: _Feet) -> None:
+    """The play lies on one side while the leg is loaded and on the other in the air, 40 ms in between."""
+    for f, contact in enumerate(feet.contact):
+        side = np.where(contact, 1.0, -1.0)
+        width = round(0.04 / FINE)
+        padded = np.concatenate([np.full(width - 1, side[0]), side])
+        total = np.cumsum(np.concatenate([[0.0], padded]))
+        feet.load[f] = (total[width:] - total[:-width]) / width
+
+
+def _false_contacts(walk: WalkParams, feet: _Feet, rng: np.random.Generator) -> None:
+    """Close the switches for `false_s` in some swings."""
+    for contact in feet.contact:
+        air = np.flatnonzero(np.diff(np.concatenate([[False], ~contact, [False]]).astype(np.int8)))
+        for first, last in zip(air[::2], air[1::2], strict=True):
+            if rng.random() < walk.false_share:
+                at = first + int(rng.uniform(0.2, 0.5) * (last - first))
+                contact[at : min(last, at + round(walk.false_s / FINE))] = True
+
+
 def _group(foot: int, count: int) -> int:
     """Neighbours on one side and opposite feet swing in turn."""
     return foot % 2 if count == 2 else (foot // 2 + foot % 2) % 2
@@ -262,6 +312,13 @@ def synthesize(walk: WalkParams, seed: int) -> Log:
     path = _path(walk, rng)
     position, rot = _body(walk, path, rng)
     feet = _feet(walk, path, rng)
+    more = np.random.default_rng([seed, 1])  # leaves the draws of the kinds without these disturbances as they are
+    if walk.edge_share > 0.0:
+        _roll_over_edges(walk, path, feet, more)
+    _lie_of_joints(feet)
+    play = math.radians(more.uniform(*walk.backlash_deg)) * more.choice([-0.5, 0.5], size=(walk.feet, 6))
+    if walk.false_share > 0.0:
+        _false_contacts(walk, feet, more)
     v_world = np.gradient(position, FINE, axis=0)
     ends = np.arange(IMU_STEPS, len(path.t), IMU_STEPS)
     begins, middles = ends - IMU_STEPS, ends - IMU_STEPS // 2
@@ -272,35 +329,38 @@ def synthesize(walk: WalkParams, seed: int) -> Log:
     q = np.einsum("nji,nj->ni", rot[middles], force)
     w += rng.normal(size=3) * walk.gyro_bias + rng.normal(size=w.shape) * walk.sigma_w
     q += rng.normal(size=3) * walk.acc_bias + rng.normal(size=q.shape) * walk.sigma_q
+    truth = Truth(position[ends], rot[ends], v_world[ends])
+    rows = np.arange(KINEMATIC_STEPS, len(path.t), KINEMATIC_STEPS)
+    seen, turned = _seen_feet(walk, rows, position, rot, feet, play, rng)
     return Log(
-        stamp_ns=ends * round(FINE * 1e9),
-        w=w,
-        q=q,
-        feet=tuple(_foot_samples(walk, path, position, rot, feet, rng)),
-        position=position[ends],
-        rot=rot[ends],
-        v=np.einsum("nji,nj->ni", rot[ends], v_world[ends]),
-        v_world=v_world[ends],
-    )
+        f"synthetic {seed}", ends * round(FINE * 1e9), w, q, rows * round(FINE * 1e9), seen, turned,
+        np.ascontiguousarray(feet.contact[:, rows].T), truth,
+        points=np.repeat(SOLE[None], walk.feet, axis=0) if walk.encoders else None,
+        rest=(0, round(walk.rest_s / FINE) // IMU_STEPS - 1), begin_s=walk.rest_s + 0.5,
+        sensors={"sigma_w": walk.sigma_w, "sigma_q": walk.sigma_q},
+    )  # fmt: skip
 
 
-def _foot_samples(walk: WalkParams, path: _Path, position: Array, rot: Array, feet: _Feet, rng: np.random.Generator):
-    """Foot samples every 33 ms, through quantised encoders or with noise."""
+def _seen_feet(
+    walk: WalkParams, rows: Ints, position: Array, rot: Array, feet: _Feet, play: Array, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """Feet every 33 ms through quantised encoders with play, or with noise: (m, L, 3) m and (m, L, 3, 3)."""
     chains = bioloid_chains()
     theta = [np.array([0.0, 0.3, -0.6, 0.3, 0.0, 0.0])] * 2
-    for k in range(KINEMATIC_STEPS, len(path.t), KINEMATIC_STEPS):
-        seen, turned = np.empty((walk.feet, 3)), np.empty((walk.feet, 3, 3))
+    seen, turned = np.empty((len(rows), walk.feet, 3)), np.empty((len(rows), walk.feet, 3, 3))
+    for i, k in enumerate(rows):
         for f in range(walk.feet):
-            seen[f] = rot[k].T @ (feet.position[f, k] - position[k])
+            seen[i, f] = rot[k].T @ (feet.position[f, k] - position[k])
             # foot axes as the chain's frame 1: x up, z forward
-            turned[f] = rot[k].T @ matrix_from_rpy(0.0, 0.0, feet.yaw[f, k]) @ FOOT_AXES
+            yaw = matrix_from_rpy(0.0, 0.0, feet.yaw[f, k])
+            turned[i, f] = rot[k].T @ yaw @ matrix_from_rotvec(feet.lean[f, k]) @ FOOT_AXES
             if walk.encoders:
-                theta[f] = solve_chain(chains[f], theta[f], seen[f], np.ascontiguousarray(turned[f]))
-                rounded = np.round(theta[f] / ENCODER) * ENCODER
-                seen[f], turned[f] = foot_pose(descend(chains[f], rounded, np.zeros(6), np.zeros(3)))
+                theta[f] = solve_chain(chains[f], theta[f], seen[i, f], np.ascontiguousarray(turned[i, f]))
+                rounded = np.round((theta[f] + feet.load[f, k] * play[f]) / ENCODER) * ENCODER
+                seen[i, f], turned[i, f] = foot_pose(descend(chains[f], rounded, np.zeros(6), np.zeros(3)))
             else:
-                seen[f] += rng.normal(size=3) * walk.sigma_foot
-        yield FootSample(k * round(FINE * 1e9), seen, turned, feet.contact[:, k].copy())
+                seen[i, f] += rng.normal(size=3) * walk.sigma_foot
+    return seen, turned
 
 
 FOOT_AXES = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])  # rot_level_from_foot

@@ -57,6 +57,45 @@ def test_any_number_of_feet(feet):
 
 
 def test_kinds_differ_as_they_should():
-    assert set(KINDS) == {"plain", "twist", "turn", "slip"}
+    assert set(KINDS) == {"plain", "twist", "turn", "slip", "edges", "false"}
     log = synthesize(dataclasses.replace(KINDS["turn"], duration_s=6.0), 0)
     assert abs(np.arctan2(log.rot[-1, 1, 0], log.rot[-1, 0, 0])) > 0.2
+
+
+def test_play_and_edges_shift_the_feet_and_leave_the_trunk():
+    slip, edges = (synthesize(dataclasses.replace(KINDS[kind], duration_s=8.0), 4) for kind in ("slip", "edges"))
+    np.testing.assert_array_equal(slip.v_world, edges.v_world)
+    off = np.linalg.norm(slip.foot_position - edges.foot_position, axis=2)
+    assert 1e-3 < off.max() < 0.02
+    leaned = np.einsum("mfij,mfij->mf", slip.foot_rot, edges.foot_rot)  # 1 + 2 cos of the angle between them
+    angle = np.degrees(np.arccos(np.clip((leaned - 1.0) / 2.0, -1.0, 1.0)))
+    assert 0.5 < angle.max() < 8.0
+
+
+def test_the_edge_that_a_foot_rolls_over_stays_where_it_is():
+    walk = dataclasses.replace(
+        CLEAN, duration_s=8.0, encoders=False, sigma_foot=0.0, edge_deg=(2.0, 2.0), edge_share=1.0
+    )
+    log = synthesize(walk, 0)
+    rows = np.searchsorted(log.stamp_ns, log.foot_ns[:-1])
+    exact = [k for k in range(len(rows)) if log.stamp_ns[rows[k]] == log.foot_ns[k]]
+    corners = np.array([[-synthetic.ANKLE, 0.0, x] for x in (synthetic.EDGES[0][0], synthetic.EDGES[1][0])])
+    sides = np.array([[-synthetic.ANKLE, y, 0.0] for y in (synthetic.EDGES[2][1], synthetic.EDGES[3][1])])
+    lowest = []
+    for k in exact:
+        for f in range(2):
+            if log.contact[k, f]:
+                seen = log.foot_position[k, f] + np.vstack([corners, sides]) @ log.foot_rot[k, f].T
+                lowest.append((log.position[rows[k]] + seen @ log.rot[rows[k]].T)[:, 2].min())
+    assert np.abs(lowest).max() < 1e-9
+
+
+def test_false_contacts_are_as_long_and_as_many_as_said():
+    long = dataclasses.replace(KINDS["false"], duration_s=60.0)
+    false, true = (synthesize(walk, 0) for walk in (long, dataclasses.replace(long, false_share=0.0)))
+    extra = false.contact & ~true.contact
+    assert not (true.contact & ~false.contact).any()
+    swings = np.sum(np.diff(true.contact.astype(int), axis=0) < 0)
+    bursts = np.sum(np.diff(extra.astype(int), axis=0) > 0)
+    assert 0.1 < bursts / swings < 0.35
+    assert 0.1 < 0.033 * extra.sum() / bursts < 0.16

@@ -1,0 +1,189 @@
+"""A log of a legged robot as arrays: inertial samples, feet seen from the IMU, contacts, truth where it is known.
+
+Axes: those of the IMU, if nothing else is said. Feet are positions of foot centres with the orientation of the foot;
+`points` are the places of a sole that touch the ground, in foot axes from that centre.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.services.estimator.feet import FootSample
+from surefoot.services.estimator.inertial import GRAVITY
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """True motion of the IMU at each of n inertial rows."""
+
+    position: Array  # (n, 3) m, world
+    rot: Array  # (n, 3, 3) rot_world_from_imu
+    v_world: Array  # (n, 3) m/s, world axes
+
+    @cached_property
+    def v(self) -> Array:
+        """Velocity, (n, 3) m/s, IMU axes."""
+        return np.einsum("nji,nj->ni", self.rot, self.v_world)
+
+    @property
+    def up(self) -> Array:
+        """Specific force at rest, (n, 3) m/s^2, IMU axes, points up."""
+        return GRAVITY * self.rot[:, 2, :]
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """Inputs of an estimator: n inertial rows, m foot samples of F feet, K points and S switches per foot."""
+
+    name: str
+    stamp_ns: Ints  # (n,) end of the interval that the row is the mean of
+    w: Array  # (n, 3) rad/s
+    q: Array  # (n, 3) m/s^2, specific force, +9.81 along up at rest
+    foot_ns: Ints  # (m,)
+    foot_position: Array  # (m, F, 3) m
+    foot_rot: Array  # (m, F, 3, 3) rot_imu_from_foot
+    contact: Flags  # (m, F)
+    truth: Truth | None = None
+    touch: Flags | None = None  # (m, F, S) switches; None = one per foot, which is `contact`
+    force: Array | None = None  # (m, F) N along the sole's normal
+    joints: Array | None = None  # (m, nj) rad, in the order of the robot description
+    points: Array | None = None  # (F, K, 3) m; None = the foot centre
+    radius: Array | None = None  # (F,) m, of round feet; None = soles
+    rot_base_from_imu: Array = field(default_factory=lambda: np.eye(3))
+    imu_position: Array = field(default_factory=lambda: np.zeros(3))  # in base_link, m
+    robot: str | None = None  # name of the robot description, if there is one
+    sensors: Mapping[str, float | int] = field(default_factory=dict)  # what is known of the sensors, as parameters
+    rest: tuple[int, int] = (0, 0)  # rows of a standstill at the beginning, first and after the last
+    begin_s: float = 0.5  # scores begin so long after the start
+    end_s: float = 0.1  # and end so long before the end
+    saturated: Flags | None = None  # (n,) rows that the driver marks as clipped
+    order: Ints | None = None  # order of arrival: index of the inertial row, or n + index of the foot sample
+
+    @property
+    def feet_count(self) -> int:
+        """Number of feet F."""
+        return self.foot_position.shape[1]
+
+    @cached_property
+    def feet(self) -> tuple[FootSample, ...]:
+        """The foot samples one by one."""
+        rows = zip(self.foot_ns.tolist(), self.foot_position, self.foot_rot, self.contact, strict=True)
+        return tuple(FootSample(*row) for row in rows)
+
+    def known(self) -> Truth:
+        """Return the truth.
+
+        Raises:
+            ValueError: the log has none.
+        """
+        if self.truth is None:
+            raise ValueError(f"log {self.name!r} has no truth")
+        return self.truth
+
+    @property
+    def position(self) -> Array:
+        """True position of the IMU, (n, 3) m, world."""
+        return self.known().position
+
+    @property
+    def rot(self) -> Array:
+        """True rot_world_from_imu, (n, 3, 3)."""
+        return self.known().rot
+
+    @property
+    def v(self) -> Array:
+        """True velocity, (n, 3) m/s, IMU axes."""
+        return self.known().v
+
+    @property
+    def v_world(self) -> Array:
+        """True velocity, (n, 3) m/s, world axes."""
+        return self.known().v_world
+
+    @property
+    def up(self) -> Array:
+        """True specific force at rest, (n, 3) m/s^2, IMU axes."""
+        return self.known().up
+
+    @cached_property
+    def seconds(self) -> Array:
+        """Time since the first inertial row, (n,) s."""
+        return 1e-9 * (self.stamp_ns - self.stamp_ns[0])
+
+    @property
+    def scored(self) -> Flags:
+        """Inertial rows that scores look at, (n,)."""
+        return (self.seconds >= self.begin_s) & (self.seconds <= self.seconds[-1] - self.end_s)
+
+    def arrival(self) -> Ints:
+        """Return the order of arrival, (n + m,): a foot sample follows the first inertial row at or after its stamp."""
+        if self.order is not None:
+            return self.order
+        n, m = len(self.stamp_ns), len(self.foot_ns)
+        slot = np.searchsorted(self.stamp_ns, self.foot_ns)  # row that it waits for
+        key = np.concatenate([np.arange(n), np.minimum(slot, n - 1)])
+        return np.lexsort((np.concatenate([np.zeros(n), np.ones(m)]), key))
+
+    def with_feet(self, keep: Flags | Ints) -> "Log":
+        """Return the log with some of the foot samples only; `keep` is a mask or indices, (m,)."""
+        some = {name: getattr(self, name) for name in ("touch", "force", "joints")}
+        return replace(
+            self, foot_ns=self.foot_ns[keep], foot_position=self.foot_position[keep], foot_rot=self.foot_rot[keep],
+            contact=self.contact[keep], order=None, **{k: None if v is None else v[keep] for k, v in some.items()},
+        )  # fmt: skip
+
+    def with_imu(self, keep: Flags | Ints) -> "Log":
+        """Return the log with some of the inertial rows only, and the truth at them."""
+        truth = self.truth
+        if truth is not None:
+            truth = Truth(truth.position[keep], truth.rot[keep], truth.v_world[keep])
+        clipped = None if self.saturated is None else self.saturated[keep]
+        return replace(
+            self, stamp_ns=self.stamp_ns[keep], w=self.w[keep], q=self.q[keep], truth=truth, saturated=clipped,
+            order=None,
+        )  # fmt: skip
+
+    def point_views(self, several: bool) -> tuple[Array, Flags]:
+        """Return contact points in IMU axes, (m, N, 3) m, and which of them touch, (m, N).
+
+        Args:
+            several: the K points of each foot; else the foot centre alone.
+        """
+        if not several or self.points is None:
+            return self.foot_position, self.contact
+        m, feet, k = len(self.foot_ns), self.feet_count, self.points.shape[1]
+        seen = self.foot_position[:, :, None] + np.einsum("mfij,fkj->mfki", self.foot_rot, self.points)
+        if self.touch is not None and self.touch.shape[2] == k:
+            touch = self.touch
+        else:
+            touch = np.repeat(self.contact[:, :, None], k, axis=2)
+        return np.ascontiguousarray(seen.reshape(m, feet * k, 3)), np.ascontiguousarray(touch.reshape(m, feet * k))
+
+
+class Segments(NamedTuple):
+    """Time cut at every inertial row and every foot sample; filters that need no order of arrival walk along it."""
+
+    d: Array  # (s,) length, s
+    row: Ints  # (s,) inertial row that is the mean over it
+    feet: Ints  # (s,) foot sample at its end, -1 = none
+    last: Flags  # (s,) the inertial row ends here
+
+
+def segments(log: Log) -> Segments:
+    """Cut the time of a log; foot samples before the first or after the last inertial row are left out."""
+    stamps, feet = log.stamp_ns, log.foot_ns
+    inside = np.flatnonzero((feet > stamps[0]) & (feet <= stamps[-1]))
+    cuts = np.union1d(stamps, feet[inside])
+    first = int(np.median(np.diff(stamps))) if len(stamps) > 1 else 10_000_000
+    d = 1e-9 * np.diff(cuts, prepend=cuts[0] - first)
+    seen = np.full(len(cuts), -1, dtype=np.int64)
+    seen[np.searchsorted(cuts, feet[inside])] = inside
+    return Segments(d, np.searchsorted(stamps, cuts), seen, np.isin(cuts, stamps))

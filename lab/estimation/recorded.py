@@ -1,0 +1,135 @@
+"""A recording of this project as a log: feet by the robot description, truth of the IMU from that of base_link."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.errors import SurefootError
+from surefoot.geometry.rotations import matrix_from_quat
+from surefoot.lab.estimation.log import Log, Truth
+from surefoot.lab.estimation.track import FLAGS, Track
+from surefoot.record.columns import Columns, recorded_columns
+from surefoot.robot.description import Robot
+from surefoot.robot.reader import load_robot
+from surefoot.services.estimator.feet import feet_in_imu, foot_mount
+
+Array = NDArray[np.float64]
+
+REST_ROWS = 50  # of the standstill that the service starts from
+SCORED_FROM_S = 2.0
+
+
+def log_of_recording(path: Path, robot: str | None = None) -> Log:
+    """Read a recording.
+
+    Args:
+        path: MCAP file.
+        robot: name of the description; None = the one that the recording names.
+
+    Raises:
+        SurefootError: it cannot be read, names no robot, or has no joints or contacts.
+    """
+    columns, named = recorded_columns(path)
+    if not (robot or named):
+        raise SurefootError("invalid", f"{path} names no robot", "robot")
+    return log_of_columns(path.stem, columns, load_robot(robot or named))
+
+
+def log_of_columns(name: str, columns: Columns, robot: Robot, **more: Any) -> Log:
+    """Log from the columns of a recording.
+
+    Args:
+        name: of the log.
+        columns: see `recorded_columns`.
+        robot: description of the robot.
+        more: other fields of the log.
+
+    Raises:
+        SurefootError: columns are missing or do not fit the robot.
+    """
+    for need in ("gyro", "joints", "touch"):
+        if need not in columns:
+            raise SurefootError("invalid", f"{name} has no {need}", need)
+    joints, legs = columns["joints"], len(robot.legs)
+    if joints.shape[1] != robot.nj:
+        raise SurefootError("invalid", f"{joints.shape[1]} joints; {robot.name} has {robot.nj}", "joints")
+    if columns["touch"].shape[1] % legs:
+        raise SurefootError("invalid", f"{columns['touch'].shape[1]} switches; {robot.name} has {legs} feet", "touch")
+    mount = foot_mount(robot)
+    seen = [feet_in_imu(mount, q) for q in joints]
+    position, rot = (np.ascontiguousarray([pair[i] for pair in seen]) for i in range(2))
+    # contacts that belong to each sample of the joints: the last that came before or with it
+    pair = np.searchsorted(columns["contacts_stamp_ns"], columns["joints_stamp_ns"], side="right") - 1
+    keep = np.flatnonzero(pair >= 0)
+    touch = columns["touch"][pair[keep]].reshape(len(keep), legs, -1) > 0.5
+    force = columns["force"][pair[keep]]
+    stamp = columns["stamp_ns"]
+    more.setdefault("rest", _rest(columns))
+    arrival = _released(columns["tick"], columns["joints_tick"][keep])
+    return Log(
+        name, stamp, np.ascontiguousarray(columns["gyro"]), np.ascontiguousarray(columns["acc"]),
+        columns["joints_stamp_ns"][keep], position[keep], rot[keep], touch.any(axis=2), _truth(columns, robot),
+        touch=touch, force=None if np.isnan(force).all() else force, joints=joints[keep], points=_points(robot),
+        radius=mount.radius, rot_base_from_imu=np.ascontiguousarray(mount.rot_imu_from_base.T),
+        imu_position=mount.imu_position, robot=robot.name, begin_s=SCORED_FROM_S, order=arrival,
+        saturated=columns["saturated"][:, 0] > 0.5, **more,
+    )  # fmt: skip
+
+
+def _rest(columns: Columns) -> tuple[int, int]:
+    """Rows of the standstill from which the service started; none if that is not in the recording."""
+    if "published_flags" not in columns or not columns["published_flags"][:, 0].any():
+        return 0, 0
+    tick = columns["published_tick"][int(np.argmax(columns["published_flags"][:, 0]))]
+    end = int(np.searchsorted(columns["tick"], tick)) + 1
+    return max(0, end - REST_ROWS), end
+
+
+def _released(imu: NDArray[np.int64], feet: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Order of arrival by the ticks of release; within a tick the inertial sample comes first, as in the service."""
+    kind = np.concatenate([np.zeros(len(imu)), np.ones(len(feet))])
+    return np.lexsort((kind, np.concatenate([imu, feet])))
+
+
+def _points(robot: Robot) -> Array | None:
+    """Contact points from each foot centre, foot axes, (F, K, 3) m; None if the feet differ in number of points."""
+    counts = {len(leg.foot.points) for leg in robot.legs}
+    if len(counts) != 1:
+        return None
+    return np.array([leg.foot.points - leg.foot.position for leg in robot.legs])
+
+
+def _truth(columns: Columns, robot: Robot) -> Truth | None:
+    """Motion of the IMU, from that of base_link at the same stamps."""
+    if "base_position" not in columns:
+        return None
+    rows = np.searchsorted(columns["base_stamp_ns"], columns["stamp_ns"])
+    rows = np.minimum(rows, len(columns["base_stamp_ns"]) - 1)
+    if not np.array_equal(columns["base_stamp_ns"][rows], columns["stamp_ns"]):
+        return None
+    base = np.array([matrix_from_quat(q) for q in columns["base_quat_wxyz"][rows]])
+    arm = np.einsum("nij,j->ni", base, robot.imu.position)
+    rate = np.einsum("nij,nj->ni", base, columns["base_rate"][rows])
+    rot = base @ matrix_from_quat(robot.imu.quat_wxyz)
+    return Truth(
+        columns["base_position"][rows] + arm, np.ascontiguousarray(rot),
+        columns["base_velocity"][rows] + np.cross(rate, arm),
+    )  # fmt: skip
+
+
+def published(columns: Columns, robot: Robot) -> Track:
+    """Return what the service itself published as `state/velocity` and `state/odometry` while the log was made."""
+    if "published_velocity_imu" not in columns:
+        raise SurefootError("invalid", "the recording has no state/velocity", "state/velocity")
+    to_imu = matrix_from_quat(robot.imu.quat_wxyz).T
+    n = len(columns["stamp_ns"])
+    rows = np.minimum(np.searchsorted(columns["published_tick"], columns["tick"]), len(columns["published_tick"]) - 1)
+    flags = columns["published_flags"][rows] > 0.5
+    return Track(
+        "published", columns["published_velocity_imu"][rows], columns["published_g_up"][rows] @ to_imu.T,
+        columns["published_covariance"][rows].reshape(n, 6, 6), columns["published_position"][rows],
+        columns["published_yaw"][rows, 0], columns["published_velocity_odom"][rows],
+        {name: flags[:, i] for i, name in enumerate(FLAGS)}, columns["published_nis"][rows, 0], {},
+    )  # fmt: skip

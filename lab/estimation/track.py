@@ -1,0 +1,162 @@
+"""What an estimator makes of a log: one function for those of the service and for the referees.
+
+`track` is the only place that knows how the estimator of the service is fed and asked.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.errors import SurefootError
+from surefoot.lab.estimation.log import Log
+from surefoot.lab.estimation.peers.inekf import InekfNoise, inekf
+from surefoot.lab.estimation.peers.linear import LinearNoise, linear
+from surefoot.robot.reader import load_robot
+from surefoot.services.estimator.estimator import Estimator
+from surefoot.services.estimator.estimators import ESTIMATORS
+from surefoot.services.estimator.feet import FootMount, FootSample
+from surefoot.services.estimator.odometry import OdometryParams
+from surefoot.services.estimator.params import EstimatorParams, paper_params
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+FLAGS = ("initialised", "standing", "inputs_ok", "filter_ok", "sensors_ok")
+LEVEL_SD = 0.003  # rad, how level the ground at the start of a simulated walk is: what the service assumes
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Estimates at the n inertial rows of a log; a row that was refused repeats the one before."""
+
+    name: str
+    v: Array  # (n, 3) m/s, IMU in IMU axes
+    g: Array  # (n, 3) m/s^2, specific force at rest, IMU axes, points up
+    p: Array  # (n, 6, 6) covariance of (g, v)
+    position: Array  # (n, 3) m, base_link in odom
+    yaw: Array  # (n,) rad, heading in odom, not wrapped
+    v_odom: Array  # (n, 3) m/s, base_link, odom axes
+    flags: Mapping[str, Flags]  # name -> (n,)
+    nis: Array  # (n,) of the last correction, NaN = none
+    refused: Mapping[str, int]  # refusals and gaps by name
+    slipping: Array | None = None  # (n, F) share or probability of sliding
+    contact: Array | None = None  # (n, F) probability of contact, where it is estimated
+    gyro_bias: Array | None = None  # (n, 3) rad/s
+    acc_bias: Array | None = None  # (n, 3) m/s^2
+
+
+def track(name: str, log: Log, **options: Any) -> Track:
+    """Run one estimator over a log in the order of arrival.
+
+    Args:
+        name: an estimator of the service, `paper` (the paper's six states, one foot) or a referee (`PEERS`).
+        log: what to run over.
+        options: of a service estimator: changes of its parameters; of a referee: changes of its noise.
+
+    Raises:
+        SurefootError: there is no such estimator.
+    """
+    if name in PEERS:
+        return PEERS[name](log, options)
+    if name not in names():
+        raise SurefootError("invalid", f"got {name!r}; known are {', '.join((*names(), *PEERS))}", "estimator")
+    return _service(name, log, options)
+
+
+def names() -> tuple[str, ...]:
+    """Names of the estimators of the service, and `paper`."""
+    return (*ESTIMATORS, "paper")
+
+
+def build(name: str, log: Log, options: Mapping[str, Any]) -> tuple[Estimator, str]:
+    """Return the service's estimator for a log, and the name under which it is asked."""
+    changes = {**log.sensors, **options}
+    if log.robot is not None:
+        params = EstimatorParams.from_robot(load_robot(log.robot), start_slope_sd=LEVEL_SD)
+        params = replace(params, **changes)
+    else:
+        params = replace(EstimatorParams(), **changes)
+    asked = name
+    if name == "paper":
+        kept = {k: v for k, v in changes.items() if k in ("remove_gyro_bias", "refine_gyro_bias")}
+        # without the mean gyro of the rest a turn-on bias of 1 deg/s swamps it; the paper does not mention one
+        params = replace(paper_params(params), **({"remove_gyro_bias": True, "refine_gyro_bias": True} | kept))
+        asked = "ekf"
+    feet = log.feet_count
+    radius = np.zeros(feet) if log.radius is None else log.radius
+    mount = FootMount(None, np.ascontiguousarray(log.rot_base_from_imu.T), log.imu_position, radius)
+    odometry = OdometryParams(sigma_turn=params.sigma_w * math.sqrt(1e-9 * params.imu_period_ns))
+    return Estimator(mount, params, odometry, names=dict.fromkeys(("ekf", asked))), asked
+
+
+def _service(name: str, log: Log, options: Mapping[str, Any]) -> Track:
+    estimator, asked = build(name, log, options)
+    n, feet = len(log.stamp_ns), log.feet_count
+    v, g, p, nis = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 6, 6)), np.full(n, np.nan)
+    position, yaw, v_odom = np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3))
+    flags = {flag: np.zeros(n, dtype=np.bool_) for flag in FLAGS}
+    slipping, gyro_bias, acc_bias = np.zeros((n, feet)), np.zeros((n, 3)), np.zeros((n, 3))
+    stamps, foot_ns, row = log.stamp_ns.tolist(), log.foot_ns.tolist(), -1
+    to_imu, clipped = log.rot_base_from_imu.T, log.saturated
+
+    def note(k: int) -> None:
+        e, pose = estimator.estimate(asked), estimator.pose()
+        v[k], g[k], p[k] = e.velocity_imu, to_imu @ e.g_up, e.covariance
+        position[k], yaw[k] = pose.position, pose.yaw
+        c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+        ahead, left, up = e.velocity_heading
+        v_odom[k] = c * ahead - s * left, s * ahead + c * left, up
+        nis[k] = np.nan if e.nis is None else e.nis
+        slipping[k], gyro_bias[k], acc_bias[k] = e.slipping, e.gyro_bias, e.acc_bias
+        for flag in FLAGS:
+            flags[flag][k] = getattr(e, flag)
+
+    arrival = log.arrival().tolist()
+    for i, at in enumerate(arrival):
+        if at < n:
+            if clipped is not None and clipped[at]:
+                estimator.judge.clipped(stamps[at])
+            else:
+                estimator.on_imu(stamps[at], log.w[at], log.q[at])
+            row = at
+        else:
+            f = at - n
+            estimator.on_feet(FootSample(foot_ns[f], log.foot_position[f], log.foot_rot[f], log.contact[f]))
+        if row >= 0 and (i + 1 == len(arrival) or arrival[i + 1] < n):
+            note(row)
+    return Track(
+        name, v, g, p, position, yaw, v_odom, flags, nis, dict(estimator.judge.counts), slipping, None,
+        gyro_bias, acc_bias,
+    )  # fmt: skip
+
+
+def _of_world(name: str, log: Log, found: tuple[Array, Array, Array, Array, Array]) -> Track:
+    """Track of a referee that has a pose of the IMU."""
+    v, g, p, x, rot = found
+    n = len(v)
+    base = np.einsum("nij,kj->nik", rot, log.rot_base_from_imu)
+    yaw = np.unwrap(np.arctan2(base[:, 1, 0], base[:, 0, 0]))
+    position = x - np.einsum("nij,j->ni", base, log.imu_position)
+    w = np.einsum("ij,nj->ni", log.rot_base_from_imu, log.w)
+    v_odom = np.einsum("nij,nj->ni", rot, v) - np.einsum("nij,nj->ni", base, np.cross(w, log.imu_position))
+    flags = {flag: np.ones(n, dtype=np.bool_) for flag in FLAGS}
+    return Track(name, v, g, p, position, yaw, v_odom, flags, np.full(n, np.nan), {})
+
+
+def _inekf(log: Log, options: Mapping[str, Any]) -> Track:
+    return _of_world("inekf", log, inekf(log, InekfNoise(**options)))
+
+
+def _linear(log: Log, options: Mapping[str, Any]) -> Track:
+    return _of_world("linear", log, linear(log, LinearNoise(**options)))
+
+
+PEERS: dict[str, Callable[[Log, Mapping[str, Any]], Track]] = {"inekf": _inekf, "linear": _linear}
+"""Referees: contact-aided InEKF, MIT-style linear filter."""
+
+ABLATIONS: dict[str, dict[str, dict[str, Any]]] = {}
+"""By estimator: name of a hypothesis, options that switch it off."""

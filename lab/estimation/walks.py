@@ -1,0 +1,71 @@
+"""Closed-loop walks of the simulated robots, recorded once and kept as columns outside the tree."""
+
+import hashlib
+import os
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from surefoot.errors import SurefootError
+from surefoot.lab.estimation.log import Log
+from surefoot.lab.estimation.recorded import log_of_columns, published
+from surefoot.lab.estimation.track import Track
+from surefoot.lab.runs.local import run_local
+from surefoot.record.columns import Columns, recorded_columns
+from surefoot.robot.reader import load_robot
+from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
+
+SCENARIOS = {"bioloid": "bioloid-walk", "nao": "nao-walk", "ragno-flat": "flat", "ragno-rough": "rough-terrain"}
+"""Name of the set: scenario of each walk."""
+
+
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """One run."""
+
+    log: Log
+    published: Track
+    ok: bool  # the scenario's verdict
+
+
+def cache_folder() -> Path:
+    """Folder of what can be made again, in the user's cache."""
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    return (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "surefoot" / "estimation"
+
+
+def walk(name: str, seed: int, fresh: bool = False) -> Walk:
+    """Return a walk, from the cache if it is there.
+
+    Args:
+        name: of the set, see `SCENARIOS`.
+        seed: of the scenario.
+        fresh: run it again: what the service published is then that of the present code.
+    """
+    if name not in SCENARIOS:
+        raise SurefootError("invalid", f"got {name!r}; known are {', '.join(SCENARIOS)}", "walk")
+    path = find_scenario(SCENARIOS[name])
+    key = hashlib.sha256(path.read_bytes()).hexdigest()[:8]
+    kept = cache_folder() / f"{name}-{seed}-{key}.npz"
+    if fresh or not kept.exists():
+        columns, robot, ok = _run(path, seed)
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        part = kept.with_suffix(f".{os.getpid()}.part.npz")
+        np.savez_compressed(part, robot=robot, ok=ok, **columns)  # type: ignore[arg-type]
+        part.replace(kept)
+    with np.load(kept) as file:
+        columns: Columns = {key: file[key] for key in file.files if key not in ("robot", "ok")}
+        robot, ok = str(file["robot"]), bool(file["ok"])
+    description = load_robot(robot)
+    return Walk(log_of_columns(f"{name} {seed}", columns, description), published(columns, description), ok)
+
+
+def _run(path: Path, seed: int) -> tuple[Columns, str, bool]:
+    """Run a scenario in this process and read its recording."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "walk.mcap"
+        run = run_local(load_scenario(path), seed, recording=file)
+        columns, robot = recorded_columns(file)
+    return columns, robot, run.verdict.ok

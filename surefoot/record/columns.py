@@ -1,0 +1,128 @@
+"""The samples of a recording as arrays, under the column names that logs of others use as well (docs/estimate.md)."""
+
+from array import array
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.errors import SurefootError
+from surefoot.record.recording import read_recording, recording_info
+from surefoot.schemas.base import Message
+from surefoot.schemas.hw import FootContacts, Imu, JointState
+from surefoot.schemas.sim import Truth
+from surefoot.schemas.state import Odometry, VelocityEstimate
+
+Columns = dict[str, NDArray[Any]]
+
+INPUTS = ("hw/imu", "hw/joints", "hw/contacts")
+"""Keys without which nothing is estimated."""
+
+
+class _Table:
+    """Rows of one key, number after number; every row must be as long as the first."""
+
+    def __init__(self) -> None:
+        self.stamps, self.ticks = array("q"), array("q")
+        self.values: dict[str, array[float]] = {}
+        self.widths: dict[str, int] = {}
+
+    def add(self, key: str, message: Message, parts: dict[str, tuple[float, ...]]) -> None:
+        for name, numbers in parts.items():
+            width = self.widths.setdefault(name, len(numbers))
+            if len(numbers) != width:
+                row = len(self.stamps)
+                raise SurefootError("malformed", f"{key} row {row}: {len(numbers)} numbers after rows of {width}", name)
+            self.values.setdefault(name, array("d")).extend(numbers)
+        self.stamps.append(message.stamp_ns)
+        self.ticks.append(message.tick)
+
+    def columns(self, prefix: str) -> Columns:
+        out: Columns = {
+            f"{prefix}stamp_ns": np.array(self.stamps, dtype=np.int64),
+            f"{prefix}tick": np.array(self.ticks, dtype=np.int64),
+        }
+        for name, numbers in self.values.items():
+            out[name] = np.array(numbers, dtype=np.float64).reshape(len(self.stamps), self.widths[name])
+        return out
+
+
+def _imu(message: Message) -> dict[str, tuple[float, ...]]:
+    m = cast(Imu, message)
+    return {"gyro": m.gyro, "acc": m.acc, "saturated": (float(m.saturated),)}
+
+
+def _joints(message: Message) -> dict[str, tuple[float, ...]]:
+    return {"joints": cast(JointState, message).position}
+
+
+def _contacts(message: Message) -> dict[str, tuple[float, ...]]:
+    m = cast(FootContacts, message)
+    width = max((len(foot) for foot in m.touch), default=1)
+    touch = tuple(float(s) for foot in m.touch for s in (*foot, *((False,) * (width - len(foot)))))
+    force = tuple(float("nan") if f is None else f for f in m.normal_force_n)
+    return {"touch": touch, "force": force}
+
+
+def _truth(message: Message) -> dict[str, tuple[float, ...]]:
+    m = cast(Truth, message)
+    return {
+        "base_position": m.position, "base_quat_wxyz": m.quat_wxyz, "base_velocity": m.velocity,
+        "base_rate": m.angular_velocity,
+    }  # fmt: skip
+
+
+def _velocity(message: Message) -> dict[str, tuple[float, ...]]:
+    m = cast(VelocityEstimate, message)
+    flags = (m.initialised, m.standing, m.inputs_ok, m.filter_ok, m.sensors_ok)
+    return {
+        "published_velocity_imu": m.velocity_imu, "published_velocity_heading": m.velocity_heading,
+        "published_g_up": m.g_up, "published_covariance": m.covariance,
+        "published_flags": tuple(float(flag) for flag in flags),
+        "published_nis": (float("nan") if m.nis is None else m.nis,),
+    }  # fmt: skip
+
+
+def _odometry(message: Message) -> dict[str, tuple[float, ...]]:
+    m = cast(Odometry, message)
+    return {"published_position": m.position, "published_yaw": (m.yaw,), "published_velocity_odom": m.velocity}
+
+
+READ: dict[str, tuple[str, Callable[[Message], dict[str, tuple[float, ...]]]]] = {
+    "hw/imu": ("", _imu),
+    "hw/joints": ("joints_", _joints),
+    "hw/contacts": ("contacts_", _contacts),
+    "sim/truth": ("base_", _truth),
+    "state/velocity": ("published_", _velocity),
+    "state/odometry": ("odometry_", _odometry),
+}
+"""Key: prefix of the columns of its stamps, and the numbers of a message."""
+
+
+def recorded_columns(path: Path) -> tuple[Columns, str]:
+    """Read the hardware samples, the truth and the published estimates of the last epoch of a recording.
+
+    Returns:
+        Columns, and the name of the robot (empty: unknown).
+
+    Raises:
+        SurefootError: the file cannot be read as a recording, has no inertial samples, or rows of changing length.
+    """
+    tables = {key: _Table() for key in READ}
+    epoch = -1
+    for recorded in read_recording(path, tuple(READ)):
+        message = recorded.message()
+        if message.epoch < epoch:
+            continue
+        if message.epoch > epoch:
+            tables, epoch = {key: _Table() for key in READ}, message.epoch
+        tables[recorded.key].add(recorded.key, message, READ[recorded.key][1](message))
+    if not tables["hw/imu"].stamps:
+        raise SurefootError("invalid", f"{path} has no hw/imu", "hw/imu")
+    out: Columns = {}
+    for key, table in tables.items():
+        if table.stamps:
+            out.update(table.columns(READ[key][0]))
+    return out, str(recording_info(path)["metadata"].get("run", {}).get("robot", ""))

@@ -1,0 +1,65 @@
+"""Scores of tracks whose errors are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from surefoot.lab.estimation.log import Log
+from surefoot.lab.estimation.scores import base_pose, nees, score, smoothed
+from surefoot.lab.estimation.track import Track
+from tests.lab.estimation.walks import clean
+
+
+def exact(log: Log) -> Track:
+    """The truth as a track."""
+    n = len(log.stamp_ns)
+    position, yaw = base_pose(log)
+    p = np.repeat(np.eye(6)[None] * 1e-4, n, axis=0)
+    return Track("exact", log.v, log.up, p, position, yaw, log.v_world, {}, np.full(n, np.nan), {})
+
+
+def test_the_truth_has_no_error():
+    log = clean()
+    found = score(log, exact(log))
+    assert max(found.rmse, found.smooth, abs(found.average), found.drift, found.nees) < 1e-15
+    assert found.odometry == pytest.approx(0.0, abs=1e-12)
+    assert found.height == pytest.approx(0.0, abs=1e-12)
+    assert found.tilt_deg < 1e-6
+    assert found.integral < 0.02  # the rule of trapezoids on 10 ms
+
+
+def test_a_constant_error_ahead():
+    log = clean()
+    ahead = log.v_world[log.scored].mean(axis=0)
+    v = np.einsum("nji,nj->ni", log.rot, log.v_world + 0.1 * ahead)
+    found = score(log, replace(exact(log), v=v))
+    size = 0.1 * np.linalg.norm(ahead)
+    assert found.average == pytest.approx(0.1)
+    assert found.rmse == pytest.approx(size)
+    assert found.smooth == pytest.approx(size)
+    assert found.nees == pytest.approx(size**2 / 1e-4)
+
+
+def test_odometry_is_laid_over_the_start_of_the_scores_and_judged_by_the_net_way():
+    log = clean()
+    true = exact(log)
+    c, s = np.cos(0.7), np.sin(0.7)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    moved = replace(true, position=true.position @ turn.T + [1.0, 2.0, 3.0], yaw=true.yaw + 0.7)
+    assert score(log, moved).odometry == pytest.approx(0.0, abs=1e-9)
+    longer = replace(true, position=true.position * [1.05, 1.05, 1.0])
+    assert score(log, longer).odometry == pytest.approx(0.05, abs=1e-6)
+
+
+def test_noise_that_alternates_vanishes_over_half_a_second():
+    log = clean()
+    error = np.where(np.arange(400)[:, None] % 2 == 0, 1.0, -1.0) * np.ones(3)
+    assert np.abs(smoothed(error, log)).max() < 1e-9
+
+
+def test_nees_of_drawn_errors_is_their_number():
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(3, 3))
+    errors = rng.normal(size=(4000, 3)) @ root.T
+    assert nees(errors, np.repeat((root @ root.T)[None], 4000, axis=0)).mean() == pytest.approx(3.0, abs=0.15)
