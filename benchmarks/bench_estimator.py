@@ -5,7 +5,7 @@ import time
 import numpy as np
 
 from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.estimator import Estimator
+from surefoot.services.estimator.stream import Estimator
 
 
 def speed() -> None:
@@ -16,9 +16,9 @@ def speed() -> None:
     estimator, costs = Estimator.for_robot(robot), []
     for k in range(ticks):
         stamp, began = (k + 1) * 10_000_000, time.perf_counter()
-        estimator.on_imu(stamp, w[k], q[k])
+        estimator.imu(stamp, w[k], q[k])
         if stamp // 33_000_000 > (stamp - 10_000_000) // 33_000_000:
-            estimator.on_kinematics(stamp // 33_000_000 * 33_000_000, joints[k], touch)
+            estimator.joints(stamp // 33_000_000 * 33_000_000, joints[k], touch)
         estimator.estimate()
         estimator.pose()
         costs.append(time.perf_counter() - began)

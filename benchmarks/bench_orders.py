@@ -20,7 +20,7 @@ from typing import Any
 
 from benchmarks.joined import TICK_S, sense
 from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.estimator import Estimator
+from surefoot.services.estimator.stream import Estimator
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.physics.perturb import perturbation
 from surefoot.services.simulator.world import PhysicsWorld, WorldConfig

@@ -23,7 +23,7 @@ from benchmarks.joined import TICK_S, costs_us, sense
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.estimator import Estimator
+from surefoot.services.estimator.stream import Estimator
 from surefoot.services.simulator.ground.terrain import make_terrain, observed_map
 from surefoot.services.simulator.world import PhysicsWorld
 from surefoot.services.walker.hexapod.gait import HexapodWalker

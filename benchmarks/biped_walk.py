@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.joined import TICK_S, costs_us, sense
 from surefoot.geometry.polygon import hull, signed_distance
 from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.estimator import Estimator
+from surefoot.services.estimator.stream import Estimator
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.physics.model import Physics
 from surefoot.services.simulator.physics.perturb import perturbation

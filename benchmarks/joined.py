@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from surefoot.services.estimator.estimator import Estimator
+from surefoot.services.estimator.stream import Estimator
 from surefoot.services.simulator.world import PhysicsWorld
 from surefoot.services.walker.interface import WalkerInputs
 
@@ -17,10 +17,10 @@ def sense(world: PhysicsWorld, estimator: Estimator) -> tuple[WalkerInputs, Any]
     samples = world.samples
     imu, joints, contacts = samples.imu, samples.joints, samples.contacts
     if imu is not None:
-        estimator.on_imu(imu.stamp_ns, imu.gyro, imu.acc)
+        estimator.imu(imu.stamp_ns, imu.gyro, imu.acc)
     touch = None if contacts is None else np.array([any(foot) for foot in contacts.touch])
     if joints is not None and touch is not None:
-        estimator.on_kinematics(joints.stamp_ns, joints.position, touch)
+        estimator.joints(joints.stamp_ns, joints.position, touch)
     estimate, pose = estimator.estimate(), estimator.pose()
     inputs = WalkerInputs(
         stamp=TICK_S * world.tick, roll=estimate.roll, pitch=estimate.pitch,

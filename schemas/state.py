@@ -21,7 +21,9 @@ def _zero(value: object) -> bool:
 class VelocityEstimate(Message):
     """Velocity and gravity direction of base_link (Wawrzynski et al.)."""
 
-    mode: Literal["imu", "kinematics", "kinematics_gyro", "ekf", "best"] = Field(description="which estimator made it")
+    mode: Literal["imu", "kinematics", "kinematics_gyro", "ekf", "paper", "best"] = Field(
+        description="which estimator made it"
+    )
     velocity: Vec3 = Field(description="m/s, velocity of the base_link origin in base_link axes")
     velocity_imu: Vec3 = Field(description="m/s, velocity of the IMU in IMU axes (the paper's quantity)")
     velocity_heading: Vec3 = Field(description="m/s, base_link velocity in heading axes: x forward horizontal, z up")
@@ -43,6 +45,9 @@ class VelocityEstimate(Message):
     nis: float | None = Field(default=None, description="normalised innovation squared of the last correction, 3 dof")
     refused: int = Field(
         default=0, ge=0, description="inputs refused since the epoch began (late, NaN, duplicate, ...)"
+    )
+    reasons: tuple[str, ...] = Field(
+        default=(), exclude_if=_zero, description="what is to be said of the estimate, in words; empty: all is well"
     )
 
 

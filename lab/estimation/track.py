@@ -16,11 +16,10 @@ from surefoot.lab.estimation.log import Log
 from surefoot.lab.estimation.peers.inekf import InekfNoise, inekf
 from surefoot.lab.estimation.peers.linear import LinearNoise, linear
 from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.estimator import Estimator
-from surefoot.services.estimator.estimators import ESTIMATORS
-from surefoot.services.estimator.feet import FootMount, FootSample
-from surefoot.services.estimator.odometry import OdometryParams
-from surefoot.services.estimator.params import EstimatorParams, paper_params
+from surefoot.services.estimator.contact import LEVER, SOLE_POINTS, contact_points, sole_feet
+from surefoot.services.estimator.feet import FootMount
+from surefoot.services.estimator.params import EstimatorParams
+from surefoot.services.estimator.stream import NAMES, PAPER, Estimator
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -53,9 +52,9 @@ def track(name: str, log: Log, **options: Any) -> Track:
     """Run one estimator over a log in the order of arrival.
 
     Args:
-        name: an estimator of the service, `paper` (the paper's six states, one foot) or a referee (`PEERS`).
+        name: an estimator of the service or a referee (`PEERS`).
         log: what to run over.
-        options: of a service estimator: changes of its parameters; of a referee: changes of its noise.
+        options: of a service estimator: changes of its parameters, `hypotheses` = False; of a referee: changes of its noise.
 
     Raises:
         SurefootError: there is no such estimator.
@@ -68,33 +67,35 @@ def track(name: str, log: Log, **options: Any) -> Track:
 
 
 def names() -> tuple[str, ...]:
-    """Names of the estimators of the service, and `paper`."""
-    return (*ESTIMATORS, "paper")
+    """Names of the estimators of the service."""
+    return NAMES
 
 
-def build(name: str, log: Log, options: Mapping[str, Any]) -> tuple[Estimator, str]:
-    """Return the service's estimator for a log, and the name under which it is asked."""
+def build(name: str, log: Log, options: Mapping[str, Any]) -> Estimator:
+    """Return the service's estimator for a log."""
     changes = {**log.sensors, **options}
+    hypotheses = bool(changes.pop("hypotheses", True))
     if log.robot is not None:
-        params = EstimatorParams.from_robot(load_robot(log.robot), start_slope_sd=LEVEL_SD)
-        params = replace(params, **changes)
+        robot = load_robot(log.robot)
+        params = EstimatorParams.from_robot(robot, start_slope_sd=LEVEL_SD)
+        points = contact_points(robot)
     else:
-        params = replace(EstimatorParams(), **changes)
-    asked = name
-    if name == "paper":
-        kept = {k: v for k, v in changes.items() if k in ("remove_gyro_bias", "refine_gyro_bias")}
+        params, points = EstimatorParams(), None
+        if log.points is not None and log.points.shape[1] >= SOLE_POINTS:
+            normals = np.cross(log.points[:, 1] - log.points[:, 0], log.points[:, 2] - log.points[:, 0])
+            normals *= np.where(normals[:, 2:] < 0.0, -1.0, 1.0) / np.linalg.norm(normals, axis=1, keepdims=True)
+            points = sole_feet(normals, LEVER * float(np.median(np.linalg.norm(log.foot_position, axis=-1))))
+    params = replace(params, **changes)
+    if name == PAPER:
         # without the mean gyro of the rest a turn-on bias of 1 deg/s swamps it; the paper does not mention one
-        params = replace(paper_params(params), **({"remove_gyro_bias": True, "refine_gyro_bias": True} | kept))
-        asked = "ekf"
-    feet = log.feet_count
-    radius = np.zeros(feet) if log.radius is None else log.radius
+        params = replace(params, **({"remove_gyro_bias": True, "refine_gyro_bias": True} | changes))
+    radius = np.zeros(log.feet_count) if log.radius is None else log.radius
     mount = FootMount(None, np.ascontiguousarray(log.rot_base_from_imu.T), log.imu_position, radius)
-    odometry = OdometryParams(sigma_turn=params.sigma_w * math.sqrt(1e-9 * params.imu_period_ns))
-    return Estimator(mount, params, odometry, names=dict.fromkeys(("ekf", asked))), asked
+    return Estimator(mount, params, names=(name,), points=points if params.soles else None, hypotheses=hypotheses)
 
 
 def _service(name: str, log: Log, options: Mapping[str, Any]) -> Track:
-    estimator, asked = build(name, log, options)
+    estimator = build(name, log, options)
     n, feet = len(log.stamp_ns), log.feet_count
     v, g, p, nis = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 6, 6)), np.full(n, np.nan)
     position, yaw, v_odom = np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3))
@@ -104,28 +105,25 @@ def _service(name: str, log: Log, options: Mapping[str, Any]) -> Track:
     to_imu, clipped = log.rot_base_from_imu.T, log.saturated
 
     def note(k: int) -> None:
-        e, pose = estimator.estimate(asked), estimator.pose()
+        e, pose = estimator.estimate(name), estimator.pose()
         v[k], g[k], p[k] = e.velocity_imu, to_imu @ e.g_up, e.covariance
         position[k], yaw[k] = pose.position, pose.yaw
         c, s = math.cos(pose.yaw), math.sin(pose.yaw)
         ahead, left, up = e.velocity_heading
         v_odom[k] = c * ahead - s * left, s * ahead + c * left, up
         nis[k] = np.nan if e.nis is None else e.nis
-        slipping[k], gyro_bias[k], acc_bias[k] = e.slipping, e.gyro_bias, e.acc_bias
+        slipping[k], gyro_bias[k], acc_bias[k] = e.sliding, e.gyro_bias, e.acc_bias
         for flag in FLAGS:
             flags[flag][k] = getattr(e, flag)
 
     arrival = log.arrival().tolist()
     for i, at in enumerate(arrival):
         if at < n:
-            if clipped is not None and clipped[at]:
-                estimator.judge.clipped(stamps[at])
-            else:
-                estimator.on_imu(stamps[at], log.w[at], log.q[at])
+            estimator.imu(stamps[at], log.w[at], log.q[at], clipped is not None and bool(clipped[at]))
             row = at
         else:
             f = at - n
-            estimator.on_feet(FootSample(foot_ns[f], log.foot_position[f], log.foot_rot[f], log.contact[f]))
+            estimator.feet(foot_ns[f], log.foot_position[f], log.foot_rot[f], log.contact[f])
         if row >= 0 and (i + 1 == len(arrival) or arrival[i + 1] < n):
             note(row)
     return Track(
@@ -158,5 +156,7 @@ def _linear(log: Log, options: Mapping[str, Any]) -> Track:
 PEERS: dict[str, Callable[[Log, Mapping[str, Any]], Track]] = {"inekf": _inekf, "linear": _linear}
 """Referees: contact-aided InEKF, MIT-style linear filter."""
 
-ABLATIONS: dict[str, dict[str, dict[str, Any]]] = {}
+ABLATIONS: dict[str, dict[str, dict[str, Any]]] = {
+    "best": {"slip hypothesis": {"hypotheses": False}, "points of a sole": {"soles": False}}
+}
 """By estimator: name of a hypothesis, options that switch it off."""

@@ -7,17 +7,21 @@ from pydantic import Field
 
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.robot.description import Robot
-from surefoot.services.estimator.estimator import Estimator, StartPose
+from surefoot.services.estimator.estimators import ESTIMATORS
+from surefoot.services.estimator.params import StartPose
+from surefoot.services.estimator.stream import BEST, PAPER, Estimator
 
 
 class EstimatorConfig(ServiceConfig):
     """Which estimate is ``state/velocity``, and where the robot starts."""
 
-    mode: Literal["imu", "kinematics", "kinematics_gyro", "ekf"] = Field(
-        default="ekf", description="estimator behind state/velocity"
+    mode: Literal["best", "imu", "kinematics", "kinematics_gyro", "ekf", "paper"] = Field(
+        default="best", description="estimator behind state/velocity; state/odometry is that of `best`"
     )
-    remove_gyro_bias: bool = Field(default=True, description="subtract the mean gyro of the first standstill")
-    refine_gyro_bias: bool = Field(default=True, description="go on learning it in every later standstill")
+    remove_gyro_bias: bool = Field(
+        default=True, description="the paper's estimators subtract the mean gyro of the rest"
+    )
+    refine_gyro_bias: bool = Field(default=True, description="they go on learning it in every later rest")
     start_x: float = Field(default=0.0, description="m, start pose in map: map = odom by this statement")
     start_y: float = Field(default=0.0, description="m")
     start_yaw: float = Field(default=0.0, description="rad")
@@ -34,6 +38,7 @@ class EstimatorConfig(ServiceConfig):
         return Estimator.for_robot(
             robot,
             StartPose(self.start_x, self.start_y, self.start_yaw, self.start_ground),
+            names=(BEST, *ESTIMATORS, *((PAPER,) if self.mode == PAPER else ())),
             remove_gyro_bias=self.remove_gyro_bias,
             refine_gyro_bias=self.refine_gyro_bias,
             start_slope_sd=math.inf if self.start_slope_sd is None else self.start_slope_sd,

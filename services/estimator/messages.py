@@ -5,8 +5,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from surefoot.schemas.state import Odometry, VelocityEstimate
-from surefoot.services.estimator.odometry import OdometryPose
-from surefoot.services.estimator.output import Estimate
+from surefoot.services.estimator.output import Estimate, OdometryPose
 
 
 def velocity_message(e: Estimate) -> VelocityEstimate:
@@ -31,6 +30,7 @@ def velocity_message(e: Estimate) -> VelocityEstimate:
         slipping=_list(e.slipping),
         nis=e.nis,
         refused=e.refused,
+        reasons=e.reasons,
     )
 
 

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.kernels.jit import kernel
-from surefoot.services.estimator.odometry_kernel import level
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -34,10 +33,34 @@ class Estimate(NamedTuple):
     filter_ok: bool
     sensors_ok: bool
     slipping: Flags  # (L,)
+    sliding: Array  # (L,) probability that the foot slides; NaN: it does not stand
     nis: float | None  # of the last correction, 3 degrees of freedom
     refused: int  # inputs refused so far
+    reasons: tuple[str, ...]  # what is to be said of it, in words
     contact_lost_s: float  # since a foot was last in contact
     prediction_only_s: float  # since the legs last gave a velocity
+
+
+class OdometryPose(NamedTuple):
+    """Pose of base_link in odom."""
+
+    position: Array  # (3,) m
+    quat_wxyz: Array  # (4,) rot_odom_from_base
+    yaw: float  # rad, not wrapped
+    velocity: Array  # (3,) m/s, odom axes
+    covariance: Array  # (4, 4) of x, y, z, yaw
+
+
+@kernel
+def level(rot_base_from_imu: Array, g: Array) -> Array:
+    """rot_heading_from_base (3, 3) = Ry(pitch) Rx(roll) from g (3,), specific force at rest in IMU axes."""
+    up = np.zeros(3)
+    for i in range(3):
+        for k in range(3):
+            up[i] += rot_base_from_imu[i, k] * g[k]
+    roll, pitch = math.atan2(up[1], up[2]), math.atan2(-up[0], math.hypot(up[1], up[2]))
+    cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
+    return np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
 
 
 @kernel
@@ -85,14 +108,3 @@ def healthy(g: Array, v: Array, p: Array) -> bool:
         if not (math.isfinite(p[i, i]) and p[i, i] > 0.0):
             return False
     return abs(math.sqrt(length) - 9.81) < 1.0 and speed < 9.0
-
-
-@kernel
-def summary(
-    g: Array, v: Array, p: Array, w: Array, rot_base_from_imu: Array, imu_position: Array, hidden: float
-) -> tuple[Array, Array, bool]:
-    """`express`; P (6, 6) with the variance `hidden` (m^2/s^4) added to that of g; whether it is `healthy`."""
-    covariance = p + 0.0
-    for i in range(3):
-        covariance[i, i] += hidden
-    return express(g, v, w, rot_base_from_imu, imu_position), covariance, healthy(g, v, covariance)

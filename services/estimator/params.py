@@ -11,6 +11,16 @@ STANDSTILL_FACTOR = 2.5  # standstill = below this many sigma of the sensor alon
 
 
 @dataclass(frozen=True)
+class StartPose:
+    """Where the robot stands when it starts: map = odom by this statement."""
+
+    x: float = 0.0  # m
+    y: float = 0.0  # m
+    yaw: float = 0.0  # rad
+    ground: float = 0.0  # m, height of the ground under the feet, mean
+
+
+@dataclass(frozen=True)
 class EstimatorParams:
     """Noises are standard deviations per IMU sample at `imu_period_ns`, SI."""
 
@@ -19,14 +29,16 @@ class EstimatorParams:
     sigma_q: float = 0.035  # m/s^2, accelerometer, (22); 0.5 mg/rtHz at 100 Hz
     acc_bias_sd: float = 0.157  # m/s^2, turn-on bias of an axis; 16 mg
     gyro_bias_floor: float = 2e-4  # rad/s, in-run drift: a bias is never known better
+    gyro_bias_sd: float = 0.06  # rad/s, turn-on bias of an axis
+    sigma_point: float = 0.0005  # m, a contact point by the encoders
     imu_period_ns: int = 10_000_000
     kinematics_period_ns: int = 33_000_000
     # limits of inputs (note, section 3)
     max_gyro: float = math.radians(1000.0)  # rad/s
     max_acc: float = 5.0 * 9.81  # m/s^2
+    max_speed: float = 2.0  # m/s; `best` takes a faster estimate for an error and begins anew
     gap_periods: float = 5.0  # a longer IMU gap is counted and widens the covariance
     reset_gap_ns: int = 500_000_000  # a longer one makes the velocity unknown
-    late_ns: int = 100_000_000  # kinematics older than this are dropped
     # start, equation (1)
     standstill_samples: int = 50
     standstill_gyro_sd: float = STANDSTILL_FACTOR * 0.0054  # rad/s
@@ -37,6 +49,7 @@ class EstimatorParams:
     remove_gyro_bias: bool = True  # subtract the mean gyro of the rest (the paper: no)
     refine_gyro_bias: bool = True  # ... of all rest so far, not of the first window only
     start_slope_sd: float = math.inf  # rad, how level the ground under the feet is at the start; inf = unknown
+    soles: bool = True  # flat feet have three contact points (False: one, as round feet)
     # velocity from the legs
     sigma_v: float = 0.015  # m/s, (27), of one foot
     sigma_k: float = 0.05  # m/s, of v^K, for its covariance only
@@ -58,6 +71,7 @@ class EstimatorParams:
             "sigma_w": sigma_w,
             "sigma_q": sigma_q,
             "acc_bias_sd": profile.accel.bias_turn_on,
+            "gyro_bias_sd": max(profile.gyro.bias_turn_on, 0.01),
             "gyro_bias_floor": max(profile.gyro.bias_in_run, 1e-4),
             "standstill_gyro_sd": STANDSTILL_FACTOR * sigma_w,
             "standstill_acc_sd": STANDSTILL_FACTOR * sigma_q,

@@ -25,10 +25,10 @@ def rehearse(config: EstimatorConfig, robot: Robot, modes: tuple[str, ...]) -> N
     for i in range(rest + WALK_SAMPLES):
         stamp, walking = (i + 1) * period, i >= rest
         wobble = 1e-3 * np.sin(i + np.arange(3.0))
-        estimator.on_imu(stamp, wobble, up + wobble)
+        estimator.imu(stamp, wobble, up + wobble)
         if i % 3 == 0:
             swinging = np.arange(len(every)) % 2 == (i // 6) % 2
-            estimator.on_kinematics(
+            estimator.joints(
                 stamp, joints + 1e-3 * walking * np.sin(i + np.arange(joints.size)), every & ~(swinging & walking)
             )
         if walking:

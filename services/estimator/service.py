@@ -34,7 +34,7 @@ VARIANTS = {
 
 
 class EstimatorService(Service[EstimatorConfig]):
-    """Velocity and gravity by the four estimators of Wawrzynski et al. side by side, and the odometry."""
+    """Velocity, gravity and odometry by `best`, and the four estimators of Wawrzynski et al. beside it."""
 
     name = "estimator"
     Config = EstimatorConfig
@@ -73,15 +73,12 @@ class EstimatorService(Service[EstimatorConfig]):
                 self.publish(topic, velocity_message(e.estimate(name)), e.stamp_ns)
 
     def _imu(self, imu: Imu) -> None:
-        if imu.saturated:
-            result = self.estimator.judge.clipped(imu.stamp_ns)
-        else:
-            result = self.estimator.on_imu(imu.stamp_ns, np.array(imu.gyro), np.array(imu.acc))
+        result = self.estimator.imu(imu.stamp_ns, np.array(imu.gyro), np.array(imu.acc), imu.saturated)
         self._tell("imu", result)
 
     def _kinematics(self, joints: JointState, contacts: FootContacts) -> None:
         touch = np.array([any(foot) for foot in contacts.touch])
-        self._tell("kinematics", self.estimator.on_kinematics(joints.stamp_ns, np.array(joints.position), touch))
+        self._tell("kinematics", self.estimator.joints(joints.stamp_ns, np.array(joints.position), touch))
 
     def _tell(self, source: str, result: InputResult) -> None:
         """Log the first refusal of its kind; the rest is in the counters."""

@@ -15,7 +15,7 @@ from surefoot.lab.estimation.track import PEERS
 from surefoot.lab.estimation.tune import SEARCHED, tune
 from surefoot.lab.estimation.walks import SCENARIOS, cache_folder, walk
 from surefoot.lab.papers.wawrzynski.synthetic import KINDS, synthesize
-from surefoot.services.estimator import estimator as service
+from surefoot.services.estimator import stream as service
 
 TUNING_SEEDS = range(100, 106)
 """Never scored."""

@@ -83,7 +83,7 @@ def test_publishes_what_it_owes(service, desk):
     flags = [m.initialised for m in desk.messages[STATE_VELOCITY.key]]
     assert flags == [False] * 49 + [True] * 51
     last = desk.messages[STATE_VELOCITY.key][-1]
-    assert last.mode == "ekf"
+    assert last.mode == "best"
     assert last.standing
     assert last.inputs_ok
     assert last.filter_ok

@@ -3,7 +3,7 @@
 import numpy as np
 
 from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.estimator import Estimator
+from surefoot.services.estimator.stream import Estimator
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.physics.perturb import perturbation
 from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
@@ -28,10 +28,10 @@ class Plant:
         """One control tick; `blind`: the estimator says nothing new."""
         imu, joints, contacts = self.world.samples
         if imu is not None and not blind:
-            self.estimator.on_imu(imu.stamp_ns, imu.gyro, imu.acc)
+            self.estimator.imu(imu.stamp_ns, imu.gyro, imu.acc)
         touch = None if contacts is None else np.array([any(foot) for foot in contacts.touch])
         if joints is not None and not blind:
-            self.estimator.on_kinematics(joints.stamp_ns, joints.position, touch)
+            self.estimator.joints(joints.stamp_ns, joints.position, touch)
         e, pose = self.estimator.estimate(), self.estimator.pose()
         self.out = self.walker.step(
             WalkerInputs(

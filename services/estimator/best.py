@@ -1,0 +1,209 @@
+"""The `best` estimator: velocity, tilt, biases, position and heading by one filter over all samples in their order."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.linear_kernels import times, times_transposed
+from surefoot.kernels.jit import kernel
+from surefoot.services.estimator.best_kernel import (
+    ACC_BIAS,
+    DOWN,
+    E_POS,
+    EXCESS,
+    GYRO_BIAS,
+    NIS,
+    POS,
+    REST,
+    SLIDE,
+    VEL,
+    BestNoise,
+    BestState,
+    copy_state,
+    new_state,
+    rotation,
+    turned,
+)
+from surefoot.services.estimator.best_run import T_SLIDE, advance, forget, settled
+from surefoot.services.estimator.best_start import BestGeometry, BestLimits
+from surefoot.services.estimator.inertial import GRAVITY
+from surefoot.services.estimator.timeline import WINDOW_NS, Samples
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+SNAPSHOT_NS = 50_000_000  # inertial time between two snapshots
+SNAPSHOTS = 3 + WINDOW_NS // SNAPSHOT_NS
+LENGTH_SD = 0.01  # m/s^2, of the length of g, which the state takes as known
+
+
+class BestOutput(NamedTuple):
+    """The estimate at the newest inertial sample."""
+
+    g: Array  # (3,) m/s^2, IMU axes, points up
+    v: Array  # (3,) m/s, IMU axes
+    covariance: Array  # (6, 6) of (g, v)
+    rot_odom_from_imu: Array  # (3, 3)
+    position: Array  # (3,) m, IMU in odom
+    v_odom: Array  # (3,) m/s
+    pose_covariance: Array  # (4, 4) of x, y, z, yaw
+    gyro_bias: Array  # (3,) rad/s
+    acc_bias: Array  # (3,) m/s^2
+    nis: float  # 3 degrees of freedom
+    excess: float  # factor of the inertial noise
+    standing: bool
+    settled: bool
+    sliding: Array  # (L,) probability that a foot slides; NaN: it does not stand
+
+
+@kernel
+def _covariances(x: Array, cov: Array) -> tuple[Array, Array]:
+    """Covariance of (g, v) in IMU axes (6, 6), and of x, y, z, yaw in odom (4, 4)."""
+    rot, by = rotation(x), np.zeros((6, 6))
+    for i in range(3):
+        by[i, 0], by[i, 1] = -GRAVITY * rot[1, i], GRAVITY * rot[0, i]
+        for k in range(3):
+            by[3 + i, 3 + k] = rot[k, i]
+    block, pose, index = np.empty((6, 6)), np.empty((4, 4)), np.array([E_POS, E_POS + 1, E_POS + 2, 2])
+    for i in range(6):
+        for k in range(6):
+            block[i, k] = cov[i, k]
+    out = times_transposed(times(by, block), by)
+    for i in range(3):
+        for k in range(3):
+            out[i, k] += LENGTH_SD**2 * rot[2, i] * rot[2, k]
+    for i in range(4):
+        for k in range(4):
+            pose[i, k] = cov[index[i], index[k]]
+    for i in range(6):
+        for k in range(i):
+            out[i, k] = out[k, i] = 0.5 * (out[i, k] + out[k, i])
+    return out, pose
+
+
+@kernel
+def _per_foot(points: Array, foot: NDArray[np.int64], feet: int) -> Array:
+    """Mean probability of sliding of each foot's standing points, (L,), NaN for a foot that does not stand."""
+    out, count = np.zeros(feet), np.zeros(feet)
+    for k in range(foot.size):
+        if points[k, DOWN] > 0.0:
+            out[foot[k]] += points[k, SLIDE]
+            count[foot[k]] += 1.0
+    for f in range(feet):
+        out[f] = out[f] / count[f] if count[f] > 0.0 else math.nan
+    return out
+
+
+class BestFilter:
+    """Takes samples in any order within the last half second; the result is that of their order by stamps, to the bit.
+
+    Args:
+        geometry: of the robot.
+        noise: of the filter.
+        limits: of start and rest.
+        feet: number of feet L.
+    """
+
+    def __init__(self, geometry: BestGeometry, noise: BestNoise, limits: BestLimits, feet: int) -> None:
+        self._geometry, self._noise, self._limits, self._feet = geometry, noise, limits, feet
+        count = len(geometry.foot)
+        self._imu = Samples((6,))
+        self._kinematics = Samples((feet, 3), (feet, 3, 3), (count,))
+        self._free = [new_state(count) for _ in range(SNAPSHOTS + 1)]
+        self._snapshots: list[tuple[int, BestState]] = []  # of rising stamps
+        self._nothing = np.zeros((0, T_SLIDE + count))
+        self.state = new_state(count)
+        self.reset(limits)
+
+    def reset(self, limits: BestLimits) -> None:
+        """Forget everything; `limits` state where the robot begins."""
+        self._limits = limits
+        copy_state(new_state(len(self._geometry.foot)), self.state)
+        self._clear()
+
+    def restart_clock(self) -> None:
+        """The stamps begin anew: keep what is known but for velocity and feet."""
+        forget(self.state, 1.0)
+        self._clear()
+
+    def _clear(self) -> None:
+        self._imu.clear()
+        self._kinematics.clear()
+        self._free.extend(state for _, state in self._snapshots)
+        self._snapshots.clear()
+        self._done_ns = -1  # stamp of the last inertial sample in the state
+        self._dirty_ns: int | None = None  # oldest sample that came after its time
+        self._snap()
+
+    def add_imu(self, stamp_ns: int, w: Array, q: Array) -> bool:
+        """Take an inertial sample; False: there is one of this stamp."""
+        return self._add(self._imu, stamp_ns, np.concatenate((w, q)))
+
+    def add_feet(self, stamp_ns: int, position: Array, rot: Array, contact: Array) -> bool:
+        """Take a sample of the feet (L, 3), (L, 3, 3) with contact probabilities of the points (K,); False: as above."""
+        return self._add(self._kinematics, stamp_ns, position, rot, contact)
+
+    def _add(self, samples: Samples, stamp_ns: int, *values: Array) -> bool:
+        if not samples.add(stamp_ns, *values):
+            return False
+        if stamp_ns <= self._done_ns and (self._dirty_ns is None or stamp_ns < self._dirty_ns):
+            self._dirty_ns = stamp_ns
+        return True
+
+    def update(self) -> None:
+        """Bring the state up to the newest inertial sample; late samples cost one replay of at most the window."""
+        if self._dirty_ns is not None:
+            while len(self._snapshots) > 1 and self._snapshots[-1][0] >= self._dirty_ns:
+                self._free.append(self._snapshots.pop()[1])
+            self._done_ns, state = self._snapshots[-1]
+            copy_state(state, self.state)
+            self._dirty_ns = None
+        while self._done_ns < self._imu.newest:
+            next_snapshot = self._snapshots[-1][0] + SNAPSHOT_NS
+            begin = self._imu.after(self._done_ns)
+            end = max(begin + 1, self._imu.after(next_snapshot))
+            position, rot, contact = self._kinematics.values
+            advance(
+                self.state, self._imu.stamps[:end], self._imu.values[0][:end], self._kinematics.stamps, position, rot,
+                contact, begin, self._geometry, self._noise, self._limits, self._nothing,
+            )  # fmt: skip
+            self._done_ns = int(self._imu.stamps[end - 1])
+            if self._done_ns >= next_snapshot:
+                self._snap()
+
+    def _snap(self) -> None:
+        if len(self._snapshots) == SNAPSHOTS:
+            self._free.append(self._snapshots.pop(0)[1])
+        state = self._free.pop()
+        copy_state(self.state, state)
+        self._snapshots.append((self._done_ns, state))
+
+    @property
+    def stamp_ns(self) -> int:
+        """Of the newest inertial sample in the state; -1 = none."""
+        return self._done_ns
+
+    def output(self) -> BestOutput:
+        """The estimate at `stamp_ns`."""
+        x, memory = self.state.x, self.state.memory
+        rot = rotation(x)
+        back = np.ascontiguousarray(rot.T)
+        covariance, pose_covariance = _covariances(x, self.state.cov)
+        return BestOutput(
+            g=GRAVITY * rot[2],
+            v=turned(back, x[VEL : VEL + 3]),
+            covariance=covariance,
+            rot_odom_from_imu=rot,
+            position=x[POS : POS + 3].copy(),
+            v_odom=x[VEL : VEL + 3].copy(),
+            pose_covariance=pose_covariance,
+            gyro_bias=x[GYRO_BIAS : GYRO_BIAS + 3].copy(),
+            acc_bias=x[ACC_BIAS : ACC_BIAS + 3].copy(),
+            nis=float(memory[NIS]),
+            excess=float(memory[EXCESS]),
+            standing=bool(memory[REST] > 0.0),
+            settled=bool(settled(self.state)),
+            sliding=_per_foot(self.state.points, self._geometry.foot, self._feet),
+        )

@@ -1,0 +1,54 @@
+"""Noise of the `best` filter: what the sensors bring, and one set of rates for every robot and log."""
+
+import math
+
+import numpy as np
+
+from surefoot.services.estimator.best_kernel import BestNoise
+from surefoot.services.estimator.best_start import BestLimits
+from surefoot.services.estimator.params import EstimatorParams, StartPose
+
+STATED_SD = 1e-3  # m and rad, of a stated start pose
+LOST_SD = 1.0  # m and rad, of a pose nobody knows
+
+
+def best_noise(params: EstimatorParams) -> BestNoise:
+    """Noises of the filter; those of the sensors per square root of s, so that the rate of a log does not matter."""
+    root = math.sqrt(1e-9 * params.imu_period_ns)
+    return BestNoise(
+        gyro=params.sigma_w * root,
+        acc=params.sigma_q * root,
+        gyro_bias=2e-4,
+        acc_bias=3e-4,
+        gyro_jerk=0.15,
+        sample_gyro=params.sigma_w,
+        point=params.sigma_point,
+        stay=0.0005,
+        twist=0.0,
+        slide=0.04,
+        begin_slide=0.4,
+        go_on=0.98,
+        learn=0.02,
+        drop=0.2,
+        most_excess=15.0,
+    )
+
+
+def best_limits(params: EstimatorParams, start: StartPose, stated: bool, hypotheses: bool = True) -> BestLimits:
+    """Start and rest; `stated`: whether pose and slope at the start are known (again)."""
+    return BestLimits(
+        samples=params.standstill_samples,
+        gyro_variance=params.standstill_gyro_sd**2,
+        acc_variance=params.standstill_acc_sd**2,
+        travel=params.standstill_travel,
+        gyro_bias_sd=params.gyro_bias_sd,
+        creep=0.0025,
+        acc_bias_sd=params.acc_bias_sd,
+        slope_sd=params.start_slope_sd if stated else math.inf,
+        start=np.array([start.x, start.y, start.yaw, start.ground]),
+        start_sd=STATED_SD if stated else LOST_SD,
+        gap_s=params.gap_periods * 1e-9 * params.imu_period_ns,
+        forget_s=1e-9 * params.reset_gap_ns,
+        max_speed=params.max_speed,
+        hypotheses=hypotheses,
+    )

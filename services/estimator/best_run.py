@@ -1,0 +1,208 @@
+"""The `best` filter over rows of samples: rest, gaps, and the merge of inertial samples and feet by their stamps.
+
+One kernel serves a tick of a live robot, the replay of the last half second after a late sample, and a whole log.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import kernel
+from surefoot.services.estimator.best_kernel import (
+    AGE,
+    DOWN,
+    E_GYRO,
+    E_POS,
+    E_ROT,
+    E_VEL,
+    EXCESS,
+    GYRO_BIAS,
+    MOVING,
+    NIS,
+    NO_FEET,
+    PHASE,
+    REST,
+    SINCE,
+    SLIDE,
+    STARTED,
+    VEL,
+    WAITING,
+    BestNoise,
+    BestState,
+    felt_variance,
+    predict,
+)
+from surefoot.services.estimator.best_start import (
+    ROW_Q,
+    ROW_W,
+    BestGeometry,
+    BestLimits,
+    rests,
+    start_at_rest,
+    start_moving,
+)
+from surefoot.services.estimator.best_update import UNKNOWN_SPEED, forget_velocity, lift, retract, take_points
+from surefoot.services.estimator.contact import points_of
+
+Array = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+
+GOOD_TILT, GOOD_SPEED, GOOD_AGE = 0.03, 0.05, 2.0  # rad, m/s, s: a moving start has settled
+GAP_TURN = 0.1  # rad/s, unseen turning in a gap
+GAP_PUSH = 1.0  # m/s^2, unseen acceleration in a gap
+# columns of a track
+T_COV, T_POS, T_NIS, T_EXCESS, T_REST, T_SETTLED, T_SLIDE = 21, 57, 60, 61, 62, 63, 64
+
+
+@kernel
+def learn_gyro_bias(state: BestState, w: Array, noise: BestNoise, limits: BestLimits) -> None:
+    """Correct with a gyro sample w (3,) of a robot at rest: w = b_w + noise, in place."""
+    cov, n = state.cov, state.cov.shape[0]
+    for i in range(3):  # one axis after the other
+        s = cov[E_GYRO + i, E_GYRO + i] + noise.sample_gyro**2 + limits.samples * limits.creep**2
+        z = w[i] - state.x[GYRO_BIAS + i]
+        xi, column = np.empty(n), np.empty(n)
+        for j in range(n):
+            column[j] = cov[j, E_GYRO + i]
+            xi[j] = -column[j] * z / s
+        for j in range(n):
+            for m in range(n):
+                cov[j, m] -= column[j] * column[m] / s
+        retract(state, xi)
+
+
+@kernel
+def forget(state: BestState, d: float) -> None:
+    """Forget velocity and feet after a gap of d s, in which the robot may have gone anywhere, in place."""
+    cov = state.cov
+    for k in range(state.points.shape[0]):
+        lift(state, k)
+    for i in range(3):
+        cov[E_POS + i, E_POS + i] += (UNKNOWN_SPEED * d) ** 2
+    forget_velocity(state, UNKNOWN_SPEED)
+    state.memory[SINCE] = NO_FEET
+
+
+@kernel
+def _cross_gap(state: BestState, d: float, limits: BestLimits) -> float:
+    """Widen the covariance over a gap of d s between inertial samples, in place; return the step to predict, s."""
+    cov = state.cov
+    if d <= limits.gap_s:
+        return d
+    for i in range(3):
+        cov[E_ROT + i, E_ROT + i] += (GAP_TURN * min(d, 1.0)) ** 2
+        cov[E_VEL + i, E_VEL + i] += (GAP_PUSH * min(d, 1.0)) ** 2
+    if d <= limits.forget_s:
+        return d
+    forget(state, d)
+    return 0.0
+
+
+@kernel
+def settled(state: BestState) -> bool:
+    """Whether the estimate can be used: started at rest, or in motion and meanwhile certain."""
+    memory, cov = state.memory, state.cov
+    if memory[PHASE] != MOVING:
+        return bool(memory[PHASE] == STARTED)
+    tilt, speed = max(cov[0, 0], cov[1, 1]), max(cov[E_VEL, E_VEL], cov[E_VEL + 1, E_VEL + 1])
+    return bool(memory[AGE] > GOOD_AGE and tilt < GOOD_TILT**2 and speed < GOOD_SPEED**2)
+
+
+@kernel
+def advance(
+    state: BestState,
+    stamps: Stamps,
+    rows: Array,
+    feet_stamps: Stamps,
+    feet: Array,
+    foot_rots: Array,
+    contact: Array,
+    begin: int,
+    geometry: BestGeometry,
+    noise: BestNoise,
+    limits: BestLimits,
+    track: Array,
+) -> None:
+    """Take the inertial rows from `begin` on, and the feet between them, in place.
+
+    A sample of the feet is taken at its own stamp, between two parts of the inertial step in which it lies.
+
+    Args:
+        state: as after row `begin` - 1.
+        stamps: of the inertial rows, (n,) ns, rising.
+        rows: gyro (3) rad/s and accelerometer (3) m/s^2, IMU axes, (n, 6), means up to their stamps.
+        feet_stamps: of the samples of the feet, (m,) ns, rising.
+        feet: positions, (m, L, 3) m, IMU axes.
+        foot_rots: rot_imu_from_foot, (m, L, 3, 3).
+        contact: probability of contact of each contact point, (m, K).
+        begin: first row to take.
+        geometry: of the robot.
+        noise: of the filter.
+        limits: of start and rest.
+        track: (n, T_SLIDE + K) is filled from `begin` on: the state up to the contact points (21), the covariance of
+            the errors of rotation and velocity (36), variances of the position (3), nis, excess, samples at rest,
+            whether `settled`, probability that each point slides (NaN: it does not stand). (0, c) = not wanted.
+    """
+    x, memory = state.x, state.memory
+    next_foot = 0
+    if begin > 0:
+        while next_foot < feet_stamps.size and feet_stamps[next_foot] <= stamps[begin - 1]:
+            next_foot += 1
+    w, q = np.empty(3), np.empty(3)
+    for at in range(begin, stamps.size):
+        for i in range(3):
+            w[i], q[i] = rows[at, ROW_W + i], rows[at, ROW_Q + i]
+        now = stamps[at - 1] if at > 0 else stamps[at]
+        if memory[PHASE] != WAITING:
+            felt = felt_variance(memory, w, noise)
+            gap = 1e-9 * (stamps[at] - now)
+            if _cross_gap(state, gap, limits) < gap:
+                now = stamps[at]
+            while next_foot < feet_stamps.size and feet_stamps[next_foot] <= stamps[at]:
+                if feet_stamps[next_foot] > now:
+                    predict(state, w, q, 1e-9 * (feet_stamps[next_foot] - now), noise, felt)
+                    now = feet_stamps[next_foot]
+                y, turn = points_of(geometry.foot, geometry.place, feet[next_foot], foot_rots[next_foot])
+                take_points(
+                    state, y, turn, contact[next_foot], geometry.radius, geometry.foot, geometry.spin, noise,
+                    limits.hypotheses,
+                )  # fmt: skip
+                next_foot += 1
+            if stamps[at] > now:
+                predict(state, w, q, 1e-9 * (stamps[at] - now), noise, felt)
+            memory[AGE] += gap
+        if x[VEL] ** 2 + x[VEL + 1] ** 2 + x[VEL + 2] ** 2 > limits.max_speed**2:
+            forget_velocity(state, UNKNOWN_SPEED)
+        resting = rests(rows, stamps, at, feet, feet_stamps, limits)
+        memory[REST] = memory[REST] + 1.0 if resting else 0.0
+        if resting and not settled(state):
+            start_at_rest(
+                state, rows, at, feet_stamps, stamps, feet, foot_rots, contact, geometry, noise, limits
+            )  # fmt: skip
+        elif memory[PHASE] == WAITING:
+            while next_foot < feet_stamps.size and feet_stamps[next_foot] <= stamps[at]:
+                next_foot += 1
+            if next_foot > 0:
+                start_moving(state, q, w, next_foot - 1, feet, foot_rots, contact, geometry, limits)
+        elif memory[REST] > limits.samples:
+            learn_gyro_bias(state, rows[at + 1 - limits.samples, :3], noise, limits)
+        if at < track.shape[0]:
+            _write(state, track[at])
+
+
+@kernel
+def _write(state: BestState, row: Array) -> None:
+    """One row of a track, see `advance`."""
+    x, cov, points, memory = state.x, state.cov, state.points, state.memory
+    for i in range(T_COV):
+        row[i] = x[i]
+    for i in range(6):
+        for k in range(6):
+            row[T_COV + 6 * i + k] = cov[i, k]
+    for i in range(3):
+        row[T_POS + i] = cov[E_POS + i, E_POS + i]
+    row[T_NIS], row[T_EXCESS], row[T_REST] = memory[NIS], memory[EXCESS], memory[REST]
+    row[T_SETTLED] = 1.0 if settled(state) else 0.0
+    for k in range(points.shape[0]):
+        row[T_SLIDE + k] = points[k, SLIDE] if points[k, DOWN] > 0.0 else math.nan

@@ -1,0 +1,103 @@
+"""Contact points of a robot: where its feet can touch the ground.
+
+A point foot has one. A flat sole has three: its orientation measures the turn of the trunk, and with it the gyro. They
+stand around the middle of the sole at the distance at which the noise of a point by the encoders, sigma_p, is as large
+as that of the sole's orientation by the same encoders, sigma_o: sigma_p/sigma_o, about a third of the leg.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import kernel
+from surefoot.robot.description import Robot
+from surefoot.robot.kinematics import foot_positions
+
+Array = NDArray[np.float64]
+
+SOLE_POINTS = 3
+SURE = 0.98  # largest probability of a contact: a switch may lie
+LEVER = 1.0 / math.sqrt(6.0)
+"""Lever over the length of the leg: six joints of equal noise s turn the sole by s sqrt(6) and move it by s times the
+leg's length, about."""
+
+
+class ContactPoints(NamedTuple):
+    """K contact points, those of one foot side by side."""
+
+    foot: NDArray[np.int64]  # (K,) the foot of each
+    place: Array  # (K, 3) m, from the foot's centre, foot axes
+    spin: Array  # (K, 3) m, normal of the sole x place; zero for a point foot
+    radius: Array  # (K,) m, of a round foot; 0 = does not roll
+
+
+def point_feet(radius: Array) -> ContactPoints:
+    """One point for each foot; radius (L,) m, 0 = a foot that does not roll."""
+    count = len(radius)
+    return ContactPoints(np.arange(count), np.zeros((count, 3)), np.zeros((count, 3)), radius.astype(np.float64))
+
+
+def sole_feet(normals: Array, lever: float) -> ContactPoints:
+    """Three points for each foot, `lever` m from its centre; normals (L, 3) of the soles, foot axes, upwards."""
+    places, spins = [], []
+    for normal in normals:
+        first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+        first /= math.sqrt(float(np.sum(first * first)))
+        second = np.cross(normal, first)
+        for i in range(SOLE_POINTS):
+            angle = 2.0 * math.pi * i / SOLE_POINTS
+            place = lever * (math.cos(angle) * first + math.sin(angle) * second)
+            places.append(place)
+            spins.append(np.cross(normal, place))
+    foot = np.repeat(np.arange(len(normals)), SOLE_POINTS)
+    return ContactPoints(foot, np.array(places), np.array(spins), np.zeros(len(foot)))
+
+
+def contact_points(robot: Robot) -> ContactPoints:
+    """The points of a robot: soles where its feet have a sole (three spheres or more), else points."""
+    if any(len(leg.foot.points) < 3 for leg in robot.legs):
+        return point_feet(np.array([leg.foot.radius for leg in robot.legs]))
+    normals = np.array([_normal(np.asarray(leg.foot.points)) for leg in robot.legs])
+    feet = foot_positions(robot.model, robot.neutral)
+    reach = max(math.dist(foot, leg.hip) for foot, leg in zip(feet, robot.legs, strict=True))
+    return sole_feet(normals, LEVER * reach)
+
+
+def _normal(points: Array) -> Array:
+    """Unit normal (3,) of the sole through points (k, 3), foot axes, on the side of +z (of +x if it has no z)."""
+    normal = np.cross(points[1] - points[0], points[2] - points[0])
+    normal = normal / math.sqrt(float(np.sum(normal * normal)))
+    axis = 2 if abs(normal[2]) > 1e-6 else 0
+    return normal if normal[axis] > 0.0 else -normal
+
+
+def probabilities(points: ContactPoints, contact: Array) -> Array:
+    """Probability of contact of each point, (K,), from that of its foot, (L,); NaN stays: nobody knows."""
+    return np.minimum(contact, SURE)[points.foot]
+
+
+@kernel
+def points_of(foot: NDArray[np.int64], place: Array, position: Array, rot: Array) -> tuple[Array, Array]:
+    """Contact points seen from the IMU.
+
+    Args:
+        foot: the foot of each point, (K,).
+        place: of each in its foot, (K, 3) m.
+        position: of the feet, (L, 3) m, IMU axes.
+        rot: rot_imu_from_foot, (L, 3, 3).
+
+    Returns:
+        Points (K, 3) m, IMU axes, and rot_imu_from_foot of each, (K, 3, 3).
+    """
+    count = foot.size
+    y, turn = np.empty((count, 3)), np.empty((count, 3, 3))
+    for k in range(count):
+        f = foot[k]
+        for i in range(3):
+            y[k, i] = position[f, i]
+            for j in range(3):
+                y[k, i] += rot[f, i, j] * place[k, j]
+                turn[k, i, j] = rot[f, i, j]
+    return y, turn

@@ -1,0 +1,80 @@
+"""Health of an estimate, in flags and in words."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+SILENT_S = 0.2  # feet older than this: a sensor is absent
+NO_CONTACT_S = 0.5  # the same for the last contact of any foot
+UNCORRECTED_S = 1.0  # prediction only for longer: the velocity is worth little
+MAX_NIS = 50.0  # three degrees of freedom; a filter so surprised is not to be trusted
+ROUGH_EXCESS = 3.0  # inertial noise over the sensor's from which it is worth a word
+
+
+@dataclass(frozen=True, eq=False)
+class Condition:
+    """What flags and words are made of."""
+
+    initialised: bool
+    standing: bool
+    healthy: bool  # finite, positive variances, g near 9.81, a speed a robot can have
+    nis: float  # mean normalised innovation squared, 3 degrees of freedom
+    slipping: NDArray[np.bool_]  # (L,)
+    refused_lately: str | None  # last refusal or gap of the last 100 ms, e.g. imu_nonfinite
+    saturated: bool
+    imu_frozen: bool
+    joints_frozen: bool
+    since_feet_s: float
+    since_contact_s: float
+    since_velocity_s: float  # since the feet last corrected the velocity
+    excess: float  # factor of the inertial noise over the sensor's
+
+    @property
+    def inputs_ok(self) -> bool:
+        """Whether all inputs of the last 100 ms were accepted and none is silent."""
+        return self.refused_lately is None and self.since_feet_s < SILENT_S
+
+    @property
+    def filter_ok(self) -> bool:
+        """Whether the estimate is consistent and corrected."""
+        return self.initialised and self.healthy and self.nis < MAX_NIS and self.since_velocity_s < UNCORRECTED_S
+
+    @property
+    def sensors_ok(self) -> bool:
+        """Whether no sensor is saturated, frozen or absent."""
+        frozen = self.imu_frozen or self.joints_frozen or self.saturated
+        return not frozen and self.since_feet_s < SILENT_S and self.since_contact_s < NO_CONTACT_S
+
+
+def reasons(c: Condition) -> tuple[str, ...]:
+    """What is to be said of an estimate, the gravest first; empty: it walks and all is well."""
+    out: list[str] = []
+    if not c.initialised:
+        out.append("waiting for a start: a rest of half a second, or two seconds of motion with contacts")
+    if c.imu_frozen:
+        out.append("the inertial unit repeats one sample")
+    if c.joints_frozen:
+        out.append("the joint angles repeat one sample while the robot moves")
+    if c.saturated:
+        out.append("the inertial unit is at the end of its range")
+    if c.since_feet_s >= SILENT_S:
+        out.append(f"no joint angles for {c.since_feet_s:.1f} s")
+    elif c.since_contact_s >= NO_CONTACT_S:
+        out.append(f"no foot in contact for {c.since_contact_s:.1f} s")
+    if c.initialised and c.since_velocity_s >= UNCORRECTED_S:
+        out.append(f"no correction by the feet for {c.since_velocity_s:.1f} s")
+    if c.refused_lately is not None:
+        out.append(f"degraded input: {c.refused_lately}")
+    if c.initialised and not c.healthy:
+        out.append("the estimate is out of all bounds")
+    if math.isfinite(c.nis) and c.nis >= MAX_NIS:
+        out.append(f"inconsistent: normalised innovation {c.nis:.0f}, 3 expected")
+    if c.slipping.any():
+        out.append("slipping: foot " + ", ".join(str(i) for i in np.flatnonzero(c.slipping)))
+    if c.excess >= ROUGH_EXCESS:
+        out.append(f"the inertial unit errs {c.excess:.0f} times as much as its sensor")
+    if c.standing:
+        out.append("standing")
+    return tuple(out)

@@ -1,0 +1,24 @@
+"""What became of an input."""
+
+from enum import StrEnum
+
+
+class InputResult(StrEnum):
+    """What became of an input; all but the first three are refusals."""
+
+    OK = "ok"
+    GAP = "gap"  # accepted after missing samples
+    RESTART = "restart"  # accepted: the source's clock began anew
+    NONFINITE = "nonfinite"
+    SHAPE = "shape"
+    DUPLICATE = "duplicate"
+    LATE = "late"  # older than the window in which samples are put in their place
+    AHEAD = "ahead"  # a stamp far in the future that nothing confirms
+    SATURATED = "saturated"
+    IMPLAUSIBLE = "implausible"
+    UNIT = "unit"  # in other units, or with the other sign
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the sample is used."""
+        return self in (InputResult.OK, InputResult.GAP, InputResult.RESTART)

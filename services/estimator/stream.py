@@ -1,0 +1,286 @@
+"""The estimator of a robot or a log: takes raw samples, judges them, feeds every filter, gives estimates."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.linear import product
+from surefoot.geometry.rotations import quat_from_matrix, wrap_angle
+from surefoot.robot.description import Robot
+from surefoot.services.estimator.best import BestFilter, BestOutput
+from surefoot.services.estimator.best_params import best_limits, best_noise
+from surefoot.services.estimator.best_start import BestGeometry
+from surefoot.services.estimator.contact import ContactPoints, contact_points, point_feet, probabilities
+from surefoot.services.estimator.estimators import ESTIMATORS
+from surefoot.services.estimator.feet import FootMount, FootSample, feet_in_imu, foot_mount, without_unknown_feet
+from surefoot.services.estimator.health import Condition, reasons
+from surefoot.services.estimator.inputs import InputJudge
+from surefoot.services.estimator.output import Estimate, OdometryPose, express, healthy
+from surefoot.services.estimator.paper import PaperEstimators, PaperOutput
+from surefoot.services.estimator.params import EstimatorParams, StartPose, paper_params
+from surefoot.services.estimator.results import InputResult
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+SLIDES = 0.5  # probability from which a foot is said to slide
+BEST, PAPER = "best", "paper"
+NAMES = (BEST, *ESTIMATORS, PAPER)
+"""Every estimator: `best`, those of the paper improved, and `paper`, its filter to the letter."""
+
+
+class Estimator:
+    """Velocity, gravity and pose of a legged robot from inertial samples and its feet; no bus, no clock.
+
+        estimator = Estimator.for_robot(load_robot("ragno"))
+        estimator.imu(stamp_ns, gyro, acc)
+        estimator.joints(stamp_ns, angles, contact)
+        print(estimator.estimate().velocity, estimator.pose().position)
+
+    Args:
+        mount: of the IMU and the feet.
+        params: noises, limits and switches.
+        start: where the robot stands when it starts; None = at the origin.
+        names: estimators to run.
+        points: contact points; None = one for each foot.
+    """
+
+    def __init__(
+        self,
+        mount: FootMount,
+        params: EstimatorParams,
+        start: StartPose | None = None,
+        names: Iterable[str] = (BEST, *ESTIMATORS),
+        points: ContactPoints | None = None,
+        hypotheses: bool = True,
+    ) -> None:
+        self.params = params
+        self._mount, self._start, self._hypotheses = mount, start or StartPose(), hypotheses
+        self._feet = len(mount.radius)
+        self._points = point_feet(mount.radius if params.rolling else 0.0 * mount.radius) if points is None else points
+        self._rot_base_from_imu = np.ascontiguousarray(mount.rot_imu_from_base.T)
+        chosen = tuple(names)
+        geometry = BestGeometry(*self._points, self._rot_base_from_imu, mount.imu_position)
+        limits = best_limits(params, self._start, True, hypotheses)
+        self._best = BestFilter(geometry, best_noise(params), limits, self._feet)
+        self._groups: list[tuple[tuple[str, ...], PaperEstimators]] = []
+        ours = tuple(name for name in chosen if name in ESTIMATORS)
+        if ours:
+            with_leader = ours if {"ekf", "imu"} & set(ours) else (*ours, "ekf")
+            self._groups.append((ours, PaperEstimators(mount, params, with_leader)))
+        if PAPER in chosen:
+            own = replace(
+                paper_params(params), remove_gyro_bias=params.remove_gyro_bias, refine_gyro_bias=params.refine_gyro_bias
+            )
+            self._groups.append(((PAPER,), PaperEstimators(mount, own, ("ekf",))))
+        self.reset()
+
+    @classmethod
+    def for_robot(
+        cls,
+        robot: Robot,
+        start: StartPose | None = None,
+        names: Iterable[str] = (BEST, *ESTIMATORS),
+        **changes: object,
+    ) -> "Estimator":
+        """Estimator with the sensors and the feet of a robot description; `changes` of `EstimatorParams`."""
+        params = EstimatorParams.from_robot(robot, **changes)
+        return cls(foot_mount(robot), params, start, names, contact_points(robot) if params.soles else None)
+
+    def reset(self, stated: bool = True) -> None:
+        """Drop all state: a new epoch.
+
+        Args:
+            stated: whether start pose and level ground still hold; no after a restart in the middle of a walk, which
+                begins again at the same numbers but says with its covariance that they mean nothing.
+        """
+        self.judge = InputJudge(self.params)
+        self._best.reset(best_limits(self.params, self._start, stated, self._hypotheses))
+        for _, group in self._groups:
+            group.reset(stated)
+        self.stamp_ns = 0
+        self._w = np.zeros(3)  # latest gyro, raw
+        self._feet_ns = self._contact_ns = 0
+        self._yaw = 0.0
+        self._output: BestOutput | None = None
+
+    # inputs
+
+    def imu(self, stamp_ns: int, w: Array, q: Array, clipped: bool = False) -> InputResult:
+        """Take an inertial sample.
+
+        Args:
+            stamp_ns: its time, ns; one of the last half second is put where it belongs.
+            w: mean gyro, (3,) rad/s, IMU axes.
+            q: mean specific force, (3,) m/s^2, IMU axes; at rest it points up.
+            clipped: the driver says that an axis was at the end of its range.
+
+        Returns:
+            What became of it; nothing raises.
+        """
+        if clipped:
+            return self.judge.note("imu", InputResult.SATURATED, stamp_ns)
+        result = self.judge.imu(stamp_ns, w, q)
+        if not result.accepted:
+            return result
+        if result is InputResult.RESTART:
+            self._restart_clock()
+        if not self._best.add_imu(stamp_ns, w, q):
+            return self.judge.note("imu", InputResult.DUPLICATE, stamp_ns)
+        if stamp_ns > self.stamp_ns:
+            self.stamp_ns, self._w = stamp_ns, w.copy()
+        for _, group in self._groups:
+            group.on_imu(stamp_ns, w, q)
+        self._output = None
+        return result
+
+    def joints(self, stamp_ns: int, q: Array, contact: Array | Flags | None = None) -> InputResult:
+        """Take joint angles q (nj,) rad, and contacts as in `feet`."""
+        model = self._mount.model
+        if model is None or q.shape != model.lower.shape or (contact is not None and len(contact) != self._feet):
+            return self.judge.note("kinematics", InputResult.SHAPE, stamp_ns)
+        return self.feet(stamp_ns, *feet_in_imu(self._mount, q), contact)
+
+    def feet(self, stamp_ns: int, position: Array, rot: Array, contact: Array | Flags | None = None) -> InputResult:
+        """Take the feet themselves, as logs have them.
+
+        Args:
+            stamp_ns: their time, ns; a sample of the last half second is put where it belongs.
+            position: (L, 3) m, IMU axes, from the IMU.
+            rot: rot_imu_from_foot, (L, 3, 3).
+            contact: flag or probability of each foot, (L,); None or NaN: no sensor, judged by the height of the feet.
+        """
+        if position.shape != (self._feet, 3) or rot.shape != (self._feet, 3, 3):
+            return self.judge.note("kinematics", InputResult.SHAPE, stamp_ns)
+        result = self.judge.kinematics(stamp_ns, position)
+        if not result.accepted:
+            return result
+        if result is InputResult.RESTART:
+            self._restart_clock()
+        known = np.full(self._feet, np.nan) if contact is None else np.asarray(contact, dtype=np.float64)
+        sample = without_unknown_feet(FootSample(stamp_ns, position, rot, np.nan_to_num(known, nan=1.0) >= 0.5))
+        touching = np.where(np.isfinite(position).all(axis=1), known, 0.0)
+        if not self._best.add_feet(stamp_ns, sample.position, sample.rot, probabilities(self._points, touching)):
+            return self.judge.note("kinematics", InputResult.DUPLICATE, stamp_ns)
+        self._feet_ns = max(self._feet_ns, stamp_ns)
+        if sample.contact.any():
+            self._contact_ns = max(self._contact_ns, stamp_ns)
+        for _, group in self._groups:
+            group.on_feet(sample)
+        self._output = None
+        return result
+
+    def _restart_clock(self) -> None:
+        self._best.update()
+        self._best.restart_clock()
+        for _, group in self._groups:
+            group.restart_clock()
+        self.stamp_ns = self._feet_ns = self._contact_ns = 0
+
+    # outputs
+
+    @property
+    def best(self) -> BestOutput:
+        """What the `best` filter says now."""
+        if self._output is None:
+            self._best.update()
+            self._output = self._best.output()
+        return self._output
+
+    @property
+    def initialised(self) -> bool:
+        """Whether the estimates of `best` can be used."""
+        return self.best.settled
+
+    def estimate(self, name: str = BEST) -> Estimate:
+        """The present estimate of one estimator.
+
+        Raises:
+            KeyError: it is not one of those that run.
+        """
+        best = self.best
+        if name == BEST:
+            return self._estimate(
+                name, best.g, best.v, best.covariance, best.gyro_bias, best.acc_bias, best.settled, best.standing,
+                np.nan_to_num(best.sliding) > SLIDES, best.nis, best.nis, best.sliding, best.excess,
+            )  # fmt: skip
+        names, group = next((pair for pair in self._groups if name in pair[0]), ((), None))
+        if group is None:
+            raise KeyError(name)
+        out: PaperOutput = group.output("ekf" if names == (PAPER,) else name)
+        covariance = out.covariance.copy()
+        for i in range(3):
+            covariance[i, i] += out.hidden
+        return self._estimate(
+            name, out.g, out.v, covariance, group.bias, group.acc_bias, group.initialised, group.standstill.standing,
+            group.slipping, out.nis, out.nis_mean, np.where(group.slipping, 1.0, 0.0), 1.0, out.since_velocity_ns,
+        )  # fmt: skip
+
+    def _estimate(
+        self, name: str, g: Array, v: Array, covariance: Array, gyro_bias: Array, acc_bias: Array, initialised: bool,
+        standing: bool, slipping: Flags, nis: float | None, nis_mean: float, sliding: Array, excess: float,
+        since_velocity_ns: int | None = None,
+    ) -> Estimate:  # fmt: skip
+        judge, now = self.judge, self.stamp_ns
+        rows = express(g, v, self._w - gyro_bias, self._rot_base_from_imu, self._mount.imu_position)
+        condition = Condition(
+            initialised=initialised,
+            standing=standing,
+            healthy=bool(healthy(g, v, covariance)),
+            nis=nis_mean,
+            slipping=slipping,
+            refused_lately=None if judge.inputs_ok(now) else judge.last_bad,
+            saturated=judge.saturated(now),
+            imu_frozen=judge.imu_frozen,
+            joints_frozen=judge.joints_frozen(initialised and not standing),
+            since_feet_s=1e-9 * (now - self._feet_ns),
+            since_contact_s=1e-9 * (now - self._contact_ns),
+            since_velocity_s=1e-9 * (now - self._contact_ns if since_velocity_ns is None else since_velocity_ns),
+            excess=excess,
+        )
+        return Estimate(
+            mode=name,
+            stamp_ns=now,
+            velocity=rows[0],
+            velocity_imu=v,
+            velocity_heading=rows[1],
+            angular_velocity=rows[2],
+            g_up=rows[3],
+            roll=float(rows[4, 0]),
+            pitch=float(rows[4, 1]),
+            gyro_bias=gyro_bias,
+            acc_bias=acc_bias,
+            covariance=covariance,
+            initialised=initialised,
+            standing=standing,
+            inputs_ok=condition.inputs_ok,
+            filter_ok=condition.filter_ok,
+            sensors_ok=condition.sensors_ok,
+            slipping=slipping,
+            sliding=sliding,
+            nis=None if nis is None or not math.isfinite(nis) else nis,
+            refused=judge.refused,
+            reasons=reasons(condition),
+            contact_lost_s=condition.since_contact_s,
+            prediction_only_s=condition.since_velocity_s,
+        )
+
+    def pose(self) -> OdometryPose:
+        """Pose of base_link in odom at the last inertial sample, by `best`: one estimate with its velocity."""
+        best, lever = self.best, self._mount.imu_position
+        rot = product(best.rot_odom_from_imu, np.ascontiguousarray(self._rot_base_from_imu.T))
+        yaw = math.atan2(rot[1, 0], rot[0, 0])
+        self._yaw += wrap_angle(yaw - self._yaw)
+        arm = product(rot, lever.reshape(3, 1))[:, 0]
+        turn = product(best.rot_odom_from_imu, (self._w - best.gyro_bias).reshape(3, 1))[:, 0]
+        swing = np.array([
+            turn[1] * arm[2] - turn[2] * arm[1],
+            turn[2] * arm[0] - turn[0] * arm[2],
+            turn[0] * arm[1] - turn[1] * arm[0],
+        ])  # fmt: skip
+        return OdometryPose(
+            best.position - arm, quat_from_matrix(rot), self._yaw, best.v_odom - swing, best.pose_covariance
+        )
