@@ -54,7 +54,8 @@ def track(name: str, log: Log, **options: Any) -> Track:
     Args:
         name: an estimator of the service or a referee (`PEERS`).
         log: what to run over.
-        options: of a service estimator: changes of its parameters, `hypotheses` = False; of a referee: changes of its noise.
+        options: of a service estimator: changes of its parameters, `hypotheses` = False; of a referee: changes of its
+            noise.
 
     Raises:
         SurefootError: there is no such estimator.

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.linear_kernels import times, times_transposed
+from surefoot.geometry.rotations import quat_from_matrix
 from surefoot.kernels.jit import kernel
 from surefoot.services.estimator.best_kernel import (
     ACC_BIAS,
@@ -24,7 +25,6 @@ from surefoot.services.estimator.best_kernel import (
     copy_state,
     new_state,
     rotation,
-    turned,
 )
 from surefoot.services.estimator.best_run import T_SLIDE, advance, forget, settled
 from surefoot.services.estimator.best_start import BestGeometry, BestLimits
@@ -45,23 +45,24 @@ class BestOutput(NamedTuple):
     g: Array  # (3,) m/s^2, IMU axes, points up
     v: Array  # (3,) m/s, IMU axes
     covariance: Array  # (6, 6) of (g, v)
-    rot_odom_from_imu: Array  # (3, 3)
-    position: Array  # (3,) m, IMU in odom
-    v_odom: Array  # (3,) m/s
+    position: Array  # (3,) m, base_link in odom
+    quat_wxyz: Array  # (4,) rot_odom_from_base
+    v_odom: Array  # (3,) m/s, base_link
     pose_covariance: Array  # (4, 4) of x, y, z, yaw
     gyro_bias: Array  # (3,) rad/s
     acc_bias: Array  # (3,) m/s^2
+    sliding: Array  # (L,) probability that a foot slides; NaN: it does not stand
+    yaw: float  # rad
     nis: float  # 3 degrees of freedom
     excess: float  # factor of the inertial noise
     standing: bool
     settled: bool
-    sliding: Array  # (L,) probability that a foot slides; NaN: it does not stand
 
 
 @kernel
-def _covariances(x: Array, cov: Array) -> tuple[Array, Array]:
+def _covariances(rot: Array, cov: Array) -> tuple[Array, Array]:
     """Covariance of (g, v) in IMU axes (6, 6), and of x, y, z, yaw in odom (4, 4)."""
-    rot, by = rotation(x), np.zeros((6, 6))
+    by = np.zeros((6, 6))
     for i in range(3):
         by[i, 0], by[i, 1] = -GRAVITY * rot[1, i], GRAVITY * rot[0, i]
         for k in range(3):
@@ -84,16 +85,48 @@ def _covariances(x: Array, cov: Array) -> tuple[Array, Array]:
 
 
 @kernel
-def _per_foot(points: Array, foot: NDArray[np.int64], feet: int) -> Array:
-    """Mean probability of sliding of each foot's standing points, (L,), NaN for a foot that does not stand."""
-    out, count = np.zeros(feet), np.zeros(feet)
-    for k in range(foot.size):
+def _summary(state: BestState, geometry: BestGeometry, w: Array, feet: int) -> tuple[Array, Array, Array, Array]:
+    """Vectors by rows (7, 3): g, v, position and velocity of base_link in odom, biases, (yaw, settled, 0); its
+    quaternion (4,) and the probability of sliding of each foot (L,) in one array; covariances as `_covariances`.
+
+    Args:
+        state: the state.
+        geometry: of the robot.
+        w: gyro, (3,) rad/s.
+        feet: their number L.
+    """  # fmt: skip
+    x, points = state.x, state.points
+    rot, rows, more = rotation(x), np.zeros((7, 3)), np.zeros(4 + feet)
+    base, arm, turn, v_imu = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros(3)
+    for i in range(3):
+        for k in range(3):
+            v_imu[i] += rot[k, i] * x[VEL + k]
+            turn[i] += rot[i, k] * (w[k] - x[GYRO_BIAS + k])
+            for m in range(3):
+                base[i, k] += rot[i, m] * geometry.rot_base_from_imu[k, m]
+    for i in range(3):
+        for k in range(3):
+            arm[i] += base[i, k] * geometry.imu_position[k]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        rows[0, i], rows[1, i] = GRAVITY * rot[2, i], v_imu[i]
+        rows[2, i] = x[POS + i] - arm[i]
+        rows[3, i] = x[VEL + i] - (turn[j] * arm[k] - turn[k] * arm[j])
+        rows[4, i], rows[5, i] = x[GYRO_BIAS + i], x[ACC_BIAS + i]
+    rows[6, 0] = math.atan2(base[1, 0], base[0, 0])
+    rows[6, 1] = 1.0 if settled(state) else 0.0
+    quat = quat_from_matrix(base)
+    for i in range(4):
+        more[i] = quat[i]
+    count = np.zeros(feet)
+    for k in range(points.shape[0]):
         if points[k, DOWN] > 0.0:
-            out[foot[k]] += points[k, SLIDE]
-            count[foot[k]] += 1.0
+            more[4 + geometry.foot[k]] += points[k, SLIDE]
+            count[geometry.foot[k]] += 1.0
     for f in range(feet):
-        out[f] = out[f] / count[f] if count[f] > 0.0 else math.nan
-    return out
+        more[4 + f] = more[4 + f] / count[f] if count[f] > 0.0 else math.nan
+    covariance, pose = _covariances(rot, state.cov)
+    return rows, more, covariance, pose
 
 
 class BestFilter:
@@ -142,7 +175,7 @@ class BestFilter:
         return self._add(self._imu, stamp_ns, np.concatenate((w, q)))
 
     def add_feet(self, stamp_ns: int, position: Array, rot: Array, contact: Array) -> bool:
-        """Take a sample of the feet (L, 3), (L, 3, 3) with contact probabilities of the points (K,); False: as above."""
+        """Take feet (L, 3), (L, 3, 3) and contact probabilities of the points (K,); False: there is one of this stamp."""
         return self._add(self._kinematics, stamp_ns, position, rot, contact)
 
     def _add(self, samples: Samples, stamp_ns: int, *values: Array) -> bool:
@@ -185,25 +218,11 @@ class BestFilter:
         """Of the newest inertial sample in the state; -1 = none."""
         return self._done_ns
 
-    def output(self) -> BestOutput:
-        """The estimate at `stamp_ns`."""
-        x, memory = self.state.x, self.state.memory
-        rot = rotation(x)
-        back = np.ascontiguousarray(rot.T)
-        covariance, pose_covariance = _covariances(x, self.state.cov)
+    def output(self, w: Array) -> BestOutput:
+        """The estimate at `stamp_ns`; w (3,) rad/s is the newest gyro sample, for the velocity of base_link."""
+        rows, more, covariance, pose = _summary(self.state, self._geometry, w, self._feet)
+        memory = self.state.memory
         return BestOutput(
-            g=GRAVITY * rot[2],
-            v=turned(back, x[VEL : VEL + 3]),
-            covariance=covariance,
-            rot_odom_from_imu=rot,
-            position=x[POS : POS + 3].copy(),
-            v_odom=x[VEL : VEL + 3].copy(),
-            pose_covariance=pose_covariance,
-            gyro_bias=x[GYRO_BIAS : GYRO_BIAS + 3].copy(),
-            acc_bias=x[ACC_BIAS : ACC_BIAS + 3].copy(),
-            nis=float(memory[NIS]),
-            excess=float(memory[EXCESS]),
-            standing=bool(memory[REST] > 0.0),
-            settled=bool(settled(self.state)),
-            sliding=_per_foot(self.state.points, self._geometry.foot, self._feet),
-        )
+            rows[0], rows[1], covariance, rows[2], more[:4], rows[3], pose, rows[4], rows[5], more[4:],
+            float(rows[6, 0]), float(memory[NIS]), float(memory[EXCESS]), bool(memory[REST] > 0.0), bool(rows[6, 1]),
+        )  # fmt: skip

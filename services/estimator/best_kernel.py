@@ -1,7 +1,8 @@
 """State of the `best` filter and its prediction by one inertial sample.
 
 A contact-aided error-state filter with a right-invariant error (after Hartley et al. 2020), re-centred on the IMU: all
-vectors in axes of `odom`, contact points relative to the IMU, so that no lever grows with the way. With G = (0, 0, 9.81)
+vectors in axes of `odom`, contact points relative to the IMU, so that no lever grows with the way. With
+G = (0, 0, 9.81)
 
     R' = R [w - b_w],   v' = R (q - b_q) - G,   p' = v,   r_i' = -v,   biases constant
 
@@ -54,9 +55,9 @@ class BestState(NamedTuple):
     turn: Array
     """(K, 3, 3) rot_odom_from_foot at the last sample of the feet."""
     memory: Array
-    """(12,): excess of the inertial noise, last common innovation (3) m, last gyro (3) rad/s, time since the last sample
-    of the feet s (negative: there was none), its normalised innovation squared (3 dof), phase of the start, inertial
-    samples at rest in a row, time since the start s."""
+    """(12,): excess of the inertial noise, last common innovation (3) m, last gyro (3) rad/s, time since the last
+    sample of the feet s (negative: there was none), its normalised innovation squared (3 dof), phase of the start,
+    inertial samples at rest in a row, time since the start s."""
 
 
 class BestNoise(NamedTuple):

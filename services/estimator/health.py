@@ -1,7 +1,7 @@
 """Health of an estimate, in flags and in words."""
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,7 @@ MAX_NIS = 50.0  # three degrees of freedom; a filter so surprised is not to be t
 ROUGH_EXCESS = 3.0  # inertial noise over the sensor's from which it is worth a word
 
 
-@dataclass(frozen=True, eq=False)
-class Condition:
+class Condition(NamedTuple):
     """What flags and words are made of."""
 
     initialised: bool
@@ -71,7 +70,7 @@ def reasons(c: Condition) -> tuple[str, ...]:
         out.append("the estimate is out of all bounds")
     if math.isfinite(c.nis) and c.nis >= MAX_NIS:
         out.append(f"inconsistent: normalised innovation {c.nis:.0f}, 3 expected")
-    if c.slipping.any():
+    if any(c.slipping.tolist()):
         out.append("slipping: foot " + ", ".join(str(i) for i in np.flatnonzero(c.slipping)))
     if c.excess >= ROUGH_EXCESS:
         out.append(f"the inertial unit errs {c.excess:.0f} times as much as its sensor")

@@ -108,3 +108,14 @@ def healthy(g: Array, v: Array, p: Array) -> bool:
         if not (math.isfinite(p[i, i]) and p[i, i] > 0.0):
             return False
     return abs(math.sqrt(length) - 9.81) < 1.0 and speed < 9.0
+
+
+@kernel
+def summary(
+    g: Array, v: Array, p: Array, w: Array, gyro_bias: Array, rot_base_from_imu: Array, imu_position: Array
+) -> tuple[Array, bool]:
+    """`express` of the gyro w less its bias, and whether the estimate is `healthy`."""
+    rate = np.empty(3)
+    for i in range(3):
+        rate[i] = w[i] - gyro_bias[i]
+    return express(g, v, rate, rot_base_from_imu, imu_position), healthy(g, v, p)

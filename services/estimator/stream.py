@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.geometry.linear import product
-from surefoot.geometry.rotations import quat_from_matrix, wrap_angle
+from surefoot.geometry.rotations import wrap_angle
 from surefoot.robot.description import Robot
 from surefoot.services.estimator.best import BestFilter, BestOutput
 from surefoot.services.estimator.best_params import best_limits, best_noise
@@ -18,7 +17,7 @@ from surefoot.services.estimator.estimators import ESTIMATORS
 from surefoot.services.estimator.feet import FootMount, FootSample, feet_in_imu, foot_mount, without_unknown_feet
 from surefoot.services.estimator.health import Condition, reasons
 from surefoot.services.estimator.inputs import InputJudge
-from surefoot.services.estimator.output import Estimate, OdometryPose, express, healthy
+from surefoot.services.estimator.output import Estimate, OdometryPose, summary
 from surefoot.services.estimator.paper import PaperEstimators, PaperOutput
 from surefoot.services.estimator.params import EstimatorParams, StartPose, paper_params
 from surefoot.services.estimator.results import InputResult
@@ -187,7 +186,7 @@ class Estimator:
         """What the `best` filter says now."""
         if self._output is None:
             self._best.update()
-            self._output = self._best.output()
+            self._output = self._best.output(self._w)
         return self._output
 
     @property
@@ -205,7 +204,7 @@ class Estimator:
         if name == BEST:
             return self._estimate(
                 name, best.g, best.v, best.covariance, best.gyro_bias, best.acc_bias, best.settled, best.standing,
-                np.nan_to_num(best.sliding) > SLIDES, best.nis, best.nis, best.sliding, best.excess,
+                best.sliding > SLIDES, best.nis, best.nis, best.sliding, best.excess,
             )  # fmt: skip
         names, group = next((pair for pair in self._groups if name in pair[0]), ((), None))
         if group is None:
@@ -225,11 +224,11 @@ class Estimator:
         since_velocity_ns: int | None = None,
     ) -> Estimate:  # fmt: skip
         judge, now = self.judge, self.stamp_ns
-        rows = express(g, v, self._w - gyro_bias, self._rot_base_from_imu, self._mount.imu_position)
+        rows, good = summary(g, v, covariance, self._w, gyro_bias, self._rot_base_from_imu, self._mount.imu_position)
         condition = Condition(
             initialised=initialised,
             standing=standing,
-            healthy=bool(healthy(g, v, covariance)),
+            healthy=good,
             nis=nis_mean,
             slipping=slipping,
             refused_lately=None if judge.inputs_ok(now) else judge.last_bad,
@@ -270,17 +269,6 @@ class Estimator:
 
     def pose(self) -> OdometryPose:
         """Pose of base_link in odom at the last inertial sample, by `best`: one estimate with its velocity."""
-        best, lever = self.best, self._mount.imu_position
-        rot = product(best.rot_odom_from_imu, np.ascontiguousarray(self._rot_base_from_imu.T))
-        yaw = math.atan2(rot[1, 0], rot[0, 0])
-        self._yaw += wrap_angle(yaw - self._yaw)
-        arm = product(rot, lever.reshape(3, 1))[:, 0]
-        turn = product(best.rot_odom_from_imu, (self._w - best.gyro_bias).reshape(3, 1))[:, 0]
-        swing = np.array([
-            turn[1] * arm[2] - turn[2] * arm[1],
-            turn[2] * arm[0] - turn[0] * arm[2],
-            turn[0] * arm[1] - turn[1] * arm[0],
-        ])  # fmt: skip
-        return OdometryPose(
-            best.position - arm, quat_from_matrix(rot), self._yaw, best.v_odom - swing, best.pose_covariance
-        )
+        best = self.best
+        self._yaw += wrap_angle(best.yaw - self._yaw)
+        return OdometryPose(best.position, best.quat_wxyz, self._yaw, best.v_odom, best.pose_covariance)

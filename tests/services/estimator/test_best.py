@@ -1,0 +1,246 @@
+"""The kernels of `best` against equations written down a second time: finite differences, NumPy, closed forms."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from surefoot.services.estimator.best_kernel import (
+    ACC_BIAS,
+    DOWN,
+    E_GYRO,
+    E_POINTS,
+    E_POS,
+    E_VEL,
+    EXCESS,
+    GYRO_BIAS,
+    POINTS,
+    POS,
+    SLIDE,
+    VEL,
+    BestNoise,
+    copy_state,
+    new_state,
+    predict,
+    rotation,
+)
+from surefoot.services.estimator.best_params import best_limits, best_noise
+from surefoot.services.estimator.best_run import learn_gyro_bias
+from surefoot.services.estimator.best_update import forget_velocity, lift, observe, put_down, retract, take_points
+from surefoot.services.estimator.contact import points_of, sole_feet
+from surefoot.services.estimator.params import EstimatorParams, StartPose
+
+FEET = 2
+NOISE = best_noise(EstimatorParams())
+SILENT = ("gyro", "acc", "gyro_bias", "acc_bias", "gyro_jerk", "stay")
+QUIET = BestNoise(**(NOISE._asdict() | dict.fromkeys(SILENT, 0.0)))
+G = np.array([0.0, 0.0, 9.81])
+
+
+def random_state(seed=0):
+    rng, state = np.random.default_rng(seed), new_state(FEET)
+    state.x[:9] = Rotation.from_rotvec(rng.normal(size=3)).as_matrix().ravel()
+    state.x[VEL:] = rng.normal(size=12 + 3 * FEET)
+    state.x[GYRO_BIAS:POS] *= 0.05
+    root = rng.normal(size=state.cov.shape) * 0.01
+    state.cov[...] = root @ root.T
+    state.points[:, DOWN] = 1.0
+    return state, rng
+
+
+def disturbed(state, xi):
+    """The state whose error is xi: the filter's is `state`, so the truth is `state` less xi."""
+    other = new_state(FEET)
+    copy_state(state, other)
+    retract(other, xi)
+    return other
+
+
+def error(found, true):
+    """Error of `found` against `true`, by its definition."""
+    turn = Rotation.from_matrix(rotation(found.x) @ rotation(true.x).T)
+    xi = np.zeros(len(found.cov))
+    xi[:3] = turn.as_rotvec()
+    rot = turn.as_matrix()
+    xi[E_VEL : E_VEL + 3] = found.x[VEL : VEL + 3] - rot @ true.x[VEL : VEL + 3]
+    xi[E_GYRO : E_POS + 3] = found.x[GYRO_BIAS : POS + 3] - true.x[GYRO_BIAS : POS + 3]
+    for k in range(FEET):
+        at = slice(POINTS + 3 * k, POINTS + 3 * k + 3)
+        xi[E_POINTS + 3 * k : E_POINTS + 3 * k + 3] = found.x[at] - rot @ true.x[at]
+    return xi
+
+
+def test_retract_takes_the_error_out():
+    state, rng = random_state()
+    xi = 1e-4 * rng.normal(size=len(state.cov))
+    np.testing.assert_allclose(error(state, disturbed(state, xi)), xi, rtol=1e-3, atol=1e-7)
+
+
+def test_prediction_follows_its_equations():
+    state, rng = random_state(1)
+    x, w, q, d = state.x.copy(), rng.normal(size=3), G + rng.normal(size=3), 0.01
+    rot = x[:9].reshape(3, 3)
+    predict(state, w, q, d, NOISE, 0.0)
+    turn = (w - x[GYRO_BIAS : GYRO_BIAS + 3]) * d
+    np.testing.assert_allclose(rotation(state.x), rot @ Rotation.from_rotvec(turn).as_matrix(), atol=1e-14)
+    middle = rot @ Rotation.from_rotvec(0.5 * turn).as_matrix()
+    v = x[VEL : VEL + 3] + d * (middle @ (q - x[ACC_BIAS : ACC_BIAS + 3]) - G)
+    np.testing.assert_allclose(state.x[VEL : VEL + 3], v, atol=1e-13)
+    moved = 0.5 * d * (v + x[VEL : VEL + 3])
+    np.testing.assert_allclose(state.x[POS : POS + 3], x[POS : POS + 3] + moved, atol=1e-14)
+    for k in range(FEET):
+        at = slice(POINTS + 3 * k, POINTS + 3 * k + 3)
+        np.testing.assert_allclose(state.x[at], x[at] - moved, atol=1e-14)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_covariance_is_carried_by_the_jacobian_of_the_prediction(seed):
+    """F by finite differences of the error itself; the filter's is exact to second order in the step."""
+    state, rng = random_state(seed)
+    w, q, d, h = rng.normal(size=3), G + rng.normal(size=3), 0.0005, 1e-5
+    n = len(state.cov)
+    jacobian = np.empty((n, n))
+    after = new_state(FEET)
+    copy_state(state, after)
+    predict(after, w, q, d, QUIET, 0.0)
+    for i in range(n):
+        column = []
+        for sign in (1.0, -1.0):
+            true = disturbed(state, sign * h * np.eye(n)[i])
+            predict(true, w, q, d, QUIET, 0.0)
+            column.append(error(after, true))
+        jacobian[:, i] = (column[0] - column[1]) / (2.0 * h)
+    np.testing.assert_allclose(after.cov, jacobian @ state.cov @ jacobian.T, atol=1e-8)
+
+
+def test_inertial_noise_enters_as_a_bias_does():
+    """White noise of variance s^2 per sample adds d^2 s^2 B B^T with the Jacobian B of the bias, of opposite sign."""
+    state, rng = random_state(2)
+    state.cov[...] = 0.0
+    w, q, d, h = rng.normal(size=3), G + rng.normal(size=3), 0.0005, 1e-5
+    noise = QUIET._replace(gyro=0.3, acc=0.7)
+    after = new_state(FEET)
+    copy_state(state, after)
+    predict(after, w, q, d, noise, 0.0)
+    expected = np.zeros_like(state.cov)
+    for axis in range(3):
+        for gyro, scale in ((True, 0.3), (False, 0.7)):
+            true = new_state(FEET)
+            copy_state(state, true)
+            step = h * np.eye(3)[axis]
+            predict(true, w - step * gyro, q - step * (not gyro), d, QUIET, 0.0)
+            column = error(after, true) / h * scale / math.sqrt(d)
+            expected += np.outer(column, column)
+    np.testing.assert_allclose(after.cov, expected, rtol=0.02, atol=1e-4 * abs(expected).max())
+
+
+def test_a_point_that_stays_is_a_kalman_update():
+    state, rng = random_state(3)
+    before = new_state(FEET)
+    copy_state(state, before)
+    seen = rotation(state.x).T @ (state.x[POINTS : POINTS + 3] + 1e-3 * rng.normal(size=3))
+    nis = observe(state, 0, seen, 1.0, 0.033, NOISE, False)
+    h = np.zeros((3, len(state.cov)))
+    h[:, E_POINTS : E_POINTS + 3] = -np.eye(3)
+    z = rotation(before.x) @ seen - before.x[POINTS : POINTS + 3]
+    s = h @ before.cov @ h.T + NOISE.point**2 * np.eye(3)
+    gain = before.cov @ h.T @ np.linalg.inv(s)
+    assert nis == pytest.approx(z @ np.linalg.solve(s, z))
+    np.testing.assert_allclose(state.cov, before.cov - gain @ h @ before.cov, atol=1e-12)
+    expected = disturbed(before, gain @ z)
+    np.testing.assert_allclose(state.x, expected.x, atol=1e-12)
+
+
+def test_the_mixture_of_both_hypotheses_by_its_definition():
+    state, rng = random_state(4)
+    state.cov[...] *= 1e-3
+    before, dt = new_state(FEET), 0.033
+    copy_state(state, before)
+    seen = rotation(state.x).T @ (state.x[POINTS : POINTS + 3] + 1e-3 * rng.normal(size=3))
+    observe(state, 0, seen, 0.9, dt, NOISE, True)
+    h = np.zeros((3, len(state.cov)))
+    h[:, E_POINTS : E_POINTS + 3] = -np.eye(3)
+    z = rotation(before.x) @ seen - before.x[POINTS : POINTS + 3]
+    moved = np.diag((NOISE.slide * dt) ** 2 * np.array([1.0, 1.0, 0.25]))
+    likelihood, means, covariances = [], [], []
+    for q in (np.zeros((3, 3)), moved):
+        cov = before.cov + h.T @ q @ h
+        s = h @ cov @ h.T + NOISE.point**2 * np.eye(3)
+        gain = cov @ h.T @ np.linalg.inv(s)
+        likelihood.append(math.exp(-0.5 * z @ np.linalg.solve(s, z)) / math.sqrt(np.linalg.det(s)))
+        means.append(gain @ z)
+        covariances.append(cov - gain @ h @ cov)
+    prior = 1.0 - 0.9 * (1.0 - NOISE.begin_slide)
+    weight = prior * likelihood[1] / (prior * likelihood[1] + (1.0 - prior) * likelihood[0])
+    assert 0.01 < weight < 0.99
+    assert state.points[0, SLIDE] == pytest.approx(weight, rel=1e-6)
+    mean = (1.0 - weight) * means[0] + weight * means[1]
+    apart = means[0] - means[1]
+    cov = (1.0 - weight) * covariances[0] + weight * covariances[1] + weight * (1.0 - weight) * np.outer(apart, apart)
+    np.testing.assert_allclose(state.cov, cov, atol=1e-14)
+    np.testing.assert_allclose(state.x, disturbed(before, mean).x, atol=1e-12)
+
+
+def test_a_point_that_comes_down_is_known_by_the_kinematics_alone():
+    state, _ = random_state(5)
+    put_down(state, 1, np.array([0.1, -0.2, -0.3]), NOISE)
+    np.testing.assert_allclose(state.x[POINTS + 3 : POINTS + 6], rotation(state.x) @ [0.1, -0.2, -0.3])
+    at = slice(E_POINTS + 3, E_POINTS + 6)
+    np.testing.assert_allclose(state.cov[at, at], NOISE.point**2 * np.eye(3))
+    assert not state.cov[at, :E_POINTS].any()
+    lift(state, 1)
+    assert state.points[1, DOWN] == 0.0
+
+
+def test_a_robot_at_rest_shows_the_gyro_bias():
+    state, _ = random_state(6)
+    limits = best_limits(EstimatorParams(), StartPose(), True)
+    state.cov[E_GYRO : E_GYRO + 3] = state.cov[:, E_GYRO : E_GYRO + 3] = 0.0
+    for i in range(3):
+        state.cov[E_GYRO + i, E_GYRO + i] = 0.05**2
+    bias = np.array([0.03, -0.02, 0.01])
+    for _ in range(3000):
+        learn_gyro_bias(state, bias, NOISE, limits)
+    np.testing.assert_allclose(state.x[GYRO_BIAS : GYRO_BIAS + 3], bias, atol=1e-4)
+    assert np.linalg.eigvalsh(state.cov).min() > -1e-12
+
+
+def test_misfits_of_all_points_make_the_velocity_unknown_and_not_the_feet():
+    """Nothing starves: if every foot contradicts the inertial unit for long, the feet are right."""
+    state, _ = random_state(7)
+    state.cov[...] = 1e-8 * np.eye(len(state.cov))
+    places = sole_feet(np.array([[0.0, 0.0, 1.0]]), 0.1)
+    one = new_state(3)
+    one.x[VEL] = 1.0
+    one.cov[...] = 1e-8 * np.eye(len(one.cov))
+    position, rot = np.array([[0.0, 0.0, -0.3]]), np.eye(3)[None]
+    limits = np.ones(3)
+    for _ in range(10):
+        y, turn = points_of(places.foot, places.place, position, rot)
+        take_points(one, y, turn, limits, places.radius, places.foot, places.spin, NOISE, True)
+        for _ in range(3):
+            predict(one, np.zeros(3), G, 0.011, NOISE, 0.0)
+    assert abs(one.x[VEL]) < 0.02
+    forget_velocity(one, 1.0)
+    assert one.cov[E_VEL, E_VEL] == 1.0
+
+
+def test_the_excess_follows_errors_that_repeat_and_not_noise():
+    """An accelerometer that errs for long raises it; noise of the encoders does not."""
+    found = {}
+    for name, push, sigma in (("inertial", 3.0, 2e-4), ("encoders", 0.0, 1.5e-3)):
+        rng = np.random.default_rng(8)
+        places = sole_feet(np.array([[0.0, 0.0, 1.0]]), 0.1)
+        state = new_state(3)
+        state.cov[...] = 1e-6 * np.eye(len(state.cov))
+        for k in range(300):
+            y, turn = points_of(places.foot, places.place, np.array([[0.0, 0.0, -0.3]]), np.eye(3)[None])
+            y += sigma * rng.normal(size=y.shape)
+            take_points(state, y, turn, np.ones(3), places.radius, places.foot, places.spin, NOISE, True)
+            q = G + np.array([push * math.sin(0.3 * k), 0.0, 0.0])
+            for _ in range(3):
+                predict(state, np.zeros(3), q, 0.011, NOISE, 0.0)
+        found[name] = state.memory[EXCESS]
+    assert found["inertial"] > 3.0
+    assert found["encoders"] < 1.2
