@@ -1,14 +1,20 @@
 """Hardware contract: what a driver (or the simulator) provides on ``hw/*`` and consumes on ``cmd/*``."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from surefoot.schemas.base import MAX_FEET, Message, PerJoint, Reply, Request, Vec3, Wire
 
 
+def _false(value: bool) -> bool:
+    return not value
+
+
 class Tick(Message):
     """Manifest of a control tick: what belongs to it and who must answer. Published after the samples of the tick."""
+
+    schema_version: ClassVar[str] = "1.1"
 
     roster: tuple[str, ...] = Field(description="services that must finish this tick; changed by the driver only")
     roster_version: int = Field(ge=0, description="counts the changes of the roster")
@@ -21,6 +27,11 @@ class Tick(Message):
     seed: int = Field(default=0, ge=0, description="scenario seed, for the random streams of services")
     report: bool = Field(default=True, description="true: every member answers this tick with its done")
     end: bool = Field(default=False, description="true on the last tick of the run")
+    held: bool = Field(
+        default=False,
+        exclude_if=_false,
+        description="true: the driver holds the joints, as no command was accepted for 100 ms; absent = false",
+    )
 
 
 class Imu(Message):

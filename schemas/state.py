@@ -68,7 +68,8 @@ class GaitState(Message):
     schema_version: ClassVar[str] = "1.1"
     walk_id: int = Field(ge=0, description="number of the accepted walk command, 0 = none yet")
     state: Literal["waiting", "standing", "walking", "stopping", "turning", "recovering", "refused", "hold"] = Field(
-        description="waiting: the estimator is not initialised; hold: inputs are stale or absent"
+        description="waiting: the estimator is not initialised; hold: inputs are stale or absent, or the driver holds "
+        "the joints"
     )
     phase: float = Field(ge=0, le=1, description="phase of the present step")
     stance: Annotated[tuple[bool, ...], Field(max_length=MAX_FEET)] = Field(

@@ -35,6 +35,7 @@ from surefoot.schemas.topics import (
     SIM_RESTORE,
     SIM_SET,
     SIM_STATUS,
+    SIM_STATUS_GET,
     SIM_STEP,
     SIM_TRUTH,
     TERRAIN_LANDMARKS,
@@ -51,7 +52,7 @@ from surefoot.services.simulator.messages import (
     sight_messages,
     truth_message,
 )
-from surefoot.services.simulator.physics.command import STALE_NS, CommandGuard
+from surefoot.services.simulator.physics.command import CommandGuard
 from surefoot.services.simulator.physics.faults import KINDS as FAULTS
 from surefoot.services.simulator.physics.faults import Fault, FaultError
 from surefoot.services.simulator.physics.model import Physics
@@ -61,6 +62,7 @@ from surefoot.services.simulator.sensors.sight import Floor
 from surefoot.services.simulator.world import PhysicsWorld, WorldConfig, WorldError
 
 STATUS_TICKS = 100
+RATE_S = 0.5  # s wall, the least stretch over which the real-time factor is measured
 
 
 class SimulatorConfig(ServiceConfig):
@@ -86,7 +88,7 @@ class Simulator(Driver[SimulatorConfig]):
     observes = (CMD_ESTOP,)
     serves = (
         SIM_JOIN, HW_DESCRIPTION, TERRAIN_MAP_GET, SIM_RESET, SIM_STEP, SIM_PAUSE, SIM_PUSH, SIM_PLACE, SIM_SET,
-        SIM_FAULT, SIM_CHECKPOINT, SIM_RESTORE, SIM_FEATURES,
+        SIM_FAULT, SIM_CHECKPOINT, SIM_RESTORE, SIM_STATUS_GET, SIM_FEATURES,
     )  # fmt: skip
 
     def on_start(self) -> None:
@@ -94,13 +96,13 @@ class Simulator(Driver[SimulatorConfig]):
         self.guard = CommandGuard(self.robot.joint_lower, self.robot.joint_upper)
         self._later: list[tuple[int, Callable[[], None]]] = []
         self._saved: dict[str, tuple[Checkpoint, sim.ResetRequest]] = {}
-        self._wall = (time.perf_counter(), 0)
-        self._held = 0
+        self._wall, self._rtf, self._late = (time.perf_counter(), 0), 0.0, False
         self._stopped = self._failed = ""
         for query, handler in (
             (SIM_RESET, self.reset), (SIM_STEP, self.step), (SIM_PAUSE, self.pause), (SIM_PUSH, self.push),
             (SIM_PLACE, self.place), (SIM_SET, self.set), (SIM_FAULT, self.fault), (SIM_CHECKPOINT, self.checkpoint),
-            (SIM_RESTORE, self.restore), (SIM_FEATURES, self.features), (HW_DESCRIPTION, self.description),
+            (SIM_RESTORE, self.restore), (SIM_STATUS_GET, self.status), (SIM_FEATURES, self.features),
+            (HW_DESCRIPTION, self.description),
             (TERRAIN_MAP_GET, self.terrain_map),
         ):  # fmt: skip
             self.handle(query, handler)  # pyright: ignore[reportArgumentType] - each pair is of one row
@@ -119,6 +121,9 @@ class Simulator(Driver[SimulatorConfig]):
             self._begin()
 
     # -- hardware ----------------------------------------------------------------------------------------------
+
+    def on_status(self) -> None:
+        self.publish(SIM_STATUS, self._status())
 
     def release(self, tick: int) -> list[Sample]:
         if tick > 0 and tick % STATUS_TICKS == 0:
@@ -147,13 +152,8 @@ class Simulator(Driver[SimulatorConfig]):
     def _step(self, command: JointCommand | None) -> None:
         if command is not None and command.position is not None and not self._stopped:
             limit = command.torque_limit
-            self._held = 0
             self.world.step_tick(np.array(command.position), None if limit is None else np.array(limit))
             return
-        self._held += 1
-        if self._held * worlds.TICK_NS == STALE_NS:
-            now = self.world.stamp_ns * 1e-9
-            self.log("warning", f"no command for {STALE_NS // 1_000_000} ms at {now:.2f} s: joints are held")
         self.world.step_tick(None)
 
     def latched(self) -> list[tuple[Topic, Message]]:  # pyright: ignore[reportMissingTypeArgument] - rows of any model
@@ -228,7 +228,7 @@ class Simulator(Driver[SimulatorConfig]):
         epoch = self.node.begin(r.expect, r.mode, r.rtf, r.actuation_delay_ticks, r.policy, r.seed)
         self.node.leader.end_tick = None if r.max_ticks is None else r.max_ticks - 1
         self.node.leader.pause_tick = 0 if r.paused else None
-        self._wall = (time.perf_counter(), 0)
+        self._wall, self._rtf, self._late = (time.perf_counter(), 0), 0.0, False
         return epoch
 
     def reset(self, request: sim.ResetRequest) -> sim.ResetReply:
@@ -336,6 +336,10 @@ class Simulator(Driver[SimulatorConfig]):
         """The latched map."""
         return self._map
 
+    def status(self, request: sim.StatusRequest) -> sim.SimStatus:
+        """How time runs, now."""
+        return self._status()
+
     def features(self, request: sim.FeaturesRequest) -> sim.FeaturesReply:
         """What can be asked."""
         return sim.FeaturesReply(
@@ -347,11 +351,17 @@ class Simulator(Driver[SimulatorConfig]):
         leader = self.node.leader
         now, tick = time.perf_counter(), leader.tick
         wall, before = now - self._wall[0], tick - self._wall[1]
-        self._wall = (now, tick)
-        rtf = before * worlds.TICK_NS * 1e-9 / wall if wall > 0.0 and before > 0 else 0.0
+        if wall > RATE_S:
+            self._wall, self._late = (now, tick), self.node.pace.late()
+            self._rtf = before * worlds.TICK_NS * 1e-9 / wall if before > 0 else 0.0
+        held = f"emergency stop: {self._stopped}" if self._stopped else ""
+        if self.node.held and not held:
+            held = "no command was accepted for 100 ms"
         return sim.SimStatus(
-            state=leader.state, rtf=rtf, ticks=tick + 1, comparable=leader.comparable, missing=leader.missing(),
-            detail=leader.reason, stopped=self._stopped, failed=self._failed, tick=max(-1, tick), epoch=leader.epoch,
+            state=leader.state, rtf=self._rtf, ticks=tick + 1, comparable=leader.comparable, missing=leader.missing(),
+            detail=leader.reason, stopped=self._stopped, failed=self._failed or self.node.gave_up,
+            tick=max(-1, tick), epoch=leader.epoch, mode=leader.mode, pace=self.node.pace.factor, late=self._late,
+            held=held,
         )  # fmt: skip
 
 

@@ -109,6 +109,7 @@ class Walker(Service[WalkerConfig]):
         self._tick, self._epoch = -1, 0
         self._degraded = ""
         self._order = Order()
+        self._out: WalkerOutputs | None = None
         self._stopped = ""  # the reason of an emergency stop; only a new run releases it
 
     # -- commands ----------------------------------------------------------------------------------------------
@@ -184,12 +185,20 @@ class Walker(Service[WalkerConfig]):
         order = inputs.get(NAVIGATOR_ORDER)
         if order is not None:
             self._take_order(order)
-        out = self.gait.step(self._inputs(inputs))
+        out = self._held(inputs.tick.held) or self.gait.step(self._inputs(inputs))
+        self._out = out
         if self.memory.path is not None:
             self._keep()
         position = None if out.command is None else tuple(out.command.tolist())
         self.publish(STATE_GAIT, self._gait(out, order is not None))
         self.publish(CMD_JOINTS, JointCommand(position=position))
+
+    def _held(self, held: bool) -> WalkerOutputs | None:
+        """While the driver holds the joints the gait stands still: the last set-points again, until one is obeyed."""
+        if not held or self._out is None:
+            return None
+        reason = f"emergency stop: {self._stopped}" if self._stopped else "the driver holds the joints: no command came"
+        return dataclasses.replace(self._out, state="hold", reason=reason)
 
     def _take_order(self, order: MotionOrder) -> None:
         """Obey a new order of the navigator, none twice; it takes effect in this tick.

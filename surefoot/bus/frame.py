@@ -1,8 +1,9 @@
 """A frame: everything a service says in one tick, or in a few, as one message.
 
-Payload: the JSON array of its messages, so that any tool can read it. Attachment: the index, one
-``<key>,<length>,<tick>,<epoch>,<stamp_ns>,<seq>`` per message, semicolons between them, in the order of the array, so
-that a reader takes what it needs without reading the rest. Length 0 is a prime: it has no place in the array.
+Payload: the JSON array of its messages, so that any tool can read it. Attachment: the publishing process (its instance,
+the word of its liveliness token), then the index, one ``<key>,<length>,<tick>,<epoch>,<stamp_ns>,<seq>`` per message,
+semicolons between them, in the order of the array, so that a reader takes what it needs without reading the rest.
+Length 0 is a prime: it has no place in the array.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,22 +22,26 @@ class Part(NamedTuple):
     stamp: Stamp
 
 
-def pack(parts: Sequence[Part]) -> tuple[bytes, bytes]:
-    """Payload and attachment of a frame."""
-    index = [f"{key},{len(payload)},{s.tick},{s.epoch},{s.stamp_ns},{s.seq}" for key, payload, s in parts]
+def pack(parts: Sequence[Part], instance: str = "") -> tuple[bytes, bytes]:
+    """Payload and attachment of a frame that the process ``instance`` publishes."""
+    index = [instance]
+    index += [f"{key},{len(payload)},{s.tick},{s.epoch},{s.stamp_ns},{s.seq}" for key, payload, s in parts]
     return b"[" + b",".join([part.payload for part in parts if part.payload]) + b"]", ";".join(index).encode()
 
 
 class Frame:
     """A frame as it came; taken apart on the reader's own thread."""
 
-    __slots__ = ("_index", "_payload", "_topics", "owner")
+    __slots__ = ("_index", "_payload", "_topics", "instance", "owner", "size")
 
     def __init__(self, owner: str, topics: Mapping[str, Topic[Any]], payload: bytes, index: bytes) -> None:
         self.owner = owner
         self._topics = topics
         self._payload = payload
-        self._index = index
+        instance, _, self._index = index.partition(b";")
+        self.instance = instance.decode("ascii", "replace")
+        """The process that published it, as it says itself."""
+        self.size = len(payload)
 
     def deliveries(self) -> list[Delivery]:
         """The messages in it that the reader takes, in the order they were published.

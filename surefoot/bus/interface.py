@@ -40,12 +40,19 @@ class Stamp(NamedTuple):
 class Delivery:
     """A message as it came: already an object (in-memory bus) or still bytes (Zenoh); read on the node's own thread."""
 
-    __slots__ = ("_message", "_raw", "_stamp", "topic")
+    __slots__ = ("_message", "_raw", "_stamp", "sender", "topic")
 
     def __init__(
-        self, topic: Topic[Any], message: Message | None, raw: Raw | None, stamp: tuple[str, ...] | None = None
+        self,
+        topic: Topic[Any],
+        message: Message | None,
+        raw: Raw | None,
+        stamp: tuple[str, ...] | None = None,
+        sender: str = "",
     ) -> None:
         self.topic = topic
+        self.sender = sender
+        """The process that published it, empty when the bus does not know."""
         self._message = message
         self._raw = raw
         self._stamp = stamp
@@ -151,8 +158,8 @@ class Publisher(Protocol, Generic[M_contra]):
 class Bus(Protocol):
     """A namespace of topics and queries. Sinks may be called from any thread and must only queue."""
 
-    def publisher(self, topic: Topic[M]) -> Publisher[M]:
-        """Declares the one writer of a key."""
+    def publisher(self, topic: Topic[M], instance: str = "") -> Publisher[M]:
+        """Declares the one writer of a key; ``instance`` names the process in its frames."""
         ...
 
     def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], None]) -> None:

@@ -18,13 +18,16 @@ class MemoryPublisher(Generic[M]):
 
     watched = False
 
-    def __init__(self, topic: Topic[M], sinks: Callable[[str], list[Callable[[Delivery], None]]]) -> None:
+    def __init__(
+        self, topic: Topic[M], sinks: Callable[[str], list[Callable[[Delivery], None]]], sender: str = ""
+    ) -> None:
         self.topic = topic
         self._sinks = sinks
+        self._sender = sender
 
     def put(self, message: M) -> M:
         for sink in self._sinks(self.topic.key):
-            sink(Delivery(self.topic, message, None))
+            sink(Delivery(self.topic, message, None, None, self._sender))
         return message
 
     def resend(self, token: M) -> None:
@@ -32,7 +35,7 @@ class MemoryPublisher(Generic[M]):
 
     def prime(self) -> None:
         for sink in self._sinks(self.topic.key):
-            sink(Delivery(self.topic, None, None))
+            sink(Delivery(self.topic, None, None, None, self._sender))
 
 
 class MemoryIncoming:
@@ -75,8 +78,8 @@ class MemoryBus:
         self._watchers: list[Callable[[Life], None]] = []
         self._alive: list[Life] = []
 
-    def publisher(self, topic: Topic[M]) -> MemoryPublisher[M]:
-        return MemoryPublisher(topic, self._route)
+    def publisher(self, topic: Topic[M], instance: str = "") -> MemoryPublisher[M]:
+        return MemoryPublisher(topic, self._route, instance)
 
     def _route(self, key: str) -> list[Callable[[Delivery], None]]:
         route = self._routes.get(key)

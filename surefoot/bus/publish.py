@@ -56,8 +56,9 @@ class ZenohPublisher(Generic[M]):
 class Framer:
     """Collects what one owner says and publishes it, by the tick and by the batch."""
 
-    def __init__(self, session: zenoh.Session, owner: str) -> None:
+    def __init__(self, session: zenoh.Session, owner: str, instance: str) -> None:
         self.corked = False
+        self._instance = instance
         self.frame: list[Part] = []
         self.batch: list[Part] = []
         self._frames = _declare(session, FRAME.format(owner), _JSON, *_QOS[Kind.LOCKSTEP])
@@ -67,12 +68,12 @@ class Framer:
         """Publishes what waits."""
         self.corked = False
         if self.frame:
-            payload, index = pack(self.frame)
+            payload, index = pack(self.frame, self._instance)
             self._frames.put(payload, attachment=index)
             self.batch += self.frame
             self.frame = []
         if batch and self.batch:
-            payload, index = pack(self.batch)
+            payload, index = pack(self.batch, self._instance)
             self._batches.put(payload, attachment=index)
             self.batch = []
 

@@ -127,13 +127,15 @@ class ZenohBus:
         self._queriers: dict[tuple[str, float], zenoh.Querier] = {}
         self._framers: dict[str, Framer] = {}
 
-    def publisher(self, topic: Topic[M], *, framed: bool = True) -> ZenohPublisher[M] | FramedPublisher[M]:
+    def publisher(
+        self, topic: Topic[M], instance: str = "", *, framed: bool = True
+    ) -> ZenohPublisher[M] | FramedPublisher[M]:
         """See ``Bus``; without ``framed`` only for onlookers, as a recording is played."""
         if not (framed and topic.framed):
             return ZenohPublisher(self.session, topic)
         framer = self._framers.get(topic.owner)
         if framer is None:
-            framer = self._framers[topic.owner] = Framer(self.session, topic.owner)
+            framer = self._framers[topic.owner] = Framer(self.session, topic.owner, instance)
         return FramedPublisher(self.session, framer, topic)
 
     def cork(self) -> None:

@@ -1,12 +1,16 @@
 """How a query ends: with its handler's reply, a typed error, or later, with what another thread worked out."""
 
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, NamedTuple, cast
 
 from surefoot.bus.interface import Incoming
 from surefoot.errors import Refusal, SurefootError
-from surefoot.schemas.base import Request
+from surefoot.schemas.base import Request, TickRequest
+
+NOT_READY_S = 2.0
+"""A query that asks about a tick which does not come is answered ``not_ready`` after this wall time."""
 
 
 class Late(NamedTuple):
@@ -28,6 +32,27 @@ class Answers:
         self._put, self._refuse = put, refuse
         self.late = 0
         """Queries whose answer is being worked out on another thread."""
+        self._waiting: list[tuple[float, Incoming, TickRequest]] = []
+
+    def wait(self, incoming: Incoming, request: TickRequest) -> None:
+        """Keeps a query about a tick that has not come."""
+        self._waiting.append((time.monotonic(), incoming, request))
+
+    def due(self, seen: Callable[[TickRequest], bool]) -> list[tuple[Incoming, TickRequest]]:
+        """Takes out the queries whose tick has come."""
+        if not self._waiting:
+            return []
+        ready = [item for item in self._waiting if seen(item[2])]
+        self._waiting = [item for item in self._waiting if item not in ready]
+        return [(incoming, request) for _, incoming, request in ready]
+
+    def expire(self, name: str) -> None:
+        """Ends the queries that have waited too long for the service ``name``."""
+        now = time.monotonic()
+        old = [item for item in self._waiting if now - item[0] > NOT_READY_S]
+        self._waiting = [item for item in self._waiting if item not in old]
+        for _, incoming, request in old:
+            incoming.fail(Refusal("not_ready", f"{name} has not seen tick {request.tick} of epoch {request.epoch}"))
 
     def request(self, incoming: Incoming) -> Request | None:
         """What is asked; None where that is answered already: a probe, or nothing that can be read."""

@@ -5,42 +5,33 @@ of each tick, waits as the protocol asks (see ``surefoot.lockstep.leader``), rep
 """
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, ClassVar, cast
 
 from surefoot.bus.interface import Bus, Delivery, Life, Publisher
 from surefoot.errors import Refusal
+from surefoot.lockstep.commands import Commands
 from surefoot.lockstep.join import DRIVER
 from surefoot.lockstep.leader import Leader
 from surefoot.lockstep.node import Node
+from surefoot.lockstep.pace import Pace
+from surefoot.lockstep.sample import Sample
 from surefoot.lockstep.service import C, Service
 from surefoot.schemas.base import Message
-from surefoot.schemas.hw import JointCommand, Tick
+from surefoot.schemas.hw import JointCommand
 from surefoot.schemas.system import Done, JoinReply, JoinRequest
 from surefoot.schemas.topics import CMD_JOINTS, HW_TICK, SIM_JOIN, TICK_DONE, TICK_NS, Topic
 
 PRIME_S = 0.02
-JOIN_TIMEOUT_S = 30.0
-HOLD_S = 10.0
-"""Simulated time waits so long for the return of a lost member."""
+JOIN_TIMEOUT_S = 90.0
+"""Limit on the wait for the first or next service that becomes ready."""
+HOLD_S = 120.0
+"""Simulated time waits so long for the return of a lost member; then the run ends."""
 SILENCE_S = 0.25
 """Without progress for this long the last ticks are sent again."""
 RESENDS = 8
 """After so many repetitions (2 s) the slowest member counts as lost although its process lives (frozen)."""
-STALE_TICKS = 10
-"""A command older than 100 ms is not obeyed any more."""
-
-
-@dataclass(frozen=True)
-class Sample:
-    """A sample due in the coming tick."""
-
-    topic: Topic[Any]
-    message: Message | Callable[[], Message]
-    """Or, of a ``judging`` topic, what makes it when it is told."""
-    stamp_ns: int
-    seq: int
+STATUS_S = 1.0
+"""``Driver.on_status`` is called at least so often in wall time, whether simulated time runs or not."""
 
 
 class Driver(Service[C]):
@@ -72,6 +63,9 @@ class Driver(Service[C]):
     def on_begin(self) -> None:
         """Once, when the runtime is up: may begin the first run."""
 
+    def on_status(self) -> None:
+        """Each second of wall time: may publish how time runs."""
+
     def check(self, command: JointCommand) -> None:
         """Refuses a command the hardware must not obey (raises Refusal)."""
 
@@ -88,22 +82,25 @@ class DriverNode(Node):
         super().__init__(service, bus)
         self.driver = service
         self.leader = Leader()
-        self.rtf = 0.0
-        self.measured_rtf = 0.0
-        self._commands: dict[int, JointCommand | None] = {}
+        self.pace = Pace()
+        self.commands = Commands()
+        self.held = False
+        """The joints are held: the stream of commands has ended, or the driver refuses it."""
+        self.gave_up = ""
+        """Why the run was ended before its time."""
         self._judging = tuple(topic.key for topic in service.outputs if topic.judging)
         self._unrevealed: list[tuple[int, Sample]] = []
-        self._obeyed = -1
         self._joining: dict[str, float] = {}
         self._next_prime = 0.0
         self._since = 0.0
         self._resends = 0
-        self._pace_origin = (0.0, 0)
+        self._awaited: set[str] = set()
+        self._next_status = 0.0
 
     def start(self) -> None:
         self.service.handle(SIM_JOIN, self._on_join)
         super().start()
-        self._publishers[HW_TICK.key] = self.bus.publisher(HW_TICK)
+        self._publishers[HW_TICK.key] = self.bus.publisher(HW_TICK, self.instance)
         self.bus.subscribe(TICK_DONE, self.inbox.put)
         self.bus.take((CMD_JOINTS,), self.inbox.put)
         self.bus.announce(DRIVER, self.instance)
@@ -121,9 +118,8 @@ class DriverNode(Node):
         leader.expect, leader.delay, leader.seed = tuple(n for n in expect if n != self.name), delay, seed
         leader.mode, leader.policy = mode, policy  # pyright: ignore[reportAttributeAccessIssue] - literals of the request
         leader.end_tick = leader.pause_tick = None
-        self.rtf = rtf
-        self._commands.clear()
-        self._obeyed = -1
+        self.pace.begin(rtf if mode == "paced" else 0.0)
+        self.commands, self.held, self.gave_up = Commands(), False, ""
         self._outbox.clear()
         leader.begin(leader.epoch + 1)
         self._since, self._resends = time.monotonic(), 0
@@ -148,13 +144,15 @@ class DriverNode(Node):
             raise Refusal("refused", f"the simulation is {leader.state}; only a paused one can go on")
         leader.pause_tick = None if ticks is None else leader.tick + ticks
         leader.state = self.state = "running"
-        self._pace_origin = (time.monotonic(), leader.tick)
+        self.pace.resume(leader.tick)
 
     # -- what arrives ------------------------------------------------------------------------------------------
 
     def _on_join(self, request: JoinRequest) -> JoinReply:
         if self.leader.state in ("idle", "ended"):
             return JoinReply(accepted=False, reason=f"the run is {self.leader.state}; wait for the next reset")
+        if not self.bindings.visible(request.service, request.instance):
+            return JoinReply(accepted=False, reason=f"no liveliness token of {request.service} {request.instance!r}")
         self._joining[request.service] = time.monotonic()
         return JoinReply(accepted=True)
 
@@ -177,33 +175,37 @@ class DriverNode(Node):
         if command.epoch != leader.epoch:
             self.refuse("stale_epoch")
             return
-        if self._commands.get(command.tick) is not None:
+        if self.commands.known(command.tick):
             leader.on_command(command.tick)  # of a walker that came back: what the lost one sent holds
             return
-        if command.tick > leader.tick or command.tick < leader.tick - STALE_TICKS:
-            raise Refusal("stale", f"command of tick {command.tick} at tick {leader.tick}", "tick")
         try:
-            self.driver.check(command)
-            self._commands[command.tick] = command
-        except Refusal:
-            self._commands[command.tick] = None
-            raise
-        finally:
+            self.commands.offer(command, leader.tick, self.driver.check)
+        except Refusal as refusal:
+            if refusal.code == "stale":
+                raise
             leader.on_command(command.tick)
+            raise
+        leader.on_command(command.tick)
 
     def _on_done(self, done: Done) -> None:
         if done.epoch != self.leader.epoch:
             return
-        if done.ready:
+        if not done.ready:
+            self.leader.on_done(done.source, done.instance, done.tick)
+        elif self.bindings.bind(done.source, done.instance):
             self.leader.on_ready(done.source, done.instance)
         else:
-            self.leader.on_done(done.source, done.instance, done.tick)
+            self.refuse("unbound", f"{done.source} {done.instance!r} is ready, but is not the one that runs")
 
     def on_life(self, life: Life) -> None:
+        self.bindings.on_life(life)
+        leader = self.leader
         if not life.alive:
-            self.leader.on_gone(life.service, life.instance)
-            if self.leader.state == "holding":
+            leader.on_gone(life.service, life.instance)
+            if leader.state == "holding":
                 self._since = time.monotonic()
+        elif leader.on_back(life.service, life.instance):
+            self._repeat_all()
 
     # -- ticks -------------------------------------------------------------------------------------------------
 
@@ -222,6 +224,9 @@ class DriverNode(Node):
         leader = self.leader
         if not leader.may_start():
             self._prime()
+            awaited = set(leader.missing())
+            if awaited != self._awaited:
+                self._awaited, self._since = awaited, time.monotonic()
             if time.monotonic() - self._since > JOIN_TIMEOUT_S:
                 missing = ", ".join(leader.missing())
                 leader.reason = f"not ready after {JOIN_TIMEOUT_S:g} s: {missing}"
@@ -231,7 +236,7 @@ class DriverNode(Node):
         self._tell_latched()
         leader.start()
         self.state = "running"
-        self._pace_origin = (time.monotonic(), 0)
+        self.pace.resume(0)
         return True
 
     def _prime(self) -> None:
@@ -245,12 +250,8 @@ class DriverNode(Node):
         leader = self.leader
         roster = tuple(sorted({*leader.expect, *leader.members, *self._joining}))
         rows = (*self.driver.outputs, *self.driver.serves)
-        prime = Tick(
-            tick=-1, epoch=leader.epoch, source=self.name, roster=roster, mode=leader.mode, seed=leader.seed,
-            roster_version=leader.roster_version,
-            due=tuple(row.key for row in rows if row not in self.driver.lacking),
-        )  # fmt: skip
-        self._publishers[HW_TICK.key].put(prime)
+        due = tuple(row.key for row in rows if row not in self.driver.lacking)
+        self._publishers[HW_TICK.key].put(leader.prime(roster, due))
         self.bus.flush()
 
     def _tell_latched(self) -> None:
@@ -266,8 +267,10 @@ class DriverNode(Node):
             return True
         self._prime()
         if time.monotonic() - self._since > HOLD_S:
-            gone = leader.give_up_waiting()
-            self.log("error", f"gave up waiting for {', '.join(gone)} after {HOLD_S:g} s; the run goes on without")
+            gone = ", ".join(leader.give_up_waiting())
+            self.gave_up = leader.reason = f"gave up waiting for {gone} after {HOLD_S:g} s: the run ends"
+            self.log("error", leader.reason)
+            leader.end_tick = leader.tick + 1
             self._repeat_all()
             return True
         return False
@@ -276,7 +279,7 @@ class DriverNode(Node):
         leader = self.leader
         if self._joining:
             self._admit_joiners()
-        if leader.mode == "paced" and self.rtf > 0.0 and self._until_due() > 0.0:
+        if self.pace.until_due(leader.tick + 1) > 0.0:
             return False
         if not leader.may_advance():
             self._watch_silence()
@@ -284,7 +287,6 @@ class DriverNode(Node):
         began = time.perf_counter_ns()
         if leader.tick >= 0:
             self.driver.actuate(leader.tick, self._command())
-            self._commands.pop(leader.tick - 4 * leader.window, None)
         if leader.newcomers():
             self._tell_latched()
         self._emit()
@@ -294,14 +296,15 @@ class DriverNode(Node):
 
     def _command(self) -> JointCommand | None:
         """The command of tick t - delay; in paced mode the newest until then that was not obeyed yet."""
-        wanted = self.leader.tick - self.leader.delay
-        oldest = wanted if self.leader.mode == "lockstep" else max(self._obeyed, wanted - STALE_TICKS) + 1
-        for tick in range(wanted, oldest - 1, -1):
-            command = self._commands.get(tick)
-            if command is not None:
-                self._obeyed = tick
-                return command
-        return None
+        leader = self.leader
+        command = self.commands.take(leader.tick - leader.delay, exact=leader.mode == "lockstep")
+        lost = self.commands.lost(leader.tick)
+        if lost != self.held:
+            self.held = lost
+            what = "no command for 100 ms: the joints are held" if lost else "commands come again"
+            self.log("warning" if lost else "info", f"{what} (tick {leader.tick})")
+            self.driver.on_status()
+        return command
 
     def _emit(self) -> None:
         leader = self.leader
@@ -310,7 +313,7 @@ class DriverNode(Node):
         self.bus.cork()
         box = [self._tell(sample, tick) for sample in samples]
         due = (*(sample.topic.key for sample in samples), *self._judging)
-        manifest = leader.advance(tick * TICK_NS, due)
+        manifest = leader.advance(tick * TICK_NS, due, held=self.held)
         self._publishers[HW_TICK.key].put(manifest)
         self.bus.flush(batch=False)
         self._outbox[(leader.epoch, tick)] = box
@@ -376,20 +379,18 @@ class DriverNode(Node):
         if self._joining:
             self._prime()
 
-    def _until_due(self) -> float:
-        """Wall seconds until the next tick of paced time."""
-        started, tick = self._pace_origin
-        return started + (self.leader.tick + 1 - tick) * TICK_NS * 1e-9 / self.rtf - time.monotonic()
-
     def _timers(self) -> float:
         wait = super()._timers()
-        leader = self.leader
+        leader, now = self.leader, time.monotonic()
+        if now >= self._next_status:
+            self._next_status = now + STATUS_S
+            self.driver.on_status()
         if leader.state in ("joining", "holding") or self._joining:
             return min(wait, PRIME_S)
         if leader.state != "running":
             return wait
-        if leader.mode == "paced" and self.rtf > 0.0:
-            return max(0.0, min(wait, self._until_due()))
+        if self.pace.factor > 0.0:
+            return max(0.0, min(wait, self.pace.until_due(leader.tick + 1)))
         return min(wait, SILENCE_S)
 
     def _ask_to_join(self) -> None:

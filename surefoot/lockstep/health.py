@@ -9,7 +9,7 @@ from surefoot.kernels.compiling import COMPILING
 from surefoot.lockstep.config import config_hash
 from surefoot.lockstep.join import Join
 from surefoot.lockstep.service import Service
-from surefoot.schemas.system import Health
+from surefoot.schemas.system import Health, JoinRequest
 from surefoot.version import VERSION
 
 
@@ -48,3 +48,9 @@ def health_of(node: Patient, waiting_for: tuple[str, ...]) -> Health:
         refused=dict(node.refused), version=VERSION, config_hash=config_hash(node.service.config),
         waiting_for=waiting_for,
     )  # fmt: skip
+
+
+def join_request(node: Patient) -> JoinRequest:
+    """Return what a service sends to be put on the roster."""
+    configuration = config_hash(node.service.config)
+    return JoinRequest(service=node.name, instance=node.instance, version=VERSION, config_hash=configuration)

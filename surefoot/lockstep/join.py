@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar, cast
 
 from surefoot.schemas.base import Header, Message
 from surefoot.schemas.hw import Tick
-from surefoot.schemas.topics import HW_TICK, Kind, Topic
+from surefoot.schemas.topics import HW_TICK, TICK_NS, Kind, Topic
 
 M = TypeVar("M", bound=Message)
 
@@ -18,6 +18,9 @@ DRIVER = "driver"
 _TICK = HW_TICK.key
 MAX_AHEAD = 64
 """Inputs further ahead of the newest tick are refused; the driver never runs more than a few ticks ahead."""
+
+STAMP_SLACK_NS = 1_000_000_000
+"""An input's stamp lies between the run's beginning and its own tick, give or take 1 s."""
 
 PATIENCE_TICKS = 2
 """In paced mode a tick whose inputs are incomplete is taken when this many later ticks have come."""
@@ -82,6 +85,9 @@ class Join:
         self.last = -1
         self.on_roster = False
         self._newest = -1
+        self._zero_ns: int | None = None
+        """Stamp of tick 0 of this epoch, ns; None before its first tick."""
+        self._announced = -1
         self._ticks: dict[int, Tick] = {}
         self._slots: dict[tuple[int, int], dict[str, Any]] = {}
         self._latched: dict[str, tuple[int, Any]] = {}
@@ -103,8 +109,14 @@ class Join:
         key, epoch, tick = topic.key, message.epoch, message.tick
         if epoch < self.epoch:
             return "stale_epoch"
+        if self.epoch >= 0 and epoch > self.epoch + 1 and epoch != self._announced:
+            return "epoch_ahead"
         if key == _TICK:
             return self._offer_tick(cast(Tick, message))
+        if epoch == self.epoch and self._zero_ns is not None:
+            since = message.stamp_ns - self._zero_ns
+            if not -STAMP_SLACK_NS <= since <= max(0, tick) * TICK_NS + STAMP_SLACK_NS:
+                return "stamp"
         if topic.kind is Kind.LATCHED:
             held = self._latched.get(key)
             if held is not None and held[0] > epoch:
@@ -129,14 +141,25 @@ class Join:
             del self._slots[min(self._slots)]
         return None
 
+    def announce(self, epoch: int) -> None:
+        """Note the epoch of a prime of the driver: ticks of it are accepted, whatever epoch went before."""
+        if epoch < self.epoch:
+            self._begin(epoch)
+        self._announced = epoch
+
+    def _begin(self, epoch: int) -> None:
+        self.epoch, self._zero_ns = epoch, None
+        self.last = self._newest = -1
+        self.on_roster = False
+        self._ticks.clear()
+        allowed = (epoch, epoch + 1)
+        self._slots = {key: slot for key, slot in self._slots.items() if key[0] in allowed}
+        self._latched = {key: held for key, held in self._latched.items() if held[0] in allowed}
+
     def _offer_tick(self, tick: Tick) -> str | None:
         self._lacking = None
         if tick.epoch > self.epoch:
-            self.epoch = tick.epoch
-            self.last = self._newest = -1
-            self.on_roster = False
-            self._ticks.clear()
-            self._slots = {key: slot for key, slot in self._slots.items() if key[0] >= tick.epoch}
+            self._begin(tick.epoch)
         if self.service not in tick.roster:
             self.on_roster = False
             return "not_on_roster"
@@ -149,6 +172,8 @@ class Join:
         elif tick.mode == "lockstep" and tick.tick > self.last + MAX_AHEAD:
             return "too_far_ahead"
         self._newest = max(self._newest, tick.tick)
+        if self._zero_ns is None:
+            self._zero_ns = tick.stamp_ns - tick.tick * TICK_NS
         self._lockstep = tick.mode == "lockstep"
         held = self._ticks.get(tick.tick)
         if held is None or tick.roster_version >= held.roster_version:

@@ -97,6 +97,16 @@ class Leader:
             return
         self.drop(service, f"{service} died")
 
+    def on_back(self, service: str, instance: str) -> bool:
+        """A process is visible again; returns whether that ends the wait for it: it goes on where it was."""
+        member = self.members.get(service)
+        if service not in self.lost or member is None or member.instance != instance:
+            return False
+        self.lost.discard(service)
+        if not self.lost and self.state == "holding":
+            self.state = "running"
+        return True
+
     def drop(self, service: str, why: str) -> None:
         """Applies the policy to a lost member."""
         self.comparable = False
@@ -185,7 +195,14 @@ class Leader:
             self.state = "running"
         return range(first, self.tick + 1)
 
-    def advance(self, stamp_ns: int, due: tuple[str, ...]) -> Tick:
+    def prime(self, roster: tuple[str, ...], due: tuple[str, ...]) -> Tick:
+        """The manifest before tick 0, and before a newcomer's first: it asks a roster to prove its links."""
+        return Tick(
+            tick=-1, epoch=self.epoch, source="driver", roster=roster, roster_version=self.roster_version, due=due,
+            mode=self.mode, seed=self.seed,
+        )  # fmt: skip
+
+    def advance(self, stamp_ns: int, due: tuple[str, ...], *, held: bool = False) -> Tick:
         """The manifest of the next tick; newcomers are admitted here and nowhere else."""
         if self.state == "running":
             self._admit()
@@ -195,7 +212,7 @@ class Leader:
         manifest = Tick(
             stamp_ns=stamp_ns, tick=self.tick, epoch=self.epoch, seq=self.tick, source="driver",
             roster=tuple(sorted(self.members)), roster_version=self.roster_version, due=due, mode=self.mode,
-            seed=self.seed, end=end, report=end or pause or self.tick % REPORT_TICKS == REPORT_TICKS - 1,
+            seed=self.seed, end=end, held=held, report=end or pause or self.tick % REPORT_TICKS == REPORT_TICKS - 1,
         )  # fmt: skip
         self._manifests[self.tick] = manifest
         self._manifests.pop(self.tick - 4 * self.window, None)

@@ -4,6 +4,7 @@ Whatever arrives, from whatever thread, is put into one inbox. ``pump`` handles 
 On the in-memory bus nobody waits: the system pumps its nodes in turn.
 """
 
+import math
 import sys
 import time
 import uuid
@@ -18,16 +19,16 @@ from surefoot.bus.interface import Bus, Delivery, Incoming, Life, Publisher
 from surefoot.errors import CallError, Refusal
 from surefoot.kernels.compiling import COMPILING
 from surefoot.lockstep.answers import Answers, Late
-from surefoot.lockstep.config import config_hash
-from surefoot.lockstep.health import health_of
+from surefoot.lockstep.binding import Bindings, is_prime
+from surefoot.lockstep.health import health_of, join_request
 from surefoot.lockstep.join import DRIVER, Delayed, Join, TickInputs
+from surefoot.lockstep.links import Links
 from surefoot.lockstep.service import Service
 from surefoot.logline import log_line, sendable
 from surefoot.schemas.base import Message, Request, TickRequest, Wire
 from surefoot.schemas.hw import Tick
-from surefoot.schemas.system import Done, Health, HealthReply, JoinRequest, LogRecord
+from surefoot.schemas.system import Done, Health, HealthReply, LogRecord
 from surefoot.schemas.topics import CMD_JOINTS, HEALTH, HEALTH_GET, HW_TICK, LOG, SIM_JOIN, TICK_DONE, Query, Topic
-from surefoot.version import VERSION
 
 Req = TypeVar("Req", bound=Request)
 Rep = TypeVar("Rep", bound=Wire)
@@ -38,8 +39,6 @@ JOIN_RETRY_S = 0.3
 HEALTH_PERIOD_S = 1.0
 LOOK_S = 0.1
 """A node looks into its inbox at least so often: a frame that it waits for may never come."""
-NOT_READY_S = 2.0
-"""A query that asks about a tick which does not come is answered ``not_ready`` after this wall time."""
 
 _STOP = object()
 _TICK = HW_TICK.key
@@ -55,6 +54,7 @@ class Node:
         self.instance = uuid.uuid4().hex[:12]
         self.inbox = Inbox()
         self.join = Join(service.name, service.inputs, service.batched)
+        self.bindings = Bindings()
         self.refused: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
         self.tick_us: deque[float] = deque(maxlen=2000)
@@ -63,10 +63,7 @@ class Node:
         self._publishers: dict[str, Publisher[Any]] = {}
         self._outbox: dict[tuple[int, int], list[tuple[Publisher[Any], Any]]] = {}
         self._observed = {topic.key for topic in service.observes}
-        self._links: tuple[Topic[Any] | Query[Any, Any], ...] = ()
-        self._proved: set[str] = set()
-        self._unproved: list[str] = []
-        self._waiting: list[tuple[float, Incoming, TickRequest]] = []
+        self.links = Links(bus)
         self._answers = Answers(self.inbox.put, self.refuse)
         self._tick: TickInputs | None = None
         self.epoch = -1
@@ -86,7 +83,7 @@ class Node:
             if topic.judging and not service.batched:
                 raise ValueError(f"{self.name} reads {topic.key!r}, which is told in batches, but is not batched")
         for topic in (*service.outputs, self._done, HEALTH.of(self.name), LOG.of(self.name)):
-            self._publishers[topic.key] = self.bus.publisher(topic)
+            self._publishers[topic.key] = self.bus.publisher(topic, self.instance)
         self.bus.serve(HEALTH_GET.of(self.name), self._early)  # the only question that a cold service answers
         began, before = time.monotonic(), COMPILING.done
         with COMPILING.told(self._on_compile):
@@ -103,7 +100,7 @@ class Node:
         for query in service.serves:
             self.bus.serve(query, put)
         self.bus.watch(put)
-        self._links = (*(t for t in self._subscriptions() if t.key != HW_TICK.key), *service.calls)
+        self.links.need((*(t for t in self._subscriptions() if t.key != HW_TICK.key), *service.calls))
         self.state = "joining"
         self.bus.announce(self.name, self.instance)
 
@@ -119,18 +116,20 @@ class Node:
         if self.state == "starting":
             self.state = "compiling"
             self.log("info", f"compiling kernels, {name} first; `surefoot warm` does so ahead of time")
-            self._publishers[f"health/{self.name}"].put(self.health())
+        self._publishers[f"health/{self.name}"].put(self.health())  # each kernel is progress
 
     def _subscriptions(self) -> list[Topic[Any]]:
         topics = [item.topic if isinstance(item, Delayed) else item for item in self.service.inputs]
         return [HW_TICK, *topics]
 
     def run(self) -> None:
-        """Works until ``stop``."""
+        """Works until ``stop``; however much waits, the clock is looked at every ``LOOK_S``."""
         try:
             while not self.stopping:
-                self.pump()
+                busy = self._work_until(time.monotonic() + LOOK_S)
                 wait = min(self._timers(), LOOK_S)
+                if busy:
+                    continue
                 try:
                     self.handle(self.inbox.get(wait, self.join.awaited()))
                 except Empty:
@@ -147,22 +146,30 @@ class Node:
     def pump(self) -> bool:
         """Handles everything that is there; returns whether there was anything."""
         progressed = False
-        while not self.stopping:
-            while not self.inbox.empty():
-                self.handle(self.inbox.get_nowait())
-                progressed = True
-            if not self.work():
-                return progressed
+        while not self.stopping and self._turn(math.inf):
             progressed = True
         return progressed
 
-    def pump_once(self) -> bool:
-        """Handles what is there and does at most one tick, so that nodes of one process take turns."""
+    def _work_until(self, deadline: float) -> bool:
+        """Handles what is there until a time of the monotonic clock; returns whether something may be left."""
+        while not self.stopping and self._turn(deadline):
+            if time.monotonic() >= deadline:
+                return True
+        return False
+
+    def _turn(self, deadline: float) -> bool:
+        """Handles what has arrived, then does at most one tick; returns whether there was anything."""
         progressed = False
         while not self.inbox.empty():
             self.handle(self.inbox.get_nowait())
             progressed = True
-        progressed = self.work() or progressed
+            if time.monotonic() >= deadline:
+                break
+        return self.work() or progressed
+
+    def pump_once(self) -> bool:
+        """Handles what is there and does at most one tick, so that nodes of one process take turns."""
+        progressed = self._turn(math.inf)
         if self._answers.late and not progressed:
             with suppress(Empty):  # an answer is worked out on another thread: there is nothing else to do
                 self.handle(self.inbox.get(LOOK_S, set()))
@@ -179,17 +186,12 @@ class Node:
             self._next_join = now + JOIN_RETRY_S
             if not self.stopping and not self.join.on_roster and now - self._primed_at > JOIN_RETRY_S:
                 self._ask_to_join()
-        for item in [item for item in self._waiting if now - item[0] > NOT_READY_S]:
-            self._waiting.remove(item)
-            item[1].fail(Refusal("not_ready", f"{self.name} has not seen tick {item[2].tick} of epoch {item[2].epoch}"))
+        self._answers.expire(self.name)
         return max(0.0, min(self._next_health, self._next_join) - time.monotonic())
 
     def _ask_to_join(self) -> None:
-        request = JoinRequest(
-            service=self.name, instance=self.instance, version=VERSION, config_hash=config_hash(self.service.config)
-        )
         try:
-            self.bus.call(SIM_JOIN, request, 0.3)
+            self.bus.call(SIM_JOIN, join_request(self), 0.3)
         except CallError as error:
             self.refused[f"join_{error.code}"] += 1
 
@@ -198,10 +200,9 @@ class Node:
     def handle(self, item: Any) -> None:
         """One item of the inbox."""
         if isinstance(item, Delivery):
-            if item.prime:
-                self._proved.add(item.topic.key)
-            else:
-                self._on_delivery(item)
+            signed = item.sender and item.topic.framed
+            if not signed or self._speaks(item.topic.owner, item.sender, prime=is_prime(item)):
+                self._on_part(item)
         elif isinstance(item, Frame):
             self._on_frame(item)
         elif isinstance(item, Life):
@@ -217,11 +218,29 @@ class Node:
         except Refusal as refusal:
             self.refuse(refusal.code, refusal.message)
             return
-        for delivery in deliveries:
-            if delivery.prime:
-                self._proved.add(delivery.topic.key)
-            else:
-                self._on_delivery(delivery)
+        if deliveries and self._speaks(frame.owner, frame.instance, prime=is_prime(deliveries[-1])):
+            for delivery in deliveries:
+                self._on_part(delivery)
+
+    def _speaks(self, owner: str, instance: str, *, prime: bool) -> bool:
+        """Whether a process speaks for a service: it is the one that proved its links, or does so now."""
+        before = self.bindings.bound(owner)
+        if before == instance or owner == "*":
+            return True
+        if not prime or not self.bindings.bind(owner, instance):
+            self.refuse("unbound", f"{owner}: a message of process {instance!r}; {before or 'none'!r} is bound")
+            return False
+        if owner == DRIVER and before:  # a new driver begins a new count of epochs
+            self.join = Join(self.name, self.service.inputs, self.service.batched)
+            self.epoch = -1
+            self._outbox.clear()
+        return True
+
+    def _on_part(self, delivery: Delivery) -> None:
+        if delivery.prime:
+            self.links.note(delivery.topic.key)
+        else:
+            self._on_delivery(delivery)
 
     def _on_delivery(self, delivery: Delivery) -> None:
         topic, key = delivery.topic, delivery.topic.key
@@ -253,21 +272,17 @@ class Node:
     def _on_prime(self, prime: Tick) -> None:
         """The driver proves its links before tick 0: answer in kind, and report when all of ours are proved.
 
-        Only the links from services of the roster are awaited, and of the driver's only those it has (``due``; none
-        named: all); a prime of another topic is an empty payload.
+        Only the links from services of the roster are awaited, and of the driver's only those it has; a prime of
+        another topic is an empty payload.
         """
         self._primed_at = time.monotonic()
+        self.join.announce(prime.epoch)
         self.bus.cork()
         for output in self.service.outputs:
             self._publishers[output.key].prime()
         self.bus.flush()
-        present, had = {DRIVER, *prime.roster}, set(prime.due)
-        lacking = {row.key for row in self._links if had and row.owner == DRIVER and row.key not in had}
-        self.join.absent = lacking
-        links = [r for r in self._links if r.owner in present and r.key not in lacking and r.key not in self._proved]
-        self._proved |= {row.key for row in links if isinstance(row, Query) and self.bus.probe(row)}
-        self._unproved = sorted(row.key for row in links if row.key not in self._proved)
-        if self._unproved:
+        self.join.absent = self.links.lacking(prime)
+        if not self.links.prove(prime):
             return
         if self.state == "joining":
             self.state = "ready"
@@ -276,18 +291,15 @@ class Node:
         )
 
     def on_life(self, life: Life) -> None:
-        """A process came or went; a new driver begins a new count of epochs."""
-        if life.service == DRIVER and not life.alive:
-            self.join = Join(self.name, self.service.inputs, self.service.batched)
-            self.epoch = -1
-            self._outbox.clear()
+        """A process came or went."""
+        self.bindings.on_life(life)
 
     def _on_query(self, incoming: Incoming) -> None:
         request = self._answers.request(incoming)
         if request is None:
             return
         if isinstance(request, TickRequest) and request.tick is not None and not self._has_seen(request):
-            self._waiting.append((time.monotonic(), incoming, request))
+            self._answers.wait(incoming, request)
             return
         self._answer(incoming, request)
 
@@ -333,10 +345,8 @@ class Node:
         self._outbox.pop((tick.epoch, tick.tick - KEEP_TICKS), None)
         self._tick = None
         self.tick_us.append((time.perf_counter_ns() - began) * 1e-3)
-        if self._waiting:
-            for item in [item for item in self._waiting if self._has_seen(item[2])]:
-                self._waiting.remove(item)
-                self._answer(item[1], item[2])
+        for incoming, request in self._answers.due(self._has_seen):
+            self._answer(incoming, request)
         return True
 
     def _send(self, topic: Topic[Any], message: Message) -> None:
@@ -386,4 +396,4 @@ class Node:
 
     def health(self) -> Health:
         """How the service does."""
-        return health_of(self, (*self._unproved, *self.join.missing()))
+        return health_of(self, (*self.links.unproved, *self.join.missing()))

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-STALE_NS = 100_000_000  # a command older than this is stale: the driver holds the last one and reports
 LIMIT_SLACK = 1e-6  # rad, rounding of a command at the limit
 
 

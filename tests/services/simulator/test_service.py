@@ -34,6 +34,7 @@ from surefoot.schemas.topics import (
     SIM_RESTORE,
     SIM_SET,
     SIM_STATUS,
+    SIM_STATUS_GET,
     SIM_STEP,
     SIM_TRUTH,
     TERRAIN_LANDMARKS,
@@ -258,6 +259,7 @@ def test_bad_commands_are_refused_counted_and_the_robot_stands(bench: Bench, cha
     before = bench.simulator.node.refused[reason]
     bench.reset()
     seen = bench.finish()
+    assert bench.ask(SIM_STATUS_GET, sim.StatusRequest()).held == "no command was accepted for 100 ms"
     assert bench.simulator.node.refused[reason] > before
     assert not truths(seen)[-1].fallen
 
@@ -287,6 +289,7 @@ def test_emergency_stop_holds_until_the_next_reset(bench: Bench) -> None:
     last = truths(bench.finish())[-1]
     assert last.joints == pytest.approx(Holder.position, abs=0.05)
     assert bench.simulator.node.refused["stopped"] > 0
+    assert bench.ask(SIM_STATUS_GET, sim.StatusRequest()).held == "emergency stop: a hand in the way"
     refused = bench.simulator.node.refused["stopped"]
     bench.reset()
     last = truths(bench.finish())[-1]
@@ -306,6 +309,19 @@ def test_every_emergency_stop_is_confirmed_at_once_even_in_a_pause(bench: Bench)
     told = [delivery.message() for delivery in heard if not delivery.prime]
     assert [status.stopped for status in told] == ["a hand in the way"] * 2
     assert {status.source for status in told} == {"simulator"}
+
+
+def test_paced_time_that_cannot_keep_its_factor_is_late_with_the_factor_achieved(bench: Bench) -> None:
+    """Nobody can run at 1000 times real time; a paused simulation is not late."""
+    bench.reset(ticks=2000, mode="paced", rtf=1000.0)
+    heard: list[Any] = []
+    bench.system.bus.subscribe(SIM_STATUS, heard.append)
+    bench.finish()
+    told = [delivery.message() for delivery in heard if not delivery.prime]
+    late = [status for status in told if status.late]
+    assert late
+    assert {(status.mode, status.pace) for status in late} == {("paced", 1000.0)}
+    assert all(0.0 < status.rtf < 1000.0 for status in late)
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,7 @@ class Robot:
         self.joints = ROBOT.neutral.copy()
         self.order: MotionOrder | None = None
 
-    def step(self) -> Any:
+    def step(self, *, held: bool = False) -> Any:
         s = self.service.gait.state
         now = self.tick * 10_000_000
         head: dict[str, Any] = {"stamp_ns": now, "tick": self.tick, "epoch": EPOCH, "seq": 0, "source": "test"}
@@ -86,7 +86,7 @@ class Robot:
             ),
         }  # fmt: skip
         roster = ("estimator", "walker", "footholds")
-        tick = Tick(**head, roster=roster, roster_version=1, due=(), mode="lockstep")
+        tick = Tick(**head, roster=roster, roster_version=1, due=(), mode="lockstep", held=held)
         self.service.on_tick(TickInputs(tick, messages))
         command = self.stage.said[CMD_JOINTS.key].position
         if command is not None:
@@ -114,6 +114,18 @@ def test_after_an_emergency_stop_no_walk_is_accepted_until_the_next_run(robot: R
     robot.service.on_reset()
     robot.run(20)
     assert robot.service.walk(WalkCommand(action="walk", distance=0.1)).accepted
+
+
+def test_it_never_says_walking_while_the_driver_holds_the_joints(robot: Robot) -> None:
+    robot.run(20)
+    assert robot.service.walk(WalkCommand(action="walk", distance=0.3)).accepted
+    assert robot.run(60)[-1].state == "walking"
+    phase, before = robot.step().phase, robot.joints.copy()
+    held = [robot.step(held=True) for _ in range(30)]
+    assert {(gait.state, gait.phase) for gait in held} == {("hold", phase)}
+    assert "driver holds" in held[0].reason
+    np.testing.assert_allclose(robot.joints, before)  # the gait stands still: no jump when it goes on
+    assert robot.run(60)[-1].state == "walking"
 
 
 def test_a_question_about_footholds_names_its_tick(robot: Robot) -> None:

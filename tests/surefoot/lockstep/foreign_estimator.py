@@ -29,7 +29,7 @@ class Member:
 
     def on_frame(self, sample):
         messages, found = iter(json.loads(sample.payload.to_bytes())), {}
-        for entry in sample.attachment.to_bytes().decode().split(";"):
+        for entry in sample.attachment.to_bytes().decode().split(";")[1:]:  # the first is the driver's instance
             key, length, tick, *_ = entry.split(",")
             found[key] = next(messages) if int(length) else None
             self.proved |= key == INPUT and int(tick) == -1
@@ -38,7 +38,7 @@ class Member:
             return
         if manifest["tick"] == -1:
             self.answers.clear()
-            self.put(f"frame/{NAME}", b"[]", f"{OUTPUT},0,-1,0,0,0")
+            self.put(f"frame/{NAME}", b"[]", f"{INSTANCE};{OUTPUT},0,-1,0,0,0")
             if self.proved:
                 self.done(manifest, ready=True)
         elif NAME in manifest["roster"]:
@@ -52,10 +52,10 @@ class Member:
             self.answers[at] = (body, f"{OUTPUT},{len(body)},{at[1]},{at[0]},{imu['stamp_ns']},{at[1]}")
             self.batch.append(self.answers[at])
         body, index = self.answers[at]
-        self.put(f"frame/{NAME}", f"[{body}]", index)
+        self.put(f"frame/{NAME}", f"[{body}]", f"{INSTANCE};{index}")
         if manifest["report"]:
             bodies, indices = zip(*self.batch, strict=True) if self.batch else ((), ())
-            self.put(f"batch/{NAME}", f"[{','.join(bodies)}]", ";".join(indices))
+            self.put(f"batch/{NAME}", f"[{','.join(bodies)}]", ";".join((INSTANCE, *indices)))
             self.batch.clear()
             self.done(manifest)
 

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 from typing import Any
 
-from surefoot.bus.interface import Delivery, Raw
+from surefoot.bus.interface import Delivery, Life, Raw
 from surefoot.bus.memory import MemoryBus
 from surefoot.lockstep.config import ServiceConfig
-from surefoot.lockstep.join import Delayed, TickInputs
+from surefoot.lockstep.join import DRIVER, Delayed, TickInputs
 from surefoot.lockstep.node import Node
 from surefoot.lockstep.service import Service
 from surefoot.schemas.base import Message
@@ -109,6 +109,20 @@ class Bench:
     def imu(self, tick: int, *, epoch: int = 1, x: float = 0.5) -> None:
         message = Imu(acc=(x, 0.0, 9.81), gyro=(0.0, 0.0, 0.0))
         self.imu_publisher.put(message.stamped(tick * TICK_NS, tick, epoch, tick, "driver"))
+        self.node.pump()
+
+    def prime_as(self, instance: str, *, epoch: int = 1) -> None:
+        """A driver's process becomes visible and proves its links."""
+        self.node.handle(Life(DRIVER, instance, True))
+        self.signed_tick(instance, -1, epoch=epoch)
+
+    def signed_tick(self, instance: str, tick: int, *, epoch: int = 1) -> None:
+        """A manifest that names its publisher."""
+        message = Tick(
+            tick=tick, epoch=epoch, stamp_ns=max(0, tick) * TICK_NS, seq=max(tick, 0), roster=("estimator",),
+            roster_version=1, due=("hw/imu",), mode="lockstep",
+        )  # fmt: skip
+        self.node.handle(Delivery(HW_TICK, message, None, None, instance))
         self.node.pump()
 
     def both(self, tick: int, **fields: Any) -> None:

@@ -143,7 +143,7 @@ def test_first_command_of_a_tick_counts() -> None:
         node.pump()
     while not bench.node.inbox.empty():
         bench.node.handle(bench.node.inbox.get_nowait())
-    assert 10 in bench.node._commands
+    assert bench.node.commands.known(10)
     bench.command(10, (LIMIT,))
     assert bench.finish(30) == reference(30, delay=0)
 
@@ -186,9 +186,8 @@ def test_paced_mode_keeps_the_wall_clock(monkeypatch: pytest.MonkeyPatch) -> Non
     bench = Bench(mode="paced")
     bench.until_tick(3)
     clock = [100.0]
-    monkeypatch.setattr(runtime.time, "monotonic", lambda: clock[0])
-    bench.node.rtf = 2.0
-    bench.node._pace_origin = (clock[0], bench.leader.tick)
+    monkeypatch.setattr(bench.node.pace, "_clock", lambda: clock[0])
+    bench.node.pace.begin(2.0, bench.leader.tick)
     begun = bench.leader.tick
     for _ in range(100):
         clock[0] += 0.001

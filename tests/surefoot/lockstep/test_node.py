@@ -108,7 +108,11 @@ def test_stale_epoch_is_refused_and_a_new_one_drops_the_state(bench: Bench) -> N
 def test_a_new_driver_that_counts_epochs_from_one_again_resets_the_service(bench: Bench) -> None:
     bench.both(0)
     bench.both(1)
+    bench.prime_as("old")
     bench.node.handle(Life(DRIVER, "old", False))
+    bench.both(0)
+    assert bench.subject.resets == 1  # out of sight is not gone
+    bench.prime_as("new")
     bench.both(0)
     assert bench.subject.resets == 2
     assert bench.subject.ticks == [0, 1, 0]

@@ -9,7 +9,7 @@ import pytest
 from surefoot.bus.codec import decode
 from surefoot.bus.memory import MemoryBus, MemoryIncoming
 from surefoot.errors import CallError, Refusal
-from surefoot.lockstep import node as runtime
+from surefoot.lockstep import answers
 from surefoot.schemas.footholds import AssessRequest, SelectReply, SelectRequest
 from surefoot.schemas.stability import RegionReply, RegionRequest
 from surefoot.schemas.system import Health, HealthRequest
@@ -133,7 +133,7 @@ def test_a_request_for_a_tick_that_does_not_come_is_not_ready(bench: Bench, monk
     bench.node.handle(asked)
     bench.node._timers()
     assert asked.error is None
-    monkeypatch.setattr(runtime, "NOT_READY_S", 0.0)
+    monkeypatch.setattr(answers, "NOT_READY_S", 0.0)
     bench.node._timers()
     assert asked.error is not None
     assert asked.error.code == "not_ready"

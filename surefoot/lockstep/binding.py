@@ -1,0 +1,48 @@
+"""Which process speaks for each service: frames of any other are refused."""
+
+from surefoot.bus.interface import Delivery, Life
+from surefoot.errors import Refusal
+from surefoot.schemas.topics import HW_TICK
+
+
+class Bindings:
+    """Owners of frames and the processes they are bound to.
+
+    A service is bound to the first visible process that proves its links (its prime), and stays bound to it while that
+    process is visible; a process that is out of sight for a while is the same one when it returns. A liveliness token
+    alone binds nothing, and a frame alone neither.
+    """
+
+    def __init__(self) -> None:
+        self._visible: dict[str, set[str]] = {}
+        self._bound: dict[str, str] = {}
+
+    def on_life(self, life: Life) -> None:
+        """Note that a process appeared or went out of sight."""
+        seen = self._visible.setdefault(life.service, set())
+        (seen.add if life.alive else seen.discard)(life.instance)
+
+    def visible(self, service: str, instance: str) -> bool:
+        """Return whether a process shows a liveliness token of a service."""
+        return instance in self._visible.get(service, ())
+
+    def bind(self, service: str, instance: str) -> bool:
+        """Note that a process proves its links; return whether the service is bound to it now."""
+        bound = self._bound.get(service)
+        if bound != instance:
+            if not self.visible(service, instance) or (bound is not None and self.visible(service, bound)):
+                return False
+            self._bound[service] = instance
+        return True
+
+    def bound(self, service: str) -> str:
+        """Return the process that speaks for a service, empty before any has proved its links."""
+        return self._bound.get(service, "")
+
+
+def is_prime(last: Delivery) -> bool:
+    """Return whether a frame that ends with a message proves its publisher's links."""
+    try:
+        return last.prime or (last.key == HW_TICK.key and last.header().tick < 0)
+    except Refusal:
+        return False

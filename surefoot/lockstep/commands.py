@@ -1,0 +1,59 @@
+"""Joint commands as they come to the driver: which are fresh, and which one a tick obeys."""
+
+from collections.abc import Callable
+
+from surefoot.errors import Refusal
+from surefoot.schemas.hw import JointCommand
+from surefoot.schemas.topics import TICK_NS
+
+STALE_TICKS = 10
+"""A command older than 100 ms is not obeyed any more."""
+KEEP_TICKS = 80
+"""Commands of so many ticks are remembered, so that a repeated one is known."""
+
+
+class Commands:
+    """Commands of one epoch by their tick."""
+
+    def __init__(self) -> None:
+        self._by_tick: dict[int, JointCommand | None] = {}
+        self._obeyed = -1
+        self._offered = False
+        self._accepted_at = -1
+
+    def known(self, tick: int) -> bool:
+        """Return whether a command of a tick was accepted."""
+        return self._by_tick.get(tick) is not None
+
+    def offer(self, command: JointCommand, tick: int, check: Callable[[JointCommand], None]) -> None:
+        """Accept a command at a tick of the driver.
+
+        Raises:
+            Refusal: stale (of another time than the last 100 ms), stamp (its stamp is not of its tick), or why the
+                hardware must not obey it.
+        """
+        self._offered = True
+        if command.tick > tick or command.tick < tick - STALE_TICKS:
+            raise Refusal("stale", f"command of tick {command.tick} at tick {tick}", "tick")
+        if not (command.tick - STALE_TICKS) * TICK_NS <= command.stamp_ns <= (command.tick + 1) * TICK_NS:
+            text = f"command of tick {command.tick} has stamp {command.stamp_ns} ns, expected {command.tick * TICK_NS}"
+            raise Refusal("stamp", text, "stamp_ns")
+        self._by_tick[command.tick] = None
+        check(command)
+        self._by_tick[command.tick] = command
+        self._by_tick.pop(command.tick - KEEP_TICKS, None)
+        self._accepted_at = tick
+
+    def take(self, wanted: int, *, exact: bool) -> JointCommand | None:
+        """Return the command of tick ``wanted``; unless ``exact`` the newest until then that was not obeyed yet."""
+        oldest = wanted if exact else max(self._obeyed, wanted - STALE_TICKS) + 1
+        for tick in range(wanted, oldest - 1, -1):
+            command = self._by_tick.get(tick)
+            if command is not None:
+                self._obeyed = tick
+                return command
+        return None
+
+    def lost(self, tick: int) -> bool:
+        """Return whether the stream has ended: it had begun, and nothing was accepted for 100 ms until ``tick``."""
+        return self._offered and self._accepted_at < tick - STALE_TICKS

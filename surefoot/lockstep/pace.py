@@ -1,0 +1,56 @@
+"""Paced time: when the next tick is due on the wall clock, and what is done when it cannot be kept."""
+
+import time
+from collections.abc import Callable
+
+from surefoot.schemas.topics import TICK_NS
+
+SLACK_S = 0.1  # s wall, a delay up to this is caught up; a longer one is given up, so that time never races
+TICK_S = TICK_NS * 1e-9  # s simulated
+
+
+class Pace:
+    """Due times of ticks at a real-time factor.
+
+    Tick k of a stretch that began with tick k0 at wall time t0 is due at ``t0 + (k - k0) * TICK_S / factor``. When it
+    is more than ``SLACK_S`` overdue, t0 moves by the delay: the ticks that were missed are not caught up.
+
+    Args:
+        clock: returns monotonic wall time, s.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self.factor = 0.0
+        """Real-time factor that is asked for; 0 = as fast as it goes."""
+        self.given_up_s = 0.0
+        """Wall time by which the due times were moved since ``begin``, s."""
+        self._origin = (clock(), 0)
+        self._reported_s = 0.0
+
+    def begin(self, factor: float, tick: int = 0) -> None:
+        """Start a stretch: ``tick`` is due now."""
+        self.factor = factor
+        self.given_up_s = self._reported_s = 0.0
+        self._origin = (self._clock(), tick)
+
+    def resume(self, tick: int) -> None:
+        """Go on after a pause: ``tick`` is due now, and the time of the pause is not counted as lost."""
+        self._origin = (self._clock(), tick)
+
+    def until_due(self, tick: int) -> float:
+        """Return the wall seconds until a tick is due, 0 or less when it is."""
+        if self.factor <= 0.0:
+            return 0.0
+        began, first = self._origin
+        wait = began + (tick - first) * TICK_S / self.factor - self._clock()
+        if wait < -SLACK_S:
+            self.given_up_s -= wait
+            self._origin = (began - wait, first)
+            return 0.0
+        return wait
+
+    def late(self) -> bool:
+        """Return whether time was given up since the last call."""
+        before, self._reported_s = self._reported_s, self.given_up_s
+        return self.given_up_s > before

@@ -1,0 +1,19 @@
+"""What a driver releases in a tick."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from surefoot.schemas.base import Message
+from surefoot.schemas.topics import Topic
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A sample due in the coming tick."""
+
+    topic: Topic[Any]
+    message: Message | Callable[[], Message]
+    """Or, of a ``judging`` topic, what makes it when it is told."""
+    stamp_ns: int
+    seq: int

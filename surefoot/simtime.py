@@ -1,0 +1,30 @@
+"""How simulated time runs, in words for people."""
+
+from surefoot.schemas.sim import SimStatus
+
+
+def standing_still(status: SimStatus) -> str:
+    """Return why no tick comes, in words; empty while time runs."""
+    at = f"at tick {status.tick}" if status.tick >= 0 else "before tick 0"
+    match status.state:
+        case "running":
+            return ""
+        case "paused":
+            return f"simulated time is paused {at}; `surefoot sim resume` lets it go on"
+        case "joining" | "holding":
+            missing = ", ".join(status.missing) or "nothing"
+            return f"simulated time stands still {at}: it waits for {missing}"
+        case _:
+            why = status.failed or status.detail
+            return f"the run has ended {at}{f' ({why})' if why else ''}; `surefoot sim reset` begins a new one"
+
+
+def pace(status: SimStatus) -> str:
+    """Return how simulated time runs, in words: its real-time factor, late, joints held, or why it stands still."""
+    still = standing_still(status)
+    words = [still] if still else [f"simulated time runs at {status.rtf:.2f} times real time, tick {status.tick}"]
+    if status.late and not still:
+        words.append(f"late: {status.pace:g} is asked for")
+    if status.held:
+        words.append(f"the joints are held ({status.held})")
+    return "; ".join(words)

@@ -1,0 +1,185 @@
+"""Freshness at the border: what is forged, misplaced in time or of an unknown process changes nothing."""
+
+import pytest
+
+from surefoot.bus.interface import Delivery, Life
+from surefoot.bus.zenoh import ZenohBus
+from surefoot.lockstep import driver as runtime
+from surefoot.lockstep.commands import STALE_TICKS
+from surefoot.lockstep.config import ServiceConfig
+from surefoot.lockstep.join import DRIVER
+from surefoot.schemas.hw import Imu, JointCommand
+from surefoot.schemas.system import Done, JoinRequest
+from surefoot.schemas.topics import CMD_JOINTS, HW_IMU, SIM_JOIN, STATE_VELOCITY, TICK_DONE, TICK_NS
+from tests.surefoot.lockstep.driver_bench import Bench as DriverBench
+from tests.surefoot.lockstep.driver_bench import reference
+from tests.surefoot.lockstep.node_bench import Bench
+from tests.surefoot.toys import ToyWalker, estimate
+
+
+@pytest.fixture
+def bench() -> Bench:
+    made = Bench()
+    made.prime_as("real")
+    return made
+
+
+def walk(bench: Bench, ticks: range, epoch: int = 1) -> None:
+    for tick in ticks:
+        bench.imu(tick, epoch=epoch)
+        bench.signed_tick("real", tick, epoch=epoch)
+
+
+# -- the driver one is bound to ----------------------------------------------------------------------------------------
+
+
+def test_a_manifest_of_a_far_epoch_by_a_stranger_is_refused(bench: Bench) -> None:
+    walk(bench, range(3))
+    bench.signed_tick("stranger", 0, epoch=10**9)
+    walk(bench, range(3, 6))
+    assert bench.subject.ticks == list(range(6))
+    assert bench.node.refused["unbound"] == 1
+
+
+def test_a_far_epoch_of_the_driver_itself_is_refused_and_the_next_one_obeyed(bench: Bench) -> None:
+    walk(bench, range(3))
+    bench.signed_tick("real", 3, epoch=10**9)
+    assert bench.node.refused["epoch_ahead"] == 1
+    walk(bench, range(2), epoch=2)
+    assert bench.subject.resets == 2
+
+
+@pytest.mark.parametrize("epoch", [1, 7])
+def test_a_prime_heals_whatever_epoch_went_before(bench: Bench, epoch: int) -> None:
+    """A service that missed some epochs, or was in a far one, follows the driver that primes."""
+    walk(bench, range(2), epoch=1)
+    walk(bench, range(2), epoch=2)
+    bench.signed_tick("real", -1, epoch=epoch)
+    walk(bench, range(2), epoch=epoch)
+    assert bench.subject.resets == 3
+    assert bench.node.epoch == epoch
+
+
+def test_a_token_alone_or_a_second_driver_changes_nothing(bench: Bench) -> None:
+    walk(bench, range(2))
+    bench.node.handle(Life(DRIVER, "x", True))
+    bench.signed_tick("x", -1, epoch=1)
+    bench.signed_tick("x", 2, epoch=1)
+    bench.node.handle(Life(DRIVER, "x", False))
+    walk(bench, range(2, 4))
+    assert bench.subject.ticks == [0, 1, 2, 3]
+    assert bench.node.refused["unbound"] == 2
+
+
+def test_a_driver_out_of_sight_for_a_while_is_the_same_one(bench: Bench) -> None:
+    walk(bench, range(2))
+    bench.node.handle(Life(DRIVER, "real", False))
+    walk(bench, range(2, 3))
+    bench.node.handle(Life(DRIVER, "real", True))
+    walk(bench, range(3, 5))
+    assert (bench.subject.ticks, bench.subject.resets) == ([0, 1, 2, 3, 4], 1)
+
+
+@pytest.mark.parametrize("stamp_ns", [2**62, -(2**62), 10**10])
+def test_a_stamp_outside_the_run_is_refused(bench: Bench, stamp_ns: int) -> None:
+    walk(bench, range(2))
+    forged = Imu(acc=(9.0, 0.0, 0.0), gyro=(0.0, 0.0, 0.0)).stamped(stamp_ns, 2, 1, 2, "driver")
+    bench.node.handle(Delivery(HW_IMU, forged, None))
+    walk(bench, range(2, 4))
+    assert [message.velocity[0] for message in bench.sent(type(estimate(0.0)))] == [0.5] * 4
+    assert bench.node.refused == {"stamp": 1}
+
+
+# -- members -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def driven(monkeypatch: pytest.MonkeyPatch) -> DriverBench:
+    monkeypatch.setattr(runtime, "PRIME_S", 0.0)
+    made = DriverBench()
+    made.until_tick(10)
+    return made
+
+
+@pytest.mark.parametrize("topic", [CMD_JOINTS, STATE_VELOCITY])
+def test_a_message_of_another_process_is_not_obeyed(driven: DriverBench, topic: object) -> None:
+    """Whoever publishes it before its owner."""
+    for ahead in range(4):
+        tick = driven.leader.tick + ahead
+        header = (tick * TICK_NS, tick, 1, tick, "forger")
+        forged = JointCommand(position=(30.0,)) if topic is CMD_JOINTS else estimate(40.0)
+        driven.bus.publisher(topic, "forger").put(forged.stamped(*header))  # type: ignore[arg-type, call-overload]
+    assert driven.finish(40) == reference(40)
+    refused = sum((node.refused for node in driven.system.nodes), driven.node.refused.copy())
+    assert refused["unbound"] > 0
+
+
+def test_ready_of_another_process_replaces_no_member(driven: DriverBench) -> None:
+    before = driven.leader.members["walker"].instance
+    driven.node.handle(Delivery(TICK_DONE, Done(tick=-1, epoch=1, source="walker", instance="x", ready=True), None))
+    driven.bus.announce("walker", "x")
+    driven.node.handle(Delivery(TICK_DONE, Done(tick=-1, epoch=1, source="walker", instance="x", ready=True), None))
+    assert driven.finish(40) == reference(40)
+    assert driven.leader.members["walker"].instance == before
+
+
+def test_nobody_joins_without_a_token(driven: DriverBench) -> None:
+    reply = driven.bus.call(SIM_JOIN, JoinRequest(service="viewer", instance="x"))
+    assert not reply.accepted
+    assert "token" in reply.reason
+
+
+def test_a_member_out_of_sight_goes_on_where_it_was(driven: DriverBench) -> None:
+    """The lease of a paused process is over; it is the same process that returns."""
+    walker = next(node for node in driven.system.nodes if node.name == "walker")
+    driven.node.on_life(Life("walker", walker.instance, False))
+    assert driven.leader.state == "holding"
+    driven.node.on_life(Life("walker", walker.instance, True))
+    assert driven.leader.state == "running"
+    assert driven.finish(40) == reference(40)
+
+
+# -- commands ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_command_from_the_far_future_does_not_deafen_the_driver(driven: DriverBench) -> None:
+    tick = driven.leader.tick
+    command = JointCommand(position=(1.0,)).stamped(2**62, tick, 1, tick, "walker")
+    driven.node.handle(Delivery(CMD_JOINTS, command, None))
+    assert driven.node.refused["stamp"] == 1
+    driven.finish(40)
+    assert driven.node.refused["stamp"] == 1
+    assert driven.node.refused["stamp_back"] == 0
+
+
+def test_a_lost_stream_of_commands_is_reported_in_the_manifest_and_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runtime, "PRIME_S", 0.0)
+    bench = DriverBench(mode="paced", policy="degrade")
+    bench.until_tick(30)
+    bench.until(lambda: bench.node.commands.known(bench.leader.tick - 1))
+    walker = bench.kill("walker")
+    lost_at = bench.leader.tick
+    bench.until_tick(lost_at + 30)
+    held = [tick.tick for tick in bench.ticks if tick.held]
+    assert held == list(range(held[0], held[-1] + 1))
+    assert STALE_TICKS <= held[0] - lost_at <= STALE_TICKS + 4
+    new = bench.revive(ToyWalker(ServiceConfig()))
+    bench.bus.call(SIM_JOIN, JoinRequest(service="walker", instance=new.instance))
+    bench.until(lambda: not bench.ticks[-1].held)
+    assert new.instance != walker.instance
+
+
+# -- over the network --------------------------------------------------------------------------------------------------
+
+
+def test_frames_name_their_process(net) -> None:  # type: ignore[no-untyped-def]
+    from tests.surefoot.net import Inbox, wait_until
+
+    reader: ZenohBus = net.open()
+    writer: ZenohBus = net.open()
+    inbox = Inbox()
+    reader.take((HW_IMU,), inbox.put)
+    publisher = writer.publisher(HW_IMU, "me")
+    wait_until(lambda: bool(publisher._framer._frames.matching_status.matching))  # type: ignore[union-attr]
+    publisher.put(Imu(acc=(0.0, 0.0, 9.81), gyro=(0.0, 0.0, 0.0)).stamped(0, 0, 1, 0, "simulator"))
+    assert inbox.get().instance == "me"

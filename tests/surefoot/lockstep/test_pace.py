@@ -1,0 +1,79 @@
+"""Due times of paced ticks, on a clock that the test moves."""
+
+import pytest
+
+from surefoot.lockstep.pace import SLACK_S, TICK_S, Pace
+
+
+class Clock:
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def run(pace: Pace, clock: Clock, ticks: int, cost_s: float) -> float:
+    """Wall time of so many ticks that cost so much each and are begun when they are due."""
+    began = clock.now
+    for tick in range(1, ticks + 1):
+        clock.now += max(0.0, pace.until_due(tick)) + cost_s
+    return clock.now - began
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 4.0])
+def test_keeps_its_factor_and_is_not_late(factor: float) -> None:
+    clock = Clock()
+    pace = Pace(clock)
+    pace.begin(factor)
+    assert run(pace, clock, 400, 0.2 * TICK_S / factor) == pytest.approx(400 * TICK_S / factor, rel=0.01)
+    assert not pace.late()
+
+
+def test_short_delays_are_caught_up() -> None:
+    clock = Clock()
+    pace = Pace(clock)
+    pace.begin(1.0)
+    clock.now += 0.9 * SLACK_S
+    run(pace, clock, 200, 0.0)
+    assert clock.now == pytest.approx(100.0 + 200 * TICK_S)
+    assert not pace.late()
+
+
+def test_a_long_delay_is_given_up_and_time_does_not_race() -> None:
+    clock = Clock()
+    pace = Pace(clock)
+    pace.begin(1.0)
+    run(pace, clock, 50, 0.0)
+    clock.now += 3.0
+    assert pace.until_due(51) == 0.0
+    assert pace.until_due(52) == pytest.approx(TICK_S)  # the ticks of three seconds do not come at once
+    assert pace.given_up_s == pytest.approx(3.0 - TICK_S)
+    assert pace.late()
+    assert not pace.late()
+
+
+def test_a_processor_too_slow_is_late_all_the_time() -> None:
+    clock = Clock()
+    pace = Pace(clock)
+    pace.begin(1.0)
+    for _ in range(5):
+        run(pace, clock, 100, 2.0 * TICK_S)
+        pace.resume(0)
+    began = clock.now
+    for tick in range(1, 101):
+        pace.until_due(tick)
+        clock.now += 2.0 * TICK_S
+    assert pace.late()
+    assert clock.now - began == pytest.approx(200 * TICK_S)
+
+
+def test_a_pause_is_no_delay_and_zero_never_waits() -> None:
+    clock = Clock()
+    pace = Pace(clock)
+    pace.begin(1.0)
+    clock.now += 60.0
+    pace.resume(7)
+    assert pace.until_due(7) == 0.0
+    assert not pace.late()
+    pace.begin(0.0)
+    assert pace.until_due(1000) == 0.0
