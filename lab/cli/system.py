@@ -257,9 +257,27 @@ def _status(folder: "RunFolder") -> dict[str, Any]:
         with client(endpoint.connect, endpoint.namespace) as robot:
             for row in content["services"]:
                 _add_health(row, robot)
+            _add_time(content, robot)
     except SurefootError as error:
         content["detail"] = error.message
     return content
+
+
+def _add_time(content: dict[str, Any], robot: "Client") -> None:
+    """Add how simulated time runs; the driver of a real robot has none to speak of."""
+    from surefoot.errors import CallError
+    from surefoot.schemas.sim import StatusRequest
+    from surefoot.schemas.topics import SIM_STATUS_GET
+    from surefoot.simtime import pace
+
+    try:
+        found = robot.bus.call(SIM_STATUS_GET, StatusRequest(), 0.5)
+    except CallError:
+        return
+    content["time"] = {
+        **found.model_dump(include={"state", "rtf", "pace", "late", "held", "tick"}),
+        "words": pace(found),
+    }
 
 
 def _add_health(row: dict[str, Any], robot: "Client") -> None:
@@ -302,6 +320,8 @@ def _show_status(name: str, content: dict[str, Any]) -> None:
     title = f"{name}: {content['namespace']} at {content['connect']}" if content["connect"] else ""
     columns = ("service", "state", "doing", "pid", "restarts", "tick us p50 / p99", "MB", "remarks")
     write_table(columns, rows, title, right=(3, 4, 5, 6))
+    if "time" in content:
+        write(content["time"]["words"])
     if "detail" in content:
         write(content["detail"])
 

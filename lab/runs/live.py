@@ -13,7 +13,7 @@ from surefoot.lab.report.page import About, write_report
 from surefoot.lab.report.plots import Timing
 from surefoot.lab.report.traces import Traces, read_traces
 from surefoot.robot.reader import load_robot
-from surefoot.schemas.sim import ResetReply, ResetRequest
+from surefoot.schemas.sim import ResetReply, ResetRequest, SimStatus
 from surefoot.schemas.system import RecorderReply, RecorderRequest
 from surefoot.schemas.topics import RECORDER_STATUS, SIM_RESET
 from surefoot.services.supervisor.processes.session import Session
@@ -106,6 +106,7 @@ def run_scenario(
         recorded = _recorder(session) if "recorder" in session.alive else None
         timings = {n: Timing(h.tick_p50_us, h.tick_p99_us) for n, h in session.health().items() if h.tick_p50_us > 0}
         restarts = [f"{row.service} was restarted {row.restarts}x" for row in session.rows() if row.restarts]
+        late = session.supervisor.late
         status, wall_s = session.supervisor.status, session.supervisor.wall_s
     problems += session.supervisor.stops()
     comparable = not restarts and options.rtf is None and (status is None or status.comparable)
@@ -117,7 +118,7 @@ def run_scenario(
         message_hash=recorded.run_hash if recorded else "",
         comparable=comparable,
         problems=(*problems, *director.problems, *director.unfinished()),
-        notes=(*director.notes, *restarts, *_unrecorded(recording, recorded)),
+        notes=(*director.notes, *restarts, *_late(late), *_unrecorded(recording, recorded)),
     )
     written = recording if recording is not None and recording.exists() else None
     try:
@@ -183,6 +184,13 @@ def _recorder(session: Session) -> RecorderReply | None:
         if reply.finished or time.monotonic() > deadline:
             return reply
         time.sleep(0.02)
+
+
+def _late(status: SimStatus | None) -> list[str]:
+    """What is to be said of paced time that fell behind."""
+    if status is None:
+        return []
+    return [f"late: real-time factor {status.rtf:.2f} at tick {status.tick}, {status.pace:g} was asked for"]
 
 
 def _unrecorded(wanted: Path | None, recorded: RecorderReply | None) -> list[str]:

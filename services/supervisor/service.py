@@ -39,6 +39,8 @@ M = TypeVar("M", bound=Message)
 WELL = ("joining", "ready", "running")
 """States of a service in which it is healthy: it answers queries; whether all links are proved is another matter."""
 
+SIGN_TICKS = 10
+"""In every tenth tick what has come is a sign of life of those who published it; every periodic topic is due there."""
 
 JUDGED: tuple[Topic[Any], ...] = (
     SIM_TRUTH,
@@ -62,8 +64,11 @@ class Watched(Protocol):
 
     name: str
 
-    def heard(self, service: str, *, well: bool) -> None:
+    def heard(self, service: str, pid: int, *, well: bool) -> None:
         """Note a heartbeat."""
+
+    def ticked(self, owner: str) -> None:
+        """Note that what a service publishes came in a tick."""
 
     def signal_kill(self, service: str) -> None:
         """End a service without warning."""
@@ -98,6 +103,8 @@ class Supervisor(Service[ServiceConfig]):
         self.watched = watched
         self.health: dict[str, Health] = {}
         self.status: SimStatus | None = None
+        self.late: SimStatus | None = None
+        """What the driver reported when paced time last fell behind in this run."""
         self.ended = threading.Event()
         self.ticks = 0
         self.began = self.last = 0.0
@@ -126,13 +133,16 @@ class Supervisor(Service[ServiceConfig]):
         self.ended.clear()
         self.kept.clear()
         self.notes.clear()
-        self._feedback = None
+        self._feedback = self.late = None
         self.ticks = 0
         self.began = time.monotonic()
 
     def on_tick(self, inputs: TickInputs) -> None:
         """Keep what happened; send what the scenario asks for."""
         self.ticks, self.last = inputs.number + 1, time.monotonic()
+        if self.watched is not None and inputs.number % SIGN_TICKS == 0:
+            for owner in {delivery.topic.owner for delivery in inputs.messages.values()}:
+                self.watched.ticked(owner)
         if self.director is not None:
             self.kept += inputs.messages.values()
             self._feedback = inputs.messages.get(NAVIGATOR_FEEDBACK.key, self._feedback)
@@ -149,13 +159,14 @@ class Supervisor(Service[ServiceConfig]):
         """Heartbeats feed the reconciler; the own one also paces the supervisor's status."""
         if isinstance(message, SimStatus):
             self.status = message
+            self.late = message if message.late else self.late
         if not isinstance(message, Health):
             return
         self.health[message.service] = message
         if message.service == self.name:
             self.publish(SUPERVISOR_STATUS, self._status())
-        elif self.watched is not None:
-            self.watched.heard(message.service, well=message.state in WELL)
+        elif self.watched is not None and message.state != "stopping":  # an end shows by itself
+            self.watched.heard(message.service, message.pid, well=message.state in WELL)
 
     def _send(self, director: Director, order: Order, time_s: float) -> None:
         self.notes.append((time_s, order.text))

@@ -136,8 +136,11 @@ class Live:
     # what the supervisor needs of the system around it
     name = "test"
 
-    def heard(self, service: str, *, well: bool) -> None:
+    def heard(self, service: str, pid: int, *, well: bool) -> None:
         """A heartbeat: nothing is done about it."""
+
+    def ticked(self, owner: str) -> None:
+        """A tick: nothing is done about it."""
 
     def rows(self) -> tuple[ServiceStatus, ...]:
         """No table."""

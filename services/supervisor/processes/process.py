@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
+from surefoot.services.supervisor.processes.signs import starved_s
+
 MAX_LOG_BYTES = 32 * 1024 * 1024  # a larger log is set aside as <name>.log.1 at the next start
 
 
@@ -91,6 +93,10 @@ class Child:
     def poll(self) -> int | None:
         """Return the exit code, negative for a signal, None while it runs."""
         return self._process.poll()
+
+    def starved_s(self) -> float:
+        """Return the seconds its main thread has waited for a processor since its start."""
+        return starved_s(self.pid)
 
     def terminate(self) -> None:
         """Ask the process and its children to end."""

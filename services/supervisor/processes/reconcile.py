@@ -53,6 +53,8 @@ class Observed:
         killed: SIGKILL was sent.
         exit_code: of the exited process.
         failures: ends (or losses of health) in a row, this one included.
+        progress: when it last got on while starting; the start period counts from there. None: from `since`.
+        why: what is lost of an unhealthy process, in words.
     """
 
     phase: Phase = "absent"
@@ -64,6 +66,8 @@ class Observed:
     killed: bool = False
     exit_code: int | None = None
     failures: int = 0
+    progress: float | None = None
+    why: str = ""
 
 
 @dataclass(frozen=True)
@@ -172,12 +176,12 @@ def _watch(item: Wanted, state: Observed, now: float) -> Action | None:
         return None
     if state.unhealthy_since is not None:
         if item.restart == "no":
-            return Action("wait", item.name, "unhealthy")
-        return Action("stop", item.name, "unhealthy: no heartbeat")
-    deadline = state.since + item.start_period_s
+            return Action("wait", item.name, state.why or "unhealthy")
+        return Action("stop", item.name, state.why or "unhealthy")
+    deadline = (state.since if state.progress is None else state.progress) + item.start_period_s
     if now < deadline or item.restart == "no":
         return Action("wait", item.name, "starting", deadline if now < deadline else None)
-    return Action("stop", item.name, f"not healthy within {item.start_period_s:g} s")
+    return Action("stop", item.name, f"no progress for {item.start_period_s:g} s of its start")
 
 
 def _start(item: Wanted, observed: Mapping[str, Observed], reason: str) -> Action:

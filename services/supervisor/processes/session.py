@@ -72,7 +72,7 @@ class Session:
         self._bus: ZenohBus | None = None
         self._node: Node | None = None
         self._thread: threading.Thread | None = None
-        self._alive: dict[str, str] = {}
+        self._alive: dict[str, tuple[str, ...]] = {}  # service: its visible processes, the first to appear first
         self._gone: SimStatus | None = None  # what a driver had said that is gone: of the next one it is not true
         self._stop = ""  # the emergency stop that a driver which is gone had obeyed
         self._stops: Publisher[EmergencyStop] | None = None
@@ -153,14 +153,18 @@ class Session:
     # -- what happens -------------------------------------------------------------------------------------------------
 
     def _on_life(self, life: Life) -> None:
-        self.system.heard(life.service, well=life.alive)
-        if life.service == DRIVER and not life.alive:
+        driver = self.instance_of(DRIVER)
+        visible = tuple(other for other in self._alive.get(life.service, ()) if other != life.instance)
+        if life.alive:
+            visible = (*visible, life.instance)
+        if visible:
+            self._alive[life.service] = visible
+        else:
+            self._alive.pop(life.service, None)
+        self.system.seen(life.service, visible=bool(visible))
+        if life.service == DRIVER and not life.alive and life.instance == driver:
             self._gone = self.supervisor.status
             self._stop = self._gone.stopped if self._gone is not None and self._gone.stopped else self._stop
-        if life.alive:
-            self._alive[life.service] = life.instance
-        elif self._alive.get(life.service) == life.instance:
-            del self._alive[life.service]
 
     def _on_action(self, action: Action) -> None:
         self._tell(f"{action.verb} {action.service}" + (f" ({action.reason})" if action.reason else ""))
@@ -175,17 +179,22 @@ class Session:
     def driver(self) -> str:
         """The service that drives, whatever its name: it is alive as `driver` too; empty while none is visible."""
         alive = dict(self._alive)
-        instance = alive.pop(DRIVER, None)
-        return next((name for name, other in alive.items() if other == instance), "")
+        driving = alive.pop(DRIVER, ())
+        return next((name for name, found in alive.items() if any(one in driving for one in found)), "")
 
     @property
     def alive(self) -> tuple[str, ...]:
         """Services that are visible on the bus."""
         return tuple(sorted(name for name in dict(self._alive) if name != DRIVER))
 
-    def heard(self, service: str, *, well: bool) -> None:
+    def heard(self, service: str, pid: int, *, well: bool) -> None:
         """Note a heartbeat."""
-        self.system.heard(service, well=well)
+        self.system.heard(service, pid, well=well)
+
+    def ticked(self, owner: str) -> None:
+        """Note that what a service publishes came in a tick."""
+        name = self.driver if owner == DRIVER else owner
+        self.system.ticked(name)
 
     def signal_kill(self, service: str) -> None:
         """End a service without warning."""
@@ -210,7 +219,13 @@ class Session:
 
     def instance_of(self, service: str) -> str:
         """Return the identity of a visible service's process, empty when it is not visible."""
-        return self._alive.get(service, "")
+        alive = dict(self._alive)
+        found = alive.get(service, ())
+        driving = alive.get(DRIVER, ())
+        if service == DRIVER:  # a token alone makes no driver: one of our services shows the same instance
+            others = {one for name, known in alive.items() if name != DRIVER for one in known}
+            found = tuple(one for one in driving if one in others)
+        return next((one for one in found if one in driving), next(iter(found), ""))
 
     def step(self) -> None:
         """Look after the processes once.

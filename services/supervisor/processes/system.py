@@ -1,8 +1,9 @@
 """The running system: processes and heartbeats in, reconciler asked, actions carried out. Thin on purpose."""
 
+import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Protocol
 
 from surefoot.schemas.system import ServiceStatus
@@ -18,6 +19,7 @@ from surefoot.services.supervisor.processes.reconcile import (
     wanted_from,
 )
 from surefoot.services.supervisor.processes.rundir import RunFolder
+from surefoot.services.supervisor.processes.signs import Signs
 
 SELF = "supervisor"  # listed in the compose file for container engines; here it is this very process
 STEP_S = 0.02  # s, how often processes are looked at
@@ -38,13 +40,9 @@ class Process(Protocol):
     def kill(self) -> None:
         """End it."""
 
-
-@dataclass(frozen=True)
-class Heartbeat:
-    """Last word of a service: when (clock of the system) and whether it is well."""
-
-    at: float
-    well: bool
+    def starved_s(self) -> float:
+        """Seconds it has waited for a processor since its start."""
+        ...
 
 
 class System:
@@ -75,8 +73,9 @@ class System:
         )
         self._processes: dict[str, Process] = {}
         self._observed: dict[str, Observed] = {}
-        self._heartbeats: dict[str, Heartbeat] = {}
+        self._signs: dict[str, Signs] = {}
         self._notes: dict[str, Action] = {}
+        self._noting = threading.Lock()
         self._restarts = dict.fromkeys(self._services, 0)
         self._looked: float | None = None
 
@@ -85,9 +84,32 @@ class System:
         """Services that are processes of their own, in dependency order."""
         return tuple(self._services)
 
-    def heard(self, service: str, *, well: bool) -> None:
-        """Note a heartbeat (or, with `well` false, the loss of liveliness). Any thread may call it."""
-        self._heartbeats[service] = Heartbeat(self._clock(), well)
+    def heard(self, service: str, pid: int, *, well: bool) -> None:
+        """Note a heartbeat of a process; `well` false: it is still starting. Any thread may call it.
+
+        One of a process that is not ours is ignored, whatever service it names.
+        """
+        process = self._processes.get(service)
+        if process is not None and process.pid == pid:
+            self._note(service, well=well)
+
+    def ticked(self, service: str) -> None:
+        """Note that a service's outputs came in a tick. Any thread may call it."""
+        self._note(service, well=True)
+
+    def seen(self, service: str, *, visible: bool) -> None:
+        """Note that a service's liveliness token appeared or vanished. Any thread may call it."""
+        with self._noting:
+            signs = self._signs.get(service)
+            if signs is not None:
+                self._signs[service] = signs.seen(self._clock(), visible=visible)
+
+    def _note(self, service: str, *, well: bool) -> None:
+        process = self._processes.get(service)
+        with self._noting:
+            signs = self._signs.get(service)
+            if signs is not None and process is not None:
+                self._signs[service] = signs.heard(self._clock(), process.starved_s(), well=well)
 
     def step(self, *, shutdown: bool = False) -> tuple[Action, ...]:
         """Look at every process once and do what the reconciler says."""
@@ -149,9 +171,10 @@ class System:
         if note is not None and state.phase == "exited":
             word = "failed" if note.verb == "give_up" else "backoff"
         pid = self._processes[name].pid if state.phase == "running" else None
-        return ServiceStatus(
-            service=name, state=word, pid=pid, restarts=self._restarts[name], detail=note.reason if note else ""
-        )
+        signs = self._signs.get(name)
+        hidden = signs.token(self._clock()) if signs is not None and state.healthy else ""
+        detail = note.reason if note else hidden
+        return ServiceStatus(service=name, state=word, pid=pid, restarts=self._restarts[name], detail=detail)
 
     def _observe(self, name: str, now: float) -> Observed:
         """Bring what was known of a service up to date."""
@@ -163,28 +186,22 @@ class System:
             failures = failures_after(state, now)
             told = state.stopping_since
             return Observed(phase="exited", since=now, exit_code=code, failures=failures, stopping_since=told)
-        well = self._is_well(name, state, now)
+        signs, starved = self._signs[name], self._processes[name].starved_s()
+        check = self._services[name].healthcheck
+        silence = signs.silence(now, starved)
+        well = check is None or (signs.well and silence <= check.interval_s * check.retries)
+        if not well and not state.healthy:
+            return replace(state, progress=now - silence, why=signs.words(now))
         if well == state.healthy:
             return state
         if well:
-            return replace(state, healthy=True, healthy_since=now, unhealthy_since=None)
-        return replace(state, healthy=False, unhealthy_since=now)
+            return replace(state, healthy=True, healthy_since=now, unhealthy_since=None, why="")
+        return replace(state, healthy=False, unhealthy_since=now, why=signs.words(now))
 
     def _forgive_silence(self, now: float) -> None:
-        """Nobody could be heard while this process slept: let the last words count from now on."""
-        for name, heartbeat in list(self._heartbeats.items()):
-            state = self._observed.get(name, ABSENT)
-            if heartbeat.well and heartbeat.at >= state.since:
-                self._heartbeats[name] = replace(heartbeat, at=now)
-
-    def _is_well(self, name: str, state: Observed, now: float) -> bool:
-        check = self._services[name].healthcheck
-        if check is None:
-            return True
-        heartbeat = self._heartbeats.get(name)
-        if heartbeat is None or heartbeat.at < state.since:
-            return False
-        return heartbeat.well and now - heartbeat.at <= check.interval_s * check.retries
+        """Nothing could be heard while this process slept: let the last signs count from now on."""
+        with self._noting:
+            self._signs = {name: replace(signs, progress=now) for name, signs in self._signs.items()}
 
     def _act(self, action: Action, now: float) -> bool:
         """Carry out one action; True when the set of processes changed."""
@@ -196,13 +213,13 @@ class System:
         match action.verb:
             case "start":
                 self._restarts[name] += state.phase == "exited"
-                self._heartbeats.pop(name, None)
                 try:
                     self._processes[name] = self._spawn(self._services[name])
                 except OSError:
                     ended = Observed(phase="exited", since=now, exit_code=127, failures=state.failures + 1)
                     self._observed[name] = ended
                     return False
+                self._signs[name] = Signs(now, now)
                 self._observed[name] = Observed(phase="running", since=now, failures=state.failures)
             case "stop":
                 self._processes[name].terminate()

@@ -67,10 +67,23 @@ def test_a_system_without_a_driver_is_told(listen, monkeypatch):
     assert caught.value.code == "not_ready"
 
 
+def test_tokens_of_strangers_do_not_take_the_driver_away(listen):
+    with Session(parse_compose(IDLE), listen=listen) as session:
+        for name, instance in (("a", "1"), ("driver", "1"), ("driver", "x"), ("b", "2"), ("b", "y")):
+            session._on_life(Life(name, instance, alive=True))
+        assert (session.driver, session.instance_of("a"), session.instance_of("driver")) == ("a", "1", "1")
+        session.supervisor.status = SimStatus(state="running", rtf=0.0, ticks=7, comparable=True, stopped="test")
+        for name, instance in (("driver", "x"), ("b", "y")):
+            session._on_life(Life(name, instance, alive=False))
+        assert (session.driver, session.alive) == ("a", ("a", "b", "supervisor"))
+        assert session._stop == ""  # the driver that obeyed the stop is still there
+
+
 def test_status_tells_why_a_run_has_ended(listen, monkeypatch):
     with Session(parse_compose(IDLE), listen=listen) as session:
         session.supervisor.status = SimStatus(state="ended", rtf=0.0, ticks=7, comparable=True, failed="it diverged")
-        monkeypatch.setattr(Session, "driver", "a")
+        for name in ("a", "driver"):
+            session._on_life(Life(name, "1", alive=True))
         assert {row.service: row.detail for row in session.rows()} == {"a": "it diverged", "b": ""}
         session._on_life(Life("driver", "1", alive=False))  # the next one says for itself how it is
         assert {row.detail for row in session.rows()} == {""}

@@ -24,6 +24,10 @@ class Fake:
         self.pid = next(self.pids)
         self.code = None
         self.deaf = False
+        self.starved = 0.0
+
+    def starved_s(self):
+        return self.starved
 
     def poll(self):
         return self.code
@@ -57,7 +61,8 @@ class World:
     def step(self, seconds=0.1, *, well=(), shutdown=False):
         self.now += seconds
         for name in well:
-            self.system.heard(name, well=True)
+            if name in self.processes:
+                self.system.heard(name, self.processes[name].pid, well=True)
         return self.system.step(shutdown=shutdown)
 
     def state(self):
@@ -116,12 +121,76 @@ def test_a_frozen_process_is_killed_and_replaced(world):
     assert ("kill", "first") in world.log
 
 
-def test_a_lost_liveliness_counts_at_once(world):
+def test_a_lost_liveliness_is_reported_and_ends_nothing(world):
+    """A pause of 1 s ends Zenoh's lease; the process works all the same."""
     for _ in range(3):
         world.step(well=["first", "second"])
-    world.system.heard("first", well=False)
-    world.step(0.01)
-    assert world.state()["first"][0] == "unhealthy"
+    world.system.seen("first", visible=False)
+    for _ in range(50):
+        world.step(0.1, well=["first", "second"])
+    assert world.state()["first"] == ("healthy", 0)
+    row = next(row for row in world.system.rows() if row.service == "first")
+    assert row.detail.startswith("not visible on the bus for 5.0")
+    world.system.seen("first", visible=True)
+    world.step(well=["first", "second"])
+    assert not next(row for row in world.system.rows() if row.service == "first").detail
+    assert not [entry for entry in world.log if entry[0] == "stop"]
+
+
+def test_a_lost_heartbeat_is_named_apart_from_a_lost_liveliness(world):
+    for _ in range(3):
+        world.step(well=["first", "second"])
+    world.processes["first"].deaf = True
+    actions = [action for _ in range(40) for action in world.step(0.1, well=["second"]) if action.verb == "stop"]
+    assert [action.reason for action in actions] == ["no heartbeat for 3.1 s"]
+    world.system.seen("second", visible=False)
+    actions = [action for _ in range(40) for action in world.step(0.1) if action.verb == "stop"]
+    assert [action.reason for action in actions] == ["no heartbeat for 3.1 s, not visible on the bus for 3.1 s"]
+
+
+def test_who_ticks_is_not_ended_for_lost_heartbeats(world):
+    for _ in range(3):
+        world.step(well=["first", "second"])
+    for _ in range(100):
+        world.system.ticked("first")
+        world.step(0.1, well=["second"])
+    assert world.state()["first"] == ("healthy", 0)
+    assert not [entry for entry in world.log if entry[0] == "stop"]
+
+
+def test_time_spent_waiting_for_a_processor_is_no_silence(world):
+    for _ in range(3):
+        world.step(well=["first", "second"])
+    for _ in range(200):
+        world.processes["first"].starved += 0.1
+        world.step(0.1, well=["second"])
+    assert world.state()["first"] == ("healthy", 0)
+    for _ in range(40):
+        world.step(0.1, well=["second"])
+    assert ("stop", "first") in world.log
+
+
+@pytest.mark.parametrize("sign", ["starved", "compiling"])
+def test_a_start_that_gets_on_is_not_ended(world, sign):
+    """Its limit of 5 s counts progress and processor time."""
+    world.step()
+    for _ in range(300):
+        if sign == "starved":
+            world.processes["first"].starved += 0.1
+        else:
+            world.system.heard("first", world.processes["first"].pid, well=False)
+        world.step(0.1)
+    assert world.state()["first"] == ("starting", 0)
+    for _ in range(52):
+        world.step(0.1)
+    assert ("stop", "first") in world.log
+
+
+def test_a_heartbeat_of_another_process_says_nothing(world):
+    world.step()
+    world.system.heard("first", 4, well=True)
+    world.step()
+    assert world.state()["first"][0] == "starting"
 
 
 def test_gives_up_on_what_never_starts(tmp_path):
@@ -150,8 +219,7 @@ def test_who_was_ended_as_unwell_is_started_again_though_it_ended_cleanly(world)
     for _ in range(3):
         world.step(well=["first", "second"])
     old = world.processes["first"]
-    world.system.heard("first", well=False)
-    for _ in range(4):
+    for _ in range(40):
         world.step(well=["second"])
     assert old.code == 0
     assert world.processes["first"] is not old
