@@ -33,7 +33,7 @@ class JoinReply(Reply):
 class Health(Message):
     """Life of a service, once a second of wall time; ``health/<service>`` is also a queryable."""
 
-    schema_version: ClassVar[str] = "2.0"
+    schema_version: ClassVar[str] = "2.1"
     service: str = Field(description="name of the service")
     instance: str = Field(description="identity of the process")
     state: Literal["starting", "compiling", "joining", "ready", "running", "stopping"] = Field(
@@ -46,6 +46,9 @@ class Health(Message):
     cpu_s: float = Field(default=0, ge=0, description="CPU time of the process, s")
     rss_mb: float = Field(default=0, ge=0, description="memory, MB")
     refused: dict[str, int] = Field(default_factory=dict, description="refusals by reason since start")
+    dropped: dict[str, int] = Field(
+        default_factory=dict, description="messages and queries for which there was no room by key, at least so many"
+    )
     version: str = Field(default="", description="version of the distribution")
     config_hash: str = Field(default="", description="sha256 of the effective configuration")
     waiting_for: tuple[str, ...] = Field(default=(), description="links not yet proved, or inputs of the tick awaited")
@@ -58,7 +61,7 @@ class HealthRequest(Request):
 class HealthReply(Reply):
     """The health of a service, now."""
 
-    schema_version: ClassVar[str] = "2.0"
+    schema_version: ClassVar[str] = "2.1"
     health: Health = Field(description="as published on health/<service>")
 
 

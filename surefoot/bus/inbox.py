@@ -1,7 +1,12 @@
-"""What has arrived for a node, from whatever thread, and when it is worth waking the node for it."""
+"""What has arrived for a node, from whatever thread, and when it is worth waking the node for it.
+
+Three queues, each bounded by count and bytes: what a tick needs (frames, commands, life), queries, and what is only
+observed. A full queue refuses what comes; what was refused is counted by key.
+"""
 
 import threading
-from collections import deque
+from collections import Counter, deque
+from contextlib import suppress
 from queue import Empty
 from typing import Any
 
@@ -10,9 +15,47 @@ from surefoot.bus.frame import Frame
 _AWAKE = {""}
 """Awaits an owner that does not exist: a reader that is awake looks by itself before it sleeps."""
 
+TICK_ITEMS, TICK_BYTES = 8192, 96 << 20
+QUERY_ITEMS, QUERY_BYTES = 256, 96 << 20  # a request may bring a map of 64 MiB
+OBSERVED_ITEMS, OBSERVED_BYTES = 256, 4 << 20
+SHARE = 16
+"""So many queries, and so many observed messages, are handled for each tick."""
+
+
+class Lane:
+    """One bounded queue of an inbox. One thread takes, any thread puts."""
+
+    def __init__(self, items: int, size: int) -> None:
+        self._items: deque[tuple[Any, int]] = deque()
+        self._most, self._most_bytes = items, size
+        self._bytes = 0
+        self._lock = threading.Lock()
+        self.dropped: Counter[str] = Counter()
+        """Messages refused by key, at least: the bus may have dropped others before."""
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def put(self, item: Any, size: int, key: str) -> bool:
+        """Return whether there was room for an item of ``size`` bytes; the first always finds room."""
+        with self._lock:
+            if self._items and (len(self._items) >= self._most or self._bytes + size > self._most_bytes):
+                self.dropped[key] += 1
+                return False
+            self._items.append((item, size))
+            self._bytes += size
+        return True
+
+    def get(self) -> Any:
+        """Return the oldest item (raises IndexError)."""
+        item, size = self._items.popleft()
+        with self._lock:
+            self._bytes -= size
+        return item
+
 
 class Inbox:
-    """A queue with one reader.
+    """Three queues with one reader.
 
     A tick needs the frames of several services. A reader that is woken for each of them does nothing but go to sleep
     again: so it is woken by the last of the frames that it awaits, and by everything that is not a frame.
@@ -20,25 +63,39 @@ class Inbox:
 
     def __init__(self) -> None:
         self._awaited: set[str] = set()
-        self._items: deque[Any] = deque()
+        self.tick = Lane(TICK_ITEMS, TICK_BYTES)
+        self.queries = Lane(QUERY_ITEMS, QUERY_BYTES)
+        self.observed = Lane(OBSERVED_ITEMS, OBSERVED_BYTES)
         self._bell = threading.Lock()
         self._bell.acquire()
 
-    def put(self, item: Any) -> None:
-        """Adds an item; from any thread."""
-        self._items.append(item)
+    def put(self, item: Any) -> bool:
+        """Add what a tick needs; from any thread. Return whether there was room."""
         if isinstance(item, Frame):
+            if not self.tick.put(item, item.size, f"frame/{item.owner}"):
+                return False
             awaited = self._awaited
             awaited.discard(item.owner)
             if awaited:
-                return
-        try:
+                return True
+            return self._ring()
+        return self.tick.put(item, getattr(item, "size", 0), _key_of(item)) and self._ring()
+
+    def put_query(self, item: Any) -> bool:
+        """Add a query; from any thread. Return whether there was room."""
+        return self.queries.put(item, getattr(item, "size", 0), item.query.key) and self._ring()
+
+    def put_observed(self, item: Any) -> bool:
+        """Add a message that is only observed; from any thread. Return whether there was room."""
+        return self.observed.put(item, item.size, item.key) and self._ring()
+
+    def _ring(self) -> bool:
+        with suppress(RuntimeError):  # it rings already
             self._bell.release()
-        except RuntimeError:
-            return  # it rings already
+        return True
 
     def get(self, timeout: float, awaited: set[str]) -> Any:
-        """The oldest item; sleeps while there is none.
+        """Return the oldest item of the first queue that has one; sleeps while there is none.
 
         Args:
             timeout: s.
@@ -48,18 +105,28 @@ class Inbox:
             Empty: nothing came in time, or the bell rang for what is gone already.
         """
         self._awaited = awaited
-        if not self._items and timeout > 0.0:  # looked at after ``awaited`` is set: what came before does not ring
+        if self.empty() and timeout > 0.0:  # looked at after ``awaited`` is set: what came before does not ring
             self._bell.acquire(timeout=timeout)
         self._awaited = _AWAKE
         return self.get_nowait()
 
     def get_nowait(self) -> Any:
-        """The oldest item (raises Empty)."""
-        try:
-            return self._items.popleft()
-        except IndexError:
-            raise Empty from None
+        """Return the oldest item of the first queue that has one (raises Empty)."""
+        for lane in (self.tick, self.queries, self.observed):
+            try:
+                return lane.get()
+            except IndexError:
+                continue
+        raise Empty
 
     def empty(self) -> bool:
-        """Whether nothing is there."""
-        return not self._items
+        """Return whether nothing is there."""
+        return not (self.tick or self.queries or self.observed)
+
+    def dropped(self) -> dict[str, int]:
+        """Return how many messages and queries were refused, by key."""
+        return dict(self.tick.dropped + self.queries.dropped + self.observed.dropped)
+
+
+def _key_of(item: Any) -> str:
+    return getattr(item, "key", type(item).__name__.lower())

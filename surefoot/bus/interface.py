@@ -63,6 +63,11 @@ class Delivery:
         return self.topic.key
 
     @property
+    def size(self) -> int:
+        """Bytes on the wire, 0 of a message that came as an object."""
+        return 0 if self._raw is None else len(self._raw.payload) + len(self._raw.attachment or b"")
+
+    @property
     def prime(self) -> bool:
         """An empty payload: the publisher proves the link before tick 0."""
         return self._message is None and (self._raw is None or not self._raw.payload)
@@ -162,12 +167,16 @@ class Bus(Protocol):
         """Declares the one writer of a key; ``instance`` names the process in its frames."""
         ...
 
-    def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], None]) -> None:
-        """Delivers every message of a key, or of all keys of a ``/*`` family, whoever publishes it."""
+    def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], Any], *, bounded: bool = False) -> None:
+        """Delivers the messages of a key, or of all keys of a ``/*`` family, to an observer, whoever publishes them.
+
+        ``bounded``: few are kept and more than some thousands per s are dropped; for services, which have more to do.
+        """
         ...
 
-    def take(self, topics: Iterable[Topic[Any]], sink: Callable[[Any], None], *, batched: bool = False) -> None:
-        """Delivers topics to a participant: framed ones as a Frame of their owner's, others as Deliveries.
+    def take(self, topics: Iterable[Topic[Any]], sink: Callable[[Any], Any], *, batched: bool = False) -> None:
+        """Delivers topics to a participant, without loss: framed ones as a Frame of their owner's, others as
+        Deliveries. What an observer that does not read could hold up does not come this way.
 
         Args:
             topics: rows with one owner each.
@@ -184,8 +193,8 @@ class Bus(Protocol):
         """Publishes what was held back as one frame; ``batch``: also what waits for those who take it batched."""
         ...
 
-    def serve(self, query: Query[Any, Any], sink: Callable[[Incoming], None]) -> None:
-        """Delivers the queries of a key."""
+    def serve(self, query: Query[Any, Any], sink: Callable[[Incoming], Any]) -> None:
+        """Delivers the queries of a key; a sink that returns False has no room, and some queries are dropped."""
         ...
 
     def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None) -> Rep:
@@ -204,7 +213,7 @@ class Bus(Protocol):
         """Makes the process visible to ``watch``; call it after everything is declared."""
         ...
 
-    def watch(self, sink: Callable[[Life], None]) -> None:
+    def watch(self, sink: Callable[[Life], Any]) -> None:
         """Delivers the appearance and disappearance of services, those already there first."""
         ...
 

@@ -19,7 +19,7 @@ class MemoryPublisher(Generic[M]):
     watched = False
 
     def __init__(
-        self, topic: Topic[M], sinks: Callable[[str], list[Callable[[Delivery], None]]], sender: str = ""
+        self, topic: Topic[M], sinks: Callable[[str], list[Callable[[Delivery], Any]]], sender: str = ""
     ) -> None:
         self.topic = topic
         self._sinks = sinks
@@ -70,32 +70,32 @@ class MemoryBus:
     """
 
     def __init__(self) -> None:
-        self._sinks: dict[str, list[Callable[[Delivery], None]]] = {}
-        self._families: list[tuple[str, Callable[[Delivery], None]]] = []
-        self._servers: dict[str, Callable[[Incoming], None]] = {}
+        self._sinks: dict[str, list[Callable[[Delivery], Any]]] = {}
+        self._families: list[tuple[str, Callable[[Delivery], Any]]] = []
+        self._servers: dict[str, Callable[[Incoming], Any]] = {}
         self._pumps: dict[str, Callable[[], bool]] = {}
-        self._routes: dict[str, list[Callable[[Delivery], None]]] = {}
-        self._watchers: list[Callable[[Life], None]] = []
+        self._routes: dict[str, list[Callable[[Delivery], Any]]] = {}
+        self._watchers: list[Callable[[Life], Any]] = []
         self._alive: list[Life] = []
 
     def publisher(self, topic: Topic[M], instance: str = "") -> MemoryPublisher[M]:
         return MemoryPublisher(topic, self._route, instance)
 
-    def _route(self, key: str) -> list[Callable[[Delivery], None]]:
+    def _route(self, key: str) -> list[Callable[[Delivery], Any]]:
         route = self._routes.get(key)
         if route is None:
             route = self._sinks.get(key, []) + [sink for prefix, sink in self._families if key.startswith(prefix)]
             self._routes[key] = route
         return route
 
-    def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], None]) -> None:
+    def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], Any], *, bounded: bool = False) -> None:
         self._routes.clear()
         if topic.key.endswith("/*"):
             self._families.append((topic.key[:-1], sink))
         else:
             self._sinks.setdefault(topic.key, []).append(sink)
 
-    def take(self, topics: Iterable[Topic[Any]], sink: Callable[[Delivery], None], *, batched: bool = False) -> None:
+    def take(self, topics: Iterable[Topic[Any]], sink: Callable[[Delivery], Any], *, batched: bool = False) -> None:
         for topic in topics:
             self.subscribe(topic, sink)
 
@@ -105,7 +105,7 @@ class MemoryBus:
     def flush(self, *, batch: bool = True) -> None:
         return
 
-    def serve(self, query: Query[Any, Any], sink: Callable[[Incoming], None]) -> None:
+    def serve(self, query: Query[Any, Any], sink: Callable[[Incoming], Any]) -> None:
         self._servers[query.key] = sink
 
     def pump_with(self, query: Query[Any, Any], pump: Callable[[], bool]) -> None:
@@ -145,7 +145,7 @@ class MemoryBus:
             for watcher in self._watchers:
                 watcher(Life(life.service, life.instance, False))
 
-    def watch(self, sink: Callable[[Life], None]) -> None:
+    def watch(self, sink: Callable[[Life], Any]) -> None:
         self._watchers.append(sink)
         for life in self._alive:
             sink(life)

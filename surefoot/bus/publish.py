@@ -20,16 +20,25 @@ _QOS = {  # congestion control, priority, express (no batching: a tick waits for
     Kind.SAMPLE: (_DROP, zenoh.Priority.DATA_HIGH, False),
     Kind.STATE: (_DROP, zenoh.Priority.DATA_HIGH, False),
     Kind.COMMAND: (_DROP, zenoh.Priority.DATA_HIGH, False),
-    Kind.LATCHED: (_BLOCK, zenoh.Priority.DATA, False),
-    Kind.LOCKSTEP: (_BLOCK, zenoh.Priority.REAL_TIME, True),
+    Kind.LATCHED: (_DROP, zenoh.Priority.DATA, False),
+    Kind.LOCKSTEP: (_DROP, zenoh.Priority.REAL_TIME, True),
     Kind.STATUS: (_DROP, zenoh.Priority.DATA_LOW, False),
-    Kind.ALARM: (_BLOCK, zenoh.Priority.REAL_TIME, True),
+    Kind.ALARM: (_DROP, zenoh.Priority.REAL_TIME, True),
 }
-"""Participants get samples, states and commands in frames, which block rather than drop; on the topics themselves are
-only onlookers, and one that does not read must not stop a robot."""
+"""On the topics themselves are only observers, and one that does not read must not stop a robot: all may be dropped."""
+_FRAMES = (_BLOCK, zenoh.Priority.REAL_TIME, True)
+_LOSSLESS = {Kind.LOCKSTEP: _FRAMES, Kind.LATCHED: (_BLOCK, zenoh.Priority.DATA, False)}
 
-FRAME, BATCH = "frame/{}", "batch/{}"
-"""Keys of what a service says (``driver``: the simulator or a hardware driver) in each tick and in some ticks."""
+FRAME, BATCH = "@frame/{}", "@batch/{}"
+"""Keys of what a service publishes (``driver``: the simulator or a hardware driver) in each tick and in some ticks.
+
+Frames block rather than drop. A chunk that begins with ``@`` is matched by itself only: whoever subscribes to ``**``
+does not get them, and so cannot block a robot by not reading."""
+
+
+def participants_key(topic: Topic[Any]) -> str:
+    """Return the key of an unframed topic on which participants get it without loss."""
+    return f"@{topic.key}"
 
 
 class ZenohPublisher(Generic[M]):
@@ -39,18 +48,24 @@ class ZenohPublisher(Generic[M]):
 
     def __init__(self, session: zenoh.Session, topic: Topic[M]) -> None:
         self.topic = topic
-        self._publisher = _declare(session, topic.key, encoding_of(topic.model), *_QOS[topic.kind])
+        encoding = encoding_of(topic.model)
+        self._publisher = _declare(session, topic.key, encoding, *_QOS[topic.kind])
+        self._all = [self._publisher]
+        if topic.kind in _LOSSLESS:
+            self._all.append(_declare(session, participants_key(topic), encoding, *_LOSSLESS[topic.kind]))
 
     def put(self, message: M) -> tuple[bytes, bytes | None]:
         token = encode(message)
-        self._publisher.put(token[0], attachment=token[1])
+        self.resend(token)
         return token
 
     def resend(self, token: tuple[bytes, bytes | None]) -> None:
-        self._publisher.put(token[0], attachment=token[1])
+        for publisher in self._all:
+            publisher.put(token[0], attachment=token[1])
 
     def prime(self) -> None:
-        self._publisher.put(b"")
+        for publisher in self._all:
+            publisher.put(b"")
 
 
 class Framer:
@@ -61,8 +76,8 @@ class Framer:
         self._instance = instance
         self.frame: list[Part] = []
         self.batch: list[Part] = []
-        self._frames = _declare(session, FRAME.format(owner), _JSON, *_QOS[Kind.LOCKSTEP])
-        self._batches = _declare(session, BATCH.format(owner), _JSON, *_QOS[Kind.LOCKSTEP])
+        self._frames = _declare(session, FRAME.format(owner), _JSON, *_FRAMES)
+        self._batches = _declare(session, BATCH.format(owner), _JSON, *_FRAMES)
 
     def flush(self, batch: bool) -> None:
         """Publishes what waits."""

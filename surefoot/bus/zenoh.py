@@ -7,17 +7,19 @@ import json
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
 import zenoh
-from zenoh.handlers import Callback
+from zenoh.handlers import Callback, RingChannel
 
 from surefoot.bus.codec import decode, encode, encoding_of, validate_json
 from surefoot.bus.endpoint import DEFAULT_ENDPOINT, checked_namespace, without_source
 from surefoot.bus.frame import Frame
 from surefoot.bus.interface import Delivery, Incoming, Life, Raw
-from surefoot.bus.publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher
+from surefoot.bus.pour import MOST_HZ, pour
+from surefoot.bus.publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher, participants_key
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
 from surefoot.schemas.base import ErrorReply, Message, Request, Wire
 from surefoot.schemas.topics import Query, Topic
@@ -30,6 +32,10 @@ DEFAULT_FLEET = "surefoot"
 LEASE_MS = 1000
 """A frozen process is noticed after this time; a crash at once (Zenoh's default is 10 s)."""
 CONNECT_TIMEOUT_MS = 8000
+KEEP = 10_000
+"""Newest messages of a key that are kept for an observer that does not read."""
+BOUNDED_KEEP = 64
+"""The same for a service, and queries of a key that are kept until it looks."""
 PROBE = b"probe"
 LIVE = "alive"
 _TIMEOUT = b"Timeout"  # what Zenoh itself puts into the error reply of a query that nobody ended in time
@@ -85,6 +91,7 @@ class ZenohIncoming:
         attachment = asked.attachment
         self._attachment = None if attachment is None else attachment.to_bytes()
         self.probe = self._attachment == PROBE
+        self.size = (0 if asked.payload is None else len(asked.payload)) + len(self._attachment or b"")
 
     def request(self) -> Request:
         payload, encoding = self._asked.payload, self._asked.encoding
@@ -146,38 +153,29 @@ class ZenohBus:
         for framer in self._framers.values():
             framer.flush(batch)
 
-    def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], None]) -> None:
-        ours = encoding_of(topic.model)
+    def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], Any], *, bounded: bool = False) -> None:
+        keep, most_hz = (BOUNDED_KEEP, MOST_HZ) if bounded else (KEEP, 0.0)
+        subscriber = self.session.declare_subscriber(topic.key, RingChannel(keep))
+        self._keep.append(subscriber)
+        pour(subscriber.handler, partial(_delivery, topic), sink, most_hz=most_hz)
 
-        def on_sample(sample: zenoh.Sample) -> None:
-            attachment = sample.attachment
-            encoding = sample.encoding
-            raw = Raw(
-                sample.payload.to_bytes(),
-                None if attachment is None else attachment.to_bytes(),
-                "" if encoding == ours else str(encoding),
-            )
-            sink(Delivery(topic, None, raw))
-
-        self._keep.append(self.session.declare_subscriber(topic.key, on_sample))
-
-    def take(self, topics: Iterable[Topic[Any]], sink: Callable[[Any], None], *, batched: bool = False) -> None:
+    def take(self, topics: Iterable[Topic[Any]], sink: Callable[[Any], Any], *, batched: bool = False) -> None:
         family = BATCH if batched else FRAME
         owners: dict[str, dict[str, Topic[Any]]] = {}
         for topic in topics:
             if topic.framed:
                 owners.setdefault(topic.owner, {})[topic.key] = topic
             else:
-                self.subscribe(topic, sink)
+                handler = Callback(_delivery_sink(topic, sink), indirect=True)
+                self._keep.append(self.session.declare_subscriber(participants_key(topic), handler))
         for owner, wanted in owners.items():
             handler = Callback(_frame_sink(owner, wanted, sink), indirect=False)
             self._keep.append(self.session.declare_subscriber(family.format(owner), handler))
 
-    def serve(self, query: Query[Any, Any], sink: Callable[[Incoming], None]) -> None:
-        def on_query(asked: zenoh.Query) -> None:
-            sink(ZenohIncoming(query, asked))
-
-        self._keep.append(self.session.declare_queryable(query.key, on_query, complete=True))
+    def serve(self, query: Query[Any, Any], sink: Callable[[Incoming], Any]) -> None:
+        queryable = self.session.declare_queryable(query.key, RingChannel(BOUNDED_KEEP), complete=True)
+        self._keep.append(queryable)
+        pour(queryable.handler, partial(ZenohIncoming, query), sink, most_hz=MOST_HZ)
 
     def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None) -> Rep:
         timeout = query.timeout_s if timeout_s is None else timeout_s
@@ -244,7 +242,7 @@ class ZenohBus:
     def announce(self, service: str, instance: str) -> None:
         self._keep.append(self.session.liveliness().declare_token(f"{LIVE}/{service}/{instance}"))
 
-    def watch(self, sink: Callable[[Life], None]) -> None:
+    def watch(self, sink: Callable[[Life], Any]) -> None:
         def on_life(sample: zenoh.Sample) -> None:
             _, service, instance = str(sample.key_expr).rsplit("/", 2)
             sink(Life(service, instance, sample.kind == zenoh.SampleKind.PUT))
@@ -271,8 +269,25 @@ def _keep_thread_state() -> None:
         ctypes.pythonapi.PyGILState_Ensure()
 
 
+def _delivery(topic: Topic[Any], sample: zenoh.Sample) -> Delivery:
+    attachment, encoding = sample.attachment, sample.encoding
+    raw = Raw(
+        sample.payload.to_bytes(),
+        None if attachment is None else attachment.to_bytes(),
+        "" if encoding == encoding_of(topic.model) else str(encoding),
+    )
+    return Delivery(topic, None, raw)
+
+
+def _delivery_sink(topic: Topic[Any], sink: Callable[[Any], Any]) -> Callable[[zenoh.Sample], None]:
+    def on_sample(sample: zenoh.Sample) -> None:
+        sink(_delivery(topic, sample))
+
+    return on_sample
+
+
 def _frame_sink(
-    owner: str, wanted: dict[str, Topic[Any]], sink: Callable[[Any], None]
+    owner: str, wanted: dict[str, Topic[Any]], sink: Callable[[Any], Any]
 ) -> Callable[[zenoh.Sample], None]:
     def on_sample(sample: zenoh.Sample) -> None:
         _keep_thread_state()

@@ -28,7 +28,7 @@ class Answers:
         refuse: counts a refusal by its reason, with a detail for the log.
     """
 
-    def __init__(self, put: Callable[[Late], None], refuse: Callable[[str, str], None]) -> None:
+    def __init__(self, put: Callable[[Late], Any], refuse: Callable[[str, str], None]) -> None:
         self._put, self._refuse = put, refuse
         self.late = 0
         """Queries whose answer is being worked out on another thread."""

@@ -101,8 +101,7 @@ class DriverNode(Node):
         self.service.handle(SIM_JOIN, self._on_join)
         super().start()
         self._publishers[HW_TICK.key] = self.bus.publisher(HW_TICK, self.instance)
-        self.bus.subscribe(TICK_DONE, self.inbox.put)
-        self.bus.take((CMD_JOINTS,), self.inbox.put)
+        self.bus.take((TICK_DONE, CMD_JOINTS), self.inbox.put)
         self.bus.announce(DRIVER, self.instance)
         self.driver.on_begin()
 

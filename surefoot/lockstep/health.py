@@ -5,6 +5,7 @@ import resource
 from collections import Counter, deque
 from typing import Any, Literal, Protocol
 
+from surefoot.bus.inbox import Inbox
 from surefoot.kernels.compiling import COMPILING
 from surefoot.lockstep.config import config_hash
 from surefoot.lockstep.join import Join
@@ -24,6 +25,7 @@ class Patient(Protocol):
     join: Join
     tick_us: deque[float]
     refused: Counter[str]
+    inbox: Inbox
 
 
 def kernels(state: str) -> Literal["warm", "compiling", "none"]:
@@ -45,8 +47,8 @@ def health_of(node: Patient, waiting_for: tuple[str, ...]) -> Health:
         tick_p50_us=times[len(times) // 2] if times else 0.0,
         tick_p99_us=times[min(len(times) - 1, len(times) * 99 // 100)] if times else 0.0,
         cpu_s=usage.ru_utime + usage.ru_stime, rss_mb=usage.ru_maxrss / 1024.0,
-        refused=dict(node.refused), version=VERSION, config_hash=config_hash(node.service.config),
-        waiting_for=waiting_for,
+        refused=dict(node.refused), dropped=node.inbox.dropped(), version=VERSION,
+        config_hash=config_hash(node.service.config), waiting_for=waiting_for,
     )  # fmt: skip
 
 

@@ -1,7 +1,6 @@
 """The runtime around a service: inbox, join, queries, health. One thread does everything a service sees.
 
 Whatever arrives, from whatever thread, is put into one inbox. ``pump`` handles what is there; ``run`` waits for more.
-On the in-memory bus nobody waits: the system pumps its nodes in turn.
 """
 
 import math
@@ -14,7 +13,7 @@ from queue import Empty
 from typing import Any, TypeVar
 
 from surefoot.bus.frame import Frame
-from surefoot.bus.inbox import Inbox
+from surefoot.bus.inbox import SHARE, Inbox
 from surefoot.bus.interface import Bus, Delivery, Incoming, Life, Publisher
 from surefoot.errors import CallError, Refusal
 from surefoot.kernels.compiling import COMPILING
@@ -96,9 +95,9 @@ class Node:
                 raise ValueError(f"{self.name} declares {query.key!r} but registered no handler in on_start")
         self.bus.take(self._subscriptions(), put, batched=service.batched)
         for topic in service.observes:
-            self.bus.subscribe(topic, put)
+            self.bus.subscribe(topic, self.inbox.put_observed, bounded=True)
         for query in service.serves:
-            self.bus.serve(query, put)
+            self.bus.serve(query, self.inbox.put_query)
         self.bus.watch(put)
         self.links.need((*(t for t in self._subscriptions() if t.key != HW_TICK.key), *service.calls))
         self.state = "joining"
@@ -109,7 +108,7 @@ class Node:
         if self.state in ("starting", "compiling") and not incoming.probe:
             incoming.reply(HealthReply(health=self.health()))
         else:
-            self.inbox.put(incoming)
+            self.inbox.put_query(incoming)
 
     def _on_compile(self, name: str) -> None:
         """A kernel is not in the cache while the service prepares."""
@@ -160,11 +159,13 @@ class Node:
     def _turn(self, deadline: float) -> bool:
         """Handles what has arrived, then does at most one tick; returns whether there was anything."""
         progressed = False
-        while not self.inbox.empty():
-            self.handle(self.inbox.get_nowait())
-            progressed = True
-            if time.monotonic() >= deadline:
-                break
+        inbox = self.inbox
+        for lane, share in ((inbox.tick, math.inf), (inbox.queries, SHARE), (inbox.observed, SHARE)):
+            done = 0
+            while lane and done < share and time.monotonic() < deadline:
+                self.handle(lane.get())
+                done += 1
+            progressed = progressed or done > 0
         return self.work() or progressed
 
     def pump_once(self) -> bool:

@@ -38,7 +38,7 @@ class Member:
             return
         if manifest["tick"] == -1:
             self.answers.clear()
-            self.put(f"frame/{NAME}", b"[]", f"{INSTANCE};{OUTPUT},0,-1,0,0,0")
+            self.put(f"@frame/{NAME}", b"[]", f"{INSTANCE};{OUTPUT},0,-1,0,0,0")
             if self.proved:
                 self.done(manifest, ready=True)
         elif NAME in manifest["roster"]:
@@ -52,16 +52,16 @@ class Member:
             self.answers[at] = (body, f"{OUTPUT},{len(body)},{at[1]},{at[0]},{imu['stamp_ns']},{at[1]}")
             self.batch.append(self.answers[at])
         body, index = self.answers[at]
-        self.put(f"frame/{NAME}", f"[{body}]", f"{INSTANCE};{index}")
+        self.put(f"@frame/{NAME}", f"[{body}]", f"{INSTANCE};{index}")
         if manifest["report"]:
             bodies, indices = zip(*self.batch, strict=True) if self.batch else ((), ())
-            self.put(f"batch/{NAME}", f"[{','.join(bodies)}]", ";".join((INSTANCE, *indices)))
+            self.put(f"@batch/{NAME}", f"[{','.join(bodies)}]", ";".join((INSTANCE, *indices)))
             self.batch.clear()
             self.done(manifest)
 
     def done(self, manifest, **more):
         header = {"tick": manifest["tick"], "epoch": manifest["epoch"], "source": NAME, "instance": INSTANCE}
-        self.put(f"tick/{NAME}", json.dumps({**header, **more}))
+        self.put(f"@tick/{NAME}", json.dumps({**header, **more}))
 
     def on_health(self, query):
         if query.attachment is not None and query.attachment.to_bytes() == b"probe":
@@ -83,7 +83,7 @@ def main(endpoint, prefix):
     config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [endpoint]}}))
     with zenoh.open(config) as session:
         member, arrived = Member(session, prefix), queue.SimpleQueue()
-        subscriber = session.declare_subscriber(f"{prefix}/frame/driver", arrived.put)
+        subscriber = session.declare_subscriber(f"{prefix}/@frame/driver", arrived.put)
         health = session.declare_queryable(f"{prefix}/health/{NAME}", member.on_health)
         token = session.liveliness().declare_token(f"{prefix}/alive/{NAME}/{INSTANCE}")
         request = json.dumps({"service": NAME, "instance": INSTANCE})

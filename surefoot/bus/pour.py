@@ -1,0 +1,49 @@
+"""From a bounded channel of the network library into a sink, on a thread of its own.
+
+The channel keeps the newest messages and drops older ones without waking anybody, so that a flood costs the process
+next to nothing; the thread takes them out no faster than the reader works, and never faster than ``MOST_HZ``.
+"""
+# pyright: reportUnknownMemberType=false
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import zenoh
+
+MOST_HZ = 2000.0
+"""Messages per s of one key that are only observed, and queries per s of one key, beyond which some are dropped."""
+REST_S = 0.02  # s, how long a full reader is left alone
+BURST = 64
+
+
+def pour(handler: Any, make: Callable[[Any], Any], sink: Callable[[Any], Any], *, most_hz: float = 0.0) -> None:
+    """Start the thread; it ends with the session.
+
+    Args:
+        handler: has ``recv``, which raises ZError at the end.
+        make: what the sink gets of a sample or query.
+        sink: returns False when it has no room.
+        most_hz: limit of the rate, 1/s; 0 = none.
+    """
+    threading.Thread(target=_work, args=(handler, make, sink, most_hz), name="pour", daemon=True).start()
+
+
+def _work(handler: Any, make: Callable[[Any], Any], sink: Callable[[Any], Any], most_hz: float) -> None:
+    began, count = time.monotonic(), 0
+    while True:
+        try:
+            item = handler.recv()
+        except zenoh.ZError:
+            return  # the session is closed
+        room = sink(make(item))
+        del item  # a query that is kept here would stay open
+        count += 1
+        if room is False:
+            time.sleep(REST_S)
+        elif most_hz and count >= BURST:
+            rest = began + count / most_hz - time.monotonic()
+            if rest > 0.0:
+                time.sleep(rest)
+            began, count = time.monotonic(), 0

@@ -1,0 +1,180 @@
+"""Readers that never read, floods on observed keys and queries: a run goes on as if they were not there."""
+
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+import pytest
+
+from surefoot.bus.inbox import OBSERVED_ITEMS, QUERY_ITEMS, Inbox, Lane
+from surefoot.bus.interface import Delivery, Raw
+from surefoot.lockstep.config import ServiceConfig
+from surefoot.lockstep.driver import DriverNode
+from surefoot.lockstep.node import Node
+from surefoot.lockstep.sample import Sample
+from surefoot.schemas.hw import Landmark, LandmarkDetections
+from surefoot.schemas.system import HealthRequest
+from surefoot.schemas.topics import CMD_ESTOP, HEALTH_GET, HW_LANDMARKS, TICK_NS
+from tests.processes import running
+from tests.surefoot.lockstep.test_zenoh_run import Threads
+from tests.surefoot.net import WAIT_S, Net, wait_until
+from tests.surefoot.toys import ToyDriver, ToyEstimator
+
+READER = """
+import json, sys, time, zenoh
+config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [sys.argv[1]]}}))
+session = zenoh.open(config)
+subscriber = session.declare_subscriber("**", zenoh.handlers.FifoChannel(1))
+print("subscribed", flush=True)
+time.sleep(600)
+"""
+FLOOD = 20_000  # messages
+LANDMARKS = tuple(Landmark(range=1.0, bearing=0.5, descriptor=(0.125,) * 16) for _ in range(256))
+GAP_S = 3.0  # s wall, an unread `**` stopped every run for at least 5 s before Zenoh closed it
+
+
+# -- queues ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_lane_is_bounded_by_count_and_by_bytes_and_counts_what_it_refuses() -> None:
+    lane = Lane(3, 100)
+    assert [lane.put(n, 10, "a") for n in range(5)] == [True, True, True, False, False]
+    assert [lane.get() for _ in range(3)] == [0, 1, 2]
+    assert lane.put("large", 1000, "b")  # the first always finds room
+    assert not lane.put("small", 1, "c")
+    assert lane.get() == "large"
+    assert [lane.put(n, 60, "d") for n in range(2)] == [True, False]
+    assert lane.dropped == {"a": 2, "c": 1, "d": 1}
+
+
+def test_what_a_tick_needs_comes_before_queries_and_these_before_what_is_observed() -> None:
+    inbox, observed = Inbox(), Delivery(CMD_ESTOP, None, Raw(b"{}", None, ""))
+
+    class Query:
+        query = CMD_ESTOP
+        size = 1
+
+    query = Query()
+    for put, item in ((inbox.put_observed, observed), (inbox.put_query, query), (inbox.put, "tick")):
+        assert put(item)
+    assert [inbox.get_nowait() for _ in range(3)] == ["tick", query, observed]
+    for _ in range(10 * OBSERVED_ITEMS):
+        inbox.put_observed(observed)
+    for _ in range(10 * QUERY_ITEMS):
+        inbox.put_query(query)
+    assert inbox.put("tick")
+    assert inbox.get_nowait() == "tick"
+    assert inbox.dropped() == {CMD_ESTOP.key: 9 * (OBSERVED_ITEMS + QUERY_ITEMS)}
+
+
+# -- a run -------------------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def unread(net: Net, count: int) -> Iterator[None]:
+    """Client processes that subscribe to everything and never read; each blocks its whole session."""
+    with ExitStack() as stack:
+        command = [sys.executable, "-c", READER, net.address]
+        for _ in range(count):
+            reader = stack.enter_context(running(command, stdout=subprocess.PIPE, text=True))
+            assert reader.stdout is not None
+            assert reader.stdout.readline() == "subscribed\n"
+        yield
+
+
+def test_readers_of_everything_that_never_read_stop_nothing(net: Net) -> None:
+    gaps: list[float] = []
+
+    class Timed(ToyDriver):
+        """Its frames are so large that no buffer on the way holds all that is not read."""
+
+        outputs = (*ToyDriver.outputs, HW_LANDMARKS)
+        at = 0.0
+
+        def release(self, tick: int) -> Any:
+            now = time.monotonic()
+            gaps.append(now - self.at)
+            self.at = now
+            seen = LandmarkDetections(landmarks=LANDMARKS)
+            return [*super().release(tick), Sample(HW_LANDMARKS, seen, tick * TICK_NS, tick)]
+
+    with unread(net, 2):
+        driver, estimator = DriverNode(Timed(), net.open()), Node(ToyEstimator(ServiceConfig()), net.open())
+        for node in (driver, estimator):
+            node.start()
+        driver.begin(("estimator",), "lockstep", 0.0, 1, "hold", 0)
+        driver.leader.end_tick = 20_000
+        threads = [threading.Thread(target=node.run, daemon=True) for node in (driver, estimator)]
+        for thread in threads:
+            thread.start()
+        try:
+            wait_until(lambda: driver.leader.tick > 50)
+            end = time.monotonic() + 2.0 * GAP_S
+            wait_until(lambda: driver.leader.state == "ended" or time.monotonic() > end)
+            assert driver.leader.tick > 500
+            assert max(gaps[51:]) < GAP_S
+        finally:
+            for node in (driver, estimator):
+                node.stop()
+            for thread in threads:
+                thread.join(WAIT_S)
+
+
+def test_a_flood_of_nonsense_and_of_queries_is_bounded_counted_and_over_when_it_ends(net: Net) -> None:
+    class Watcher(ToyEstimator):
+        observes = (CMD_ESTOP,)
+
+    with Threads(net, (0, 2, 3), ticks=2000) as system:
+        node = Node(Watcher(ServiceConfig()), net.open())
+        node.start()
+        most: list[int] = []
+        original = node.handle
+
+        def handle(item: Any) -> None:
+            most.append(len(node.inbox.observed) + len(node.inbox.queries))
+            original(item)
+
+        node.handle = handle  # type: ignore[method-assign]
+        thread = threading.Thread(target=node.run, daemon=True)
+        thread.start()
+        try:
+            with net.plain() as stranger:
+                for _ in range(FLOOD):
+                    stranger.put(f"{net.namespace}/{CMD_ESTOP.key}", b"{")
+                    stranger.put(f"{net.namespace}/of/nobody", b"{")
+                for _ in range(FLOOD // 10):
+                    stranger.get(f"{net.namespace}/health/estimator", lambda reply: None, payload=b"{", timeout=1.0)
+                began = time.monotonic()
+                tool = net.open("client")
+                health = tool.call(HEALTH_GET.of("estimator"), HealthRequest()).health
+                assert time.monotonic() - began < 1.0
+            system.wait()
+            assert system.driver.history == system.driver.history[:2000]
+            assert health.refused["malformed"] > 0
+            assert max(most) <= OBSERVED_ITEMS + QUERY_ITEMS
+            assert not node.refused["too_far_ahead"]
+        finally:
+            node.stop()
+            thread.join(WAIT_S)
+
+
+@pytest.mark.parametrize("payload", [b"{", b"7" * 100_000])
+def test_dropped_messages_are_named_in_health(payload: bytes) -> None:
+    from surefoot.bus.memory import MemoryBus
+
+    class Watcher(ToyEstimator):
+        observes = (CMD_ESTOP,)
+
+    bus = MemoryBus()
+    node = Node(Watcher(ServiceConfig()), bus)
+    node.start()
+    for _ in range(1000):
+        node.inbox.put_observed(Delivery(CMD_ESTOP, None, Raw(payload, None, "")))
+    dropped = node.health().dropped[CMD_ESTOP.key]
+    node.pump()
+    assert dropped + node.refused["malformed"] + node.refused["invalid"] == 1000
+    assert len(payload) * (1000 - dropped) <= max(4 << 20, OBSERVED_ITEMS * len(payload))
