@@ -40,6 +40,9 @@ def own_service_names() -> tuple[str, ...]:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run a service; the remaining arguments are its own."""
+    from surefoot.lockstep.ending import ENDING  # first of all: SIGTERM may come while the rest is imported
+
+    ENDING.watch()
     words = sys.argv[1:] if arguments is None else arguments
     if not words or words[0] in ("-h", "--help"):
         sys.stdout.write(f"usage: surefoot-service <name> [options]\nservices: {', '.join(service_names())}\n")

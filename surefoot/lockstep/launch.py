@@ -3,7 +3,6 @@
 import argparse
 import gc
 import os
-import signal
 import sys
 from pathlib import Path
 from typing import Any, NoReturn
@@ -13,6 +12,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: small matric
 from surefoot.bus.endpoint import checked, to_connect
 from surefoot.errors import SurefootError
 from surefoot.lockstep.config import load_config
+from surefoot.lockstep.ending import ENDING
 from surefoot.lockstep.service import Service
 from surefoot.logline import log_line
 from surefoot.tables import TableError
@@ -30,6 +30,7 @@ def main(service: type[Service[Any]], arguments: list[str] | None = None) -> NoR
     Everything of ours is closed by then. Taking down the interpreter with compiled kernels and a compiler in it takes
     up to seconds on a busy machine, and two are promised from SIGTERM to exit: so it is left out.
     """
+    ENDING.watch()
     gc.freeze()  # what is imported by now stays
     gc.enable()  # who starts a service may have switched it off until here
     try:
@@ -66,7 +67,6 @@ def run(service: type[Service[Any]], arguments: list[str] | None = None) -> int:
 def _serve(service: Service[Any], options: argparse.Namespace) -> int:
     from surefoot.bus.zenoh import ZenohBus, ZenohOptions
     from surefoot.lockstep.local import node_of
-    from surefoot.lockstep.node import Node
 
     endpoint = ZenohOptions(
         mode=options.mode, connect=tuple(options.connect), listen=tuple(options.listen), namespace=options.namespace
@@ -74,20 +74,13 @@ def _serve(service: Service[Any], options: argparse.Namespace) -> int:
     if options.mode != "router":
         os.environ.setdefault("ZENOH_RUNTIME", ZENOH_RUNTIME)  # read when the process opens its first session
     bus: ZenohBus | None = None
-    node: Node | None = None
 
-    def stop(signum: int, frame: Any) -> None:
-        if node is None or node.state in ("starting", "compiling"):
-            raise SystemExit(0)  # still preparing: nothing to finish
-        node.stop()
-
-    signal.signal(signal.SIGTERM, stop)
-    signal.signal(signal.SIGINT, stop)
     try:
         bus = ZenohBus(endpoint)
         node = node_of(service, bus)
         node.start()
         spare_collector()
+        ENDING.prepared(node.stop)
         node.run()
     finally:
         if bus is not None:

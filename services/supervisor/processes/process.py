@@ -9,13 +9,16 @@ import select
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
+from surefoot.lockstep.ending import ENDS
 from surefoot.services.supervisor.processes.signs import starved_s
 
+SERVICE_MODULE = "surefoot.lockstep.discover"
 MAX_LOG_BYTES = 32 * 1024 * 1024  # a larger log is set aside as <name>.log.1 at the next start
 
 
@@ -78,9 +81,10 @@ class Child:
         self.name = name
         self.command = tuple(command)
         self.log = log
-        with _open_log(log) as stream:
+        resolved = resolve_command(command)
+        with _open_log(log) as stream, _held_back(resolved):
             self._process = subprocess.Popen(
-                resolve_command(command),
+                resolved,
                 env={**os.environ, **environment},
                 stdin=subprocess.DEVNULL,
                 stdout=stream,
@@ -134,7 +138,7 @@ def resolve_command(command: Sequence[str]) -> list[str]:
     """Return the command with our own programs run by this very Python, whatever PATH says."""
     program, *arguments = command
     if program == "surefoot-service":
-        return [sys.executable, "-m", "surefoot.lockstep.discover", *arguments]
+        return [sys.executable, "-m", SERVICE_MODULE, *arguments]
     if program == "surefoot":
         return [sys.executable, "-m", "surefoot.lab.cli.main", *arguments]
     if program in ("python", "python3"):
@@ -169,6 +173,17 @@ def _gone_within(identity: Identity, patience_s: float) -> bool:
     finally:
         os.close(handle)
     return not identity.alive()
+
+
+@contextmanager
+def _held_back(command: Sequence[str]) -> Iterator[None]:
+    """Start a service with SIGTERM held back: it lets it through as soon as it can end with exit code 0."""
+    numbers = ENDS if SERVICE_MODULE in command else ()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _open_log(path: Path) -> IO[bytes]:

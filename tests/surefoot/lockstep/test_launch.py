@@ -27,6 +27,7 @@ def test_the_collector_is_on_again_when_a_service_runs(monkeypatch: pytest.Monke
         raise SystemExit(code)
 
     monkeypatch.setattr(launch, "run", run)
+    monkeypatch.setattr(launch.ENDING, "watch", lambda: None)
     monkeypatch.setattr(os, "_exit", leave)
     gc.disable()
     try:

@@ -1,0 +1,59 @@
+"""SIGTERM at any moment of a start ends a service with exit code 0, and soon."""
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from surefoot.services.supervisor.processes.process import Child
+from tests.ports import free_address
+from tests.processes import running, running_child
+
+STOP_S = 2.0
+SLOW_S = 20.0  # s wall, bound of what is not the end itself
+
+COMPILES = """
+import ctypes, os, sys, threading
+from surefoot.lockstep.ending import ENDING
+ENDING.watch()
+libc = ctypes.PyDLL(None) if sys.argv[1] == "python" else ctypes.CDLL(None)
+print("ready", flush=True)
+if sys.argv[1] == "foreign":
+    libc.sleep(60)  # a compiler: the main thread is in foreign code and runs no Python
+elif sys.argv[1] == "callback":
+    compare = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(lambda a, b: sum(range(10**6)) * 0)
+    array = (ctypes.c_int * 100000)()
+    libc.qsort(array, 100000, 4, compare)  # foreign code that calls back: an exception cannot pass through it
+else:
+    while True:
+        sum(range(1000))
+"""
+
+
+@pytest.mark.parametrize("work", ["foreign", "callback", "python"])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_while_the_main_thread_is_busy(work: str, number: signal.Signals) -> None:
+    with running([sys.executable, "-c", COMPILES, work], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        began = time.monotonic()
+        process.send_signal(number)
+        assert process.wait(SLOW_S) == 0
+        assert time.monotonic() - began < STOP_S
+
+
+@pytest.mark.parametrize("after_s", [0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6])
+def test_a_service_at_any_moment_of_its_start(after_s: float, tmp_path: Path) -> None:
+    """No router is there, so that the last moments are those of opening a session."""
+    command = ("surefoot-service", "walker", "--connect", free_address())
+    with running_child("walker", command, {}, tmp_path / "walker.log") as child:
+        assert isinstance(child, Child)
+        threading.Event().wait(after_s)
+        began = time.monotonic()
+        child.terminate()
+        assert child.wait(SLOW_S) == 0, (tmp_path / "walker.log").read_text()
+        assert time.monotonic() - began < STOP_S
