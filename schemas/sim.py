@@ -107,7 +107,7 @@ class World(Request):
 class ResetRequest(Request):
     """Builds the world anew and raises the epoch; the run begins when every expected service is ready."""
 
-    schema_version: ClassVar[str] = "1.3"
+    schema_version: ClassVar[str] = "1.4"
     seed: int = Field(default=0, ge=0, lt=2**31, description="seed of everything random in the run")
     world: World = Field(default_factory=World, description="which world")
     expect: tuple[str, ...] = Field(default=(), description="services that must be ready before tick 0")
@@ -119,6 +119,20 @@ class ResetRequest(Request):
     policy: Literal["hold", "degrade", "fail"] = Field(default="hold", description="what to do when a member dies")
     max_ticks: int | None = Field(default=None, gt=0, description="end of the run; null = until paused")
     paused: bool = Field(default=False, description="wait for sim/step instead of running")
+    keep: bool = Field(
+        default=False, description="true: what this request does not give, of the world too, stays as it was"
+    )
+
+    def over(self, before: "ResetRequest") -> "ResetRequest":
+        """Return the request that ``keep`` means after another one: the fields given here, the others as before."""
+        if not self.keep:
+            return self
+        wanted = {name: getattr(self.world, name) for name in self.world.model_fields_set}
+        world = before.world.model_copy(update=wanted)
+        given = {name: getattr(self, name) for name in self.model_fields_set - {"keep", "world"}}
+        if self.mode == "lockstep" and "mode" in given:
+            given.setdefault("rtf", 0.0)
+        return before.model_copy(update={**given, "world": world})
 
     @field_validator("rtf")
     @classmethod
@@ -138,6 +152,12 @@ class StepRequest(Request):
     """Lets a paused simulation go on."""
 
     ticks: int | None = Field(default=None, gt=0, description="ticks to run before pausing again; null = until paused")
+
+
+class SpeedRequest(Request):
+    """Changes the pace of a paced run."""
+
+    rtf: float = Field(ge=0, le=1000, description="real-time factor, 0 = as fast as it goes")
 
 
 class PauseRequest(Request):

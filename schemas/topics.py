@@ -189,6 +189,7 @@ SIM_JOIN = Query("sim/join", system.JoinRequest, system.JoinReply, "driver", act
 SIM_RESET = Query("sim/reset", sim.ResetRequest, sim.ResetReply, "driver", timeout_s=30.0, acts=True)
 SIM_STEP = Query("sim/step", sim.StepRequest, sim.SimReply, "driver", acts=True)
 SIM_PAUSE = Query("sim/pause", sim.PauseRequest, sim.SimReply, "driver", acts=True)
+SIM_SPEED = Query("sim/speed", sim.SpeedRequest, sim.SimReply, "driver", acts=True)
 SIM_PUSH = Query("sim/push", sim.PushRequest, sim.SimReply, "driver", acts=True)
 SIM_SET = Query("sim/set", sim.SetRequest, sim.SimReply, "driver", acts=True)
 SIM_PLACE = Query("sim/place", sim.PlaceRequest, sim.SimReply, "driver", acts=True)

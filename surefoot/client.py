@@ -1,11 +1,11 @@
 """The public client: ten lines that watch and ask a running system.
 
-from surefoot.schemas.topics import STABILITY_REGION, STATE_VELOCITY
 from surefoot.client import connect
 
 with connect() as robot:
-    print(robot.latest(STATE_VELOCITY).velocity)
-    print(robot.call("stability/region", contacts=[{"position": [0, 0, 0]}]))
+    print(robot.latest("state/velocity").velocity)
+    feet = [{"position": [x, y, 0.0]} for x, y in ((0.1, 0.1), (0.1, -0.1), (-0.1, 0.0))]
+    print(robot.call("stability/region", contacts=feet).inner)
 """
 
 from collections.abc import Callable, Iterator
@@ -18,7 +18,9 @@ from surefoot.bus.interface import Delivery
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.errors import CallError, SurefootError
 from surefoot.schemas.base import Message, Wire
-from surefoot.schemas.topics import QUERIES, TOPICS, Query, Topic
+from surefoot.schemas.sim import StatusRequest
+from surefoot.schemas.topics import QUERIES, SIM_STATUS_GET, TOPICS, Query, Topic
+from surefoot.simtime import standing_still
 from surefoot.tables import did_you_mean
 
 M = TypeVar("M", bound=Message)
@@ -75,8 +77,9 @@ class Client:
         """Delivers every message from now on, on another thread."""
         self.bus.subscribe(topic_named(topic) if isinstance(topic, str) else topic, sink)
 
-    def messages(self, topic: Topic[M], timeout_s: float = 5.0) -> Iterator[M]:
-        """Messages as they come; ends when none comes for ``timeout_s``."""
+    def messages(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> Iterator[M]:
+        """Messages as they come, of a topic's row or key; ends when none comes for ``timeout_s``."""
+        topic = topic_named(topic) if isinstance(topic, str) else topic
         queue: SimpleQueue[Delivery] = SimpleQueue()
         self.subscribe(topic, queue.put)
         while True:
@@ -89,11 +92,20 @@ class Client:
                 assert isinstance(message, topic.model)
                 yield message
 
-    def latest(self, topic: Topic[M], timeout_s: float = 5.0) -> M:
-        """The next message of a topic (raises CallError when none comes)."""
+    def latest(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> M:
+        """The next message of a topic (raises CallError when none comes; it says so when simulated time is paused)."""
+        topic = topic_named(topic) if isinstance(topic, str) else topic
         for message in self.messages(topic, timeout_s):
             return message
-        raise CallError("timeout", f"no message on {topic.key!r} within {timeout_s:g} s")
+        why = self.standing_still()
+        raise CallError("timeout", f"no message on {topic.key!r} within {timeout_s:g} s{f': {why}' if why else ''}")
+
+    def standing_still(self) -> str:
+        """Return why simulated time does not run, in words; empty while it runs, or when no simulator answers."""
+        try:
+            return standing_still(self.bus.call(SIM_STATUS_GET, StatusRequest(), 1.0))
+        except CallError:
+            return ""
 
 
 def make_request(query: Query[Any, Any], fields: dict[str, Any]) -> Wire:

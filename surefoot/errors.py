@@ -1,6 +1,9 @@
 """Failures with a name: every one says what came, what was allowed, and which field it was."""
 
-from surefoot.schemas.base import ErrorReply
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from surefoot.schemas.base import ErrorReply
 
 
 class SurefootError(Exception):
@@ -12,8 +15,10 @@ class SurefootError(Exception):
         self.message = message
         self.field = field
 
-    def reply(self) -> ErrorReply:
+    def reply(self) -> "ErrorReply":
         """The error as it travels."""
+        from surefoot.schemas.base import ErrorReply  # here: whoever only raises needs no models
+
         return ErrorReply(code=self.code, message=self.message[:2000], field=self.field)
 
 

@@ -12,6 +12,7 @@ from surefoot.lab.cli.output import (
     Json,
     Listen,
     Namespace,
+    refuse_existing,
     tell,
     use_json,
     write,
@@ -75,21 +76,27 @@ def record(
     file: Annotated[Path, typer.Option("--out", "-o", help="MCAP file to write.")] = Path("bag.mcap"),
     key: Keys = None,
     duration: Annotated[float, typer.Option(min=0.0, help="End after so many s of wall time, 0 = Ctrl-C.")] = 0.0,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
     connect: Connect = None,
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
-    """Record what is on the bus as an onlooker, until Ctrl-C. (The recorder service misses nothing; this may.)"""
+    """Record what is on the bus as an observer, until Ctrl-C. (The recorder service misses nothing; this may.) Exit
+    code 1: nothing came."""
     from surefoot.lab.cli.bags import record_bag
 
     use_json(json)
+    refuse_existing(file, force=force)
     with client(connect, namespace) as robot:
         tell(f"recording to {file}; end with Ctrl-C")
         count = record_bag(robot, file, key or [], duration)
+        still = "" if count else robot.standing_still()
     if json:
         write_json({"file": str(file), "messages": count})
     else:
-        write(f"{count} messages in {file}")
+        write(f"{count} messages in {file}" + (f": {still}" if still else ""))
+    if not count:
+        raise typer.Exit(EXIT_CHECK)
 
 
 @app.command()
@@ -105,7 +112,8 @@ def play(
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
-    """Publish a recording on its keys: into a running system with --connect, else behind a router of its own."""
+    """Publish a recording on its keys: into a running system with --connect, else behind a router of its own. Exit code
+    1: there was nothing to play."""
     from surefoot.lab.cli.bags import play_bag
 
     use_json(json)
@@ -116,3 +124,5 @@ def play(
         write_json({"file": str(file), "messages": count})
     else:
         write(f"{count} messages played")
+    if not count:
+        raise typer.Exit(EXIT_CHECK)

@@ -20,6 +20,7 @@ from surefoot.lab.cli import (
     run,
     schema,
     service,
+    sim,
     stop,
     system,
     topic,
@@ -60,6 +61,7 @@ app.add_typer(train.train, name="train")
 app.add_typer(evaluate.evaluate, name="evaluate")
 app.add_typer(fit.app, name="fit")
 app.add_typer(map.app, name="map")
+app.add_typer(sim.app, name="sim")
 
 
 def _version(wanted: bool) -> None:

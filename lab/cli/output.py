@@ -65,6 +65,17 @@ def near(path: Path) -> str:
     return str(whole.relative_to(Path.cwd())) if whole.is_relative_to(Path.cwd()) else str(whole)
 
 
+def refuse_existing(path: Path, *, force: bool) -> None:
+    """Refuse a file that exists, or a folder with something in it, unless ``force``.
+
+    Raises:
+        typer.BadParameter: names the file and the option.
+    """
+    there = path.is_dir() and any(path.iterdir()) if path.is_dir() else path.exists()
+    if there and not force:
+        raise typer.BadParameter(f"{near(path)} exists; choose another name, or overwrite it with --force")
+
+
 def write_json(content: Any) -> None:
     """Write one JSON value to the output."""
     write(json.dumps(content, indent=None if isinstance(content, str) else 1, default=_plain))

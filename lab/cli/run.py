@@ -11,6 +11,7 @@ from surefoot.lab.cli.output import (
     Json,
     Listen,
     near,
+    refuse_existing,
     tell,
     use_json,
     write,
@@ -32,10 +33,12 @@ def run(
     strict: Annotated[bool, typer.Option("--strict", help="Lockstep without actuation delay.")] = False,
     listen: Listen = None,
     out: Annotated[Path | None, typer.Option(help="Folder for recording and report [a new one under runs/].")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite what is in that folder.")] = False,
     json: Json = False,
 ) -> None:
     """Run a scenario with every service live, judge it, and write a report. Exit code 1: a limit was not met."""
     from surefoot.bus.endpoint import to_listen
+    from surefoot.lab.cli.before import check_before
     from surefoot.lab.cli.warming import warm_if_cold
     from surefoot.lab.runs.live import Options, run_scenario
     from surefoot.services.supervisor.processes.startable import system_of
@@ -43,8 +46,12 @@ def run(
 
     use_json(json)
     loaded = load_scenario(find_scenario(scenario))
-    to_listen(listen)  # what is wrong is told before kernels are compiled
-    warm_if_cold(system_of(loaded), tell)
+    to_listen(listen)  # what is wrong is reported before kernels are compiled
+    if out is not None:
+        refuse_existing(out, force=force)
+    compose = system_of(loaded)
+    check_before(compose, loaded.world, loaded.seed if seed is None else seed, loaded.environment)
+    warm_if_cold(compose, tell)
     options = Options(seed, record, rtf, strict, listen, out)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does: everything is stopped
     with _ProgressLine(loaded.name, loaded.max_duration_s, quiet=json) as line:

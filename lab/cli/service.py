@@ -2,6 +2,7 @@
 
 import json as jsonlib
 import sys
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -12,6 +13,7 @@ from surefoot.lab.cli.output import (
     Connect,
     Json,
     Namespace,
+    refuse_existing,
     use_json,
     write,
     write_fields,
@@ -60,6 +62,10 @@ def call(
     key: Key,
     request: Annotated[str, typer.Argument(help="Request as a JSON object, `-` reads it from the input.")] = "{}",
     timeout: Annotated[float | None, typer.Option(min=0.01, help="Wait so many s [the query's own].")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Write the reply to this file, numbers included: a height map as .npz.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite that file.")] = False,
     connect: Connect = None,
     namespace: Namespace = None,
     json: Json = False,
@@ -69,10 +75,14 @@ def call(
 
     use_json(json)
     query = query_named(key)
+    if out is not None:
+        refuse_existing(out, force=force)
     fields = _fields(sys.stdin.read() if request == "-" else request)
     _check(query, fields)
     with client(connect, namespace) as robot:
         reply = robot.call(query, timeout, **fields)
+    if out is not None:
+        _save(reply, out)
     content = reply.model_dump(mode="json")
     if json:
         write(jsonlib.dumps(content))
@@ -80,6 +90,20 @@ def call(
         write_json(content)
     if content.get("accepted") is False:
         raise typer.Exit(EXIT_CHECK)
+
+
+def _save(reply: Any, out: Path) -> None:
+    """Write a reply: a height map in our own format, other raw numbers as they came, everything else as JSON."""
+    from surefoot.geometry.heightmap import HeightMap
+    from surefoot.geometry.heightmap_files import save
+    from surefoot.schemas.terrain import HeightMapMessage
+
+    if isinstance(reply, HeightMapMessage):
+        save(HeightMap.from_wire(reply.model_dump(), reply.data), out)
+    elif getattr(reply, "data", b""):
+        out.write_bytes(reply.data)
+    else:
+        out.write_text(reply.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
 
 def _fields(text: str) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from surefoot.lab.cli.output import (
     Json,
     Listen,
     Namespace,
+    refuse_existing,
     state,
     tell,
     use_json,
@@ -41,12 +42,14 @@ def up(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the world (simulation).")] = 0,
     rtf: Annotated[float, typer.Option(min=0.0, help="Real-time factor, 0 = as fast as it goes.")] = 1.0,
     record: Annotated[Path | None, typer.Option(help="MCAP file to write [no recording].")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite that file.")] = False,
     listen: Listen = None,
     json: Json = False,
     log: Annotated[bool, typer.Option("--log", hidden=True, help="Write lines of a log, each with its time.")] = False,
 ) -> None:
     """Start the services of a compose file and keep them running."""
     from surefoot.bus.endpoint import to_listen
+    from surefoot.lab.cli.before import check_before
     from surefoot.lab.cli.warming import warm_if_cold
     from surefoot.schemas.sim import World
     from surefoot.services.supervisor.processes.keep import StartOrder, keep
@@ -54,9 +57,12 @@ def up(
 
     use_json(json)
     state.log = log
-    to_listen(listen)  # a wrong endpoint is told before anything starts
+    to_listen(listen)  # a wrong endpoint is reported before anything starts
+    if record is not None:
+        refuse_existing(record, force=force)
     compose = startable(system)
     order = StartOrder(World(terrain=terrain), seed, rtf, record)
+    check_before(compose, order.world, seed)
     warm_if_cold(compose, tell)
     if detach:
         _detach(compose, system, order, listen, json=json)
@@ -84,16 +90,21 @@ def supervise(
 
 def down(
     system: Annotated[str | None, typer.Argument(help="Name of the system [the one that runs].")] = None,
+    every: Annotated[bool, typer.Option("--all", help="Stop every system.")] = False,
     json: Json = False,
 ) -> None:
-    """Stop a system that runs, or what is left of one that crashed."""
+    """Stop a system that runs, or what is left of one that crashed; several: name one, or --all."""
     from surefoot.services.supervisor.processes.process import end
 
     use_json(json)
     stopped: list[str] = []
     if system is not None:
         _check_known(Path(system).stem)
-    for folder in _folders(system):
+    meant = _folders(system)
+    there = [folder.name for folder in meant if folder.held() or folder.orphans()]
+    if len(there) > 1 and not every:
+        raise typer.BadParameter(f"{len(there)} systems run: {', '.join(there)}; name one, or stop all with --all")
+    for folder in meant:
         supervisor = folder.supervisor() if folder.held() else None
         if supervisor is not None:
             if not end(supervisor, grace_s=30.0):
@@ -234,9 +245,9 @@ def _show_up(compose: "Compose", *, json: bool) -> None:
         return
     _show_status(compose.name, content)
     prefix = content["namespace"]
-    write("Watch it from another shell, or from any Zenoh client:")
+    write("Watch it from another shell:")
     write("  surefoot topic echo state/velocity")
-    write(f"  zenoh --mode client --connect {content['connect']} --decoder json subscribe -k {prefix}/state/velocity")
+    write(f"From any Zenoh client: connect to {content['connect']}, subscribe to {prefix}/state/velocity (JSON)")
     write(f"Stop it with `surefoot down {compose.name}`.")
 
 

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from surefoot.client import Client
     from surefoot.schemas.topics import Topic
 
+SILENCE_S = 2.0  # s wall, after so long without a message the reason is looked for
+
 app = typer.Typer(help="Topics: list, show, echo, measure.", no_args_is_help=True)
 Key = Annotated[str, typer.Argument(help="Key of a topic, e.g. state/velocity.")]
 
@@ -135,16 +137,46 @@ def _deliveries(robot: "Client", topic: "Topic[Any]", timeout_s: float) -> "Any"
     queue: SimpleQueue[Delivery] = SimpleQueue()
     robot.subscribe(topic, queue.put)
     last = time.monotonic()
+    silent = False
+    held = _latched(robot, topic)
+    if held is not None:
+        yield held
     while True:
         try:
             delivery = queue.get(timeout=0.2)
         except Empty:
-            if 0.0 < timeout_s <= time.monotonic() - last:
+            silence = time.monotonic() - last
+            if not silent and silence >= min(SILENCE_S, timeout_s or SILENCE_S):
+                silent = True
+                tell(f"surefoot: nothing on {topic.key} for {silence:.1f} s" + _why(robot))
+            if 0.0 < timeout_s <= silence:
                 return
             continue
+        silent = False
         if not delivery.prime:
             last = time.monotonic()
             yield delivery
+
+
+def _why(robot: "Client") -> str:
+    """Return why nothing comes, as far as simulated time is to blame."""
+    still = robot.standing_still()
+    return f": {still}" if still else ""
+
+
+def _latched(robot: "Client", topic: "Topic[Any]") -> "Delivery | None":
+    """Return what a latched topic holds, where its owner can be asked: it was published before this reader came."""
+    from surefoot.bus.interface import Delivery
+    from surefoot.errors import CallError
+    from surefoot.schemas.topics import QUERIES, Kind
+
+    query = next((query for query in QUERIES if query.key == topic.key and query.reply is topic.model), None)
+    if query is None or topic.kind is not Kind.LATCHED:
+        return None
+    try:
+        return Delivery(topic, robot.call(query, 2.0), None)
+    except CallError:
+        return None
 
 
 def _rates(arrivals: list[tuple[float, int, int]]) -> dict[str, float]:

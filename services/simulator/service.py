@@ -34,6 +34,7 @@ from surefoot.schemas.topics import (
     SIM_RESET,
     SIM_RESTORE,
     SIM_SET,
+    SIM_SPEED,
     SIM_STATUS,
     SIM_STATUS_GET,
     SIM_STEP,
@@ -87,8 +88,8 @@ class Simulator(Driver[SimulatorConfig]):
     )  # fmt: skip
     observes = (CMD_ESTOP,)
     serves = (
-        SIM_JOIN, HW_DESCRIPTION, TERRAIN_MAP_GET, SIM_RESET, SIM_STEP, SIM_PAUSE, SIM_PUSH, SIM_PLACE, SIM_SET,
-        SIM_FAULT, SIM_CHECKPOINT, SIM_RESTORE, SIM_STATUS_GET, SIM_FEATURES,
+        SIM_JOIN, HW_DESCRIPTION, TERRAIN_MAP_GET, SIM_RESET, SIM_STEP, SIM_PAUSE, SIM_SPEED, SIM_PUSH, SIM_PLACE,
+        SIM_SET, SIM_FAULT, SIM_CHECKPOINT, SIM_RESTORE, SIM_STATUS_GET, SIM_FEATURES,
     )  # fmt: skip
 
     def on_start(self) -> None:
@@ -99,8 +100,9 @@ class Simulator(Driver[SimulatorConfig]):
         self._wall, self._rtf, self._late = (time.perf_counter(), 0), 0.0, False
         self._stopped = self._failed = ""
         for query, handler in (
-            (SIM_RESET, self.reset), (SIM_STEP, self.step), (SIM_PAUSE, self.pause), (SIM_PUSH, self.push),
-            (SIM_PLACE, self.place), (SIM_SET, self.set), (SIM_FAULT, self.fault), (SIM_CHECKPOINT, self.checkpoint),
+            (SIM_RESET, self.reset), (SIM_STEP, self.step), (SIM_SPEED, self.speed), (SIM_PAUSE, self.pause),
+            (SIM_PUSH, self.push), (SIM_PLACE, self.place), (SIM_SET, self.set), (SIM_FAULT, self.fault),
+            (SIM_CHECKPOINT, self.checkpoint),
             (SIM_RESTORE, self.restore), (SIM_STATUS_GET, self.status), (SIM_FEATURES, self.features),
             (HW_DESCRIPTION, self.description),
             (TERRAIN_MAP_GET, self.terrain_map),
@@ -233,6 +235,7 @@ class Simulator(Driver[SimulatorConfig]):
 
     def reset(self, request: sim.ResetRequest) -> sim.ResetReply:
         """Builds the world and raises the epoch."""
+        request = request.over(self._request)
         self._build(request)
         epoch = self._begin()
         return sim.ResetReply(epoch=epoch, run_id=f"{self.world.terrain.name}-seed{request.seed}-epoch{epoch}")
@@ -261,6 +264,15 @@ class Simulator(Driver[SimulatorConfig]):
     def step(self, request: sim.StepRequest) -> sim.SimReply:
         """Goes on after a pause."""
         self.node.resume(request.ticks)
+        return self._accepted(None)
+
+    def speed(self, request: sim.SpeedRequest) -> sim.SimReply:
+        """Changes the pace."""
+        leader = self.node.leader
+        if leader.mode != "paced":
+            raise Refusal("refused", "this run is in lockstep: it waits for its services, not for the clock", "rtf")
+        self.node.pace.begin(request.rtf, leader.tick + 1)
+        self._request = self._request.model_copy(update={"rtf": request.rtf})
         return self._accepted(None)
 
     def pause(self, request: sim.PauseRequest) -> sim.SimReply:

@@ -72,6 +72,9 @@ class _Reader:
         chains = top.table("chains")
         for limb in top.tables("limbs"):
             self._limb(limb, chains)
+        wanted = {"hexapod": 6, "biped": 2}[kind]
+        if self.legs and len(self.legs) != wanted:
+            raise top.refuse("value", "limbs", f"a {kind} has {wanted} legs, got {len(self.legs)}")
         if not self.legs:
             raise top.refuse("value", "limbs", "no limb has a foot")
         imu, profile = read_imu(self._sourced("imu"))

@@ -40,7 +40,7 @@ class StartOrder:
     def arguments(self) -> list[str]:
         """Return it as options of `surefoot up`."""
         words = ["--terrain", self.world.terrain, "--seed", str(self.seed), "--rtf", str(self.rtf)]
-        return [*words, "--record", str(self.record.resolve())] if self.record is not None else words
+        return [*words, "--record", str(self.record.resolve()), "--force"] if self.record is not None else words
 
 
 def keep(

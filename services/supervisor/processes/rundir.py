@@ -11,10 +11,12 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
-from surefoot.schemas.system import ServiceStatus
 from surefoot.services.supervisor.processes.process import Identity, end, identify
+
+if TYPE_CHECKING:
+    from surefoot.schemas.system import ServiceStatus
 
 ROW = {"service", "state", "pid", "restarts", "detail"}
 
@@ -141,7 +143,7 @@ class RunFolder:
         found = _identity(self._read("supervisor.json"))
         return found if found is not None and found.alive() else None
 
-    def write_rows(self, rows: Sequence[ServiceStatus]) -> None:
+    def write_rows(self, rows: Sequence["ServiceStatus"]) -> None:
         """Store the table of `surefoot status`."""
         self._write("status.json", [row.model_dump(include=ROW) for row in rows])
 

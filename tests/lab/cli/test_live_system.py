@@ -55,8 +55,9 @@ def test_an_emergency_stop_is_confirmed_by_the_driver_and_released_by_a_reset(sy
     for _ in range(2):
         done = surefoot("stop", "--reason", "a hand in the way", "--json")
         assert done.returncode == 0, done.stderr
-        assert json.loads(done.stdout)["stopped"] == "a hand in the way"
-        assert json.loads(done.stdout)["driver"] == "simulator"
+        (found,) = json.loads(done.stdout)["systems"]
+        assert (found["system"], found["driver"]) == ("ragno", "simulator")
+        assert found["stopped"] == "a hand in the way"
     refused = json.loads(surefoot("health", "simulator", "--json").stdout)["refused"]
     assert refused["stopped"] > 0
     assert surefoot("call", "sim/reset", '{"mode": "paced", "rtf": 1}').returncode == 0

@@ -1,0 +1,54 @@
+"""The program `surefoot`: the emergency stop at once, every other command by `surefoot.lab.cli.main`."""
+
+import sys
+from collections.abc import Sequence
+
+VALUES = ("--reason", "--timeout", "--connect", "--namespace")
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line; end the process with 0 ok, 1 check failed, 2 usage, 130 interrupted."""
+    words = sys.argv[1:] if arguments is None else arguments
+    options = stop_options(words)
+    if options is not None:
+        from surefoot.errors import SurefootError
+        from surefoot.lab.cli.running import systems
+        from surefoot.lab.cli.stopping import REASON, TIMEOUT_S, report, stop_all
+
+        try:
+            found = systems(options.get("--connect"), options.get("--namespace"), options.get("system"))
+            reason, timeout_s = options.get("--reason", REASON), float(options.get("--timeout", TIMEOUT_S))
+            sys.exit(report(stop_all(found, reason, timeout_s), json="--json" in options))
+        except SurefootError:
+            pass  # told as every other command tells it
+        except KeyboardInterrupt:
+            sys.exit(130)
+    from surefoot.lab.cli import main as everything
+
+    everything.main(words)
+
+
+def stop_options(words: Sequence[str]) -> dict[str, str] | None:
+    """Return the options of a plain `stop`; None for any other command, for wrong words, and for --help."""
+    if not words or words[0] != "stop":
+        return None
+    found: dict[str, str] = {}
+    rest = iter(words[1:])
+    for word in rest:
+        if word in VALUES:
+            found[word] = next(rest, "")
+        elif word == "--json":
+            found[word] = ""
+        elif not word.startswith("-") and "system" not in found:
+            found["system"] = word
+        else:
+            return None
+    try:
+        well = float(found.get("--timeout", "1")) >= 0.1
+    except ValueError:
+        well = False
+    return found if well and all(found.get(name, "x") for name in VALUES) else None
+
+
+if __name__ == "__main__":
+    main()

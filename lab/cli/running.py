@@ -1,0 +1,82 @@
+"""The systems that run here, and which one a command means."""
+
+import os
+from dataclasses import dataclass
+
+from surefoot.errors import ConfigError
+from surefoot.services.supervisor.processes.rundir import RunFolder, run_folders
+
+WELL = "healthy"
+
+
+@dataclass(frozen=True)
+class Running:
+    """A system that a command can reach.
+
+    Attributes:
+        name: of the system, or its namespace where it runs elsewhere.
+        connect: Zenoh endpoint of its router.
+        namespace: prefix of its keys.
+        folder: its run folder, None where it runs elsewhere.
+    """
+
+    name: str
+    connect: str
+    namespace: str
+    folder: RunFolder | None = None
+
+    def unwell(self) -> dict[str, str]:
+        """Return the services that are not healthy, and what the supervisor says of each."""
+        rows = [] if self.folder is None else self.folder.read_rows()
+        unwell = [row for row in rows if row.get("state") != WELL]
+        return {row["service"]: f"{row['state']}{': ' + row['detail'] if row.get('detail') else ''}" for row in unwell}
+
+    def orphans(self) -> str:
+        """Return what to do about services that a supervisor left behind, empty when there are none."""
+        return next((folder.orphaned for folder in run_folders() if folder.orphans()), "")
+
+
+def systems(connect: str | None = None, namespace: str | None = None, system: str | None = None) -> tuple[Running, ...]:
+    """Return the systems that are meant: those that run here and fit, else the one that would be here.
+
+    Args:
+        connect: endpoint, None = SUREFOOT_CONNECT or any.
+        namespace: prefix of keys, None = SUREFOOT_NAMESPACE or any.
+        system: name of a system that runs here, None = any.
+
+    Raises:
+        ConfigError: what was told is no endpoint, or no system of that name runs.
+    """
+    from surefoot.bus.endpoint import checked, from_environment, to_listen
+
+    connect = checked("--connect", connect) if connect else from_environment(("SUREFOOT_CONNECT",))
+    namespace = namespace or os.environ.get("SUREFOOT_NAMESPACE")
+    found = [
+        Running(folder.name, place.connect, place.namespace, folder)
+        for folder in run_folders()
+        if (place := folder.endpoint()) is not None
+    ]
+    if system is not None:
+        named = tuple(one for one in found if one.name == system)
+        if not named:
+            running = ", ".join(one.name for one in found) or "none"
+            raise ConfigError("absent", f"no system {system!r} runs here; running: {running}", "system")
+        return named
+    fitting = tuple(o for o in found if connect in (None, o.connect) and namespace in (None, o.namespace))
+    if fitting:
+        return fitting
+    robot = os.path.basename(os.path.normpath(os.environ.get("SUREFOOT_ROBOT", "ragno")))  # a name, or a folder
+    prefix = namespace or f"surefoot/{robot}"
+    return (Running(prefix, connect or to_listen(), prefix),)
+
+
+def only_one(found: tuple[Running, ...], how: str) -> Running:
+    """Return the one system that is meant.
+
+    Raises:
+        ConfigError: several are; the sentence names them and ``how`` to choose.
+    """
+    if len(found) > 1:
+        names = ", ".join(f"{one.name} ({one.namespace} at {one.connect})" for one in found)
+        raise ConfigError("ambiguous", f"{len(found)} systems run: {names}; choose one with {how}", "system")
+    return found[0]

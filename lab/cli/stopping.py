@@ -1,0 +1,105 @@
+"""What `surefoot stop` does: every system at once, each reported. Imports nothing that takes time."""
+
+import socket
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+from surefoot.bus.emergency import Stopper
+from surefoot.lab.cli.running import Running
+
+REASON, TIMEOUT_S = "surefoot stop", 3.0
+RELEASE = (
+    "commands are refused until a new run begins: in simulation by `surefoot sim reset`; else the robot's own driver "
+    "says how"
+)
+
+
+@dataclass(frozen=True)
+class Stopped:
+    """What became of the stop of one system.
+
+    Attributes:
+        system: its name, or its namespace where it runs elsewhere.
+        driver: the service that holds the joints, empty when none has confirmed.
+        stopped: reason of the stop in force.
+        tick: control tick in which it was in force, -1 when none has confirmed.
+        after_ms: wall time from the call to the confirmation.
+        detail: what is to be done when it is not confirmed.
+    """
+
+    system: str
+    driver: str = ""
+    stopped: str = ""
+    tick: int = -1
+    after_ms: float = 0.0
+    detail: str = ""
+
+
+def stop_all(systems: Sequence[Running], reason: str, timeout_s: float) -> list[Stopped]:
+    """Stop systems side by side."""
+    found: dict[int, Stopped] = {}
+    began = time.monotonic()
+
+    def work(place: int, system: Running) -> None:
+        found[place] = _stop(system, reason, timeout_s, began)
+
+    threads = [threading.Thread(target=work, args=item, daemon=True) for item in enumerate(systems)]
+    for thread in threads[1:]:
+        thread.start()
+    work(0, systems[0])
+    for thread in threads[1:]:
+        thread.join()
+    return [found[place] for place in range(len(systems))]
+
+
+def _stop(system: Running, reason: str, timeout_s: float, began: float) -> Stopped:
+    if not answers(system.connect):
+        hint = system.orphans() or "start one with `surefoot up`, or name another with --connect"
+        return Stopped(system.name, detail=f"no system answers at {system.connect}; {hint}")
+    try:
+        stopper = Stopper(system.connect, system.namespace)
+    except Exception as error:  # of the network library: whatever it is, the robot is not stopped
+        return Stopped(system.name, detail=f"{system.connect} cannot be reached ({error}): cut the power of the servos")
+    try:
+        done = stopper.stop(reason, timeout_s)
+    finally:
+        stopper.close()
+    if done is None:
+        unwell = "; ".join(f"{name} {words}" for name, words in system.unwell().items())
+        restarted = f" while services are being restarted ({unwell})" if unwell else ""
+        detail = f"no driver has confirmed the stop within {timeout_s:g} s{restarted}: cut the power of the servos"
+        return Stopped(system.name, detail=detail)
+    return Stopped(system.name, done.driver, done.stopped, done.tick, round(1e3 * (time.monotonic() - began), 1))
+
+
+def answers(connect: str) -> bool:
+    """Return whether anybody listens at an endpoint, at once; True where that cannot be asked."""
+    kind, _, place = connect.partition("/")
+    host, _, port = place.rpartition(":")
+    if kind != "tcp" or not port.isdigit():
+        return True
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=2.0).close()
+    except OSError:
+        return False
+    return True
+
+
+def report(found: Sequence[Stopped], *, json: bool) -> int:
+    """Write what became of a stop; return the exit code: 0 = all confirmed, 1 = not."""
+    if json:
+        import json as jsonlib
+
+        sys.stdout.write(jsonlib.dumps({"systems": [asdict(one) for one in found]}, indent=1) + "\n")
+    for one in () if json else found:
+        if one.driver:
+            text = f"{one.system}: stopped, {one.driver} holds the joints since tick {one.tick} or before"
+            sys.stdout.write(f"{text} ({one.stopped})\n")
+        else:
+            sys.stderr.write(f"surefoot: {one.system}: {one.detail}\n")
+    if not json and any(one.driver for one in found):
+        sys.stdout.write(f"{RELEASE}\n")
+    return 0 if all(one.driver for one in found) else 1

@@ -1,0 +1,89 @@
+"""The emergency stop by itself: a bare Zenoh client that repeats it until the driver confirms.
+
+Imports neither numpy nor the schemas: whoever asks for a stop does not wait for them.
+"""
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
+
+import json
+import time
+from dataclasses import dataclass
+from queue import Empty, SimpleQueue
+from typing import Any
+
+STOP, STATUS = "cmd/estop", "sim/status"
+FIRST_S, MOST_S = 0.005, 0.1
+"""A stop that is not confirmed is repeated after 5 ms, then after twice as long each time, at most 0.1 s."""
+
+
+@dataclass(frozen=True)
+class Confirmed:
+    """What the driver reported.
+
+    Attributes:
+        driver: service that drives.
+        stopped: reason of the stop in force.
+        tick: control tick in which it was in force.
+        after_s: wall time since the stop was asked for.
+    """
+
+    driver: str
+    stopped: str
+    tick: int
+    after_s: float
+
+
+class Stopper:
+    """A connection to one robot. Raises zenoh.ZError when no router answers."""
+
+    def __init__(self, connect: str, namespace: str) -> None:
+        import zenoh
+
+        settings: dict[str, Any] = {
+            "mode": "client",
+            "connect/endpoints": [connect],
+            "connect/timeout_ms": 1000,
+            "scouting/multicast/enabled": False,
+        }
+        config = zenoh.Config()
+        for key, value in settings.items():
+            config.insert_json5(key, json.dumps(value))
+        self._heard: SimpleQueue[Any] = SimpleQueue()
+        self._session = zenoh.open(config)
+        put = self._heard.put
+        self._listening = self._session.declare_subscriber(
+            f"{namespace}/{STATUS}", lambda sample: put(sample.payload.to_bytes())
+        )
+        self._stopping = self._session.declare_publisher(
+            f"{namespace}/{STOP}", encoding="application/json", priority=zenoh.Priority.REAL_TIME, express=True
+        )
+
+    def stop(self, reason: str, timeout_s: float) -> Confirmed | None:
+        """Ask for a stop until the driver says that one is in force; None when it did not within ``timeout_s``."""
+        payload = json.dumps({"source": "operator", "reason": reason})
+        began = time.monotonic()
+        wait = FIRST_S
+        while (left := began + timeout_s - time.monotonic()) > 0.0:
+            self._stopping.put(payload)
+            until = time.monotonic() + min(wait, left)
+            while (status := self._next(until)) is not None:
+                if status.get("stopped"):
+                    spent = time.monotonic() - began
+                    return Confirmed(str(status.get("source", "")), status["stopped"], int(status["tick"]), spent)
+            wait = min(2.0 * wait, MOST_S)
+        return None
+
+    def _next(self, until: float) -> dict[str, Any] | None:
+        """Return the next status that is one, None after ``until``."""
+        while True:
+            try:
+                found = json.loads(self._heard.get(timeout=max(0.0, until - time.monotonic())))
+            except Empty:
+                return None
+            except ValueError:
+                continue
+            if isinstance(found, dict):
+                return found
+
+    def close(self) -> None:
+        """Leave the network."""
+        self._session.close()
