@@ -1,8 +1,8 @@
 """The simulator's own topics and queries: truth, status, reset, step, push, faults. Simulation only."""
 
-from typing import Annotated, ClassVar, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, SerializerFunctionWrapHandler, ValidationInfo, field_validator, model_serializer
 
 from surefoot.schemas.base import MAX_FEET, Message, PerFoot, PerJoint, QuatWxyz, Reply, Request, Vec2, Vec3, belonging
 
@@ -122,6 +122,15 @@ class ResetRequest(Request):
     keep: bool = Field(
         default=False, description="true: what this request does not give, of the world too, stays as it was"
     )
+
+    @model_serializer(mode="wrap")
+    def _given(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """What travels: with ``keep`` only what was given, for the rest is not meant."""
+        fields = handler(self)
+        if not self.keep:
+            return fields
+        world = {name: fields["world"][name] for name in self.world.model_fields_set}
+        return {name: fields[name] for name in self.model_fields_set if name != "world"} | {"world": world}
 
     def over(self, before: "ResetRequest") -> "ResetRequest":
         """Return the request that ``keep`` means after another one: the fields given here, the others as before."""

@@ -33,7 +33,7 @@ class JoinReply(Reply):
 class Health(Message):
     """Life of a service, once a second of wall time; ``health/<service>`` is also a queryable."""
 
-    schema_version: ClassVar[str] = "2.1"
+    schema_version: ClassVar[str] = "2.2"
     service: str = Field(description="name of the service")
     instance: str = Field(description="identity of the process")
     state: Literal["starting", "compiling", "joining", "ready", "running", "stopping"] = Field(
@@ -51,6 +51,12 @@ class Health(Message):
     )
     version: str = Field(default="", description="version of the distribution")
     config_hash: str = Field(default="", description="sha256 of the effective configuration")
+    late: dict[str, float] = Field(
+        default_factory=dict, description="inputs without a new sample for longer than their limit, and their age, s"
+    )
+    silences: dict[str, float] = Field(
+        default_factory=dict, description="inputs that were late in this epoch, and their greatest age, s"
+    )
     waiting_for: tuple[str, ...] = Field(default=(), description="links not yet proved, or inputs of the tick awaited")
 
 
@@ -61,7 +67,7 @@ class HealthRequest(Request):
 class HealthReply(Reply):
     """The health of a service, now."""
 
-    schema_version: ClassVar[str] = "2.1"
+    schema_version: ClassVar[str] = "2.2"
     health: Health = Field(description="as published on health/<service>")
 
 

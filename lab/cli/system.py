@@ -309,6 +309,8 @@ def _add_health(row: dict[str, Any], robot: "Client") -> None:
         "cpu_s": found.cpu_s,
         "rss_mb": found.rss_mb,
         "refused": found.refused,
+        "dropped": found.dropped,
+        "late": found.late,
         "waiting_for": found.waiting_for,
     }
 
@@ -324,7 +326,7 @@ def _show_status(name: str, content: dict[str, Any]) -> None:
             row["restarts"],
             f"{row['tick_p50_us']:.0f} / {row['tick_p99_us']:.0f}" if "tick_p50_us" in row else "",
             f"{row['rss_mb']:.0f}" if "rss_mb" in row else "",
-            row["detail"] or ", ".join(f"{n}x {reason}" for reason, n in _refusals(row)),
+            _remarks(row),
         )
         for row in content["services"]
     ]
@@ -335,6 +337,14 @@ def _show_status(name: str, content: dict[str, Any]) -> None:
         write(content["time"]["words"])
     if "detail" in content:
         write(content["detail"])
+
+
+def _remarks(row: dict[str, Any]) -> str:
+    """Return what is to be said of a service: why it is not well, silent inputs, what it refused and dropped."""
+    silent = [f"{key} silent for {age:.1f} s" for key, age in row.get("late", {}).items()]
+    refused = [f"{n}x {reason}" for reason, n in _refusals(row)]
+    dropped = [f"{n}x {key} dropped" for key, n in row.get("dropped", {}).items()]
+    return ", ".join([*([row["detail"]] if row["detail"] else []), *silent, *refused, *dropped])
 
 
 def _refusals(row: dict[str, Any]) -> list[tuple[str, int]]:

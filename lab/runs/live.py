@@ -104,7 +104,9 @@ def run_scenario(
         tell(f"run {reset.run_id} begins")
         start_s, problems = _follow(session, scenario, director, began, show)
         recorded = _recorder(session) if "recorder" in session.alive else None
-        timings = {n: Timing(h.tick_p50_us, h.tick_p99_us) for n, h in session.health().items() if h.tick_p50_us > 0}
+        health = session.health()
+        timings = {n: Timing(h.tick_p50_us, h.tick_p99_us) for n, h in health.items() if h.tick_p50_us > 0}
+        silences = [f"{n}: {key} was silent for {s:.2f} s" for n, h in health.items() for key, s in h.silences.items()]
         restarts = [f"{row.service} was restarted {row.restarts}x" for row in session.rows() if row.restarts]
         late = session.supervisor.late
         status, wall_s = session.supervisor.status, session.supervisor.wall_s
@@ -118,7 +120,7 @@ def run_scenario(
         message_hash=recorded.run_hash if recorded else "",
         comparable=comparable,
         problems=(*problems, *director.problems, *director.unfinished()),
-        notes=(*director.notes, *restarts, *_late(late), *_unrecorded(recording, recorded)),
+        notes=(*director.notes, *restarts, *silences, *_late(late), *_unrecorded(recording, recorded)),
     )
     written = recording if recording is not None and recording.exists() else None
     try:

@@ -7,6 +7,7 @@ from typing import Any, Literal, Protocol
 
 from surefoot.bus.inbox import Inbox
 from surefoot.kernels.compiling import COMPILING
+from surefoot.lockstep.ages import Ages
 from surefoot.lockstep.config import config_hash
 from surefoot.lockstep.join import Join
 from surefoot.lockstep.service import Service
@@ -26,6 +27,7 @@ class Patient(Protocol):
     tick_us: deque[float]
     refused: Counter[str]
     inbox: Inbox
+    ages: Ages
 
 
 def kernels(state: str) -> Literal["warm", "compiling", "none"]:
@@ -49,6 +51,7 @@ def health_of(node: Patient, waiting_for: tuple[str, ...]) -> Health:
         cpu_s=usage.ru_utime + usage.ru_stime, rss_mb=usage.ru_maxrss / 1024.0,
         refused=dict(node.refused), dropped=node.inbox.dropped(), version=VERSION,
         config_hash=config_hash(node.service.config), waiting_for=waiting_for,
+        late=dict(node.ages.late), silences=dict(node.ages.longest),
     )  # fmt: skip
 
 

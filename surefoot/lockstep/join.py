@@ -49,6 +49,8 @@ class TickInputs:
 
     tick: Tick
     messages: dict[str, Any] = field(repr=False)
+    late: dict[str, float] = field(default_factory=dict[str, float], repr=False)
+    """Inputs without a new sample for longer than their limit, and their age, s: see ``surefoot.lockstep.ages``."""
 
     @property
     def number(self) -> int:

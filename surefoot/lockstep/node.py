@@ -17,6 +17,7 @@ from surefoot.bus.inbox import SHARE, Inbox
 from surefoot.bus.interface import Bus, Delivery, Incoming, Life, Publisher
 from surefoot.errors import CallError, Refusal
 from surefoot.kernels.compiling import COMPILING
+from surefoot.lockstep.ages import Ages
 from surefoot.lockstep.answers import Answers, Late
 from surefoot.lockstep.binding import Bindings, is_prime
 from surefoot.lockstep.health import health_of, join_request
@@ -54,6 +55,7 @@ class Node:
         self.inbox = Inbox()
         self.join = Join(service.name, service.inputs, service.batched)
         self.bindings = Bindings()
+        self.ages = Ages(() if service.raw else service.inputs, service.limits)
         self.refused: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
         self.tick_us: deque[float] = deque(maxlen=2000)
@@ -71,8 +73,6 @@ class Node:
         self._next_join = 0.0
         self._counts_as_done = any(topic.key == CMD_JOINTS.key for topic in service.outputs)
         self._done = TICK_DONE.of(self.name)
-
-    # -- life --------------------------------------------------------------------------------------------------
 
     def start(self) -> None:
         """Declares everything, lets the service prepare, then becomes visible."""
@@ -265,7 +265,7 @@ class Node:
             self.refuse(reason)
 
     def refuse(self, reason: str, detail: str = "") -> None:
-        """Counts a refusal; the first of each kind is logged."""
+        """Count a refusal; the first of each kind is logged."""
         self.refused[reason] += 1
         if detail and self.refused[reason] == 1:
             self.log("warning", f"refused ({reason}): {detail}")
@@ -287,9 +287,7 @@ class Node:
             return
         if self.state == "joining":
             self.state = "ready"
-        self._publishers[self._done.key].put(
-            Done(tick=-1, epoch=prime.epoch, source=self.name, instance=self.instance, ready=True)
-        )
+        self._tell_done(-1, prime.epoch, ready=True)
 
     def on_life(self, life: Life) -> None:
         """A process came or went."""
@@ -305,11 +303,10 @@ class Node:
         self._answer(incoming, request)
 
     def _has_seen(self, request: TickRequest) -> bool:
-        assert request.tick is not None
         epoch = self.epoch if request.epoch is None else request.epoch
         if not self.join.same_tick and not self.join.delayed:
             return self.epoch >= epoch  # what it knows comes once per epoch, no tick changes it
-        return (self.epoch, self.join.last) >= (epoch, request.tick)
+        return (self.epoch, self.join.last) >= (epoch, request.tick or 0)
 
     def _answer(self, incoming: Incoming, request: Request) -> None:
         key, before = incoming.query.key, COMPILING.done_here
@@ -335,7 +332,9 @@ class Node:
         if tick.epoch != self.epoch:
             self.epoch = tick.epoch
             self._outbox.clear()
+            self.ages.begin()
             self.service.on_reset()
+        self.ages.judge(inputs, self.join.absent, self.log)
         self.state = "running"
         self._outbox[(tick.epoch, tick.tick)] = []
         self.bus.cork()
@@ -364,11 +363,11 @@ class Node:
             publisher.resend(token)
         self.bus.flush()
         if not self._counts_as_done:
-            self._publishers[self._done.key].put(
-                Done(tick=self.join.last, epoch=epoch, source=self.name, instance=self.instance)
-            )
+            self._tell_done(self.join.last, epoch)
 
-    # -- what a service asks for -------------------------------------------------------------------------------
+    def _tell_done(self, tick: int, epoch: int, *, ready: bool = False) -> None:
+        done = Done(tick=tick, epoch=epoch, source=self.name, instance=self.instance, ready=ready)
+        self._publishers[self._done.key].put(done)
 
     def publish(self, topic: Topic[Any], message: Message, stamp_ns: int | None) -> None:
         if topic.key not in self._publishers:

@@ -1,6 +1,6 @@
 """What a service declares and overrides. The runtime around it is ``surefoot.lockstep.node``."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
@@ -48,6 +48,9 @@ class Service(Generic[C]):
     """Topics outside lockstep (health, logs): delivered to ``on_message`` as they come."""
     batched: ClassVar[bool] = False
     """Its ticks may come some at a time: for those whose output nobody awaits within a tick."""
+    limits: ClassVar[Mapping[str, int]] = {}
+    """Ages beyond which an input is late, ns of simulated time, by key; the others: three of its periods, at least
+    100 ms (``surefoot.lockstep.ages``). ``TickInputs.late`` names the late ones, as do log, health and report."""
     raw: ClassVar[bool] = False
     """Inputs are handed over undecoded, as ``Delivery``: for those who pass them on."""
 

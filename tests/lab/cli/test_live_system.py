@@ -9,6 +9,9 @@ import time
 import pytest
 
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
+from surefoot.client import connect
+from surefoot.errors import CallError
+from surefoot.geometry.heightmap_files import load
 from surefoot.services.supervisor.processes.rundir import RunFolder
 from tests.ports import free_address
 
@@ -60,9 +63,51 @@ def test_an_emergency_stop_is_confirmed_by_the_driver_and_released_by_a_reset(sy
         assert found["stopped"] == "a hand in the way"
     refused = json.loads(surefoot("health", "simulator", "--json").stdout)["refused"]
     assert refused["stopped"] > 0
-    assert surefoot("call", "sim/reset", '{"mode": "paced", "rtf": 1}').returncode == 0
-    done = surefoot("topic", "echo", "sim/status", "-n", "1", "--timeout", "60")
-    assert json.loads(done.stdout)["stopped"] == ""
+    assert "held (emergency stop: a hand in the way)" in surefoot("sim", "status").stdout
+    assert surefoot("sim", "reset").returncode == 0
+    found = status(surefoot)
+    assert (found["stopped"], found["mode"], found["pace"]) == ("", "paced", 1.0)  # as it was
+
+
+def status(surefoot):
+    return json.loads(surefoot("sim", "status", "--json").stdout)
+
+
+def test_paused_time_is_reported_by_status_echo_hz_and_the_client(system, surefoot, place):
+    assert surefoot("sim", "pause").returncode == 0
+    assert status(surefoot)["state"] == "paused"
+    assert "simulated time is paused" in surefoot("status").stdout
+    for words in (
+        ("topic", "echo", "state/velocity", "--timeout", "0.5"),
+        ("topic", "hz", "hw/imu", "--window", "0.5"),
+    ):
+        done = surefoot(*words)
+        assert done.returncode == 1
+        assert "simulated time is paused" in done.stderr
+    found = RunFolder("ragno", place[0] / "state" / "surefoot").endpoint()
+    with connect("ragno", found.connect) as robot, pytest.raises(CallError, match="simulated time is paused"):
+        robot.latest("state/velocity", 0.3)
+    before = status(surefoot)["tick"]
+    assert surefoot("sim", "step", "7").returncode == 0
+    deadline = time.monotonic() + WAIT_S
+    while status(surefoot)["state"] != "paused" and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert status(surefoot)["tick"] == before + 7
+    assert surefoot("sim", "speed", "0.5").returncode == 0
+    assert surefoot("sim", "resume").returncode == 0
+    assert (status(surefoot)["state"], status(surefoot)["pace"]) == ("running", 0.5)
+    for words in (("push", "1.0"), ("set", "friction", "0.7"), ("fault", "imu_drop", "--duration", "0.1")):
+        assert surefoot("sim", *words).returncode == 0
+    assert surefoot("sim", "fault", "nosuch").returncode != 0
+    assert surefoot("sim", "speed", "1").returncode == 0
+
+
+def test_a_latched_topic_reaches_a_late_reader_and_its_numbers_are_kept(system, surefoot, tmp_path):
+    done = surefoot("topic", "echo", "terrain/map", "-n", "1", "--timeout", "20")
+    assert done.returncode == 0, done.stderr
+    out = tmp_path / "map.npz"
+    assert surefoot("call", "terrain/map", "--out", out).returncode == 0
+    assert load(out).shape == (json.loads(done.stdout)["rows"], json.loads(done.stdout)["cols"])
 
 
 def test_a_stop_that_nobody_confirms_is_an_error(surefoot, place):
@@ -73,7 +118,9 @@ def test_a_stop_that_nobody_confirms_is_an_error(surefoot, place):
     finally:
         bus.close()
     assert done.returncode == 1
-    assert json.loads(done.stdout)["error"]["code"] == "timeout"
+    (found,) = json.loads(done.stdout)["systems"]
+    assert found["driver"] == ""
+    assert "cut the power" in found["detail"]
 
 
 def test_it_cannot_be_started_twice(system, surefoot):
@@ -101,6 +148,10 @@ def test_bags_are_recorded_and_played(system, surefoot, tmp_path):
     done = surefoot("bag", "record", "-o", bag, "--duration", "0.5", "-k", "state/odometry")
     assert done.returncode == 0
     assert json.loads(surefoot("bag", "info", bag, "--json").stdout)["topics"]["state/odometry"] > 10
+    assert surefoot("bag", "record", "-o", bag, "--duration", "0.5").returncode == 2  # it exists
+    nothing = surefoot("bag", "record", "-o", tmp_path / "y.mcap", "--duration", "0.3", "-k", "log/nobody")
+    assert (nothing.returncode, "0 messages" in nothing.stdout) == (1, True)
+    assert surefoot("bag", "play", bag, "-k", "state/odometry", "--start", "100").returncode == 1
 
 
 def test_logs_are_kept(system, surefoot):

@@ -311,6 +311,19 @@ def test_every_emergency_stop_is_confirmed_at_once_even_in_a_pause(bench: Bench)
     assert {status.source for status in told} == {"simulator"}
 
 
+def test_a_reset_that_keeps_changes_only_what_it_gives(bench: Bench) -> None:
+    world = sim.World(terrain="slope", friction=0.7)
+    bench.reset(ticks=5, mode="paced", rtf=3.0, seed=4, world=world)
+    bench.finish()
+    kept = sim.ResetRequest.model_validate({"keep": True, "world": {"friction": 0.5}, "seed": 5})
+    sent = sim.ResetRequest.model_validate_json(kept.model_dump_json())  # as it travels
+    bench.ask(SIM_RESET, sent)
+    now = bench.simulator._request
+    assert (now.mode, now.rtf, now.seed, now.max_ticks, now.expect) == ("paced", 3.0, 5, 5, ("walker", "recorder"))
+    assert (now.world.terrain, now.world.friction) == ("slope", 0.5)
+    bench.finish()
+
+
 def test_paced_time_that_cannot_keep_its_factor_is_late_with_the_factor_achieved(bench: Bench) -> None:
     """Nobody can run at 1000 times real time; a paused simulation is not late."""
     bench.reset(ticks=2000, mode="paced", rtf=1000.0)

@@ -1,0 +1,138 @@
+"""What once misled a user of the command line: which system is meant, errors too late, files overwritten."""
+
+import json
+import sys
+
+import pytest
+
+from surefoot.lab.cli import main as cli
+from surefoot.lab.cli.output import state
+from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder
+from tests.processes import run_process
+
+
+@pytest.fixture(autouse=True)
+def apart(monkeypatch, tmp_path):
+    """Own run folders, no port of anybody else, no colours, a wide terminal."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.setenv("SUREFOOT_CONNECT", "tcp/127.0.0.1:9")
+    monkeypatch.setenv("SUREFOOT_LISTEN", "tcp/127.0.0.1:9")
+    monkeypatch.setenv("NO_COLOR", "1")
+    monkeypatch.setattr(state, "json", False)
+    monkeypatch.setattr(state, "debug", False)
+
+
+@pytest.fixture
+def surefoot(capsys):
+    def run(*words):
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            cli.main([*map(str, words)])
+        out, err = capsys.readouterr()
+        return ended.value.code or 0, out, err
+
+    return run
+
+
+def test_a_stop_that_reaches_no_system_says_so_in_json(surefoot):
+    code, out, _ = surefoot("stop", "--json")
+    assert code == cli.EXIT_CHECK
+    (found,) = json.loads(out)["systems"]
+    assert (found["driver"], found["stopped"]) == ("", "")
+    assert "no system answers" in found["detail"]
+
+
+@pytest.fixture
+def two_systems():
+    """Two systems that run, as far as their run folders say."""
+    folders = [RunFolder(name) for name in ("ragno", "nao")]
+    for number, folder in enumerate(folders):
+        folder.acquire()
+        folder.write_endpoint(Endpoint(f"tcp/127.0.0.1:{11 + number}", f"surefoot/{folder.name}"))
+    yield
+    for folder in folders:
+        folder.release()
+
+
+@pytest.fixture
+def no_endpoint(monkeypatch):
+    monkeypatch.delenv("SUREFOOT_CONNECT", raising=False)
+    monkeypatch.delenv("SUREFOOT_LISTEN", raising=False)
+
+
+@pytest.mark.parametrize(
+    "words", [["call", "sim/features"], ["topic", "echo", "state/gait"], ["sim", "pause"], ["health", "walker"]]
+)
+def test_a_command_that_could_mean_several_systems_refuses_with_their_names(surefoot, two_systems, no_endpoint, words):
+    code, _, err = surefoot(*words)
+    assert code == cli.EXIT_USAGE
+    assert "2 systems run: nao (surefoot/nao" in err
+    assert "ragno (surefoot/ragno" in err
+
+
+def test_down_of_several_systems_refuses_with_their_names(surefoot, two_systems, no_endpoint):
+    code, _, err = surefoot("down")
+    assert code == cli.EXIT_USAGE
+    assert "2 systems run: nao, ragno" in err or "2 systems run: ragno, nao" in err
+
+
+def test_stop_without_a_name_means_every_system_and_reports_each(surefoot, two_systems, no_endpoint):
+    code, out, _ = surefoot("stop", "--json", "--timeout", "0.2")
+    assert code == cli.EXIT_CHECK
+    assert {found["system"] for found in json.loads(out)["systems"]} == {"nao", "ragno"}
+    assert {found["system"] for found in json.loads(surefoot("stop", "nao", "--json")[1])["systems"]} == {"nao"}
+    code, _, err = surefoot("stop", "nosuch")
+    assert code == cli.EXIT_USAGE
+    assert "running: nao, ragno" in err
+
+
+def test_stop_imports_neither_numpy_nor_the_schemas():
+    program = (
+        "import sys; from surefoot.lab.cli.entry import main\n"
+        "try: main(['stop', '--connect', 'tcp/127.0.0.1:9', '--timeout', '0.2'])\n"
+        "except SystemExit as end: print(end.code)\n"
+        "print([name for name in ('numpy', 'pydantic', 'typer', 'surefoot.schemas') if name in sys.modules])"
+    )
+    done = run_process([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.stdout == "1\n[]\n", done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        (("up", "--terrain", "moon"), "moon"),
+        (("up", "-d", "--terrain", "nowhere.npz"), "nowhere.npz"),
+    ],
+)
+def test_an_unknown_terrain_is_refused_before_anything_starts(surefoot, words, hint):
+    code, _, err = surefoot(*words)
+    assert code == cli.EXIT_USAGE
+    assert hint in err
+    assert "start " not in err
+
+
+@pytest.mark.parametrize("words", [("up",), ("run", "stand")])
+def test_a_wrong_value_in_the_environment_is_refused_before_anything_starts(surefoot, monkeypatch, words):
+    monkeypatch.setenv("SUREFOOT_WALKER_STRIDE_M", "-3")
+    code, _, err = surefoot(*words)
+    assert code == cli.EXIT_USAGE
+    assert "stride_m" in err
+    assert "-3" in err
+    assert "start " not in err
+
+
+@pytest.mark.parametrize(
+    "words", [("run", "stand", "--out"), ("bag", "record", "-o"), ("up", "--record"), ("call", "sim/features", "--out")]
+)
+def test_nothing_is_overwritten_without_force(surefoot, tmp_path, words):
+    there = tmp_path / "kept"
+    if words[0] == "run":
+        there.mkdir()
+        (there / "report.html").write_text("mine")
+    else:
+        there.write_text("mine")
+    code, _, err = surefoot(*words, there)
+    assert code == cli.EXIT_USAGE
+    assert "exists" in err
+    assert "--force" in err
+    assert (there / "report.html" if there.is_dir() else there).read_text() == "mine"
