@@ -26,17 +26,23 @@ class Answers:
     Args:
         put: puts something into that inbox.
         refuse: counts a refusal by its reason, with a detail for the log.
+        clock: returns monotonic wall time, s.
     """
 
-    def __init__(self, put: Callable[[Late], Any], refuse: Callable[[str, str], None]) -> None:
-        self._put, self._refuse = put, refuse
+    def __init__(
+        self,
+        put: Callable[[Late], Any],
+        refuse: Callable[[str, str], None],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._put, self._refuse, self._clock = put, refuse, clock
         self.late = 0
         """Queries whose answer is being worked out on another thread."""
         self._waiting: list[tuple[float, Incoming, TickRequest]] = []
 
     def wait(self, incoming: Incoming, request: TickRequest) -> None:
         """Keeps a query about a tick that has not come."""
-        self._waiting.append((time.monotonic(), incoming, request))
+        self._waiting.append((self._clock(), incoming, request))
 
     def due(self, seen: Callable[[TickRequest], bool]) -> list[tuple[Incoming, TickRequest]]:
         """Takes out the queries whose tick has come."""
@@ -48,7 +54,7 @@ class Answers:
 
     def expire(self, name: str) -> None:
         """Ends the queries that have waited too long for the service ``name``."""
-        now = time.monotonic()
+        now = self._clock()
         old = [item for item in self._waiting if now - item[0] > NOT_READY_S]
         self._waiting = [item for item in self._waiting if item not in old]
         for _, incoming, request in old:

@@ -25,6 +25,10 @@ class Commands:
         """Return whether a command of a tick was accepted."""
         return self._by_tick.get(tick) is not None
 
+    def answered(self, tick: int) -> bool:
+        """Return whether a command of a tick came, accepted or refused."""
+        return tick in self._by_tick
+
     def offer(self, command: JointCommand, tick: int, check: Callable[[JointCommand], None]) -> None:
         """Accept a command at a tick of the driver.
 
@@ -36,6 +40,7 @@ class Commands:
         if command.tick > tick or command.tick < tick - STALE_TICKS:
             raise Refusal("stale", f"command of tick {command.tick} at tick {tick}", "tick")
         if not (command.tick - STALE_TICKS) * TICK_NS <= command.stamp_ns <= (command.tick + 1) * TICK_NS:
+            self._by_tick.setdefault(command.tick)
             text = f"command of tick {command.tick} has stamp {command.stamp_ns} ns, expected {command.tick * TICK_NS}"
             raise Refusal("stamp", text, "stamp_ns")
         self._by_tick[command.tick] = None

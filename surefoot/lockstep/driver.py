@@ -5,13 +5,14 @@ of each tick, waits as the protocol asks (see ``surefoot.lockstep.leader``), rep
 """
 
 import time
+from collections.abc import Callable
 from typing import Any, ClassVar, cast
 
 from surefoot.bus.interface import Bus, Delivery, Life, Publisher
 from surefoot.errors import Refusal
 from surefoot.lockstep.commands import Commands
 from surefoot.lockstep.join import DRIVER
-from surefoot.lockstep.leader import Leader
+from surefoot.lockstep.leader import COMMANDER, Leader
 from surefoot.lockstep.node import Node
 from surefoot.lockstep.pace import Pace
 from surefoot.lockstep.sample import Sample
@@ -78,11 +79,11 @@ class Driver(Service[C]):
 class DriverNode(Node):
     """Runs a driver: roster, manifests, commands, pace."""
 
-    def __init__(self, service: Driver[Any], bus: Bus) -> None:
-        super().__init__(service, bus)
+    def __init__(self, service: Driver[Any], bus: Bus, clock: Callable[[], float] = time.monotonic) -> None:
+        super().__init__(service, bus, clock)
         self.driver = service
         self.leader = Leader()
-        self.pace = Pace()
+        self.pace = Pace(clock)
         self.commands = Commands()
         self.held = False
         """The joints are held: the stream of commands has ended, or the driver refuses it."""
@@ -108,8 +109,6 @@ class DriverNode(Node):
     def _subscriptions(self) -> list[Topic[Any]]:
         return []  # the driver proves no links: participants do, and say so
 
-    # -- epochs ------------------------------------------------------------------------------------------------
-
     def begin(self, expect: tuple[str, ...], mode: str, rtf: float, delay: int, policy: str, seed: int) -> int:
         """Starts a new epoch: everybody proves their links anew, then tick 0 comes. Returns the epoch."""
         leader = self.leader
@@ -121,7 +120,7 @@ class DriverNode(Node):
         self.commands, self.held, self.gave_up = Commands(), False, ""
         self._outbox.clear()
         leader.begin(leader.epoch + 1)
-        self._since, self._resends = time.monotonic(), 0
+        self._since, self._resends = self.clock(), 0
         self.state = "ready"
         return leader.epoch
 
@@ -145,14 +144,12 @@ class DriverNode(Node):
         leader.state = self.state = "running"
         self.pace.resume(leader.tick)
 
-    # -- what arrives ------------------------------------------------------------------------------------------
-
     def _on_join(self, request: JoinRequest) -> JoinReply:
         if self.leader.state in ("idle", "ended"):
             return JoinReply(accepted=False, reason=f"the run is {self.leader.state}; wait for the next reset")
         if not self.bindings.visible(request.service, request.instance):
             return JoinReply(accepted=False, reason=f"no liveliness token of {request.service} {request.instance!r}")
-        self._joining[request.service] = time.monotonic()
+        self._joining[request.service] = self.clock()
         return JoinReply(accepted=True)
 
     def _on_delivery(self, delivery: Delivery) -> None:
@@ -202,11 +199,9 @@ class DriverNode(Node):
         if not life.alive:
             leader.on_gone(life.service, life.instance)
             if leader.state == "holding":
-                self._since = time.monotonic()
+                self._since = self.clock()
         elif leader.on_back(life.service, life.instance):
             self._repeat_all()
-
-    # -- ticks -------------------------------------------------------------------------------------------------
 
     def work(self) -> bool:
         leader = self.leader
@@ -217,6 +212,8 @@ class DriverNode(Node):
         if leader.state == "holding":
             return self._hold()
         self.state = "ready"  # paused or ended: no tick comes
+        if leader.state in ("paused", "ended") and not leader.all_done() and self._resends < RESENDS:
+            self._watch_silence()  # the last messages may be lost, too
         return False
 
     def _join_all(self) -> bool:
@@ -225,8 +222,8 @@ class DriverNode(Node):
             self._prime()
             awaited = set(leader.missing())
             if awaited != self._awaited:
-                self._awaited, self._since = awaited, time.monotonic()
-            if time.monotonic() - self._since > JOIN_TIMEOUT_S:
+                self._awaited, self._since = awaited, self.clock()
+            if self.clock() - self._since > JOIN_TIMEOUT_S:
                 missing = ", ".join(leader.missing())
                 leader.reason = f"not ready after {JOIN_TIMEOUT_S:g} s: {missing}"
                 leader.state = "idle"
@@ -239,7 +236,7 @@ class DriverNode(Node):
         return True
 
     def _prime(self) -> None:
-        now = time.monotonic()
+        now = self.clock()
         if now < self._next_prime:
             return
         self._next_prime = now + PRIME_S
@@ -265,7 +262,7 @@ class DriverNode(Node):
             self._repeat(leader.rejoin())
             return True
         self._prime()
-        if time.monotonic() - self._since > HOLD_S:
+        if self.clock() - self._since > HOLD_S:
             gone = ", ".join(leader.give_up_waiting())
             self.gave_up = leader.reason = f"gave up waiting for {gone} after {HOLD_S:g} s: the run ends"
             self.log("error", leader.reason)
@@ -280,7 +277,7 @@ class DriverNode(Node):
             self._admit_joiners()
         if self.pace.until_due(leader.tick + 1) > 0.0:
             return False
-        if not leader.may_advance():
+        if not leader.may_advance() or self._lacks_command():
             self._watch_silence()
             return False
         began = time.perf_counter_ns()
@@ -292,6 +289,14 @@ class DriverNode(Node):
         self.join.last, self.epoch = leader.tick, leader.epoch  # for health
         self.tick_us.append((time.perf_counter_ns() - began) * 1e-3)
         return True
+
+    def _lacks_command(self) -> bool:
+        """In lockstep the command of the very tick is awaited: a later one does not stand in for one that was lost."""
+        leader = self.leader
+        walker, wanted = leader.members.get(COMMANDER), leader.tick - leader.delay
+        if leader.mode != "lockstep" or walker is None or wanted < max(0, walker.admitted):
+            return False
+        return not self.commands.answered(wanted)
 
     def _command(self) -> JointCommand | None:
         """The command of tick t - delay; in paced mode the newest until then that was not obeyed yet."""
@@ -322,7 +327,7 @@ class DriverNode(Node):
             self.bus.cork()
             self._reveal()
             self.bus.flush(batch=manifest.report)
-        self._since, self._resends = time.monotonic(), 0
+        self._since, self._resends = self.clock(), 0
 
     def _reveal(self) -> None:
         """Tells what judges are to know of the last ticks."""
@@ -346,14 +351,14 @@ class DriverNode(Node):
             if manifest is not None:
                 self._publishers[HW_TICK.key].put(manifest)
             self.bus.flush()
-        self._since = time.monotonic()
+        self._since = self.clock()
 
     def _repeat_all(self) -> None:
         first = min((member.done for member in self.leader.members.values()), default=self.leader.tick) + 1
         self._repeat(range(max(0, min(first, self.leader.tick - self.leader.delay)), self.leader.tick + 1))
 
     def _watch_silence(self) -> None:
-        if time.monotonic() - self._since < SILENCE_S:
+        if self.clock() - self._since < SILENCE_S:
             return
         self._resends += 1
         if self._resends <= RESENDS:
@@ -361,26 +366,24 @@ class DriverNode(Node):
             self._repeat_all()
             return
         leader = self.leader
-        order = {name: place for place, name in enumerate(leader.expect)}
-        behind = [name for name, member in leader.members.items() if member.done < leader.tick]
-        if behind:
-            silent = min(behind, key=lambda n: (leader.members[n].done, order.get(n, len(order))))
+        silent = leader.slowest()
+        if silent:
             self.log("error", f"{silent} is silent in tick {leader.tick}; it counts as lost")
             leader.drop(silent, f"{silent} is silent")
         self._resends = 0
         self._repeat_all()
 
     def _admit_joiners(self) -> None:
-        now = time.monotonic()
+        now = self.clock()
         for service, asked in list(self._joining.items()):
             if service in self.leader.members or service in self.leader.ready or now - asked > 1.0:
                 del self._joining[service]
         if self._joining:
             self._prime()
 
-    def _timers(self) -> float:
-        wait = super()._timers()
-        leader, now = self.leader, time.monotonic()
+    def timers(self) -> float:
+        wait = super().timers()
+        leader, now = self.leader, self.clock()
         if now >= self._next_status:
             self._next_status = now + STATUS_S
             self.driver.on_status()

@@ -170,6 +170,12 @@ class Leader:
         """Everybody finished the last tick."""
         return all(member.done >= self.tick for member in self.members.values())
 
+    def slowest(self) -> str:
+        """The member that lags most, of several the first in the order of ``expect``; empty: none lags."""
+        order = {name: place for place, name in enumerate(self.expect)}
+        behind = [name for name, member in self.members.items() if member.done < self.tick]
+        return min(behind, key=lambda n: (self.members[n].done, order.get(n, len(order))), default="")
+
     def newcomers(self) -> bool:
         """Somebody is ready and not on the roster."""
         return bool(self.ready)

@@ -3,6 +3,7 @@
 For tests, for studies over many seeds (one process per seed, no ports) and for replay.
 """
 
+import time
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -13,9 +14,9 @@ from surefoot.lockstep.node import Node
 from surefoot.lockstep.service import Service
 
 
-def node_of(service: Service[Any], bus: Any) -> Node:
+def node_of(service: Service[Any], bus: Any, clock: Callable[[], float] = time.monotonic) -> Node:
     """The runtime a service runs in."""
-    return DriverNode(service, bus) if isinstance(service, Driver) else Node(service, bus)
+    return DriverNode(service, bus, clock) if isinstance(service, Driver) else Node(service, bus, clock)
 
 
 class LocalSystem:

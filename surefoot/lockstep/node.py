@@ -8,6 +8,7 @@ import sys
 import time
 import uuid
 from collections import Counter, deque
+from collections.abc import Callable
 from contextlib import suppress
 from queue import Empty
 from typing import Any, TypeVar
@@ -47,8 +48,8 @@ _TICK = HW_TICK.key
 class Node:
     """Runs one service on one bus."""
 
-    def __init__(self, service: Service[Any], bus: Bus) -> None:
-        self.service = service
+    def __init__(self, service: Service[Any], bus: Bus, clock: Callable[[], float] = time.monotonic) -> None:
+        self.service, self.clock = service, clock
         self.bus = bus
         self.name = service.name
         self.instance = uuid.uuid4().hex[:12]
@@ -65,7 +66,7 @@ class Node:
         self._outbox: dict[tuple[int, int], list[tuple[Publisher[Any], Any]]] = {}
         self._observed = {topic.key for topic in service.observes}
         self.links = Links(bus)
-        self._answers = Answers(self.inbox.put, self.refuse)
+        self._answers = Answers(self.inbox.put, self.refuse, clock)
         self._tick: TickInputs | None = None
         self.epoch = -1
         self._primed_at = 0.0
@@ -84,12 +85,12 @@ class Node:
         for topic in (*service.outputs, self._done, HEALTH.of(self.name), LOG.of(self.name)):
             self._publishers[topic.key] = self.bus.publisher(topic, self.instance)
         self.bus.serve(HEALTH_GET.of(self.name), self._early)  # the only question that a cold service answers
-        began, before = time.monotonic(), COMPILING.done
+        began, before = self.clock(), COMPILING.done
         with COMPILING.told(self._on_compile):
             service.on_start()
             service.rehearse()
         if self.state == "compiling":
-            self.log("info", f"{COMPILING.done - before} kernels compiled in {time.monotonic() - began:.1f} s")
+            self.log("info", f"{COMPILING.done - before} kernels compiled in {self.clock() - began:.1f} s")
         for query in service.serves:
             if query.key not in service.handlers:
                 raise ValueError(f"{self.name} declares {query.key!r} but registered no handler in on_start")
@@ -125,8 +126,8 @@ class Node:
         """Works until ``stop``; however much waits, the clock is looked at every ``LOOK_S``."""
         try:
             while not self.stopping:
-                busy = self._work_until(time.monotonic() + LOOK_S)
-                wait = min(self._timers(), LOOK_S)
+                busy = self._work_until(self.clock() + LOOK_S)
+                wait = min(self.timers(), LOOK_S)
                 if busy:
                     continue
                 try:
@@ -152,7 +153,7 @@ class Node:
     def _work_until(self, deadline: float) -> bool:
         """Handles what is there until a time of the monotonic clock; returns whether something may be left."""
         while not self.stopping and self._turn(deadline):
-            if time.monotonic() >= deadline:
+            if self.clock() >= deadline:
                 return True
         return False
 
@@ -162,7 +163,7 @@ class Node:
         inbox = self.inbox
         for lane, share in ((inbox.tick, math.inf), (inbox.queries, SHARE), (inbox.observed, SHARE)):
             done = 0
-            while lane and done < share and time.monotonic() < deadline:
+            while lane and done < share and self.clock() < deadline:
                 self.handle(lane.get())
                 done += 1
             progressed = progressed or done > 0
@@ -177,9 +178,9 @@ class Node:
             return True
         return progressed
 
-    def _timers(self) -> float:
+    def timers(self) -> float:
         """Does what the wall clock asks for; returns the seconds until it asks again."""
-        now = time.monotonic()
+        now = self.clock()
         if now >= self._next_health:
             self._next_health = now + HEALTH_PERIOD_S
             self._publishers[f"health/{self.name}"].put(self.health())
@@ -188,7 +189,7 @@ class Node:
             if not self.stopping and not self.join.on_roster and now - self._primed_at > JOIN_RETRY_S:
                 self._ask_to_join()
         self._answers.expire(self.name)
-        return max(0.0, min(self._next_health, self._next_join) - time.monotonic())
+        return max(0.0, min(self._next_health, self._next_join) - self.clock())
 
     def _ask_to_join(self) -> None:
         try:
@@ -276,7 +277,7 @@ class Node:
         Only the links from services of the roster are awaited, and of the driver's only those it has; a prime of
         another topic is an empty payload.
         """
-        self._primed_at = time.monotonic()
+        self._primed_at = self.clock()
         self.join.announce(prime.epoch)
         self.bus.cork()
         for output in self.service.outputs:

@@ -131,10 +131,10 @@ def test_a_request_for_a_tick_that_does_not_come_is_not_ready(bench: Bench, monk
     bench.both(0)
     asked = MemoryIncoming(FOOTHOLDS_SELECT, SelectRequest.model_validate({"tick": 10**6, "epoch": 1, **SELECT}))
     bench.node.handle(asked)
-    bench.node._timers()
+    bench.node.timers()
     assert asked.error is None
     monkeypatch.setattr(answers, "NOT_READY_S", 0.0)
-    bench.node._timers()
+    bench.node.timers()
     assert asked.error is not None
     assert asked.error.code == "not_ready"
 

@@ -1,0 +1,197 @@
+"""Seeds of faults over the toys: the run is that without faults, whatever was dropped, doubled, delayed or forged.
+
+Ten faults planted into the protocol are each found by a short campaign.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from surefoot.bus.interface import Delivery
+from surefoot.errors import BusError
+from surefoot.lockstep import commands, join, node
+from surefoot.lockstep import driver as driver_module
+from surefoot.lockstep.chaos import FORGER, KINDS, ChaosSystem, Kind, draw_events
+from surefoot.lockstep.config import ServiceConfig
+from surefoot.schemas.hw import JointCommand
+from surefoot.schemas.topics import Topic
+from tests.surefoot.toys import ToyDriver, ToyEstimator, ToyObserver, ToyWalker, estimate
+
+TICKS = 60
+SEEDS = range(60)
+MESSAGES: tuple[Kind, ...] = ("drop", "duplicate", "reorder", "delay", "corrupt", "forge")
+NAMES = ("driver", "estimator", "walker", "recorder")
+
+
+class Found(AssertionError):
+    """A campaign has found something wrong."""
+
+
+def forge(topic: Topic[Any], delivery: Delivery) -> Delivery | None:
+    """What an impostor publishes before the owner: the same header, other content."""
+    message = delivery.message()
+    header = (message.stamp_ns, message.tick, message.epoch, message.seq, "x")
+    if topic.key == "cmd/joints":
+        return Delivery(topic, JointCommand(position=(40.0,)).stamped(*header), None, None, FORGER)
+    if topic.key == "state/velocity":
+        return Delivery(topic, estimate(40.0).stamped(*header), None, None, FORGER)
+    if topic.key == "hw/tick":
+        far = message.model_copy(update={"epoch": 10**9})
+        return Delivery(topic, far, None, None, FORGER)
+    return None
+
+
+def run(seed: int, number: int = 8, kinds: tuple[Kind, ...] = KINDS) -> tuple[list[float], ChaosSystem]:
+    """A run under faults; the history of the toy's state."""
+    makers: dict[str, Callable[[], Any]] = {
+        "simulator": ToyDriver,
+        "estimator": lambda: ToyEstimator(ServiceConfig()),
+        "walker": lambda: ToyWalker(ServiceConfig()),
+        "recorder": ToyObserver,
+    }
+    events = draw_events(seed, number, NAMES, TICKS, kinds)
+    system = ChaosSystem(makers, events, seed)
+    system.bus.forge = forge
+    system.driver.begin(("estimator", "walker", "recorder"), "lockstep", 0.0, 1, "hold", 0)
+    lead = system.driver.leader
+    lead.end_tick = TICKS
+    try:
+        system.run(lambda: lead.state == "ended" and lead.all_done())
+    except BusError as error:
+        raise Found(str(error)) from None
+    if not system.recovered():
+        raise Found(f"not recovered: {lead}")
+    return system.driver.service.history, system  # type: ignore[attr-defined]
+
+
+def reference() -> list[float]:
+    return run(0, 0)[0]
+
+
+def campaign(expected: list[float]) -> None:
+    """Raises Found for the first seed whose run is another than that without faults."""
+    for seed in SEEDS:
+        try:
+            history, _ = run(seed, kinds=MESSAGES)
+        except Exception as error:
+            raise Found(f"seed {seed}: {type(error).__name__}: {error}") from None
+        if history != expected:
+            raise Found(f"seed {seed}: another run, from tick {[*map(float.__eq__, history, expected)].index(False)}")
+
+
+def test_the_events_of_a_seed_are_the_same_and_of_every_kind() -> None:
+    assert draw_events(7, 50, NAMES, 1000) == draw_events(7, 50, NAMES, 1000)
+    events = draw_events(7, 500, NAMES, 1000)
+    assert {event.kind for event in events} == set(KINDS)
+    assert {event.service for event in events if event.kind in ("kill", "freeze")} == set(NAMES[1:])
+    assert [event.tick for event in events] == sorted(event.tick for event in events)
+
+
+def test_spoilt_messages_change_nothing() -> None:
+    campaign(reference())
+
+
+def test_the_faults_of_a_seed_are_replayed_to_the_bit() -> None:
+    one, other = run(3), run(3)
+    assert one[0] == other[0]
+    assert one[1].outcomes == other[1].outcomes
+    assert one[1].now == other[1].now
+
+
+@pytest.mark.parametrize("kinds", [("kill",), ("freeze",), KINDS])
+def test_after_killed_and_frozen_services_everybody_is_back(kinds: tuple[Kind, ...]) -> None:
+    for seed in range(20):
+        history, system = run(seed, 3, kinds)
+        assert len(history) == TICKS
+        assert system.recovered()
+
+
+def test_nothing_forged_is_obeyed_and_each_is_counted() -> None:
+    expected = reference()
+    refused = 0
+    for seed in range(20):
+        history, system = run(seed, 6, ("forge",))
+        assert history == expected
+        refused += sum(found.refused["unbound"] for found in system.nodes.values())
+    assert refused > 100
+
+
+# -- planted faults ----------------------------------------------------------------------------------------------------
+
+
+def _anyone_speaks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(node.Node, "_speaks", lambda *args, **more: True)
+
+
+def _no_resend(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(driver_module.DriverNode, "_repeat_all", lambda self: None)
+
+
+def _no_replay(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(node.Node, "_replay", lambda *args: None)
+
+
+def _newest_instead_of_same_tick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(join.Join, "_missing", lambda self, tick: [])
+
+
+def _second_message_wins(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tick that comes again is worked out again."""
+    original = join.Join._offer_tick
+
+    def offer(self: join.Join, tick: Any) -> Any:
+        if tick.epoch == self.epoch and 0 <= tick.tick == self.last:
+            self.last -= 1
+        return original(self, tick)
+
+    monkeypatch.setattr(join.Join, "_offer_tick", offer)
+
+
+def _no_delay_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The driver obeys the newest command it has, not that of the tick."""
+    original = commands.Commands.take
+    monkeypatch.setattr(commands.Commands, "take", lambda self, wanted, exact: original(self, wanted + 1, exact=False))
+
+
+def _later_command_stands_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As it was until a campaign found it."""
+    monkeypatch.setattr(driver_module.DriverNode, "_lacks_command", lambda self: False)
+
+
+def _malformed_ends_the_service(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(self: node.Node, reason: str, detail: str = "") -> None:
+        self.refused[reason] += 1
+        if reason == "malformed":
+            raise ValueError(detail)
+
+    monkeypatch.setattr(node.Node, "refuse", refuse)
+
+
+def _outputs_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(node, "KEEP_TICKS", 0)
+
+
+def _repeats_without_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    original = driver_module.DriverNode._repeat
+
+    def repeat(self: Any, ticks: range) -> None:
+        self._outbox.clear()
+        original(self, ticks)
+
+    monkeypatch.setattr(driver_module.DriverNode, "_repeat", repeat)
+
+
+PLANTED = (
+    _anyone_speaks, _no_resend, _no_replay, _newest_instead_of_same_tick, _second_message_wins, _no_delay_kept,
+    _later_command_stands_in, _malformed_ends_the_service, _outputs_forgotten, _repeats_without_samples,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("plant", PLANTED, ids=lambda plant: plant.__name__.strip("_"))
+def test_a_planted_fault_of_the_protocol_is_found(plant: Callable[..., None], monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = reference()
+    plant(monkeypatch)
+    with pytest.raises(Found):
+        campaign(expected)
+    assert len(PLANTED) == 10
