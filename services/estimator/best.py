@@ -175,7 +175,7 @@ class BestFilter:
         return self._add(self._imu, stamp_ns, np.concatenate((w, q)))
 
     def add_feet(self, stamp_ns: int, position: Array, rot: Array, contact: Array) -> bool:
-        """Take feet (L, 3), (L, 3, 3) and contact probabilities of the points (K,); False: there is one of this stamp."""
+        """Take feet (L, 3), (L, 3, 3), contact probabilities of the points (K,); False: there is one of this stamp."""
         return self._add(self._kinematics, stamp_ns, position, rot, contact)
 
     def _add(self, samples: Samples, stamp_ns: int, *values: Array) -> bool:
