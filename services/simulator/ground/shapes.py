@@ -7,21 +7,30 @@ the plane through the origin, and exact boxes. Hills, noise and stones begin beh
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.linear import exp
-from surefoot.geometry.rotations import quat_from_matrix
+from surefoot.services.simulator.ground.elevation import ELEVATION_HEIGHT, elevation
+from surefoot.services.simulator.ground.grid import (
+    BLEND,
+    CORRIDOR,
+    PAD_END,
+    Array,
+    Box,
+    Grid,
+    Shape,
+    ShapeSpec,
+    random_stream,
+    slab,
+    smooth,
+)
+from surefoot.services.simulator.ground.mixed import MIXED_HEIGHT, mixed
 
-Array = NDArray[np.float64]
 Outline = tuple[tuple[float, float], ...]
 
-PAD_END = 0.25  # m, the ground is flat for x below this: the feet of Ragno reach to .17 m ahead of the trunk centre
-BLEND = 0.10  # m, over which hills grow behind the pad
-CORRIDOR = 0.25  # m, half the width of the lane in which hills are scaled to their nominal height
 N_HILLS = 40
 HILL_SIGMA = (0.06, 0.18)  # m
 NOISE_WAVE = 0.04  # m, distance of the nodes of the rough noise
@@ -39,67 +48,6 @@ CORNER_FLOOR = ((-1.0, -1.0), (5.0, -1.0), (5.0, 5.0), (3.0, 5.0), (3.0, 1.0), (
 """m: 2 m wide, 4 m along x from (0, 0) to (4, 0), then 4 m along y to (4, 4), which is a good goal."""
 WALL = 0.05  # m, thickness of the walls
 WALLED_CELL = 0.01  # m, of the maps of corridor and corner
-
-
-@dataclass(frozen=True, eq=False)
-class Box:
-    """One solid box of the ground."""
-
-    position: tuple[float, float, float]
-    """Centre, m, frame `map`."""
-    half_size: tuple[float, float, float]
-    """Half edges, m."""
-    quat_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
-    """rot_map_from_box."""
-
-
-class Shape(NamedTuple):
-    """What a kind of terrain consists of; heights in m, (ny, nx) or broadcastable to it."""
-
-    surface: Array
-    ground: Array | None = None
-    """Height field of the physics; None = the plane."""
-    boxes: tuple[Box, ...] = ()
-    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    """Unit normal of the plane."""
-
-
-@dataclass(frozen=True)
-class ShapeSpec:
-    """What a shape depends on."""
-
-    grid: "Grid"
-    seed: int
-    amp: float
-    number: int
-    yaw: float
-
-
-def random_stream(seed: int, name: str) -> np.random.Generator:
-    """The random stream of one named part of the simulation: equal (seed, name) give equal numbers."""
-    return np.random.default_rng([seed, *name.encode()])
-
-
-@dataclass(frozen=True)
-class Grid:
-    x0: float
-    y0: float
-    nx: int
-    ny: int
-    cell: float
-
-    def axes(self) -> tuple[Array, Array]:
-        """x (1, nx) and y (ny, 1) of the cell centres, for broadcasting."""
-        return (
-            (self.x0 + self.cell * np.arange(self.nx, dtype=np.float64))[None, :],
-            (self.y0 + self.cell * np.arange(self.ny, dtype=np.float64))[:, None],
-        )
-
-
-def _smooth(u: Array) -> Array:
-    """3u^2 - 2u^3, clipped to [0, 1]."""
-    u = np.clip(u, 0.0, 1.0)
-    return u * u * (3.0 - 2.0 * u)
 
 
 def _flat(r: ShapeSpec) -> Shape:
@@ -126,7 +74,7 @@ def _hill_field(grid: Grid, seed: int, amp: float, end: float = math.inf) -> Arr
     lane = z[np.abs(y[:, 0]) <= CORRIDOR][:, (x[0] >= PAD_END + BLEND) & (x[0] <= end)]
     low, high = lane.min(), lane.max()
     z = np.clip((z - low) * (amp / max(high - low, 1e-9)), 0.0, amp)
-    return z * _smooth((x - PAD_END) / BLEND)
+    return z * smooth((x - PAD_END) / BLEND)
 
 
 def _noise_field(grid: Grid, seed: int, amp: float) -> Array:
@@ -136,9 +84,9 @@ def _noise_field(grid: Grid, seed: int, amp: float) -> Array:
     u, v = (x[0] - grid.x0) / NOISE_WAVE, (y[:, 0] - grid.y0) / NOISE_WAVE
     i, j = np.floor(u).astype(int), np.floor(v).astype(int)
     nodes = rng.uniform(-0.5 * amp, 0.5 * amp, (j[-1] + 2, i[-1] + 2))
-    a, b = _smooth(u - i)[None, :], _smooth(v - j)[:, None]
+    a, b = smooth(u - i)[None, :], smooth(v - j)[:, None]
     rows = nodes[:, i] * (1.0 - a) + nodes[:, i + 1] * a
-    return (rows[j] * (1.0 - b) + rows[j + 1] * b) * _smooth((x - PAD_END) / BLEND)
+    return (rows[j] * (1.0 - b) + rows[j + 1] * b) * smooth((x - PAD_END) / BLEND)
 
 
 def _hills(r: ShapeSpec) -> Shape:
@@ -182,24 +130,13 @@ def _flagstones(r: ShapeSpec) -> Shape:
         for j in range(-n_y, n_y):
             corner = (PAD_END + i * TILE, j * TILE)
             height, sx, sy = rng.uniform(0.0, r.amp), *rng.uniform(-TILE_SLOPE, TILE_SLOPE, 2)
-            boxes.append(_tile(corner, height, float(sx), float(sy), depth))
+            middle = (corner[0] + 0.5 * TILE, corner[1] + 0.5 * TILE)
+            boxes.append(slab(*middle, height, (float(sx), float(sy)), depth, (TILE, TILE)))
             cols = (x[0] >= corner[0]) & (x[0] < corner[0] + TILE)
             rows = (y[:, 0] >= corner[1]) & (y[:, 0] < corner[1] + TILE)
             dx, dy = x[:, cols] - corner[0] - 0.5 * TILE, y[rows] - corner[1] - 0.5 * TILE
             z[np.ix_(rows, cols)] = np.maximum(height + sx * dx + sy * dy, 0.0)
     return Shape(z, boxes=tuple(boxes))
-
-
-def _tile(corner: tuple[float, float], height: float, slope_x: float, slope_y: float, depth: float) -> Box:
-    """A box whose top face has the given height and slopes over the middle of its square."""
-    normal = np.array([-slope_x, -slope_y, 1.0]) / math.sqrt(1.0 + slope_x**2 + slope_y**2)
-    along_x = np.array([normal[2], 0.0, -normal[0]]) / math.hypot(normal[0], normal[2])
-    rot = np.column_stack((along_x, np.cross(normal, along_x), normal))
-    top = np.array([corner[0] + 0.5 * TILE, corner[1] + 0.5 * TILE, height])
-    centre = top - depth * normal
-    half = (0.5 * TILE / along_x[0], 0.5 * TILE / rot[1, 1], depth)
-    q = quat_from_matrix(rot)
-    return Box((centre[0], centre[1], centre[2]), half, (q[0], q[1], q[2], q[3]))
 
 
 def _primitive(r: ShapeSpec) -> Shape:
@@ -233,7 +170,7 @@ def _demo(r: ShapeSpec) -> Shape:
     grid = r.grid
     x, _ = grid.axes()
     scale = r.amp / DEMO_HILLS
-    fade = _smooth((DEMO_STEPS_AT - x) / BLEND)
+    fade = smooth((DEMO_STEPS_AT - x) / BLEND)
     hills = _hill_field(grid, r.seed, r.amp, DEMO_STEPS_AT - BLEND)
     z = fade * (hills + _noise_field(grid, r.seed, scale * DEMO_NOISE))
     boxes, top = _stairs(grid, DEMO_STEPS_AT, scale * DEMO_RISER)
@@ -317,5 +254,7 @@ SHAPES: dict[str, TerrainKind] = {
     "room": TerrainKind(0.5, ROOM[1][0] + WALL, _walled(ROOM), ROOM),
     "corridor": TerrainKind(0.5, -math.inf, _walled(CORRIDOR_FLOOR), CORRIDOR_FLOOR, whole=True),
     "corner": TerrainKind(0.5, -math.inf, _walled(CORNER_FLOOR), CORNER_FLOOR, whole=True),
+    "mixed": TerrainKind(MIXED_HEIGHT, 0.6, mixed),
+    "elevation": TerrainKind(ELEVATION_HEIGHT, 0.6, elevation),
     "demo": TerrainKind(DEMO_HILLS, DEMO_STEPS_AT + N_RISERS * TREAD, _demo),
 }

@@ -14,18 +14,8 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.geometry.rotations import quat_from_rotvec
-from surefoot.services.simulator.ground.shapes import (
-    SHAPES,
-    WALL,
-    WALLED_CELL,
-    Box,
-    Grid,
-    Outline,
-    ShapeSpec,
-    TerrainKind,
-    inside,
-    random_stream,
-)
+from surefoot.services.simulator.ground.grid import Box, Grid, ShapeSpec, random_stream
+from surefoot.services.simulator.ground.shapes import SHAPES, WALL, WALLED_CELL, Outline, TerrainKind, inside
 from surefoot.tables import UNIT_SLACK
 
 __all__ = [
@@ -117,7 +107,8 @@ def make_terrain(
         kind: one of `KINDS`.
         seed: of the random kinds.
         amp: scale, m: hills highest hill, rough and flagstones height from peak to peak, steps riser, primitive
-            height, demo highest hill (noise and risers grow with it), slope rise per metre. None = the kind's own.
+            height, demo highest hill (noise and risers grow with it), mixed and elevation highest point, slope rise per
+            metre. None = the kind's own.
         size: extent along x and y, m; None = 3.0 x 1.6 m, or the whole of a corridor or corner with its walls.
         cell: edge of a cell, m; None = 5 mm, 10 mm for the whole of a corridor or corner.
         start_x: x of the first column of cells, m; the rows lie symmetric about y = 0.
@@ -125,7 +116,7 @@ def make_terrain(
         yaw: heading of the primitive, rad.
 
     Raises:
-        TerrainError: unknown kind or impossible numbers.
+        TerrainError: unknown kind or impossible numbers, or the data of the kind is not installed.
     """
     if kind not in SHAPES:
         raise TerrainError("kind", f"got {kind!r}, known are {', '.join(KINDS)}")
@@ -150,7 +141,10 @@ def make_terrain(
     if start_x + size[0] < known.least_end:
         raise TerrainError("size", f"{kind} needs ground up to x = {known.least_end} m, got {start_x + size[0]:g} m")
     grid = _around(known, cell) if whole else Grid(start_x, -0.5 * (ny - 1) * cell, nx, ny, cell)
-    shape = known.make(ShapeSpec(grid, seed, amp, number, yaw))
+    try:
+        shape = known.make(ShapeSpec(grid, seed, amp, number, yaw))
+    except FileNotFoundError as error:
+        raise TerrainError("kind", f"{kind} cannot be made here: {error}") from None
     surface = _map(grid, shape.surface)
     ground = None if shape.ground is None else surface if shape.ground is shape.surface else _map(grid, shape.ground)
     return Terrain(kind, seed, amp, surface, ground, shape.normal, shape.boxes, known.floor)

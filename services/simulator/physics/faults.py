@@ -6,7 +6,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.simulator.ground.shapes import random_stream
+from surefoot.services.simulator.ground.grid import random_stream
 from surefoot.services.simulator.physics.samples import Detection
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.linear import product
 from surefoot.robot.description import Robot
-from surefoot.services.simulator.ground.shapes import random_stream
+from surefoot.services.simulator.ground.grid import random_stream
 from surefoot.services.simulator.ground.terrain import Terrain
 from surefoot.services.simulator.physics.addresses import Addresses
 from surefoot.services.simulator.physics.faults import FaultBank

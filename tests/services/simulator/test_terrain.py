@@ -8,7 +8,9 @@ import pytest
 from surefoot.geometry import heightmap_files
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.geometry.rotations import matrix_from_quat
-from surefoot.services.simulator.ground import shapes
+from surefoot.services.simulator.ground import elevation, shapes
+from surefoot.services.simulator.ground.elevation import elevation_file
+from surefoot.services.simulator.ground.grid import box_heights
 from surefoot.services.simulator.ground.terrain import (
     KINDS,
     MAP_PROFILES,
@@ -18,7 +20,9 @@ from surefoot.services.simulator.ground.terrain import (
     terrain_from_map,
 )
 
-RANDOM = ("hills", "rough", "flagstones", "demo")
+RANDOM = ("hills", "rough", "flagstones", "mixed", "elevation", "demo")
+if elevation_file() is None:
+    KINDS = tuple(kind for kind in KINDS if kind != "elevation")  # its data is not installed here
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -70,7 +74,7 @@ def box_top(box: shapes.Box, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.where(inside, z, np.nan)
 
 
-@pytest.mark.parametrize("kind", ["steps", "flagstones", "demo"])
+@pytest.mark.parametrize("kind", ["steps", "flagstones", "mixed", "demo"])
 def test_boxes_are_where_the_map_has_them(kind: str) -> None:
     terrain = make_terrain(kind, 2)
     rng = np.random.default_rng(0)
@@ -85,7 +89,74 @@ def test_boxes_are_where_the_map_has_them(kind: str) -> None:
     top = np.max(np.where(np.isnan(tops), -1.0, tops), axis=0)
     if terrain.ground is not None:
         top = np.maximum(top, terrain.ground.z[rows, cols])
-    np.testing.assert_allclose(terrain.map.z[rows, cols], np.maximum(top, 0.0) if kind != "demo" else top, atol=1e-6)
+    top = np.maximum(top, 0.0) if kind == "flagstones" else top
+    off = np.abs(terrain.map.z[rows, cols] - top) > 1e-6
+    # a tilted stone shows a little of its side faces, which are higher than what lies under them
+    assert off.mean() <= (0.02 if kind == "mixed" else 0.0)
+    assert (terrain.map.z[rows, cols] >= top - 1e-6).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_mixed_ground_has_the_heights_of_the_paper_and_all_its_parts(seed: int) -> None:
+    terrain = make_terrain("mixed", seed)
+    assert -0.0035 - 1e-7 <= terrain.map.z.min() <= -0.003
+    assert 0.065 <= terrain.map.z.max() <= 0.087 + 1e-7
+    assert terrain.ground is not None
+    edges = np.array([2.0 * min(box.half_size[:2]) for box in terrain.boxes])
+    assert (edges > 0.065).sum() > 20
+    assert (edges < 0.045).sum() > 60
+    stones = terrain.map.z > terrain.ground.z + 1e-6
+    assert 0.1 < stones[:, terrain.map.xs() > 0.4].mean() < 0.4
+    steep = np.abs(np.diff(terrain.ground.z, axis=1)) / terrain.map.cell
+    assert 0.5 < steep.max() < 1.6  # small pointed hills
+    assert np.abs(np.diff(terrain.map.z, axis=1)).max() > 0.009  # sharp edges
+
+
+def test_mixed_ground_is_the_same_in_other_cells_and_scales() -> None:
+    fine, coarse, low = make_terrain("mixed", 2), make_terrain("mixed", 2, cell=0.01), make_terrain("mixed", 2, 0.0435)
+    assert fine.ground is not None
+    assert coarse.ground is not None
+    assert low.ground is not None
+    np.testing.assert_allclose(fine.ground.z[::2, ::2], coarse.ground.z, atol=1e-6)
+    np.testing.assert_allclose(low.ground.z, 0.5 * fine.ground.z, atol=1e-6)
+    assert not make_terrain("mixed", 2, 0.0).boxes
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7])
+def test_box_heights_are_those_of_points_in_the_box(yaw: float) -> None:
+    box = shapes.slab(0.01, -0.02, 0.03, (0.3, -0.2), 0.02, (0.05, 0.08), yaw)
+    x, y = np.linspace(-0.06, 0.08, 57)[None, :], np.linspace(-0.09, 0.05, 57)[:, None]
+    found = box_heights(box, x, y)
+    levels = np.linspace(-0.06, 0.06, 601)
+    points = np.stack(np.broadcast_arrays(x[..., None], y[..., None], levels), axis=-1) - np.array(box.position)
+    inside = (np.abs(points @ matrix_from_quat(np.array(box.quat_wxyz))) <= box.half_size).all(axis=-1)
+    highest = np.where(inside, levels, -np.inf).max(axis=-1)
+    sure = inside.sum(axis=-1) > 2
+    np.testing.assert_allclose(found[sure], highest[sure], atol=3e-4)
+    assert (found[~np.isfinite(highest)] == -np.inf).mean() > 0.95
+    middle = box_heights(box, np.array([[0.01]]), np.array([[-0.02]]))
+    assert middle[0, 0] == pytest.approx(0.03)
+
+
+@pytest.mark.skipif(elevation_file() is None, reason="matplotlib is installed without its sample data")
+def test_elevation_model_is_the_file_scaled() -> None:
+    path = elevation_file()
+    assert path is not None
+    land = np.load(path)["elevation"].astype(np.float64)
+    terrain = make_terrain("elevation", 3, amp=0.05, size=(5.5, 5.5), start_x=0.0)
+    z = terrain.map.z[:, terrain.map.xs() > shapes.PAD_END + shapes.BLEND].astype(np.float64)
+    assert z.min() == pytest.approx(0.0, abs=1e-3)
+    assert z.max() == pytest.approx(0.05, abs=1e-3)
+    across = np.sort(np.abs(np.diff(land, axis=0)).ravel()) * 0.05 / np.ptp(land)
+    here = np.sort(np.abs(np.diff(z, axis=0)).ravel())
+    assert np.median(here) == pytest.approx(np.median(across), rel=0.25)
+
+
+def test_elevation_model_that_is_absent_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(elevation, "ELEVATION_FILE", "nowhere.npz")
+    with pytest.raises(TerrainError) as error:
+        make_terrain("elevation", 1)
+    assert error.value.field == "kind"
 
 
 @pytest.mark.parametrize("kind", ["room", "corridor", "corner"])

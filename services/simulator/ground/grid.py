@@ -1,0 +1,128 @@
+"""What shapes of the ground are made of: a grid, boxes, and the flat pad on which the robot starts."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.rotations import matrix_from_quat, multiply, quat_from_matrix, quat_from_rpy
+
+Array = NDArray[np.float64]
+
+PAD_END = 0.25  # m, the ground is flat for x below this: the feet of Ragno reach to .17 m ahead of the trunk centre
+BLEND = 0.10  # m, over which hills grow behind the pad
+CORRIDOR = 0.25  # m, half the width of the lane in which hills are scaled to their nominal height
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """One solid box of the ground."""
+
+    position: tuple[float, float, float]
+    """Centre, m, frame `map`."""
+    half_size: tuple[float, float, float]
+    """Half edges, m."""
+    quat_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    """rot_map_from_box."""
+
+
+class Shape(NamedTuple):
+    """What a kind of terrain consists of; heights in m, (ny, nx) or broadcastable to it."""
+
+    surface: Array
+    ground: Array | None = None
+    """Height field of the physics; None = the plane."""
+    boxes: tuple[Box, ...] = ()
+    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    """Unit normal of the plane."""
+
+
+def random_stream(seed: int, name: str) -> np.random.Generator:
+    """The random stream of one named part of the simulation: equal (seed, name) give equal numbers."""
+    return np.random.default_rng([seed, *name.encode()])
+
+
+@dataclass(frozen=True)
+class Grid:
+    x0: float
+    y0: float
+    nx: int
+    ny: int
+    cell: float
+
+    def axes(self) -> tuple[Array, Array]:
+        """x (1, nx) and y (ny, 1) of the cell centres, for broadcasting."""
+        return (
+            (self.x0 + self.cell * np.arange(self.nx, dtype=np.float64))[None, :],
+            (self.y0 + self.cell * np.arange(self.ny, dtype=np.float64))[:, None],
+        )
+
+
+@dataclass(frozen=True)
+class ShapeSpec:
+    """What a shape depends on."""
+
+    grid: Grid
+    seed: int
+    amp: float
+    number: int
+    yaw: float
+
+
+def smooth(u: Array) -> Array:
+    """3u^2 - 2u^3, clipped to [0, 1]."""
+    u = np.clip(u, 0.0, 1.0)
+    return u * u * (3.0 - 2.0 * u)
+
+
+def slab(
+    x: float, y: float, height: float, slope: tuple[float, float], depth: float, edges: tuple[float, float],
+    yaw: float = 0.0,
+) -> Box:  # fmt: skip
+    """Return a box whose top face has the given height over its middle (x, y).
+
+    Args:
+        x: of the middle of the top face, m.
+        y: of it, m.
+        height: of it, m.
+        slope: rise per metre along the axes of the box.
+        depth: half the thickness, m.
+        edges: of the top face seen from above, along the axes of the box, m.
+        yaw: of those axes, rad.
+    """
+    slope_x, slope_y = slope
+    normal = np.array([-slope_x, -slope_y, 1.0]) / math.sqrt(1.0 + slope_x**2 + slope_y**2)
+    along_x = np.array([normal[2], 0.0, -normal[0]]) / math.hypot(normal[0], normal[2])
+    rot = np.column_stack((along_x, np.cross(normal, along_x), normal))
+    centre = np.array([x, y, height]) - depth * normal
+    half = (0.5 * edges[0] / along_x[0], 0.5 * edges[1] / rot[1, 1], depth)
+    q = quat_from_matrix(rot)
+    if yaw != 0.0:
+        turn = quat_from_rpy(0.0, 0.0, yaw)
+        q, centre = multiply(turn, q), np.array([x, y, height]) - depth * (matrix_from_quat(turn) @ normal)
+    return Box((centre[0], centre[1], centre[2]), half, (q[0], q[1], q[2], q[3]))
+
+
+def box_heights(box: Box, x: Array, y: Array) -> Array:
+    """Return the height of the highest point of a box over each point, -inf beside it.
+
+    A vertical line meets the box where it is within the three pairs of faces at once.
+
+    Args:
+        box: may be turned in any way.
+        x: of the points, m; broadcasts with `y`.
+        y: of the points, m.
+    """
+    rot = matrix_from_quat(np.array(box.quat_wxyz))
+    dx, dy = np.broadcast_arrays(x - box.position[0], y - box.position[1])
+    top, bottom, beside = np.full(dx.shape, np.inf), np.full(dx.shape, -np.inf), np.zeros(dx.shape, dtype=np.bool_)
+    for axis in range(3):
+        across, up, half = dx * rot[0, axis] + dy * rot[1, axis], float(rot[2, axis]), box.half_size[axis]
+        if abs(up) < 1e-9:
+            beside |= np.abs(across) > half
+            continue
+        ends = (half - across) / up, (-half - across) / up
+        top, bottom = np.minimum(top, np.maximum(*ends)), np.maximum(bottom, np.minimum(*ends))
+    return np.where(beside | (top < bottom), -np.inf, box.position[2] + top)
