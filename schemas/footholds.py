@@ -45,8 +45,13 @@ class SelectRequest(TickRequest):
     legs: Annotated[tuple[LegRequest, ...], Field(min_length=1, max_length=MAX_FEET)] = Field(
         description="one entry for each landing leg, answered in the same order"
     )
-    mode: Literal["robust", "paper"] = Field(
-        default="robust", description="robust: best mean over 3x3 cells; paper: best single cell (Walas & Belter, 3.3)"
+    mode: Literal["robust", "paper", "random"] = Field(
+        default="robust",
+        description="robust: best mean over the landing error of the model, or over 3x3 cells; paper: best single cell "
+        "(Walas & Belter, 3.3); random: a free cell at random, needs seed",
+    )
+    seed: int | None = Field(
+        default=None, ge=0, lt=2**63, description="of the draw of mode random: equal seeds, equal cells"
     )
 
 
@@ -58,6 +63,7 @@ class MaskCounts(Reply):
     unknown: int = Field(default=0, ge=0, description="cells with an unknown 3x3 neighbourhood or outside the model")
     steep: int = Field(default=0, ge=0, description="cells on ground steeper than the limit")
     slip: int = Field(default=0, ge=0, description="cells with a predicted slip over the limit")
+    unlearned: int = Field(default=0, ge=0, description="cells outside what the slip model has learned")
     free: int = Field(default=0, ge=0, description="cells with no reason against them")
 
 
@@ -80,6 +86,9 @@ class LegFoothold(Reply):
     )
     score: float | None = Field(default=None, description="Q = P + k K4 of the chosen cell, no unit; small is good")
     slip: float | None = Field(default=None, description="P: predicted slip, way slipped per stroke, 0 to 1, no unit")
+    spread: float | None = Field(
+        default=None, description="standard deviation of the slip of single stances there, per stroke; null = not known"
+    )
     offset: Vec2 | None = Field(default=None, description="foothold minus nominal, map axes x and y, m")
     counts: MaskCounts = Field(default_factory=MaskCounts, description="cells excluded, by reason")
     reason: str = Field(default="", description="why the foothold is not ok, in words")

@@ -53,7 +53,7 @@ def assess(
     stroke: Sequence[float],
     names: Sequence[str],
     limits: Limits,
-    distance_weight: float,
+    distance_weight: float | None,
     placement: Placement | None = None,
 ) -> Assessment:
     """Score every cell of a window.
@@ -66,7 +66,7 @@ def assess(
         stroke: movement of the foot relative to the body in stance, map axes, (3,) m.
         names: layers wanted, of `LAYERS`.
         limits: what a foothold must keep.
-        distance_weight: k of Q = P + k K4, 1/m.
+        distance_weight: k of Q = P + k K4, 1/m; None = that of the model.
         placement: the leg for the reach and collision tests; None tests the ground alone.
     """
     surface = ground.surface
@@ -90,7 +90,7 @@ def assess(
         elif name == "p":
             out[k] = slip
         elif name == "q":
-            out[k] = slip + np.float32(distance_weight) * away
+            out[k] = slip + np.float32(model.distance_weight if distance_weight is None else distance_weight) * away
         elif name == "k4":
             out[k] = away
         elif name == "mask":

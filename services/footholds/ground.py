@@ -15,6 +15,8 @@ class FootholdGround:
     """Heights of a foot CENTRE whose sphere rests on the surface: what a foot is sent to."""
     foot_radius: float
     """m."""
+    smooth: bool = True
+    """Whether the surface went through the 3 x 3 median."""
 
     @property
     def version(self) -> int:
@@ -38,4 +40,4 @@ def build_ground(heights: HeightMap, foot_radius: float, smooth: bool = True) ->
             edge; the filter leaves 7 mm, and straight edges stay. Switch it off for exact maps.
     """
     surface = heights.smoothed() if smooth else heights
-    return FootholdGround(surface=surface, centres=surface.dilated(foot_radius), foot_radius=foot_radius)
+    return FootholdGround(surface=surface, centres=surface.dilated(foot_radius), foot_radius=foot_radius, smooth=smooth)

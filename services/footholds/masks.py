@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from surefoot.kernels.jit import kernel, row_kernel
 from surefoot.services.footholds.features import Layer
 from surefoot.services.footholds.ground import FootholdGround
+from surefoot.services.footholds.models.protocol import UNLEARNED
 from surefoot.services.footholds.reach import LEG_NUMBERS, LegTable, solve
 
 Array = NDArray[np.float64]
@@ -31,12 +32,14 @@ class Reason(IntFlag):
     """The ground is steeper than the limit."""
     SLIP = 16
     """The predicted slip is over the limit."""
+    UNLEARNED = 32
+    """The cell lies outside what the slip model has learned."""
 
 
 REASONS: tuple[str, ...] = tuple(str(reason.name).lower() for reason in Reason)
 """Names of the bits, lowest first."""
 
-_REACH, _COLLISION, _UNKNOWN, _STEEP, _SLIP = (int(reason) for reason in Reason)
+_REACH, _COLLISION, _UNKNOWN, _STEEP, _SLIP, _UNLEARNED = (int(reason) for reason in Reason)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +81,7 @@ def mask_window(
         ground: the prepared map.
         row: first row of the window; may lie outside the map, such cells are unknown.
         col: first column.
-        slip: predicted slip P of the window's cells, (rows, cols), NaN = unknown.
+        slip: predicted slip P of the window's cells, (rows, cols), NaN = unknown, `UNLEARNED` = outside the model.
         limits: what a foothold must keep.
         placement: the leg and the pose it lands from; None tests the ground alone.
 
@@ -98,14 +101,14 @@ def mask_window(
 
 @kernel
 def count_reasons(mask: Mask, counts: NDArray[np.int64]) -> None:
-    """Cells per bit into counts[0..4], free cells into counts[5]."""
+    """Cells per bit into counts[0..5], free cells into counts[6]."""
     counts[:] = 0
     for i in range(mask.shape[0]):
         for j in range(mask.shape[1]):
             bits = mask[i, j]
             if bits == 0:
-                counts[5] += 1
-            for k in range(5):
+                counts[6] += 1
+            for k in range(6):
                 if bits >> k & 1:
                     counts[k] += 1
 
@@ -224,7 +227,9 @@ def _mask(
             if inside:
                 height = float(centres[row, col])
             bits = 0
-            if not (p >= 0.0 and p <= 1.0) or math.isnan(height):
+            if p == UNLEARNED and not math.isnan(height):
+                bits |= _UNLEARNED
+            elif not (p >= 0.0 and p <= 1.0) or math.isnan(height):
                 bits |= _UNKNOWN
             elif p > slip_limit:
                 bits |= _SLIP

@@ -35,6 +35,7 @@ def leg_foothold(asked: LegRequest, found: Foothold) -> LegFoothold:
         trunk_shift=found.trunk_shift,
         score=None if math.isnan(found.score) else found.score,
         slip=None if math.isnan(found.slip) else found.slip,
+        spread=None if math.isnan(found.spread) else found.spread,
         offset=None if point is None else (point[0] - asked.nominal[0], point[1] - asked.nominal[1]),
         counts=mask_counts(found.counts),
         reason=found.reason,

@@ -25,6 +25,8 @@ from surefoot.services.footholds.reach import LegTable, leg_table
 Array = NDArray[np.float64]
 Point = tuple[float, float, float]
 Status = Literal["ok", "raise_trunk", "infeasible"]
+MAX_BORDER = 6
+"""Cells on each side over which P is averaged at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,10 +35,12 @@ class SelectParams:
 
     size: int = 15
     """Cells along an edge of the window, odd (paper 3.4)."""
-    distance_weight: float = 8.0
-    """k of Q = P + k K4, 1/m (paper 3.3, Eq. 18)."""
+    distance_weight: float | None = None
+    """k of Q = P + k K4, 1/m (paper 3.3, Eq. 18); None = that of the model."""
     robust: bool = True
-    """Smallest mean of Q over the free cells of the 3 x 3 block; False: smallest Q (the paper)."""
+    """P averaged over the model's landing error, or over the free cells of the 3 x 3 block; False: as in the paper."""
+    seed: int | None = None
+    """Given: every leg gets a free cell at random, equal seeds the same (walks that collect samples)."""
     trunk_step: float = 0.005
     """Step of the search for a trunk height that makes a cell reachable, m."""
     trunk_range: float = 0.040
@@ -82,6 +86,8 @@ class Foothold:
     """Q of the chosen cell."""
     slip: float = math.nan
     """P of the chosen cell."""
+    spread: float = math.nan
+    """Standard deviation of the slip of single stances there; NaN = not known."""
     counts: tuple[int, ...] = (0,) * (len(REASONS) + 1)
     """Cells excluded per reason, then free cells."""
     reason: str = ""
@@ -116,8 +122,14 @@ def select_leg(
     surface, n = ground.surface, params.size
     row, col = surface.index(x0, y0)
     row, col = row - n // 2, col - n // 2
-    features = window_features(surface.z, row, col, n, n, placed.stroke, surface.cell)
-    slip = model.predict(features, surface.cell)
+    blur = landing_weights(model.landing_error, surface.cell) if params.robust else ALONE
+    border = blur.shape[0] // 2
+    wide = n + 2 * border
+    features = window_features(surface.z, row - border, col - border, wide, wide, placed.stroke, surface.cell)
+    around = model.predict(features, surface.cell)
+    slip = around if border == 0 else np.ascontiguousarray(around[border:-border, border:-border])
+    weight = model.distance_weight if params.distance_weight is None else params.distance_weight
+    block = params.robust and border == 0
     shift_x, shift_y = surface.origin[0] + col * surface.cell - x0, surface.origin[1] + row * surface.cell - y0
     counts = np.zeros(len(REASONS) + 1, dtype=np.int64)
     first: tuple[int, ...] = ()
@@ -130,9 +142,14 @@ def select_leg(
         if not first:
             count_reasons(mask, counts)
             first = tuple(int(value) for value in counts)
-        index = choose(mask, slip, surface.cell, shift_x, shift_y, params.distance_weight, params.robust, best)
+        index = choose(mask, slip, around, blur, surface.cell, shift_x, shift_y, weight, block, best)
+        if index >= 0 and params.seed is not None:
+            index = draw(mask, (params.seed, landing.leg))
+            away = (shift_x + index % n * surface.cell, shift_y + index // n * surface.cell)
+            best[1] = slip.flat[index] + weight * math.sqrt(away[0] ** 2 + away[1] ** 2)
         if index >= 0:
-            return _answer(ground, landing, row + index // n, col + index % n, shift, slip, index, best, first)
+            found = (row + index // n, col + index % n)
+            return _answer(ground, landing, found, shift, model, float(slip.flat[index]), best, first)
         if not _hopeful(mask):
             break  # no trunk height mends what the ground itself excludes
     return Foothold("infeasible", counts=first, reason=_why(first, params))
@@ -151,21 +168,25 @@ def placement(robot: Robot, leg: int, base: TrunkPose, stroke: Sequence[float]) 
 
 @kernel
 def choose(
-    mask: Mask, slip: Layer, cell: float, shift_x: float, shift_y: float, weight: float, robust: bool, best: Array
-) -> int:
+    mask: Mask, slip: Layer, around: Layer, blur: Array, cell: float, shift_x: float, shift_y: float, weight: float,
+    block: bool, best: Array,
+) -> int:  # fmt: skip
     """Index of the best free cell (row by row), -1 if there is none.
 
     Args:
         mask: reasons per cell, (n, n); 0 = free.
         slip: P per cell, (n, n).
+        around: P of the window and a border of b cells, (n + 2 b, n + 2 b).
+        blur: weights of the landings about a cell, (2 b + 1, 2 b + 1); P of a cell is the mean over them, where known.
         cell: edge of a cell, m.
         shift_x: x of the first column's centre minus x of the nominal foothold, m.
         shift_y: y of the first row's centre minus y of the nominal foothold, m.
         weight: k, 1/m.
-        robust: mean of Q over the free cells of the 3 x 3 block instead of Q.
+        block: mean of Q over the free cells of the 3 x 3 block instead of Q.
         best: receives the value that decided and Q of the cell, (2,).
     """
     rows, cols = mask.shape
+    size = blur.shape[0]
     away = np.empty((rows, cols))  # K4
     q = np.empty((rows, cols))
     for i in range(rows):
@@ -173,7 +194,17 @@ def choose(
         for j in range(cols):
             x = shift_x + j * cell
             away[i, j] = math.sqrt(x * x + y * y)
-            q[i, j] = slip[i, j] + weight * away[i, j]
+            p = float(slip[i, j])
+            if size > 1 and mask[i, j] == 0:
+                p, known = 0.0, 0.0
+                for r in range(size):
+                    for c in range(size):
+                        near = around[i + r, j + c]
+                        if near >= 0.0:
+                            p += blur[r, c] * min(near, 1.0)
+                            known += blur[r, c]
+                p /= known
+            q[i, j] = p + weight * away[i, j]
     found = -1
     best_value, best_distance = math.inf, math.inf
     for i in range(rows):
@@ -181,7 +212,7 @@ def choose(
             if mask[i, j] != 0:
                 continue
             value, n = q[i, j], 1
-            if robust:
+            if block:
                 value, n = 0.0, 0
                 for r in range(max(0, i - 1), min(rows, i + 2)):
                     for c in range(max(0, j - 1), min(cols, j + 2)):
@@ -196,6 +227,31 @@ def choose(
     return found
 
 
+ALONE = np.ones((1, 1))
+"""Weights of landings without error."""
+
+
+@lru_cache(maxsize=64)
+def landing_weights(error: float, cell: float) -> Array:
+    """Return the weights of the cells a foot may land on, (2 b + 1, 2 b + 1); beyond two deviations they are 0.
+
+    Args:
+        error: standard deviation of the landing along each axis, m.
+        cell: edge of a cell, m.
+    """
+    border = min(int(2.0 * error / cell), MAX_BORDER) if cell > 0.0 else 0
+    if border == 0:
+        return ALONE
+    line = [math.exp(-0.5 * (k * cell / error) ** 2) for k in range(-border, border + 1)]
+    return np.array([[a * b for b in line] for a in line])
+
+
+def draw(mask: Mask, seed: Sequence[int]) -> int:
+    """Return the index of a free cell at random; there must be one."""
+    free = np.flatnonzero(mask.ravel() == 0)
+    return int(free[np.random.default_rng(seed).integers(free.size)])
+
+
 def _changes(steps: int) -> list[int]:
     """0, then the changes of trunk height in steps by size, upwards first: 0 1 -1 2 -2 ..."""
     return [0, *(sign * k for k in range(1, steps + 1) for sign in (1, -1))]
@@ -207,10 +263,11 @@ def _hopeful(mask: Mask) -> bool:
 
 
 def _answer(
-    ground: FootholdGround, landing: Landing, row: int, col: int, shift: float, slip: Layer, index: int, best: Array,
-    counts: tuple[int, ...],
+    ground: FootholdGround, landing: Landing, at: tuple[int, int], shift: float, model: SlipModel, slip: float,
+    best: Array, counts: tuple[int, ...],
 ) -> Foothold:  # fmt: skip
-    surface = ground.surface
+    surface, (row, col) = ground.surface, at
+    alone = window_features(surface.z, row, col, 1, 1, np.array(landing.stroke, dtype=np.float64), surface.cell)
     x, y = surface.centre(row, col)
     if (row, col) == surface.index(landing.nominal[0], landing.nominal[1]):
         x, y = float(landing.nominal[0]), float(landing.nominal[1])  # the nominal cell: no reason to move within it
@@ -228,7 +285,8 @@ def _answer(
         normal=normal,
         trunk_shift=shift,
         score=float(best[1]),
-        slip=float(slip.flat[index]),
+        slip=slip,
+        spread=float(model.spread(alone, surface.cell)[0, 0]),
         counts=counts,
         reason="" if shift == 0.0 else f"no free cell at this trunk height, one with the trunk {1e3 * shift:+.0f} mm",
     )

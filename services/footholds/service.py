@@ -76,6 +76,10 @@ class Footholds(Service[FootholdsConfig]):
             Landing(self._leg(leg.leg, f"legs.{i}.leg"), leg.nominal, leg.stroke) for i, leg in enumerate(request.legs)
         ]
         params = self.params if request.mode == "robust" else replace(self.params, robust=False)
+        if request.mode == "random":
+            if request.seed is None:
+                raise Refusal("invalid", "mode random needs a seed", "seed")
+            params = replace(params, seed=request.seed)
         found = select(ground, self.robot, self.model, base_pose(request.base), landings, params)
         legs = tuple(map(leg_foothold, request.legs, found))
         return SelectReply(legs=legs, map_version=ground.version, model=self.model.name)

@@ -4,27 +4,54 @@ from typing import Protocol
 
 from surefoot.services.footholds.features import Features, Layer
 
+UNLEARNED = -1.0
+"""P of a cell that lies outside what a model has learned; other values outside [0, 1] are artefacts of a fit."""
+
 
 class SlipModel(Protocol):
-    """Predicts the slip r = d / |f| of a foothold from its ground coefficients."""
+    """Predicts the slip r of a foothold, way of the contact point per stroke, from its ground coefficients."""
 
     @property
     def name(self) -> str:
         """Name and version; every reply carries it."""
         ...
 
+    @property
+    def distance_weight(self) -> float:
+        """k of Q = P + k K4 that goes with this model, 1/m."""
+        ...
+
+    @property
+    def landing_error(self) -> float:
+        """Standard deviation of landings about the chosen cell, m: P is averaged over it.
+
+        0: the choice takes the mean over the free cells of the 3 x 3 block.
+        """
+        ...
+
+    def unfit(self, cell: float, smooth: bool, foot_radius: float) -> str:
+        """Return why the model does not hold on a map, empty if it does.
+
+        Args:
+            cell: edge of a cell, m. K1 and K2 scale with it.
+            smooth: whether the map goes through the 3 x 3 median.
+            foot_radius: m.
+        """
+        ...
+
     def predict(self, features: Features, cell: float) -> Layer:
-        """P(K1, K2, cos K3) of every cell.
+        """P(K1, K2, cos K3) of every cell of a map that the model is fit for.
 
         Args:
             features: coefficients, (ny, nx) each.
-            cell: edge of a cell, m. K1 and K2 scale with it: a model that cannot convert refuses another cell.
+            cell: edge of a cell, m.
 
         Returns:
-            Predicted slip, (ny, nx) float32. NaN where the coefficients are; a value outside [0, 1] is an artefact
-            of a fit and makes the cell unknown.
-
-        Raises:
-            ValueError: the model was learned on another cell size and does not hold for this one.
+            Predicted slip, (ny, nx) float32. NaN where the coefficients are, `UNLEARNED` outside what was learned;
+            another value outside [0, 1] is an artefact of a fit and makes the cell unknown.
         """
+        ...
+
+    def spread(self, features: Features, cell: float) -> Layer:
+        """Return the standard deviation of the slip of single stances, (ny, nx) float32; NaN where it is unknown."""
         ...

@@ -52,6 +52,24 @@ class HandScore:
         """Name and version of the formula."""
         return "hand-made/1"
 
+    @property
+    def distance_weight(self) -> float:
+        """k of Q = P + k K4, 1/m (paper 3.3, Eq. 18)."""
+        return 8.0
+
+    @property
+    def landing_error(self) -> float:
+        """0: the choice takes the mean over the free cells of the 3 x 3 block."""
+        return 0.0
+
+    def unfit(self, cell: float, smooth: bool, foot_radius: float) -> str:
+        """Return nothing: the score holds for any cell, filter and foot."""
+        return ""
+
+    def spread(self, features: Features, cell: float) -> Layer:
+        """Return NaN for every cell: the score knows no spread."""
+        return np.full(features.k1.shape, np.nan, dtype=np.float32)
+
     def predict(self, features: Features, cell: float) -> Layer:
         """P of every cell, (ny, nx) float32 in [0, 1], NaN where the coefficients are; holds for any cell size."""
         k1, k2, cos_k3 = features.k1, features.k2, features.cos_k3

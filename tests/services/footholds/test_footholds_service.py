@@ -157,7 +157,7 @@ def test_assess_for_a_leg(service: Footholds) -> None:
     x, y = float(neutral(0)[0]), float(neutral(0)[1])
     reply = service.assess(AssessRequest(centre=(x, y), size=61, leg="lf", base=BASE))
     assert 0 < reply.counts.reach < 61 * 61
-    assert reply.mask_bits == {"reach": 1, "collision": 2, "unknown": 4, "steep": 8, "slip": 16}
+    assert reply.mask_bits == {"reach": 1, "collision": 2, "unknown": 4, "steep": 8, "slip": 16, "unlearned": 32}
 
 
 @pytest.mark.parametrize(

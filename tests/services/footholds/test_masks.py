@@ -26,8 +26,8 @@ def ground_mask(z: np.ndarray, slip: np.ndarray = FREE, limits: Limits | None = 
 
 
 def test_names_follow_the_bits() -> None:
-    assert REASONS == ("reach", "collision", "unknown", "steep", "slip")
-    assert [reason.value for reason in Reason] == [1, 2, 4, 8, 16]
+    assert REASONS == ("reach", "collision", "unknown", "steep", "slip", "unlearned")
+    assert [reason.value for reason in Reason] == [1, 2, 4, 8, 16, 32]
 
 
 def test_flat_ground_is_free() -> None:
@@ -122,10 +122,10 @@ def test_leg_does_not_pass_through_a_wall() -> None:
 
 
 def test_counts() -> None:
-    mask = np.array([[0, 1, 3], [4, 24, 0]], dtype=np.uint8)
-    counts = np.zeros(6, dtype=np.int64)
+    mask = np.array([[0, 1, 3], [4, 56, 0]], dtype=np.uint8)
+    counts = np.zeros(7, dtype=np.int64)
     count_reasons(mask, counts)
-    assert counts.tolist() == [2, 1, 1, 1, 1, 2]
+    assert counts.tolist() == [2, 1, 1, 1, 1, 1, 2]
 
 
 def test_gradient_of_a_plane_and_at_the_border() -> None:

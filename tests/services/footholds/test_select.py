@@ -11,8 +11,19 @@ from hypothesis import strategies as st
 from surefoot.services.footholds.features import Features, window_features
 from surefoot.services.footholds.ground import FootholdGround
 from surefoot.services.footholds.masks import REASONS, Limits, mask_window
+from surefoot.services.footholds.models.protocol import UNLEARNED
 from surefoot.services.footholds.models.score import HandScore
-from surefoot.services.footholds.select import Foothold, Landing, SelectParams, TrunkPose, choose, placement, select
+from surefoot.services.footholds.select import (
+    ALONE,
+    Foothold,
+    Landing,
+    SelectParams,
+    TrunkPose,
+    choose,
+    landing_weights,
+    placement,
+    select,
+)
 from tests.services.footholds.grounds import CELL, STROKE, flat, ground_of, landing, neutral, ragno, standing
 
 NAN = float("nan")
@@ -117,7 +128,7 @@ def test_choice_equals_plain_loops(seed: int, robust: bool, share: float) -> Non
     mask = (rng.random((15, 15)) < share).astype(np.uint8)
     slip = rng.uniform(0.0, 0.5, (15, 15)).astype(np.float32)
     sx, sy = rng.uniform(-8 * CELL, -6 * CELL, 2)
-    got = choose(mask, slip, CELL, sx, sy, 8.0, robust, np.zeros(2))
+    got = choose(mask, slip, slip, ALONE, CELL, sx, sy, 8.0, robust, np.zeros(2))
     assert got == reference(mask, slip, sx, sy, 8.0, robust)
 
 
@@ -125,10 +136,56 @@ def test_equal_cells_go_to_the_nearer_then_to_the_first() -> None:
     slip, mask = np.zeros((15, 15), dtype=np.float32), np.zeros((15, 15), dtype=np.uint8)
     best = np.zeros(2)
     middle = -7 * CELL
-    assert choose(mask, slip, CELL, middle, middle, 0.0, False, best) == 7 * 15 + 7  # K4 decides though k = 0
+    assert choose(mask, slip, slip, ALONE, CELL, middle, middle, 0.0, False, best) == 7 * 15 + 7  # K4, though k = 0
     mask[7, 7] = 1
-    assert choose(mask, slip, CELL, middle, middle, 0.0, False, best) == 6 * 15 + 7
-    assert choose(np.ones_like(mask), slip, CELL, middle, middle, 0.0, True, best) == -1
+    assert choose(mask, slip, slip, ALONE, CELL, middle, middle, 0.0, False, best) == 6 * 15 + 7
+    assert choose(np.ones_like(mask), slip, slip, ALONE, CELL, middle, middle, 0.0, True, best) == -1
+
+
+@pytest.mark.parametrize(("error", "border"), [(0.0, 0), (0.002, 0), (0.003, 1), (0.005, 2), (1.0, 6)])
+def test_landing_weights_are_a_gaussian_within_two_deviations(error: float, border: int) -> None:
+    found = landing_weights(error, CELL)
+    assert found.shape == (2 * border + 1,) * 2
+    assert found[border, border] == 1.0
+    assert np.array_equal(found, found[::-1])
+    assert np.array_equal(found, found.T)
+    if border:
+        assert found[border, border + 1] == pytest.approx(math.exp(-0.5 * (CELL / error) ** 2))
+
+
+@given(st.integers(0, 10_000), st.floats(0.0, 0.9))
+def test_choice_over_landings_equals_plain_loops(seed: int, share: float) -> None:
+    rng = np.random.default_rng(seed)
+    mask = (rng.random((15, 15)) < share).astype(np.uint8)
+    around = rng.uniform(0.0, 1.4, (19, 19)).astype(np.float32)
+    for value in (np.nan, UNLEARNED):
+        around[rng.random(around.shape) < 0.1] = value
+    slip = np.ascontiguousarray(around[2:-2, 2:-2])
+    mask[~(slip >= 0.0)] = 4
+    sx, sy = rng.uniform(-8 * CELL, -6 * CELL, 2)
+    blur = landing_weights(0.005, CELL)
+    means = np.full(slip.shape, np.nan)
+    for i, j in np.argwhere(mask == 0):
+        part = around[i : i + 5, j : j + 5].astype(np.float64)
+        known = part >= 0.0
+        means[i, j] = (blur * np.minimum(part, 1.0))[known].sum() / blur[known].sum()
+    got = choose(mask, slip, around, blur, CELL, sx, sy, 2.0, False, np.zeros(2))
+    assert got == reference(mask, means, sx, sy, 2.0, False)
+
+
+def test_random_cells_are_free_seeded_and_different_for_each_leg() -> None:
+    ground, legs = ground_of(rough(3)), [landing(leg) for leg in range(6)]
+    drawn = [ask(ground, standing(), *legs, params=SelectParams(seed=seed)) for seed in (1, 1, 2)]
+    assert [f.foothold for f in drawn[0]] == [f.foothold for f in drawn[1]]
+    assert [f.foothold for f in drawn[0]] != [f.foothold for f in drawn[2]]
+    offsets = {
+        (round(f.foothold[0] - asked.nominal[0], 4), round(f.foothold[1] - asked.nominal[1], 4))
+        for f, asked in zip(drawn[0], legs, strict=True)
+        if f.foothold is not None
+    }
+    assert len(offsets) > 3
+    alone = ask(ground, standing(), legs[3], params=SelectParams(seed=1))[0]
+    assert alone.foothold == drawn[0][3].foothold
 
 
 def test_avoids_a_peak_and_an_edge() -> None:
@@ -150,8 +207,8 @@ def test_avoids_a_peak_and_an_edge() -> None:
 
 
 def test_robust_choice_shuns_a_lone_good_cell() -> None:
-    class Painted:
-        name = "painted"
+    class Painted(HandScore):
+        name = "painted"  # type: ignore[assignment]
 
         def predict(self, features: Features, cell: float) -> np.ndarray:
             p = np.full(features.k1.shape, 0.1, dtype=np.float32)

@@ -1,0 +1,165 @@
+"""Campaigns of walks with random footholds, whose stances become samples in an append-only file.
+
+One process writes, any number walk: a worker that dies costs no trial, as a trial counts only with its last line.
+A campaign that is started again with the same file goes on with the trials it lacks.
+"""
+
+import itertools
+import math
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from surefoot.errors import SurefootError
+from surefoot.geometry.heightmap_kernels import patch
+from surefoot.lab.footholds.rules import exploring_rule, model_rule, random_rule
+from surefoot.lab.footholds.walks import JoinedWalk, Setting, Stance
+from surefoot.services.footholds.features import window_features
+from surefoot.services.footholds.ground import FootholdGround
+from surefoot.services.footholds.learning.samples import PATCH, Sample, read_lines, trial_lines
+from surefoot.services.footholds.models.files import load
+from surefoot.services.footholds.select import SelectParams
+
+UNKNOWN_UM = -(2**31)
+RESTARTS = 3
+"""How often a pool whose worker has died is made anew."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One walk of a campaign."""
+
+    seed: int
+    setting: Setting
+    model: str = ""
+    """Path of the model that chooses; empty = every foothold is drawn at random."""
+    explore: float = 1.0
+    """Share of the steps with random footholds."""
+
+    @property
+    def name(self) -> str:
+        """Names the trial in the file: equal names are equal walks."""
+        s = self.setting
+        amplitude = "" if s.amplitude is None else f"-{s.amplitude:g}"
+        rule = "" if not self.model else f"-{Path(self.model).stem}-{self.explore:g}"
+        return f"{s.robot}-{s.terrain}{amplitude}-{s.friction:g}-{s.profile}-{s.distance:g}{rule}-{self.seed}"
+
+
+def planned(
+    grounds: Sequence[Setting], profiles: Sequence[str], seeds: Iterable[int], model: str = "", explore: float = 1.0
+) -> list[Trial]:
+    """Return the trials of all grounds, map profiles and seeds, seed by seed."""
+    return [
+        Trial(seed, replace(setting, profile=profile), model, explore)
+        for seed, setting, profile in itertools.product(seeds, grounds, profiles)
+    ]
+
+
+def walked(trial: Trial) -> list[Sample]:
+    """Walk a trial and return its samples."""
+    rule = random_rule(trial.seed)
+    if trial.model:
+        rule = exploring_rule(trial.seed, trial.explore, model_rule(load(trial.model), SelectParams()))
+    joined = JoinedWalk(trial.seed, trial.setting, rule)
+    while joined.tick():
+        pass
+    ground, robot = joined.recorder.ground, joined.robot
+    s = trial.setting
+    source = f"{'random' if not trial.model else 'explore'} {s.terrain} {s.profile}"
+    made = (sample_of(stance, ground, trial.name) for stance in joined.judge.found)
+    return [replace(each, friction=s.friction, robot=robot.name, robot_hash=robot.hash, source=source) for each in made]
+
+
+def sample_of(stance: Stance, ground: FootholdGround, trial: str) -> Sample:
+    """Return the sample of a stance: the coefficients of the cell that was chosen, on the map as the chooser saw it."""
+    surface = ground.surface
+    row, col = surface.index(*stance.planned)
+    found = window_features(surface.z, row, col, 1, 1, np.array(stance.stroke), surface.cell)
+    around = np.empty((PATCH, PATCH), dtype=np.float32)
+    patch(surface.z, row - PATCH // 2, col - PATCH // 2, around)
+    rise = 1e6 * (around.astype(np.float64) - float(around[PATCH // 2, PATCH // 2]))
+    return Sample(
+        trial=trial, leg=stance.leg, step=stance.step,
+        k1=float(found.k1[0, 0]), k2=float(found.k2[0, 0]), cos_k3=float(found.cos_k3[0, 0]),
+        k4=math.sqrt(sum((a - b) ** 2 for a, b in zip(stance.planned, stance.nominal, strict=True))),
+        stroke=stance.stroke, sliding=stance.sliding, displacement=stance.displacement, load=stance.load,
+        friction=math.nan, cell=surface.cell, smooth=ground.smooth, foot_radius=ground.foot_radius,
+        robot="", robot_hash="", source="",
+        heights_um=tuple(UNKNOWN_UM if math.isnan(value) else round(value) for value in rise.ravel().tolist()),
+    )  # fmt: skip
+
+
+def read(path: Path) -> tuple[list[Sample], dict[str, int], int]:
+    """Read a sample file: samples of complete trials, their numbers by trial, lines that could not be read.
+
+    Raises:
+        SurefootError: the file cannot be read.
+    """
+    try:
+        with path.open(encoding="utf-8", errors="replace") as stream:
+            return read_lines(stream)
+    except OSError as error:
+        raise SurefootError("unreadable", f"{str(path)!r} cannot be read: {error.strerror}", "samples") from None
+
+
+def append(path: Path, trial: str, samples: Sequence[Sample]) -> None:
+    """Append a complete trial to a file; a torn line before it stays a line of its own.
+
+    Raises:
+        SurefootError: the folder cannot be written, or the disk is full.
+    """
+    text = "\n" + "\n".join(trial_lines(trial, samples)) + "\n"
+    try:
+        with path.open("a", encoding="utf-8") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+    except OSError as error:
+        raise SurefootError("unwritable", f"{str(path)!r} cannot be written: {error.strerror}", "out") from None
+
+
+def collect(
+    trials: Sequence[Trial], out: Path, jobs: int = 1, show: Callable[[Trial, int], None] = lambda trial, count: None
+) -> int:
+    """Walk the trials that a file lacks and append their samples; returns how many trials were walked.
+
+    Args:
+        trials: of the campaign.
+        out: the file.
+        jobs: walks at a time, a process each.
+        show: takes each trial that is done and its number of samples.
+    """
+    done = read(out)[1] if out.exists() else {}
+    missing = [trial for trial in trials if trial.name not in done]
+    append(out, "started", ())  # fails before the first walk, not after it
+    for trial, samples in _walks(missing, jobs):
+        append(out, trial.name, samples)
+        show(trial, len(samples))
+    return len(missing)
+
+
+def _walks(trials: Sequence[Trial], jobs: int) -> Iterator[tuple[Trial, list[Sample]]]:
+    """Yield the samples of trials as they finish; a pool that has lost a worker is made anew."""
+    if jobs <= 1:
+        for trial in trials:
+            yield trial, walked(trial)
+        return
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    waiting = dict.fromkeys(trials)
+    for attempt in itertools.count():
+        try:
+            with ProcessPoolExecutor(jobs) as pool:
+                futures = {pool.submit(walked, trial): trial for trial in waiting}
+                for future in as_completed(futures):
+                    samples = future.result()
+                    del waiting[futures[future]]
+                    yield futures[future], samples
+            return
+        except BrokenProcessPool:
+            if attempt >= RESTARTS:
+                raise SurefootError("worker_died", f"{RESTARTS} pools of walks have lost a worker") from None

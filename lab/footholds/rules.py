@@ -1,0 +1,93 @@
+"""Rules that choose footholds: the service's own choice under any slip model, random ones, and two of other people."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from surefoot.lab.footholds.walks import Rule
+from surefoot.robot.description import Robot
+from surefoot.services.footholds.features import Features, Layer
+from surefoot.services.footholds.ground import FootholdGround
+from surefoot.services.footholds.models.protocol import SlipModel
+from surefoot.services.footholds.models.score import HandScore
+from surefoot.services.footholds.select import Foothold, Landing, SelectParams, TrunkPose, select
+
+
+@dataclass(frozen=True, slots=True)
+class MinK2:
+    """P grows with K2 alone: the flattest cell, K2 / (8 cell) as rise per way."""
+
+    @property
+    def name(self) -> str:
+        """Name of the rule."""
+        return "min-k2"
+
+    def predict(self, features: Features, cell: float) -> Layer:
+        """Mean roughness of each cell, at most 1, (ny, nx)."""
+        return np.minimum(features.k2 / np.float32(8.0 * cell), np.float32(1.0))
+
+
+@dataclass(frozen=True, slots=True)
+class GridMapRule:
+    """The traversability of grid_map's example filters: 1 - [.5 (1 - slope / .6) + .5 (1 - roughness / .1)].
+
+    The slope is in rad. Only K1 and K2 are at hand: the slope of a plane is K2 / (7 cell) within 15 % in any
+    direction, and half the mean deviation of the centre from its neighbours stands for the roughness in m.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name of the rule."""
+        return "grid-map"
+
+    def predict(self, features: Features, cell: float) -> Layer:
+        """One minus the traversability of each cell, 0 to 1, (ny, nx)."""
+        slope = np.arctan((features.k2 - np.abs(features.k1)) / np.float32(7.0 * cell))
+        rough = np.abs(features.k1) / np.float32(16.0)
+        free = 0.5 * np.maximum(1.0 - slope / 0.6, 0.0) + 0.5 * np.maximum(1.0 - rough / 0.1, 0.0)
+        return (1.0 - free).astype(np.float32)
+
+
+def model_rule(model: SlipModel, params: SelectParams) -> Rule:
+    """Return the choice of the service with this model."""
+
+    def rule(
+        ground: FootholdGround, robot: Robot, base: TrunkPose, landings: Sequence[Landing], step: int
+    ) -> Sequence[Foothold]:
+        return select(ground, robot, model, base, landings, params)
+
+    return rule
+
+
+def random_rule(seed: int, params: SelectParams | None = None, model: SlipModel | None = None) -> Rule:
+    """Return the rule that draws a free cell of the window for each leg; equal seeds give equal draws."""
+    drawn, scored = params or SelectParams(), model or HandScore()
+
+    def rule(
+        ground: FootholdGround, robot: Robot, base: TrunkPose, landings: Sequence[Landing], step: int
+    ) -> Sequence[Foothold]:
+        return select(ground, robot, scored, base, landings, replace(drawn, seed=draw_of(seed, step)))
+
+    return rule
+
+
+def exploring_rule(seed: int, share: float, rule: Rule) -> Rule:
+    """Return `rule`, with a share of steps whose footholds are drawn at random."""
+    if not (math.isfinite(share) and 0.0 <= share <= 1.0):
+        raise ValueError(f"share must be between 0 and 1, got {share!r}")
+    drawn = random_rule(seed)
+
+    def either(
+        ground: FootholdGround, robot: Robot, base: TrunkPose, landings: Sequence[Landing], step: int
+    ) -> Sequence[Foothold]:
+        explores = np.random.default_rng((seed, step, 1)).random() < share
+        return (drawn if explores else rule)(ground, robot, base, landings, step)
+
+    return either
+
+
+def draw_of(seed: int, step: int) -> int:
+    """Return the number that seeds the draws of one step of a walk."""
+    return seed * 100_003 + step

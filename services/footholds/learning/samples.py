@@ -1,0 +1,186 @@
+"""What came of stances: one sample each, as arrays for learning and as lines of an append-only file."""
+
+import json
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.services.footholds.models.lattice import coordinates
+
+Array = NDArray[np.float64]
+PATCH = 7
+"""Cells along an edge of the heights that a sample keeps."""
+LARGEST_SLIP = 20.0
+"""A foot that slides farther than this many strokes was carried, not placed: such a sample is refused."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One stance."""
+
+    trial: str
+    """Names the walk or trial; folds of the cross-validation are made of whole trials."""
+    leg: int
+    step: int
+    """Number of the choice in the trial; trial, leg and step together name the stance."""
+    k1: float
+    """Coefficients of the chosen cell on the map as the chooser saw it, m."""
+    k2: float
+    """m."""
+    cos_k3: float
+    k4: float
+    """Distance from the nominal foothold, m."""
+    stroke: tuple[float, float, float]
+    """f, map axes, m."""
+    sliding: float
+    """Way of the contact point in the ground plane, m."""
+    displacement: float
+    """Horizontal way of the foot centre, m: the d of the paper."""
+    load: float
+    """Mean normal force, N; NaN = not known."""
+    friction: float
+    """In simulation; NaN = not known."""
+    cell: float
+    """m."""
+    smooth: bool
+    """The map went through the 3 x 3 median."""
+    foot_radius: float
+    """m."""
+    robot: str
+    robot_hash: str
+    source: str
+    """How the sample came to be: ground, map, rule."""
+    heights_um: tuple[int, ...] = ()
+    """Heights about the chosen cell relative to it, `PATCH` x `PATCH` row by row, micrometres; -2^31 = unknown."""
+
+    @property
+    def length(self) -> float:
+        """|f|, m."""
+        return math.sqrt(sum(value * value for value in self.stroke))
+
+    @property
+    def slip(self) -> float:
+        """r = sliding / |f|."""
+        return self.sliding / self.length
+
+    @property
+    def problem(self) -> str:
+        """Why it cannot be learned from, empty if it can."""
+        numbers = (self.k1, self.k2, self.cos_k3, self.k4, *self.stroke, self.sliding, self.displacement)
+        if not all(math.isfinite(value) for value in numbers):
+            return "not_finite"
+        if self.length < 1e-4:
+            return "no_stroke"
+        if self.sliding < 0.0 or self.displacement < 0.0 or self.k2 < 0.0 or self.k4 < 0.0:
+            return "negative"
+        return "huge" if self.slip > LARGEST_SLIP else ""
+
+
+@dataclass(frozen=True, eq=False)
+class SampleSet:
+    """Samples as arrays."""
+
+    x: Array
+    """Coordinates of the lattice, (n, 3)."""
+    r: Array
+    """Slip, (n,)."""
+    trial: NDArray[np.int64]
+    """Number of each sample's trial, (n,)."""
+    kept: tuple[Sample, ...]
+    refused: dict[str, int]
+    """Samples left out, by reason: not_finite, no_stroke, negative, huge, twice."""
+
+    def __len__(self) -> int:
+        return len(self.r)
+
+
+def gather(samples: Iterable[Sample]) -> SampleSet:
+    """Return the samples that can be learned from, each stance once, in an order that does not depend on theirs."""
+    refused: dict[str, int] = {}
+    found: dict[tuple[str, int, int], Sample] = {}
+    for each in samples:
+        key, problem = (each.trial, each.leg, each.step), each.problem
+        if not problem and key in found:
+            problem = "twice"
+        if problem:
+            refused[problem] = refused.get(problem, 0) + 1
+        else:
+            found[key] = each
+    kept = tuple(found[key] for key in sorted(found))
+    trials = {name: k for k, name in enumerate(sorted({each.trial for each in kept}))}
+    x = np.zeros((len(kept), 3))
+    for cell in {each.cell for each in kept}:
+        rows = np.array([k for k, each in enumerate(kept) if each.cell == cell])
+        k1, k2, c = np.array([(kept[k].k1, kept[k].k2, kept[k].cos_k3) for k in rows]).T
+        x[rows] = coordinates(k1, k2, c, cell)
+    return SampleSet(
+        x, np.array([each.slip for each in kept]), np.array([trials[each.trial] for each in kept], dtype=np.int64),
+        kept, refused,
+    )  # fmt: skip
+
+
+# --- lines of a file --------------------------------------------------------------------------------------------------
+
+_NAMES = tuple(each.name for each in fields(Sample))
+
+
+def line_of(sample: Sample) -> str:
+    """Return a sample as a line without its end."""
+    return json.dumps({"sample": asdict(sample)})
+
+
+def end_of(trial: str, count: int) -> str:
+    """Return the line that completes a trial of `count` samples."""
+    return json.dumps({"end": trial, "samples": count})
+
+
+def read_lines(lines: Iterable[str]) -> tuple[list[Sample], dict[str, int], int]:
+    """Return the samples of all complete trials, their numbers by trial, and how many lines could not be read.
+
+    A trial that a worker left unfinished has no end and does not count; one that stands there twice counts once.
+    """
+    waiting: dict[str, list[Sample]] = {}
+    complete: dict[str, list[Sample]] = {}
+    bad = 0
+    for text in lines:
+        if not text.strip():
+            continue
+        try:
+            entry: Any = json.loads(text)
+            if "sample" in entry:
+                sample = _sample(entry["sample"])
+                waiting.setdefault(sample.trial, []).append(sample)
+            else:
+                trial, count = str(entry["end"]), int(entry["samples"])
+                found = waiting.pop(trial, [])
+                if len(found) < count:
+                    bad += 1
+                elif trial not in complete:
+                    complete[trial] = found[len(found) - count :]
+        except (ValueError, TypeError, KeyError):
+            bad += 1
+    samples = [each for trial in complete.values() for each in trial]
+    return samples, {trial: len(found) for trial, found in complete.items()}, bad
+
+
+def trial_lines(trial: str, samples: Iterable[Sample]) -> Iterator[str]:
+    """Return the lines of a complete trial."""
+    count = 0
+    for count, each in enumerate(samples, 1):  # noqa: B007 - the last number is written
+        yield line_of(each)
+    yield end_of(trial, count)
+
+
+def _sample(entry: dict[str, Any]) -> Sample:
+    entry = dict(entry)
+    stroke = tuple(float(value) for value in entry["stroke"])
+    if len(stroke) != 3 or set(entry) != set(_NAMES):
+        raise ValueError("not the fields of a sample")
+    numbers = ("k1", "k2", "cos_k3", "k4", "sliding", "displacement", "load", "friction", "cell", "foot_radius")
+    entry |= {name: float(entry[name]) for name in numbers}
+    entry |= {"leg": int(entry["leg"]), "step": int(entry["step"]), "stroke": stroke}
+    return Sample(**{**entry, "heights_um": tuple(int(value) for value in entry["heights_um"])})

@@ -1,0 +1,36 @@
+"""The weights of the terms: least squares with a ridge, never by the inverse of the Gram matrix."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def weights(columns: Array, y: Array, w: Array, ridge: float) -> Array:
+    """Return c = argmin |W (V c - y)|^2 + ridge |c|^2, (m,).
+
+    Equations (7)-(9) of Walas & Belter form G = V'V, which squares the condition number. The singular values of the
+    stacked matrix do not.
+
+    Args:
+        columns: V, (n, m).
+        y: what is to be met, (n,).
+        w: diagonal of W, (n,).
+        ridge: rho, >= 0.
+    """
+    stacked, target = stack(columns, y, w, ridge)
+    return np.linalg.lstsq(stacked, target, rcond=1e-13)[0]
+
+
+def stack(columns: Array, y: Array, w: Array, ridge: float) -> tuple[Array, Array]:
+    """Return W V over sqrt(ridge) I, (n + m, m), and W y over zeros, (n + m,)."""
+    m = columns.shape[1]
+    return np.vstack((w[:, None] * columns, np.sqrt(ridge) * np.eye(m))), np.concatenate((w * y, np.zeros(m)))
+
+
+def cost(columns: Array, y: Array, w: Array, ridge: float) -> float:
+    """Return the smallest |W (V c - y)|^2 + ridge |c|^2 over all c."""
+    stacked, target = stack(columns, y, w, ridge)
+    found = np.linalg.lstsq(stacked, target, rcond=1e-13)[0]
+    rest = target - stacked @ found
+    return float(rest @ rest)

@@ -1,0 +1,117 @@
+"""Variable projection: centres and widths of Gaussians by trust-region least squares, their weights eliminated.
+
+With A = W V(theta) over sqrt(rho) I and b = W y over 0, the residual of the best weights is r = (I - Q Q') b, where Q
+is an orthonormal basis of A. Kaufman (1975) leaves out the second part of its derivative:
+
+    J = -(I - Q Q') (dA / dtheta) c,   d phi / d a = 2 lambda (u - a) phi,   d phi / d lambda = -(u - a)^2 phi.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.services.footholds.learning.solve import stack
+from surefoot.services.footholds.models.bases import Gaussians
+
+Array = NDArray[np.float64]
+RIDGE = 1e-12
+"""Keeps two terms that have become equal from ending the search."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """Where centres and widths may go."""
+
+    low: float = -3.0
+    """Smallest centre, in scaled inputs."""
+    high: float = 3.0
+    """Largest centre."""
+    width: float = 10.0
+    """Largest lambda; the smallest is 0: below it a term grows outside the data."""
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A fitted set of Gaussians."""
+
+    basis: Gaussians
+    weights: Array
+    """c, (m,) or (m + 1,)."""
+    cost: float
+    """|W (V c - y)|^2 + rho |c|^2."""
+    evaluations: int
+
+
+def refine(
+    start: Gaussians, u: Array, y: Array, w: Array, bounds: Bounds, ridge: float = RIDGE, evaluations: int = 200
+) -> Found:
+    """Return the Gaussians at a minimum of the cost near a start.
+
+    Args:
+        start: where to begin; centres and widths are cut to the bounds.
+        u: inputs, (n, d).
+        y: (n,).
+        w: diagonal of W, (n,).
+        bounds: of centres and widths.
+        ridge: rho.
+        evaluations: of the residual at most.
+    """
+    from scipy.optimize import least_squares
+
+    m, d = start.centres.shape
+    problem = _Problem(u, y, w, ridge, (m, d), start.constant)
+    low = np.concatenate((np.full(m * d, bounds.low), np.zeros(m * d)))
+    high = np.concatenate((np.full(m * d, bounds.high), np.full(m * d, bounds.width)))
+    begin = np.concatenate((start.centres.ravel(), start.widths.ravel()))
+    begin = np.clip(begin, low + 1e-9 * (high - low), high - 1e-9 * (high - low))
+    found = least_squares(
+        problem.residual, begin, problem.jacobian, bounds=(low, high), max_nfev=evaluations, x_scale="jac",
+        ftol=1e-10, xtol=1e-10, gtol=1e-12,
+    )  # fmt: skip
+    basis = problem.basis(found.x)
+    problem.residual(found.x)
+    return Found(basis, problem.c, 2.0 * float(found.cost), int(found.nfev))
+
+
+class _Problem:
+    """Residual and Jacobian of one data set; the factors of the last parameters are kept for the Jacobian."""
+
+    def __init__(self, u: Array, y: Array, w: Array, ridge: float, shape: tuple[int, int], constant: bool) -> None:
+        self.u, self.y, self.w, self.ridge, self.shape, self.constant = u, y, w, ridge, shape, constant
+        self.c = np.zeros(shape[0] + constant)
+        self._q, self._columns = np.zeros((0, 0)), np.zeros((0, 0))
+        self._at: Array | None = None
+
+    def basis(self, theta: Array) -> Gaussians:
+        half = theta.size // 2
+        return Gaussians(theta[:half].reshape(self.shape), theta[half:].reshape(self.shape), self.constant)
+
+    def residual(self, theta: Array) -> Array:
+        self._columns = self.basis(theta).columns(self.u)
+        stacked, target = stack(self._columns, self.y, self.w, self.ridge)
+        self._q, r = np.linalg.qr(stacked)
+        along = self._q.T @ target
+        self.c = np.linalg.lstsq(r, along, rcond=None)[0]
+        self._at = theta.copy()
+        return target - self._q @ along
+
+    def jacobian(self, theta: Array) -> Array:
+        if self._at is None or not np.array_equal(theta, self._at):
+            self.residual(theta)
+        basis, (m, d) = self.basis(theta), self.shape
+        away = self.u[:, None, :] - basis.centres[None]  # (n, m, d)
+        common = (self.w[:, None] * self._columns[:, :m] * self.c[:m])[:, :, None]
+        by_centre = 2.0 * basis.widths[None] * away * common
+        by_width = -away * away * common
+        rows = np.concatenate((by_centre.reshape(-1, m * d), by_width.reshape(-1, m * d)), axis=1)
+        full = np.vstack((rows, np.zeros((m + self.constant, 2 * m * d))))
+        return self._q @ (self._q.T @ full) - full
+
+
+def random_start(
+    rng: np.random.Generator, m: int, d: int, centres: tuple[float, float], widths: tuple[float, float],
+    constant: bool = False,
+) -> Gaussians:  # fmt: skip
+    """Return Gaussians with evenly drawn centres and widths."""
+    return Gaussians(rng.uniform(*centres, (m, d)), rng.uniform(*widths, (m, d)), constant)

@@ -1,0 +1,100 @@
+"""Families of functions of the ground coefficients, of which a slip model is a weighted sum.
+
+    P(u) = sum_q c_q phi_q(u)                                                        (Walas & Belter 2011, Eq. 6)
+
+u are scaled inputs, (n, d). Two families: Gaussians (15) with lambda >= 0, and products (10) of elementary functions
+(11)-(13) of one input each. The printed (15) has no minus sign and would grow without bound.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+POWER, SINE, DECAY = 0, 1, 2
+MAX_POWER = 4
+"""Largest n of (11): a negative one has a pole, a large one no use on scaled inputs."""
+LARGEST = 1e12
+"""Values of a term beyond this are cut: a power far outside of its data must not end a search."""
+
+
+class Basis(Protocol):
+    """Terms phi_q with their parameters."""
+
+    def columns(self, u: Array) -> Array:
+        """Return phi_q(u_b), (n, m)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Gaussians:
+    """(15): phi_q = exp(-sum_i lambda_iq (u_i - a_iq)^2), and a constant term if wanted."""
+
+    centres: Array
+    """a, (m, d)."""
+    widths: Array
+    """lambda, (m, d), >= 0; 0 takes an input out of a term."""
+    constant: bool = False
+    """A last column of ones."""
+
+    def columns(self, u: Array) -> Array:
+        """Return phi_q(u_b), (n, m) or (n, m + 1)."""
+        away = u[:, None, :] - self.centres[None]
+        found = np.exp(-(self.widths[None] * away * away).sum(axis=2))
+        return np.column_stack((found, np.ones(len(u)))) if self.constant else found
+
+
+@dataclass(frozen=True, eq=False)
+class Elementary:
+    """(10): phi_q = prod_i f_iq(u_i), f one of (u - a)^round(lambda), sin(lambda u - a), exp(-lambda u).
+
+    a of the sine is a phase, not a centre; in the exponential it would only scale c, so it is left out.
+    """
+
+    kinds: Ints
+    """`POWER`, `SINE` or `DECAY`, (m, d)."""
+    centres: Array
+    """a, (m, d)."""
+    rates: Array
+    """lambda, (m, d)."""
+
+    def columns(self, u: Array) -> Array:
+        """Return phi_q(u_b), (n, m)."""
+        x, a, rate = u[:, None, :], self.centres[None], self.rates[None]
+        n = np.clip(np.rint(rate), 0.0, MAX_POWER)
+        with np.errstate(over="ignore", invalid="ignore"):
+            power = np.where(n == 0.0, 1.0, (x - a) ** n)
+            decay = np.exp(np.clip(-rate * x, -60.0, 60.0))
+            sine = np.sin(rate * x - a)
+            each = np.where(self.kinds == POWER, power, np.where(self.kinds == SINE, sine, decay))
+            found = each.prod(axis=2)
+        return np.clip(np.nan_to_num(found, nan=LARGEST, posinf=LARGEST, neginf=-LARGEST), -LARGEST, LARGEST)
+
+
+Warp = Literal["identity", "log", "asinh"]
+
+
+def warped(u: Array, warps: tuple[Warp, ...], scales: Array) -> Array:
+    """Return inputs after one monotone map each: u / s, log(u / s) or asinh(u / s); (n, d).
+
+    Args:
+        u: inputs, (n, d).
+        warps: one per input.
+        scales: s, (d,), > 0.
+
+    Raises:
+        ValueError: a logarithm of an input that is not positive.
+    """
+    out = u / scales
+    for i, warp in enumerate(warps):
+        if warp == "log":
+            if (out[:, i] <= 0.0).any():
+                raise ValueError(f"warp 'log' of input {i} needs positive values, got {u[:, i].min()!r}")
+            out[:, i] = np.log(out[:, i])
+        elif warp == "asinh":
+            out[:, i] = np.arcsinh(out[:, i])
+    return out

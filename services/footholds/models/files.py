@@ -1,0 +1,220 @@
+"""Learned slip models in files: versioned JSON, refused by name where anything is not as it must be."""
+
+import json
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from surefoot.errors import SurefootError
+from surefoot.services.footholds.models.bases import DECAY, Basis, Elementary, Gaussians
+from surefoot.services.footholds.models.lattice import Bin, Key, Lattice, LatticeError
+from surefoot.services.footholds.models.learned import Conditions, LearnedModel, Terms
+
+SCHEMA = "surefoot.slip/1"
+MAX_BYTES = 16_000_000  # a larger file is refused before it is read
+MAX_TERMS = 1000
+MAX_BINS = 200_000
+DIGITS = 10  # of every number of a fit that is written
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Triple = tuple[Finite, Finite, Finite]
+Rows = Annotated[list[Triple], Field(max_length=MAX_TERMS)]
+
+
+class ModelError(SurefootError):
+    """A model file that cannot be used."""
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class _Lattice(_Part):
+    origin: Triple
+    width: Triple
+
+
+class _Terms(_Part):
+    family: Literal["gaussian", "elementary"]
+    scales: tuple[Annotated[Finite, Field(gt=0)], Annotated[Finite, Field(gt=0)], Annotated[Finite, Field(gt=0)]]
+    warps: tuple[Literal["identity", "log", "asinh"], Literal["identity", "log", "asinh"], Literal["identity", "asinh"]]
+    kinds: Annotated[list[tuple[int, int, int]], Field(max_length=MAX_TERMS)] = []
+    centres: Rows
+    rates: Rows
+    constant: bool
+    weights: Annotated[list[Finite], Field(max_length=MAX_TERMS + 1)]
+
+
+class _File(_Part):
+    schema_: Literal["surefoot.slip/1"] = Field(alias="schema")
+    title: Annotated[str, Field(min_length=1, max_length=64)]
+    robot: str
+    robot_hash: str
+    cell: Annotated[Finite, Field(gt=0, le=1)]
+    smooth: bool
+    foot_radius: Annotated[Finite, Field(gt=0, le=1)]
+    outcome: Literal["sliding / |f|"]
+    distance_weight: Annotated[Finite, Field(ge=0, le=1000)]
+    distance_weight_unit: Literal["1/m"]
+    landing_error: Annotated[Finite, Field(ge=0, le=0.1)]
+    support: Annotated[int, Field(ge=0)]
+    seed: Annotated[int, Field(ge=0)]
+    lattice: _Lattice
+    ranges: tuple[tuple[Finite, Finite], tuple[Finite, Finite], tuple[Finite, Finite]]
+    terms: _Terms
+    choice: dict[str, Finite]
+    provenance: Annotated[list[str], Field(max_length=1000)]
+    bins: Annotated[list[tuple[int, int, int, Annotated[Finite, Field(gt=0)], int, int]], Field(max_length=MAX_BINS)]
+
+
+def encode(model: LearnedModel) -> bytes:
+    """Return a model as the bytes of its file; equal models give equal bytes."""
+    basis, c = model.terms.basis, model.conditions
+    gaussian = isinstance(basis, Gaussians)
+    terms: dict[str, Any] = {
+        "family": "gaussian" if gaussian else "elementary",
+        "scales": _rounded(model.terms.scales),
+        "warps": list(model.terms.warps),
+        "constant": basis.constant if gaussian else False,
+        "weights": _rounded(model.terms.weights),
+    }
+    if isinstance(basis, Gaussians):
+        terms |= {"centres": _rounded(basis.centres), "rates": _rounded(basis.widths)}
+    elif isinstance(basis, Elementary):
+        terms |= {"centres": _rounded(basis.centres), "rates": _rounded(basis.rates), "kinds": basis.kinds.tolist()}
+    head = {
+        "schema": SCHEMA, "title": model.title, "robot": c.robot, "robot_hash": c.robot_hash, "cell": c.cell,
+        "smooth": c.smooth, "foot_radius": c.foot_radius, "outcome": "sliding / |f|",
+        "distance_weight": model.distance_weight, "distance_weight_unit": "1/m", "landing_error": model.landing_error,
+        "support": model.support, "seed": model.seed,
+        "lattice": {"origin": list(model.lattice.origin), "width": list(model.lattice.width)},
+        "ranges": _rounded(np.array(model.ranges)), "choice": dict(sorted(model.choice.items())),
+        "provenance": list(model.provenance), "terms": terms,
+    }  # fmt: skip
+    lines = [f"  {json.dumps(key)}: {json.dumps(value)}" for key, value in head.items()]
+    bins = ",\n".join(
+        f"    {json.dumps([*key, each.count, each.total, each.squares])}" for key, each in sorted(model.bins.items())
+    )
+    return ("{\n" + ",\n".join(lines) + ',\n  "bins": [\n' + bins + "\n  ]\n}\n").encode()
+
+
+def decode(data: bytes, source: str = "model") -> LearnedModel:
+    """Return the model of a file's bytes.
+
+    Raises:
+        ModelError: what is wrong, with the field.
+    """
+    if len(data) > MAX_BYTES:
+        raise ModelError("too_large", f"{source} has {len(data)} bytes, at most {MAX_BYTES} are allowed")
+    try:
+        raw: Any = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise ModelError("invalid", f"{source} is no JSON: {error}") from None
+    schema = raw.get("schema") if isinstance(raw, dict) else None
+    if schema != SCHEMA:
+        raise ModelError("schema", f"{source} must be {SCHEMA!r}, got {schema!r}", "schema")
+    try:
+        told = _File.model_validate_json(data)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise ModelError("invalid", f"{source}: {where}: {first['msg']}, got {first['input']!r:.80}", where) from None
+    for (low, high), axis in zip(told.ranges, ("K1", "K2", "cos K3"), strict=True):
+        if not low <= high:
+            raise ModelError("invalid", f"{source}: the range of {axis} is empty: {low} to {high}", "ranges")
+    try:
+        lattice = Lattice(told.lattice.origin, told.lattice.width)
+    except LatticeError as error:
+        raise ModelError("invalid", f"{source}: {error}", error.field) from None
+    bins: dict[Key, Bin] = {(i, j, k): Bin(count, total, squares) for i, j, k, count, total, squares in told.bins}
+    if len(bins) != len(told.bins):
+        raise ModelError("invalid", f"{source}: a bin stands there twice", "bins")
+    scales, warps = np.array(told.terms.scales), tuple(told.terms.warps)
+    terms = Terms(_basis(told.terms, source), np.array(told.terms.weights), warps, scales)
+    model = LearnedModel(
+        title=told.title,
+        conditions=Conditions(told.cell, told.smooth, told.foot_radius, told.robot, told.robot_hash),
+        terms=terms,
+        lattice=lattice, bins=bins, ranges=told.ranges, distance_weight=told.distance_weight,
+        landing_error=told.landing_error, support=told.support, seed=told.seed, choice=told.choice,
+        provenance=tuple(told.provenance),
+    )  # fmt: skip
+    check(model, source)
+    return model
+
+
+def check(model: LearnedModel, source: str = "model") -> None:
+    """Refuse a model that predicts nothing that can be used.
+
+    Raises:
+        ModelError: all predictions are NaN or beyond 1.
+    """
+    try:
+        values = model.table[0]
+    except ValueError as error:  # a logarithm of what is not positive
+        raise ModelError("invalid", f"{source}: {error}", "terms.warps") from None
+    usable = np.isfinite(values) & (values <= 1.0)
+    if not usable.any():
+        raise ModelError("useless", f"{source}: no prediction lies between 0 and 1", "terms")
+
+
+def load(path: str | Path) -> LearnedModel:
+    """Read a model file.
+
+    Raises:
+        ModelError: absent, unreadable, too large, or not a model.
+    """
+    source = Path(path)
+    try:
+        size = source.stat().st_size
+        if size > MAX_BYTES:
+            raise ModelError("too_large", f"{source.name} has {size} bytes, at most {MAX_BYTES} are allowed")
+        data = source.read_bytes()
+    except OSError as error:
+        raise ModelError("absent", f"{str(source)!r} cannot be read: {error.strerror}") from None
+    return decode(data, source.name)
+
+
+def save(model: LearnedModel, path: str | Path) -> Path:
+    """Write a model file, whole or not at all.
+
+    Raises:
+        ModelError: the folder cannot be written, or the disk is full.
+    """
+    target = Path(path)
+    part = target.with_name(target.name + ".part")
+    try:
+        part.write_bytes(encode(model))
+        part.replace(target)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise ModelError("unwritable", f"{str(target)!r} cannot be written: {error.strerror}") from None
+    return target
+
+
+def _basis(terms: _Terms, source: str) -> Basis:
+    m = len(terms.centres)
+    wanted = m + (terms.constant and terms.family == "gaussian")
+    if len(terms.rates) != m or len(terms.weights) != wanted or wanted == 0:
+        found = f"{m} centres, {len(terms.rates)} rates, {len(terms.weights)} weights"
+        raise ModelError("invalid", f"{source}: terms do not fit together: {found}", "terms")
+    centres, rates = np.array(terms.centres).reshape(m, 3), np.array(terms.rates).reshape(m, 3)
+    if terms.family == "gaussian":
+        if (rates < 0.0).any():
+            raise ModelError("invalid", f"{source}: a Gaussian needs rates >= 0, got {rates.min()!r}", "terms.rates")
+        return Gaussians(centres, rates, terms.constant)
+    kinds = np.array(terms.kinds, dtype=np.int64).reshape(-1, 3)
+    if kinds.shape != (m, 3) or (kinds < 0).any() or (kinds > DECAY).any():
+        raise ModelError("invalid", f"{source}: kinds must be {m} x 3 numbers from 0 to {DECAY}", "terms.kinds")
+    return Elementary(kinds, centres, rates)
+
+
+def _rounded(values: np.ndarray) -> Any:
+    """Return an array as lists, every number with `DIGITS` digits."""
+    return json.loads(
+        json.dumps(values.tolist()),
+        parse_float=lambda text: float(f"{float(text):.{DIGITS}g}") if math.isfinite(float(text)) else float(text),
+    )

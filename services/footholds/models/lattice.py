@@ -1,0 +1,156 @@
+"""Bins of outcomes on a fixed lattice: count, sum and sum of squares of the slip of each bin.
+
+The lattice has the axes K1 / K2 (0 where K2 ~ 0), K2 / (8 cell) and cos K3: the wedge |K1| <= K2 would leave half of
+a rectangular grid over K1 and K2 empty. Sums are integers of a fixed unit, so that the order of samples and of merges
+does not change a byte.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Key = tuple[int, int, int]
+
+UNIT = 1e-9
+"""Of the sums; the sums of squares are in UNIT squared."""
+FLAT = 1e-6
+"""K2 / (8 cell) below this is flat ground: K1 / K2 is 0 there."""
+ROUGHEST = 4.0
+"""Inputs are cut here: K2 / (8 cell) of a cliff has no upper end."""
+
+
+class LatticeError(ValueError):
+    """Bins that cannot be joined: `field` names what is wrong."""
+
+    def __init__(self, field: str, message: str) -> None:
+        super().__init__(f"{field}: {message}")
+        self.field = field
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """A fixed lattice; bins are indexed by floor((x - origin) / width), so it has no edge."""
+
+    origin: tuple[float, float, float] = (-1.1, 0.0, -1.05)
+    width: tuple[float, float, float] = (0.2, 0.05, 0.1)
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.origin).all() and np.isfinite(self.width).all() and min(self.width) > 0.0):
+            raise LatticeError("lattice", f"needs finite origins and widths > 0, got {self.origin!r}, {self.width!r}")
+
+    def keys(self, x: Array) -> NDArray[np.int64]:
+        """Return the bins of points on the lattice's axes, (n, 3)."""
+        return np.floor((x - np.array(self.origin)) / np.array(self.width)).astype(np.int64)
+
+    def centres(self, keys: Iterable[Key]) -> Array:
+        """Return the centres of bins, (n, 3)."""
+        return np.array(self.origin) + (np.array(list(keys), dtype=np.float64).reshape(-1, 3) + 0.5) * self.width
+
+
+@dataclass(frozen=True, slots=True)
+class Bin:
+    """Outcomes of one bin."""
+
+    count: float
+    """Samples; a weighted re-learning makes it a fraction."""
+    total: int
+    """Sum of r, in UNIT."""
+    squares: int
+    """Sum of r^2, in UNIT^2."""
+
+    @property
+    def mean(self) -> float:
+        """Mean of r."""
+        return self.total * UNIT / self.count
+
+    @property
+    def m2(self) -> float:
+        """Sum of (r - mean)^2."""
+        return max(0.0, (self.squares * UNIT * UNIT) - self.total * UNIT * self.mean)
+
+    @property
+    def sd(self) -> float:
+        """Standard deviation of r, NaN for one sample."""
+        return float(np.sqrt(self.m2 / (self.count - 1.0))) if self.count > 1.0 else float("nan")
+
+
+Bins = Mapping[Key, Bin]
+
+
+def coordinates(k1: Array, k2: Array, cos_k3: Array, cell: float) -> Array:
+    """Return K1 / K2, K2 / (8 cell), cos K3 of coefficients (n,), (n, 3)."""
+    b = k2 / (8.0 * cell)
+    ratio = np.where(b < FLAT, 0.0, k1 / np.where(k2 == 0.0, 1.0, k2))
+    return np.column_stack((np.clip(ratio, -1.0, 1.0), np.clip(b, 0.0, ROUGHEST), np.clip(cos_k3, -1.0, 1.0)))
+
+
+def inputs(x: Array) -> Array:
+    """Return K1 / (8 cell), K2 / (8 cell), cos K3 of points on the lattice's axes, (n, 3): what terms are made of."""
+    return np.column_stack((x[:, 0] * x[:, 1], x[:, 1], x[:, 2]))
+
+
+def filled(lattice: Lattice, x: Array, r: Array) -> dict[Key, Bin]:
+    """Return the bins of samples, in the order of their keys.
+
+    Args:
+        lattice: where the bins are.
+        x: points on its axes, (n, 3).
+        r: slip, (n,).
+    """
+    found: dict[Key, list[int]] = {}
+    for key, value in zip(lattice.keys(x).tolist(), r.tolist(), strict=True):
+        whole = round(value / UNIT)
+        entry = found.setdefault((key[0], key[1], key[2]), [0, 0, 0])
+        entry[0] += 1
+        entry[1] += whole
+        entry[2] += whole * whole
+    return {key: Bin(float(n), total, squares) for key, (n, total, squares) in sorted(found.items())}
+
+
+def merged(a: Bins, b: Bins, weight: float = 1.0) -> dict[Key, Bin]:
+    """Return both sets of outcomes together: the counted form of re-learning.
+
+        r <- (N_old r_old + c N_new r_new) / (N_old + c N_new),   N <- N_old + c N_new
+
+    With c = 1 this equals the bins of all samples, to the byte.
+
+    Args:
+        a: the old bins.
+        b: the new ones, on the same lattice.
+        weight: c, 0 to 1.
+    """
+    out = dict(a)
+    for key, new in b.items():
+        old = a.get(key, Bin(0.0, 0, 0))
+        if weight == 1.0:
+            out[key] = Bin(old.count + new.count, old.total + new.total, old.squares + new.squares)
+        elif weight > 0.0:
+            total, squares = round(weight * new.total), round(weight * new.squares)
+            out[key] = Bin(old.count + weight * new.count, old.total + total, old.squares + squares)
+    return dict(sorted(out.items()))
+
+
+def faded(a: Bins, b: Bins, c: float) -> dict[Key, Bin]:
+    """Return re-learned bins after equation (19): r <- (r_old + c r_new) / (1 + c), without regard to counts.
+
+    Bins of the old set only stay, those of the new set only are added. Counts are those of the old set.
+
+    Args:
+        a: the old bins.
+        b: the new ones, on the same lattice.
+        c: 0 to 1.
+    """
+    out = dict(a)
+    for key, new in b.items():
+        if key not in a:
+            out[key] = new
+            continue
+        old = a[key]
+        n = old.count
+        mean = (old.mean + c * new.mean) / (1.0 + c)
+        spread = (old.m2 / n + c * new.m2 / new.count) / (1.0 + c)
+        out[key] = Bin(n, round(n * mean / UNIT), round(n * (spread + mean * mean) / UNIT / UNIT))
+    return dict(sorted(out.items()))

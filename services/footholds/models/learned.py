@@ -1,0 +1,222 @@
+"""A slip model learned from stances: terms over the scaled coefficients, evaluated by a table, and bins for its spread.
+
+P is computed once at the nodes of a table over (K1 / K2, K2 / (8 cell), cos K3) and interpolated linearly between
+them, so a prediction costs the same whatever the family and number of the terms.
+"""
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import row_kernel
+from surefoot.services.footholds.features import Features, Layer
+from surefoot.services.footholds.models.bases import Basis, Warp, warped
+from surefoot.services.footholds.models.lattice import FLAT, Bin, Key, Lattice, inputs
+from surefoot.services.footholds.models.protocol import UNLEARNED
+
+Array = NDArray[np.float64]
+NODES = (17, 65, 33)
+"""Of the table along K1 / K2, K2 / (8 cell), cos K3."""
+CELL_TOLERANCE = 0.01
+"""Of the cell and the foot radius: another map or foot is refused beyond it."""
+LEAST_RANGE = 1e-3
+"""Of an axis of the table: samples that are all alike still make one."""
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Where a model was learned."""
+
+    cell: float
+    """m."""
+    smooth: bool
+    """Whether the map went through the 3 x 3 median."""
+    foot_radius: float
+    """m."""
+    robot: str = ""
+    robot_hash: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """P(u) = sum_q c_q phi_q(u) over warped inputs."""
+
+    basis: Basis
+    weights: Array
+    """c, (m,)."""
+    warps: tuple[Warp, ...]
+    """One per input K1 / (8 cell), K2 / (8 cell), cos K3."""
+    scales: Array
+    """Divisors of the inputs, (3,)."""
+
+    def values(self, u: Array) -> Array:
+        """Return P of inputs (n, 3), (n,)."""
+        return (self.basis.columns(warped(u, self.warps, self.scales)) * self.weights).sum(axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class LearnedModel:
+    """A learned slip model."""
+
+    title: str
+    """Name without the version."""
+    conditions: Conditions
+    terms: Terms
+    lattice: Lattice
+    bins: dict[Key, Bin]
+    ranges: tuple[tuple[float, float], ...]
+    """Smallest and largest K1 / (8 cell), K2 / (8 cell), cos K3 that were learned."""
+    distance_weight: float
+    landing_error: float
+    support: int = 0
+    """Least samples of a cell's bin; 0: only the ranges count."""
+    seed: int = 0
+    choice: dict[str, float] = field(default_factory=dict)
+    """What the fit was chosen by: terms, ridge, error of the folds."""
+    provenance: tuple[str, ...] = ()
+    """One line per source of samples."""
+
+    @property
+    def name(self) -> str:
+        """Name and number of samples."""
+        return f"{self.title}/{round(sum(each.count for each in self.bins.values()))}"
+
+    def unfit(self, cell: float, smooth: bool, foot_radius: float) -> str:
+        """Return why the model does not hold on a map, empty if it does."""
+        c = self.conditions
+        if abs(cell - c.cell) > CELL_TOLERANCE * c.cell:
+            return f"learned on cells of {1e3 * c.cell:g} mm, the map has {1e3 * cell:g} mm"
+        if smooth != c.smooth:
+            with_, without = "through the median filter", "without filter"
+            return f"learned {with_ if c.smooth else without}, the map comes {with_ if smooth else without}"
+        if abs(foot_radius - c.foot_radius) > CELL_TOLERANCE * c.foot_radius:
+            return f"learned with feet of {1e3 * c.foot_radius:g} mm, the robot has {1e3 * foot_radius:g} mm"
+        return ""
+
+    def predict(self, features: Features, cell: float) -> Layer:
+        """P of every cell, (ny, nx) float32, not below 0; `UNLEARNED` outside the ranges or without support."""
+        out = np.empty(features.k1.shape, dtype=np.float32)
+        table, axes = self.table
+        counts, first = self._support
+        _interpolated(
+            features.k1, features.k2, features.cos_k3, np.float32(0.125 / cell), table, axes,
+            np.array(self.ranges, dtype=np.float32), counts, first, self._lattice_axes, self.support, out,
+        )  # fmt: skip
+        return out
+
+    def spread(self, features: Features, cell: float) -> Layer:
+        """Return the standard deviation of the slip in each cell's bin, (ny, nx) float32; NaN without samples."""
+        out = np.full(features.k1.shape, np.nan, dtype=np.float32)
+        for index in np.ndindex(out.shape):
+            k1, k2, c = float(features.k1[index]), float(features.k2[index]), float(features.cos_k3[index])
+            if not math.isfinite(k1 + k2 + c):
+                continue
+            b = k2 * 0.125 / cell
+            key = self.lattice.keys(np.array([[k1 / k2 if b >= FLAT else 0.0, b, c]]))[0]
+            found = self.bins.get((int(key[0]), int(key[1]), int(key[2])))
+            if found is not None:
+                out[index] = found.sd
+        return out
+
+    @cached_property
+    def table(self) -> tuple[Layer, Layer]:
+        """P at the nodes, `NODES`, and first value and steps per unit of each axis, (3, 2)."""
+        axes = self._nodes()
+        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        low, high = np.array(self.ranges).T
+        values = self.terms.values(np.clip(inputs(points), low, high)).reshape(NODES)
+        steps = [[axis[0], (len(axis) - 1) / (axis[-1] - axis[0])] for axis in axes]
+        return np.maximum(values, 0.0).astype(np.float32), np.array(steps, dtype=np.float32)
+
+    def table_error(self, count: int = 2000, seed: int = 0) -> float:
+        """Return the largest error of the table at random points within the ranges, as P."""
+        rng = np.random.default_rng(seed)
+        low, high = np.array(self.ranges).T
+        b = rng.uniform(max(low[1], FLAT), high[1], count)
+        t, c = rng.uniform(-1.0, 1.0, count), rng.uniform(low[2], high[2], count)
+        x = np.column_stack((t, b, c))
+        u = inputs(x)
+        inside = ((u >= low) & (u <= high)).all(axis=1)
+        exact = np.maximum(self.terms.values(u), 0.0)[inside]
+        layers = (u[inside, 0], u[inside, 1], u[inside, 2])
+        cell = self.conditions.cell
+        k1, k2, cos = (layers[0] * 8.0 * cell, layers[1] * 8.0 * cell, layers[2])
+        features = Features(*(np.ascontiguousarray(v[None], dtype=np.float32) for v in (k1, k2, cos)))
+        found = self.predict(features, cell)[0]
+        known = found != UNLEARNED
+        return float(np.abs(found[known] - exact[known]).max()) if known.any() else math.nan
+
+    def _nodes(self) -> tuple[Array, Array, Array]:
+        spans = [(-1.0, 1.0)]
+        for low, high in self.ranges[1:]:
+            spans.append((low, max(high, low + LEAST_RANGE)))
+        return tuple(  # type: ignore[return-value]
+            low + (high - low) * np.arange(n, dtype=np.float64) / (n - 1)
+            for (low, high), n in zip(spans, NODES, strict=True)
+        )
+
+    @cached_property
+    def _support(self) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+        """Samples per bin as an array, and the key of its first element."""
+        keys = np.array(list(self.bins), dtype=np.int64).reshape(-1, 3)
+        if not len(keys):
+            return np.zeros((1, 1, 1), dtype=np.int32), np.zeros(3, dtype=np.int64)
+        first, last = keys.min(axis=0), keys.max(axis=0)
+        counts = np.zeros(tuple(last - first + 1), dtype=np.int32)
+        for key, each in self.bins.items():
+            counts[tuple(np.array(key) - first)] = min(int(each.count), 2**31 - 1)
+        return counts, first
+
+    @cached_property
+    def _lattice_axes(self) -> Layer:
+        """Origin and bins per unit of the lattice, (3, 2)."""
+        pairs = zip(self.lattice.origin, self.lattice.width, strict=True)
+        return np.array([[origin, 1.0 / width] for origin, width in pairs], dtype=np.float32)
+
+
+@row_kernel
+def _interpolated(
+    k1: Layer, k2: Layer, cos_k3: Layer, scale: np.float32, table: Layer, axes: Layer, ranges: Layer,
+    counts: NDArray[np.int32], first: NDArray[np.int64], lattice: Layer, support: int, out: Layer,
+) -> None:  # fmt: skip
+    """Trilinear P of every cell; `scale` turns K1 and K2 into their scaled inputs."""
+    zero, one, flat, unlearned = np.float32(0.0), np.float32(1.0), np.float32(FLAT), np.float32(UNLEARNED)
+    nt, nb, nc = table.shape
+    t0, ts, b0, bs, c0, cs = axes[0, 0], axes[0, 1], axes[1, 0], axes[1, 1], axes[2, 0], axes[2, 1]
+    low1, high1, low2, high2, low3, high3 = (
+        ranges[0, 0], ranges[0, 1], ranges[1, 0], ranges[1, 1], ranges[2, 0], ranges[2, 1]
+    )  # fmt: skip
+    last_t, last_b, last_c = np.float32(nt - 1), np.float32(nb - 1), np.float32(nc - 1)
+    for i in range(out.shape[0]):
+        row1, row2, row3, target = k1[i], k2[i], cos_k3[i], out[i]
+        for j in range(out.shape[1]):
+            a, b, c = row1[j] * scale, row2[j] * scale, row3[j]
+            if math.isnan(b + c):
+                target[j] = np.float32(np.nan)
+                continue
+            if a < low1 or a > high1 or b < low2 or b > high2 or c < low3 or c > high3:
+                target[j] = unlearned
+                continue
+            t = a / b if b >= flat else zero
+            if support > 0:
+                x = math.floor((t - lattice[0, 0]) * lattice[0, 1]) - first[0]
+                y = math.floor((b - lattice[1, 0]) * lattice[1, 1]) - first[1]
+                z = math.floor((c - lattice[2, 0]) * lattice[2, 1]) - first[2]
+                held = x >= 0 and y >= 0 and z >= 0
+                held = held and x < counts.shape[0] and y < counts.shape[1] and z < counts.shape[2]
+                if not held or counts[x, y, z] < support:
+                    target[j] = unlearned
+                    continue
+            u = min(max((t - t0) * ts, zero), last_t)
+            v = min(max((b - b0) * bs, zero), last_b)
+            w = min(max((c - c0) * cs, zero), last_c)
+            p, q, r = min(int(u), nt - 2), min(int(v), nb - 2), min(int(w), nc - 2)
+            u, v, w = u - np.float32(p), v - np.float32(q), w - np.float32(r)
+            e00 = table[p, q, r] * (one - w) + table[p, q, r + 1] * w
+            e01 = table[p, q + 1, r] * (one - w) + table[p, q + 1, r + 1] * w
+            e10 = table[p + 1, q, r] * (one - w) + table[p + 1, q, r + 1] * w
+            e11 = table[p + 1, q + 1, r] * (one - w) + table[p + 1, q + 1, r + 1] * w
+            target[j] = (e00 * (one - v) + e01 * v) * (one - u) + (e10 * (one - v) + e11 * v) * u
