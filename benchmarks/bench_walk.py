@@ -5,175 +5,166 @@ the one-tick actuation delay of bus servos. Truth is read by the judge only.
 
     python -m benchmarks.bench_walk demo --seeds 0:100
     python -m benchmarks.bench_walk flat --distance 2 --seeds 0:100
+    python -m benchmarks.bench_walk --model shipped --seeds 0:20 --results walks.jsonl
+
+With ``--model`` the learned model walks beside the hand-made score and the rules of ``--rules`` on the grounds of
+``--grounds``: ratios of mean contact sliding per stance, paired over seeds, with 95 % intervals of 4000 resamplings of
+the seeds. Walks in the results file are not walked again; a results file belongs to one state of the code.
 """
 
 import argparse
 import json
 import math
-import time
-from collections.abc import Callable
+from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.joined import TICK_S, costs_us, sense
-from surefoot.geometry.heightmap import HeightMap
-from surefoot.robot.description import Robot
-from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.stream import Estimator
-from surefoot.services.simulator.ground.terrain import make_terrain, observed_map
-from surefoot.services.simulator.world import PhysicsWorld
-from surefoot.services.walker.hexapod.gait import HexapodWalker
-from surefoot.services.walker.hexapod.params import WalkerParams
-from surefoot.services.walker.interface import MotionCommand, Select, WalkerOutputs
+from benchmarks.joined import costs_us
+from surefoot.lab.footholds.rules import GridMapRule, MinK2, model_rule, random_rule
+from surefoot.lab.footholds.walks import Rule, Setting, Walk, walk
+from surefoot.services.footholds.models.files import load, shipped
+from surefoot.services.footholds.models.score import HandScore
+from surefoot.services.footholds.select import SelectParams
 
-PATIENCE_S = 5.0  # simulated time to stand before the walk command
-REACHED = 0.95  # part of the commanded distance that counts as the end, by truth
+__all__ = ["Setting", "foothold_walk", "walk"]
 
-
-@dataclass(frozen=True)
-class Setting:
-    """What is the same for all seeds of a study."""
-
-    terrain: str = "demo"
-    distance: float = 1.5
-    amplitude: float | None = None
-    robot: str = "ragno"
-    profile: str = "noise"
-    footholds: bool = True
-    """Ask the foothold selector; False: nominal landings."""
-    delay: int = 1
-    limit_s: float = 120.0
-    params: tuple[tuple[str, Any], ...] = ()
-    command: MotionCommand | None = None
+GROUNDS: dict[str, Setting] = {
+    "rough": Setting("rough", 0.9, 0.04, 0.5, profile="exact"),
+    "rough-noise": Setting("rough", 0.9, 0.04, 0.5, profile="noise"),
+    "mixed": Setting("mixed", 0.9, None, 0.5, profile="exact"),
+    "mixed-noise": Setting("mixed", 0.9, None, 0.5, profile="noise"),
+    "mixed-0.4": Setting("mixed", 0.9, None, 0.4, profile="exact"),
+    "elevation": Setting("elevation", 0.9, None, 0.5, profile="exact"),
+    "elevation-noise": Setting("elevation", 0.9, None, 0.5, profile="noise"),
+    "demo": Setting("demo", 0.9, profile="exact"),
+    "flat": Setting("flat", 0.9, profile="exact"),
+    "rough-0.35": Setting("rough", 0.9, 0.04, 0.35, profile="exact"),
+    "rough-0.7": Setting("rough", 0.9, 0.04, 0.7, profile="exact"),
+}
+"""Grounds of the comparison by name: kind, way, height, friction, map."""
+TAUGHT = ("rough", "rough-noise", "mixed", "mixed-noise", "mixed-0.4", "elevation", "elevation-noise")
+"""Those whose mean ratio is the result; the others stand beside them."""
+RESAMPLINGS = 4000
 
 
-@dataclass(frozen=True)
-class Walk:
-    """Verdict of one seed."""
+def rule_of(name: str, seed: int, model: str, robot: str) -> Rule | None:
+    """The rule of a name: learned, hand, nominal, random, min-k2:K, grid-map:K or averaged:K, with K in 1/m.
 
-    seed: int
-    reached: bool
-    fallen: bool
-    state: str
-    reason: str
-    x: float
-    y: float
-    time_s: float
-    steps: int
-    tilt_deg: float
-    sliding_mm: float
-    displacement_mm: float
-    stances: int
-    odometry_mm: float
-    margin_mm: float
-    unreachable: int
-    walker_us: float
-    walker_p99_us: float
-
-
-class Judge:
-    """Follows truth."""
-
-    def __init__(self, world: PhysicsWorld) -> None:
-        self.tilt = 0.0
-        self.sliding: list[float] = []
-        self.displacement: list[float] = []
-        self._stances = world.truth().stances.copy()
-
-    def look(self, world: PhysicsWorld) -> bool:
-        """Whether the robot has fallen."""
-        truth = world.truth()
-        self.tilt = max(self.tilt, truth.tilt)
-        for foot in np.flatnonzero(truth.stances > self._stances):
-            self.sliding.append(float(truth.stance_sliding[foot]))
-            self.displacement.append(float(truth.stance_displacement[foot]))
-        self._stances = truth.stances
-        return truth.fallen
+    averaged:K is the hand-made score with the average over landings of the learned model and a k of its own.
+    """
+    kind, _, weight = name.partition(":")
+    params = SelectParams(distance_weight=float(weight) if weight else None)
+    match kind:
+        case "nominal":
+            return None
+        case "random":
+            return random_rule(seed)
+        case "hand":
+            return model_rule(HandScore(), params)
+        case "min-k2":
+            return model_rule(MinK2(), params)
+        case "grid-map":
+            return model_rule(GridMapRule(), params)
+        case "averaged":
+            return model_rule(_Averaged(), params)
+        case "learned":
+            path = shipped(robot) if model == "shipped" else Path(model)
+            if path is None:
+                raise ValueError(f"no model is shipped for {robot!r}")
+            return model_rule(load(path), params)
+    raise ValueError(f"got {name!r}, known are learned, hand, nominal, random, min-k2:K, grid-map:K, averaged:K")
 
 
-def foothold_select(robot: Robot, heights: HeightMap) -> Select:
-    """The foothold selector without its service."""
-    from surefoot.services.footholds import select as chooser
-    from surefoot.services.footholds.ground import build_ground
-    from surefoot.services.footholds.models.score import HandScore
-    from surefoot.services.walker.interface import FootholdReply, LandingRequest
+class _Averaged(HandScore):
+    """The hand-made score with the landing error of the learned model."""
 
-    ground, model = build_ground(heights, robot.foot_radius), HandScore()
-
-    def ask(request: LandingRequest) -> list[FootholdReply]:
-        half = 0.5 * request.yaw
-        base = chooser.TrunkPose(request.body, (math.cos(half), 0.0, 0.0, math.sin(half)))
-        landings = [chooser.Landing(leg.leg, leg.nominal, leg.stroke) for leg in request.legs]
-        replies = chooser.select(ground, robot, model, base, landings)
-        return [FootholdReply(r.status, r.foothold, r.trunk_shift, r.reason) for r in replies]
-
-    return ask
+    @property
+    def landing_error(self) -> float:
+        """Standard deviation of landings, m."""
+        return 0.005
 
 
-def walk(
-    seed: int, setting: Setting, observe: Callable[[PhysicsWorld, HexapodWalker, WalkerOutputs], None] | None = None
-) -> Walk:
-    """One walk to its end, a refusal, a fall or the time limit."""
-    robot = load_robot(setting.robot)
-    terrain = make_terrain(setting.terrain, seed=seed, amp=setting.amplitude)
-    heights = observed_map(terrain, setting.profile, seed)
-    world = PhysicsWorld(robot, terrain, seed=seed)
-    estimator = Estimator.for_robot(robot)
-    select = {"select": foothold_select(robot, heights)} if setting.footholds else {}
-    walker = HexapodWalker(robot, WalkerParams.for_robot(robot, **dict(setting.params)), **select)
-    walker.set_map(heights)
-    command = setting.command or MotionCommand("walk", distance=setting.distance)
-    judge, costs, unreachable, margin = Judge(world), [], 0, math.inf
-    pending = [world.command.copy()] * setting.delay
-    started, out, odometry = False, None, 0.0
-    while world.tick * TICK_S < setting.limit_s:
-        inputs, _ = sense(world, estimator)
-        began = time.perf_counter()
-        out = walker.step(inputs)
-        costs.append(time.perf_counter() - began)
-        unreachable += out.unreachable
-        margin = margin if out.margin is None else min(margin, out.margin)
-        if observe is not None:
-            observe(world, walker, out)
-        if not started and out.state == "standing":
-            started = walker.command(command).accepted
-        elif started and out.state in ("standing", "refused"):
-            break
-        if not started and world.tick * TICK_S > PATIENCE_S:
-            break
-        pending.append(world.command if out.command is None else out.command)
-        world.step_tick(pending.pop(0))
-        if judge.look(world):
-            break
-    truth = world.truth()
-    odometry = math.hypot(*(np.array(estimator.pose().position[:2]) - truth.position[:2]))
-    assert out is not None
-    median_us, p99_us = costs_us(costs)
-    way = setting.distance if setting.command is None else 0.0
-    return Walk(
-        seed=seed,
-        reached=bool(started and not truth.fallen and out.state == "standing" and truth.position[0] >= REACHED * way),
-        fallen=bool(truth.fallen),
-        state=out.state,
-        reason=out.reason,
-        x=round(float(truth.position[0]), 4),
-        y=round(float(truth.position[1]), 4),
-        time_s=round(TICK_S * world.tick, 2),
-        steps=out.steps,
-        tilt_deg=round(math.degrees(judge.tilt), 2),
-        sliding_mm=round(1e3 * float(np.mean(judge.sliding or [0.0])), 4),
-        displacement_mm=round(1e3 * float(np.mean(judge.displacement or [0.0])), 4),
-        stances=len(judge.sliding),
-        odometry_mm=round(1e3 * odometry, 1),
-        margin_mm=round(1e3 * margin, 1),
-        unreachable=unreachable,
-        walker_us=median_us,
-        walker_p99_us=p99_us,
-    )
+def foothold_walk(seed: int, setting: Setting, footholds: bool = True) -> Walk:
+    """A walk with the hand-made score, or on nominal landings."""
+    return walk(seed, setting, model_rule(HandScore(), SelectParams()) if footholds else None)
+
+
+def _compared(job: tuple[str, str, int, str, str]) -> dict[str, Any]:
+    ground, rule, seed, model, robot = job
+    setting = replace(GROUNDS[ground], robot=robot)
+    try:
+        done = walk(seed, setting, rule_of(rule, seed, model, robot))
+    except Exception as error:  # a walk that ends in an error is a result of its own, not the end of a study
+        return {"ground": ground, "rule": rule, "seed": seed, "error": repr(error)}
+    return {
+        "ground": ground, "rule": rule, "seed": seed, "sliding_mm": done.sliding_mm, "reached": done.reached,
+        "fallen": done.fallen, "steps": done.steps, "reason": done.reason,
+    }  # fmt: skip
+
+
+def kept(path: Path | None) -> dict[tuple[str, str, int], dict[str, Any]]:
+    """Walks of a results file."""
+    lines: dict[tuple[str, str, int], dict[str, Any]] = {}
+    if path is not None and path.exists():
+        for text in path.read_text(encoding="utf-8").splitlines():
+            try:
+                line = json.loads(text)
+                lines[line["ground"], line["rule"], line["seed"]] = line
+            except (ValueError, KeyError):
+                continue  # a torn line
+    return lines
+
+
+def ratio(a: np.ndarray, b: np.ndarray, rng: np.random.Generator) -> tuple[float, float, float]:
+    """Ratio of means with its 95 % interval, paired over seeds."""
+    pick = rng.integers(0, len(a), (RESAMPLINGS, len(a)))
+    low, high = np.percentile(a[pick].mean(axis=1) / b[pick].mean(axis=1), [2.5, 97.5])
+    return float(a.mean() / b.mean()), float(low), float(high)
+
+
+def compare(
+    model: str, grounds: list[str], rules: list[str], seeds: Iterable[int], robot: str, jobs: int, results: Path | None
+) -> None:
+    """Walk what is missing and print the table."""
+    lines, wanted = kept(results), list(seeds)
+    missing = [
+        (ground, rule, seed, model, robot)
+        for ground in grounds for seed in wanted for rule in rules if (ground, rule, seed) not in lines
+    ]  # fmt: skip
+    with ProcessPoolExecutor(jobs) as pool:
+        for line in pool.map(_compared, missing):
+            lines[line["ground"], line["rule"], line["seed"]] = line
+            if results is not None:
+                with results.open("a", encoding="utf-8") as stream:
+                    stream.write(f"{json.dumps(line)}\n")
+    rng = np.random.default_rng(0)
+    ratios: list[float] = []
+    print(f"{robot}, model {model}, seeds {wanted[0]} to {wanted[-1]}: contact sliding per stance, mm")
+    for ground in grounds:
+        print(
+            f"{ground}: {GROUNDS[ground].terrain}, friction {GROUNDS[ground].friction}, {GROUNDS[ground].profile} map"
+        )
+        for rule in rules:
+            pairs = [(lines[ground, "learned", seed], lines[ground, rule, seed]) for seed in wanted]
+            good = [(a, b) for a, b in pairs if "sliding_mm" in a and "sliding_mm" in b]
+            mine, other = (np.array([pair[k]["sliding_mm"] for pair in good]) for k in (0, 1))
+            ended = (
+                f"{sum(b['reached'] for _, b in good)}/{len(wanted)} reached, {sum(b['fallen'] for _, b in good)} fell"
+            )
+            text = f"  {rule:<14}{other.mean():8.3f}   {ended}"
+            if rule != "learned":
+                value, low, high = ratio(mine, other, rng)
+                text += f"   learned / it {value:.3f} ({low:.3f} to {high:.3f})"
+                if rule == "hand" and ground in TAUGHT:
+                    ratios.append(value)
+            print(text, flush=True)
+    if ratios:
+        print(f"mean ratio of learned to hand-made over {len(ratios)} grounds: {np.mean(ratios):.3f}")
 
 
 def summary(walks: list[Walk]) -> str:
@@ -183,6 +174,7 @@ def summary(walks: list[Walk]) -> str:
     def mean(name: str) -> float:
         return float(np.mean([getattr(w, name) for w in good])) if good else math.nan
 
+    median, worst = costs_us([cost * 1e-6 for w in walks for cost in w.costs_us])
     return ", ".join(
         (
             f"{len(good)}/{len(walks)} reached",
@@ -193,7 +185,7 @@ def summary(walks: list[Walk]) -> str:
             f"margin >= {min(w.margin_mm for w in walks):.0f} mm",
             f"{mean('time_s'):.1f} s",
             f"unreachable {mean('unreachable'):.1f}",
-            f"walker {mean('walker_us'):.0f} us (p99 {mean('walker_p99_us'):.0f})",
+            f"walker {median:.0f} us (p99 {worst:.0f})",
         )
     )
 
@@ -205,25 +197,35 @@ def main() -> None:
     parser.add_argument("--distance", type=float, default=1.5)
     parser.add_argument("--seeds", default="0:10", help="first:end")
     parser.add_argument("--amplitude", type=float)
+    parser.add_argument("--friction", type=float, default=Setting().friction)
     parser.add_argument("--robot", default="ragno")
     parser.add_argument("--profile", default="noise")
     parser.add_argument("--nominal", action="store_true", help="land on nominal footholds")
     parser.add_argument("--set", action="append", default=[], metavar="FIELD=NUMBER", help="of WalkerParams")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--model", help="compare: a model file, or shipped")
+    parser.add_argument("--grounds", default=",".join(TAUGHT), help=f"with --model, of {', '.join(GROUNDS)}")
+    parser.add_argument("--rules", default="learned,hand", help="with --model; see rule_of")
+    parser.add_argument("--results", type=Path, help="with --model: file to go on with, one line a walk")
     args = parser.parse_args()
-    params = tuple((name, float(value)) for name, _, value in (item.partition("=") for item in args.set))
-    setting = replace(
-        Setting(), terrain=args.terrain, distance=args.distance, amplitude=args.amplitude, robot=args.robot,
-        profile=args.profile, footholds=not args.nominal, params=params,
-    )  # fmt: skip
     first, end = (int(value) for value in args.seeds.split(":"))
+    if args.model:
+        rules = list(dict.fromkeys(["learned", *args.rules.split(",")]))
+        compare(args.model, args.grounds.split(","), rules, range(first, end), args.robot, args.jobs, args.results)
+        return
+    params = tuple((name, float(value)) for name, _, value in (item.partition("=") for item in args.set))
+    setting = Setting(
+        terrain=args.terrain, distance=args.distance, amplitude=args.amplitude, friction=args.friction,
+        robot=args.robot, profile=args.profile, params=params,
+    )  # fmt: skip
     walks: list[Walk] = []
     with ProcessPoolExecutor(args.jobs) as pool:
-        for one in pool.map(partial(walk, setting=setting), range(first, end)):
+        for one in pool.map(partial(foothold_walk, setting=setting, footholds=not args.nominal), range(first, end)):
             walks.append(one)
             if args.json or not one.reached:
-                print(json.dumps(asdict(one)), flush=True)
+                told = {k: v for k, v in asdict(one).items() if k not in ("costs_us", "slides_mm")}
+                print(json.dumps(told), flush=True)
     print(f"{args.terrain} {args.distance} m, seeds {args.seeds}: {summary(walks)}")
 
 

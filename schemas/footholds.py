@@ -4,7 +4,7 @@ Points named ``foot centre`` are centres of the foot sphere: what inverse kinema
 the ground under it, one foot radius below along the normal.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -41,6 +41,7 @@ class SelectRequest(TickRequest):
     With ``tick`` the answer rests on the map of that tick, whatever arrives first: the way to reproducible runs.
     """
 
+    schema_version: ClassVar[str] = "1.1"
     base: BasePose = Field(description="where base_link will be when the feet land")
     legs: Annotated[tuple[LegRequest, ...], Field(min_length=1, max_length=MAX_FEET)] = Field(
         description="one entry for each landing leg, answered in the same order"
@@ -97,6 +98,7 @@ class LegFoothold(Reply):
 class SelectReply(Reply):
     """Footholds in the order of the request."""
 
+    schema_version: ClassVar[str] = "1.1"
     legs: tuple[LegFoothold, ...] = Field(description="one answer for each leg asked about")
     map_version: int = Field(ge=0, description="version of the terrain map the answer rests on")
     model: str = Field(description="name of the slip model the answer rests on")
@@ -127,6 +129,7 @@ class AssessReply(Bulk):
     k1, k2, k4 and heights in m; cos_k3, p, q without unit; mask holds the sum of the bits of ``mask_bits``.
     """
 
+    schema_version: ClassVar[str] = "1.1"
     layers: tuple[str, ...] = Field(description="names of the layers in the payload, in order")
     rows: int = Field(gt=0, description="cells along y")
     cols: int = Field(gt=0, description="cells along x")
@@ -136,3 +139,57 @@ class AssessReply(Bulk):
     counts: MaskCounts = Field(description="cells excluded, by reason")
     map_version: int = Field(ge=0, description="version of the terrain map the answer rests on")
     model: str = Field(description="name of the slip model the answer rests on")
+
+
+class ModelRequest(TickRequest):
+    """Asks for the slip model in force, or puts another one in its place."""
+
+    use: str = Field(
+        default="",
+        max_length=4096,
+        description="path of a model file on the machine of the service, hand-made, or shipped (that of the robot); "
+        "empty = change nothing",
+    )
+
+
+class ModelReply(Reply):
+    """The slip model in force."""
+
+    model: str = Field(description="name, as in the replies of footholds/select")
+    robot: str = Field(default="", description="robot it was learned with; empty = any")
+    cell: float | None = Field(default=None, description="edge of a cell it holds for, m; null = any")
+    distance_weight: float = Field(description="k of Q = P + k K4 in use, 1/m")
+    landing_error: float = Field(description="standard deviation of the landings P is averaged over, m; 0 = 3x3 cells")
+    terms: int = Field(default=0, ge=0, description="terms of the sum; 0 = not a learned model")
+    samples: int = Field(default=0, ge=0, description="stances it was learned from")
+    error: float | None = Field(default=None, description="root mean square error on trials held back, slip per stroke")
+    provenance: tuple[str, ...] = Field(default=(), description="where the samples came from")
+    unfit: str = Field(default="", description="why the map in force is answered by the hand-made score instead")
+
+
+class LearnRequest(Request):
+    """Starts, watches or ends the learning of a slip model from a file of samples; one job at a time."""
+
+    action: Literal["status", "start", "cancel"] = Field(default="status", description="what to do; result: see status")
+    samples: str = Field(default="", max_length=4096, description="start: path of the file of samples")
+    out: str = Field(default="", max_length=4096, description="start: path of the model file to write; empty = none")
+    title: str = Field(default="learned", min_length=1, max_length=64, description="start: name of the model")
+    use: bool = Field(default=False, description="start: put the model in force when it is learned")
+    folds: int = Field(default=5, ge=2, le=100, description="start: of the choice of size, whole trials each")
+    seed: int = Field(default=0, ge=0, lt=2**63, description="start: equal samples and seed, equal bytes")
+    distance_weight: float = Field(default=0.5, ge=0, le=1000, description="start: k of the model, 1/m")
+    landing_error: float = Field(default=0.005, ge=0, le=0.03, description="start: of the model, m")
+
+
+class LearnReply(Reply):
+    """The state of the last job."""
+
+    state: Literal["idle", "running", "done", "failed", "cancelled"] = Field(description="idle: there was none yet")
+    job: int = Field(default=0, ge=0, description="number of the job in this process, from 1")
+    progress: float = Field(default=0.0, ge=0, le=1, description="share that is done")
+    samples: int = Field(default=0, ge=0, description="stances that are learned from")
+    refused: dict[str, int] = Field(default_factory=dict, description="samples left out, by reason")
+    model: str = Field(default="", description="done: name of the model")
+    error: float | None = Field(default=None, description="done: root mean square error on trials held back")
+    code: str = Field(default="", description="failed: code of the reason")
+    reason: str = Field(default="", description="failed: the reason in words")

@@ -161,6 +161,8 @@ CMD_WALK = Query("cmd/walk", cmd.WalkCommand, cmd.WalkReply, "walker", acts=True
 HW_DESCRIPTION = Query("hw/description", hw.DescriptionRequest, hw.DescriptionReply, "driver")
 TERRAIN_MAP_GET = Query("terrain/map", terrain.MapRequest, terrain.HeightMapMessage, "driver")
 FOOTHOLDS_SELECT = Query("footholds/select", footholds.SelectRequest, footholds.SelectReply, "footholds")
+FOOTHOLDS_MODEL = Query("footholds/model", footholds.ModelRequest, footholds.ModelReply, "footholds", acts=True)
+FOOTHOLDS_LEARN = Query("footholds/learn", footholds.LearnRequest, footholds.LearnReply, "footholds", acts=True)
 FOOTHOLDS_ASSESS = Query("footholds/assess", footholds.AssessRequest, footholds.AssessReply, "footholds")
 STABILITY_REGION = Query("stability/region", stability.RegionRequest, stability.RegionReply, "stability")
 STABILITY_CHECK = Query("stability/check", stability.CheckRequest, stability.CheckReply, "stability")

@@ -17,7 +17,7 @@ from surefoot.geometry.heightmap import HeightMap
 from surefoot.lab.runs.joined import TICK_S, sense
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.estimator import Estimator
+from surefoot.services.estimator.stream import Estimator
 from surefoot.services.footholds import select as chooser
 from surefoot.services.footholds.ground import FootholdGround, build_ground
 from surefoot.services.simulator.ground.terrain import make_terrain, observed_map

@@ -15,7 +15,14 @@ class FootholdsConfig(ServiceConfig):
 
     smooth: bool = Field(default=True, description="3x3 median over the map: for maps with noise")
     window_cells: int = Field(default=_SELECT.size, ge=1, le=61, description="edge of the window, made odd")
-    distance_weight: float = Field(default=_SELECT.distance_weight, ge=0, le=1000, description="k of Q = P + k K4, 1/m")
+    slip_model: str = Field(
+        default="shipped",
+        description="shipped: the learned model of the robot, or the hand-made score where there is none; hand-made; "
+        "or the path of a model file",
+    )
+    distance_weight: float | None = Field(
+        default=None, ge=0, le=1000, description="k of Q = P + k K4, 1/m; null = that of the model"
+    )
     trunk_step_m: float = Field(default=_SELECT.trunk_step, gt=0, le=0.1, description="step of proposed heights, m")
     trunk_range_m: float = Field(default=_SELECT.trunk_range, ge=0, le=0.2, description="largest proposed change, m")
     slip_limit: float = Field(default=_LIMITS.slip, ge=0, le=1, description="largest predicted slip, way per stroke")
@@ -33,8 +40,8 @@ class FootholdsConfig(ServiceConfig):
     score_rough: float = Field(default=_SCORE.rough, ge=0, le=10, description="weight of roughness")
     score_dead: float = Field(default=_SCORE.dead, ge=0, le=10, description="convexity and roughness held for noise")
 
-    def model(self) -> HandScore:
-        """The slip model; a learned one will be chosen here."""
+    def hand_made(self) -> HandScore:
+        """The hand-made slip model."""
         return HandScore(
             flat=self.score_flat,
             peak=self.score_peak,

@@ -3,8 +3,10 @@
 import math
 
 from surefoot.schemas.footholds import BasePose as BaseMessage
-from surefoot.schemas.footholds import LegFoothold, LegRequest, MaskCounts
+from surefoot.schemas.footholds import LegFoothold, LegRequest, MaskCounts, ModelReply
 from surefoot.services.footholds.masks import REASONS
+from surefoot.services.footholds.models.learned import LearnedModel
+from surefoot.services.footholds.models.protocol import SlipModel
 from surefoot.services.footholds.select import Foothold, TrunkPose
 
 
@@ -21,6 +23,27 @@ def mask_bits() -> dict[str, int]:
 def mask_counts(counts: tuple[int, ...]) -> MaskCounts:
     """Cells per reason, then free cells."""
     return MaskCounts(**dict(zip((*REASONS, "free"), counts, strict=True)))
+
+
+def model_reply(model: SlipModel, weight: float | None, unfit: str) -> ModelReply:
+    """The slip model in force."""
+    shared = ModelReply(
+        model=model.name,
+        distance_weight=model.distance_weight if weight is None else weight,
+        landing_error=model.landing_error,
+        unfit=unfit,
+    )
+    if not isinstance(model, LearnedModel):
+        return shared
+    told = {
+        "robot": model.conditions.robot,
+        "cell": model.conditions.cell,
+        "terms": len(model.terms.weights),
+        "samples": round(sum(each.count for each in model.bins.values())),
+        "error": model.choice.get("error"),
+        "provenance": model.provenance,
+    }
+    return shared.model_copy(update=told)
 
 
 def leg_foothold(asked: LegRequest, found: Foothold) -> LegFoothold:

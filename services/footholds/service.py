@@ -1,4 +1,4 @@
-"""Foothold service: latches the terrain map, answers `footholds/select` and `footholds/assess`."""
+"""Foothold service: latches the terrain map, answers `footholds/select` and `footholds/assess`, learns slip models."""
 
 from dataclasses import replace
 
@@ -9,13 +9,23 @@ from surefoot.geometry.heightmap import HeightMap, HeightMapError
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.service import Service
 from surefoot.robot.reader import load_robot
-from surefoot.schemas.footholds import AssessReply, AssessRequest, SelectReply, SelectRequest
+from surefoot.schemas.footholds import (
+    AssessReply,
+    AssessRequest,
+    ModelReply,
+    ModelRequest,
+    SelectReply,
+    SelectRequest,
+)
 from surefoot.schemas.terrain import HeightMapMessage
-from surefoot.schemas.topics import FOOTHOLDS_ASSESS, FOOTHOLDS_SELECT, TERRAIN_MAP
+from surefoot.schemas.topics import FOOTHOLDS_ASSESS, FOOTHOLDS_LEARN, FOOTHOLDS_MODEL, FOOTHOLDS_SELECT, TERRAIN_MAP
 from surefoot.services.footholds.assess import assess, whole_map, window_about
 from surefoot.services.footholds.config import FootholdsConfig
 from surefoot.services.footholds.ground import FootholdGround, build_ground
-from surefoot.services.footholds.messages import base_pose, leg_foothold, mask_bits, mask_counts
+from surefoot.services.footholds.job import LearnJob
+from surefoot.services.footholds.messages import base_pose, leg_foothold, mask_bits, mask_counts, model_reply
+from surefoot.services.footholds.models.files import load, shipped
+from surefoot.services.footholds.models.protocol import SlipModel
 from surefoot.services.footholds.rehearsal import made_up_map, made_up_requests
 from surefoot.services.footholds.select import Landing, placement, select
 
@@ -27,18 +37,30 @@ class Footholds(Service[FootholdsConfig]):
     Config = FootholdsConfig
     inputs = (TERRAIN_MAP,)
     batched = True
-    serves = (FOOTHOLDS_SELECT, FOOTHOLDS_ASSESS)
+    serves = (FOOTHOLDS_SELECT, FOOTHOLDS_ASSESS, FOOTHOLDS_MODEL, FOOTHOLDS_LEARN)
 
     def on_start(self) -> None:
         """Load the robot, register the handlers."""
         self.robot = load_robot(self.config.robot)
-        self.model = self.config.model()
+        self.hand_made = self.config.hand_made()
+        self.chosen = self._find(self.config.slip_model)
+        """The model that was asked for."""
+        self.model: SlipModel = self.chosen
+        """The model in force: the hand-made score where the chosen one does not hold on the map."""
+        self.unfit = ""
+        self.job = LearnJob()
         self.params = self.config.params()
         self.legs = {leg.name: index for index, leg in enumerate(self.robot.legs)}
         self._message: HeightMapMessage | None = None
         self._ground: FootholdGround | None = None
         self.handle(FOOTHOLDS_SELECT, self.select)
         self.handle(FOOTHOLDS_ASSESS, self.assess)
+        self.handle(FOOTHOLDS_MODEL, self.use_model)
+        self.handle(FOOTHOLDS_LEARN, self.job.answer)
+
+    def on_stop(self) -> None:
+        """End the job."""
+        self.job.close()
 
     def rehearse(self) -> None:
         """Answer made-up requests on a made-up map, as another service of the same configuration."""
@@ -46,10 +68,12 @@ class Footholds(Service[FootholdsConfig]):
         other.on_start()
         other._ground = build_ground(made_up_map(other.robot), other.robot.foot_radius, self.config.smooth)
         selects, assesses = made_up_requests(other.robot)
-        for each in selects:
-            other.select(each)
-        for each in assesses:
-            other.assess(each)
+        for model in (other.chosen, other.hand_made):
+            other.model = model
+            for each in selects:
+                other.select(each)
+            for each in assesses:
+                other.assess(each)
 
     def on_reset(self) -> None:
         """Forget the map; the new epoch brings its own."""
@@ -68,9 +92,20 @@ class Footholds(Service[FootholdsConfig]):
             self.log("error", f"terrain/map refused: {error}")
             return
         self._ground = build_ground(heights, self.robot.foot_radius, self.config.smooth)
+        self._fit()
+
+    def use_model(self, request: ModelRequest) -> ModelReply:
+        """Put another slip model in force, if one is named, and report the one in force."""
+        self._take_learned()
+        if request.use:
+            self.chosen = self._find(request.use)
+            self._fit()
+            self.log("info", f"slip model {self.model.name}")
+        return model_reply(self.model, self.params.distance_weight, self.unfit)
 
     def select(self, request: SelectRequest) -> SelectReply:
         """Footholds of all legs of a request."""
+        self._take_learned()
         ground = self._map()
         landings = [
             Landing(self._leg(leg.leg, f"legs.{i}.leg"), leg.nominal, leg.stroke) for i, leg in enumerate(request.legs)
@@ -111,6 +146,29 @@ class Footholds(Service[FootholdsConfig]):
             mask_bits=mask_bits(), counts=mask_counts(found.counts), map_version=ground.version, model=self.model.name,
             data=np.ascontiguousarray(found.layers, dtype="<f4").tobytes(),
         )  # fmt: skip
+
+    def _find(self, name: str) -> SlipModel:
+        """The model of a name or path; raises ModelError where it is none."""
+        if name == "hand-made":
+            return self.hand_made
+        path = shipped(self.robot.name) if name == "shipped" else name
+        return self.hand_made if path is None else load(path)
+
+    def _take_learned(self) -> None:
+        """Put a model in force that a job has learned for it."""
+        learned = self.job.take()
+        if learned is not None:
+            self.chosen = learned
+            self._fit()
+            self.log("info", f"slip model {self.model.name}")
+
+    def _fit(self) -> None:
+        """Compare the chosen model with the map; one that does not hold there is not used, and the log says so."""
+        ground = self._ground
+        self.unfit = "" if ground is None else self.chosen.unfit(ground.surface.cell, ground.smooth, ground.foot_radius)
+        self.model = self.hand_made if self.unfit else self.chosen
+        if self.unfit:
+            self.log("warning", f"slip model {self.chosen.name} is not used: {self.unfit}")
 
     def _map(self) -> FootholdGround:
         if self._ground is None:

@@ -43,7 +43,6 @@ class Candidate:
 CANDIDATES = (
     Candidate(15, 0.1, 1e-6),
     Candidate(15, 0.1, 1e-6, "asinh"),
-    Candidate(15, 0.1, 1e-6, refined=30),
     Candidate(30, 0.1, 1e-5),
     Candidate(60, 0.1, 1e-4),
     Candidate(60, 0.1, 1e-5),

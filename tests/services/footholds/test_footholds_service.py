@@ -33,7 +33,7 @@ def give(service: Footholds, terrain: HeightMapMessage) -> None:
 
 @pytest.fixture
 def service() -> Footholds:
-    one = Footholds(FootholdsConfig())
+    one = Footholds(FootholdsConfig(slip_model="hand-made"))
     system = LocalSystem([one])
     yield one
     system.close()
@@ -193,5 +193,5 @@ def test_configuration_reaches_the_choice() -> None:
     config = FootholdsConfig(slip_limit=0.3, score_flat=0.35, window_cells=8)
     assert config.params().limits.slip == 0.3
     assert config.params().size == 9
-    assert config.model().flat == 0.35
+    assert config.hand_made().flat == 0.35
     assert FootholdsConfig().params().limits.reach_margin == 0.010

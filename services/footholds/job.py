@@ -1,0 +1,121 @@
+"""Learning on a thread of its own, while ticks and requests go on; one job at a time."""
+
+import threading
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from surefoot.errors import Refusal, SurefootError
+from surefoot.schemas.footholds import LearnReply, LearnRequest
+from surefoot.services.footholds.learning.fit import LearnOptions, learn
+from surefoot.services.footholds.learning.samples import SampleSet, gather, read_lines
+from surefoot.services.footholds.models.files import save
+from surefoot.services.footholds.models.learned import LearnedModel
+
+MAX_BYTES = 2_000_000_000  # of a file of samples
+
+
+@dataclass(eq=False)
+class LearnJob:
+    """The job of a service: started, watched and cancelled from its thread, run on another."""
+
+    number: int = 0
+    state: LearnReply = field(default_factory=lambda: LearnReply(state="idle"))
+    _thread: threading.Thread | None = None
+    _cancel: threading.Event = field(default_factory=threading.Event)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+    _finished: LearnedModel | None = None
+
+    def answer(self, request: LearnRequest) -> LearnReply:
+        """Do what a request wants and return the state of the job.
+
+        Raises:
+            Refusal: start while a job runs, without a file of samples; cancel of nothing.
+        """
+        running = self._thread is not None and self._thread.is_alive()
+        if request.action == "start":
+            if running:
+                raise Refusal("busy", f"job {self.number} is still learning", "action")
+            if not request.samples:
+                raise Refusal("invalid", "start needs the path of a file of samples", "samples")
+            self._start(request)
+        elif request.action == "cancel":
+            if not running:
+                raise Refusal("nothing_to_cancel", f"no job is running, the last is {self.state.state}", "action")
+            self._cancel.set()
+        with self._lock:
+            return self.state
+
+    def take(self) -> LearnedModel | None:
+        """Return a model that was learned to be put in force, once."""
+        with self._lock:
+            found, self._finished = self._finished, None
+        return found
+
+    def close(self) -> None:
+        """End the job and wait for its thread."""
+        self._cancel.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    def wait(self) -> None:
+        """Wait for the end of the job."""
+        if self._thread is not None:
+            self._thread.join()
+
+    def _start(self, request: LearnRequest) -> None:
+        self.number += 1
+        self._cancel = threading.Event()
+        self.state = LearnReply(state="running", job=self.number)
+        self._thread = threading.Thread(target=self._run, args=(request, self._cancel), name="learn", daemon=True)
+        self._thread.start()
+
+    def _set(self, **changes: object) -> None:
+        with self._lock:
+            self.state = self.state.model_copy(update=changes)
+
+    def _run(self, request: LearnRequest, cancel: threading.Event) -> None:
+        try:
+            samples = read_samples(Path(request.samples))
+            self._set(samples=len(samples), refused=samples.refused)
+            options = replace(
+                LearnOptions(), title=request.title, folds=request.folds, seed=request.seed,
+                distance_weight=request.distance_weight, landing_error=request.landing_error,
+            )  # fmt: skip
+
+            def report(share: float) -> bool:
+                self._set(progress=share)
+                return not cancel.is_set()
+
+            model = learn(samples, options, report)
+            if request.out:
+                save(model, request.out)
+            with self._lock:
+                self._finished = model if request.use else None
+            self._set(state="done", progress=1.0, model=model.name, error=model.choice["error"])
+        except SurefootError as error:
+            ended = "cancelled" if error.code == "cancelled" else "failed"
+            self._set(state=ended, code=error.code, reason=error.message)
+        except Exception as error:  # whatever it was, the job has an end and the service goes on
+            self._set(state="failed", code="internal", reason=repr(error))
+
+
+def read_samples(path: Path) -> SampleSet:
+    """Read the samples of a file.
+
+    Raises:
+        SurefootError: the file cannot be read or is too large.
+    """
+    try:
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise SurefootError(
+                "too_large", f"{path.name} has {size} bytes, at most {MAX_BYTES} are allowed", "samples"
+            )
+        with path.open(encoding="utf-8", errors="replace") as stream:
+            found, _, bad = read_lines(stream)
+    except OSError as error:
+        raise SurefootError("unreadable", f"{str(path)!r} cannot be read: {error.strerror}", "samples") from None
+    samples = gather(found)
+    if bad:
+        samples.refused["unreadable_lines"] = bad
+    return samples

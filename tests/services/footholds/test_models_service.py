@@ -1,0 +1,159 @@
+"""The service with learned models: which is in force, what a learning job does, and that the old one stays."""
+
+from pathlib import Path
+
+import pytest
+
+from surefoot.errors import Refusal
+from surefoot.lockstep.local import LocalSystem
+from surefoot.schemas.footholds import LearnReply, LearnRequest, ModelRequest, SelectRequest
+from surefoot.services.footholds.config import FootholdsConfig
+from surefoot.services.footholds.learning.fit import Candidate, LearnOptions, Report, learn
+from surefoot.services.footholds.learning.samples import gather, trial_lines
+from surefoot.services.footholds.models.files import ModelError, encode, load, save, shipped
+from surefoot.services.footholds.models.score import HandScore
+from surefoot.services.footholds.service import Footholds
+from tests.services.footholds.grounds import flat
+from tests.services.footholds.learning.made import samples
+from tests.services.footholds.test_footholds_service import asked, give, message
+
+
+@pytest.fixture
+def service() -> Footholds:
+    one = Footholds(FootholdsConfig())
+    system = LocalSystem([one])
+    yield one
+    system.close()
+
+
+def written(path: Path, count: int = 400, trials: int = 6) -> Path:
+    lines: list[str] = []
+    for name in sorted({each.trial for each in samples(count, trials=trials)}):
+        lines += trial_lines(name, [each for each in samples(count, trials=trials) if each.trial == name])
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_the_shipped_model_answers_and_is_named(service: Footholds) -> None:
+    give(service, message(flat()))
+    reply = service.select(asked("lf", "rr" if "rr" in service.legs else "lf"))
+    assert reply.model.startswith("ragno/")
+    assert reply.legs[0].status == "ok"
+    assert 0.0 <= (reply.legs[0].slip or 0.0) < 0.1
+    told = service.use_model(ModelRequest())
+    assert told.model == reply.model
+    assert told.robot == "ragno"
+    assert told.samples > 10_000
+    assert told.provenance
+
+
+def test_every_shipped_model_is_of_the_robot_as_it_is() -> None:
+    path = shipped("ragno")
+    assert path is not None
+    model = load(path)
+    assert encode(model) == path.read_bytes()
+    assert model.unfit(0.005, True, 0.008) == ""
+    assert model.table_error() < 0.01
+    assert shipped("messor") is None
+    assert shipped("../ragno") is None
+
+
+def test_a_model_takes_the_place_of_another_and_a_bad_one_does_not(service: Footholds, tmp_path: Path) -> None:
+    give(service, message(flat()))
+    mine = save(learn(gather(samples(300)), LearnOptions(candidates=(Candidate(8, 0.1, 1e-6),))), tmp_path / "m.json")
+    assert service.use_model(ModelRequest(use=str(mine))).model == "learned/300"
+    for bad in (str(tmp_path / "none.json"), str(tmp_path)):
+        with pytest.raises(ModelError):
+            service.use_model(ModelRequest(use=bad))
+        assert service.select(asked("lf")).model == "learned/300"
+    assert service.use_model(ModelRequest(use="hand-made")).model == HandScore().name
+    assert service.use_model(ModelRequest(use="shipped")).model.startswith("ragno/")
+
+
+def test_a_map_of_another_cell_is_answered_by_the_hand_made_score(service: Footholds) -> None:
+    give(service, message(flat()))
+    other = message(flat(), version=4).model_copy(update={"cell": 0.01})
+    give(service, other)
+    reply = service.select(asked("lf"))
+    assert reply.model == HandScore().name
+    assert "10 mm" in service.use_model(ModelRequest()).unfit
+    give(service, message(flat(), version=5))
+    assert service.select(asked("lf")).model.startswith("ragno/")
+
+
+def test_random_footholds_need_a_seed_and_repeat_with_it(service: Footholds) -> None:
+    give(service, message(flat()))
+    with pytest.raises(Refusal) as error:
+        service.select(asked("lf", mode="random"))
+    assert error.value.field == "seed"
+    a, b, c = (service.select(asked("lf", "lm", mode="random", seed=seed)) for seed in (3, 3, 4))
+    assert a.legs == b.legs
+    assert a.legs != c.legs
+    assert isinstance(asked("lf", mode="random", seed=3), SelectRequest)
+
+
+def finished(service: Footholds, request: LearnRequest) -> LearnReply:
+    service.job.answer(request)
+    service.job.wait()
+    return service.job.answer(LearnRequest())
+
+
+def test_a_job_learns_writes_and_puts_in_force(service: Footholds, tmp_path: Path) -> None:
+    give(service, message(flat()))
+    file, out = written(tmp_path / "samples.jsonl"), tmp_path / "learned.json"
+    assert service.job.answer(LearnRequest()).state == "idle"
+    done = finished(service, LearnRequest(action="start", samples=str(file), out=str(out), title="mine", use=True))
+    assert (done.state, done.model, done.samples) == ("done", "mine/400", 400)
+    assert done.error is not None
+    assert service.select(asked("lf")).model == "mine/400"
+    again = finished(
+        service, LearnRequest(action="start", samples=str(file), out=str(tmp_path / "b.json"), title="mine")
+    )
+    assert again.job == 2
+    assert out.read_bytes() == (tmp_path / "b.json").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("count", "trials", "code"), [(0, 6, "no_samples"), (50, 2, "too_few_trials"), (-1, 6, "unreadable")]
+)
+def test_a_job_that_fails_leaves_the_model(
+    service: Footholds, tmp_path: Path, count: int, trials: int, code: str
+) -> None:
+    give(service, message(flat()))
+    before = service.select(asked("lf")).model
+    file = tmp_path / "none.jsonl" if count < 0 else written(tmp_path / "samples.jsonl", count, trials)
+    done = finished(service, LearnRequest(action="start", samples=str(file), use=True))
+    assert (done.state, done.code) == ("failed", code)
+    assert service.select(asked("lf")).model == before
+
+
+def test_start_while_learning_and_cancel(service: Footholds, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import threading
+
+    from surefoot.services.footholds import job
+
+    entered, released = threading.Event(), threading.Event()
+
+    def slow(found: object, options: object, report: Report) -> object:
+        entered.set()
+        released.wait(20.0)
+        return learn(gather(samples(300)), LearnOptions(), report)
+
+    monkeypatch.setattr(job, "learn", slow)
+    file = written(tmp_path / "samples.jsonl")
+    with pytest.raises(Refusal) as error:
+        service.job.answer(LearnRequest(action="cancel"))
+    assert error.value.code == "nothing_to_cancel"
+    with pytest.raises(Refusal):
+        service.job.answer(LearnRequest(action="start"))
+    service.job.answer(LearnRequest(action="start", samples=str(file)))
+    assert entered.wait(20.0)
+    give(service, message(flat()))  # ticks and questions go on
+    assert service.select(asked("lf")).legs[0].status == "ok"
+    with pytest.raises(Refusal) as error:
+        service.job.answer(LearnRequest(action="start", samples=str(file)))
+    assert error.value.code == "busy"
+    service.job.answer(LearnRequest(action="cancel"))
+    released.set()
+    service.job.wait()
+    assert service.job.answer(LearnRequest()).state == "cancelled"
