@@ -12,6 +12,7 @@ from surefoot.lab.cli import (
     doctor,
     evaluate,
     fit,
+    footholds,
     graph,
     map,
     report,
@@ -60,6 +61,7 @@ app.add_typer(robot.app, name="robot")
 app.add_typer(train.train, name="train")
 app.add_typer(evaluate.evaluate, name="evaluate")
 app.add_typer(fit.app, name="fit")
+app.add_typer(footholds.app, name="footholds")
 app.add_typer(map.app, name="map")
 app.add_typer(sim.app, name="sim")
 

@@ -107,13 +107,13 @@ def read(path: Path) -> tuple[list[Sample], dict[str, int], int]:
         raise SurefootError("unreadable", f"{str(path)!r} cannot be read: {error.strerror}", "samples") from None
 
 
-def append(path: Path, trial: str, samples: Sequence[Sample]) -> None:
-    """Append a complete trial to a file; a torn line before it stays a line of its own.
+def append(path: Path, trial: str = "", samples: Sequence[Sample] = ()) -> None:
+    """Append a complete trial to a file, or nothing; a torn line before it stays a line of its own.
 
     Raises:
         SurefootError: the folder cannot be written, or the disk is full.
     """
-    text = "\n" + "\n".join(trial_lines(trial, samples)) + "\n"
+    text = "\n" + "\n".join(trial_lines(trial, samples) if trial else ()) + "\n"
     try:
         with path.open("a", encoding="utf-8") as stream:
             stream.write(text)
@@ -136,7 +136,7 @@ def collect(
     """
     done = read(out)[1] if out.exists() else {}
     missing = [trial for trial in trials if trial.name not in done]
-    append(out, "started", ())  # fails before the first walk, not after it
+    append(out)  # fails before the first walk, not after it
     for trial, samples in _walks(missing, jobs):
         append(out, trial.name, samples)
         show(trial, len(samples))

@@ -100,13 +100,22 @@ def learn(samples: SampleSet, options: LearnOptions, report: Report = lambda sha
     best = int(np.argmin(errors))
     bins = filled(options.lattice, samples.x, samples.r)
     u = inputs(samples.x)
-    sources = sorted({f"{each.source}, friction {each.friction:g}" for each in samples.kept})
-    low, high = u.min(axis=0), u.max(axis=0)
+    sources = sources_of(samples)
+    low, high = u.min(axis=0).tolist(), u.max(axis=0).tolist()
     return built(options, conditions, bins, low, high, options.candidates[best], errors[best], sources)
 
 
+def sources_of(samples: SampleSet) -> list[str]:
+    """Return one line per source: what it is, samples, trials, the first and the last of them."""
+    by_source: dict[str, list[str]] = {}
+    for each in samples.kept:
+        by_source.setdefault(f"{each.source}, friction {each.friction:g}", []).append(each.trial)
+    told = ((source, len(names), sorted(set(names))) for source, names in sorted(by_source.items()))
+    return [f"{source}: {n} samples of {len(names)} trials, {names[0]} to {names[-1]}" for source, n, names in told]
+
+
 def built(
-    options: LearnOptions, conditions: Conditions, bins: Bins, low: Array, high: Array,
+    options: LearnOptions, conditions: Conditions, bins: Bins, low: Sequence[float], high: Sequence[float],
     candidate: Candidate, error: float, sources: Sequence[str],
 ) -> LearnedModel:  # fmt: skip
     """Return the model of bins with one candidate's terms."""

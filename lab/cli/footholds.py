@@ -1,0 +1,244 @@
+"""`surefoot footholds collect|learn|tune|merge|show|score`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from surefoot.lab.cli.output import Json, tell, use_json, write, write_json, write_table
+
+if TYPE_CHECKING:
+    from surefoot.lab.footholds.walks import Setting
+
+app = typer.Typer(help="Slip models: collect stances, learn from them, look at what was learned.", no_args_is_help=True)
+Model = Annotated[str, typer.Option("--model", "-m", help="Model file, or the name of a robot with a shipped one.")]
+Grounds = Annotated[
+    list[str], typer.Option("--ground", help="KIND or KIND:HEIGHT (m) of the simulator; more than one is possible.")
+]
+Seeds = Annotated[str, typer.Option("--seeds", help="first:end")]
+Jobs = Annotated[int, typer.Option(min=1, help="Walks at a time, a process each.")]
+Friction = Annotated[float, typer.Option(min=0.0, max=10.0, help="Coefficient of the ground.")]
+Distance = Annotated[float, typer.Option(min=0.1, max=2.0, help="Way of each walk, m.")]
+
+
+@app.command()
+def collect(
+    out: Annotated[Path, typer.Option("--out", "-o", help="File of samples; a file that is there is gone on with.")],
+    ground: Grounds = ["rough:0.04", "mixed"],  # noqa: B006 - typer reads it once
+    seeds: Seeds = "1000:1040",
+    robot: str = "ragno",
+    friction: Friction = 0.5,
+    profile: Annotated[list[str], typer.Option(help="Maps: exact, noise or shifted.")] = ["exact", "noise"],  # noqa: B006
+    distance: Distance = 0.9,
+    model: Annotated[str, typer.Option("--model", "-m", help="Model that chooses; empty = all at random.")] = "",
+    explore: Annotated[float, typer.Option(min=0.0, max=1.0, help="With --model: share of random steps.")] = 0.2,
+    jobs: Jobs = 1,
+    json: Json = False,
+) -> None:
+    """Walk with random footholds in the simulator and append the outcome of every stance to a file."""
+    from surefoot.lab.footholds.campaign import Trial, planned
+    from surefoot.lab.footholds.campaign import collect as campaign
+
+    use_json(json)
+    trials = planned(
+        [_ground(each, robot, friction, distance) for each in ground], profile, _seeds(seeds), model, explore
+    )
+    total = {"samples": 0, "done": 0}
+
+    def show(trial: Trial, count: int) -> None:
+        total["samples"] += count
+        total["done"] += 1
+        tell(f"{total['done']} of at most {len(trials)}: {trial.name}, {count} stances")
+
+    walked = campaign(trials, out, jobs, show)
+    if json:
+        write_json({"out": str(out), "trials": len(trials), "walked": walked, "samples": total["samples"]})
+    else:
+        write(f"{out}: {walked} of {len(trials)} trials walked, {total['samples']} samples added")
+
+
+@app.command()
+def learn(
+    samples: Annotated[list[Path], typer.Argument(help="Files of samples.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Model file to write.")],
+    title: Annotated[str, typer.Option(help="Name of the model.")] = "learned",
+    weight: Annotated[float, typer.Option(min=0.0, help="k of Q = P + k K4, 1/m; see tune.")] = 0.5,
+    landing_error: Annotated[float, typer.Option(min=0.0, max=0.03, help="m; 0 = mean over 3 x 3 cells.")] = 0.005,
+    support: Annotated[int, typer.Option(min=0, help="Least samples of a cell's bin; 0 = ranges only.")] = 0,
+    folds: Annotated[int, typer.Option(min=2, help="Of whole trials, for the choice of size.")] = 5,
+    seed: Annotated[int, typer.Option(min=0, help="Equal samples and seed, equal bytes.")] = 0,
+    json: Json = False,
+) -> None:
+    """Learn a slip model from samples; the size of the fit is chosen on trials that were held back."""
+    from surefoot.lab.footholds.campaign import read
+    from surefoot.services.footholds.learning import fit
+    from surefoot.services.footholds.learning.samples import gather
+    from surefoot.services.footholds.models.files import save
+
+    use_json(json)
+    found = [read(path) for path in samples]
+    gathered = gather(each for part in found for each in part[0])
+    options = fit.LearnOptions(
+        title=title, folds=folds, seed=seed, distance_weight=weight, landing_error=landing_error, support=support
+    )
+    model = fit.learn(gathered, options)
+    save(model, out)
+    facts = {"out": str(out), "model": model.name, "refused": gathered.refused, "choice": model.choice}
+    facts |= {"unreadable_lines": sum(part[2] for part in found)}
+    if json:
+        write_json(facts)
+    else:
+        write_table(("quantity", "value"), [(name.replace("_", " "), str(value)) for name, value in facts.items()])
+
+
+@app.command()
+def tune(
+    model: Annotated[Path, typer.Argument(help="Model file; its k is written anew.")],
+    weights: Annotated[str, typer.Option(help="k to try, 1/m.")] = "0.3,0.5,0.8,2",
+    ground: Grounds = ["rough:0.04", "mixed"],  # noqa: B006
+    seeds: Seeds = "500:505",
+    robot: str = "ragno",
+    friction: Friction = 0.5,
+    distance: Distance = 0.9,
+    jobs: Jobs = 1,
+    json: Json = False,
+) -> None:
+    """Choose the weight k of the distance by whole walks on training seeds."""
+    from dataclasses import replace
+
+    from surefoot.lab.footholds.tuning import best_of, try_weights
+    from surefoot.services.footholds.models.files import load, save
+
+    use_json(json)
+    loaded = load(model)
+    grounds = [_ground(each, robot, friction, distance) for each in ground]
+    tried = try_weights(loaded, grounds, _seeds(seeds), [_number(each, "weights") for each in weights.split(",")], jobs)
+    best = best_of(tried)
+    save(replace(loaded, distance_weight=best.weight), model)
+    if json:
+        write_json({"chosen": best.weight, "tried": [vars(each) for each in tried]})
+        return
+    rows = [(f"{t.weight:g}", *(f"{v:.3f}" for v in t.sliding_mm), str(t.failed)) for t in tried]
+    write_table(("k, 1/m", *(f"{each}, mm" for each in ground), "failed"), rows)
+    write(f"chosen  {best.weight:g}")
+
+
+@app.command()
+def merge(
+    first: Annotated[Path, typer.Argument(help="Model file; its name, k and size of fit stay.")],
+    second: Annotated[Path, typer.Argument(help="Model file of other samples.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Model file to write.")],
+    weight: Annotated[float, typer.Option(min=0.0, max=1.0, help="How much samples of the second count.")] = 1.0,
+    json: Json = False,
+) -> None:
+    """Make one model of two; with weight 1 its bins are those of all samples, to the byte."""
+    from surefoot.services.footholds.learning.merge import merge as joined
+    from surefoot.services.footholds.models.files import load, save
+
+    use_json(json)
+    model = joined(load(first), load(second), weight)
+    save(model, out)
+    if json:
+        write_json({"out": str(out), "model": model.name, "bins": len(model.bins)})
+    else:
+        write(f"{out}: {model.name}, {len(model.bins)} bins")
+
+
+@app.command()
+def show(
+    model: Annotated[str, typer.Argument(help="Model file, or the name of a robot with a shipped one.")],
+    picture: Annotated[Path | None, typer.Option("--picture", help="Draw P over (K1, K2) and the support.")] = None,
+    json: Json = False,
+) -> None:
+    """Show what a model holds: conditions, ranges, fit, where its samples came from."""
+    use_json(json)
+    found = _load(model)
+    ranges = dict(zip(("K1 / 8 cells", "K2 / 8 cells", "cos K3"), found.ranges, strict=True))
+    facts: dict[str, object] = {
+        "model": found.name, "robot": found.conditions.robot, "cell_m": found.conditions.cell,
+        "median_filter": found.conditions.smooth, "foot_radius_m": found.conditions.foot_radius,
+        "k_per_m": found.distance_weight, "landing_error_m": found.landing_error,
+        "terms": len(found.terms.weights), "bins": len(found.bins), "least_support": found.support,
+        "table_error": found.table_error(), **found.choice,
+    }  # fmt: skip
+    if picture is not None:
+        from surefoot.lab.footholds.picture import draw
+
+        draw(found, picture)
+    if json:
+        write_json({**facts, "ranges": ranges, "provenance": found.provenance})
+        return
+    rows = [(name.replace("_", " "), f"{v:.4g}" if isinstance(v, float) else str(v)) for name, v in facts.items()]
+    rows += [(f"range of {name}", f"{low:.3f} to {high:.3f}") for name, (low, high) in ranges.items()]
+    write_table(("quantity", "value"), rows)
+    for line in found.provenance:
+        write(f"source  {line}")
+    if picture is not None:
+        write(f"figure  {picture}")
+
+
+@app.command()
+def score(
+    map: Annotated[Path, typer.Argument(help="Height map: .npz or .asc.")],
+    model: Model,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Layers z, k1, k2, cos_k3, p, mask as .npz.")],
+    heading: Annotated[float, typer.Option(help="Of the walk, rad: the feet move the other way.")] = 0.0,
+    json: Json = False,
+) -> None:
+    """Score the ground of a map file; no running system is needed."""
+    import math
+
+    from surefoot.lab.footholds.scored import read_map, save_scored, score_map
+    from surefoot.services.footholds.masks import REASONS
+
+    use_json(json)
+    found, heights = _load(model), read_map(map)
+    stroke = (-0.025 * math.cos(heading), -0.025 * math.sin(heading), 0.0)
+    scored = score_map(heights, found, found.conditions.foot_radius, stroke, found.conditions.smooth)
+    save_scored(scored, heights, found, out)
+    counts = dict(zip((*REASONS, "free"), scored.counts, strict=True))
+    if json:
+        write_json({"out": str(out), "model": found.name, "cells": counts})
+    else:
+        write_table(("cells", "number"), [(name, str(count)) for name, count in counts.items()], found.name, right=(1,))
+
+
+def _load(name: str):
+    from surefoot.services.footholds.models.files import load, shipped
+
+    return load(shipped(name) or name)
+
+
+def _ground(text: str, robot: str, friction: float, distance: float) -> "Setting":
+    from surefoot.errors import SurefootError
+    from surefoot.lab.footholds.walks import Setting
+    from surefoot.services.simulator.ground.terrain import KINDS
+
+    kind, _, height = text.partition(":")
+    if kind not in KINDS:
+        raise SurefootError("invalid", f"got {kind!r}, known are {', '.join(KINDS)}", "ground")
+    amplitude = _number(height, "ground") if height else None
+    return Setting(terrain=kind, distance=distance, amplitude=amplitude, friction=friction, robot=robot)
+
+
+def _seeds(text: str) -> range:
+    from surefoot.errors import SurefootError
+
+    first, colon, end = text.partition(":")
+    if not (colon and first.isdigit() and end.isdigit() and int(first) < int(end)):
+        raise SurefootError("invalid", f"must be first:end with first < end, got {text!r}", "seeds")
+    return range(int(first), int(end))
+
+
+def _number(text: str, field: str) -> float:
+    import math
+
+    from surefoot.errors import SurefootError
+
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise SurefootError("invalid", f"must be a number, got {text!r}", field)
+    return value

@@ -1,0 +1,47 @@
+"""What a slip model predicts, drawn: P over (K1, K2), its support, where its samples came from."""
+
+from pathlib import Path
+
+import numpy as np
+
+from surefoot.services.footholds.features import Features
+from surefoot.services.footholds.models.lattice import inputs
+from surefoot.services.footholds.models.learned import LearnedModel
+from surefoot.services.footholds.models.protocol import UNLEARNED
+
+SIZE = 201
+
+
+def surface(model: LearnedModel, cos_k3: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return K1 (n,), K2 (n,) in mm and P (n, n) over them, NaN outside the wedge |K1| <= K2 or what was learned."""
+    scale = 8.0 * model.conditions.cell
+    (low1, high1), (_, high2), _ = model.ranges
+    k1, k2 = np.linspace(low1, high1, SIZE) * scale, np.linspace(0.0, high2, SIZE) * scale
+    a, b = np.meshgrid(k1, k2)
+    layers = (a, b, np.full(a.shape, cos_k3))
+    p = model.predict(Features(*(layer.astype(np.float32) for layer in layers)), model.conditions.cell)
+    p = np.where((np.abs(a) <= b + 1e-12) & (p != UNLEARNED), p, np.nan)
+    return 1e3 * k1, 1e3 * k2, p
+
+
+def draw(model: LearnedModel, path: Path) -> Path:
+    """Draw P for cos K3 = 0 and the samples of each bin; returns the path."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    from surefoot.lab.report.drawing import STYLE
+
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+        left, right = figure.subplots(1, 2)
+        k1, k2, p = surface(model)
+        image = left.pcolormesh(k1, k2, p, shading="nearest", cmap="viridis")
+        figure.colorbar(image, ax=left, label="P, slip per stroke")
+        left.set(title=f"{model.name}, cos K3 = 0", xlabel="K1, mm", ylabel="K2, mm")
+        centres = inputs(model.lattice.centres(model.bins)) * np.array([8e3 * model.conditions.cell] * 2 + [1.0])
+        count = np.array([each.count for each in model.bins.values()])
+        dots = right.scatter(centres[:, 0], centres[:, 1], c=np.log10(count), s=8, cmap="magma_r")
+        figure.colorbar(dots, ax=right, label="samples of a bin, log10")
+        right.set(title="bins, all cos K3", xlabel="K1, mm", ylabel="K2, mm")
+        figure.savefig(path)
+    return path

@@ -1,0 +1,59 @@
+"""The ground of a map file scored by a slip model, without a running system."""
+
+from pathlib import Path
+
+import numpy as np
+
+from surefoot.errors import SurefootError
+from surefoot.geometry import heightmap_files
+from surefoot.geometry.heightmap import HeightMap, HeightMapError
+from surefoot.services.footholds.assess import Assessment, assess, whole_map
+from surefoot.services.footholds.ground import build_ground
+from surefoot.services.footholds.masks import REASONS, Limits
+from surefoot.services.footholds.models.protocol import SlipModel
+
+LAYERS = ("z", "k1", "k2", "cos_k3", "p", "mask")
+
+
+def read_map(path: Path) -> HeightMap:
+    """Read a height map.
+
+    Raises:
+        SurefootError: absent, or not a map.
+    """
+    try:
+        return heightmap_files.load(path)
+    except (OSError, HeightMapError) as error:
+        raise SurefootError("invalid", f"{str(path)!r}: {error}", "map") from None
+
+
+def score_map(
+    heights: HeightMap, model: SlipModel, foot_radius: float, stroke: tuple[float, float, float], smooth: bool
+) -> Assessment:
+    """Return the layers `LAYERS` of a whole map.
+
+    Raises:
+        SurefootError: the model does not hold on this map.
+    """
+    unfit = model.unfit(heights.cell, smooth, foot_radius)
+    if unfit:
+        raise SurefootError("unfit", f"{model.name}: {unfit}", "model")
+    ground = build_ground(heights, foot_radius, smooth)
+    return assess(ground, model, whole_map(ground), None, stroke, LAYERS, Limits(), None)
+
+
+def save_scored(found: Assessment, heights: HeightMap, model: SlipModel, path: Path) -> None:
+    """Write layers, grid, mask bits and the model's name as `.npz`.
+
+    Raises:
+        SurefootError: the file cannot be written.
+    """
+    layers = dict(zip(LAYERS, found.layers, strict=True))
+    try:
+        with path.open("wb") as stream:
+            np.savez_compressed(
+                stream, **layers, cell=heights.cell, origin=np.array(heights.origin), model=np.array(model.name),
+                mask_bits=np.array([1 << k for k in range(len(REASONS))]), mask_names=np.array(REASONS),
+            )  # fmt: skip
+    except OSError as error:
+        raise SurefootError("unwritable", f"{str(path)!r} cannot be written: {error.strerror}", "out") from None

@@ -1,0 +1,58 @@
+"""The weight k of K4 chosen by whole walks: single steps prefer other values than walks do."""
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from surefoot.lab.footholds.rules import model_rule
+from surefoot.lab.footholds.walks import Setting, walk
+from surefoot.services.footholds.models.learned import LearnedModel
+from surefoot.services.footholds.select import SelectParams
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One weight on all grounds and seeds."""
+
+    weight: float
+    """k, 1/m."""
+    sliding_mm: tuple[float, ...]
+    """Mean contact sliding per stance on each ground."""
+    failed: int
+    """Walks that did not reach the end."""
+
+    @property
+    def mean(self) -> float:
+        """Geometric mean over the grounds, mm: no ground outweighs the others by its roughness."""
+        return float(np.exp(np.mean(np.log(self.sliding_mm))))
+
+
+def try_weights(
+    model: LearnedModel, grounds: Sequence[Setting], seeds: Iterable[int], weights: Sequence[float], jobs: int = 1,
+    show: Callable[[Tried], None] = lambda tried: None,
+) -> list[Tried]:  # fmt: skip
+    """Walk every ground and seed under every weight; seeds must be of training, not those that judge."""
+    wanted = list(seeds)
+    out: list[Tried] = []
+    with ProcessPoolExecutor(jobs) as pool:
+        for weight in weights:
+            tuned = replace(model, distance_weight=weight)
+            jobs_ = [(tuned, ground, seed) for ground in grounds for seed in wanted]
+            walks = list(pool.map(_walked, jobs_))
+            rows = np.array([each[0] for each in walks]).reshape(len(grounds), len(wanted))
+            out.append(Tried(weight, tuple(rows.mean(axis=1).tolist()), sum(not each[1] for each in walks)))
+            show(out[-1])
+    return out
+
+
+def best_of(tried: Sequence[Tried]) -> Tried:
+    """Return the weight with the fewest failed walks, then the least sliding."""
+    return min(tried, key=lambda each: (each.failed, each.mean))
+
+
+def _walked(job: tuple[LearnedModel, Setting, int]) -> tuple[float, bool]:
+    model, setting, seed = job
+    found = walk(seed, setting, model_rule(model, SelectParams()))
+    return found.sliding_mm, found.reached
