@@ -18,14 +18,21 @@ Array = NDArray[np.float64]
 DT = 0.01  # s, control tick
 REST_TICKS = 100  # of standing, after which the tilt counts as that of the quiet stance
 REST_GAIN = 0.02
+STRIDES = 1.0
+"""Time constant of the tilt that counts as usual while walking, in strides: the sway of a stride passes to a sixth,
+and floor, servos and the estimate's own bias are followed while the robot turns by 23 deg an action."""
 FOLDED = (-1.0, 1.8, -0.9)  # rad, hip pitch, knee and ankle pitch of a robot that gives up
 
 
 def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs, height: float) -> bool:
-    """Take the trunk's tilt and rate; tells whether the robot is lost.
+    """Take the trunk's tilt and rate; return whether the robot is lost.
+
+    The unplanned tilt is what is measured less its slow mean `rest`. That mean holds the floor's slope, which turns
+    with the heading, the servos' zeros and the bias of the estimate, which may wander by some degrees in a walk. A
+    disturbance moves the mean by at most `slow_from_rad` of its size.
 
     Args:
-        s: state; rate, rest, offset and peak are updated.
+        s: state; rate, rest, tilt, offset and peak are updated.
         p: settings.
         inputs: of this tick.
         height: of the CoM, m.
@@ -33,8 +40,12 @@ def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs, height: float) ->
     rate = np.array(inputs.rate[:2])
     s.rate = p.gyro_smooth * s.rate + (1.0 - p.gyro_smooth) * rate
     measured = np.array([inputs.roll, inputs.pitch])
+    tilt = measured - s.rest
     if s.mode is Mode.STAND and s.clock > REST_TICKS:
-        s.rest += REST_GAIN * (measured - s.rest)  # slowly: what the stance looks like to the estimator
+        s.rest += REST_GAIN * tilt
+    elif s.mode is Mode.STEP:
+        most = p.slow_from_rad
+        s.rest += DT / (STRIDES * 2.0 * p.step_s) * np.minimum(most, np.maximum(-most, tilt))
     tilt = measured - s.rest
     s.offset = balance.com_beside(tilt, rate, height, float(s.trunk[2]))
     s.tilt = tilt

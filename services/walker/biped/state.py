@@ -82,7 +82,7 @@ class BipedState:
     rate: Array = field(default_factory=lambda: np.zeros(2))
     """Smoothed roll and pitch rate."""
     rest: Array = field(default_factory=lambda: np.zeros(2))
-    """Roll and pitch of the quiet stance: what the estimate calls level."""
+    """Slow mean of the measured roll and pitch, rad: floor, servos' zeros and the bias of the estimate."""
     offset: Array = field(default_factory=lambda: np.zeros((2, 2)))
     """CoM beside the plan by the measured tilt: position and velocity, (2, 2)."""
     shift: Array = field(default_factory=lambda: np.zeros(2))
