@@ -8,8 +8,11 @@ t-test; arcs >= 15 %; every goal reached with a true error <= 0.2 m, no wall tou
     python -m benchmarks.bench_navigator_live --seeds 100:120 --results live.jsonl
     python -m benchmarks.bench_navigator_live --seeds 100:104 --world easy
 
+    python -m benchmarks.bench_navigator_live --seeds 31:33 --arms "planner,planner arcs" --record recordings
+
 With ``--results`` every finished run is a line of that file, and runs it holds already are not made again. Results
-belong to one state of the code: begin a new file after a change.
+belong to one state of the code: begin a new file after a change. ``--record`` keeps the recordings, for
+``surefoot fit`` and ``bench_navigator_transfer``.
 """
 
 import argparse
@@ -36,6 +39,8 @@ ARMS = {
     "planner arcs": ("planner", "arcs"),
 }
 """Name: policy and action set; the first is what the others are compared with."""
+LONGEST_S = 600.0
+"""Simulated time that a run may take: longer than any that arrives."""
 SHOWN = ("goal_time_s", "goal_error_m", "pose_nees", "pose_error_m", "max_tilt_deg", "recoveries")
 
 
@@ -48,13 +53,19 @@ def scenario_of(arm: str, world: str) -> Scenario:
         config |= {"params": "nao", "control": "odometry"}
         easy = scenario.world.model_copy(update={"drift": 0.0, "camera": None, "landmarks": 60.0})
         scenario = replace(scenario, world=easy)
-    return replace(scenario, config={"navigator": config})
+    return replace(scenario, max_duration_s=LONGEST_S, config={"navigator": config})
 
 
-def one(arm: str, world: str, seed: int) -> dict[str, Any]:
-    """Runs one policy on one seed."""
+def one(arm: str, world: str, seed: int, record: Path | None = None) -> dict[str, Any]:
+    """Runs one policy on one seed; `record` is the folder for its recording, None = there is none."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    verdict = run_local(scenario_of(arm, world), seed, without=("recorder",)).verdict
+    scenario = scenario_of(arm, world)
+    if record is None:
+        verdict = run_local(scenario, seed, without=("recorder",)).verdict
+    else:
+        record.mkdir(parents=True, exist_ok=True)
+        path = record / f"{world}-{arm.replace(' ', '-')}-{seed}.mcap"
+        verdict = run_local(scenario, seed, recording=path).verdict
     return {
         "arm": arm,
         "world": world,
@@ -90,8 +101,14 @@ def table(lines: list[dict[str, Any]], world: str, arms: list[str]) -> None:
         worst = max((line["values"]["goal_error_m"] for line in good), default=float("nan"))
         nees = np.mean([line["values"]["pose_nees"] for line in own.values()])
         recoveries = np.mean([line["values"]["recoveries"] or 0.0 for line in own.values()])
-        text = f"{arm:16s} {len(own):4d} {len(good):8d}  {times.mean():6.1f} +- {times.std(ddof=1):4.1f}"
+        mean = times.mean() if len(times) else float("nan")
+        text = f"{arm:16s} {len(own):4d} {len(good):8d}  {mean:6.1f} +- {spread(times):4.1f}"
         print(f"{text}  {worst:7.3f} {nees:5.2f} {recoveries:11.2f}  {against(by, arm, arms[0])}")
+
+
+def spread(times: np.ndarray) -> float:
+    """Standard deviation between seeds, s; nan of one run."""
+    return float(times.std(ddof=1)) if len(times) > 1 else float("nan")
 
 
 def against(by: dict[tuple[str, int], dict[str, Any]], arm: str, base: str) -> str:
@@ -117,13 +134,14 @@ def main() -> None:
     parser.add_argument("--world", choices=("hard", "easy"), default="hard")
     parser.add_argument("--arms", default=",".join(ARMS), help="names, separated by commas")
     parser.add_argument("--results", type=Path, help="file that keeps finished runs")
+    parser.add_argument("--record", type=Path, help="folder for the recordings; default: none are kept")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     options = parser.parse_args()
     arms, lines = options.arms.split(","), kept(options.results)
     done = {(line["arm"], line["world"], line["seed"]) for line in lines}
     wanted = [(arm, options.world, seed) for seed in seeds_of(options.seeds) for arm in arms]
     with ProcessPoolExecutor(options.processes) as pool:
-        for job in as_completed([pool.submit(one, *item) for item in wanted if item not in done]):
+        for job in as_completed([pool.submit(one, *item, options.record) for item in wanted if item not in done]):
             line = job.result()
             lines.append(line)
             if line["problems"] or line["failed"]:
