@@ -127,7 +127,7 @@ def _noises(runs: Sequence[Run], model: NavigationModel, found: Fitted, show: Ca
     table = np.array([(a.forward, math.radians(a.turn_deg), float(group_of(a))) for a in model.actions.values()])
     sd = np.array([max(model.filter.position_sd, LEAST), max(math.radians(model.filter.heading_sd_deg), LEAST)])
     shared = errors_of(model, sway=True)
-    fades = np.array([min(shared.tilt_fade, 1e6), shared.sway_fade])
+    fades = np.minimum([shared.tilt_fade, shared.sway_fade], 1e6)
     for item in wanted:
         theta[item.index] = max(theta[item.index], LEAST) if item.positive else theta[item.index]
     show(f"{len(runs)} recordings, {found.sightings} sightings, {len(wanted)} parameters")

@@ -30,12 +30,15 @@ def act_of(name: str, action: Action) -> Act:
 def errors_of(model: NavigationModel, *, sway: bool) -> CommonErrors:
     """Return the errors that the landmarks of a frame share; `sway`: nothing measures that of the body."""
     sight = model.sight
-    keep = sight.tilt_keep
-    fade = math.inf if keep >= 1.0 else -0.1 / math.log(keep) if keep > 0.0 else 0.0  # of frames 0.1 s apart
     return CommonErrors(
         math.radians(sight.tilt_sd_deg), math.radians(sight.pitch_deg), sight.sway_sd if sway else 0.0,
-        tilt_fade=fade, height=sight.camera_height,
+        tilt_fade=fade_of(sight.tilt_keep), sway_fade=fade_of(sight.sway_keep), height=sight.camera_height,
     )  # fmt: skip
+
+
+def fade_of(keep: float) -> float:
+    """Return the time constant, s, of an error of which the next frame, 0.1 s later, has the share `keep` again."""
+    return math.inf if keep >= 1.0 else -0.1 / math.log(keep) if keep > 0.0 else 0.0
 
 
 class Policies:

@@ -89,6 +89,7 @@ class Sight(_Part):
     pitch_deg: float = Field(default=0.0, ge=-20, le=20, description="deg, error of pitch in the mean, downwards")
     tilt_keep: Share = Field(default=0.0, description="share of the tilt error that the next frame of 0.1 s has again")
     sway_sd: NotNegative = Field(default=0.0, description="m, sway of the body beside the path that commands tell of")
+    sway_keep: Share = Field(default=0.72, description="share of the sway that the next frame of 0.1 s has again")
     camera_height: Positive = Field(default=0.45, description="m above the floor")
 
 

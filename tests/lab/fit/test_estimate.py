@@ -14,7 +14,7 @@ FOUR = [WALK, WALK, WALK, LEFT, WALK, WALK, STAND, WALK, RIGHT, WALK]
 ARCS = [WALK, WALK, ARC_LEFT, WALK, STAND, WALK, ARC_RIGHT, WALK, ARC_RIGHT, ARC_LEFT]
 WRONG = (
     "sight.range_sd=0.12", "sight.bearing_sd_deg=9.2", "sight.tilt_sd_deg=0.7", "sight.pitch_deg=0.0",
-    "sight.sway_sd=0.06", "sight.standing_share=0.8", "drift.known_sd_deg=4.0",
+    "sight.sway_sd=0.06", "sight.sway_keep=0.72", "sight.standing_share=0.8", "drift.known_sd_deg=4.0",
     "actions.walk.along_sd=0.05", "actions.walk.heading_sd_deg=6.0",
 )  # fmt: skip
 
