@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from surefoot.files import find
 from surefoot.lab.report.judge import Verdict, judge
 from surefoot.lab.report.traces import read_traces
 from surefoot.lockstep.config import ServiceConfig, load_config
@@ -23,7 +22,8 @@ from surefoot.lockstep.service import Service
 from surefoot.schemas.sim import ResetRequest
 from surefoot.schemas.system import RecorderRequest
 from surefoot.schemas.topics import RECORDER_STATUS, SIM_RESET
-from surefoot.services.supervisor.processes.compose import Compose, ComposeError, load_compose
+from surefoot.services.supervisor.processes.compose import Compose
+from surefoot.services.supervisor.processes.startable import system_of
 from surefoot.services.supervisor.scenarios.director import Director
 from surefoot.services.supervisor.scenarios.scenario import TICK_S, Scenario, find_scenario, load_scenario
 from surefoot.services.supervisor.service import Supervisor
@@ -83,9 +83,13 @@ def run_local(
         strict: no actuation delay.
         recording: MCAP file, None = only the hash.
         without: services to leave out.
+
+    Raises:
+        ComposeError: the system cannot be started.
+        ScenarioError: the scenario names a service that the system lacks, or configures one wrongly.
     """
     seed = scenario.seed if seed is None else seed
-    compose = load_compose(find("compose", scenario.compose, ".yaml", ComposeError))
+    compose = system_of(scenario)
     director = Director(scenario)
     names = [name for name in compose.service_names if name not in set(without)]
     services = build_services(names, compose, director, recording)

@@ -6,8 +6,10 @@ import shutil
 from importlib.machinery import PathFinder
 from pathlib import Path
 
+from surefoot.errors import ConfigError
 from surefoot.files import find
-from surefoot.lockstep.discover import service_names
+from surefoot.lockstep.config import load_config
+from surefoot.lockstep.discover import service_class, service_names
 from surefoot.services.supervisor.processes.compose import Compose, ComposeError, ComposeService, load_compose
 from surefoot.services.supervisor.processes.system import SELF
 from surefoot.services.supervisor.scenarios.scenario import Scenario, ScenarioError
@@ -34,7 +36,8 @@ def system_of(scenario: Scenario) -> Compose:
 
     Raises:
         ComposeError: the system cannot be started.
-        ScenarioError: the scenario kills or configures a service that the system does not have.
+        ScenarioError: the scenario kills or configures a service that the system does not have, or gives one a
+            field or a value that it does not take.
     """
     compose = startable(scenario.compose)
     known = [name for name in compose.service_names if name != SELF]
@@ -42,10 +45,31 @@ def system_of(scenario: Scenario) -> Compose:
     for field, name in (*named, *((f"config.{name}", name) for name in scenario.config)):
         if name not in known:
             message = f"got {name!r}{did_you_mean(name, known)}, {compose.name} has {', '.join(known)}"
-            error = ScenarioError("unknown_name", field, message)
-            error.file = scenario.name
-            raise error
+            raise _refused(scenario, "unknown_name", field, message)
+    for name in scenario.config:
+        _check_config(scenario, compose.service(name))
     return compose
+
+
+def _check_config(scenario: Scenario, service: ComposeService) -> None:
+    """Raise ScenarioError where a service would refuse the configuration of a scenario at its start."""
+    program, *words = service.command
+    own = next((word for word in words if not word.startswith("-")), "")
+    if program != "surefoot-service":
+        return  # another program: only it knows what it takes
+    kind = service_class(own)
+    try:
+        load_config(kind.Config, own, None, {**service.environment, **scenario.environment})
+    except ConfigError as error:
+        field = ".".join(filter(None, ("config", service.name, error.field)))
+        code = "unknown_key" if error.code == "unknown_key" else "value"
+        raise _refused(scenario, code, field, error.message) from None
+
+
+def _refused(scenario: Scenario, code: str, field: str, message: str) -> ScenarioError:
+    error = ScenarioError(code, field, message)
+    error.file = scenario.name
+    return error
 
 
 def _check(service: ComposeService, compose: Compose) -> None:

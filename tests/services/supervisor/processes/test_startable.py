@@ -6,6 +6,7 @@ import pytest
 
 from surefoot.files import names
 from surefoot.lab.cli.output import near
+from surefoot.lab.runs.local import run_local
 from surefoot.services.supervisor.processes.startable import startable, system_of
 from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario, parse_scenario
 from surefoot.tables import TableError
@@ -83,6 +84,21 @@ def test_a_scenario_configures_only_what_its_system_has() -> None:
         system_of(parse_scenario(text.format(service="navigator")))
     assert caught.value.field == "config.navigator"
     assert "footholds" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "field"),
+    [
+        ("ask_foothold = false", "unknown_key", "config.walker.ask_foothold"),
+        ('ask_footholds = "soon"', "value", "config.walker.ask_footholds"),
+    ],
+)
+def test_a_scenario_gives_a_service_only_what_it_takes(line: str, code: str, field: str) -> None:
+    scenario = parse_scenario(f'description = "x"\n[config.walker]\n{line}\n')
+    for use in (system_of, run_local):
+        with pytest.raises(TableError) as caught:
+            use(scenario)
+        assert (caught.value.code, caught.value.field) == (code, field)
 
 
 def test_nothing_is_started_for_a_wrong_name(surefoot, place, tmp_path: Path) -> None:
