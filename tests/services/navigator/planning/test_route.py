@@ -76,7 +76,7 @@ def test_regions_are_those_of_scipy(seed):
 
 
 @pytest.mark.parametrize("marks", [False, True])
-@pytest.mark.parametrize("share", [0.02, 0.1, 0.3])
+@pytest.mark.parametrize("share", [0.003, 0.02, 0.1, 0.3])
 def test_no_path_is_cheaper(marks, share, monkeypatch):
     monkeypatch.setattr(costs_module, "LARGE", 10 if marks else 10**9)
     rng = np.random.default_rng(1)
