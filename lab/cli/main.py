@@ -10,6 +10,7 @@ import typer
 from surefoot.lab.cli import (
     bag,
     doctor,
+    estimate,
     evaluate,
     fit,
     footholds,
@@ -47,6 +48,7 @@ app.command("status")(system.status)
 app.command("logs")(system.logs)
 app.command("health")(system.health)
 app.command("supervise")(system.supervise)
+app.command("estimate")(estimate.estimate)
 app.command("report")(report.report)
 app.command("reproduce")(reproduce.reproduce)
 app.command("warm")(warm.warm)

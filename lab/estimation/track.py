@@ -4,7 +4,7 @@
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,7 +19,7 @@ from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.contact import LEVER, SOLE_POINTS, contact_points, sole_feet
 from surefoot.services.estimator.feet import FootMount
 from surefoot.services.estimator.params import EstimatorParams
-from surefoot.services.estimator.stream import NAMES, PAPER, Estimator
+from surefoot.services.estimator.stream import BEST, NAMES, PAPER, Estimator
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -64,12 +64,17 @@ def track(name: str, log: Log, **options: Any) -> Track:
         return PEERS[name](log, options)
     if name not in names():
         raise SurefootError("invalid", f"got {name!r}; known are {', '.join((*names(), *PEERS))}", "estimator")
-    return _service(name, log, options)
+    return next(follow(name, log, **options))[1]
 
 
 def names() -> tuple[str, ...]:
     """Names of the estimators of the service."""
     return NAMES
+
+
+def default() -> str:
+    """Name of the estimator that is used if none is named."""
+    return BEST
 
 
 def build(name: str, log: Log, options: Mapping[str, Any]) -> Estimator:
@@ -95,15 +100,37 @@ def build(name: str, log: Log, options: Mapping[str, Any]) -> Estimator:
     return Estimator(mount, params, names=(name,), points=points if params.soles else None, hypotheses=hypotheses)
 
 
-def _service(name: str, log: Log, options: Mapping[str, Any]) -> Track:
+def follow(name: str, log: Log, rows_each: int | None = None, **options: Any) -> Iterator[tuple[slice, Track]]:
+    """Run an estimator of the service over a log, and yield its track piece by piece.
+
+    Args:
+        name: of the estimator.
+        log: what to run over. In pieces only if its inertial rows arrive in their order.
+        rows_each: inertial rows of a piece; None = all in one.
+        options: changes of its parameters.
+
+    Yields:
+        The rows, and the track over them; `refused` counts from the beginning.
+    """
     estimator = build(name, log, options)
-    n, feet = len(log.stamp_ns), log.feet_count
+    n, arrival = len(log.stamp_ns), log.arrival()
+    cuts = np.flatnonzero(arrival < n)[rows_each::rows_each] if rows_each else []
+    for part in np.split(arrival, cuts):
+        rows = part[part < n]
+        if len(rows) == 0:
+            continue
+        first, end = int(rows.min()), int(rows.max()) + 1
+        yield slice(first, end), _piece(estimator, name, log, part, first, end - first)
+
+
+def _piece(estimator: Estimator, name: str, log: Log, part: NDArray[np.int64], first: int, n: int) -> Track:
+    """Feed inputs in the given order; the track over `n` inertial rows from `first` on."""
+    feet, rows = log.feet_count, len(log.stamp_ns)
     v, g, p, nis = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 6, 6)), np.full(n, np.nan)
     position, yaw, v_odom = np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3))
     flags = {flag: np.zeros(n, dtype=np.bool_) for flag in FLAGS}
     slipping, gyro_bias, acc_bias = np.zeros((n, feet)), np.zeros((n, 3)), np.zeros((n, 3))
-    stamps, foot_ns, row = log.stamp_ns.tolist(), log.foot_ns.tolist(), -1
-    to_imu, clipped = log.rot_base_from_imu.T, log.saturated
+    to_imu, clipped, row = log.rot_base_from_imu.T, log.saturated, -1
 
     def note(k: int) -> None:
         e, pose = estimator.estimate(name), estimator.pose()
@@ -117,15 +144,16 @@ def _service(name: str, log: Log, options: Mapping[str, Any]) -> Track:
         for flag in FLAGS:
             flags[flag][k] = getattr(e, flag)
 
-    arrival = log.arrival().tolist()
-    for i, at in enumerate(arrival):
-        if at < n:
-            estimator.imu(stamps[at], log.w[at], log.q[at], clipped is not None and bool(clipped[at]))
-            row = at
+    order = part.tolist()
+    for i, at in enumerate(order):
+        if at < rows:
+            lost = clipped is not None and bool(clipped[at])
+            estimator.imu(int(log.stamp_ns[at]), log.w[at], log.q[at], lost)
+            row = at - first
         else:
-            f = at - n
-            estimator.feet(foot_ns[f], log.foot_position[f], log.foot_rot[f], log.contact[f])
-        if row >= 0 and (i + 1 == len(arrival) or arrival[i + 1] < n):
+            f = at - rows
+            estimator.feet(int(log.foot_ns[f]), log.foot_position[f], log.foot_rot[f], log.contact[f])
+        if row >= 0 and (i + 1 == len(order) or order[i + 1] < rows):
             note(row)
     return Track(
         name, v, g, p, position, yaw, v_odom, flags, nis, dict(estimator.judge.counts), slipping, None,

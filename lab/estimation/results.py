@@ -1,0 +1,163 @@
+"""Run an estimator over a log of any length: estimates to files piece by piece, and a summary."""
+
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.lib.format import open_memmap
+from numpy.typing import NDArray
+
+from surefoot.lab.estimation.log import Log
+from surefoot.lab.estimation.scores import Score, score
+from surefoot.lab.estimation.track import FLAGS, Track, follow
+
+Array = NDArray[Any]
+
+ROWS_EACH = 50_000
+SCORED_ROWS = 2_000_000  # logs with truth that are longer are scored on their first rows
+NIS_BAND = (0.22, 9.35)  # 95 % of chi^2 with 3 degrees of freedom
+PARTS: dict[str, tuple[int, ...]] = {
+    "v": (3,), "g": (3,), "p": (6, 6), "position": (3,), "yaw": (), "v_odom": (3,), "nis": (), "gyro_bias": (3,),
+    "acc_bias": (3,),
+}  # fmt: skip
+FILE_NAMES = {
+    "v": "velocity_imu", "g": "g_up_imu", "p": "covariance", "v_odom": "velocity_odom", "slipping": "slipping",
+    "contact": "contact_probability",
+}  # fmt: skip
+"""Name in the file where it differs."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """Estimates of a whole log, on disk or mapped from it, and what they are like."""
+
+    log: Log
+    track: Track
+    summary: Mapping[str, Any]
+    score: Score | None
+
+
+def estimate(log: Log, name: str, folder: Path, **options: Any) -> Result:
+    """Run an estimator over a log; memory does not grow with the estimates.
+
+    Args:
+        log: what to run over.
+        name: of an estimator of the service, or `paper`.
+        folder: for one file per quantity; see `pack`.
+        options: changes of its parameters.
+    """
+    n, feet = len(log.stamp_ns), log.feet_count
+    shapes = {**PARTS, "slipping": (feet,)} | dict.fromkeys(FLAGS, ())
+    folder.mkdir(parents=True, exist_ok=True)
+    kept: dict[str, Array] = {}
+    refused: Mapping[str, int] = {}
+    in_order = log.order is None or bool((np.diff(log.order[log.order < n]) > 0).all())
+    for rows, piece in follow(name, log, ROWS_EACH if in_order else None, **options):
+        if piece.contact is not None:
+            shapes["contact"] = (feet,)
+        for key, shape in shapes.items():
+            values = piece.flags[key] if key in FLAGS else getattr(piece, key)
+            if values is None:
+                continue
+            if key not in kept:
+                path = folder / f"{FILE_NAMES.get(key, key)}.npy"
+                kept[key] = open_memmap(path, mode="w+", dtype=values.dtype, shape=(n, *shape))
+            kept[key][rows] = values
+        refused = piece.refused
+    kept["stamp_ns"] = open_memmap(folder / "stamp_ns.npy", mode="w+", dtype=np.int64, shape=(n,))
+    kept["stamp_ns"][:] = log.stamp_ns
+    track = Track(
+        name, *(kept[key] for key in ("v", "g", "p", "position", "yaw", "v_odom")), {f: kept[f] for f in FLAGS},
+        kept["nis"], refused, kept.get("slipping"), kept.get("contact"), kept.get("gyro_bias"), kept.get("acc_bias"),
+    )  # fmt: skip
+    found = None
+    if log.truth is not None and n <= SCORED_ROWS and log.scored.sum() > 1:
+        found = score(log, track)
+    return Result(log, track, summary(log, track, found), found)
+
+
+def summary(log: Log, track: Track, found: Score | None) -> dict[str, Any]:
+    """Return what a reader wants to know first, as plain numbers."""
+    n, started = len(log.stamp_ns), track.flags["initialised"]
+    duration = float(log.seconds[-1])
+    first = int(np.argmax(started)) if started.any() else None
+    out: dict[str, Any] = {
+        "log": log.name, "estimator": track.name, "robot": log.robot, "rows": n, "foot_samples": len(log.foot_ns),
+        "feet": log.feet_count, "duration_s": duration, "imu_hz": _rate(log.stamp_ns), "feet_hz": _rate(log.foot_ns),
+        "started_after_s": None if first is None else float(log.seconds[first]), "refused": dict(track.refused),
+    }  # fmt: skip
+    if first is None:
+        out["warning"] = "never started: no standstill of half a second with the feet at rest was found"
+        return out
+    rows = slice(first, n)
+    nis = np.asarray(track.nis[rows])
+    nis = nis[np.isfinite(nis)]
+    out["share"] = {flag: float(track.flags[flag][rows].mean()) for flag in FLAGS[1:]}
+    out["nis_mean"] = float(nis.mean()) if nis.size else None
+    out["nis_inside_95"] = float(np.mean((nis > NIS_BAND[0]) & (nis < NIS_BAND[1]))) if nis.size else None
+    if track.slipping is not None:
+        out["slipping"] = [float(x) for x in np.asarray(track.slipping[rows]).mean(axis=0)]
+    if track.gyro_bias is not None and track.acc_bias is not None:
+        out["gyro_bias_rad_s"] = [float(x) for x in track.gyro_bias[-1]]
+        out["acc_bias_m_s2"] = [float(x) for x in track.acc_bias[-1]]
+    moved = track.position[-1] - track.position[first]
+    out["displacement_m"] = [float(x) for x in moved]
+    out["heading_rad"] = float(track.yaw[-1] - track.yaw[first])
+    out["unobservable"] = "position and heading are dead-reckoned: they drift without bound"
+    if found is not None:
+        out["errors"] = asdict(found)
+    return out
+
+
+def _rate(stamps: NDArray[np.int64]) -> float | None:
+    return float(1e9 / np.median(np.diff(stamps))) if len(stamps) > 1 and stamps[-1] > stamps[0] else None
+
+
+def pack(folder: Path, out: Path) -> Path:
+    """Put the single files of a result into one NPZ, and remove them."""
+    part = out.with_name(out.name + ".part")
+    with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=1, allowZip64=True) as archive:
+        for path in sorted(folder.glob("*.npy")):
+            archive.write(path, path.name)
+            path.unlink()
+    return part.replace(out)
+
+
+def write_csv(result: Result, out: Path) -> Path:
+    """Write time, velocity, gravity, pose, standard deviations, NIS and flags, a row per inertial row."""
+    track, feet = result.track, result.log.feet_count
+    names = ["stamp_ns"]
+    for name in ("velocity_imu", "velocity_odom", "g_up_imu", "position", "velocity_sd"):
+        names += [f"{name}_{axis}" for axis in "xyz"]
+    names += ["yaw", "nis", *FLAGS, *(f"slipping{f}" for f in range(feet))]
+    with out.open("w") as file:
+        file.write(",".join(names) + "\n")
+        for first in range(0, len(track.v), ROWS_EACH):
+            rows = slice(first, first + ROWS_EACH)
+            sd = np.sqrt(np.diagonal(track.p[rows, 3:, 3:], axis1=1, axis2=2))
+            numbers = np.hstack(
+                [track.v[rows], track.v_odom[rows], track.g[rows], track.position[rows], sd, track.yaw[rows, None],
+                 track.nis[rows, None], *(track.flags[f][rows, None] for f in FLAGS),
+                 np.zeros((len(sd), feet)) if track.slipping is None else track.slipping[rows]]
+            )  # fmt: skip
+            for stamp, row in zip(result.log.stamp_ns[rows].tolist(), numbers.tolist(), strict=True):
+                file.write(f"{stamp}," + ",".join(f"{x:.9g}" for x in row) + "\n")
+    return out
+
+
+class Scratch:
+    """A folder for the single files of a result, removed at the end."""
+
+    def __init__(self, beside: Path | None) -> None:
+        self.path = Path(tempfile.mkdtemp(prefix=".estimates-", dir=beside))
+
+    def __enter__(self) -> Path:
+        return self.path
+
+    def __exit__(self, *_: object) -> None:
+        shutil.rmtree(self.path, ignore_errors=True)
