@@ -251,6 +251,62 @@ class CheckpointReply(Reply):
     sha256: str = Field(description="of the stored state")
 
 
+Primitive = Literal["flat", "slope", "edge", "hill", "ridge", "hole", "groove"]
+
+
+class PrimitiveTrial(Request):
+    """One stroke with all stance feet on the same ground primitive (Walas & Belter, section 3.1)."""
+
+    primitive: Primitive = Field(description="what lies under every foot")
+    height: float = Field(default=0.02, ge=0, le=0.04, description="height or depth of it, m")
+    yaw: float = Field(default=0.0, ge=-10, le=10, description="heading of the primitive, rad; 0 = along the walk")
+    friction: float = Field(default=0.5, gt=0, le=10, description="coefficient of the ground")
+    noise: float = Field(default=0.0, ge=0, le=0.01, description="standard deviation of the heights, m")
+    offset: float = Field(default=0.0, ge=0, le=0.02, description="feet off the middle of the primitive by this, m")
+    offset_yaw: float = Field(default=0.0, ge=-10, le=10, description="in this direction, rad")
+    stance: Literal["six", "tripod"] = Field(default="tripod", description="feet on the ground during the stroke")
+    stroke: float = Field(default=0.025, ge=0.001, le=0.05, description="way of the trunk forward, m")
+    seed: int = Field(default=0, ge=0, lt=2**31, description="of the noise")
+
+
+class ExperimentRequest(Request):
+    """Asks for trials in a world of their own; the running system is not disturbed."""
+
+    trials: Annotated[tuple[PrimitiveTrial, ...], Field(min_length=1, max_length=64)] = Field(
+        description="answered in this order"
+    )
+
+
+class FootOutcome(Reply):
+    """What came of one stance foot."""
+
+    leg: str = Field(description="name of the leg")
+    sliding: float = Field(ge=0, description="way of the contact point in the ground plane during the stroke, m")
+    displacement: float = Field(ge=0, description="horizontal way of the foot centre during the stroke, m")
+    before: float = Field(ge=0, description="how far the foot came to lie from where it was put, m")
+    load: float = Field(ge=0, description="mean normal force during the stroke, N")
+    contact: Vec3 = Field(description="foot centre at the begin of the stroke, frame of the trial, m")
+
+
+class TrialOutcome(Reply):
+    """What came of one trial."""
+
+    status: Literal["ok", "slipped", "fallen", "impossible"] = Field(
+        description="ok; slipped: a foot slid by more than a stroke before the stroke began; fallen: before or in it; "
+        "impossible: robot or ground cannot be put so"
+    )
+    feet: tuple[FootOutcome, ...] = Field(default=(), description="stance feet; empty when impossible")
+    reason: str = Field(default="", description="why not ok")
+
+
+class ExperimentReply(Reply):
+    """Outcomes in the order of the request."""
+
+    robot: str = Field(description="name of the robot")
+    robot_hash: str = Field(description="its hash")
+    outcomes: tuple[TrialOutcome, ...] = Field(description="one for each trial")
+
+
 class FeaturesRequest(Request):
     """Asks what this simulator can do."""
 

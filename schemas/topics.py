@@ -199,6 +199,9 @@ SIM_FAULT = Query("sim/fault", sim.FaultRequest, sim.SimReply, "driver", acts=Tr
 SIM_CHECKPOINT = Query("sim/checkpoint", sim.CheckpointRequest, sim.CheckpointReply, "driver", acts=True)
 SIM_RESTORE = Query("sim/restore", sim.RestoreRequest, sim.CheckpointReply, "driver", acts=True)
 SIM_STATUS_GET = Query("sim/status", sim.StatusRequest, sim.SimStatus, "driver")
+SIM_EXPERIMENT = Query(
+    "sim/experiment", sim.ExperimentRequest, sim.ExperimentReply, "driver", timeout_s=120.0, acts=True
+)
 SIM_FEATURES = Query("sim/features", sim.FeaturesRequest, sim.FeaturesReply, "driver")
 RECORDER_STATUS = Query("recorder/status", system.RecorderRequest, system.RecorderReply, "recorder")
 HEALTH_GET = Query("health/*", system.HealthRequest, system.HealthReply, "*", timeout_s=2.0)

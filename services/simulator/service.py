@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 
 import mujoco
 import numpy as np
@@ -25,6 +26,7 @@ from surefoot.schemas.topics import (
     HW_LANDMARKS,
     HW_RANGE,
     SIM_CHECKPOINT,
+    SIM_EXPERIMENT,
     SIM_FAULT,
     SIM_FEATURES,
     SIM_JOIN,
@@ -45,6 +47,7 @@ from surefoot.schemas.topics import (
     Topic,
 )
 from surefoot.services.simulator import world as worlds
+from surefoot.services.simulator.experiment import outcome_of
 from surefoot.services.simulator.ground.terrain import KINDS, MAP_PROFILES, TerrainError, observed_map
 from surefoot.services.simulator.messages import (
     landmark_message,
@@ -88,8 +91,13 @@ class Simulator(Driver[SimulatorConfig]):
     )  # fmt: skip
     observes = (CMD_ESTOP,)
     serves = (
+<<<<<<< HEAD
         SIM_JOIN, HW_DESCRIPTION, TERRAIN_MAP_GET, SIM_RESET, SIM_STEP, SIM_PAUSE, SIM_SPEED, SIM_PUSH, SIM_PLACE,
         SIM_SET, SIM_FAULT, SIM_CHECKPOINT, SIM_RESTORE, SIM_STATUS_GET, SIM_FEATURES,
+=======
+        SIM_JOIN, HW_DESCRIPTION, TERRAIN_MAP_GET, SIM_RESET, SIM_STEP, SIM_PAUSE, SIM_PUSH, SIM_PLACE, SIM_SET,
+        SIM_FAULT, SIM_CHECKPOINT, SIM_RESTORE, SIM_FEATURES, SIM_EXPERIMENT,
+>>>>>>> 23ec8cf (Answer sim/experiment: strokes on ground primitives in a world of their own)
     )  # fmt: skip
 
     def on_start(self) -> None:
@@ -99,12 +107,20 @@ class Simulator(Driver[SimulatorConfig]):
         self._saved: dict[str, tuple[Checkpoint, sim.ResetRequest]] = {}
         self._wall, self._rtf, self._late = (time.perf_counter(), 0), 0.0, False
         self._stopped = self._failed = ""
+        self._aside = ThreadPoolExecutor(1, "experiment")
         for query, handler in (
+<<<<<<< HEAD
             (SIM_RESET, self.reset), (SIM_STEP, self.step), (SIM_SPEED, self.speed), (SIM_PAUSE, self.pause),
             (SIM_PUSH, self.push), (SIM_PLACE, self.place), (SIM_SET, self.set), (SIM_FAULT, self.fault),
             (SIM_CHECKPOINT, self.checkpoint),
             (SIM_RESTORE, self.restore), (SIM_STATUS_GET, self.status), (SIM_FEATURES, self.features),
             (HW_DESCRIPTION, self.description),
+=======
+            (SIM_RESET, self.reset), (SIM_STEP, self.step), (SIM_PAUSE, self.pause), (SIM_PUSH, self.push),
+            (SIM_PLACE, self.place), (SIM_SET, self.set), (SIM_FAULT, self.fault), (SIM_CHECKPOINT, self.checkpoint),
+            (SIM_RESTORE, self.restore), (SIM_FEATURES, self.features), (HW_DESCRIPTION, self.description),
+            (SIM_EXPERIMENT, self.experiment),
+>>>>>>> 23ec8cf (Answer sim/experiment: strokes on ground primitives in a world of their own)
             (TERRAIN_MAP_GET, self.terrain_map),
         ):  # fmt: skip
             self.handle(query, handler)  # pyright: ignore[reportArgumentType] - each pair is of one row
@@ -115,8 +131,21 @@ class Simulator(Driver[SimulatorConfig]):
         self._build(self._request)
         self._begin_on_first_work = c.autostart
 
+    def on_stop(self) -> None:
+        """Drop the trials that have not begun."""
+        self._aside.shutdown(wait=False, cancel_futures=True)
+
     def rehearse(self) -> None:
         worlds.rehearse()
+
+    def experiment(self, request: sim.ExperimentRequest) -> Future[sim.ExperimentReply]:
+        """Trials on a thread and in worlds of their own."""
+
+        def answer() -> sim.ExperimentReply:
+            found = tuple(outcome_of(self.robot, trial) for trial in request.trials)
+            return sim.ExperimentReply(robot=self.robot.name, robot_hash=self.robot.hash, outcomes=found)
+
+        return self._aside.submit(answer)
 
     def on_begin(self) -> None:
         if self._begin_on_first_work:
