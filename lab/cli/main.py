@@ -9,6 +9,7 @@ import typer
 
 from surefoot.lab.cli import (
     bag,
+    chaos,
     doctor,
     estimate,
     evaluate,
@@ -52,6 +53,7 @@ app.command("estimate")(estimate.estimate)
 app.command("report")(report.report)
 app.command("reproduce")(reproduce.reproduce)
 app.command("warm")(warm.warm)
+app.command("chaos")(chaos.chaos)
 app.command("call")(service.call)
 app.command("doctor")(doctor.doctor)
 app.command("graph")(graph.graph)

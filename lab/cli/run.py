@@ -8,6 +8,7 @@ import typer
 
 from surefoot.lab.cli.output import (
     EXIT_CHECK,
+    EXIT_INTERRUPT,
     Json,
     Listen,
     near,
@@ -60,6 +61,8 @@ def run(
         write_json(_as_json(outcome))
     else:
         _show(outcome)
+    if outcome.interrupted:
+        raise typer.Exit(EXIT_INTERRUPT)
     if not outcome.verdict.ok:
         raise typer.Exit(EXIT_CHECK)
 

@@ -23,7 +23,7 @@ from surefoot.services.supervisor.scenarios.scenario import TICK_S, Scenario
 from surefoot.version import VERSION
 
 START_S = 90.0  # s wall, until the simulator serves: cold kernels are compiled at the first start
-STALL_S = 40.0  # s wall without a tick after which a run is given up (longer than the simulator's own patience)
+STALL_S = 150.0  # s wall without a tick after which a run is given up (longer than the simulator's own patience)
 RECORDER_S = 10.0  # s wall, for the recorder to close its file
 
 
@@ -71,6 +71,8 @@ class Outcome:
     """Wall time from the command to tick 0."""
     timings: Mapping[str, Timing]
     """Time in a tick by service."""
+    interrupted: bool = False
+    """It was ended from outside, by SIGINT or SIGTERM."""
 
 
 def run_scenario(
@@ -83,7 +85,7 @@ def run_scenario(
 
     Raises:
         FileError: the compose file cannot be used.
-        BusError: the system could not be brought up, or stalled; the report of a stalled run is not written.
+        BusError: the system could not be brought up. A run that stalls or is interrupted is judged and reported.
     """
     began = time.monotonic()
     seed = scenario.seed if options.seed is None else options.seed
@@ -102,7 +104,11 @@ def run_scenario(
     with Session(compose, listen=options.listen, director=director, environment=environment, tell=tell) as session:
         reset = _reset(session, scenario, options, seed)
         tell(f"run {reset.run_id} begins")
-        start_s, problems = _follow(session, scenario, director, began, show)
+        interrupted = False
+        try:
+            start_s, problems = _follow(session, scenario, director, began, show)
+        except KeyboardInterrupt:  # the report tells of what there is
+            start_s, problems, interrupted = 0.0, ["it was interrupted"], True
         recorded = _recorder(session) if "recorder" in session.alive else None
         health = session.health()
         timings = {n: Timing(h.tick_p50_us, h.tick_p99_us) for n, h in health.items() if h.tick_p50_us > 0}
@@ -128,7 +134,7 @@ def run_scenario(
     except OSError as error:
         why = f"the report could not be written: {error.strerror or error}"
         report, verdict = None, replace(verdict, notes=(*verdict.notes, why))
-    return Outcome(scenario.name, seed, verdict, report, written, start_s, timings)
+    return Outcome(scenario.name, seed, verdict, report, written, start_s, timings, interrupted)
 
 
 def _reset(session: Session, scenario: Scenario, options: Options, seed: int) -> ResetReply:
@@ -159,7 +165,10 @@ def _follow(
     supervisor = session.supervisor
     start_s, last, moved = 0.0, 0, time.monotonic()
     while not supervisor.ended.is_set():
-        session.step()
+        try:
+            session.step()
+        except BusError as error:  # a service is not restarted any more: the report says so
+            return start_s, [error.message]
         now = time.monotonic()
         if supervisor.ticks != last:
             if last == 0:
@@ -170,7 +179,7 @@ def _follow(
         if now - moved > STALL_S:
             waiting = {name: health.waiting_for for name, health in session.health().items() if health.waiting_for}
             words = "; ".join(f"{name} waits for {', '.join(keys)}" for name, keys in waiting.items())
-            raise BusError("stalled", f"no tick for {STALL_S:g} s at tick {last}" + (f": {words}" if words else ""))
+            return start_s, [f"no tick for {STALL_S:g} s at tick {last}" + (f": {words}" if words else "")]
         supervisor.ended.wait(0.05)
     return start_s, ["it was ended by max_duration_s"] if not director.ended and scenario.steps else []
 

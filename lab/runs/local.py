@@ -5,7 +5,7 @@ For studies over many seeds: every seed is a process of its own, without ports, 
 
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,7 +46,11 @@ class LocalRun:
 
 
 def build_services(
-    names: Iterable[str], compose: Compose, director: Director, recording: Path | None
+    names: Iterable[str],
+    compose: Compose,
+    director: Director,
+    recording: Path | None,
+    more: Mapping[str, str] | None = None,
 ) -> list[Service[Any]]:
     """The services of a compose file as objects; the supervisor conducts ``director``."""
     built: list[Service[Any]] = []
@@ -59,7 +63,7 @@ def build_services(
         overrides = [f"robot={robot!r}"]
         if "autostart" in kind.Config.model_fields:  # the first epoch is ours
             overrides.append("autostart=false")
-        environment = {**compose.service(name).environment, **director.scenario.environment}
+        environment = {**compose.service(name).environment, **director.scenario.environment, **(more or {})}
         config = load_config(kind.Config, name, None, environment, overrides)
         if name == "recorder":
             config = config.model_copy(update={"path": None if recording is None else str(recording)})

@@ -3,7 +3,7 @@ services killed and frozen. Time is virtual, so that a seed replays a failure to
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from random import Random
 from typing import Any, Literal, get_args
 
@@ -191,6 +191,7 @@ class ChaosSystem:
                 self.now += IDLE_S
             if self.driver.leader.tick != tick:
                 tick, moved = self.driver.leader.tick, self.now
+                self._close_events()
             if self.now - moved > STALL_S:
                 leader = self.driver.leader
                 why = f"no tick after {tick} for {STALL_S:g} s; {leader.state}, waits for {leader.missing()}"
@@ -219,6 +220,16 @@ class ChaosSystem:
                 self.bus.depart(event.service)
             else:
                 self.bus.left[event] = event.count
+
+    def _close_events(self) -> None:
+        """Note that events are over: a tick comes, with everybody on the roster."""
+        leader = self.driver.leader
+        if self._frozen or self._dead or not set(leader.expect) <= set(leader.members):
+            return
+        for place, outcome in enumerate(self.outcomes):
+            if outcome.recovered is None and not self.bus.left.get(outcome.event):
+                spoilt = self.bus.spoilt.get(outcome.event, 0)
+                self.outcomes[place] = replace(outcome, recovered=self.now, spoilt=spoilt)
 
     def recovered(self) -> bool:
         """Return whether nobody is frozen, dead, or off the roster, and every member is up to date."""

@@ -1,0 +1,129 @@
+"""A scenario under faults from a seed, in one process on the in-memory bus: what happened, and whether it was safe."""
+
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from surefoot.bus.interface import Delivery
+from surefoot.errors import BusError
+from surefoot.files import find
+from surefoot.lab.runs.local import build_services
+from surefoot.lockstep.chaos import FORGER, KINDS, ChaosSystem, Kind, Outcome, draw_events
+from surefoot.lockstep.service import Service
+from surefoot.schemas.hw import JointCommand
+from surefoot.schemas.sim import ResetRequest
+from surefoot.schemas.state import VelocityEstimate
+from surefoot.schemas.system import RecorderRequest
+from surefoot.schemas.topics import HW_TICK, RECORDER_STATUS, SIM_RESET, Topic
+from surefoot.services.simulator.service import Simulator
+from surefoot.services.supervisor.processes.compose import ComposeError, load_compose
+from surefoot.services.supervisor.scenarios.director import Director
+from surefoot.services.supervisor.scenarios.scenario import Scenario
+from surefoot.services.supervisor.service import Supervisor
+
+SAFE = ("recorder", Supervisor.name)
+"""Services that are not hit: they keep what happened."""
+FORGED_RAD = 0.4  # rad, by which a forged command differs from the real one
+FORGED_M_PER_S = 3.0  # m/s, the same for a velocity
+
+
+@dataclass(frozen=True)
+class ChaosRun:
+    """What came of a run.
+
+    Attributes:
+        seed: of the events.
+        outcomes: the events that happened.
+        violations: what was unsafe or did not recover, in words; empty = nothing.
+        ticks: control ticks.
+        run_hash: of everything deterministic, the same whenever the seed is replayed.
+        unbound: messages of strangers that were refused.
+        wall_s: virtual time of the run, s.
+    """
+
+    seed: int
+    outcomes: tuple[Outcome, ...]
+    violations: tuple[str, ...]
+    ticks: int
+    run_hash: str
+    unbound: int
+    wall_s: float
+
+
+def run_chaos(
+    scenario: Scenario, seed: int, events: int, kinds: tuple[Kind, ...] = KINDS, ticks: int | None = None
+) -> ChaosRun:
+    """Conduct a scenario while so many events happen.
+
+    Args:
+        scenario: what to do; its own seed is that of the world.
+        seed: of the events.
+        events: how many.
+        kinds: to draw from.
+        ticks: of the run over which the events are spread, None = half of the scenario's longest duration.
+    """
+    compose = load_compose(find("compose", scenario.compose, ".yaml", ComposeError))
+    director = Director(scenario)
+    names = [name for name in compose.service_names if name != Simulator.name]
+    hit = ("driver", *(name for name in names if name not in SAFE))
+    drawn = draw_events(seed, events, hit, ticks or scenario.max_ticks // 2, kinds)
+    with tempfile.TemporaryDirectory() as folder:
+        memory = {"SUREFOOT_WALKER_MEMORY": str(Path(folder) / "walker.json")}
+        makers: dict[str, Callable[[], Service[Any]]] = {
+            name: partial(_made, name, compose, director, memory) for name in (Simulator.name, *names)
+        }
+        return _conduct(ChaosSystem(makers, drawn, seed), scenario, director, names, seed)
+
+
+def _made(name: str, compose: Any, director: Director, environment: Mapping[str, str]) -> Service[Any]:
+    return build_services((name,), compose, director, None, environment)[0]
+
+
+def _conduct(system: ChaosSystem, scenario: Scenario, director: Director, names: list[str], seed: int) -> ChaosRun:
+    simulator = system.driver.service
+    assert isinstance(simulator, Simulator)
+    leader, violations = system.driver.leader, list[str]()
+    system.bus.forge = _forge
+
+    def watch() -> None:
+        if not violations and leader.tick >= 0 and simulator.world.truth().fallen:
+            violations.append(f"the robot fell before tick {leader.tick}")
+
+    request = ResetRequest(
+        seed=scenario.seed, world=scenario.world, expect=tuple(names), policy="hold", max_ticks=scenario.max_ticks,
+        actuation_delay_ticks=scenario.actuation_delay_ticks,
+    )  # fmt: skip
+    run_hash = ""
+    try:
+        system.bus.call(SIM_RESET, request)
+        system.run(lambda: leader.state == "ended" and leader.all_done(), watch)
+        if "recorder" in names:
+            run_hash = system.bus.call(RECORDER_STATUS, RecorderRequest()).run_hash
+        if not system.recovered():
+            violations.append(f"not everybody is back: {', '.join(leader.missing()) or leader.state}")
+    except BusError as error:
+        violations.append(error.message)
+    finally:
+        system.close()
+    violations += [*director.problems, *director.unfinished()]
+    unbound = sum(node.refused["unbound"] for node in system.nodes.values())
+    found = tuple(system.outcomes)
+    return ChaosRun(seed, found, tuple(violations), leader.tick + 1, run_hash, unbound, system.now)
+
+
+def _forge(topic: Topic[Any], delivery: Delivery) -> Delivery | None:
+    """What a stranger publishes before the owner: the same header, other content."""
+    message = delivery.message()
+    header = (message.stamp_ns, message.tick, message.epoch, message.seq, message.source)
+    if isinstance(message, JointCommand) and message.position is not None:
+        forged: Any = JointCommand(position=tuple(q + FORGED_RAD for q in message.position)).stamped(*header)
+    elif isinstance(message, VelocityEstimate):
+        forged = message.model_copy(update={"velocity": (FORGED_M_PER_S, 0.0, 0.0)})
+    elif topic.key == HW_TICK.key:
+        forged = message.model_copy(update={"epoch": 10**9})
+    else:
+        return None
+    return Delivery(topic, forged, None, None, FORGER)
