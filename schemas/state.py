@@ -19,8 +19,9 @@ def _zero(value: object) -> bool:
 
 
 class VelocityEstimate(Message):
-    """Velocity and gravity direction of base_link (Wawrzynski et al.)."""
+    """Velocity and gravity direction of base_link, by one of the estimators."""
 
+    schema_version: ClassVar[str] = "1.1"
     mode: Literal["imu", "kinematics", "kinematics_gyro", "ekf", "paper", "best"] = Field(
         description="which estimator made it"
     )
