@@ -22,9 +22,7 @@ class VelocityEstimate(Message):
     """Velocity and gravity direction of base_link, by one of the estimators."""
 
     schema_version: ClassVar[str] = "1.1"
-    mode: Literal["imu", "kinematics", "kinematics_gyro", "ekf", "paper", "best"] = Field(
-        description="which estimator made it"
-    )
+    mode: Literal["imu", "kinematics", "kinematics_gyro", "ekf", "best"] = Field(description="which estimator made it")
     velocity: Vec3 = Field(description="m/s, velocity of the base_link origin in base_link axes")
     velocity_imu: Vec3 = Field(description="m/s, velocity of the IMU in IMU axes (the paper's quantity)")
     velocity_heading: Vec3 = Field(description="m/s, base_link velocity in heading axes: x forward horizontal, z up")

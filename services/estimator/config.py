@@ -9,13 +9,13 @@ from surefoot.lockstep.config import ServiceConfig
 from surefoot.robot.description import Robot
 from surefoot.services.estimator.estimators import ESTIMATORS
 from surefoot.services.estimator.params import StartPose
-from surefoot.services.estimator.stream import BEST, PAPER, Estimator
+from surefoot.services.estimator.stream import BEST, Estimator
 
 
 class EstimatorConfig(ServiceConfig):
     """Which estimate is ``state/velocity``, and where the robot starts."""
 
-    mode: Literal["best", "imu", "kinematics", "kinematics_gyro", "ekf", "paper"] = Field(
+    mode: Literal["best", "imu", "kinematics", "kinematics_gyro", "ekf"] = Field(
         default="best", description="estimator behind state/velocity; state/odometry is that of `best`"
     )
     remove_gyro_bias: bool = Field(
@@ -38,7 +38,7 @@ class EstimatorConfig(ServiceConfig):
         return Estimator.for_robot(
             robot,
             StartPose(self.start_x, self.start_y, self.start_yaw, self.start_ground),
-            names=(BEST, *ESTIMATORS, *((PAPER,) if self.mode == PAPER else ())),
+            names=(BEST, *ESTIMATORS),
             remove_gyro_bias=self.remove_gyro_bias,
             refine_gyro_bias=self.refine_gyro_bias,
             start_slope_sd=math.inf if self.start_slope_sd is None else self.start_slope_sd,

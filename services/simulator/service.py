@@ -91,13 +91,9 @@ class Simulator(Driver[SimulatorConfig]):
     )  # fmt: skip
     observes = (CMD_ESTOP,)
     serves = (
-<<<<<<< HEAD
         SIM_JOIN, HW_DESCRIPTION, TERRAIN_MAP_GET, SIM_RESET, SIM_STEP, SIM_PAUSE, SIM_SPEED, SIM_PUSH, SIM_PLACE,
         SIM_SET, SIM_FAULT, SIM_CHECKPOINT, SIM_RESTORE, SIM_STATUS_GET, SIM_FEATURES,
-=======
-        SIM_JOIN, HW_DESCRIPTION, TERRAIN_MAP_GET, SIM_RESET, SIM_STEP, SIM_PAUSE, SIM_PUSH, SIM_PLACE, SIM_SET,
-        SIM_FAULT, SIM_CHECKPOINT, SIM_RESTORE, SIM_FEATURES, SIM_EXPERIMENT,
->>>>>>> 23ec8cf (Answer sim/experiment: strokes on ground primitives in a world of their own)
+        SIM_EXPERIMENT,
     )  # fmt: skip
 
     def on_start(self) -> None:
@@ -109,18 +105,11 @@ class Simulator(Driver[SimulatorConfig]):
         self._stopped = self._failed = ""
         self._aside = ThreadPoolExecutor(1, "experiment")
         for query, handler in (
-<<<<<<< HEAD
             (SIM_RESET, self.reset), (SIM_STEP, self.step), (SIM_SPEED, self.speed), (SIM_PAUSE, self.pause),
             (SIM_PUSH, self.push), (SIM_PLACE, self.place), (SIM_SET, self.set), (SIM_FAULT, self.fault),
             (SIM_CHECKPOINT, self.checkpoint),
             (SIM_RESTORE, self.restore), (SIM_STATUS_GET, self.status), (SIM_FEATURES, self.features),
-            (HW_DESCRIPTION, self.description),
-=======
-            (SIM_RESET, self.reset), (SIM_STEP, self.step), (SIM_PAUSE, self.pause), (SIM_PUSH, self.push),
-            (SIM_PLACE, self.place), (SIM_SET, self.set), (SIM_FAULT, self.fault), (SIM_CHECKPOINT, self.checkpoint),
-            (SIM_RESTORE, self.restore), (SIM_FEATURES, self.features), (HW_DESCRIPTION, self.description),
-            (SIM_EXPERIMENT, self.experiment),
->>>>>>> 23ec8cf (Answer sim/experiment: strokes on ground primitives in a world of their own)
+            (HW_DESCRIPTION, self.description), (SIM_EXPERIMENT, self.experiment),
             (TERRAIN_MAP_GET, self.terrain_map),
         ):  # fmt: skip
             self.handle(query, handler)  # pyright: ignore[reportArgumentType] - each pair is of one row
