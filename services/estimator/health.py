@@ -1,6 +1,7 @@
 """Health of an estimate, in flags and in words."""
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ class Condition(NamedTuple):
     healthy: bool  # finite, positive variances, g near 9.81, a speed a robot can have
     nis: float  # mean normalised innovation squared, 3 degrees of freedom
     slipping: NDArray[np.bool_]  # (L,)
+    silent: Mapping[str, float]  # inputs that are silent, by name, and for how long, s
     refused_lately: str | None  # last refusal or gap of the last 100 ms, e.g. imu_nonfinite
     saturated: bool
     imu_frozen: bool
@@ -33,7 +35,7 @@ class Condition(NamedTuple):
     @property
     def inputs_ok(self) -> bool:
         """Whether all inputs of the last 100 ms were accepted and none is silent."""
-        return self.refused_lately is None and self.since_feet_s < SILENT_S
+        return not self.silent and self.refused_lately is None and self.since_feet_s < SILENT_S
 
     @property
     def filter_ok(self) -> bool:
@@ -43,7 +45,7 @@ class Condition(NamedTuple):
     @property
     def sensors_ok(self) -> bool:
         """Whether no sensor is saturated, frozen or absent."""
-        frozen = self.imu_frozen or self.joints_frozen or self.saturated
+        frozen = self.imu_frozen or self.joints_frozen or self.saturated or bool(self.silent)
         return not frozen and self.since_feet_s < SILENT_S and self.since_contact_s < NO_CONTACT_S
 
 
@@ -52,6 +54,7 @@ def reasons(c: Condition) -> tuple[str, ...]:
     out: list[str] = []
     if not c.initialised:
         out.append("waiting for a start: a rest of half a second, or two seconds of motion with contacts")
+    out.extend(f"{name} is silent for {age:.1f} s" for name, age in c.silent.items())
     if c.imu_frozen:
         out.append("the inertial unit repeats one sample")
     if c.joints_frozen:

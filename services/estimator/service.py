@@ -66,6 +66,7 @@ class EstimatorService(Service[EstimatorConfig]):
         if joints is not None and self._contacts is not None:
             self._kinematics(joints, self._contacts)
         e = self.estimator
+        e.silent = dict(inputs.late)
         self.publish(STATE_VELOCITY, velocity_message(e.estimate(self.config.mode)), e.stamp_ns)
         self.publish(STATE_ODOMETRY, odometry_message(e.pose(), e.initialised), e.stamp_ns)
         for name, topic in VARIANTS.items():

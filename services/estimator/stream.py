@@ -100,6 +100,8 @@ class Estimator:
         self._best.reset(best_limits(self.params, self._start, stated, self._hypotheses))
         for _, group in self._groups:
             group.reset(stated)
+        self.silent: dict[str, float] = {}
+        """Inputs that whoever feeds knows to be silent, by name, and for how long, s: flags and reasons name them."""
         self.stamp_ns = 0
         self._w = np.zeros(3)  # latest gyro, raw
         self._feet_ns = self._contact_ns = 0
@@ -231,6 +233,7 @@ class Estimator:
             healthy=good,
             nis=nis_mean,
             slipping=slipping,
+            silent=self.silent,
             refused_lately=None if judge.inputs_ok(now) else judge.last_bad,
             saturated=judge.saturated(now),
             imu_frozen=judge.imu_frozen,

@@ -100,6 +100,19 @@ def test_a_missing_input_is_no_crash(service, desk):
     assert len(desk.messages[STATE_VELOCITY.key]) == 61
 
 
+def test_a_silent_input_is_named(service, desk):
+    stand(service, 60)
+    inputs = tick(61)
+    inputs.late["hw/imu"] = 0.15
+    service.on_tick(inputs)
+    last = desk.messages[STATE_VELOCITY.key][-1]
+    assert not last.inputs_ok
+    assert not last.sensors_ok
+    assert "hw/imu is silent for 0.1 s" in last.reasons or "hw/imu is silent for 0.2 s" in last.reasons
+    service.on_tick(tick(62))
+    assert not any("silent" in reason for reason in desk.messages[STATE_VELOCITY.key][-1].reasons)
+
+
 def test_a_refusal_is_logged_once_and_counted(service, desk):
     stand(service, 60)
     for k in range(61, 70):
