@@ -9,6 +9,7 @@ from surefoot.services.estimator.best_start import BestLimits
 from surefoot.services.estimator.params import EstimatorParams, StartPose
 
 STATED_SD = 1e-3  # m and rad, of a stated start pose
+LEVEL_SD = 0.01  # m, of a point over level ground, per sample of the feet
 LOST_SD = 1.0  # m and rad, of a pose nobody knows
 
 
@@ -50,5 +51,6 @@ def best_limits(params: EstimatorParams, start: StartPose, stated: bool, hypothe
         gap_s=params.gap_periods * 1e-9 * params.imu_period_ns,
         forget_s=1e-9 * params.reset_gap_ns,
         max_speed=params.max_speed,
+        level_sd=LEVEL_SD if params.level_ground and stated else math.inf,
         hypotheses=hypotheses,
     )

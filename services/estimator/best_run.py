@@ -42,7 +42,14 @@ from surefoot.services.estimator.best_start import (
     start_at_rest,
     start_moving,
 )
-from surefoot.services.estimator.best_update import UNKNOWN_SPEED, forget_velocity, lift, retract, take_points
+from surefoot.services.estimator.best_update import (
+    UNKNOWN_SPEED,
+    forget_velocity,
+    lift,
+    retract,
+    stand_on_level,
+    take_points,
+)
 from surefoot.services.estimator.contact import points_of
 
 Array = NDArray[np.float64]
@@ -168,6 +175,8 @@ def advance(
                     state, y, turn, contact[next_foot], geometry.radius, geometry.foot, geometry.spin, noise,
                     limits.hypotheses,
                 )  # fmt: skip
+                if math.isfinite(limits.level_sd):
+                    stand_on_level(state, limits.start[3], geometry.radius, limits.level_sd)
                 next_foot += 1
             if stamps[at] > now:
                 predict(state, w, q, 1e-9 * (stamps[at] - now), noise, felt)

@@ -72,6 +72,7 @@ class BestLimits(NamedTuple):
     gap_s: float  # s between inertial samples: uncertainty is added
     forget_s: float  # s: velocity and feet are unknown
     max_speed: float  # m/s; a faster estimate is an error
+    level_sd: float  # m, of a point over level ground; infinite = the ground may have any shape
     hypotheses: bool  # points may slide
 
 

@@ -240,6 +240,36 @@ def _mix(state: BestState, row: int, z: Array, inverse_0: Array, inverse_1: Arra
 
 
 @kernel
+def stand_on_level(state: BestState, ground: float, radius: Array, sd: float) -> None:
+    """Correct with the height of the standing points over a ground that is level everywhere, in place.
+
+    p_z + r_z = ground + radius for each, with a standard deviation of `sd` m per sample; feet that are about to lift,
+    edges and dust repeat themselves, so it is to be several times what a foot is off.
+    """
+    cov, points = state.cov, state.points
+    n = cov.shape[0]
+    for k in range(points.shape[0]):
+        if points[k, DOWN] == 0.0:
+            continue
+        row = E_POINTS + 3 * k + 2
+        r = state.x[POINTS + 3 * k : POINTS + 3 * k + 3]
+        # r_hat - exp(xi_R) r = xi_k: the height also changes as r turns, xi_R x r
+        by = np.empty(n)
+        for j in range(n):
+            by[j] = cov[j, E_POS + 2] + cov[j, row] + r[1] * cov[j, E_ROT] - r[0] * cov[j, E_ROT + 1]
+        s = by[E_POS + 2] + by[row] + r[1] * by[E_ROT] - r[0] * by[E_ROT + 1] + sd * sd
+        z = state.x[POS + 2] + r[2] - ground - radius[k]
+        if z * z > OUTLIER * s:
+            continue
+        xi = np.empty(n)
+        for j in range(n):
+            xi[j] = by[j] * z / s
+            for m in range(n):
+                cov[j, m] -= by[j] * by[m] / s
+        retract(state, xi)
+
+
+@kernel
 def learn_excess(state: BestState, y: Array, noise: BestNoise) -> None:
     """Fit the excess of the inertial noise to what all standing points see in common, in place.
 

@@ -32,6 +32,9 @@ class EstimatorConfig(ServiceConfig):
         description="rad, how level that ground is; tells the accelerometer's bias from a tilt. Not believed if the "
         "accelerometer contradicts by 4 sigma of its bias. null = unknown slope",
     )
+    level_ground: bool = Field(
+        default=False, description="the ground is level everywhere, as on a floor: keeps height and tilt from drifting"
+    )
 
     def estimator(self, robot: Robot) -> Estimator:
         """The estimator of this configuration."""
@@ -41,5 +44,6 @@ class EstimatorConfig(ServiceConfig):
             names=(BEST, *ESTIMATORS),
             remove_gyro_bias=self.remove_gyro_bias,
             refine_gyro_bias=self.refine_gyro_bias,
+            level_ground=self.level_ground,
             start_slope_sd=math.inf if self.start_slope_sd is None else self.start_slope_sd,
         )

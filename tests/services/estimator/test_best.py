@@ -27,7 +27,15 @@ from surefoot.services.estimator.best_kernel import (
 )
 from surefoot.services.estimator.best_params import best_limits, best_noise
 from surefoot.services.estimator.best_run import learn_gyro_bias
-from surefoot.services.estimator.best_update import forget_velocity, lift, observe, put_down, retract, take_points
+from surefoot.services.estimator.best_update import (
+    forget_velocity,
+    lift,
+    observe,
+    put_down,
+    retract,
+    stand_on_level,
+    take_points,
+)
 from surefoot.services.estimator.contact import points_of, sole_feet
 from surefoot.services.estimator.params import EstimatorParams, StartPose
 
@@ -244,3 +252,21 @@ def test_the_excess_follows_errors_that_repeat_and_not_noise():
         found[name] = state.memory[EXCESS]
     assert found["inertial"] > 3.0
     assert found["encoders"] < 1.2
+
+
+def test_level_ground_is_a_kalman_update_of_the_height_of_each_point():
+    state, _ = random_state(9)
+    state.cov[...] *= 1e-2
+    before = new_state(FEET)
+    copy_state(state, before)
+    state.points[1, DOWN] = before.points[1, DOWN] = 0.0
+    ground = float(before.x[POS + 2] + before.x[POINTS + 2]) - 0.03
+    stand_on_level(state, ground, np.array([0.01, 0.0]), 0.01)
+    h, n = np.empty(len(before.cov)), len(before.cov)
+    for i in range(n):  # by finite differences of the height of a disturbed state
+        true = disturbed(before, 1e-6 * np.eye(n)[i])
+        h[i] = (before.x[POS + 2] + before.x[POINTS + 2] - true.x[POS + 2] - true.x[POINTS + 2]) / 1e-6
+    s = h @ before.cov @ h + 0.01**2
+    gain = before.cov @ h / s
+    np.testing.assert_allclose(state.cov, before.cov - np.outer(gain, h @ before.cov), atol=1e-9)
+    np.testing.assert_allclose(state.x, disturbed(before, gain * 0.02).x, atol=1e-8)
