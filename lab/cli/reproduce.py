@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 PAPERS = {
     "osswald": "surefoot.lab.papers.osswald.navigation",
     "walas-stability": "surefoot.lab.papers.walas.stability",
+    "wawrzynski": "surefoot.lab.papers.wawrzynski.velocity",
 }
 """Name: module with `reproduce(folder, tell)`, and with `SYSTEM = None` if no system's kernels are needed."""
 WITH_LIVE = ("osswald",)

@@ -15,7 +15,7 @@ from surefoot.lab.estimation.track import Track
 from surefoot.lab.runs.local import run_local
 from surefoot.record.columns import Columns, recorded_columns
 from surefoot.robot.reader import load_robot
-from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
+from surefoot.services.supervisor.scenarios.scenario import Scenario, find_scenario, load_scenario
 
 SCENARIOS = {"bioloid": "bioloid-walk", "nao": "nao-walk", "ragno-flat": "flat", "ragno-rough": "rough-terrain"}
 """Name of the set: scenario of each walk."""
@@ -50,7 +50,7 @@ def walk(name: str, seed: int, fresh: bool = False) -> Walk:
     key = hashlib.sha256(path.read_bytes()).hexdigest()[:8]
     kept = cache_folder() / f"{name}-{seed}-{key}.npz"
     if fresh or not kept.exists():
-        columns, robot, ok = _run(path, seed)
+        columns, robot, ok = run_walk(load_scenario(path), seed)
         kept.parent.mkdir(parents=True, exist_ok=True)
         part = kept.with_suffix(f".{os.getpid()}.part.npz")
         np.savez_compressed(part, robot=robot, ok=ok, **columns)  # type: ignore[arg-type]
@@ -62,10 +62,10 @@ def walk(name: str, seed: int, fresh: bool = False) -> Walk:
     return Walk(log_of_columns(f"{name} {seed}", columns, description), published(columns, description), ok)
 
 
-def _run(path: Path, seed: int) -> tuple[Columns, str, bool]:
+def run_walk(scenario: Scenario, seed: int) -> tuple[Columns, str, bool]:
     """Run a scenario in this process and read its recording."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "walk.mcap"
-        run = run_local(load_scenario(path), seed, recording=file)
+        run = run_local(scenario, seed, recording=file)
         columns, robot = recorded_columns(file)
     return columns, robot, run.verdict.ok

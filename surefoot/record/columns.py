@@ -70,7 +70,7 @@ def _truth(message: Message) -> dict[str, tuple[float, ...]]:
     m = cast(Truth, message)
     return {
         "base_position": m.position, "base_quat_wxyz": m.quat_wxyz, "base_velocity": m.velocity,
-        "base_rate": m.angular_velocity,
+        "base_rate": m.angular_velocity, "base_joints": m.joints,
     }  # fmt: skip
 
 
