@@ -18,6 +18,7 @@ from surefoot.lab.estimation.peers.linear import LinearNoise, linear
 from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.contact import LEVER, SOLE_POINTS, contact_points, sole_feet
 from surefoot.services.estimator.feet import FootMount
+from surefoot.services.estimator.output import Estimate, OdometryPose
 from surefoot.services.estimator.params import EstimatorParams
 from surefoot.services.estimator.stream import BEST, NAMES, PAPER, Estimator
 
@@ -77,27 +78,54 @@ def default() -> str:
     return BEST
 
 
-def build(name: str, log: Log, options: Mapping[str, Any]) -> Estimator:
-    """Return the service's estimator for a log."""
-    changes = {**log.sensors, **options}
-    hypotheses = bool(changes.pop("hypotheses", True))
-    if log.robot is not None:
-        robot = load_robot(log.robot)
-        params = EstimatorParams.from_robot(robot, start_slope_sd=LEVEL_SD)
-        points = contact_points(robot)
-    else:
-        params, points = EstimatorParams(), None
-        if log.points is not None and log.points.shape[1] >= SOLE_POINTS:
-            normals = np.cross(log.points[:, 1] - log.points[:, 0], log.points[:, 2] - log.points[:, 0])
-            normals *= np.where(normals[:, 2:] < 0.0, -1.0, 1.0) / np.linalg.norm(normals, axis=1, keepdims=True)
-            points = sole_feet(normals, LEVER * float(np.median(np.linalg.norm(log.foot_position, axis=-1))))
-    params = replace(params, **changes)
-    if name == PAPER:
-        # without the mean gyro of the rest a turn-on bias of 1 deg/s swamps it; the paper does not mention one
-        params = replace(params, **({"remove_gyro_bias": True, "refine_gyro_bias": True} | changes))
-    radius = np.zeros(log.feet_count) if log.radius is None else log.radius
-    mount = FootMount(None, np.ascontiguousarray(log.rot_base_from_imu.T), log.imu_position, radius)
-    return Estimator(mount, params, names=(name,), points=points if params.soles else None, hypotheses=hypotheses)
+class Running:
+    """An estimator of the service while it is fed: the only place that knows how that is done."""
+
+    def __init__(self, name: str, log: Log, options: Mapping[str, Any]) -> None:
+        self._name = name
+        changes = {**log.sensors, **options}
+        hypotheses = bool(changes.pop("hypotheses", True))
+        if log.robot is not None:
+            robot = load_robot(log.robot)
+            params = EstimatorParams.from_robot(robot, start_slope_sd=LEVEL_SD)
+            points = contact_points(robot)
+        else:
+            params, points = EstimatorParams(), None
+            if log.points is not None and log.points.shape[1] >= SOLE_POINTS:
+                normals = np.cross(log.points[:, 1] - log.points[:, 0], log.points[:, 2] - log.points[:, 0])
+                normals *= np.where(normals[:, 2:] < 0.0, -1.0, 1.0) / np.linalg.norm(normals, axis=1, keepdims=True)
+                points = sole_feet(normals, LEVER * float(np.median(np.linalg.norm(log.foot_position, axis=-1))))
+        params = replace(params, **changes)
+        if name == PAPER:
+            # without the mean gyro of the rest a turn-on bias of 1 deg/s swamps it; the paper does not mention one
+            params = replace(params, **({"remove_gyro_bias": True, "refine_gyro_bias": True} | changes))
+        radius = np.zeros(log.feet_count) if log.radius is None else log.radius
+        mount = FootMount(None, np.ascontiguousarray(log.rot_base_from_imu.T), log.imu_position, radius)
+        self._estimator = Estimator(
+            mount, params, names=(name,),
+            points=points if params.soles else None, hypotheses=hypotheses,
+        )  # fmt: skip
+
+    def imu(self, stamp_ns: int, w: Array, q: Array, clipped: bool = False) -> None:
+        """Feed an inertial sample: w (3,) rad/s, q (3,) m/s^2."""
+        self._estimator.imu(stamp_ns, w, q, clipped)
+
+    def feet(self, stamp_ns: int, position: Array, rot: Array, contact: Flags) -> None:
+        """Feed a foot sample: (F, 3) m, (F, 3, 3), (F,)."""
+        self._estimator.feet(stamp_ns, position, rot, contact)
+
+    def estimate(self) -> Estimate:
+        """Return the estimate now."""
+        return self._estimator.estimate(self._name)
+
+    def pose(self) -> OdometryPose:
+        """Return the odometry now."""
+        return self._estimator.pose()
+
+    @property
+    def refused(self) -> dict[str, int]:
+        """Refusals and gaps so far, by name."""
+        return dict(self._estimator.judge.counts)
 
 
 def follow(name: str, log: Log, rows_each: int | None = None, **options: Any) -> Iterator[tuple[slice, Track]]:
@@ -112,7 +140,7 @@ def follow(name: str, log: Log, rows_each: int | None = None, **options: Any) ->
     Yields:
         The rows, and the track over them; `refused` counts from the beginning.
     """
-    estimator = build(name, log, options)
+    running = Running(name, log, options)
     n, arrival = len(log.stamp_ns), log.arrival()
     cuts = np.flatnonzero(arrival < n)[rows_each::rows_each] if rows_each else []
     for part in np.split(arrival, cuts):
@@ -120,10 +148,10 @@ def follow(name: str, log: Log, rows_each: int | None = None, **options: Any) ->
         if len(rows) == 0:
             continue
         first, end = int(rows.min()), int(rows.max()) + 1
-        yield slice(first, end), _piece(estimator, name, log, part, first, end - first)
+        yield slice(first, end), _piece(running, name, log, part, first, end - first)
 
 
-def _piece(estimator: Estimator, name: str, log: Log, part: NDArray[np.int64], first: int, n: int) -> Track:
+def _piece(running: Running, name: str, log: Log, part: NDArray[np.int64], first: int, n: int) -> Track:
     """Feed inputs in the given order; the track over `n` inertial rows from `first` on."""
     feet, rows = log.feet_count, len(log.stamp_ns)
     v, g, p, nis = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 6, 6)), np.full(n, np.nan)
@@ -133,7 +161,7 @@ def _piece(estimator: Estimator, name: str, log: Log, part: NDArray[np.int64], f
     to_imu, clipped, row = log.rot_base_from_imu.T, log.saturated, -1
 
     def note(k: int) -> None:
-        e, pose = estimator.estimate(name), estimator.pose()
+        e, pose = running.estimate(), running.pose()
         v[k], g[k], p[k] = e.velocity_imu, to_imu @ e.g_up, e.covariance
         position[k], yaw[k] = pose.position, pose.yaw
         c, s = math.cos(pose.yaw), math.sin(pose.yaw)
@@ -147,16 +175,15 @@ def _piece(estimator: Estimator, name: str, log: Log, part: NDArray[np.int64], f
     order = part.tolist()
     for i, at in enumerate(order):
         if at < rows:
-            lost = clipped is not None and bool(clipped[at])
-            estimator.imu(int(log.stamp_ns[at]), log.w[at], log.q[at], lost)
+            running.imu(int(log.stamp_ns[at]), log.w[at], log.q[at], clipped is not None and bool(clipped[at]))
             row = at - first
         else:
             f = at - rows
-            estimator.feet(int(log.foot_ns[f]), log.foot_position[f], log.foot_rot[f], log.contact[f])
+            running.feet(int(log.foot_ns[f]), log.foot_position[f], log.foot_rot[f], log.contact[f])
         if row >= 0 and (i + 1 == len(order) or order[i + 1] < rows):
             note(row)
     return Track(
-        name, v, g, p, position, yaw, v_odom, flags, nis, dict(estimator.judge.counts), slipping, None,
+        name, v, g, p, position, yaw, v_odom, flags, nis, running.refused, slipping, None,
         gyro_bias, acc_bias,
     )  # fmt: skip
 

@@ -1,0 +1,297 @@
+"""Random corruptions of a walk, one or two at a time: what an estimator must survive, and must not hide."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from copy import deepcopy
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.lab.estimation.log import Log
+from surefoot.lab.estimation.track import Running
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+FASTEST = 2.0  # m/s
+WRONG = 0.15  # m/s, an error of the velocity that matters
+WRONG_ROWS = 20  # rows in a row with such an error and no word of it: a silent lie
+LENGTH = (1, 60)  # inertial rows of a corruption
+AFTER = 40  # rows that follow it
+CHECKED = 7  # rows from one look at the eigenvalues to the next
+LIMIT_W, LIMIT_Q = 8.7, 170.0  # rad/s and m/s^2, ends of the range of a usual unit
+
+
+@dataclass
+class Inputs:
+    """What arrives with one inertial row; corruptions change it."""
+
+    stamp_ns: int
+    w: Array
+    q: Array
+    feet: list[tuple[int, Array, Array, Flags]]
+    imu: bool = True  # the inertial sample arrives at all
+    held: dict[str, Any] = field(default_factory=dict)  # what a corruption remembers between rows
+
+
+Corruption = Callable[[Inputs, np.random.Generator, dict[str, Any]], None]
+
+
+def _axis(rng: np.random.Generator) -> int:
+    return int(rng.integers(3))
+
+
+def _imu_value(value: float, which: str) -> Corruption:
+    def change(x: Inputs, rng: np.random.Generator, memory: dict[str, Any]) -> None:
+        getattr(x, which)[memory.setdefault("axis", _axis(rng))] = value
+
+    return change
+
+
+def _imu_scaled(which: str, factor: float) -> Corruption:
+    def change(x: Inputs, rng: np.random.Generator, memory: dict[str, Any]) -> None:
+        setattr(x, which, getattr(x, which) * factor)
+
+    return change
+
+
+def _imu_held(x: Inputs, rng: np.random.Generator, memory: dict[str, Any]) -> None:
+    x.w, x.q = memory.setdefault("row", (x.w, x.q))
+
+
+def _imu_spike(x: Inputs, rng: np.random.Generator, memory: dict[str, Any]) -> None:
+    x.q = x.q + rng.normal(size=3) * 60.0
+    x.w = x.w + rng.normal(size=3) * 5.0
+
+
+def _imu_clipped(x: Inputs, rng: np.random.Generator, memory: dict[str, Any]) -> None:
+    x.w, x.q = np.sign(x.w) * LIMIT_W, np.sign(x.q) * LIMIT_Q
+
+
+def _imu_lost(x: Inputs, rng: np.random.Generator, memory: dict[str, Any]) -> None:
+    x.imu = False
+
+
+def _stamp(change_by: Callable[[int, np.random.Generator], int]) -> Corruption:
+    def change(x: Inputs, rng: np.random.Generator, memory: dict[str, Any]) -> None:
+        x.stamp_ns = change_by(x.stamp_ns, rng)
+
+    return change
+
+
+def _stamp_equal(x: Inputs, rng: np.random.Generator, memory: dict[str, Any]) -> None:
+    x.stamp_ns = memory.setdefault("stamp", x.stamp_ns)
+
+
+def _feet(change_one: Callable[..., tuple[int, Array, Array, Flags]]) -> Corruption:
+    def change(x: Inputs, rng: np.random.Generator, memory: dict[str, Any]) -> None:
+        x.feet = [change_one(*sample, rng=rng, memory=memory) for sample in x.feet]
+
+    return change
+
+
+def _one(rng: np.random.Generator, memory: dict[str, Any], count: int) -> int:
+    return int(memory.setdefault("foot", rng.integers(count)))
+
+
+def _feet_value(value: float, everywhere: bool, in_rot: bool = False) -> Corruption:
+    def change(stamp, position, rot, contact, *, rng, memory):  # type: ignore[no-untyped-def]
+        position, rot = position.copy(), rot.copy()
+        which = slice(None) if everywhere else _one(rng, memory, len(contact))
+        (rot if in_rot else position)[which] = value
+        return stamp, position, rot, contact
+
+    return _feet(change)
+
+
+def _foot_off(stamp, position, rot, contact, *, rng, memory):  # type: ignore[no-untyped-def]
+    position = position.copy()
+    off = memory.setdefault("off", 0.3 * rng.normal(size=3) / np.sqrt(3.0))
+    position[_one(rng, memory, len(contact))] += off
+    return stamp, position, rot, contact
+
+
+def _leg_frozen(stamp, position, rot, contact, *, rng, memory):  # type: ignore[no-untyped-def]
+    f = _one(rng, memory, len(contact))
+    position, rot = position.copy(), rot.copy()
+    position[f], rot[f] = memory.setdefault("pose", (position[f].copy(), rot[f].copy()))
+    return stamp, position, rot, contact
+
+
+def _feet_swapped(stamp, position, rot, contact, *, rng, memory):  # type: ignore[no-untyped-def]
+    return stamp, position[::-1].copy(), rot[::-1].copy(), contact
+
+
+def _feet_noisy(stamp, position, rot, contact, *, rng, memory):  # type: ignore[no-untyped-def]
+    return stamp, position + 0.02 * rng.normal(size=position.shape), rot, contact
+
+
+def _contact(value: bool, one: bool) -> Corruption:
+    def change(stamp, position, rot, contact, *, rng, memory):  # type: ignore[no-untyped-def]
+        contact = contact.copy()
+        contact[_one(rng, memory, len(contact)) if one else slice(None)] = value
+        return stamp, position, rot, contact
+
+    return _feet(change)
+
+
+def _contact_random(stamp, position, rot, contact, *, rng, memory):  # type: ignore[no-untyped-def]
+    return stamp, position, rot, rng.random(len(contact)) < 0.5
+
+
+def _foot_stamp(change_by: Callable[[int, np.random.Generator], int]) -> Corruption:
+    def change(stamp, position, rot, contact, *, rng, memory):  # type: ignore[no-untyped-def]
+        return change_by(stamp, rng), position, rot, contact
+
+    return _feet(change)
+
+
+def _feet_lost(x: Inputs, rng: np.random.Generator, memory: dict[str, Any]) -> None:
+    x.feet = []
+
+
+def _feet_twice(x: Inputs, rng: np.random.Generator, memory: dict[str, Any]) -> None:
+    x.feet = [sample for sample in x.feet for _ in range(2)]
+
+
+def _robot_wrong(stamp, position, rot, contact, *, rng, memory):  # type: ignore[no-untyped-def]
+    return stamp, 1.6 * position, rot, contact
+
+
+CORRUPTIONS: dict[str, Corruption] = {
+    "gyro NaN": _imu_value(np.nan, "w"), "gyro inf": _imu_value(np.inf, "w"), "acc NaN": _imu_value(np.nan, "q"),
+    "acc -inf": _imu_value(-np.inf, "q"), "gyro in deg/s": _imu_scaled("w", 57.29578),
+    "acc in g": _imu_scaled("q", 1 / 9.81),
+    "acc sign": _imu_scaled("q", -1.0), "gyro sign": _imu_scaled("w", -1.0), "imu held": _imu_held,
+    "imu spike": _imu_spike,
+    "imu clipped": _imu_clipped, "imu lost": _imu_lost, "imu zero": _imu_scaled("q", 0.0),
+    "stamp back": _stamp(lambda t, rng: t - int(rng.integers(1, 10**9))),
+    "stamp ahead": _stamp(lambda t, rng: t + 10**12), "stamp in ms": _stamp(lambda t, rng: t // 10**6),
+    "stamp jitter": _stamp(lambda t, rng: t + int(rng.integers(-20_000_000, 20_000_000))), "stamp equal": _stamp_equal,
+    "feet NaN": _feet_value(np.nan, True), "foot NaN": _feet_value(np.nan, False),
+    "foot inf": _feet_value(np.inf, False),
+    "rot NaN": _feet_value(np.nan, False, True), "rot zero": _feet_value(0.0, False, True),
+    "foot torn off": _feet(_foot_off), "leg frozen": _feet(_leg_frozen), "feet swapped": _feet(_feet_swapped),
+    "feet noisy": _feet(_feet_noisy), "contacts on": _contact(True, False), "contacts off": _contact(False, False),
+    "switch on": _contact(True, True), "switch off": _contact(False, True), "contacts random": _feet(_contact_random),
+    "feet late": _foot_stamp(lambda t, rng: t - int(rng.integers(0, 300_000_000))),
+    "feet ahead": _foot_stamp(lambda t, rng: t + int(rng.integers(0, 10**12))), "feet lost": _feet_lost,
+    "feet twice": _feet_twice, "wrong robot": _feet(_robot_wrong),
+}  # fmt: skip
+"""Name: what it does to the inputs of a row."""
+
+
+@dataclass
+class Found:
+    """What happened in many trials."""
+
+    trials: int = 0
+    samples: int = 0  # corrupted inputs
+    broken: Counter[str] = field(default_factory=Counter)  # kind and what failed: never allowed
+    silent: Counter[str] = field(default_factory=Counter)  # kinds with an error that matters and no word of it
+    flagged: Counter[str] = field(default_factory=Counter)  # kinds of which any flag or counter spoke
+    by_kind: Counter[str] = field(default_factory=Counter)
+    fastest: float = 0.0  # m/s
+
+
+def inputs_of(log: Log, rows: range) -> Iterator[Inputs]:
+    """Yield what arrives with each inertial row of a log."""
+    end = np.searchsorted(log.foot_ns, log.stamp_ns, side="right")
+    for k in rows:
+        first = int(end[k - 1]) if k else 0
+        feet = [
+            (int(log.foot_ns[i]), log.foot_position[i].copy(), log.foot_rot[i].copy(), log.contact[i].copy())
+            for i in range(first, int(end[k]))
+        ]
+        yield Inputs(int(log.stamp_ns[k]), log.w[k].copy(), log.q[k].copy(), feet)
+
+
+def feed(running: Running, x: Inputs) -> None:
+    """Feed the inputs of one row."""
+    if x.imu:
+        running.imu(x.stamp_ns, x.w, x.q)
+    for sample in x.feet:
+        running.feet(*sample)
+
+
+def fuzz(name: str, log: Log, trials: int, seed: int, starts: int = 8, **options: Any) -> Found:
+    """Corrupt stretches of a walk, each trial from a good state of the estimator.
+
+    Args:
+        name: of the estimator.
+        log: the walk.
+        trials: how many; every second one has two kinds at a time.
+        seed: of all draws.
+        starts: good states to begin from.
+        options: changes of the estimator's parameters.
+    """
+    rng, found = np.random.default_rng(seed), Found()
+    n = len(log.stamp_ns)
+    walks = int(np.searchsorted(log.seconds, log.begin_s))
+    rows = np.sort(rng.integers(walks, n - LENGTH[1] - AFTER - 1, size=starts))
+    running, good = Running(name, log, options), []
+    for k, x in enumerate(inputs_of(log, range(int(rows[-1]) + 1))):
+        good += [(k, deepcopy(running))] * int(np.sum(rows == k))
+        feed(running, x)
+    kinds = list(CORRUPTIONS)
+    for trial in range(trials):
+        first, state = good[trial % len(good)]
+        count = 1 + trial % 2
+        chosen = [str(kind) for kind in rng.choice(kinds, size=count, replace=False)]
+        _trial(found, deepcopy(state), log, first, chosen, rng)
+    return found
+
+
+def _trial(found: Found, running: Running, log: Log, first: int, kinds: list[str], rng: np.random.Generator) -> None:
+    length = int(rng.integers(*LENGTH))
+    label = " + ".join(sorted(kinds))
+    memories: list[dict[str, Any]] = [{} for _ in kinds]
+    before = sum(running.refused.values())
+    wrong, silent, spoke = 0, False, False
+    found.trials += 1
+    found.by_kind[label] += 1
+    for i, x in enumerate(inputs_of(log, range(first, first + length + AFTER))):
+        if i < length:
+            for kind, memory in zip(kinds, memories, strict=True):
+                CORRUPTIONS[kind](x, rng, memory)
+            found.samples += x.imu + len(x.feet)
+        try:
+            feed(running, x)
+            e = running.estimate()
+            pose = running.pose()
+        except Exception as error:
+            found.broken[f"{label}: {type(error).__name__}"] += 1
+            return
+        speed = float(np.abs(e.velocity_imu).max()) if np.isfinite(e.velocity_imu).all() else np.inf
+        found.fastest = max(found.fastest, speed)
+        failed = _failure(e, pose.position, pose.covariance, every=i % CHECKED == 0)
+        quiet = e.inputs_ok and e.filter_ok and e.sensors_ok and not np.any(e.slipping)
+        quiet = quiet and sum(running.refused.values()) == before
+        spoke = spoke or not quiet
+        if failed:
+            found.broken[f"{label}: {failed}"] += 1
+            break
+        quiet = quiet and x.imu  # without a sample the stamp of the estimate is old: that is its word
+        off = float(np.linalg.norm(e.velocity_imu - log.v[first + i])) > WRONG
+        wrong = wrong + 1 if off and quiet else 0
+        silent = silent or wrong >= WRONG_ROWS
+    found.flagged[label] += spoke
+    found.silent[label] += silent
+
+
+def _failure(e: Any, position: Array, covariance: Array, every: bool) -> str:
+    """What must never be: in words, empty if nothing is. Eigenvalues are looked at if `every` test is to be made."""
+    for name, values in (("velocity", e.velocity), ("g", e.g_up), ("P", e.covariance), ("pose", position)):
+        if not np.isfinite(values).all():
+            return f"{name} not finite"
+    if np.linalg.norm(e.velocity_imu) > FASTEST:
+        return "speed"
+    if not every:
+        return ""
+    if np.linalg.eigvalsh(e.covariance).min() < -1e-12 * max(1.0, float(np.abs(e.covariance).max())):
+        return "P not positive"
+    if np.diagonal(e.covariance)[3:].min() <= 0.0 or np.linalg.eigvalsh(covariance).min() < -1e-9:
+        return "P not positive"
+    return ""
