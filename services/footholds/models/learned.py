@@ -5,8 +5,9 @@ them, so a prediction costs the same whatever the family and number of the terms
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,6 +96,19 @@ class LearnedModel:
         if abs(foot_radius - c.foot_radius) > CELL_TOLERANCE * c.foot_radius:
             return f"learned with feet of {1e3 * c.foot_radius:g} mm, the robot has {1e3 * foot_radius:g} mm"
         return ""
+
+    def scaled(self, factor: float) -> Self:
+        """Return the model for a robot of `factor` times the size, on cells of `factor` times the edge.
+
+        Its inputs have no unit and slip is per stroke, so the terms stay: ground of the same shape in feet slips a
+        foot by the same share of its stroke. That is an assumption about weight and friction, not a measurement.
+        """
+        c = self.conditions
+        larger = replace(c, cell=factor * c.cell, foot_radius=factor * c.foot_radius, robot="", robot_hash="")
+        return replace(
+            self, title=f"{self.title} x {factor:g}", conditions=larger, landing_error=factor * self.landing_error,
+            distance_weight=self.distance_weight / factor,
+        )  # fmt: skip
 
     def predict(self, features: Features, cell: float) -> Layer:
         """P of every cell, (ny, nx) float32, not below 0; `UNLEARNED` outside the ranges or without support."""
