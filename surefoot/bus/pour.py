@@ -7,6 +7,7 @@ next to nothing; the thread takes them out no faster than the reader works, and 
 
 import threading
 import time
+import traceback
 from collections.abc import Callable
 from typing import Any
 
@@ -37,7 +38,11 @@ def _work(handler: Any, make: Callable[[Any], Any], sink: Callable[[Any], Any], 
             item = handler.recv()
         except zenoh.ZError:
             return  # the session is closed
-        room = sink(make(item))
+        try:
+            room = sink(make(item))
+        except Exception:  # a defect in a reader of one message must not silence the key
+            traceback.print_exc()
+            room = None
         del item  # a query that is kept here would stay open
         count += 1
         if room is False:

@@ -71,6 +71,9 @@ def zenoh_config(endpoint: ZenohOptions) -> zenoh.Config:
         "scouting/gossip/enabled": endpoint.mode != "client",
         "scouting/delay": 0,
         "transport/link/tx/lease": LEASE_MS,
+        # A segment of 16 MiB and two descriptors for each peer that large messages were exchanged with, and none of it
+        # is given back when that peer is gone: 20 MB in every survivor for each restart.
+        "transport/shared_memory/enabled": False,
     }
     if endpoint.mode != "client":
         settings["scouting/gossip/autoconnect_strategy"] = {
