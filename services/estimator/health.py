@@ -23,6 +23,7 @@ class Condition(NamedTuple):
     nis: float  # mean normalised innovation squared, 3 degrees of freedom
     slipping: NDArray[np.bool_]  # (L,)
     silent: Mapping[str, float]  # inputs that are silent, by name, and for how long, s
+    unit: str  # what is wrong with the unit of a sensor; empty: nothing
     refused_lately: str | None  # last refusal or gap of the last 100 ms, e.g. imu_nonfinite
     saturated: bool
     imu_frozen: bool
@@ -54,6 +55,8 @@ def reasons(c: Condition) -> tuple[str, ...]:
     out: list[str] = []
     if not c.initialised:
         out.append("waiting for a start: a rest of half a second, or two seconds of motion with contacts")
+    if c.unit:
+        out.append(f"refused: {c.unit}")
     out.extend(f"{name} is silent for {age:.1f} s" for name, age in c.silent.items())
     if c.imu_frozen:
         out.append("the inertial unit repeats one sample")

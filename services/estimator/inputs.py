@@ -16,6 +16,9 @@ Array = NDArray[np.float64]
 
 FROZEN_ROWS = 50  # equal IMU rows in a row: a live sensor's noise never repeats so long
 BAD_MEMORY_NS = 100_000_000  # a refused input spoils `inputs_ok` so long
+MEAN_WEIGHT = 0.02  # of a sample in the mean of the accelerometer
+UNIT_ROWS = 100  # samples before its mean is judged
+GRAVITIES = (0.5, 2.0)  # m/s^2, a mean between these is gravity in g: no robot falls for so long
 STEADY_ROWS = 30  # 1 s of equal joint angles while the gyro says that the robot moves
 
 
@@ -65,7 +68,10 @@ class InputJudge:
     def __post_init__(self) -> None:
         self._clocks = {"imu": ClockJudge(), "kinematics": ClockJudge()}
         self._last_row = np.full(6, np.nan)
+        self._mean_q, self._mean_rows, self._wrong_side = np.zeros(3), 0, 0
         self._last_feet: Array | None = None
+        self.unit = ""
+        """What is wrong with the unit or the sign of the accelerometer, in words; empty: nothing."""
         self.refused = 0  # inputs so far
         self._equal_rows = 0
         self._equal_feet = 0
@@ -83,6 +89,8 @@ class InputJudge:
             return self.note("imu", InputResult.NONFINITE, stamp_ns)
         if peak_w >= self.params.max_gyro or peak_q >= self.params.max_acc:
             return self.note("imu", InputResult.SATURATED, stamp_ns)
+        if self._other_unit(q):
+            return self.note("imu", InputResult.UNIT, stamp_ns)
         before = self._clocks["imu"].newest
         result = self._order("imu", stamp_ns)
         if not result.accepted:
@@ -109,6 +117,30 @@ class InputJudge:
         self._equal_feet = self._equal_feet + 1 if same and last is not None else 0
         self._last_feet = feet
         return result
+
+    def _other_unit(self, q: Array) -> bool:
+        """Whether the mean of the accelerometer is that of one in g, or points to the feet that stand."""
+        self._mean_rows += 1
+        weight = max(MEAN_WEIGHT, 1.0 / self._mean_rows)
+        for i in range(3):
+            self._mean_q[i] += weight * (q[i] - self._mean_q[i])
+        if self._mean_rows < UNIT_ROWS:
+            return False
+        self.unit = ""
+        x, y, z = self._mean_q.tolist()
+        if GRAVITIES[0] < math.sqrt(x * x + y * y + z * z) < GRAVITIES[1]:
+            self.unit = "the accelerometer measures in g: factor 9.81"
+        elif self._wrong_side >= UNIT_ROWS:
+            self.unit = "the accelerometer has the other sign: factor -1"
+        return bool(self.unit)
+
+    def standing_feet(self, position: Array, contact: Array) -> None:
+        """Compare the accelerometer with the side of the feet (L, 3) that stand: at rest it points away from them."""
+        along = 0.0
+        for f in range(len(contact)):
+            if contact[f] >= 0.5:
+                along += sum(float(position[f, i]) * float(self._mean_q[i]) for i in range(3))
+        self._wrong_side = min(self._wrong_side + 1, 2 * UNIT_ROWS) if along > 0.0 else max(self._wrong_side - 1, 0)
 
     def _order(self, source: str, stamp_ns: int) -> InputResult:
         newest = max((c.newest for c in self._clocks.values() if c.newest is not None), default=stamp_ns)

@@ -166,6 +166,7 @@ class Estimator:
         touching = np.where(np.isfinite(position).all(axis=1), known, 0.0)
         if not self._best.add_feet(stamp_ns, sample.position, sample.rot, probabilities(self._points, touching)):
             return self.judge.note("kinematics", InputResult.DUPLICATE, stamp_ns)
+        self.judge.standing_feet(sample.position, np.nan_to_num(touching))
         self._feet_ns = max(self._feet_ns, stamp_ns)
         if sample.contact.any():
             self._contact_ns = max(self._contact_ns, stamp_ns)
@@ -234,6 +235,7 @@ class Estimator:
             nis=nis_mean,
             slipping=slipping,
             silent=self.silent,
+            unit=judge.unit,
             refused_lately=None if judge.inputs_ok(now) else judge.last_bad,
             saturated=judge.saturated(now),
             imu_frozen=judge.imu_frozen,

@@ -419,3 +419,17 @@ def test_feet_without_sensors_are_judged_by_their_height():
 
         errors[sensed] = rms(log, list(run(log, estimator, change)))
     assert errors[False] < 1.5 * errors[True]
+
+
+@pytest.mark.parametrize(("factor", "word"), [(1.0 / 9.81, "in g"), (-1.0, "other sign")])
+def test_an_accelerometer_in_another_unit_is_refused_with_the_factor(factor, word):
+    def change(k, stamp, w, q, due):
+        return stamp, w, factor * q, due
+
+    estimator = make()
+    estimates = list(run(walk(), estimator, change))
+    assert estimator.judge.counts["imu_unit"] > 100
+    assert word in estimates[-1].reasons[0] or word in estimates[-1].reasons[1]
+    assert not estimates[-1].inputs_ok
+    assert all(finite(e) for e in estimates)
+    assert np.linalg.norm([e.velocity for e in estimates], axis=1).max() < 2.0
