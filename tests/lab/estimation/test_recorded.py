@@ -1,0 +1,73 @@
+"""Recordings of this project: the log is what the service saw, and its estimates are those that were published."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from surefoot.errors import SurefootError
+from surefoot.lab.estimation.recorded import log_of_columns, log_of_recording, published
+from surefoot.lab.estimation.scores import score
+from surefoot.lab.estimation.track import track
+from surefoot.lab.runs.local import run_local
+from surefoot.record.columns import recorded_columns
+from surefoot.robot.reader import load_robot
+from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """Five seconds of Ragno's walk."""
+    path = tmp_path_factory.mktemp("walk") / "ragno.mcap"
+    run_local(replace(load_scenario(find_scenario("flat")), max_duration_s=5.0), 3, recording=path)
+    return path
+
+
+def test_replay_gives_the_published_bits(recording):
+    columns, robot = recorded_columns(recording)
+    live, log = published(columns, load_robot(robot)), log_of_recording(recording)
+    mode = recorded_mode(recording)
+    replayed = track(mode, log)
+    np.testing.assert_array_equal(replayed.v, live.v)
+    np.testing.assert_array_equal(replayed.p, live.p)
+    np.testing.assert_array_equal(replayed.position, live.position)
+    np.testing.assert_array_equal(replayed.yaw, live.yaw)
+
+
+def recorded_mode(path) -> str:
+    """The estimator behind state/velocity in a recording."""
+    from surefoot.record.recording import read_recording
+
+    return next(read_recording(path, ("state/velocity",))).message().mode
+
+
+def test_the_truth_is_that_of_the_imu(recording):
+    log = log_of_recording(recording)
+    period = np.diff(log.seconds)[:, None]
+    by_position = np.diff(log.position, axis=0) / period
+    middle = 0.5 * (log.v_world[1:] + log.v_world[:-1])
+    assert np.sqrt(np.mean((by_position - middle) ** 2)) < 2e-3
+    assert log.touch.shape[2] == log.points.shape[1]
+    assert log.rest[1] - log.rest[0] == 50
+    assert score(log, track("ekf", log)).rmse < 0.02
+
+
+def test_recordings_that_do_not_fit_are_refused(recording):
+    columns, _ = recorded_columns(recording)
+    with pytest.raises(SurefootError) as found:
+        log_of_columns("ragno", columns, load_robot("nao"))
+    assert found.value.field == "joints"
+    with pytest.raises(SurefootError) as found:
+        log_of_columns("ragno", {k: v for k, v in columns.items() if k != "gyro"}, load_robot("ragno"))
+    assert found.value.field == "gyro"
+    with pytest.raises(SurefootError) as found:
+        published({}, load_robot("ragno"))
+    assert found.value.field == "state/velocity"
+
+
+def test_a_truncated_recording_is_refused(recording, tmp_path):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(recording.read_bytes()[:20_000])
+    with pytest.raises(SurefootError) as found:
+        log_of_recording(cut)
+    assert found.value.code == "malformed"
