@@ -1,0 +1,80 @@
+"""Maps of other programs come back as they went, whatever way round they are stored."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from surefoot.geometry.heightmap import HeightMap, HeightMapError
+from surefoot.geometry.heightmap_exchange import GridLayers, from_layers, load_own_png, save_asc, save_png, to_layers
+from surefoot.geometry.heightmap_files import load_asc
+
+
+def made(seed: int = 0) -> HeightMap:
+    rng = np.random.default_rng(seed)
+    z = rng.uniform(-0.05, 0.1, (6, 9)).astype(np.float32)
+    z[2, 3] = np.nan
+    return HeightMap(z=z, cell=0.005, origin=(-0.31, 0.12), version=4)
+
+
+def test_png_keeps_grid_and_heights_to_a_65534th(tmp_path: Path) -> None:
+    heights = made()
+    again = load_own_png(save_png(heights, tmp_path / "m.png"))
+    assert (again.cell, again.origin, again.version) == (heights.cell, heights.origin, 4)
+    assert np.array_equal(np.isnan(again.z), np.isnan(heights.z))
+    np.testing.assert_allclose(again.z, heights.z, atol=0.15 / 65534)
+
+
+@pytest.mark.parametrize("z", [np.full((2, 3), np.nan), np.full((2, 3), 0.25)])
+def test_png_of_nothing_known_and_of_a_plane(z: np.ndarray, tmp_path: Path) -> None:
+    heights = HeightMap(z=z.astype(np.float32), cell=0.01)
+    np.testing.assert_array_equal(load_own_png(save_png(heights, tmp_path / "m.png")).z, heights.z)
+
+
+def test_text_grid_comes_back_exactly(tmp_path: Path) -> None:
+    heights = made()
+    again = load_asc(save_asc(heights, tmp_path / "m.asc"), version=4)
+    np.testing.assert_array_equal(again.z, heights.z)
+    assert again.sha256 == heights.sha256
+
+
+def test_layers_are_stored_from_the_largest_x_and_y_on() -> None:
+    heights = made()
+    grid = to_layers(heights)
+    x0, y0, x1, y1 = heights.bounds
+    assert grid.centre == pytest.approx((0.5 * (x0 + x1), 0.5 * (y0 + y1)))
+    assert grid.layers["elevation"].shape == (9, 6)
+    assert grid.layers["elevation"][0, 0] == heights.z[-1, -1]
+    assert grid.layers["elevation"][1, 0] == heights.z[-1, -2]  # rows run along -x
+    assert grid.layers["elevation"][0, 1] == heights.z[-2, -1]  # columns along -y
+    again = from_layers(grid, version=4)
+    np.testing.assert_array_equal(again.z, heights.z)
+    assert again.origin == pytest.approx(heights.origin)
+
+
+@pytest.mark.parametrize("start", [(0, 0), (3, 0), (0, 5), (8, 2)])
+def test_a_moved_buffer_is_the_same_map(start: tuple[int, int]) -> None:
+    heights = made()
+    grid = to_layers(heights)
+    stored = np.roll(grid.layers["elevation"], start, axis=(0, 1))
+    again = from_layers(GridLayers({"elevation": stored}, grid.resolution, grid.centre, start))
+    np.testing.assert_array_equal(again.z, heights.z)
+
+
+def test_refusals_name_the_field(tmp_path: Path) -> None:
+    grid = to_layers(made())
+    for wrong, field in (
+        ((grid, "colour"), "layers"),
+        ((GridLayers(grid.layers, grid.resolution, grid.centre, (9, 0)), "elevation"), "start_index"),
+        ((GridLayers(grid.layers, -1.0, grid.centre), "elevation"), "cell"),
+    ):
+        with pytest.raises(HeightMapError) as error:
+            from_layers(*wrong)
+        assert error.value.field == field
+    from PIL import Image
+
+    Image.fromarray(np.zeros((2, 2), dtype=np.uint16)).save(tmp_path / "bare.png")
+    (tmp_path / "text.png").write_text("no image")
+    for name in ("bare.png", "text.png"):
+        with pytest.raises(HeightMapError):
+            load_own_png(tmp_path / name)
