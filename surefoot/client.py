@@ -17,11 +17,11 @@ from surefoot.bus.endpoint import checked, to_connect
 from surefoot.bus.interface import Delivery
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.errors import CallError, SurefootError
+from surefoot.nearest import did_you_mean
 from surefoot.schemas.base import Message, Wire
 from surefoot.schemas.sim import StatusRequest
 from surefoot.schemas.topics import QUERIES, SIM_STATUS_GET, TOPICS, Query, Topic
 from surefoot.simtime import standing_still
-from surefoot.tables import did_you_mean
 
 M = TypeVar("M", bound=Message)
 

@@ -3,7 +3,8 @@
 import sys
 from pathlib import Path
 
-from surefoot.tables import TableError, did_you_mean
+from surefoot.nearest import did_you_mean
+from surefoot.tables import TableError
 
 MAX_FILE_BYTES = 256 * 1024  # written by hand; more is a mistake
 

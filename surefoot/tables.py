@@ -1,11 +1,10 @@
 """Strict reading of nested TOML tables: every refusal names the field."""
 
-import difflib
 import math
 import re
 import reprlib
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import cast
 
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.linear import norm
+from surefoot.nearest import did_you_mean
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 UNIT_SLACK = 1e-6
@@ -39,12 +39,6 @@ class TableError(ValueError):
         self.code = code
         self.field = field
         self.message = message
-
-
-def did_you_mean(word: str, allowed: Iterable[str]) -> str:
-    """Return ` (did you mean 'x'?)` for the nearest allowed word, or an empty string."""
-    near = difflib.get_close_matches(word, list(allowed), n=1, cutoff=0.6)
-    return f" (did you mean {near[0]!r}?)" if near else ""
 
 
 def read_toml(path: Path, error: type[TableError] = TableError) -> dict[str, object]:

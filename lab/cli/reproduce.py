@@ -34,7 +34,7 @@ def reproduce(
 
     from surefoot.errors import SurefootError
     from surefoot.lab.cli.warming import DEFAULT_SYSTEM, systems_of, warm_if_cold
-    from surefoot.tables import did_you_mean
+    from surefoot.nearest import did_you_mean
 
     use_json(json)
     if paper not in PAPERS:

@@ -41,7 +41,7 @@ def show(
 ) -> None:
     """Print the JSON Schema of one model."""
     from surefoot.bus.codec import json_schema
-    from surefoot.tables import did_you_mean
+    from surefoot.nearest import did_you_mean
 
     use_json(json)
     found = models()

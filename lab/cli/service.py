@@ -120,7 +120,7 @@ def _check(query: Any, fields: dict[str, Any]) -> None:
     """Refuse an unknown field with the nearest known one, or a wrong value, before anything is sent."""
     from surefoot.client import make_request
     from surefoot.errors import SurefootError
-    from surefoot.tables import did_you_mean
+    from surefoot.nearest import did_you_mean
 
     known = query.request.model_fields
     for name in fields:

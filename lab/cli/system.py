@@ -206,8 +206,8 @@ def _folders(system: str | None) -> list["RunFolder"]:
 def _check_known(name: str) -> None:
     """Refuse the name of a system that neither has run here nor could be started."""
     from surefoot.files import names
+    from surefoot.nearest import did_you_mean
     from surefoot.services.supervisor.processes.rundir import run_folders
-    from surefoot.tables import did_you_mean
 
     folders = run_folders()
     known = sorted({*names("compose", ".yaml"), *(folder.name for folder in folders)})

@@ -51,7 +51,7 @@ def main(arguments: list[str] | None = None) -> None:
     try:
         service = service_class(words[0])
     except KeyError:
-        from surefoot.tables import did_you_mean
+        from surefoot.nearest import did_you_mean
 
         names = service_names()
         hint = did_you_mean(words[0], names)

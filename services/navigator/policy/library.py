@@ -3,12 +3,12 @@
 from pathlib import Path
 
 from surefoot.errors import Refusal
+from surefoot.nearest import did_you_mean
 from surefoot.services.navigator.policy.arrays import Arrays, arrays
 from surefoot.services.navigator.policy.files import load_policy, shipped
 from surefoot.services.navigator.policy.params import NavigationModel
 from surefoot.services.navigator.policy.planner import planner
 from surefoot.services.navigator.policy.policies import Policy, by_rule
-from surefoot.tables import did_you_mean
 from surefoot.version import VERSION
 
 NAMES = ("hand", "tuned", "steer", "planner", "sarsa")

@@ -16,8 +16,8 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import ConfigDict, Field, ValidationError, model_validator
 
 from surefoot.errors import ConfigError
+from surefoot.nearest import did_you_mean
 from surefoot.schemas.base import Strict
-from surefoot.tables import did_you_mean
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Positive = Annotated[float, Field(gt=0)]

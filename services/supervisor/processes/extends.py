@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import Any, cast
 
 from surefoot.files import FileError
-from surefoot.tables import Table, did_you_mean
+from surefoot.nearest import did_you_mean
+from surefoot.tables import Table
 
 Raw = Mapping[str, Any]
 

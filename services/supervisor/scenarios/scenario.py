@@ -18,6 +18,7 @@ from pydantic import ValidationError
 from surefoot.bus.codec import first_complaint
 from surefoot.files import FileError, find, read_text
 from surefoot.lockstep.config import PREFIX
+from surefoot.nearest import did_you_mean
 from surefoot.schemas.base import Request
 from surefoot.schemas.calibration import CalibrateRequest
 from surefoot.schemas.cmd import WalkCommand
@@ -38,7 +39,7 @@ from surefoot.schemas.topics import (
     Query,
 )
 from surefoot.services.supervisor.scenarios.limits import LIMITS
-from surefoot.tables import Table, did_you_mean
+from surefoot.tables import Table
 
 M = TypeVar("M", bound=Request)
 
