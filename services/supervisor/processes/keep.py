@@ -12,13 +12,14 @@ from surefoot.logline import said
 from surefoot.schemas.sim import ResetRequest, World
 from surefoot.schemas.topics import SIM_RESET
 from surefoot.services.supervisor.processes.compose import Compose
-from surefoot.services.supervisor.processes.process import Child
+from surefoot.services.supervisor.processes.process import Child, busy_s
 from surefoot.services.supervisor.processes.rundir import RunFolder, RunFolderError
 from surefoot.services.supervisor.processes.session import STEP_S, Session
 from surefoot.services.supervisor.processes.system import SELF
 
 DRIVER_S = 5.0  # s wall, after all services of a system are there one of them must have said that it drives
-READY_S = 90.0  # s wall, until every service is there; the first start compiles kernels
+READY_S = 90.0  # s wall without progress of the start: processor time of its services; the first compiles kernels
+MOST_S = 10.0 * READY_S  # s wall, whatever progress there is
 
 
 @dataclass(frozen=True)
@@ -120,13 +121,18 @@ def start_detached(
     tell(f"starting {system}")
     child = Child(SELF, command, {}, folder.log(SELF))
     waited = threading.Event()
-    for _ in range(int(READY_S / 0.02)):
+    began = moved = time.monotonic()
+    spent = 0.0
+    while (now := time.monotonic()) - moved < READY_S and now - began < MOST_S:
         if folder.ready():
             return
+        busy = busy_s((child.pid, *(process.pid for process in folder.processes().values())))
+        if busy != spent:
+            spent, moved = busy, now
         if child.poll() is not None:
             words = said(child.last_words(1))
             raise BusError("service_failed", words or f"it ended with exit code {child.poll()}; see {child.log}")
         waited.wait(0.02)
     child.terminate()
     child.wait(10.0)
-    raise BusError("not_ready", f"{compose.name} is not ready after {READY_S:g} s; see `surefoot logs`")
+    raise BusError("not_ready", f"{compose.name} is not ready after {now - began:.0f} s; see `surefoot logs`")

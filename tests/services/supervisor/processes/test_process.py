@@ -12,7 +12,7 @@ import pytest
 
 from surefoot.services.supervisor.processes.logs import tail
 from surefoot.services.supervisor.processes.ports import owner_of, port_of
-from surefoot.services.supervisor.processes.process import Child, end, identify, resolve_command
+from surefoot.services.supervisor.processes.process import Child, busy_s, end, identify, resolve_command
 from tests.processes import GRACE_S, run_process, running, running_child
 
 SLEEP = [sys.executable, "-c", "import time; print('up', flush=True); time.sleep(60)"]
@@ -125,3 +125,10 @@ def test_the_owner_of_a_port_is_told_in_one_line():
     assert "\n" not in owner
     assert port_of("tcp/127.0.0.1:7447") == 7447
     assert port_of("unixsock-stream//tmp/x") is None
+
+
+def test_processor_time_of_processes_grows_while_they_work():
+    before = busy_s((os.getpid(), 2**22 + 1))
+    while busy_s((os.getpid(),)) == before:
+        sum(range(10_000))
+    assert busy_s((os.getpid(),)) > before > 0.0
