@@ -46,7 +46,7 @@ from surefoot.services.estimator.best_kernel import (
     turn_matrix,
     turned,
 )
-from surefoot.services.estimator.contact import SURE
+from surefoot.services.estimator.contact import by_height
 
 Array = NDArray[np.float64]
 Feet = NDArray[np.int64]
@@ -55,7 +55,6 @@ VERTICAL_SLIDE = 0.25  # share of the variance of sliding that is vertical
 OUTLIER = 16.0  # chi^2, 3 dof, 99.9 %: an innovation beyond it, even for a sliding point, is no honest sample
 LONGEST = 0.12  # s without a sample of the feet, after which any of them may have stepped
 UNKNOWN_SPEED = 1.0  # m/s
-NEAR = 0.01  # m over the lowest point: a foot without a sensor may stand there
 MOST_MISFITS = 3  # such samples in a row: the point is somewhere else now
 MOST_EVIDENCE = 5.0  # one pair of innovations counts no more
 
@@ -369,20 +368,6 @@ def take_points(
             put_down(state, k, y[k], noise)
     memory[SINCE] = 0.0
     return nis
-
-
-@kernel
-def by_height(rot: Array, y: Array, radius: Array, contact: Array) -> Array:
-    """Probabilities of contact (K,), those that are NaN by the height over the lowest point: feet have no sensors."""
-    lowest = math.inf
-    for k in range(contact.size):
-        lowest = min(lowest, turned(rot, y[k])[2] - radius[k])
-    out = contact.copy()
-    for k in range(contact.size):
-        if math.isnan(contact[k]):
-            height = turned(rot, y[k])[2] - radius[k] - lowest
-            out[k] = SURE * math.exp(-((height / NEAR) ** 2))
-    return out
 
 
 @kernel

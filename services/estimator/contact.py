@@ -18,6 +18,7 @@ from surefoot.robot.kinematics import foot_positions
 Array = NDArray[np.float64]
 
 SOLE_POINTS = 3
+NEAR = 0.01  # m over the lowest point: a foot without a sensor may stand there
 SURE = 0.98  # largest probability of a contact: a switch may lie
 LEVER = 1.0 / math.sqrt(6.0)
 """Lever over the length of the leg: six joints of equal noise s turn the sole by s sqrt(6) and move it by s times the
@@ -101,3 +102,22 @@ def points_of(foot: NDArray[np.int64], place: Array, position: Array, rot: Array
                 y[k, i] += rot[f, i, j] * place[k, j]
                 turn[k, i, j] = rot[f, i, j]
     return y, turn
+
+
+@kernel
+def _height(rot: Array, y: Array) -> float:
+    return rot[2, 0] * y[0] + rot[2, 1] * y[1] + rot[2, 2] * y[2]
+
+
+@kernel
+def by_height(rot: Array, y: Array, radius: Array, contact: Array) -> Array:
+    """Probabilities of contact (K,), those that are NaN by the height over the lowest point: feet have no sensors."""
+    lowest = math.inf
+    for k in range(contact.size):
+        lowest = min(lowest, _height(rot, y[k]) - radius[k])
+    out = contact.copy()
+    for k in range(contact.size):
+        if math.isnan(contact[k]):
+            height = _height(rot, y[k]) - radius[k] - lowest
+            out[k] = SURE * math.exp(-((height / NEAR) ** 2))
+    return out
