@@ -114,7 +114,8 @@ def test_a_driver_of_ones_own_walks_stops_and_is_recorded(robot: Robot) -> None:
         assert status.margin_planned > 0.03
         rows = next(iter(client.messages(SUPERVISOR_STATUS, WAIT_S))).services
         assert {row.service: row.state for row in rows} == dict.fromkeys(SERVICES, "healthy")
-        code, stopped = robot.surefoot("stop")
+        code, answer = robot.surefoot("stop")
+        (stopped,) = answer["systems"]
         assert (code, stopped["driver"]) == (0, "my-robot")
         refused = next(iter(client.messages(HW_JOINTS, WAIT_S)))
         assert refused.position == next(iter(client.messages(HW_JOINTS, WAIT_S))).position
