@@ -17,10 +17,9 @@ TRUTH_ROWS = {"icub3_gazebo_walk": 15, "icub_real_com": 61}
 """Rows of the Savitzky-Golay window (order 3) behind the true velocity of each set."""
 SENSORS: dict[str, float | int] = {
     "sigma_w": 0.01, "sigma_q": 0.09, "standstill_samples": 30, "standstill_gyro_sd": 0.05, "standstill_acc_sd": 0.5,
-    "acc_bias_sd": 0.05, "sigma_point": 0.0003,
+    "acc_bias_sd": 0.05,
 }  # fmt: skip
-"""What is known of their inertial units, noise per sample, and of their encoders, steps of 0.09 deg on a metre of leg;
-the same for both."""
+"""What is known of their inertial units, noise per sample; the same for both."""
 SOLE = np.array([[0.07, 0.03, 0.0], [0.07, -0.03, 0.0], [-0.04, 0.0, 0.0]])
 """Three points of a sole in its own axes, m: inside the outline of both robots' soles."""
 WALK_FROM_S = 16.2

@@ -8,6 +8,7 @@ from surefoot.services.estimator.best_kernel import BestNoise
 from surefoot.services.estimator.best_start import BestLimits
 from surefoot.services.estimator.params import EstimatorParams, StartPose
 
+ACC_SHARE = 1.2  # noise of an accelerometer that walks over that of its data sheet
 STATED_SD = 1e-3  # m and rad, of a stated start pose
 LEVEL_SD = 0.01  # m, of a point over level ground, per sample of the feet
 LOST_SD = 1.0  # m and rad, of a pose nobody knows
@@ -18,16 +19,16 @@ def best_noise(params: EstimatorParams) -> BestNoise:
     root = math.sqrt(1e-9 * params.imu_period_ns)
     return BestNoise(
         gyro=params.sigma_w * root,
-        acc=params.sigma_q * root,
+        acc=ACC_SHARE * params.sigma_q * root,
         gyro_bias=2e-4,
         acc_bias=3e-4,
         gyro_jerk=0.15,
         sample_gyro=params.sigma_w,
         point=params.sigma_point,
-        stay=0.0005,
+        stay=0.0002,
         twist=0.0,
         slide=0.04,
-        begin_slide=0.4,
+        begin_slide=0.6,
         go_on=0.98,
         learn=0.02,
         drop=0.2,

@@ -30,7 +30,7 @@ class EstimatorParams:
     acc_bias_sd: float = 0.157  # m/s^2, turn-on bias of an axis; 16 mg
     gyro_bias_floor: float = 2e-4  # rad/s, in-run drift: a bias is never known better
     gyro_bias_sd: float = 0.06  # rad/s, turn-on bias of an axis
-    sigma_point: float = 0.0005  # m, a contact point by the encoders
+    sigma_point: float = 0.0003  # m, a contact point by the encoders
     imu_period_ns: int = 10_000_000
     kinematics_period_ns: int = 33_000_000
     # limits of inputs (note, section 3)

@@ -74,12 +74,17 @@ def test_json_and_raw_numbers_get_the_same_answer(node: Node) -> None:
         {"contacts": FLOOR[:1], "com": [0, 0]},
     ]
     handler = node.service.handlers[STABILITY_BATCH.key]
-    plain = handler(decode(BatchRequest, json.dumps({"sets": sets}).encode()))
+
+    def answer(data: bytes, header: bytes | None = None) -> BatchReply:
+        reply = handler(decode(BatchRequest, data, header))
+        return reply.result(WAIT_S) if isinstance(reply, Future) else reply  # one that takes long is answered later
+
+    plain = answer(json.dumps({"sets": sets}).encode())
     numbers = [0.02, 0.05, 0, 0, 0, 0]
     for contact in (*FLOOR, FLOOR[0]):
         numbers += [*contact["position"], *contact["normal"], contact["mu"]]  # type: ignore[misc]
     header = json.dumps({"counts": [4, 0, 1]}).encode()
-    assert handler(decode(BatchRequest, np.array(numbers, dtype="<f8").tobytes(), header)) == plain
+    assert answer(np.array(numbers, dtype="<f8").tobytes(), header) == plain
     assert [r.status for r in plain.results] == ["ok", "infeasible", "point"]
     assert plain.results[0].margin == pytest.approx(0.05)
 
@@ -185,8 +190,9 @@ def test_over_zenoh() -> None:
             asker, other = net.open("client"), net.open("client")
             check = CheckRequest.model_validate({"contacts": FLOOR, "com": (0.0, 0.0)})
             until = time.monotonic() + WAIT_S
-            while not other.probe(STABILITY_CHECK) and time.monotonic() < until:
-                pass
+            for one, wanted in ((other, STABILITY_CHECK), (asker, STABILITY_BATCH)):
+                while not one.probe(wanted):
+                    assert time.monotonic() < until, f"not found within {WAIT_S:g} s: {wanted.key}"
             answers: list[BatchReply] = []
             caller = threading.Thread(
                 target=lambda: answers.append(asker.call(STABILITY_BATCH, request, CALL_S)), daemon=True
