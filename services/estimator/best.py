@@ -18,7 +18,7 @@ from surefoot.services.estimator.best_kernel import (
     NIS,
     POS,
     REST,
-    SLIDE,
+    SEEN,
     VEL,
     BestNoise,
     BestState,
@@ -121,7 +121,7 @@ def _summary(state: BestState, geometry: BestGeometry, w: Array, feet: int) -> t
     count = np.zeros(feet)
     for k in range(points.shape[0]):
         if points[k, DOWN] > 0.0:
-            more[4 + geometry.foot[k]] += points[k, SLIDE]
+            more[4 + geometry.foot[k]] += points[k, SEEN]
             count[geometry.foot[k]] += 1.0
     for f in range(feet):
         more[4 + f] = more[4 + f] / count[f] if count[f] > 0.0 else math.nan

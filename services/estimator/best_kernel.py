@@ -34,7 +34,7 @@ ROT, VEL, GYRO_BIAS, ACC_BIAS, POS, POINTS = 0, 9, 12, 15, 18, 21
 # rows of the error and of its covariance; a contact point has three from E_POINTS + 3 k
 E_ROT, E_VEL, E_GYRO, E_ACC, E_POS, E_POINTS = 0, 3, 6, 9, 12, 15
 # columns of `BestState.points`
-DOWN, SLIDE, MISFIT = 0, 1, 2
+DOWN, SLIDE, MISFIT, SEEN = 0, 1, 2, 3
 # parts of `BestState.memory`
 EXCESS, INNOVATION, LAST_GYRO, SINCE, NIS, PHASE, REST, AGE = 0, 1, 4, 7, 8, 9, 10, 11
 WAITING, MOVING, STARTED = 0.0, 1.0, 2.0  # values of `PHASE`
@@ -51,7 +51,8 @@ class BestState(NamedTuple):
     cov: Array
     """(15 + 3 K, 15 + 3 K) covariance of the error."""
     points: Array
-    """(K, 3): 1 while the point stands, probability that it slides, misfits in a row."""
+    """(K, 4): 1 while the point stands, weight of sliding in its correction, misfits in a row, probability that it
+    slides."""
     turn: Array
     """(K, 3, 3) rot_odom_from_foot at the last sample of the feet."""
     memory: Array
@@ -86,7 +87,7 @@ def new_state(points: int) -> BestState:
     x[ROT] = x[ROT + 4] = x[ROT + 8] = 1.0
     memory = np.zeros(AGE + 1)
     memory[EXCESS], memory[SINCE] = 1.0, NO_FEET
-    return BestState(x, cov, np.zeros((points, 3)), np.zeros((points, 3, 3)), memory)
+    return BestState(x, cov, np.zeros((points, SEEN + 1)), np.zeros((points, 3, 3)), memory)
 
 
 def copy_state(source: BestState, target: BestState) -> None:

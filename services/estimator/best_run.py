@@ -13,6 +13,7 @@ from surefoot.services.estimator.best_kernel import (
     AGE,
     DOWN,
     E_GYRO,
+    E_POINTS,
     E_POS,
     E_ROT,
     E_VEL,
@@ -22,9 +23,11 @@ from surefoot.services.estimator.best_kernel import (
     NIS,
     NO_FEET,
     PHASE,
+    POINTS,
+    POS,
     REST,
+    SEEN,
     SINCE,
-    SLIDE,
     STARTED,
     VEL,
     WAITING,
@@ -43,11 +46,11 @@ from surefoot.services.estimator.best_start import (
     start_moving,
 )
 from surefoot.services.estimator.best_update import (
+    OUTLIER,
     UNKNOWN_SPEED,
     forget_velocity,
     lift,
     retract,
-    stand_on_level,
     take_points,
 )
 from surefoot.services.estimator.contact import points_of
@@ -60,6 +63,36 @@ GAP_TURN = 0.1  # rad/s, unseen turning in a gap
 GAP_PUSH = 1.0  # m/s^2, unseen acceleration in a gap
 # columns of a track
 T_COV, T_POS, T_NIS, T_EXCESS, T_REST, T_SETTLED, T_SLIDE = 21, 57, 60, 61, 62, 63, 64
+
+
+@kernel
+def stand_on_level(state: BestState, ground: float, radius: Array, sd: float) -> None:
+    """Correct with the height of the standing points over a ground that is level everywhere, in place.
+
+    p_z + r_z = ground + radius for each, with a standard deviation of `sd` m per sample; feet that are about to lift,
+    edges and dust repeat themselves, so it is to be several times what a foot is off.
+    """
+    cov, points = state.cov, state.points
+    n = cov.shape[0]
+    for k in range(points.shape[0]):
+        if points[k, DOWN] == 0.0:
+            continue
+        row = E_POINTS + 3 * k + 2
+        r = state.x[POINTS + 3 * k : POINTS + 3 * k + 3]
+        # r_hat - exp(xi_R) r = xi_k: the height also changes as r turns, xi_R x r
+        by = np.empty(n)
+        for j in range(n):
+            by[j] = cov[j, E_POS + 2] + cov[j, row] + r[1] * cov[j, E_ROT] - r[0] * cov[j, E_ROT + 1]
+        s = by[E_POS + 2] + by[row] + r[1] * by[E_ROT] - r[0] * by[E_ROT + 1] + sd * sd
+        z = state.x[POS + 2] + r[2] - ground - radius[k]
+        if z * z > OUTLIER * s:
+            continue
+        xi = np.empty(n)
+        for j in range(n):
+            xi[j] = by[j] * z / s
+            for m in range(n):
+                cov[j, m] -= by[j] * by[m] / s
+        retract(state, xi)
 
 
 @kernel
@@ -214,4 +247,4 @@ def _write(state: BestState, row: Array) -> None:
     row[T_NIS], row[T_EXCESS], row[T_REST] = memory[NIS], memory[EXCESS], memory[REST]
     row[T_SETTLED] = 1.0 if settled(state) else 0.0
     for k in range(points.shape[0]):
-        row[T_SLIDE + k] = points[k, SLIDE] if points[k, DOWN] > 0.0 else math.nan
+        row[T_SLIDE + k] = points[k, SEEN] if points[k, DOWN] > 0.0 else math.nan

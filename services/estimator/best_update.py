@@ -37,6 +37,7 @@ from surefoot.services.estimator.best_kernel import (
     POINTS,
     POS,
     ROT,
+    SEEN,
     SINCE,
     SLIDE,
     VEL,
@@ -52,6 +53,7 @@ Array = NDArray[np.float64]
 Feet = NDArray[np.int64]
 
 VERTICAL_SLIDE = 0.25  # share of the variance of sliding that is vertical
+SLIDES, SLIDES_ON = 0.01, 0.9  # probabilities per sample that a foot begins to slide, and goes on: what is reported
 OUTLIER = 16.0  # chi^2, 3 dof, 99.9 %: an innovation beyond it, even for a sliding point, is no honest sample
 LONGEST = 0.12  # s without a sample of the feet, after which any of them may have stepped
 UNKNOWN_SPEED = 1.0  # m/s
@@ -71,6 +73,7 @@ def lift(state: BestState, k: int) -> None:
     state.points[k, DOWN] = 0.0
     state.points[k, SLIDE] = 0.0
     state.points[k, MISFIT] = 0.0
+    state.points[k, SEEN] = 0.0
 
 
 @kernel
@@ -190,6 +193,10 @@ def observe(state: BestState, k: int, y: Array, contact: float, dt: float, noise
         ratio = 0.5 * (nis - _quadratic(z, inverse_1) + math.log(_determinant(stays) / _determinant(slides)))
         odds = prior / max(1.0 - prior, 1e-9) * math.exp(min(ratio, 300.0))
         weight = odds / (1.0 + odds)
+        seen = state.points[k, SEEN]
+        seen = 1.0 - contact * (1.0 - seen * SLIDES_ON - (1.0 - seen) * SLIDES)
+        odds = seen / max(1.0 - seen, 1e-9) * math.exp(min(ratio, 300.0))
+        state.points[k, SEEN] = odds / (1.0 + odds)
         if state.points[k, MISFIT] == 0.0:
             state.points[k, SLIDE] = weight
     _mix(state, row, z, inverse_0, inverse_1, shift, weight)
@@ -236,36 +243,6 @@ def _mix(state: BestState, row: int, z: Array, inverse_0: Array, inverse_1: Arra
         for j in range(i):
             cov[j, i] = cov[i, j]
     retract(state, xi)
-
-
-@kernel
-def stand_on_level(state: BestState, ground: float, radius: Array, sd: float) -> None:
-    """Correct with the height of the standing points over a ground that is level everywhere, in place.
-
-    p_z + r_z = ground + radius for each, with a standard deviation of `sd` m per sample; feet that are about to lift,
-    edges and dust repeat themselves, so it is to be several times what a foot is off.
-    """
-    cov, points = state.cov, state.points
-    n = cov.shape[0]
-    for k in range(points.shape[0]):
-        if points[k, DOWN] == 0.0:
-            continue
-        row = E_POINTS + 3 * k + 2
-        r = state.x[POINTS + 3 * k : POINTS + 3 * k + 3]
-        # r_hat - exp(xi_R) r = xi_k: the height also changes as r turns, xi_R x r
-        by = np.empty(n)
-        for j in range(n):
-            by[j] = cov[j, E_POS + 2] + cov[j, row] + r[1] * cov[j, E_ROT] - r[0] * cov[j, E_ROT + 1]
-        s = by[E_POS + 2] + by[row] + r[1] * by[E_ROT] - r[0] * by[E_ROT + 1] + sd * sd
-        z = state.x[POS + 2] + r[2] - ground - radius[k]
-        if z * z > OUTLIER * s:
-            continue
-        xi = np.empty(n)
-        for j in range(n):
-            xi[j] = by[j] * z / s
-            for m in range(n):
-                cov[j, m] -= by[j] * by[m] / s
-        retract(state, xi)
 
 
 @kernel
@@ -362,7 +339,7 @@ def take_points(
     for k in range(count):
         if points[k, DOWN] > 0.0 and points[k, MISFIT] >= MOST_MISFITS:
             put_down(state, k, y[k], noise)
-            points[k, SLIDE] = 1.0
+            points[k, SLIDE] = points[k, SEEN] = 1.0
     for k in range(count):
         if contact[k] >= 0.5 and points[k, DOWN] == 0.0:
             put_down(state, k, y[k], noise)

@@ -26,14 +26,13 @@ from surefoot.services.estimator.best_kernel import (
     rotation,
 )
 from surefoot.services.estimator.best_params import best_limits, best_noise
-from surefoot.services.estimator.best_run import learn_gyro_bias
+from surefoot.services.estimator.best_run import learn_gyro_bias, stand_on_level
 from surefoot.services.estimator.best_update import (
     forget_velocity,
     lift,
     observe,
     put_down,
     retract,
-    stand_on_level,
     take_points,
 )
 from surefoot.services.estimator.contact import points_of, sole_feet
