@@ -11,7 +11,7 @@ from surefoot.services.estimator.params import EstimatorParams, StartPose
 ACC_SHARE = 1.2  # noise of an accelerometer that walks over that of its data sheet
 STATED_SD = 1e-3  # m and rad, of a stated start pose
 LEVEL_SD = 0.01  # m, of a point over level ground, per sample of the feet
-LOST_SD = 1.0  # m and rad, of a pose nobody knows
+LOST_SD = 1.0  # m and rad, of an unknown pose
 
 
 def best_noise(params: EstimatorParams) -> BestNoise:

@@ -299,7 +299,7 @@ def take_points(
         state: the state at the stamp of the sample.
         y: contact points, (K, 3) m, IMU axes.
         rot: rot_imu_from_foot of each, (K, 3, 3).
-        contact: probability that each touches the ground, (K,); below one half it is lifted. NaN: nobody knows, see
+        contact: probability that each touches the ground, (K,); below one half it is lifted. NaN: unknown, see
             `by_height`.
         radius: of round feet, (K,) m, 0 = does not roll.
         foot: the foot to which each belongs, (K,).

@@ -29,7 +29,7 @@ class EstimatorConfig(ServiceConfig):
     start_slope_sd: float | None = Field(
         default=0.003,
         ge=0,
-        description="rad, how level that ground is; tells the accelerometer's bias from a tilt. Not believed if the "
+        description="rad, how level that ground is; splits bias of the accelerometer from tilt. Not believed if the "
         "accelerometer contradicts by 4 sigma of its bias. null = unknown slope",
     )
     level_ground: bool = Field(

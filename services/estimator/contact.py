@@ -75,7 +75,7 @@ def _normal(points: Array) -> Array:
 
 
 def probabilities(points: ContactPoints, contact: Array) -> Array:
-    """Probability of contact of each point, (K,), from that of its foot, (L,); NaN stays: nobody knows."""
+    """Probability of contact of each point, (K,), from that of its foot, (L,); NaN (unknown) stays."""
     return np.minimum(contact, SURE)[points.foot]
 
 

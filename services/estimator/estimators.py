@@ -13,7 +13,7 @@ from surefoot.services.estimator.params import EstimatorParams
 
 Array = NDArray[np.float64]
 
-UNKNOWN_SPEED = 1.0  # m/s, standard deviation of a velocity nobody measured
+UNKNOWN_SPEED = 1.0  # m/s, standard deviation of an unmeasured velocity
 UNKNOWN_TILT = 0.5  # rad, the same of a direction
 
 

@@ -1,4 +1,4 @@
-"""What the estimator tells: one filter's g and v expressed in the frames that users want, with flags."""
+"""Output of the estimator: one filter's g and v expressed in the frames that users want, with flags."""
 
 import math
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Standstill: when the robot is at rest, and what a rest tells about the sensors (equation (1)).
+"""Standstill: when the robot is at rest, and what a rest shows of the sensors (equation (1)).
 
 At rest the gyro reads its bias and the accelerometer reads g plus its bias.
 """

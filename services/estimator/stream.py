@@ -94,7 +94,7 @@ class Estimator:
 
         Args:
             stated: whether start pose and level ground still hold; no after a restart in the middle of a walk, which
-                begins again at the same numbers but says with its covariance that they mean nothing.
+                begins again at the same numbers with a covariance that says that they are unknown.
         """
         self.judge = InputJudge(self.params)
         self._best.reset(best_limits(self.params, self._start, stated, self._hypotheses))
@@ -117,7 +117,7 @@ class Estimator:
             stamp_ns: its time, ns; one of the last half second is put where it belongs.
             w: mean gyro, (3,) rad/s, IMU axes.
             q: mean specific force, (3,) m/s^2, IMU axes; at rest it points up.
-            clipped: the driver says that an axis was at the end of its range.
+            clipped: an axis was at the end of its range.
 
         Returns:
             What became of it; nothing raises.
@@ -186,7 +186,7 @@ class Estimator:
 
     @property
     def best(self) -> BestOutput:
-        """What the `best` filter says now."""
+        """The present output of the `best` filter."""
         if self._output is None:
             self._best.update()
             self._output = self._best.output(self._w)
