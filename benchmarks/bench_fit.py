@@ -75,8 +75,8 @@ def protocol(name: str, train: Array, test: Array, sizes: tuple[int, ...], start
     """Print train and test APE of both warps, the chosen one marked."""
     y, y_test = function(train), function(test)
     for m in sizes:
-        told = {warp: folds_error(train, warp, m, 1) for warp in WARPS}
-        chosen = min(WARPS, key=lambda warp: told[warp])
+        folded = {warp: folds_error(train, warp, m, 1) for warp in WARPS}
+        chosen = min(WARPS, key=lambda warp: folded[warp])
         for warp in WARPS:
             began = time.perf_counter()
             found = best_start(scaled(train, warp), y, warp, m, starts, 0)
@@ -86,7 +86,7 @@ def protocol(name: str, train: Array, test: Array, sizes: tuple[int, ...], start
             mark = "  <- chosen by six folds" if warp == chosen else ""
             print(
                 f"  {name:<9} m = {m:<3} {warp:<9} train {errors[0]:.4f} %  test {errors[1]:.4f} %  "
-                f"(six folds {told[warp]:.4f} %, {seconds:.1f} s for {starts} starts){mark}",
+                f"(six folds {folded[warp]:.4f} %, {seconds:.1f} s for {starts} starts){mark}",
                 flush=True,
             )
 

@@ -224,8 +224,8 @@ def main() -> None:
         for one in pool.map(partial(foothold_walk, setting=setting, footholds=not args.nominal), range(first, end)):
             walks.append(one)
             if args.json or not one.reached:
-                told = {k: v for k, v in asdict(one).items() if k not in ("costs_us", "slides_mm")}
-                print(json.dumps(told), flush=True)
+                kept = {k: v for k, v in asdict(one).items() if k not in ("costs_us", "slides_mm")}
+                print(json.dumps(kept), flush=True)
     print(f"{args.terrain} {args.distance} m, seeds {args.seeds}: {summary(walks)}")
 
 

@@ -45,7 +45,7 @@ def systems(connect: str | None = None, namespace: str | None = None, system: st
         system: name of a system that runs here, None = any.
 
     Raises:
-        ConfigError: what was told is no endpoint, or no system of that name runs.
+        ConfigError: the address is no endpoint, or no system of that name runs.
     """
     from surefoot.bus.endpoint import checked, from_environment, to_listen
 

@@ -26,7 +26,7 @@ from surefoot.services.estimator.best_kernel import (
     new_state,
     rotation,
 )
-from surefoot.services.estimator.best_run import T_SLIDE, advance, forget, settled
+from surefoot.services.estimator.best_run import advance, forget, settled
 from surefoot.services.estimator.best_start import BestGeometry, BestLimits
 from surefoot.services.estimator.inertial import GRAVITY
 from surefoot.services.estimator.timeline import WINDOW_NS, Samples
@@ -146,7 +146,6 @@ class BestFilter:
         self._kinematics = Samples((feet, 3), (feet, 3, 3), (count,))
         self._free = [new_state(count) for _ in range(SNAPSHOTS + 1)]
         self._snapshots: list[tuple[int, BestState]] = []  # of rising stamps
-        self._nothing = np.zeros((0, T_SLIDE + count))
         self.state = new_state(count)
         self.reset(limits)
 
@@ -200,7 +199,7 @@ class BestFilter:
             position, rot, contact = self._kinematics.values
             advance(
                 self.state, self._imu.stamps[:end], self._imu.values[0][:end], self._kinematics.stamps, position, rot,
-                contact, begin, self._geometry, self._noise, self._limits, self._nothing,
+                contact, begin, self._geometry, self._noise, self._limits,
             )  # fmt: skip
             self._done_ns = int(self._imu.stamps[end - 1])
             if self._done_ns >= next_snapshot:

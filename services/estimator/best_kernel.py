@@ -72,7 +72,6 @@ class BestNoise(NamedTuple):
     sample_gyro: float  # rad/s, noise of one sample
     point: float  # m, a contact point by kinematics
     stay: float  # m/sqrt(s), walk of a point that stays
-    twist: float  # rad/sqrt(s), turning of a flat sole about its normal
     slide: float  # m/s, a point that slides
     begin_slide: float  # probability per sample that a point begins to slide
     go_on: float  # probability per sample that a sliding point goes on

@@ -26,7 +26,6 @@ def best_noise(params: EstimatorParams) -> BestNoise:
         sample_gyro=params.sigma_w,
         point=params.sigma_point,
         stay=0.0002,
-        twist=0.0,
         slide=0.04,
         begin_slide=0.6,
         go_on=0.98,

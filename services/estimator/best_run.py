@@ -17,16 +17,13 @@ from surefoot.services.estimator.best_kernel import (
     E_POS,
     E_ROT,
     E_VEL,
-    EXCESS,
     GYRO_BIAS,
     MOVING,
-    NIS,
     NO_FEET,
     PHASE,
     POINTS,
     POS,
     REST,
-    SEEN,
     SINCE,
     STARTED,
     VEL,
@@ -61,8 +58,6 @@ Stamps = NDArray[np.int64]
 GOOD_TILT, GOOD_SPEED, GOOD_AGE = 0.03, 0.05, 2.0  # rad, m/s, s: a moving start has settled
 GAP_TURN = 0.1  # rad/s, unseen turning in a gap
 GAP_PUSH = 1.0  # m/s^2, unseen acceleration in a gap
-# columns of a track
-T_COV, T_POS, T_NIS, T_EXCESS, T_REST, T_SETTLED, T_SLIDE = 21, 57, 60, 61, 62, 63, 64
 
 
 @kernel
@@ -162,7 +157,6 @@ def advance(
     geometry: BestGeometry,
     noise: BestNoise,
     limits: BestLimits,
-    track: Array,
 ) -> None:
     """Take the inertial rows from `begin` on, and the feet between them, in place.
 
@@ -180,9 +174,6 @@ def advance(
         geometry: of the robot.
         noise: of the filter.
         limits: of start and rest.
-        track: (n, T_SLIDE + K) is filled from `begin` on: the state up to the contact points (21), the covariance of
-            the errors of rotation and velocity (36), variances of the position (3), nis, excess, samples at rest,
-            whether `settled`, probability that each point slides (NaN: it does not stand). (0, c) = not wanted.
     """
     x, memory = state.x, state.memory
     next_foot = 0
@@ -205,7 +196,7 @@ def advance(
                     now = feet_stamps[next_foot]
                 y, turn = points_of(geometry.foot, geometry.place, feet[next_foot], foot_rots[next_foot])
                 take_points(
-                    state, y, turn, contact[next_foot], geometry.radius, geometry.foot, geometry.spin, noise,
+                    state, y, turn, contact[next_foot], geometry.radius, noise,
                     limits.hypotheses,
                 )  # fmt: skip
                 if math.isfinite(limits.level_sd):
@@ -229,22 +220,3 @@ def advance(
                 start_moving(state, q, w, next_foot - 1, feet, foot_rots, contact, geometry, limits)
         elif memory[REST] > limits.samples:
             learn_gyro_bias(state, rows[at + 1 - limits.samples, :3], noise, limits)
-        if at < track.shape[0]:
-            _write(state, track[at])
-
-
-@kernel
-def _write(state: BestState, row: Array) -> None:
-    """One row of a track, see `advance`."""
-    x, cov, points, memory = state.x, state.cov, state.points, state.memory
-    for i in range(T_COV):
-        row[i] = x[i]
-    for i in range(6):
-        for k in range(6):
-            row[T_COV + 6 * i + k] = cov[i, k]
-    for i in range(3):
-        row[T_POS + i] = cov[E_POS + i, E_POS + i]
-    row[T_NIS], row[T_EXCESS], row[T_REST] = memory[NIS], memory[EXCESS], memory[REST]
-    row[T_SETTLED] = 1.0 if settled(state) else 0.0
-    for k in range(points.shape[0]):
-        row[T_SLIDE + k] = points[k, SEEN] if points[k, DOWN] > 0.0 else math.nan

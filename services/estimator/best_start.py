@@ -50,7 +50,6 @@ class BestGeometry(NamedTuple):
 
     foot: NDArray[np.int64]  # (K,) foot of each contact point
     place: Array  # (K, 3) m, in the foot
-    spin: Array  # (K, 3) m, see `take_points`
     radius: Array  # (K,) m
     rot_base_from_imu: Array  # (3, 3)
     imu_position: Array  # (3,) m, in base_link

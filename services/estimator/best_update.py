@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.linear_kernels import inverse3, times
-from surefoot.geometry.rotations import rotvec_from_matrix
 from surefoot.kernels.jit import kernel
 from surefoot.services.estimator.best_kernel import (
     ACC_BIAS,
@@ -48,9 +47,9 @@ from surefoot.services.estimator.best_kernel import (
     turned,
 )
 from surefoot.services.estimator.contact import by_height
+from surefoot.services.estimator.feet import foot_turn
 
 Array = NDArray[np.float64]
-Feet = NDArray[np.int64]
 
 VERTICAL_SLIDE = 0.25  # share of the variance of sliding that is vertical
 SLIDES, SLIDES_ON = 0.01, 0.9  # probabilities per sample that a foot begins to slide, and goes on: what is reported
@@ -288,12 +287,10 @@ def take_points(
     rot: Array,
     contact: Array,
     radius: Array,
-    foot: Feet,
-    spin: Array,
     noise: BestNoise,
     hypotheses: bool,
 ) -> Array:
-    """Take one sample of all contact points, in place: roll and twist, correct, put down and lift.
+    """Take one sample of all contact points, in place: roll, correct, put down and lift.
 
     Args:
         state: the state at the stamp of the sample.
@@ -302,8 +299,6 @@ def take_points(
         contact: probability that each touches the ground, (K,); below one half it is lifted. NaN: unknown, see
             `by_height`.
         radius: of round feet, (K,) m, 0 = does not roll.
-        foot: the foot to which each belongs, (K,).
-        spin: velocity of each as its sole turns about its normal by 1 rad/s, (K, 3) m/s, foot axes; zero for a point.
         noise: the noises.
         hypotheses: see `observe`.
 
@@ -320,13 +315,12 @@ def take_points(
         if points[k, DOWN] > 0.0 and (contact[k] < 0.5 or dt > LONGEST or dt < 0.0):
             lift(state, k)
         if points[k, DOWN] > 0.0 and radius[k] > 0.0:
-            turn = rotvec_from_matrix(_relative(now, state.turn[k]))
+            turn = foot_turn(state.turn[k], now)
             x[POINTS + 3 * k] += turn[1] * radius[k]
             x[POINTS + 3 * k + 1] -= turn[0] * radius[k]
         for i in range(3):
             for j in range(3):
                 state.turn[k, i, j] = now[i, j]
-    _twist(state, foot, spin, dt, noise)
     learn_excess(state, y, noise)
     standing, lost = 0, 0
     for k in range(count):
@@ -345,29 +339,3 @@ def take_points(
             put_down(state, k, y[k], noise)
     memory[SINCE] = 0.0
     return nis
-
-
-@kernel
-def _relative(a: Array, b: Array) -> Array:
-    """a b^T, (3, 3)."""
-    out = np.empty((3, 3))
-    for i in range(3):
-        for k in range(3):
-            out[i, k] = a[i, 0] * b[k, 0] + a[i, 1] * b[k, 1] + a[i, 2] * b[k, 2]
-    return out
-
-
-@kernel
-def _twist(state: BestState, foot: Feet, spin: Array, dt: float, noise: BestNoise) -> None:
-    """Add the turning of flat soles about their normals to the covariance of their points, in place."""
-    points, scale = state.points, noise.twist**2 * dt
-    for k in range(points.shape[0]):
-        if points[k, DOWN] == 0.0:
-            continue
-        one = turned(state.turn[k], spin[k])
-        for m in range(points.shape[0]):
-            if foot[m] == foot[k] and points[m, DOWN] > 0.0:
-                other = turned(state.turn[m], spin[m])
-                for i in range(3):
-                    for j in range(3):
-                        state.cov[E_POINTS + 3 * k + i, E_POINTS + 3 * m + j] += scale * one[i] * other[j]

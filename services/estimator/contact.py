@@ -30,19 +30,18 @@ class ContactPoints(NamedTuple):
 
     foot: NDArray[np.int64]  # (K,) the foot of each
     place: Array  # (K, 3) m, from the foot's centre, foot axes
-    spin: Array  # (K, 3) m, normal of the sole x place; zero for a point foot
     radius: Array  # (K,) m, of a round foot; 0 = does not roll
 
 
 def point_feet(radius: Array) -> ContactPoints:
     """One point for each foot; radius (L,) m, 0 = a foot that does not roll."""
     count = len(radius)
-    return ContactPoints(np.arange(count), np.zeros((count, 3)), np.zeros((count, 3)), radius.astype(np.float64))
+    return ContactPoints(np.arange(count), np.zeros((count, 3)), radius.astype(np.float64))
 
 
 def sole_feet(normals: Array, lever: float) -> ContactPoints:
     """Three points for each foot, `lever` m from its centre; normals (L, 3) of the soles, foot axes, upwards."""
-    places, spins = [], []
+    places: list[Array] = []
     for normal in normals:
         first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
         first /= math.sqrt(float(np.sum(first * first)))
@@ -51,9 +50,8 @@ def sole_feet(normals: Array, lever: float) -> ContactPoints:
             angle = 2.0 * math.pi * i / SOLE_POINTS
             place = lever * (math.cos(angle) * first + math.sin(angle) * second)
             places.append(place)
-            spins.append(np.cross(normal, place))
     foot = np.repeat(np.arange(len(normals)), SOLE_POINTS)
-    return ContactPoints(foot, np.array(places), np.array(spins), np.zeros(len(foot)))
+    return ContactPoints(foot, np.array(places), np.zeros(len(foot)))
 
 
 def contact_points(robot: Robot) -> ContactPoints:

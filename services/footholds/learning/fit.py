@@ -110,8 +110,8 @@ def sources_of(samples: SampleSet) -> list[str]:
     by_source: dict[str, list[str]] = {}
     for each in samples.kept:
         by_source.setdefault(f"{each.source}, friction {each.friction:g}", []).append(each.trial)
-    told = ((source, len(names), sorted(set(names))) for source, names in sorted(by_source.items()))
-    return [f"{source}: {n} samples of {len(names)} trials, {names[0]} to {names[-1]}" for source, n, names in told]
+    listed = ((source, len(names), sorted(set(names))) for source, names in sorted(by_source.items()))
+    return [f"{source}: {n} samples of {len(names)} trials, {names[0]} to {names[-1]}" for source, n, names in listed]
 
 
 def built(
@@ -165,7 +165,7 @@ def _conditions(samples: SampleSet) -> Conditions:
         raise LearnError("no_samples", f"there is no sample to learn from ({refused})")
     found = {(s.cell, s.smooth, s.foot_radius, s.robot, s.robot_hash) for s in samples.kept}
     if len(found) > 1:
-        told = " and ".join(f"{robot}, cell {cell:g} m" for cell, _, _, robot, _ in sorted(found)[:2])
-        raise LearnError("mixed_conditions", f"samples of {len(found)} robots, cells, filters or feet: {told}")
+        described = " and ".join(f"{robot}, cell {cell:g} m" for cell, _, _, robot, _ in sorted(found)[:2])
+        raise LearnError("mixed_conditions", f"samples of {len(found)} robots, cells, filters or feet: {described}")
     cell, smooth, foot_radius, robot, robot_hash = found.pop()
     return Conditions(cell, smooth, foot_radius, robot, robot_hash)

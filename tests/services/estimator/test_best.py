@@ -225,7 +225,7 @@ def test_misfits_of_all_points_make_the_velocity_unknown_and_not_the_feet():
     limits = np.ones(3)
     for _ in range(10):
         y, turn = points_of(places.foot, places.place, position, rot)
-        take_points(one, y, turn, limits, places.radius, places.foot, places.spin, NOISE, True)
+        take_points(one, y, turn, limits, places.radius, NOISE, True)
         for _ in range(3):
             predict(one, np.zeros(3), G, 0.011, NOISE, 0.0)
     assert abs(one.x[VEL]) < 0.02
@@ -244,7 +244,7 @@ def test_the_excess_follows_errors_that_repeat_and_not_noise():
         for k in range(300):
             y, turn = points_of(places.foot, places.place, np.array([[0.0, 0.0, -0.3]]), np.eye(3)[None])
             y += sigma * rng.normal(size=y.shape)
-            take_points(state, y, turn, np.ones(3), places.radius, places.foot, places.spin, NOISE, True)
+            take_points(state, y, turn, np.ones(3), places.radius, NOISE, True)
             q = G + np.array([push * math.sin(0.3 * k), 0.0, 0.0])
             for _ in range(3):
                 predict(state, np.zeros(3), q, 0.011, NOISE, 0.0)
