@@ -16,13 +16,14 @@ from surefoot.bus.interface import Raw
 from surefoot.client import query_named
 from surefoot.lab.cli import main as cli
 from surefoot.lab.cli.connect import endpoint
-from surefoot.lab.cli.output import state
 from surefoot.record.recording import RecordingWriter
 from surefoot.schemas.cmd import WalkReply
 from surefoot.schemas.hw import Imu
 from surefoot.schemas.topics import HW_IMU, QUERIES
 from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder
 from tests.processes import run_process, running_child
+
+pytestmark = pytest.mark.usefixtures("apart")
 
 PLAIN = {
     "list": ["list"],
@@ -36,29 +37,6 @@ PLAIN = {
     "robot check": ["robot", "check", "ragno"],
     "graph": ["graph"],
 }
-
-
-@pytest.fixture(autouse=True)
-def apart(monkeypatch, tmp_path):
-    """Own run folders, no port of anybody else, no colours, a wide terminal."""
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    monkeypatch.setenv("SUREFOOT_CONNECT", "tcp/127.0.0.1:9")
-    monkeypatch.setenv("SUREFOOT_LISTEN", "tcp/127.0.0.1:9")
-    monkeypatch.setenv("NO_COLOR", "1")
-    monkeypatch.setattr(state, "json", False)
-    monkeypatch.setattr(state, "debug", False)
-
-
-@pytest.fixture
-def surefoot(capsys):
-    def run(*words):
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            cli.main([*map(str, words)])
-        out, err = capsys.readouterr()
-        return ended.value.code or 0, out, err
-
-    return run
 
 
 @pytest.mark.parametrize("words", PLAIN.values(), ids=PLAIN)
