@@ -18,7 +18,9 @@ def apart(monkeypatch, tmp_path):
 
 
 @pytest.fixture
-def surefoot(capsys):
+def in_process(capsys):
+    """The command line in this process: exit code, standard output, standard error."""
+
     def run(*words):
         capsys.readouterr()
         with pytest.raises(SystemExit) as ended:

@@ -40,11 +40,11 @@ PLAIN = {
 
 
 @pytest.mark.parametrize("words", PLAIN.values(), ids=PLAIN)
-def test_answers_as_table_and_as_json(surefoot, words):
-    code, out, _ = surefoot(*words)
+def test_answers_as_table_and_as_json(in_process, words):
+    code, out, _ = in_process(*words)
     assert code == 0
     assert out.strip()
-    code, out, _ = surefoot(*words, "--json")
+    code, out, _ = in_process(*words, "--json")
     assert code == 0
     assert json.loads(out)
 
@@ -57,8 +57,8 @@ def commands(app, prefix=()):
 
 
 @pytest.mark.parametrize("words", sorted(commands(cli.app)), ids=" ".join)
-def test_every_command_has_help_and_json(surefoot, words):
-    code, out, _ = surefoot(*words, "--help")
+def test_every_command_has_help_and_json(in_process, words):
+    code, out, _ = in_process(*words, "--help")
     assert code == 0
     assert "Usage:" in out
     assert "--json" in out or words == ("supervise",)
@@ -90,8 +90,8 @@ def test_every_command_has_help_and_json(surefoot, words):
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
-def test_usage_errors_name_what_was_meant(surefoot, words, hint):
-    code, out, err = surefoot(*words)
+def test_usage_errors_name_what_was_meant(in_process, words, hint):
+    code, out, err = in_process(*words)
     assert code == cli.EXIT_USAGE
     assert hint in err
     assert "Traceback" not in err
@@ -101,9 +101,9 @@ def test_usage_errors_name_what_was_meant(surefoot, words, hint):
 @pytest.mark.parametrize(
     "words", [["status"], ["topic", "hz", "state/gait"], ["health", "walker"], ["call", "cmd/walk"]]
 )
-def test_nothing_running_is_told_at_once(surefoot, words):
+def test_nothing_running_is_told_at_once(in_process, words):
     began = time.monotonic()
-    code, out, err = surefoot(*words, "--json")
+    code, out, err = in_process(*words, "--json")
     assert code in (cli.EXIT_CHECK, cli.EXIT_USAGE)
     assert json.loads(out) == {} or "error" in json.loads(out)
     assert not err
@@ -111,14 +111,14 @@ def test_nothing_running_is_told_at_once(surefoot, words):
 
 
 @pytest.mark.parametrize("words", [["up"], ["up", "-d"], ["run", "stand"]], ids=" ".join)
-def test_a_listen_variable_that_is_no_endpoint_is_told(surefoot, monkeypatch, words):
+def test_a_listen_variable_that_is_no_endpoint_is_told(in_process, monkeypatch, words):
     monkeypatch.setenv("SUREFOOT_LISTEN", "garbage")
-    code, _, err = surefoot(*words)
+    code, _, err = in_process(*words)
     assert code == cli.EXIT_USAGE
     assert "surefoot: SUREFOOT_LISTEN: got 'garbage', expected tcp/<host>:<port 1-65535>\n" in err
 
 
-def test_services_without_their_supervisor_are_told(surefoot):
+def test_services_without_their_supervisor_are_told(in_process):
     folder = RunFolder("ragno")
     folder.acquire()
     sleep = [sys.executable, "-c", "import time; time.sleep(60)"]
@@ -126,13 +126,13 @@ def test_services_without_their_supervisor_are_told(surefoot):
         folder.write_processes({"walker": child.identity})
         folder._lock.close()  # as when the supervisor is killed
         what = "services of ragno run without their supervisor; `surefoot down ragno` ends them"
-        code, out, _ = surefoot("status")
+        code, out, _ = in_process("status")
         assert code == cli.EXIT_CHECK
         assert out.splitlines()[-1] == what
         assert "orphaned" in out
-        assert what in surefoot("stop")[2]
-        assert surefoot("logs", "walker")[0] == 0
-        assert surefoot("down")[1] == "stopped ragno\n"
+        assert what in in_process("stop")[2]
+        assert in_process("logs", "walker")[0] == 0
+        assert in_process("down")[1] == "stopped ragno\n"
 
 
 def test_a_client_looks_for_the_system_in_this_order(monkeypatch):
@@ -155,8 +155,8 @@ def test_a_client_looks_for_the_system_in_this_order(monkeypatch):
 
 
 @pytest.mark.parametrize("words", [["topik"], ["topic", "echo"], ["call", "cmd/walk", "not json"], ["run", "--sed"]])
-def test_wrong_words_are_json_too_where_it_is_asked_for(surefoot, words):
-    code, out, err = surefoot(*words, "--json")
+def test_wrong_words_are_json_too_where_it_is_asked_for(in_process, words):
+    code, out, err = in_process(*words, "--json")
     assert code == cli.EXIT_USAGE
     error = json.loads(out)["error"]
     assert set(error) == {"code", "message", "field"}
@@ -164,13 +164,13 @@ def test_wrong_words_are_json_too_where_it_is_asked_for(surefoot, words):
     assert not err
 
 
-def test_a_failure_of_the_operating_system_is_named(surefoot, tmp_path):
+def test_a_failure_of_the_operating_system_is_named(in_process, tmp_path):
     words = ("schema", "export", tmp_path / "file" / "schemas")
     (tmp_path / "file").write_text("")
-    code, out, _ = surefoot(*words, "--json")
+    code, out, _ = in_process(*words, "--json")
     assert code == cli.EXIT_CHECK
     assert json.loads(out)["error"]["code"] == "ENOTDIR"
-    assert surefoot(*words)[2] == f"surefoot: {words[-1]}: Not a directory\n"
+    assert in_process(*words)[2] == f"surefoot: {words[-1]}: Not a directory\n"
 
 
 def test_a_full_disk_behind_the_output_is_one_sentence():
@@ -182,38 +182,38 @@ def test_a_full_disk_behind_the_output_is_one_sentence():
             assert done.stderr == "surefoot: No space left on device\n"
 
 
-def test_a_run_that_cannot_be_written_is_not_started(surefoot, tmp_path):
+def test_a_run_that_cannot_be_written_is_not_started(in_process, tmp_path):
     (tmp_path / "file").write_text("")
     out = tmp_path / "file" / "out"
-    code, _, err = surefoot("run", "stand", "--out", out)
+    code, _, err = in_process("run", "stand", "--out", out)
     assert code == cli.EXIT_CHECK
     assert err.endswith(f"surefoot: {out}: Not a directory\n")
     assert "start" not in err
 
 
-def test_a_namespace_that_is_none_is_told(surefoot, monkeypatch):
+def test_a_namespace_that_is_none_is_told(in_process, monkeypatch):
     monkeypatch.setattr("surefoot.lab.cli.connect._knock", lambda _: None)
-    code, _, err = surefoot("call", "cmd/walk", '{"action": "stop"}', "--namespace", "a/**")
+    code, _, err = in_process("call", "cmd/walk", '{"action": "stop"}', "--namespace", "a/**")
     assert code == cli.EXIT_USAGE
     assert err == "surefoot: namespace: got 'a/**', expected <fleet>/<robot> without *, $, # and ?\n"
 
 
 @pytest.mark.parametrize(("accepted", "expected"), [(True, 0), (False, 1)])
-def test_a_call_that_is_not_accepted_fails(surefoot, monkeypatch, accepted, expected):
+def test_a_call_that_is_not_accepted_fails(in_process, monkeypatch, accepted, expected):
     @contextmanager
     def client(*_):
         yield SimpleNamespace(call=lambda *_, **__: WalkReply(accepted=accepted, id=int(accepted)))
 
     monkeypatch.setattr("surefoot.lab.cli.service.client", client)
     for words in ([], ["--json"]):
-        code, out, _ = surefoot("call", "cmd/walk", '{"action": "stop"}', *words)
+        code, out, _ = in_process("call", "cmd/walk", '{"action": "stop"}', *words)
         assert code == expected
         assert json.loads(out)["accepted"] is accepted
 
 
 @pytest.mark.parametrize("query", QUERIES, ids=lambda query: query.key)
-def test_every_query_has_a_call_to_paste(surefoot, query):
-    code, out, _ = surefoot("service", "info", query.key.replace("*", query.owner))
+def test_every_query_has_a_call_to_paste(in_process, query):
+    code, out, _ = in_process("service", "info", query.key.replace("*", query.owner))
     assert code == 0
     words = shlex.split(out.splitlines()[-1].removeprefix("Example: "))
     assert words[:2] == ["surefoot", "call"]
@@ -221,62 +221,62 @@ def test_every_query_has_a_call_to_paste(surefoot, query):
     query.request.model_validate_json(words[3])
 
 
-def test_a_field_is_told_with_type_default_and_limits(surefoot):
-    _, out, _ = surefoot("service", "info", "stability/region", "--json")
+def test_a_field_is_told_with_type_default_and_limits(in_process):
+    _, out, _ = in_process("service", "info", "stability/region", "--json")
     rows = {row["field"]: row for row in json.loads(out)["request"]["RegionRequest"]}
     assert (rows["tolerance_m"]["type"], rows["tolerance_m"]["default"]) == ("number", "0.0001")
     assert rows["tolerance_m"]["limits"] == "> 0, <= 1.0"
     assert (rows["contacts"]["type"], rows["contacts"]["default"]) == ("list of Contact", "required")
-    _, out, _ = surefoot("service", "info", "cmd/walk")
+    _, out, _ = in_process("service", "info", "cmd/walk")
     assert '"walk"' in out
 
 
-def test_down_with_nothing_running_is_fine(surefoot):
-    assert surefoot("down")[0] == 0
+def test_down_with_nothing_running_is_fine(in_process):
+    assert in_process("down")[0] == 0
 
 
-def test_a_broken_compose_file_is_one_sentence(surefoot, tmp_path):
+def test_a_broken_compose_file_is_one_sentence(in_process, tmp_path):
     path = tmp_path / "bad.yaml"
     path.write_text("services: {a: {prots: [1]}}")
-    code, _, err = surefoot("up", path)
+    code, _, err = in_process("up", path)
     assert code == cli.EXIT_USAGE
     assert err.count("\n") == 1
     assert "services.a.prots" in err
     assert str(path) in err
 
 
-def test_a_recording_that_is_none_is_one_sentence(surefoot, tmp_path):
+def test_a_recording_that_is_none_is_one_sentence(in_process, tmp_path):
     path = tmp_path / "none.mcap"
     for content in (None, b"", b"not a recording"):
         if content is not None:
             path.write_bytes(content)
-        code, _, err = surefoot("bag", "info", path)
+        code, _, err = in_process("bag", "info", path)
         assert code != 0
         assert err.count("\n") == 1
         assert "Traceback" not in err
 
 
-def test_schemas_are_exported(surefoot, tmp_path):
-    code, _, _ = surefoot("schema", "export", tmp_path / "schemas")
+def test_schemas_are_exported(in_process, tmp_path):
+    code, _, _ = in_process("schema", "export", tmp_path / "schemas")
     assert code == 0
     keys = json.loads((tmp_path / "schemas" / "keys.json").read_text())
     assert (tmp_path / "schemas" / f"{keys['topics']['hw/imu']['schema']}.json").is_file()
 
 
 @pytest.mark.parametrize("form", ["mermaid", "dot"])
-def test_the_graph_is_drawn(surefoot, form):
-    code, out, _ = surefoot("graph", "--format", form)
+def test_the_graph_is_drawn(in_process, form):
+    code, out, _ = in_process("graph", "--format", form)
     assert code == 0
     assert "simulator" in out
     assert "walker" in out
 
 
-def test_an_internal_error_is_a_sentence_unless_debugging(surefoot, monkeypatch):
+def test_an_internal_error_is_a_sentence_unless_debugging(in_process, monkeypatch):
     def broken(*_):
         raise ZeroDivisionError("oops")
 
     monkeypatch.setattr("surefoot.robot.reader.load_robot", broken)
-    code, _, err = surefoot("robot", "list")
+    code, _, err = in_process("robot", "list")
     assert code == cli.EXIT_CHECK
     assert "ZeroDivisionError" in err
     assert "--debug" in err
@@ -301,16 +301,16 @@ def test_help_is_quick_and_imports_nothing_heavy():
     assert "Usage:" in done.stdout
 
 
-def test_tables_hold_no_truth_values(surefoot):
-    _, out, _ = surefoot("topic", "list")
+def test_tables_hold_no_truth_values(in_process):
+    _, out, _ = in_process("topic", "list")
     assert "True" not in out
     assert "False" not in out
-    _, out, _ = surefoot("topic", "list", "--json")
+    _, out, _ = in_process("topic", "list", "--json")
     assert {row["deterministic"] for row in json.loads(out)} == {True, False}
 
 
-def test_a_folder_that_is_no_robot_is_told_what_was_expected(surefoot, tmp_path):
-    code, _, err = surefoot("robot", "check", tmp_path)
+def test_a_folder_that_is_no_robot_is_told_what_was_expected(in_process, tmp_path):
+    code, _, err = in_process("robot", "check", tmp_path)
     assert code == 2
     assert err == f"surefoot: {str(tmp_path)!r} holds no robot.toml: a robot is a folder with that file\n"
 
@@ -328,30 +328,30 @@ def test_a_folder_that_is_no_robot_is_told_what_was_expected(surefoot, tmp_path)
         (("robot", "check", "nobody"), "no robot 'nobody'; known are bioloid"),
     ],
 )
-def test_what_is_wrong_is_told_before_anybody_is_asked(surefoot, words, told):
-    code, _, err = surefoot(*words)
+def test_what_is_wrong_is_told_before_anybody_is_asked(in_process, words, told):
+    code, _, err = in_process(*words)
     assert code == 2
     assert err.startswith(f"surefoot: {told}")
     assert len(err.splitlines()) == 1
 
 
-def test_a_damaged_recording_is_told_without_a_traceback(surefoot, tmp_path):
+def test_a_damaged_recording_is_told_without_a_traceback(in_process, tmp_path):
     bag = tmp_path / "run.mcap"
     writer = RecordingWriter(bag, {})
     for tick in range(9000):
         message = Imu(acc=(0.1 * tick, 0.0, 9.81), gyro=(0.0, 0.0, 0.0)).stamped(tick, tick, 1, tick, "driver")
         writer.write(HW_IMU, message, Raw(*encode(message), ""))
     writer.close({})
-    code, out, _ = surefoot("bag", "info", bag, "--verify")
+    code, out, _ = in_process("bag", "info", bag, "--verify")
     assert (code, out.splitlines()[0]) == (0, f"{bag}: whole, 9000 messages can be read, none lost")
     bag.write_bytes(bag.read_bytes()[: bag.stat().st_size // 2])
-    code, out, _ = surefoot("bag", "info", bag, "--verify", "--json")
+    code, out, _ = in_process("bag", "info", bag, "--verify", "--json")
     found = json.loads(out)
     assert code == 1
     assert not found["ok"]
     assert 0 < found["readable"] < 9000
     for words in (("bag", "info", bag), ("bag", "play", bag), ("report", bag)):
-        code, _, err = surefoot(*words)
+        code, _, err = in_process(*words)
         assert (code, len(err.splitlines())) == (2, 1)
         assert "no summary at its end" in err
         assert "bag info --verify" in err

@@ -12,8 +12,8 @@ from tests.processes import run_process
 pytestmark = pytest.mark.usefixtures("apart")
 
 
-def test_a_stop_that_reaches_no_system_says_so_in_json(surefoot):
-    code, out, _ = surefoot("stop", "--json")
+def test_a_stop_that_reaches_no_system_says_so_in_json(in_process):
+    code, out, _ = in_process("stop", "--json")
     assert code == cli.EXIT_CHECK
     (found,) = json.loads(out)["systems"]
     assert (found["driver"], found["stopped"]) == ("", "")
@@ -41,25 +41,27 @@ def no_endpoint(monkeypatch):
 @pytest.mark.parametrize(
     "words", [["call", "sim/features"], ["topic", "echo", "state/gait"], ["sim", "pause"], ["health", "walker"]]
 )
-def test_a_command_that_could_mean_several_systems_refuses_with_their_names(surefoot, two_systems, no_endpoint, words):
-    code, _, err = surefoot(*words)
+def test_a_command_that_could_mean_several_systems_refuses_with_their_names(
+    in_process, two_systems, no_endpoint, words
+):
+    code, _, err = in_process(*words)
     assert code == cli.EXIT_USAGE
     assert "2 systems run: nao (surefoot/nao" in err
     assert "ragno (surefoot/ragno" in err
 
 
-def test_down_of_several_systems_refuses_with_their_names(surefoot, two_systems, no_endpoint):
-    code, _, err = surefoot("down")
+def test_down_of_several_systems_refuses_with_their_names(in_process, two_systems, no_endpoint):
+    code, _, err = in_process("down")
     assert code == cli.EXIT_USAGE
     assert "2 systems run: nao, ragno" in err or "2 systems run: ragno, nao" in err
 
 
-def test_stop_without_a_name_means_every_system_and_reports_each(surefoot, two_systems, no_endpoint):
-    code, out, _ = surefoot("stop", "--json", "--timeout", "0.2")
+def test_stop_without_a_name_means_every_system_and_reports_each(in_process, two_systems, no_endpoint):
+    code, out, _ = in_process("stop", "--json", "--timeout", "0.2")
     assert code == cli.EXIT_CHECK
     assert {found["system"] for found in json.loads(out)["systems"]} == {"nao", "ragno"}
-    assert {found["system"] for found in json.loads(surefoot("stop", "nao", "--json")[1])["systems"]} == {"nao"}
-    code, _, err = surefoot("stop", "nosuch")
+    assert {found["system"] for found in json.loads(in_process("stop", "nao", "--json")[1])["systems"]} == {"nao"}
+    code, _, err = in_process("stop", "nosuch")
     assert code == cli.EXIT_USAGE
     assert "running: nao, ragno" in err
 
@@ -82,17 +84,17 @@ def test_stop_imports_neither_numpy_nor_the_schemas():
         (("up", "-d", "--terrain", "nowhere.npz"), "nowhere.npz"),
     ],
 )
-def test_an_unknown_terrain_is_refused_before_anything_starts(surefoot, words, hint):
-    code, _, err = surefoot(*words)
+def test_an_unknown_terrain_is_refused_before_anything_starts(in_process, words, hint):
+    code, _, err = in_process(*words)
     assert code == cli.EXIT_USAGE
     assert hint in err
     assert "start " not in err
 
 
 @pytest.mark.parametrize("words", [("up",), ("run", "stand")])
-def test_a_wrong_value_in_the_environment_is_refused_before_anything_starts(surefoot, monkeypatch, words):
+def test_a_wrong_value_in_the_environment_is_refused_before_anything_starts(in_process, monkeypatch, words):
     monkeypatch.setenv("SUREFOOT_WALKER_STRIDE_M", "-3")
-    code, _, err = surefoot(*words)
+    code, _, err = in_process(*words)
     assert code == cli.EXIT_USAGE
     assert "stride_m" in err
     assert "-3" in err
@@ -102,14 +104,14 @@ def test_a_wrong_value_in_the_environment_is_refused_before_anything_starts(sure
 @pytest.mark.parametrize(
     "words", [("run", "stand", "--out"), ("bag", "record", "-o"), ("up", "--record"), ("call", "sim/features", "--out")]
 )
-def test_nothing_is_overwritten_without_force(surefoot, tmp_path, words):
+def test_nothing_is_overwritten_without_force(in_process, tmp_path, words):
     there = tmp_path / "kept"
     if words[0] == "run":
         there.mkdir()
         (there / "report.html").write_text("mine")
     else:
         there.write_text("mine")
-    code, _, err = surefoot(*words, there)
+    code, _, err = in_process(*words, there)
     assert code == cli.EXIT_USAGE
     assert "exists" in err
     assert "--force" in err
