@@ -67,6 +67,7 @@ class BestNoise(NamedTuple):
     gyro: float  # rad/s/sqrt(Hz)
     acc: float  # m/s^2/sqrt(Hz)
     gyro_bias: float  # rad/s/sqrt(s), walk
+    turn_bias: float  # rad/s/sqrt(s), the same about the vertical
     acc_bias: float  # m/s^2/sqrt(s), walk
     gyro_jerk: float  # share of the change between two samples that is error
     sample_gyro: float  # rad/s, noise of one sample
@@ -77,6 +78,7 @@ class BestNoise(NamedTuple):
     go_on: float  # probability per sample that a sliding point goes on
     learn: float  # rate at which the excess of the inertial noise follows the innovations
     drop: float  # correlation of successive innovations that is no sign of anything
+    twist: float  # rad/sqrt(s), turning of a standing sole about the vertical
     most_excess: float  # largest factor of the inertial noise
 
 
@@ -258,10 +260,12 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
     for _ in range(2):
         _carry_rows(cov, points, d, v, arms, middle)
         _transpose(cov)
-    excess = memory[EXCESS] * memory[EXCESS]
+    excess, up = memory[EXCESS] * memory[EXCESS], middle[2]
     _inertial_noise(cov, points, d, v, arms, excess * (noise.gyro * noise.gyro + felt * d), excess * noise.acc**2)
     for i in range(3):
         cov[E_GYRO + i, E_GYRO + i] += excess * noise.gyro_bias**2 * d
+        for k in range(3):  # less of it about the vertical
+            cov[E_GYRO + i, E_GYRO + k] -= excess * (noise.gyro_bias**2 - noise.turn_bias**2) * up[i] * up[k] * d
         cov[E_ACC + i, E_ACC + i] += excess * noise.acc_bias**2 * d
     for k in range(points.shape[0]):
         if points[k, DOWN] > 0.0:

@@ -21,6 +21,7 @@ def best_noise(params: EstimatorParams) -> BestNoise:
         gyro=params.sigma_w * root,
         acc=ACC_SHARE * params.sigma_q * root,
         gyro_bias=2e-4,
+        turn_bias=2e-5,
         acc_bias=3e-4,
         gyro_jerk=0.15,
         sample_gyro=params.sigma_w,
@@ -31,6 +32,7 @@ def best_noise(params: EstimatorParams) -> BestNoise:
         go_on=0.98,
         learn=0.02,
         drop=0.2,
+        twist=0.05,
         most_excess=15.0,
     )
 
@@ -44,6 +46,7 @@ def best_limits(params: EstimatorParams, start: StartPose, stated: bool, hypothe
         travel=params.standstill_travel,
         gyro_bias_sd=params.gyro_bias_sd,
         creep=0.0025,
+        turn_creep=0.0005,
         acc_bias_sd=params.acc_bias_sd,
         slope_sd=params.start_slope_sd if stated else math.inf,
         start=np.array([start.x, start.y, start.yaw, start.ground]),

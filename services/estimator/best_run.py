@@ -32,6 +32,7 @@ from surefoot.services.estimator.best_kernel import (
     BestState,
     felt_variance,
     predict,
+    rotation,
 )
 from surefoot.services.estimator.best_start import (
     ROW_Q,
@@ -92,14 +93,21 @@ def stand_on_level(state: BestState, ground: float, radius: Array, sd: float) ->
 
 @kernel
 def learn_gyro_bias(state: BestState, w: Array, noise: BestNoise, limits: BestLimits) -> None:
-    """Correct with a gyro sample w (3,) of a robot at rest: w = b_w + noise, in place."""
-    cov, n = state.cov, state.cov.shape[0]
+    """Correct with a gyro sample w (3,) rad/s of a robot at rest, about each axis u of odom, in place.
+
+    u^T w = u^T b_w + noise. Servos settle under the weight of the robot, which tilts it but does not turn it: the
+    noise about the vertical is smaller.
+    """
+    cov, n, rot = state.cov, state.cov.shape[0], rotation(state.x)
     for i in range(3):  # one axis after the other
-        s = cov[E_GYRO + i, E_GYRO + i] + noise.sample_gyro**2 + limits.samples * limits.creep**2
-        z = w[i] - state.x[GYRO_BIAS + i]
-        xi, column = np.empty(n), np.empty(n)
+        creep = limits.creep if i < 2 else limits.turn_creep
+        xi, column, z, s = np.empty(n), np.empty(n), 0.0, noise.sample_gyro**2 + limits.samples * creep**2
         for j in range(n):
-            column[j] = cov[j, E_GYRO + i]
+            column[j] = cov[j, E_GYRO] * rot[i, 0] + cov[j, E_GYRO + 1] * rot[i, 1] + cov[j, E_GYRO + 2] * rot[i, 2]
+        for j in range(3):
+            z += rot[i, j] * (w[j] - state.x[GYRO_BIAS + j])
+            s += rot[i, j] * column[E_GYRO + j]
+        for j in range(n):
             xi[j] = -column[j] * z / s
         for j in range(n):
             for m in range(n):
@@ -196,7 +204,7 @@ def advance(
                     now = feet_stamps[next_foot]
                 y, turn = points_of(geometry.foot, geometry.place, feet[next_foot], foot_rots[next_foot])
                 take_points(
-                    state, y, turn, contact[next_foot], geometry.radius, noise,
+                    state, y, turn, contact[next_foot], geometry.radius, geometry.foot, noise,
                     limits.hypotheses,
                 )  # fmt: skip
                 if math.isfinite(limits.level_sd):

@@ -64,6 +64,7 @@ class BestLimits(NamedTuple):
     travel: float  # m, largest move of a foot in them
     gyro_bias_sd: float  # rad/s, of an unknown bias
     creep: float  # rad/s, by which a robot at rest may still turn
+    turn_creep: float  # rad/s, the same about the vertical
     acc_bias_sd: float  # m/s^2
     slope_sd: float  # rad, of the ground at the start, infinite = unknown
     start: Array  # (4,) x, y, yaw of base_link and height of the ground under it, m and rad
@@ -273,7 +274,7 @@ def start_at_rest(state: BestState, rows: Array, at: int, feet_stamps: Stamps, s
             )
         cov[E_ACC + i, E_ACC + i] += noise.acc**2 / (0.01 * n)
     state.memory[PHASE] = STARTED
-    state.memory[REST] = n
+    state.memory[REST] = 1.0  # its samples are taken: the next rest begins here
 
 
 @kernel

@@ -50,6 +50,7 @@ from surefoot.services.estimator.contact import by_height
 from surefoot.services.estimator.feet import foot_turn
 
 Array = NDArray[np.float64]
+Feet = NDArray[np.int64]
 
 VERTICAL_SLIDE = 0.25  # share of the variance of sliding that is vertical
 SLIDES, SLIDES_ON = 0.01, 0.9  # probabilities per sample that a foot begins to slide, and goes on: what is reported
@@ -281,16 +282,45 @@ def learn_excess(state: BestState, y: Array, noise: BestNoise) -> None:
 
 
 @kernel
+def twist_soles(state: BestState, foot: Feet, variance: float) -> None:
+    """Add the turning of standing soles about the vertical, `variance` rad^2, to the covariance of their points.
+
+    Friction holds a sole against tilting by the weight on it, against twisting by its small lever only.
+    """
+    x, cov, points = state.x, state.cov, state.points
+    count, across = points.shape[0], np.zeros((points.shape[0], 2))
+    for k in range(count):
+        together = 0
+        for m in range(count):
+            if foot[m] == foot[k] and points[m, DOWN] > 0.0:
+                together += 1
+                across[k, 0] += x[POINTS + 3 * m + 1]
+                across[k, 1] -= x[POINTS + 3 * m]
+        if points[k, DOWN] > 0.0 and together > 1:  # z x (r_k - centre)
+            across[k, 0] = across[k, 0] / together - x[POINTS + 3 * k + 1]
+            across[k, 1] = across[k, 1] / together + x[POINTS + 3 * k]
+        else:
+            across[k, 0] = across[k, 1] = 0.0
+    for k in range(count):
+        for m in range(count):
+            if foot[m] == foot[k]:
+                for i in range(2):
+                    for j in range(2):
+                        cov[E_POINTS + 3 * k + i, E_POINTS + 3 * m + j] += variance * across[k, i] * across[m, j]
+
+
+@kernel
 def take_points(
     state: BestState,
     y: Array,
     rot: Array,
     contact: Array,
     radius: Array,
+    foot: Feet,
     noise: BestNoise,
     hypotheses: bool,
 ) -> Array:
-    """Take one sample of all contact points, in place: roll, correct, put down and lift.
+    """Take one sample of all contact points, in place: roll, twist, correct, put down and lift.
 
     Args:
         state: the state at the stamp of the sample.
@@ -299,6 +329,7 @@ def take_points(
         contact: probability that each touches the ground, (K,); below one half it is lifted. NaN: unknown, see
             `by_height`.
         radius: of round feet, (K,) m, 0 = does not roll.
+        foot: the foot of each, (K,).
         noise: the noises.
         hypotheses: see `observe`.
 
@@ -321,6 +352,7 @@ def take_points(
         for i in range(3):
             for j in range(3):
                 state.turn[k, i, j] = now[i, j]
+    twist_soles(state, foot, noise.twist**2 * dt)
     learn_excess(state, y, noise)
     standing, lost = 0, 0
     for k in range(count):

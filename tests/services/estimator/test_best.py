@@ -34,13 +34,18 @@ from surefoot.services.estimator.best_update import (
     put_down,
     retract,
     take_points,
+    twist_soles,
 )
 from surefoot.services.estimator.contact import points_of, sole_feet
+from surefoot.services.estimator.feet import FootMount
 from surefoot.services.estimator.params import EstimatorParams, StartPose
+from surefoot.services.estimator.stream import Estimator
 
 FEET = 2
+STANDING = np.array([[0.0, 0.1, -0.3], [0.0, -0.1, -0.3]])
+BOX = FootMount(None, np.eye(3), np.zeros(3), np.zeros(FEET))
 NOISE = best_noise(EstimatorParams())
-SILENT = ("gyro", "acc", "gyro_bias", "acc_bias", "gyro_jerk", "stay")
+SILENT = ("gyro", "acc", "gyro_bias", "acc_bias", "gyro_jerk", "stay", "turn_bias", "twist")
 QUIET = BestNoise(**(NOISE._asdict() | dict.fromkeys(SILENT, 0.0)))
 G = np.array([0.0, 0.0, 9.81])
 
@@ -213,6 +218,53 @@ def test_a_robot_at_rest_shows_the_gyro_bias():
     assert np.linalg.eigvalsh(state.cov).min() > -1e-12
 
 
+def test_rest_shows_the_bias_about_the_vertical_best():
+    """Servos settle under the weight, which tilts the robot and does not turn it."""
+    state, _ = random_state(11)
+    limits = best_limits(EstimatorParams(), StartPose(), True)
+    state.cov[...] = 0.05**2 * np.eye(len(state.cov))
+    for _ in range(300):
+        learn_gyro_bias(state, np.zeros(3), NOISE, limits)
+    at, rot = slice(E_GYRO, E_GYRO + 3), rotation(state.x)
+    creep = np.array([limits.creep, limits.creep, limits.turn_creep])
+    sample = NOISE.sample_gyro**2 + limits.samples * creep**2
+    expected = rot.T @ np.diag(1.0 / (1.0 / 0.05**2 + 300 / sample)) @ rot
+    np.testing.assert_allclose(state.cov[at, at], expected, rtol=1e-2, atol=1e-9)
+
+
+def test_a_sample_of_the_first_rest_is_taken_once():
+    """The gyro reads more in the first half of the first rest than in the second, and its mean afterwards."""
+    params = EstimatorParams()
+    estimator = Estimator(BOX, params, names=("best",))
+    found = []
+    for k in range(3 * params.standstill_samples):
+        early, late = k < params.standstill_samples // 2, k >= params.standstill_samples
+        w = np.array([0.0, 0.0, 0.02 if late else (0.024 if early else 0.016)])
+        estimator.imu((k + 1) * params.imu_period_ns, w, G)
+        if k % 3 == 0:
+            estimator.feet((k + 1) * params.imu_period_ns, STANDING, np.stack([np.eye(3)] * FEET), np.ones(FEET))
+        if k >= params.standstill_samples:
+            found.append(estimator.best.gyro_bias[2])
+    np.testing.assert_allclose(found, 0.02, atol=2e-5)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_twisting_sole_moves_its_points_about_its_middle(seed):
+    rng = np.random.default_rng(seed)
+    places = sole_feet(np.array([[0.0, 0.0, 1.0]] * 2), 0.1)
+    state, feet = new_state(6), places.foot
+    state.x[POINTS:] = rng.normal(size=18)
+    state.points[:, DOWN] = 1.0
+    state.points[4:, DOWN] = 0.0  # one point alone turns about itself
+    before = state.cov.copy()
+    twist_soles(state, feet, 0.01)
+    r = state.x[POINTS:].reshape(6, 3)
+    turn = np.zeros(len(state.cov))
+    for k in range(3):
+        turn[E_POINTS + 3 * k : E_POINTS + 3 * k + 3] = np.cross([0.0, 0.0, 1.0], r[k] - r[:3].mean(axis=0))
+    np.testing.assert_allclose(state.cov - before, 0.01 * np.outer(turn, turn), atol=1e-14)
+
+
 def test_misfits_of_all_points_make_the_velocity_unknown_and_not_the_feet():
     """Nothing starves: if every foot contradicts the inertial unit for long, the feet are right."""
     state, _ = random_state(7)
@@ -225,7 +277,7 @@ def test_misfits_of_all_points_make_the_velocity_unknown_and_not_the_feet():
     limits = np.ones(3)
     for _ in range(10):
         y, turn = points_of(places.foot, places.place, position, rot)
-        take_points(one, y, turn, limits, places.radius, NOISE, True)
+        take_points(one, y, turn, limits, places.radius, places.foot, NOISE, True)
         for _ in range(3):
             predict(one, np.zeros(3), G, 0.011, NOISE, 0.0)
     assert abs(one.x[VEL]) < 0.02
@@ -244,7 +296,7 @@ def test_the_excess_follows_errors_that_repeat_and_not_noise():
         for k in range(300):
             y, turn = points_of(places.foot, places.place, np.array([[0.0, 0.0, -0.3]]), np.eye(3)[None])
             y += sigma * rng.normal(size=y.shape)
-            take_points(state, y, turn, np.ones(3), places.radius, NOISE, True)
+            take_points(state, y, turn, np.ones(3), places.radius, places.foot, NOISE, True)
             q = G + np.array([push * math.sin(0.3 * k), 0.0, 0.0])
             for _ in range(3):
                 predict(state, np.zeros(3), q, 0.011, NOISE, 0.0)
