@@ -73,8 +73,9 @@ class Session:
         self._node: Node | None = None
         self._thread: threading.Thread | None = None
         self._alive: dict[str, tuple[str, ...]] = {}  # service: its visible processes, the first to appear first
-        self._gone: SimStatus | None = None  # what a driver had said that is gone: of the next one it is not true
-        self._stop = ""  # the emergency stop that a driver which is gone had obeyed
+        self._driving = ""  # the process that drives, or drove last
+        self._before: SimStatus | None = None  # the last report of the driver before it, not true of this one
+        self._stop = ""  # the emergency stop in force when that one went, not yet confirmed by this one
         self._stops: Publisher[EmergencyStop] | None = None
         self.failure: BaseException | None = None
         """What ended the supervisor's own thread, None while all is well."""
@@ -153,7 +154,6 @@ class Session:
     # -- what happens -------------------------------------------------------------------------------------------------
 
     def _on_life(self, life: Life) -> None:
-        driver = self.instance_of(DRIVER)
         visible = tuple(other for other in self._alive.get(life.service, ()) if other != life.instance)
         if life.alive:
             visible = (*visible, life.instance)
@@ -162,9 +162,21 @@ class Session:
         else:
             self._alive.pop(life.service, None)
         self.system.seen(life.service, visible=bool(visible))
-        if life.service == DRIVER and not life.alive and life.instance == driver:
-            self._gone = self.supervisor.status
-            self._stop = self._gone.stopped if self._gone is not None and self._gone.stopped else self._stop
+        self._note_driver()
+
+    def _note_driver(self) -> None:
+        """Take over the stop of the driver before when another process drives.
+
+        It is noticed by the new one's coming: the two tokens of the old one vanish in any order, and its last report
+        may be read after them.
+        """
+        driver = self.instance_of(DRIVER)
+        if not driver or driver == self._driving:
+            return
+        self._before = self.supervisor.status if self._driving else None
+        self._driving = driver
+        if self._before is not None and self._before.stopped:
+            self._stop = self._before.stopped
 
     def _on_action(self, action: Action) -> None:
         self._tell(f"{action.verb} {action.service}" + (f" ({action.reason})" if action.reason else ""))
@@ -203,7 +215,7 @@ class Session:
     def rows(self) -> tuple[ServiceStatus, ...]:
         """Return how every service does: by its process, or by the bus where the processes are not ours."""
         if self._spawn:
-            told = self.supervisor.status is not self._gone
+            told = self.supervisor.status is not self._before
             why, driver = "; ".join(self.supervisor.stops()) if told else "", self.driver
             rows = self.system.rows()
             return tuple(
@@ -248,7 +260,7 @@ class Session:
         if not self._stop or not self.driver or self._bus is None:
             return
         status = self.supervisor.status
-        if status is not None and status is not self._gone and status.stopped and status.tick > 0:
+        if status is not None and status is not self._before and status.stopped and status.tick > 0:
             self._tell(f"{self.driver} was started anew; the emergency stop stays in force ({self._stop})")
             self._stop = ""
             return

@@ -79,6 +79,24 @@ def test_tokens_of_strangers_do_not_take_the_driver_away(listen):
         assert session._stop == ""  # the driver that obeyed the stop is still there
 
 
+@pytest.mark.parametrize("order", [("a", "driver"), ("driver", "a")])
+def test_a_stop_outlives_its_driver(listen, order):
+    stopped = SimStatus(state="running", rtf=0.0, ticks=7, tick=6, comparable=True, stopped="test")
+    with Session(parse_compose(IDLE), listen=listen) as session:
+        for name in ("a", "driver"):
+            session._on_life(Life(name, "1", alive=True))
+        for name in order:  # the network reports the tokens of a process that is gone in any order
+            session._on_life(Life(name, "1", alive=False))
+        session.supervisor.status = stopped  # read after its driver went
+        for name in ("a", "driver"):
+            session._on_life(Life(name, "2", alive=True))
+        session.step()
+        assert session._stop == "test"
+        session.supervisor.status = stopped.model_copy()  # of the new driver
+        session.step()
+        assert session._stop == ""
+
+
 def test_status_tells_why_a_run_has_ended(listen, monkeypatch):
     with Session(parse_compose(IDLE), listen=listen) as session:
         session.supervisor.status = SimStatus(state="ended", rtf=0.0, ticks=7, comparable=True, failed="it diverged")
