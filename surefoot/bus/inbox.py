@@ -1,7 +1,7 @@
 """What has arrived for a node, from whatever thread, and when it is worth waking the node for it.
 
-Three queues, each bounded by count and bytes: what a tick needs (frames, commands, life), queries, and what is only
-observed. A full queue refuses what comes; what was refused is counted by key.
+Three queues, each bounded by count and bytes: what a tick needs (frames, commands, life, queries of participants),
+queries of others, and what is only observed. A full queue refuses what comes; what was refused is counted by key.
 """
 
 import threading
@@ -18,8 +18,6 @@ _AWAKE = {""}
 TICK_ITEMS, TICK_BYTES = 8192, 96 << 20
 QUERY_ITEMS, QUERY_BYTES = 256, 96 << 20  # a request may bring a map of 64 MiB
 OBSERVED_ITEMS, OBSERVED_BYTES = 256, 4 << 20
-SHARE = 16
-"""So many queries, and so many observed messages, are handled for each tick."""
 
 
 class Lane:
@@ -82,7 +80,7 @@ class Inbox:
         return self.tick.put(item, getattr(item, "size", 0), _key_of(item)) and self._ring()
 
     def put_query(self, item: Any) -> bool:
-        """Add a query; from any thread. Return whether there was room."""
+        """Add a query of no participant; from any thread. Return whether there was room."""
         return self.queries.put(item, getattr(item, "size", 0), item.query.key) and self._ring()
 
     def put_observed(self, item: Any) -> bool:
@@ -129,4 +127,5 @@ class Inbox:
 
 
 def _key_of(item: Any) -> str:
-    return getattr(item, "key", type(item).__name__.lower())
+    row = getattr(item, "query", item)
+    return getattr(row, "key", type(row).__name__.lower())

@@ -193,20 +193,39 @@ class Bus(Protocol):
         """Publishes what was held back as one frame; ``batch``: also what waits for those who take it batched."""
         ...
 
-    def serve(self, query: Query[Any, Any], sink: Callable[[Incoming], Any]) -> None:
-        """Delivers the queries of a key; a sink that returns False has no room, and some queries are dropped."""
+    def serve(
+        self,
+        query: Query[Any, Any],
+        sink: Callable[[Incoming], Any],
+        participants: Callable[[Incoming], Any] | None = None,
+    ) -> None:
+        """Delivers the queries of a key; a sink that returns False has no room, and some queries are dropped.
+
+        Args:
+            query: row of the table.
+            sink: gets the queries of any client.
+            participants: gets those of participants (see ``call``), without loss; None = they are not served apart.
+        """
         ...
 
-    def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None) -> Rep:
+    def call(
+        self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None, *, participant: bool = False
+    ) -> Rep:
         """Asks and waits.
+
+        Args:
+            query: row of the table.
+            request: what is asked.
+            timeout_s: limit on the wait, s; None = that of the row.
+            participant: take the way that no flood of other clients' queries fills.
 
         Raises:
             CallError: absent, timeout, or the server's refusal under the server's code.
         """
         ...
 
-    def probe(self, query: Query[Any, Any]) -> bool:
-        """Whether the server of a query answers at all."""
+    def probe(self, query: Query[Any, Any], *, participant: bool = False) -> bool:
+        """Whether the server of a query answers at all, on the way of ``participant`` or the common one."""
         ...
 
     def announce(self, service: str, instance: str) -> None:

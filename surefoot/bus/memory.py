@@ -72,7 +72,7 @@ class MemoryBus:
     def __init__(self) -> None:
         self._sinks: dict[str, list[Callable[[Delivery], Any]]] = {}
         self._families: list[tuple[str, Callable[[Delivery], Any]]] = []
-        self._servers: dict[str, Callable[[Incoming], Any]] = {}
+        self._servers: dict[str, tuple[Callable[[Incoming], Any], Callable[[Incoming], Any]]] = {}
         self._pumps: dict[str, Callable[[], bool]] = {}
         self._routes: dict[str, list[Callable[[Delivery], Any]]] = {}
         self._watchers: list[Callable[[Life], Any]] = []
@@ -105,19 +105,26 @@ class MemoryBus:
     def flush(self, *, batch: bool = True) -> None:
         return
 
-    def serve(self, query: Query[Any, Any], sink: Callable[[Incoming], Any]) -> None:
-        self._servers[query.key] = sink
+    def serve(
+        self,
+        query: Query[Any, Any],
+        sink: Callable[[Incoming], Any],
+        participants: Callable[[Incoming], Any] | None = None,
+    ) -> None:
+        self._servers[query.key] = (sink, participants or sink)
 
     def pump_with(self, query: Query[Any, Any], pump: Callable[[], bool]) -> None:
         """Tells how to make the server of ``query`` work; returns whether it did anything."""
         self._pumps[query.key] = pump
 
-    def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None) -> Rep:
-        server = self._servers.get(query.key)
-        if server is None:
+    def call(
+        self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None, *, participant: bool = False
+    ) -> Rep:
+        servers = self._servers.get(query.key)
+        if servers is None:
             raise CallError("absent", f"nobody serves {query.key!r}")
         incoming = MemoryIncoming(query, request)
-        server(incoming)
+        servers[participant](incoming)
         pump = self._pumps.get(query.key)
         while incoming.answer is None and incoming.error is None:
             if pump is None or not pump():
@@ -129,7 +136,7 @@ class MemoryBus:
         assert isinstance(answer, query.reply)
         return answer
 
-    def probe(self, query: Query[Any, Any]) -> bool:
+    def probe(self, query: Query[Any, Any], *, participant: bool = False) -> bool:
         return query.key in self._servers
 
     def announce(self, service: str, instance: str) -> None:

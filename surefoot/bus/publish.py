@@ -9,7 +9,7 @@ from surefoot.bus.codec import encode, encoding_of
 from surefoot.bus.frame import Part, pack
 from surefoot.bus.interface import Stamp
 from surefoot.schemas.base import Message
-from surefoot.schemas.topics import Kind, Topic
+from surefoot.schemas.topics import Kind, Query, Topic
 
 M = TypeVar("M", bound=Message)
 
@@ -36,9 +36,9 @@ Frames block rather than drop. A chunk that begins with ``@`` is matched by itse
 does not get them, and so cannot block a robot by not reading."""
 
 
-def participants_key(topic: Topic[Any]) -> str:
-    """Return the key of an unframed topic on which participants get it without loss."""
-    return f"@{topic.key}"
+def participants_key(row: Topic[Any] | Query[Any, Any]) -> str:
+    """Return the key of an unframed topic or a query that participants use among themselves, without loss."""
+    return f"@{row.key}"
 
 
 class ZenohPublisher(Generic[M]):

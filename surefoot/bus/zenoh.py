@@ -37,6 +37,7 @@ KEEP = 10_000
 BOUNDED_KEEP = 64
 """The same for a service, and queries of a key that are kept until it looks."""
 PROBE = b"probe"
+PROBE_S = 0.2
 LIVE = "alive"
 _TIMEOUT = b"Timeout"  # what Zenoh itself puts into the error reply of a query that nobody ended in time
 
@@ -88,9 +89,9 @@ def zenoh_config(endpoint: ZenohOptions) -> zenoh.Config:
 class ZenohIncoming:
     """A query over the network; it is ended by ``reply`` or ``fail``, else the asker would wait for its time-out."""
 
-    def __init__(self, query: Query[Any, Any], asked: zenoh.Query) -> None:
+    def __init__(self, query: Query[Any, Any], key: str, asked: zenoh.Query) -> None:
         self.query = query
-        self._asked = asked
+        self._key, self._asked = key, asked
         attachment = asked.attachment
         self._attachment = None if attachment is None else attachment.to_bytes()
         self.probe = self._attachment == PROBE
@@ -107,14 +108,14 @@ class ZenohIncoming:
 
     def reply(self, reply: Wire) -> None:
         payload, attachment = encode(reply)
-        self._send(lambda q: q.reply(self.query.key, payload, encoding=encoding_of(type(reply)), attachment=attachment))
+        self._send(lambda q: q.reply(self._key, payload, encoding=encoding_of(type(reply)), attachment=attachment))
 
     def fail(self, error: SurefootError) -> None:
         payload = encode(error.reply())[0]
         self._send(lambda q: q.reply_err(payload, encoding=encoding_of(ErrorReply)))
 
     def accept_probe(self) -> None:
-        self._send(lambda q: q.reply(self.query.key, b"", attachment=PROBE))
+        self._send(lambda q: q.reply(self._key, b"", attachment=PROBE))
 
     def _send(self, send: Callable[[zenoh.Query], None]) -> None:
         with self._asked as asked:
@@ -175,16 +176,27 @@ class ZenohBus:
             handler = Callback(_frame_sink(owner, wanted, sink), indirect=False)
             self._keep.append(self.session.declare_subscriber(family.format(owner), handler))
 
-    def serve(self, query: Query[Any, Any], sink: Callable[[Incoming], Any]) -> None:
+    def serve(
+        self,
+        query: Query[Any, Any],
+        sink: Callable[[Incoming], Any],
+        participants: Callable[[Incoming], Any] | None = None,
+    ) -> None:
         queryable = self.session.declare_queryable(query.key, RingChannel(BOUNDED_KEEP), complete=True)
         self._keep.append(queryable)
-        pour(queryable.handler, partial(ZenohIncoming, query), sink, most_hz=MOST_HZ)
+        pour(queryable.handler, partial(ZenohIncoming, query, query.key), sink, most_hz=MOST_HZ)
+        if participants is not None:
+            handler = Callback(_query_sink(query, participants), indirect=False)
+            self._keep.append(self.session.declare_queryable(participants_key(query), handler, complete=True))
 
-    def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None) -> Rep:
+    def call(
+        self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None, *, participant: bool = False
+    ) -> Rep:
         timeout = query.timeout_s if timeout_s is None else timeout_s
-        reply = self._ask(query, timeout, *encode(request))
+        querier = self._querier(query, timeout, participant)
+        reply = _ask(querier, timeout, encoding_of(query.request), *encode(request))
         if reply is None:
-            status: Any = self._querier(query, timeout).matching_status  # the stubs say bool
+            status: Any = querier.matching_status  # the stubs say bool
             if not status.matching:
                 raise CallError("absent", f"nobody serves {query.key!r} in {self.endpoint.namespace!r}")
             raise CallError("timeout", f"{query.key!r} did not answer within {timeout:g} s")
@@ -202,15 +214,17 @@ class ZenohBus:
         except Refusal as refusal:
             raise CallError(refusal.code, refusal.message, refusal.field) from None
 
-    def probe(self, query: Query[Any, Any]) -> bool:
-        reply = self._ask(query, 0.2, b"", PROBE)
+    def probe(self, query: Query[Any, Any], *, participant: bool = False) -> bool:
+        querier = self._querier(query, PROBE_S, participant)
+        reply = _ask(querier, PROBE_S, encoding_of(query.request), b"", PROBE)
         return reply is not None and reply.ok is not None
 
-    def _querier(self, query: Query[Any, Any], timeout: float) -> zenoh.Querier:
-        querier = self._queriers.get((query.key, timeout))
+    def _querier(self, query: Query[Any, Any], timeout: float, participant: bool) -> zenoh.Querier:
+        key = participants_key(query) if participant else query.key
+        querier = self._queriers.get((key, timeout))
         if querier is None:
             querier = self.session.declare_querier(
-                query.key,
+                key,
                 target=zenoh.QueryTarget.BEST_MATCHING,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 timeout=timeout,
@@ -218,29 +232,8 @@ class ZenohBus:
                 priority=zenoh.Priority.INTERACTIVE_HIGH,
                 express=True,
             )
-            self._queriers[(query.key, timeout)] = querier
+            self._queriers[(key, timeout)] = querier
         return querier
-
-    def _ask(
-        self, query: Query[Any, Any], timeout: float, payload: bytes, attachment: bytes | None
-    ) -> zenoh.Reply | None:
-        """First reply, or None; the wait is bounded here too, should the network forget the query."""
-        replies: SimpleQueue[zenoh.Reply | None] = SimpleQueue()
-
-        def on_reply(reply: zenoh.Reply) -> None:
-            _keep_thread_state()
-            replies.put(reply)
-
-        self._querier(query, timeout).get(
-            handler=Callback(on_reply, lambda: replies.put(None), indirect=False),
-            payload=payload,
-            encoding=encoding_of(query.request),
-            attachment=attachment,
-        )
-        try:
-            return replies.get(timeout=timeout + 0.2)
-        except Empty:
-            return None
 
     def announce(self, service: str, instance: str) -> None:
         self._keep.append(self.session.liveliness().declare_token(f"{LIVE}/{service}/{instance}"))
@@ -255,6 +248,28 @@ class ZenohBus:
     def close(self) -> None:
         if not self.session.is_closed():
             self.session.close()
+
+
+def _ask(
+    querier: zenoh.Querier, timeout: float, encoding: str, payload: bytes, attachment: bytes | None
+) -> zenoh.Reply | None:
+    """First reply, or None; the wait is bounded here too, should the network forget the query."""
+    replies: SimpleQueue[zenoh.Reply | None] = SimpleQueue()
+
+    def on_reply(reply: zenoh.Reply) -> None:
+        _keep_thread_state()
+        replies.put(reply)
+
+    querier.get(
+        handler=Callback(on_reply, lambda: replies.put(None), indirect=False),
+        payload=payload,
+        encoding=encoding,
+        attachment=attachment,
+    )
+    try:
+        return replies.get(timeout=timeout + 0.2)
+    except Empty:
+        return None
 
 
 _kept: set[int] = set()
@@ -298,6 +313,16 @@ def _frame_sink(
         sink(Frame(owner, wanted, sample.payload.to_bytes(), b"" if index is None else index.to_bytes()))
 
     return on_sample
+
+
+def _query_sink(query: Query[Any, Any], sink: Callable[[Incoming], Any]) -> Callable[[zenoh.Query], None]:
+    key = participants_key(query)
+
+    def on_query(asked: zenoh.Query) -> None:
+        _keep_thread_state()
+        sink(ZenohIncoming(query, key, asked))
+
+    return on_query
 
 
 def _call_error(payload: bytes, key: str, timeout: float) -> CallError:

@@ -38,6 +38,6 @@ class Links:
         """Probe what is not proved yet of the services of a roster; return whether every link is proved."""
         present, lacking = {DRIVER, *prime.roster}, self.lacking(prime)
         rows = [r for r in self._rows if r.owner in present and r.key not in lacking and r.key not in self._proved]
-        self._proved |= {row.key for row in rows if isinstance(row, Query) and self._bus.probe(row)}
+        self._proved |= {row.key for row in rows if isinstance(row, Query) and self._bus.probe(row, participant=True)}
         self.unproved = tuple(sorted(row.key for row in rows if row.key not in self._proved))
         return not self.unproved

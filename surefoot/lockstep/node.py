@@ -14,7 +14,7 @@ from queue import Empty
 from typing import Any, TypeVar
 
 from surefoot.bus.frame import Frame
-from surefoot.bus.inbox import SHARE, Inbox
+from surefoot.bus.inbox import Inbox
 from surefoot.bus.interface import Bus, Delivery, Incoming, Life, Publisher
 from surefoot.errors import CallError, Refusal
 from surefoot.kernels.compiling import COMPILING
@@ -98,7 +98,7 @@ class Node:
         for topic in service.observes:
             self.bus.subscribe(topic, self.inbox.put_observed, bounded=True)
         for query in service.serves:
-            self.bus.serve(query, self.inbox.put_query)
+            self.bus.serve(query, self.inbox.put_query, participants=put)
         self.bus.watch(put)
         self.links.need((*(t for t in self._subscriptions() if t.key != HW_TICK.key), *service.calls))
         self.state = "joining"
@@ -158,15 +158,15 @@ class Node:
         return False
 
     def _turn(self, deadline: float) -> bool:
-        """Handles what has arrived, then does at most one tick; returns whether there was anything."""
-        progressed = False
-        inbox = self.inbox
-        for lane, share in ((inbox.tick, math.inf), (inbox.queries, SHARE), (inbox.observed, SHARE)):
-            done = 0
-            while lane and done < share and self.clock() < deadline:
+        """Handles what a tick needs, one more query, one observed message and at most one tick; was there anything?"""
+        inbox, progressed = self.inbox, False
+        while inbox.tick and self.clock() < deadline:
+            self.handle(inbox.tick.get())
+            progressed = True
+        for lane in (inbox.queries, inbox.observed):
+            if lane and self.clock() < deadline:
                 self.handle(lane.get())
-                done += 1
-            progressed = progressed or done > 0
+                progressed = True
         return self.work() or progressed
 
     def pump_once(self) -> bool:
@@ -193,7 +193,7 @@ class Node:
 
     def _ask_to_join(self) -> None:
         try:
-            self.bus.call(SIM_JOIN, join_request(self), 0.3)
+            self.bus.call(SIM_JOIN, join_request(self), 0.3, participant=True)
         except CallError as error:
             self.refused[f"join_{error.code}"] += 1
 
@@ -386,7 +386,7 @@ class Node:
             raise ValueError(f"{self.name} calls {query.key!r} but does not declare it in calls")
         if self._tick is not None and query.owner != DRIVER and query.owner not in self._tick.tick.roster:
             raise CallError("absent", f"{query.owner} is not on the roster")
-        return self.bus.call(query, request, timeout_s)
+        return self.bus.call(query, request, timeout_s, participant=True)
 
     def log(self, level: str, text: str) -> None:
         sys.stderr.write(log_line(level, self.name, text, self.join.last) + "\n")

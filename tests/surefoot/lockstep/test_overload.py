@@ -17,8 +17,9 @@ from surefoot.lockstep.driver import DriverNode
 from surefoot.lockstep.node import Node
 from surefoot.lockstep.sample import Sample
 from surefoot.schemas.hw import Landmark, LandmarkDetections
+from surefoot.schemas.navigation import CancelRequest, NavigatorReply
 from surefoot.schemas.system import HealthRequest
-from surefoot.schemas.topics import CMD_ESTOP, HEALTH_GET, HW_LANDMARKS, TICK_NS
+from surefoot.schemas.topics import CMD_ESTOP, HEALTH_GET, HW_LANDMARKS, NAVIGATOR_CANCEL, TICK_NS
 from tests.processes import running
 from tests.surefoot.lockstep.test_zenoh_run import Threads
 from tests.surefoot.net import WAIT_S, Net, wait_until
@@ -31,6 +32,13 @@ session = zenoh.open(config)
 subscriber = session.declare_subscriber("**", zenoh.handlers.FifoChannel(1))
 print("subscribed", flush=True)
 time.sleep(600)
+"""
+ASKER = """
+import json, sys, zenoh
+config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [sys.argv[1]]}}))
+session = zenoh.open(config)
+while True:
+    session.get(sys.argv[2], lambda reply: None, payload=b'{"goal_id": "a"}', timeout=1.0)
 """
 FLOOD = 20_000  # messages
 LANDMARKS = tuple(Landmark(range=1.0, bearing=0.5, descriptor=(0.125,) * 16) for _ in range(256))
@@ -62,12 +70,14 @@ def test_what_a_tick_needs_comes_before_queries_and_these_before_what_is_observe
     for put, item in ((inbox.put_observed, observed), (inbox.put_query, query), (inbox.put, "tick")):
         assert put(item)
     assert [inbox.get_nowait() for _ in range(3)] == ["tick", query, observed]
+    assert inbox.put(query)  # of a participant
+    assert inbox.tick
     for _ in range(10 * OBSERVED_ITEMS):
         inbox.put_observed(observed)
     for _ in range(10 * QUERY_ITEMS):
         inbox.put_query(query)
     assert inbox.put("tick")
-    assert inbox.get_nowait() == "tick"
+    assert [inbox.get_nowait() for _ in range(2)] == [query, "tick"]
     assert inbox.dropped() == {CMD_ESTOP.key: 9 * (OBSERVED_ITEMS + QUERY_ITEMS)}
 
 
@@ -160,6 +170,36 @@ def test_a_flood_of_nonsense_and_of_queries_is_bounded_counted_and_over_when_it_
         finally:
             node.stop()
             thread.join(WAIT_S)
+
+
+def test_a_participant_is_answered_while_strangers_flood_its_query(net: Net) -> None:
+    """The flooded service needs 5 ms for each query; a participant waits for the one in hand at most."""
+
+    class Server(ToyEstimator):
+        serves = (NAVIGATOR_CANCEL,)
+
+        def on_start(self) -> None:
+            self.handle(NAVIGATOR_CANCEL, self._slow)
+
+        def _slow(self, request: CancelRequest) -> NavigatorReply:
+            threading.Event().wait(0.005)
+            return NavigatorReply(accepted=False)
+
+    node = Node(Server(ServiceConfig()), net.open())
+    node.start()
+    thread = threading.Thread(target=node.run, daemon=True)
+    thread.start()
+    asker, asked = net.open(), CancelRequest(goal_id="a")
+    try:
+        wait_until(lambda: asker.probe(NAVIGATOR_CANCEL, participant=True))
+        with running([sys.executable, "-c", ASKER, net.address, f"{net.namespace}/{NAVIGATOR_CANCEL.key}"]):
+            wait_until(lambda: len(node.inbox.queries) > QUERY_ITEMS // 2)
+            for _ in range(20):
+                asker.call(NAVIGATOR_CANCEL, asked, 0.5, participant=True)  # half of theirs: 0.64 s
+            assert len(node.inbox.queries) > QUERY_ITEMS // 2
+    finally:
+        node.stop()
+        thread.join(WAIT_S)
 
 
 @pytest.mark.parametrize("payload", [b"{", b"7" * 100_000])
