@@ -23,6 +23,7 @@ from surefoot.lockstep.answers import Answers, Late
 from surefoot.lockstep.binding import Bindings, is_prime
 from surefoot.lockstep.health import health_of, join_request
 from surefoot.lockstep.join import DRIVER, Delayed, Join, TickInputs
+from surefoot.lockstep.leader import WINDOW_TICKS
 from surefoot.lockstep.links import Links
 from surefoot.lockstep.service import Service
 from surefoot.logline import log_line, sendable
@@ -34,8 +35,9 @@ from surefoot.schemas.topics import CMD_JOINTS, HEALTH, HEALTH_GET, HW_TICK, LOG
 Req = TypeVar("Req", bound=Request)
 Rep = TypeVar("Rep", bound=Wire)
 
-KEEP_TICKS = 20
-"""Outputs of so many ticks are kept, to be sent again when the driver repeats a tick."""
+KEEP_TICKS = WINDOW_TICKS + 2
+"""Outputs of so many ticks are kept, to be sent again when the driver repeats a tick. The slowest member may be done with
+a tick a window before the last but one: it lacks the next and, of delayed inputs, the one that it is done with."""
 JOIN_RETRY_S = 0.3
 HEALTH_PERIOD_S = 1.0
 LOOK_S = 0.1

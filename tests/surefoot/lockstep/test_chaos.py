@@ -117,6 +117,23 @@ def test_nothing_forged_is_obeyed_and_each_is_counted() -> None:
     assert refused > 100
 
 
+def test_what_a_slow_reader_lost_a_window_ago_is_sent_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its last report was of tick 9, so the others are 21 ticks on before anybody notices."""
+    original, lost = join.Join.offer, list[int]()
+
+    def offer(self: join.Join, topic: Topic[Any], message: Any, value: Any = None) -> str | None:
+        if self.service == "recorder" and topic.key == "state/velocity" and message.tick == 10 and not lost:
+            lost.append(message.tick)
+            return None
+        return original(self, topic, message, value)
+
+    monkeypatch.setattr(join.Join, "offer", offer)
+    history, system = run(0, 0)
+    assert (lost, history[:5]) == ([10], reference()[:5])
+    assert system.driver.leader.comparable, system.driver.leader.reason
+    assert system.nodes["recorder"].join.last == TICKS
+
+
 # -- planted faults ----------------------------------------------------------------------------------------------------
 
 
