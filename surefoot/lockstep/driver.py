@@ -354,7 +354,8 @@ class DriverNode(Node):
         self._since = self.clock()
 
     def _repeat_all(self) -> None:
-        first = min((member.done for member in self.leader.members.values()), default=self.leader.tick) + 1
+        """Send again what anybody may lack; the next tick of the slowest member wants delayed inputs of its last."""
+        first = min((member.done for member in self.leader.members.values()), default=self.leader.tick)
         self._repeat(range(max(0, min(first, self.leader.tick - self.leader.delay)), self.leader.tick + 1))
 
     def _watch_silence(self) -> None:

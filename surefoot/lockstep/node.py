@@ -36,8 +36,8 @@ Req = TypeVar("Req", bound=Request)
 Rep = TypeVar("Rep", bound=Wire)
 
 KEEP_TICKS = WINDOW_TICKS + 2
-"""Outputs of so many ticks are kept, to be sent again when the driver repeats a tick. The slowest member may be done with
-a tick a window before the last but one: it lacks the next and, of delayed inputs, the one that it is done with."""
+"""Outputs of so many ticks are kept, to be sent again when the driver repeats a tick. The slowest member may be
+done with a tick a window before the last but one: it lacks the next and, of delayed inputs, that one."""
 JOIN_RETRY_S = 0.3
 HEALTH_PERIOD_S = 1.0
 LOOK_S = 0.1

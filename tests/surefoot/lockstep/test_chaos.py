@@ -134,6 +134,12 @@ def test_what_a_slow_reader_lost_a_window_ago_is_sent_again(monkeypatch: pytest.
     assert system.nodes["recorder"].join.last == TICKS
 
 
+def test_a_lost_delayed_input_of_the_last_tick_is_sent_again() -> None:
+    """Of a seed in which a recorder is killed and the walker's own gait of the tick before is damaged."""
+    history, system = run(171)
+    assert (len(history), system.driver.leader.tick) == (TICKS, TICKS)
+
+
 # -- planted faults ----------------------------------------------------------------------------------------------------
 
 
