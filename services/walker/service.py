@@ -21,7 +21,7 @@ from surefoot.schemas.hw import EmergencyStop, JointCommand
 from surefoot.schemas.navigation import MotionOrder
 from surefoot.schemas.stability import BasePose as CheckBase
 from surefoot.schemas.stability import CheckRequest, Contact
-from surefoot.schemas.state import GaitState
+from surefoot.schemas.state import GaitState, Odometry, VelocityEstimate
 from surefoot.schemas.topics import (
     CMD_ESTOP,
     CMD_JOINTS,
@@ -111,6 +111,7 @@ class Walker(Service[WalkerConfig]):
         self._order = Order()
         self._out: WalkerOutputs | None = None
         self._stopped = ""  # the reason of an emergency stop; only a new run releases it
+        self._estimate: tuple[VelocityEstimate, Odometry] | None = None  # the newest; the gait judges its age
 
     # -- commands ----------------------------------------------------------------------------------------------
 
@@ -230,7 +231,9 @@ class Walker(Service[WalkerConfig]):
         velocity, odometry = inputs.get(STATE_VELOCITY), inputs.get(STATE_ODOMETRY)
         joints, contacts = inputs.get(HW_JOINTS), inputs.get(HW_CONTACTS)
         stability = inputs.get(STATE_STABILITY)
-        known = velocity is not None and odometry is not None
+        if velocity is not None and odometry is not None:
+            self._estimate = velocity, odometry
+        velocity, odometry = self._estimate or (None, None)  # one may be left out in paced time
         return WalkerInputs(
             stamp=inputs.tick.stamp_ns * 1e-9,
             roll=velocity.roll if velocity else 0.0,
@@ -239,8 +242,8 @@ class Walker(Service[WalkerConfig]):
             x=odometry.position[0] if odometry else 0.0,
             y=odometry.position[1] if odometry else 0.0,
             yaw=odometry.yaw if odometry else 0.0,
-            estimate_stamp=velocity.stamp_ns * 1e-9 if velocity is not None and known else -1.0,
-            initialised=velocity.initialised if velocity is not None and known else False,
+            estimate_stamp=velocity.stamp_ns * 1e-9 if velocity else -1.0,
+            initialised=velocity.initialised if velocity else False,
             joints=None if joints is None else np.array(joints.position),
             contacts=None if contacts is None else np.array([any(foot) for foot in contacts.touch]),
             margin=None if stability is None else stability.margin_planned,

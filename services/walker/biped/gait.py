@@ -34,6 +34,7 @@ Array = NDArray[np.float64]
 LATE_TICKS = 25
 """A command that comes later than this before the last landing does not begin until the robot stands: one in the last
 0.1 s that was laid into the plan at once toppled Nao."""
+STALE = "the estimate is stale or absent: the walk ends"
 
 
 class BipedWalker:
@@ -229,7 +230,7 @@ class BipedWalker:
                 s.row = -1
         elif s.mode is Mode.START:
             if s.held:
-                s.route = None
+                s.route, s.reason = None, STALE
                 self._stand()
             elif s.clock >= p.start_s / DT:
                 self._next_step()
@@ -276,7 +277,7 @@ class BipedWalker:
         s.scale = min(1.0, max(0.0, (p.slow_full_rad - s.peak) / (p.slow_full_rad - p.slow_from_rad)))
         s.peak = 0.0
         if s.held:
-            s.route, s.late, s.reason = None, None, "the estimate is stale or absent: the walk ends"
+            s.route, s.late, s.reason = None, None, STALE
         s.began = s.stamp if s.began is None else s.began
         if s.duration is not None and s.stamp - s.began >= s.duration:
             s.route = None

@@ -63,7 +63,7 @@ class Robot:
         self.joints = ROBOT.neutral.copy()
         self.order: MotionOrder | None = None
 
-    def step(self, *, held: bool = False) -> Any:
+    def step(self, *, held: bool = False, estimated: bool = True) -> Any:
         s = self.service.gait.state
         now = self.tick * 10_000_000
         head: dict[str, Any] = {"stamp_ns": now, "tick": self.tick, "epoch": EPOCH, "seq": 0, "source": "test"}
@@ -85,6 +85,8 @@ class Robot:
                 standing=False, inputs_ok=True, filter_ok=True, sensors_ok=True, slipping=(False,) * 6,
             ),
         }  # fmt: skip
+        if not estimated:
+            del messages[STATE_ODOMETRY.key], messages[STATE_VELOCITY.key]
         roster = ("estimator", "walker", "footholds")
         tick = Tick(**head, roster=roster, roster_version=1, due=(), mode="lockstep", held=held)
         self.service.on_tick(TickInputs(tick, messages))
@@ -125,6 +127,15 @@ def test_it_never_says_walking_while_the_driver_holds_the_joints(robot: Robot) -
     assert {(gait.state, gait.phase) for gait in held} == {("hold", phase)}
     assert "driver holds" in held[0].reason
     np.testing.assert_allclose(robot.joints, before)  # the gait stands still: no jump when it goes on
+    assert robot.run(60)[-1].state == "walking"
+
+
+def test_an_estimate_left_out_is_no_loss_but_its_age_is(robot: Robot) -> None:
+    robot.run(20)
+    assert robot.service.walk(WalkCommand(action="walk", distance=0.3)).accepted
+    robot.run(60)
+    states = [robot.step(estimated=False).state for _ in range(15)]
+    assert states == ["walking"] * 10 + ["hold"] * 5
     assert robot.run(60)[-1].state == "walking"
 
 

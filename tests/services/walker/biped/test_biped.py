@@ -6,7 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from surefoot.services.walker.interface import MotionCommand
+from surefoot.robot.reader import load_robot
+from surefoot.services.walker.biped.gait import STALE, BipedWalker
+from surefoot.services.walker.interface import MotionCommand, WalkerInputs
 from tests.services.walker.biped.biped_plant import Plant
 
 BOTH = ("bioloid", "nao")
@@ -180,3 +182,19 @@ def test_plan_is_what_the_feet_do():
     plant.until(look, 1500)
     assert len(gaps) >= 3
     assert max(gaps) < 0.006
+
+
+def test_a_walk_that_ends_before_its_first_step_for_want_of_an_estimate_says_so():
+    walker, both, tick = BipedWalker(load_robot("nao")), np.array([True, True]), 0
+
+    def step(age=0.0):
+        nonlocal tick
+        tick, now = tick + 1, 0.01 * tick
+        q = walker.state.q.copy()
+        return walker.step(WalkerInputs(now, estimate_stamp=now - age, initialised=True, joints=q, contacts=both))
+
+    while step().state != "standing":
+        assert tick < 500
+    assert walker.command(MotionCommand("walk", distance=0.1)).accepted
+    assert [step(age).state for age in (0.0, 0.09, 0.2)] == ["walking", "walking", "hold"]
+    assert (step().state, step().reason) == ("standing", STALE)
