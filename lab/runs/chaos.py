@@ -54,7 +54,13 @@ class ChaosRun:
 
 
 def run_chaos(
-    scenario: Scenario, seed: int, events: int, kinds: tuple[Kind, ...] = KINDS, ticks: int | None = None
+    scenario: Scenario,
+    seed: int,
+    events: int,
+    kinds: tuple[Kind, ...] = KINDS,
+    ticks: int | None = None,
+    *,
+    paced: bool = False,
 ) -> ChaosRun:
     """Conduct a scenario while so many events happen.
 
@@ -64,6 +70,7 @@ def run_chaos(
         events: how many.
         kinds: to draw from.
         ticks: of the run over which the events are spread, None = half of the scenario's longest duration.
+        paced: time goes on in real time, as on a robot, whoever is missing; else it waits (lockstep).
     """
     compose = load_compose(find("compose", scenario.compose, ".yaml", ComposeError))
     director = Director(scenario)
@@ -75,14 +82,16 @@ def run_chaos(
         makers: dict[str, Callable[[], Service[Any]]] = {
             name: partial(_made, name, compose, director, memory) for name in (Simulator.name, *names)
         }
-        return _conduct(ChaosSystem(makers, drawn, seed), scenario, director, names, seed)
+        return _conduct(ChaosSystem(makers, drawn, seed), scenario, director, names, seed, paced=paced)
 
 
 def _made(name: str, compose: Any, director: Director, environment: Mapping[str, str]) -> Service[Any]:
     return build_services((name,), compose, director, None, environment)[0]
 
 
-def _conduct(system: ChaosSystem, scenario: Scenario, director: Director, names: list[str], seed: int) -> ChaosRun:
+def _conduct(
+    system: ChaosSystem, scenario: Scenario, director: Director, names: list[str], seed: int, *, paced: bool
+) -> ChaosRun:
     simulator = system.driver.service
     assert isinstance(simulator, Simulator)
     leader, violations = system.driver.leader, list[str]()
@@ -94,7 +103,7 @@ def _conduct(system: ChaosSystem, scenario: Scenario, director: Director, names:
 
     request = ResetRequest(
         seed=scenario.seed, world=scenario.world, expect=tuple(names), policy="hold", max_ticks=scenario.max_ticks,
-        actuation_delay_ticks=scenario.actuation_delay_ticks,
+        actuation_delay_ticks=scenario.actuation_delay_ticks, mode="paced" if paced else "lockstep", rtf=float(paced),
     )  # fmt: skip
     run_hash = ""
     try:
@@ -102,8 +111,8 @@ def _conduct(system: ChaosSystem, scenario: Scenario, director: Director, names:
         system.run(lambda: leader.state == "ended" and leader.all_done(), watch)
         if "recorder" in names:
             run_hash = system.bus.call(RECORDER_STATUS, RecorderRequest()).run_hash
-        if not system.recovered():
-            violations.append(f"not everybody is back: {', '.join(leader.missing()) or leader.state}")
+        if system.absent():
+            violations.append(f"not back: {', '.join(system.absent())}")
     except BusError as error:
         violations.append(error.message)
     finally:

@@ -23,6 +23,7 @@ FREEZE_S = (0.3, 1.0, 5.0)  # s of virtual time
 RESTART_S = 1.5  # s of virtual time from the death of a service to its successor
 MOST_MESSAGES = 20  # deliveries that one event spoils
 FORGER = "forger"
+JOIN_S = 1.0  # s of virtual time after which a service that is back must be on the roster
 STALL_S = 300.0  # s of virtual time without a tick after which a run counts as stalled
 
 
@@ -154,6 +155,7 @@ class ChaosSystem:
         self.outcomes: list[Outcome] = []
         self._frozen: dict[str, float] = {}
         self._dead: dict[str, float] = {}
+        self._back: dict[str, float] = {}
         self.nodes: dict[str, Node] = {}
         for name in makers:
             self._start(name)
@@ -201,9 +203,11 @@ class ChaosSystem:
         """Begin the events that are due, end the freezes, start the successors."""
         for name in [name for name, until in self._frozen.items() if until <= self.now]:
             self._frozen.pop(name)
+            self._back[name] = self.now
             self.bus.announce(name, self.nodes[name].instance)
         for name in [name for name, until in self._dead.items() if until <= self.now]:
             self._dead.pop(name)
+            self._back[name] = self.now
             self._start(name)
         while self._waiting and self._waiting[0].tick <= self.driver.leader.tick:
             event = self._waiting.pop(0)
@@ -231,11 +235,15 @@ class ChaosSystem:
                 spoilt = self.bus.spoilt.get(outcome.event, 0)
                 self.outcomes[place] = replace(outcome, recovered=self.now, spoilt=spoilt)
 
-    def recovered(self) -> bool:
-        """Return whether nobody is frozen, dead, or off the roster, and every member is up to date."""
+    def absent(self) -> tuple[str, ...]:
+        """Return the services that should be back on the roster and up to date, and are not.
+
+        Who is still frozen or dead, or has been back for less than ``JOIN_S``, is not among them.
+        """
         leader = self.driver.leader
-        wanted = set(leader.expect)
-        return not self._frozen and not self._dead and wanted <= set(leader.members) and leader.all_done()
+        excused = {*self._frozen, *self._dead, *(n for n, at in self._back.items() if self.now - at < JOIN_S)}
+        behind = {name for name, member in leader.members.items() if member.done < leader.tick}
+        return tuple(n for n in leader.expect if n not in excused and (n not in leader.members or n in behind))
 
     def close(self) -> None:
         """End all services."""
