@@ -15,8 +15,30 @@ from surefoot.services.footholds.models.score import HandScore
 from surefoot.services.footholds.select import Foothold, Landing, SelectParams, TrunkPose, select
 
 
+class _Roughness:
+    """What the rules of other people have in common: they hold anywhere, know no spread and no landing error."""
+
+    @property
+    def distance_weight(self) -> float:
+        """k of Q = P + k K4, 1/m: none of its own, so a walk states one."""
+        return 0.0
+
+    @property
+    def landing_error(self) -> float:
+        """0: the choice takes the mean over the free cells of the 3 x 3 block."""
+        return 0.0
+
+    def unfit(self, cell: float, smooth: bool, foot_radius: float) -> str:
+        """Return nothing: the rule holds for any cell, filter and foot."""
+        return ""
+
+    def spread(self, features: Features, cell: float) -> Layer:
+        """Return NaN for every cell, (ny, nx) float32."""
+        return np.full(features.k1.shape, np.nan, dtype=np.float32)
+
+
 @dataclass(frozen=True, slots=True)
-class MinK2:
+class MinK2(_Roughness):
     """P grows with K2 alone: the flattest cell, K2 / (8 cell) as rise per way."""
 
     @property
@@ -30,7 +52,7 @@ class MinK2:
 
 
 @dataclass(frozen=True, slots=True)
-class GridMapRule:
+class GridMapRule(_Roughness):
     """The traversability of grid_map's example filters: 1 - [.5 (1 - slope / .6) + .5 (1 - roughness / .1)].
 
     The slope is in rad. Only K1 and K2 are at hand: the slope of a plane is K2 / (7 cell) within 15 % in any
