@@ -18,13 +18,24 @@ from surefoot.kernels.jit import kernel
 from surefoot.robot.description import Robot
 from surefoot.services.footholds.features import Layer, window_features
 from surefoot.services.footholds.ground import FootholdGround
-from surefoot.services.footholds.masks import REASONS, Limits, Mask, Placement, count_reasons, gradient, mask_window
+from surefoot.services.footholds.masks import (
+    REASONS,
+    Limits,
+    Mask,
+    Placement,
+    Reason,
+    count_reasons,
+    gradient,
+    mask_window,
+)
 from surefoot.services.footholds.models.protocol import SlipModel
 from surefoot.services.footholds.reach import LegTable, leg_table
 
 Array = NDArray[np.float64]
 Point = tuple[float, float, float]
 Status = Literal["ok", "raise_trunk", "infeasible"]
+BY_MODEL = np.uint8(Reason.SLIP | Reason.UNLEARNED)
+"""Bits of a mask that come from the slip model alone."""
 MAX_BORDER = 6
 """Cells on each side over which P is averaged at most."""
 
@@ -40,7 +51,8 @@ class SelectParams:
     robust: bool = True
     """P averaged over the model's landing error, or over the free cells of the 3 x 3 block; False: as in the paper."""
     seed: int | None = None
-    """Given: every leg gets a free cell at random, equal seeds the same (walks that collect samples)."""
+    """Given: every leg gets a cell at random, equal seeds the same: walks that collect samples. What the slip model
+    says of a cell does not count, or nothing could be learned where it is wrong; all other reasons do."""
     trunk_step: float = 0.005
     """Step of the search for a trunk height that makes a cell reachable, m."""
     trunk_range: float = 0.040
@@ -142,8 +154,9 @@ def select_leg(
         if not first:
             count_reasons(mask, counts)
             first = tuple(int(value) for value in counts)
-        index = choose(mask, slip, around, blur, surface.cell, shift_x, shift_y, weight, block, best)
-        if index >= 0 and params.seed is not None:
+        if params.seed is None:
+            index = choose(mask, slip, around, blur, surface.cell, shift_x, shift_y, weight, block, best)
+        else:
             index = draw(mask, (params.seed, landing.leg))
             away = (shift_x + index % n * surface.cell, shift_y + index // n * surface.cell)
             best[1] = slip.flat[index] + weight * math.sqrt(away[0] ** 2 + away[1] ** 2)
@@ -247,9 +260,9 @@ def landing_weights(error: float, cell: float) -> Array:
 
 
 def draw(mask: Mask, seed: Sequence[int]) -> int:
-    """Return the index of a free cell at random; there must be one."""
-    free = np.flatnonzero(mask.ravel() == 0)
-    return int(free[np.random.default_rng(seed).integers(free.size)])
+    """Return the index of a cell at random that nothing but the slip model excludes, -1 if there is none."""
+    free = np.flatnonzero((mask & ~BY_MODEL).ravel() == 0)
+    return int(free[np.random.default_rng(seed).integers(free.size)]) if free.size else -1
 
 
 def _changes(steps: int) -> list[int]:

@@ -66,8 +66,8 @@ def test_walks_in_the_file_are_not_walked_again(tmp_path: Path, monkeypatch: pyt
         def __exit__(self, *_: object) -> None: ...
         def map(self, _, jobs):  # type: ignore[no-untyped-def]
             for job in jobs:
-                asked.append(job[:3])
-                yield line(*job[:3], 1.0)
+                asked.append((job[0], job[1], job[2]))
+                yield line(job[0], job[1], job[2], 1.0)
 
     monkeypatch.setattr(walk_rules, "ProcessPoolExecutor", InPlace)
     walk_missing(known, ["rough"], ["learned", "hand"], range(1, 3), "shipped", "ragno", 1, results)

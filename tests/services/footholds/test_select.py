@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from surefoot.services.footholds.features import Features, window_features
+from surefoot.services.footholds.features import Features, Layer, window_features
 from surefoot.services.footholds.ground import FootholdGround
 from surefoot.services.footholds.masks import REASONS, Limits, mask_window
 from surefoot.services.footholds.models.protocol import UNLEARNED
@@ -186,6 +186,38 @@ def test_random_cells_are_free_seeded_and_different_for_each_leg() -> None:
     assert len(offsets) > 3
     alone = ask(ground, standing(), legs[3], params=SelectParams(seed=1))[0]
     assert alone.foothold == drawn[0][3].foothold
+
+
+class Refuses(HandScore):
+    """A model that says the same of every cell."""
+
+    value = UNLEARNED
+
+    def predict(self, features: Features, cell: float) -> Layer:
+        return np.where(np.isnan(features.k1), np.float32(NAN), np.float32(self.value)).astype(np.float32)
+
+
+@pytest.mark.parametrize("value", [UNLEARNED, 0.9])
+def test_random_cells_ignore_the_model_but_no_other_reason(value: float) -> None:
+    ground, asked, base = ground_of(rough(5)), landing(2), standing()
+    model = Refuses()
+    object.__setattr__(model, "value", value)
+    assert select(ground, ragno(), model, base, [asked], SelectParams())[0].status == "infeasible"
+    placed = placement(ragno(), asked.leg, base, asked.stroke)
+    assert placed is not None
+    cells = set()
+    for seed in range(40):
+        found = select(ground, ragno(), model, base, [asked], SelectParams(seed=seed))[0]
+        assert found.status == "ok"
+        assert found.foothold is not None
+        row, col = ground.surface.index(*found.foothold[:2])
+        bits = mask_window(ground, row, col, np.zeros((1, 1), dtype=np.float32), Limits(), placed)[0, 0]
+        assert bits == 0
+        cells.add((row, col))
+    assert len(cells) > 25
+    wall = flat()
+    wall[:, :] = np.nan
+    assert select(ground_of(wall), ragno(), model, base, [asked], SelectParams(seed=1))[0].status == "infeasible"
 
 
 def test_avoids_a_peak_and_an_edge() -> None:
