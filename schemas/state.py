@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from surefoot.schemas.base import MAX_FEET, Message, PerFoot, QuatWxyz, Vec3
+from surefoot.schemas.base import MAX_FEET, Message, PerFoot, QuatWxyz, Vec3, Wire
 
 Covariance6 = Annotated[tuple[float, ...], Field(min_length=36, max_length=36)]
 Covariance4 = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]
@@ -50,8 +50,19 @@ class VelocityEstimate(Message):
     )
 
 
+class StanceEnd(Wire):
+    """One stance of a foot that has ended, by the robot's own measurements."""
+
+    foot: int = Field(ge=0, lt=MAX_FEET, description="number of the foot, as in the robot description")
+    slip: float = Field(ge=0, description="m, way slid from where the stance began, rolling removed")
+    begin: Vec3 = Field(description="m, foot centre at its begin, odom")
+    samples: int = Field(ge=1, description="samples of the joints from its first contact to its last")
+
+
 class Odometry(Message):
     """Pose of base_link in ``odom``, dead-reckoned: yaw and position drift, and the covariance grows with them."""
+
+    schema_version: ClassVar[str] = "1.1"
 
     position: Vec3 = Field(description="m, base_link origin in odom")
     quat_wxyz: QuatWxyz
@@ -59,6 +70,9 @@ class Odometry(Message):
     velocity: Vec3 = Field(description="m/s, in odom axes")
     covariance: Covariance4 = Field(description="row-major 4x4 of (x, y, z, yaw), m and rad")
     initialised: bool = Field(description="as in VelocityEstimate")
+    stances: Annotated[tuple[StanceEnd, ...], Field(max_length=MAX_FEET)] = Field(
+        default=(), exclude_if=_zero, description="stances that have ended since the message before"
+    )
 
 
 class GaitState(Message):

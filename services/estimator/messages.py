@@ -1,11 +1,13 @@
 """Estimates as they travel."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from numpy.typing import NDArray
 
-from surefoot.schemas.state import Odometry, VelocityEstimate
+from surefoot.schemas.state import Odometry, StanceEnd, VelocityEstimate
 from surefoot.services.estimator.output import Estimate, OdometryPose
+from surefoot.services.estimator.slip import FinishedStance
 
 
 def velocity_message(e: Estimate) -> VelocityEstimate:
@@ -34,8 +36,8 @@ def velocity_message(e: Estimate) -> VelocityEstimate:
     )
 
 
-def odometry_message(pose: OdometryPose, initialised: bool) -> Odometry:
-    """The dead-reckoned pose."""
+def odometry_message(pose: OdometryPose, initialised: bool, stances: Sequence[FinishedStance] = ()) -> Odometry:
+    """The dead-reckoned pose, and the stances that have ended."""
     return Odometry(
         position=_list(pose.position),
         quat_wxyz=_list(pose.quat_wxyz),
@@ -43,6 +45,7 @@ def odometry_message(pose: OdometryPose, initialised: bool) -> Odometry:
         velocity=_list(pose.velocity),
         covariance=_list(pose.covariance.ravel()),
         initialised=initialised,
+        stances=tuple(StanceEnd(foot=s.leg, slip=s.slip, begin=s.begin, samples=s.samples) for s in stances),
     )
 
 

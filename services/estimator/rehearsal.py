@@ -4,7 +4,9 @@ import numpy as np
 
 from surefoot.robot.description import Robot
 from surefoot.services.estimator.config import EstimatorConfig
+from surefoot.services.estimator.feet import foot_mount
 from surefoot.services.estimator.messages import odometry_message, velocity_message
+from surefoot.services.estimator.slip import StanceSlip, feet_in_odom
 
 WALK_SAMPLES = 24
 """Inertial samples after the start, 8 of the joints: every foot lifts and comes down."""
@@ -21,6 +23,8 @@ def rehearse(config: EstimatorConfig, robot: Robot, modes: tuple[str, ...]) -> N
     estimator = config.estimator(robot)
     period, up = estimator.params.imu_period_ns, np.array([0.0, 0.0, 9.81])
     joints, every = robot.neutral.copy(), np.ones(len(robot.legs), dtype=np.bool_)
+    mount = foot_mount(robot)
+    slip = StanceSlip(len(mount.radius), mount.radius)
     rest = estimator.params.standstill_samples + 2
     for i in range(rest + WALK_SAMPLES):
         stamp, walking = (i + 1) * period, i >= rest
@@ -32,6 +36,7 @@ def rehearse(config: EstimatorConfig, robot: Robot, modes: tuple[str, ...]) -> N
                 stamp, joints + 1e-3 * walking * np.sin(i + np.arange(joints.size)), every & ~(swinging & walking)
             )
         if walking:
+            slip.update(every, *feet_in_odom(mount, joints, estimator.pose()))
             odometry_message(estimator.pose(), estimator.initialised)
             for mode in modes:
                 velocity_message(estimator.estimate(mode))

@@ -18,10 +18,14 @@ from surefoot.schemas.topics import (
     STATE_VELOCITY_KINEMATICS_GYRO,
 )
 from surefoot.services.estimator.config import EstimatorConfig
+from surefoot.services.estimator.feet import foot_mount
 from surefoot.services.estimator.inputs import InputResult
 from surefoot.services.estimator.messages import odometry_message, velocity_message
 from surefoot.services.estimator.rehearsal import rehearse
+from surefoot.services.estimator.slip import FinishedStance, StanceSlip, feet_in_odom
 
+LATE_JOINTS_S = 0.03
+"""Older joints correct the estimate, but say nothing of slip: the pose of their time is not kept."""
 LATE_TICK = 100
 """Who joins an epoch after this tick no longer stands at the stated start pose."""
 
@@ -42,17 +46,23 @@ class EstimatorService(Service[EstimatorConfig]):
     outputs = (STATE_VELOCITY, STATE_ODOMETRY, *VARIANTS.values())
 
     def on_start(self) -> None:
-        self.estimator = self.config.estimator(load_robot(self.config.robot))
+        robot = load_robot(self.config.robot)
+        self.estimator = self.config.estimator(robot)
+        self._mount = foot_mount(robot)
+        self._begin()
+
+    def _begin(self) -> None:
         self._contacts: FootContacts | None = None
         self._first = True
+        self._slip = StanceSlip(len(self._mount.radius), self._mount.radius)
+        self._stances: list[FinishedStance] = []
 
     def rehearse(self) -> None:
         rehearse(self.config, load_robot(self.config.robot), (self.config.mode, *VARIANTS))
 
     def on_reset(self) -> None:
         self.estimator.reset()
-        self._contacts = None
-        self._first = True
+        self._begin()
 
     def on_tick(self, inputs: TickInputs) -> None:
         if self._first and inputs.number > LATE_TICK:
@@ -68,7 +78,8 @@ class EstimatorService(Service[EstimatorConfig]):
         e = self.estimator
         e.silent = dict(inputs.late)
         self.publish(STATE_VELOCITY, velocity_message(e.estimate(self.config.mode)), e.stamp_ns)
-        self.publish(STATE_ODOMETRY, odometry_message(e.pose(), e.initialised), e.stamp_ns)
+        self.publish(STATE_ODOMETRY, odometry_message(e.pose(), e.initialised, self._stances), e.stamp_ns)
+        self._stances = []
         for name, topic in VARIANTS.items():
             if topic.due(inputs.number):
                 self.publish(topic, velocity_message(e.estimate(name)), e.stamp_ns)
@@ -79,7 +90,13 @@ class EstimatorService(Service[EstimatorConfig]):
 
     def _kinematics(self, joints: JointState, contacts: FootContacts) -> None:
         touch = np.array([any(foot) for foot in contacts.touch])
-        self._tell("kinematics", self.estimator.joints(joints.stamp_ns, np.array(joints.position), touch))
+        q, e = np.array(joints.position), self.estimator
+        result = e.joints(joints.stamp_ns, q, touch)
+        self._tell("kinematics", result)
+        behind_s = 1e-9 * (e.stamp_ns - joints.stamp_ns)
+        if result is InputResult.OK and e.initialised and 0.0 <= behind_s < LATE_JOINTS_S:
+            feet = feet_in_odom(self._mount, q, e.pose(), behind_s)
+            self._stances += self._slip.update(touch, *feet)
 
     def _tell(self, source: str, result: InputResult) -> None:
         """Log the first refusal of its kind; the rest is in the counters."""

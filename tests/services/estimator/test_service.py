@@ -152,3 +152,31 @@ def test_a_restart_in_mid_run_says_that_it_is_lost(service, desk):
     last = desk.messages[STATE_ODOMETRY.key][-1]
     assert last.initialised
     assert last.covariance[0] > 0.5
+
+
+def test_the_slip_of_a_stance_is_published_once_when_it_ends(service, desk):
+    stand(service, 130)
+    robot, number = ROBOT, 130
+
+    def give(q: np.ndarray, touch: list[bool], ticks: int) -> None:
+        nonlocal number
+        for _ in range(ticks):
+            number += 1
+            stamp = number * TICK
+            imu = Imu(stamp_ns=stamp, gyro=(0.0, 0.0, 0.0), acc=(0.0, 0.0, 9.81))
+            fresh = stamp // PERIOD > (stamp - TICK) // PERIOD
+            joints = JointState(stamp_ns=stamp, position=tuple(q)) if fresh else None
+            switches = tuple((closed,) for closed in touch)
+            contacts = FootContacts(stamp_ns=stamp, touch=switches, normal_force_n=(None,) * 6) if fresh else None
+            service.on_tick(tick(number, hw_imu=imu, hw_joints=joints, hw_contacts=contacts))
+
+    give(robot.neutral, [True] * 6, 20)
+    slid = robot.neutral.copy()
+    slid[0] += 0.08  # the first leg swings on the ground
+    give(slid, [True] * 6, 20)
+    lifted = slid.copy()
+    lifted[1] += 0.5
+    give(lifted, [False] + [True] * 5, 20)
+    ended = [each for message in desk.messages[STATE_ODOMETRY.key] for each in message.stances]
+    assert [each.foot for each in ended] == [0]
+    assert 0.005 < ended[0].slip < 0.02

@@ -1,0 +1,101 @@
+"""The slip that the robot measures itself beside the truth, stance by stance."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.lab.footholds.walks import JoinedWalk
+from surefoot.services.estimator.feet import foot_mount
+from surefoot.services.estimator.slip import FinishedStance, StanceSlip, feet_in_odom
+
+Array = NDArray[np.float64]
+LIFTED_TICKS = 5
+"""After the last sample with contact a foot may still slide for so long."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredStance:
+    """One stance by both."""
+
+    leg: int
+    own: float
+    """Slip that the robot has measured, m."""
+    inside: float
+    """True sliding between its first and its last sample with contact, m."""
+    whole: float
+    """True sliding since the stance before, m: also what a foot too light for its switch has slid."""
+    begin: tuple[float, float, float]
+    """Foot centre at its begin, `odom`, m."""
+
+
+class SlipFollower:
+    """Measures slip in a walk as the estimator service does, and reads the truth beside it."""
+
+    def __init__(self, joined: JoinedWalk) -> None:
+        self.joined = joined
+        self.mount = foot_mount(joined.robot)
+        n = joined.robot.nlegs
+        self.meter = StanceSlip(n, self.mount.radius)
+        self.found: list[MeasuredStance] = []
+        self._total, self._before = np.zeros(n), np.zeros(n)
+        self._rows: list[Array] = []
+        """True way of each foot so far, at each sample of the joints, (L,) m."""
+        self._trail: list[Array] = []
+        """The same at each tick."""
+        self._ticks: list[int] = []
+        self._counted = np.zeros(n)
+
+    def look(self) -> list[MeasuredStance]:
+        """Take the tick that has passed; returns the stances that have ended."""
+        world, estimator = self.joined.world, self.joined.estimator
+        sliding = world.tracker.feet.sliding.copy()
+        self._total += np.where(sliding >= self._before, sliding - self._before, sliding)
+        self._before = sliding
+        self._trail.append(self._total.copy())
+        joints, contacts = world.samples.joints, world.samples.contacts
+        if joints is None or contacts is None or not estimator.initialised:
+            return []
+        touch = np.array([any(foot) for foot in contacts.touch])
+        behind_s = 1e-9 * (estimator.stamp_ns - joints.stamp_ns)
+        feet = feet_in_odom(self.mount, joints.position, estimator.pose(), behind_s)
+        self._rows.append(self._total.copy())
+        self._ticks.append(len(self._trail) - 1)
+        ended = [self._beside(each) for each in self.meter.update(touch, *feet)]
+        self.found += ended
+        return ended
+
+    def _beside(self, stance: FinishedStance) -> MeasuredStance:
+        leg, row = stance.leg, len(self._rows) - 1
+        last = row - stance.since
+        first = last - stance.samples + 1
+        until = min(self._ticks[last] + LIFTED_TICKS, len(self._trail) - 1)
+        whole = float(self._trail[until][leg])
+        out = MeasuredStance(
+            leg, stance.slip, float(self._rows[last][leg] - self._rows[first][leg]),
+            whole - float(self._counted[leg]), stance.begin,
+        )  # fmt: skip
+        self._counted[leg] = whole
+        return out
+
+
+def auc(score: Array, positive: NDArray[np.bool_]) -> float:
+    """Return the area under the receiver operating curve: how often a positive has the higher score; ties count half.
+
+    Args:
+        score: (n,).
+        positive: (n,); NaN is returned if all or none are.
+    """
+    from scipy.stats import rankdata
+
+    n = int(positive.sum())
+    if n in (0, len(positive)):
+        return float("nan")
+    ranks = rankdata(score)
+    return float((ranks[positive].sum() - n * (n + 1) / 2) / (n * (len(positive) - n)))
+
+
+def rms(values: Sequence[float] | Array) -> float:
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
