@@ -68,6 +68,14 @@ def track(name: str, log: Log, **options: Any) -> Track:
     return next(follow(name, log, **options))[1]
 
 
+def velocities(name: str, log: Log, **options: Any) -> Track:
+    """Run one estimator for its velocity alone, which takes less time; position and heading of the track are zero."""
+    if name in PEERS:
+        return PEERS[name](log, options)
+    running = Running(name, log, options)
+    return _piece(running, name, log, log.arrival(), 0, len(log.stamp_ns), posed=False)
+
+
 def names() -> tuple[str, ...]:
     """Names of the estimators of the service."""
     return NAMES
@@ -151,7 +159,9 @@ def follow(name: str, log: Log, rows_each: int | None = None, **options: Any) ->
         yield slice(first, end), _piece(running, name, log, part, first, end - first)
 
 
-def _piece(running: Running, name: str, log: Log, part: NDArray[np.int64], first: int, n: int) -> Track:
+def _piece(
+    running: Running, name: str, log: Log, part: NDArray[np.int64], first: int, n: int, posed: bool = True
+) -> Track:
     """Feed inputs in the given order; the track over `n` inertial rows from `first` on."""
     feet, rows = log.feet_count, len(log.stamp_ns)
     v, g, p, nis = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 6, 6)), np.full(n, np.nan)
@@ -161,12 +171,14 @@ def _piece(running: Running, name: str, log: Log, part: NDArray[np.int64], first
     to_imu, clipped, row = log.rot_base_from_imu.T, log.saturated, -1
 
     def note(k: int) -> None:
-        e, pose = running.estimate(), running.pose()
+        e = running.estimate()
         v[k], g[k], p[k] = e.velocity_imu, to_imu @ e.g_up, e.covariance
-        position[k], yaw[k] = pose.position, pose.yaw
-        c, s = math.cos(pose.yaw), math.sin(pose.yaw)
-        ahead, left, up = e.velocity_heading
-        v_odom[k] = c * ahead - s * left, s * ahead + c * left, up
+        if posed:
+            pose = running.pose()
+            position[k], yaw[k] = pose.position, pose.yaw
+            c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+            ahead, left, up = e.velocity_heading
+            v_odom[k] = c * ahead - s * left, s * ahead + c * left, up
         nis[k] = np.nan if e.nis is None else e.nis
         slipping[k], gyro_bias[k], acc_bias[k] = e.sliding, e.gyro_bias, e.acc_bias
         for flag in FLAGS:

@@ -7,7 +7,7 @@ import numpy as np
 
 from surefoot.lab.estimation.log import Log
 from surefoot.lab.estimation.scores import score
-from surefoot.lab.estimation.track import track
+from surefoot.lab.estimation.track import velocities
 from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.params import EstimatorParams
 
@@ -93,6 +93,6 @@ def _search(name: str, logs: Sequence[Log], measure: str, fixed: Mapping[str, An
 
 
 def _cost(name: str, logs: Sequence[Log], measure: str, options: Mapping[str, Any]) -> float:
-    costs = [getattr(score(log, track(name, log, **options)), measure) for log in logs]
+    costs = [getattr(score(log, velocities(name, log, **options)), measure) for log in logs]
     cost = float(np.mean(costs))
     return cost if np.isfinite(cost) else PENALTY

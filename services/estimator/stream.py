@@ -203,8 +203,8 @@ class Estimator:
         Raises:
             KeyError: it is not one of those that run.
         """
-        best = self.best
         if name == BEST:
+            best = self.best
             return self._estimate(
                 name, best.g, best.v, best.covariance, best.gyro_bias, best.acc_bias, best.settled, best.standing,
                 best.sliding > SLIDES, best.nis, best.nis, best.sliding, best.excess,

@@ -21,6 +21,8 @@ TUNING_SEEDS = range(100, 106)
 """Never scored."""
 REFERENCES = ("inekf", "linear", "ekf", "paper", "kinematics", "kinematics_gyro")
 """What an estimator is compared with."""
+PAPER_MODULES = ("ekf", "estimators", "feet", "history", "inertial", "legs", "paper", "params", "standstill")
+"""Modules of the estimator service on which the velocity of the paper's filters depends."""
 
 
 @dataclass(frozen=True)
@@ -101,5 +103,6 @@ def _sources(name: str) -> list[Path]:
     """Files on which the noise of a reference depends."""
     room = Path(str(tuning.__file__)).parent
     judged = [room / f"{module}.py" for module in ("tune", "scores", "log")]
-    own = (room / "peers").glob("*.py") if name in PEERS else Path(str(service.__file__)).parent.glob("*.py")
-    return [*judged, *sorted(own)]
+    if name in PEERS:
+        return [*judged, *sorted((room / "peers").glob("*.py"))]
+    return [*judged, *(Path(str(service.__file__)).parent / f"{module}.py" for module in PAPER_MODULES)]
