@@ -15,6 +15,7 @@ from surefoot.services.estimator.best_kernel import (
     E_POS,
     EXCESS,
     GYRO_BIAS,
+    LAG,
     NIS,
     POS,
     REST,
@@ -109,9 +110,11 @@ def _summary(state: BestState, geometry: BestGeometry, w: Array, feet: int) -> t
             arm[i] += base[i, k] * geometry.imu_position[k]
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        rows[0, i], rows[1, i] = GRAVITY * rot[2, i], v_imu[i]
+        rows[0, i], rows[1, i] = GRAVITY * rot[2, i], v_imu[i] + state.memory[LAG + i]
         rows[2, i] = x[POS + i] - arm[i]
         rows[3, i] = x[VEL + i] - (turn[j] * arm[k] - turn[k] * arm[j])
+        for m in range(3):
+            rows[3, i] += rot[i, m] * state.memory[LAG + m]
         rows[4, i], rows[5, i] = x[GYRO_BIAS + i], x[ACC_BIAS + i]
     rows[6, 0] = math.atan2(base[1, 0], base[0, 0])
     rows[6, 1] = 1.0 if settled(state) else 0.0

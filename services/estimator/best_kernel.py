@@ -36,7 +36,7 @@ E_ROT, E_VEL, E_GYRO, E_ACC, E_POS, E_POINTS = 0, 3, 6, 9, 12, 15
 # columns of `BestState.points`
 DOWN, SLIDE, MISFIT, SEEN = 0, 1, 2, 3
 # parts of `BestState.memory`
-EXCESS, INNOVATION, LAST_GYRO, SINCE, NIS, PHASE, REST, AGE = 0, 1, 4, 7, 8, 9, 10, 11
+EXCESS, INNOVATION, LAST_GYRO, SINCE, NIS, PHASE, REST, AGE, LAG = 0, 1, 4, 7, 8, 9, 10, 11, 12
 WAITING, MOVING, STARTED = 0.0, 1.0, 2.0  # values of `PHASE`
 FREE = 1.0  # m^2, variance of a point that touches nothing
 NO_FEET = -1.0  # `SINCE` before the first sample of the feet
@@ -56,9 +56,9 @@ class BestState(NamedTuple):
     turn: Array
     """(K, 3, 3) rot_odom_from_foot at the last sample of the feet."""
     memory: Array
-    """(12,): excess of the inertial noise, last common innovation (3) m, last gyro (3) rad/s, time since the last
+    """(15,): excess of the inertial noise, last common innovation (3) m, last gyro (3) rad/s, time since the last
     sample of the feet s (negative: there was none), its normalised innovation squared (3 dof), phase of the start,
-    inertial samples at rest in a row, time since the start s."""
+    inertial samples at rest in a row, time since the start s, lag of the velocity (3) m/s, IMU axes, see `follow`."""
 
 
 class BestNoise(NamedTuple):
@@ -80,13 +80,14 @@ class BestNoise(NamedTuple):
     drop: float  # correlation of successive innovations that is no sign of anything
     twist: float  # rad/sqrt(s), turning of a standing sole about the vertical
     most_excess: float  # largest factor of the inertial noise
+    lag_s: float  # s, over which corrections of the position are averaged
 
 
 def new_state(points: int) -> BestState:
     """An empty state of `points` contact points, level, at rest, with wide covariance."""
     x, cov = np.zeros(POINTS + 3 * points), np.eye(E_POINTS + 3 * points) * FREE
     x[ROT] = x[ROT + 4] = x[ROT + 8] = 1.0
-    memory = np.zeros(AGE + 1)
+    memory = np.zeros(LAG + 3)
     memory[EXCESS], memory[SINCE] = 1.0, NO_FEET
     return BestState(x, cov, np.zeros((points, SEEN + 1)), np.zeros((points, 3, 3)), memory)
 
@@ -271,6 +272,8 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
         if points[k, DOWN] > 0.0:
             for i in range(E_POINTS + 3 * k, E_POINTS + 3 * k + 3):
                 cov[i, i] += noise.stay**2 * d
+    for i in range(LAG, LAG + 3):
+        memory[i] *= 1.0 - min(d / noise.lag_s, 1.0)
     if memory[SINCE] >= 0.0:
         memory[SINCE] += d
 

@@ -34,6 +34,7 @@ def best_noise(params: EstimatorParams) -> BestNoise:
         drop=0.2,
         twist=0.05,
         most_excess=15.0,
+        lag_s=5.0,
     )
 
 

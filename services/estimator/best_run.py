@@ -18,6 +18,7 @@ from surefoot.services.estimator.best_kernel import (
     E_ROT,
     E_VEL,
     GYRO_BIAS,
+    LAG,
     MOVING,
     NO_FEET,
     PHASE,
@@ -46,6 +47,7 @@ from surefoot.services.estimator.best_start import (
 from surefoot.services.estimator.best_update import (
     OUTLIER,
     UNKNOWN_SPEED,
+    follow,
     forget_velocity,
     lift,
     retract,
@@ -203,12 +205,14 @@ def advance(
                     predict(state, w, q, 1e-9 * (feet_stamps[next_foot] - now), noise, felt)
                     now = feet_stamps[next_foot]
                 y, turn = points_of(geometry.foot, geometry.place, feet[next_foot], foot_rots[next_foot])
+                before = x[POS : POS + 3].copy()
                 take_points(
                     state, y, turn, contact[next_foot], geometry.radius, geometry.foot, noise,
                     limits.hypotheses,
                 )  # fmt: skip
                 if math.isfinite(limits.level_sd):
                     stand_on_level(state, limits.start[3], geometry.radius, limits.level_sd)
+                follow(state, before, noise)
                 next_foot += 1
             if stamps[at] > now:
                 predict(state, w, q, 1e-9 * (stamps[at] - now), noise, felt)
@@ -217,6 +221,9 @@ def advance(
             forget_velocity(state, UNKNOWN_SPEED)
         resting = rests(rows, stamps, at, feet, feet_stamps, limits)
         memory[REST] = memory[REST] + 1.0 if resting else 0.0
+        if resting:
+            for i in range(LAG, LAG + 3):
+                memory[i] = 0.0
         if resting and not settled(state):
             start_at_rest(
                 state, rows, at, feet_stamps, stamps, feet, foot_rots, contact, geometry, noise, limits

@@ -31,6 +31,7 @@ from surefoot.services.estimator.best_kernel import (
     FREE,
     GYRO_BIAS,
     INNOVATION,
+    LAG,
     MISFIT,
     NIS,
     POINTS,
@@ -58,6 +59,7 @@ OUTLIER = 16.0  # chi^2, 3 dof, 99.9 %: an innovation beyond it, even for a slid
 LONGEST = 0.12  # s without a sample of the feet, after which any of them may have stepped
 UNKNOWN_SPEED = 1.0  # m/s
 MOST_MISFITS = 3  # such samples in a row: the point is somewhere else now
+MOST_LAG = 5.0  # noises of a point: a longer correction is no lag, but a mishap
 MOST_EVIDENCE = 5.0  # one pair of innovations counts no more
 
 
@@ -122,7 +124,7 @@ def forget_velocity(state: BestState, sd: float) -> None:
             state.cov[i, j] = 0.0
             state.cov[j, i] = 0.0
         state.cov[i, i] = sd * sd
-        state.x[VEL + i - E_VEL] = 0.0
+        state.x[VEL + i - E_VEL] = state.memory[LAG + i - E_VEL] = 0.0
 
 
 @kernel
@@ -307,6 +309,28 @@ def twist_soles(state: BestState, foot: Feet, variance: float) -> None:
                 for i in range(2):
                     for j in range(2):
                         cov[E_POINTS + 3 * k + i, E_POINTS + 3 * m + j] += variance * across[k, i] * across[m, j]
+
+
+@kernel
+def follow(state: BestState, before: Array, noise: BestNoise) -> None:
+    """Let the velocity follow the position: after a sample of the feet that moved it from `before` (3,) m, in place.
+
+    Errors of the accelerometer that come with every step push velocity and position the same way again and again, and
+    the feet take them out again. Corrections of the position that do not cancel are a velocity that was missed:
+
+        lag' = -lag/T + R^T sum_k delta_k/T,   v_out = v + R lag
+
+    with the correction delta_k of sample k, at most `MOST_LAG` points' noises long, and T = `lag_s`. The integral of
+    v_out is the position.
+    """
+    rot, delta, length = rotation(state.x), np.empty(3), 0.0
+    for i in range(3):
+        delta[i] = state.x[POS + i] - before[i]
+        length += delta[i] * delta[i]
+    share = min(1.0, MOST_LAG * noise.point / math.sqrt(max(length, 1e-30))) / noise.lag_s
+    for i in range(3):
+        for j in range(3):
+            state.memory[LAG + i] += share * rot[j, i] * delta[j]
 
 
 @kernel

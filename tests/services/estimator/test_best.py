@@ -15,6 +15,7 @@ from surefoot.services.estimator.best_kernel import (
     E_VEL,
     EXCESS,
     GYRO_BIAS,
+    LAG,
     POINTS,
     POS,
     SLIDE,
@@ -28,6 +29,7 @@ from surefoot.services.estimator.best_kernel import (
 from surefoot.services.estimator.best_params import best_limits, best_noise
 from surefoot.services.estimator.best_run import learn_gyro_bias, stand_on_level
 from surefoot.services.estimator.best_update import (
+    follow,
     forget_velocity,
     lift,
     observe,
@@ -303,6 +305,25 @@ def test_the_excess_follows_errors_that_repeat_and_not_noise():
         found[name] = state.memory[EXCESS]
     assert found["inertial"] > 3.0
     assert found["encoders"] < 1.2
+
+
+def test_corrections_of_the_position_that_go_on_are_velocity():
+    """A filter that is 20 mm/s too slow: the feet move its position on by 0.66 mm every 33 ms."""
+    state, _ = random_state(10)
+    state.cov[...] = 1e-8 * np.eye(len(state.cov))
+    step, missed = 0.033, np.array([0.016, -0.012, 0.0])
+    for _ in range(3000):
+        before = state.x[POS : POS + 3].copy()
+        state.x[POS : POS + 3] += step * missed
+        follow(state, before, NOISE)
+        rot, still = rotation(state.x), state.x[GYRO_BIAS : GYRO_BIAS + 3].copy()
+        predict(state, still, rot.T @ G + state.x[ACC_BIAS : ACC_BIAS + 3], step, NOISE, 0.0)
+    np.testing.assert_allclose(rot @ state.memory[LAG : LAG + 3], missed, rtol=0.01, atol=1e-5)
+    before = state.x[POS : POS + 3] - 1.0  # a mishap
+    follow(state, before, NOISE)
+    assert np.abs(rot @ state.memory[LAG : LAG + 3] - missed).max() < 5.0 * NOISE.point / NOISE.lag_s
+    forget_velocity(state, 1.0)
+    assert not state.memory[LAG : LAG + 3].any()
 
 
 def test_level_ground_is_a_kalman_update_of_the_height_of_each_point():
