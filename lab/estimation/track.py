@@ -16,6 +16,7 @@ from surefoot.lab.estimation.log import Log
 from surefoot.lab.estimation.peers.inekf import InekfNoise, inekf
 from surefoot.lab.estimation.peers.linear import LinearNoise, linear
 from surefoot.robot.reader import load_robot
+from surefoot.services.estimator.best_log import FLAGS, LogInputs, LogRows
 from surefoot.services.estimator.contact import LEVER, SOLE_POINTS, contact_points, sole_feet
 from surefoot.services.estimator.feet import FootMount
 from surefoot.services.estimator.output import Estimate, OdometryPose
@@ -24,8 +25,8 @@ from surefoot.services.estimator.stream import BEST, NAMES, PAPER, Estimator
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 
-FLAGS = ("initialised", "standing", "inputs_ok", "filter_ok", "sensors_ok")
 LEVEL_SD = 0.003  # rad, how level the ground at the start of a simulated walk is: what the service assumes
 
 
@@ -72,6 +73,8 @@ def velocities(name: str, log: Log, **options: Any) -> Track:
     """Run one estimator for its velocity alone, which takes less time; position and heading of the track are zero."""
     if name in PEERS:
         return PEERS[name](log, options)
+    if name == BEST:
+        return track(name, log, **options)
     running = Running(name, log, options)
     return _piece(running, name, log, log.arrival(), 0, len(log.stamp_ns), posed=False)
 
@@ -102,7 +105,7 @@ class Running:
             if log.points is not None and log.points.shape[1] >= SOLE_POINTS:
                 normals = np.cross(log.points[:, 1] - log.points[:, 0], log.points[:, 2] - log.points[:, 0])
                 normals *= np.where(normals[:, 2:] < 0.0, -1.0, 1.0) / np.linalg.norm(normals, axis=1, keepdims=True)
-                points = sole_feet(normals, LEVER * float(np.median(np.linalg.norm(log.foot_position, axis=-1))))
+                points = sole_feet(normals, LEVER * float(np.nanmedian(np.linalg.norm(log.foot_position, axis=-1))))
         params = replace(params, **changes)
         if name == PAPER:
             # without the mean gyro of the rest a turn-on bias of 1 deg/s swamps it; the paper does not mention one
@@ -130,6 +133,16 @@ class Running:
         """Return the odometry now."""
         return self._estimator.pose()
 
+    def whole(self, log: Log, part: Ints, first: int, n: int) -> LogRows:
+        """Feed a part of the inputs of a log, see `Estimator.follow`; of `best` alone."""
+        clipped = np.zeros(len(log.stamp_ns), dtype=np.bool_) if log.saturated is None else log.saturated
+        inputs = LogInputs(
+            np.ascontiguousarray(log.stamp_ns), np.ascontiguousarray(log.w), np.ascontiguousarray(log.q), clipped,
+            np.ascontiguousarray(log.foot_ns), np.ascontiguousarray(log.foot_position),
+            np.ascontiguousarray(log.foot_rot), log.contact.astype(np.float64),
+        )  # fmt: skip
+        return self._estimator.follow(inputs, part, first, n)
+
     @property
     def refused(self) -> dict[str, int]:
         """Refusals and gaps so far, by name."""
@@ -156,12 +169,22 @@ def follow(name: str, log: Log, rows_each: int | None = None, **options: Any) ->
         if len(rows) == 0:
             continue
         first, end = int(rows.min()), int(rows.max()) + 1
-        yield slice(first, end), _piece(running, name, log, part, first, end - first)
+        run = _whole if name == BEST else _piece
+        yield slice(first, end), run(running, name, log, part, first, end - first)
 
 
-def _piece(
-    running: Running, name: str, log: Log, part: NDArray[np.int64], first: int, n: int, posed: bool = True
-) -> Track:
+def _whole(running: Running, name: str, log: Log, part: Ints, first: int, n: int) -> Track:
+    """As `_piece`, without a Python call for each sample."""
+    rows = running.whole(log, part, first, n)
+    g, v, position, v_odom, gyro_bias, acc_bias = (np.ascontiguousarray(rows.vectors[:, i]) for i in range(6))
+    flags = {flag: np.ascontiguousarray(rows.flags[:, i]) for i, flag in enumerate(FLAGS)}
+    return Track(
+        name, v, g, rows.covariance, position, rows.yaw, v_odom, flags, rows.nis, running.refused, rows.more[:, 4:],
+        None, gyro_bias, acc_bias,
+    )  # fmt: skip
+
+
+def _piece(running: Running, name: str, log: Log, part: Ints, first: int, n: int, posed: bool = True) -> Track:
     """Feed inputs in the given order; the track over `n` inertial rows from `first` on."""
     feet, rows = log.feet_count, len(log.stamp_ns)
     v, g, p, nis = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 6, 6)), np.full(n, np.nan)

@@ -27,16 +27,21 @@ from surefoot.services.estimator.best_kernel import (
     new_state,
     rotation,
 )
-from surefoot.services.estimator.best_run import advance, forget, settled
+from surefoot.services.estimator.best_memory import (
+    DONE_NS,
+    add_feet,
+    add_imu,
+    bring_up,
+    clear,
+    new_memory,
+    restart_clock,
+)
+from surefoot.services.estimator.best_run import settled
 from surefoot.services.estimator.best_start import BestGeometry, BestLimits
 from surefoot.services.estimator.inertial import GRAVITY
-from surefoot.services.estimator.timeline import WINDOW_NS, Samples
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
-SNAPSHOT_NS = 50_000_000  # inertial time between two snapshots
-SNAPSHOTS = 3 + WINDOW_NS // SNAPSHOT_NS
 LENGTH_SD = 0.01  # m/s^2, of the length of g, which the state takes as known
 
 
@@ -86,7 +91,7 @@ def _covariances(rot: Array, cov: Array) -> tuple[Array, Array]:
 
 
 @kernel
-def _summary(state: BestState, geometry: BestGeometry, w: Array, feet: int) -> tuple[Array, Array, Array, Array]:
+def summary(state: BestState, geometry: BestGeometry, w: Array, feet: int) -> tuple[Array, Array, Array, Array]:
     """Vectors by rows (7, 3): g, v, position and velocity of base_link in odom, biases, (yaw, settled, 0); its
     quaternion (4,) and the probability of sliding of each foot (L,) in one array; covariances as `_covariances`.
 
@@ -143,86 +148,42 @@ class BestFilter:
     """
 
     def __init__(self, geometry: BestGeometry, noise: BestNoise, limits: BestLimits, feet: int) -> None:
-        self._geometry, self._noise, self._limits, self._feet = geometry, noise, limits, feet
-        count = len(geometry.foot)
-        self._imu = Samples((6,))
-        self._kinematics = Samples((feet, 3), (feet, 3, 3), (count,))
-        self._free = [new_state(count) for _ in range(SNAPSHOTS + 1)]
-        self._snapshots: list[tuple[int, BestState]] = []  # of rising stamps
-        self.state = new_state(count)
+        self.geometry, self.noise, self.limits, self._feet = geometry, noise, limits, feet
+        self.memory = new_memory(feet, len(geometry.foot))
+        self.state = new_state(len(geometry.foot))
         self.reset(limits)
 
     def reset(self, limits: BestLimits) -> None:
         """Forget everything; `limits` state where the robot begins."""
-        self._limits = limits
-        copy_state(new_state(len(self._geometry.foot)), self.state)
-        self._clear()
+        self.limits = limits
+        copy_state(new_state(len(self.geometry.foot)), self.state)
+        clear(self.memory, self.state)
 
     def restart_clock(self) -> None:
-        """The stamps begin anew: keep what is known but for velocity and feet."""
-        forget(self.state, 1.0)
-        self._clear()
-
-    def _clear(self) -> None:
-        self._imu.clear()
-        self._kinematics.clear()
-        self._free.extend(state for _, state in self._snapshots)
-        self._snapshots.clear()
-        self._done_ns = -1  # stamp of the last inertial sample in the state
-        self._dirty_ns: int | None = None  # oldest sample that came after its time
-        self._snap()
+        """Keep what is known but for velocity and feet: the stamps begin anew."""
+        self.update()
+        restart_clock(self.memory, self.state)
 
     def add_imu(self, stamp_ns: int, w: Array, q: Array) -> bool:
         """Take an inertial sample; False: there is one of this stamp."""
-        return self._add(self._imu, stamp_ns, np.concatenate((w, q)))
+        return add_imu(self.memory, stamp_ns, w, q)
 
     def add_feet(self, stamp_ns: int, position: Array, rot: Array, contact: Array) -> bool:
         """Take feet (L, 3), (L, 3, 3), contact probabilities of the points (K,); False: there is one of this stamp."""
-        return self._add(self._kinematics, stamp_ns, position, rot, contact)
-
-    def _add(self, samples: Samples, stamp_ns: int, *values: Array) -> bool:
-        if not samples.add(stamp_ns, *values):
-            return False
-        if stamp_ns <= self._done_ns and (self._dirty_ns is None or stamp_ns < self._dirty_ns):
-            self._dirty_ns = stamp_ns
-        return True
+        return add_feet(self.memory, stamp_ns, position, rot, contact)
 
     def update(self) -> None:
         """Bring the state up to the newest inertial sample; late samples cost one replay of at most the window."""
-        if self._dirty_ns is not None:
-            while len(self._snapshots) > 1 and self._snapshots[-1][0] >= self._dirty_ns:
-                self._free.append(self._snapshots.pop()[1])
-            self._done_ns, state = self._snapshots[-1]
-            copy_state(state, self.state)
-            self._dirty_ns = None
-        while self._done_ns < self._imu.newest:
-            next_snapshot = self._snapshots[-1][0] + SNAPSHOT_NS
-            begin = self._imu.after(self._done_ns)
-            end = max(begin + 1, self._imu.after(next_snapshot))
-            position, rot, contact = self._kinematics.values
-            advance(
-                self.state, self._imu.stamps[:end], self._imu.values[0][:end], self._kinematics.stamps, position, rot,
-                contact, begin, self._geometry, self._noise, self._limits,
-            )  # fmt: skip
-            self._done_ns = int(self._imu.stamps[end - 1])
-            if self._done_ns >= next_snapshot:
-                self._snap()
-
-    def _snap(self) -> None:
-        if len(self._snapshots) == SNAPSHOTS:
-            self._free.append(self._snapshots.pop(0)[1])
-        state = self._free.pop()
-        copy_state(self.state, state)
-        self._snapshots.append((self._done_ns, state))
+        bring_up(self.memory, self.state, self.geometry, self.noise, self.limits)
 
     @property
     def stamp_ns(self) -> int:
         """Of the newest inertial sample in the state; -1 = none."""
-        return self._done_ns
+        return int(self.memory.marks[DONE_NS])
 
     def output(self, w: Array) -> BestOutput:
         """The estimate at `stamp_ns`; w (3,) rad/s is the newest gyro sample, for the velocity of base_link."""
-        rows, more, covariance, pose = _summary(self.state, self._geometry, w, self._feet)
+        rows, more, covariance, pose = summary(self.state, self.geometry, w, self._feet)
         memory = self.state.memory
         return BestOutput(
             rows[0], rows[1], covariance, rows[2], more[:4], rows[3], pose, rows[4], rows[5], more[4:],

@@ -54,6 +54,7 @@ from surefoot.services.estimator.best_update import (
     take_points,
 )
 from surefoot.services.estimator.contact import points_of
+from surefoot.services.estimator.timeline import after
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -186,10 +187,7 @@ def advance(
         limits: of start and rest.
     """
     x, memory = state.x, state.memory
-    next_foot = 0
-    if begin > 0:
-        while next_foot < feet_stamps.size and feet_stamps[next_foot] <= stamps[begin - 1]:
-            next_foot += 1
+    next_foot = after(feet_stamps, stamps[begin - 1]) if begin > 0 else 0
     w, q = np.empty(3), np.empty(3)
     for at in range(begin, stamps.size):
         for i in range(3):

@@ -35,6 +35,7 @@ from surefoot.services.estimator.best_kernel import (
 from surefoot.services.estimator.best_update import UNKNOWN_SPEED, lift
 from surefoot.services.estimator.contact import points_of
 from surefoot.services.estimator.inertial import GRAVITY
+from surefoot.services.estimator.timeline import after
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -119,12 +120,7 @@ def rests(rows: Array, stamps: Stamps, at: int, feet: Array, feet_stamps: Stamps
             variance += (rows[r, c] - mean) ** 2
         if variance / n > (limits.gyro_variance if c < ROW_Q else limits.acc_variance):
             return False
-    begin, end, last = stamps[at + 1 - n], stamps[at], feet_stamps.size
-    while last > 0 and feet_stamps[last - 1] > end:
-        last -= 1
-    first = last
-    while first > 0 and feet_stamps[first - 1] >= begin:
-        first -= 1
+    first, last = after(feet_stamps, stamps[at + 1 - n] - 1), after(feet_stamps, stamps[at])
     for f in range(feet.shape[1]):
         for i in range(3):
             mean = 0.0
@@ -234,9 +230,7 @@ def start_at_rest(state: BestState, rows: Array, at: int, feet_stamps: Stamps, s
             w[i] += rows[r, ROW_W + i] / n
             q[i] += rows[r, ROW_Q + i] / n
     size = math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2)
-    foot = -1
-    while foot + 1 < feet_stamps.size and feet_stamps[foot + 1] <= stamps[at]:
-        foot += 1
+    foot = after(feet_stamps, stamps[at]) - 1
     up, tilt_sd = q / size, limits.acc_bias_sd / GRAVITY
     if foot >= 0 and math.isfinite(limits.slope_sd) and tilt_sd > 0.0:
         y, _ = points_of(geometry.foot, geometry.place, feet[foot], foot_rots[foot])

@@ -72,9 +72,14 @@ def _normal(points: Array) -> Array:
     return normal if normal[axis] > 0.0 else -normal
 
 
-def probabilities(points: ContactPoints, contact: Array) -> Array:
+@kernel
+def probabilities(foot: NDArray[np.int64], contact: Array) -> Array:
     """Probability of contact of each point, (K,), from that of its foot, (L,); NaN (unknown) stays."""
-    return np.minimum(contact, SURE)[points.foot]
+    out = np.empty(foot.size)
+    for k in range(foot.size):
+        known = contact[foot[k]]
+        out[k] = known if math.isnan(known) else min(known, SURE)
+    return out
 
 
 @kernel

@@ -85,25 +85,32 @@ def _feet_in_imu(model: KinematicModel, rot_imu_from_base: Array, imu_position: 
 
 
 @kernel
-def _all_finite(position: Array, rot: Array) -> bool:
-    for f in range(position.shape[0]):
+def known_feet(position: Array, rot: Array, contact: Array) -> tuple[Array, Array, Array, bool]:
+    """Feet with those that are not finite (a dead encoder) lifted off the ground.
+
+    Args:
+        position: (L, 3) m, IMU axes.
+        rot: rot_imu_from_foot, (L, 3, 3).
+        contact: probability of contact, (L,), NaN = unknown.
+
+    Returns:
+        The same with zeros, unit matrices and contact 0 for unknown feet, and whether a foot may stand.
+    """
+    position, rot, contact, stands = position.copy(), rot.copy(), contact.copy(), False
+    for f in range(contact.size):
+        finite = True
         for i in range(3):
-            if not math.isfinite(position[f, i]):
-                return False
+            finite = finite and math.isfinite(position[f, i])
             for k in range(3):
-                if not math.isfinite(rot[f, i, k]):
-                    return False
-    return True
-
-
-def without_unknown_feet(sample: FootSample) -> FootSample:
-    """The sample with feet that are not finite (a dead encoder) lifted off the ground."""
-    if _all_finite(sample.position, sample.rot):
-        return sample
-    lost = ~np.asarray(np.isfinite(sample.position).all(axis=1) & np.isfinite(sample.rot).all(axis=(1, 2)))
-    position, rot = sample.position.copy(), sample.rot.copy()
-    position[lost], rot[lost] = 0.0, np.eye(3)
-    return FootSample(sample.stamp_ns, position, rot, sample.contact & ~lost)
+                finite = finite and math.isfinite(rot[f, i, k])
+        if not finite:
+            contact[f] = 0.0
+            for i in range(3):
+                position[f, i] = 0.0
+                for k in range(3):
+                    rot[f, i, k] = 1.0 if i == k else 0.0
+        stands = stands or not contact[f] < 0.5
+    return position, rot, contact, stands
 
 
 @kernel

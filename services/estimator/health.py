@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.kernels.jit import kernel
+
 SILENT_S = 0.2  # feet older than this: a sensor is absent
 NO_CONTACT_S = 0.5  # the same for the last contact of any foot
 UNCORRECTED_S = 1.0  # prediction only for longer: the velocity is worth little
@@ -34,20 +36,41 @@ class Condition(NamedTuple):
     excess: float  # factor of the inertial noise over the sensor's
 
     @property
-    def inputs_ok(self) -> bool:
-        """Whether all inputs of the last 100 ms were accepted and none is silent."""
-        return not self.silent and self.refused_lately is None and self.since_feet_s < SILENT_S
+    def flags(self) -> tuple[bool, bool, bool]:
+        """`inputs_ok`, `filter_ok` and `sensors_ok`, see `flags_of`."""
+        frozen = self.imu_frozen or self.joints_frozen or self.saturated
+        return flags_of(
+            self.initialised, self.healthy, self.nis, self.refused_lately is not None, frozen, bool(self.silent),
+            self.since_feet_s, self.since_contact_s, self.since_velocity_s,
+        )  # fmt: skip
 
-    @property
-    def filter_ok(self) -> bool:
-        """Whether the estimate is consistent and corrected."""
-        return self.initialised and self.healthy and self.nis < MAX_NIS and self.since_velocity_s < UNCORRECTED_S
 
-    @property
-    def sensors_ok(self) -> bool:
-        """Whether no sensor is saturated, frozen or absent."""
-        frozen = self.imu_frozen or self.joints_frozen or self.saturated or bool(self.silent)
-        return not frozen and self.since_feet_s < SILENT_S and self.since_contact_s < NO_CONTACT_S
+@kernel
+def flags_of(
+    initialised: bool, healthy: bool, nis: float, refused: bool, frozen: bool, silent: bool, since_feet_s: float,
+    since_contact_s: float, since_velocity_s: float,
+) -> tuple[bool, bool, bool]:  # fmt: skip
+    """Return the flags of an estimate.
+
+    Args:
+        initialised: the filter has started.
+        healthy: see `Condition`.
+        nis: mean normalised innovation squared, 3 degrees of freedom.
+        refused: an input was refused in the last 100 ms.
+        frozen: a sensor is frozen or saturated.
+        silent: an input is silent.
+        since_feet_s: age of the joints, s.
+        since_contact_s: since a foot was in contact, s.
+        since_velocity_s: since the feet last corrected the velocity, s.
+
+    Returns:
+        Whether all inputs of the last 100 ms were accepted and none is silent; whether the estimate is consistent and
+        corrected; whether no sensor is saturated, frozen or absent.
+    """
+    inputs_ok = not silent and not refused and since_feet_s < SILENT_S
+    filter_ok = initialised and healthy and nis < MAX_NIS and since_velocity_s < UNCORRECTED_S
+    sensors_ok = not frozen and not silent and since_feet_s < SILENT_S and since_contact_s < NO_CONTACT_S
+    return inputs_ok, filter_ok, sensors_ok
 
 
 def reasons(c: Condition) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ from surefoot.services.estimator.estimators import ESTIMATORS, UNKNOWN_SPEED, UN
 from surefoot.services.estimator.feet import FootMount, FootSample
 from surefoot.services.estimator.history import History
 from surefoot.services.estimator.inertial import GRAVITY
-from surefoot.services.estimator.inputs import peak
+from surefoot.services.estimator.judge import peak
 from surefoot.services.estimator.legs import LegTracker
 from surefoot.services.estimator.params import EstimatorParams
 from surefoot.services.estimator.standstill import GyroBias, Standstill, gravity_at_rest, plane_normal

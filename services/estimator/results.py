@@ -15,10 +15,14 @@ class InputResult(StrEnum):
     LATE = "late"  # older than the window in which samples are put in their place
     AHEAD = "ahead"  # a stamp far in the future that nothing confirms
     SATURATED = "saturated"
-    IMPLAUSIBLE = "implausible"
     UNIT = "unit"  # in other units, or with the other sign
 
     @property
     def accepted(self) -> bool:
         """Whether the sample is used."""
         return self in (InputResult.OK, InputResult.GAP, InputResult.RESTART)
+
+
+RESULTS = tuple(InputResult)
+"""By code, the number by which kernels name a result; those up to `RESTART` are accepted."""
+OK, GAP, RESTART, NONFINITE, SHAPE, DUPLICATE, LATE, AHEAD, SATURATED, UNIT = range(len(RESULTS))

@@ -10,11 +10,21 @@ from numpy.typing import NDArray
 from surefoot.geometry.rotations import wrap_angle
 from surefoot.robot.description import Robot
 from surefoot.services.estimator.best import BestFilter, BestOutput
+from surefoot.services.estimator.best_log import (
+    CONTACT_NS,
+    FEET_NS,
+    NOW_NS,
+    Clock,
+    LogInputs,
+    LogRows,
+    follow_log,
+    new_rows,
+)
 from surefoot.services.estimator.best_params import best_limits, best_noise
 from surefoot.services.estimator.best_start import BestGeometry
 from surefoot.services.estimator.contact import ContactPoints, contact_points, point_feet, probabilities
 from surefoot.services.estimator.estimators import ESTIMATORS
-from surefoot.services.estimator.feet import FootMount, FootSample, feet_in_imu, foot_mount, without_unknown_feet
+from surefoot.services.estimator.feet import FootMount, FootSample, feet_in_imu, foot_mount, known_feet
 from surefoot.services.estimator.health import Condition, reasons
 from surefoot.services.estimator.inputs import InputJudge
 from surefoot.services.estimator.output import Estimate, OdometryPose, summary
@@ -96,16 +106,13 @@ class Estimator:
             stated: whether start pose and level ground still hold; no after a restart in the middle of a walk, which
                 begins again at the same numbers with a covariance that says that they are unknown.
         """
-        self.judge = InputJudge(self.params)
+        self.judge = InputJudge(self.params, self._feet, self._points)
         self._best.reset(best_limits(self.params, self._start, stated, self._hypotheses))
         for _, group in self._groups:
             group.reset(stated)
         self.silent: dict[str, float] = {}
         """Inputs that whoever feeds knows to be silent, by name, and for how long, s: flags and reasons name them."""
-        self.stamp_ns = 0
-        self._w = np.zeros(3)  # latest gyro, raw
-        self._feet_ns = self._contact_ns = 0
-        self._yaw = 0.0
+        self._clock = Clock(np.zeros(3, dtype=np.int64), np.zeros(3), np.zeros(1))
         self._output: BestOutput | None = None
 
     # inputs
@@ -132,7 +139,7 @@ class Estimator:
         if not self._best.add_imu(stamp_ns, w, q):
             return self.judge.note("imu", InputResult.DUPLICATE, stamp_ns)
         if stamp_ns > self.stamp_ns:
-            self.stamp_ns, self._w = stamp_ns, w.copy()
+            self._clock.stamps[NOW_NS], self._clock.w[:] = stamp_ns, w
         for _, group in self._groups:
             group.on_imu(stamp_ns, w, q)
         self._output = None
@@ -162,34 +169,60 @@ class Estimator:
         if result is InputResult.RESTART:
             self._restart_clock()
         known = np.full(self._feet, np.nan) if contact is None else np.asarray(contact, dtype=np.float64)
-        sample = without_unknown_feet(FootSample(stamp_ns, position, rot, np.nan_to_num(known, nan=1.0) >= 0.5))
-        touching = np.where(np.isfinite(position).all(axis=1), known, 0.0)
-        if not self._best.add_feet(stamp_ns, sample.position, sample.rot, probabilities(self._points, touching)):
+        position, rot, known, stands = known_feet(position, rot, known)
+        if not self._best.add_feet(stamp_ns, position, rot, probabilities(self._points.foot, known)):
             return self.judge.note("kinematics", InputResult.DUPLICATE, stamp_ns)
-        self.judge.standing_feet(sample.position, np.nan_to_num(touching))
-        self._feet_ns = max(self._feet_ns, stamp_ns)
-        if sample.contact.any():
-            self._contact_ns = max(self._contact_ns, stamp_ns)
-        for _, group in self._groups:
-            group.on_feet(sample)
+        self.judge.units(position, rot, known)
+        stamps = self._clock.stamps
+        stamps[FEET_NS] = max(stamps[FEET_NS], stamp_ns)
+        if stands:
+            stamps[CONTACT_NS] = max(stamps[CONTACT_NS], stamp_ns)
+        if self._groups:
+            sample = FootSample(stamp_ns, position, rot, ~(known < 0.5))
+            for _, group in self._groups:
+                group.on_feet(sample)
         self._output = None
         return result
 
     def _restart_clock(self) -> None:
-        self._best.update()
         self._best.restart_clock()
         for _, group in self._groups:
             group.restart_clock()
-        self.stamp_ns = self._feet_ns = self._contact_ns = 0
+        self._clock.stamps[:] = 0
+
+    def follow(self, log: LogInputs, order: NDArray[np.int64], first: int, n: int) -> LogRows:
+        """Take inputs of a log by `best` alone, as `imu` and `feet` would one by one, to the bit.
+
+        Args:
+            log: all inertial rows and samples of the feet.
+            order: of arrival of those to be taken: the number of an inertial row, or all rows + that of a foot sample.
+            first: inertial row of the first estimate.
+            n: number of estimates.
+
+        Returns:
+            The estimate after each inertial row and the feet that follow it; rows that did not arrive are zero.
+        """
+        rows, best, judge = new_rows(n, self._feet), self._best, self.judge
+        follow_log(
+            order, log, rows, first, self._clock, judge.state, judge.limits, judge.noisy, best.memory, best.state,
+            best.geometry, best.noise, best.limits,
+        )  # fmt: skip
+        self._output = None
+        return rows
 
     # outputs
+
+    @property
+    def stamp_ns(self) -> int:
+        """Of the newest inertial sample, ns."""
+        return int(self._clock.stamps[NOW_NS])
 
     @property
     def best(self) -> BestOutput:
         """The present output of the `best` filter."""
         if self._output is None:
             self._best.update()
-            self._output = self._best.output(self._w)
+            self._output = self._best.output(self._clock.w)
         return self._output
 
     @property
@@ -226,8 +259,9 @@ class Estimator:
         standing: bool, slipping: Flags, nis: float | None, nis_mean: float, sliding: Array, excess: float,
         since_velocity_ns: int | None = None,
     ) -> Estimate:  # fmt: skip
-        judge, now = self.judge, self.stamp_ns
-        rows, good = summary(g, v, covariance, self._w, gyro_bias, self._rot_base_from_imu, self._mount.imu_position)
+        judge, (now, feet_ns, contact_ns) = self.judge, self._clock.stamps.tolist()
+        mount, w = self._mount, self._clock.w
+        rows, good = summary(g, v, covariance, w, gyro_bias, self._rot_base_from_imu, mount.imu_position)
         condition = Condition(
             initialised=initialised,
             standing=standing,
@@ -240,11 +274,12 @@ class Estimator:
             saturated=judge.saturated(now),
             imu_frozen=judge.imu_frozen,
             joints_frozen=judge.joints_frozen(initialised and not standing),
-            since_feet_s=1e-9 * (now - self._feet_ns),
-            since_contact_s=1e-9 * (now - self._contact_ns),
-            since_velocity_s=1e-9 * (now - self._contact_ns if since_velocity_ns is None else since_velocity_ns),
+            since_feet_s=1e-9 * (now - feet_ns),
+            since_contact_s=1e-9 * (now - contact_ns),
+            since_velocity_s=1e-9 * (now - contact_ns if since_velocity_ns is None else since_velocity_ns),
             excess=excess,
         )
+        inputs_ok, filter_ok, sensors_ok = condition.flags
         return Estimate(
             mode=name,
             stamp_ns=now,
@@ -260,9 +295,9 @@ class Estimator:
             covariance=covariance,
             initialised=initialised,
             standing=standing,
-            inputs_ok=condition.inputs_ok,
-            filter_ok=condition.filter_ok,
-            sensors_ok=condition.sensors_ok,
+            inputs_ok=inputs_ok,
+            filter_ok=filter_ok,
+            sensors_ok=sensors_ok,
             slipping=slipping,
             sliding=sliding,
             nis=None if nis is None or not math.isfinite(nis) else nis,
@@ -275,5 +310,6 @@ class Estimator:
     def pose(self) -> OdometryPose:
         """Pose of base_link in odom at the last inertial sample, by `best`: one estimate with its velocity."""
         best = self.best
-        self._yaw += wrap_angle(best.yaw - self._yaw)
-        return OdometryPose(best.position, best.quat_wxyz, self._yaw, best.v_odom, best.pose_covariance)
+        yaw = self._clock.yaw
+        yaw[0] += wrap_angle(best.yaw - float(yaw[0]))
+        return OdometryPose(best.position, best.quat_wxyz, float(yaw[0]), best.v_odom, best.pose_covariance)

@@ -1,119 +1,98 @@
-"""Stamped samples in the order of their stamps, whatever the order of their arrival."""
-
-from dataclasses import dataclass
+"""Stamps: stores of samples in the order of their stamps, and clocks."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.estimator.results import InputResult
+from surefoot.kernels.jit import kernel
+from surefoot.services.estimator.results import AHEAD, LATE, OK, RESTART
 
 Stamps = NDArray[np.int64]
-Arrays = tuple[NDArray[np.float64], ...]
 
 WINDOW_NS = 500_000_000
 """A sample may come this late and still be put where it belongs."""
 AHEAD_NS = 500_000_000  # a stamp further ahead of its source waits for the next to confirm it
 RESYNC_AFTER = 20  # samples of an older but orderly clock in a row: the source restarted its clock
-CAPACITY = 4096  # samples; at 1 kHz 4 s
+CAPACITY = 4096  # samples of a store; at 1 kHz 4 s
+LARGEST_NS = 2**62  # stamps beyond are none
+
+# parts of a clock, (6,) ns and counts: newest stamp, whether there is one, older stamps in a row, the last of them, a
+# stamp far ahead that nothing has confirmed yet, whether there is one
+NEWEST, KNOWN, OLDER, OLDER_LAST, FAR, FAR_KNOWN = range(6)
+CLOCK = 6
 
 
-class Samples:
-    """The last samples of one source: rising stamps, and arrays with one row for each."""
-
-    def __init__(self, *shapes: tuple[int, ...]) -> None:
-        self._stamps = np.zeros(CAPACITY, dtype=np.int64)
-        self._values = tuple(np.zeros((CAPACITY, *shape)) for shape in shapes)
-        self.clear()
-
-    def clear(self) -> None:
-        """Forget all samples."""
-        self._end = 0
-
-    def __len__(self) -> int:
-        return self._end
-
-    @property
-    def stamps(self) -> Stamps:
-        """Of all samples, (n,) ns, rising; a view."""
-        return self._stamps[: self._end]
-
-    @property
-    def values(self) -> Arrays:
-        """One array per shape, (n, ...); views."""
-        return tuple(v[: self._end] for v in self._values)
-
-    @property
-    def newest(self) -> int:
-        """Stamp of the newest sample, ns; -1 = there is none."""
-        return int(self._stamps[self._end - 1]) if self._end else -1
-
-    def after(self, stamp_ns: int) -> int:
-        """Index of the first sample later than a stamp."""
-        return int(np.searchsorted(self.stamps, stamp_ns, side="right"))
-
-    def add(self, stamp_ns: int, *values: NDArray[np.float64]) -> bool:
-        """Put a sample where it belongs; False if there is one of this stamp."""
-        if self._end == CAPACITY:
-            self._drop_oldest()
-        at = self._end
-        if at and stamp_ns <= self._stamps[at - 1]:
-            at = self.after(stamp_ns)
-            if at and self._stamps[at - 1] == stamp_ns:
-                return False
-            for column in (self._stamps, *self._values):
-                column[at + 1 : self._end + 1] = column[at : self._end].copy()
-        self._stamps[at] = stamp_ns
-        for column, value in zip(self._values, values, strict=True):
-            column[at] = value
-        self._end += 1
-        return True
-
-    def _drop_oldest(self) -> None:
-        keep = CAPACITY // 2
-        for column in (self._stamps, *self._values):
-            column[:keep] = column[CAPACITY - keep :].copy()
-        self._end = keep
+@kernel
+def after(stamps: Stamps, stamp_ns: int) -> int:
+    """Index of the first of rising stamps (n,) that is later than a stamp."""
+    low, high = 0, stamps.size
+    while low < high:
+        middle = (low + high) // 2
+        if stamps[middle] <= stamp_ns:
+            low = middle + 1
+        else:
+            high = middle
+    return low
 
 
-@dataclass
-class ClockJudge:
-    """Whether the stamp of a sample makes sense after those before it."""
+@kernel
+def place_of(stamps: Stamps, stamp_ns: int) -> int:
+    """Index at which a stamp belongs among rising stamps (n,), -1 if it is there."""
+    n = stamps.size
+    if n == 0 or stamp_ns > stamps[n - 1]:
+        return n
+    at = after(stamps, stamp_ns)
+    return -1 if at > 0 and stamps[at - 1] == stamp_ns else at
 
-    newest: int | None = None
-    _older: int = 0
-    _older_last: int = 0
-    _ahead: int | None = None
 
-    def judge(self, stamp_ns: int, now_ns: int) -> InputResult:
-        """Judge a stamp.
+@kernel
+def make_room(column: np.ndarray, at: int, end: int) -> None:
+    """Move the rows from `at` to before `end` of a column (N, ...) on by one, in place."""
+    for i in range(end, at, -1):
+        column[i] = column[i - 1]
 
-        Args:
-            stamp_ns: the stamp.
-            now_ns: newest stamp of all sources.
 
-        Returns:
-            `ok`; `late`: older than the window; `ahead`: further ahead than a gap, unconfirmed; `restart`: the
-            source's clock began anew.
-        """
-        if self.newest is None:
-            self.newest = stamp_ns
-            return InputResult.OK
-        if stamp_ns > self.newest + AHEAD_NS:
-            confirmed = self._ahead is not None and 0 < stamp_ns - self._ahead < AHEAD_NS
-            self._ahead = stamp_ns
-            if not confirmed:
-                return InputResult.AHEAD
-            self._accept(stamp_ns)
-            return InputResult.OK
-        if stamp_ns >= now_ns - WINDOW_NS:
-            self._accept(max(stamp_ns, self.newest))
-            return InputResult.OK
-        self._older = self._older + 1 if self._older and stamp_ns > self._older_last else 1
-        self._older_last = stamp_ns
-        if self._older < RESYNC_AFTER:
-            return InputResult.LATE
-        self._accept(stamp_ns)
-        return InputResult.RESTART
+@kernel
+def keep_newest(column: np.ndarray, keep: int) -> None:
+    """Move the last `keep` rows of a full column (N, ...) to its beginning, in place."""
+    first = column.shape[0] - keep
+    for i in range(keep):
+        column[i] = column[first + i]
 
-    def _accept(self, stamp_ns: int) -> None:
-        self.newest, self._older, self._ahead = stamp_ns, 0, None
+
+@kernel
+def _accept(clock: Stamps, stamp_ns: int) -> None:
+    clock[NEWEST], clock[KNOWN], clock[OLDER], clock[FAR_KNOWN] = stamp_ns, 1, 0, 0
+
+
+@kernel
+def judge_clock(clock: Stamps, stamp_ns: int, now_ns: int) -> int:
+    """Judge a stamp by those before it, and take it into the clock, in place.
+
+    Args:
+        clock: of the source, (6,), zeros at first.
+        stamp_ns: the stamp.
+        now_ns: newest stamp of all sources.
+
+    Returns:
+        Code of `ok`; `late`: older than the window; `ahead`: further ahead than a gap, unconfirmed; `restart`: the
+        source's clock began anew.
+    """
+    if clock[KNOWN] == 0:
+        _accept(clock, stamp_ns)
+        return OK
+    if stamp_ns > clock[NEWEST] + AHEAD_NS:
+        confirmed = clock[FAR_KNOWN] > 0 and 0 < stamp_ns - clock[FAR] < AHEAD_NS
+        if confirmed:
+            _accept(clock, stamp_ns)
+            return OK
+        clock[FAR], clock[FAR_KNOWN] = stamp_ns, 1
+        return AHEAD
+    if stamp_ns >= now_ns - WINDOW_NS:
+        _accept(clock, max(stamp_ns, clock[NEWEST]))
+        return OK
+    clock[OLDER] = clock[OLDER] + 1 if clock[OLDER] > 0 and stamp_ns > clock[OLDER_LAST] else 1
+    clock[OLDER_LAST] = stamp_ns
+    if clock[OLDER] < RESYNC_AFTER:
+        return LATE
+    _accept(clock, stamp_ns)
+    return RESTART

@@ -104,12 +104,18 @@ def test_mount_puts_feet_into_imu_axes():
 
 
 def test_unknown_feet_are_lifted():
-    sample = feet.FootSample(1, np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1)), np.ones(2, dtype=bool))
-    assert feet.without_unknown_feet(sample) is sample
-    sample.position[1, 2] = np.nan
-    clean = feet.without_unknown_feet(sample)
-    assert np.isfinite(clean.position).all()
-    assert clean.contact.tolist() == [True, False]
+    position, rot, contact = np.ones((3, 3)), np.tile(np.eye(3), (3, 1, 1)), np.array([1.0, 1.0, np.nan])
+    same = feet.known_feet(position, rot, contact)
+    np.testing.assert_array_equal(same[0], position)
+    np.testing.assert_array_equal(same[2], contact)
+    assert same[3]
+    position[0, 2], rot[1, 0, 1] = np.nan, np.inf
+    clean = feet.known_feet(position, rot, contact)
+    assert np.isfinite(clean[0]).all()
+    np.testing.assert_array_equal(clean[1], np.tile(np.eye(3), (3, 1, 1)))
+    np.testing.assert_array_equal(clean[2], [0.0, 0.0, np.nan])
+    assert clean[3]  # the third may stand
+    assert not feet.known_feet(position[:2], rot[:2], contact[:2])[3]
 
 
 def test_a_bare_mount_has_no_joints():

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from surefoot.geometry.rotations import matrix_from_rotvec
 from surefoot.services.estimator.inputs import FROZEN_ROWS, InputJudge
 from surefoot.services.estimator.params import EstimatorParams
 from surefoot.services.estimator.results import InputResult
@@ -14,7 +15,7 @@ ZERO, G = np.zeros(3), np.array([0.0, 0.0, 9.81])
 
 @pytest.fixture
 def judge():
-    judge = InputJudge(EstimatorParams())
+    judge = InputJudge(EstimatorParams(), 2)
     assert judge.imu(TICK, ZERO, G) is InputResult.OK
     return judge
 
@@ -26,6 +27,8 @@ def judge():
         (2 * TICK, ZERO, np.array([0.0, 0.0, np.inf]), InputResult.NONFINITE),
         (2 * TICK, np.zeros(4), G, InputResult.SHAPE),
         (10**12, ZERO, G, InputResult.AHEAD),
+        (2**64, ZERO, G, InputResult.AHEAD),
+        (-(2**70), ZERO, G, InputResult.AHEAD),
         (TICK - 10**9, ZERO, G, InputResult.LATE),
         (2 * TICK, np.array([18.0, 0.0, 0.0]), G, InputResult.SATURATED),
         (2 * TICK, ZERO, 6.0 * G, InputResult.SATURATED),
@@ -90,3 +93,28 @@ def test_frozen_encoders_count_only_while_the_robot_moves(judge):
         judge.kinematics(k * TICK, feet.copy())
     assert judge.joints_frozen(moving=True)
     assert not judge.joints_frozen(moving=False)
+
+
+@pytest.mark.parametrize(
+    ("factor", "word"),
+    [
+        (1.0, ""),
+        (180.0 / np.pi, "the gyro measures in deg/s: factor 0.0174533"),
+        (-1.0, "the gyro has the other sign: factor -1"),
+    ],
+)
+def test_the_gyro_is_compared_with_feet_that_stand(factor, word):
+    rng = np.random.default_rng(0)
+    judge = InputJudge(EstimatorParams(), 3)
+    feet = np.array([[0.1, 0.0, -0.1], [-0.1, 0.1, -0.1], [-0.1, -0.1, -0.1]])
+    rot, one = np.tile(np.eye(3), (3, 1, 1)), np.ones(3)
+    for k in range(1, 1500):
+        w = 0.3 * np.array([np.sin(0.05 * k), np.cos(0.07 * k), 0.3])
+        feet = feet @ matrix_from_rotvec(-0.01 * w).T
+        result = judge.imu(k * TICK, factor * w + 0.005 * rng.normal(size=3), G + 0.03 * rng.normal(size=3))
+        if k % 3 == 0:
+            seen = feet + 3e-4 * rng.normal(size=(3, 3))
+            judge.kinematics(k * TICK, seen)
+            judge.units(seen, rot, one)
+    assert judge.unit == word
+    assert (result is InputResult.UNIT) == bool(word)

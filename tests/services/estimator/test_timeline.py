@@ -4,54 +4,72 @@ import numpy as np
 import pytest
 
 from surefoot.robot.reader import load_robot
+from surefoot.services.estimator.best_kernel import new_state
+from surefoot.services.estimator.best_memory import IMU_END, add_imu, clear, new_memory
 from surefoot.services.estimator.contact import contact_points, point_feet, probabilities, sole_feet
-from surefoot.services.estimator.results import InputResult
-from surefoot.services.estimator.timeline import AHEAD_NS, CAPACITY, RESYNC_AFTER, WINDOW_NS, ClockJudge, Samples
+from surefoot.services.estimator.results import AHEAD, LATE, OK, RESTART
+from surefoot.services.estimator.timeline import (
+    AHEAD_NS,
+    CAPACITY,
+    CLOCK,
+    RESYNC_AFTER,
+    WINDOW_NS,
+    after,
+    judge_clock,
+)
+
+
+def store(stamps):
+    """Put samples into a memory in this order; True for each that was taken."""
+    memory, state = new_memory(1, 1), new_state(1)
+    clear(memory, state)
+    return memory, [add_imu(memory, int(s), np.full(3, float(s)), np.full(3, -float(s))) for s in stamps]
 
 
 def test_samples_are_in_order_whatever_comes_first():
-    stamps = np.random.default_rng(0).permutation(200)
-    samples = Samples((2,))
-    for s in stamps:
-        assert samples.add(int(s), np.array([s, -s], dtype=float))
-    assert samples.stamps.tolist() == list(range(200))
-    np.testing.assert_array_equal(samples.values[0][:, 0], np.arange(200.0))
-    assert not samples.add(7, np.zeros(2))
-    assert samples.newest == 199
-    assert samples.after(99) == 100
+    memory, taken = store([*np.random.default_rng(0).permutation(200), 7])
+    assert taken == [True] * 200 + [False]
+    assert memory.marks[IMU_END] == 200
+    assert memory.imu_stamps[:200].tolist() == list(range(200))
+    np.testing.assert_array_equal(memory.imu[:200, 0], np.arange(200.0))
+    np.testing.assert_array_equal(memory.imu[:200, 5], -np.arange(200.0))
+    assert after(memory.imu_stamps[:200], 99) == 100
 
 
 def test_a_full_store_keeps_the_newest():
-    samples = Samples(())
-    for s in range(3 * CAPACITY):
-        samples.add(s, np.float64(s))
-    assert samples.newest == 3 * CAPACITY - 1
-    assert len(samples) >= CAPACITY // 2
-    assert samples.add(3 * CAPACITY - 5, np.float64(0)) is False
+    memory, taken = store([*range(3 * CAPACITY), 3 * CAPACITY - 5])
+    assert all(taken[:-1])
+    assert not taken[-1]
+    count = memory.marks[IMU_END]
+    assert count >= CAPACITY // 2
+    assert memory.imu_stamps[:count].tolist() == list(range(3 * CAPACITY - count, 3 * CAPACITY))
+
+
+def clock(newest):
+    made = np.zeros(CLOCK, dtype=np.int64)
+    assert judge_clock(made, newest, newest) == OK
+    return made
 
 
 @pytest.mark.parametrize(("stamp", "result"), [
-    (10**9 - WINDOW_NS, InputResult.OK), (10**9 - WINDOW_NS - 1, InputResult.LATE), (10**9 + 1, InputResult.OK),
-    (10**9 + AHEAD_NS + 1, InputResult.AHEAD), (10**12, InputResult.AHEAD),
+    (10**9 - WINDOW_NS, OK), (10**9 - WINDOW_NS - 1, LATE), (10**9 + 1, OK), (10**9 + AHEAD_NS + 1, AHEAD),
+    (10**12, AHEAD),
 ])  # fmt: skip
 def test_stamps(stamp, result):
-    judge = ClockJudge()
-    assert judge.judge(10**9, 10**9) is InputResult.OK
-    assert judge.judge(stamp, 10**9) is result
+    assert judge_clock(clock(10**9), stamp, 10**9) == result
 
 
 def test_one_stamp_far_ahead_does_not_close_the_ears():
-    judge = ClockJudge()
-    judge.judge(10**9, 10**9)
-    assert judge.judge(10**18, 10**9) is InputResult.AHEAD
-    assert judge.judge(10**9 + 10**7, 10**9) is InputResult.OK
+    made = clock(10**9)
+    assert judge_clock(made, 10**18, 10**9) == AHEAD
+    assert judge_clock(made, 10**9 + 10**7, 10**9) == OK
 
 
 def test_a_clock_that_began_anew_is_followed():
-    judge = ClockJudge(newest=10**12)
-    results = [judge.judge(k * 10**7, 10**12) for k in range(1, RESYNC_AFTER + 1)]
-    assert set(results[:-1]) == {InputResult.LATE}
-    assert results[-1] is InputResult.RESTART
+    made = clock(10**12)
+    results = [judge_clock(made, k * 10**7, 10**12) for k in range(1, RESYNC_AFTER + 1)]
+    assert set(results[:-1]) == {LATE}
+    assert results[-1] == RESTART
 
 
 def test_a_sole_has_three_points_in_its_plane():
@@ -77,5 +95,5 @@ def test_points_of_the_robots(robot, points, round_feet):
 
 def test_probabilities_of_feet_are_those_of_their_points():
     points = sole_feet(np.array([[0.0, 0.0, 1.0]] * 2), 0.1)
-    np.testing.assert_allclose(probabilities(points, np.array([1.0, 0.0])), [0.98] * 3 + [0.0] * 3)
-    assert np.isnan(probabilities(point_feet(np.zeros(1)), np.array([np.nan]))).all()
+    np.testing.assert_allclose(probabilities(points.foot, np.array([1.0, 0.0])), [0.98] * 3 + [0.0] * 3)
+    assert np.isnan(probabilities(point_feet(np.zeros(1)).foot, np.array([np.nan]))).all()
