@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from surefoot.services.footholds.ground import FootholdGround
 from surefoot.services.footholds.models.protocol import SlipModel
 from surefoot.services.footholds.models.score import HandScore
 from surefoot.services.footholds.select import Foothold, Landing, SelectParams, TrunkPose, select
+from surefoot.services.walker.hexapod.exploring import draw_of
 
 
 class _Roughness:
@@ -83,33 +84,33 @@ def model_rule(model: SlipModel, params: SelectParams) -> Rule:
     return rule
 
 
-def random_rule(seed: int, params: SelectParams | None = None, model: SlipModel | None = None) -> Rule:
-    """Return the rule that draws a free cell of the window for each leg; equal seeds give equal draws."""
-    drawn, scored = params or SelectParams(), model or HandScore()
+def nominal_rule() -> Rule:
+    """Return the rule that lands every leg on its nominal foothold, at the height of the map."""
 
     def rule(
         ground: FootholdGround, robot: Robot, base: TrunkPose, landings: Sequence[Landing], step: int
     ) -> Sequence[Foothold]:
-        return select(ground, robot, scored, base, landings, replace(drawn, seed=draw_of(seed, step)))
+        return [Foothold("ok", foothold=each.nominal) for each in landings]
 
     return rule
 
 
+def random_rule(seed: int) -> Rule:
+    """Return the rule that draws a cell of the window for each leg; equal seeds give equal draws."""
+    return exploring_rule(seed, 1.0, model_rule(HandScore(), SelectParams()))
+
+
 def exploring_rule(seed: int, share: float, rule: Rule) -> Rule:
-    """Return `rule`, with a share of steps whose footholds are drawn at random."""
+    """Return `rule`, with a share of steps whose footholds are drawn at random, as a walker with `explore` does."""
     if not (math.isfinite(share) and 0.0 <= share <= 1.0):
         raise ValueError(f"share must be between 0 and 1, got {share!r}")
-    drawn = random_rule(seed)
 
     def either(
         ground: FootholdGround, robot: Robot, base: TrunkPose, landings: Sequence[Landing], step: int
     ) -> Sequence[Foothold]:
-        explores = np.random.default_rng((seed, step, 1)).random() < share
-        return (drawn if explores else rule)(ground, robot, base, landings, step)
+        draw = draw_of(seed, step, share)
+        if draw is None:
+            return rule(ground, robot, base, landings, step)
+        return select(ground, robot, HandScore(), base, landings, SelectParams(seed=draw))
 
     return either
-
-
-def draw_of(seed: int, step: int) -> int:
-    """Return the number that seeds the draws of one step of a walk."""
-    return seed * 100_003 + step

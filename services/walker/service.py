@@ -41,6 +41,7 @@ from surefoot.schemas.topics import (
 from surefoot.services.walker import interface
 from surefoot.services.walker.biped.gait import BipedWalker
 from surefoot.services.walker.gait import Gait
+from surefoot.services.walker.hexapod.exploring import draw_of
 from surefoot.services.walker.hexapod.gait import HexapodWalker
 from surefoot.services.walker.hexapod.params import WalkerParams
 from surefoot.services.walker.hexapod.standins import HullCheck, nominal_footholds
@@ -63,6 +64,10 @@ class WalkerConfig(ServiceConfig):
     period_s: float | None = Field(default=None, gt=0, lt=10, description="s, two steps of the tripod gait")
     clearance_m: float | None = Field(default=None, gt=0, lt=1, description="m, height of a swing over the ground")
     ask_footholds: bool = Field(default=True, description="ask footholds/select for each landing")
+    explore: float = Field(
+        default=0.0, ge=0, le=1, description="share of the steps whose footholds are drawn at random, to learn from"
+    )
+    explore_seed: int = Field(default=0, ge=0, lt=2**31, description="of these steps and their draws")
     ask_stability: bool = Field(default=True, description="ask stability/check before each step")
     memory: str | None = Field(
         default=None, description="file of this run that keeps the command for a walker that is started again"
@@ -109,6 +114,7 @@ class Walker(Service[WalkerConfig]):
         self._tick, self._epoch = -1, 0
         self._degraded = ""
         self._order = Order()
+        self._asked = 0
         self._out: WalkerOutputs | None = None
         self._stopped = ""  # the reason of an emergency stop; only a new run releases it
         self._estimate: tuple[VelocityEstimate, Odometry] | None = None  # the newest; the gait judges its age
@@ -273,10 +279,14 @@ class Walker(Service[WalkerConfig]):
         """Footholds of a step, all legs in one question."""
         if not self.config.ask_footholds:
             return nominal_footholds(step)
+        self._asked += 1
+        draw = draw_of(self.config.explore_seed, self._asked, self.config.explore)
         quat = rotations.quat_from_rpy(0.0, 0.0, step.yaw)
         request = SelectRequest(
             epoch=self._epoch,
             tick=self._tick,
+            mode="robust" if draw is None else "random",
+            seed=draw,
             base=BasePose(position=_floats(step.body), quat_wxyz=_floats(quat)),
             legs=tuple(
                 LegRequest(leg=self.robot.leg_names[leg.leg], nominal=_floats(leg.nominal), stroke=_floats(leg.stroke))
