@@ -1,0 +1,109 @@
+"""A system that is up beside a benchmark: command line, processes, memory, and the ticks as an observer gets them."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from surefoot.services.supervisor.processes.rundir import RunFolder
+from tests.ports import free_address
+from tests.processes import end_systems
+
+ENTRY = [sys.executable, "-m", "surefoot.lab.cli.entry"]
+SPIN = "while True: sum(range(10000))"
+
+
+class Machine:
+    """The command line with a state folder and a port of its own."""
+
+    def __init__(self, folder: Path, system: str = "ragno") -> None:
+        self.folder, self.system, self.address = folder, system, free_address()
+        self.namespace = f"surefoot/{system}"
+        self.environment = {**os.environ, "XDG_STATE_HOME": str(folder), "SUREFOOT_LISTEN": self.address}
+
+    def surefoot(self, *words: str) -> subprocess.CompletedProcess[str]:
+        """Run a command."""
+        return subprocess.run([*ENTRY, *words], env=self.environment, capture_output=True, text=True, check=False)
+
+    def status(self) -> dict[str, Any]:
+        """Return what `surefoot status` shows of the system."""
+        return json.loads(self.surefoot("status", "--json").stdout)[self.system]
+
+    def pids(self) -> dict[str, int]:
+        """Return the process of each service; the supervisor's own is `supervisor`."""
+        found = {row["service"]: row["pid"] for row in self.status()["services"] if row["pid"]}
+        keeper = RunFolder(self.system, self.folder / "surefoot").supervisor()
+        assert keeper is not None
+        return {**found, "supervisor": keeper.pid}
+
+    @contextmanager
+    def session(self) -> Iterator[zenoh.Session]:
+        """Join the network as a stranger."""
+        settings = {"mode": "client", "connect": {"endpoints": [self.address]}}
+        with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as session:
+            yield session
+
+
+@contextmanager
+def up(folder: Path, *words: str, system: str = "ragno") -> Iterator[Machine]:
+    """Start a system and take it down."""
+    machine = Machine(folder, system)
+    try:
+        done = machine.surefoot("up", system, "-d", *words)
+        assert done.returncode == 0, done.stderr
+        yield machine
+        machine.surefoot("down", system)
+    finally:
+        end_systems(folder / "surefoot")
+
+
+class Ticks:
+    """Ticks and when they reached an observer (s of the monotonic clock)."""
+
+    def __init__(self, session: zenoh.Session, namespace: str) -> None:
+        self.seen: list[tuple[int, float]] = []
+        self._subscriber = session.declare_subscriber(f"{namespace}/hw/tick", self._on_tick)
+
+    def _on_tick(self, sample: zenoh.Sample) -> None:
+        payload = sample.payload.to_bytes()
+        if payload:
+            self.seen.append((json.loads(payload)["tick"], time.monotonic()))
+
+    def between(self, begin: float, end: float) -> list[tuple[int, float]]:
+        """Return what came in a span of the monotonic clock."""
+        return [item for item in list(self.seen) if begin <= item[1] < end]
+
+    def rate(self, begin: float, end: float) -> float:
+        """Return simulated ticks per s of wall time in a span, by the ticks' own numbers."""
+        found = self.between(begin, end)
+        return (found[-1][0] - found[0][0]) / (found[-1][1] - found[0][1]) if len(found) > 1 else 0.0
+
+    def gaps(self, begin: float, end: float) -> list[float]:
+        """Return the times between neighbours in a span, s, in order of size."""
+        times = [when for _, when in self.between(begin, end)]
+        return sorted(b - a for a, b in pairwise(times))
+
+
+def resident_mb(pid: int, *, peak: bool = False) -> float:
+    """Return the memory of a process, MB; ``peak``: the most since `forget_peak`."""
+    field = "VmHWM" if peak else "VmRSS"
+    text = Path(f"/proc/{pid}/status").read_text()
+    return int(next(line for line in text.splitlines() if line.startswith(field)).split()[1]) / 1024.0
+
+
+def forget_peak(pid: int) -> None:
+    """Let the peak of a process begin anew."""
+    Path(f"/proc/{pid}/clear_refs").write_text("5")
+
+
+def descriptors(pid: int) -> int:
+    """Return how many descriptors a process holds."""
+    return len(list(Path(f"/proc/{pid}/fd").iterdir()))
