@@ -35,13 +35,23 @@ class LegRequest(Request):
     )
 
 
+class StanceOutcome(Request):
+    """What came of an earlier foothold: what a model is learned from again."""
+
+    leg: str = Field(min_length=1, max_length=32, description="name of the leg in the robot description")
+    foothold: Vec2 = Field(description="x, y of the foothold that was chosen, frame map, m")
+    nominal: Vec2 = Field(description="x, y of the nominal foothold of that choice, m")
+    stroke: Vec3 = Field(description="movement of the foot relative to the body in that stance, map axes, m")
+    slip: float = Field(description="way the foot slid over the stance as the robot measured it, m")
+
+
 class SelectRequest(TickRequest):
     """Asks for the footholds of all legs that land together.
 
     With ``tick`` the answer rests on the map of that tick, whatever arrives first: the way to reproducible runs.
     """
 
-    schema_version: ClassVar[str] = "1.1"
+    schema_version: ClassVar[str] = "1.2"
     base: BasePose = Field(description="where base_link will be when the feet land")
     legs: Annotated[tuple[LegRequest, ...], Field(min_length=1, max_length=MAX_FEET)] = Field(
         description="one entry for each landing leg, answered in the same order"
@@ -53,6 +63,9 @@ class SelectRequest(TickRequest):
     )
     seed: int | None = Field(
         default=None, ge=0, lt=2**63, description="of the draw of mode random: equal seeds, equal cells"
+    )
+    outcomes: Annotated[tuple[StanceOutcome, ...], Field(max_length=4 * MAX_FEET)] = Field(
+        default=(), description="stances that have ended since the request before; used where re-learning is on"
     )
 
 
@@ -98,10 +111,14 @@ class LegFoothold(Reply):
 class SelectReply(Reply):
     """Footholds in the order of the request."""
 
-    schema_version: ClassVar[str] = "1.1"
+    schema_version: ClassVar[str] = "1.2"
     legs: tuple[LegFoothold, ...] = Field(description="one answer for each leg asked about")
     map_version: int = Field(ge=0, description="version of the terrain map the answer rests on")
     model: str = Field(description="name of the slip model the answer rests on")
+    model_tick: int | None = Field(
+        default=None, description="tick of the first request this model answered; null = that request named none"
+    )
+    explored: bool = Field(default=False, description="the footholds were drawn at random, to learn from them")
 
 
 class AssessRequest(TickRequest):
@@ -155,6 +172,7 @@ class ModelRequest(TickRequest):
 class ModelReply(Reply):
     """The slip model in force."""
 
+    schema_version: ClassVar[str] = "1.1"
     model: str = Field(description="name, as in the replies of footholds/select")
     robot: str = Field(default="", description="robot it was learned with; empty = any")
     cell: float | None = Field(default=None, description="edge of a cell it holds for, m; null = any")
@@ -165,6 +183,8 @@ class ModelReply(Reply):
     error: float | None = Field(default=None, description="root mean square error on trials held back, slip per stroke")
     provenance: tuple[str, ...] = Field(default=(), description="where the samples came from")
     unfit: str = Field(default="", description="why the map in force is answered by the hand-made score instead")
+    outcomes: int = Field(default=0, ge=0, description="outcomes of stances taken in for re-learning since the start")
+    refused: dict[str, int] = Field(default_factory=dict, description="outcomes and rounds left out, by reason")
 
 
 class LearnRequest(Request):

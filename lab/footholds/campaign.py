@@ -5,7 +5,6 @@ A campaign that is started again with the same file goes on with the trials it l
 """
 
 import itertools
-import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -13,19 +12,15 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from surefoot.errors import SurefootError
-from surefoot.geometry.heightmap_kernels import patch
 from surefoot.lab.footholds.rules import exploring_rule, model_rule, random_rule
 from surefoot.lab.footholds.walks import JoinedWalk, Setting, Stance
-from surefoot.services.footholds.features import window_features
 from surefoot.services.footholds.ground import FootholdGround
-from surefoot.services.footholds.learning.samples import PATCH, Sample, read_lines, trial_lines
+from surefoot.services.footholds.learning.samples import Sample, read_lines, trial_lines
 from surefoot.services.footholds.models.files import load
+from surefoot.services.footholds.outcomes import sample_at
 from surefoot.services.footholds.select import SelectParams
 
-UNKNOWN_UM = -(2**31)
 RESTARTS = 3
 """How often a pool whose worker has died is made anew."""
 
@@ -77,20 +72,9 @@ def walked(trial: Trial) -> list[Sample]:
 
 def sample_of(stance: Stance, ground: FootholdGround, trial: str) -> Sample:
     """Return the sample of a stance: the coefficients of the cell that was chosen, on the map as the chooser saw it."""
-    surface = ground.surface
-    row, col = surface.index(*stance.planned)
-    found = window_features(surface.z, row, col, 1, 1, np.array(stance.stroke), surface.cell)
-    around = np.empty((PATCH, PATCH), dtype=np.float32)
-    patch(surface.z, row - PATCH // 2, col - PATCH // 2, around)
-    rise = 1e6 * (around.astype(np.float64) - float(around[PATCH // 2, PATCH // 2]))
-    return Sample(
-        trial=trial, leg=stance.leg, step=stance.step,
-        k1=float(found.k1[0, 0]), k2=float(found.k2[0, 0]), cos_k3=float(found.cos_k3[0, 0]),
-        k4=math.sqrt(sum((a - b) ** 2 for a, b in zip(stance.planned, stance.nominal, strict=True))),
-        stroke=stance.stroke, sliding=stance.sliding, displacement=stance.displacement, load=stance.load,
-        friction=math.nan, cell=surface.cell, smooth=ground.smooth, foot_radius=ground.foot_radius,
-        robot="", robot_hash="", source="",
-        heights_um=tuple(UNKNOWN_UM if math.isnan(value) else round(value) for value in rise.ravel().tolist()),
+    return sample_at(
+        ground, stance.planned, stance.nominal, stance.stroke, stance.sliding, (trial, stance.leg, stance.step),
+        stance.displacement, stance.load,
     )  # fmt: skip
 
 

@@ -13,7 +13,9 @@ from surefoot.services.footholds.ground import FootholdGround
 from surefoot.services.footholds.models.protocol import SlipModel
 from surefoot.services.footholds.models.score import HandScore
 from surefoot.services.footholds.select import Foothold, Landing, SelectParams, TrunkPose, select
-from surefoot.services.walker.hexapod.exploring import draw_of
+
+DRAWS = 100_003
+"""Steps of one walk that have a seed of their own."""
 
 
 class _Roughness:
@@ -101,16 +103,15 @@ def random_rule(seed: int) -> Rule:
 
 
 def exploring_rule(seed: int, share: float, rule: Rule) -> Rule:
-    """Return `rule`, with a share of steps whose footholds are drawn at random, as a walker with `explore` does."""
+    """Return `rule`, with a share of steps whose footholds are drawn at random."""
     if not (math.isfinite(share) and 0.0 <= share <= 1.0):
         raise ValueError(f"share must be between 0 and 1, got {share!r}")
 
     def either(
         ground: FootholdGround, robot: Robot, base: TrunkPose, landings: Sequence[Landing], step: int
     ) -> Sequence[Foothold]:
-        draw = draw_of(seed, step, share)
-        if draw is None:
+        if share < 1.0 and np.random.default_rng((seed, step, 1)).random() >= share:
             return rule(ground, robot, base, landings, step)
-        return select(ground, robot, HandScore(), base, landings, SelectParams(seed=draw))
+        return select(ground, robot, HandScore(), base, landings, SelectParams(seed=seed * DRAWS + step))
 
     return either

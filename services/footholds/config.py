@@ -1,10 +1,14 @@
 """Configuration of the foothold service."""
 
+from collections.abc import Callable
+from typing import Literal
+
 from pydantic import Field
 
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.services.footholds.masks import Limits
 from surefoot.services.footholds.models.score import HandScore
+from surefoot.services.footholds.relearner import Relearner, RelearnParams
 from surefoot.services.footholds.select import SelectParams
 
 _LIMITS, _SCORE, _SELECT = Limits(), HandScore(), SelectParams()
@@ -23,6 +27,19 @@ class FootholdsConfig(ServiceConfig):
     distance_weight: float | None = Field(
         default=None, ge=0, le=1000, description="k of Q = P + k K4, 1/m; null = that of the model"
     )
+    relearn: Literal["off", "counted", "paper"] = Field(
+        default="off",
+        description="learn again while walking, from the slip that the robot measures: counted by samples, or as (19)",
+    )
+    relearn_weight: float = Field(default=1.0, ge=0, le=1, description="c of re-learning, the weight of new outcomes")
+    relearn_every: int = Field(default=60, ge=1, le=100_000, description="outcomes of a round of re-learning")
+    relearn_file: str = Field(
+        default="", max_length=4096, description="keeps the model over restarts; where it exists it is the model"
+    )
+    explore: float = Field(
+        default=0.0, ge=0, le=1, description="share of choices drawn at random, from cells within reach, to learn from"
+    )
+    explore_seed: int = Field(default=0, ge=0, lt=2**63, description="of these choices")
     trunk_step_m: float = Field(default=_SELECT.trunk_step, gt=0, le=0.1, description="step of proposed heights, m")
     trunk_range_m: float = Field(default=_SELECT.trunk_range, ge=0, le=0.2, description="largest proposed change, m")
     slip_limit: float = Field(default=_LIMITS.slip, ge=0, le=1, description="largest predicted slip, way per stroke")
@@ -51,6 +68,12 @@ class FootholdsConfig(ServiceConfig):
             rough=self.score_rough,
             dead=self.score_dead,
         )
+
+    def relearner(self, log: Callable[[str], None]) -> Relearner | None:
+        """What learns again, None if it is off."""
+        if self.relearn == "off":
+            return None
+        return Relearner(RelearnParams(self.relearn, self.relearn_weight, self.relearn_every, self.relearn_file), log)
 
     def params(self) -> SelectParams:
         """The parameters of the choice."""

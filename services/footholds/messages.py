@@ -7,6 +7,7 @@ from surefoot.schemas.footholds import LegFoothold, LegRequest, MaskCounts, Mode
 from surefoot.services.footholds.masks import REASONS
 from surefoot.services.footholds.models.learned import LearnedModel
 from surefoot.services.footholds.models.protocol import SlipModel
+from surefoot.services.footholds.relearner import Relearner
 from surefoot.services.footholds.select import Foothold, TrunkPose
 
 
@@ -25,13 +26,15 @@ def mask_counts(counts: tuple[int, ...]) -> MaskCounts:
     return MaskCounts(**dict(zip((*REASONS, "free"), counts, strict=True)))
 
 
-def model_reply(model: SlipModel, weight: float | None, unfit: str) -> ModelReply:
-    """The slip model in force."""
+def model_reply(model: SlipModel, weight: float | None, unfit: str, learner: Relearner | None) -> ModelReply:
+    """The slip model in force, and what re-learning has taken in."""
     shared = ModelReply(
         model=model.name,
         distance_weight=model.distance_weight if weight is None else weight,
         landing_error=model.landing_error,
         unfit=unfit,
+        outcomes=0 if learner is None else learner.taken,
+        refused={} if learner is None else dict(learner.refused),
     )
     if not isinstance(model, LearnedModel):
         return shared

@@ -1,6 +1,7 @@
 """Foothold service: latches the terrain map, answers `footholds/select` and `footholds/assess`, learns slip models."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from surefoot.schemas.footholds import (
     ModelRequest,
     SelectReply,
     SelectRequest,
+    StanceOutcome,
 )
 from surefoot.schemas.terrain import HeightMapMessage
 from surefoot.schemas.topics import FOOTHOLDS_ASSESS, FOOTHOLDS_LEARN, FOOTHOLDS_MODEL, FOOTHOLDS_SELECT, TERRAIN_MAP
@@ -24,8 +26,10 @@ from surefoot.services.footholds.config import FootholdsConfig
 from surefoot.services.footholds.ground import FootholdGround, build_ground
 from surefoot.services.footholds.job import LearnJob
 from surefoot.services.footholds.messages import base_pose, leg_foothold, mask_bits, mask_counts, model_reply
-from surefoot.services.footholds.models.files import load, shipped
+from surefoot.services.footholds.models.files import ModelError, load, shipped
+from surefoot.services.footholds.models.learned import LearnedModel
 from surefoot.services.footholds.models.protocol import SlipModel
+from surefoot.services.footholds.outcomes import sample_at
 from surefoot.services.footholds.rehearsal import made_up_map, made_up_requests
 from surefoot.services.footholds.select import Landing, placement, select
 
@@ -43,12 +47,17 @@ class Footholds(Service[FootholdsConfig]):
         """Load the robot, register the handlers."""
         self.robot = load_robot(self.config.robot)
         self.hand_made = self.config.hand_made()
-        self.chosen = self._find(self.config.slip_model)
+        self.learner = self.config.relearner(lambda text: self.log("warning", text))
+        self.chosen = self._kept() or self._find(self.config.slip_model)
         """The model that was asked for."""
         self.model: SlipModel = self.chosen
         """The model in force: the hand-made score where the chosen one does not hold on the map."""
         self.unfit = ""
         self.job = LearnJob()
+        self._choices = 0
+        self._since: int | None = None
+        """Tick of the first request that the model in force answered."""
+        self._named = ""
         self.params = self.config.params()
         self.legs = {leg.name: index for index, leg in enumerate(self.robot.legs)}
         self._message: HeightMapMessage | None = None
@@ -59,12 +68,14 @@ class Footholds(Service[FootholdsConfig]):
         self.handle(FOOTHOLDS_LEARN, self.job.answer)
 
     def on_stop(self) -> None:
-        """End the job."""
+        """End the job, and a round of re-learning."""
         self.job.close()
+        if self.learner is not None:
+            self.learner.close()
 
     def rehearse(self) -> None:
         """Answer made-up requests on a made-up map, as another service of the same configuration."""
-        other = Footholds(self.config)
+        other = Footholds(self.config.model_copy(update={"relearn": "off"}))
         other.on_start()
         other._ground = build_ground(made_up_map(other.robot), other.robot.foot_radius, self.config.smooth)
         selects, assesses = made_up_requests(other.robot)
@@ -78,6 +89,10 @@ class Footholds(Service[FootholdsConfig]):
     def on_reset(self) -> None:
         """Forget the map; the new epoch brings its own."""
         self._message = self._ground = None
+        self._choices = 0
+        made = None if self.learner is None else self.learner.close()
+        if made is not None:
+            self._use(made)
 
     def on_tick(self, inputs: TickInputs) -> None:
         """Prepare the map when it is another one."""
@@ -98,15 +113,14 @@ class Footholds(Service[FootholdsConfig]):
         """Put another slip model in force, if one is named, and report the one in force."""
         self._take_learned()
         if request.use:
-            self.chosen = self._find(request.use)
-            self._fit()
-            self.log("info", f"slip model {self.model.name}")
-        return model_reply(self.model, self.params.distance_weight, self.unfit)
+            self._use(self._find(request.use))
+        return model_reply(self.model, self.params.distance_weight, self.unfit, self.learner)
 
     def select(self, request: SelectRequest) -> SelectReply:
         """Footholds of all legs of a request."""
         self._take_learned()
         ground = self._map()
+        self._learn_again(request, ground)
         landings = [
             Landing(self._leg(leg.leg, f"legs.{i}.leg"), leg.nominal, leg.stroke) for i, leg in enumerate(request.legs)
         ]
@@ -115,9 +129,18 @@ class Footholds(Service[FootholdsConfig]):
             if request.seed is None:
                 raise Refusal("invalid", "mode random needs a seed", "seed")
             params = replace(params, seed=request.seed)
+        number = self._choices if request.tick is None else request.tick
+        draws = np.random.default_rng((self.config.explore_seed, number))
+        explored = request.mode == "robust" and self.config.explore > 0.0 and draws.random() < self.config.explore
+        if explored:
+            params = replace(params, seed=int(draws.integers(2**62)))
         found = select(ground, self.robot, self.model, base_pose(request.base), landings, params)
         legs = tuple(map(leg_foothold, request.legs, found))
-        return SelectReply(legs=legs, map_version=ground.version, model=self.model.name)
+        if self._named != self.model.name:
+            self._named, self._since = self.model.name, request.tick
+        return SelectReply(
+            legs=legs, map_version=ground.version, model=self.model.name, model_tick=self._since, explored=explored
+        )
 
     def assess(self, request: AssessRequest) -> AssessReply:
         """Layers of a window or of the whole map."""
@@ -154,13 +177,55 @@ class Footholds(Service[FootholdsConfig]):
         path = shipped(self.robot.name) if name == "shipped" else name
         return self.hand_made if path is None else load(path)
 
+    def _kept(self) -> SlipModel | None:
+        """The model that re-learning has kept, None if there is none that can be used."""
+        if self.learner is None or not self.config.relearn_file or not Path(self.config.relearn_file).exists():
+            return None
+        try:
+            model = load(self.config.relearn_file)
+            if model.conditions.robot not in ("", self.robot.name):
+                raise ModelError("other_robot", f"learned with {model.conditions.robot}, not {self.robot.name}")
+        except ModelError as error:
+            self.learner.refuse("kept_file")
+            self.log("error", f"the re-learned model is not used: {error.message}")
+            return None
+        return model
+
     def _take_learned(self) -> None:
         """Put a model in force that a job has learned for it."""
         learned = self.job.take()
         if learned is not None:
-            self.chosen = learned
-            self._fit()
-            self.log("info", f"slip model {self.model.name}")
+            self._use(learned)
+
+    def _use(self, model: SlipModel) -> None:
+        self.chosen = model
+        self._fit()
+        self.log("info", f"slip model {self.model.name}")
+
+    def _learn_again(self, request: SelectRequest, ground: FootholdGround) -> None:
+        """Take the outcomes of a request, and a model that has been learned from earlier ones."""
+        self._choices += 1
+        if self.learner is None:
+            return
+        for each in request.outcomes:
+            self._take_outcome(each, ground)
+        made = self.learner.chosen(self.model if isinstance(self.model, LearnedModel) else None)
+        if made is not None:
+            self._use(made)
+
+    def _take_outcome(self, outcome: StanceOutcome, ground: FootholdGround) -> None:
+        assert self.learner is not None
+        if outcome.leg not in self.legs:
+            self.learner.refuse("unknown_leg")
+            return
+        if not ground.near(*outcome.foothold):
+            self.learner.refuse("off_the_map")
+            return
+        name = ("own", self.legs[outcome.leg], self.learner.taken)
+        sample = sample_at(ground, outcome.foothold, outcome.nominal, outcome.stroke, outcome.slip, name)
+        source = f"own slip of {self.robot.name}"
+        robot = {"robot": self.robot.name, "robot_hash": self.robot.hash}
+        self.learner.take([replace(sample, source=source, **robot)])
 
     def _fit(self) -> None:
         """Compare the chosen model with the map; one that does not hold there is not used, and the log says so."""

@@ -41,13 +41,13 @@ from surefoot.schemas.topics import (
 from surefoot.services.walker import interface
 from surefoot.services.walker.biped.gait import BipedWalker
 from surefoot.services.walker.gait import Gait
-from surefoot.services.walker.hexapod.exploring import draw_of
 from surefoot.services.walker.hexapod.gait import HexapodWalker
 from surefoot.services.walker.hexapod.params import WalkerParams
 from surefoot.services.walker.hexapod.standins import HullCheck, nominal_footholds
 from surefoot.services.walker.interface import FootholdReply, WalkerInputs, WalkerOutputs
 from surefoot.services.walker.memory import Memory
 from surefoot.services.walker.orders import Order
+from surefoot.services.walker.outcomes import Outcomes
 from surefoot.services.walker.rehearsal import rehearse
 
 ANSWER_S = 1.0
@@ -64,10 +64,6 @@ class WalkerConfig(ServiceConfig):
     period_s: float | None = Field(default=None, gt=0, lt=10, description="s, two steps of the tripod gait")
     clearance_m: float | None = Field(default=None, gt=0, lt=1, description="m, height of a swing over the ground")
     ask_footholds: bool = Field(default=True, description="ask footholds/select for each landing")
-    explore: float = Field(
-        default=0.0, ge=0, le=1, description="share of the steps whose footholds are drawn at random, to learn from"
-    )
-    explore_seed: int = Field(default=0, ge=0, lt=2**31, description="of these steps and their draws")
     ask_stability: bool = Field(default=True, description="ask stability/check before each step")
     memory: str | None = Field(
         default=None, description="file of this run that keeps the command for a walker that is started again"
@@ -114,7 +110,7 @@ class Walker(Service[WalkerConfig]):
         self._tick, self._epoch = -1, 0
         self._degraded = ""
         self._order = Order()
-        self._asked = 0
+        self._outcomes = Outcomes()
         self._out: WalkerOutputs | None = None
         self._stopped = ""  # the reason of an emergency stop; only a new run releases it
         self._estimate: tuple[VelocityEstimate, Odometry] | None = None  # the newest; the gait judges its age
@@ -189,6 +185,9 @@ class Walker(Service[WalkerConfig]):
             if not reply.accepted:
                 self.log("warning", f"command {item[1]} ({item[2].action}) refused in its tick: {reply.reason}")
                 self._degraded = reply.reason
+        odometry = inputs.get(STATE_ODOMETRY)
+        for stance in () if odometry is None else odometry.stances:
+            self._outcomes.ended(self.robot.leg_names[stance.foot], stance.slip)
         order = inputs.get(NAVIGATOR_ORDER)
         if order is not None:
             self._take_order(order)
@@ -279,25 +278,24 @@ class Walker(Service[WalkerConfig]):
         """Footholds of a step, all legs in one question."""
         if not self.config.ask_footholds:
             return nominal_footholds(step)
-        self._asked += 1
-        draw = draw_of(self.config.explore_seed, self._asked, self.config.explore)
         quat = rotations.quat_from_rpy(0.0, 0.0, step.yaw)
         request = SelectRequest(
             epoch=self._epoch,
             tick=self._tick,
-            mode="robust" if draw is None else "random",
-            seed=draw,
             base=BasePose(position=_floats(step.body), quat_wxyz=_floats(quat)),
             legs=tuple(
                 LegRequest(leg=self.robot.leg_names[leg.leg], nominal=_floats(leg.nominal), stroke=_floats(leg.stroke))
                 for leg in step.legs
             ),
+            outcomes=self._outcomes.take(),
         )
         try:
             reply = self.call(FOOTHOLDS_SELECT, request, ANSWER_S)
         except CallError as error:
             self._degraded = f"no foothold advice: {error.message}"
             return [dataclasses.replace(own, status="no_answer") for own in nominal_footholds(step)]
+        for asked, leg in zip(request.legs, reply.legs, strict=True):
+            self._outcomes.chose(asked, leg)
         return [FootholdReply(leg.status, leg.foothold, leg.trunk_shift, leg.reason) for leg in reply.legs]
 
     def _check(self, step: interface.StanceCheck) -> interface.StanceVerdict:

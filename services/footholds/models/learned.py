@@ -23,6 +23,8 @@ NODES = (17, 65, 33)
 """Of the table along K1 / K2, K2 / (8 cell), cos K3."""
 CELL_TOLERANCE = 0.01
 """Of the cell and the foot radius: another map or foot is refused beyond it."""
+ROUNDS = "rounds"
+"""Of re-learning: an entry of `LearnedModel.choice`."""
 LEAST_RANGE = 1e-3
 """Of an axis of the table: samples that are all alike still make one."""
 
@@ -82,8 +84,9 @@ class LearnedModel:
 
     @property
     def name(self) -> str:
-        """Name and number of samples."""
-        return f"{self.title}/{round(sum(each.count for each in self.bins.values()))}"
+        """Name and number of samples, and of rounds of re-learning."""
+        rounds = round(self.choice.get(ROUNDS, 0.0))
+        return f"{self.title}/{round(sum(each.count for each in self.bins.values()))}{f'+{rounds}' * (rounds > 0)}"
 
     def unfit(self, cell: float, smooth: bool, foot_radius: float) -> str:
         """Return why the model does not hold on a map, empty if it does."""

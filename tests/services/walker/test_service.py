@@ -25,7 +25,6 @@ from surefoot.schemas.topics import (
     STATE_ODOMETRY,
     STATE_VELOCITY,
 )
-from surefoot.services.walker.hexapod.exploring import draw_of
 from surefoot.services.walker.service import SERVICE, WalkerConfig
 
 ROBOT = load_robot("ragno")
@@ -148,33 +147,6 @@ def test_a_question_about_footholds_names_its_tick(robot: Robot) -> None:
     assert asked
     assert {request.epoch for request in asked} == {EPOCH}
     assert all(20 <= request.tick < robot.tick for request in asked)
-
-
-@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
-def test_a_share_of_the_questions_asks_for_random_cells(share: float) -> None:
-    robot = Robot(None, explore=share, explore_seed=7)
-    for _ in range(2):  # a new run asks the same
-        robot.stage.asked.clear()
-        robot.run(20)
-        assert robot.service.walk(WalkCommand(action="walk", distance=0.3)).accepted
-        robot.run(700)
-        asked = [request for key, request in robot.stage.asked if key == FOOTHOLDS_SELECT.key]
-        assert len(asked) >= 8
-        draws = [draw_of(7, number, share) for number in range(1, len(asked) + 1)]
-        assert [request.seed for request in asked] == draws
-        assert [request.mode for request in asked] == ["robust" if draw is None else "random" for draw in draws]
-        robot.service.on_reset()
-        robot.joints = ROBOT.neutral.copy()
-
-
-def test_draws_keep_their_share_and_differ() -> None:
-    draws = [draw_of(3, number, 0.3) for number in range(1, 1001)]
-    found = [draw for draw in draws if draw is not None]
-    assert 240 < len(found) < 360
-    assert len(set(found)) == len(found)
-    assert draws == [draw_of(3, number, 0.3) for number in range(1, 1001)]
-    assert not set(found) & {draw_of(4, number, 1.0) for number in range(1, 1001)}
-    assert {draw_of(3, 1, 0.0), draw_of(3, 1, -0.0)} == {None}
 
 
 def test_a_walker_killed_in_mid_step_goes_on_with_its_command_under_the_same_number(

@@ -1,0 +1,81 @@
+"""Re-learning (Walas & Belter 2011, section 3.5): the bins of a model brought up to date by the outcomes of a walk.
+
+Two forms. The paper's, without regard to counts, for bins that both sets have:
+
+    r_b <- (r_old + c r_new) / (1 + c),   0 <= c <= 1                                                             (19)
+
+and the counted one, in which a sample weighs the same whenever it came (c = 1: as if all had been learned at once):
+
+    r_b <- (N_old r_old + c N_new r_new) / (N_old + c N_new),   N_b <- N_old + c N_new
+
+The terms are fitted anew to the bins, with the size of fit of the model.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
+
+from surefoot.services.footholds.learning.fit import LearnError, LearnOptions, built
+from surefoot.services.footholds.learning.merge import candidate_of
+from surefoot.services.footholds.learning.samples import Sample, SampleSet, gather
+from surefoot.services.footholds.models.lattice import faded, filled, inputs, merged
+from surefoot.services.footholds.models.learned import ROUNDS, LearnedModel
+
+Form = Literal["counted", "paper"]
+
+
+def relearned(
+    model: LearnedModel, samples: Sequence[Sample], form: Form = "counted", weight: float = 1.0
+) -> LearnedModel:
+    """Return the model after these outcomes; k, landing error, lattice and size of fit stay.
+
+    Args:
+        model: the old one.
+        samples: of the same cell, filter, foot and robot; those that cannot be learned from are left out.
+        form: see above.
+        weight: c, 0 to 1.
+
+    Raises:
+        LearnError: no sample is left, or samples and model do not go together.
+    """
+    if not 0.0 <= weight <= 1.0:
+        raise LearnError("invalid", f"weight must be between 0 and 1, got {weight!r}", "weight")
+    found = gather(samples)
+    if not len(found):
+        refused = ", ".join(f"{name} {n}" for name, n in sorted(found.refused.items())) or "none came"
+        raise LearnError("no_samples", f"there is no outcome to learn from ({refused})")
+    _check(model, found)
+    fresh, u = filled(model.lattice, found.x, found.r), inputs(found.x)
+    bins = merged(model.bins, fresh, weight) if form == "counted" else faded(model.bins, fresh, weight)
+    options = LearnOptions(
+        title=model.title, seed=model.seed, distance_weight=model.distance_weight, landing_error=model.landing_error,
+        support=model.support, lattice=model.lattice,
+    )  # fmt: skip
+    low = [min(a, b) for (a, _), b in zip(model.ranges, u.min(axis=0).tolist(), strict=True)]
+    high = [max(a, b) for (_, a), b in zip(model.ranges, u.max(axis=0).tolist(), strict=True)]
+    sources = _with(model.provenance, f"re-learned ({form}, c = {weight:g})", found)
+    out = built(
+        options, model.conditions, bins, low, high, candidate_of(model), model.choice.get("error", 0.0), sources
+    )
+    return replace(out, choice=out.choice | {ROUNDS: model.choice.get(ROUNDS, 0.0) + 1.0})
+
+
+def _check(model: LearnedModel, found: SampleSet) -> None:
+    old = model.conditions
+    for each in found.kept:
+        same = (each.cell, each.smooth, each.foot_radius) == (old.cell, old.smooth, old.foot_radius)
+        if not same or (old.robot and each.robot != old.robot):
+            got = f"{each.robot}, cell {each.cell:g} m, foot {each.foot_radius:g} m, filter {each.smooth}"
+            raise LearnError("mixed_conditions", f"outcomes of {got} do not go into a model of {old}")
+
+
+def _with(provenance: Sequence[str], how: str, found: SampleSet) -> list[str]:
+    """Return the sources with a line for each new one; a source that comes round after round keeps its line."""
+    lines = list(provenance)
+    for source in sorted({each.source for each in found.kept}):
+        head, count = f"{how}: {source}, samples ", sum(each.source == source for each in found.kept)
+        before = [k for k, line in enumerate(lines) if line.startswith(head)]
+        if before:
+            count += int(lines.pop(before[0]).removeprefix(head))
+        lines.append(f"{head}{count}")
+    return lines

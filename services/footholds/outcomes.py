@@ -1,0 +1,52 @@
+"""What came of a stance as a sample to learn from: the coefficients of the chosen cell, on the map as it was chosen."""
+
+import math
+
+import numpy as np
+
+from surefoot.geometry.heightmap_kernels import patch
+from surefoot.services.footholds.features import window_features
+from surefoot.services.footholds.ground import FootholdGround
+from surefoot.services.footholds.learning.samples import PATCH, Sample
+
+UNKNOWN_UM = -(2**31)
+
+
+def sample_at(
+    ground: FootholdGround,
+    planned: tuple[float, float],
+    nominal: tuple[float, float],
+    stroke: tuple[float, float, float],
+    sliding: float,
+    name: tuple[str, int, int],
+    displacement: float | None = None,
+    load: float = math.nan,
+) -> Sample:
+    """Return the sample of a stance; robot, friction and source are left to the caller.
+
+    Args:
+        ground: the map as the chooser saw it.
+        planned: x, y of the foothold that was chosen, map frame, m.
+        nominal: x, y of the nominal foothold, m.
+        stroke: f, map axes, m.
+        sliding: way of the contact point, m.
+        name: trial, leg and step, which name the stance.
+        displacement: horizontal way of the foot centre, m; None = not known, the sliding stands for it.
+        load: mean normal force, N; NaN = not known.
+    """
+    surface = ground.surface
+    row, col = surface.index(*planned)
+    found = window_features(surface.z, row, col, 1, 1, np.array(stroke), surface.cell)
+    around = np.empty((PATCH, PATCH), dtype=np.float32)
+    patch(surface.z, row - PATCH // 2, col - PATCH // 2, around)
+    rise = 1e6 * (around.astype(np.float64) - float(around[PATCH // 2, PATCH // 2]))
+    trial, leg, step = name
+    return Sample(
+        trial=trial, leg=leg, step=step,
+        k1=float(found.k1[0, 0]), k2=float(found.k2[0, 0]), cos_k3=float(found.cos_k3[0, 0]),
+        k4=math.sqrt(sum((a - b) ** 2 for a, b in zip(planned, nominal, strict=True))),
+        stroke=stroke, sliding=sliding, displacement=sliding if displacement is None else displacement, load=load,
+        friction=math.nan, cell=surface.cell, smooth=ground.smooth, foot_radius=ground.foot_radius,
+        robot="", robot_hash="", source="",
+        heights_um=tuple(UNKNOWN_UM if math.isnan(value) else round(value) for value in rise.ravel().tolist()),
+    )  # fmt: skip

@@ -1,0 +1,109 @@
+"""Re-learning while the robot walks: outcomes of stances in, a new model at a choice that is fixed beforehand.
+
+A round begins at the choice whose outcomes complete it and runs on a thread. Its model is in force from the `LAG`-th
+choice after that, however long the fit took: a choice that comes sooner than the fit waits for it. So equal requests
+get equal replies at any speed of the machine.
+"""
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from surefoot.errors import SurefootError
+from surefoot.services.footholds.learning.relearn import Form, relearned
+from surefoot.services.footholds.learning.samples import Sample
+from surefoot.services.footholds.models.files import save
+from surefoot.services.footholds.models.learned import LearnedModel
+
+MOST = 100_000
+"""Outcomes that wait for a round at most: there is none while no learned model is in force."""
+LAG = 4
+"""Choices between the begin of a round and the first with its model: two seconds of a tripod gait."""
+
+
+@dataclass(frozen=True, slots=True)
+class RelearnParams:
+    """How a model is learned again."""
+
+    form: Form = "counted"
+    weight: float = 1.0
+    """c."""
+    every: int = 60
+    """Outcomes of a round."""
+    path: str = ""
+    """File that keeps the model; empty = none."""
+
+
+@dataclass(eq=False)
+class Relearner:
+    """Collects outcomes and makes models of them."""
+
+    params: RelearnParams
+    log: Callable[[str], None]
+    taken: int = 0
+    """Outcomes taken in."""
+    refused: dict[str, int] = field(default_factory=dict)
+    """Outcomes left out, and rounds that failed, by reason."""
+    _waiting: list[Sample] = field(default_factory=list)
+    _due: int = 0
+    _thread: threading.Thread | None = None
+    _made: LearnedModel | None = None
+    _problems: list[tuple[str, str]] = field(default_factory=list)
+
+    def take(self, samples: Sequence[Sample]) -> None:
+        """Take outcomes; those that cannot be learned from are counted."""
+        for each in samples:
+            problem = each.problem or ("too_many" if len(self._waiting) >= MOST else "")
+            if problem:
+                self.refuse(problem)
+            else:
+                self._waiting.append(each)
+                self.taken += 1
+
+    def refuse(self, reason: str) -> None:
+        """Count an outcome that is left out."""
+        self.refused[reason] = self.refused.get(reason, 0) + 1
+
+    def chosen(self, model: LearnedModel | None) -> LearnedModel | None:
+        """Count a choice; returns the model that is in force from this choice on, None if that does not change.
+
+        Args:
+            model: in force; None: it is none that can be learned again.
+        """
+        if self._thread is not None:
+            self._due -= 1
+            return self._finish() if self._due <= 0 else None
+        if model is not None and len(self._waiting) >= self.params.every:
+            batch, self._waiting = self._waiting, []
+            self._due = LAG
+            self._thread = threading.Thread(target=self._run, args=(model, batch), name="relearn", daemon=True)
+            self._thread.start()
+        return None
+
+    def close(self) -> LearnedModel | None:
+        """End a round that is under way, outcomes that wait for one are dropped; returns its model."""
+        self._waiting.clear()
+        return None if self._thread is None else self._finish()
+
+    def _finish(self) -> LearnedModel | None:
+        assert self._thread is not None
+        self._thread.join()
+        self._thread, made, self._made = None, self._made, None
+        for code, text in self._problems:
+            self.refuse(code)
+            self.log(text)
+        self._problems.clear()
+        return made
+
+    def _run(self, model: LearnedModel, batch: Sequence[Sample]) -> None:
+        p = self.params
+        try:
+            made = relearned(model, batch, p.form, p.weight)
+            _ = made.table  # here, not in the first choice
+            self._made = made
+            if p.path:
+                save(made, p.path)
+        except SurefootError as error:
+            self._problems.append((error.code, f"re-learning: {error.message}"))
+        except Exception as error:  # whatever it was, the old model stays and the service goes on
+            self._problems.append(("internal", f"re-learning: {error!r}"))

@@ -1,0 +1,43 @@
+"""What came of footholds: each choice waits for the end of its stance and goes back with the next request."""
+
+from surefoot.schemas.footholds import LegFoothold, LegRequest, StanceOutcome
+
+MOST = 32
+"""Outcomes of one request; older ones are dropped."""
+Choice = tuple[LegRequest, tuple[float, float]]
+
+
+class Outcomes:
+    """Choices of footholds by leg, and the stances that came of them.
+
+    A choice is made before its leg lifts off, so the stance that ends next is that of the choice before.
+    """
+
+    def __init__(self) -> None:
+        self._chosen: dict[str, Choice] = {}
+        self._standing: dict[str, Choice] = {}
+        self._ended: list[StanceOutcome] = []
+
+    def chose(self, asked: LegRequest, reply: LegFoothold) -> None:
+        """Take a choice; one that was never stepped on is replaced by the next."""
+        if reply.status == "ok" and reply.foothold is not None:
+            self._chosen[asked.leg] = (asked, (reply.foothold[0], reply.foothold[1]))
+        else:
+            self._chosen.pop(asked.leg, None)
+
+    def ended(self, leg: str, slip: float) -> None:
+        """A stance of a leg has ended after it slid by `slip`, m."""
+        standing = self._standing.pop(leg, None)
+        if leg in self._chosen:
+            self._standing[leg] = self._chosen.pop(leg)
+        if standing is None:
+            return
+        asked, foothold = standing
+        nominal = (asked.nominal[0], asked.nominal[1])
+        outcome = StanceOutcome(leg=leg, foothold=foothold, nominal=nominal, stroke=asked.stroke, slip=slip)
+        self._ended = [*self._ended, outcome][-MOST:]
+
+    def take(self) -> tuple[StanceOutcome, ...]:
+        """Return the outcomes since the last call."""
+        found, self._ended = tuple(self._ended), []
+        return found
