@@ -1,6 +1,7 @@
 """Where the robot is in the map: odometry and frames of the camera go into the tracker, and it is watched."""
 
 import math
+from collections import Counter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,9 @@ RESTART_SD = (0.10, 0.15)
 
 GLANCES = 5
 """Frames between two searches for a lost pose."""
+LATE_S, AHEAD_S = 0.2, 0.02
+"""A frame older than the one, two periods of the camera, shows where the robot no longer is; one of the future, beyond
+the slack of two ticks, would hold up the clock of the belief. Both are refused."""
 
 
 class Localiser:
@@ -74,8 +78,9 @@ class Localiser:
         self._taken: Pose | None = None
         self._taken_at = 0.0
         self.matched, self.nis = 0, None
-        self.refused = 0
-        """Frames that could not be used."""
+        self.refused = Counter[str]()
+        """Frames that could not be used, by reason."""
+        self._seen_at = -math.inf
         self.lost = LostView()
         self.footprint = Footprint(sight.range_min, sight.range_max, math.radians(sight.half_angle_deg))
         self.lost_model = LostModel.of(self.tracker.noise, self.footprint)
@@ -143,24 +148,42 @@ class Localiser:
 
     # -- sight -------------------------------------------------------------------------------------------------
 
-    def look(self, frame: LandmarkDetections, gait: GaitView) -> None:
+    def look(self, frame: LandmarkDetections, gait: GaitView, now: float) -> None:
         """Take in a frame of the camera.
 
+        Args:
+            frame: what was recognised; its stamp is the end of the exposure.
+            gait: of this tick.
+            now: simulated time, s.
+
         Raises:
-            DetectionError: descriptors of another length than the map's, or of different lengths.
+            DetectionError: a frame that is late, of the future or a repetition, descriptors of another length than the
+                map's, or of different lengths.
         """
         time, standing = frame.stamp_ns * 1e-9, gait.state == "standing"
-        self._take_odometry(time)
         try:
+            self._judge_time(time, now)
+            self._take_odometry(time)
             seen = detections(frame)
             found = self.tracker.look(seen, time, standing=standing, trusted=not self.lost.lost)
-        except DetectionError:
-            self.refused += 1
+        except DetectionError as error:
+            self.refused[error.code] += 1
             raise
         self.matched = found.matched
         if found.matched:
             self.nis = found.nis if self.nis is None else self.nis + SMOOTH * (found.nis - self.nis)
         self._doubt(seen, found, time, standing=standing)
+
+    def _judge_time(self, time: float, now: float) -> None:
+        """Refuse a frame that is not of now, or that was taken in before."""
+        if time > now + AHEAD_S:
+            raise DetectionError("future", f"a frame of {time:.3f} s came at {now:.3f} s", "stamp_ns")
+        if time < now - LATE_S:
+            text = f"a frame may be {LATE_S:g} s old, got one of {time:.3f} s at {now:.3f} s"
+            raise DetectionError("late", text, "stamp_ns")
+        if time <= self._seen_at:
+            raise DetectionError("repeated", f"the frame of {time:.3f} s came again", "stamp_ns")
+        self._seen_at = time
 
     def _doubt(self, seen: Detections, found: FrameResult, time: float, *, standing: bool) -> None:
         """Judge by a frame whether the belief is wrong; if it is, look for the pose while the robot stands."""

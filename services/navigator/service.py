@@ -214,9 +214,9 @@ class Navigator(Service[NavigatorConfig]):
         if seen is None or not self.config.use_landmarks:
             return
         try:
-            self.localiser.look(seen, self._gait)
+            self.localiser.look(seen, self._gait, self._now)
         except DetectionError as error:
-            if self.localiser.refused == 1:
+            if self.localiser.refused[error.code] == 1:
                 self.log("warning", f"hw/landmarks refused: {error.message}")
 
     def _recall(self, odometry: Any) -> None:

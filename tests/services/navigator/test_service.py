@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from surefoot.errors import Refusal, SurefootError
-from surefoot.schemas.hw import Landmark, LandmarkDetections
+from surefoot.schemas.hw import Landmark
 from surefoot.schemas.navigation import (
     CancelRequest,
     GotoRequest,
@@ -192,8 +192,8 @@ def test_blocked_ahead_it_only_turns() -> None:
 def test_descriptors_of_another_length_are_refused_and_the_walk_goes_on(length: int) -> None:
     journey = ready()
     journey.service.goto(GotoRequest(position=(0.5, 0.0)))
-    odd = LandmarkDetections(landmarks=(Landmark(range=0.5, bearing=0.0, descriptor=(0.1,) * length),))
-    journey.frame = lambda: odd  # type: ignore[method-assign]
+    odd, plain = (Landmark(range=0.5, bearing=0.0, descriptor=(0.1,) * length),), journey.frame
+    journey.frame = lambda: plain().model_copy(update={"landmarks": odd})  # type: ignore[method-assign]
     journey.until_ended()
     assert journey.feedback().state == "succeeded"
     assert any("numbers, got" in line for line in journey.stage.logged)
