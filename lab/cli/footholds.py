@@ -179,7 +179,7 @@ def show(
 
 @app.command()
 def score(
-    map: Annotated[Path, typer.Argument(help="Height map: .npz or .asc.")],
+    map: Annotated[Path, typer.Argument(help="Height map: .npz, .asc or .png.")],
     model: Model,
     out: Annotated[Path, typer.Option("--out", "-o", help="Layers z, k1, k2, cos_k3, p, mask as .npz.")],
     heading: Annotated[float, typer.Option(help="Of the walk, rad: the feet move the other way.")] = 0.0,

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from surefoot.errors import SurefootError
-from surefoot.geometry import heightmap_files
 from surefoot.geometry.heightmap import HeightMap, HeightMapError
+from surefoot.geometry.heightmap_exchange import load_any
 from surefoot.services.footholds.assess import Assessment, assess, whole_map
 from surefoot.services.footholds.ground import build_ground
 from surefoot.services.footholds.masks import REASONS, Limits
@@ -22,7 +22,7 @@ def read_map(path: Path) -> HeightMap:
         SurefootError: absent, or not a map.
     """
     try:
-        return heightmap_files.load(path)
+        return load_any(path)
     except (OSError, HeightMapError) as error:
         raise SurefootError("invalid", f"{str(path)!r}: {error}", "map") from None
 

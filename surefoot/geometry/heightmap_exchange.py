@@ -9,13 +9,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.heightmap import HeightMap, HeightMapError
-from surefoot.geometry.heightmap_files import load_png
+from surefoot.geometry.heightmap_files import load, load_png
 
 KEY = "surefoot.heightmap"
 """Of the text in a PNG that holds cell, origin, version and the heights of black and white."""
@@ -76,21 +76,59 @@ def load_own_png(path: str | Path) -> HeightMap:
     except (UnidentifiedImageError, SyntaxError, Image.DecompressionBombError) as error:
         raise HeightMapError("file", f"{source.name} is no PNG image: {error}") from error
     if text is None:
-        raise HeightMapError("file", f"{source.name} holds no text {KEY!r}: give its scale to load_png")
-    try:
-        told: Any = json.loads(text)
-        cell, version, low, high = (told[name] for name in ("cell", "version", "z_low", "z_high"))
-        numbers = [float(value) for value in (cell, low, high, *told["origin"])]
-        version = int(version)
-    except (ValueError, KeyError, TypeError) as error:
-        raise HeightMapError("file", f"{source.name}: text {KEY!r} cannot be read: {error!r}") from error
-    if not all(map(math.isfinite, numbers)) or len(numbers) != 5:
-        raise HeightMapError("file", f"{source.name}: text {KEY!r} must hold finite numbers, got {told!r}")
-    cell, low, high, x0, y0 = numbers
-    counts = load_png(source, cell, 0.0, 65535.0, (x0, y0), version)
+        raise HeightMapError(
+            "file", f"{source.name} holds no text {KEY!r}: give its scale in a file of that name, .json"
+        )
+    scale = _scale(text, f"{source.name}: text {KEY!r}")
+    low, high = scale.z_low, scale.z_high
+    counts = load_png(source, scale.cell, 0.0, 65535.0, scale.origin, scale.version)
     value = np.rint(counts.z.astype(np.float64))
     z = np.where(value == UNKNOWN, np.nan, low + (high - low) / 65534.0 * (value - 1.0))
     return counts.with_z(z.astype(np.float32))
+
+
+def load_any(path: str | Path) -> HeightMap:
+    """Read a map of any format: `.npz`, `.asc`, or a `.png` of `save_png` or of somebody else.
+
+    The PNG of somebody else has its scale in a `.json` file of the same name: `cell`, `z_low` and `z_high`, the
+    heights of black and white, in m, and optionally `origin`, the centre of the lower left pixel, and `version`.
+
+    Raises:
+        HeightMapError: the file is no map, or its scale is absent or wrong.
+        FileNotFoundError: there is no such file.
+    """
+    source = Path(path)
+    if source.suffix.lower() != ".png":
+        return load(source)
+    sidecar = source.with_suffix(".json")
+    if not sidecar.exists():
+        return load_own_png(source)
+    scale = _scale(sidecar.read_text(encoding="utf-8", errors="replace"), sidecar.name)
+    return load_png(source, scale.cell, scale.z_low, scale.z_high, scale.origin, scale.version)
+
+
+class _Scale(NamedTuple):
+    """Of a PNG: edge of a pixel, heights of black and white, centre of the lower left pixel, all in m."""
+
+    cell: float
+    z_low: float
+    z_high: float
+    origin: tuple[float, float]
+    version: int
+
+
+def _scale(text: str, source: str) -> _Scale:
+    try:
+        told: Any = json.loads(text)
+        numbers = [float(told[name]) for name in ("cell", "z_low", "z_high")]
+        numbers += [float(value) for value in told.get("origin", (0.0, 0.0))]
+        version = int(told.get("version", 0))
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise HeightMapError("file", f"{source} cannot be read: {error!r}") from error
+    if not all(map(math.isfinite, numbers)) or len(numbers) != 5:
+        raise HeightMapError("file", f"{source} must hold finite numbers, got {told!r}")
+    cell, low, high, x0, y0 = numbers
+    return _Scale(cell, low, high, (x0, y0), version)
 
 
 def save_asc(heights: HeightMap, path: str | Path) -> Path:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from surefoot.geometry import heightmap_files
+from surefoot.geometry.heightmap_exchange import load_any
 from surefoot.services.simulator.ground.terrain import (
     KINDS,
     Terrain,
@@ -27,7 +27,7 @@ MAX_FRICTION_LEVEL = 2.0  # beyond it a coefficient could become negative
 
 
 def find_ground(name: str, seed: int, amplitude: float | None) -> Terrain:
-    """The terrain of a kind, or of a `.npz` or `.asc` file.
+    """The terrain of a kind, or of a `.npz`, `.asc` or `.png` file.
 
     Raises:
         TerrainError: neither a kind nor a readable file.
@@ -35,11 +35,11 @@ def find_ground(name: str, seed: int, amplitude: float | None) -> Terrain:
     """
     if name in KINDS:
         return make_terrain(name, seed, amplitude)
-    if not name.endswith((".npz", ".asc")):
+    if not name.endswith((".npz", ".asc", ".png")):
         known = ", ".join(KINDS)
-        raise TerrainError("terrain", f"got {name!r}, which is neither a kind ({known}) nor a .npz or .asc file")
+        raise TerrainError("terrain", f"got {name!r}, which is neither a kind ({known}) nor a .npz, .asc or .png file")
     try:
-        return terrain_from_map(heightmap_files.load(Path(name)))
+        return terrain_from_map(load_any(Path(name)))
     except OSError as error:
         raise TerrainError("terrain", f"{name!r} cannot be read: {error.strerror}") from None
 

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.geometry.heightmap_exchange import save_asc, save_png
 from surefoot.lab.cli.main import main
 from surefoot.services.footholds.learning.samples import trial_lines
 from surefoot.services.footholds.models.files import load
@@ -52,6 +54,19 @@ def test_learn_merge_show_and_score(tmp_path: Path, capsys: pytest.CaptureFixtur
         assert found["p"].shape == (20, 30)
         assert np.nanmax(found["p"]) < 0.1
         assert list(found["mask_names"])[-1] == "unlearned"
+
+
+def test_a_png_is_scored_as_the_grid_it_came_from(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    x = 0.02 * np.sin(0.3 * np.arange(40.0))
+    heights = HeightMap(z=np.add.outer(x[:30], x).astype(np.float32), cell=0.005)
+    found = []
+    for path in (save_asc(heights, tmp_path / "m.asc"), save_png(heights, tmp_path / "m.png")):
+        out = tmp_path / f"{path.suffix[1:]}.npz"
+        assert run(capsys, "score", str(path), "--model", "ragno", "-o", str(out))[0] == 0
+        with np.load(out) as layers:
+            found.append(layers["p"])
+    assert np.isfinite(found[0]).sum() > 900
+    np.testing.assert_allclose(found[0], found[1], atol=2e-3)
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,16 @@ import numpy as np
 import pytest
 
 from surefoot.geometry.heightmap import HeightMap, HeightMapError
-from surefoot.geometry.heightmap_exchange import GridLayers, from_layers, load_own_png, save_asc, save_png, to_layers
-from surefoot.geometry.heightmap_files import load_asc
+from surefoot.geometry.heightmap_exchange import (
+    GridLayers,
+    from_layers,
+    load_any,
+    load_own_png,
+    save_asc,
+    save_png,
+    to_layers,
+)
+from surefoot.geometry.heightmap_files import load_asc, save
 
 
 def made(seed: int = 0) -> HeightMap:
@@ -78,3 +86,45 @@ def test_refusals_name_the_field(tmp_path: Path) -> None:
     for name in ("bare.png", "text.png"):
         with pytest.raises(HeightMapError):
             load_own_png(tmp_path / name)
+
+
+def test_any_format_comes_back(tmp_path: Path) -> None:
+    heights = made()
+    for path in (save(heights, tmp_path / "a.npz"), save_asc(heights, tmp_path / "b.asc")):
+        np.testing.assert_array_equal(load_any(path).z, heights.z)
+    png = load_any(save_png(heights, tmp_path / "c.png"))
+    np.testing.assert_allclose(png.z, heights.z, atol=0.15 / 65534)
+    assert png.origin == heights.origin
+
+
+def grey(path: Path, scale: str | None) -> Path:
+    from PIL import Image
+
+    Image.fromarray(np.array([[0, 65535], [13107, 0]], dtype=np.uint16)).save(path)
+    if scale is not None:
+        path.with_suffix(".json").write_text(scale)
+    return path
+
+
+def test_a_png_of_others_has_its_scale_beside_it(tmp_path: Path) -> None:
+    found = load_any(grey(tmp_path / "a.png", '{"cell": 0.005, "z_low": -0.1, "z_high": 0.4, "origin": [1, 2]}'))
+    np.testing.assert_allclose(found.z, [[0.0, -0.1], [-0.1, 0.4]], atol=1e-6)  # the top row of an image is y-max
+    assert (found.cell, found.origin) == (0.005, (1.0, 2.0))
+
+
+@pytest.mark.parametrize(
+    "scale",
+    [
+        None,
+        "no json",
+        "[]",
+        '{"cell": 0.005, "z_low": 0}',
+        '{"cell": 0.005, "z_low": 0, "z_high": NaN}',
+        '{"cell": -1, "z_low": 0, "z_high": 1}',
+        '{"cell": 0.005, "z_low": 0, "z_high": 1, "origin": [0]}',
+        '{"cell": "wide", "z_low": 0, "z_high": 1}',
+    ],
+)
+def test_a_png_without_a_scale_is_refused(tmp_path: Path, scale: str | None) -> None:
+    with pytest.raises(HeightMapError):
+        load_any(grey(tmp_path / "a.png", scale))
