@@ -19,7 +19,7 @@ class HeightMapMessage(Bulk):
 
 
 class MapRequest(Request):
-    """Asks for the latched map; the reply is a HeightMapMessage, as published."""
+    """Asks for a latched map; the reply is the message as published."""
 
 
 class LandmarkMap(Bulk):

@@ -160,6 +160,7 @@ SUPERVISOR_STATUS = Topic(
 CMD_WALK = Query("cmd/walk", cmd.WalkCommand, cmd.WalkReply, "walker", acts=True)
 HW_DESCRIPTION = Query("hw/description", hw.DescriptionRequest, hw.DescriptionReply, "driver")
 TERRAIN_MAP_GET = Query("terrain/map", terrain.MapRequest, terrain.HeightMapMessage, "driver")
+TERRAIN_LANDMARKS_GET = Query("terrain/landmarks", terrain.MapRequest, terrain.LandmarkMap, "driver")
 FOOTHOLDS_SELECT = Query("footholds/select", footholds.SelectRequest, footholds.SelectReply, "footholds")
 FOOTHOLDS_MODEL = Query("footholds/model", footholds.ModelRequest, footholds.ModelReply, "footholds", acts=True)
 FOOTHOLDS_LEARN = Query("footholds/learn", footholds.LearnRequest, footholds.LearnReply, "footholds", acts=True)

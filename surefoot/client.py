@@ -4,7 +4,8 @@ from surefoot.client import connect
 
 with connect() as robot:
     print(robot.latest("state/velocity").velocity)
-    feet = [{"position": [x, y, 0.0]} for x, y in ((0.1, 0.1), (0.1, -0.1), (-0.1, 0.0))]
+    corners = ((0.1, 0.1), (0.1, -0.1), (-0.1, 0.0))
+    feet = [{"position": [x, y, 0.0], "normal": [0.0, 0.0, 1.0], "mu": 0.5} for x, y in corners]
     print(robot.call("stability/region", contacts=feet).inner)
 """
 

@@ -34,7 +34,7 @@ class Reproduction:
         title: what was reproduced.
         findings: in the order of the paper.
         figures: files that were written.
-        notes: where the paper, the design note and this code differ, and why.
+        notes: where the paper and this code differ, and why.
     """
 
     title: str

@@ -16,7 +16,7 @@ from surefoot.robot.reader import load_robot
 from surefoot.schemas import sim
 from surefoot.schemas.base import Message
 from surefoot.schemas.hw import DescriptionReply, DescriptionRequest, EmergencyStop, JointCommand
-from surefoot.schemas.terrain import HeightMapMessage, MapRequest
+from surefoot.schemas.terrain import LandmarkMap, MapRequest
 from surefoot.schemas.topics import (
     CMD_ESTOP,
     HW_CONTACTS,
@@ -42,6 +42,7 @@ from surefoot.schemas.topics import (
     SIM_STEP,
     SIM_TRUTH,
     TERRAIN_LANDMARKS,
+    TERRAIN_LANDMARKS_GET,
     TERRAIN_MAP,
     TERRAIN_MAP_GET,
     Topic,
@@ -92,8 +93,8 @@ class Simulator(Driver[SimulatorConfig]):
     observes = (CMD_ESTOP,)
     serves = (
         SIM_JOIN, HW_DESCRIPTION, TERRAIN_MAP_GET, SIM_RESET, SIM_STEP, SIM_PAUSE, SIM_SPEED, SIM_PUSH, SIM_PLACE,
-        SIM_SET, SIM_FAULT, SIM_CHECKPOINT, SIM_RESTORE, SIM_STATUS_GET, SIM_FEATURES,
-        SIM_EXPERIMENT,
+        SIM_SET, SIM_FAULT, SIM_CHECKPOINT, SIM_RESTORE, SIM_STATUS_GET, SIM_FEATURES, SIM_EXPERIMENT,
+        TERRAIN_LANDMARKS_GET,
     )  # fmt: skip
 
     def on_start(self) -> None:
@@ -107,10 +108,9 @@ class Simulator(Driver[SimulatorConfig]):
         for query, handler in (
             (SIM_RESET, self.reset), (SIM_STEP, self.step), (SIM_SPEED, self.speed), (SIM_PAUSE, self.pause),
             (SIM_PUSH, self.push), (SIM_PLACE, self.place), (SIM_SET, self.set), (SIM_FAULT, self.fault),
-            (SIM_CHECKPOINT, self.checkpoint),
-            (SIM_RESTORE, self.restore), (SIM_STATUS_GET, self.status), (SIM_FEATURES, self.features),
-            (HW_DESCRIPTION, self.description), (SIM_EXPERIMENT, self.experiment),
-            (TERRAIN_MAP_GET, self.terrain_map),
+            (SIM_CHECKPOINT, self.checkpoint), (SIM_RESTORE, self.restore), (SIM_STATUS_GET, self.status),
+            (SIM_FEATURES, self.features), (HW_DESCRIPTION, self.description), (SIM_EXPERIMENT, self.experiment),
+            (TERRAIN_MAP_GET, lambda request: self._map), (TERRAIN_LANDMARKS_GET, self.landmarks),
         ):  # fmt: skip
             self.handle(query, handler)  # pyright: ignore[reportArgumentType] - each pair is of one row
         c = self.config
@@ -362,9 +362,11 @@ class Simulator(Driver[SimulatorConfig]):
         r = self.robot
         return DescriptionReply(robot=r.name, hash=r.hash, joints=r.joint_names, feet=r.leg_names)
 
-    def terrain_map(self, request: MapRequest) -> HeightMapMessage:
-        """The latched map."""
-        return self._map
+    def landmarks(self, request: MapRequest) -> LandmarkMap:
+        """The latched landmarks."""
+        if self._landmarks is None:
+            raise Refusal("refused", "the terrain has no landmarks, or the robot no camera")
+        return self._landmarks
 
     def status(self, request: sim.StatusRequest) -> sim.SimStatus:
         """How time runs, now."""

@@ -170,7 +170,8 @@ class Bus(Protocol):
     def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], Any], *, bounded: bool = False) -> None:
         """Delivers the messages of a key, or of all keys of a ``/*`` family, to an observer, whoever publishes them.
 
-        ``bounded``: few are kept and more than some thousands per s are dropped; for services, which have more to do.
+        ``bounded``: for services, which have more to do. Few are kept and more than some thousands per s are dropped;
+        what services publish outside ticks (status, latched) is taken from services only.
         """
         ...
 

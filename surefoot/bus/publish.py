@@ -27,7 +27,12 @@ _QOS = {  # congestion control, priority, express (no batching: a tick waits for
 }
 """On the topics themselves are only observers, and one that does not read must not stop a robot: all may be dropped."""
 _FRAMES = (_BLOCK, zenoh.Priority.REAL_TIME, True)
-_LOSSLESS = {Kind.LOCKSTEP: _FRAMES, Kind.LATCHED: (_BLOCK, zenoh.Priority.DATA, False)}
+_TO_PARTICIPANTS = {
+    Kind.LOCKSTEP: _FRAMES,
+    Kind.LATCHED: (_BLOCK, zenoh.Priority.DATA, False),
+    Kind.STATUS: (_DROP, zenoh.Priority.DATA_HIGH, False),
+}
+"""Kinds whose messages go to participants under keys of their own: a flood on the common key does not displace them."""
 
 FRAME, BATCH = "@frame/{}", "@batch/{}"
 """Keys of what a service publishes (``driver``: the simulator or a hardware driver) in each tick and in some ticks.
@@ -37,8 +42,13 @@ does not get them, and so cannot block a robot by not reading."""
 
 
 def participants_key(row: Topic[Any] | Query[Any, Any]) -> str:
-    """Return the key of an unframed topic or a query that participants use among themselves, without loss."""
+    """Return the key of an unframed topic or a query that participants use among themselves."""
     return f"@{row.key}"
+
+
+def apart(topic: Topic[Any]) -> bool:
+    """Return whether participants get an unframed topic under `participants_key`."""
+    return topic.kind in _TO_PARTICIPANTS
 
 
 class ZenohPublisher(Generic[M]):
@@ -51,8 +61,8 @@ class ZenohPublisher(Generic[M]):
         encoding = encoding_of(topic.model)
         self._publisher = _declare(session, topic.key, encoding, *_QOS[topic.kind])
         self._all = [self._publisher]
-        if topic.kind in _LOSSLESS:
-            self._all.append(_declare(session, participants_key(topic), encoding, *_LOSSLESS[topic.kind]))
+        if apart(topic):
+            self._all.append(_declare(session, participants_key(topic), encoding, *_TO_PARTICIPANTS[topic.kind]))
 
     def put(self, message: M) -> tuple[bytes, bytes | None]:
         token = encode(message)

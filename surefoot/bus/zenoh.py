@@ -19,7 +19,7 @@ from surefoot.bus.endpoint import DEFAULT_ENDPOINT, checked_namespace, without_s
 from surefoot.bus.frame import Frame
 from surefoot.bus.interface import Delivery, Incoming, Life, Raw
 from surefoot.bus.pour import MOST_HZ, pour
-from surefoot.bus.publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher, participants_key
+from surefoot.bus.publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher, apart, participants_key
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
 from surefoot.schemas.base import ErrorReply, Message, Request, Wire
 from surefoot.schemas.topics import Query, Topic
@@ -159,7 +159,8 @@ class ZenohBus:
 
     def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], Any], *, bounded: bool = False) -> None:
         keep, most_hz = (BOUNDED_KEEP, MOST_HZ) if bounded else (KEEP, 0.0)
-        subscriber = self.session.declare_subscriber(topic.key, RingChannel(keep))
+        key = participants_key(topic) if bounded and apart(topic) else topic.key
+        subscriber = self.session.declare_subscriber(key, RingChannel(keep))
         self._keep.append(subscriber)
         pour(subscriber.handler, partial(_delivery, topic), sink, most_hz=most_hz)
 

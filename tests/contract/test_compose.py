@@ -66,6 +66,14 @@ def test_scripts_hand_over_to_the_command(name: str, tmp_path: Path) -> None:
         assert done.stdout.strip() == said
 
 
+def test_a_script_without_the_environment_says_what_to_do(tmp_path: Path) -> None:
+    (tmp_path / "sh").symlink_to(shutil.which("sh") or "/bin/sh")
+    for name in ("up", "down"):
+        done = run_process([ROOT / "compose" / name], env={"PATH": str(tmp_path)}, capture_output=True, text=True)
+        assert done.returncode != 0
+        assert "make setup" in done.stderr
+
+
 def test_scripts_are_plain_shell() -> None:
     if shutil.which("sh") is None:
         pytest.skip("no shell here")

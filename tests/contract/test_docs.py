@@ -117,6 +117,16 @@ def test_page_of_topics_is_the_generated_one() -> None:
     assert path.read_text(encoding="utf-8") == page(), "python -m surefoot.lab.topics_page > docs/topics.md"
 
 
+def test_nothing_cites_what_a_reader_does_not_have() -> None:
+    files = [file for folder in FOLDERS - {"tests"} for file in (ROOT / folder).rglob("*.[pmty][ydoa]*")]
+    citing = [file.relative_to(ROOT) for file in (*files, *PAGES) if file.is_file() and cites_a_note(file)]
+    assert not citing
+
+
+def cites_a_note(file: Path) -> bool:
+    return bool(re.search(r"design note", file.read_text(encoding="utf-8", errors="replace")))
+
+
 def test_every_decision_is_in_the_index() -> None:
     index = ROW.findall((DECISIONS / "README.md").read_text(encoding="utf-8"))
     found = [

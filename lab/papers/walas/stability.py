@@ -20,8 +20,8 @@ TITLE = "Walas & Belter (2011), section 4: static stability"
 TRUE_FACTOR = 0.6356 / walas_stand.DATA_SHEET
 SEEDS = (0, 1, 2)
 NOTES = (
-    "The paper prints no friction, heights or scales for Fig. 17: the slope's geometry and the table are "
-    "those of the design note (feet at 12.6/2.9/0 cm, trunk at 12 cm); GSM with the shipped CoM offset of 1.2 cm.",
+    "The paper prints no friction, heights or scales for Fig. 17: the slope's geometry and the table are chosen here "
+    "(feet at 12.6/2.9/0 cm, trunk at 12 cm); GSM with the shipped CoM offset of 1.2 cm.",
     "4.7 calls 0.752 Nm/A a gain; 20/26.59 is a correction without unit, so the constant is 0.845 x 0.752 = 0.636.",
     "4.7 divides the trunk's way by the CoM's. Feet and legs stay behind (75 % of Messor's mass): the CoM moves 6 cm "
     "when the trunk moves 10, so the printed rule does not give the motors' constant. Nor does it with the CoM's way, "

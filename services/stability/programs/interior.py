@@ -1,6 +1,6 @@
 """Own solver of the reduced dual: a homogeneous primal-dual interior-point method on eight lanes.
 
-Program of a lane, in the notation of the design note (2.3), m unknowns and n cones of dimension 3:
+Program of a lane, m unknowns and n cones of dimension 3:
 
     min c'lam   s.t.  A_i lam - b_i in Q          (the dual: lam is a virtual twist, the certificate)
     max sum b_i'x_i   s.t.  sum A_i'x_i = c, x_i in Q     (the primal: x_i are the contact forces)

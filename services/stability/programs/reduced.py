@@ -1,4 +1,4 @@
-"""The reduced programs of a contact set (design note 2.2, 2.3): matrices shared by all directions.
+"""The reduced programs of a contact set: matrices shared by all directions.
 
 Forces in units of the weight, f_i = B_i D_i x_i with B_i = [n t1 t2], D_i = diag(1, mu, mu) / sqrt(1 + mu^2), x_i in Q.
 For a column b of B_i D_i at r = (x, y, z):

@@ -1,6 +1,6 @@
 """Region that the servos can hold: friction cones and torque limits, with the weight of the legs.
 
-The torque of leg i is tau_i = G_i - J_i' F_i (design note 2.7), so |tau_i| <= tau_max are six linear inequalities for
+The torque of leg i is tau_i = G_i - J_i' F_i, so |tau_i| <= tau_max are six linear inequalities for
 each leg of three joints. With forces in units of the weight, f_i = F_i / (m g), and the constraints of `reduced`:
 
     h(a) = max sum h_i(a)'x_i   s.t.  sum G_i'x_i = (0,0,1,0),  x_i in Q,

@@ -1,4 +1,4 @@
-"""Distances from the edge of a region: signed margin, extent along a ray (design note 2.6)."""
+"""Distances from the edge of a region: signed margin, extent along a ray."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Margins that allow for what is not known exactly, and their gradients (design note 2.11)."""
+"""Margins that allow for what is not known exactly, and their gradients."""
 
 import math
 from dataclasses import dataclass

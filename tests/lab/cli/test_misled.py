@@ -1,14 +1,26 @@
 """What once misled a user of the command line: which system is meant, errors too late, files overwritten."""
 
 import json
+import re
 import sys
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from surefoot import client
+from surefoot.bus.zenoh import ZenohBus, ZenohOptions
+from surefoot.client import make_request, query_named, topic_named
 from surefoot.lab.cli import main as cli
+from surefoot.schemas.system import ServiceStatus
+from surefoot.schemas.topics import STATE_VELOCITY
 from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder
+from tests.ports import free_address
 from tests.processes import run_process
+from tests.surefoot.toys import estimate
 
+ROOT = Path(__file__).parents[3]
+CALL = re.compile(r"surefoot call (\S+) '([^'\n]*)'")
 pytestmark = pytest.mark.usefixtures("apart")
 
 
@@ -64,6 +76,62 @@ def test_stop_without_a_name_means_every_system_and_reports_each(in_process, two
     code, _, err = in_process("stop", "nosuch")
     assert code == cli.EXIT_USAGE
     assert "running: nao, ragno" in err
+
+
+def test_an_unconfirmed_stop_names_the_driver_that_is_being_restarted(in_process, no_endpoint):
+    address = free_address()
+    folder, bus = RunFolder("ragno"), ZenohBus(ZenohOptions("router", (), (address,), "surefoot/ragno"))
+    folder.acquire()
+    try:
+        folder.write_endpoint(Endpoint(address, "surefoot/ragno"))
+        row = {"pid": None, "restarts": 1}
+        folder.write_rows(
+            [
+                ServiceStatus(service="simulator", state="backoff", detail="exit code -9", **row),
+                ServiceStatus(service="walker", state="healthy", **row),
+            ]
+        )
+        code, out, _ = in_process("stop", "--timeout", "0.3", "--json")
+    finally:
+        folder.release()
+        bus.close()
+    (found,) = json.loads(out)["systems"]
+    assert (code, found["driver"]) == (cli.EXIT_CHECK, "")
+    assert "services are being restarted (simulator backoff: exit code -9)" in found["detail"]
+    assert "cut the power" in found["detail"]
+
+
+def test_the_first_lines_of_the_client_run(monkeypatch):
+    """The example in the docstring of `surefoot.client`, with answers that are at hand."""
+    asked = {}
+
+    class Robot:
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+        def latest(self, key):
+            asked["topic"] = topic_named(key)
+            return estimate(0.1)
+
+        def call(self, key, **fields):
+            asked["request"] = make_request(query_named(key), fields)
+            return SimpleNamespace(inner=())
+
+    monkeypatch.setattr(client, "connect", Robot)
+    exec(client.__doc__.split("\n\n", 1)[1], {})
+    assert asked["topic"] is STATE_VELOCITY
+    assert len(asked["request"].contacts) == 3
+
+
+def test_what_the_pages_pass_to_call_is_json_of_the_query():
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    calls = [found for page in pages for found in CALL.findall(page.read_text(encoding="utf-8"))]
+    assert calls
+    for key, text in calls:
+        make_request(query_named(key), json.loads(text))
 
 
 def test_stop_imports_neither_numpy_nor_the_schemas():

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from surefoot.errors import CallError
+from surefoot.errors import CallError, Refusal
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import TickInputs
@@ -153,7 +153,10 @@ def test_the_map_of_the_landmarks_is_latched_and_nobody_waits_for_one_that_is_no
     assert len(reader.seen) == 5
     if robot == "ragno":
         assert TERRAIN_LANDMARKS.key not in reader.seen[-1]
+        with pytest.raises(Refusal, match="no landmarks"):
+            simulator.landmarks(MapRequest())
         return
+    assert simulator.landmarks(MapRequest()).data == reader.seen[-1][TERRAIN_LANDMARKS.key].data
     found = reader.seen[-1][TERRAIN_LANDMARKS.key]
     assert simulator.world.sight is not None
     field = simulator.world.sight.sensor.field

@@ -13,14 +13,16 @@ from surefoot.bus import zenoh as zenoh_bus
 from surefoot.bus.codec import encode, encoding_of
 from surefoot.bus.interface import Delivery, Incoming, Life
 from surefoot.bus.publish import FramedPublisher
-from surefoot.bus.zenoh import ZenohBus, ZenohOptions, zenoh_config
+from surefoot.bus.zenoh import BOUNDED_KEEP, ZenohBus, ZenohOptions, zenoh_config
 from surefoot.errors import BusError, CallError, Refusal
 from surefoot.schemas.base import Request, Wire
 from surefoot.schemas.hw import Imu
 from surefoot.schemas.sim import FeaturesReply, FeaturesRequest
 from surefoot.schemas.stability import RegionReply, RegionRequest
+from surefoot.schemas.system import Health
 from surefoot.schemas.terrain import HeightMapMessage, MapRequest
 from surefoot.schemas.topics import (
+    HEALTH,
     HW_IMU,
     SIM_FEATURES,
     SIM_PAUSE,
@@ -358,3 +360,19 @@ def test_settings_keep_to_the_loopback_and_off_multicast() -> None:
         assert config.get_json("scouting/multicast/enabled") == "false"
         assert "0.0.0.0" not in config.get_json("listen/endpoints")
         assert config.get_json("namespace") == '"surefoot/ragno"'
+
+
+def test_a_service_observes_heartbeats_of_services_only(net: Net) -> None:
+    """Strangers that flood a heartbeat displace none: they publish on the key that everybody may watch."""
+    inbox, onlooker = Inbox(), Inbox()
+    net.open().subscribe(HEALTH, inbox.put, bounded=True)
+    net.open("client").subscribe(HEALTH, onlooker.put)
+    publisher = matched(net.open(), HEALTH.of("estimator"))
+    with net.plain() as stranger:
+        for _ in range(2 * BOUNDED_KEEP):
+            stranger.put(f"{net.namespace}/health/walker", b"{")
+        assert onlooker.get().raw().payload == b"{"
+        wait_until(lambda: publisher._all[1].matching_status.matching)
+        publisher.put(Health(service="estimator", instance="1", state="running", pid=1))
+    assert inbox.get().message().service == "estimator"
+    assert inbox.queue.empty()

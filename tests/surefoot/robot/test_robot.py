@@ -141,6 +141,13 @@ def test_a_bad_field_is_refused_by_name(load_changed, old, new, code, field):
     assert (caught.value.code, caught.value.field) == (code, field)
 
 
+def test_a_hexapod_with_four_legs_is_refused(load_changed):
+    two = RAGNO[RAGNO.rindex("[[limbs]]", 0, RAGNO.rindex("[[limbs]]")) : RAGNO.index("[imu]")]
+    with pytest.raises(RobotError, match="6 legs, got 4") as caught:
+        load_changed(two, "")
+    assert (caught.value.code, caught.value.field) == ("value", "limbs")
+
+
 def test_a_chain_without_joints_is_refused(load_changed):
     text = TOY_BIPED.read_text()
     arm = text[text.index("[chains.arm]") :]
