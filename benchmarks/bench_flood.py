@@ -101,6 +101,7 @@ def floods(only: str = "") -> None:
                 if only in key:
                     spans.append((f"{verb} {key}", *_flood(machine, ticks, verb, key, payload)))
             spans.append(("no flood", *_flood(machine, ticks, "put", "of/nobody", "{", rate=1.0)))
+            print(f"restarts: { {row['service']: row['restarts'] for row in machine.status()['services']} }")
         numbers: dict[str, set[int]] = {key: set() for key in ("hw/tick", *OUTPUTS)}
         for item in read_recording(bag, tuple(numbers)):
             numbers[item.key].add(item.message().tick)
@@ -126,12 +127,14 @@ def _flood(
     ended = time.monotonic()
     time.sleep(1.5)
     base, during, after = (ticks.rate(*span) for span in ((before, began), (began, ended), (ended + 0.5, ended + 1.5)))
-    grown = {name: resident_mb(pid, peak=True) - held[name] for name, pid in pids.items()}
+    gone = [name for name, pid in pids.items() if not Path(f"/proc/{pid}").exists()]
+    grown = {name: resident_mb(pid, peak=True) - held[name] for name, pid in pids.items() if name not in gone}
     worst = max(grown, key=lambda name: grown[name])
     print(
         f"{verb} {key}: {float(done.stdout):.0f}/s for {SPAN_S:g} s; ticks/s {base:.1f} before, {during:.1f} during "
         f"({during / base:.2f}), {after:.1f} after; longest gap {max(ticks.gaps(began, ended)):.3f} s "
-        f"(before {max(ticks.gaps(before, began)):.3f}); {worst} + {grown[worst]:.1f} MB",
+        f"(before {max(ticks.gaps(before, began)):.3f}); {worst} + {grown[worst]:.1f} MB; "
+        f"ended: {', '.join(gone) or 'none'}",
         flush=True,
     )
     found = ticks.between(began, ended)

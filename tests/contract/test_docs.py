@@ -24,6 +24,7 @@ PLACEHOLDER = re.compile(r"<[^>]*>")
 ENDING = re.compile(r"\.(py|md|toml|yaml|json|png|cff)$")
 DECISION = re.compile(r"^\*\*(.+?)\*\*", re.MULTILINE)
 ROW = re.compile(r"^\| (.+) \| \[.+\]\((.+)\) \|$", re.MULTILINE)
+FAULT = re.compile(r"^\| ((?!fault |---).+?) \| .+ \| (.+) \|$", re.MULTILINE)
 FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir() and not path.name.startswith(".")}
 
 
@@ -125,6 +126,16 @@ def test_nothing_cites_what_a_reader_does_not_have() -> None:
 
 def cites_a_note(file: Path) -> bool:
     return bool(re.search(r"design note", file.read_text(encoding="utf-8", errors="replace")))
+
+
+def test_each_fault_is_provoked_by_a_test() -> None:
+    rows = FAULT.findall((ROOT / "docs" / "faults.md").read_text(encoding="utf-8"))
+    assert len(rows) >= 20
+    for fault, tests in rows:
+        named = [word.partition("::") for word in CODE.findall(tests)]
+        assert named, fault
+        for file, _, test in named:
+            assert f"def {test}(" in (ROOT / file).read_text(encoding="utf-8"), (fault, file, test)
 
 
 def test_every_decision_is_in_the_index() -> None:
