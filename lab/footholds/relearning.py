@@ -1,0 +1,117 @@
+"""Re-learning judged: edges withheld from a first model, then walks that explore, their outcomes learned from.
+
+The gap is the mean square error on withheld ground of the first model over that of a model of all training data; a
+re-learned model closes the share of it that its own error lacks. Judged on stances of walks that no model was made of.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from surefoot.lab.footholds.rules import exploring_rule, model_rule
+from surefoot.lab.footholds.slip import SlipFollower
+from surefoot.lab.footholds.walks import JoinedWalk, Rule, Setting
+from surefoot.robot.description import Robot
+from surefoot.schemas.footholds import LegFoothold, LegRequest, StanceOutcome
+from surefoot.services.footholds.ground import FootholdGround
+from surefoot.services.footholds.learning.fit import Candidate, LearnOptions, learn
+from surefoot.services.footholds.learning.samples import Sample, SampleSet, gather
+from surefoot.services.footholds.models.lattice import inputs
+from surefoot.services.footholds.models.learned import LearnedModel
+from surefoot.services.footholds.outcomes import sample_at
+from surefoot.services.footholds.select import Foothold, Landing, SelectParams, TrunkPose
+from surefoot.services.walker.outcomes import Outcomes
+
+WITHHELD = 0.3
+"""K2 / (8 cell) from which ground is withheld: edges and slopes of more than about 20 deg."""
+
+
+def rough(sample: Sample) -> bool:
+    """Whether a stance was on ground that is withheld."""
+    return sample.k2 / (8.0 * sample.cell) >= WITHHELD
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where re-learning starts, and what it is judged by."""
+
+    first: LearnedModel
+    """Of training data without withheld ground."""
+    full: LearnedModel
+    """Of all training data."""
+    held: SampleSet
+    """Stances of other walks."""
+
+
+def start(samples: Sequence[Sample], candidate: Candidate, share: float = 0.25, seed: int = 0) -> Start:
+    """Return both models of a sample set, a share of its trials held back."""
+    names = sorted({each.trial for each in samples})
+    np.random.default_rng(seed).shuffle(names)
+    held = set(names[: round(share * len(names))])
+    training = [each for each in samples if each.trial not in held]
+    options = LearnOptions(title="walked", candidates=(candidate,), distance_weight=0.5)
+    return Start(
+        learn(gather(each for each in training if not rough(each)), options), learn(gather(training), options),
+        gather(each for each in samples if each.trial in held),
+    )  # fmt: skip
+
+
+def squared_errors(model: LearnedModel, held: SampleSet) -> tuple[float, float]:
+    """Return the mean square errors on withheld ground and on the other; slips over 1 count as 1."""
+    u = inputs(held.x)
+    low, high = np.array(model.ranges).T
+    away = np.clip(model.terms.values(np.clip(u, low, high)), 0.0, 1.0) - np.minimum(held.r, 1.0)
+    new = held.x[:, 1] >= WITHHELD
+    return float(np.mean(away[new] ** 2)), float(np.mean(away[~new] ** 2))
+
+
+def closed(model: LearnedModel, begin: Start) -> tuple[float, float]:
+    """Return the share of the gap that a model closes, and its error on old ground over that of the first model."""
+    (new, old), (first, first_old) = squared_errors(model, begin.held), squared_errors(begin.first, begin.held)
+    full, _ = squared_errors(begin.full, begin.held)
+    return (first - new) / (first - full), float(np.sqrt(old / first_old))
+
+
+def explored(seed: int, setting: Setting, model: LearnedModel, share: float) -> tuple[list[Sample], list[Sample]]:
+    """Walk with a model that explores a share of its choices; returns its outcomes by own slip and by truth."""
+    own, true = Outcomes(), Outcomes()
+    rule = exploring_rule(seed, share, model_rule(model, SelectParams()))
+    joined = JoinedWalk(seed, setting, _told(rule, (own, true)))
+    follower, names = SlipFollower(joined), joined.robot.leg_names
+    measured: list[StanceOutcome] = []
+    exact: list[StanceOutcome] = []
+    while joined.tick():
+        for each in follower.look():
+            own.ended(names[each.leg], each.own)
+            true.ended(names[each.leg], each.whole)
+            measured += own.take()
+            exact += true.take()
+    ground, trial = joined.recorder.ground, f"{setting.terrain} {seed}"
+    return (
+        [_sample(each, ground, joined.robot, trial, k) for k, each in enumerate(measured)],
+        [_sample(each, ground, joined.robot, trial, k) for k, each in enumerate(exact)],
+    )
+
+
+def _told(rule: Rule, listeners: Sequence[Outcomes]) -> Rule:
+    """Return the rule, whose choices are handed to listeners as the walker service does."""
+
+    def chosen(
+        ground: FootholdGround, robot: Robot, base: TrunkPose, landings: Sequence[Landing], step: int
+    ) -> Sequence[Foothold]:
+        found = rule(ground, robot, base, landings, step)
+        for landing, each in zip(landings, found, strict=True):
+            leg = robot.leg_names[landing.leg]
+            asked = LegRequest(leg=leg, nominal=landing.nominal, stroke=landing.stroke)
+            for listener in listeners:
+                listener.chose(asked, LegFoothold(leg=leg, status=each.status, foothold=each.foothold))
+        return found
+
+    return chosen
+
+
+def _sample(outcome: StanceOutcome, ground: FootholdGround, robot: Robot, trial: str, number: int) -> Sample:
+    name = (trial, robot.leg_names.index(outcome.leg), number)
+    sample = sample_at(ground, outcome.foothold, outcome.nominal, outcome.stroke, outcome.slip, name)
+    return replace(sample, robot=robot.name, robot_hash=robot.hash, source="exploring walks")
