@@ -93,7 +93,7 @@ class Running:
     """An estimator of the service while it is fed: the only place that knows how that is done."""
 
     def __init__(self, name: str, log: Log, options: Mapping[str, Any]) -> None:
-        self._name = name
+        self.name, self.feet_count = name, log.feet_count
         changes = {**log.sensors, **options}
         hypotheses = bool(changes.pop("hypotheses", True))
         if log.robot is not None:
@@ -127,7 +127,7 @@ class Running:
 
     def estimate(self) -> Estimate:
         """Return the estimate now."""
-        return self._estimator.estimate(self._name)
+        return self._estimator.estimate(self.name)
 
     def pose(self) -> OdometryPose:
         """Return the odometry now."""
@@ -147,6 +147,11 @@ class Running:
     def refused(self) -> dict[str, int]:
         """Refusals and gaps so far, by name."""
         return dict(self._estimator.judge.counts)
+
+    @property
+    def refusals(self) -> int:
+        """Number of inputs refused so far."""
+        return self._estimator.judge.refused
 
 
 def follow(name: str, log: Log, rows_each: int | None = None, **options: Any) -> Iterator[tuple[slice, Track]]:

@@ -64,6 +64,7 @@ class LogRows(NamedTuple):
     vectors: Array  # (n, 7, 3) as `best.summary`
     more: Array  # (n, 4 + L) quaternion of base_link in odom, probability of sliding of each foot
     covariance: Array  # (n, 6, 6) of (g, v)
+    pose: Array  # (n, 4, 4) covariance of x, y, z, yaw
     yaw: Array  # (n,) rad, not wrapped
     nis: Array  # (n,)
     flags: Flags  # (n, 5)
@@ -84,8 +85,8 @@ NOW_NS, FEET_NS, CONTACT_NS = range(3)
 def new_rows(n: int, feet: int) -> LogRows:
     """Return room for n rows of L feet."""
     return LogRows(
-        np.zeros((n, 7, 3)), np.zeros((n, 4 + feet)), np.zeros((n, 6, 6)), np.zeros(n),
-        np.zeros(n), np.zeros((n, len(FLAGS)), dtype=np.bool_), np.zeros(n, dtype=np.int64),
+        np.zeros((n, 7, 3)), np.zeros((n, 4 + feet)), np.zeros((n, 6, 6)), np.zeros((n, 4, 4)),
+        np.zeros(n), np.zeros(n), np.zeros((n, len(FLAGS)), dtype=np.bool_), np.zeros(n, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -146,8 +147,8 @@ def _note_row(
     rows: LogRows, at: int, clock: Clock, judge: Judge, noisy: bool, state: BestState, geometry: BestGeometry, feet: int
 ) -> None:
     """Write the estimate into a row."""
-    vectors, more, covariance, _ = summary(state, geometry, clock.w, feet)
-    rows.vectors[at], rows.more[at], rows.covariance[at] = vectors, more, covariance
+    vectors, more, covariance, pose = summary(state, geometry, clock.w, feet)
+    rows.vectors[at], rows.more[at], rows.covariance[at], rows.pose[at] = vectors, more, covariance, pose
     clock.yaw[0] += wrap_angle(vectors[6, 0] - clock.yaw[0])
     rows.yaw[at], rows.nis[at] = clock.yaw[0], state.memory[NIS]
     now, marks, flags = clock.stamps[NOW_NS], judge.marks, rows.flags

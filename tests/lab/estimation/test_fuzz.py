@@ -1,12 +1,13 @@
 """The fuzzer corrupts what it names, and sees what must not be."""
 
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from surefoot.lab.estimation import fuzz as fuzzing
-from surefoot.lab.estimation.fuzz import CORRUPTIONS, Inputs, fuzz, inputs_of
+from surefoot.lab.estimation.fuzz import CORRUPTIONS, Inputs, feed, fuzz, inputs_of
 from surefoot.lab.estimation.track import Running
 from tests.lab.estimation.walks import noisy
 
@@ -53,6 +54,23 @@ def test_mild_corruptions_are_survived_and_noted(monkeypatch):
     assert not found.broken
     assert sum(found.silent.values()) == 0
     assert found.flagged["gyro NaN"] == found.by_kind["gyro NaN"]
+
+
+@pytest.mark.parametrize("kind", ["gyro NaN", "imu spike", "stamp back", "feet late", "feet twice", "foot torn off"])
+def test_rows_by_the_kernel_are_rows_one_by_one(kind):
+    log, rng, memory = noisy(), np.random.default_rng(0), {}
+    running = Running("best", log, {})
+    for x in inputs_of(log, range(500)):
+        feed(running, x)
+    inputs = list(inputs_of(log, range(500, 560)))
+    for x in inputs[:40]:
+        CORRUPTIONS[kind](x, rng, memory)
+    one = fuzzing._one_by_one(deepcopy(running), inputs, log.v[500:])
+    rows = fuzzing._by_rows(deepcopy(running), inputs, log.v[500:])
+    assert one[0] == rows[0] == ""
+    assert one[2] == rows[2]
+    np.testing.assert_array_equal(one[3], rows[3])
+    assert (one[1] <= rows[1]).all()  # gaps are a word for a tenth of a second only
 
 
 class Liar(Running):
