@@ -5,6 +5,7 @@ Parameters were chosen on stream 1 (episodes 0 to 6000), trainings on streams of
 paper's baseline has three states.
 
     python -m benchmarks.bench_navigator_study 20000:21000
+    python -m benchmarks.bench_navigator_study 40000:80000 --drifts 0      one comparison, many episodes
 """
 
 import argparse
@@ -108,10 +109,10 @@ class Study:
         steer, _ = self.times("paper-arcs", "steer-costly"), self.times("paper-arcs", "limit")
         self.compare("planner against steering hand", self.times("paper-arcs", "planner"), steer, -2.0)
 
-    def drift(self) -> None:
-        """Compare at other drifts than the filter expects."""
+    def drift(self, drifts: tuple[int, ...] = DRIFTS) -> None:
+        """Compare at other drifts than the filter expects, deg per 10 cm."""
         for params in ("paper", "paper-blur"):
-            for drift in DRIFTS:
+            for drift in drifts:
                 print(f"{params}, drift {drift} deg per 10 cm")
                 sets = (f"drift.per_10cm_deg={drift}",)
                 tuned, ours = self.times(params, "tuned", sets), self.times(params, "planner", sets)
@@ -142,16 +143,20 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("episodes", nargs="?", default="20000:24000", help="first:end")
     parser.add_argument("--json", type=Path, help="also write all numbers to this file")
     parser.add_argument("--success", type=int, default=10_000, help="episodes of the success rate")
+    parser.add_argument("--drifts", help="deg per 10 cm, by commas: only the comparison at these drifts")
     options = parser.parse_args(arguments)
     study = Study(Seeds(*(int(part) for part in options.episodes.split(":"))), [])
-    study.four("paper", 12.0, 1.5)
-    study.four("paper-blur", 16.0, 4.0)
-    study.arcs("paper", 25.0)
-    study.arcs("paper-blur", 24.0)
-    study.costly()
-    study.sparse()
-    study.success(options.success)
-    study.drift()
+    if options.drifts is not None:
+        study.drift(tuple(int(part) for part in options.drifts.split(",")))
+    else:
+        study.four("paper", 12.0, 1.5)
+        study.four("paper-blur", 16.0, 4.0)
+        study.arcs("paper", 25.0)
+        study.arcs("paper-blur", 24.0)
+        study.costly()
+        study.sparse()
+        study.success(options.success)
+        study.drift()
     if options.json is not None:
         options.json.write_text(json.dumps(study.lines, indent=1), encoding="utf-8")
 
