@@ -64,6 +64,7 @@ class Study:
             f"  {policy:14s} {s['mean_s']:7.2f} s ({low:.2f} .. {high:.2f})  sd {s['sd_s']:.2f}",
             f" median {s['median_s']:.1f}  p95 {s['p95_s']:.1f}  success {s['success']:.4f} (>= {at_least:.4f})",
             f" stands {s['stands']:.1f}  NEES {s['nees_at_20']:.2f} in {band[0]:.2f} .. {band[1]:.2f}",
+            f" 95 % ellipsoids hold {100.0 * s['inside_95_at_20']:.1f} %",
             flush=True,
         )
         return results

@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 EVALUATION = 0
 """Random stream of evaluations; training run k uses stream k + 1, so no episode serves both."""
 CHUNK = 250
+ELLIPSE_95 = float(stats.chi2.ppf(0.95, 3))
+"""NEES on the edge of the ellipsoid that holds 95 % of a pose."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,7 @@ def summary(results: Array) -> dict[str, Any]:
         "nees": float(results[:, NEES_SUM].sum() / results[:, DECISIONS].sum()),
         "nees_at_20": float(results[:, NEES_AT].mean()),
         "nees_at_20_band95": (low, high),
+        "inside_95_at_20": float((results[:, NEES_AT] <= ELLIPSE_95).mean()),
     }
 
 

@@ -8,6 +8,7 @@ from surefoot.lab.train.evaluation import Seeds, episodes, paired, success_bound
 from surefoot.lab.train.learning import corners
 from surefoot.lab.train.runs import make_sarsa
 from surefoot.lab.train.sarsa import Schedule, Training
+from surefoot.services.navigator.environment.episodes import NEES_AT
 from surefoot.services.navigator.policy.arrays import arrays
 from surefoot.services.navigator.policy.grids import GRID, add_values
 from surefoot.services.navigator.policy.library import find
@@ -87,6 +88,8 @@ def test_statistics():
     results[:, 0], results[:, 1], results[:, 2] = [1, 2, 3, 4], 1, 10
     s = summary(results)
     assert (s["mean_s"], s["median_s"], s["success"]) == (2.5, 2.5, 1.0)
+    results[:, NEES_AT] = [0.5, 7.81, 7.82, 90.0]  # 7.815: 95 % of chi2 with 3 degrees of freedom
+    assert summary(results)["inside_95_at_20"] == 0.5
     other = results.copy()
     other[:, 0] += [1.0, 1.1, 0.9, 1.0]
     assert paired(results, other)["difference_s"] == pytest.approx(-1.0)
