@@ -63,7 +63,7 @@ class Recorder(Service[RecorderConfig]):
     def on_tick(self, inputs: TickInputs) -> None:
         tick = inputs.tick
         if self._writer is None and self.config.path and not self._finished and not self._failed:
-            self._open(tick.epoch, tick.seed)
+            self._open(tick.epoch, tick.seed, begun=tick.tick > 0)
         self._epoch = tick.epoch
         self._flush()
         self._write(HW_TICK, tick, Raw(*encode(tick), encoding_of(type(tick))))
@@ -88,12 +88,13 @@ class Recorder(Service[RecorderConfig]):
             messages=sum(self._hash.counts.values()), run_hash=self._hash.hexdigest() if self._finished else "",
         )  # fmt: skip
 
-    def _open(self, epoch: int, seed: int) -> None:
+    def _open(self, epoch: int, seed: int, *, begun: bool) -> None:
+        """Begin a file; what an earlier process recorded of a run that has ``begun`` is not overwritten."""
         assert self.config.path is not None
         path = Path(self.config.path)
-        if self._files:
-            path = path.with_stem(f"{path.stem}-{self._files + 1}")
         self._files += 1
+        if self._files > 1 or begun:
+            path = _free(path, self._files)
         about = {"robot": self.config.robot, "epoch": str(epoch), "seed": str(seed), "version": VERSION}
         try:
             self._writer = RecordingWriter(path, about)
@@ -132,6 +133,12 @@ class Recorder(Service[RecorderConfig]):
                 writer.close({"run_hash": self._hash.hexdigest(), "last_tick": str(self._tick)})
             except OSError as error:
                 self._give_up(self._path, error)
+
+
+def _free(path: Path, number: int) -> Path:
+    """Return the path with the first number from ``number`` on that no file has; the number 1 is not written."""
+    found = path if number == 1 else path.with_stem(f"{path.stem}-{number}")
+    return _free(path, number + 1) if found.exists() else found
 
 
 SERVICE = Recorder

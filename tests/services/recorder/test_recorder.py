@@ -7,9 +7,11 @@ import pytest
 
 from surefoot.bus.codec import decode, encode
 from surefoot.lockstep.config import ServiceConfig
+from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.local import LocalSystem
 from surefoot.record.recording import read_recording, recording_info
 from surefoot.schemas.base import Message
+from surefoot.schemas.hw import Tick
 from surefoot.schemas.system import LogRecord, RecorderReply, RecorderRequest
 from surefoot.schemas.terrain import HeightMapMessage
 from surefoot.schemas.topics import (
@@ -193,3 +195,19 @@ def test_everything_deterministic_is_joined() -> None:
     assert {HW_IMU, STATE_VELOCITY, STATE_GAIT, CMD_JOINTS} <= set(JOINED)
     assert all(topic.deterministic for topic in JOINED)
     assert HeightMapMessage not in {topic.model for topic in JOINED}  # latched: comes beside the ticks
+
+
+def test_a_recorder_started_again_in_a_run_leaves_what_the_killed_one_wrote(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    record(path)
+    written = path.read_bytes()
+    again = ToyRecorder(RecorderConfig(path=str(path)))
+    again.on_start()
+    again.on_reset()
+    for tick in (12, 13):
+        again.on_tick(
+            TickInputs(Tick(tick=tick, epoch=1, roster=EXPECT, roster_version=1, due=(), mode="lockstep"), {})
+        )
+    again.on_stop()
+    assert path.read_bytes() == written
+    assert [found.message().tick for found in read_recording(tmp_path / "run-2.mcap")] == [12, 13]
