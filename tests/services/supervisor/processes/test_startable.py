@@ -7,7 +7,9 @@ import pytest
 from surefoot.files import names
 from surefoot.lab.cli.output import near
 from surefoot.lab.runs.local import run_local
+from surefoot.services.supervisor.processes.reconcile import Observed, plan, wanted_from
 from surefoot.services.supervisor.processes.startable import startable, system_of
+from surefoot.services.supervisor.processes.system import SELF
 from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario, parse_scenario
 from surefoot.tables import TableError
 
@@ -16,6 +18,7 @@ services:
   supervisor: {{command: surefoot supervise x --no-spawn}}
   legs: {{command: {command}}}
 """
+HEALTHY = Observed(phase="running", healthy=True, healthy_since=0.0)
 KILL = """
 description = "ends a service"
 compose = "ragno"
@@ -117,3 +120,14 @@ def test_paths_are_told_as_one_would_type_them_here(tmp_path: Path, monkeypatch:
     monkeypatch.chdir(tmp_path)
     assert near(tmp_path / "runs" / "run.mcap") == near(Path("runs/run.mcap")) == "runs/run.mcap"
     assert near(tmp_path.parent / "x.html") == near(Path("../x.html")) == str(tmp_path.parent / "x.html")
+
+
+@pytest.mark.parametrize("name", names("compose", ".yaml"))
+@pytest.mark.parametrize("code", [0, 1, -9])
+def test_a_service_of_ours_that_somebody_else_ended_is_started_again(name: str, code: int) -> None:
+    wanted = [wanted_from(service) for service in startable(name).services]
+    ended = Observed(phase="exited", since=0.0, exit_code=code, failures=1)
+    for one in (service.name for service in wanted if service.name != SELF):
+        observed = {**{other.name: HEALTHY for other in wanted}, one: ended}
+        actions = plan(wanted, observed, 100.0)
+        assert [(action.verb, action.service) for action in actions] == [("start", one)]
