@@ -1,13 +1,30 @@
 """`surefoot chaos`: a scenario under faults from a seed."""
 
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from surefoot.lab.cli.output import EXIT_CHECK, Json, tell, use_json, write, write_json, write_table
+from surefoot.lab.cli.output import (
+    EXIT_CHECK,
+    Json,
+    Listen,
+    near,
+    refuse_existing,
+    tell,
+    use_json,
+    write,
+    write_json,
+    write_table,
+)
 
 if TYPE_CHECKING:
     from surefoot.lab.runs.chaos import ChaosRun
+    from surefoot.lab.runs.chaos_live import LiveChaos
+    from surefoot.lab.runs.live import Options
+    from surefoot.lockstep.chaos import Outcome
+    from surefoot.services.supervisor.scenarios.scenario import Scenario
 
 
 def chaos(
@@ -15,33 +32,100 @@ def chaos(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the first run's events.")] = 0,
     events: Annotated[int, typer.Option(min=0, help="Events in a run.")] = 5,
     runs: Annotated[int, typer.Option(min=1, help="Runs, with the seeds that follow.")] = 1,
+    ticks: Annotated[
+        int | None, typer.Option(min=1, help="Control ticks over which events are spread [half of the longest run].")
+    ] = None,
+    zenoh: Annotated[bool, typer.Option("--zenoh", help="Real processes: killed, ended, frozen, slowed.")] = False,
+    paced: Annotated[bool, typer.Option("--paced", help="Time goes on, whoever is missing, it does not wait.")] = False,
+    listen: Listen = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of recordings and reports with --zenoh [new ones under runs/].")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite what is in that folder.")] = False,
     json: Json = False,
 ) -> None:
-    """Run a scenario in one process while messages are dropped, doubled, reordered, delayed, corrupted and forged, and
-    services killed and frozen; a seed replays a failure to the bit. Exit code 1: something was unsafe."""
-    from surefoot.lab.runs.chaos import run_chaos
+    """Run a scenario while faults that a seed draws happen to it. Exit code 1: something was unsafe or not back.
+
+    In one process (the default) messages are dropped, doubled, reordered, delayed, corrupted and forged and services
+    killed and frozen, in virtual time: a seed replays a failure to the bit. With --zenoh the processes of a live system
+    are killed, ended, frozen and slowed, and a stranger forges commands.
+    """
     from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 
     use_json(json)
     loaded = load_scenario(find_scenario(scenario))
-    found = []
-    for number in range(seed, seed + runs):
-        run = run_chaos(loaded, number, events)
-        found.append(run)
-        state = "; ".join(run.violations) or "ok"
-        tell(f"seed {number}: {len(run.outcomes)} events, {run.ticks} ticks, {run.unbound} forged refused: {state}")
+    found: list[ChaosRun | LiveChaos] = []
+    if zenoh:
+        from surefoot.lab.runs.live import Options
+
+        options = Options(rtf=1.0 if paced else None, listen=listen, out=out)
+        for number in _prepared(loaded, range(seed, seed + runs), out, force=force):
+            found.append(_live(loaded, number, events, ticks, options))
+    else:
+        for number in range(seed, seed + runs):
+            found.append(_in_memory(loaded, number, events, ticks, paced=paced))
     if json:
         write_json(found)
     else:
-        columns = ("seed", "event", "of", "tick", "size", "at s", "recovered after s")
-        write_table(columns, [row for run in found for row in _rows(run)], right=(0, 3, 4, 5, 6))
-        bad = [str(run.seed) for run in found if run.violations]
-        write(f"{len(found)} runs, {len(bad)} with a violation{': seeds ' * bool(bad)}{', '.join(bad)}")
+        _show(found)
     if any(run.violations for run in found):
         raise typer.Exit(EXIT_CHECK)
 
 
-def _rows(run: "ChaosRun") -> list[tuple[object, ...]]:
+def _in_memory(scenario: "Scenario", seed: int, events: int, ticks: int | None, *, paced: bool) -> "ChaosRun":
+    from surefoot.lab.runs.chaos import run_chaos
+
+    run = run_chaos(scenario, seed, events, ticks=ticks, paced=paced)
+    state = "; ".join(run.violations) or "ok"
+    tell(f"seed {seed}: {len(run.outcomes)} events, {run.ticks} ticks, {run.unbound} forged refused: {state}")
+    return run
+
+
+def _prepared(scenario: "Scenario", seeds: range, out: Path | None, *, force: bool) -> range:
+    """Check and compile all that live runs need before the first of them starts; return their seeds."""
+    from surefoot.bus.endpoint import to_listen
+    from surefoot.lab.cli.before import check_before
+    from surefoot.lab.cli.warming import warm_if_cold
+    from surefoot.services.supervisor.processes.startable import system_of
+
+    to_listen(None)
+    compose = system_of(scenario)
+    check_before(compose, scenario.world, scenario.seed, scenario.environment)
+    for number in seeds if out is not None else ():
+        refuse_existing(_folder(out, number), force=force)
+    warm_if_cold(compose, tell)
+    return seeds
+
+
+def _folder(out: Path | None, seed: int) -> Path:
+    return (out or Path()) / f"seed{seed}"
+
+
+def _live(scenario: "Scenario", seed: int, events: int, ticks: int | None, options: "Options") -> "LiveChaos":
+    from surefoot.lab.runs.chaos_live import run_live
+
+    if options.out is not None:
+        options = replace(options, out=_folder(options.out, seed))
+    run = run_live(scenario, seed, events, options, ticks=ticks, tell=tell)
+    state = "; ".join(run.violations) or "ok"
+    bags = ", ".join(f"{name} {count} messages" for name, count in run.bags.items())
+    where = "" if run.report is None else f"; {near(run.report)}"
+    tell(f"seed {seed}: {len(run.outcomes)} events, {run.ticks} ticks, {bags}: {state}{where}")
+    return run
+
+
+def _show(found: "list[ChaosRun | LiveChaos]") -> None:
+    columns = ("seed", "event", "of", "tick", "size", "at s", "noticed after s", "by", "recovered after s")
+    write_table(columns, [row for run in found for row in _rows(run)], right=(0, 3, 4, 5, 6, 8))
+    for run in found:
+        for violation in run.violations:
+            write(f"violation  seed {run.seed}: {violation}")
+    bad, events = sum(bool(run.violations) for run in found), sum(len(run.outcomes) for run in found)
+    fallen = sum(run.fell_at is not None for run in found)
+    write(f"{len(found)} runs, {events} events, {fallen} runs with a fall, {bad} with a violation")
+
+
+def _rows(run: "ChaosRun | LiveChaos") -> list[tuple[object, ...]]:
     """Return a row of the table for each event of a run."""
     return [
         (
@@ -51,7 +135,14 @@ def _rows(run: "ChaosRun") -> list[tuple[object, ...]]:
             outcome.event.tick,
             outcome.event.count or f"{outcome.event.size:g} s",
             f"{outcome.began:.2f}",
-            "-" if outcome.recovered is None else f"{outcome.recovered - outcome.began:.2f}",
+            _after(outcome, outcome.noticed),
+            outcome.by,
+            _after(outcome, outcome.recovered),
         )
         for outcome in run.outcomes
     ]
+
+
+def _after(outcome: "Outcome", at: float | None) -> str:
+    """Return the time from the beginning of an event, s."""
+    return "-" if at is None else f"{at - outcome.began:.2f}"

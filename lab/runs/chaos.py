@@ -1,8 +1,9 @@
 """A scenario under faults from a seed, in one process on the in-memory bus: what happened, and whether it was safe."""
 
+import math
 import tempfile
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,8 @@ from surefoot.bus.interface import Delivery
 from surefoot.errors import BusError
 from surefoot.files import find
 from surefoot.lab.runs.local import build_services
-from surefoot.lockstep.chaos import FORGER, KINDS, ChaosSystem, Kind, Outcome, draw_events
+from surefoot.lockstep.chaos import FORGER, KINDS, ChaosSystem, Event, Kind, Outcome, draw_events
+from surefoot.lockstep.leader import COMMANDER
 from surefoot.lockstep.service import Service
 from surefoot.schemas.hw import JointCommand
 from surefoot.schemas.sim import ResetRequest
@@ -26,6 +28,7 @@ from surefoot.services.supervisor.service import Supervisor
 
 SAFE = ("recorder", Supervisor.name)
 """Services that are not hit: they keep what happened."""
+HELD_TICKS = 300  # a held robot that stands after 3 s does not fall any more
 FORGED_RAD = 0.4  # rad, by which a forged command differs from the real one
 FORGED_M_PER_S = 3.0  # m/s, the same for a velocity
 
@@ -42,6 +45,8 @@ class ChaosRun:
         run_hash: of everything deterministic, the same whenever the seed is replayed.
         unbound: messages of strangers that were refused.
         wall_s: virtual time of the run, s.
+        fell_at: tick in which the robot fell, None = it did not. A fall is a violation unless the robot falls, too,
+            when it is held at the moment in which its commands ended: see ``falls_when_held``.
     """
 
     seed: int
@@ -51,6 +56,7 @@ class ChaosRun:
     run_hash: str
     unbound: int
     wall_s: float
+    fell_at: int | None = None
 
 
 def run_chaos(
@@ -72,17 +78,29 @@ def run_chaos(
         ticks: of the run over which the events are spread, None = half of the scenario's longest duration.
         paced: time goes on in real time, as on a robot, whoever is missing; else it waits (lockstep).
     """
+    hit = ("driver", *(name for name in _members(scenario) if name not in SAFE))
+    run = _conduct(scenario, draw_events(seed, events, hit, ticks or scenario.max_ticks // 2, kinds), seed, paced=paced)
+    if run.fell_at is None:
+        return run
+    outages = [o.event.tick for o in run.outcomes if paced and o.event.service == COMMANDER]
+    tick = max((tick for tick in outages if tick <= run.fell_at), default=None)
+    if tick is None or not falls_when_held(scenario, tick):
+        return replace(run, violations=(f"the robot fell before tick {run.fell_at}", *run.violations))
+    return run
+
+
+def falls_when_held(scenario: Scenario, tick: int) -> bool:
+    """Return whether the robot falls within 3 s when nothing happens but that no command comes from a tick on.
+
+    So the driver holds the joints where they are. A robot that falls then could not have been held.
+    """
+    lost = (Event("freeze", tick, COMMANDER, size=math.inf),)
+    return _conduct(scenario, lost, 0, paced=True, max_ticks=tick + HELD_TICKS).fell_at is not None
+
+
+def _members(scenario: Scenario) -> tuple[str, ...]:
     compose = load_compose(find("compose", scenario.compose, ".yaml", ComposeError))
-    director = Director(scenario)
-    names = [name for name in compose.service_names if name != Simulator.name]
-    hit = ("driver", *(name for name in names if name not in SAFE))
-    drawn = draw_events(seed, events, hit, ticks or scenario.max_ticks // 2, kinds)
-    with tempfile.TemporaryDirectory() as folder:
-        memory = {"SUREFOOT_WALKER_MEMORY": str(Path(folder) / "walker.json")}
-        makers: dict[str, Callable[[], Service[Any]]] = {
-            name: partial(_made, name, compose, director, memory) for name in (Simulator.name, *names)
-        }
-        return _conduct(ChaosSystem(makers, drawn, seed), scenario, director, names, seed, paced=paced)
+    return tuple(name for name in compose.service_names if name != Simulator.name)
 
 
 def _made(name: str, compose: Any, director: Director, environment: Mapping[str, str]) -> Service[Any]:
@@ -90,26 +108,43 @@ def _made(name: str, compose: Any, director: Director, environment: Mapping[str,
 
 
 def _conduct(
-    system: ChaosSystem, scenario: Scenario, director: Director, names: list[str], seed: int, *, paced: bool
+    scenario: Scenario, events: Sequence[Event], seed: int, *, paced: bool, max_ticks: int | None = None
 ) -> ChaosRun:
+    compose = load_compose(find("compose", scenario.compose, ".yaml", ComposeError))
+    director, names = Director(scenario), _members(scenario)
+    with tempfile.TemporaryDirectory() as folder:
+        memory = {"SUREFOOT_WALKER_MEMORY": str(Path(folder) / "walker.json")}
+        makers: dict[str, Callable[[], Service[Any]]] = {
+            name: partial(_made, name, compose, director, memory) for name in (Simulator.name, *names)
+        }
+        system = ChaosSystem(makers, events, seed)
+        request = ResetRequest(
+            seed=scenario.seed, world=scenario.world, expect=names, policy="hold",
+            max_ticks=max_ticks or scenario.max_ticks, actuation_delay_ticks=scenario.actuation_delay_ticks,
+            mode="paced" if paced else "lockstep", rtf=float(paced),
+        )  # fmt: skip
+        run = _follow(system, request)
+    if max_ticks is None:
+        run = replace(run, violations=(*run.violations, *director.problems, *director.unfinished()))
+    return replace(run, seed=seed)
+
+
+def _follow(system: ChaosSystem, request: ResetRequest) -> ChaosRun:
+    """Let a system run to its end."""
     simulator = system.driver.service
     assert isinstance(simulator, Simulator)
-    leader, violations = system.driver.leader, list[str]()
+    leader, violations, fallen = system.driver.leader, list[str](), list[int]()
     system.bus.forge = _forge
 
     def watch() -> None:
-        if not violations and leader.tick >= 0 and simulator.world.truth().fallen:
-            violations.append(f"the robot fell before tick {leader.tick}")
+        if not fallen and leader.tick >= 0 and simulator.world.truth().fallen:
+            fallen.append(leader.tick)
 
-    request = ResetRequest(
-        seed=scenario.seed, world=scenario.world, expect=tuple(names), policy="hold", max_ticks=scenario.max_ticks,
-        actuation_delay_ticks=scenario.actuation_delay_ticks, mode="paced" if paced else "lockstep", rtf=float(paced),
-    )  # fmt: skip
     run_hash = ""
     try:
         system.bus.call(SIM_RESET, request)
         system.run(lambda: leader.state == "ended" and leader.all_done(), watch)
-        if "recorder" in names:
+        if "recorder" in request.expect:
             run_hash = system.bus.call(RECORDER_STATUS, RecorderRequest()).run_hash
         if system.absent():
             violations.append(f"not back: {', '.join(system.absent())}")
@@ -117,10 +152,9 @@ def _conduct(
         violations.append(error.message)
     finally:
         system.close()
-    violations += [*director.problems, *director.unfinished()]
     unbound = sum(node.refused["unbound"] for node in system.nodes.values())
-    found = tuple(system.outcomes)
-    return ChaosRun(seed, found, tuple(violations), leader.tick + 1, run_hash, unbound, system.now)
+    found, fell_at = tuple(system.outcomes), next(iter(fallen), None)
+    return ChaosRun(0, found, tuple(violations), leader.tick + 1, run_hash, unbound, system.now, fell_at)
 
 
 def _forge(topic: Topic[Any], delivery: Delivery) -> Delivery | None:

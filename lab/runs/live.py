@@ -3,9 +3,11 @@
 import shlex
 import time
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
+from typing import Any, Protocol
 
 from surefoot.errors import BusError, CallError
 from surefoot.lab.report.judge import Verdict, judge
@@ -75,13 +77,30 @@ class Outcome:
     """It was ended from outside, by SIGINT or SIGTERM."""
 
 
+class Beside(AbstractContextManager[Any], Protocol):
+    """What happens beside a run: entered when the world is built, left after the last tick, before anybody is ended."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is to be said of it in the report."""
+        ...
+
+
 def run_scenario(
     scenario: Scenario,
     options: Options,
     tell: Callable[[str], None] = lambda text: None,
     show: Callable[[Progress], None] = lambda progress: None,
+    meddle: Callable[[Session], Beside] | None = None,
 ) -> Outcome:
     """Start the system, conduct the scenario, judge it, write the report, stop everything.
+
+    Args:
+        scenario: what to do.
+        options: how.
+        tell: gets what the system does, in words.
+        show: gets how far the run is.
+        meddle: makes what happens beside the run.
 
     Raises:
         FileError: the compose file cannot be used.
@@ -105,8 +124,10 @@ def run_scenario(
         reset = _reset(session, scenario, options, seed)
         tell(f"run {reset.run_id} begins")
         interrupted = False
+        beside = None if meddle is None else meddle(session)
         try:
-            start_s, problems = _follow(session, scenario, director, began, show)
+            with beside or nullcontext():
+                start_s, problems = _follow(session, scenario, director, began, show)
         except KeyboardInterrupt:  # the report tells of what there is
             start_s, problems, interrupted = 0.0, ["it was interrupted"], True
         recorded = _recorder(session) if "recorder" in session.alive else None
@@ -126,7 +147,14 @@ def run_scenario(
         message_hash=recorded.run_hash if recorded else "",
         comparable=comparable,
         problems=(*problems, *director.problems, *director.unfinished()),
-        notes=(*director.notes, *restarts, *silences, *_late(late), *_unrecorded(recording, recorded)),
+        notes=(
+            *director.notes,
+            *(beside.notes if beside else ()),
+            *restarts,
+            *silences,
+            *_late(late),
+            *_unrecorded(recording, recorded),
+        ),
     )
     written = recording if recording is not None and recording.exists() else None
     try:

@@ -16,8 +16,9 @@ from surefoot.lockstep.node import Node
 from surefoot.lockstep.service import Service
 from surefoot.schemas.topics import Topic
 
-Kind = Literal["drop", "duplicate", "reorder", "delay", "corrupt", "forge", "freeze", "kill"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
+Kind = Literal["drop", "duplicate", "reorder", "delay", "corrupt", "forge", "freeze", "kill", "terminate", "slow"]
+KINDS: tuple[Kind, ...] = get_args(Kind)[:8]
+"""Kinds on the in-memory bus; a live system knows the last five."""
 IDLE_S = 0.01  # s, virtual time passes by so much when no service has anything to do
 FREEZE_S = (0.3, 1.0, 5.0)  # s of virtual time
 RESTART_S = 1.5  # s of virtual time from the death of a service to its successor
@@ -34,9 +35,9 @@ class Event:
     Attributes:
         kind: what happens.
         tick: control tick of the driver in which it begins.
-        service: whose messages are spoilt, or who is frozen or killed.
-        count: deliveries it spoils, 0 of kinds that spoil none.
-        size: delay in rounds of the bus, or virtual s of a freeze.
+        service: whose messages are spoilt, or who is frozen, slowed, ended or killed.
+        count: deliveries it spoils, or messages that are forged; 0 of kinds that spoil none.
+        size: delay in rounds of the bus, or s of a freeze or of slow running.
     """
 
     kind: Kind
@@ -48,12 +49,23 @@ class Event:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of an event. Times are virtual s since the start; None = not."""
+    """What became of an event.
+
+    Attributes:
+        event: the event.
+        began: virtual s (live: wall s) since the start.
+        spoilt: deliveries that it spoiled.
+        recovered: when all was as before, in the same time; None = never.
+        noticed: when it was first noticed, None = never.
+        by: who noticed, and how, in words.
+    """
 
     event: Event
     began: float
     spoilt: int = 0
     recovered: float | None = None
+    noticed: float | None = None
+    by: str = ""
 
 
 def draw_events(

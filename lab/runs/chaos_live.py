@@ -1,0 +1,379 @@
+"""A scenario on a live system under faults from a seed: services killed, ended, frozen and slowed, commands forged.
+
+One event at a time, the next one when everybody is back: so each has its own times of notice and recovery.
+"""
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from random import Random
+from types import TracebackType
+from typing import Any, Self
+
+from surefoot.bus.zenoh import ZenohBus, ZenohOptions
+from surefoot.errors import CallError, SurefootError
+from surefoot.lab.report.judge import Verdict
+from surefoot.lab.runs.chaos import FORGED_RAD, falls_when_held
+from surefoot.lab.runs.live import Options, Progress, run_scenario
+from surefoot.lockstep.chaos import FORGER, FREEZE_S, Event, Kind, Outcome
+from surefoot.record.recording import verify_recording
+from surefoot.schemas.base import Message
+from surefoot.schemas.hw import JointCommand
+from surefoot.schemas.sim import SimStatus
+from surefoot.schemas.system import Health, HealthRequest, LogRecord
+from surefoot.schemas.topics import CMD_JOINTS, HEALTH_GET, LOG, SIM_TRUTH, TICK_NS, TOPICS
+from surefoot.services.supervisor.processes.process import Identity, identify
+from surefoot.services.supervisor.processes.session import Session
+from surefoot.services.supervisor.scenarios.scenario import Scenario
+from surefoot.services.supervisor.service import WELL
+
+LIVE_KINDS: tuple[Kind, ...] = ("kill", "terminate", "freeze", "slow", "forge")
+SLOW_S = (1.0, 3.0)  # s wall, how long a service runs slowly
+SLOW_PERIOD_S, SLOW_SHARE = 0.1, 0.7  # s wall, and the part of it in which a slow service stands
+FORGED = 20  # commands of one event
+LOOK_S = 0.01  # s wall between two looks
+RECOVER_S = 90.0  # s wall, after a fault ended everybody must be back; on a loaded machine a start alone takes 10 s
+FIRST_TICK = 120
+"""Before that robots rise; the events begin when they stand and walk."""
+
+
+@dataclass(frozen=True)
+class LiveChaos:
+    """What came of a run.
+
+    Attributes:
+        seed: of the events.
+        outcomes: the events that happened, times in wall s since the first tick.
+        violations: what was unsafe or did not recover, in words; empty = nothing.
+        ticks: control ticks.
+        fell_at: tick in which the robot fell, None = it did not; see `ChaosRun`.
+        bags: messages that can be read in each recording.
+        verdict: of the scenario's limits.
+        report: page of the run.
+    """
+
+    seed: int
+    outcomes: tuple[Outcome, ...]
+    violations: tuple[str, ...]
+    ticks: int
+    fell_at: int | None
+    bags: dict[str, int]
+    verdict: Verdict
+    report: Path | None
+
+
+def draw_live(
+    seed: int, number: int, services: Sequence[str], ticks: int, kinds: Sequence[Kind] = LIVE_KINDS
+) -> tuple[Event, ...]:
+    """Return so many events, in the order of their ticks; the same for the same seed.
+
+    Args:
+        seed: of the draw.
+        number: of events.
+        services: who may be hit; the first is the driver. It is not killed, ended or frozen for so long that it would
+            be: the world would be gone with it.
+        ticks: of the run; no event begins in its last fifth.
+        kinds: to draw from.
+    """
+    random = Random(seed)
+    found: list[Event] = []
+    for _ in range(number):
+        kind = random.choice(kinds)
+        service = random.choice(services[1:] if kind in ("kill", "terminate") else services)
+        freezes = [s for s in FREEZE_S if s < 3.0] if service == services[0] else FREEZE_S
+        size = {"freeze": random.choice(freezes), "slow": random.choice(SLOW_S)}.get(kind, 0.0)
+        tick = random.randint(FIRST_TICK, max(FIRST_TICK, ticks * 4 // 5))
+        if kind == "forge":
+            found.append(Event(kind, tick, CMD_JOINTS.owner, FORGED))
+        else:
+            found.append(Event(kind, tick, service, size=size))
+    return tuple(sorted(found, key=lambda event: event.tick))
+
+
+def run_live(
+    scenario: Scenario,
+    seed: int,
+    events: int,
+    options: Options,
+    *,
+    kinds: Sequence[Kind] = LIVE_KINDS,
+    ticks: int | None = None,
+    tell: Callable[[str], None] = lambda text: None,
+    show: Callable[[Progress], None] = lambda progress: None,
+) -> LiveChaos:
+    """Start the system, let the events happen while it conducts the scenario, judge it, stop everything.
+
+    Args:
+        scenario: what to do.
+        seed: of the events.
+        events: how many.
+        options: as of a run.
+        kinds: to draw from.
+        ticks: of the run over which the events are spread, None = half of the scenario's longest duration.
+        tell: gets what the system does, in words.
+        show: gets how far the run is.
+    """
+    made: list[Chaos] = []
+
+    def say(text: str) -> None:
+        tell(text)
+        for chaos in made:
+            chaos.sign("supervisor", text)
+
+    def begin(session: Session) -> Chaos:
+        services = (session.driver, *(n for n in session.system.service_names if n != session.driver))
+        made.append(Chaos(session, draw_live(seed, events, services, ticks or scenario.max_ticks // 2, kinds)))
+        return made[0]
+
+    outcome = run_scenario(scenario, options, say, show, begin)
+    if options.seed is not None:
+        scenario = replace(scenario, seed=options.seed)
+    (chaos,) = made
+    violations = list(chaos.violations)
+    left = orphans(chaos.processes)
+    violations += [f"process {pid} of {name} is left" for pid, name in left.items()]
+    bags: dict[str, int] = {}
+    for path in sorted(outcome.report.parent.glob("*.mcap")) if outcome.report is not None else ():
+        try:
+            bags[path.name] = verify_recording(path).messages.total()
+        except SurefootError as error:
+            violations.append(error.message)
+    fell_at = chaos.fell_at()
+    if fell_at is not None:
+        tick = max((o.event.tick for o in chaos.outcomes if o.event.tick <= fell_at), default=None)
+        excused = tick is not None and options.rtf is not None and falls_when_held(scenario, tick)
+        why = f"; it falls, too, when it is held in tick {tick}" if excused else ""
+        tell(f"the robot fell in tick {fell_at}{why}")
+        violations += [] if excused else [f"the robot fell in tick {fell_at}"]
+    return LiveChaos(
+        seed, tuple(chaos.outcomes), tuple(violations), chaos.session.supervisor.ticks, fell_at, bags,
+        outcome.verdict, outcome.report,
+    )  # fmt: skip
+
+
+def orphans(processes: set[tuple[str, int]]) -> dict[int, str]:
+    """Return the processes that live in the groups of ended services, with the names of those services."""
+    groups = {pid: name for name, pid in processes}
+    found: dict[int, str] = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            fields = (folder / "stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+        except OSError:
+            continue
+        state, group = fields[0], int(fields[2])
+        if group in groups and state not in ("Z", "X"):
+            found[int(folder.name)] = groups[group]
+    return found
+
+
+class Chaos:
+    """Events that hit the services of a session, from a thread of its own; a context manager around the run."""
+
+    def __init__(self, session: Session, events: Sequence[Event]) -> None:
+        self.session = session
+        self.outcomes: list[Outcome] = []
+        self.violations: list[str] = []
+        self.processes: set[tuple[str, int]] = set()
+        """Name and group of every process that was seen."""
+        self._events = list(events)
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="chaos", daemon=True)
+        self._began = 0.0
+        self._signs: list[tuple[float, str, str]] = []
+
+    def __enter__(self) -> Self:
+        connect = self.session.listen
+        self._bus = ZenohBus(ZenohOptions("client", (connect,), (), self.session.namespace))
+        self._bus.subscribe(LOG, lambda delivery: self._on_log(delivery.message()), bounded=True)
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._over.set()
+        while self._thread.is_alive():  # what it waits for needs processes that are looked after
+            with suppress(SurefootError):
+                self.session.step()
+            self._thread.join(LOOK_S)
+        self._bus.close()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Each event in words, for the report."""
+        return tuple(_words(outcome) for outcome in self.outcomes)
+
+    def fell_at(self) -> int | None:
+        """Return the first tick in which the truth says that the robot lies."""
+        truths = (d.message() for d in self.session.supervisor.kept if d.topic.key == SIM_TRUTH.key)
+        return next((truth.tick for truth in truths if truth.fallen), None)
+
+    # -- what is noticed -----------------------------------------------------------------------------------------------
+
+    def sign(self, who: str, text: str) -> None:
+        """Note what somebody says; any thread may do so."""
+        self._signs.append((time.monotonic(), who, text))
+
+    def _on_log(self, message: Message) -> None:
+        if isinstance(message, LogRecord) and message.level != "info":
+            self.sign(message.source, message.text)
+
+    def _look(self, service: str, before: SimStatus | None) -> None:
+        """Note what the supervisor's table and the driver's status say of a service."""
+        for row in self.session.rows():
+            if row.pid is not None:
+                self.processes.add((row.service, row.pid))
+            if row.service == service and (row.state != "healthy" or row.detail):
+                self.sign("supervisor", f"{service} is {row.state}" + f" ({row.detail})" * bool(row.detail))
+        if service not in self.session.alive:
+            self.sign("bus", f"the token of {service} is gone")
+        status = self.session.supervisor.status
+        if status is None or status is before:
+            return
+        driver = self.session.driver or "driver"
+        if service in status.missing:
+            self.sign(driver, f"{status.state}, waits for {service}")
+        if status.held and service == CMD_JOINTS.owner:
+            self.sign(driver, f"{service}: {status.held}")
+        if status.late:
+            self.sign(driver, f"{service}: late, {status.rtf:.2f} x real time")
+
+    def _noticed(self, event: Event, since: float) -> tuple[float, str] | None:
+        """Return when and by whom an event was noticed first: by a sign that names the service or its topics."""
+        names = (event.service, *(t.key for t in TOPICS if t.owner == self._owner(event.service)))
+        for at, who, text in self._signs:
+            if at >= since and any(name in text for name in names):
+                return at, f"{who}: {text}"
+        return None
+
+    def _owner(self, service: str) -> str:
+        return "driver" if service == self.session.driver else service
+
+    # -- what happens --------------------------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        supervisor = self.session.supervisor
+        while supervisor.ticks == 0 and not self._over.wait(LOOK_S):
+            pass
+        self._began = time.monotonic()
+        for event in self._events:
+            while supervisor.ticks <= event.tick and not supervisor.ended.is_set() and not self._over.is_set():
+                self._over.wait(LOOK_S)
+            if supervisor.ended.is_set() or self._over.is_set():
+                return
+            try:
+                self._suffer(event)
+            except Exception as error:
+                self.violations.append(f"{event.kind} of {event.service}: {type(error).__name__}: {error}")
+
+    def _suffer(self, event: Event) -> None:
+        """One event from its beginning to its recovery."""
+        session = self.session
+        row = next(row for row in session.rows() if row.service == event.service)
+        identity = None if row.pid is None else identify(row.pid)
+        if identity is None:
+            self.violations.append(f"{event.service} has no process in tick {session.supervisor.ticks}")
+            return
+        self._signs.clear()
+        since, status = time.monotonic(), session.supervisor.status
+        event = replace(event, tick=session.supervisor.ticks)
+        before = self._unbound()
+        match event.kind:
+            case "kill":
+                session.signal_kill(event.service)
+            case "terminate":
+                identity.signal_group(signal.SIGTERM)
+            case "freeze":
+                self._stand(identity, since + event.size, event.service, status)
+            case "slow":
+                while time.monotonic() < since + event.size:
+                    self._stand(identity, time.monotonic() + SLOW_PERIOD_S * SLOW_SHARE, event.service, status)
+                    self._wait(time.monotonic() + SLOW_PERIOD_S * (1.0 - SLOW_SHARE), event.service, status)
+            case _:
+                self._forge(event.count)
+        over, ticks = time.monotonic(), session.supervisor.ticks
+        gone = identity if event.kind in ("kill", "terminate") else None
+        back = None
+        while back is None and time.monotonic() < over + RECOVER_S:
+            if self._over.is_set() and not session.supervisor.ended.is_set():
+                break  # the run has ended before its time
+            self._look(event.service, status)
+            if event.kind == "forge":
+                if self._unbound() >= before + event.count:
+                    self.sign("simulator", f"{event.service}: {event.count} commands of a stranger refused")
+                    back = time.monotonic()
+            elif self._is_back(event.service, gone, ticks):
+                back = time.monotonic()
+            time.sleep(LOOK_S)
+        noticed = self._noticed(event, since)
+        outcome = Outcome(event, since - self._began, event.count)
+        if back is not None:
+            outcome = replace(outcome, recovered=back - self._began)
+        if noticed is not None:
+            outcome = replace(outcome, noticed=noticed[0] - self._began, by=noticed[1])
+        self.outcomes.append(outcome)
+        if back is None:
+            what = "forged commands were not all refused" if event.kind == "forge" else "is not back"
+            waited = time.monotonic() - over
+            self.violations.append(f"{event.service} {what} {waited:.0f} s after {event.kind} in tick {event.tick}")
+
+    def _stand(self, identity: Identity, until: float, service: str, status: SimStatus | None) -> None:
+        """Let a process stand still until a time of the monotonic clock."""
+        identity.signal_group(signal.SIGSTOP)
+        try:
+            self._wait(until, service, status)
+        finally:
+            identity.signal_group(signal.SIGCONT)
+
+    def _wait(self, until: float, service: str, status: SimStatus | None) -> None:
+        while (left := until - time.monotonic()) > 0.0:
+            self._look(service, status)
+            time.sleep(min(LOOK_S, left))
+
+    def _is_back(self, service: str, gone: Identity | None, ticks: int) -> bool:
+        """Return whether a service answers as before: its process is well and does the ticks that come now."""
+        session = self.session
+        row = next(row for row in session.rows() if row.service == service)
+        if row.state != "healthy" or row.pid is None or (gone is not None and row.pid == gone.pid):
+            return False
+        health = self._health(service)
+        if health is None or health.pid != row.pid:
+            return False
+        if session.supervisor.ended.is_set():
+            return health.state in WELL
+        return health.state == "running" and min(health.tick, session.supervisor.ticks) > ticks
+
+    def _health(self, service: str) -> Health | None:
+        try:
+            return self.session.call(HEALTH_GET.of(service), HealthRequest(), 0.3).health
+        except CallError:
+            return None
+
+    def _unbound(self) -> int:
+        health = self._health(self.session.driver)
+        return 0 if health is None else health.refused.get("unbound", 0)
+
+    def _forge(self, count: int) -> None:
+        """Publish joint commands of the present ticks in the walker's name, from another process."""
+        joints = next((d for d in reversed(self.session.supervisor.kept) if d.topic.key == SIM_TRUTH.key), None)
+        truth: Any = None if joints is None else joints.message()
+        if truth is None:
+            return
+        publisher = self._bus.publisher(CMD_JOINTS, FORGER)
+        for _ in range(count):
+            tick = self.session.supervisor.ticks
+            forged = JointCommand(position=tuple(q + FORGED_RAD for q in truth.joints))
+            publisher.put(forged.stamped(tick * TICK_NS, tick, truth.epoch, tick, CMD_JOINTS.owner))
+            time.sleep(LOOK_S)
+
+
+def _words(outcome: Outcome) -> str:
+    event, size = outcome.event, f" for {outcome.event.size:g} s" if outcome.event.size else ""
+    noticed = "not noticed" if outcome.noticed is None else f"noticed after {outcome.noticed - outcome.began:.2f} s"
+    by = f" ({outcome.by})" if outcome.by else ""
+    back = "never back" if outcome.recovered is None else f"as before after {outcome.recovered - outcome.began:.2f} s"
+    return f"chaos: {event.kind} of {event.service}{size} in tick {event.tick}: {noticed}{by}, {back}"
