@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 LATE_TICKS = 25
 """A command that comes later than this before the last landing does not begin until the robot stands: one in the last
 0.1 s that was laid into the plan at once toppled Nao."""
-STALE = "the estimate is stale or absent: the walk ends"
+STALE = "the estimate is stale or absent: the walk waits for it"
 
 
 class BipedWalker:
@@ -116,6 +116,7 @@ class BipedWalker:
         s.gait, s.late, walking = late.gait, None, late.route is not None
         self._take_params(self._params_of(late.gait))
         s.route = s.undone = late.route
+        s.paused = None
         s.duration, s.began = late.command.duration if walking else None, None
         s.learning = late.command.learn
         s.stopping = not walking and s.mode in (Mode.START, Mode.STEP)
@@ -133,7 +134,7 @@ class BipedWalker:
         if s.late is not None:
             walking = s.late.route is not None
             return WalkMemory(s.walk_id, replace(s.late.command, gait=s.late.gait) if walking else None, None, None)
-        route = s.undone if s.mode is Mode.STEP else s.route
+        route = s.paused or (s.undone if s.mode is Mode.STEP else s.route)
         left = None if route is None or route.finished else route.left(self.params.step_s, s.gait, s.duration)
         return WalkMemory(s.walk_id, left and replace(left, learn=s.learning), None, s.began)
 
@@ -182,7 +183,7 @@ class BipedWalker:
             s.offset[:] = 0.0
             return
         if feedback.watch(s, p, inputs, self.servos.com_height):
-            s.mode, s.clock, s.route, s.late = Mode.FOLD, 0, None, None
+            s.mode, s.clock, s.route, s.late, s.paused = Mode.FOLD, 0, None, None, None
             s.rise_from = s.command
 
     def _begin(self) -> None:
@@ -222,6 +223,8 @@ class BipedWalker:
                     s.rest, s.recovering = s.rest + s.tilt, False  # what it took for level was in mid-step
                 self._stand()
         elif s.mode is Mode.STAND:
+            if s.paused is not None and not s.held:
+                s.route, s.paused, s.reason = s.paused, None, ""
             if s.calibrated and not s.held and (s.route is not None or self._apart()):
                 s.mode, s.clock = Mode.START, 0
                 s.next_swing = LEFT if s.route is None else routes.first_swing(s.route, s.feet)
@@ -230,7 +233,7 @@ class BipedWalker:
                 s.row = -1
         elif s.mode is Mode.START:
             if s.held:
-                s.route, s.reason = None, STALE
+                self._pause()
                 self._stand()
             elif s.clock >= p.start_s / DT:
                 self._next_step()
@@ -272,12 +275,19 @@ class BipedWalker:
             feet[s.step.swing], body, swing_next = s.step.target, s.step.body, 1 - s.step.swing
         return upcoming(s.route, feet, body, swing_next, self.params, self.width, s.scale, s.gain, ticks)
 
+    def _pause(self) -> None:
+        """Without an estimate: close the feet, and go on when it is back."""
+        s = self.state
+        if s.route is not None and not s.route.finished:
+            s.paused, s.reason = s.route, STALE
+        s.route = None
+
     def _next_step(self) -> None:
         s, p = self.state, self.params
         s.scale = min(1.0, max(0.0, (p.slow_full_rad - s.peak) / (p.slow_full_rad - p.slow_from_rad)))
         s.peak = 0.0
         if s.held:
-            s.route, s.late, s.reason = None, None, STALE
+            self._pause()
         s.began = s.stamp if s.began is None else s.began
         if s.duration is not None and s.stamp - s.began >= s.duration:
             s.route = None

@@ -19,7 +19,7 @@ def walk_state(s: BipedState) -> WalkState:
         return "refused"
     if s.mode in (Mode.WAIT, Mode.RISE) or not s.calibrated:
         return "recovering" if s.recovering else "waiting"
-    if s.held:
+    if s.held or s.paused is not None:
         return "hold"
     if s.late is not None:
         route = s.late.route

@@ -47,6 +47,8 @@ class BipedState:
     route: BipedRoute | None = None
     undone: BipedRoute | None = None
     """What the route was before the present step."""
+    paused: BipedRoute | None = None
+    """What is left of a walk that waits for the estimate."""
     late: Late | None = None
     """Came while the closing step landed: taken up when the robot stands."""
     walk_id: int = 0

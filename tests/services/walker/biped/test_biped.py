@@ -88,14 +88,23 @@ def test_impossible_commands_while_stepping_change_nothing():
     assert not plant.fallen
 
 
-def test_a_silent_estimator_ends_the_walk_on_two_feet():
-    plant = Plant("bioloid").stand()
-    plant.walker.command(MotionCommand("walk"))
+@pytest.mark.parametrize("name", BOTH)
+def test_a_walk_without_an_estimate_waits_on_two_feet_and_goes_on_with_it(name):
+    plant = Plant(name, seed=1, level=1.0).stand()
+    before = plant.world.truth().position[0]
+    plant.walker.command(MotionCommand("walk", distance=0.2))
     plant.until(lambda out: out.steps >= 2 and out.phase > 0.5)
     steps = plant.out.steps
     plant.until(lambda out: out.state == "hold" and not out.phase, 400, blind=True)
     assert plant.out.steps - steps <= 2
     assert plant.out.stance.all()
+    assert plant.out.reason == STALE
+    states = {plant.tick(blind=True).state for _ in range(100)}
+    plant.until(lambda out: states.add(out.state) or out.state == "standing", 2000)
+    assert states == {"hold", "walking", "stopping", "standing"} - ({"stopping"} - states)
+    for _ in range(80):
+        plant.tick()
+    assert plant.world.truth().position[0] - before == pytest.approx(0.2, abs=0.04)
     assert not plant.fallen
 
 
@@ -184,7 +193,7 @@ def test_plan_is_what_the_feet_do():
     assert max(gaps) < 0.006
 
 
-def test_a_walk_that_ends_before_its_first_step_for_want_of_an_estimate_says_so():
+def test_a_walk_waits_for_the_estimate_before_its_first_step_too():
     walker, both, tick = BipedWalker(load_robot("nao")), np.array([True, True]), 0
 
     def step(age=0.0):
@@ -196,5 +205,6 @@ def test_a_walk_that_ends_before_its_first_step_for_want_of_an_estimate_says_so(
     while step().state != "standing":
         assert tick < 500
     assert walker.command(MotionCommand("walk", distance=0.1)).accepted
-    assert [step(age).state for age in (0.0, 0.09, 0.2)] == ["walking", "walking", "hold"]
-    assert (step().state, step().reason) == ("standing", STALE)
+    assert [step(age).state for age in (0.0, 0.09, 0.2, 0.2)] == ["walking", "walking", "hold", "hold"]
+    assert walker.kept().command.distance == pytest.approx(0.1)
+    assert (step().state, step().reason) == ("walking", "")
