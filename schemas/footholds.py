@@ -184,7 +184,7 @@ class ModelReply(Reply):
     provenance: tuple[str, ...] = Field(default=(), description="where the samples came from")
     unfit: str = Field(default="", description="why the map in force is answered by the hand-made score instead")
     outcomes: int = Field(default=0, ge=0, description="outcomes of stances taken in for re-learning since the start")
-    refused: dict[str, int] = Field(default_factory=dict, description="outcomes and rounds left out, by reason")
+    refused: dict[str, int] = Field(default_factory=dict, description="outcomes, rounds and model files refused")
 
 
 class LearnRequest(Request):

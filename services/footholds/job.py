@@ -24,6 +24,8 @@ class LearnJob:
     _cancel: threading.Event = field(default_factory=threading.Event)
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _finished: LearnedModel | None = None
+    _past: int = 0
+    """Number of the last job whose model is no longer wanted in force."""
 
     def answer(self, request: LearnRequest) -> LearnReply:
         """Do what a request wants and return the state of the job.
@@ -51,6 +53,11 @@ class LearnJob:
             found, self._finished = self._finished, None
         return found
 
+    def forget(self) -> None:
+        """Let a job that runs or has ended write its file, but put nothing in force: its epoch is over."""
+        with self._lock:
+            self._past, self._finished = self.number, None
+
     def close(self) -> None:
         """End the job and wait for its thread."""
         self._cancel.set()
@@ -66,14 +73,15 @@ class LearnJob:
         self.number += 1
         self._cancel = threading.Event()
         self.state = LearnReply(state="running", job=self.number)
-        self._thread = threading.Thread(target=self._run, args=(request, self._cancel), name="learn", daemon=True)
+        run = (request, self.number, self._cancel)
+        self._thread = threading.Thread(target=self._run, args=run, name="learn", daemon=True)
         self._thread.start()
 
     def _set(self, **changes: object) -> None:
         with self._lock:
             self.state = self.state.model_copy(update=changes)
 
-    def _run(self, request: LearnRequest, cancel: threading.Event) -> None:
+    def _run(self, request: LearnRequest, number: int, cancel: threading.Event) -> None:
         try:
             samples = read_samples(Path(request.samples))
             self._set(samples=len(samples), refused=samples.refused)
@@ -90,7 +98,7 @@ class LearnJob:
             if request.out:
                 save(model, request.out)
             with self._lock:
-                self._finished = model if request.use else None
+                self._finished = model if request.use and number > self._past else None
             self._set(state="done", progress=1.0, model=model.name, error=model.choice["error"])
         except SurefootError as error:
             ended = "cancelled" if error.code == "cancelled" else "failed"

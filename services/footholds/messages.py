@@ -1,6 +1,7 @@
 """Between the messages of `surefoot.schemas.footholds` and the dataclasses of the choice."""
 
 import math
+from collections.abc import Mapping
 
 from surefoot.schemas.footholds import BasePose as BaseMessage
 from surefoot.schemas.footholds import LegFoothold, LegRequest, MaskCounts, ModelReply
@@ -26,15 +27,17 @@ def mask_counts(counts: tuple[int, ...]) -> MaskCounts:
     return MaskCounts(**dict(zip((*REASONS, "free"), counts, strict=True)))
 
 
-def model_reply(model: SlipModel, weight: float | None, unfit: str, learner: Relearner | None) -> ModelReply:
-    """The slip model in force, and what re-learning has taken in."""
+def model_reply(
+    model: SlipModel, weight: float | None, unfit: str, learner: Relearner | None, refused: Mapping[str, int]
+) -> ModelReply:
+    """The slip model in force, what re-learning has taken in, and what was refused, by reason."""
     shared = ModelReply(
         model=model.name,
         distance_weight=model.distance_weight if weight is None else weight,
         landing_error=model.landing_error,
         unfit=unfit,
         outcomes=0 if learner is None else learner.taken,
-        refused={} if learner is None else dict(learner.refused),
+        refused={**refused, **({} if learner is None else learner.refused)},
     )
     if not isinstance(model, LearnedModel):
         return shared

@@ -1,5 +1,6 @@
 """Foothold service: latches the terrain map, answers `footholds/select` and `footholds/assess`, learns slip models."""
 
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -54,6 +55,8 @@ class Footholds(Service[FootholdsConfig]):
         """The model in force: the hand-made score where the chosen one does not hold on the map."""
         self.unfit = ""
         self.job = LearnJob()
+        self.refused: Counter[str] = Counter()
+        """Model files that were asked for and not used, by reason."""
         self._choices = 0
         self._since: int | None = None
         """Tick of the first request that the model in force answered."""
@@ -87,8 +90,9 @@ class Footholds(Service[FootholdsConfig]):
                 other.assess(each)
 
     def on_reset(self) -> None:
-        """Forget the map; the new epoch brings its own."""
+        """Forget the map, and what a job of the past epoch was to put in force; the new epoch brings its own."""
         self._message = self._ground = None
+        self.job.forget()
         self._choices = 0
         made = None if self.learner is None else self.learner.close()
         if made is not None:
@@ -113,8 +117,12 @@ class Footholds(Service[FootholdsConfig]):
         """Put another slip model in force, if one is named, and report the one in force."""
         self._take_learned()
         if request.use:
-            self._use(self._find(request.use))
-        return model_reply(self.model, self.params.distance_weight, self.unfit, self.learner)
+            try:
+                self._use(self._find(request.use))
+            except ModelError as error:
+                self.refused[f"model_{error.code}"] += 1
+                raise
+        return model_reply(self.model, self.params.distance_weight, self.unfit, self.learner, self.refused)
 
     def select(self, request: SelectRequest) -> SelectReply:
         """Footholds of all legs of a request."""
@@ -175,21 +183,27 @@ class Footholds(Service[FootholdsConfig]):
         if name == "hand-made":
             return self.hand_made
         path = shipped(self.robot.name) if name == "shipped" else name
-        return self.hand_made if path is None else load(path)
+        return self.hand_made if path is None else self._load(path)
+
+    def _load(self, path: str | Path) -> LearnedModel:
+        """The model of a file; raises ModelError where there is none, or one of another robot."""
+        model = load(path)
+        if model.conditions.robot not in ("", self.robot.name):
+            raise ModelError(
+                "other_robot", f"{model.name} was learned with {model.conditions.robot}, not {self.robot.name}", "robot"
+            )
+        return model
 
     def _kept(self) -> SlipModel | None:
         """The model that re-learning has kept, None if there is none that can be used."""
         if self.learner is None or not self.config.relearn_file or not Path(self.config.relearn_file).exists():
             return None
         try:
-            model = load(self.config.relearn_file)
-            if model.conditions.robot not in ("", self.robot.name):
-                raise ModelError("other_robot", f"learned with {model.conditions.robot}, not {self.robot.name}")
+            return self._load(self.config.relearn_file)
         except ModelError as error:
             self.learner.refuse("kept_file")
             self.log("error", f"the re-learned model is not used: {error.message}")
             return None
-        return model
 
     def _take_learned(self) -> None:
         """Put a model in force that a job has learned for it."""

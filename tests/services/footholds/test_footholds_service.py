@@ -189,6 +189,14 @@ def test_same_map_is_prepared_once(service: Footholds, monkeypatch: pytest.Monke
     assert len(built) == 2
 
 
+@pytest.mark.parametrize(
+    "changes", [{"distance_weight": -1.0}, {"distance_weight": float("nan")}, {"explore": 1.5}, {"slip_limit": -0.1}]
+)
+def test_wrong_settings_are_refused(changes: dict[str, float]) -> None:
+    with pytest.raises(ValidationError):
+        FootholdsConfig(**changes)  # type: ignore[arg-type]
+
+
 def test_configuration_reaches_the_choice() -> None:
     config = FootholdsConfig(slip_limit=0.3, score_flat=0.35, window_cells=8)
     assert config.params().limits.slip == 0.3

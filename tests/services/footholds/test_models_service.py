@@ -1,5 +1,7 @@
 """The service with learned models: which is in force, what a learning job does, and that the old one stays."""
 
+import json
+import threading
 from pathlib import Path
 
 import pytest
@@ -70,6 +72,81 @@ def test_a_model_takes_the_place_of_another_and_a_bad_one_does_not(service: Foot
     assert service.use_model(ModelRequest(use="shipped")).model.startswith("ragno/")
 
 
+@pytest.mark.parametrize(
+    ("changes", "code"),
+    [
+        ({"robot": "messor"}, "other_robot"),
+        ({"schema": "surefoot.slip/2"}, "schema"),
+        ({"cell": "wide"}, "invalid"),
+        ({"ranges": [[0.0, 1.0], [float("nan"), 1.0], [0.0, 1.0]]}, "invalid"),
+        ({"distance_weight": -0.5}, "invalid"),
+    ],
+)
+def test_a_refused_model_is_counted_and_the_old_one_stays(
+    service: Footholds, tmp_path: Path, changes: dict[str, object], code: str
+) -> None:
+    give(service, message(flat()))
+    bad = tmp_path / "bad.json"
+    path = shipped("ragno")
+    assert path is not None
+    bad.write_text(json.dumps(json.loads(path.read_text()) | changes))
+    for count in (1, 2):
+        with pytest.raises(ModelError) as error:
+            service.use_model(ModelRequest(use=str(bad)))
+        assert error.value.code == code
+        told = service.use_model(ModelRequest())
+        assert told.refused == {f"model_{code}": count}
+        assert service.select(asked("lf")).model == told.model
+        assert told.model.startswith("ragno/")
+
+
+@pytest.mark.parametrize(
+    ("condition", "word"), [({"cell": 0.01}, "cells"), ({"smooth": False}, "filter"), ({"foot_radius": 0.012}, "feet")]
+)
+def test_a_model_of_another_cell_filter_or_foot_is_not_used(
+    service: Footholds, tmp_path: Path, condition: dict[str, object], word: str
+) -> None:
+    give(service, message(flat()))
+    path = shipped("ragno")
+    assert path is not None
+    other = tmp_path / "other.json"
+    other.write_text(json.dumps(json.loads(path.read_text()) | condition))
+    told = service.use_model(ModelRequest(use=str(other)))
+    assert word in told.unfit
+    assert told.model == HandScore().name
+    assert service.select(asked("lf")).legs[0].status == "ok"
+
+
+def test_a_job_of_a_past_epoch_writes_its_file_and_changes_nothing(
+    service: Footholds, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from surefoot.services.footholds import job
+
+    entered, released = threading.Event(), threading.Event()
+
+    def slow(found: object, options: LearnOptions, report: Report) -> object:
+        entered.set()
+        assert released.wait(20.0)
+        return learn(gather(samples(300)), options, report)
+
+    monkeypatch.setattr(job, "learn", slow)
+    give(service, message(flat()))
+    file, out = written(tmp_path / "samples.jsonl"), tmp_path / "learned.json"
+    before = service.select(asked("lf")).model
+    request = LearnRequest(action="start", samples=str(file), out=str(out), use=True)
+    service.job.answer(request)
+    assert entered.wait(20.0)
+    service.on_reset()
+    give(service, message(flat()))
+    released.set()
+    service.job.wait()
+    assert service.job.answer(LearnRequest()).state == "done"
+    assert out.exists()
+    assert service.select(asked("lf")).model == before
+    assert finished(service, request).state == "done"  # a job of this epoch is put in force
+    assert service.select(asked("lf")).model == "learned/300"
+
+
 def test_a_map_of_another_cell_is_answered_by_the_hand_made_score(service: Footholds) -> None:
     give(service, message(flat()))
     other = message(flat(), version=4).model_copy(update={"cell": 0.01})
@@ -128,8 +205,6 @@ def test_a_job_that_fails_leaves_the_model(
 
 
 def test_start_while_learning_and_cancel(service: Footholds, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import threading
-
     from surefoot.services.footholds import job
 
     entered, released = threading.Event(), threading.Event()
