@@ -1,4 +1,4 @@
-"""`surefoot footholds collect|learn|tune|merge|show|score`."""
+"""`surefoot footholds collect|primitives|learn|tune|merge|show|score`."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -55,6 +55,49 @@ def collect(
         write_json({"out": str(out), "trials": len(trials), "walked": walked, "samples": total["samples"]})
     else:
         write(f"{out}: {walked} of {len(trials)} trials walked, {total['samples']} samples added")
+
+
+@app.command()
+def primitives(
+    out: Annotated[Path, typer.Option("--out", "-o", help="File of samples; a file that is there is gone on with.")],
+    worker: Annotated[
+        list[str],
+        typer.Option(help="Simulators on the network, NAMESPACE@ENDPOINT; none: this process does it."),
+    ] = [],  # noqa: B006
+    robot: str = "ragno",
+    friction: Annotated[list[float], typer.Option(min=0.01, max=10.0, help="Coefficients of the ground.")] = [0.5],  # noqa: B006
+    noise: Annotated[float, typer.Option(min=0.0, max=0.01, help="Deviation of the heights, m.")] = 0.0,
+    offset: Annotated[float, typer.Option(min=0.0, max=0.02, help="Feet off the middle, m.")] = 0.0,
+    stance: Annotated[str, typer.Option(help="six or tripod.")] = "tripod",
+    seeds: Seeds = "0:1",
+    json: Json = False,
+) -> None:
+    """Test seven ground primitives with all feet (Walas & Belter, 3.1) and append the outcomes to a file."""
+    from contextlib import nullcontext
+
+    from surefoot.errors import SurefootError
+    from surefoot.lab.footholds.primitives import own_worker, paper_trials, run_trials
+    from surefoot.lab.footholds.workers import remote_workers
+    from surefoot.robot.reader import load_robot
+
+    use_json(json)
+    if stance not in ("six", "tripod"):
+        raise SurefootError("invalid", f"must be six or tripod, got {stance!r}", "stance")
+    described = load_robot(robot)
+    trials = paper_trials(friction, noise, list(_seeds(seeds)), offset, stance)
+    total = {"samples": 0, "done": 0}
+
+    def show(name: str, count: int) -> None:
+        total["samples"] += count
+        total["done"] += 1
+        tell(f"{total['done']} of at most {len(trials)}: {name}, {count} stances")
+
+    with remote_workers(worker) if worker else nullcontext([own_worker(described)]) as workers:
+        done = run_trials(described, trials, out, workers, show)
+    if json:
+        write_json({"out": str(out), "trials": len(trials), "done": done, "samples": total["samples"]})
+    else:
+        write(f"{out}: {done} of {len(trials)} trials done, {total['samples']} samples added")
 
 
 @app.command()

@@ -92,3 +92,17 @@ def test_a_map_of_another_cell_is_refused(tmp_path: Path, capsys: pytest.Capture
     grid = tmp_path / "map.asc"
     grid.write_text("ncols 4\nnrows 1\nxllcorner 0\nyllcorner 0\ncellsize 0.02\n0 0 0 0\n")
     assert run(capsys, "score", str(grid), "--model", "ragno", "-o", str(tmp_path / "s.npz"))[0] != 0
+
+
+def test_primitives_go_on_with_their_file(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
+    from surefoot.lab.footholds import primitives
+
+    monkeypatch.setattr(primitives, "HEIGHTS", (0.02,))
+    monkeypatch.setattr(primitives, "SYMMETRY", dict.fromkeys(primitives.PRIMITIVES, 1))
+    out = tmp_path / "p.jsonl"
+    code, text = run(capsys, "primitives", "-o", str(out), "--json")
+    assert code == 0
+    assert json.loads(text) == {"out": str(out), "trials": 7, "done": 7, "samples": 21}
+    assert json.loads(run(capsys, "primitives", "-o", str(out), "--json")[1])["done"] == 0
+    assert run(capsys, "primitives", "-o", str(out), "--worker", "nowhere")[0] != 0
+    assert run(capsys, "primitives", "-o", str(out), "--stance", "four")[0] != 0

@@ -1,0 +1,46 @@
+"""Simulators on the network as workers of a campaign of primitives."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+
+from surefoot.bus.zenoh import ZenohBus, ZenohOptions
+from surefoot.client import Client
+from surefoot.errors import SurefootError
+from surefoot.lab.footholds.primitives import Worker
+from surefoot.schemas.sim import ExperimentReply, ExperimentRequest
+from surefoot.schemas.topics import SIM_EXPERIMENT
+
+PATIENCE_S = 30.0
+"""Without a reply to a batch for so long a worker is taken for dead: ten times what a batch costs."""
+
+
+def remote_worker(client: Client, patience_s: float = PATIENCE_S) -> Worker:
+    """Return the simulator that a client reaches as a worker; it answers beside whatever it runs."""
+
+    def answer(request: ExperimentRequest) -> ExperimentReply:
+        return client.call(SIM_EXPERIMENT, patience_s, **dict(request))
+
+    return answer
+
+
+@contextmanager
+def remote_workers(places: Sequence[str], patience_s: float = PATIENCE_S) -> Iterator[list[Worker]]:
+    """Connect to simulators.
+
+    Args:
+        places: one each, `namespace@endpoint`, e.g. `surefoot/ragno@tcp/127.0.0.1:7447`.
+        patience_s: see `PATIENCE_S`.
+
+    Raises:
+        SurefootError: not of that form.
+        BusError: no router answers there.
+    """
+    with ExitStack() as stack:
+        workers: list[Worker] = []
+        for place in places:
+            namespace, at, endpoint = place.partition("@")
+            if not (at and namespace and endpoint):
+                raise SurefootError("invalid", f"must be namespace@endpoint, got {place!r}", "worker")
+            options = ZenohOptions(mode="client", connect=(endpoint,), namespace=namespace)
+            workers.append(remote_worker(stack.enter_context(Client(ZenohBus(options))), patience_s))
+        yield workers
