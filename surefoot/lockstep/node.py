@@ -36,12 +36,11 @@ Req = TypeVar("Req", bound=Request)
 Rep = TypeVar("Rep", bound=Wire)
 
 KEEP_TICKS = WINDOW_TICKS + 2
-"""Outputs of so many ticks are kept, to be sent again when the driver repeats a tick. The slowest member may be
-done with a tick a window before the last but one: it lacks the next and, of delayed inputs, that one."""
+"""Outputs kept, to be sent again: the slowest member may be done with a tick a window before the last but one, and
+lack the next and, of delayed inputs, that one."""
 JOIN_RETRY_S = 0.3
 HEALTH_PERIOD_S = 1.0
-LOOK_S = 0.1
-"""A node looks into its inbox at least so often: a frame that it waits for may never come."""
+LOOK_S = 0.1  # a node looks into its inbox at least so often: a frame that it waits for may never come
 
 _STOP = object()
 _TICK = HW_TICK.key
@@ -290,7 +289,7 @@ class Node:
             return
         if self.state == "joining":
             self.state = "ready"
-        self._tell_done(-1, prime.epoch, ready=True)
+        self._publishers[self._done.key].put(self._done_with(-1, prime.epoch, ready=True))
 
     def on_life(self, life: Life) -> None:
         """A process came or went."""
@@ -344,7 +343,7 @@ class Node:
         self.service.on_tick(inputs)
         self.bus.flush(batch=tick.report)
         if tick.report and not self._counts_as_done:
-            self._send(self._done, Done(tick=tick.tick, epoch=tick.epoch, source=self.name, instance=self.instance))
+            self._send(self._done, self._done_with(tick.tick, tick.epoch))
         self._outbox.pop((tick.epoch, tick.tick - KEEP_TICKS), None)
         self._tick = None
         self.tick_us.append((time.perf_counter_ns() - began) * 1e-3)
@@ -366,11 +365,10 @@ class Node:
             publisher.resend(token)
         self.bus.flush()
         if not self._counts_as_done:
-            self._tell_done(self.join.last, epoch)
+            self._publishers[self._done.key].put(self._done_with(self.join.last, epoch))
 
-    def _tell_done(self, tick: int, epoch: int, *, ready: bool = False) -> None:
-        done = Done(tick=tick, epoch=epoch, source=self.name, instance=self.instance, ready=ready)
-        self._publishers[self._done.key].put(done)
+    def _done_with(self, tick: int, epoch: int, *, ready: bool = False) -> Done:
+        return Done(tick=tick, epoch=epoch, source=self.name, instance=self.instance, ready=ready)
 
     def publish(self, topic: Topic[Any], message: Message, stamp_ns: int | None) -> None:
         if topic.key not in self._publishers:
