@@ -190,6 +190,7 @@ class ModelReply(Reply):
 class LearnRequest(Request):
     """Starts, watches or ends the learning of a slip model from a file of samples; one job at a time."""
 
+    schema_version: ClassVar[str] = "1.1"
     action: Literal["status", "start", "cancel"] = Field(default="status", description="what to do; result: see status")
     samples: str = Field(default="", max_length=4096, description="start: path of the file of samples")
     out: str = Field(default="", max_length=4096, description="start: path of the model file to write; empty = none")
@@ -199,6 +200,20 @@ class LearnRequest(Request):
     seed: int = Field(default=0, ge=0, lt=2**63, description="start: equal samples and seed, equal bytes")
     distance_weight: float = Field(default=0.5, ge=0, le=1000, description="start: k of the model, 1/m")
     landing_error: float = Field(default=0.005, ge=0, le=0.03, description="start: of the model, m")
+    family: Literal["gaussian", "elementary"] = Field(default="gaussian", description="start: of the terms, (15), (10)")
+    search: Literal["drawn", "swarm", "evolution"] = Field(
+        default="drawn",
+        description="start: Gaussians about samples, particle swarm (Gaussians), or evolution (elementary terms)",
+    )
+    terms: int | None = Field(
+        default=None, ge=1, le=1000, description="start: null = several sizes, chosen by the folds"
+    )
+    evaluations: int = Field(
+        default=2000, ge=1, le=1_000_000, description="start: budget of swarm and evolution, a fit"
+    )
+    refined: int = Field(
+        default=0, ge=0, le=10_000, description="start: evaluations of variable projection after that (Gaussians)"
+    )
 
 
 class LearnReply(Reply):

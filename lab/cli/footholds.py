@@ -109,10 +109,16 @@ def learn(
     landing_error: Annotated[float, typer.Option(min=0.0, max=0.03, help="m; 0 = mean over 3 x 3 cells.")] = 0.005,
     support: Annotated[int, typer.Option(min=0, help="Least samples of a cell's bin; 0 = ranges only.")] = 0,
     folds: Annotated[int, typer.Option(min=2, help="Of whole trials, for the choice of size.")] = 5,
+    family: Annotated[str, typer.Option(help="gaussian or elementary.")] = "gaussian",
+    search: Annotated[str, typer.Option(help="drawn, swarm or evolution.")] = "drawn",
+    terms: Annotated[int | None, typer.Option(min=1, help="Of the sum; none = chosen by the folds.")] = None,
+    evaluations: Annotated[int, typer.Option(min=1, help="Budget of swarm and evolution, a fit.")] = 2000,
+    refined: Annotated[int, typer.Option(min=0, help="Evaluations of variable projection after that.")] = 0,
     seed: Annotated[int, typer.Option(min=0, help="Equal samples and seed, equal bytes.")] = 0,
     json: Json = False,
 ) -> None:
     """Learn a slip model from samples; the size of the fit is chosen on trials that were held back."""
+    from surefoot.errors import SurefootError
     from surefoot.lab.footholds.campaign import read
     from surefoot.services.footholds.learning import fit
     from surefoot.services.footholds.learning.samples import gather
@@ -121,8 +127,18 @@ def learn(
     use_json(json)
     found = [read(path) for path in samples]
     gathered = gather(each for part in found for each in part[0])
+    for value, known, field in ((family, fit.FAMILIES, "family"), (search, fit.SEARCHES, "search")):
+        if value not in known:
+            raise SurefootError("invalid", f"must be {' or '.join(known)}, got {value!r}", field)
+    tried = fit.candidates(family, search, terms, evaluations, refined)  # type: ignore[arg-type]
     options = fit.LearnOptions(
-        title=title, folds=folds, seed=seed, distance_weight=weight, landing_error=landing_error, support=support
+        candidates=tried,
+        title=title,
+        folds=folds,
+        seed=seed,
+        distance_weight=weight,
+        landing_error=landing_error,
+        support=support,
     )
     model = fit.learn(gathered, options)
     save(model, out)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from surefoot.errors import Refusal, SurefootError
 from surefoot.schemas.footholds import LearnReply, LearnRequest
-from surefoot.services.footholds.learning.fit import LearnOptions, learn
+from surefoot.services.footholds.learning.fit import LearnOptions, candidates, learn
 from surefoot.services.footholds.learning.samples import SampleSet, gather, read_lines
 from surefoot.services.footholds.models.files import save
 from surefoot.services.footholds.models.learned import LearnedModel
@@ -85,8 +85,9 @@ class LearnJob:
         try:
             samples = read_samples(Path(request.samples))
             self._set(samples=len(samples), refused=samples.refused)
+            tried = candidates(request.family, request.search, request.terms, request.evaluations, request.refined)
             options = replace(
-                LearnOptions(), title=request.title, folds=request.folds, seed=request.seed,
+                LearnOptions(), title=request.title, folds=request.folds, seed=request.seed, candidates=tried,
                 distance_weight=request.distance_weight, landing_error=request.landing_error,
             )  # fmt: skip
 

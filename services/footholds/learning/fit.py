@@ -2,16 +2,19 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
+from surefoot.services.footholds.learning.evolution import evolve
 from surefoot.services.footholds.learning.samples import SampleSet
-from surefoot.services.footholds.learning.solve import weights
+from surefoot.services.footholds.learning.solve import cost, weights
+from surefoot.services.footholds.learning.swarm import swarm
 from surefoot.services.footholds.learning.varpro import Bounds, refine
-from surefoot.services.footholds.models.bases import Gaussians, Warp, warped
+from surefoot.services.footholds.models.bases import POWER, Basis, Elementary, Gaussians, Warp, warped
 from surefoot.services.footholds.models.lattice import Bins, Lattice, filled, inputs
 from surefoot.services.footholds.models.learned import Conditions, LearnedModel, Terms
 
@@ -24,20 +27,41 @@ class LearnError(SurefootError):
     """Samples that no model can be learned from, or a job that was cancelled."""
 
 
+Family = Literal["gaussian", "elementary"]
+Search = Literal["drawn", "swarm", "evolution"]
+FAMILIES: tuple[Family, ...] = ("gaussian", "elementary")
+SEARCHES: tuple[Search, ...] = ("drawn", "swarm", "evolution")
+WIDEST = 3.0
+"""Largest lambda of a search, on inputs divided by their deviation."""
+
+
 @dataclass(frozen=True, slots=True)
 class Candidate:
     """One size of a fit."""
 
     terms: int
-    """Gaussians."""
+    """Of the sum."""
     width: float
-    """lambda of all of them, on inputs divided by their deviation."""
+    """lambda of Gaussians that are drawn, on inputs divided by their deviation."""
     ridge: float
     """rho per sample."""
     warp: Warp = "identity"
     """Of the inputs."""
     refined: int = 0
-    """Evaluations of variable projection after the start; 0 = centres and widths stay as drawn."""
+    """Evaluations of variable projection after the start (Gaussians); 0 = centres and widths stay as found."""
+    family: Family = "gaussian"
+    search: Search = "drawn"
+    """Where the terms come from: Gaussians about bins drawn at random, a swarm (Gaussians), or the evolution."""
+    evaluations: int = 0
+    """Budget of swarm and evolution."""
+    blind: bool = False
+    """cos K3 is left out, as in Fig. 8 of Walas & Belter."""
+
+    def __post_init__(self) -> None:
+        if self.family == "elementary" and (self.search != "evolution" or self.refined):
+            raise LearnError("invalid", "elementary terms are found by evolution alone", "search")
+        if self.search != "drawn" and self.evaluations < 1:
+            raise LearnError("invalid", f"search {self.search!r} needs a budget, got {self.evaluations}", "evaluations")
 
 
 CANDIDATES = (
@@ -49,6 +73,32 @@ CANDIDATES = (
     Candidate(60, 0.3, 1e-5),
     Candidate(60, 0.3, 1e-4, "asinh"),
 )
+
+
+def candidates(
+    family: Family = "gaussian", search: Search = "drawn", terms: int | None = None, evaluations: int = 2000,
+    refined: int = 0,
+) -> tuple[Candidate, ...]:  # fmt: skip
+    """Return what is tried for a family and a search; the folds choose among it.
+
+    Args:
+        family: of the terms.
+        search: see `Candidate`.
+        terms: of the sum; None = several sizes.
+        evaluations: budget of swarm and evolution, for each fit.
+        refined: evaluations of variable projection after them; with a search: a hybrid.
+
+    Raises:
+        LearnError: family and search do not go together.
+    """
+    if search == "drawn" and family == "gaussian":
+        found = CANDIDATES if terms is None else tuple(replace(each, terms=terms) for each in CANDIDATES)
+        return tuple(dict.fromkeys(replace(each, refined=refined) for each in found))
+    sizes = (8, 15) if terms is None else (terms,)
+    budget = 0 if search == "drawn" else evaluations
+    return tuple(
+        Candidate(m, 0.0, 1e-5, warp, refined, family, search, budget) for m in sizes for warp in ("identity", "asinh")
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,13 +183,23 @@ def built(
         choice={
             "terms": float(candidate.terms), "width": candidate.width, "ridge": candidate.ridge,
             "asinh": float(candidate.warp == "asinh"), "refined": float(candidate.refined), "error": error,
+            **searched_by(candidate),
         },
         provenance=tuple(sources),
     )  # fmt: skip
 
 
+def searched_by(candidate: Candidate) -> dict[str, float]:
+    """Return family, search and budget as the numbers a model keeps; nothing for Gaussians that were drawn."""
+    numbers = {
+        "family": float(FAMILIES.index(candidate.family)), "search": float(SEARCHES.index(candidate.search)),
+        "evaluations": float(candidate.evaluations), "blind": float(candidate.blind),
+    }  # fmt: skip
+    return {name: value for name, value in numbers.items() if value}
+
+
 def fit_terms(lattice: Lattice, bins: Bins, candidate: Candidate, seed: int) -> Terms:
-    """Return Gaussians about some of the bins, their weights by least squares over all, each as heavy as its count."""
+    """Return the terms of a candidate, their weights by least squares over all bins, each as heavy as its count."""
     u = inputs(lattice.centres(bins))
     y = np.array([each.mean for each in bins.values()])
     count = np.array([each.count for each in bins.values()])
@@ -147,16 +207,42 @@ def fit_terms(lattice: Lattice, bins: Bins, candidate: Candidate, seed: int) -> 
     scales = np.where(deviation > 1e-9, deviation, 1.0)
     warps: tuple[Warp, ...] = (candidate.warp,) * 3
     v = warped(u, warps, scales)
-    rng = np.random.default_rng(seed)
-    m = min(candidate.terms, len(v))
-    centres = v[np.sort(rng.choice(len(v), m, replace=False))]
-    basis = Gaussians(centres, np.full((m, 3), candidate.width), constant=True)
     w, ridge = np.sqrt(count), candidate.ridge * float(count.sum())
-    if candidate.refined:
+    basis = _searched(candidate, v, y, w, ridge, seed)
+    if candidate.refined and isinstance(basis, Gaussians):
         bounds = Bounds(low=float(v.min()) - 1.0, high=float(v.max()) + 1.0, width=3.0)
         found = refine(basis, v, y, w, bounds, ridge, candidate.refined)
         return Terms(found.basis, found.weights, warps, scales)
     return Terms(basis, weights(basis.columns(v), y, w, ridge), warps, scales)
+
+
+def _searched(candidate: Candidate, v: Array, y: Array, w: Array, ridge: float, seed: int) -> Basis:
+    """Return the terms at the end of a candidate's search, before variable projection."""
+
+    def seen(basis: Basis) -> Basis:
+        return _blind(basis) if candidate.blind else basis
+
+    m, spans = min(candidate.terms, len(v)), (float(v.min()), float(v.max()))
+    if candidate.search == "drawn":
+        centres = v[np.sort(np.random.default_rng(seed).choice(len(v), m, replace=False))]
+        return seen(Gaussians(centres, np.full((m, 3), candidate.width), constant=True))
+
+    def of(basis: Basis) -> float:
+        return cost(seen(basis).columns(v), y, w, ridge)
+
+    if candidate.search == "swarm":
+        return seen(swarm(of, m, 3, spans, (0.0, WIDEST), candidate.evaluations, seed).basis)
+    return seen(evolve(of, candidate.family, m, 3, spans, (0.0, WIDEST), candidate.evaluations, seed).basis)
+
+
+def _blind(basis: Basis) -> Basis:
+    """Return the terms without their third input."""
+    if isinstance(basis, Gaussians):
+        return replace(basis, widths=basis.widths * np.array([1.0, 1.0, 0.0]))
+    assert isinstance(basis, Elementary)
+    kinds, rates = basis.kinds.copy(), basis.rates.copy()
+    kinds[:, 2], rates[:, 2] = POWER, 0.0
+    return replace(basis, kinds=kinds, rates=rates)
 
 
 def _conditions(samples: SampleSet) -> Conditions:

@@ -1,6 +1,13 @@
 """Two learned models made one: their bins are added, and terms are fitted to the sum."""
 
-from surefoot.services.footholds.learning.fit import Candidate, LearnError, LearnOptions, built
+from surefoot.services.footholds.learning.fit import (
+    FAMILIES,
+    SEARCHES,
+    Candidate,
+    LearnError,
+    LearnOptions,
+    built,
+)
 from surefoot.services.footholds.models.files import encode
 from surefoot.services.footholds.models.lattice import merged
 from surefoot.services.footholds.models.learned import LearnedModel
@@ -44,6 +51,10 @@ def candidate_of(model: LearnedModel) -> Candidate:
     c = model.choice
     try:
         warp = "asinh" if c["asinh"] else "identity"
-        return Candidate(int(c["terms"]), c["width"], c["ridge"], warp, int(c["refined"]))
-    except KeyError as error:
+        family, search = FAMILIES[int(c.get("family", 0.0))], SEARCHES[int(c.get("search", 0.0))]
+        return Candidate(
+            int(c["terms"]), c["width"], c["ridge"], warp, int(c["refined"]), family, search,
+            int(c.get("evaluations", 0.0)), bool(c.get("blind", 0.0)),
+        )  # fmt: skip
+    except (KeyError, IndexError) as error:
         raise LearnError("invalid", f"{model.name} does not say how it was fitted: {error}", "choice") from None

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from surefoot.services.footholds.features import Features
-from surefoot.services.footholds.learning.fit import Candidate, LearnError, LearnOptions, learn
+from surefoot.services.footholds.learning.fit import Candidate, LearnError, LearnOptions, candidates, fit_terms, learn
+from surefoot.services.footholds.learning.merge import candidate_of
+from surefoot.services.footholds.learning.relearn import relearned
 from surefoot.services.footholds.learning.samples import gather
-from surefoot.services.footholds.models.files import encode
-from surefoot.services.footholds.models.lattice import inputs
+from surefoot.services.footholds.models.files import decode, encode
+from surefoot.services.footholds.models.lattice import Lattice, filled, inputs
 from surefoot.services.footholds.models.protocol import UNLEARNED
 from tests.services.footholds.learning.made import CELL, FOOT, law, samples, spoiled
 
@@ -102,3 +104,61 @@ def test_what_cannot_be_learned_from_is_named() -> None:
         with pytest.raises(LearnError) as error:
             learn(gather(given), QUICK)
         assert error.value.code == code
+
+
+@pytest.mark.parametrize(
+    ("family", "search", "refined"),
+    [
+        ("gaussian", "drawn", 20),
+        ("gaussian", "swarm", 0),
+        ("gaussian", "swarm", 20),
+        ("gaussian", "evolution", 0),
+        ("gaussian", "evolution", 20),
+        ("elementary", "evolution", 0),
+    ],
+)
+def test_every_family_and_search_learns_and_is_kept_in_the_file(family: str, search: str, refined: int) -> None:
+    tried = candidates(family, search, 6, 150, refined)[:2]  # type: ignore[arg-type]
+    options = LearnOptions(candidates=tried, folds=2)
+    model = learn(gather(samples(300, trials=6)), options)
+    assert model.choice["error"] < 0.06
+    again = decode(encode(model))
+    assert encode(again) == encode(model) == encode(learn(gather(samples(300, trials=6)), options))
+    assert candidate_of(again) in tried
+    more = [spoiled(each, trial=f"n{each.trial}") for each in samples(50, seed=5)]
+    assert relearned(again, more).name.endswith("+1")
+
+
+def test_a_hybrid_is_no_worse_than_its_start() -> None:
+    found = gather(samples(400))
+    bins = filled(Lattice(), found.x, found.r)
+    costs = []
+    for refined in (0, 60):
+        (one, *_) = candidates("gaussian", "swarm", 6, 200, refined)
+        terms = fit_terms(Lattice(), bins, one, 0)
+        y = np.array([each.mean for each in bins.values()])
+        costs.append(float(np.mean((terms.values(inputs(Lattice().centres(bins))) - y) ** 2)))
+    assert costs[1] < 0.5 * costs[0]
+
+
+def test_a_blind_model_does_not_look_at_the_third_coefficient() -> None:
+    found = gather(samples(400))
+    bins = filled(Lattice(), found.x, found.r)
+    u = inputs(found.x[:20])
+    for one in (
+        Candidate(8, 0.1, 1e-6, blind=True),
+        Candidate(6, 0.0, 1e-6, family="elementary", search="evolution", evaluations=100, blind=True),
+    ):
+        terms = fit_terms(Lattice(), bins, one, 0)
+        other = u * np.array([1.0, 1.0, -1.0])
+        np.testing.assert_allclose(terms.values(u), terms.values(other), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("family", "search", "evaluations"),
+    [("elementary", "drawn", 10), ("elementary", "swarm", 10), ("gaussian", "swarm", 0)],
+)
+def test_what_does_not_go_together_is_refused(family: str, search: str, evaluations: int) -> None:
+    with pytest.raises(LearnError) as refused:
+        candidates(family, search, 5, evaluations)  # type: ignore[arg-type]
+    assert refused.value.code == "invalid"
