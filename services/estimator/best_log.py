@@ -18,13 +18,14 @@ from surefoot.services.estimator.best_start import BestGeometry, BestLimits
 from surefoot.services.estimator.contact import probabilities
 from surefoot.services.estimator.feet import known_feet
 from surefoot.services.estimator.health import flags_of
-from surefoot.services.estimator.inputs import BAD_MEMORY_NS, FROZEN_ROWS, STEADY_ROWS
+from surefoot.services.estimator.inputs import BAD_MEMORY_NS, FROZEN_ROWS, LIGHT_FOR_NS, STEADY_ROWS
 from surefoot.services.estimator.judge import (
     BAD_NS,
     EQUAL_FEET,
     EQUAL_ROWS,
     IMU,
     KINEMATICS,
+    LIGHT_NS,
     REFUSED,
     SATURATED_NS,
     Judge,
@@ -157,12 +158,14 @@ def _note_row(
     frozen = (noisy and marks[EQUAL_ROWS] >= FROZEN_ROWS) or (
         started and not stands and marks[EQUAL_FEET] >= STEADY_ROWS
     )
+    light = now - marks[LIGHT_NS] >= LIGHT_FOR_NS
     saturated = 0 <= now - marks[SATURATED_NS] < BAD_MEMORY_NS
     refused = 0 <= now - marks[BAD_NS] < BAD_MEMORY_NS
     since_contact = 1e-9 * (now - clock.stamps[CONTACT_NS])
     flags[at, 0], flags[at, 1] = started, stands
     flags[at, 2], flags[at, 3], flags[at, 4] = flags_of(
-        started, healthy(vectors[0], vectors[1], covariance), state.memory[NIS], refused, frozen or saturated, False,
+        started, healthy(vectors[0], vectors[1], covariance), state.memory[NIS], refused, frozen or saturated or light,
+        False,
         1e-9 * (now - clock.stamps[FEET_NS]), since_contact, since_contact,
     )  # fmt: skip
 

@@ -28,6 +28,7 @@ class Condition(NamedTuple):
     unit: str  # what is wrong with the unit of a sensor; empty: nothing
     refused_lately: str | None  # last refusal or gap of the last 100 ms, e.g. imu_nonfinite
     saturated: bool
+    weightless: bool
     imu_frozen: bool
     joints_frozen: bool
     since_feet_s: float
@@ -38,7 +39,7 @@ class Condition(NamedTuple):
     @property
     def flags(self) -> tuple[bool, bool, bool]:
         """`inputs_ok`, `filter_ok` and `sensors_ok`, see `flags_of`."""
-        frozen = self.imu_frozen or self.joints_frozen or self.saturated
+        frozen = self.imu_frozen or self.joints_frozen or self.saturated or self.weightless
         return flags_of(
             self.initialised, self.healthy, self.nis, self.refused_lately is not None, frozen, bool(self.silent),
             self.since_feet_s, self.since_contact_s, self.since_velocity_s,
@@ -57,7 +58,7 @@ def flags_of(
         healthy: see `Condition`.
         nis: mean normalised innovation squared, 3 degrees of freedom.
         refused: an input was refused in the last 100 ms.
-        frozen: a sensor is frozen or saturated.
+        frozen: a sensor is frozen, saturated or shows no weight.
         silent: an input is silent.
         since_feet_s: age of the joints, s.
         since_contact_s: since a foot was in contact, s.
@@ -65,7 +66,7 @@ def flags_of(
 
     Returns:
         Whether all inputs of the last 100 ms were accepted and none is silent; whether the estimate is consistent and
-        corrected; whether no sensor is saturated, frozen or absent.
+        corrected; whether no sensor is saturated, frozen or absent, and the robot does not fall.
     """
     inputs_ok = not silent and not refused and since_feet_s < SILENT_S
     filter_ok = initialised and healthy and nis < MAX_NIS and since_velocity_s < UNCORRECTED_S
@@ -87,6 +88,8 @@ def reasons(c: Condition) -> tuple[str, ...]:
         out.append("the joint angles repeat one sample while the robot moves")
     if c.saturated:
         out.append("the inertial unit is at the end of its range")
+    if c.weightless:
+        out.append("the accelerometer shows no weight: a fall, or another unit")
     if c.since_feet_s >= SILENT_S:
         out.append(f"no joint angles for {c.since_feet_s:.1f} s")
     elif c.since_contact_s >= NO_CONTACT_S:

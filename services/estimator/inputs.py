@@ -14,6 +14,7 @@ from surefoot.services.estimator.judge import (
     EQUAL_ROWS,
     IMU,
     KINEMATICS,
+    LIGHT_NS,
     NEVER,
     REFUSED,
     SATURATED_NS,
@@ -35,6 +36,7 @@ Array = NDArray[np.float64]
 
 FROZEN_ROWS = 50  # equal IMU rows in a row: a live sensor's noise never repeats so long
 BAD_MEMORY_NS = 100_000_000  # a refused input spoils `inputs_ok` so long
+LIGHT_FOR_NS = 100_000_000  # without weight for longer: a fall, or another unit
 STEADY_ROWS = 30  # 1 s of equal joint angles while the gyro says that the robot moves
 
 
@@ -104,6 +106,10 @@ class InputJudge:
     def saturated(self, now_ns: int) -> bool:
         """Whether the inertial unit was at the end of its range in the last 100 ms."""
         return 0 <= now_ns - int(self.state.marks[SATURATED_NS]) < BAD_MEMORY_NS
+
+    def weightless(self, now_ns: int) -> bool:
+        """Whether the accelerometer has shown no weight for a tenth of a second."""
+        return now_ns - int(self.state.marks[LIGHT_NS]) >= LIGHT_FOR_NS
 
     @property
     def imu_frozen(self) -> bool:

@@ -35,15 +35,16 @@ IMU, KINEMATICS = 0, 1  # sources
 SOURCES = ("imu", "kinematics")
 # parts of `Judge.marks`: samples in the mean of the accelerometer, samples of the feet with it on the wrong side, equal
 # rows and equal feet in a row, code of what is wrong with a unit, stamp of the last refusal or gap, of the last
-# saturation, stamp of the last gyro sample in the turn, source and code of the last refusal or gap, refusals
-ROWS, WRONG_SIDE, EQUAL_ROWS, EQUAL_FEET, UNITS, BAD_NS, SATURATED_NS, TURN_NS, BAD_SOURCE, BAD_CODE, REFUSED = range(
-    11
-)
+# saturation, of the last gyro sample in the turn, source and code of the last refusal or gap, refusals, stamp since
+# which the accelerometer shows no weight
+ROWS, WRONG_SIDE, EQUAL_ROWS, EQUAL_FEET, UNITS, BAD_NS, SATURATED_NS, TURN_NS, BAD_SOURCE = range(9)
+BAD_CODE, REFUSED, LIGHT_NS = range(9, 12)
 # parts of `Judge.numbers`: last gyro and accelerometer (6), mean of the accelerometer (3), turn by the gyro since the
 # last sample of the feet (3), and of the comparison with them: p.s, p.p, s.s, rad^2, and the path by the gyro, rad
 LAST_W, LAST_Q, MEAN_Q, TURN, SHARED, PREDICTED, SEEN, PATH = 0, 3, 6, 9, 12, 13, 14, 15
 
-NEVER = -(2**62)  # ns
+NEVER, FOR_EVER = -(2**62), 2**62  # ns
+NO_WEIGHT = 3.0  # m/s^2, a shorter specific force is that of a fall, or in another unit
 MEAN_WEIGHT = 0.02  # of a sample in the mean of the accelerometer
 UNIT_ROWS = 100  # samples before its mean is judged
 GRAVITIES = (0.5, 2.0)  # m/s^2, a mean between these is gravity in g: no robot falls for so long
@@ -68,7 +69,7 @@ class Judge(NamedTuple):
 
     clocks: Ints  # (2, 6) of IMU and kinematics
     counts: Ints  # (2, results) refusals and gaps
-    marks: Ints  # (11,)
+    marks: Ints  # (12,)
     numbers: Array  # (16,)
     feet: Array  # (L, 3) last sample
     points: Array  # (K, 4) last contact points from the IMU, m, and whether they stood
@@ -84,8 +85,9 @@ class JudgeLimits(NamedTuple):
 
 def new_judge(feet: int, points: int) -> Judge:
     """Return a judge that has seen nothing."""
-    marks, numbers = np.zeros(REFUSED + 1, dtype=np.int64), np.zeros(PATH + 1)
+    marks, numbers = np.zeros(LIGHT_NS + 1, dtype=np.int64), np.zeros(PATH + 1)
     marks[BAD_NS] = marks[SATURATED_NS] = marks[TURN_NS] = NEVER
+    marks[LIGHT_NS] = FOR_EVER
     numbers[LAST_W : LAST_Q + 3] = np.nan
     clocks, counts = np.zeros((2, CLOCK), dtype=np.int64), np.zeros((2, len(RESULTS)), dtype=np.int64)
     return Judge(clocks, counts, marks, numbers, np.full((feet, 3), np.nan), np.zeros((points, 4)))
@@ -177,12 +179,17 @@ def judge_imu(judge: Judge, limits: JudgeLimits, stamp_ns: int, w: Array, q: Arr
     code = _order(judge, IMU, stamp_ns)
     if code > RESTART:
         return code
-    numbers = judge.numbers
+    numbers, marks, square = judge.numbers, judge.marks, 0.0
     for i in range(3):
+        square += q[i] * q[i]
         if w[i] != numbers[LAST_W + i] or q[i] != numbers[LAST_Q + i]:
             same = 0
         numbers[LAST_W + i], numbers[LAST_Q + i] = w[i], q[i]
-    judge.marks[EQUAL_ROWS] = judge.marks[EQUAL_ROWS] + 1 if same else 0
+    marks[EQUAL_ROWS] = marks[EQUAL_ROWS] + 1 if same else 0
+    if square > NO_WEIGHT**2 or code == RESTART:
+        marks[LIGHT_NS] = FOR_EVER
+    elif marks[LIGHT_NS] == FOR_EVER:
+        marks[LIGHT_NS] = stamp_ns
     if code != RESTART and known > 0 and stamp_ns - before > limits.gap_ns:
         return note(judge, IMU, GAP, stamp_ns)
     return code

@@ -272,6 +272,7 @@ class Estimator:
             unit=judge.unit,
             refused_lately=None if judge.inputs_ok(now) else judge.last_bad,
             saturated=judge.saturated(now),
+            weightless=judge.weightless(now),
             imu_frozen=judge.imu_frozen,
             joints_frozen=judge.joints_frozen(initialised and not standing),
             since_feet_s=1e-9 * (now - feet_ns),

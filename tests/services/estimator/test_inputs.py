@@ -74,6 +74,16 @@ def test_a_frozen_unit_is_seen(judge):
     assert not judge.imu_frozen
 
 
+def test_a_robot_without_weight_falls(judge):
+    for k in range(2, 12):
+        judge.imu(k * TICK, ZERO + 1e-3 * k, 0.1 * G)
+    assert not judge.weightless(11 * TICK)
+    judge.imu(12 * TICK, ZERO, 0.1 * G)
+    assert judge.weightless(12 * TICK)
+    judge.imu(13 * TICK, ZERO, G)
+    assert not judge.weightless(13 * TICK)
+
+
 def test_kinematics(judge):
     feet = np.ones((2, 3))
     assert judge.kinematics(TICK, feet) is InputResult.OK
