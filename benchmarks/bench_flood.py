@@ -39,7 +39,7 @@ address, verb, key, payload, rate, span = *sys.argv[1:5], float(sys.argv[5]), fl
 config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [address]}}))
 with zenoh.open(config) as session:
     publisher = session.declare_publisher(key)
-    ignore = lambda reply: None
+    asker = session.declare_querier(key, timeout=0.5)
     began = time.monotonic()
     count, now = 0, began
     while now - began < span:
@@ -47,7 +47,7 @@ with zenoh.open(config) as session:
             if verb == "put":
                 publisher.put(payload)
             else:
-                session.get(key, ignore, payload=payload, timeout=0.5)
+                asker.get(handler=zenoh.handlers.RingChannel(1), payload=payload)
         count += min(50, int(rate))
         ahead = began + count / rate - time.monotonic()
         if ahead > 0.0:

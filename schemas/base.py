@@ -41,7 +41,9 @@ def _strict_numbers(schema: Any) -> Any:
 
 
 class Strict(BaseModel):
-    """A model whose numbers are numbers."""
+    """A model whose numbers are numbers. Its validator is built when it is first needed: a command needs few of all."""
+
+    model_config = ConfigDict(defer_build=True)
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: type[BaseModel], handler: GetCoreSchemaHandler, /) -> CoreSchema:

@@ -23,7 +23,11 @@ _OCTETS = "application/octet-stream"
 
 @cache
 def encoding_of(model: type[Wire]) -> str:
-    """Zenoh encoding of a model, e.g. ``application/json;surefoot/Imu/1.0``."""
+    """Zenoh encoding of a model, e.g. ``application/json;surefoot/Imu/1.0``; whoever declares a key asks for it.
+
+    The first call builds the model's validator, which would else be built with its first message.
+    """
+    model.model_rebuild()
     return f"{_OCTETS if issubclass(model, Bulk) else _JSON};{model.schema_name()}"
 
 

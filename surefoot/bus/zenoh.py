@@ -168,6 +168,7 @@ class ZenohBus:
         family = BATCH if batched else FRAME
         owners: dict[str, dict[str, Topic[Any]]] = {}
         for topic in topics:
+            encoding_of(topic.model)
             if topic.framed:
                 owners.setdefault(topic.owner, {})[topic.key] = topic
             else:
@@ -185,6 +186,8 @@ class ZenohBus:
     ) -> None:
         queryable = self.session.declare_queryable(query.key, RingChannel(BOUNDED_KEEP), complete=True)
         self._keep.append(queryable)
+        for model in (query.request, query.reply):
+            encoding_of(model)
         pour(queryable.handler, partial(ZenohIncoming, query, query.key), sink, most_hz=MOST_HZ)
         if participants is not None:
             handler = Callback(_query_sink(query, participants), indirect=False)
@@ -224,6 +227,7 @@ class ZenohBus:
         key = participants_key(query) if participant else query.key
         querier = self._queriers.get((key, timeout))
         if querier is None:
+            encoding_of(query.reply)
             querier = self.session.declare_querier(
                 key,
                 target=zenoh.QueryTarget.BEST_MATCHING,

@@ -245,8 +245,8 @@ class DriverNode(Node):
             self._publishers[topic.key].prime()
         leader = self.leader
         roster = tuple(sorted({*leader.expect, *leader.members, *self._joining}))
-        lacking = {topic.key for topic in self.driver.lacking}  # of a query, too, that gives the same data
-        due = tuple(r.key for r in (*self.driver.outputs, *self.driver.serves) if r.key not in lacking)
+        keys = {row.key for row in (*self.driver.outputs, *self.driver.serves)}
+        due = tuple(sorted(keys - {row.key for row in self.driver.lacking}))
         self._publishers[HW_TICK.key].put(leader.prime(roster, due))
         self.bus.flush()
 

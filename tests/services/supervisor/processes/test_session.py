@@ -71,6 +71,7 @@ def test_tokens_of_strangers_do_not_take_the_driver_away(listen):
     with Session(parse_compose(IDLE), listen=listen) as session:
         for name, instance in (("a", "1"), ("driver", "1"), ("driver", "x"), ("b", "2"), ("b", "y")):
             session._on_life(Life(name, instance, alive=True))
+        assert session.wait_for(lambda: "supervisor" in session.alive, WAIT_S)
         assert (session.driver, session.instance_of("a"), session.instance_of("driver")) == ("a", "1", "1")
         session.supervisor.status = SimStatus(state="running", rtf=0.0, ticks=7, comparable=True, stopped="test")
         for name, instance in (("driver", "x"), ("b", "y")):
