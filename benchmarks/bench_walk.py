@@ -25,6 +25,7 @@ import numpy as np
 
 from benchmarks.joined import costs_us
 from benchmarks.walk_rules import GROUNDS, TAUGHT, kept, table, walk_missing
+from benchmarks.walk_targets import over_flat, verdicts
 from surefoot.lab.footholds.rules import model_rule
 from surefoot.lab.footholds.walks import Setting, Walk, walk
 from surefoot.services.footholds.models.score import HandScore
@@ -88,7 +89,7 @@ def main() -> None:
         if not args.report:
             walk_missing(lines, grounds, rules, range(first, end), args.model, args.robot, args.jobs, args.results)
         print(f"{args.robot}, model {args.model}: contact sliding per stance")
-        for text in table(lines, grounds, rules):
+        for text in (*table(lines, grounds, rules), *over_flat(lines), *verdicts(lines)):
             print(text)
         return
     params = tuple((name, float(value)) for name, _, value in (item.partition("=") for item in args.set))
