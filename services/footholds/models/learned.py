@@ -57,7 +57,8 @@ class Terms:
 
     def values(self, u: Array) -> Array:
         """Return P of inputs (n, 3), (n,)."""
-        return (self.basis.columns(warped(u, self.warps, self.scales)) * self.weights).sum(axis=1)
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is no prediction: see `files.check`
+            return (self.basis.columns(warped(u, self.warps, self.scales)) * self.weights).sum(axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +147,8 @@ class LearnedModel:
         low, high = np.array(self.ranges).T
         values = self.terms.values(np.clip(inputs(points), low, high)).reshape(NODES)
         steps = [[axis[0], (len(axis) - 1) / (axis[-1] - axis[0])] for axis in axes]
-        return np.maximum(values, 0.0).astype(np.float32), np.array(steps, dtype=np.float32)
+        with np.errstate(over="ignore"):
+            return np.maximum(values, 0.0).astype(np.float32), np.array(steps, dtype=np.float32)
 
     def table_error(self, count: int = 2000, seed: int = 0) -> float:
         """Return the largest error of the table at random points within the ranges, as P."""

@@ -8,6 +8,7 @@ import pytest
 
 from surefoot.services.footholds.learning.fit import Candidate, LearnOptions, learn
 from surefoot.services.footholds.learning.samples import gather
+from surefoot.services.footholds.models.bases import DECAY
 from surefoot.services.footholds.models.files import MAX_BYTES, ModelError, decode, encode, load, save
 from tests.services.footholds.learning.made import samples
 
@@ -61,6 +62,17 @@ def test_refusals_name_the_field(data: bytes, changes: dict[str, Any], field: st
     with pytest.raises(ModelError) as error:
         decode(changed(data, **changes))
     assert error.value.field == field
+
+
+@pytest.mark.parametrize("rate", [1e6, -1e6])
+def test_terms_that_overflow_predict_nothing(data: bytes, rate: float) -> None:
+    terms = {"terms__family": "elementary", "terms__kinds": [[DECAY, DECAY, DECAY]], "terms__constant": False}
+    terms |= {"terms__centres": [[1e3, 1e3, 1e3]], "terms__rates": [[rate] * 3], "terms__weights": [1e300]}
+    if rate < 0.0:
+        terms["terms__centres"] = [[-1e3, -1e3, -1e3]]
+    with pytest.raises(ModelError) as error:
+        decode(changed(data, **terms))
+    assert error.value.code == "useless"
 
 
 @pytest.mark.parametrize("text", [b"", b"{", b"[]", b"null", b"\xff\xfe", b"[" * 100_000, b'{"schema": "x"}'])
