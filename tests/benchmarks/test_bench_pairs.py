@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.bench_pairs import complete, interval, kept, report, shares
+from benchmarks import bench_pairs
+from benchmarks.bench_pairs import BRANCHES, complete, interval, kept, pairs_of, report, shares
+from surefoot.lab.footholds.walks import Setting
+from surefoot.services.footholds.learning.samples import gather
 
 NAMES = ("hand", "learned")
 
@@ -40,6 +43,20 @@ def test_shares_and_intervals() -> None:
     low, high = interval(lines, "hand")
     assert low < shares(lines, "hand")[0] < high
     assert 0.3 < low < high < 0.7
+
+
+def test_stances_of_all_arms_are_samples_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(bench_pairs.GROUNDS, "short", Setting("rough", 0.15, 0.04, 0.5, profile="exact"))
+    _, lines, found = pairs_of(("short", 3, ("nominal", "hand"), 2, 3, "all", "shipped", "ragno"))
+    assert lines
+    whole = [line for line in lines if all(np.isfinite(list(line["arms"].values())))]
+    assert len(found) >= 3 * 2 * len(whole) > 0  # three legs of at least two different arms
+    gathered = gather(found)
+    assert not {"twice", "not_finite"} & set(gathered.refused)
+    assert {each.trial for each in found} == {"pairs-all-ragno-short-3"}
+    line = whole[0]
+    mine = [each.sliding for each in found if each.step == line["step"] * BRANCHES]
+    assert line["arms"]["nominal"] == pytest.approx(1e3 * np.mean(mine), abs=1e-4)
 
 
 def test_a_torn_file_and_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
