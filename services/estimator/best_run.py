@@ -210,7 +210,8 @@ def advance(
                 )  # fmt: skip
                 if math.isfinite(limits.level_sd):
                     stand_on_level(state, limits.start[3], geometry.radius, limits.level_sd)
-                follow(state, before, noise)
+                if settled(state):
+                    follow(state, before, noise)
                 next_foot += 1
             if stamps[at] > now:
                 predict(state, w, q, 1e-9 * (stamps[at] - now), noise, felt)
