@@ -188,7 +188,7 @@ def consensus(
             best, loose = total, v
             pose[0], pose[1], pose[2] = x, y, heading
     agreeing(inlier, pose, places, rays, noise, 2.0, loose, gate)
-    information = inverse3(np.ascontiguousarray(cov[:3, :3]))[0]
+    information = inverse3(cov)[0]  # of the pose: it reads the first three rows and columns
     for _ in range(2):
         pose = refined(pose, mean, information, chosen, inlier, landmark, ranges, bearings, positions, noise)
         agreeing(inlier, pose, places, rays, noise, limits[SPREAD], 0.0, gate)

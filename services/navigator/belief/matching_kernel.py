@@ -24,19 +24,17 @@ Index = NDArray[np.int64]
 
 
 @row_kernel
-def order_of(keys: Array, ties: Index) -> Index:
-    """Indices that sort by key, equal keys by tie, (n,)."""
-    n = keys.size
-    ranked = np.arange(n)
-    for i in range(1, n):  # by insertion: n is a few dozen
-        this, j = ranked[i], i
-        while j > 0 and (
-            keys[ranked[j - 1]] > keys[this] or (keys[ranked[j - 1]] == keys[this] and ties[ranked[j - 1]] > ties[this])
-        ):
-            ranked[j] = ranked[j - 1]
+def sort_by(chosen: Index, keys: Array, ties: Index) -> None:
+    """Sort indices (n,) in place by their keys, equal keys by tie."""
+    for i in range(1, chosen.size):  # by insertion: n is a few dozen
+        this, j = chosen[i], i
+        while j > 0:
+            before = chosen[j - 1]
+            if keys[before] < keys[this] or (keys[before] == keys[this] and ties[before] <= ties[this]):
+                break
+            chosen[j] = before
             j -= 1
-        ranked[j] = this
-    return ranked
+        chosen[j] = this
 
 
 @row_kernel
@@ -79,6 +77,7 @@ def match(
     m = ranges.size
     landmark, fate = np.full(m, -1), np.full(m, INVALID)
     nis, gap = np.zeros(m), np.zeros(m)
+    chosen, kept = np.empty(m, dtype=np.int64), 0
     for d in range(m):
         finite = math.isfinite(ranges[d]) and math.isfinite(bearings[d])
         for i in range(looks.shape[1]):
@@ -87,8 +86,11 @@ def match(
             landmark[d], fate[d], nis[d], gap[d] = nearest_look(
                 mean, cov, ranges[d], bearings[d], looks[d], positions, map_looks, grid, starts, members, noise, limits
             )
-    chosen = np.flatnonzero(fate == MATCHED)
-    chosen = chosen[order_of(gap[chosen], landmark[chosen])]
+            if fate[d] == MATCHED:
+                chosen[kept] = d
+                kept += 1
+    chosen = chosen[:kept]
+    sort_by(chosen, gap, landmark)
     kept = 0
     for a in range(chosen.size):  # of several detections of one landmark the one that looks most like it
         d = chosen[a]

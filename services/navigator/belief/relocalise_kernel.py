@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from surefoot.geometry.linear_kernels import inverse3
 from surefoot.kernels.jit import row_kernel
 from surefoot.services.navigator.belief.gate_kernel import apart2, variances, wrapped
-from surefoot.services.navigator.belief.matching_kernel import likeness, order_of
+from surefoot.services.navigator.belief.matching_kernel import likeness, sort_by
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -179,7 +179,7 @@ def improve(pose: Array, place: Array, spread: Array, chosen: Index, positions: 
         Covariance of the pose (3, 3), and the logarithm of its determinant (inf: it does not follow from these).
     """
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    a, v = np.zeros((3, 3)), np.zeros(3)
+    a, v, jx, jy = np.zeros((3, 3)), np.zeros(3), np.empty(3), np.empty(3)
     for i in range(place.shape[0]):
         if chosen[i] < 0:
             continue
@@ -188,7 +188,8 @@ def improve(pose: Array, place: Array, spread: Array, chosen: Index, positions: 
         ex, ey = ax - place[i, 0], ay - place[i, 1]
         det = spread[i, 0] * spread[i, 2] - spread[i, 1] * spread[i, 1]
         wxx, wxy, wyy = spread[i, 2] / det, -spread[i, 1] / det, spread[i, 0] / det
-        jx, jy = np.array([-c, -s, ay]), np.array([s, -c, -ax])  # of ex and ey by the pose
+        jx[0], jx[1], jx[2] = -c, -s, ay  # of ex by the pose
+        jy[0], jy[1], jy[2] = s, -c, -ax
         for p in range(3):
             gx, gy = wxx * jx[p] + wxy * jy[p], wxy * jx[p] + wyy * jy[p]
             v[p] -= gx * ex + gy * ey
@@ -256,7 +257,10 @@ def keep(places: Array, chosen_of: Index, filled: int, row: Array, chosen: Index
         if places[least, EVIDENCE] >= row[EVIDENCE]:
             return filled
         same = least
-    places[same], chosen_of[same] = row, chosen
+    for k in range(row.size):
+        places[same, k] = row[k]
+    for i in range(chosen.size):
+        chosen_of[same, i] = chosen[i]
     return filled
 
 
@@ -295,8 +299,11 @@ def search(
     places, chosen_of = np.zeros((most, 14)), np.full((most, n), -1)
     filled, tried = 0, 0
     pose, chosen, far = np.zeros(3), np.full(n, -1), np.zeros(n)
-    row = np.zeros(14)
-    few = order_of((starts[1:] - starts[:-1]).astype(np.float64), starts)  # those with few candidates first
+    row, cov = np.zeros(14), np.zeros((3, 3))
+    few, count = np.empty(n, dtype=np.int64), np.empty(n)
+    for i in range(n):
+        few[i], count[i] = i, starts[i + 1] - starts[i]
+    sort_by(few, count, starts)  # those with few candidates first
     for second in range(1, n):
         for first in range(second):
             i, j = few[first], few[second]
@@ -331,13 +338,10 @@ def search(
                     if tried == tries:
                         return places[:filled], tried
                     tried += 1
-                    loose = 0.5 * largest / length2
-                    explained = associate(pose, loose, 2.0, place, spread, starts, members, positions, chosen, far)
-                    if explained < 2:
-                        continue
-                    cov, log_det = improve(pose, place, spread, chosen, positions)
-                    for _ in range(3 if log_det < math.inf else 0):
-                        explained = associate(pose, 0.0, 1.0, place, spread, starts, members, positions, chosen, far)
+                    explained, log_det = 0, 0.0
+                    for step in range(4):
+                        loose, wide = (0.5 * largest / length2, 2.0) if step == 0 else (0.0, 1.0)
+                        explained = associate(pose, loose, wide, place, spread, starts, members, positions, chosen, far)
                         if explained < 2 or log_det == math.inf:
                             break
                         cov, log_det = improve(pose, place, spread, chosen, positions)

@@ -95,6 +95,15 @@ def enter(entry: int, f: int, heads: Ints, cell_of: Ints, next_of: Ints, spare: 
 
 
 @row_kernel
+def doubled(entries: Ints) -> Ints:
+    """Return room for twice as many entries (n,), the first n of which are these."""
+    out = np.empty(2 * entries.size, dtype=np.int32)
+    for i in range(entries.size):
+        out[i] = entries[i]
+    return out
+
+
+@row_kernel
 def search(weight: Bytes, start: int, goal: int, marks: Ints, g: Ints) -> int:
     """Settle cells from the start on until the goal is.
 
@@ -150,7 +159,7 @@ def search(weight: Bytes, start: int, goal: int, marks: Ints, g: Ints) -> int:
         r, c = cell // wide, cell % wide
         even, own = w[cell] >= EVEN and came < ANY, w[cell] & FACTOR
         if used + 8 > cell_of.size:
-            cell_of, next_of = np.append(cell_of, np.empty_like(cell_of)), np.append(next_of, np.empty_like(next_of))
+            cell_of, next_of = doubled(cell_of), doubled(next_of)
         held, held_f, held_h, steps = -1, 0, 0, 8
         if even:
             steps = 1 if came < 4 else 3
@@ -236,7 +245,7 @@ def trace(weight: Bytes, start: int, goal: int, g: Ints) -> Ints:
                     found = other
         cell = found
         if n == path.size:
-            path = np.append(path, np.empty_like(path))
+            path = doubled(path)
         path[n] = cell
         n += 1
     return path[:n][::-1].copy()
