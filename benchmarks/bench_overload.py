@@ -74,7 +74,7 @@ def _restarts(machine: Machine, rtf: str) -> None:
     for pid in machine.pids().values():
         _set_nice(pid)
     paces: list[float] = []
-    worst = 0
+    worst, found = 0, machine.status()
     with busy(BUSY):
         began = time.monotonic()
         end = began + DURATION_S
@@ -176,12 +176,13 @@ def faults() -> None:
 def _well(machine: Machine) -> None:
     """Wait until every service is healthy and visible again."""
     deadline = time.monotonic() + 300.0
-    while time.monotonic() < deadline:
+    while True:
         rows = machine.status()["services"]
         if all(row["state"] == "healthy" and not row["detail"] for row in rows):
             return
+        if time.monotonic() > deadline:
+            raise RuntimeError(f"not healthy again: {rows}")
         time.sleep(0.5)
-    raise RuntimeError(f"not healthy again: {rows}")
 
 
 def main() -> None:

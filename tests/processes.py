@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from surefoot.services.supervisor.processes.identity import end as end_identity
 from surefoot.services.supervisor.processes.process import Child
-from surefoot.services.supervisor.processes.process import end as end_identity
 from surefoot.services.supervisor.processes.rundir import run_folders
 
 GRACE_S = 30.0  # s wall between SIGTERM and SIGKILL, and for the end after SIGKILL

@@ -1,7 +1,7 @@
 """The systems that run here, and which one a command means."""
 
 import os
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from surefoot.errors import ConfigError
 from surefoot.services.supervisor.processes.rundir import RunFolder, run_folders
@@ -9,8 +9,7 @@ from surefoot.services.supervisor.processes.rundir import RunFolder, run_folders
 WELL = "healthy"
 
 
-@dataclass(frozen=True)
-class Running:
+class Running(NamedTuple):
     """A system that a command can reach.
 
     Attributes:
@@ -79,4 +78,4 @@ def only_one(found: tuple[Running, ...], how: str) -> Running:
     if len(found) > 1:
         names = ", ".join(f"{one.name} ({one.namespace} at {one.connect})" for one in found)
         raise ConfigError("ambiguous", f"{len(found)} systems run: {names}; choose one with {how}", "system")
-    return found[0]
+    return next(iter(found))

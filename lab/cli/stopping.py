@@ -5,7 +5,7 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
 
 from surefoot.bus.emergency import Stopper
 from surefoot.lab.cli.running import Running
@@ -17,8 +17,7 @@ RELEASE = (
 )
 
 
-@dataclass(frozen=True)
-class Stopped:
+class Stopped(NamedTuple):
     """What became of the stop of one system.
 
     Attributes:
@@ -82,7 +81,8 @@ def answers(connect: str) -> bool:
     if kind != "tcp" or not port.isdigit():
         return True
     try:
-        socket.create_connection((host.strip("[]"), int(port)), timeout=2.0).close()
+        address: Any = host.strip("[]").encode()  # bytes: no codec for international names is imported
+        socket.create_connection((address, int(port)), timeout=2.0).close()
     except OSError:
         return False
     return True
@@ -93,7 +93,7 @@ def report(found: Sequence[Stopped], *, json: bool) -> int:
     if json:
         import json as jsonlib
 
-        sys.stdout.write(jsonlib.dumps({"systems": [asdict(one) for one in found]}, indent=1) + "\n")
+        sys.stdout.write(jsonlib.dumps({"systems": [one._asdict() for one in found]}, indent=1) + "\n")
     for one in () if json else found:
         if one.driver:
             text = f"{one.system}: stopped, {one.driver} holds the joints since tick {one.tick} or before"

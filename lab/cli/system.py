@@ -94,7 +94,7 @@ def down(
     json: Json = False,
 ) -> None:
     """Stop a system that runs, or what is left of one that crashed; several: name one, or --all."""
-    from surefoot.services.supervisor.processes.process import end
+    from surefoot.services.supervisor.processes.identity import end
 
     use_json(json)
     stopped: list[str] = []

@@ -6,17 +6,15 @@ Imports neither numpy nor the schemas: whoever asks for a stop does not wait for
 
 import json
 import time
-from dataclasses import dataclass
 from queue import Empty, SimpleQueue
-from typing import Any
+from typing import Any, NamedTuple
 
 STOP, STATUS = "cmd/estop", "sim/status"
 FIRST_S, MOST_S = 0.005, 0.1
 """A stop that is not confirmed is repeated after 5 ms, then after twice as long each time, at most 0.1 s."""
 
 
-@dataclass(frozen=True)
-class Confirmed:
+class Confirmed(NamedTuple):
     """What the driver reported.
 
     Attributes:

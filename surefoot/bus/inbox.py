@@ -6,7 +6,6 @@ queries of others, and what is only observed. A full queue refuses what comes; w
 
 import threading
 from collections import Counter, deque
-from contextlib import suppress
 from queue import Empty
 from typing import Any
 
@@ -24,31 +23,32 @@ class Lane:
     """One bounded queue of an inbox. One thread takes, any thread puts."""
 
     def __init__(self, items: int, size: int) -> None:
-        self._items: deque[tuple[Any, int]] = deque()
+        self.items: deque[tuple[Any, int]] = deque()
+        """What waits, with its size in bytes; empty or not is asked for each message of a tick."""
         self._most, self._most_bytes = items, size
-        self._bytes = 0
+        self._put = self._taken = 0
         self._lock = threading.Lock()
         self.dropped: Counter[str] = Counter()
         """Messages refused by key, at least: the bus may have dropped others before."""
 
     def __len__(self) -> int:
-        return len(self._items)
+        return len(self.items)
 
-    def put(self, item: Any, size: int, key: str) -> bool:
+    def put(self, item: Any, size: int) -> bool:
         """Return whether there was room for an item of ``size`` bytes; the first always finds room."""
+        items = self.items
         with self._lock:
-            if self._items and (len(self._items) >= self._most or self._bytes + size > self._most_bytes):
-                self.dropped[key] += 1
+            if items and (len(items) >= self._most or self._put - self._taken + size > self._most_bytes):
+                self.dropped[_key_of(item)] += 1
                 return False
-            self._items.append((item, size))
-            self._bytes += size
+            items.append((item, size))
+            self._put += size
         return True
 
     def get(self) -> Any:
         """Return the oldest item (raises IndexError)."""
-        item, size = self._items.popleft()
-        with self._lock:
-            self._bytes -= size
+        item, size = self.items.popleft()
+        self._taken += size  # by the one reader
         return item
 
 
@@ -70,26 +70,29 @@ class Inbox:
     def put(self, item: Any) -> bool:
         """Add what a tick needs; from any thread. Return whether there was room."""
         if isinstance(item, Frame):
-            if not self.tick.put(item, item.size, f"frame/{item.owner}"):
+            if not self.tick.put(item, item.size):
                 return False
             awaited = self._awaited
             awaited.discard(item.owner)
             if awaited:
                 return True
             return self._ring()
-        return self.tick.put(item, getattr(item, "size", 0), _key_of(item)) and self._ring()
+        return self.tick.put(item, getattr(item, "size", 0)) and self._ring()
 
     def put_query(self, item: Any) -> bool:
         """Add a query of no participant; from any thread. Return whether there was room."""
-        return self.queries.put(item, getattr(item, "size", 0), item.query.key) and self._ring()
+        return self.queries.put(item, getattr(item, "size", 0)) and self._ring()
 
     def put_observed(self, item: Any) -> bool:
         """Add a message that is only observed; from any thread. Return whether there was room."""
-        return self.observed.put(item, item.size, item.key) and self._ring()
+        return self.observed.put(item, item.size) and self._ring()
 
     def _ring(self) -> bool:
-        with suppress(RuntimeError):  # it rings already
-            self._bell.release()
+        if self._bell.locked():
+            try:
+                self._bell.release()
+            except RuntimeError:
+                return True  # it rings already
         return True
 
     def get(self, timeout: float, awaited: set[str]) -> Any:
@@ -119,7 +122,7 @@ class Inbox:
 
     def empty(self) -> bool:
         """Return whether nothing is there."""
-        return not (self.tick or self.queries or self.observed)
+        return not (self.tick.items or self.queries.items or self.observed.items)
 
     def dropped(self) -> dict[str, int]:
         """Return how many messages and queries were refused, by key."""
@@ -127,5 +130,7 @@ class Inbox:
 
 
 def _key_of(item: Any) -> str:
+    if isinstance(item, Frame):
+        return f"frame/{item.owner}"
     row = getattr(item, "query", item)
     return getattr(row, "key", type(row).__name__.lower())

@@ -68,21 +68,21 @@ class Ages:
             inputs: of the tick; its ``late`` is filled in.
             absent: keys that the driver does not have.
         """
-        now, before = inputs.tick.stamp_ns, self.late
+        now, before, stamps, messages = inputs.tick.stamp_ns, self.late, self._stamps, inputs.messages
         self._seen.update(inputs.tick.roster)
-        for key, message in inputs.messages.items():
-            if key in self._limits:
-                self._stamps[key] = max(message.stamp_ns, self._stamps.get(key, message.stamp_ns))
         late: dict[str, float] = {}
         for key, limit in self._limits.items():
-            if key not in self._stamps:
-                if self._owners[key] not in self._seen or key in absent:
-                    continue
-                self._stamps[key] = now  # it may take as long to come as it may later be silent
-            age = now - self._stamps[key]
-            if age > limit:
-                late[key] = age * 1e-9
+            stamp, message = stamps.get(key), messages.get(key)
+            if message is not None and (stamp is None or message.stamp_ns > stamp):
+                stamp = stamps[key] = message.stamp_ns
+            if stamp is None:
+                if self._owners[key] in self._seen and key not in absent:
+                    stamps[key] = now  # it may take as long to come as it may later be silent
+            elif now - stamp > limit:
+                late[key] = (now - stamp) * 1e-9
                 self.longest[key] = max(late[key], self.longest.get(key, 0.0))
+        if not late and not before:
+            return [], []
         self.late = late
         inputs.late.update(late)
         return [key for key in late if key not in before], [key for key in before if key not in late]

@@ -160,12 +160,12 @@ class Node:
 
     def _turn(self, deadline: float) -> bool:
         """Handles what a tick needs, one more query, one observed message and at most one tick; was there anything?"""
-        inbox, progressed = self.inbox, False
-        while inbox.tick and self.clock() < deadline:
-            self.handle(inbox.tick.get())
+        inbox, tick, clock, progressed = self.inbox, self.inbox.tick, self.clock, False
+        while tick.items and clock() < deadline:
+            self.handle(tick.get())
             progressed = True
         for lane in (inbox.queries, inbox.observed):
-            if lane and self.clock() < deadline:
+            if lane.items and clock() < deadline:
                 self.handle(lane.get())
                 progressed = True
         return self.work() or progressed
@@ -204,7 +204,7 @@ class Node:
         """One item of the inbox."""
         if isinstance(item, Delivery):
             signed = item.sender and item.topic.framed
-            if not signed or self._speaks(item.topic.owner, item.sender, prime=is_prime(item)):
+            if not signed or self._speaks(item.topic.owner, item.sender, item):
                 self._on_part(item)
         elif isinstance(item, Frame):
             self._on_frame(item)
@@ -221,16 +221,16 @@ class Node:
         except Refusal as refusal:
             self.refuse(refusal.code, refusal.message)
             return
-        if deliveries and self._speaks(frame.owner, frame.instance, prime=is_prime(deliveries[-1])):
+        if deliveries and self._speaks(frame.owner, frame.instance, deliveries[-1]):
             for delivery in deliveries:
                 self._on_part(delivery)
 
-    def _speaks(self, owner: str, instance: str, *, prime: bool) -> bool:
+    def _speaks(self, owner: str, instance: str, last: Delivery) -> bool:
         """Whether a process speaks for a service: it is the one that proved its links, or does so now."""
         before = self.bindings.bound(owner)
         if before == instance or owner == "*":
             return True
-        if not prime or not self.bindings.bind(owner, instance):
+        if not is_prime(last) or not self.bindings.bind(owner, instance):
             self.refuse("unbound", f"{owner}: a message of process {instance!r}; {before or 'none'!r} is bound")
             return False
         if owner == DRIVER and before:  # a new driver begins a new count of epochs

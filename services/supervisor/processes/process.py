@@ -1,72 +1,20 @@
-"""Processes of the operating system: start in an own group, know again, end politely, then firmly.
-
-A process is known by its id and its start time, so that a later process under the same id is never taken for it, and
-nothing is ever signalled that was not started from here.
-"""
+"""Processes that this one starts, each in a group of its own, with a log."""
 
 import os
-import select
 import signal
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
 from surefoot.lockstep.ending import ENDS
+from surefoot.services.supervisor.processes.identity import identify
 from surefoot.services.supervisor.processes.signs import starved_s
 
 SERVICE_MODULE = "surefoot.lockstep.discover"
 MAX_LOG_BYTES = 32 * 1024 * 1024  # a larger log is set aside as <name>.log.1 at the next start
-
-
-@dataclass(frozen=True)
-class Identity:
-    """A process, distinguishable from every other one of this boot and of others.
-
-    Attributes:
-        pid: process id (of the group leader: its group has the same number).
-        started: start time in clock ticks since boot, as the kernel tells it.
-        boot: identity of the boot; start times of another boot mean nothing.
-    """
-
-    pid: int
-    started: int
-    boot: str
-
-    def alive(self) -> bool:
-        """Tell whether this very process still runs (a zombie does not)."""
-        return identify(self.pid) == self
-
-    def signal_group(self, number: signal.Signals) -> bool:
-        """Signal the process and its children; False when it is gone or somebody else has its id.
-
-        A supervisor that a script has started leads no group: it alone is signalled, and ends its own.
-        """
-        if not self.alive():
-            return False
-        try:
-            if os.getpgid(self.pid) == self.pid:
-                os.killpg(self.pid, number)
-            else:
-                os.kill(self.pid, number)
-        except (ProcessLookupError, PermissionError):
-            return False
-        return True
-
-
-def identify(pid: int) -> Identity | None:
-    """Return the identity of a running process, None when there is none of that id."""
-    try:
-        stat = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
-        boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
-    except OSError:
-        return None
-    fields = stat.rpartition(")")[2].split()  # the name before ')' may contain anything
-    state, started = fields[0], int(fields[19])
-    return None if state in ("Z", "X") else Identity(pid, started, boot)
 
 
 class Child:
@@ -144,35 +92,6 @@ def resolve_command(command: Sequence[str]) -> list[str]:
     if program in ("python", "python3"):
         return [sys.executable, *arguments]
     return [program, *arguments]
-
-
-def end(identity: Identity, grace_s: float = 2.0) -> bool:
-    """End a process that is not our child (of an earlier supervisor): SIGTERM, then SIGKILL after `grace_s`.
-
-    Returns:
-        True when it is gone, False when it could not be ended.
-    """
-    for number, patience_s in ((signal.SIGTERM, grace_s), (signal.SIGKILL, 1.0)):
-        if not identity.signal_group(number):
-            return not identity.alive()
-        if _gone_within(identity, patience_s):
-            return True
-    return False
-
-
-def _gone_within(identity: Identity, patience_s: float) -> bool:
-    """Wait for the end of a process that is not our child, by its pidfd."""
-    try:
-        handle = os.pidfd_open(identity.pid)
-    except (OSError, AttributeError):
-        return not identity.alive()
-    try:
-        poller = select.poll()
-        poller.register(handle, select.POLLIN)
-        poller.poll(patience_s * 1000)
-    finally:
-        os.close(handle)
-    return not identity.alive()
 
 
 def busy_s(pids: Iterable[int]) -> float:

@@ -7,13 +7,11 @@ once), `endpoint.json`, `processes.json` and `logs/<service>.log`.
 import fcntl
 import json
 import os
-import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
-from surefoot.services.supervisor.processes.process import Identity, end, identify
+from surefoot.services.supervisor.processes.identity import Identity, end, identify
 
 if TYPE_CHECKING:
     from surefoot.schemas.system import ServiceStatus
@@ -34,8 +32,7 @@ class RunFolderError(Exception):
         self.code = code
 
 
-@dataclass(frozen=True)
-class Endpoint:
+class Endpoint(NamedTuple):
     """How to reach a running system.
 
     Attributes:
@@ -125,10 +122,10 @@ class RunFolder:
 
     def write_endpoint(self, endpoint: Endpoint) -> None:
         """Store how to reach the system, and who supervises it."""
-        self._write("endpoint.json", asdict(endpoint))
+        self._write("endpoint.json", endpoint._asdict())
         own = identify(os.getpid())
         if own is not None:
-            self._write("supervisor.json", asdict(own))
+            self._write("supervisor.json", own._asdict())
 
     def endpoint(self) -> Endpoint | None:
         """Return how to reach the system; None when it does not run."""
@@ -173,7 +170,7 @@ class RunFolder:
 
     def write_processes(self, processes: Mapping[str, Identity]) -> None:
         """Store which processes are ours."""
-        self._write("processes.json", {name: asdict(identity) for name, identity in processes.items()})
+        self._write("processes.json", {name: identity._asdict() for name, identity in processes.items()})
 
     def processes(self) -> dict[str, Identity]:
         """Return the processes of this system that still live, whoever supervises them."""
@@ -202,6 +199,8 @@ class RunFolder:
 
     def _write(self, name: str, content: Any) -> None:
         """Replace a file at once: a reader sees the old or the new one, never half of it."""
+        import tempfile  # here: whoever only reads does without
+
         handle, temporary = tempfile.mkstemp(dir=self.path, prefix=f".{name}")
         with os.fdopen(handle, "w", encoding="utf-8") as stream:
             json.dump(content, stream, indent=1)

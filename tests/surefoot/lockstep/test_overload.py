@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -50,12 +51,13 @@ GAP_S = 3.0  # s wall, an unread `**` stopped every run for at least 5 s before 
 
 def test_a_lane_is_bounded_by_count_and_by_bytes_and_counts_what_it_refuses() -> None:
     lane = Lane(3, 100)
-    assert [lane.put(n, 10, "a") for n in range(5)] == [True, True, True, False, False]
-    assert [lane.get() for _ in range(3)] == [0, 1, 2]
-    assert lane.put("large", 1000, "b")  # the first always finds room
-    assert not lane.put("small", 1, "c")
-    assert lane.get() == "large"
-    assert [lane.put(n, 60, "d") for n in range(2)] == [True, False]
+    a, b, c, d = (SimpleNamespace(key=key) for key in "abcd")
+    assert [lane.put(a, 10) for _ in range(5)] == [True, True, True, False, False]
+    assert [lane.get() for _ in range(3)] == [a, a, a]
+    assert lane.put(b, 1000)  # the first always finds room
+    assert not lane.put(c, 1)
+    assert lane.get() is b
+    assert [lane.put(d, 60) for _ in range(2)] == [True, False]
     assert lane.dropped == {"a": 2, "c": 1, "d": 1}
 
 

@@ -6,13 +6,13 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
-from dataclasses import replace
 
 import pytest
 
+from surefoot.services.supervisor.processes.identity import end, identify
 from surefoot.services.supervisor.processes.logs import tail
 from surefoot.services.supervisor.processes.ports import owner_of, port_of
-from surefoot.services.supervisor.processes.process import Child, busy_s, end, identify, resolve_command
+from surefoot.services.supervisor.processes.process import Child, busy_s, resolve_command
 from tests.processes import GRACE_S, run_process, running, running_child
 
 SLEEP = [sys.executable, "-c", "import time; print('up', flush=True); time.sleep(60)"]
@@ -67,11 +67,11 @@ def test_a_program_that_does_not_exist_is_an_error(tmp_path):
 
 def test_an_id_that_was_given_again_is_not_taken_for_ours(tmp_path):
     with started(tmp_path, SLEEP) as child:
-        other = replace(child.identity, started=child.identity.started - 1)
+        other = child.identity._replace(started=child.identity.started - 1)
         assert not other.alive()
         assert not other.signal_group(signal.SIGKILL)
         assert end(other)
-        assert replace(child.identity, boot="another").alive() is False
+        assert child.identity._replace(boot="another").alive() is False
         assert child.poll() is None
 
 

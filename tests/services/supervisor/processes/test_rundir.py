@@ -63,7 +63,7 @@ def test_a_supervisor_that_was_killed_leaves_processes_that_the_next_one_ends(fo
 
 def _supervise_and_die(child, tmp_path):
     script = (
-        "import os, signal, sys; from surefoot.services.supervisor.processes.process import identify\n"
+        "import os, signal, sys; from surefoot.services.supervisor.processes.identity import identify\n"
         "from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder\n"
         "from pathlib import Path\n"
         f"f = RunFolder('ragno', Path({str(tmp_path)!r})); f.acquire()\n"
