@@ -168,6 +168,7 @@ class ChaosSystem:
         self._frozen: dict[str, float] = {}
         self._dead: dict[str, float] = {}
         self._back: dict[str, float] = {}
+        self._refused_before: dict[Event, dict[tuple[str, str], int]] = {}
         self.nodes: dict[str, Node] = {}
         for name in makers:
             self._start(name)
@@ -196,6 +197,7 @@ class ChaosSystem:
         while not finished():
             progressed = self.bus.turn()
             self._happen()
+            self._notice()
             for name, node in list(self.nodes.items()):
                 if name not in self._frozen and name not in self._dead:
                     progressed = node.pump_once() or progressed
@@ -226,6 +228,7 @@ class ChaosSystem:
             if event.service in self._dead or event.service in self._frozen:
                 continue
             self.outcomes.append(Outcome(event, self.now))
+            self._refused_before[event] = self._refused()
             if event.kind == "freeze":
                 self._frozen[event.service] = self.now + event.size
                 if event.size >= 1.0:  # the lease is over: its token is gone
@@ -237,8 +240,26 @@ class ChaosSystem:
             else:
                 self.bus.left[event] = event.count
 
+    def _refused(self) -> dict[tuple[str, str], int]:
+        return {(name, why): n for name, node in self.nodes.items() for why, n in node.refused.items()}
+
+    def _notice(self) -> None:
+        """Note who is first to see an event: a driver that waits, or a service that counts one refusal more."""
+        leader = self.driver.leader
+        for place, outcome in enumerate(self.outcomes):
+            event = outcome.event
+            if outcome.noticed is not None or outcome.recovered is not None:
+                continue
+            by = f"{self.driver.name}: {leader.reason}" if event.service in leader.lost else ""
+            if not by and self.bus.spoilt.get(event):
+                before = self._refused_before[event]
+                by = next((f"{n}: {why}" for (n, why), k in self._refused().items() if k > before.get((n, why), 0)), "")
+            if by:
+                self.outcomes[place] = replace(outcome, noticed=self.now, by=by)
+
     def _close_events(self) -> None:
         """Note that events are over: a tick comes, with everybody on the roster."""
+        self._notice()
         leader = self.driver.leader
         if self._frozen or self._dead or not set(leader.expect) <= set(leader.members):
             return

@@ -107,6 +107,16 @@ def test_after_killed_and_frozen_services_everybody_is_back(kinds: tuple[Kind, .
         assert system.absent() == ()
 
 
+def test_who_noticed_an_event_and_when_is_part_of_its_outcome() -> None:
+    for seed in range(6):
+        for kind, by in (("kill", "simulator: "), ("corrupt", ": malformed")):
+            for outcome in run(seed, 2, (kind,))[1].outcomes:  # type: ignore[arg-type]
+                if outcome.spoilt or kind == "kill":
+                    assert outcome.noticed is not None, outcome
+                    assert by in outcome.by
+                    assert outcome.began <= outcome.noticed <= (outcome.recovered or outcome.noticed)
+
+
 def test_nothing_forged_is_obeyed_and_each_is_counted() -> None:
     expected = reference()
     refused = 0
