@@ -16,6 +16,10 @@ State = Literal["idle", "joining", "running", "paused", "holding", "ended"]
 WINDOW_TICKS = 20
 """How far the slowest member may lag."""
 
+KEEP_TICKS = WINDOW_TICKS + 2
+"""Members keep their outputs of so many ticks, to send them again when the driver repeats a tick. The slowest one may
+be done with a tick a window before the last but one: it lacks the next and, of delayed inputs, that one."""
+
 REPORT_TICKS = 10
 """Members answer every tenth tick, and the last one before a pause or the end: half the window, for each answer costs
 the driver as much as a frame. Batches go with the answers."""

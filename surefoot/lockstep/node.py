@@ -23,7 +23,7 @@ from surefoot.lockstep.answers import Answers, Late
 from surefoot.lockstep.binding import Bindings, is_prime
 from surefoot.lockstep.health import health_of, join_request
 from surefoot.lockstep.join import DRIVER, Delayed, Join, TickInputs
-from surefoot.lockstep.leader import WINDOW_TICKS
+from surefoot.lockstep.leader import KEEP_TICKS
 from surefoot.lockstep.links import Links
 from surefoot.lockstep.service import Service
 from surefoot.logline import log_line, sendable
@@ -35,9 +35,6 @@ from surefoot.schemas.topics import CMD_JOINTS, HEALTH, HEALTH_GET, HW_TICK, LOG
 Req = TypeVar("Req", bound=Request)
 Rep = TypeVar("Rep", bound=Wire)
 
-KEEP_TICKS = WINDOW_TICKS + 2
-"""Outputs kept, to be sent again: the slowest member may be done with a tick a window before the last but one, and
-lack the next and, of delayed inputs, that one."""
 JOIN_RETRY_S = 0.3
 HEALTH_PERIOD_S = 1.0
 LOOK_S = 0.1  # a node looks into its inbox at least so often: a frame that it waits for may never come

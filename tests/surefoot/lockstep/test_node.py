@@ -6,7 +6,8 @@ from surefoot.bus.codec import encode
 from surefoot.bus.interface import Life
 from surefoot.bus.memory import MemoryBus
 from surefoot.lockstep.join import DRIVER, MAX_AHEAD
-from surefoot.lockstep.node import KEEP_TICKS, Node
+from surefoot.lockstep.leader import KEEP_TICKS
+from surefoot.lockstep.node import Node
 from surefoot.schemas.state import GaitState, VelocityEstimate
 from surefoot.schemas.system import Done, LogRecord
 from surefoot.schemas.topics import FOOTHOLDS_ASSESS, HW_IMU, HW_TICK, STATE_GAIT, STATE_VELOCITY, TICK_NS
