@@ -59,7 +59,7 @@ def chaos(
         from surefoot.lab.runs.live import Options
 
         options = Options(rtf=1.0 if paced else None, listen=listen, out=out)
-        for number in _prepared(loaded, range(seed, seed + runs), out, force=force):
+        for number in _prepared(loaded, range(seed, seed + runs), options, force=force):
             found.append(_live(loaded, number, events, ticks, options))
     else:
         for number in range(seed, seed + runs):
@@ -81,24 +81,24 @@ def _in_memory(scenario: "Scenario", seed: int, events: int, ticks: int | None, 
     return run
 
 
-def _prepared(scenario: "Scenario", seeds: range, out: Path | None, *, force: bool) -> range:
+def _prepared(scenario: "Scenario", seeds: range, options: "Options", *, force: bool) -> range:
     """Check and compile all that live runs need before the first of them starts; return their seeds."""
     from surefoot.bus.endpoint import to_listen
     from surefoot.lab.cli.before import check_before
     from surefoot.lab.cli.warming import warm_if_cold
     from surefoot.services.supervisor.processes.startable import system_of
 
-    to_listen(None)
+    to_listen(options.listen)
+    for number in () if options.out is None else seeds:
+        refuse_existing(_folder(options.out, number), force=force)
     compose = system_of(scenario)
     check_before(compose, scenario.world, scenario.seed, scenario.environment)
-    for number in seeds if out is not None else ():
-        refuse_existing(_folder(out, number), force=force)
     warm_if_cold(compose, tell)
     return seeds
 
 
-def _folder(out: Path | None, seed: int) -> Path:
-    return (out or Path()) / f"seed{seed}"
+def _folder(out: Path, seed: int) -> Path:
+    return out / f"seed{seed}"
 
 
 def _live(scenario: "Scenario", seed: int, events: int, ticks: int | None, options: "Options") -> "LiveChaos":

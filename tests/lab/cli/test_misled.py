@@ -159,7 +159,7 @@ def test_an_unknown_terrain_is_refused_before_anything_starts(in_process, words,
     assert "start " not in err
 
 
-@pytest.mark.parametrize("words", [("up",), ("run", "stand")])
+@pytest.mark.parametrize("words", [("up",), ("run", "stand"), ("chaos", "stand", "--zenoh")])
 def test_a_wrong_value_in_the_environment_is_refused_before_anything_starts(in_process, monkeypatch, words):
     monkeypatch.setenv("SUREFOOT_WALKER_STRIDE_M", "-3")
     code, _, err = in_process(*words)
@@ -184,3 +184,12 @@ def test_nothing_is_overwritten_without_force(in_process, tmp_path, words):
     assert "exists" in err
     assert "--force" in err
     assert (there / "report.html" if there.is_dir() else there).read_text() == "mine"
+
+
+def test_chaos_overwrites_no_folder_of_a_seed(in_process, tmp_path):
+    (tmp_path / "seed3").mkdir()
+    (tmp_path / "seed3" / "report.html").write_text("mine")
+    code, _, err = in_process("chaos", "stand", "--zenoh", "--seed", 2, "--runs", 2, "--out", tmp_path)
+    assert code == cli.EXIT_USAGE
+    assert "seed3" in err
+    assert "--force" in err
