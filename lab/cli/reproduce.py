@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 PAPERS = {
     "osswald": "surefoot.lab.papers.osswald.navigation",
+    "walas-footholds": "surefoot.lab.papers.walas.footholds",
     "walas-stability": "surefoot.lab.papers.walas.stability",
     "wawrzynski": "surefoot.lab.papers.wawrzynski.velocity",
 }

@@ -24,7 +24,7 @@ from surefoot.schemas.terrain import HeightMapMessage
 from surefoot.schemas.topics import FOOTHOLDS_ASSESS, FOOTHOLDS_LEARN, FOOTHOLDS_MODEL, FOOTHOLDS_SELECT, TERRAIN_MAP
 from surefoot.services.footholds.assess import assess, whole_map, window_about
 from surefoot.services.footholds.config import FootholdsConfig
-from surefoot.services.footholds.ground import FootholdGround, build_ground
+from surefoot.services.footholds.ground import FootholdGround, build_ground, updated_ground
 from surefoot.services.footholds.job import LearnJob
 from surefoot.services.footholds.messages import base_pose, leg_foothold, mask_bits, mask_counts, model_reply
 from surefoot.services.footholds.models.files import ModelError, load, shipped
@@ -64,6 +64,8 @@ class Footholds(Service[FootholdsConfig]):
         self.params = self.config.params()
         self.legs = {leg.name: index for index, leg in enumerate(self.robot.legs)}
         self._message: HeightMapMessage | None = None
+        self._raw: HeightMap | None = None
+        """The map that the ground was made of."""
         self._ground: FootholdGround | None = None
         self.handle(FOOTHOLDS_SELECT, self.select)
         self.handle(FOOTHOLDS_ASSESS, self.assess)
@@ -80,7 +82,11 @@ class Footholds(Service[FootholdsConfig]):
         """Answer made-up requests on a made-up map, as another service of the same configuration."""
         other = Footholds(self.config.model_copy(update={"relearn": "off"}))
         other.on_start()
-        other._ground = build_ground(made_up_map(other.robot), other.robot.foot_radius, self.config.smooth)
+        heights = made_up_map(other.robot)
+        ground = build_ground(heights, other.robot.foot_radius, self.config.smooth)
+        changed = heights.z.copy()
+        changed[:2, :2] = 0.01
+        other._ground = updated_ground(ground, heights, heights.with_z(changed))
         selects, assesses = made_up_requests(other.robot)
         for model in (other.chosen, other.hand_made):
             other.model = model
@@ -91,7 +97,7 @@ class Footholds(Service[FootholdsConfig]):
 
     def on_reset(self) -> None:
         """Forget the map, and what a job of the past epoch was to put in force; the new epoch brings its own."""
-        self._message = self._ground = None
+        self._message = self._ground = self._raw = None
         self.job.forget()
         self._choices = 0
         made = None if self.learner is None else self.learner.close()
@@ -107,10 +113,14 @@ class Footholds(Service[FootholdsConfig]):
         try:
             heights = HeightMap.from_wire(message.model_dump(), message.data)
         except HeightMapError as error:
-            self._ground = None
+            self._ground = self._raw = None
             self.log("error", f"terrain/map refused: {error}")
             return
-        self._ground = build_ground(heights, self.robot.foot_radius, self.config.smooth)
+        if self._ground is not None and self._raw is not None:
+            self._ground = updated_ground(self._ground, self._raw, heights)
+        else:
+            self._ground = build_ground(heights, self.robot.foot_radius, self.config.smooth)
+        self._raw = heights
         self._fit()
 
     def use_model(self, request: ModelRequest) -> ModelReply:

@@ -142,7 +142,7 @@ class HeightMap:
         if not (math.isfinite(radius) and radius >= 0.0):
             raise HeightMapError("radius", f"must be finite and >= 0 m, got {radius!r}")
         out = np.empty_like(self.z)
-        kernels.dilate(self.z, *kernels.ball(radius, self.cell), out)
+        kernels.dilate(self.z, *kernels.ball(radius, self.cell), out, 0, self.z.shape[0], 0, self.z.shape[1])
         return replace(self, z=out)
 
     def smoothed(self, min_known: int = 6) -> "HeightMap":
@@ -152,8 +152,16 @@ class HeightMap:
         are known (a drop-out of the sensor); 9 fills none.
         """
         out = np.empty_like(self.z)
-        kernels.median3(self.z, min_known, out)
+        kernels.median3(self.z, min_known, out, 0, self.z.shape[0], 0, self.z.shape[1])
         return replace(self, z=out)
+
+    def smooth_part(self, out: NDArray[np.float32], row0: int, row1: int, col0: int, col1: int) -> None:
+        """Write `smoothed` of some rows and columns into an array of the map's shape, the ends left out."""
+        kernels.median3(self.z, 6, out, row0, row1, col0, col1)
+
+    def dilate_part(self, radius: float, out: NDArray[np.float32], row0: int, row1: int, col0: int, col1: int) -> None:
+        """Write `dilated` of some rows and columns into an array of the map's shape, the ends left out."""
+        kernels.dilate(self.z, *kernels.ball(radius, self.cell), out, row0, row1, col0, col1)
 
     def max_in_path(self, p0: Sequence[float], p1: Sequence[float], halfwidth: float) -> float:
         """Highest ground in the whole corridor swept from p0 to p1, m; NaN when all of it is unknown.

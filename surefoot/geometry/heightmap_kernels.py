@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.kernels.jit import kernel
+from surefoot.kernels.jit import kernel, row_kernel
 
 Heights = NDArray[np.float32]
 
@@ -82,56 +82,112 @@ def ball(radius: float, cell: float) -> tuple[NDArray[np.int64], NDArray[np.int6
     return rows[near].astype(np.int64), cols[near].astype(np.int64), lift
 
 
-@kernel
+@row_kernel
+def _raise(source: Heights, lift: np.float32, target: Heights) -> None:
+    """target = max(target, source + lift), a NaN of the source left out; rows of equal length."""
+    for j in range(target.shape[0]):
+        value = source[j] + lift
+        target[j] = value if value > target[j] else target[j]
+
+
+@row_kernel
 def dilate(
-    z: Heights, rows: NDArray[np.int64], cols: NDArray[np.int64], lift: NDArray[np.float32], out: Heights
-) -> None:
-    """out[i, j] = max over k of z[i + rows[k], j + cols[k]] + lift[k]; NaN neighbours left out, NaN cells stay."""
+    z: Heights, rows: NDArray[np.int64], cols: NDArray[np.int64], lift: NDArray[np.float32], out: Heights, row0: int,
+    row1: int, col0: int, col1: int,
+) -> None:  # fmt: skip
+    """out[i, j] = max over k of z[i + rows[k], j + cols[k]] + lift[k]; NaN neighbours left out, NaN cells stay.
+
+    Only the rows from row0 to row1 and the columns from col0 to col1 are written, the ends left out.
+    """
     ny, nx = z.shape
-    for i in range(ny):
-        here = z[i]
-        target = out[i]
-        for j in range(nx):
-            target[j] = -math.inf
+    lowest, unknown = np.float32(-np.inf), np.float32(np.nan)
+    for i in range(row0, row1):
+        here, target = z[i, col0:col1], out[i, col0:col1]
+        for j in range(target.shape[0]):
+            target[j] = lowest
         for k in range(rows.shape[0]):
-            r = i + rows[k]
+            r, shift = i + rows[k], cols[k]
             if r < 0 or r >= ny:
                 continue
-            source = z[r]
-            shift = cols[k]
-            extra = lift[k]
-            for j in range(max(0, -shift), min(nx, nx - shift)):
-                value = source[j + shift] + extra
-                if value > target[j]:  # False for NaN
-                    target[j] = value
-        for j in range(nx):
-            if math.isnan(here[j]):
-                target[j] = math.nan
+            first, last = max(col0, -shift), min(col1, nx - shift)
+            if first < last:
+                _raise(z[r, first + shift : last + shift], lift[k], target[first - col0 : last - col0])
+        for j in range(target.shape[0]):
+            target[j] = unknown if np.isnan(here[j]) else target[j]
 
 
-@kernel
-def median3(z: Heights, min_known: int, out: Heights) -> None:
-    """Median of the known heights in each 3 x 3 window; an unknown cell needs `min_known` known neighbours."""
+@row_kernel
+def _columns(up: Heights, mid: Heights, down: Heights, low: Heights, middle: Heights, high: Heights) -> None:
+    """Sort three rows cell by cell; NaN and infinities spoil the cells they are in."""
+    for j in range(mid.shape[0]):
+        a, b, c = up[j], mid[j], down[j]
+        small, large = min(a, b), max(a, b)
+        low[j], high[j] = min(small, c), max(large, c)
+        middle[j] = max(small, min(large, c)) + ((a - a) + (b - b) + (c - c))
+
+
+@row_kernel
+def _medians(low: Heights, middle: Heights, high: Heights, out: Heights) -> None:
+    """Median of nine from three sorted columns: that of the largest low, the median middle and the smallest high."""
+    for j in range(out.shape[0]):
+        a = max(max(low[j], low[j + 1]), low[j + 2])
+        c = min(min(high[j], high[j + 1]), high[j + 2])
+        p, q, r = middle[j], middle[j + 1], middle[j + 2]
+        b = max(min(p, q), min(max(p, q), r))
+        small, large = min(a, b), max(a, b)
+        out[j] = max(small, min(large, c)) + ((p - p) + (q - q) + (r - r))
+
+
+@row_kernel
+def median3(z: Heights, min_known: int, out: Heights, row0: int, row1: int, col0: int, col1: int) -> None:
+    """Median of the known heights in each 3 x 3 window; an unknown cell needs `min_known` known neighbours.
+
+    Windows that are known and inside the map are done row by row, three sorted columns shared by three windows; the
+    others cell by cell. Only rows from row0 to row1 and columns from col0 to col1 are written, the ends left out.
+    """
     ny, nx = z.shape
     window = np.empty(9, dtype=np.float32)
-    for i in range(ny):
-        for j in range(nx):
-            n = 0
-            for r in range(max(0, i - 1), min(ny, i + 2)):
-                for c in range(max(0, j - 1), min(nx, j + 2)):
-                    value = z[r, c]
-                    if math.isnan(value):
-                        continue
-                    k = n
-                    while k > 0 and window[k - 1] > value:
-                        window[k] = window[k - 1]
-                        k -= 1
-                    window[k] = value
-                    n += 1
-            if n == 0 or (math.isnan(z[i, j]) and n < min_known):
-                out[i, j] = math.nan
-            else:
-                out[i, j] = np.float32(0.5) * (window[(n - 1) // 2] + window[n // 2])
+    first, last = max(col0, 1), min(col1, nx - 1)
+    n = max(0, last - first)
+    low, middle, high = np.empty(n + 2, np.float32), np.empty(n + 2, np.float32), np.empty(n + 2, np.float32)
+    unknown = np.float32(np.nan)
+    for i in range(row0, row1):
+        target = out[i]
+        if n > 0 and i > 0 and i < ny - 1:
+            a, b = first - 1, last + 1
+            _columns(z[i - 1, a:b], z[i, a:b], z[i + 1, a:b], low, middle, high)
+            _medians(low, middle, high, target[first:last])
+            if col0 == 0:
+                target[0] = unknown
+            if col1 == nx:
+                target[nx - 1] = unknown
+        else:
+            for j in range(col0, col1):
+                target[j] = unknown
+        for j in range(col0, col1):
+            if np.isnan(target[j]):
+                target[j] = _median_of(z, i, j, min_known, window)
+
+
+@row_kernel
+def _median_of(z: Heights, i: int, j: int, min_known: int, window: Heights) -> np.float32:
+    """Median of the known heights about one cell."""
+    ny, nx = z.shape
+    n = 0
+    for r in range(max(0, i - 1), min(ny, i + 2)):
+        for c in range(max(0, j - 1), min(nx, j + 2)):
+            value = z[r, c]
+            if np.isnan(value):
+                continue
+            k = n
+            while k > 0 and window[k - 1] > value:
+                window[k] = window[k - 1]
+                k -= 1
+            window[k] = value
+            n += 1
+    if n == 0 or (np.isnan(z[i, j]) and n < min_known):
+        return np.float32(np.nan)
+    return np.float32(0.5) * (window[(n - 1) // 2] + window[n // 2])
 
 
 @kernel

@@ -1,0 +1,143 @@
+"""Trials and walks behind Figs. 7 to 12 of Walas & Belter (2011), kept in a folder so that a study can be gone on with.
+
+Walks are tripod walks of 0.9 m at friction 0.5 over the ground of section 3.4 (`mixed`: flagstones, hills, depressions,
+stones; +8.7 to -0.35 cm) with its exact map. Seeds of collection and of walks differ.
+"""
+
+import json
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from surefoot.lab.footholds.campaign import read, sample_of
+from surefoot.lab.footholds.primitives import own_worker, paper_trials, run_trials
+from surefoot.lab.footholds.rules import model_rule, random_rule
+from surefoot.lab.footholds.walks import JoinedWalk, Rule, Setting
+from surefoot.robot.reader import load_robot
+from surefoot.services.footholds.learning.samples import Sample
+from surefoot.services.footholds.models.files import load
+from surefoot.services.footholds.select import SelectParams
+
+ROBOT = "ragno"
+GROUND = Setting("mixed", 0.9, None, 0.5, profile="exact")
+FLAT = replace(GROUND, terrain="flat")
+NOISE = 0.003
+"""m, of the noise-augmented primitives (Fig. 9)."""
+
+
+@dataclass(frozen=True)
+class WalkKey:
+    """One walk of the study."""
+
+    case: str
+    seed: int
+    setting: Setting = GROUND
+    model: str = ""
+    """File of the model that chooses; empty: `random` draws, any other case lands on nominal footholds."""
+    weight: float | None = None
+    """k of Q = P + k K4, 1/m; None = that of the model."""
+
+    def rule(self) -> Rule | None:
+        """The rule of the walk: the paper's choice, the least Q of single cells."""
+        if self.model:
+            return model_rule(load(self.model), SelectParams(robust=False, distance_weight=self.weight))
+        return random_rule(self.seed) if self.case.startswith("random") else None
+
+
+@dataclass(frozen=True)
+class WalkResult:
+    """What came of it."""
+
+    case: str
+    seed: int
+    fell: bool
+    rows: tuple[tuple[int, float, float], ...]
+    """Of each stance: step, r = sliding / |f|, and the paper's d / |f|."""
+    samples: tuple[Sample, ...]
+
+    def accumulated(self, steps: int, column: int = 1) -> np.ndarray:
+        """Return S(n) = sum of r over all stances of the steps up to n, (steps,)."""
+        total = np.zeros(steps)
+        for row in self.rows:
+            if 1 <= row[0] <= steps:
+                total[row[0] - 1] += row[column]
+        return np.cumsum(total)
+
+    @property
+    def steps(self) -> int:
+        """Steps with a finished stance."""
+        return max((row[0] for row in self.rows), default=0)
+
+
+def walked(key: WalkKey) -> dict[str, Any]:
+    """Walk; returns plain values, as they stand in the folder."""
+    joined = JoinedWalk(key.seed, key.setting, key.rule())
+    while joined.tick():
+        pass
+    robot, ground = joined.robot, joined.recorder.ground
+    told = {"friction": key.setting.friction, "robot": robot.name, "robot_hash": robot.hash, "source": f"{key.case}"}
+    found = [s for s in joined.judge.found if float(np.hypot(*s.stroke[:2])) > 1e-3]
+    rows = [(s.step, *(v / float(np.hypot(*s.stroke[:2])) for v in (s.sliding, s.displacement))) for s in found]
+    samples = [replace(sample_of(s, ground, f"{key.case} {key.seed}"), **told) for s in found]
+    return {
+        "case": key.case, "seed": key.seed, "fell": joined.verdict().fallen, "rows": rows,
+        "samples": [asdict(each) for each in samples if not each.problem],
+    }  # fmt: skip
+
+
+class Runs:
+    """Walks and trials of a study; those of the folder are not done again."""
+
+    def __init__(self, folder: Path, jobs: int | None = None) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self.folder, self.jobs = folder, jobs or os.cpu_count() or 1
+        self._file = folder / "walks.jsonl"
+        self._done: dict[tuple[str, int], dict[str, Any]] = {}
+        for line in self._file.read_text(encoding="utf-8").splitlines() if self._file.exists() else ():
+            try:
+                found = json.loads(line)
+                self._done[found["case"], found["seed"]] = found
+            except (ValueError, KeyError):
+                continue  # a torn line
+
+    def walks(self, keys: Sequence[WalkKey], tell: Callable[[str], None]) -> list[WalkResult]:
+        """Return the results of walks in their order."""
+        missing = [key for key in keys if (key.case, key.seed) not in self._done]
+        for number, found in enumerate(self._walk(missing), 1):
+            self._done[found["case"], found["seed"]] = found
+            with self._file.open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps(found) + "\n")
+            tell(f"walk {number} of {len(missing)}: {found['case']}, seed {found['seed']}")
+        return [_result(self._done[key.case, key.seed]) for key in keys]
+
+    def primitives(self, seeds: Sequence[int], noise: float, tell: Callable[[str], None]) -> list[Sample]:
+        """Return the outcomes of all primitives: without noise once, else once for each seed."""
+        robot, out = load_robot(ROBOT), self.folder / "primitives.jsonl"
+        trials = paper_trials(noise=noise, seeds=seeds)
+        count = run_trials(robot, trials, out, [own_worker(robot)])
+        tell(f"{count} of {len(trials)} trials with primitives, noise {1e3 * noise:g} mm")
+        wanted = {f"-{trial.noise:g}-{trial.stance}-{trial.stroke:g}-{trial.seed}" for trial in trials}
+        return [each for each in read(out)[0] if any(each.trial.endswith(end) for end in wanted)]
+
+    def _walk(self, keys: Sequence[WalkKey]) -> Iterator[dict[str, Any]]:
+        if self.jobs == 1 or len(keys) < 2:
+            yield from map(walked, keys)
+            return
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        with ProcessPoolExecutor(self.jobs) as pool:
+            for future in as_completed([pool.submit(walked, key) for key in keys]):
+                yield future.result()
+
+
+def _result(found: dict[str, Any]) -> WalkResult:
+    samples = tuple(
+        Sample(**{**each, "stroke": tuple(each["stroke"]), "heights_um": tuple(each["heights_um"])})
+        for each in found["samples"]
+    )
+    rows = tuple((int(a), float(b), float(c)) for a, b, c in found["rows"])
+    return WalkResult(found["case"], found["seed"], bool(found["fell"]), rows, samples)
