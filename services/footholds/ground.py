@@ -58,7 +58,7 @@ def updated_ground(ground: FootholdGround, raw: HeightMap, heights: HeightMap) -
             layer.flags.writeable = True
         heights.smooth_part(ground.surface.z, *_grown(rows, cols, 1, heights.shape))
         ground.surface.dilate_part(ground.foot_radius, ground.centres.z, *_grown(rows, cols, reach, heights.shape))
-    return replace(ground, surface=heights.with_z(ground.surface.z), centres=heights.with_z(ground.centres.z))
+    return replace(ground, surface=heights.derived(ground.surface.z), centres=heights.derived(ground.centres.z))
 
 
 def changed_cells(old: Layer, new: Layer) -> tuple[slice, slice]:

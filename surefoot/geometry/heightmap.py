@@ -143,7 +143,7 @@ class HeightMap:
             raise HeightMapError("radius", f"must be finite and >= 0 m, got {radius!r}")
         out = np.empty_like(self.z)
         kernels.dilate(self.z, *kernels.ball(radius, self.cell), out, 0, self.z.shape[0], 0, self.z.shape[1])
-        return replace(self, z=out)
+        return self.derived(out)
 
     def smoothed(self, min_known: int = 6) -> "HeightMap":
         """The map with the noise of single cells filtered: the median of the known cells in each 3 x 3 window.
@@ -153,7 +153,7 @@ class HeightMap:
         """
         out = np.empty_like(self.z)
         kernels.median3(self.z, min_known, out, 0, self.z.shape[0], 0, self.z.shape[1])
-        return replace(self, z=out)
+        return self.derived(out)
 
     def smooth_part(self, out: NDArray[np.float32], row0: int, row1: int, col0: int, col1: int) -> None:
         """Write `smoothed` of some rows and columns into an array of the map's shape, the ends left out."""
@@ -174,6 +174,14 @@ class HeightMap:
             self.z, self.cell, self.origin[0], self.origin[1],
             float(p0[0]), float(p0[1]), float(p1[0]), float(p1[1]), float(halfwidth),
         )  # fmt: skip
+
+    def derived(self, z: NDArray[np.float32]) -> "HeightMap":
+        """The same grid and version with heights that were computed from it: neither copied nor checked again."""
+        made = object.__new__(HeightMap)
+        z.flags.writeable = False
+        for name, value in (("z", z), ("cell", self.cell), ("origin", self.origin), ("version", self.version)):
+            object.__setattr__(made, name, value)
+        return made
 
     def with_z(self, z: NDArray[np.float32], version: int | None = None) -> "HeightMap":
         """The same grid with other heights."""
