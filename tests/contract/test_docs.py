@@ -24,7 +24,7 @@ PLACEHOLDER = re.compile(r"<[^>]*>")
 ENDING = re.compile(r"\.(py|md|toml|yaml|json|png|cff)$")
 DECISION = re.compile(r"^\*\*(.+?)\*\*", re.MULTILINE)
 ROW = re.compile(r"^\| (.+) \| \[.+\]\((.+)\) \|$", re.MULTILINE)
-FAULT = re.compile(r"^\| ((?!fault |---).+?) \| .+ \| (.+) \|$", re.MULTILINE)
+FAULT = re.compile(r"^\| ((?!fault |---)[^|]+?) \| [^|]+ \| [^|]+ \| ([^|]+) \|$", re.MULTILINE)
 FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir() and not path.name.startswith(".")}
 
 
