@@ -89,8 +89,9 @@ def _prepared(scenario: "Scenario", seeds: range, options: "Options", *, force: 
     from surefoot.services.supervisor.processes.startable import system_of
 
     to_listen(options.listen)
-    for number in () if options.out is None else seeds:
-        refuse_existing(_folder(options.out, number), force=force)
+    if options.out is not None:
+        for number in seeds:
+            refuse_existing(_folder(options.out, number), force=force)
     compose = system_of(scenario)
     check_before(compose, scenario.world, scenario.seed, scenario.environment)
     warm_if_cold(compose, tell)

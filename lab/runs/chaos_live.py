@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from random import Random
 from types import TracebackType
-from typing import Any, Self
+from typing import Self, cast
 
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.errors import CallError, SurefootError
@@ -23,7 +23,7 @@ from surefoot.lockstep.chaos import FORGER, FREEZE_S, Event, Kind, Outcome
 from surefoot.record.recording import verify_recording
 from surefoot.schemas.base import Message
 from surefoot.schemas.hw import JointCommand
-from surefoot.schemas.sim import SimStatus
+from surefoot.schemas.sim import SimStatus, Truth
 from surefoot.schemas.system import Health, HealthRequest, LogRecord
 from surefoot.schemas.topics import CMD_JOINTS, HEALTH_GET, LOG, SIM_TRUTH, TICK_NS, TOPICS
 from surefoot.services.supervisor.processes.process import Identity, identify
@@ -209,7 +209,8 @@ class Chaos:
 
     def fell_at(self) -> int | None:
         """Return the first tick in which the truth says that the robot lies."""
-        truths = (d.message() for d in self.session.supervisor.kept if d.topic.key == SIM_TRUTH.key)
+        kept = self.session.supervisor.kept
+        truths = (cast(Truth, delivery.message()) for delivery in kept if delivery.topic.key == SIM_TRUTH.key)
         return next((truth.tick for truth in truths if truth.fallen), None)
 
     # -- what is noticed -----------------------------------------------------------------------------------------------
@@ -359,10 +360,10 @@ class Chaos:
 
     def _forge(self, count: int) -> None:
         """Publish joint commands of the present ticks in the walker's name, from another process."""
-        joints = next((d for d in reversed(self.session.supervisor.kept) if d.topic.key == SIM_TRUTH.key), None)
-        truth: Any = None if joints is None else joints.message()
-        if truth is None:
+        last = next((d for d in reversed(self.session.supervisor.kept) if d.topic.key == SIM_TRUTH.key), None)
+        if last is None:
             return
+        truth = cast(Truth, last.message())
         publisher = self._bus.publisher(CMD_JOINTS, FORGER)
         for _ in range(count):
             tick = self.session.supervisor.ticks
