@@ -15,7 +15,8 @@ class Bindings:
 
     def __init__(self) -> None:
         self._visible: dict[str, set[str]] = {}
-        self._bound: dict[str, str] = {}
+        self.bound: dict[str, str] = {}
+        """The process that speaks for each service that has proved its links."""
 
     def on_life(self, life: Life) -> None:
         """Note that a process appeared or went out of sight."""
@@ -28,16 +29,12 @@ class Bindings:
 
     def bind(self, service: str, instance: str) -> bool:
         """Note that a process proves its links; return whether the service is bound to it now."""
-        bound = self._bound.get(service)
+        bound = self.bound.get(service)
         if bound != instance:
             if not self.visible(service, instance) or (bound is not None and self.visible(service, bound)):
                 return False
-            self._bound[service] = instance
+            self.bound[service] = instance
         return True
-
-    def bound(self, service: str) -> str:
-        """Return the process that speaks for a service, empty before any has proved its links."""
-        return self._bound.get(service, "")
 
 
 def is_prime(last: Delivery) -> bool:

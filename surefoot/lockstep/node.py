@@ -200,8 +200,8 @@ class Node:
     def handle(self, item: Any) -> None:
         """One item of the inbox."""
         if isinstance(item, Delivery):
-            signed = item.sender and item.topic.framed
-            if not signed or self._speaks(item.topic.owner, item.sender, item):
+            topic, by = item.topic, item.sender
+            if not by or not topic.framed or self._speaks(topic.owner, by, item):
                 self._on_part(item)
         elif isinstance(item, Frame):
             self._on_frame(item)
@@ -224,7 +224,7 @@ class Node:
 
     def _speaks(self, owner: str, instance: str, last: Delivery) -> bool:
         """Whether a process speaks for a service: it is the one that proved its links, or does so now."""
-        before = self.bindings.bound(owner)
+        before = self.bindings.bound.get(owner, "")
         if before == instance or owner == "*":
             return True
         if not is_prime(last) or not self.bindings.bind(owner, instance):
