@@ -17,8 +17,6 @@ A run of EVEN cells straight on has one successor each, so only its end enters t
 the cells of a run are seen, not settled, and a cheaper way to one of them runs on over the rest.
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -97,7 +95,7 @@ def enter(entry: int, f: int, heads: Ints, cell_of: Ints, next_of: Ints, spare: 
 
 
 @row_kernel
-def doubled(entries: Ints) -> NDArray[Any]:
+def doubled(entries: Ints) -> Ints:
     """Return room for twice as many entries (n,), the first n of which are these."""
     out = np.empty(2 * entries.size, dtype=np.int32)
     for i in range(entries.size):
