@@ -1,4 +1,4 @@
-"""`surefoot footholds collect|primitives|learn|tune|merge|show|score`."""
+"""`surefoot footholds collect|primitives|learn|tune|merge|show|judge|score`."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -234,6 +234,29 @@ def show(
         write(f"source  {line}")
     if picture is not None:
         write(f"figure  {picture}")
+
+
+@app.command()
+def judge(
+    model: Annotated[str, typer.Argument(help="Model file, or the name of a robot with a shipped one.")],
+    samples: Annotated[list[Path], typer.Argument(help="Samples of trials that the model was not made of.")],
+    json: Json = False,
+) -> None:
+    """Say how well a model predicts stances: rank correlation, AUC of slips over twice flat, its 80 % intervals."""
+    from surefoot.errors import SurefootError
+    from surefoot.lab.footholds.campaign import read
+    from surefoot.lab.footholds.statistics import judged
+
+    use_json(json)
+    found = [each for path in samples for each in read(path)[0]]
+    if not found:
+        raise SurefootError("no_samples", "there is no stance to judge by", "samples")
+    result = judged(_load(model), found)
+    facts = {"stances": result.stances, "spearman": result.spearman, "auc": result.warned, "held": result.held}
+    if json:
+        write_json(facts)
+    else:
+        write_table(("quantity", "value"), [(name, f"{value:.4g}") for name, value in facts.items()])
 
 
 @app.command()

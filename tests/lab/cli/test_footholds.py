@@ -106,3 +106,14 @@ def test_primitives_go_on_with_their_file(tmp_path: Path, capsys: pytest.Capture
     assert json.loads(run(capsys, "primitives", "-o", str(out), "--json")[1])["done"] == 0
     assert run(capsys, "primitives", "-o", str(out), "--worker", "nowhere")[0] != 0
     assert run(capsys, "primitives", "-o", str(out), "--stance", "four")[0] != 0
+
+
+def test_judge_a_model_by_other_trials(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    a, b = sample_file(tmp_path / "a.jsonl"), sample_file(tmp_path / "b.jsonl", 1, "b")
+    run(capsys, "learn", str(a), "-o", str(tmp_path / "a.json"))
+    code, text = run(capsys, "judge", str(tmp_path / "a.json"), str(b), "--json")
+    assert code == 0
+    assert json.loads(text)["stances"] == 300
+    assert json.loads(text)["spearman"] > 0.8
+    (tmp_path / "none.jsonl").write_text("")
+    assert run(capsys, "judge", str(tmp_path / "a.json"), str(tmp_path / "none.jsonl"))[0] != 0

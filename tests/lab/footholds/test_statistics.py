@@ -1,0 +1,35 @@
+"""Statistics of a model: order, warnings, honest intervals, on samples with a known law."""
+
+import numpy as np
+import pytest
+
+from surefoot.lab.footholds.statistics import interval, judged
+from surefoot.services.footholds.learning.fit import Candidate, LearnOptions, learn
+from surefoot.services.footholds.learning.samples import gather
+from tests.services.footholds.learning.made import samples, spoiled
+
+
+def drawn(count: int, seed: int) -> list:
+    """Slips that scatter about the law as a gamma distribution with a deviation of .7 of the mean."""
+    rng = np.random.default_rng(seed)
+    return [spoiled(s, sliding=s.sliding * float(rng.gamma(2.0, 0.5))) for s in samples(count, seed)]
+
+
+def test_a_model_of_the_law_orders_warns_and_knows_its_spread() -> None:
+    model = learn(gather(drawn(4000, 1)), LearnOptions(candidates=(Candidate(15, 0.1, 1e-6),)))
+    found = judged(model, drawn(1500, 2))
+    assert found.stances == 1500
+    assert found.spearman > 0.7
+    assert found.warned > 0.85
+    assert found.held == pytest.approx(0.8, abs=0.12)
+    others = drawn(1500, 2)
+    order = np.random.default_rng(0).permutation(len(others))
+    shuffled = [spoiled(s, sliding=others[j].sliding) for s, j in zip(others, order, strict=True)]
+    assert abs(judged(model, shuffled).spearman) < 0.1
+
+
+def test_the_interval_holds_its_share_of_a_gamma_distribution() -> None:
+    rng = np.random.default_rng(3)
+    draws = rng.gamma(1.5, 0.02, 20_000)
+    low, high = interval(np.full(len(draws), 0.03), np.full(len(draws), 0.02 * np.sqrt(1.5)))
+    assert np.mean((draws >= low) & (draws <= high)) == pytest.approx(0.8, abs=0.01)
