@@ -128,7 +128,7 @@ def _take_feet(
     if not add_feet(memory, stamp, position, rot, probabilities(geometry.foot, contact)):
         note(judge, KINEMATICS, DUPLICATE, stamp)
         return
-    judge_units(judge, position, rot, contact, geometry.foot, geometry.place)
+    judge_units(judge, stamp, position, rot, contact, geometry.foot, geometry.place)
     clock.stamps[FEET_NS] = max(clock.stamps[FEET_NS], stamp)
     if stands:
         clock.stamps[CONTACT_NS] = max(clock.stamps[CONTACT_NS], stamp)

@@ -65,9 +65,9 @@ class InputJudge:
         """Judge the feet (L, 3) of a kinematic sample; a foot that is not finite is left out elsewhere."""
         return RESULTS[judge_feet(self.state, _bounded(stamp_ns), feet)]
 
-    def units(self, position: Array, rot: Array, contact: Array) -> None:
+    def units(self, stamp_ns: int, position: Array, rot: Array, contact: Array) -> None:
         """Compare the inertial unit with feet (L, 3) m, rot_imu_from_foot (L, 3, 3), probabilities of contact (L,)."""
-        judge_units(self.state, position, rot, contact, self._points.foot, self._points.place)
+        judge_units(self.state, stamp_ns, position, rot, contact, self._points.foot, self._points.place)
 
     def note(self, source: str, result: InputResult, stamp_ns: int) -> InputResult:
         """Count what became of a sample of `source` and return it."""

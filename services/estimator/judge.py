@@ -51,6 +51,7 @@ GRAVITIES = (0.5, 2.0)  # m/s^2, a mean between these is gravity in g: no robot 
 FORGET = 0.995  # of the comparison with the feet, per sample
 WHOLE_TURN = 2.0 * math.pi  # rad of turning by the gyro, without the feet turning: no robot that falls does so
 SOME_TURN = 0.4  # rad of turning by the gyro, and the feet turn the other way
+TIMELY_NS = 25_000_000  # by which the feet may be older than the gyro
 LONGEST_TURN_NS = 200_000_000  # between two samples of the feet that are compared
 NO_SLOPE, OTHER_SLOPE = 0.1, -0.25  # slopes below which the gyro is in deg/s, has the other sign
 OTHER_WAY = -0.4  # correlation below which the feet turn against the gyro
@@ -142,7 +143,8 @@ def _wrong_unit(judge: Judge, stamp_ns: int, w: Array, q: Array) -> bool:
     if 0 < d < LONGEST_TURN_NS:
         for i in range(3):
             numbers[TURN + i] += 1e-9 * d * w[i]
-    marks[TURN_NS] = stamp_ns
+    if d > 0 or d < -LONGEST_TURN_NS:  # samples that are a little late leave the turn as it is
+        marks[TURN_NS] = stamp_ns
     marks[ROWS] += 1
     weight, square = max(MEAN_WEIGHT, 1.0 / marks[ROWS]), 0.0
     for i in range(3):
@@ -218,11 +220,14 @@ def judge_feet(judge: Judge, stamp_ns: int, feet: Array) -> int:
 
 
 @kernel
-def judge_units(judge: Judge, position: Array, rot: Array, contact: Array, foot: Ints, place: Array) -> None:
+def judge_units(
+    judge: Judge, stamp_ns: int, position: Array, rot: Array, contact: Array, foot: Ints, place: Array
+) -> None:
     """Compare the inertial unit with the feet, in place.
 
     Args:
         judge: what is remembered.
+        stamp_ns: of the feet; those that come late are not compared with the gyro, whose turn has gone on.
         position: of the feet, (L, 3) m, IMU axes.
         rot: rot_imu_from_foot, (L, 3, 3).
         contact: probability of contact, (L,); NaN = unknown, not compared.
@@ -237,9 +242,11 @@ def judge_units(judge: Judge, position: Array, rot: Array, contact: Array, foot:
                 along += position[f, i] * numbers[MEAN_Q + i]
     marks[WRONG_SIDE] = min(marks[WRONG_SIDE] + 1, 2 * UNIT_ROWS) if along > 0.0 else max(marks[WRONG_SIDE] - 1, 0)
     y, _ = points_of(foot, place, position, rot)
-    _compare_turns(marks, numbers, last, y, contact, foot)
+    timely = abs(marks[TURN_NS] - stamp_ns) < TIMELY_NS
+    if timely:
+        _compare_turns(marks, numbers, last, y, contact, foot)
     for k in range(foot.size):
-        last[k, 3] = 1.0 if contact[foot[k]] >= 0.5 else 0.0
+        last[k, 3] = 1.0 if timely and contact[foot[k]] >= 0.5 else 0.0
         for i in range(3):
             last[k, i] = y[k, i]
             numbers[TURN + i] = 0.0

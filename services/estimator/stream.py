@@ -172,7 +172,7 @@ class Estimator:
         position, rot, known, stands = known_feet(position, rot, known)
         if not self._best.add_feet(stamp_ns, position, rot, probabilities(self._points.foot, known)):
             return self.judge.note("kinematics", InputResult.DUPLICATE, stamp_ns)
-        self.judge.units(position, rot, known)
+        self.judge.units(stamp_ns, position, rot, known)
         stamps = self._clock.stamps
         stamps[FEET_NS] = max(stamps[FEET_NS], stamp_ns)
         if stands:

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from surefoot.lab.estimation.faults import delayed, shuffled, with_losses
+from surefoot.lab.estimation.track import track
+from surefoot.lab.papers.wawrzynski.synthetic import KINDS, synthesize
 from surefoot.services.estimator.best_log import FLAGS, LogInputs
 from surefoot.services.estimator.stream import BEST
 from tests.services.estimator.test_stream import make, walk
@@ -64,3 +66,9 @@ def test_a_log_gives_the_bits_of_its_samples_one_by_one(kind):
     assert compared > 0.7 * n
     assert whole.judge.counts == one.judge.counts
     assert (kind == "damaged") == ("imu_restart" in one.judge.counts)
+
+
+@pytest.mark.parametrize("seconds", [0.05, 0.25])
+def test_late_feet_are_no_reason_to_refuse_the_gyro(seconds):
+    log = delayed(synthesize(KINDS["twist"], 41), seconds)
+    assert not track(BEST, log).refused

@@ -125,6 +125,6 @@ def test_the_gyro_is_compared_with_feet_that_stand(factor, word):
         if k % 3 == 0:
             seen = feet + 3e-4 * rng.normal(size=(3, 3))
             judge.kinematics(k * TICK, seen)
-            judge.units(seen, rot, one)
+            judge.units(k * TICK, seen, rot, one)
     assert judge.unit == word
     assert (result is InputResult.UNIT) == bool(word)
