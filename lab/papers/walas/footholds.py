@@ -58,7 +58,7 @@ NOTES = (
 
 
 def study(folder: Path, seeds: int, tell: Callable[[str], None], jobs: int | None = None) -> FootholdStudy:
-    """Do or go on with all trials and walks: about a quarter of an hour on two cores."""
+    """Do or go on with all trials and walks."""
     runs = Runs(folder, jobs)
     exact = runs.primitives([0], 0.0, tell)
     noisy = runs.primitives(range(1, seeds + 1), NOISE, tell)
