@@ -26,7 +26,7 @@ from surefoot.schemas.hw import JointCommand
 from surefoot.schemas.sim import SimStatus, Truth
 from surefoot.schemas.system import Health, HealthRequest, LogRecord
 from surefoot.schemas.topics import CMD_JOINTS, HEALTH_GET, LOG, SIM_TRUTH, TICK_NS, TOPICS
-from surefoot.services.supervisor.processes.process import Identity, identify
+from surefoot.services.supervisor.processes.identity import Identity, identify
 from surefoot.services.supervisor.processes.session import Session
 from surefoot.services.supervisor.scenarios.scenario import Scenario
 from surefoot.services.supervisor.service import WELL
