@@ -13,6 +13,8 @@ from surefoot.bus.interface import Delivery, Raw, Stamp
 from surefoot.errors import Refusal
 from surefoot.schemas.topics import Topic
 
+_new = tuple.__new__
+
 
 class Part(NamedTuple):
     """One message of a frame."""
@@ -25,8 +27,10 @@ class Part(NamedTuple):
 def pack(parts: Sequence[Part], instance: str = "") -> tuple[bytes, bytes]:
     """Payload and attachment of a frame that the process ``instance`` publishes."""
     index = [instance]
-    index += [f"{key},{len(payload)},{s.tick},{s.epoch},{s.stamp_ns},{s.seq}" for key, payload, s in parts]
-    return b"[" + b",".join([part.payload for part in parts if part.payload]) + b"]", ";".join(index).encode()
+    index += [
+        f"{key},{len(payload)},{tick},{epoch},{stamp_ns},{seq}" for key, payload, (tick, epoch, stamp_ns, seq) in parts
+    ]
+    return b"[" + b",".join([payload for _, payload, _ in parts if payload]) + b"]", ";".join(index).encode()
 
 
 class Frame:
@@ -50,15 +54,15 @@ class Frame:
             Refusal: malformed, the index is not one or does not fit the payload.
         """
         found: list[Delivery] = []
-        payload = self._payload
+        payload, topics = self._payload, self._topics
         try:
             begin = 1
             for entry in self._index.decode("ascii").split(";"):
                 key, size, tick, epoch, stamp_ns, seq = entry.split(",")
                 length = int(size)
-                topic = self._topics.get(key)
+                topic = topics.get(key)
                 if topic is not None:
-                    raw = Raw(payload[begin : begin + length], None, "")
+                    raw = _new(Raw, (payload[begin : begin + length], None, ""))  # Raw itself takes twice as long
                     found.append(Delivery(topic, None, raw, (tick, epoch, stamp_ns, seq)))
                 if length:
                     begin += length + 1

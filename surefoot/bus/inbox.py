@@ -6,26 +6,37 @@ queries of others, and what is only observed. A full queue refuses what comes; w
 
 import threading
 from collections import Counter, deque
+from contextlib import suppress
 from queue import Empty
-from typing import Any
+from typing import Any, NamedTuple
 
 from surefoot.bus.frame import Frame
 
 _AWAKE = {""}
 """Awaits an owner that does not exist: a reader that is awake looks by itself before it sleeps."""
 
+SMALL_BYTES, FEW = 4096, 256
+"""An item up to this size is queued without counting its bytes while so few wait: 1 MiB at most, and most items."""
 TICK_ITEMS, TICK_BYTES = 8192, 96 << 20
 QUERY_ITEMS, QUERY_BYTES = 256, 96 << 20  # a request may bring a map of 64 MiB
 OBSERVED_ITEMS, OBSERVED_BYTES = 256, 4 << 20
+
+
+class _Counted(NamedTuple):
+    """An item whose bytes count."""
+
+    item: Any
+    size: int
 
 
 class Lane:
     """One bounded queue of an inbox. One thread takes, any thread puts."""
 
     def __init__(self, items: int, size: int) -> None:
-        self.items: deque[tuple[Any, int]] = deque()
-        """What waits, with its size in bytes; empty or not is asked for each message of a tick."""
+        self.items: deque[Any] = deque()
+        """What waits; empty or not is asked for each message of a tick."""
         self._most, self._most_bytes = items, size
+        self._few = min(FEW, items)
         self._put = self._taken = 0
         self._lock = threading.Lock()
         self.dropped: Counter[str] = Counter()
@@ -37,18 +48,23 @@ class Lane:
     def put(self, item: Any, size: int) -> bool:
         """Return whether there was room for an item of ``size`` bytes; the first always finds room."""
         items = self.items
+        if size <= SMALL_BYTES and len(items) < self._few:
+            items.append(item)
+            return True
         with self._lock:
             if items and (len(items) >= self._most or self._put - self._taken + size > self._most_bytes):
                 self.dropped[_key_of(item)] += 1
                 return False
-            items.append((item, size))
+            items.append(_Counted(item, size))
             self._put += size
         return True
 
     def get(self) -> Any:
         """Return the oldest item (raises IndexError)."""
-        item, size = self.items.popleft()
-        self._taken += size  # by the one reader
+        item = self.items.popleft()
+        if type(item) is _Counted:
+            item, size = item
+            self._taken += size  # by the one reader
         return item
 
 
@@ -69,15 +85,15 @@ class Inbox:
 
     def put(self, item: Any) -> bool:
         """Add what a tick needs; from any thread. Return whether there was room."""
-        if isinstance(item, Frame):
-            if not self.tick.put(item, item.size):
-                return False
+        frame = isinstance(item, Frame)
+        if not self.tick.put(item, item.size if frame else getattr(item, "size", 0)):
+            return False
+        if frame:
             awaited = self._awaited
             awaited.discard(item.owner)
             if awaited:
                 return True
-            return self._ring()
-        return self.tick.put(item, getattr(item, "size", 0)) and self._ring()
+        return self._ring() if self._bell.locked() else True
 
     def put_query(self, item: Any) -> bool:
         """Add a query of no participant; from any thread. Return whether there was room."""
@@ -88,11 +104,8 @@ class Inbox:
         return self.observed.put(item, item.size) and self._ring()
 
     def _ring(self) -> bool:
-        if self._bell.locked():
-            try:
-                self._bell.release()
-            except RuntimeError:
-                return True  # it rings already
+        with suppress(RuntimeError):  # it rings already
+            self._bell.release()
         return True
 
     def get(self, timeout: float, awaited: set[str]) -> Any:

@@ -26,8 +26,11 @@ class MemoryPublisher(Generic[M]):
         self._sender = sender
 
     def put(self, message: M) -> M:
-        for sink in self._sinks(self.topic.key):
-            sink(Delivery(self.topic, message, None, None, self._sender))
+        sinks = self._sinks(self.topic.key)
+        if sinks:
+            delivery = Delivery(self.topic, message, None, None, self._sender)
+            for sink in sinks:
+                sink(delivery)
         return message
 
     def resend(self, token: M) -> None:

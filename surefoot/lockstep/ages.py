@@ -12,6 +12,7 @@ from surefoot.schemas.topics import TICK_NS, Kind, Topic
 
 LEAST_NS = 100_000_000  # ns, no input is late before this age
 LOGGED = 3  # silences of one input in an epoch that are logged; all are in the health
+_NONE: tuple[list[str], list[str]] = ([], [])
 PERIODS = 3  # an input is late when so many of its periods have passed without a sample
 
 
@@ -35,7 +36,7 @@ class Ages:
         rows = [item.topic if isinstance(item, Delayed) else item for item in inputs]
         given = limits or {}
         self._limits = {row.key: limit for row in rows if (limit := given.get(row.key, limit_ns(row))) > 0}
-        self._owners = {row.key: row.owner for row in rows}
+        self._owners = {row.key: row.owner for row in rows if row.key in self._limits}
         self.late: dict[str, float] = {}
         """Inputs that are late, and their age, s."""
         self.longest: dict[str, float] = {}
@@ -45,7 +46,11 @@ class Ages:
     def begin(self) -> None:
         """Begin an epoch: no input is late."""
         self._stamps: dict[str, int] = {}
-        self._seen: set[str] = {DRIVER}
+        self._newest: dict[str, Any] = {}
+        """Last message of each key since the ages were last worked out."""
+        self._due_ns = -1
+        """Stamp until which no input can become late unless ``_known`` changes: the ages are worked out after it."""
+        self._known: tuple[Any, Any] = (None, None)
         self._times: Counter[str] = Counter()
         self.late = {}
         self.longest = {}
@@ -68,21 +73,35 @@ class Ages:
             inputs: of the tick; its ``late`` is filled in.
             absent: keys that the driver does not have.
         """
-        now, before, stamps, messages = inputs.tick.stamp_ns, self.late, self._stamps, inputs.messages
-        self._seen.update(inputs.tick.roster)
-        late: dict[str, float] = {}
-        for key, limit in self._limits.items():
-            stamp, message = stamps.get(key), messages.get(key)
-            if message is not None and (stamp is None or message.stamp_ns > stamp):
-                stamp = stamps[key] = message.stamp_ns
-            if stamp is None:
-                if self._owners[key] in self._seen and key not in absent:
-                    stamps[key] = now  # it may take as long to come as it may later be silent
-            elif now - stamp > limit:
-                late[key] = (now - stamp) * 1e-9
-                self.longest[key] = max(late[key], self.longest.get(key, 0.0))
-        if not late and not before:
-            return [], []
+        tick, newest = inputs.tick, self._newest
+        if not self._limits:
+            return _NONE
+        newest.update(inputs.messages)
+        if tick.stamp_ns <= self._due_ns and self._known == (tick.roster, absent):
+            return _NONE
+        now, before = tick.stamp_ns, self.late
+        self._known = (tick.roster, absent)
+        self._age(newest, now)
+        newest.clear()
+        late = {key: (now - stamp) * 1e-9 for key, stamp in self._stamps.items() if now - stamp > self._limits[key]}
+        if not late:
+            self._due_ns = min((now + LEAST_NS, *(stamp + self._limits[key] for key, stamp in self._stamps.items())))
+            if not before:
+                return _NONE
+        else:
+            self._due_ns = -1  # its return may come in any tick
+        for key, age in late.items():
+            self.longest[key] = max(age, self.longest.get(key, 0.0))
         self.late = late
         inputs.late.update(late)
         return [key for key in late if key not in before], [key for key in before if key not in late]
+
+    def _age(self, newest: Mapping[str, Any], now: int) -> None:
+        """Bring the stamps up to the newest messages; who is awaited since now may take its limit to come."""
+        roster, absent = self._known
+        for key, owner in self._owners.items():
+            message, stamp = newest.get(key), self._stamps.get(key)
+            if message is not None and (stamp is None or message.stamp_ns > stamp):
+                self._stamps[key] = message.stamp_ns
+            elif stamp is None and (owner == DRIVER or owner in roster) and key not in absent:
+                self._stamps[key] = now

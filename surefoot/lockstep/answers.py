@@ -38,25 +38,26 @@ class Answers:
         self._put, self._refuse, self._clock = put, refuse, clock
         self.late = 0
         """Queries whose answer is being worked out on another thread."""
-        self._waiting: list[tuple[float, Incoming, TickRequest]] = []
+        self.waiting: list[tuple[float, Incoming, TickRequest]] = []
+        """Queries about ticks that have not come, and since when, s."""
 
     def wait(self, incoming: Incoming, request: TickRequest) -> None:
         """Keeps a query about a tick that has not come."""
-        self._waiting.append((self._clock(), incoming, request))
+        self.waiting.append((self._clock(), incoming, request))
 
     def due(self, seen: Callable[[TickRequest], bool]) -> list[tuple[Incoming, TickRequest]]:
         """Takes out the queries whose tick has come."""
-        if not self._waiting:
-            return []
-        ready = [item for item in self._waiting if seen(item[2])]
-        self._waiting = [item for item in self._waiting if item not in ready]
+        ready = [item for item in self.waiting if seen(item[2])]
+        self.waiting = [item for item in self.waiting if item not in ready]
         return [(incoming, request) for _, incoming, request in ready]
 
     def expire(self, name: str) -> None:
         """Ends the queries that have waited too long for the service ``name``."""
+        if not self.waiting:
+            return
         now = self._clock()
-        old = [item for item in self._waiting if now - item[0] > NOT_READY_S]
-        self._waiting = [item for item in self._waiting if item not in old]
+        old = [item for item in self.waiting if now - item[0] > NOT_READY_S]
+        self.waiting = [item for item in self.waiting if item not in old]
         for _, incoming, request in old:
             incoming.fail(Refusal("not_ready", f"{name} has not seen tick {request.tick} of epoch {request.epoch}"))
 

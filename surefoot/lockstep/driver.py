@@ -154,7 +154,6 @@ class DriverNode(Node):
 
     def _on_delivery(self, delivery: Delivery) -> None:
         topic = delivery.topic
-        self.counts[topic.key] += 1
         try:
             message: Any = delivery.message()
             if isinstance(message, JointCommand):

@@ -4,6 +4,7 @@ A service is a function of its own named inputs per tick. Inputs are joined by t
 order of their arrival, so every run with the same seed sees the same inputs.
 """
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar, cast
@@ -18,6 +19,8 @@ DRIVER = "driver"
 _TICK = HW_TICK.key
 MAX_AHEAD = 64
 """Inputs further ahead of the newest tick are refused; the driver never runs more than a few ticks ahead."""
+
+MOST_KINDS = 256  # ticks that differ in samples, roster or phase, of which the wanted keys are kept
 
 STAMP_SLACK_NS = 1_000_000_000
 """An input's stamp lies between the run's beginning and its own tick, give or take 1 s."""
@@ -80,6 +83,8 @@ class Join:
             else:
                 self.same_tick.append(item)
         self._delayed_keys = {topic.key for topic in self.delayed}
+        self._samples = {topic.key for topic in self.same_tick if topic.kind is Kind.SAMPLE}
+        self._latched_keys = {topic.key for topic in self.latched}
         self.owners = {topic.key: topic.owner for topic in (*self.same_tick, *self.delayed, *self.latched)}
         self.absent: set[str] = set()
         """Keys that nobody will ever tell: the driver has no such sensor."""
@@ -87,15 +92,16 @@ class Join:
         self.last = -1
         self.on_roster = False
         self._newest = -1
-        self._zero_ns: int | None = None
-        """Stamp of tick 0 of this epoch, ns; None before its first tick."""
+        self._first_ns, self._last_ns = -math.inf, math.inf
+        """Stamps from the first on are accepted, and up to the last beyond that of their tick since tick 0, ns."""
         self._announced = -1
         self._ticks: dict[int, Tick] = {}
         self._slots: dict[tuple[int, int], dict[str, Any]] = {}
         self._latched: dict[str, tuple[int, Any]] = {}
         self._previous_roster: tuple[str, ...] = ()
         self._lockstep = False
-        self._wanted_of: tuple[Tick | None, list[str]] = (None, [])
+        self._cycle = math.lcm(*(max(1, topic.period_ticks) for topic in self.same_tick))
+        self._wanted_of: dict[tuple[tuple[str, ...], tuple[str, ...], int], list[str]] = {}
         self._lacking: set[str] | None = None
         """What tick ``last + 1`` still waits for; None = not worked out yet. Kept, for every message asks."""
 
@@ -107,40 +113,44 @@ class Join:
             message: the message, or its header alone.
             value: what ``TickInputs.get`` shall return, default the message.
         """
-        value = message if value is None else value
+        if value is None:
+            value = message
         key, epoch, tick = topic.key, message.epoch, message.tick
-        if epoch < self.epoch:
-            return "stale_epoch"
-        if self.epoch >= 0 and epoch > self.epoch + 1 and epoch != self._announced:
-            return "epoch_ahead"
+        here = epoch == self.epoch
+        if not here:
+            if epoch < self.epoch:
+                return "stale_epoch"
+            if self.epoch >= 0 and epoch > self.epoch + 1 and epoch != self._announced:
+                return "epoch_ahead"
         if key == _TICK:
             return self._offer_tick(cast(Tick, message))
-        if epoch == self.epoch and self._zero_ns is not None:
-            since = message.stamp_ns - self._zero_ns
-            if not -STAMP_SLACK_NS <= since <= max(0, tick) * TICK_NS + STAMP_SLACK_NS:
-                return "stamp"
-        if topic.kind is Kind.LATCHED:
+        if here and not self._first_ns <= message.stamp_ns <= self._last_ns + tick * TICK_NS:
+            return "stamp"
+        if key in self._latched_keys:
             held = self._latched.get(key)
             if held is not None and held[0] > epoch:
                 return "stale_epoch"
             self._latched[key] = (epoch, value)
             self._lacking = None
             return None
-        awaited = self.last if key in self._delayed_keys else self.last + 1
-        """The tick whose message the next one wants; what is older has been used."""
-        if epoch == self.epoch:
+        if here:
+            awaited = self.last if key in self._delayed_keys else self.last + 1
+            """The tick whose message the next one wants; what is older has been used."""
             if tick < awaited:
                 return "duplicate"
             if tick > self._newest + MAX_AHEAD and tick > self.last + MAX_AHEAD and self.on_roster:
                 return "too_far_ahead"
-        slot = self._slots.setdefault((epoch, tick), {})
-        if key in slot:
+            if tick == awaited and self._lacking:
+                self._lacking.discard(key)
+        slot = self._slots.get((epoch, tick))
+        if slot is None:
+            self._slots[(epoch, tick)] = {key: value}
+            if len(self._slots) > 4 * MAX_AHEAD:  # not on the roster: nothing is ever taken, keep the newest
+                del self._slots[min(self._slots)]
+        elif key in slot:
             return "duplicate"
-        slot[key] = value
-        if self._lacking and tick == awaited and epoch == self.epoch:
-            self._lacking.discard(key)
-        if len(self._slots) > 4 * MAX_AHEAD:  # not on the roster: nothing is ever taken, keep the newest
-            del self._slots[min(self._slots)]
+        else:
+            slot[key] = value
         return None
 
     def announce(self, epoch: int) -> None:
@@ -150,7 +160,8 @@ class Join:
         self._announced = epoch
 
     def _begin(self, epoch: int) -> None:
-        self.epoch, self._zero_ns = epoch, None
+        self.epoch = epoch
+        self._first_ns, self._last_ns = -math.inf, math.inf  # until the first tick
         self.last = self._newest = -1
         self.on_roster = False
         self._ticks.clear()
@@ -174,8 +185,9 @@ class Join:
         elif tick.mode == "lockstep" and tick.tick > self.last + MAX_AHEAD:
             return "too_far_ahead"
         self._newest = max(self._newest, tick.tick)
-        if self._zero_ns is None:
-            self._zero_ns = tick.stamp_ns - tick.tick * TICK_NS
+        if self._last_ns == math.inf:
+            zero = tick.stamp_ns - tick.tick * TICK_NS
+            self._first_ns, self._last_ns = zero - STAMP_SLACK_NS, zero + STAMP_SLACK_NS
         self._lockstep = tick.mode == "lockstep"
         held = self._ticks.get(tick.tick)
         if held is None or tick.roster_version >= held.roster_version:
@@ -183,17 +195,23 @@ class Join:
         return None
 
     def _wanted(self, tick: Tick) -> list[str]:
-        """Keys due in a tick; asked for twice of each, so the last answer is kept."""
-        if tick is self._wanted_of[0]:
-            return self._wanted_of[1]
-        wanted: list[str] = []
+        """Keys due in a tick; what was found for the same samples, roster and phase of the periods is kept."""
+        due, roster = tick.due, tick.roster
+        kind = (due, roster, tick.tick % self._cycle)
+        wanted = self._wanted_of.get(kind)
+        if wanted is not None:
+            return wanted
+        wanted = []
         for topic in self.same_tick:
-            if topic.kind is Kind.SAMPLE:
-                if topic.key in tick.due:
-                    wanted.append(topic.key)
-            elif topic.due(tick.tick) and (topic.owner == DRIVER or topic.owner in tick.roster):
-                wanted.append(topic.key)
-        self._wanted_of = tick, wanted
+            key = topic.key
+            if key in self._samples:
+                if key in due:
+                    wanted.append(key)
+            elif topic.due(tick.tick) and (topic.owner == DRIVER or topic.owner in roster):
+                wanted.append(key)
+        if len(self._wanted_of) >= MOST_KINDS:
+            self._wanted_of.clear()
+        self._wanted_of[kind] = wanted
         return wanted
 
     def missing(self) -> tuple[str, ...]:
@@ -204,11 +222,11 @@ class Join:
     def _missing(self, tick: Tick) -> list[str]:
         slot = self._slots.get((tick.epoch, tick.tick), {})
         lacking = [key for key in self._wanted(tick) if key not in slot]
-        before = self._slots.get((tick.epoch, tick.tick - 1), {})
+        before = self._slots.get((tick.epoch, tick.tick - 1), {}) if self.delayed else {}
         for topic in self.delayed:
-            expected = tick.tick > 0 and topic.due(tick.tick - 1)
-            present = topic.owner in self._previous_roster and topic.owner in tick.roster
-            if expected and present and topic.key not in before:
+            if topic.key in before or tick.tick <= 0 or not topic.due(tick.tick - 1):
+                continue
+            if topic.owner in self._previous_roster and topic.owner in tick.roster:
                 lacking.append(topic.key)
         for topic in self.latched:
             held = self._latched.get(topic.key)
@@ -274,7 +292,7 @@ class Join:
         self.last = tick.tick
         self._previous_roster = tick.roster
         self._lacking = None
-        kept_for_next = {t.key: slot[t.key] for t in self.delayed if t.key in slot}
+        kept_for_next = {key: slot[key] for key in self._delayed_keys if key in slot}
         self._slots = {k: s for k, s in self._slots.items() if k > (tick.epoch, tick.tick)} if skipped else self._slots
         self._slots.pop((tick.epoch, tick.tick - 1), None)
         if kept_for_next:

@@ -54,22 +54,21 @@ class Node:
         self.inbox = Inbox()
         self.join = Join(service.name, service.inputs, service.batched)
         self.bindings = Bindings()
+        self._bound = self.bindings.bound
         self.ages = Ages(() if service.raw else service.inputs, service.limits)
         self.refused: Counter[str] = Counter()
-        self.counts: Counter[str] = Counter()
         self.tick_us: deque[float] = deque(maxlen=2000)
         self.state = "starting"
         self.stopping = False
         self._publishers: dict[str, Publisher[Any]] = {}
         self._outbox: dict[tuple[int, int], list[tuple[Publisher[Any], Any]]] = {}
+        self._raw = service.raw
         self._observed = {topic.key for topic in service.observes}
         self.links = Links(bus)
         self._answers = Answers(self.inbox.put, self.refuse, clock)
         self._tick: TickInputs | None = None
         self.epoch = -1
-        self._primed_at = 0.0
-        self._next_health = 0.0
-        self._next_join = 0.0
+        self._primed_at = self._next_health = self._next_join = 0.0
         self._counts_as_done = any(topic.key == CMD_JOINTS.key for topic in service.outputs)
         self._done = TICK_DONE.of(self.name)
 
@@ -157,14 +156,16 @@ class Node:
 
     def _turn(self, deadline: float) -> bool:
         """Handles what a tick needs, one more query, one observed message and at most one tick; was there anything?"""
-        inbox, tick, clock, progressed = self.inbox, self.inbox.tick, self.clock, False
-        while tick.items and clock() < deadline:
-            self.handle(tick.get())
+        inbox, clock, endless = self.inbox, self.clock, deadline == math.inf
+        items, take, progressed = inbox.tick.items, inbox.tick.get, bool(inbox.tick.items)
+        while items and (endless or clock() < deadline):
+            self.handle(take())
+        if inbox.queries.items and clock() < deadline:
+            self.handle(inbox.queries.get())
             progressed = True
-        for lane in (inbox.queries, inbox.observed):
-            if lane.items and clock() < deadline:
-                self.handle(lane.get())
-                progressed = True
+        if inbox.observed.items and clock() < deadline:
+            self.handle(inbox.observed.get())
+            progressed = True
         return self.work() or progressed
 
     def pump_once(self) -> bool:
@@ -200,9 +201,12 @@ class Node:
     def handle(self, item: Any) -> None:
         """One item of the inbox."""
         if isinstance(item, Delivery):
-            topic, by = item.topic, item.sender
-            if not by or not topic.framed or self._speaks(topic.owner, by, item):
-                self._on_part(item)
+            owner, by = item.topic.owner, item.sender
+            if not by or self._bound.get(owner) == by or not item.topic.framed or self._speaks(owner, by, item):
+                if item.prime:
+                    self.links.note(item.topic.key)
+                else:
+                    self._on_delivery(item)
         elif isinstance(item, Frame):
             self._on_frame(item)
         elif isinstance(item, Life):
@@ -218,13 +222,17 @@ class Node:
         except Refusal as refusal:
             self.refuse(refusal.code, refusal.message)
             return
-        if deliveries and self._speaks(frame.owner, frame.instance, deliveries[-1]):
+        owner, by = frame.owner, frame.instance
+        if deliveries and (self._bound.get(owner) == by or self._speaks(owner, by, deliveries[-1])):
             for delivery in deliveries:
-                self._on_part(delivery)
+                if delivery.prime:
+                    self.links.note(delivery.topic.key)
+                else:
+                    self._on_delivery(delivery)
 
     def _speaks(self, owner: str, instance: str, last: Delivery) -> bool:
         """Whether a process speaks for a service: it is the one that proved its links, or does so now."""
-        before = self.bindings.bound.get(owner, "")
+        before = self._bound.get(owner, "")
         if before == instance or owner == "*":
             return True
         if not is_prime(last) or not self.bindings.bind(owner, instance):
@@ -236,20 +244,14 @@ class Node:
             self._outbox.clear()
         return True
 
-    def _on_part(self, delivery: Delivery) -> None:
-        if delivery.prime:
-            self.links.note(delivery.topic.key)
-        else:
-            self._on_delivery(delivery)
-
     def _on_delivery(self, delivery: Delivery) -> None:
-        topic, key = delivery.topic, delivery.topic.key
-        self.counts[key] += 1
+        topic = delivery.topic
+        key = topic.key
         try:
             if key in self._observed:
                 self.service.on_message(topic, delivery.message())
                 return
-            raw = self.service.raw and key != _TICK
+            raw = self._raw and key != _TICK
             message: Any = delivery.header() if raw else delivery.message()
         except Refusal as refusal:
             self.refuse(refusal.code, f"{key}: {refusal.message}")
@@ -257,10 +259,12 @@ class Node:
         if key == _TICK and message.tick < 0:
             self._on_prime(message)
             return
-        reason = self.join.offer(topic, message, delivery if raw else None)
+        reason = self.join.offer(topic, message, delivery if raw else message)
+        if reason is None:
+            return
         if reason == "replay":
             self._replay(message.epoch, message.tick)
-        elif reason is not None and reason != "duplicate":
+        elif reason != "duplicate":
             self.refuse(reason)
 
     def refuse(self, reason: str, detail: str = "") -> None:
@@ -309,13 +313,11 @@ class Node:
 
     def _answer(self, incoming: Incoming, request: Request) -> None:
         key, before = incoming.query.key, COMPILING.done_here
-        self.counts[key] += 1
         if key == f"health/{self.name}":
             incoming.reply(HealthReply(health=self.health()))
         else:
             self._answers.settle(incoming, lambda: self.service.handlers[key](request))
         if COMPILING.done_here != before:  # a kernel that no rehearsal needs: never silently
-            self.counts["compiled_in_query"] += 1
             self.log("warning", f"{key} had to compile {COMPILING.last}; `surefoot warm --all` does so ahead of time")
 
     # -- ticks -------------------------------------------------------------------------------------------------
@@ -344,8 +346,9 @@ class Node:
         self._outbox.pop((tick.epoch, tick.tick - KEEP_TICKS), None)
         self._tick = None
         self.tick_us.append((time.perf_counter_ns() - began) * 1e-3)
-        for incoming, request in self._answers.due(self._has_seen):
-            self._answer(incoming, request)
+        if self._answers.waiting:
+            for incoming, request in self._answers.due(self._has_seen):
+                self._answer(incoming, request)
         return True
 
     def _send(self, topic: Topic[Any], message: Message) -> None:

@@ -6,7 +6,7 @@ from queue import Empty
 import pytest
 
 from surefoot.bus.frame import Frame
-from surefoot.bus.inbox import Inbox
+from surefoot.bus.inbox import FEW, SMALL_BYTES, Inbox, Lane
 from surefoot.lockstep.join import Delayed, Join
 from surefoot.schemas.base import Header
 from surefoot.schemas.hw import Tick
@@ -108,3 +108,18 @@ def test_a_join_awaits_the_owners_of_what_it_lacks() -> None:
     join.offer(STATE_GAIT, Header(tick=1, epoch=1, source="walker"))
     assert join.take() is not None
     assert join.awaited() == set()  # paced: a tick is taken even if something lacks
+
+
+@pytest.mark.parametrize("size", [10, SMALL_BYTES + 1])
+def test_a_lane_is_bounded_by_count_and_bytes_and_has_room_again(size: int) -> None:
+    items, most = 2 * FEW, FEW * (SMALL_BYTES + 1)
+    lane = Lane(items, most)
+    put = 0
+    while lane.put(Frame("driver", {}, b"x" * size, b""), size):
+        put += 1
+    assert put == (items if size <= SMALL_BYTES else FEW)
+    assert lane.dropped == {"frame/driver": 1}
+    for _ in range(put):
+        assert isinstance(lane.get(), Frame)
+    assert len(lane) == 0
+    assert all(lane.put(frame("walker"), most) is first for first in (True, False))
