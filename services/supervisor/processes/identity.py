@@ -7,6 +7,8 @@ from here. The module imports little, for `surefoot stop` waits for it.
 import os
 import select
 import signal
+from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -72,15 +74,27 @@ def end(identity: Identity, grace_s: float = 2.0) -> bool:
 
 
 def _gone_within(identity: Identity, patience_s: float) -> bool:
-    """Wait for the end of a process that is not our child, by its pidfd."""
-    try:
-        handle = os.pidfd_open(identity.pid)
-    except (OSError, AttributeError):
-        return not identity.alive()
-    try:
-        poller = select.poll()
-        poller.register(handle, select.POLLIN)
-        poller.poll(patience_s * 1000)
-    finally:
-        os.close(handle)
+    """Wait for the end of a process that is not our child."""
+    await_end((identity.pid,), patience_s)
     return not identity.alive()
+
+
+def await_end(pids: Iterable[int], patience_s: float) -> bool:
+    """Wait until one of several processes has ended, by their pidfds, or the time is over; False: nothing to wait by.
+
+    A child that has ended counts until its parent has asked for its exit code; one that is gone altogether does not.
+    """
+    handles: list[int] = []
+    try:
+        for pid in pids:
+            with suppress(OSError, AttributeError):  # it is gone, or this is no Linux
+                handles.append(os.pidfd_open(pid))
+        poller = select.poll()
+        for handle in handles:
+            poller.register(handle, select.POLLIN)
+        if handles:
+            poller.poll(patience_s * 1000)
+        return bool(handles)
+    finally:
+        for handle in handles:
+            os.close(handle)

@@ -88,7 +88,7 @@ def keep(
                 session.folder.write_ready()
                 ready()
                 told = True
-            stop.wait(STEP_S)
+            session.system.wait(STEP_S)
 
 
 def _reset(session: Session, order: StartOrder, tell: Callable[[str], None]) -> None:

@@ -35,7 +35,7 @@ from surefoot.services.supervisor.service import Supervisor
 Req = TypeVar("Req", bound=Request)
 Rep = TypeVar("Rep", bound=Wire)
 
-STEP_S = 0.05  # s, how often the main thread looks at the processes
+STEP_S = 0.05  # s, how often the main thread looks at the processes, and at once when one has ended
 
 
 class Session:
@@ -274,7 +274,7 @@ class Session:
             if time.monotonic() > deadline:
                 return False
             self.step()
-            time.sleep(STEP_S)
+            self.system.wait(STEP_S)
         return True
 
     def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None) -> Rep:

@@ -8,6 +8,7 @@ from typing import Protocol
 
 from surefoot.schemas.system import ServiceStatus
 from surefoot.services.supervisor.processes.compose import Compose, ComposeService
+from surefoot.services.supervisor.processes.identity import await_end
 from surefoot.services.supervisor.processes.process import Child
 from surefoot.services.supervisor.processes.reconcile import (
     ABSENT,
@@ -142,12 +143,18 @@ class System:
         """Tell whether any process lives."""
         return any(process.poll() is None for process in self._processes.values())
 
+    def wait(self, patience_s: float) -> None:
+        """Wait until a process ends, or until the time is over."""
+        running = [self._processes[name].pid for name, state in self._observed.items() if state.phase == "running"]
+        if not await_end(running, patience_s):
+            time.sleep(patience_s)
+
     def stop(self, patience_s: float = 30.0) -> bool:
         """End everything, in order; True when all processes are gone."""
         deadline = self._clock() + patience_s
         while self.running() and self._clock() < deadline:
             self.step(shutdown=True)
-            time.sleep(STEP_S)
+            self.wait(STEP_S)
         self.step(shutdown=True)
         return not self.running()
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from surefoot.services.supervisor.processes.identity import end, identify
+from surefoot.services.supervisor.processes.identity import await_end, end, identify
 from surefoot.services.supervisor.processes.logs import tail
 from surefoot.services.supervisor.processes.ports import owner_of, port_of
 from surefoot.services.supervisor.processes.process import Child, busy_s, resolve_command
@@ -132,3 +132,16 @@ def test_processor_time_of_processes_grows_while_they_work():
     while busy_s((os.getpid(),)) == before:
         sum(range(10_000))
     assert busy_s((os.getpid(),)) > before > 0.0
+
+
+def test_who_waits_for_processes_returns_when_one_ends_and_not_before(tmp_path) -> None:
+    with running(SLEEP) as lasting, running(SLEEP) as dying:
+        pids = (lasting.pid, dying.pid)
+        assert await_end(pids, 0.01)
+        assert dying.poll() is None
+        dying.kill()
+        began = time.monotonic()
+        assert await_end(pids, 60.0)
+        assert time.monotonic() - began < 30.0
+        assert dying.wait(0.5) is not None
+    assert not await_end(pids, 60.0)  # both are gone altogether: nothing to wait by
