@@ -171,10 +171,10 @@ class FrameBus(MemoryBus):
         self._batch: list[Part] = []
         self.parts: list[Part] = []
 
-    def publisher(self, topic: Topic[Any], *instance: str) -> Any:
+    def publisher(self, topic: Topic[Any], instance: str = "") -> Any:
         if not topic.framed:
-            return super().publisher(topic, *instance)
-        self._owner, self._instance = topic.owner, "".join(instance)
+            return super().publisher(topic, *filter(None, (instance,)))  # earlier checkouts know no instance
+        self._owner, self._instance = topic.owner, instance
         return Framed(self, topic)
 
     def subscribe(self, topic: Topic[Any], sink: Callable[[Delivery], Any], *, bounded: bool = False) -> None:

@@ -1,14 +1,18 @@
 """A system beside busy processes: restarts, pace, emergency stops, faults; and what the commands cost.
 
-`python -m benchmarks.bench_overload [restarts[:rtf]] [stops] [faults] [commands]`, all parts when none is named.
+`python -m benchmarks.bench_overload [restarts[:rtf]] [stops[:N]] [faults] [commands] [peers[:N]]`, all parts when none
+is named.
 
 - restarts: `surefoot up ragno` at `rtf` 1 and 0 (as fast as it goes) beside twelve processes that compute, for
   SUREFOOT_OVERLOAD_S seconds (1800 when not set): restarts, and the pace that is left. With SUREFOOT_OVERLOAD_NICE
   everything, system and busy processes, has that nice value once the system is up: harder for both, kinder to others.
-- stops: emergency stops beside four busy processes, each from the start of the process to its end, in turns with a bare
-  Zenoh client that stops the robot and waits for `sim/status`.
+- stops: N (100) emergency stops without and beside four busy processes, each from the start of the process to its end,
+  in turns with a bare Zenoh client that stops the robot and waits for `sim/status`.
 - faults: how soon a service that crashes, freezes or pauses for 1 s is noticed.
+  A crash is noticed by the network (its liveliness token is gone) and by the supervisor (the process is reaped).
 - commands: processor time of `call`, `topic echo` and `status`.
+- peers: half of the services are killed in turn, each N (100) times, then the other half: by how much the memory and
+  the descriptors of those that live on grow meanwhile. No round begins SUREFOOT_PEERS_S seconds (1800) after the first.
 """
 
 import os
@@ -23,12 +27,14 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from benchmarks.machine import ENTRY, SPIN, Machine, up
+from benchmarks.machine import ENTRY, SPIN, Machine, descriptors, resident_mb, up
+from surefoot.services.supervisor.processes.reconcile import STABLE_S
 from tests.processes import running
 
 BUSY = 12
 STOPS, STOP_BUSY = 100, 4
 FAULTS = 5
+PEERS, PEERS_S = 100, float(os.environ.get("SUREFOOT_PEERS_S", "1800"))
 COMMANDS = 7
 DURATION_S = float(os.environ.get("SUREFOOT_OVERLOAD_S", "1800"))
 NICE = int(os.environ.get("SUREFOOT_OVERLOAD_NICE", "0"))
@@ -103,14 +109,15 @@ def _timed(machine: Machine, command: list[str]) -> tuple[float, float, bool]:
     return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, code == 0
 
 
-def stops() -> None:
+def stops(number: str = "") -> None:
     """Print the times of emergency stops and of the bare client's."""
+    most = int(number or STOPS)
     with tempfile.TemporaryDirectory() as folder, up(Path(folder)) as machine:
         bare = [sys.executable, "-c", BARE, machine.address, machine.namespace]
         for count in (0, STOP_BUSY):
             rows: dict[str, list[tuple[float, float, bool]]] = {"surefoot stop": [], "bare client": []}
             with busy(count):
-                for _ in range(STOPS):
+                for _ in range(most):
                     rows["surefoot stop"].append(_timed(machine, [*ENTRY, "stop"]))
                     rows["bare client"].append(_timed(machine, bare))
             ratios = [a[0] / b[0] for a, b in zip(*rows.values(), strict=True)]
@@ -118,7 +125,7 @@ def stops() -> None:
             for name, found in rows.items():
                 wall, spent = [row[0] for row in found], [row[1] for row in found]
                 print(
-                    f"  {name}: {sum(row[2] for row in found)} of {STOPS} confirmed, wall {_spread(wall, ' s')}, "
+                    f"  {name}: {sum(row[2] for row in found)} of {most} confirmed, wall {_spread(wall, ' s')}, "
                     f"processor {_spread(spent, ' s')}",
                     flush=True,
                 )
@@ -142,15 +149,19 @@ def faults() -> None:
             gone[str(sample.key_expr).split("/")[-2]] = time.monotonic()  # type: ignore[attr-defined]
 
         watching = session.liveliness().declare_subscriber(f"{machine.namespace}/alive/*/*", on_life)
-        found: dict[str, list[float]] = {"crash": [], "freeze": []}
+        found: dict[str, list[float]] = {"crash": [], "crash, by the supervisor": [], "freeze": []}
         for number in range(2 * FAULTS):
             what, sent = (("crash", signal.SIGKILL), ("freeze", signal.SIGSTOP))[number % 2]
             pid = machine.pids()["footholds"]
             gone.pop("footholds", None)
             began = time.monotonic()
             os.kill(pid, sent)
-            while "footholds" not in gone and time.monotonic() - began < 30.0:
+            reaped = 0.0
+            while ("footholds" not in gone or (not reaped and what == "crash")) and time.monotonic() - began < 30.0:
+                reaped = reaped or (0.0 if Path(f"/proc/{pid}").exists() else time.monotonic())
                 time.sleep(0.0005)
+            if what == "crash":
+                found["crash, by the supervisor"].append((reaped or began + 30.0) - began)
             found[what].append(gone.get("footholds", began + 30.0) - began)
             if sent == signal.SIGSTOP:
                 os.kill(pid, signal.SIGCONT)
@@ -173,6 +184,43 @@ def faults() -> None:
         del watching
 
 
+def peers(number: str = "") -> None:
+    """Print by how much processes grow while others are killed and started again."""
+    count = int(number or PEERS)
+    with tempfile.TemporaryDirectory() as folder, up(Path(folder)) as machine:
+        names = [name for name in machine.pids() if name != "supervisor"]
+        for half in (names[::2], names[1::2]):
+            for name in half:  # what the first restart of all brings is not counted
+                _restart(machine, name)
+            pids = {name: pid for name, pid in machine.pids().items() if name not in half}
+            before = {name: (resident_mb(pid), descriptors(pid)) for name, pid in pids.items()}
+            began, rounds = time.monotonic(), 0
+            while rounds < count and time.monotonic() - began < PEERS_S:
+                rounds, round_began = rounds + 1, time.monotonic()
+                for name in half:
+                    _restart(machine, name)
+                time.sleep(max(0.0, round_began + STABLE_S + 1.0 - time.monotonic()))  # else a service is given up
+            if {name: machine.pids().get(name) for name in pids} != pids:
+                raise RuntimeError(f"others than {half} were restarted: {machine.status()['services']}")
+            spent = time.monotonic() - began
+            print(f"{rounds} restarts of each of {', '.join(half)} in {spent:.0f} s; the others", flush=True)
+            for name, pid in pids.items():
+                memory, handles = resident_mb(pid) - before[name][0], descriptors(pid) - before[name][1]
+                print(f"  {name:<12} {memory:+6.1f} MB {handles:+d} descriptors", flush=True)
+
+
+def _restart(machine: Machine, name: str) -> None:
+    """Kill a service and wait until it is there again."""
+    pid = machine.pids()[name]
+    os.kill(pid, signal.SIGKILL)
+    deadline = time.monotonic() + 60.0
+    while machine.pids().get(name, pid) == pid:
+        if time.monotonic() > deadline:
+            raise RuntimeError(f"{name} is not started again: {machine.status()['services']}")
+        time.sleep(0.05)
+    _well(machine)
+
+
 def _well(machine: Machine) -> None:
     """Wait until every service is healthy and visible again."""
     deadline = time.monotonic() + 300.0
@@ -187,7 +235,7 @@ def _well(machine: Machine) -> None:
 
 def main() -> None:
     """Run the parts named on the command line, or all."""
-    parts = {"restarts": restarts, "stops": stops, "faults": faults, "commands": commands}
+    parts = {"restarts": restarts, "stops": stops, "faults": faults, "commands": commands, "peers": peers}
     for part in sys.argv[1:] or parts:
         name, _, option = part.partition(":")
         parts[name](*([option] if option else []))
