@@ -6,14 +6,14 @@ semicolons between them, in the order of the array, so that a reader takes what 
 Length 0 is a prime: it has no place in the array.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from surefoot.bus.interface import Delivery, Raw, Stamp
 from surefoot.errors import Refusal
 from surefoot.schemas.topics import Topic
 
-_new = tuple.__new__
+_new: Callable[..., Any] = tuple.__new__  # pyright: ignore[reportUnknownMemberType] - of any tuple
 
 
 class Part(NamedTuple):

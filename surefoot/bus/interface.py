@@ -20,6 +20,9 @@ Req = TypeVar("Req", bound=Request)
 Rep = TypeVar("Rep", bound=Wire)
 
 
+_new: Callable[..., Any] = tuple.__new__  # pyright: ignore[reportUnknownMemberType] - of any tuple
+
+
 class Raw(NamedTuple):
     """A message that is passed on without being read: what a recorder keeps."""
 
@@ -90,7 +93,7 @@ class Delivery:
             return self._message
         if self._stamp is not None:
             try:
-                return tuple.__new__(Stamp, map(int, self._stamp))  # Stamp itself takes longer
+                return _new(Stamp, map(int, self._stamp))  # Stamp itself takes longer
             except ValueError as error:
                 raise Refusal("malformed", f"index of a frame, {self.topic.key}: {error}") from None
         assert self._raw is not None

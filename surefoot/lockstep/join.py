@@ -198,10 +198,10 @@ class Join:
         """Keys due in a tick; what was found for the same samples, roster and phase of the periods is kept."""
         due, roster = tick.due, tick.roster
         kind = (due, roster, tick.tick % self._cycle)
-        wanted = self._wanted_of.get(kind)
-        if wanted is not None:
-            return wanted
-        wanted = []
+        known = self._wanted_of.get(kind)
+        if known is not None:
+            return known
+        wanted: list[str] = []
         for topic in self.same_tick:
             key = topic.key
             if key in self._samples:
