@@ -34,12 +34,16 @@ ROT, VEL, GYRO_BIAS, ACC_BIAS, POS, POINTS = 0, 9, 12, 15, 18, 21
 # rows of the error and of its covariance; a contact point has three from E_POINTS + 3 k
 E_ROT, E_VEL, E_GYRO, E_ACC, E_POS, E_POINTS = 0, 3, 6, 9, 12, 15
 # columns of `BestState.points`
-DOWN, SLIDE, MISFIT, SEEN = 0, 1, 2, 3
+DOWN, SLIDE, MISFIT, SEEN, NEW = 0, 1, 2, 3, 4
 # parts of `BestState.memory`
 EXCESS, INNOVATION, LAST_GYRO, SINCE, NIS, PHASE, REST, AGE, LAG = 0, 1, 4, 7, 8, 9, 10, 11, 12
-WAITING, MOVING, STARTED = 0.0, 1.0, 2.0  # values of `PHASE`
+LOSSES, LOST_FOR, PUSH, UNFIT = 15, 16, 17, 20
+MEMORY = 21
+WAITING, MOVING, STARTED, DOUBTED = 0.0, 1.0, 2.0, 3.0  # values of `PHASE`
 FREE = 1.0  # m^2, variance of a point that touches nothing
 NO_FEET = -1.0  # `SINCE` before the first sample of the feet
+LONG_AGO = -1.0  # `LOST_FOR` when there is nothing to compare
+LOST_MEMORY = 1.0  # s, over which losses of the velocity are taken together
 
 
 class BestState(NamedTuple):
@@ -51,14 +55,17 @@ class BestState(NamedTuple):
     cov: Array
     """(15 + 3 K, 15 + 3 K) covariance of the error."""
     points: Array
-    """(K, 4): 1 while the point stands, weight of sliding in its correction, misfits in a row, probability that it
-    slides."""
+    """(K, 5): 1 while the point stands, weight of sliding in its correction, misfits in a row, probability that it
+    slides, 1 until a second sample has confirmed its place."""
     turn: Array
     """(K, 3, 3) rot_odom_from_foot at the last sample of the feet."""
     memory: Array
-    """(15,): excess of the inertial noise, last common innovation (3) m, last gyro (3) rad/s, time since the last
+    """(21,): excess of the inertial noise, last common innovation (3) m, last gyro (3) rad/s, time since the last
     sample of the feet s (negative: there was none), its normalised innovation squared (3 dof), phase of the start,
-    inertial samples at rest in a row, time since the start s, lag of the velocity (3) m/s, IMU axes, see `follow`."""
+    inertial samples at rest in a row, time since the start s, lag of the velocity (3) m/s, IMU axes, see `follow`,
+    how often the velocity was lost, time since it was lost s (negative: long ago), change of the velocity by the
+    inertial unit since then (3) m/s, odom axes, see `judge_tilt`, samples of the feet in a row of which no
+    point fitted."""
 
 
 class BestNoise(NamedTuple):
@@ -87,15 +94,26 @@ def new_state(points: int) -> BestState:
     """An empty state of `points` contact points, level, at rest, with wide covariance."""
     x, cov = np.zeros(POINTS + 3 * points), np.eye(E_POINTS + 3 * points) * FREE
     x[ROT] = x[ROT + 4] = x[ROT + 8] = 1.0
-    memory = np.zeros(LAG + 3)
-    memory[EXCESS], memory[SINCE] = 1.0, NO_FEET
-    return BestState(x, cov, np.zeros((points, SEEN + 1)), np.zeros((points, 3, 3)), memory)
+    memory = np.zeros(MEMORY)
+    memory[EXCESS], memory[SINCE], memory[LOST_FOR] = 1.0, NO_FEET, LONG_AGO
+    return BestState(x, cov, np.zeros((points, NEW + 1)), np.zeros((points, 3, 3)), memory)
 
 
 def copy_state(source: BestState, target: BestState) -> None:
     """Copy every array of a state into those of another."""
     for a, b in zip(source, target, strict=True):
         b[...] = a
+
+
+@kernel
+def forget_velocity(state: BestState, sd: float) -> None:
+    """Make the velocity unknown: 0 +- sd m/s on each axis, in place."""
+    for i in range(E_VEL, E_VEL + 3):
+        for j in range(state.cov.shape[0]):
+            state.cov[i, j] = 0.0
+            state.cov[j, i] = 0.0
+        state.cov[i, i] = sd * sd
+        state.x[VEL + i - E_VEL] = state.memory[LAG + i - E_VEL] = 0.0
 
 
 @kernel
@@ -276,6 +294,12 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
         memory[i] *= 1.0 - min(d / noise.lag_s, 1.0)
     if memory[SINCE] >= 0.0:
         memory[SINCE] += d
+    if memory[LOST_FOR] >= 0.0:
+        memory[LOST_FOR] += d
+        for i in range(3):
+            memory[PUSH + i] += d * push[i]
+        if memory[LOST_FOR] > LOST_MEMORY:
+            memory[LOST_FOR] = LONG_AGO
 
 
 @kernel

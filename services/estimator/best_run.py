@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from surefoot.kernels.jit import kernel
 from surefoot.services.estimator.best_kernel import (
     AGE,
+    DOUBTED,
     DOWN,
     E_GYRO,
     E_POINTS,
@@ -19,7 +20,7 @@ from surefoot.services.estimator.best_kernel import (
     E_VEL,
     GYRO_BIAS,
     LAG,
-    MOVING,
+    LOSSES,
     NO_FEET,
     PHASE,
     POINTS,
@@ -32,6 +33,7 @@ from surefoot.services.estimator.best_kernel import (
     BestNoise,
     BestState,
     felt_variance,
+    forget_velocity,
     predict,
     rotation,
 )
@@ -40,6 +42,7 @@ from surefoot.services.estimator.best_start import (
     ROW_W,
     BestGeometry,
     BestLimits,
+    judge_tilt,
     rests,
     start_at_rest,
     start_moving,
@@ -48,7 +51,6 @@ from surefoot.services.estimator.best_update import (
     OUTLIER,
     UNKNOWN_SPEED,
     follow,
-    forget_velocity,
     lift,
     retract,
     take_points,
@@ -60,6 +62,7 @@ Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 GOOD_TILT, GOOD_SPEED, GOOD_AGE = 0.03, 0.05, 2.0  # rad, m/s, s: a moving start has settled
+LOST_SHARE = 0.2  # of the squared changes of the samples around lost ones, the variance of their mean
 GAP_TURN = 0.1  # rad/s, unseen turning in a gap
 GAP_PUSH = 1.0  # m/s^2, unseen acceleration in a gap
 
@@ -149,10 +152,51 @@ def _cross_gap(state: BestState, d: float, limits: BestLimits) -> float:
 def settled(state: BestState) -> bool:
     """Whether the estimate can be used: started at rest, or in motion and meanwhile certain."""
     memory, cov = state.memory, state.cov
-    if memory[PHASE] != MOVING:
+    if memory[PHASE] == WAITING or memory[PHASE] == STARTED:
         return bool(memory[PHASE] == STARTED)
     tilt, speed = max(cov[0, 0], cov[1, 1]), max(cov[E_VEL, E_VEL], cov[E_VEL + 1, E_VEL + 1])
     return bool(memory[AGE] > GOOD_AGE and tilt < GOOD_TILT**2 and speed < GOOD_SPEED**2)
+
+
+@kernel
+def _lost_until(stamps: Stamps, at: int) -> int:
+    """Stamp up to which inertial samples before row `at` are lost; that of the row before if there are none.
+
+    The period is the shorter of the two steps before.
+    """
+    if at < 3:
+        return stamps[max(at - 1, 0)]
+    period = min(stamps[at - 1] - stamps[at - 2], stamps[at - 2] - stamps[at - 3])
+    step = stamps[at] - stamps[at - 1]
+    return stamps[at] - period if 2 * step > 3 * period else stamps[at - 1]
+
+
+@kernel
+def _widen(state: BestState, rows: Array, at: int, d: float) -> None:
+    """Add what d s without inertial samples before row `at` may hide, in place."""
+    for first, row in ((ROW_W, E_ROT), (ROW_Q, E_VEL)):
+        square = 0.0
+        for i in range(first, first + 3):
+            square += (rows[at, i] - rows[at - 1, i]) ** 2 + (rows[at - 1, i] - rows[at - 2, i]) ** 2
+        for i in range(row, row + 3):
+            state.cov[i, i] += LOST_SHARE * square * d * d
+
+
+@kernel
+def _take_feet(
+    state: BestState, feet: Array, rots: Array, contact: Array, geometry: BestGeometry, noise: BestNoise,
+    limits: BestLimits,
+) -> None:  # fmt: skip
+    """Correct with one sample of the feet at the time of the state, in place; arguments as rows of `advance`."""
+    y, turn = points_of(geometry.foot, geometry.place, feet, rots)
+    before, losses = state.x[POS : POS + 3].copy(), state.memory[LOSSES]
+    take_points(state, y, turn, contact, geometry.radius, geometry.foot, noise, limits.hypotheses)
+    if state.memory[LOSSES] > losses:
+        judge_tilt(state, limits)
+    if math.isfinite(limits.level_sd):
+        stand_on_level(state, limits.start[3], geometry.radius, limits.level_sd)
+    if settled(state):
+        follow(state, before, noise)
 
 
 @kernel
@@ -198,23 +242,27 @@ def advance(
             gap = 1e-9 * (stamps[at] - now)
             if _cross_gap(state, gap, limits) < gap:
                 now = stamps[at]
-            while next_foot < feet_stamps.size and feet_stamps[next_foot] <= stamps[at]:
-                if feet_stamps[next_foot] > now:
-                    predict(state, w, q, 1e-9 * (feet_stamps[next_foot] - now), noise, felt)
-                    now = feet_stamps[next_foot]
-                y, turn = points_of(geometry.foot, geometry.place, feet[next_foot], foot_rots[next_foot])
-                before = x[POS : POS + 3].copy()
-                take_points(
-                    state, y, turn, contact[next_foot], geometry.radius, geometry.foot, noise,
-                    limits.hypotheses,
-                )  # fmt: skip
-                if math.isfinite(limits.level_sd):
-                    stand_on_level(state, limits.start[3], geometry.radius, limits.level_sd)
-                if settled(state):
-                    follow(state, before, noise)
-                next_foot += 1
-            if stamps[at] > now:
-                predict(state, w, q, 1e-9 * (stamps[at] - now), noise, felt)
+            lost = _lost_until(stamps, at)
+            if lost > now:
+                for i in range(3):
+                    w[i], q[i] = 0.5 * (w[i] + rows[at - 1, ROW_W + i]), 0.5 * (q[i] + rows[at - 1, ROW_Q + i])
+            while now < stamps[at] or (next_foot < feet_stamps.size and feet_stamps[next_foot] <= now):
+                if next_foot < feet_stamps.size and feet_stamps[next_foot] <= now:
+                    _take_feet(
+                        state, feet[next_foot], foot_rots[next_foot], contact[next_foot], geometry, noise, limits
+                    )  # fmt: skip
+                    next_foot += 1
+                    continue
+                end = lost if now < lost else stamps[at]
+                if next_foot < feet_stamps.size:
+                    end = min(end, feet_stamps[next_foot])
+                predict(state, w, q, 1e-9 * (end - now), noise, felt)
+                if now < lost:
+                    _widen(state, rows, at, 1e-9 * (end - now))
+                now = end
+                if now == lost:
+                    for i in range(3):
+                        w[i], q[i] = rows[at, ROW_W + i], rows[at, ROW_Q + i]
             memory[AGE] += gap
         if x[VEL] ** 2 + x[VEL + 1] ** 2 + x[VEL + 2] ** 2 > limits.max_speed**2:
             forget_velocity(state, UNKNOWN_SPEED)
@@ -223,7 +271,7 @@ def advance(
         if resting:
             for i in range(LAG, LAG + 3):
                 memory[i] = 0.0
-        if resting and not settled(state):
+        if resting and not settled(state) and memory[PHASE] != DOUBTED:
             start_at_rest(
                 state, rows, at, feet_stamps, stamps, feet, foot_rots, contact, geometry, noise, limits
             )  # fmt: skip

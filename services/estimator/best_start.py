@@ -11,6 +11,7 @@ from surefoot.kernels.jit import kernel
 from surefoot.services.estimator.best_kernel import (
     ACC_BIAS,
     AGE,
+    DOUBTED,
     E_ACC,
     E_GYRO,
     E_POINTS,
@@ -19,10 +20,13 @@ from surefoot.services.estimator.best_kernel import (
     EXCESS,
     GYRO_BIAS,
     LAST_GYRO,
+    LONG_AGO,
+    LOST_FOR,
     MOVING,
     NO_FEET,
     PHASE,
     POS,
+    PUSH,
     REST,
     ROT,
     SINCE,
@@ -30,6 +34,8 @@ from surefoot.services.estimator.best_kernel import (
     VEL,
     BestNoise,
     BestState,
+    rotation,
+    turn_matrix,
     turned,
 )
 from surefoot.services.estimator.best_update import UNKNOWN_SPEED, lift
@@ -43,6 +49,9 @@ Stamps = NDArray[np.int64]
 MOVING_TILT = 0.52  # rad, 30 deg: how wrong the first guess of a robot in motion may be
 CONTRADICTION = 4.0  # sigma by which the accelerometer may differ from the stated slope
 PLANE_POINT = 5e-4  # m, by which a foot of an assembled robot is beside its model
+TILTED = 0.7  # m/s^2, mean horizontal acceleration by the inertial unit while the velocity is lost again and again,
+TILTED_FOR = 0.1  # s at least, that shows a wrong tilt: 4 deg
+TILTED_SD = 0.3  # rad, tilt by the mean accelerometer of a robot in motion
 ROW_W, ROW_Q = 0, 3  # columns of an inertial row
 
 
@@ -287,3 +296,41 @@ def start_moving(state: BestState, q: Array, w: Array, foot: int, feet: Array, f
         state.cov[E_ACC + i, E_ACC + i] = limits.acc_bias_sd**2
         state.memory[LAST_GYRO + i] = w[i]
     state.memory[PHASE], state.memory[REST] = MOVING, 0.0
+
+
+@kernel
+def judge_tilt(state: BestState, limits: BestLimits) -> None:
+    """Doubt the tilt when the velocity is lost again and again, in place; to be called at each loss.
+
+    With a tilt that is wrong by a, the velocity by the inertial unit runs away from the feet with 9.81 sin a m/s^2
+    until it is lost, and again. The mean specific force in odom since the first loss points up, up to what a walk
+    accelerates: the attitude is turned so that it does, tilt and accelerometer bias are unknown again. Heading,
+    position and gyro bias stay.
+    """
+    memory, cov, n = state.memory, state.cov, state.cov.shape[0]
+    if memory[LOST_FOR] < 0.0:
+        memory[LOST_FOR] = 0.0
+        for i in range(3):
+            memory[PUSH + i] = 0.0
+        return
+    ahead, side, up = memory[PUSH], memory[PUSH + 1], memory[PUSH + 2] + GRAVITY * memory[LOST_FOR]
+    level = math.sqrt(ahead * ahead + side * side)
+    if memory[LOST_FOR] < TILTED_FOR or level < TILTED * memory[LOST_FOR]:
+        return
+    angle = math.atan2(level, up)
+    turn = turn_matrix(np.array([side / level * angle, -ahead / level * angle, 0.0]))
+    rot = times(turn, rotation(state.x))
+    for k in range(state.points.shape[0]):
+        lift(state, k)
+    for i in range(3):
+        for k in range(3):
+            state.x[ROT + 3 * i + k] = rot[i, k]
+        state.x[ACC_BIAS + i] = 0.0
+        for j in range(n):
+            cov[E_ACC + i, j] = cov[j, E_ACC + i] = 0.0
+            if i < 2:
+                cov[i, j] = cov[j, i] = 0.0
+        cov[E_ACC + i, E_ACC + i] = limits.acc_bias_sd**2
+        if i < 2:
+            cov[i, i] = TILTED_SD**2
+    memory[PHASE], memory[AGE], memory[EXCESS], memory[LOST_FOR] = DOUBTED, 0.0, 1.0, LONG_AGO

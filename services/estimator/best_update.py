@@ -32,7 +32,9 @@ from surefoot.services.estimator.best_kernel import (
     GYRO_BIAS,
     INNOVATION,
     LAG,
+    LOSSES,
     MISFIT,
+    NEW,
     NIS,
     POINTS,
     POS,
@@ -40,9 +42,11 @@ from surefoot.services.estimator.best_kernel import (
     SEEN,
     SINCE,
     SLIDE,
+    UNFIT,
     VEL,
     BestNoise,
     BestState,
+    forget_velocity,
     rotation,
     turn_matrix,
     turned,
@@ -76,6 +80,7 @@ def lift(state: BestState, k: int) -> None:
     state.points[k, SLIDE] = 0.0
     state.points[k, MISFIT] = 0.0
     state.points[k, SEEN] = 0.0
+    state.points[k, NEW] = 0.0
 
 
 @kernel
@@ -86,7 +91,7 @@ def put_down(state: BestState, k: int, y: Array, noise: BestNoise) -> None:
     for i in range(3):
         state.x[POINTS + 3 * k + i] = seen[i]
         state.cov[E_POINTS + 3 * k + i, E_POINTS + 3 * k + i] = noise.point**2
-    state.points[k, DOWN] = 1.0
+    state.points[k, DOWN], state.points[k, NEW] = 1.0, 1.0
 
 
 @kernel
@@ -114,17 +119,6 @@ def retract(state: BestState, xi: Array) -> None:
             seen = turned(turn, back)
             for i in range(3):
                 x[POINTS + 3 * k + i] = seen[i]
-
-
-@kernel
-def forget_velocity(state: BestState, sd: float) -> None:
-    """Make the velocity unknown: 0 +- sd m/s on each axis, in place."""
-    for i in range(E_VEL, E_VEL + 3):
-        for j in range(state.cov.shape[0]):
-            state.cov[i, j] = 0.0
-            state.cov[j, i] = 0.0
-        state.cov[i, i] = sd * sd
-        state.x[VEL + i - E_VEL] = state.memory[LAG + i - E_VEL] = 0.0
 
 
 @kernel
@@ -176,7 +170,7 @@ def observe(state: BestState, k: int, y: Array, contact: float, dt: float, noise
     inverse_1 = inverse3(slides)[0]
     misfit = _quadratic(z, inverse_1)
     if misfit > OUTLIER:
-        state.points[k, MISFIT] += 1.0
+        state.points[k, MISFIT] = MOST_MISFITS if state.points[k, NEW] > 0.0 else state.points[k, MISFIT] + 1.0
         if state.points[k, MISFIT] >= MOST_MISFITS:
             return misfit
         wider = (z[0] ** 2 + z[1] ** 2 + z[2] ** 2) / 3.0  # a sample like that says little
@@ -185,7 +179,7 @@ def observe(state: BestState, k: int, y: Array, contact: float, dt: float, noise
             slides[i, i] += wider
         inverse_1 = inverse3(slides)[0]
     else:
-        state.points[k, MISFIT] = 0.0
+        state.points[k, MISFIT] = state.points[k, NEW] = 0.0
     inverse_0 = inverse3(stays)[0]
     nis, weight = _quadratic(z, inverse_0), 0.0
     if hypotheses:
@@ -378,16 +372,20 @@ def take_points(
                 state.turn[k, i, j] = now[i, j]
     twist_soles(state, foot, noise.twist**2 * dt)
     learn_excess(state, y, noise)
-    standing, lost = 0, 0
+    standing, unfit = 0, 0
     for k in range(count):
         if points[k, DOWN] > 0.0:
             nis[k] = observe(state, k, y[k], contact[k], dt, noise, hypotheses)
             standing += 1
-            lost += points[k, MISFIT] >= MOST_MISFITS
-    if standing > 0 and lost == standing:  # not the feet are somewhere else, the velocity is wrong
+            unfit += points[k, MISFIT] > 0.0
+    memory[UNFIT] = memory[UNFIT] + 1.0 if 0 < standing == unfit else 0.0
+    lost = memory[UNFIT] >= MOST_MISFITS
+    if lost:  # not the feet are somewhere else, the velocity is wrong
         forget_velocity(state, UNKNOWN_SPEED)
+        memory[LOSSES] += 1.0
+        memory[UNFIT] = 0.0
     for k in range(count):
-        if points[k, DOWN] > 0.0 and points[k, MISFIT] >= MOST_MISFITS:
+        if points[k, DOWN] > 0.0 and (points[k, MISFIT] >= MOST_MISFITS or (lost and points[k, MISFIT] > 0.0)):
             put_down(state, k, y[k], noise)
             points[k, SLIDE] = points[k, SEEN] = 1.0
     for k in range(count):

@@ -22,6 +22,7 @@ from surefoot.services.estimator.best_kernel import (
     VEL,
     BestNoise,
     copy_state,
+    forget_velocity,
     new_state,
     predict,
     rotation,
@@ -30,7 +31,6 @@ from surefoot.services.estimator.best_params import best_limits, best_noise
 from surefoot.services.estimator.best_run import learn_gyro_bias, stand_on_level
 from surefoot.services.estimator.best_update import (
     follow,
-    forget_velocity,
     lift,
     observe,
     put_down,
@@ -342,3 +342,32 @@ def test_level_ground_is_a_kalman_update_of_the_height_of_each_point():
     gain = before.cov @ h / s
     np.testing.assert_allclose(state.cov, before.cov - np.outer(gain, h @ before.cov), atol=1e-9)
     np.testing.assert_allclose(state.x, disturbed(before, gain * 0.02).x, atol=1e-8)
+
+
+def test_one_wrong_sample_where_a_foot_comes_down_is_no_wrong_velocity():
+    """Of two samples that contradict each other either may be wrong: the foot is put down again, nothing else."""
+    one = new_state(1)
+    one.cov[...] = 1e-6 * np.eye(len(one.cov))
+    true, off = np.array([[0.0, 0.0, -0.3]]), np.array([[0.02, 0.0, -0.3]])
+    for y in (off, true, true, true):
+        take_points(one, y, np.eye(3)[None], np.ones(1), np.zeros(1), np.zeros(1, dtype=np.int64), NOISE, True)
+        for _ in range(3):
+            predict(one, np.zeros(3), G, 0.011, NOISE, 0.0)
+    assert np.linalg.norm(one.x[VEL : VEL + 3]) < 1e-3
+    assert one.cov[E_VEL, E_VEL] < 1e-3
+    np.testing.assert_allclose(one.x[POINTS : POINTS + 3], true[0], atol=1e-3)
+
+
+def test_a_foot_that_lifts_leaves_no_lost_velocity_behind():
+    """The last sample of which a point fitted counts, even if that foot is in the air now."""
+    one = new_state(2)
+    one.cov[...] = 1e-6 * np.eye(len(one.cov))
+    feet, off = STANDING.copy(), STANDING + np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0]])
+    both, second = np.ones(2), np.array([0.0, 1.0])
+    samples = [(feet, both), (feet, both), (off, both), (off, both), (off, second), (off, second)]
+    for y, contact in samples:
+        take_points(one, y, np.tile(np.eye(3), (2, 1, 1)), contact, np.zeros(2), np.arange(2), NOISE, True)
+        for _ in range(3):
+            predict(one, np.zeros(3), G, 0.011, NOISE, 0.0)
+    assert one.cov[E_VEL, E_VEL] < 1e-3
+    assert one.x[POINTS + 3] == pytest.approx(0.02, abs=2e-3)

@@ -1,0 +1,29 @@
+"""Starts of `best` that turn out to be wrong."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from surefoot.lab.estimation.scores import tilt
+from surefoot.lab.estimation.track import track
+from surefoot.lab.papers.wawrzynski.synthetic import WalkParams, synthesize
+from surefoot.services.estimator.stream import BEST
+
+
+@pytest.mark.parametrize("degrees", [12.0, 30.0])
+def test_a_tilt_that_the_feet_contradict_is_found_in_the_walk(degrees):
+    log = synthesize(WalkParams(duration_s=7.0, twist_deg=(3.0, 10.0)), 3)
+    wrong = log.q.copy()
+    rows = slice(0, log.rest[1])
+    wrong[rows] = wrong[rows] @ Rotation.from_euler("y", degrees, degrees=True).as_matrix().T
+    good, found = (track(BEST, replace(log, q=q)) for q in (log.q, wrong))
+    late = log.seconds > 5.0
+    a, b = (np.sqrt(np.mean(np.sum((one.v - log.v)[late] ** 2, axis=1))) for one in (good, found))
+    assert b < 1.5 * a
+    tilts = np.degrees(tilt(replace(log, q=wrong), found))
+    assert tilts[log.rest[1] - 5] > 0.9 * degrees
+    assert tilts[late].max() < 1.5
+    assert found.flags["initialised"][log.seconds > 5.0].all()
+    np.testing.assert_allclose(found.yaw[-1], good.yaw[-1], atol=0.03)
