@@ -2,6 +2,7 @@
 
 import math
 
+from surefoot.lockstep.ages import PERIODS
 from surefoot.schemas.navigation import PolicyReply
 from surefoot.services.navigator.belief.tracker import CommonErrors, Motion
 from surefoot.services.navigator.config import NavigatorConfig
@@ -39,6 +40,12 @@ def errors_of(model: NavigationModel, *, sway: bool) -> CommonErrors:
 def fade_of(keep: float) -> float:
     """Return the time constant, s, of an error of which the next frame, 0.1 s later, has the share `keep` again."""
     return math.inf if keep >= 1.0 else -0.1 / math.log(keep) if keep > 0.0 else 0.0
+
+
+def longest_blind_ns(model: NavigationModel) -> int:
+    """Return the time without a frame of the camera after which it is silent, ns: three times between two frames."""
+    apart = max(action.duration / action.frames for action in model.actions.values())
+    return round(PERIODS * 1e9 * apart)
 
 
 class Policies:

@@ -36,7 +36,7 @@ from surefoot.services.navigator.localiser import Localiser
 from surefoot.services.navigator.memory import Kept, Memory
 from surefoot.services.navigator.pilot import Pilot
 from surefoot.services.navigator.planning.rehearsing import rehearse_planning
-from surefoot.services.navigator.policies import Policies
+from surefoot.services.navigator.policies import Policies, longest_blind_ns
 from surefoot.services.navigator.rehearsal import rehearse
 from surefoot.services.navigator.world import World
 
@@ -58,6 +58,7 @@ class Navigator(Service[NavigatorConfig]):
     def on_start(self) -> None:
         self.robot = load_robot(self.config.robot)
         self.policies = Policies(self.config)
+        self.limits = {HW_LANDMARKS.key: longest_blind_ns(self.policies.model) if self.config.use_landmarks else 0}
         self.world = World(self.config)
         self.memory: Memory = Memory(self.config.memory)
         self.on_reset()

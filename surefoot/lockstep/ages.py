@@ -29,22 +29,25 @@ class Ages:
 
     Args:
         inputs: as the service declares them.
-        limits: ages beyond which an input is late, ns, by key; others: ``limit_ns``.
     """
 
-    def __init__(self, inputs: Iterable[Input], limits: Mapping[str, int] | None = None) -> None:
-        rows = [item.topic if isinstance(item, Delayed) else item for item in inputs]
-        given = limits or {}
-        self._limits = {row.key: limit for row in rows if (limit := given.get(row.key, limit_ns(row))) > 0}
-        self._owners = {row.key: row.owner for row in rows if row.key in self._limits}
+    def __init__(self, inputs: Iterable[Input]) -> None:
+        self._rows = [item.topic if isinstance(item, Delayed) else item for item in inputs]
         self.late: dict[str, float] = {}
         """Inputs that are late, and their age, s."""
         self.longest: dict[str, float] = {}
         """Greatest age of each input that was late in this epoch, s."""
         self.begin()
 
-    def begin(self) -> None:
-        """Begin an epoch: no input is late."""
+    def begin(self, limits: Mapping[str, int] | None = None) -> None:
+        """Begin an epoch: no input is late.
+
+        Args:
+            limits: ages beyond which an input is late, ns, by key, 0 = never; others: ``limit_ns``.
+        """
+        given = limits or {}
+        self._limits = {row.key: limit for row in self._rows if (limit := given.get(row.key, limit_ns(row))) > 0}
+        self._owners = {row.key: row.owner for row in self._rows if row.key in self._limits}
         self._stamps: dict[str, int] = {}
         self._newest: dict[str, Any] = {}
         """Last message of each key since the ages were last worked out."""

@@ -55,7 +55,7 @@ class Node:
         self.join = Join(service.name, service.inputs, service.batched)
         self.bindings = Bindings()
         self._bound = self.bindings.bound
-        self.ages = Ages(() if service.raw else service.inputs, service.limits)
+        self.ages = Ages(() if service.raw else service.inputs)
         self.refused: Counter[str] = Counter()
         self.tick_us: deque[float] = deque(maxlen=2000)
         self.state = "starting"
@@ -333,7 +333,7 @@ class Node:
         if tick.epoch != self.epoch:
             self.epoch = tick.epoch
             self._outbox.clear()
-            self.ages.begin()
+            self.ages.begin(self.service.limits)
             self.service.on_reset()
         self.ages.judge(inputs, self.join.absent, self.log)
         self.state = "running"

@@ -48,9 +48,10 @@ class Service(Generic[C]):
     """Topics outside lockstep (health, logs): delivered to ``on_message`` as they come."""
     batched: ClassVar[bool] = False
     """Its ticks may come some at a time: for those whose output nobody awaits within a tick."""
-    limits: ClassVar[Mapping[str, int]] = {}
-    """Ages beyond which an input is late, ns of simulated time, by key; the others: three of its periods, at least
-    100 ms (``surefoot.lockstep.ages``). ``TickInputs.late`` names the late ones, as do log, health and report."""
+    limits: Mapping[str, int] = {}
+    """Ages beyond which an input is late, ns of simulated time, by key, 0 = never; the others: three of its periods,
+    at least 100 ms (``surefoot.lockstep.ages``). Read at the begin of each epoch. ``TickInputs.late`` names the late
+    ones, as do log, health and report."""
     raw: ClassVar[bool] = False
     """Inputs are handed over undecoded, as ``Delivery``: for those who pass them on."""
 

@@ -94,3 +94,15 @@ def test_a_node_names_it_in_log_and_health() -> None:
         bench.both(number)
     assert bench.node.health().late == {}
     assert bench.node.health().silences == late
+
+
+def test_a_service_sets_limits_of_its_own() -> None:
+    ages = Ages((HW_IMU, STATE_VELOCITY))
+    ages.begin({HW_IMU.key: 2 * 10**9, STATE_VELOCITY.key: 0})
+    late = [n for n in range(300) if tick(n, ages, imu=False, velocity=False)[1][0]]
+    assert late == [201], "the one after two seconds, the other never"
+    assert set(ages.late) == {HW_IMU.key}
+    ages.begin()
+    assert {key for n in range(30) for key in tick(n, ages, imu=False, velocity=False)[1][0]} == {
+        HW_IMU.key, STATE_VELOCITY.key,
+    }  # fmt: skip
