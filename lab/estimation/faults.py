@@ -108,10 +108,10 @@ def turned(log: Log, seed: int) -> Log:
     )  # fmt: skip
 
 
+LATE = {"late 50 ms": 0.05, "late 90 ms": 0.09, "late 250 ms": 0.25}
+"""Name: by how much the feet come late, s."""
 FAULTS: dict[str, Callable[[Log, int], Log]] = {
-    "late 50 ms": lambda log, seed: delayed(log, 0.05),
-    "late 90 ms": lambda log, seed: delayed(log, 0.09),
-    "late 250 ms": lambda log, seed: delayed(log, 0.25),
+    **{name: lambda log, seed, late=late: delayed(log, late) for name, late in LATE.items()},
     "shuffled 100 ms": lambda log, seed: shuffled(log, 0.1, seed),
     "hole 1 s, 20 % lost": lambda log, seed: with_losses(log, 0.2, seed),
     "2 % outliers 2 cm": lambda log, seed: with_outliers(log, 0.02, 0.02, seed),

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.lab.estimation.faults import FAULTS, STARTS
+from surefoot.lab.estimation.blind import blind_error
+from surefoot.lab.estimation.faults import FAULTS, LATE, STARTS
 from surefoot.lab.estimation.scores import Score, nees, score
 from surefoot.lab.estimation.track import ABLATIONS, Track, track
 from surefoot.lab.estimation.walks import walk
@@ -123,6 +124,9 @@ def fault_ratios(name: str, chosen: LogSet, seeds: Iterable[int]) -> Iterator[Fa
         found = [score(log, one) for log, one in zip(changed, tracks, strict=True)]
         same = sum(_same_end(a, b) for a, b in zip(clean, tracks, strict=True))
         note = f"{same} of {len(logs)} end bitwise equal" if changed[0].order is not None else ""
+        if fault in LATE:
+            least = [np.hypot(s.rmse, blind_error(log, LATE[fault])) for log, s in zip(logs, scores, strict=True)]
+            note += f", {np.mean(least) / _mean(scores, 'rmse'):.2f} by the noise of the inertial unit alone"
         refused = sum(sum(one.refused.values()) for one in tracks) / sum(len(log.foot_ns) for log in changed)
         yield FaultRatio(
             fault, _mean(found, "rmse") / _mean(scores, "rmse"), _mean(found, "odometry") / _mean(scores, "odometry"),

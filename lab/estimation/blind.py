@@ -1,0 +1,41 @@
+"""What the inertial unit alone can know: the least error of an estimate whose feet come late."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.rotations import matrix_from_rotvec, rotvec_from_matrix
+from surefoot.lab.estimation.log import Log
+from surefoot.services.estimator.inertial import GRAVITY
+
+Array = NDArray[np.float64]
+
+STARTS = 200
+"""Rows from which is reckoned."""
+
+
+def blind_error(log: Log, seconds: float) -> float:
+    """Rms error of the velocity after dead reckoning for so long, m/s.
+
+    It begins with the true attitude and velocity, by samples whose mean error is taken out: only their noise is left.
+    No estimate without the feet of that time can do better than this beside its error before.
+    """
+    truth, t = log.known(), log.seconds
+    up = np.array([0.0, 0.0, GRAVITY])
+    step = np.diff(t)[:, None]
+    turn = np.stack([rotvec_from_matrix(a.T @ b) for a, b in zip(truth.rot[:-1], truth.rot[1:], strict=True)])
+    middle = np.stack([a @ matrix_from_rotvec(0.5 * b) for a, b in zip(truth.rot[:-1], turn, strict=True)])
+    force = np.einsum("nji,nj->ni", middle, np.diff(truth.v_world, axis=0) / step + up)
+    w = log.w[1:] - (log.w[1:] - turn / step).mean(axis=0)
+    q = log.q[1:] - (log.q[1:] - force).mean(axis=0)
+    scored = np.flatnonzero(log.scored)
+    scored = scored[t[scored] + seconds < t[scored[-1]]]
+    errors: list[float] = []
+    for first in scored[:: max(1, len(scored) // STARTS)].tolist():
+        last = int(np.searchsorted(t, t[first] + seconds - 1e-6))
+        rot, v = truth.rot[first], truth.v_world[first]
+        for k in range(first, last):
+            d = float(step[k, 0])
+            v = v + d * (rot @ matrix_from_rotvec(0.5 * d * w[k]) @ q[k] - up)
+            rot = rot @ matrix_from_rotvec(d * w[k])
+        errors.append(float(np.sum((v - truth.v_world[last]) ** 2)))
+    return float(np.sqrt(np.mean(errors)))
