@@ -182,7 +182,7 @@ def _contact(columns: Columns, position: Array, acc: Array, notes: list[str]) ->
     """Contacts (m, F) and switches (m, F, S), from whatever tells of them."""
     if "touch" in columns:
         touch = columns["touch"] > 0.5
-        return touch.any(axis=2), touch
+        return np.asarray(touch.any(axis=2), dtype=np.bool_), touch
     if "contact" in columns:
         contact = np.asarray(columns["contact"], dtype=np.float64)
         outside = np.argwhere((contact < 0.0) | (contact > 1.0))

@@ -39,7 +39,9 @@ def humanoid(name: str, every: int = 3, data: Path = DATA) -> Log:
     """
     columns = np.load(data / f"{name}.npz")
     period = float(columns["t"][1] - columns["t"][0])
-    v_world = savgol_filter(columns["p"], TRUTH_ROWS[name], 3, deriv=1, delta=period, axis=0)
+    v_world = np.asarray(
+        savgol_filter(columns["p"], TRUTH_ROWS[name], 3, deriv=1, delta=period, axis=0), dtype=np.float64
+    )
     return from_columns(
         name, columns, v_world, every, sensors=SENSORS, rest=(0, 30),
         begin_s=WALK_FROM_S if name == "icub3_gazebo_walk" else 0.5,

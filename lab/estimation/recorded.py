@@ -64,13 +64,14 @@ def log_of_columns(name: str, columns: Columns, robot: Robot, **more: Any) -> Lo
     pair = np.searchsorted(columns["contacts_stamp_ns"], columns["joints_stamp_ns"], side="right") - 1
     keep = np.flatnonzero(pair >= 0)
     touch = columns["touch"][pair[keep]].reshape(len(keep), legs, -1) > 0.5
+    contact = np.asarray(touch.any(axis=2), dtype=np.bool_)
     force = columns["force"][pair[keep]]
     stamp = columns["stamp_ns"]
     more.setdefault("rest", _rest(columns))
     arrival = _released(columns["tick"], columns["joints_tick"][keep])
     return Log(
         name, stamp, np.ascontiguousarray(columns["gyro"]), np.ascontiguousarray(columns["acc"]),
-        columns["joints_stamp_ns"][keep], position[keep], rot[keep], touch.any(axis=2), _truth(columns, robot),
+        columns["joints_stamp_ns"][keep], position[keep], rot[keep], contact, _truth(columns, robot),
         touch=touch, force=None if np.isnan(force).all() else force, joints=joints[keep], points=_points(robot),
         radius=mount.radius, rot_base_from_imu=np.ascontiguousarray(mount.rot_imu_from_base.T),
         imu_position=mount.imu_position, robot=robot.name, begin_s=SCORED_FROM_S, order=arrival,

@@ -72,8 +72,10 @@ def estimate(log: Log, name: str, folder: Path, **options: Any) -> Result:
     kept["stamp_ns"] = open_memmap(folder / "stamp_ns.npy", mode="w+", dtype=np.int64, shape=(n,))
     kept["stamp_ns"][:] = log.stamp_ns
     track = Track(
-        name, *(kept[key] for key in ("v", "g", "p", "position", "yaw", "v_odom")), {f: kept[f] for f in FLAGS},
-        kept["nis"], refused, kept.get("slipping"), kept.get("contact"), kept.get("gyro_bias"), kept.get("acc_bias"),
+        name, v=kept["v"], g=kept["g"], p=kept["p"], position=kept["position"], yaw=kept["yaw"],
+        v_odom=kept["v_odom"], flags={f: kept[f] for f in FLAGS}, nis=kept["nis"], refused=refused,
+        slipping=kept.get("slipping"), contact=kept.get("contact"), gyro_bias=kept.get("gyro_bias"),
+        acc_bias=kept.get("acc_bias"),
     )  # fmt: skip
     found = None
     if log.truth is not None and n <= SCORED_ROWS and log.scored.sum() > 1:

@@ -33,7 +33,7 @@ def check_units(log: Log) -> None:
     Raises:
         SurefootError: with the factor that would make it right.
     """
-    good = np.isfinite(log.q).all(axis=1) & np.isfinite(log.w).all(axis=1)
+    good = np.asarray(np.isfinite(log.q).all(axis=1) & np.isfinite(log.w).all(axis=1), dtype=np.bool_)
     if not good.any():
         raise SurefootError("invalid", f"{log.name} has no inertial row whose numbers are all finite", "gyro")
     length = float(np.median(np.linalg.norm(log.q[good], axis=1)))

@@ -45,7 +45,8 @@ def judged(model: LearnedModel, samples: Sequence[Sample]) -> Statistics:
     limit = 2.0 * float(flat.mean()) if len(flat) else 2.0 * float(np.quantile(found.r, 0.1))
     a, b = interval(p, spread(model, found.x, p))
     inside = (found.r >= a) & (found.r <= b)
-    return Statistics(len(found), float(spearmanr(p, found.r).statistic), auc(p, found.r > limit), float(inside.mean()))
+    rank = spearmanr(p, found.r).statistic  # pyright: ignore[reportAttributeAccessIssue] - scipy has no types
+    return Statistics(len(found), float(rank), auc(p, found.r > limit), float(inside.mean()))
 
 
 def spread(model: LearnedModel, x: Array, p: Array) -> Array:

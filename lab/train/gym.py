@@ -58,7 +58,7 @@ class NavigatorEnv(gym.Env[Array, np.int64]):
         return {"seconds": float(self._batch.seconds[0]), "action_mask": self._batch.mask[0].astype(np.int8)}
 
 
-class NavigatorVectorEnv(gym.vector.VectorEnv[Array, NDArray[np.int64], Array]):
+class NavigatorVectorEnv(gym.vector.VectorEnv[Array, NDArray[np.int64], NDArray[Any]]):
     """Many navigating robots in one kernel call; an episode that ended begins anew with the next step.
 
     Args:

@@ -142,7 +142,7 @@ def bring_up(memory: Memory, state: BestState, geometry: BestGeometry, noise: Be
         last = (marks[FIRST] + marks[COUNT] - 1) % SNAPSHOTS
         due = memory.snapshot_ns[last] + SNAPSHOT_NS
         begin = after(stamps, marks[DONE_NS])  # pyright: ignore[reportArgumentType] - a number to the compiler
-        end = max(begin + 1, after(stamps, due))
+        end = max(begin + 1, after(stamps, due))  # pyright: ignore[reportArgumentType] - likewise
         advance(
             state, stamps[:end], memory.imu[:end], memory.feet_stamps[:m], memory.feet[:m], memory.foot_rots[:m],
             memory.contact[:m], begin, geometry, noise, limits,

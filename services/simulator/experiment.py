@@ -55,7 +55,8 @@ def outcome_of(robot: Robot, trial: PrimitiveTrial) -> TrialOutcome:
     found = tuple(
         FootOutcome(
             leg=robot.leg_names[leg], sliding=float(max(slid[leg], 0.0)), displacement=float(moved[leg]),
-            before=float(before[leg]), load=float(loads[leg]), contact=(*map(float, begin[leg]),),
+            before=float(before[leg]), load=float(loads[leg]),
+            contact=(float(begin[leg, 0]), float(begin[leg, 1]), float(begin[leg, 2])),
         )
         for leg in legs
     )  # fmt: skip

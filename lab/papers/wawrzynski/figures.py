@@ -41,14 +41,15 @@ def _figure_3(one: Experiment) -> Figure:
     figure = _new(9.0, 1.7 * len(names))
     rows = one.walking
     t = one.log.seconds[rows] - one.log.seconds[rows][0]
-    for axes, name in zip(figure.subplots(len(names), 1, sharex=True), names, strict=True):
+    panels = figure.subplots(len(names), 1, sharex=True)
+    for axes, name in zip(panels, names, strict=True):
         axes.plot(t, one.tracks[name].v[rows, 0], color=BLUE if name in PAPER else ORANGE, lw=0.8)
         axes.plot(t, one.log.v[rows, 0], color=INK, lw=0.7)
         axes.set_title(TITLES.get(name, name), loc="left", fontsize=9)
         axes.set_ylabel("v x, m/s")
         if name != "imu":
             axes.set_ylim(-LIMIT, LIMIT)
-    axes.set_xlabel("s; black: truth")
+    panels[-1].set_xlabel("s; black: truth")
     return figure
 
 

@@ -19,7 +19,7 @@ def weights(columns: Array, y: Array, w: Array, ridge: float) -> Array:
         ridge: rho, >= 0.
     """
     stacked, target = stack(columns, y, w, ridge)
-    return np.linalg.lstsq(stacked, target, rcond=1e-13)[0]
+    return np.asarray(np.linalg.lstsq(stacked, target, rcond=1e-13)[0], dtype=np.float64)
 
 
 def stack(columns: Array, y: Array, w: Array, ridge: float) -> tuple[Array, Array]:

@@ -66,8 +66,9 @@ def refine(
     begin = np.concatenate((start.centres.ravel(), start.widths.ravel()))
     begin = np.clip(begin, low + 1e-9 * (high - low), high - 1e-9 * (high - low))
     found = least_squares(
-        problem.residual, begin, problem.jacobian, bounds=(low, high), max_nfev=evaluations, x_scale="jac",
-        ftol=1e-10, xtol=1e-10, gtol=1e-12,
+        problem.residual, begin,
+        problem.jacobian,  # pyright: ignore[reportArgumentType] - scipy takes a function, too, but has no types
+        bounds=(low, high), max_nfev=evaluations, x_scale="jac", ftol=1e-10, xtol=1e-10, gtol=1e-12,
     )  # fmt: skip
     basis = problem.basis(found.x)
     problem.residual(found.x)
@@ -92,7 +93,7 @@ class _Problem:
         stacked, target = stack(self._columns, self.y, self.w, self.ridge)
         self._q, r = np.linalg.qr(stacked)
         along = self._q.T @ target
-        self.c = np.linalg.lstsq(r, along, rcond=None)[0]
+        self.c = np.asarray(np.linalg.lstsq(r, along, rcond=None)[0], dtype=np.float64)
         self._at = theta.copy()
         return target - self._q @ along
 

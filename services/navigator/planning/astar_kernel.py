@@ -180,7 +180,7 @@ def search(weight: Bytes, start: int, goal: int, marks: Ints, g: Ints) -> int:
             g[n] = cost
             length, onto = 1, True
             if k < 4:
-                each = 2 * STRAIGHT * factor
+                each = int(2 * STRAIGHT * factor)
                 while w[n] >= EVEN and n != goal and length < RUN:
                     cost += each
                     onto = cost < g[n + offsets[k]]
@@ -235,7 +235,7 @@ def trace(weight: Bytes, start: int, goal: int, g: Ints) -> Ints:
             other = cell + offsets[k]
             if w[other] == 0 or g[other] == UNSEEN:
                 continue
-            before = cost_of(g[other])
+            before = cost_of(g[other])  # pyright: ignore[reportArgumentType] - a number to the compiler
             if k < 4:
                 if before + STRAIGHT * (factor + (w[other] & FACTOR)) == here:
                     found = other

@@ -116,7 +116,7 @@ def fuse_normal(found: FootForces, normal: Array, load: Array, variance: Array) 
     """
     force, covariance, observed = found.force.copy(), found.covariance.copy(), found.observed.copy()
     for i in np.flatnonzero(np.isfinite(load)):
-        n = normal[i]
+        n: Array = normal[i]
         if not observed[i]:
             side = (BLIND * max(float(load[i]), 0.0)) ** 2 + float(variance[i])
             force[i] = load[i] * n
