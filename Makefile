@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: help demo setup lint check test test-all test-processors bench warm lock clean
+.PHONY: help demo setup style lint check test test-all test-processors bench warm lock clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -20,13 +20,15 @@ setup: ## virtual environment with everything tests need
 warm: setup ## compile the numeric kernels of all systems
 	@$(BIN)/surefoot warm --all
 
-lint: setup ## style, types, layers
+style: setup ## style and layers
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-cache > .lint-imports.log || { cat .lint-imports.log; exit 1; }
+
+lint: style ## style, layers, types (types take two minutes)
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
-check: lint ## the same and the quick tests (< 1 min)
+check: style ## style, layers and the quick tests (< 1 min)
 	$(BIN)/pytest tests/schemas tests/surefoot tests/contract -m "not slow and not e2e"
 
 # By file: the tests of a file share the live system that its fixture starts.

@@ -7,7 +7,7 @@ themselves, which are published as well as soon as somebody listens.
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar, cast
 
 from surefoot.bus.codec import decode, encode, encoding_of, read_header
 from surefoot.errors import Refusal, SurefootError
@@ -20,7 +20,7 @@ Req = TypeVar("Req", bound=Request)
 Rep = TypeVar("Rep", bound=Wire)
 
 
-_new: Callable[..., Any] = tuple.__new__  # pyright: ignore[reportUnknownMemberType] - of any tuple
+_new: Callable[..., Any] = cast(Any, tuple).__new__  # of any tuple, without the checks of its class
 
 
 class Raw(NamedTuple):
