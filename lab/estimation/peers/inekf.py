@@ -211,7 +211,7 @@ def upright(q: Array) -> Array:
     helper = np.eye(3)[int(np.argmin(np.abs(z)))]
     x = helper - z * (helper @ z)
     x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z])
+    return np.stack([x, np.asarray(np.cross(z, x), dtype=np.float64), z])
 
 
 def at_rest(log: Log) -> tuple[Array | None, Array, int]:
