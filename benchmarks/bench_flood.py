@@ -191,6 +191,8 @@ def main() -> None:
     parts = {"floods": floods, "readers": readers}
     for part in sys.argv[1:] or parts:
         name, _, only = part.partition(":")
+        if name not in parts:
+            sys.exit(f"no part {name!r}; there are {', '.join(parts)}")
         parts[name](*([only] if only else []))
 
 

@@ -238,6 +238,8 @@ def main() -> None:
     parts = {"restarts": restarts, "stops": stops, "faults": faults, "commands": commands, "peers": peers}
     for part in sys.argv[1:] or parts:
         name, _, option = part.partition(":")
+        if name not in parts:
+            sys.exit(f"no part {name!r}; there are {', '.join(parts)}")
         parts[name](*([option] if option else []))
 
 

@@ -52,6 +52,8 @@ PLANE_POINT = 5e-4  # m, by which a foot of an assembled robot is beside its mod
 TILTED = 0.7  # m/s^2, mean horizontal acceleration by the inertial unit while the velocity is lost again and again,
 TILTED_FOR = 0.1  # s at least, that shows a wrong tilt: 4 deg
 TILTED_SD = 0.3  # rad, tilt by the mean accelerometer of a robot in motion
+UPRIGHT = 0.76  # cosine of 40 deg: a robot that is tilted further has fallen, and lost its feet by that
+FALLING = 0.1  # share by which the mean specific force of one that stands may differ from gravity; in a fall it is less
 ROW_W, ROW_Q = 0, 3  # columns of an inertial row
 
 
@@ -305,7 +307,8 @@ def judge_tilt(state: BestState, limits: BestLimits) -> None:
     With a tilt that is wrong by a, the velocity by the inertial unit runs away from the feet with 9.81 sin a m/s^2
     until it is lost, and again. The mean specific force in odom since the first loss points up, up to what a walk
     accelerates: the attitude is turned so that it does, tilt and accelerometer bias are unknown again. Heading,
-    position and gyro bias stay.
+    position and gyro bias stay. A robot that falls loses its velocity, too: its specific force is not that of one that
+    stands, and its tilt by the gyro is right.
     """
     memory, cov, n = state.memory, state.cov, state.cov.shape[0]
     if memory[LOST_FOR] < 0.0:
@@ -316,6 +319,9 @@ def judge_tilt(state: BestState, limits: BestLimits) -> None:
     ahead, side, up = memory[PUSH], memory[PUSH + 1], memory[PUSH + 2] + GRAVITY * memory[LOST_FOR]
     level = math.sqrt(ahead * ahead + side * side)
     if memory[LOST_FOR] < TILTED_FOR or level < TILTED * memory[LOST_FOR]:
+        return
+    force = math.sqrt(level * level + up * up) / memory[LOST_FOR]
+    if abs(force - GRAVITY) > FALLING * GRAVITY or rotation(state.x)[2, 2] < UPRIGHT:
         return
     angle = math.atan2(level, up)
     turn = turn_matrix(np.array([side / level * angle, -ahead / level * angle, 0.0]))

@@ -104,7 +104,6 @@ def test_query_that_compiles_says_so(fresh: tuple[ModuleType, Path], capsys: pyt
     service.answer = answer
     for _ in range(2):
         node.bus.call(STABILITY_REGION, RegionRequest(contacts=()))
-    assert node.counts["compiled_in_query"] == 1
     assert capsys.readouterr().err.count("had to compile double") == 1
 
 

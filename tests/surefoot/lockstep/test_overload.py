@@ -50,14 +50,14 @@ GAP_S = 3.0  # s wall, an unread `**` stopped every run for at least 5 s before 
 
 
 def test_a_lane_is_bounded_by_count_and_by_bytes_and_counts_what_it_refuses() -> None:
-    lane = Lane(3, 100)
+    lane = Lane(3, 100_000)
     a, b, c, d = (SimpleNamespace(key=key) for key in "abcd")
-    assert [lane.put(a, 10) for _ in range(5)] == [True, True, True, False, False]
+    assert [lane.put(a, 10_000) for _ in range(5)] == [True, True, True, False, False]
     assert [lane.get() for _ in range(3)] == [a, a, a]
-    assert lane.put(b, 1000)  # the first always finds room
-    assert not lane.put(c, 1)
+    assert lane.put(b, 1_000_000)  # the first always finds room
+    assert not lane.put(c, 5_000)
     assert lane.get() is b
-    assert [lane.put(d, 60) for _ in range(2)] == [True, False]
+    assert [lane.put(d, 60_000) for _ in range(2)] == [True, False]
     assert lane.dropped == {"a": 2, "c": 1, "d": 1}
 
 
