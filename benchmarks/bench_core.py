@@ -290,6 +290,8 @@ def main(arguments: list[str] | None = None) -> None:
     if options.way:
         blocks(options.way)
         return
+    if not (options.against / "surefoot" / "lockstep").is_dir():
+        parser.error(f"--against must be a checkout of surefoot, got {options.against}")
     for way in WAYS:
         compare(way, options.against.resolve(), options.blocks)
 

@@ -240,6 +240,9 @@ def main() -> None:
         name, _, option = part.partition(":")
         if name not in parts:
             sys.exit(f"no part {name!r}; there are {', '.join(parts)}")
+        whole = name in ("stops", "peers")
+        if option and not (option.isdigit() if whole else name == "restarts" and option.replace(".", "", 1).isdigit()):
+            sys.exit(f"got {part!r}; allowed are {', '.join(parts)}, restarts:RTF, stops:N and peers:N")
         parts[name](*([option] if option else []))
 
 

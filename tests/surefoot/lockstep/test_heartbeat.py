@@ -44,7 +44,7 @@ def test_of_a_driver_that_runs_as_fast_as_it_goes() -> None:
     node.begin((), "paced", 0.0, 1, "degrade", 0)
     end = time.monotonic() + BUSY_S
     node.run()
-    assert node.leader.tick > 10, "it is never idle"
+    assert node.leader.tick > 100, "it is never idle"
     assert len(found) >= 0.4 * BUSY_S / PERIOD_S
 
 

@@ -140,10 +140,13 @@ def test_a_request_for_a_tick_that_does_not_come_is_not_ready(bench: Bench, monk
 
 
 def test_probe_is_answered_without_a_request(bench: Bench) -> None:
+    asked: list[object] = []
+    bench.service.answer = asked.append
     incoming = MemoryIncoming(STABILITY_REGION, None)
     bench.node.handle(incoming)
     assert incoming.answer is None
     assert incoming.error is None
+    assert asked == []
 
 
 def test_nobody_there_and_nobody_answers() -> None:
