@@ -3,6 +3,7 @@
 import json
 import subprocess
 from contextlib import ExitStack
+from dataclasses import replace
 
 import pytest
 
@@ -29,13 +30,28 @@ def hashes(chosen: list[Setting]) -> dict[str, dict[str, str]]:
     return found
 
 
+def assert_one_hash_a_walk(found: dict[str, dict[str, str]]) -> None:
+    """Every walk must have one hash under all settings."""
+    for name in WALKS:
+        by_setting = {setting: of[name] for setting, of in found.items()}
+        assert len(set(by_setting.values())) == 1, f"{name}: {by_setting}"
+        assert all(len(value) == 64 for value in by_setting.values())
+
+
+@pytest.mark.timeout(600)
+def test_the_hash_is_the_same_with_the_oldest_and_the_newest_code() -> None:
+    by_name = {setting.name: setting for setting in settings()}
+    prescott, plain = by_name["prescott"], by_name["no-avx512"]
+    oldest = replace(prescott, name="oldest", variables={**prescott.variables, **plain.variables}, one_core=True)
+    found = hashes([oldest, by_name["8-threads"]])
+    assert_one_hash_a_walk(found)
+
+
+@pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_the_hash_is_the_same_under_every_processor_setting() -> None:
     possible = [setting for setting in settings() if not setting.obstacle()]
     found: dict[str, dict[str, str]] = {}
     for first in range(0, len(possible), AT_ONCE):
         found |= hashes(possible[first : first + AT_ONCE])
-    for name in WALKS:
-        by_setting = {setting: of[name] for setting, of in found.items()}
-        assert len(set(by_setting.values())) == 1, f"{name}: {by_setting}"
-        assert all(len(value) == 64 for value in by_setting.values())
+    assert_one_hash_a_walk(found)
