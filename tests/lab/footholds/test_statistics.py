@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from surefoot.lab.footholds.statistics import interval, judged
+from surefoot.lab.footholds.statistics import expected, interval, judged
 from surefoot.services.footholds.learning.fit import Candidate, LearnOptions, learn
-from surefoot.services.footholds.learning.samples import gather
+from surefoot.services.footholds.learning.samples import PATCH, gather
+from surefoot.services.footholds.outcomes import UNKNOWN_UM
 from tests.services.footholds.learning.made import samples, spoiled
 
 
@@ -31,5 +32,22 @@ def test_a_model_of_the_law_orders_warns_and_knows_its_spread() -> None:
 def test_the_interval_holds_its_share_of_a_gamma_distribution() -> None:
     rng = np.random.default_rng(3)
     draws = rng.gamma(1.5, 0.02, 20_000)
-    low, high = interval(np.full(len(draws), 0.03), np.full(len(draws), 0.02 * np.sqrt(1.5)))
+    low, high = interval(np.full(len(draws), 0.03), np.full(len(draws), 0.02 * np.sqrt(1.5)), least=0.0)
     assert np.mean((draws >= low) & (draws <= high)) == pytest.approx(0.8, abs=0.01)
+    low, high = interval(np.full(len(draws), 0.04), np.full(len(draws), 0.02 * np.sqrt(1.5)), least=0.01)
+    assert np.mean((draws + 0.01 >= low) & (draws + 0.01 <= high)) == pytest.approx(0.8, abs=0.01)
+
+
+def test_what_is_expected_is_the_mean_over_where_the_foot_may_land() -> None:
+    """Beside a wall the chosen cell is as flat as in the open; a foot that may land on its edge slides farther."""
+    model = learn(gather(drawn(4000, 1)), LearnOptions(candidates=(Candidate(15, 0.1, 1e-6),)))
+    flat = spoiled(drawn(1, 3)[0], k1=0.0, k2=0.0, cos_k3=0.0)
+    rise = np.zeros((PATCH, PATCH), dtype=np.int64)
+    rise[:, -2:] = 8_000
+    unknown = np.full((PATCH, PATCH), UNKNOWN_UM, dtype=np.int64)
+    heights = (np.zeros_like(rise), rise, unknown)
+    told = [spoiled(flat, leg=leg, heights_um=tuple(z.ravel().tolist())) for leg, z in enumerate(heights)]
+    open_, beside, alone = expected(model, gather(told))
+    assert beside > 1.2 * open_
+    assert alone == pytest.approx(expected(model, gather([spoiled(flat, heights_um=())]))[0])
+    assert open_ == pytest.approx(alone, rel=0.1)
