@@ -35,7 +35,7 @@ lint: style ## style, layers, types (types take two minutes)
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
 check: style ## style, layers and the quick tests (< 1 min)
-	$(BIN)/pytest tests/schemas tests/surefoot tests/contract -m "not slow and not e2e"
+	$(BIN)/pytest -n 2 --dist loadfile tests/schemas tests/surefoot tests/contract -m "not slow and not e2e"
 
 # By file: the tests of a file share the live system that its fixture starts.
 test: warm ## all tests but the long ones (< 8 min)
