@@ -94,7 +94,7 @@ def one(name: str, seed: int) -> dict[str, Any]:
     """Runs one journey on one seed."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     verdict = run_local(JOURNEYS[name](), seed, without=("recorder",)).verdict
-    values = {key: verdict.value(key) for key in (*SHOWN, "goals_missed")}
+    values = {key: verdict.value(key) for key in SHOWN}
     failed = [row.name for row in verdict.rows if row.ok is False]
     return {"journey": name, "seed": seed, "problems": list(verdict.problems), "failed": failed, "values": values}
 
@@ -106,9 +106,12 @@ def table(lines: list[dict[str, Any]], names: list[str]) -> None:
         own = [line for line in lines if line["journey"] == name]
         if not own:
             continue
-        times, errors, rms, nees, recoveries, fell = (
-            np.array([np.nan if line["values"][key] is None else line["values"][key] for line in own]) for key in SHOWN
-        )
+        found = {
+            key: np.array([np.nan if line["values"][key] is None else line["values"][key] for line in own])
+            for key in SHOWN
+        }
+        times, errors, rms, nees = (found[key] for key in ("goal_time_s", "goal_error_m", "pose_error_m", "pose_nees"))
+        recoveries, fell = found["recoveries"], found["fell"]
         reached = sum(line["values"]["goals_missed"] == 0.0 and not line["problems"] for line in own)
         print(
             f"{name:12s} {len(own):3d} {reached:8d} {np.mean(times):7.1f} {np.max(errors):8.3f} {np.max(rms):11.3f}"

@@ -233,9 +233,11 @@ class Simulator(Driver[SimulatorConfig]):
         except (TerrainError, WorldError, HeightMapError) as error:
             field = "start" if error.field == "pose" else error.field
             raise Refusal("invalid", str(error), f"world.{field}") from None
-        field = None if self.world.sight is None else self.world.sight.landmarks
+        sight = self.world.sight
+        field = None if sight is None else sight.landmarks
         self._landmarks = None if field is None else landmark_message(field, request.seed)
-        self.lacking = (TERRAIN_LANDMARKS,) if field is None else ()
+        blind = () if field is not None else (HW_LANDMARKS, TERRAIN_LANDMARKS)
+        self.lacking = blind if sight is not None and sight.ranger is not None else (*blind, HW_RANGE)
         self._map = map_message(heights.with_z(heights.z, version=1), terrain, w.map_profile)
         self._request = request
 

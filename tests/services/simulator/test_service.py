@@ -24,6 +24,8 @@ from surefoot.schemas.topics import (
     HW_DESCRIPTION,
     HW_IMU,
     HW_JOINTS,
+    HW_LANDMARKS,
+    HW_RANGE,
     SIM_CHECKPOINT,
     SIM_FAULT,
     SIM_FEATURES,
@@ -136,6 +138,26 @@ class Reader(Witness):
     """Reads the map of the landmarks as well."""
 
     inputs = (*Witness.inputs, TERRAIN_LANDMARKS)
+
+
+class Blind(Witness):
+    """Reads a camera and a ranger as well."""
+
+    inputs = (*Witness.inputs, HW_LANDMARKS, HW_RANGE)
+
+
+def test_a_camera_and_a_ranger_that_a_robot_does_not_have_are_not_silent() -> None:
+    simulator = Simulator(SimulatorConfig(robot="ragno", autostart=False))
+    blind = Blind(ServiceConfig(robot="ragno"))
+    system = LocalSystem([simulator, blind])
+    try:
+        system.bus.call(SIM_RESET, sim.ResetRequest(expect=("recorder",), max_ticks=50))
+        leader = simulator.node.leader
+        system.run_until(lambda: leader.state == "ended" and leader.all_done())
+        assert len(blind.seen) == 50
+        assert system.nodes[-1].ages.longest == {}
+    finally:
+        system.close()
 
 
 @pytest.mark.parametrize("robot", ["nao", "ragno"])
