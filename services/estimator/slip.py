@@ -17,17 +17,19 @@ step d_k between two open samples may be free fall as well, so w_k is the mean o
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.geometry.linear import product
 from surefoot.geometry.rotations import matrix_from_quat, rotvec_from_matrix
+from surefoot.kernels.jit import kernel
 from surefoot.services.estimator.feet import FootMount, feet_in_imu
 from surefoot.services.estimator.output import OdometryPose
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Counts = NDArray[np.int64]
 
 RISE = 0.008
 """m: a foot whose switch is open and that is so much higher than at its last contact is in swing."""
@@ -66,11 +68,58 @@ def feet_in_odom(mount: FootMount, q: Array, pose: OdometryPose, behind_s: float
         behind_s: by how much the joints are older than the pose, s: the trunk is taken back by its velocity.
     """
     position, rot = feet_in_imu(mount, q)
-    rot_odom_from_imu = product(matrix_from_quat(pose.quat_wxyz), np.ascontiguousarray(mount.rot_imu_from_base.T))
-    lever = product(matrix_from_quat(pose.quat_wxyz), mount.imu_position[:, None])[:, 0]
-    begin = pose.position - behind_s * pose.velocity + lever
-    centres = product(position, np.ascontiguousarray(rot_odom_from_imu.T)) + begin
-    return centres, np.stack([product(rot_odom_from_imu, np.ascontiguousarray(each)) for each in rot])
+    begin = pose.position - behind_s * pose.velocity
+    return _turned(position, rot, pose.quat_wxyz, mount.rot_imu_from_base, mount.imu_position, begin)
+
+
+@kernel
+def _turned(
+    position: Array, rot: Array, quat_wxyz: Array, rot_imu_from_base: Array, imu_position: Array, begin: Array
+) -> tuple[Array, Array]:
+    """Feet of the IMU's axes in `odom`, where base_link is at `begin`."""
+    base = matrix_from_quat(quat_wxyz)
+    turn, at = np.zeros((3, 3)), begin.copy()
+    for i in range(3):
+        lever = 0.0
+        for k in range(3):
+            lever += base[i, k] * imu_position[k]
+            for m in range(3):
+                turn[i, k] += base[i, m] * rot_imu_from_base[k, m]
+        at[i] += lever
+    centres, turned = np.zeros(position.shape), np.zeros(rot.shape)
+    for f in range(position.shape[0]):
+        for i in range(3):
+            for k in range(3):
+                centres[f, i] += position[f, k] * turn[i, k]
+                for m in range(3):
+                    turned[f, i, k] += turn[i, m] * rot[f, m, k]
+            centres[f, i] += at[i]
+    return centres, turned
+
+
+class Feet(NamedTuple):
+    """What is kept of each foot from sample to sample."""
+
+    slip: Array
+    """Of the present stance, (L,) m; 0 in swing."""
+    samples: Counts
+    """Since the stance began, (L,); 0 in swing."""
+    open: Counts
+    """Since the switch was closed last, (L,)."""
+    last: Counts
+    """Samples from the begin to the last contact, (L,)."""
+    way: Array
+    """x of the stance so far, (L, 2) m."""
+    height: Array
+    """Of the foot at its last contact, (L,) m."""
+    farthest: Array
+    """Largest |x|, (L,) m."""
+    begin: Array
+    """Where the stance began, (L, 3) m."""
+    centre: Array
+    """Of the sample before, (L, 3) m."""
+    rot: Array
+    """Of the sample before, (L, 3, 3)."""
 
 
 @dataclass(eq=False)
@@ -89,11 +138,12 @@ class StanceSlip:
 
     def __post_init__(self) -> None:
         n = self.legs
-        self.slip = np.zeros(n)
-        self._samples, self._open = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
-        self._last, self._way, self._height = np.zeros(n, dtype=np.int64), np.zeros((n, 2)), np.zeros(n)
-        self._farthest, self._begin = np.zeros(n), np.zeros((n, 3))
-        self._centre, self._rot = np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1))
+        samples, switched, last = np.zeros((3, n), dtype=np.int64)
+        slip, height, farthest = np.zeros((3, n))
+        begin, centre = np.zeros((2, n, 3))
+        rot = np.tile(np.eye(3), (n, 1, 1))
+        self._feet = Feet(slip, samples, switched, last, np.zeros((n, 2)), height, farthest, begin, centre, rot)
+        self.slip = self._feet.slip
 
     def update(self, contact: Flags, centre: Array, rot_odom_from_foot: Array) -> list[FinishedStance]:
         """Take one sample of all feet; returns the stances that have ended.
@@ -104,46 +154,59 @@ class StanceSlip:
             rot_odom_from_foot: rotation of each foot's link, (L, 3, 3).
         """
         ended: list[FinishedStance] = []
-        for leg in range(self.legs):
-            if not np.isfinite(centre[leg]).all():
-                continue
-            if self._samples[leg] == 0:
-                if contact[leg]:
-                    self._start(leg, centre[leg], rot_odom_from_foot[leg])
-                continue
-            self._step(leg, bool(contact[leg]), centre[leg], rot_odom_from_foot[leg])
-            high = float(centre[leg, 2]) - float(self._height[leg]) > RISE
-            if self._open[leg] >= LONGEST_OPEN or (self._open[leg] >= 2 and high):
-                found = self._end(leg)
-                if found is not None:
-                    ended.append(found)
+        for leg in np.flatnonzero(_followed(self._feet, contact, centre, rot_odom_from_foot, self.radius)).tolist():
+            feet = self._feet
+            x, y, z = feet.begin[leg].tolist()
+            if feet.last[leg] >= LEAST:
+                ended.append(
+                    FinishedStance(leg, float(feet.slip[leg]), (x, y, z), int(feet.last[leg]), int(feet.open[leg]))
+                )
+            feet.samples[leg], feet.slip[leg] = 0, 0.0
         return ended
 
-    def _start(self, leg: int, centre: Array, rot: Array) -> None:
-        self._samples[leg] = self._last[leg] = 1
-        self._open[leg], self._way[leg], self._farthest[leg], self.slip[leg] = 0, 0.0, 0.0, 0.0
-        self._begin[leg], self._centre[leg], self._rot[leg], self._height[leg] = centre, centre, rot, centre[2]
 
-    def _step(self, leg: int, contact: bool, centre: Array, rot: Array) -> None:
-        """Take the way since the last sample; it counts once contact is found again or was not lost."""
-        phi = rotvec_from_matrix(product(rot, np.ascontiguousarray(self._rot[leg].T)))
-        r = float(self.radius[leg])
-        weight = 0.5 * ((1.0 if contact else OPEN_WEIGHT) + (1.0 if self._open[leg] == 0 else OPEN_WEIGHT))
-        self._way[leg, 0] += weight * (centre[0] - self._centre[leg, 0] - r * phi[1])
-        self._way[leg, 1] += weight * (centre[1] - self._centre[leg, 1] + r * phi[0])
-        self._centre[leg], self._rot[leg] = centre, rot
-        self._samples[leg] += 1
-        if not contact:
-            self._open[leg] += 1
-            return
-        self._open[leg], self._last[leg], self._height[leg] = 0, self._samples[leg], centre[2]
-        x, y = self._way[leg].tolist()
-        self._farthest[leg] = max(float(self._farthest[leg]), math.sqrt(x * x + y * y))
-        self.slip[leg] = math.sqrt(max(0.0, float(self._farthest[leg]) ** 2 - SIGMA**2))
+@kernel
+def _followed(feet: Feet, contact: Flags, centre: Array, rot: Array, radius: Array) -> Flags:
+    """Take one sample of all feet; return which stances have ended, (L,)."""
+    ended = np.zeros(contact.size, dtype=np.bool_)
+    for leg in range(contact.size):
+        known = True
+        for i in range(3):
+            known = known and math.isfinite(centre[leg, i])
+        if not known:
+            continue
+        if feet.samples[leg] > 0:
+            _step(feet, leg, contact[leg], centre[leg], rot[leg], radius[leg])
+            high = centre[leg, 2] - feet.height[leg] > RISE
+            ended[leg] = feet.open[leg] >= LONGEST_OPEN or (feet.open[leg] >= 2 and high)
+        elif contact[leg]:
+            feet.samples[leg] = feet.last[leg] = 1
+            feet.open[leg], feet.farthest[leg], feet.slip[leg] = 0, 0.0, 0.0
+            feet.way[leg, 0] = feet.way[leg, 1] = 0.0
+            feet.begin[leg], feet.centre[leg], feet.rot[leg] = centre[leg], centre[leg], rot[leg]
+            feet.height[leg] = centre[leg, 2]
+    return ended
 
-    def _end(self, leg: int) -> FinishedStance | None:
-        samples, slip = int(self._last[leg]), float(self.slip[leg])
-        x, y, z = self._begin[leg].tolist()
-        since = int(self._open[leg])
-        self._samples[leg], self.slip[leg] = 0, 0.0
-        return FinishedStance(leg, slip, (x, y, z), samples, since) if samples >= LEAST else None
+
+@kernel
+def _step(feet: Feet, leg: int, contact: bool, centre: Array, rot: Array, radius: float) -> None:
+    """Take the way since the last sample; it counts once contact is found again or was not lost."""
+    turn = np.zeros((3, 3))
+    for i in range(3):
+        for k in range(3):
+            for m in range(3):
+                turn[i, k] += rot[i, m] * feet.rot[leg, k, m]
+    phi = rotvec_from_matrix(turn)
+    now, before = 1.0 if contact else OPEN_WEIGHT, 1.0 if feet.open[leg] == 0 else OPEN_WEIGHT
+    weight = 0.5 * (now + before)
+    feet.way[leg, 0] += weight * (centre[0] - feet.centre[leg, 0] - radius * phi[1])
+    feet.way[leg, 1] += weight * (centre[1] - feet.centre[leg, 1] + radius * phi[0])
+    feet.centre[leg], feet.rot[leg] = centre, rot
+    feet.samples[leg] += 1
+    if not contact:
+        feet.open[leg] += 1
+        return
+    feet.open[leg], feet.last[leg], feet.height[leg] = 0, feet.samples[leg], centre[2]
+    x, y = feet.way[leg, 0], feet.way[leg, 1]
+    feet.farthest[leg] = max(feet.farthest[leg], math.sqrt(x * x + y * y))
+    feet.slip[leg] = math.sqrt(max(0.0, feet.farthest[leg] * feet.farthest[leg] - SIGMA * SIGMA))
