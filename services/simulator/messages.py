@@ -1,5 +1,7 @@
 """Between the world's arrays and the messages on the bus."""
 
+from typing import Any
+
 import numpy as np
 
 from surefoot.geometry.heightmap import HeightMap
@@ -7,7 +9,7 @@ from surefoot.lockstep.driver import Sample
 from surefoot.schemas.hw import FootContacts, Imu, JointState, Landmark, LandmarkDetections, Range, Sighting
 from surefoot.schemas.sim import Truth as TruthMessage
 from surefoot.schemas.terrain import HeightMapMessage, LandmarkMap
-from surefoot.schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, HW_LANDMARKS, HW_RANGE
+from surefoot.schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, HW_LANDMARKS, HW_RANGE, TERRAIN_LANDMARKS, Topic
 from surefoot.services.simulator.ground.terrain import Terrain
 from surefoot.services.simulator.physics.samples import ExactState, Samples
 from surefoot.services.simulator.sensors.landmarks import Landmarks
@@ -59,6 +61,12 @@ def sight_messages(sight: Sight | None, stamp_ns: int) -> list[Sample]:
         )  # fmt: skip
         out.append(Sample(HW_RANGE, near, stamp_ns, sight.reach.seq))
     return out
+
+
+def lacking(sight: Sight | None) -> tuple[Topic[Any], ...]:
+    """Return the topics that a robot with these senses never has."""
+    blind = () if sight is not None and sight.landmarks is not None else (HW_LANDMARKS, TERRAIN_LANDMARKS)
+    return blind if sight is not None and sight.ranger is not None else (*blind, HW_RANGE)
 
 
 def truth_message(truth: ExactState) -> TruthMessage:

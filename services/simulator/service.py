@@ -51,6 +51,7 @@ from surefoot.services.simulator import world as worlds
 from surefoot.services.simulator.experiment import outcome_of
 from surefoot.services.simulator.ground.terrain import KINDS, MAP_PROFILES, TerrainError, observed_map
 from surefoot.services.simulator.messages import (
+    lacking,
     landmark_message,
     map_message,
     sample_messages,
@@ -233,11 +234,9 @@ class Simulator(Driver[SimulatorConfig]):
         except (TerrainError, WorldError, HeightMapError) as error:
             field = "start" if error.field == "pose" else error.field
             raise Refusal("invalid", str(error), f"world.{field}") from None
-        sight = self.world.sight
-        field = None if sight is None else sight.landmarks
+        field = None if self.world.sight is None else self.world.sight.landmarks
         self._landmarks = None if field is None else landmark_message(field, request.seed)
-        blind = () if field is not None else (HW_LANDMARKS, TERRAIN_LANDMARKS)
-        self.lacking = blind if sight is not None and sight.ranger is not None else (*blind, HW_RANGE)
+        self.lacking = lacking(self.world.sight)
         self._map = map_message(heights.with_z(heights.z, version=1), terrain, w.map_profile)
         self._request = request
 
