@@ -74,9 +74,7 @@ RATE_S = 0.5  # s wall, the least stretch over which the real-time factor is mea
 class SimulatorConfig(ServiceConfig):
     """The world until the first ``sim/reset``, and how it runs."""
 
-    expect: tuple[str, ...] = Field(
-        default=(), description="services that must be ready before tick 0 of the first run"
-    )
+    expect: tuple[str, ...] = Field(default=(), description="services that must be ready before the first run begins")
     terrain: str = Field(default="flat", description="terrain of the first run")
     seed: int = Field(default=0, ge=0, lt=2**31, description="seed of the first run")
     autostart: bool = Field(default=True, description="begin a paced run at once instead of waiting for sim/reset")
