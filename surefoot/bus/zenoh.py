@@ -20,6 +20,7 @@ from surefoot.bus.frame import Frame
 from surefoot.bus.interface import Delivery, Incoming, Life, Raw
 from surefoot.bus.pour import MOST_HZ, pour
 from surefoot.bus.publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher, apart, participants_key
+from surefoot.bus.replies import LARGE, WAITING, Replies
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
 from surefoot.schemas.base import ErrorReply, Message, Request, Wire
 from surefoot.schemas.topics import Query, Topic
@@ -87,11 +88,18 @@ def zenoh_config(endpoint: ZenohOptions) -> zenoh.Config:
 
 
 class ZenohIncoming:
-    """A query over the network; it is ended by ``reply`` or ``fail``, else the asker would wait for its time-out."""
+    """A query over the network; it is ended by ``reply`` or ``fail``, else the asker would wait for its time-out.
 
-    def __init__(self, query: Query[Any, Any], key: str, asked: zenoh.Query) -> None:
+    Args:
+        query: the row of the table.
+        key: under which it was asked.
+        asked: the query itself.
+        replies: sends large replies to strangers; None = a participant asks, who reads.
+    """
+
+    def __init__(self, query: Query[Any, Any], key: str, asked: zenoh.Query, replies: Replies | None = None) -> None:
         self.query = query
-        self._key, self._asked = key, asked
+        self._key, self._asked, self._replies = key, asked, replies
         attachment = asked.attachment
         self._attachment = None if attachment is None else attachment.to_bytes()
         self.probe = self._attachment == PROBE
@@ -108,7 +116,17 @@ class ZenohIncoming:
 
     def reply(self, reply: Wire) -> None:
         payload, attachment = encode(reply)
-        self._send(lambda q: q.reply(self._key, payload, encoding=encoding_of(type(reply)), attachment=attachment))
+        encoding = encoding_of(type(reply))
+
+        def send(asked: zenoh.Query) -> None:
+            asked.reply(self._key, payload, encoding=encoding, attachment=attachment)
+
+        if self._replies is None or len(payload) < LARGE:
+            self._send(send)
+        elif not self._replies.put(lambda: self._send(send), len(payload)):
+            self.fail(
+                BusError("busy", f"{self.query.key}: {WAITING} large replies are waiting to be sent; ask again later")
+            )
 
     def fail(self, error: SurefootError) -> None:
         payload = encode(error.reply())[0]
@@ -134,6 +152,7 @@ class ZenohBus:
             self.session = zenoh.open(zenoh_config(endpoint))
         except zenoh.ZError as error:
             raise BusError("no_bus", _why_not_open(endpoint, without_source(str(error)))) from None
+        self._replies = Replies()
         self._keep: list[Any] = []
         self._queriers: dict[tuple[str, float], zenoh.Querier] = {}
         self._framers: dict[str, Framer] = {}
@@ -188,7 +207,7 @@ class ZenohBus:
         self._keep.append(queryable)
         for model in (query.request, query.reply):
             encoding_of(model)
-        pour(queryable.handler, partial(ZenohIncoming, query, query.key), sink, most_hz=MOST_HZ)
+        pour(queryable.handler, partial(_from_stranger, self._replies, query), sink, most_hz=MOST_HZ)
         if participants is not None:
             handler = Callback(_query_sink(query, participants), indirect=False)
             self._keep.append(self.session.declare_queryable(participants_key(query), handler, complete=True))
@@ -318,6 +337,10 @@ def _frame_sink(
         sink(Frame(owner, wanted, sample.payload.to_bytes(), b"" if index is None else index.to_bytes()))
 
     return on_sample
+
+
+def _from_stranger(replies: Replies, query: Query[Any, Any], asked: zenoh.Query) -> ZenohIncoming:
+    return ZenohIncoming(query, query.key, asked, replies)
 
 
 def _query_sink(query: Query[Any, Any], sink: Callable[[Incoming], Any]) -> Callable[[zenoh.Query], None]:
