@@ -19,8 +19,10 @@ REST_S = 0.02  # s, how long a full reader is left alone
 BURST = 64
 
 
-def pour(handler: Any, make: Callable[[Any], Any], sink: Callable[[Any], Any], *, most_hz: float = 0.0) -> None:
-    """Start the thread; it ends with the session.
+def pour(
+    handler: Any, make: Callable[[Any], Any], sink: Callable[[Any], Any], *, most_hz: float = 0.0
+) -> threading.Thread:
+    """Start the thread and return it; it ends with the session.
 
     Args:
         handler: has ``recv``, which raises ZError at the end.
@@ -28,7 +30,9 @@ def pour(handler: Any, make: Callable[[Any], Any], sink: Callable[[Any], Any], *
         sink: returns False when it has no room.
         most_hz: limit of the rate, 1/s; 0 = none.
     """
-    threading.Thread(target=_work, args=(handler, make, sink, most_hz), name="pour", daemon=True).start()
+    thread = threading.Thread(target=_work, args=(handler, make, sink, most_hz), name="pour", daemon=True)
+    thread.start()
+    return thread
 
 
 def _work(handler: Any, make: Callable[[Any], Any], sink: Callable[[Any], Any], most_hz: float) -> None:

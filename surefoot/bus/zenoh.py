@@ -38,6 +38,7 @@ KEEP = 10_000
 BOUNDED_KEEP = 64
 """The same for a service, and queries of a key that are kept until it looks."""
 PROBE = b"probe"
+CLOSE_S = 1.0  # s, how long a reader that works may delay the end
 PROBE_S = 0.2
 LIVE = "alive"
 _TIMEOUT = b"Timeout"  # what Zenoh itself puts into the error reply of a query that nobody ended in time
@@ -154,6 +155,7 @@ class ZenohBus:
             raise BusError("no_bus", _why_not_open(endpoint, without_source(str(error)))) from None
         self._replies = Replies()
         self._keep: list[Any] = []
+        self._pours: list[threading.Thread] = []
         self._queriers: dict[tuple[str, float], zenoh.Querier] = {}
         self._framers: dict[str, Framer] = {}
 
@@ -181,7 +183,7 @@ class ZenohBus:
         key = participants_key(topic) if bounded and apart(topic) else topic.key
         subscriber = self.session.declare_subscriber(key, RingChannel(keep))
         self._keep.append(subscriber)
-        pour(subscriber.handler, partial(_delivery, topic), sink, most_hz=most_hz)
+        self._pours.append(pour(subscriber.handler, partial(_delivery, topic), sink, most_hz=most_hz))
 
     def take(self, topics: Iterable[Topic[Any]], sink: Callable[[Any], Any], *, batched: bool = False) -> None:
         family = BATCH if batched else FRAME
@@ -207,7 +209,9 @@ class ZenohBus:
         self._keep.append(queryable)
         for model in (query.request, query.reply):
             encoding_of(model)
-        pour(queryable.handler, partial(_from_stranger, self._replies, query), sink, most_hz=MOST_HZ)
+        self._pours.append(
+            pour(queryable.handler, partial(_from_stranger, self._replies, query), sink, most_hz=MOST_HZ)
+        )
         if participants is not None:
             handler = Callback(_query_sink(query, participants), indirect=False)
             self._keep.append(self.session.declare_queryable(participants_key(query), handler, complete=True))
@@ -272,6 +276,9 @@ class ZenohBus:
     def close(self) -> None:
         if not self.session.is_closed():
             self.session.close()
+        for thread in self._pours:  # one that is still in the network library when the interpreter ends aborts it
+            if thread is not threading.current_thread():
+                thread.join(CLOSE_S)
 
 
 def _ask(
