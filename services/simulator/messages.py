@@ -64,7 +64,7 @@ def sight_messages(sight: Sight | None, stamp_ns: int) -> list[Sample]:
 
 
 def lacking(sight: Sight | None) -> tuple[Topic[Any], ...]:
-    """Return the topics that a robot with these senses never has."""
+    """Return the topics that a robot with these sensors never publishes; None = neither camera nor ranger."""
     blind = () if sight is not None and sight.landmarks is not None else (HW_LANDMARKS, TERRAIN_LANDMARKS)
     return blind if sight is not None and sight.ranger is not None else (*blind, HW_RANGE)
 

@@ -1,33 +1,38 @@
-"""Large replies to strangers, sent by a thread of their own and no faster than a network takes them.
+"""Large replies to clients that are no participants, sent by one thread at a bounded rate.
 
-A client that asks for maps faster than it reads them fills the links between it and a service, and what else travels on
-them waits: the ticks, and the signs of life. So the thread leaves the links free for a part of the time, and waits in
-the robot's place where one is full; a few replies wait for the thread, and whoever asks while they wait is refused.
+A client that requests maps faster than it reads them fills the links between it and the service; ticks and heartbeats
+on the same links are delayed. The thread therefore pauses after each reply, and it is the thread that blocks when a
+link is full, not the control loop. At most `WAITING` replies are queued; further requests are refused as `busy`.
 """
 
 import threading
-import time
 import traceback
 from collections.abc import Callable
 from queue import Full, Queue
+from time import sleep
 
 LARGE = 16 << 10
-"""Bytes from which a reply is sent by the thread."""
+"""Size from which a reply is sent by the thread, bytes."""
 WAITING = 8
-"""Replies that wait at most."""
+"""Most replies in the queue."""
 BYTES_PER_S = 32e6
-"""How fast they are sent at most: a map of 400 x 400 cells takes 20 ms."""
+"""Highest mean rate, bytes/s: a map of 400 x 400 cells takes 20 ms."""
 
 
 class Replies:
-    """The thread; it starts with the first large reply."""
+    """Queue of replies and the daemon thread that sends them; the thread starts with the first reply."""
 
     def __init__(self) -> None:
         self._waiting: Queue[tuple[Callable[[], None], int]] = Queue(WAITING)
         self._thread: threading.Thread | None = None
 
     def put(self, send: Callable[[], None], size: int) -> bool:
-        """Send `size` bytes when it is their turn; return whether there was room. From one thread."""
+        """Queue a reply; return False if the queue is full. Call it from one thread only.
+
+        Args:
+            send: sends the reply.
+            size: of its payload, bytes.
+        """
         if self._thread is None:
             self._thread = threading.Thread(target=self._work, name="replies", daemon=True)
             self._thread.start()
@@ -45,4 +50,4 @@ class Replies:
             except Exception:  # a defect in one reply must not silence all that follow
                 traceback.print_exc()
             del send  # a query that is kept here would stay open
-            time.sleep(size / BYTES_PER_S)
+            sleep(size / BYTES_PER_S)

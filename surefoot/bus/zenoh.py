@@ -95,7 +95,7 @@ class ZenohIncoming:
         query: the row of the table.
         key: under which it was asked.
         asked: the query itself.
-        replies: sends large replies to strangers; None = a participant asks, who reads.
+        replies: queue for large replies; None for a participant, who is answered at once.
     """
 
     def __init__(self, query: Query[Any, Any], key: str, asked: zenoh.Query, replies: Replies | None = None) -> None:
@@ -126,7 +126,7 @@ class ZenohIncoming:
             self._send(send)
         elif not self._replies.put(lambda: self._send(send), len(payload)):
             self.fail(
-                BusError("busy", f"{self.query.key}: {WAITING} large replies are waiting to be sent; ask again later")
+                Refusal("busy", f"{self.query.key}: {WAITING} large replies are queued already; request it again later")
             )
 
     def fail(self, error: SurefootError) -> None:

@@ -39,7 +39,7 @@ def assert_one_hash_a_walk(found: dict[str, dict[str, str]]) -> None:
 
 
 @pytest.mark.timeout(600)
-def test_the_hash_is_the_same_with_the_oldest_and_the_newest_code() -> None:
+def test_the_hash_is_the_same_with_the_oldest_code_and_that_of_this_processor() -> None:
     by_name = {setting.name: setting for setting in settings()}
     prescott, plain = by_name["prescott"], by_name["no-avx512"]
     oldest = replace(prescott, name="oldest", variables={**prescott.variables, **plain.variables}, one_core=True)
@@ -47,7 +47,7 @@ def test_the_hash_is_the_same_with_the_oldest_and_the_newest_code() -> None:
     assert_one_hash_a_walk(found)
 
 
-@pytest.mark.slow
+@pytest.mark.e2e
 @pytest.mark.timeout(1200)
 def test_the_hash_is_the_same_under_every_processor_setting() -> None:
     possible = [setting for setting in settings() if not setting.obstacle()]

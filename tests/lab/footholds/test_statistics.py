@@ -46,8 +46,8 @@ def test_what_is_expected_is_the_mean_over_where_the_foot_may_land() -> None:
     rise[:, -2:] = 8_000
     unknown = np.full((PATCH, PATCH), UNKNOWN_UM, dtype=np.int64)
     heights = (np.zeros_like(rise), rise, unknown)
-    told = [spoiled(flat, leg=leg, heights_um=tuple(z.ravel().tolist())) for leg, z in enumerate(heights)]
-    open_, beside, alone = expected(model, gather(told))
+    stances = [spoiled(flat, leg=leg, heights_um=tuple(z.ravel().tolist())) for leg, z in enumerate(heights)]
+    open_, beside, alone = expected(model, gather(stances))
     assert beside > 1.2 * open_
     assert alone == pytest.approx(expected(model, gather([spoiled(flat, heights_um=())]))[0])
     assert open_ == pytest.approx(alone, rel=0.1)

@@ -44,7 +44,7 @@ def test_a_defect_in_one_reply_does_not_silence_the_next(capfd: pytest.CaptureFi
 def test_links_are_left_free_between_two_replies(monkeypatch: pytest.MonkeyPatch) -> None:
     rests: list[float] = []
     over = threading.Event()
-    monkeypatch.setattr("surefoot.bus.replies.time.sleep", rests.append)
+    monkeypatch.setattr("surefoot.bus.replies.sleep", rests.append)
     replies = Replies()
     assert replies.put(lambda: None, 640_000)
     assert replies.put(over.set, 1)
