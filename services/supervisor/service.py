@@ -177,7 +177,7 @@ class Supervisor(Service[ServiceConfig]):
         try:
             director.answered(order, self.call(order.query, order.request))
         except CallError as error:
-            director.failed(order, error.message)
+            director.failed(order, error.code, error.message)
 
     def _status(self) -> SupervisorStatus:
         rows = self.watched.rows() if self.watched is not None else ()

@@ -5,7 +5,7 @@ for the tick after that reaches everybody in time, and the run is the same each 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from surefoot.lockstep.leader import REPORT_TICKS, WINDOW_TICKS
@@ -19,6 +19,8 @@ LEAD_TICKS = WINDOW_TICKS + 1
 """An order comes at least so long before its tick."""
 HORIZON_TICKS = LEAD_TICKS + REPORT_TICKS - 1
 """Orders for ticks up to here are given now: the next look might be too late for them."""
+TRIES = 6
+"""An order that comes too late is sent so often, each time with twice the lead."""
 RESTING = ("standing", "refused")
 """States of the walker in which a walking command has ended."""
 
@@ -33,6 +35,8 @@ class Order:
         request: the command with its tick.
         kill: name of the service that is to be ended at once.
         walking: its end is the moment `walk_done`.
+        goal: its end is the moment `goal_done`.
+        tries: how often it has come too late.
     """
 
     text: str
@@ -41,7 +45,7 @@ class Order:
     kill: str = ""
     walking: bool = False
     goal: bool = False
-    """Its end is the moment `goal_done`."""
+    tries: int = 0
 
 
 @dataclass
@@ -70,13 +74,12 @@ class Director:
         self._walk_ended_at: int | None = None
         self._busy_until = 0
         self._resend = False
+        self._late: list[Order] = []
         self._goal = ""
         """Name of the goal under way."""
         self._goal_ended_at: int | None = None
 
-    def on_tick(
-        self, tick: int, gait: Any | None, *, fallen: bool = False, feedback: Any | None = None
-    ) -> tuple[Order, ...]:
+    def on_tick(self, tick: int, gait: Any | None, *, fallen: bool = False, feedback: Any | None = None) -> list[Order]:
         """Take in a tick and say what to send now; called at least every ``REPORT_TICKS``.
 
         Args:
@@ -85,13 +88,13 @@ class Director:
             fallen: the truth says so.
             feedback: the latest NavigationFeedback, None when there is none.
         """
+        orders = self._again(tick)
         if self.ended:
-            return ()
+            return orders
         if fallen and "no_fall" in self.scenario.limits:
-            return (self._end(tick, "the robot has fallen"),)
+            return [self._end(tick, "the robot has fallen")]
         self._note_moments(tick, gait)
         self._note_goal(tick, feedback)
-        orders: list[Order] = []
         if self._resend and gait is not None and gait.state == "standing":
             orders.append(self._walk_again(tick))
         due = [step for step in self._timed if (step.at_tick or 0) <= tick + (HORIZON_TICKS if step.request else 0)]
@@ -105,7 +108,7 @@ class Director:
             orders.append(self._order(self._waiting.pop(0), max(at, tick + LEAD_TICKS)))
         if not orders and self._nothing_left(tick):
             orders.append(self._end(tick, "all steps are done"))
-        return tuple(orders)
+        return orders
 
     def answered(self, order: Order, reply: Any) -> None:
         """Take in the reply to an order that was served."""
@@ -120,8 +123,16 @@ class Director:
         elif order.goal:
             self._goal, self._goal_ended_at = reply.goal_id, None
 
-    def failed(self, order: Order, message: str) -> None:
-        """Take in that an order brought no reply."""
+    def failed(self, order: Order, code: str, message: str) -> None:
+        """Take in that an order was not served.
+
+        In paced time a service that was away for a moment learns of an order only after its tick. An order refused as
+        ``late`` is therefore sent again for a later tick, ``TRIES`` times; everything else is a problem of the run.
+        """
+        if code == "late" and order.tries + 1 < TRIES:
+            self.notes.append(f"{order.text} came too late and is sent again: {message}")
+            self._late.append(replace(order, tries=order.tries + 1))
+            return
         self.problems.append(f"{order.text} failed: {message}")
         self._waiting.clear()
 
@@ -132,6 +143,7 @@ class Director:
             left.append(f"the {self._walk.command.action} was not finished in time")
         if self._goal:
             left.append(f"the goal {self._goal!r} was not reached in time")
+        left += [f"{order.text} came too late" for order in self._late]
         steps = [*self._timed, *self._waiting]
         if steps:
             left.append(f"{len(steps)} steps were not reached, the first is {steps[0].do!r}")
@@ -178,6 +190,17 @@ class Director:
         query, _ = COMMANDS[command.action]
         return Order(f"{command.action} (again)", query, command.model_copy(update=update), walking=True)
 
+    def _again(self, tick: int) -> list[Order]:
+        """Orders that came too late, for a tick that should still be to come."""
+        late, self._late = self._late, []
+        orders: list[Order] = []
+        for order in late:
+            assert order.request is not None
+            at_tick = tick + LEAD_TICKS * 2**order.tries
+            self._busy_until = max(self._busy_until, at_tick + _ticks_of(order.request))
+            orders.append(replace(order, request=order.request.model_copy(update={"at_tick": at_tick})))
+        return orders
+
     def _time_of(self, step: Step) -> int | None:
         """Tick a waiting step is due at, None when its moment has not come."""
         moments = {"ready": self._ready_at, "walk_done": self._walk_ended_at, "goal_done": self._goal_ended_at}
@@ -189,13 +212,12 @@ class Director:
         if step.request is None:
             return Order(f"kill of {step.service}", kill=step.service)
         query, _ = COMMANDS[step.do]
-        duration = getattr(step.request, "duration", None) or 0.0
-        self._busy_until = max(self._busy_until, at_tick + round(duration / TICK_S))
+        self._busy_until = max(self._busy_until, at_tick + _ticks_of(step.request))
         request = step.request.model_copy(update={"at_tick": at_tick})
         return Order(text, query, request, walking=step.do in WALKING, goal=step.do in GOALS)
 
     def _nothing_left(self, tick: int) -> bool:
-        if self._timed or self._waiting or self._walk is not None or self._goal:
+        if self._late or self._timed or self._waiting or self._walk is not None or self._goal:
             return bool(self.problems) and self._walk is None and not self._goal
         last = max(self._busy_until, self._walk_ended_at or 0, self._goal_ended_at or 0)
         return tick + LEAD_TICKS >= last + round(self.scenario.settle_s / TICK_S)
@@ -203,3 +225,8 @@ class Director:
     def _end(self, tick: int, reason: str) -> Order:
         self.ended = True
         return Order(reason, SIM_PAUSE, PauseRequest(at_tick=tick + LEAD_TICKS, end=True))
+
+
+def _ticks_of(request: Request) -> int:
+    """Ticks a request takes by its own word."""
+    return round((getattr(request, "duration", None) or 0.0) / TICK_S)

@@ -6,7 +6,7 @@ import pytest
 
 from surefoot.lockstep.leader import WINDOW_TICKS
 from surefoot.schemas.topics import CMD_WALK, SIM_PAUSE, SIM_PUSH
-from surefoot.services.supervisor.scenarios.director import HORIZON_TICKS, LEAD_TICKS, Director
+from surefoot.services.supervisor.scenarios.director import HORIZON_TICKS, LEAD_TICKS, TRIES, Director
 from surefoot.services.supervisor.scenarios.scenario import parse_scenario
 
 WALK = """
@@ -114,8 +114,50 @@ def test_a_refused_command_is_a_problem_and_ends_the_run():
 def test_no_reply_is_a_problem():
     director = Director(parse_scenario(WALK))
     (order,) = director.on_tick(0, gait())
-    director.failed(order, "nobody serves")
+    director.failed(order, "absent", "nobody serves")
     assert "nobody serves" in director.problems[0]
+
+
+def test_an_order_that_came_too_late_is_sent_again_with_more_lead():
+    director = Director(parse_scenario(WALK))
+    (order,) = director.on_tick(0, gait())
+    sent, tick = [order.request.at_tick], 0
+    while not director.problems:
+        director.failed(order, "late", "at_tick has passed")
+        if director.problems:
+            break
+        assert "came too late" in director.unfinished()[0]
+        tick += 10
+        (order,) = director.on_tick(tick, gait())
+        assert order.walking
+        sent.append(order.request.at_tick - tick)
+    assert sent == [LEAD_TICKS * 2**n for n in range(TRIES)]
+    assert len(director.notes) == TRIES - 1
+    assert "at_tick has passed" in director.problems[0]
+
+
+def test_an_order_that_came_too_late_once_is_no_problem():
+    director = Director(parse_scenario(WALK))
+    (order,) = director.on_tick(0, gait())
+    director.failed(order, "late", "at_tick has passed")
+    walker = Walker(director, ready_at=0)
+    walker.tick = 9
+    walker.run(300)
+    assert [key for _, _, key in walker.told()] == ["cmd/walk", "cmd/walk", "sim/pause"]
+    assert director.ended
+    assert not director.problems
+    assert director.unfinished() == ()
+
+
+def test_an_end_that_came_too_late_is_sent_again():
+    director = Director(parse_scenario(WALK + "[limits]\nno_fall = true\n"))
+    (end,) = director.on_tick(0, gait(), fallen=True)
+    director.failed(end, "late", "at_tick has passed")
+    (again,) = director.on_tick(10, gait(), fallen=True)
+    assert again.query is SIM_PAUSE
+    assert again.request.end
+    assert again.request.at_tick > 10 + LEAD_TICKS
+    assert not director.on_tick(20, gait(), fallen=True)
 
 
 def test_a_walker_that_gives_up_is_a_problem():
@@ -129,10 +171,10 @@ def test_a_walker_that_gives_up_is_a_problem():
 
 def test_a_fall_ends_the_run_only_where_it_is_forbidden():
     careless, careful = (Director(parse_scenario(WALK + limits)) for limits in ("", "[limits]\nno_fall = true\n"))
-    assert careless.on_tick(0, None, fallen=True) == ()
+    assert not careless.on_tick(0, None, fallen=True)
     (order,) = careful.on_tick(0, None, fallen=True)
     assert order.query is SIM_PAUSE
-    assert careful.on_tick(1, gait()) == ()
+    assert not careful.on_tick(1, gait())
 
 
 def test_a_restarted_walker_is_told_the_rest():
@@ -140,13 +182,13 @@ def test_a_restarted_walker_is_told_the_rest():
     (order,) = director.on_tick(0, gait())
     director.answered(order, SimpleNamespace(accepted=True, id=1, reason=""))
     director.on_tick(order.request.at_tick + 5, gait("walking", 1, 0.35))
-    assert director.on_tick(order.request.at_tick + 10, gait("recovering", 0)) == ()
+    assert director.on_tick(order.request.at_tick + 10, gait("recovering", 0)) == []
     (again,) = director.on_tick(order.request.at_tick + 20, gait("standing", 0))
     assert again.request.distance == pytest.approx(0.35)
     assert again.request.at_tick == order.request.at_tick + 20 + LEAD_TICKS
     assert director.notes
     director.answered(again, SimpleNamespace(accepted=True, id=1, reason=""))
-    assert director.on_tick(31, gait("standing", 0)) == ()
+    assert director.on_tick(31, gait("standing", 0)) == []
 
 
 def test_what_is_left_undone_is_told():
