@@ -36,6 +36,7 @@ from surefoot.services.estimator.best_memory import (
     new_memory,
     restart_clock,
 )
+from surefoot.services.estimator.best_modes import modes_of
 from surefoot.services.estimator.best_run import settled
 from surefoot.services.estimator.best_start import BestGeometry, BestLimits
 from surefoot.services.estimator.inertial import GRAVITY
@@ -149,14 +150,15 @@ class BestFilter:
 
     def __init__(self, geometry: BestGeometry, noise: BestNoise, limits: BestLimits, feet: int) -> None:
         self.geometry, self.noise, self.limits, self._feet = geometry, noise, limits, feet
-        self.memory = new_memory(feet, len(geometry.foot))
-        self.state = new_state(len(geometry.foot))
+        self._modes = modes_of(feet) if limits.hypotheses else 0
+        self.memory = new_memory(feet, len(geometry.foot), self._modes)
+        self.state = new_state(len(geometry.foot), self._modes)
         self.reset(limits)
 
     def reset(self, limits: BestLimits) -> None:
         """Forget everything; `limits` state where the robot begins."""
         self.limits = limits
-        copy_state(new_state(len(self.geometry.foot)), self.state)
+        copy_state(new_state(len(self.geometry.foot), self._modes), self.state)
         clear(self.memory, self.state)
 
     def restart_clock(self) -> None:

@@ -66,6 +66,14 @@ class BestState(NamedTuple):
     how often the velocity was lost, time since it was lost s (negative: long ago), change of the velocity by the
     inertial unit since then (3) m/s, odom axes, see `judge_tilt`, samples of the feet in a row of which no
     point fitted."""
+    mode_x: Array
+    """(H, 21 + 3 K) the same of each hypothesis about which feet slide, see `best_modes`; so are the next four."""
+    mode_cov: Array
+    mode_points: Array
+    mode_turn: Array
+    mode_memory: Array
+    weight: Array
+    """(H,) probabilities of the hypotheses, all 0 while there is only the state itself."""
 
 
 class BestNoise(NamedTuple):
@@ -81,6 +89,9 @@ class BestNoise(NamedTuple):
     point: float  # m, a contact point by kinematics
     stay: float  # m/sqrt(s), walk of a point that stays
     slide: float  # m/s, a point that slides
+    slip: float  # m/s, a foot that slides, where hypotheses are carried through time
+    slip_begin: float  # probability per sample that it begins to slide
+    slip_landing: float  # probability that it slides when it comes down
     begin_slide: float  # probability per sample that a point begins to slide
     go_on: float  # probability per sample that a sliding point goes on
     learn: float  # rate at which the excess of the inertial noise follows the innovations
@@ -90,13 +101,14 @@ class BestNoise(NamedTuple):
     lag_s: float  # s, over which corrections of the position are averaged
 
 
-def new_state(points: int) -> BestState:
-    """An empty state of `points` contact points, level, at rest, with wide covariance."""
+def new_state(points: int, modes: int = 0) -> BestState:
+    """An empty state of `points` contact points, level, at rest, with wide covariance and room for hypotheses."""
     x, cov = np.zeros(POINTS + 3 * points), np.eye(E_POINTS + 3 * points) * FREE
     x[ROT] = x[ROT + 4] = x[ROT + 8] = 1.0
     memory = np.zeros(MEMORY)
     memory[EXCESS], memory[SINCE], memory[LOST_FOR] = 1.0, NO_FEET, LONG_AGO
-    return BestState(x, cov, np.zeros((points, NEW + 1)), np.zeros((points, 3, 3)), memory)
+    one = (x, cov, np.zeros((points, NEW + 1)), np.zeros((points, 3, 3)), memory)
+    return BestState(*one, *(np.stack([part] * modes) if modes else part[None][:0] for part in one), np.zeros(modes))
 
 
 def copy_state(source: BestState, target: BestState) -> None:

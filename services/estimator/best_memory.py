@@ -38,9 +38,9 @@ class Memory(NamedTuple):
     snapshots: BestState  # arrays of S states
 
 
-def new_memory(feet: int, points: int) -> Memory:
-    """Return an empty memory; `clear` makes its first snapshot."""
-    n, one = CAPACITY, new_state(points)
+def new_memory(feet: int, points: int, modes: int = 0) -> Memory:
+    """Return an empty memory for states of so many points and hypotheses; `clear` makes its first snapshot."""
+    n, one = CAPACITY, new_state(points, modes)
     return Memory(
         np.zeros(n, dtype=np.int64), np.zeros((n, 6)), np.zeros(n, dtype=np.int64), np.zeros((n, feet, 3)),
         np.zeros((n, feet, 3, 3)), np.zeros((n, points)), np.zeros(COUNT + 1, dtype=np.int64),
@@ -59,7 +59,12 @@ def _snap(memory: Memory, state: BestState) -> None:
     marks[COUNT] += 1
     memory.snapshot_ns[at] = marks[DONE_NS]
     kept.x[at], kept.cov[at], kept.points[at] = state.x, state.cov, state.points
-    kept.turn[at], kept.memory[at] = state.turn, state.memory
+    kept.turn[at], kept.memory[at], kept.weight[at] = state.turn, state.memory, state.weight
+    for h in range(state.weight.size):
+        if state.weight[h] > 0.0:
+            kept.mode_x[at, h], kept.mode_cov[at, h] = state.mode_x[h], state.mode_cov[h]
+            kept.mode_points[at, h], kept.mode_turn[at, h] = state.mode_points[h], state.mode_turn[h]
+            kept.mode_memory[at, h] = state.mode_memory[h]
 
 
 @kernel
@@ -135,7 +140,12 @@ def bring_up(memory: Memory, state: BestState, geometry: BestGeometry, noise: Be
             last = (marks[FIRST] + marks[COUNT] - 1) % SNAPSHOTS
         marks[DONE_NS], marks[DIRTY_NS] = memory.snapshot_ns[last], NOTHING
         state.x[:], state.cov[:], state.points[:] = kept.x[last], kept.cov[last], kept.points[last]
-        state.turn[:], state.memory[:] = kept.turn[last], kept.memory[last]
+        state.turn[:], state.memory[:], state.weight[:] = kept.turn[last], kept.memory[last], kept.weight[last]
+        for h in range(state.weight.size):
+            if state.weight[h] > 0.0:
+                state.mode_x[h], state.mode_cov[h] = kept.mode_x[last, h], kept.mode_cov[last, h]
+                state.mode_points[h], state.mode_turn[h] = kept.mode_points[last, h], kept.mode_turn[last, h]
+                state.mode_memory[h] = kept.mode_memory[last, h]
     count, m = marks[IMU_END], marks[FEET_END]
     stamps = memory.imu_stamps[:count]
     while count > 0 and marks[DONE_NS] < stamps[count - 1]:
@@ -155,5 +165,6 @@ def bring_up(memory: Memory, state: BestState, geometry: BestGeometry, noise: Be
 @kernel
 def restart_clock(memory: Memory, state: BestState) -> None:
     """Keep what is known but for velocity and feet when stamps begin anew, in place."""
+    state.weight[:] = 0.0
     forget(state, 1.0)
     clear(memory, state)

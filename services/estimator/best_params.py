@@ -9,15 +9,21 @@ from surefoot.services.estimator.best_start import BestLimits
 from surefoot.services.estimator.params import EstimatorParams, StartPose
 
 ACC_SHARE = 1.2  # noise of an accelerometer that walks over that of its data sheet
+POINT_SHARE = 1.2  # of a point of a foot that is believed to stay over that of one that is doubted at each sample
 STATED_SD = 1e-3  # m and rad, of a stated start pose
 LEVEL_SD = 0.01  # m, of a point over level ground, per sample of the feet
 LOST_SD = 1.0  # m and rad, of an unknown pose
 
 
-def best_noise(params: EstimatorParams) -> BestNoise:
-    """Noises of the filter; those of the sensors per square root of s, so that the rate of a log does not matter."""
+def best_noise(params: EstimatorParams, modes: bool = False) -> BestNoise:
+    """Noises of the filter; those of the sensors per square root of s, so that the rate of a log does not matter.
+
+    Args:
+        params: of sensors and geometry.
+        modes: hypotheses about sliding feet are carried through time (`best_modes`); else each sample is doubted.
+    """
     root = math.sqrt(1e-9 * params.imu_period_ns)
-    return BestNoise(
+    noise = BestNoise(
         gyro=params.sigma_w * root,
         acc=ACC_SHARE * params.sigma_q * root,
         gyro_bias=2e-4,
@@ -28,6 +34,9 @@ def best_noise(params: EstimatorParams) -> BestNoise:
         point=params.sigma_point,
         stay=0.0002,
         slide=0.04,
+        slip=0.02,
+        slip_begin=0.01,
+        slip_landing=0.1,
         begin_slide=0.6,
         go_on=0.98,
         learn=0.02,
@@ -36,6 +45,11 @@ def best_noise(params: EstimatorParams) -> BestNoise:
         most_excess=15.0,
         lag_s=5.0,
     )
+    if modes:
+        noise = noise._replace(
+            point=POINT_SHARE * params.sigma_point, stay=0.0005, gyro_bias=6e-5, gyro_jerk=0.12, learn=0.05, drop=0.3
+        )
+    return noise
 
 
 def best_limits(params: EstimatorParams, start: StartPose, stated: bool, hypotheses: bool = True) -> BestLimits:

@@ -37,6 +37,8 @@ from surefoot.services.estimator.best_kernel import (
     predict,
     rotation,
 )
+from surefoot.services.estimator.best_modes import collapse, likeliest, mix, mode, publish_mean, weigh
+from surefoot.services.estimator.best_point import OUTLIER, lift, retract
 from surefoot.services.estimator.best_start import (
     ROW_Q,
     ROW_W,
@@ -47,15 +49,8 @@ from surefoot.services.estimator.best_start import (
     start_at_rest,
     start_moving,
 )
-from surefoot.services.estimator.best_update import (
-    OUTLIER,
-    UNKNOWN_SPEED,
-    follow,
-    lift,
-    retract,
-    take_points,
-)
-from surefoot.services.estimator.contact import points_of
+from surefoot.services.estimator.best_update import UNKNOWN_SPEED, follow, take_points
+from surefoot.services.estimator.contact import by_height, points_of
 from surefoot.services.estimator.timeline import after
 
 Array = NDArray[np.float64]
@@ -172,14 +167,30 @@ def _lost_until(stamps: Stamps, at: int) -> int:
 
 
 @kernel
-def _widen(state: BestState, rows: Array, at: int, d: float) -> None:
-    """Add what d s without inertial samples before row `at` may hide, in place."""
-    for first, row in ((ROW_W, E_ROT), (ROW_Q, E_VEL)):
-        square = 0.0
-        for i in range(first, first + 3):
-            square += (rows[at, i] - rows[at - 1, i]) ** 2 + (rows[at - 1, i] - rows[at - 2, i]) ** 2
-        for i in range(row, row + 3):
-            state.cov[i, i] += LOST_SHARE * square * d * d
+def _hidden(rows: Array, at: int) -> tuple[float, float]:
+    """Variances, (rad/s)^2 and (m/s^2)^2, of what inertial samples lost before row `at` may hide."""
+    turn, push = 0.0, 0.0
+    for i in range(3):
+        j = ROW_W + i
+        turn += (rows[at, j] - rows[at - 1, j]) ** 2 + (rows[at - 1, j] - rows[at - 2, j]) ** 2
+        j = ROW_Q + i
+        push += (rows[at, j] - rows[at - 1, j]) ** 2 + (rows[at - 1, j] - rows[at - 2, j]) ** 2
+    return LOST_SHARE * turn, LOST_SHARE * push
+
+
+@kernel
+def _correct(
+    state: BestState, y: Array, turn: Array, contact: Array, geometry: BestGeometry, noise: BestNoise,
+    limits: BestLimits, hypotheses: bool, slides: int,
+) -> float:  # fmt: skip
+    """Correct one state with one sample of its points, in place; return the logarithm of its likelihood."""
+    before = state.x[POS : POS + 3].copy()
+    likely = take_points(state, y, turn, contact, geometry.radius, geometry.foot, noise, hypotheses, slides)
+    if math.isfinite(limits.level_sd):
+        stand_on_level(state, limits.start[3], geometry.radius, limits.level_sd)
+    if settled(state):
+        follow(state, before, noise)
+    return likely
 
 
 @kernel
@@ -189,14 +200,55 @@ def _take_feet(
 ) -> None:  # fmt: skip
     """Correct with one sample of the feet at the time of the state, in place; arguments as rows of `advance`."""
     y, turn = points_of(geometry.foot, geometry.place, feet, rots)
-    before, losses = state.x[POS : POS + 3].copy(), state.memory[LOSSES]
-    take_points(state, y, turn, contact, geometry.radius, geometry.foot, noise, limits.hypotheses)
+    at, losses = likeliest(state), state.memory[LOSSES]
+    if at < 0 and (state.weight.size == 0 or state.memory[REST] > 0.0 or not settled(state)):
+        _correct(state, y, turn, contact, geometry, noise, limits, limits.hypotheses, 0)
+    else:
+        losses = losses if at < 0 else state.mode_memory[at, LOSSES]
+        rot = rotation(state.x) if at < 0 else rotation(state.mode_x[at])
+        contact = by_height(rot, y, geometry.radius, contact)
+        mix(state, contact, geometry.foot, noise)
+        likely = np.zeros(state.weight.size)
+        for h in range(state.weight.size):
+            if state.weight[h] > 0.0:
+                likely[h] = _correct(mode(state, h), y, turn, contact, geometry, noise, limits, False, h)
+        weigh(state, likely)
+        if state.mode_memory[likeliest(state), LOSSES] > losses:
+            collapse(state, geometry.foot)
     if state.memory[LOSSES] > losses:
         judge_tilt(state, limits)
-    if math.isfinite(limits.level_sd):
-        stand_on_level(state, limits.start[3], geometry.radius, limits.level_sd)
-    if settled(state):
-        follow(state, before, noise)
+
+
+@kernel
+def _predict_one(
+    state: BestState, w: Array, q: Array, d: float, noise: BestNoise, felt: float, hidden: tuple[float, float]
+) -> None:
+    predict(state, w, q, d, noise, felt)
+    for i in range(3):
+        state.cov[E_ROT + i, E_ROT + i] += hidden[0] * d * d
+        state.cov[E_VEL + i, E_VEL + i] += hidden[1] * d * d
+
+
+@kernel
+def _predict(
+    state: BestState, w: Array, q: Array, d: float, noise: BestNoise, felt: float, hidden: tuple[float, float]
+) -> None:
+    """Carry the state, or each of its hypotheses, over d s, in place; see `predict` and `_hidden`."""
+    if likeliest(state) < 0:
+        _predict_one(state, w, q, d, noise, felt, hidden)
+    for h in range(state.weight.size):
+        if state.weight[h] > 0.0:
+            _predict_one(mode(state, h), w, q, d, noise, felt, hidden)
+
+
+@kernel
+def _limit_speed(state: BestState, foot: NDArray[np.int64], most: float) -> None:
+    """Forget a velocity that no robot has, in place."""
+    at = likeliest(state)
+    x = state.x if at < 0 else state.mode_x[at]
+    if x[VEL] ** 2 + x[VEL + 1] ** 2 + x[VEL + 2] ** 2 > most * most:
+        collapse(state, foot)
+        forget_velocity(state, UNKNOWN_SPEED)
 
 
 @kernel
@@ -230,7 +282,7 @@ def advance(
         noise: of the filter.
         limits: of start and rest.
     """
-    x, memory = state.x, state.memory
+    memory = state.memory
     next_foot = after(feet_stamps, stamps[begin - 1]) if begin > 0 else 0
     w, q = np.empty(3), np.empty(3)
     for at in range(begin, stamps.size):
@@ -240,6 +292,8 @@ def advance(
         if memory[PHASE] != WAITING:
             felt = felt_variance(memory, w, noise)
             gap = 1e-9 * (stamps[at] - now)
+            if gap > limits.gap_s:
+                collapse(state, geometry.foot)
             if _cross_gap(state, gap, limits) < gap:
                 now = stamps[at]
             lost = _lost_until(stamps, at)
@@ -256,19 +310,18 @@ def advance(
                 end = lost if now < lost else stamps[at]
                 if next_foot < feet_stamps.size:
                     end = min(end, feet_stamps[next_foot])
-                predict(state, w, q, 1e-9 * (end - now), noise, felt)
-                if now < lost:
-                    _widen(state, rows, at, 1e-9 * (end - now))
+                hidden = _hidden(rows, at) if now < lost else (0.0, 0.0)
+                _predict(state, w, q, 1e-9 * (end - now), noise, felt, hidden)
                 now = end
                 if now == lost:
                     for i in range(3):
                         w[i], q[i] = rows[at, ROW_W + i], rows[at, ROW_Q + i]
             memory[AGE] += gap
-        if x[VEL] ** 2 + x[VEL + 1] ** 2 + x[VEL + 2] ** 2 > limits.max_speed**2:
-            forget_velocity(state, UNKNOWN_SPEED)
+        _limit_speed(state, geometry.foot, limits.max_speed)
         resting = rests(rows, stamps, at, feet, feet_stamps, limits)
         memory[REST] = memory[REST] + 1.0 if resting else 0.0
         if resting:
+            collapse(state, geometry.foot)
             for i in range(LAG, LAG + 3):
                 memory[i] = 0.0
         if resting and not settled(state) and memory[PHASE] != DOUBTED:
@@ -282,3 +335,4 @@ def advance(
                 start_moving(state, q, w, next_foot - 1, feet, foot_rots, contact, geometry, limits)
         elif memory[REST] > limits.samples:
             learn_gyro_bias(state, rows[at + 1 - limits.samples, :3], noise, limits)
+    publish_mean(state, geometry.foot)

@@ -38,7 +38,8 @@ from surefoot.services.estimator.best_kernel import (
     turn_matrix,
     turned,
 )
-from surefoot.services.estimator.best_update import UNKNOWN_SPEED, lift
+from surefoot.services.estimator.best_point import lift
+from surefoot.services.estimator.best_update import UNKNOWN_SPEED
 from surefoot.services.estimator.contact import points_of
 from surefoot.services.estimator.inertial import GRAVITY
 from surefoot.services.estimator.timeline import after

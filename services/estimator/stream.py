@@ -20,6 +20,7 @@ from surefoot.services.estimator.best_log import (
     follow_log,
     new_rows,
 )
+from surefoot.services.estimator.best_modes import modes_of
 from surefoot.services.estimator.best_params import best_limits, best_noise
 from surefoot.services.estimator.best_start import BestGeometry
 from surefoot.services.estimator.contact import ContactPoints, contact_points, point_feet, probabilities
@@ -74,7 +75,7 @@ class Estimator:
         chosen = tuple(names)
         geometry = BestGeometry(*self._points, self._rot_base_from_imu, mount.imu_position)
         limits = best_limits(params, self._start, True, hypotheses)
-        self._best = BestFilter(geometry, best_noise(params), limits, self._feet)
+        self._best = BestFilter(geometry, best_noise(params, bool(modes_of(self._feet))), limits, self._feet)
         self._groups: list[tuple[tuple[str, ...], PaperEstimators]] = []
         ours = tuple(name for name in chosen if name in ESTIMATORS)
         if ours:
