@@ -190,16 +190,19 @@ def peers(number: str = "") -> None:
     with tempfile.TemporaryDirectory() as folder, up(Path(folder)) as machine:
         names = [name for name in machine.pids() if name != "supervisor"]
         for half in (names[::2], names[1::2]):
+            well: dict[str, float] = {}  # since when each has been well again
             for name in half:  # what the first restart of all brings is not counted
                 _restart(machine, name)
+                well[name] = time.monotonic()
             pids = {name: pid for name, pid in machine.pids().items() if name not in half}
             before = {name: (resident_mb(pid), descriptors(pid)) for name, pid in pids.items()}
             began, rounds = time.monotonic(), 0
             while rounds < count and time.monotonic() - began < PEERS_S:
-                rounds, round_began = rounds + 1, time.monotonic()
+                rounds += 1
                 for name in half:
+                    time.sleep(max(0.0, well[name] + STABLE_S + 1.0 - time.monotonic()))  # else it is given up
                     _restart(machine, name)
-                time.sleep(max(0.0, round_began + STABLE_S + 1.0 - time.monotonic()))  # else a service is given up
+                    well[name] = time.monotonic()
             if {name: machine.pids().get(name) for name in pids} != pids:
                 raise RuntimeError(f"others than {half} were restarted: {machine.status()['services']}")
             spent = time.monotonic() - began
