@@ -252,7 +252,10 @@ def judge(
     if not found:
         raise SurefootError("no_samples", "there is no stance to judge by", "samples")
     result = judged(_load(model), found)
-    facts = {"stances": result.stances, "spearman": result.spearman, "auc": result.warned, "held": result.held}
+    facts = {
+        "stances": result.stances, "spearman": result.spearman, "auc": result.warned, "held": result.held,
+        "ceiling": result.ceiling,
+    }  # fmt: skip
     if json:
         write_json(facts)
     else:

@@ -37,6 +37,9 @@ class Statistics:
     """AUC of P for slips of more than twice the mean on flat ground."""
     held: float
     """Share of slips within the interval that should hold `SHARE` of them."""
+    ceiling: float
+    """Rank correlation of the mean slip of stances with equal inputs and slip: what no model of these inputs can beat
+    on these stances; 1 where no two inputs are equal."""
 
 
 def judged(model: LearnedModel, samples: Sequence[Sample]) -> Statistics:
@@ -50,7 +53,10 @@ def judged(model: LearnedModel, samples: Sequence[Sample]) -> Statistics:
     a, b = interval(p, spread(model, found.x, p))
     inside = (found.r >= a) & (found.r <= b)
     rank = spearmanr(p, found.r).statistic  # pyright: ignore[reportAttributeAccessIssue] - scipy has no types
-    return Statistics(len(found), float(rank), auc(p, found.r > limit), float(inside.mean()))
+    _, place = np.unique(np.round(found.x, 3), axis=0, return_inverse=True)
+    alike = (np.bincount(place, weights=found.r) / np.bincount(place))[place]
+    most = spearmanr(alike, found.r).statistic  # pyright: ignore[reportAttributeAccessIssue] - scipy has no types
+    return Statistics(len(found), float(rank), auc(p, found.r > limit), float(inside.mean()), float(most))
 
 
 def expected(model: LearnedModel, found: SampleSet) -> Array:
