@@ -34,7 +34,7 @@ ROT, VEL, GYRO_BIAS, ACC_BIAS, POS, POINTS = 0, 9, 12, 15, 18, 21
 # rows of the error and of its covariance; a contact point has three from E_POINTS + 3 k
 E_ROT, E_VEL, E_GYRO, E_ACC, E_POS, E_POINTS = 0, 3, 6, 9, 12, 15
 # columns of `BestState.points`
-DOWN, SLIDE, MISFIT, SEEN, NEW = 0, 1, 2, 3, 4
+DOWN, SLIDE, MISFIT, SEEN, NEW, ALONG = 0, 1, 2, 3, 4, 5
 # parts of `BestState.memory`
 EXCESS, INNOVATION, LAST_GYRO, SINCE, NIS, PHASE, REST, AGE, LAG = 0, 1, 4, 7, 8, 9, 10, 11, 12
 LOSSES, LOST_FOR, PUSH, UNFIT = 15, 16, 17, 20
@@ -55,8 +55,8 @@ class BestState(NamedTuple):
     cov: Array
     """(15 + 3 K, 15 + 3 K) covariance of the error."""
     points: Array
-    """(K, 5): 1 while the point stands, weight of sliding in its correction, misfits in a row, probability that it
-    slides, 1 until a second sample has confirmed its place."""
+    """(K, 7): 1 while the point stands, weight of sliding in its correction, misfits in a row, probability that it
+    slides, 1 until a second sample has confirmed its place, velocity (2) m/s of its foot if that slides, odom axes."""
     turn: Array
     """(K, 3, 3) rot_odom_from_foot at the last sample of the feet."""
     memory: Array
@@ -89,7 +89,8 @@ class BestNoise(NamedTuple):
     point: float  # m, a contact point by kinematics
     stay: float  # m/sqrt(s), walk of a point that stays
     slide: float  # m/s, a point that slides
-    slip: float  # m/s, a foot that slides, where hypotheses are carried through time
+    carry: float  # share of the latest sample in the velocity of a sliding foot
+    slip: float  # m/s, by which that velocity errs, where hypotheses are carried through time
     slip_begin: float  # probability per sample that it begins to slide
     slip_landing: float  # probability that it slides when it comes down
     begin_slide: float  # probability per sample that a point begins to slide
@@ -107,8 +108,9 @@ def new_state(points: int, modes: int = 0) -> BestState:
     x[ROT] = x[ROT + 4] = x[ROT + 8] = 1.0
     memory = np.zeros(MEMORY)
     memory[EXCESS], memory[SINCE], memory[LOST_FOR] = 1.0, NO_FEET, LONG_AGO
-    one = (x, cov, np.zeros((points, NEW + 1)), np.zeros((points, 3, 3)), memory)
-    return BestState(*one, *(np.stack([part] * modes) if modes else part[None][:0] for part in one), np.zeros(modes))
+    one = (x, cov, np.zeros((points, ALONG + 2)), np.zeros((points, 3, 3)), memory)
+    some = [np.repeat(part[None], modes, axis=0) for part in one]
+    return BestState(*one, some[0], some[1], some[2], some[3], some[4], np.zeros(modes))
 
 
 def copy_state(source: BestState, target: BestState) -> None:

@@ -21,6 +21,7 @@ from surefoot.geometry.linear_kernels import inverse3, times
 from surefoot.kernels.jit import kernel
 from surefoot.services.estimator.best_kernel import (
     ACC_BIAS,
+    ALONG,
     DOWN,
     E_ACC,
     E_GYRO,
@@ -66,7 +67,7 @@ def lift(state: BestState, k: int) -> None:
     state.points[k, SLIDE] = 0.0
     state.points[k, MISFIT] = 0.0
     state.points[k, SEEN] = 0.0
-    state.points[k, NEW] = 0.0
+    state.points[k, NEW] = state.points[k, ALONG] = state.points[k, ALONG + 1] = 0.0
 
 
 @kernel

@@ -21,6 +21,7 @@ from surefoot.services.estimator.best_kernel import (
     GYRO_BIAS,
     LAG,
     LOSSES,
+    LOST_FOR,
     NO_FEET,
     PHASE,
     POINTS,
@@ -201,7 +202,9 @@ def _take_feet(
     """Correct with one sample of the feet at the time of the state, in place; arguments as rows of `advance`."""
     y, turn = points_of(geometry.foot, geometry.place, feet, rots)
     at, losses = likeliest(state), state.memory[LOSSES]
-    if at < 0 and (state.weight.size == 0 or state.memory[REST] > 0.0 or not settled(state)):
+    if at < 0 and (
+        state.weight.size == 0 or state.memory[REST] > 0.0 or state.memory[LOST_FOR] >= 0.0 or not settled(state)
+    ):
         _correct(state, y, turn, contact, geometry, noise, limits, limits.hypotheses, 0)
     else:
         losses = losses if at < 0 else state.mode_memory[at, LOSSES]

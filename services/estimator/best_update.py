@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from surefoot.geometry.linear_kernels import inverse3, times
 from surefoot.kernels.jit import kernel
 from surefoot.services.estimator.best_kernel import (
+    ALONG,
     DOWN,
     E_POINTS,
     EXCESS,
@@ -35,11 +36,12 @@ from surefoot.services.estimator.feet import foot_turn
 Array = NDArray[np.float64]
 Feet = NDArray[np.int64]
 
+MOST_CARRIED = 3.0  # excess of the inertial noise beyond which the velocity of a slide is hardly learned
 SWING = 0.2  # m/s, of a foot that may be in the air
 LONGEST = 0.12  # s without a sample of the feet, after which any of them may have stepped
 UNKNOWN_SPEED = 1.0  # m/s
 MOST_LAG = 5.0  # noises of a point: a longer correction is no lag, but a mishap
-MOST_EVIDENCE = 5.0  # one pair of innovations counts no more
+MOST_GROWTH = 0.1  # of the logarithm of the excess by one pair of innovations
 
 
 @kernel
@@ -74,7 +76,8 @@ def learn_excess(state: BestState, y: Array, noise: BestNoise) -> None:
     memory[NIS] = quadratic(z, inverse)
     for i in range(3):
         memory[INNOVATION + i] = z[i] / count
-    evidence = min(max(evidence, -MOST_EVIDENCE), MOST_EVIDENCE)
+    most = MOST_GROWTH / noise.learn
+    evidence = min(max(evidence, -most), most)
     memory[EXCESS] = min(max(memory[EXCESS] * math.exp(noise.learn * (evidence - noise.drop)), 1.0), noise.most_excess)
 
 
@@ -154,6 +157,50 @@ def follow(state: BestState, before: Array, noise: BestNoise) -> None:
 
 
 @kernel
+def _slide(state: BestState, foot: Feet, slides: int, dt: float) -> Array:
+    """Move the points of sliding feet on as they have slid, in place; return where they were, (K, 2) m, odom axes."""
+    before = np.empty((foot.size, 2))
+    for k in range(foot.size):
+        for i in range(2):
+            before[k, i] = state.x[POINTS + 3 * k + i]
+            if (slides >> foot[k]) & 1 and state.points[k, DOWN] > 0.0:
+                state.x[POINTS + 3 * k + i] += state.points[k, ALONG + i] * dt
+    return before
+
+
+@kernel
+def _learn_slide(state: BestState, foot: Feet, slides: int, before: Array, dt: float, gain: float) -> None:
+    """Learn the velocity s (2,) m/s of each sliding foot from how a sample moved its points on average, in place.
+
+        s += g (delta/dt - s),   g = gain/(1 + (excess/`MOST_CARRIED`)^4)
+
+    An inertial unit that is known to be wrong cannot tell its own error from a slide. Neither can one of a robot all of
+    whose feet, two or more, slide at once: their velocities stay zero.
+    """
+    points, down, sliding, last = state.points, 0, 0, -1
+    for k in range(foot.size):
+        if points[k, DOWN] > 0.0 and foot[k] != last:
+            last = foot[k]
+            down += 1
+            sliding += (slides >> last) & 1
+    gain /= 1.0 + (state.memory[EXCESS] / MOST_CARRIED) ** 4
+    for k in range(foot.size):
+        if points[k, DOWN] == 0.0:
+            continue
+        moved, count = np.zeros(2), 0
+        for m in range(foot.size):
+            if foot[m] == foot[k] and points[m, DOWN] > 0.0:
+                count += 1
+                for i in range(2):
+                    moved[i] += state.x[POINTS + 3 * m + i] - before[m, i]
+        for i in range(2):
+            if (slides >> foot[k]) & 1 and (down < 2 or sliding < down):
+                points[k, ALONG + i] += gain * (moved[i] / (count * dt) - points[k, ALONG + i])
+            else:
+                points[k, ALONG + i] = 0.0
+
+
+@kernel
 def take_points(
     state: BestState,
     y: Array,
@@ -201,6 +248,7 @@ def take_points(
     twist_soles(state, foot, noise.twist**2 * dt)
     if not hypotheses:
         _loosen(state, contact, foot, slides, (noise.slip * dt) ** 2, (SWING * dt) ** 2)
+    before = _slide(state, foot, slides, dt)
     learn_excess(state, y, noise)
     standing, unfit = 0, 0
     for k in range(count):
@@ -208,6 +256,8 @@ def take_points(
             likely += observe(state, k, y[k], contact[k], dt, noise, hypotheses)[1]
             standing += 1
             unfit += points[k, MISFIT] > 0.0
+    if not hypotheses and dt > 0.0:
+        _learn_slide(state, foot, slides, before, dt, noise.carry)
     memory[UNFIT] = memory[UNFIT] + 1.0 if 0 < standing == unfit else 0.0
     lost = memory[UNFIT] >= MOST_MISFITS
     if lost:  # not the feet are somewhere else, the velocity is wrong
