@@ -62,8 +62,8 @@ def replace_modes(state):
     """A state whose first hypothesis is the state itself."""
     out = new_state(2, 4)
     copy_state(state, out)
-    for whole, part in zip((out.mode_x, out.mode_cov, out.mode_points, out.mode_turn, out.mode_memory), state):
-        whole[0] = part
+    for name in ("x", "cov", "points", "turn", "memory"):
+        getattr(out, f"mode_{name}")[0] = getattr(state, name)
     return out
 
 
