@@ -80,7 +80,9 @@ def keep(
                 if session.answers(SIM_RESET):  # else the driver of a real robot, which starts the clock itself
                     _reset(session, order, tell)
                 reset_by = driver
-            if not driver and wanted <= set(session.alive):
+            if driver or not wanted <= set(session.alive):
+                alone_since = 0.0
+            else:
                 alone_since = alone_since or time.monotonic()
                 if time.monotonic() - alone_since > DRIVER_S:
                     raise BusError("not_ready", f"no service of {compose.path} drives; one must be the robot's driver")

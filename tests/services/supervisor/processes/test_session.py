@@ -7,6 +7,7 @@ import socket
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -65,6 +66,25 @@ def test_a_system_without_a_driver_is_told(listen, monkeypatch):
     with pytest.raises(BusError, match=r"no service of compose\.yaml drives") as caught:
         keep(parse_compose(IDLE), StartOrder(World()), threading.Event(), listen=listen)
     assert caught.value.code == "not_ready"
+
+
+def test_a_driver_that_comes_back_each_time_is_not_missed(listen, monkeypatch):
+    """Between the token of a service started anew and that of the driver a moment may pass, after each restart."""
+    stop, looks = threading.Event(), []
+
+    def driving(session, service):
+        looks.append(service)
+        if len(looks) == 40:
+            stop.set()
+        return "" if len(looks) % 2 else "1"
+
+    clock = SimpleNamespace(monotonic=lambda: float(len(looks)))  # a second passes between two looks
+    monkeypatch.setattr("surefoot.services.supervisor.processes.keep.time", clock)
+    monkeypatch.setattr(Session, "alive", ("a", "b"))
+    monkeypatch.setattr(Session, "instance_of", driving)
+    monkeypatch.setattr(Session, "answers", lambda session, query: False)
+    keep(parse_compose(IDLE), StartOrder(World()), stop, listen=listen)
+    assert len(looks) >= 40
 
 
 def test_tokens_of_strangers_do_not_take_the_driver_away(listen):
