@@ -53,8 +53,8 @@ Feet = NDArray[np.int64]
 
 MOST_FEET = 2  # of a robot whose sets of sliding feet are hypotheses
 LEAST_PRIOR = 0.01  # a set that is less likely before a sample is left out
-LEAST = 0.003  # and after it
-NO_SHARE = 1e-4  # of a mean: is left out of it
+LEAST = 0.01  # and after it
+NO_SHARE = 0.01  # of a mean: is left out of it
 
 
 def modes_of(feet: int) -> int:
@@ -220,10 +220,12 @@ def mix(state: BestState, contact: Array, foot: Feet, noise: BestNoise) -> None:
     for t in range(count):
         prior[t] = np.sum(shares[t])
     most = np.max(prior)
+    own = np.zeros(count, dtype=np.bool_)  # goes on as it is
     for t in range(count):
         if prior[t] < LEAST_PRIOR and prior[t] < most:
             prior[t] = 0.0
-        if prior[t] > 0.0:
+        own[t] = shares[t, t] >= (1.0 - NO_SHARE) * prior[t]
+        if prior[t] > 0.0 and not own[t]:
             one = BestState(
                 x[t], cov[t], points[t], turn[t], memory[t], empty.mode_x, empty.mode_cov, empty.mode_points,
                 empty.mode_turn, empty.mode_memory, empty.weight,
@@ -231,7 +233,7 @@ def mix(state: BestState, contact: Array, foot: Feet, noise: BestNoise) -> None:
             mean_of(state, shares[t], one)
     for t in range(count):
         weight[t] = prior[t]
-        if prior[t] > 0.0:
+        if prior[t] > 0.0 and not own[t]:
             state.mode_x[t], state.mode_cov[t], state.mode_points[t] = x[t], cov[t], points[t]
             state.mode_turn[t], state.mode_memory[t] = turn[t], memory[t]
 

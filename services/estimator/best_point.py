@@ -197,16 +197,19 @@ def _stay(state: BestState, row: int, z: Array, inverse: Array) -> None:
     """Correct with an innovation z (3,) m of the rows from `row` on and its inverse covariance (3, 3), in place."""
     cov = state.cov
     n = cov.shape[0]
-    seen, gain, xi, push = np.empty((n, 3)), np.empty((n, 3)), np.empty(n), turned(inverse, z)
+    seen, gain, xi, push = np.empty((3, n)), np.empty((n, 3)), np.empty(n), turned(inverse, z)
     for i in range(n):
         for j in range(3):
-            seen[i, j] = cov[i, row + j]
-        xi[i] = -(seen[i, 0] * push[0] + seen[i, 1] * push[1] + seen[i, 2] * push[2])
+            seen[j, i] = cov[i, row + j]
+        xi[i] = -(seen[0, i] * push[0] + seen[1, i] * push[1] + seen[2, i] * push[2])
         for j in range(3):
-            gain[i, j] = seen[i, 0] * inverse[0, j] + seen[i, 1] * inverse[1, j] + seen[i, 2] * inverse[2, j]
+            gain[i, j] = seen[0, i] * inverse[0, j] + seen[1, i] * inverse[1, j] + seen[2, i] * inverse[2, j]
     for i in range(n):
-        for j in range(i + 1):
-            cov[i, j] -= gain[i, 0] * seen[j, 0] + gain[i, 1] * seen[j, 1] + gain[i, 2] * seen[j, 2]
+        a, b, c = gain[i, 0], gain[i, 1], gain[i, 2]
+        for j in range(i + 1):  # along a row: what a processor does several at a time
+            cov[i, j] -= a * seen[0, j] + b * seen[1, j] + c * seen[2, j]
+    for i in range(n):
+        for j in range(i):
             cov[j, i] = cov[i, j]
     retract(state, xi)
 
