@@ -211,7 +211,7 @@ class DriverNode(Node):
         if leader.state == "holding":
             return self._hold()
         self.state = "ready"  # paused or ended: no tick comes
-        if leader.state in ("paused", "ended") and not leader.all_done() and self._resends < RESENDS:
+        if leader.state in ("paused", "ended") and not leader.all_done():
             self._watch_silence()  # the last messages may be lost, too
         return False
 
@@ -358,14 +358,15 @@ class DriverNode(Node):
         self._repeat(range(max(0, min(first, self.leader.tick - self.leader.delay)), self.leader.tick + 1))
 
     def _watch_silence(self) -> None:
-        if self.clock() - self._since < SILENCE_S:
+        leader = self.leader
+        over = leader.state in ("paused", "ended")  # then nobody counts as lost, but for a while all is sent again
+        if self.clock() - self._since < SILENCE_S or (over and self._resends > HOLD_S / SILENCE_S):
             return
         self._resends += 1
-        if self._resends <= RESENDS:
+        if over or self._resends <= RESENDS:
             self.refused["resent_ticks"] += 1
             self._repeat_all()
             return
-        leader = self.leader
         silent = leader.slowest()
         if silent:
             self.log("error", f"{silent} is silent in tick {leader.tick}; it counts as lost")

@@ -165,8 +165,8 @@ class Director:
                 self._walk, self._walk_ended_at = None, tick
             elif gait.state in ("walking", "turning"):
                 walk.remaining = gait.remaining
-        elif walk.seen and gait.walk_id < walk.id:
-            self._resend = True
+        elif gait.walk_id < walk.id and (walk.seen or tick > walk.from_tick + LEAD_TICKS):
+            self._resend = True  # it was started anew, and lost the command in its walk or before that began
 
     def _note_goal(self, tick: int, feedback: Any | None) -> None:
         if not self._goal or feedback is None or feedback.goal_id != self._goal:

@@ -191,6 +191,18 @@ def test_a_restarted_walker_is_told_the_rest():
     assert director.on_tick(31, gait("standing", 0)) == []
 
 
+def test_a_walker_restarted_before_its_walk_began_is_told_the_whole():
+    director = Director(parse_scenario(WALK))
+    (order,) = director.on_tick(0, gait())
+    director.answered(order, SimpleNamespace(accepted=True, id=1, reason=""))
+    begin = order.request.at_tick
+    assert director.on_tick(begin + 5, gait("recovering", 0)) == []
+    assert director.on_tick(begin + 30, gait("recovering", 0)) == []
+    (again,) = director.on_tick(begin + 40, gait("standing", 0))
+    assert again.request.distance == 1.0
+    assert again.walking
+
+
 def test_what_is_left_undone_is_told():
     director = Director(parse_scenario(WALK))
     (order,) = director.on_tick(0, gait())
