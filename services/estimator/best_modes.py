@@ -1,9 +1,9 @@
 """Which feet slide: hypotheses that are carried through time, each with a state of its own.
 
-One sample of the encoders tells a foot that slides by 9 mm within a step from one that stands hardly better than a coin
-does; what tells them apart is that the inertial unit goes on disagreeing. An interacting-multiple-model filter (Blom &
-Bar-Shalom 1988) keeps one state for each set of feet that slide, bit f of its number for foot f. Before a sample of the
-feet the states are mixed by the probabilities T that a foot begins to slide, or stops,
+A foot that slides by 9 mm within a step moves by as much as the encoders err between two samples: a single sample
+hardly shows it, a disagreement with the inertial unit that lasts for several does. An interacting-multiple-model filter
+(Blom & Bar-Shalom 1988) keeps one state for each set of feet that slide, bit f of its number for foot f. Before a
+sample of the feet the states are mixed by the probabilities T that a foot begins to slide, or stops,
 
     mu_t^- = sum_s T_st mu_s,   x_t^- = sum_s T_st mu_s x_s/mu_t^-,   P_t^- = sum_s T_st mu_s (P_s + d_s d_s^T)/mu_t^-,
 
