@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, Protocol
 
@@ -123,6 +124,13 @@ class Goal:
         length = dx * dx + dy * dy
         along = 0.0 if length == 0.0 else min(1.0, max(0.0, ((x - begin[0]) * dx + (y - begin[1]) * dy) / length))
         return math.hypot(x - begin[0] - along * dx, y - begin[1] - along * dy)
+
+    @classmethod
+    def again(cls, kept: Mapping[str, Any]) -> "Goal":
+        """Return the goal of which `kept` returned these fields, also after their way through JSON."""
+        start, route = kept["start"], tuple((float(x), float(y)) for x, y in kept["route"])
+        found = {"route": route, "start": start and (start[0], start[1]), "recoveries": Counter(kept["recoveries"])}
+        return cls(**{**kept, **found})
 
     def kept(self) -> dict[str, Any]:
         """Return the fields as plain values of JSON; an infinite distance begins anew."""
