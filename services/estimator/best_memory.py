@@ -60,11 +60,8 @@ def _snap(memory: Memory, state: BestState) -> None:
     memory.snapshot_ns[at] = marks[DONE_NS]
     kept.x[at], kept.cov[at], kept.points[at] = state.x, state.cov, state.points
     kept.turn[at], kept.memory[at], kept.weight[at] = state.turn, state.memory, state.weight
-    for h in range(state.weight.size):
-        if state.weight[h] > 0.0:
-            kept.mode_x[at, h], kept.mode_cov[at, h] = state.mode_x[h], state.mode_cov[h]
-            kept.mode_points[at, h], kept.mode_turn[at, h] = state.mode_points[h], state.mode_turn[h]
-            kept.mode_memory[at, h] = state.mode_memory[h]
+    kept.mode_x[at], kept.mode_cov[at], kept.mode_points[at] = state.mode_x, state.mode_cov, state.mode_points
+    kept.mode_turn[at], kept.mode_memory[at] = state.mode_turn, state.mode_memory
 
 
 @kernel
@@ -141,11 +138,10 @@ def bring_up(memory: Memory, state: BestState, geometry: BestGeometry, noise: Be
         marks[DONE_NS], marks[DIRTY_NS] = memory.snapshot_ns[last], NOTHING
         state.x[:], state.cov[:], state.points[:] = kept.x[last], kept.cov[last], kept.points[last]
         state.turn[:], state.memory[:], state.weight[:] = kept.turn[last], kept.memory[last], kept.weight[last]
-        for h in range(state.weight.size):
-            if state.weight[h] > 0.0:
-                state.mode_x[h], state.mode_cov[h] = kept.mode_x[last, h], kept.mode_cov[last, h]
-                state.mode_points[h], state.mode_turn[h] = kept.mode_points[last, h], kept.mode_turn[last, h]
-                state.mode_memory[h] = kept.mode_memory[last, h]
+        state.mode_x[:], state.mode_cov[:], state.mode_points[:] = (
+            kept.mode_x[last], kept.mode_cov[last], kept.mode_points[last],
+        )  # fmt: skip
+        state.mode_turn[:], state.mode_memory[:] = kept.mode_turn[last], kept.mode_memory[last]
     count, m = marks[IMU_END], marks[FEET_END]
     stamps = memory.imu_stamps[:count]
     while count > 0 and marks[DONE_NS] < stamps[count - 1]:

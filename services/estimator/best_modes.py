@@ -115,42 +115,35 @@ def _copy(source: BestState, target: BestState) -> None:
 @kernel
 def mean_of(state: BestState, shares: Array, out: BestState) -> None:
     """Write the mean of the hypotheses by their shares (H,) into another state; flags are those of the largest."""
-    best, total = 0, 0.0
+    best, most, total = int(np.argmax(shares)), np.max(shares), 0.0
     for h in range(shares.size):
         total += shares[h]
-        if shares[h] > shares[best]:
-            best = h
     first = mode(state, best)
     _copy(first, out)
-    if shares[best] >= (1.0 - NO_SHARE) * total:
+    if most >= (1.0 - NO_SHARE) * total:
         return
-    n = out.cov.shape[0]
+    share, n = np.zeros(shares.size), out.cov.shape[0]
+    for h in range(shares.size):
+        share[h] = shares[h] if shares[h] >= NO_SHARE * total else 0.0
+    share /= np.sum(share)
     apart, mean = np.zeros((shares.size, n)), np.zeros(n)
     for h in range(shares.size):
-        share = shares[h] / total
-        if share < NO_SHARE:
-            continue
-        other = mode(state, h)
-        if h != best:
-            _distance(first, other, apart[h])
-        for i in range(n):
-            mean[i] += share * apart[h, i]
+        if share[h] > 0.0 and h != best:
+            _distance(first, mode(state, h), apart[h])
+            for i in range(n):
+                mean[i] += share[h] * apart[h, i]
     out.cov[:] = 0.0
     for i in (EXCESS, INNOVATION, INNOVATION + 1, INNOVATION + 2, LAG, LAG + 1, LAG + 2):
         out.memory[i] = 0.0
-    kept = 0.0
     for h in range(shares.size):
-        share = shares[h] / total
-        if share < NO_SHARE:
+        if share[h] == 0.0:
             continue
-        kept += share
         cov, memory = state.mode_cov[h], state.mode_memory[h]
         for i in range(n):
             for j in range(i + 1):
-                out.cov[i, j] += share * (cov[i, j] + (apart[h, i] - mean[i]) * (apart[h, j] - mean[j]))
+                out.cov[i, j] += share[h] * (cov[i, j] + (apart[h, i] - mean[i]) * (apart[h, j] - mean[j]))
         for i in (EXCESS, INNOVATION, INNOVATION + 1, INNOVATION + 2, LAG, LAG + 1, LAG + 2):
-            out.memory[i] += share * memory[i]
-    out.memory[EXCESS] /= kept
+            out.memory[i] += share[h] * memory[i]
     for i in range(n):
         for j in range(i):
             out.cov[j, i] = out.cov[i, j]

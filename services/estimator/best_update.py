@@ -174,8 +174,8 @@ def _learn_slide(state: BestState, foot: Feet, slides: int, before: Array, dt: f
 
         s += g (delta/dt - s),   g = gain/(1 + (excess/`MOST_CARRIED`)^4)
 
-    An inertial unit that is known to be wrong cannot tell its own error from a slide. Neither can one of a robot all of
-    whose feet, two or more, slide at once: their velocities stay zero.
+    The factor of `excess` reduces the gain where the inertial noise exceeds that of the sensor: its error looks like a
+    slide. While two or more feet stand and all of them slide, s is zero: that is an error of the inertial unit.
     """
     points, down, sliding, last = state.points, 0, 0, -1
     for k in range(foot.size):

@@ -126,8 +126,8 @@ class Goal:
         return math.hypot(x - begin[0] - along * dx, y - begin[1] - along * dy)
 
     @classmethod
-    def again(cls, kept: Mapping[str, Any]) -> "Goal":
-        """Return the goal of which `kept` returned these fields, also after their way through JSON."""
+    def restored(cls, kept: Mapping[str, Any]) -> "Goal":
+        """Return a goal from the fields that `kept` returned, also after JSON has made lists of tuples."""
         start, route = kept["start"], tuple((float(x), float(y)) for x, y in kept["route"])
         found = {"route": route, "start": start and (start[0], start[1]), "recoveries": Counter(kept["recoveries"])}
         return cls(**{**kept, **found})

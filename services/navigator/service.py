@@ -229,7 +229,7 @@ class Navigator(Service[NavigatorConfig]):
         self.localiser.resume(kept.pose, np.array(kept.covariance).reshape(3, 3), kept.odom, pose)
         self.pilot.number = max(kept.number, self._gait.order)
         if kept.goal is not None:
-            goal = Goal.again(kept.goal)
+            goal = Goal.restored(kept.goal)
             self.pilot.begin(goal, self.policies.decider(goal.policy))
         self.log("info", f"started again in tick {self._tick}: {'goes on with its goal' if kept.goal else 'no goal'}")
 

@@ -359,7 +359,7 @@ class DriverNode(Node):
 
     def _watch_silence(self) -> None:
         leader = self.leader
-        over = leader.state in ("paused", "ended")  # then nobody counts as lost, but for a while all is sent again
+        over = leader.state in ("paused", "ended")  # no member is dropped then; resend for HOLD_S
         if self.clock() - self._since < SILENCE_S or (over and self._resends > HOLD_S / SILENCE_S):
             return
         self._resends += 1

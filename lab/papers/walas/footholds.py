@@ -194,7 +194,7 @@ def _figure_10(s: FootholdStudy) -> list[Finding]:
 
 
 def _ratio(s: dict[str, list[WalkResult]], one: str, other: str) -> tuple[float, float, float]:
-    """Ratio of S at the last common step, mean over seeds and interval of the paired logarithms; NaN: one stood."""
+    """Ratio of S at the last common step: mean and interval of the paired logarithms; NaN if a walk took no step."""
     steps = min(each.steps for name in (one, other) for each in s[name])
     if steps == 0:
         return float("nan"), float("nan"), float("nan")

@@ -208,9 +208,9 @@ def test_the_belief_at_the_end_of_an_action_is_what_decides() -> None:
 def test_a_goal_that_was_kept_goes_on_counting_its_recoveries() -> None:
     goal = Goal("g", ((1.0, 0.0), (2.0, 0.5)), "steer", 3.0, start=(0.1, 0.2), missed=[0], index=1)
     goal.recoveries["look"] += 2
-    again = Goal.again(json.loads(json.dumps(goal.kept())))
+    again = Goal.restored(json.loads(json.dumps(goal.kept())))
     again.nearest = goal.nearest
     assert again == goal
     again.recoveries["stand_and_look"] += 1
     assert again.recoveries == {"look": 2, "stand_and_look": 1}
-    assert Goal.again(json.loads(json.dumps(Goal("g", ((1.0, 0.0),), "steer", 0.0).kept()))).start is None
+    assert Goal.restored(json.loads(json.dumps(Goal("g", ((1.0, 0.0),), "steer", 0.0).kept()))).start is None
