@@ -181,10 +181,11 @@ def follow(name: str, log: Log, rows_each: int | None = None, **options: Any) ->
 def _whole(running: Running, name: str, log: Log, part: Ints, first: int, n: int) -> Track:
     """As `_piece`, without a Python call for each sample."""
     rows = running.whole(log, part, first, n)
+    nis = np.ascontiguousarray(rows.vectors[:, 7, 0])
     g, v, position, v_odom, gyro_bias, acc_bias = (np.ascontiguousarray(rows.vectors[:, i]) for i in range(6))
     flags = {flag: np.ascontiguousarray(rows.flags[:, i]) for i, flag in enumerate(FLAGS)}
     return Track(
-        name, v, g, rows.covariance, position, rows.yaw, v_odom, flags, rows.nis, running.refused, rows.more[:, 4:],
+        name, v, g, rows.covariance, position, rows.yaw, v_odom, flags, nis, running.refused, rows.more[:, 4:],
         None, gyro_bias, acc_bias,
     )  # fmt: skip
 

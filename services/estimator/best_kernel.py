@@ -232,8 +232,10 @@ def _inertial_noise(cov: Array, points: Array, d: float, v: Array, arms: Array, 
             _set_cross(by, E_POINTS + 3 * k, arms[k, 0], arms[k, 1], arms[k, 2])
     scale = gyro_sq * d
     for i in range(n):
-        for j in range(n):
-            cov[i, j] += scale * (by[0, i] * by[0, j] + by[1, i] * by[1, j] + by[2, i] * by[2, j])
+        a, b, c = scale * by[0, i], scale * by[1, i], scale * by[2, i]
+        if a != 0.0 or b != 0.0 or c != 0.0:  # not biases, position and points in the air
+            for j in range(n):
+                cov[i, j] += a * by[0, j] + b * by[1, j] + c * by[2, j]
     share = np.zeros(n)  # of the accelerometer, the same for the three axes
     scale = acc_sq * d
     for axis in range(3):
@@ -244,8 +246,9 @@ def _inertial_noise(cov: Array, points: Array, d: float, v: Array, arms: Array, 
                 share[E_POINTS + 3 * k + axis] = -0.5 * d
         for i in range(n):
             if share[i] != 0.0:
+                a = scale * share[i]
                 for j in range(n):
-                    cov[i, j] += scale * share[i] * share[j]
+                    cov[i, j] += a * share[j]
 
 
 @kernel
@@ -290,9 +293,9 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
             for i in range(3):
                 arms[k, i] = x[POINTS + 3 * k + i] - 0.5 * d * v[i]
                 x[POINTS + 3 * k + i] -= d * v[i]
-    for _ in range(2):
-        _carry_rows(cov, points, d, v, arms, middle)
-        _transpose(cov)
+    _carry_rows(cov, points, d, v, arms, middle)
+    _transpose(cov)
+    _carry_rows(cov, points, d, v, arms, middle)  # F (F P)^T, which is symmetric
     excess, up = memory[EXCESS] * memory[EXCESS], middle[2]
     _inertial_noise(cov, points, d, v, arms, excess * (noise.gyro * noise.gyro + felt * d), excess * noise.acc**2)
     for i in range(3):

@@ -87,9 +87,10 @@ def stand_on_level(state: BestState, ground: float, radius: Array, sd: float) ->
             continue
         xi = np.empty(n)
         for j in range(n):
-            xi[j] = by[j] * z / s
+            gain = by[j] / s
+            xi[j] = gain * z
             for m in range(n):
-                cov[j, m] -= by[j] * by[m] / s
+                cov[j, m] -= gain * by[m]
         retract(state, xi)
 
 
@@ -110,10 +111,10 @@ def learn_gyro_bias(state: BestState, w: Array, noise: BestNoise, limits: BestLi
             z += rot[i, j] * (w[j] - state.x[GYRO_BIAS + j])
             s += rot[i, j] * column[E_GYRO + j]
         for j in range(n):
-            xi[j] = -column[j] * z / s
-        for j in range(n):
+            gain = column[j] / s
+            xi[j] = -gain * z
             for m in range(n):
-                cov[j, m] -= column[j] * column[m] / s
+                cov[j, m] -= gain * column[m]
         retract(state, xi)
 
 

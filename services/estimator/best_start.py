@@ -56,6 +56,7 @@ TILTED_SD = 0.3  # rad, tilt by the mean accelerometer of a robot in motion
 UPRIGHT = 0.76  # cosine of 40 deg: a robot that is tilted further has fallen, and lost its feet by that
 FALLING = 0.1  # share by which the mean specific force of one that stands may differ from gravity; in a fall it is less
 ROW_W, ROW_Q = 0, 3  # columns of an inertial row
+BLOCK = 16  # rows of which a rest is judged at a time
 
 
 class BestGeometry(NamedTuple):
@@ -123,15 +124,23 @@ def rests(rows: Array, stamps: Stamps, at: int, feet: Array, feet_stamps: Stamps
     n = limits.samples
     if at + 1 < n:
         return False
-    for c in range(6):
-        mean, variance = 0.0, 0.0
-        for r in range(at + 1 - n, at + 1):
-            mean += rows[r, c]
-        mean /= n
-        for r in range(at + 1 - n, at + 1):
-            variance += (rows[r, c] - mean) ** 2
-        if variance / n > (limits.gyro_variance if c < ROW_Q else limits.acc_variance):
-            return False
+    mean, square, count = np.zeros(6), np.zeros(6), 0
+    while count < n:  # block by block from the newest: a robot that walks shows it in the first
+        some = min(BLOCK, n - count)
+        end = at + 1 - count
+        for c in range(6):
+            own, spread = 0.0, 0.0
+            for r in range(end - some, end):
+                own += rows[r, c]
+            own /= some
+            for r in range(end - some, end):
+                spread += (rows[r, c] - own) ** 2
+            apart = own - mean[c]  # means and sums of squares of two parts together: Chan et al. 1979
+            square[c] += spread + apart * apart * count * some / (count + some)
+            mean[c] += apart * some / (count + some)
+            if square[c] > n * (limits.gyro_variance if c < ROW_Q else limits.acc_variance):
+                return False
+        count += some
     first, last = after(feet_stamps, stamps[at + 1 - n] - 1), after(feet_stamps, stamps[at])
     for f in range(feet.shape[1]):
         for i in range(3):

@@ -1,11 +1,7 @@
-"""Judging inputs: every sample gets a named result, refused ones are counted, nothing raises."""
+"""What became of the inputs, by name: refusals counted, and what is wrong now."""
 
 from collections import Counter
 
-import numpy as np
-from numpy.typing import NDArray
-
-from surefoot.services.estimator.contact import ContactPoints, point_feet
 from surefoot.services.estimator.judge import (
     BAD_CODE,
     BAD_NS,
@@ -22,17 +18,12 @@ from surefoot.services.estimator.judge import (
     UNIT_WORDS,
     UNITS,
     JudgeLimits,
-    judge_feet,
-    judge_imu,
-    judge_units,
     new_judge,
     note,
 )
 from surefoot.services.estimator.params import EstimatorParams
 from surefoot.services.estimator.results import RESULTS, InputResult
-from surefoot.services.estimator.timeline import LARGEST_NS
-
-Array = NDArray[np.float64]
+from surefoot.services.estimator.timeline import bounded
 
 FROZEN_ROWS = 50  # equal IMU rows in a row: a live sensor's noise never repeats so long
 BAD_MEMORY_NS = 100_000_000  # a refused input spoils `inputs_ok` so long
@@ -41,37 +32,22 @@ STEADY_ROWS = 30  # 1 s of equal joint angles while the gyro says that the robot
 
 
 class InputJudge:
-    """Checks and counters of the inputs of one estimator.
+    """Limits and counters of the inputs of one estimator; kernels judge and count.
 
     Args:
         params: limits.
         feet: their number L.
-        points: contact points; None = one for each foot.
+        points: number of contact points K.
     """
 
-    def __init__(self, params: EstimatorParams, feet: int, points: ContactPoints | None = None) -> None:
-        self._points = point_feet(np.zeros(feet)) if points is None else points
+    def __init__(self, params: EstimatorParams, feet: int, points: int) -> None:
         self.limits = JudgeLimits(params.max_gyro, params.max_acc, params.gap_periods * params.imu_period_ns)
-        self.state = new_judge(feet, len(self._points.foot))
+        self.state = new_judge(feet, points)
         self.noisy = params.sigma_w > 0.0  # equal samples are no chance
-
-    def imu(self, stamp_ns: int, w: Array, q: Array) -> InputResult:
-        """Judge an inertial sample: w (3,) rad/s, q (3,) m/s^2, IMU axes."""
-        if w.shape != (3,) or q.shape != (3,):
-            return self.note("imu", InputResult.SHAPE, stamp_ns)
-        return RESULTS[judge_imu(self.state, self.limits, _bounded(stamp_ns), w, q)]
-
-    def kinematics(self, stamp_ns: int, feet: Array) -> InputResult:
-        """Judge the feet (L, 3) of a kinematic sample; a foot that is not finite is left out elsewhere."""
-        return RESULTS[judge_feet(self.state, _bounded(stamp_ns), feet)]
-
-    def units(self, stamp_ns: int, position: Array, rot: Array, contact: Array) -> None:
-        """Compare the inertial unit with feet (L, 3) m, rot_imu_from_foot (L, 3, 3), probabilities of contact (L,)."""
-        judge_units(self.state, stamp_ns, position, rot, contact, self._points.foot, self._points.place)
 
     def note(self, source: str, result: InputResult, stamp_ns: int) -> InputResult:
         """Count what became of a sample of `source` and return it."""
-        note(self.state, SOURCES.index(source), RESULTS.index(result), _bounded(stamp_ns))
+        note(self.state, SOURCES.index(source), RESULTS.index(result), bounded(stamp_ns))
         return result
 
     @property
@@ -119,8 +95,3 @@ class InputJudge:
     def joints_frozen(self, moving: bool) -> bool:
         """The encoders repeat themselves while the robot moves."""
         return moving and bool(self.state.marks[EQUAL_FEET] >= STEADY_ROWS)
-
-
-def _bounded(stamp_ns: int) -> int:
-    """The stamp as far as a kernel can take it; those beyond are no time and are refused by it."""
-    return min(max(stamp_ns, -2 * LARGEST_NS + 1), 2 * LARGEST_NS - 1)

@@ -10,20 +10,12 @@ from numpy.typing import NDArray
 from surefoot.geometry.rotations import wrap_angle
 from surefoot.robot.description import Robot
 from surefoot.services.estimator.best import BestFilter, BestOutput
-from surefoot.services.estimator.best_log import (
-    CONTACT_NS,
-    FEET_NS,
-    NOW_NS,
-    Clock,
-    LogInputs,
-    LogRows,
-    follow_log,
-    new_rows,
-)
+from surefoot.services.estimator.best_cell import NOW_NS
+from surefoot.services.estimator.best_log import LogInputs, LogRows, new_rows
 from surefoot.services.estimator.best_modes import modes_of
 from surefoot.services.estimator.best_params import best_limits, best_noise
 from surefoot.services.estimator.best_start import BestGeometry
-from surefoot.services.estimator.contact import ContactPoints, contact_points, point_feet, probabilities
+from surefoot.services.estimator.contact import ContactPoints, contact_points, point_feet
 from surefoot.services.estimator.estimators import ESTIMATORS
 from surefoot.services.estimator.feet import FootMount, FootSample, feet_in_imu, foot_mount, known_feet
 from surefoot.services.estimator.health import Condition, reasons
@@ -31,7 +23,8 @@ from surefoot.services.estimator.inputs import InputJudge
 from surefoot.services.estimator.output import Estimate, OdometryPose, summary
 from surefoot.services.estimator.paper import PaperEstimators, PaperOutput
 from surefoot.services.estimator.params import EstimatorParams, StartPose, paper_params
-from surefoot.services.estimator.results import InputResult
+from surefoot.services.estimator.results import RESULTS, InputResult
+from surefoot.services.estimator.timeline import bounded
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -73,9 +66,7 @@ class Estimator:
         self._points = point_feet(mount.radius if params.rolling else 0.0 * mount.radius) if points is None else points
         self._rot_base_from_imu = np.ascontiguousarray(mount.rot_imu_from_base.T)
         chosen = tuple(names)
-        geometry = BestGeometry(*self._points, self._rot_base_from_imu, mount.imu_position)
-        limits = best_limits(params, self._start, True, hypotheses)
-        self._best = BestFilter(geometry, best_noise(params, bool(modes_of(self._feet))), limits, self._feet)
+        self._geometry = BestGeometry(*self._points, self._rot_base_from_imu, mount.imu_position)
         self._groups: list[tuple[tuple[str, ...], PaperEstimators]] = []
         ours = tuple(name for name in chosen if name in ESTIMATORS)
         if ours:
@@ -107,14 +98,15 @@ class Estimator:
             stated: whether start pose and level ground still hold; no after a restart in the middle of a walk, which
                 begins again at the same numbers with a covariance that says that they are unknown.
         """
-        self.judge = InputJudge(self.params, self._feet, self._points)
-        self._best.reset(best_limits(self.params, self._start, stated, self._hypotheses))
+        params, hypotheses = self.params, self._hypotheses
+        self.judge = InputJudge(params, self._feet, len(self._points.foot))
+        noise = best_noise(params, bool(modes_of(self._feet)))
+        limits = best_limits(params, self._start, stated, hypotheses)
+        self._best = BestFilter(self._geometry, noise, limits, self.judge)
         for _, group in self._groups:
             group.reset(stated)
         self.silent: dict[str, float] = {}
         """Inputs that whoever feeds knows to be silent, by name, and for how long, s: flags and reasons name them."""
-        self._clock = Clock(np.zeros(3, dtype=np.int64), np.zeros(3), np.zeros(1))
-        self._output: BestOutput | None = None
 
     # inputs
 
@@ -130,20 +122,13 @@ class Estimator:
         Returns:
             What became of it; nothing raises.
         """
-        if clipped:
-            return self.judge.note("imu", InputResult.SATURATED, stamp_ns)
-        result = self.judge.imu(stamp_ns, w, q)
-        if not result.accepted:
-            return result
-        if result is InputResult.RESTART:
-            self._restart_clock()
-        if not self._best.add_imu(stamp_ns, w, q):
-            return self.judge.note("imu", InputResult.DUPLICATE, stamp_ns)
-        if stamp_ns > self.stamp_ns:
-            self._clock.stamps[NOW_NS], self._clock.w[:] = stamp_ns, w
-        for _, group in self._groups:
-            group.on_imu(stamp_ns, w, q)
-        self._output = None
+        if w.shape != (3,) or q.shape != (3,):
+            return self.judge.note("imu", InputResult.SHAPE, stamp_ns)
+        result = RESULTS[self._best.imu(bounded(stamp_ns), w, q, clipped)]
+        if result.accepted:
+            self._restart_groups(result)
+            for _, group in self._groups:
+                group.on_imu(stamp_ns, w, q)
         return result
 
     def joints(self, stamp_ns: int, q: Array, contact: Array | Flags | None = None) -> InputResult:
@@ -164,32 +149,20 @@ class Estimator:
         """
         if position.shape != (self._feet, 3) or rot.shape != (self._feet, 3, 3):
             return self.judge.note("kinematics", InputResult.SHAPE, stamp_ns)
-        result = self.judge.kinematics(stamp_ns, position)
-        if not result.accepted:
-            return result
-        if result is InputResult.RESTART:
-            self._restart_clock()
         known = np.full(self._feet, np.nan) if contact is None else np.asarray(contact, dtype=np.float64)
-        position, rot, known, stands = known_feet(position, rot, known)
-        if not self._best.add_feet(stamp_ns, position, rot, probabilities(self._points.foot, known)):
-            return self.judge.note("kinematics", InputResult.DUPLICATE, stamp_ns)
-        self.judge.units(stamp_ns, position, rot, known)
-        stamps = self._clock.stamps
-        stamps[FEET_NS] = max(stamps[FEET_NS], stamp_ns)
-        if stands:
-            stamps[CONTACT_NS] = max(stamps[CONTACT_NS], stamp_ns)
-        if self._groups:
+        result = RESULTS[self._best.feet(bounded(stamp_ns), position, rot, known)]
+        if result.accepted and self._groups:
+            self._restart_groups(result)
+            position, rot, known, _ = known_feet(position, rot, known)
             sample = FootSample(stamp_ns, position, rot, ~(known < 0.5))
             for _, group in self._groups:
                 group.on_feet(sample)
-        self._output = None
         return result
 
-    def _restart_clock(self) -> None:
-        self._best.restart_clock()
-        for _, group in self._groups:
-            group.restart_clock()
-        self._clock.stamps[:] = 0
+    def _restart_groups(self, result: InputResult) -> None:
+        if result is InputResult.RESTART:
+            for _, group in self._groups:
+                group.restart_clock()
 
     def follow(self, log: LogInputs, order: NDArray[np.int64], first: int, n: int) -> LogRows:
         """Take inputs of a log by `best` alone, as `imu` and `feet` would one by one, to the bit.
@@ -203,12 +176,8 @@ class Estimator:
         Returns:
             The estimate after each inertial row and the feet that follow it; rows that did not arrive are zero.
         """
-        rows, best, judge = new_rows(n, self._feet), self._best, self.judge
-        follow_log(
-            order, log, rows, first, self._clock, judge.state, judge.limits, judge.noisy, best.memory, best.state,
-            best.geometry, best.noise, best.limits,
-        )  # fmt: skip
-        self._output = None
+        rows = new_rows(n, self._feet)
+        self._best.follow(log, order, rows, first)
         return rows
 
     # outputs
@@ -216,15 +185,12 @@ class Estimator:
     @property
     def stamp_ns(self) -> int:
         """Of the newest inertial sample, ns."""
-        return int(self._clock.stamps[NOW_NS])
+        return int(self._best.cell.clock.stamps[NOW_NS])
 
     @property
     def best(self) -> BestOutput:
         """The present output of the `best` filter."""
-        if self._output is None:
-            self._best.update()
-            self._output = self._best.output(self._clock.w)
-        return self._output
+        return self._best.output
 
     @property
     def initialised(self) -> bool:
@@ -260,9 +226,9 @@ class Estimator:
         standing: bool, slipping: Flags, nis: float | None, nis_mean: float, sliding: Array, excess: float,
         since_velocity_ns: int | None = None,
     ) -> Estimate:  # fmt: skip
-        judge, (now, feet_ns, contact_ns) = self.judge, self._clock.stamps.tolist()
-        mount, w = self._mount, self._clock.w
-        rows, good = summary(g, v, covariance, w, gyro_bias, self._rot_base_from_imu, mount.imu_position)
+        judge, clock, mount = self.judge, self._best.cell.clock, self._mount
+        now, feet_ns, contact_ns = clock.stamps.tolist()
+        rows, good = summary(g, v, covariance, clock.w, gyro_bias, self._rot_base_from_imu, mount.imu_position)
         condition = Condition(
             initialised=initialised,
             standing=standing,
@@ -312,6 +278,6 @@ class Estimator:
     def pose(self) -> OdometryPose:
         """Pose of base_link in odom at the last inertial sample, by `best`: one estimate with its velocity."""
         best = self.best
-        yaw = self._clock.yaw
+        yaw = self._best.cell.clock.yaw
         yaw[0] += wrap_angle(best.yaw - float(yaw[0]))
         return OdometryPose(best.position, best.quat_wxyz, float(yaw[0]), best.v_odom, best.pose_covariance)

@@ -21,6 +21,11 @@ NEWEST, KNOWN, OLDER, OLDER_LAST, FAR, FAR_KNOWN = range(6)
 CLOCK = 6
 
 
+def bounded(stamp_ns: int) -> int:
+    """Return a stamp as far as a kernel can take it; those beyond are none and are refused there."""
+    return min(max(stamp_ns, -2 * LARGEST_NS + 1), 2 * LARGEST_NS - 1)
+
+
 @kernel
 def after(stamps: Stamps, stamp_ns: int) -> int:
     """Index of the first of rising stamps (n,) that is later than a stamp."""

@@ -116,5 +116,5 @@ def _compiled(function: F, **options: Any) -> F:
     with contextlib.suppress(RuntimeError):  # numba finds no place to write
         compiled.enable_caching()
         for index in compiled.cache_files():
-            index._source_stamp = (index._source_stamp, fingerprint(function.__module__), PLAIN)
+            index._source_stamp = (index._source_stamp, *map(fingerprint, (function.__module__, Kernel.__module__)))
     return cast(F, compiled)

@@ -19,12 +19,50 @@ from numba.core.registry import CPUDispatcher
 
 ENVIRONMENT = "_ZN08NumbaEnv"
 """Prefix of the variables that hold the Python objects of a compiled function."""
+COUNTED = ("NRT_incref", "NRT_decref")
+"""Functions that count references to an array, with atomic instructions."""
+COUNTS = """
+declare void @NRT_MemInfo_call_dtor(ptr)
+
+define void @NRT_incref(ptr %array) noinline {
+    %none = icmp eq ptr %array, null
+    br i1 %none, label %end, label %count
+count:
+    %before = load i64, ptr %array
+    %now = add i64 %before, 1
+    store i64 %now, ptr %array
+    ret void
+end:
+    ret void
+}
+
+define void @NRT_decref(ptr %array) noinline {
+    %none = icmp eq ptr %array, null
+    br i1 %none, label %end, label %count
+count:
+    %before = load i64, ptr %array
+    %now = sub i64 %before, 1
+    store i64 %now, ptr %array
+    %last = icmp eq i64 %now, 0
+    br i1 %last, label %free, label %end
+free:
+    tail call void @NRT_MemInfo_call_dtor(ptr %array)
+    ret void
+end:
+    ret void
+}
+"""
+"""The same without: atomic ones take half the time of a small kernel. An entry has the counts of its arrays to itself:
+numba makes new ones for every call, and a `Box` is for kernels that hold the interpreter's lock."""
 DYNAMIC = "numba.dynamic.globals"
 """Prefix of the variables that hold addresses of one process: such code cannot be kept."""
 
 
 class Library(JITCodeLibrary):
     """Code of one function. It is optimised and emitted when the address of its wrapper is asked for, else never."""
+
+    entry = False
+    """Whether Python calls it."""
 
     def add_linking_library(self, library: Any) -> None:
         """Note a callee, which may be code to link only."""
@@ -51,6 +89,17 @@ class Library(JITCodeLibrary):
                     function.linkage = "linkonce_odr"
             self._shared_module = module
         return self._shared_module
+
+    def _optimize_final_module(self) -> None:
+        """Run the passes on the code with that of all callees; an entry counts references by itself."""
+        module = self._final_module
+        if self.entry:
+            module.link_in(llvm.parse_assembly(COUNTS))  # instead of numba's, which are linked as weak ones
+        super()._optimize_final_module()
+        if self.entry:
+            for name in COUNTED:
+                function = module.get_function(name)
+                function.name, function.linkage = f"surefoot.{name}", llvm.Linkage.internal
 
     def get_pointer_to_function(self, name: str) -> int:
         """Return the address of a wrapper, or 0 for code without one, which stays code to link."""
@@ -139,6 +188,7 @@ class _Entries:
         context = self._kernel.targetctx.subtarget(enable_nrt=True)
         library = context.codegen().create_library(inner.fndesc.qualname)
         library.enable_object_caching()
+        library.entry = True
         unlocked = self._kernel.targetoptions.get("nogil", False)
         wrapped = copy(inner.fndesc)
         wrapped.env_name += "_entry"  # Python objects of the wrapper, kept apart: linked code is kept without them

@@ -4,20 +4,32 @@ import numpy as np
 import pytest
 
 from surefoot.geometry.rotations import matrix_from_rotvec
-from surefoot.services.estimator.inputs import FROZEN_ROWS, InputJudge
+from surefoot.services.estimator.feet import bare_mount
+from surefoot.services.estimator.inputs import FROZEN_ROWS
 from surefoot.services.estimator.params import EstimatorParams
 from surefoot.services.estimator.results import InputResult
+from surefoot.services.estimator.stream import BEST, Estimator
 from surefoot.services.estimator.timeline import RESYNC_AFTER
 
 TICK = 10_000_000
 ZERO, G = np.zeros(3), np.array([0.0, 0.0, 9.81])
+TURN = np.tile(np.eye(3), (2, 1, 1))
+
+
+def with_feet(feet):
+    return Estimator(bare_mount(feet), EstimatorParams(), names=(BEST,))
 
 
 @pytest.fixture
-def judge():
-    judge = InputJudge(EstimatorParams(), 2)
-    assert judge.imu(TICK, ZERO, G) is InputResult.OK
-    return judge
+def estimator():
+    estimator = with_feet(2)
+    assert estimator.imu(TICK, ZERO, G) is InputResult.OK
+    return estimator
+
+
+@pytest.fixture
+def judge(estimator):
+    return estimator.judge
 
 
 @pytest.mark.parametrize(
@@ -34,73 +46,73 @@ def judge():
         (2 * TICK, ZERO, 6.0 * G, InputResult.SATURATED),
     ],
 )
-def test_a_bad_sample_is_refused_counted_and_forgotten(judge, stamp, w, q, result):
-    assert judge.imu(stamp, w, q) is result
+def test_a_bad_sample_is_refused_counted_and_forgotten(estimator, judge, stamp, w, q, result):
+    assert estimator.imu(stamp, w, q) is result
     assert not result.accepted
     assert judge.counts == {f"imu_{result}": 1}
     assert judge.refused == 1
     assert not judge.inputs_ok(TICK)
     assert judge.inputs_ok(12 * TICK)
-    assert judge.imu(2 * TICK, ZERO, G) is InputResult.OK
+    assert estimator.imu(2 * TICK, ZERO, G) is InputResult.OK
 
 
-def test_a_gap_is_accepted_and_counted(judge):
-    assert judge.imu(7 * TICK + 1, ZERO, G) is InputResult.GAP
+def test_a_gap_is_accepted_and_counted(estimator, judge):
+    assert estimator.imu(7 * TICK + 1, ZERO, G) is InputResult.GAP
     assert judge.refused == 0
     assert judge.counts["imu_gap"] == 1
 
 
-def test_a_clock_that_restarted_is_followed(judge):
+def test_a_clock_that_restarted_is_followed(estimator):
     for k in (1000, 1001):  # the second confirms the first
-        judge.imu(k * TICK, ZERO, G)
-    results = [judge.imu(k * TICK, ZERO, G) for k in range(2, 2 + RESYNC_AFTER + 2)]
+        estimator.imu(k * TICK, ZERO, G)
+    results = [estimator.imu(k * TICK, ZERO, G) for k in range(2, 2 + RESYNC_AFTER + 2)]
     assert results[: RESYNC_AFTER - 1] == [InputResult.LATE] * (RESYNC_AFTER - 1)
     assert results[RESYNC_AFTER - 1 :] == [InputResult.RESTART, InputResult.OK, InputResult.OK]
 
 
-def test_shuffled_samples_do_not_restart_the_clock(judge):
+def test_shuffled_samples_do_not_restart_the_clock(estimator):
     for k in (1000, 1001):
-        judge.imu(k * TICK, ZERO, G)
+        estimator.imu(k * TICK, ZERO, G)
     for _ in range(30):
         for stamp in (8, 5):
-            assert judge.imu(stamp * TICK, ZERO, G) is InputResult.LATE
+            assert estimator.imu(stamp * TICK, ZERO, G) is InputResult.LATE
 
 
-def test_a_frozen_unit_is_seen(judge):
+def test_a_frozen_unit_is_seen(estimator, judge):
     for k in range(2, FROZEN_ROWS + 5):
-        judge.imu(k * TICK, ZERO, G)
+        estimator.imu(k * TICK, ZERO, G)
     assert judge.imu_frozen
-    judge.imu(100 * TICK, ZERO + 1e-3, G)
+    estimator.imu(100 * TICK, ZERO + 1e-3, G)
     assert not judge.imu_frozen
 
 
-def test_a_robot_without_weight_falls(judge):
+def test_a_robot_without_weight_falls(estimator, judge):
     for k in range(2, 12):
-        judge.imu(k * TICK, ZERO + 1e-3 * k, 0.1 * G)
+        estimator.imu(k * TICK, ZERO + 1e-3 * k, 0.1 * G)
     assert not judge.weightless(11 * TICK)
-    judge.imu(12 * TICK, ZERO, 0.1 * G)
+    estimator.imu(12 * TICK, ZERO, 0.1 * G)
     assert judge.weightless(12 * TICK)
-    judge.imu(13 * TICK, ZERO, G)
+    estimator.imu(13 * TICK, ZERO, G)
     assert not judge.weightless(13 * TICK)
 
 
-def test_kinematics(judge):
+def test_kinematics(estimator, judge):
     feet = np.ones((2, 3))
-    assert judge.kinematics(TICK, feet) is InputResult.OK
-    assert judge.kinematics(TICK - 1, feet) is InputResult.OK  # within the window
-    assert judge.kinematics(TICK - 10**9, feet) is InputResult.LATE
-    assert judge.kinematics(3 * TICK, feet * np.nan) is InputResult.NONFINITE
+    assert estimator.feet(TICK, feet, TURN) is InputResult.OK
+    assert estimator.feet(TICK - 1, feet, TURN) is InputResult.OK  # within the window
+    assert estimator.feet(TICK - 10**9, feet, TURN) is InputResult.LATE
+    assert estimator.feet(3 * TICK, feet * np.nan, TURN) is InputResult.NONFINITE
     half = feet.copy()
     half[0] = np.nan
-    assert judge.kinematics(4 * TICK, half) is InputResult.OK
+    assert estimator.feet(4 * TICK, half, TURN) is InputResult.OK
     assert judge.counts["kinematics_nonfinite"] == 2
     assert judge.last_bad == "kinematics_nonfinite"
 
 
-def test_frozen_encoders_count_only_while_the_robot_moves(judge):
+def test_frozen_encoders_count_only_while_the_robot_moves(estimator, judge):
     feet = np.ones((2, 3))
     for k in range(40):
-        judge.kinematics(k * TICK, feet.copy())
+        estimator.feet(k * TICK, feet.copy(), TURN)
     assert judge.joints_frozen(moving=True)
     assert not judge.joints_frozen(moving=False)
 
@@ -115,16 +127,15 @@ def test_frozen_encoders_count_only_while_the_robot_moves(judge):
 )
 def test_the_gyro_is_compared_with_feet_that_stand(factor, word):
     rng = np.random.default_rng(0)
-    judge = InputJudge(EstimatorParams(), 3)
+    estimator = with_feet(3)
     feet = np.array([[0.1, 0.0, -0.1], [-0.1, 0.1, -0.1], [-0.1, -0.1, -0.1]])
     rot, one = np.tile(np.eye(3), (3, 1, 1)), np.ones(3)
     for k in range(1, 1500):
         w = 0.3 * np.array([np.sin(0.05 * k), np.cos(0.07 * k), 0.3])
         feet = feet @ matrix_from_rotvec(-0.01 * w).T
-        result = judge.imu(k * TICK, factor * w + 0.005 * rng.normal(size=3), G + 0.03 * rng.normal(size=3))
+        result = estimator.imu(k * TICK, factor * w + 0.005 * rng.normal(size=3), G + 0.03 * rng.normal(size=3))
         if k % 3 == 0:
             seen = feet + 3e-4 * rng.normal(size=(3, 3))
-            judge.kinematics(k * TICK, seen)
-            judge.units(k * TICK, seen, rot, one)
-    assert judge.unit == word
+            estimator.feet(k * TICK, seen, rot, one)
+    assert estimator.judge.unit == word
     assert (result is InputResult.UNIT) == bool(word)
