@@ -37,8 +37,8 @@ E_ROT, E_VEL, E_GYRO, E_ACC, E_POS, E_POINTS = 0, 3, 6, 9, 12, 15
 DOWN, SLIDE, MISFIT, SEEN, NEW, ALONG = 0, 1, 2, 3, 4, 5
 # parts of `BestState.memory`
 EXCESS, INNOVATION, LAST_GYRO, SINCE, NIS, PHASE, REST, AGE, LAG = 0, 1, 4, 7, 8, 9, 10, 11, 12
-LOSSES, LOST_FOR, PUSH, UNFIT = 15, 16, 17, 20
-MEMORY = 21
+LOSSES, LOST_FOR, PUSH, UNFIT, FORETOLD, FORETELLING = 15, 16, 17, 20, 21, 22
+MEMORY = 23
 WAITING, MOVING, STARTED, DOUBTED = 0.0, 1.0, 2.0, 3.0  # values of `PHASE`
 FREE = 1.0  # m^2, variance of a point that touches nothing
 NO_FEET = -1.0  # `SINCE` before the first sample of the feet
@@ -60,12 +60,12 @@ class BestState(NamedTuple):
     turn: Array
     """(K, 3, 3) rot_odom_from_foot at the last sample of the feet."""
     memory: Array
-    """(21,): excess of the inertial noise, last common innovation (3) m, last gyro (3) rad/s, time since the last
+    """(23,): excess of the inertial noise, last common innovation (3) m, last gyro (3) rad/s, time since the last
     sample of the feet s (negative: there was none), its normalised innovation squared (3 dof), phase of the start,
     inertial samples at rest in a row, time since the start s, lag of the velocity (3) m/s, IMU axes, see `follow`,
     how often the velocity was lost, time since it was lost s (negative: long ago), change of the velocity by the
     inertial unit since then (3) m/s, odom axes, see `judge_tilt`, samples of the feet in a row of which no
-    point fitted."""
+    point fitted, sums of m s and of s s, see `persistence`."""
     mode_x: Array
     """(H, 21 + 3 K) the same of each hypothesis about which feet slide, see `best_modes`; so are the next four."""
     mode_cov: Array

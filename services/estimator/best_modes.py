@@ -31,6 +31,8 @@ from surefoot.services.estimator.best_kernel import (
     E_ROT,
     E_VEL,
     EXCESS,
+    FORETELLING,
+    FORETOLD,
     GYRO_BIAS,
     INNOVATION,
     LAG,
@@ -157,7 +159,16 @@ def publish_mean(state: BestState, foot: Feet) -> None:
         return
     kept = state.memory.copy()
     mean_of(state, state.weight, state)
-    for i in (LAST_GYRO, LAST_GYRO + 1, LAST_GYRO + 2, PHASE, REST, AGE):  # the same of all: the state's own
+    for i in (
+        LAST_GYRO,
+        LAST_GYRO + 1,
+        LAST_GYRO + 2,
+        PHASE,
+        REST,
+        AGE,
+        FORETOLD,
+        FORETELLING,
+    ):  # the same of all: the state's own
         state.memory[i] = kept[i]
     for k in range(state.points.shape[0]):
         seen = 0.0

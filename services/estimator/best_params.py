@@ -48,7 +48,13 @@ def best_noise(params: EstimatorParams, modes: bool = False) -> BestNoise:
     )
     if modes:
         noise = noise._replace(
-            point=POINT_SHARE * params.sigma_point, stay=0.0005, gyro_bias=6e-5, gyro_jerk=0.12, learn=0.05, drop=0.3
+            point=POINT_SHARE * params.sigma_point,
+            stay=0.0005,
+            gyro_bias=6e-5,
+            gyro_jerk=0.12,
+            learn=0.05,
+            drop=0.3,
+            go_on=0.95,
         )
     return noise
 

@@ -50,7 +50,7 @@ from surefoot.services.estimator.best_start import (
     start_at_rest,
     start_moving,
 )
-from surefoot.services.estimator.best_update import UNKNOWN_SPEED, follow, take_points
+from surefoot.services.estimator.best_update import UNKNOWN_SPEED, follow, persistence, remember_slides, take_points
 from surefoot.services.estimator.contact import by_height, points_of
 from surefoot.services.estimator.timeline import after
 
@@ -183,11 +183,11 @@ def _hidden(rows: Array, at: int) -> tuple[float, float]:
 @kernel
 def _correct(
     state: BestState, y: Array, turn: Array, contact: Array, geometry: BestGeometry, noise: BestNoise,
-    limits: BestLimits, hypotheses: bool, slides: int,
+    limits: BestLimits, hypotheses: bool, slides: int, share: float,
 ) -> float:  # fmt: skip
     """Correct one state with one sample of its points, in place; return the logarithm of its likelihood."""
     before = state.x[POS : POS + 3].copy()
-    likely = take_points(state, y, turn, contact, geometry.radius, geometry.foot, noise, hypotheses, slides)
+    likely = take_points(state, y, turn, contact, geometry.radius, geometry.foot, noise, hypotheses, slides, share)
     if math.isfinite(limits.level_sd):
         stand_on_level(state, limits.start[3], geometry.radius, limits.level_sd)
     if settled(state):
@@ -206,17 +206,18 @@ def _take_feet(
     if at < 0 and (
         state.weight.size == 0 or state.memory[REST] > 0.0 or state.memory[LOST_FOR] >= 0.0 or not settled(state)
     ):
-        _correct(state, y, turn, contact, geometry, noise, limits, limits.hypotheses, 0)
+        _correct(state, y, turn, contact, geometry, noise, limits, limits.hypotheses, 0, 1.0)
     else:
         losses = losses if at < 0 else state.mode_memory[at, LOSSES]
         rot = rotation(state.x) if at < 0 else rotation(state.mode_x[at])
         contact = by_height(rot, y, geometry.radius, contact)
         mix(state, contact, geometry.foot, noise)
-        likely = np.zeros(state.weight.size)
+        likely, share = np.zeros(state.weight.size), persistence(state.memory)
         for h in range(state.weight.size):
             if state.weight[h] > 0.0:
-                likely[h] = _correct(mode(state, h), y, turn, contact, geometry, noise, limits, False, h)
+                likely[h] = _correct(mode(state, h), y, turn, contact, geometry, noise, limits, False, h, share)
         weigh(state, likely)
+        remember_slides(state)
         if state.mode_memory[likeliest(state), LOSSES] > losses:
             collapse(state, geometry.foot)
     if state.memory[LOSSES] > losses:

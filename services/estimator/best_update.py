@@ -12,6 +12,8 @@ from surefoot.services.estimator.best_kernel import (
     DOWN,
     E_POINTS,
     EXCESS,
+    FORETELLING,
+    FORETOLD,
     INNOVATION,
     LAG,
     LOSSES,
@@ -41,6 +43,9 @@ SWING = 0.2  # m/s, of a foot that may be in the air
 LONGEST = 0.12  # s without a sample of the feet, after which any of them may have stepped
 UNKNOWN_SPEED = 1.0  # m/s
 MOST_LAG = 5.0  # noises of a point: a longer correction is no lag, but a mishap
+KEEP = 0.99  # per sample, of what is remembered about slides
+TRUSTED = 1e-4  # (m/s)^2, weight of the assumption that slides persist
+LEAST_PERSISTENCE = 0.3  # below it no slide is expected to go on
 MOST_GROWTH = 0.1  # of the logarithm of the excess by one pair of innovations
 
 
@@ -157,14 +162,39 @@ def follow(state: BestState, before: Array, noise: BestNoise) -> None:
 
 
 @kernel
-def _slide(state: BestState, foot: Feet, slides: int, dt: float) -> Array:
+def persistence(memory: Array) -> float:
+    """Return the share of the learned velocity s of a slide that is expected of the next sample, 0 to 1.
+
+    A foot that is pushed slides on, one that rocks comes back. Over all samples of the feet in the last seconds, with m
+    the velocity that a sample showed and s that learned before it,
+
+        rho = (sum m.s + p)/(sum s.s + p),   share = (rho - rho_0)/(1 - rho_0)
+
+    with p = `TRUSTED` and rho_0 = `LEAST_PERSISTENCE`.
+    """
+    rho = (memory[FORETOLD] + TRUSTED) / (memory[FORETELLING] + TRUSTED)
+    return float(min(max((rho - LEAST_PERSISTENCE) / (1.0 - LEAST_PERSISTENCE), 0.0), 1.0))
+
+
+@kernel
+def remember_slides(state: BestState) -> None:
+    """Add what the hypotheses saw of slides in the last sample, by their weights, to what is remembered, in place."""
+    for i in (FORETOLD, FORETELLING):
+        state.memory[i] *= KEEP
+        for h in range(state.weight.size):
+            if state.weight[h] > 0.0:
+                state.memory[i] += state.weight[h] * state.mode_memory[h, i]
+
+
+@kernel
+def _slide(state: BestState, foot: Feet, slides: int, dt: float, share: float) -> Array:
     """Move the points of sliding feet on as they have slid, in place; return where they were, (K, 2) m, odom axes."""
     before = np.empty((foot.size, 2))
     for k in range(foot.size):
         for i in range(2):
             before[k, i] = state.x[POINTS + 3 * k + i]
             if (slides >> foot[k]) & 1 and state.points[k, DOWN] > 0.0:
-                state.x[POINTS + 3 * k + i] += state.points[k, ALONG + i] * dt
+                state.x[POINTS + 3 * k + i] += share * state.points[k, ALONG + i] * dt
     return before
 
 
@@ -175,7 +205,8 @@ def _learn_slide(state: BestState, foot: Feet, slides: int, before: Array, dt: f
         s += g (delta/dt - s),   g = gain/(1 + (excess/`MOST_CARRIED`)^4)
 
     The factor of `excess` reduces the gain where the inertial noise exceeds that of the sensor: its error looks like a
-    slide. While two or more feet stand and all of them slide, s is zero: that is an error of the inertial unit.
+    slide. While two or more feet stand and all of them slide, s is zero: that is an error of the inertial unit. The
+    products of delta/dt and s, and of s and s, are left in the memory for `remember_slides`.
     """
     points, down, sliding, last = state.points, 0, 0, -1
     for k in range(foot.size):
@@ -195,6 +226,8 @@ def _learn_slide(state: BestState, foot: Feet, slides: int, before: Array, dt: f
                     moved[i] += state.x[POINTS + 3 * m + i] - before[m, i]
         for i in range(2):
             if (slides >> foot[k]) & 1 and (down < 2 or sliding < down):
+                state.memory[FORETOLD] += moved[i] / (count * dt) * points[k, ALONG + i] / count
+                state.memory[FORETELLING] += points[k, ALONG + i] ** 2 / count
                 points[k, ALONG + i] += gain * (moved[i] / (count * dt) - points[k, ALONG + i])
             else:
                 points[k, ALONG + i] = 0.0
@@ -211,6 +244,7 @@ def take_points(
     noise: BestNoise,
     hypotheses: bool,
     slides: int,
+    share: float,
 ) -> float:
     """Take one sample of all contact points, in place: roll, twist, slide, correct, put down and lift.
 
@@ -225,6 +259,7 @@ def take_points(
         noise: the noises.
         hypotheses: see `observe`.
         slides: bit f: foot f slides, in a state that is one of several hypotheses.
+        share: of the learned velocity of a slide by which it goes on, see `persistence`.
 
     Returns:
         Logarithm of the likelihood of the sample up to a constant.
@@ -248,7 +283,9 @@ def take_points(
     twist_soles(state, foot, noise.twist**2 * dt)
     if not hypotheses:
         _loosen(state, contact, foot, slides, (noise.slip * dt) ** 2, (SWING * dt) ** 2)
-    before = _slide(state, foot, slides, dt)
+    before = _slide(state, foot, slides, dt, share)
+    if not hypotheses:
+        memory[FORETOLD] = memory[FORETELLING] = 0.0
     learn_excess(state, y, noise)
     standing, unfit = 0, 0
     for k in range(count):

@@ -274,7 +274,7 @@ def test_misfits_of_all_points_make_the_velocity_unknown_and_not_the_feet():
     limits = np.ones(3)
     for _ in range(10):
         y, turn = points_of(places.foot, places.place, position, rot)
-        take_points(one, y, turn, limits, places.radius, places.foot, NOISE, True, 0)
+        take_points(one, y, turn, limits, places.radius, places.foot, NOISE, True, 0, 1.0)
         for _ in range(3):
             predict(one, np.zeros(3), G, 0.011, NOISE, 0.0)
     assert abs(one.x[VEL]) < 0.02
@@ -293,7 +293,7 @@ def test_the_excess_follows_errors_that_repeat_and_not_noise():
         for k in range(300):
             y, turn = points_of(places.foot, places.place, np.array([[0.0, 0.0, -0.3]]), np.eye(3)[None])
             y += sigma * rng.normal(size=y.shape)
-            take_points(state, y, turn, np.ones(3), places.radius, places.foot, NOISE, True, 0)
+            take_points(state, y, turn, np.ones(3), places.radius, places.foot, NOISE, True, 0, 1.0)
             q = G + np.array([push * math.sin(0.3 * k), 0.0, 0.0])
             for _ in range(3):
                 predict(state, np.zeros(3), q, 0.011, NOISE, 0.0)
@@ -345,7 +345,7 @@ def test_one_wrong_sample_where_a_foot_comes_down_is_no_wrong_velocity():
     one.cov[...] = 1e-6 * np.eye(len(one.cov))
     true, off = np.array([[0.0, 0.0, -0.3]]), np.array([[0.02, 0.0, -0.3]])
     for y in (off, true, true, true):
-        take_points(one, y, np.eye(3)[None], np.ones(1), np.zeros(1), np.zeros(1, dtype=np.int64), NOISE, True, 0)
+        take_points(one, y, np.eye(3)[None], np.ones(1), np.zeros(1), np.zeros(1, dtype=np.int64), NOISE, True, 0, 1.0)
         for _ in range(3):
             predict(one, np.zeros(3), G, 0.011, NOISE, 0.0)
     assert np.linalg.norm(one.x[VEL : VEL + 3]) < 1e-3
@@ -361,7 +361,7 @@ def test_a_foot_that_lifts_leaves_no_lost_velocity_behind():
     both, second = np.ones(2), np.array([0.0, 1.0])
     samples = [(feet, both), (feet, both), (off, both), (off, both), (off, second), (off, second)]
     for y, contact in samples:
-        take_points(one, y, np.tile(np.eye(3), (2, 1, 1)), contact, np.zeros(2), np.arange(2), NOISE, True, 0)
+        take_points(one, y, np.tile(np.eye(3), (2, 1, 1)), contact, np.zeros(2), np.arange(2), NOISE, True, 0, 1.0)
         for _ in range(3):
             predict(one, np.zeros(3), G, 0.011, NOISE, 0.0)
     assert one.cov[E_VEL, E_VEL] < 1e-3

@@ -12,9 +12,12 @@ from surefoot.services.estimator.best_kernel import (
     ALONG,
     DOWN,
     E_VEL,
+    FORETELLING,
+    FORETOLD,
     POS,
     REST,
     SEEN,
+    SINCE,
     VEL,
     copy_state,
     new_state,
@@ -35,6 +38,7 @@ from surefoot.services.estimator.best_modes import (
 )
 from surefoot.services.estimator.best_params import best_noise
 from surefoot.services.estimator.best_point import retract
+from surefoot.services.estimator.best_update import KEEP, persistence, remember_slides, take_points
 from surefoot.services.estimator.params import EstimatorParams
 
 FOOT = np.arange(2)
@@ -167,20 +171,45 @@ def test_sliding_feet_are_found_and_cost_less():
     assert slides > 0.5 > 2.0 * stays
 
 
-def test_the_velocity_of_a_slide_is_learned_unless_all_feet_slide():
-    from surefoot.services.estimator.best_update import take_points
+def two_points():
+    """A state of two standing feet, and where they are."""
+    state = new_state(2, 4)
+    state.points[:, DOWN] = 1.0
+    state.cov[...] = 1e-8 * np.eye(len(state.cov))
+    place = np.array([[0.0, 0.1, -0.3], [0.0, -0.1, -0.3]])
+    state.x[21:] = place.ravel()
+    return state, place
 
+
+def show(state, y, slides):
+    """Let the filter see the feet at y, `slides` those that slide, 33 ms after the last sample."""
+    state.memory[SINCE] = 0.033
+    take_points(state, y, np.tile(np.eye(3), (2, 1, 1)), BOTH, np.zeros(2), FOOT, NOISE, False, slides, 1.0)
+
+
+def test_the_velocity_of_a_slide_is_learned_unless_all_feet_slide():
     for slides, learns in ((1, True), (3, False)):
-        state = new_state(2)
-        state.points[:, DOWN] = 1.0
-        state.cov[...] = 1e-8 * np.eye(len(state.cov))
-        place = np.array([[0.0, 0.1, -0.3], [0.0, -0.1, -0.3]])
-        state.x[21:] = place.ravel()
+        state, place = two_points()
         for step in range(1, 30):
-            state.memory[7] = 0.033
-            y = place + np.outer([1.0, 0.0], [0.02 * 0.033 * step, 0.0, 0.0])
-            take_points(
-                state, y, np.tile(np.eye(3), (2, 1, 1)), BOTH, np.zeros(2), FOOT, NOISE, False, slides
-            )  # fmt: skip
+            show(state, place + np.outer([1.0, 0.0], [0.02 * 0.033 * step, 0.0, 0.0]), slides)
         assert (state.points[0, ALONG] == pytest.approx(0.02, rel=0.2)) == learns
         assert state.points[1, ALONG] == 0.0
+
+
+@pytest.mark.parametrize(("way", "goes_on"), [(lambda k: k, True), (lambda k: (k // 3) % 2, False)])
+def test_a_slide_is_expected_to_go_on_where_slides_do(way, goes_on):
+    """A foot that is pushed along, and one that rocks to and fro: m.s over s.s, by an independent sum."""
+    state, place = two_points()
+    whole, told, telling = new_state(2, 4), 0.0, 0.0
+    whole.weight[1] = 0.5
+    assert persistence(whole.memory) == 1.0
+    for step in range(1, 60):
+        learned, start = state.points[0, ALONG : ALONG + 2].copy(), state.x[21:23].copy()
+        show(state, place + np.outer([1.0, 0.0], [0.001 * way(step), 0.0, 0.0]), 1)
+        seen = (state.x[21:23] - start) / 0.033
+        told, telling = KEEP * told + 0.5 * seen @ learned, KEEP * telling + 0.5 * learned @ learned
+        whole.mode_memory[1] = state.memory
+        remember_slides(whole)
+        np.testing.assert_allclose(whole.memory[[FORETOLD, FORETELLING]], (told, telling), rtol=1e-9, atol=1e-15)
+    assert (persistence(whole.memory) > 0.9) == goes_on
+    assert (persistence(whole.memory) == 0.0) == (not goes_on)
