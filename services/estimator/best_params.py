@@ -9,7 +9,7 @@ from surefoot.services.estimator.best_start import BestLimits
 from surefoot.services.estimator.params import EstimatorParams, StartPose
 
 ACC_SHARE = 1.2  # noise of an accelerometer that walks over that of its data sheet
-POINT_SHARE = 1.2  # of a point of a foot that is believed to stay over that of one that is doubted at each sample
+POINT_SHARE = 1.3  # of a point of a foot that is believed to stay over that of one that is doubted at each sample
 STATED_SD = 1e-3  # m and rad, of a stated start pose
 LEVEL_SD = 0.01  # m, of a point over level ground, per sample of the feet
 LOST_SD = 1.0  # m and rad, of an unknown pose
