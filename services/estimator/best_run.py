@@ -95,8 +95,8 @@ def stand_on_level(state: BestState, ground: float, radius: Array, sd: float) ->
 
 
 @kernel
-def learn_gyro_bias(state: BestState, w: Array, noise: BestNoise, limits: BestLimits) -> None:
-    """Correct with a gyro sample w (3,) rad/s of a robot at rest, about each axis u of odom, in place.
+def learn_gyro_bias(state: BestState, w: Array, count: int, noise: BestNoise, limits: BestLimits) -> None:
+    """Correct with the mean w (3,) rad/s of gyro samples of a robot at rest, about each axis u of odom, in place.
 
     u^T w = u^T b_w + noise. Servos settle under the weight of the robot, which tilts it but does not turn it: the
     noise about the vertical is smaller.
@@ -104,7 +104,7 @@ def learn_gyro_bias(state: BestState, w: Array, noise: BestNoise, limits: BestLi
     cov, n, rot = state.cov, state.cov.shape[0], rotation(state.x)
     for i in range(3):  # one axis after the other
         creep = limits.creep if i < 2 else limits.turn_creep
-        xi, column, z, s = np.empty(n), np.empty(n), 0.0, noise.sample_gyro**2 + limits.samples * creep**2
+        xi, column, z, s = np.empty(n), np.empty(n), 0.0, (noise.sample_gyro**2 + limits.samples * creep**2) / count
         for j in range(n):
             column[j] = cov[j, E_GYRO] * rot[i, 0] + cov[j, E_GYRO + 1] * rot[i, 1] + cov[j, E_GYRO + 2] * rot[i, 2]
         for j in range(3):
@@ -116,6 +116,24 @@ def learn_gyro_bias(state: BestState, w: Array, noise: BestNoise, limits: BestLi
             for m in range(n):
                 cov[j, m] -= gain * column[m]
         retract(state, xi)
+
+
+@kernel
+def _learn_end_of_rest(state: BestState, rows: Array, at: int, noise: BestNoise, limits: BestLimits) -> None:
+    """Learn from what is left of a rest that ended before row `at`, in place.
+
+    While it lasts each sample waits until it is as old as the window of a rest; of those that wait when it ends the
+    last fifth may be of the first motion.
+    """
+    waiting = min(int(state.memory[REST]) - 1, limits.samples - 1)
+    count = waiting - limits.samples // 5
+    if count <= 0:
+        return
+    mean = np.zeros(3)
+    for r in range(at - waiting, at - waiting + count):
+        for i in range(3):
+            mean[i] += rows[r, ROW_W + i] / count
+    learn_gyro_bias(state, mean, count, noise, limits)
 
 
 @kernel
@@ -324,6 +342,8 @@ def advance(
             memory[AGE] += gap
         _limit_speed(state, geometry.foot, limits.max_speed)
         resting = rests(rows, stamps, at, feet, feet_stamps, limits)
+        if not resting and memory[PHASE] == STARTED:
+            _learn_end_of_rest(state, rows, at, noise, limits)
         memory[REST] = memory[REST] + 1.0 if resting else 0.0
         if resting:
             collapse(state, geometry.foot)
@@ -339,5 +359,5 @@ def advance(
             if next_foot > 0:
                 start_moving(state, q, w, next_foot - 1, feet, foot_rots, contact, geometry, limits)
         elif memory[REST] > limits.samples:
-            learn_gyro_bias(state, rows[at + 1 - limits.samples, :3], noise, limits)
+            learn_gyro_bias(state, rows[at + 1 - limits.samples, :3], 1, noise, limits)
     publish_mean(state, geometry.foot)

@@ -210,7 +210,7 @@ def test_a_robot_at_rest_shows_the_gyro_bias():
         state.cov[E_GYRO + i, E_GYRO + i] = 0.05**2
     bias = np.array([0.03, -0.02, 0.01])
     for _ in range(3000):
-        learn_gyro_bias(state, bias, NOISE, limits)
+        learn_gyro_bias(state, bias, 1, NOISE, limits)
     np.testing.assert_allclose(state.x[GYRO_BIAS : GYRO_BIAS + 3], bias, atol=1e-4)
     assert np.linalg.eigvalsh(state.cov).min() > -1e-12
 
@@ -221,7 +221,7 @@ def test_rest_shows_the_bias_about_the_vertical_best():
     limits = best_limits(EstimatorParams(), StartPose(), True)
     state.cov[...] = 0.05**2 * np.eye(len(state.cov))
     for _ in range(300):
-        learn_gyro_bias(state, np.zeros(3), NOISE, limits)
+        learn_gyro_bias(state, np.zeros(3), 1, NOISE, limits)
     at, rot = slice(E_GYRO, E_GYRO + 3), rotation(state.x)
     creep = np.array([limits.creep, limits.creep, limits.turn_creep])
     sample = NOISE.sample_gyro**2 + limits.samples * creep**2
@@ -243,6 +243,24 @@ def test_a_sample_of_the_first_rest_is_taken_once():
         if k >= params.standstill_samples:
             found.append(estimator.best.gyro_bias[2])
     np.testing.assert_allclose(found, 0.02, atol=2e-5)
+
+
+def test_what_waits_when_a_rest_ends_is_learned_from_but_for_its_last_fifth():
+    """A gyro that reads more in the last half second of a rest, and wildly once the robot moves."""
+    params = EstimatorParams()
+    window, estimator, found = params.standstill_samples, Estimator(BOX, EstimatorParams(), names=("best",)), []
+    for k in range(3 * window + 2):
+        waits, moves = k >= 2 * window + 1, k >= 3 * window
+        spoilt = k >= 3 * window - window // 5 and not moves
+        w = np.array([0.0, 0.0, 1.0 if moves else 0.0 if spoilt else 0.024 if waits else 0.02])
+        estimator.imu((k + 1) * params.imu_period_ns, w, G)
+        if k % 3 == 0:
+            estimator.feet((k + 1) * params.imu_period_ns, STANDING, np.stack([np.eye(3)] * FEET), np.ones(FEET))
+        found.append(float(estimator.best.gyro_bias[2]))
+    assert estimator.best.settled
+    assert found[3 * window - window // 5 - 1] == pytest.approx(0.02, abs=1e-4)
+    share = (found[3 * window] - 0.02) / 0.004  # of so many samples that were learned from
+    assert 0.6 * 40 / 140 < share < 1.0
 
 
 @pytest.mark.parametrize("seed", range(3))
