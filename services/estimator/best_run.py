@@ -265,11 +265,23 @@ def _predict(
 
 
 @kernel
+def _speed(state: BestState) -> float:
+    """Return an upper bound of the speed that is published of a state, m/s."""
+    v, lag = 0.0, 0.0
+    for i in range(3):
+        v += state.x[VEL + i] ** 2
+        lag += state.memory[LAG + i] ** 2
+    return math.sqrt(v) + math.sqrt(lag)
+
+
+@kernel
 def _limit_speed(state: BestState, foot: NDArray[np.int64], most: float) -> None:
     """Forget a velocity that no robot has, in place."""
-    at = likeliest(state)
-    x = state.x if at < 0 else state.mode_x[at]
-    if x[VEL] ** 2 + x[VEL + 1] ** 2 + x[VEL + 2] ** 2 > most * most:
+    fastest = _speed(state) if likeliest(state) < 0 else 0.0
+    for h in range(state.weight.size):
+        if state.weight[h] > 0.0:
+            fastest = max(fastest, _speed(mode(state, h)))
+    if fastest > most:
         collapse(state, foot)
         forget_velocity(state, UNKNOWN_SPEED)
 
