@@ -2,7 +2,9 @@
 
 import pytest
 
-from surefoot.bus.interface import Delivery, Life
+from surefoot.bus.codec import encode
+from surefoot.bus.frame import Frame, Part, pack
+from surefoot.bus.interface import Delivery, Life, Stamp
 from surefoot.bus.zenoh import ZenohBus
 from surefoot.lockstep import driver as runtime
 from surefoot.lockstep.commands import STALE_TICKS
@@ -88,6 +90,19 @@ def test_a_stamp_outside_the_run_is_refused(bench: Bench, stamp_ns: int) -> None
     walk(bench, range(2, 4))
     assert [message.velocity[0] for message in bench.sent(type(estimate(0.0)))] == [0.5] * 4
     assert bench.node.refused == {"stamp": 1}
+
+
+@pytest.mark.parametrize(("instance", "obeyed"), [("real", True), ("stranger", False), ("", False)])
+def test_a_frame_is_obeyed_of_the_process_one_is_bound_to_only(bench: Bench, instance: str, obeyed: bool) -> None:
+    """As messages come over the network: several of a service as one, with the name of the process."""
+    walk(bench, range(2))
+    forged = Imu(acc=(9.0, 0.0, 0.0), gyro=(0.0, 0.0, 0.0)).stamped(2 * TICK_NS, 2, 1, 2, "driver")
+    part = Part(HW_IMU.key, encode(forged)[0], Stamp(2, 1, 2 * TICK_NS, 2))
+    bench.node.handle(Frame(HW_IMU.owner, {HW_IMU.key: HW_IMU}, *pack([part], instance)))
+    walk(bench, range(2, 4))
+    expected = [0.5, 0.5, 9.0 if obeyed else 0.5, 0.5]
+    assert [message.velocity[0] for message in bench.sent(type(estimate(0.0)))] == expected
+    assert bench.node.refused == ({} if obeyed else {"unbound": 1})
 
 
 # -- members -----------------------------------------------------------------------------------------------------------

@@ -67,13 +67,23 @@ def test_stateless_member_that_returns_under_hold_gives_the_same_run() -> None:
     assert not bench.leader.comparable
 
 
-def test_hold_gives_up_and_goes_on_without(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runtime, "HOLD_S", 0.0)
-    bench = Bench()
+def test_hold_gives_up_after_two_minutes_and_ends_the_run() -> None:
+    bench, now = Bench(), [0.0]
+    bench.node.clock = lambda: now[0]  # type: ignore[method-assign]
     bench.until_tick(20)
     bench.kill("estimator")
-    bench.finish(40)
+    held = -1
+    for now[0] in (1.0, 60.0, 119.0):
+        for node in bench.system.nodes:
+            node.pump()
+        held = bench.leader.tick if held < 0 else held
+        assert (bench.leader.state, bench.leader.tick, bench.node.gave_up) == ("holding", held, "")
+    now[0] = 122.0
+    bench.until(lambda: bench.leader.state == "ended" and bench.leader.all_done())
+    assert bench.leader.tick == held + 1
     assert "estimator" not in bench.leader.members
+    assert "estimator" in bench.node.gave_up
+    assert "120 s" in bench.node.gave_up
 
 
 def test_degrade_goes_on_at_once_and_takes_the_newcomer_in_at_a_tick() -> None:

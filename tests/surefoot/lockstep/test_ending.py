@@ -1,5 +1,6 @@
 """SIGTERM at any moment of a start ends a service with exit code 0, and soon."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -21,9 +22,10 @@ import ctypes, os, sys, threading
 from surefoot.lockstep.ending import ENDING
 ENDING.watch()
 libc = ctypes.PyDLL(None) if sys.argv[1] == "python" else ctypes.CDLL(None)
+many = ctypes.create_string_buffer(1 << 28)
 print("ready", flush=True)
-if sys.argv[1] == "foreign":
-    libc.sleep(60)  # a compiler: the main thread is in foreign code and runs no Python
+if sys.argv[1] == "foreign":  # a compiler: the main thread is in foreign code for seconds and runs no Python
+    libc.qsort(many, 1 << 28, 1, ctypes.cast(libc.strcmp, ctypes.c_void_p))
 elif sys.argv[1] == "callback":
     compare = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(lambda a, b: sum(range(10**6)) * 0)
     array = (ctypes.c_int * 100000)()
@@ -34,12 +36,21 @@ else:
 """
 
 
+def processor_s(pid: int) -> float:
+    """Processor time of a process, s."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 @pytest.mark.parametrize("work", ["foreign", "callback", "python"])
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_while_the_main_thread_is_busy(work: str, number: signal.Signals) -> None:
     with running([sys.executable, "-c", COMPILES, work], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
+        before, deadline = processor_s(process.pid), time.monotonic() + SLOW_S
+        while processor_s(process.pid) < before + 0.1:  # it is at work, not on its way there
+            assert time.monotonic() < deadline
         began = time.monotonic()
         process.send_signal(number)
         assert process.wait(SLOW_S) == 0

@@ -144,10 +144,13 @@ def test_a_flood_of_nonsense_and_of_queries_is_bounded_counted_and_over_when_it_
         node = Node(Watcher(ServiceConfig()), net.open())
         node.start()
         most: list[int] = []
-        original = node.handle
+        original, misplaced = node.handle, 0
 
         def handle(item: Any) -> None:
+            nonlocal misplaced
             most.append(len(node.inbox.observed) + len(node.inbox.queries))
+            waiting = node.inbox.tick.items.copy()
+            misplaced += sum(isinstance(one, Delivery) and one.topic.key == CMD_ESTOP.key for one in waiting)
             original(item)
 
         node.handle = handle  # type: ignore[method-assign]
@@ -168,6 +171,7 @@ def test_a_flood_of_nonsense_and_of_queries_is_bounded_counted_and_over_when_it_
             assert system.driver.history == system.driver.history[:2000]
             assert health.refused["malformed"] > 0
             assert max(most) <= OBSERVED_ITEMS + QUERY_ITEMS
+            assert misplaced == 0  # what is observed never waits before what a tick needs
             assert not node.refused["too_far_ahead"]
         finally:
             node.stop()
