@@ -16,7 +16,7 @@ from surefoot.services.estimator.best_cell import CONTACT_NS, FEET_NS, NOW_NS, C
 from surefoot.services.estimator.best_memory import bring_up
 from surefoot.services.estimator.best_summary import summary
 from surefoot.services.estimator.health import flags_of
-from surefoot.services.estimator.inputs import BAD_MEMORY_NS, FROZEN_ROWS, LIGHT_FOR_NS, STEADY_ROWS
+from surefoot.services.estimator.inputs import BAD_MEMORY_NS, LIGHT_FOR_NS, STEADY_ROWS
 from surefoot.services.estimator.judge import BAD_NS, EQUAL_FEET, EQUAL_ROWS, LIGHT_NS, REFUSED, SATURATED_NS
 from surefoot.services.estimator.output import healthy
 
@@ -71,7 +71,7 @@ def _note_row(rows: LogRows, at: int, cell: Cell) -> None:
     rows.yaw[at], now = clock.yaw[0], clock.stamps[NOW_NS]
     rows.refused[at] = marks[REFUSED]
     started, stands = vectors[6, 1] > 0.0, vectors[6, 2] > 0.0
-    frozen = (cell.noisy and marks[EQUAL_ROWS] >= FROZEN_ROWS) or (
+    frozen = (cell.noisy and marks[EQUAL_ROWS] >= cell.judge_limits.frozen_rows) or (
         started and not stands and marks[EQUAL_FEET] >= STEADY_ROWS
     )
     light = now - marks[LIGHT_NS] >= LIGHT_FOR_NS

@@ -25,7 +25,8 @@ from surefoot.services.estimator.params import EstimatorParams
 from surefoot.services.estimator.results import RESULTS, InputResult
 from surefoot.services.estimator.timeline import bounded
 
-FROZEN_ROWS = 50  # equal IMU rows in a row: a live sensor's noise never repeats so long
+FROZEN_NS = 250_000_000  # an inertial unit that repeats one sample for so long is no live one,
+FROZEN_ROWS = 20  # unless that is fewer samples: a coarse one at rest repeated 12
 BAD_MEMORY_NS = 100_000_000  # a refused input spoils `inputs_ok` so long
 LIGHT_FOR_NS = 100_000_000  # without weight for longer: a fall, or another unit
 STEADY_ROWS = 30  # 1 s of equal joint angles while the gyro says that the robot moves
@@ -41,7 +42,8 @@ class InputJudge:
     """
 
     def __init__(self, params: EstimatorParams, feet: int, points: int) -> None:
-        self.limits = JudgeLimits(params.max_gyro, params.max_acc, params.gap_periods * params.imu_period_ns)
+        frozen = max(FROZEN_ROWS, round(FROZEN_NS / params.imu_period_ns))
+        self.limits = JudgeLimits(params.max_gyro, params.max_acc, params.gap_periods * params.imu_period_ns, frozen)
         self.state = new_judge(feet, points)
         self.noisy = params.sigma_w > 0.0  # equal samples are no chance
 
@@ -90,7 +92,7 @@ class InputJudge:
     @property
     def imu_frozen(self) -> bool:
         """The inertial unit repeats itself."""
-        return bool(self.state.marks[EQUAL_ROWS] >= FROZEN_ROWS) and self.noisy
+        return bool(self.state.marks[EQUAL_ROWS] >= self.limits.frozen_rows) and self.noisy
 
     def joints_frozen(self, moving: bool) -> bool:
         """The encoders repeat themselves while the robot moves."""

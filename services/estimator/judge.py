@@ -82,6 +82,7 @@ class JudgeLimits(NamedTuple):
     max_gyro: float  # rad/s
     max_acc: float  # m/s^2
     gap_ns: float  # ns between inertial samples that is a gap
+    frozen_rows: int  # equal inertial samples in a row that no live unit gives
 
 
 def new_judge(feet: int, points: int) -> Judge:

@@ -5,7 +5,6 @@ import pytest
 
 from surefoot.geometry.rotations import matrix_from_rotvec
 from surefoot.services.estimator.feet import bare_mount
-from surefoot.services.estimator.inputs import FROZEN_ROWS
 from surefoot.services.estimator.params import EstimatorParams
 from surefoot.services.estimator.results import InputResult
 from surefoot.services.estimator.stream import BEST, Estimator
@@ -78,12 +77,17 @@ def test_shuffled_samples_do_not_restart_the_clock(estimator):
             assert estimator.imu(stamp * TICK, ZERO, G) is InputResult.LATE
 
 
-def test_a_frozen_unit_is_seen(estimator, judge):
-    for k in range(2, FROZEN_ROWS + 5):
-        estimator.imu(k * TICK, ZERO, G)
-    assert judge.imu_frozen
-    estimator.imu(100 * TICK, ZERO + 1e-3, G)
-    assert not judge.imu_frozen
+@pytest.mark.parametrize("period_ns", [TICK, TICK // 10])
+def test_a_unit_that_repeats_one_sample_for_a_quarter_of_a_second_is_frozen(period_ns):
+    estimator = Estimator(bare_mount(2), EstimatorParams(imu_period_ns=period_ns), names=(BEST,))
+    seen = []
+    for k in range(1, round(0.3e9 / period_ns)):
+        estimator.imu(k * period_ns, ZERO, G)
+        seen.append(estimator.judge.imu_frozen)
+    assert seen.index(True) == pytest.approx(0.25e9 / period_ns, abs=1.0)
+    assert "the inertial unit repeats one sample" in estimator.estimate().reasons
+    estimator.imu(round(0.4e9), ZERO + 1e-3, G)
+    assert not estimator.judge.imu_frozen
 
 
 def test_a_robot_without_weight_falls(estimator, judge):
