@@ -44,7 +44,7 @@ class LogInputs(NamedTuple):
 class LogRows(NamedTuple):
     """Estimates at n inertial rows."""
 
-    vectors: Array  # (n, 8, 3) as `best.summary`
+    vectors: Array  # (n, 8, 3) as `best_summary.summary`
     more: Array  # (n, 4 + L) quaternion of base_link in odom, probability of sliding of each foot
     covariance: Array  # (n, 6, 6) of (g, v)
     pose: Array  # (n, 4, 4) covariance of x, y, z, yaw

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from surefoot.geometry.rotations import wrap_angle
 from surefoot.robot.description import Robot
@@ -122,6 +122,7 @@ class Estimator:
         Returns:
             What became of it; nothing raises.
         """
+        w, q = _plain(w), _plain(q)
         if w.shape != (3,) or q.shape != (3,):
             return self.judge.note("imu", InputResult.SHAPE, stamp_ns)
         result = RESULTS[self._best.imu(bounded(stamp_ns), w, q, clipped)]
@@ -133,8 +134,8 @@ class Estimator:
 
     def joints(self, stamp_ns: int, q: Array, contact: Array | Flags | None = None) -> InputResult:
         """Take joint angles q (nj,) rad, and contacts as in `feet`."""
-        model = self._mount.model
-        if model is None or q.shape != model.lower.shape or (contact is not None and len(contact) != self._feet):
+        model, q = self._mount.model, _plain(q)
+        if model is None or q.shape != model.lower.shape:
             return self.judge.note("kinematics", InputResult.SHAPE, stamp_ns)
         return self.feet(stamp_ns, *feet_in_imu(self._mount, q), contact)
 
@@ -147,9 +148,10 @@ class Estimator:
             rot: rot_imu_from_foot, (L, 3, 3).
             contact: flag or probability of each foot, (L,); None or NaN: no sensor, judged by the height of the feet.
         """
-        if position.shape != (self._feet, 3) or rot.shape != (self._feet, 3, 3):
+        feet, position, rot = self._feet, _plain(position), _plain(rot)
+        known = np.full(feet, np.nan) if contact is None else _plain(contact)
+        if position.shape != (feet, 3) or rot.shape != (feet, 3, 3) or known.shape != (feet,):
             return self.judge.note("kinematics", InputResult.SHAPE, stamp_ns)
-        known = np.full(self._feet, np.nan) if contact is None else np.asarray(contact, dtype=np.float64)
         result = RESULTS[self._best.feet(bounded(stamp_ns), position, rot, known)]
         if result.accepted and self._groups:
             self._restart_groups(result)
@@ -281,3 +283,11 @@ class Estimator:
         yaw = self._best.cell.clock.yaw
         yaw[0] += wrap_angle(best.yaw - float(yaw[0]))
         return OdometryPose(best.position, best.quat_wxyz, float(yaw[0]), best.v_odom, best.pose_covariance)
+
+
+def _plain(values: ArrayLike) -> Array:
+    """Return values as kernels are compiled for them: float64, in order, writable; an empty array if they are none."""
+    try:
+        return np.array(values, dtype=np.float64, order="C")
+    except (TypeError, ValueError, OverflowError):
+        return np.empty(0)
