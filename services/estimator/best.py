@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.kernels.box import Box, boxed
+from surefoot.kernels.box import Box
 from surefoot.kernels.jit import kernel
-from surefoot.services.estimator.best_cell import Cell, new_clock, take_feet, take_imu
+from surefoot.services.estimator.best_cell import Cell, boxed, new_clock, take_feet, take_imu
 from surefoot.services.estimator.best_kernel import BestNoise, new_state
 from surefoot.services.estimator.best_log import LogInputs, LogRows, follow_log
 from surefoot.services.estimator.best_memory import bring_up, clear, new_memory

@@ -58,6 +58,12 @@ def new_clock() -> Clock:
 
 
 @kernel
+def boxed(cell: Cell) -> Box[Cell]:
+    """Return a box that shares the arrays of a cell."""
+    return Box(cell)
+
+
+@kernel
 def take_imu(box: Box[Cell], stamp_ns: int, w: Array, q: Array, clipped: bool) -> int:
     """Take an inertial sample, w (3,) rad/s and q (3,) m/s^2, in place; return the code of what became of it."""
     cell = box.parts

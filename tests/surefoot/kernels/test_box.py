@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.kernels.box import Box, boxed
+from surefoot.kernels.box import Box
 from surefoot.kernels.jit import free_kernel, kernel
 
 Array = NDArray[np.float64]
@@ -18,6 +18,11 @@ Array = NDArray[np.float64]
 class Parts(NamedTuple):
     numbers: Array
     step: float
+
+
+@kernel
+def boxed(parts: Parts) -> Box[Parts]:
+    return Box(parts)
 
 
 @kernel
