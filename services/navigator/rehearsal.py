@@ -13,7 +13,7 @@ from surefoot.services.navigator.policies import Policies
 
 
 def rehearse(config: NavigatorConfig) -> None:
-    """Predict, match, correct and decide once, so that every kernel is loaded.
+    """Predict, match, correct, decide and report once, so that every kernel is loaded.
 
     Args:
         config: of the service.
@@ -31,3 +31,4 @@ def rehearse(config: NavigatorConfig) -> None:
     tracker.look(Detections(ranges[:12], bearings[:12], looks[:12]), 0.1, standing=False)
     mean, cov = tracker.after(Motion())
     policies.decider(None).decide(mean, cov, (1.0, 0.0), blocked=False)
+    _ = tracker.entropy
