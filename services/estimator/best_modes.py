@@ -31,8 +31,6 @@ from surefoot.services.estimator.best_kernel import (
     E_ROT,
     E_VEL,
     EXCESS,
-    FORETELLING,
-    FORETOLD,
     GYRO_BIAS,
     INNOVATION,
     LAG,
@@ -42,6 +40,8 @@ from surefoot.services.estimator.best_kernel import (
     POS,
     REST,
     SEEN,
+    SLIDE_PRODUCT,
+    SLIDE_SQUARE,
     VEL,
     BestNoise,
     BestState,
@@ -57,6 +57,8 @@ MOST_FEET = 2  # of a robot whose sets of sliding feet are hypotheses
 LEAST_PRIOR = 0.01  # a set that is less likely before a sample is left out
 LEAST = 0.01  # and after it
 NO_SHARE = 0.01  # of a mean: is left out of it
+OWN = (LAST_GYRO, LAST_GYRO + 1, LAST_GYRO + 2, PHASE, REST, AGE, SLIDE_PRODUCT, SLIDE_SQUARE)
+"""Parts of the memory that are the state's, not of its hypotheses."""
 
 
 def modes_of(feet: int) -> int:
@@ -159,16 +161,7 @@ def publish_mean(state: BestState, foot: Feet) -> None:
         return
     kept = state.memory.copy()
     mean_of(state, state.weight, state)
-    for i in (
-        LAST_GYRO,
-        LAST_GYRO + 1,
-        LAST_GYRO + 2,
-        PHASE,
-        REST,
-        AGE,
-        FORETOLD,
-        FORETELLING,
-    ):  # the same of all: the state's own
+    for i in OWN:
         state.memory[i] = kept[i]
     for k in range(state.points.shape[0]):
         seen = 0.0

@@ -96,10 +96,17 @@ def stand_on_level(state: BestState, ground: float, radius: Array, sd: float) ->
 
 @kernel
 def learn_gyro_bias(state: BestState, w: Array, count: int, noise: BestNoise, limits: BestLimits) -> None:
-    """Correct with the mean w (3,) rad/s of gyro samples of a robot at rest, about each axis u of odom, in place.
+    """Correct with the gyro of a robot at rest, about each axis u of odom, in place: u^T w = u^T b_w + noise.
 
-    u^T w = u^T b_w + noise. Servos settle under the weight of the robot, which tilts it but does not turn it: the
-    noise about the vertical is smaller.
+    Servos settle under the weight of the robot, which tilts it but does not turn it: the noise about the vertical is
+    smaller.
+
+    Args:
+        state: the state.
+        w: mean of the samples, (3,) rad/s, IMU axes.
+        count: number of the samples.
+        noise: the noises.
+        limits: of a rest.
     """
     cov, n, rot = state.cov, state.cov.shape[0], rotation(state.x)
     for i in range(3):  # one axis after the other

@@ -12,8 +12,6 @@ from surefoot.services.estimator.best_kernel import (
     DOWN,
     E_POINTS,
     EXCESS,
-    FORETELLING,
-    FORETOLD,
     INNOVATION,
     LAG,
     LOSSES,
@@ -24,6 +22,8 @@ from surefoot.services.estimator.best_kernel import (
     SEEN,
     SINCE,
     SLIDE,
+    SLIDE_PRODUCT,
+    SLIDE_SQUARE,
     UNFIT,
     BestNoise,
     BestState,
@@ -165,21 +165,21 @@ def follow(state: BestState, before: Array, noise: BestNoise) -> None:
 def persistence(memory: Array) -> float:
     """Return the share of the learned velocity s of a slide that is expected of the next sample, 0 to 1.
 
-    A foot that is pushed slides on, one that rocks comes back. Over all samples of the feet in the last seconds, with m
-    the velocity that a sample showed and s that learned before it,
+    A foot that is pushed slides on, one that rocks comes back. Over all samples of the feet, those of the past by
+    `KEEP` less each, with m (2,) m/s the velocity that a sample showed and s that learned before it,
 
         rho = (sum m.s + p)/(sum s.s + p),   share = (rho - rho_0)/(1 - rho_0)
 
-    with p = `TRUSTED` and rho_0 = `LEAST_PERSISTENCE`.
+    with p = `TRUSTED` and rho_0 = `LEAST_PERSISTENCE`; `memory` is that of `BestState`.
     """
-    rho = (memory[FORETOLD] + TRUSTED) / (memory[FORETELLING] + TRUSTED)
+    rho = (memory[SLIDE_PRODUCT] + TRUSTED) / (memory[SLIDE_SQUARE] + TRUSTED)
     return float(min(max((rho - LEAST_PERSISTENCE) / (1.0 - LEAST_PERSISTENCE), 0.0), 1.0))
 
 
 @kernel
 def remember_slides(state: BestState) -> None:
-    """Add what the hypotheses saw of slides in the last sample, by their weights, to what is remembered, in place."""
-    for i in (FORETOLD, FORETELLING):
+    """Add m.s and s.s of a sample, see `persistence`, of all hypotheses by their weights to the sums, in place."""
+    for i in (SLIDE_PRODUCT, SLIDE_SQUARE):
         state.memory[i] *= KEEP
         for h in range(state.weight.size):
             if state.weight[h] > 0.0:
@@ -226,8 +226,8 @@ def _learn_slide(state: BestState, foot: Feet, slides: int, before: Array, dt: f
                     moved[i] += state.x[POINTS + 3 * m + i] - before[m, i]
         for i in range(2):
             if (slides >> foot[k]) & 1 and (down < 2 or sliding < down):
-                state.memory[FORETOLD] += moved[i] / (count * dt) * points[k, ALONG + i] / count
-                state.memory[FORETELLING] += points[k, ALONG + i] ** 2 / count
+                state.memory[SLIDE_PRODUCT] += moved[i] / (count * dt) * points[k, ALONG + i] / count
+                state.memory[SLIDE_SQUARE] += points[k, ALONG + i] ** 2 / count
                 points[k, ALONG + i] += gain * (moved[i] / (count * dt) - points[k, ALONG + i])
             else:
                 points[k, ALONG + i] = 0.0
@@ -285,7 +285,7 @@ def take_points(
         _loosen(state, contact, foot, slides, (noise.slip * dt) ** 2, (SWING * dt) ** 2)
     before = _slide(state, foot, slides, dt, share)
     if not hypotheses:
-        memory[FORETOLD] = memory[FORETELLING] = 0.0
+        memory[SLIDE_PRODUCT] = memory[SLIDE_SQUARE] = 0.0
     learn_excess(state, y, noise)
     standing, unfit = 0, 0
     for k in range(count):

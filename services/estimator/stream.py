@@ -110,7 +110,7 @@ class Estimator:
 
     # inputs
 
-    def imu(self, stamp_ns: int, w: Array, q: Array, clipped: bool = False) -> InputResult:
+    def imu(self, stamp_ns: int, w: ArrayLike, q: ArrayLike, clipped: bool = False) -> InputResult:
         """Take an inertial sample.
 
         Args:
@@ -132,14 +132,14 @@ class Estimator:
                 group.on_imu(stamp_ns, w, q)
         return result
 
-    def joints(self, stamp_ns: int, q: Array, contact: Array | Flags | None = None) -> InputResult:
+    def joints(self, stamp_ns: int, q: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
         """Take joint angles q (nj,) rad, and contacts as in `feet`."""
         model, q = self._mount.model, _plain(q)
         if model is None or q.shape != model.lower.shape:
             return self.judge.note("kinematics", InputResult.SHAPE, stamp_ns)
         return self.feet(stamp_ns, *feet_in_imu(self._mount, q), contact)
 
-    def feet(self, stamp_ns: int, position: Array, rot: Array, contact: Array | Flags | None = None) -> InputResult:
+    def feet(self, stamp_ns: int, position: ArrayLike, rot: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
         """Take the feet themselves, as logs have them.
 
         Args:

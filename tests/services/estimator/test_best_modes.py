@@ -12,12 +12,12 @@ from surefoot.services.estimator.best_kernel import (
     ALONG,
     DOWN,
     E_VEL,
-    FORETELLING,
-    FORETOLD,
     POS,
     REST,
     SEEN,
     SINCE,
+    SLIDE_PRODUCT,
+    SLIDE_SQUARE,
     VEL,
     copy_state,
     new_state,
@@ -200,16 +200,18 @@ def test_the_velocity_of_a_slide_is_learned_unless_all_feet_slide():
 def test_a_slide_is_expected_to_go_on_where_slides_do(way, goes_on):
     """A foot that is pushed along, and one that rocks to and fro: m.s over s.s, by an independent sum."""
     state, place = two_points()
-    whole, told, telling = new_state(2, 4), 0.0, 0.0
+    whole, product, square = new_state(2, 4), 0.0, 0.0
     whole.weight[1] = 0.5
     assert persistence(whole.memory) == 1.0
     for step in range(1, 60):
         learned, start = state.points[0, ALONG : ALONG + 2].copy(), state.x[21:23].copy()
         show(state, place + np.outer([1.0, 0.0], [0.001 * way(step), 0.0, 0.0]), 1)
         seen = (state.x[21:23] - start) / 0.033
-        told, telling = KEEP * told + 0.5 * seen @ learned, KEEP * telling + 0.5 * learned @ learned
+        product, square = KEEP * product + 0.5 * seen @ learned, KEEP * square + 0.5 * learned @ learned
         whole.mode_memory[1] = state.memory
         remember_slides(whole)
-        np.testing.assert_allclose(whole.memory[[FORETOLD, FORETELLING]], (told, telling), rtol=1e-9, atol=1e-15)
+        np.testing.assert_allclose(
+            whole.memory[[SLIDE_PRODUCT, SLIDE_SQUARE]], (product, square), rtol=1e-9, atol=1e-15
+        )
     assert (persistence(whole.memory) > 0.9) == goes_on
     assert (persistence(whole.memory) == 0.0) == (not goes_on)
