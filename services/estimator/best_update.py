@@ -165,8 +165,9 @@ def follow(state: BestState, before: Array, noise: BestNoise) -> None:
 def persistence(memory: Array) -> float:
     """Return the share of the learned velocity s of a slide that is expected of the next sample, 0 to 1.
 
-    A foot that is pushed slides on, one that rocks comes back. Over all samples of the feet, those of the past by
-    `KEEP` less each, with m (2,) m/s the velocity that a sample showed and s that learned before it,
+    A foot that is pushed slides on, one that rocks comes back. Over all samples of the feet, weighted by
+    `KEEP` to the power of their age in samples, with m (2,) m/s the velocity that a sample showed and s that learned
+    before it,
 
         rho = (sum m.s + p)/(sum s.s + p),   share = (rho - rho_0)/(1 - rho_0)
 

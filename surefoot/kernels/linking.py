@@ -52,8 +52,9 @@ end:
     ret void
 }
 """
-"""The same without: atomic ones take half the time of a small kernel. An entry has the counts of its arrays to itself:
-numba makes new ones for every call, and a `Box` is for kernels that hold the interpreter's lock."""
+"""Code of `COUNTED` without atomic instructions, which take half the time of a small kernel. An entry has the counts of
+its arrays to itself: numba makes new ones for every call, and a `Box` is for kernels that hold the interpreter's
+lock."""
 DYNAMIC = "numba.dynamic.globals"
 """Prefix of the variables that hold addresses of one process: such code cannot be kept."""
 
