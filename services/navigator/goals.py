@@ -14,6 +14,8 @@ from surefoot.services.navigator.belief.tracker import Motion
 Array = NDArray[np.float64]
 Point = tuple[float, float]
 State = Literal["idle", "navigating", "stopping", "succeeded", "failed", "cancelled"]
+End = tuple[State, str, str]
+"""State in which a goal ends, error, and what happened in words."""
 
 
 @dataclass(frozen=True)
@@ -115,6 +117,8 @@ class Goal:
     looks: int = 0
     start: Point | None = None
     """Where the robot was when the goal began, m."""
+    asked: str | None = None
+    """Name or file that finds the policy again; None: the default."""
 
     def off_route(self, x: float, y: float) -> float:
         """Return the distance of a place from the present leg of the route, m."""

@@ -14,6 +14,7 @@ from surefoot.services.navigator.goals import (
     Array,
     Choice,
     Decided,
+    End,
     GaitView,
     Goal,
     Order,
@@ -73,7 +74,7 @@ class Pilot:
         self._stand_until = -1.0
         self._frames: int | None = None
         """Frames that had been taken when a look at the goal began."""
-        self._halting: tuple[State, str, str] | None = None
+        self._halting: End | None = None
         self._searching: Searching | None = None
 
     # -- goals -------------------------------------------------------------------------------------------------
@@ -82,9 +83,22 @@ class Pilot:
         """Take up a goal; one under way ends as replaced, and the walk goes on."""
         self.goal, self.policy = goal, policy
         policy.begin()
-        goal.nearest_at = goal.began
+        goal.nearest_at = max(goal.nearest_at, goal.began)
         self.state, self.error, self.message = "navigating", "", ""
         self.decision, self._halting, self._searching = None, None, None
+
+    @property
+    def end(self) -> End:
+        """How the goal ends or has ended; of one under way, its present state."""
+        return self._halting or (self.state, self.error, self.message)
+
+    def resume(self, goal: Goal, policy: Policy, state: State, end: End) -> None:
+        """Take up a goal as a pilot before left it, in `state` and with its `end`: under way, halting or ended."""
+        self.begin(goal, policy)
+        if state == "stopping":
+            self.halt(*end)  # again: that order may have been lost
+        elif state != "navigating":
+            self.state, self.error, self.message = end
 
     def cancel(self) -> bool:
         """End the goal; returns False when there is none under way."""
@@ -159,12 +173,18 @@ class Pilot:
         self._decide(now, gait, tracker, blocked=blocked)
 
     def _remind(self, now: float, gait: GaitView) -> None:
-        """Give an order again that a standing walker has not taken up: it was started again and knows nothing of it."""
+        """Give an order again that a standing walker has not taken up, for one of the two was started again.
+
+        Where the pilot is the one, it has no order to repeat and decides anew.
+        """
         if self._given_at is None:
             self._given_at = now
-        elif now - self._given_at > REMIND_S and gait.state == "standing" and self.order is not None:
-            self._give(self.order, self._given)
+        elif now - self._given_at > REMIND_S and gait.state == "standing":
             self.execution.stop()
+            if self.order is None:
+                self.number = gait.order
+            else:
+                self._give(self.order, self._given)
 
     def _went_wrong(self, gait: GaitView) -> bool:
         if gait.state == "refused":

@@ -37,6 +37,7 @@ from surefoot.services.navigator.memory import Kept, Memory
 from surefoot.services.navigator.pilot import Pilot
 from surefoot.services.navigator.planning.rehearsing import rehearse_planning
 from surefoot.services.navigator.policies import Policies, longest_blind_ns
+from surefoot.services.navigator.policy.policies import Decider
 from surefoot.services.navigator.rehearsal import rehearse
 from surefoot.services.navigator.world import World
 
@@ -80,11 +81,12 @@ class Navigator(Service[NavigatorConfig]):
         self.pilot = Pilot(self.policies.acts, commands=self.localiser.control == "commands")
         self.world.reset()
         self._later: list[tuple[int, Any]] = []
+        self._planned: list[tuple[int, Goal]] = []
         self._tick, self._now, self._epoch = -1, 0.0, 0
         self._gait = GaitView("waiting")
         self._blocked = False
         self._names = itertools.count(1)
-        self._noted = ("idle", 0)
+        self._noted = ("idle", 0, 0)
 
     # -- requests ----------------------------------------------------------------------------------------------
 
@@ -111,14 +113,31 @@ class Navigator(Service[NavigatorConfig]):
         here = self.localiser.tracker.pose[:2]
         field = "position" if isinstance(request, nav.GotoRequest) else "positions"
         route = self.world.route(here, places, field)
-        goal = Goal(request.goal_id or f"goal-{next(self._names)}", route, policy.name, self._now, yaw, start=here)
-        self._schedule(request.at_tick, lambda: self._begin(goal, request))
+        asked = request.policy or self.policies.default
+        goal = Goal(
+            request.goal_id or f"goal-{next(self._names)}", route, policy.name, self._now, yaw, start=here, asked=asked
+        )
+        self._plan(self._tick + 1 if request.at_tick is None else request.at_tick, goal)
+        self._keep()
         return nav.GoalReply(accepted=True, goal_id=goal.id, route=route, length=goal.left(*here))
 
-    def _begin(self, goal: Goal, request: nav.GotoRequest | nav.WaypointsRequest) -> None:
+    def _plan(self, tick: int, goal: Goal) -> None:
+        self._planned.append((tick, goal))
+        self._schedule(tick, lambda: self._begin(goal))
+
+    def _begin(self, goal: Goal) -> None:
+        self._planned = [item for item in self._planned if item[1] is not goal]
         goal.began, goal.start = self._now, self.localiser.tracker.pose[:2]
-        self.pilot.begin(goal, self.policies.decider(request.policy))
+        self.pilot.begin(goal, self._decider(goal))
         self.log("info", f"goal {goal.id}: {len(goal.route)} waypoints, policy {goal.policy}")
+
+    def _decider(self, goal: Goal) -> Decider:
+        try:
+            return self.policies.decider(goal.asked)
+        except Refusal as refusal:  # of a goal that was kept: the file of its policy has gone since
+            goal.asked, goal.policy = None, self.policies.find(None).name
+            self.log("warning", f"goal {goal.id} goes on by the default policy {goal.policy}: {refusal.message}")
+            return self.policies.decider(None)
 
     def cancel(self, request: nav.CancelRequest) -> nav.NavigatorReply:
         """End the present goal on both feet."""
@@ -230,13 +249,17 @@ class Navigator(Service[NavigatorConfig]):
         self.pilot.number = max(kept.number, self._gait.order)
         if kept.goal is not None:
             goal = Goal.restored(kept.goal)
-            self.pilot.begin(goal, self.policies.decider(goal.policy))
-        self.log("info", f"started again in tick {self._tick}: {'goes on with its goal' if kept.goal else 'no goal'}")
+            self.pilot.resume(goal, self._decider(goal), kept.state, kept.end)
+            self.pilot.ended = kept.ended
+        for tick, fields in kept.planned:
+            self._plan(tick, Goal.restored(fields))
+        what = "goes on with its goal" if self.pilot.state in ("navigating", "stopping") else "no goal under way"
+        self.log("info", f"started again in tick {self._tick}: {what}")
 
     def _keep(self) -> None:
-        if self.memory.path is None:
+        if self.memory.path is None or self._tick < 0:  # before the first tick nothing is worth keeping
             return
-        mark = (self.pilot.state, self.pilot.number)
+        mark = (self.pilot.state, self.pilot.number, len(self._planned))
         if mark == self._noted and self._tick % 100 != 0:
             return
         self._noted = mark
@@ -245,7 +268,8 @@ class Navigator(Service[NavigatorConfig]):
             self._epoch, self._tick,
             Kept(
                 self.pilot.number, t.pose, tuple(t.cov[:3, :3].ravel().tolist()), self.localiser.odom,
-                goal.kept() if goal is not None and self.pilot.state == "navigating" else None,
+                goal and goal.kept(), self.pilot.state, self.pilot.end, self.pilot.ended,
+                tuple((tick, planned.kept()) for tick, planned in self._planned),
             ),
         )  # fmt: skip
         if self.memory.problem:

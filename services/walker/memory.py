@@ -64,12 +64,15 @@ class Memory:
             self.path.unlink(missing_ok=True)
 
     def recall(self, epoch: int, tick: int) -> WalkMemory | None:
-        """What was kept in this epoch before this tick, or None."""
+        """Return what was kept in this epoch, not after this tick, or None.
+
+        A walker may be killed between keeping a tick and sending it: its successor does that tick again.
+        """
         if self.path is None or not self.path.exists():
             return None
         try:
             found = json.loads(self.path.read_text(encoding="utf-8"))
-            if found["epoch"] != epoch or found["tick"] >= tick:
+            if found["epoch"] != epoch or found["tick"] > tick:
                 return None
             return WalkMemory(
                 walk_id=int(found["walk_id"]),

@@ -130,8 +130,11 @@ class Walker(Service[WalkerConfig]):
                 return _reply(refusal)
             number = self.gait.walk_id + len(self._planned) + 1
             self._planned.append((request.at_tick, number, request))
+            self._keep()
             return WalkReply(accepted=True, id=number)
-        return self._command(request)
+        reply = self._command(request)
+        self._keep()
+        return reply
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
         """An emergency stop: the driver obeys no joint command from now on, so no walk would ever arrive."""
@@ -162,6 +165,8 @@ class Walker(Service[WalkerConfig]):
         self.log("info", f"started again in tick {tick}: {what}")
 
     def _keep(self) -> None:
+        if self.memory.path is None or self._tick < 0:  # before the first tick nothing is worth keeping
+            return
         planned = tuple(item[2].model_dump() for item in self._planned)
         kept = dataclasses.replace(self.gait.kept(), planned=planned, order=self._order.number)
         self.memory.keep(self._epoch, self._tick, kept)
@@ -193,8 +198,7 @@ class Walker(Service[WalkerConfig]):
             self._take_order(order)
         out = self._held(inputs.tick.held) or self.gait.step(self._inputs(inputs))
         self._out = out
-        if self.memory.path is not None:
-            self._keep()
+        self._keep()
         position = None if out.command is None else tuple(out.command.tolist())
         self.publish(STATE_GAIT, self._gait(out, order is not None))
         self.publish(CMD_JOINTS, JointCommand(position=position))

@@ -96,5 +96,5 @@ def test_the_example_walks_to_its_goal_in_paced_time(tmp_path: Path) -> None:
 def test_a_navigator_that_is_killed_goes_on_with_its_goal(tmp_path: Path) -> None:
     steps, limits = SHORT.replace("40.0", "300.0").split("[limits]")  # simulated time goes on while it starts anew
     _, result = run(tmp_path, f"{steps}{KILL}[limits]{limits}")
-    assert result["ok"], result
+    assert result["ok"], (result["failed"], result["problems"], result["notes"])
     assert "navigator was restarted 1x" in json.dumps(result)

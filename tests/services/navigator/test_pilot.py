@@ -205,6 +205,16 @@ def test_the_belief_at_the_end_of_an_action_is_what_decides() -> None:
     assert np.all(np.linalg.eigvalsh(cov[:3, :3]) >= 0.0)
 
 
+def test_a_goal_taken_up_late_is_not_given_up_for_the_time_before() -> None:
+    run = Run()
+    run.now = 500.0
+    goal = Goal("g", ((1.0, 0.0),), "towards", 10.0, start=(-9.0, 0.0), nearest=1.0, nearest_at=495.0)
+    run.pilot.resume(goal, TowardsGoal(), "navigating", ("navigating", "", ""))
+    run.until(run.ended)
+    assert run.pilot.state == "succeeded"
+    assert goal.missed == []
+
+
 def test_a_goal_that_was_kept_goes_on_counting_its_recoveries() -> None:
     goal = Goal("g", ((1.0, 0.0), (2.0, 0.5)), "steer", 3.0, start=(0.1, 0.2), missed=[0], index=1)
     goal.recoveries["look"] += 2

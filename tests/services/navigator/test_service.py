@@ -1,6 +1,7 @@
 """The navigator service without a bus: goals on a walker without legs, a camera that sees well, and bad input."""
 
 import math
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from surefoot.schemas.topics import (
     NAVIGATOR_ORDER,
     STATE_POSE,
 )
+from surefoot.services.navigator.policy.files import shipped
 from surefoot.services.navigator.service import is_covariance
 from tests.services.navigator.journeys import Journey, ready
 
@@ -252,6 +254,94 @@ def test_a_navigator_that_is_started_again_goes_on_with_its_goal(tmp_path: Path)
     second.until_ended()
     assert second.feedback().state == "succeeded"
     assert math.hypot(second.walker.x - 1.5, second.walker.y) < 0.2
+
+
+@pytest.mark.parametrize("order_lost", [False, True])
+def test_a_navigator_killed_before_its_tick_was_sent_does_that_tick_again(tmp_path: Path, order_lost: bool) -> None:
+    memory = str(tmp_path / "navigator.json")
+    first = ready(memory=memory)
+    first.service.goto(GotoRequest(position=(0.8, 0.0), goal_id="kept"))
+    first.step(101 - first.tick % 100)  # a hundredth tick is kept whatever happens
+    if order_lost:  # kept, but the walker never saw it
+        number = first.pilot.number
+        while first.pilot.number == number:
+            first.step()
+    second = Journey(tick=first.tick - 1, memory=memory)
+    second.walker, second.places, second.looks = first.walker, first.places, first.looks
+    second.step(20)
+    assert second.pilot.goal is not None
+    assert second.pilot.goal.id == "kept"
+    second.until_ended()
+    assert second.feedback().state == "succeeded"
+    assert math.hypot(second.walker.x - 0.8, second.walker.y) < 0.2
+
+
+@pytest.mark.parametrize("killed_when", ["stopping", "succeeded"])
+def test_a_navigator_killed_at_the_end_of_its_goal_reports_that_end(tmp_path: Path, killed_when: str) -> None:
+    memory = str(tmp_path / "navigator.json")
+    first = ready(memory=memory)
+    first.service.goto(GotoRequest(position=(0.5, 0.0), goal_id="kept"))
+    while first.pilot.state != killed_when:
+        first.step()
+    second = Journey(tick=first.tick - 1, memory=memory)
+    second.walker, second.places, second.looks = first.walker, first.places, first.looks
+    second.until_ended()
+    end, goal = second.feedback(), second.pilot.goal
+    assert (end.state, end.goal_id, end.error_code) == ("succeeded", "kept", "")
+    assert goal is not None
+    assert end.navigation_time == pytest.approx(second.pilot.ended - goal.began, abs=0.01)
+    assert 2.0 < end.navigation_time < 20.0
+
+
+def test_a_goal_that_was_cancelled_is_not_walked_on_by_the_next_navigator(tmp_path: Path) -> None:
+    memory = str(tmp_path / "navigator.json")
+    first = ready(memory=memory)
+    first.service.goto(GotoRequest(position=(1.5, 0.0)))
+    first.step(300)
+    first.service.cancel(CancelRequest())
+    first.step()
+    second = Journey(tick=first.tick - 1, memory=memory)  # the order to stop was never sent
+    second.walker = first.walker
+    second.until_ended()
+    assert second.feedback().state == "cancelled"
+    assert second.walker.state == "standing"
+    assert second.walker.x < 1.0
+
+
+def test_an_accepted_goal_outlives_a_navigator_killed_before_it_begins(tmp_path: Path) -> None:
+    memory = str(tmp_path / "navigator.json")
+    first = ready(memory=memory)
+    first.service.goto(GotoRequest(position=(0.8, 0.0), goal_id="planned", at_tick=first.tick + 40))
+    second = Journey(tick=first.tick, memory=memory)
+    second.walker = first.walker
+    second.step(39)
+    assert second.pilot.state == "idle"
+    third = Journey(tick=second.tick, memory=memory)
+    third.walker, third.places, third.looks = first.walker, first.places, first.looks
+    third.step(2)
+    assert third.pilot.state == "navigating"
+    third.until_ended()
+    assert third.feedback().state == "succeeded"
+
+
+def test_a_goal_by_a_policy_file_goes_on_by_that_file_or_logs_that_it_has_gone(tmp_path: Path) -> None:
+    memory, file = str(tmp_path / "navigator.json"), tmp_path / "mine.npz"
+    journey = ready(memory=memory)
+    shutil.copy(shipped()["planner-nao-arcs"], file)
+    journey.service.goto(GotoRequest(position=(0.8, 0.0), policy=str(file)))
+    journey.step(100)
+    again = Journey(tick=journey.tick, memory=memory)
+    again.walker = journey.walker
+    again.step(2)
+    assert again.pilot.state == "navigating"
+    assert again.stage.logged == ["info: started again in tick 120: goes on with its goal"]
+    file.unlink()
+    without = Journey(tick=again.tick, memory=memory)
+    without.walker = journey.walker
+    without.step(10)
+    assert (without.feedback().state, without.feedback().policy) == ("navigating", "steer")
+    assert without.stage.logged[0].startswith("warning: goal goal-1 goes on by the default policy steer")
+    assert str(file) in without.stage.logged[0]
 
 
 def test_memory_of_another_run_is_not_taken_up(tmp_path: Path) -> None:
