@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from surefoot.lab.estimation.log import Log
 from surefoot.lab.estimation.track import Running
-from surefoot.services.estimator.stream import BEST, SLIDES
+from surefoot.services.estimator.best_summary import SLIDES
+from surefoot.services.estimator.stream import BEST
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

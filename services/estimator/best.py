@@ -13,10 +13,13 @@ from surefoot.services.estimator.best_log import LogInputs, LogRows, follow_log
 from surefoot.services.estimator.best_memory import bring_up, clear, new_memory
 from surefoot.services.estimator.best_modes import modes_of
 from surefoot.services.estimator.best_start import BestGeometry, BestLimits
-from surefoot.services.estimator.best_summary import summary
+from surefoot.services.estimator.best_summary import SLIDES, condition, summary
+from surefoot.services.estimator.health import Condition, flags_of, is_quiet
 from surefoot.services.estimator.inputs import InputJudge
+from surefoot.services.estimator.output import express
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 
 class BestOutput(NamedTuple):
@@ -35,16 +38,42 @@ class BestOutput(NamedTuple):
     yaw: float  # rad
     nis: float  # 3 degrees of freedom
     excess: float  # factor of the inertial noise
+    since_contact_s: float
     standing: bool
     settled: bool
+    slipping: Flags  # (L,)
+    expressed: Array  # (5, 3) see `express`
+    flags: tuple[bool, bool, bool]  # see `flags_of`
+    quiet: bool  # see `is_quiet`
 
 
 @kernel
-def report(box: Box[Cell]) -> tuple[Array, Array, Array, Array]:
-    """Bring the state up to the newest inertial sample, in place; return what `summary` does."""
+def report(
+    box: Box[Cell],
+) -> tuple[Array, Array, Array, Array, Flags, Array, float, bool, bool, bool, tuple[bool, bool, bool]]:
+    """Bring the state up to the newest inertial sample, in place.
+
+    Returns:
+        What `summary` does; slipping, expressed, since_contact_s, standing, settled, quiet and flags of `BestOutput`.
+    """
     cell = box.parts
     bring_up(cell.memory, cell.state, cell.geometry, cell.noise, cell.limits)
-    return summary(cell.state, cell.geometry, cell.clock.w, cell.judge.feet.shape[0])
+    geometry, w, feet = cell.geometry, cell.clock.w, cell.judge.feet.shape[0]
+    rows, more, covariance, pose = summary(cell.state, geometry, w, feet)
+    expressed = express(rows[0], rows[1], w - rows[4], geometry.rot_base_from_imu, geometry.imu_position)
+    slipping, c = more[4:] > SLIDES, condition(cell, rows, more, covariance)
+    return (
+        rows, more, covariance, pose, slipping, expressed, c.since_contact_s, c.standing, c.initialised, is_quiet(c),
+        flags_of(c),
+    )  # fmt: skip
+
+
+@kernel
+def condition_now(box: Box[Cell]) -> Condition:
+    """Return the condition of a state that has been brought up."""
+    cell = box.parts
+    rows, more, covariance, _ = summary(cell.state, cell.geometry, cell.clock.w, cell.judge.feet.shape[0])
+    return condition(cell, rows, more, covariance)
 
 
 class BestFilter:
@@ -92,11 +121,19 @@ class BestFilter:
     def output(self) -> BestOutput:
         """The estimate at the newest inertial sample; late samples cost one replay of at most the window."""
         if self._output is None:
-            rows, more, covariance, pose = report(self._box)
-            yaw, settled, standing = rows[6].tolist()
-            nis, excess, _ = rows[7].tolist()
+            rows, more, covariance, pose, slipping, expressed, since, standing, settled, quiet, flags = report(
+                self._box
+            )
+            g, v, position, v_odom, gyro_bias, acc_bias, turn, fit = rows
+            nis, excess, _ = fit.tolist()
             self._output = BestOutput(
-                rows[0], rows[1], covariance, rows[2], more[:4], rows[3], pose, rows[4], rows[5], more[4:], yaw, nis,
-                excess, standing > 0.0, settled > 0.0,
+                g, v, covariance, position, more[:4], v_odom, pose, gyro_bias, acc_bias, more[4:], float(turn[0]), nis,
+                excess, since, standing, settled, slipping, expressed, flags, quiet,
             )  # fmt: skip
         return self._output
+
+    @property
+    def condition(self) -> Condition:
+        """What flags and words of the output are made of."""
+        assert self._output is not None
+        return condition_now(self._box)

@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 from surefoot.geometry.rotations import wrap_angle
 from surefoot.kernels.box import Box
 from surefoot.kernels.jit import kernel
-from surefoot.services.estimator.best_cell import CONTACT_NS, FEET_NS, NOW_NS, Cell, take_feet, take_imu
+from surefoot.services.estimator.best_cell import Cell, take_feet, take_imu
 from surefoot.services.estimator.best_memory import bring_up
-from surefoot.services.estimator.best_summary import summary
+from surefoot.services.estimator.best_summary import condition, summary
 from surefoot.services.estimator.health import flags_of
-from surefoot.services.estimator.inputs import BAD_MEMORY_NS, LIGHT_FOR_NS, STEADY_ROWS
-from surefoot.services.estimator.judge import BAD_NS, EQUAL_FEET, EQUAL_ROWS, LIGHT_NS, REFUSED, SATURATED_NS
-from surefoot.services.estimator.output import healthy
+from surefoot.services.estimator.judge import REFUSED
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -64,26 +62,14 @@ def new_rows(n: int, feet: int) -> LogRows:
 @kernel
 def _note_row(rows: LogRows, at: int, cell: Cell) -> None:
     """Write the estimate into a row."""
-    clock, marks, flags = cell.clock, cell.judge.marks, rows.flags
+    clock, flags = cell.clock, rows.flags
     vectors, more, covariance, pose = summary(cell.state, cell.geometry, clock.w, cell.judge.feet.shape[0])
     rows.vectors[at], rows.more[at], rows.covariance[at], rows.pose[at] = vectors, more, covariance, pose
     clock.yaw[0] += wrap_angle(vectors[6, 0] - clock.yaw[0])
-    rows.yaw[at], now = clock.yaw[0], clock.stamps[NOW_NS]
-    rows.refused[at] = marks[REFUSED]
-    started, stands = vectors[6, 1] > 0.0, vectors[6, 2] > 0.0
-    frozen = (cell.noisy and marks[EQUAL_ROWS] >= cell.judge_limits.frozen_rows) or (
-        started and not stands and marks[EQUAL_FEET] >= STEADY_ROWS
-    )
-    light = now - marks[LIGHT_NS] >= LIGHT_FOR_NS
-    saturated = 0 <= now - marks[SATURATED_NS] < BAD_MEMORY_NS
-    refused = 0 <= now - marks[BAD_NS] < BAD_MEMORY_NS
-    since_contact = 1e-9 * (now - clock.stamps[CONTACT_NS])
-    flags[at, 0], flags[at, 1] = started, stands
-    flags[at, 2], flags[at, 3], flags[at, 4] = flags_of(
-        started, healthy(vectors[0], vectors[1], covariance), vectors[7, 0], refused, frozen or saturated or light,
-        False,
-        1e-9 * (now - clock.stamps[FEET_NS]), since_contact, since_contact,
-    )  # fmt: skip
+    rows.yaw[at], rows.refused[at] = clock.yaw[0], cell.judge.marks[REFUSED]
+    c = condition(cell, vectors, more, covariance)
+    flags[at, 0], flags[at, 1] = c.initialised, c.standing
+    flags[at, 2], flags[at, 3], flags[at, 4] = flags_of(c)
 
 
 @kernel

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from surefoot.geometry.linear_kernels import times, times_transposed
 from surefoot.geometry.rotations import quat_from_matrix
 from surefoot.kernels.jit import kernel
+from surefoot.services.estimator.best_cell import CONTACT_NS, FEET_NS, NOW_NS, Cell
 from surefoot.services.estimator.best_kernel import (
     ACC_BIAS,
     DOWN,
@@ -25,10 +26,14 @@ from surefoot.services.estimator.best_kernel import (
 )
 from surefoot.services.estimator.best_run import settled
 from surefoot.services.estimator.best_start import BestGeometry
+from surefoot.services.estimator.health import Condition
 from surefoot.services.estimator.inertial import GRAVITY
+from surefoot.services.estimator.judge import faults_at
+from surefoot.services.estimator.output import healthy
 
 Array = NDArray[np.float64]
 
+SLIDES = 0.5  # probability from which a foot is said to slide
 LENGTH_SD = 0.01  # m/s^2, of the length of g, which the state takes as known
 
 
@@ -106,3 +111,25 @@ def summary(state: BestState, geometry: BestGeometry, w: Array, feet: int) -> tu
         more[4 + f] = more[4 + f] / count[f] if count[f] > 0.0 else math.nan
     covariance, pose = _covariances(rot, state.cov)
     return rows, more, covariance, pose
+
+
+@kernel
+def condition(cell: Cell, vectors: Array, more: Array, covariance: Array) -> Condition:
+    """Return what flags and words are made of.
+
+    Args:
+        cell: the filter with its judge.
+        vectors: of `summary`,
+        more: the same,
+        covariance: and its first covariance.
+    """
+    slipping, stamps = False, cell.clock.stamps
+    for i in range(4, more.size):
+        slipping = slipping or more[i] > SLIDES
+    now = stamps[NOW_NS]
+    since_contact_s = 1e-9 * (now - stamps[CONTACT_NS])
+    return Condition(
+        vectors[6, 1] > 0.0, vectors[6, 2] > 0.0, healthy(vectors[0], vectors[1], covariance), vectors[7, 0], slipping,
+        vectors[7, 1], faults_at(cell.judge, cell.judge_limits, cell.noisy, now), 1e-9 * (now - stamps[FEET_NS]),
+        since_contact_s, since_contact_s,
+    )  # fmt: skip

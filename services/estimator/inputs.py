@@ -6,14 +6,10 @@ from surefoot.services.estimator.judge import (
     BAD_CODE,
     BAD_NS,
     BAD_SOURCE,
-    EQUAL_FEET,
-    EQUAL_ROWS,
     IMU,
     KINEMATICS,
-    LIGHT_NS,
     NEVER,
     REFUSED,
-    SATURATED_NS,
     SOURCES,
     UNIT_WORDS,
     UNITS,
@@ -27,9 +23,6 @@ from surefoot.services.estimator.timeline import bounded
 
 FROZEN_NS = 250_000_000  # an inertial unit that repeats one sample for so long is no live one,
 FROZEN_ROWS = 20  # unless that is fewer samples: a coarse one at rest repeated 12
-BAD_MEMORY_NS = 100_000_000  # a refused input spoils `inputs_ok` so long
-LIGHT_FOR_NS = 100_000_000  # without weight for longer: a fall, or another unit
-STEADY_ROWS = 30  # 1 s of equal joint angles while the gyro says that the robot moves
 
 
 class InputJudge:
@@ -76,24 +69,3 @@ class InputJudge:
         """Name of the last refusal or gap, e.g. `imu_nonfinite`; empty: there was none."""
         marks = self.state.marks
         return "" if marks[BAD_NS] == NEVER else f"{SOURCES[marks[BAD_SOURCE]]}_{RESULTS[marks[BAD_CODE]]}"
-
-    def inputs_ok(self, now_ns: int) -> bool:
-        """Whether all inputs of the last 100 ms were accepted and in time."""
-        return not 0 <= now_ns - int(self.state.marks[BAD_NS]) < BAD_MEMORY_NS
-
-    def saturated(self, now_ns: int) -> bool:
-        """Whether the inertial unit was at the end of its range in the last 100 ms."""
-        return 0 <= now_ns - int(self.state.marks[SATURATED_NS]) < BAD_MEMORY_NS
-
-    def weightless(self, now_ns: int) -> bool:
-        """Whether the accelerometer has shown no weight for a tenth of a second."""
-        return now_ns - int(self.state.marks[LIGHT_NS]) >= LIGHT_FOR_NS
-
-    @property
-    def imu_frozen(self) -> bool:
-        """The inertial unit repeats itself."""
-        return bool(self.state.marks[EQUAL_ROWS] >= self.limits.frozen_rows) and self.noisy
-
-    def joints_frozen(self, moving: bool) -> bool:
-        """The encoders repeat themselves while the robot moves."""
-        return moving and bool(self.state.marks[EQUAL_FEET] >= STEADY_ROWS)

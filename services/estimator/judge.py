@@ -44,6 +44,9 @@ BAD_CODE, REFUSED, LIGHT_NS = range(9, 12)
 LAST_W, LAST_Q, MEAN_Q, TURN, SHARED, PREDICTED, SEEN, PATH = 0, 3, 6, 9, 12, 13, 14, 15
 
 NEVER, FOR_EVER = -(2**62), 2**62  # ns
+BAD_MEMORY_NS = 100_000_000  # a refused input spoils `inputs_ok` so long
+LIGHT_FOR_NS = 100_000_000  # without weight for longer: a fall, or another unit
+STEADY_ROWS = 30  # 1 s of equal joint angles; a fault while the gyro says that the robot moves
 NO_WEIGHT = 3.0  # m/s^2, a shorter specific force is that of a fall, or in another unit
 MEAN_WEIGHT = 0.02  # of a sample in the mean of the accelerometer
 UNIT_ROWS = 100  # samples before its mean is judged
@@ -85,6 +88,16 @@ class JudgeLimits(NamedTuple):
     frozen_rows: int  # equal inertial samples in a row that no live unit gives
 
 
+class Faults(NamedTuple):
+    """What is wrong with the inputs at a moment."""
+
+    refused: bool  # one of the last 100 ms, or there was a gap
+    saturated: bool  # the inertial unit was at the end of its range in the last 100 ms
+    weightless: bool  # the accelerometer has shown no weight for a tenth of a second
+    imu_frozen: bool  # the inertial unit repeats one sample
+    feet_repeat: bool  # the encoders have repeated themselves for a second: a fault only where the robot moves
+
+
 def new_judge(feet: int, points: int) -> Judge:
     """Return a judge that has seen nothing."""
     marks, numbers = np.zeros(LIGHT_NS + 1, dtype=np.int64), np.zeros(PATH + 1)
@@ -104,6 +117,19 @@ def peak(x: Array) -> float:
             return np.inf
         most = max(most, abs(x[i]))
     return most
+
+
+@kernel
+def faults_at(judge: Judge, limits: JudgeLimits, noisy: bool, now_ns: int) -> Faults:
+    """Return what is wrong at `now_ns`; `noisy`: equal inertial samples are no chance."""
+    marks = judge.marks
+    return Faults(
+        0 <= now_ns - marks[BAD_NS] < BAD_MEMORY_NS,
+        0 <= now_ns - marks[SATURATED_NS] < BAD_MEMORY_NS,
+        now_ns - marks[LIGHT_NS] >= LIGHT_FOR_NS,
+        noisy and marks[EQUAL_ROWS] >= limits.frozen_rows,
+        marks[EQUAL_FEET] >= STEADY_ROWS,
+    )
 
 
 @kernel

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.linear import norm
+from surefoot.kernels.jit import kernel
 from surefoot.services.estimator.estimators import ESTIMATORS, UNKNOWN_SPEED, UNKNOWN_TILT, VelocityEstimator
 from surefoot.services.estimator.feet import FootMount, FootSample
 from surefoot.services.estimator.history import History
@@ -42,6 +43,14 @@ class PaperOutput(NamedTuple):
     nis: float | None
     nis_mean: float
     since_velocity_ns: int  # since the legs last gave a velocity
+
+
+@kernel
+def _note(row: Array, gyro: Array, d: float, g: Array) -> None:
+    """Turn the angle of a row of the history on by the gyro, in place, and write g beside it."""
+    for i in range(3):
+        row[i] += gyro[i] * d
+        row[3 + i] = g[i]
 
 
 class PaperEstimators:
@@ -107,9 +116,8 @@ class PaperEstimators:
         self._advance(w, q - self.acc_bias, 1e-9 * step, step)
 
     def _refine_bias(self, settled: Array) -> None:
-        if self.gyro_bias.plausible(self.standstill.mean[:3], self.params.standstill_samples):
-            self.gyro_bias.add(settled[:3])
-            self.bias = self.gyro_bias.value
+        self.gyro_bias.refine(self.standstill.mean[:3], settled[:3], self.params.standstill_samples)
+        self.bias = self.gyro_bias.value
 
     def _advance(self, gyro: Array, q: Array, d: float, step_ns: int) -> None:
         p = self.params
@@ -124,9 +132,7 @@ class PaperEstimators:
                 if step_ns > p.gap_periods * p.imu_period_ns:
                     one.widen(GRAVITY * GAP_TURN * d, GAP_PUSH * d)
         g = self._g(self._leader)
-        for i in range(3):
-            self._row[i] += gyro[i] * d
-            self._row[3 + i] = g[i]
+        _note(self._row, gyro, d, g)
         self._history.put(self._stamp_ns, self._row)
 
     def on_feet(self, sample: FootSample) -> None:

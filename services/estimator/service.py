@@ -85,7 +85,7 @@ class EstimatorService(Service[EstimatorConfig]):
                 self.publish(topic, velocity_message(e.estimate(name)), e.stamp_ns)
 
     def _imu(self, imu: Imu) -> None:
-        result = self.estimator.imu(imu.stamp_ns, np.array(imu.gyro), np.array(imu.acc), imu.saturated)
+        result = self.estimator.imu(imu.stamp_ns, imu.gyro, imu.acc, imu.saturated)
         self._tell("imu", result)
 
     def _kinematics(self, joints: JointState, contacts: FootContacts) -> None:

@@ -3,6 +3,7 @@
 At rest the gyro reads its bias and the accelerometer reads g plus its bias.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -123,6 +124,26 @@ class Standstill:
             self._still_since = self._count
 
 
+@kernel
+def _refined(
+    value: Array, samples: int, mean: Array, w: Array, length: int, sigma: float, floor: float, most: int
+) -> tuple[Array, int]:
+    """Return the bias (3,) and the number of its samples after one more at rest, w (3,) rad/s.
+
+    Not if the mean gyro of a window of `length` samples, (3,), is further than 4 sigma from the bias: the robot turns
+    slowly.
+    """
+    if samples > 0:
+        sd = math.hypot(sigma * math.sqrt(1.0 / length + 1.0 / samples), floor)
+        for i in range(3):
+            if abs(mean[i] - value[i]) > 4.0 * sd:
+                return value, samples
+    count, after = min(samples + 1, most), np.empty(3)
+    for i in range(3):
+        after[i] = value[i] + (w[i] - value[i]) / count
+    return after, count
+
+
 @dataclass
 class GyroBias:
     """Mean gyro over all rest: b <- b + (w - b)/n, variance sigma^2/n + walk.
@@ -145,29 +166,16 @@ class GyroBias:
         self.value = np.zeros(3)  # (3,) rad/s, IMU axes
         self.samples = 0
 
-    @property
-    def sd(self) -> float:
-        """Standard deviation of one axis, rad/s; infinite before the first rest."""
-        if self.samples == 0:
-            return float("inf")
-        return float(np.hypot(self.sigma / np.sqrt(self.samples), self.floor))
-
     def start(self, mean: Array, samples: int) -> None:
         """Take the mean of a whole window."""
         self.value = mean.copy()
         self.samples = samples
 
-    def plausible(self, mean: Array, samples: int) -> bool:
-        """Whether the mean gyro of a window can be the bias again: within 4 sigma; otherwise the robot turns slowly."""
-        if self.samples == 0:
-            return True
-        sd = np.hypot(self.sigma * np.sqrt(1.0 / samples + 1.0 / self.samples), self.floor)
-        return bool(np.abs(mean - self.value).max() <= 4.0 * sd)
-
-    def add(self, w: Array) -> None:
-        """Take one more sample at rest."""
-        self.samples = min(self.samples + 1, self.most)
-        self.value = self.value + (w - self.value) / self.samples
+    def refine(self, mean: Array, w: Array, length: int) -> None:
+        """Take one more sample at rest, w (3,), unless the mean of the last `length` shows that the robot turns."""
+        self.value, self.samples = _refined(
+            self.value, self.samples, mean, w, length, self.sigma, self.floor, self.most
+        )
 
 
 def gravity_at_rest(mean_q: Array, up: Array | None, params: EstimatorParams) -> tuple[Array, float]:

@@ -18,7 +18,7 @@ from surefoot.services.estimator.best_start import BestGeometry
 from surefoot.services.estimator.contact import ContactPoints, contact_points, point_feet
 from surefoot.services.estimator.estimators import ESTIMATORS
 from surefoot.services.estimator.feet import FootMount, FootSample, feet_in_imu, foot_mount, known_feet
-from surefoot.services.estimator.health import Condition, reasons
+from surefoot.services.estimator.health import STANDING, Condition, flags_of, reasons
 from surefoot.services.estimator.inputs import InputJudge
 from surefoot.services.estimator.output import Estimate, OdometryPose, summary
 from surefoot.services.estimator.paper import PaperEstimators, PaperOutput
@@ -29,7 +29,6 @@ from surefoot.services.estimator.timeline import bounded
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-SLIDES = 0.5  # probability from which a foot is said to slide
 BEST, PAPER = "best", "paper"
 NAMES = (BEST, *ESTIMATORS, PAPER)
 """Every estimator: `best`, those of the paper improved, and `paper`, its filter to the letter."""
@@ -205,11 +204,13 @@ class Estimator:
         Raises:
             KeyError: it is not one of those that run.
         """
+        best = self.best
         if name == BEST:
-            best = self.best
+            words = self._words(None if best.quiet else self._best.condition, best.slipping, best.standing)
             return self._estimate(
-                name, best.g, best.v, best.covariance, best.gyro_bias, best.acc_bias, best.settled, best.standing,
-                best.sliding > SLIDES, best.nis, best.nis, best.sliding, best.excess,
+                name, best.expressed, best.v, best.covariance, best.gyro_bias, best.acc_bias, best.settled,
+                best.standing, best.flags, best.slipping, best.sliding, best.nis, words, best.since_contact_s,
+                best.since_contact_s,
             )  # fmt: skip
         names, group = next((pair for pair in self._groups if name in pair[0]), ((), None))
         if group is None:
@@ -218,64 +219,44 @@ class Estimator:
         covariance = out.covariance.copy()
         for i in range(3):
             covariance[i, i] += out.hidden
+        rows, good = summary(
+            out.g, out.v, covariance, self._best.cell.clock.w, group.bias, self._rot_base_from_imu,
+            self._mount.imu_position,
+        )  # fmt: skip
+        condition = self._best.condition._replace(
+            initialised=group.initialised, standing=group.standstill.standing, healthy=good, nis=out.nis_mean,
+            slipping=bool(group.slipping.any()), excess=1.0, since_velocity_s=1e-9 * out.since_velocity_ns,
+        )  # fmt: skip
         return self._estimate(
-            name, out.g, out.v, covariance, group.bias, group.acc_bias, group.initialised, group.standstill.standing,
-            group.slipping, out.nis, out.nis_mean, np.where(group.slipping, 1.0, 0.0), 1.0, out.since_velocity_ns,
+            name, rows, out.v, covariance, group.bias, group.acc_bias, condition.initialised, condition.standing,
+            flags_of(condition), group.slipping, np.where(group.slipping, 1.0, 0.0), out.nis,
+            self._words(condition, group.slipping, condition.standing), condition.since_contact_s,
+            condition.since_velocity_s,
         )  # fmt: skip
 
+    def _words(self, condition: Condition | None, slipping: Flags, standing: bool) -> tuple[str, ...]:
+        """Return what is to be said; `condition` None: it is known to be quiet."""
+        judge, unit = self.judge, self.judge.unit
+        if condition is None:
+            if not (unit or self.silent):
+                return STANDING if standing else ()
+            condition = self._best.condition
+        return reasons(condition, self.silent, unit, judge.last_bad, slipping)
+
     def _estimate(
-        self, name: str, g: Array, v: Array, covariance: Array, gyro_bias: Array, acc_bias: Array, initialised: bool,
-        standing: bool, slipping: Flags, nis: float | None, nis_mean: float, sliding: Array, excess: float,
-        since_velocity_ns: int | None = None,
+        self, name: str, rows: Array, v: Array, covariance: Array, gyro_bias: Array, acc_bias: Array,
+        initialised: bool, standing: bool, flags: tuple[bool, bool, bool], slipping: Flags, sliding: Array,
+        nis: float | None, words: tuple[str, ...], since_contact_s: float, since_velocity_s: float,
     ) -> Estimate:  # fmt: skip
-        judge, clock, mount = self.judge, self._best.cell.clock, self._mount
-        now, feet_ns, contact_ns = clock.stamps.tolist()
-        rows, good = summary(g, v, covariance, clock.w, gyro_bias, self._rot_base_from_imu, mount.imu_position)
-        condition = Condition(
-            initialised=initialised,
-            standing=standing,
-            healthy=good,
-            nis=nis_mean,
-            slipping=slipping,
-            silent=self.silent,
-            unit=judge.unit,
-            refused_lately=None if judge.inputs_ok(now) else judge.last_bad,
-            saturated=judge.saturated(now),
-            weightless=judge.weightless(now),
-            imu_frozen=judge.imu_frozen,
-            joints_frozen=judge.joints_frozen(initialised and not standing),
-            since_feet_s=1e-9 * (now - feet_ns),
-            since_contact_s=1e-9 * (now - contact_ns),
-            since_velocity_s=1e-9 * (now - contact_ns if since_velocity_ns is None else since_velocity_ns),
-            excess=excess,
-        )
-        inputs_ok, filter_ok, sensors_ok = condition.flags
+        silent = bool(self.silent)
+        velocity, heading, turn, up, (roll, pitch, _) = rows
+        inputs_ok, filter_ok, sensors_ok = flags
         return Estimate(
-            mode=name,
-            stamp_ns=now,
-            velocity=rows[0],
-            velocity_imu=v,
-            velocity_heading=rows[1],
-            angular_velocity=rows[2],
-            g_up=rows[3],
-            roll=float(rows[4, 0]),
-            pitch=float(rows[4, 1]),
-            gyro_bias=gyro_bias,
-            acc_bias=acc_bias,
-            covariance=covariance,
-            initialised=initialised,
-            standing=standing,
-            inputs_ok=inputs_ok,
-            filter_ok=filter_ok,
-            sensors_ok=sensors_ok,
-            slipping=slipping,
-            sliding=sliding,
-            nis=None if nis is None or not math.isfinite(nis) else nis,
-            refused=judge.refused,
-            reasons=reasons(condition),
-            contact_lost_s=condition.since_contact_s,
-            prediction_only_s=condition.since_velocity_s,
-        )
+            name, self.stamp_ns, velocity, v, heading, turn, up, float(roll), float(pitch), gyro_bias, acc_bias,
+            covariance, initialised, standing, inputs_ok and not silent, filter_ok, sensors_ok and not silent,
+            slipping, sliding, None if nis is None or not math.isfinite(nis) else nis, self.judge.refused, words,
+            since_contact_s, since_velocity_s,
+        )  # fmt: skip
 
     def pose(self) -> OdometryPose:
         """Pose of base_link in odom at the last inertial sample, by `best`: one estimate with its velocity."""

@@ -5,6 +5,8 @@ import pytest
 
 from surefoot.geometry.rotations import matrix_from_rotvec
 from surefoot.services.estimator.feet import bare_mount
+from surefoot.services.estimator.health import flags_of, reasons
+from surefoot.services.estimator.judge import faults_at
 from surefoot.services.estimator.params import EstimatorParams
 from surefoot.services.estimator.results import InputResult
 from surefoot.services.estimator.stream import BEST, Estimator
@@ -31,6 +33,10 @@ def judge(estimator):
     return estimator.judge
 
 
+def faults(judge, now_ns):
+    return faults_at(judge.state, judge.limits, judge.noisy, now_ns)
+
+
 @pytest.mark.parametrize(
     ("stamp", "w", "q", "result"),
     [
@@ -50,8 +56,8 @@ def test_a_bad_sample_is_refused_counted_and_forgotten(estimator, judge, stamp, 
     assert not result.accepted
     assert judge.counts == {f"imu_{result}": 1}
     assert judge.refused == 1
-    assert not judge.inputs_ok(TICK)
-    assert judge.inputs_ok(12 * TICK)
+    assert faults(judge, TICK).refused
+    assert not faults(judge, 12 * TICK).refused
     assert estimator.imu(2 * TICK, ZERO, G) is InputResult.OK
 
 
@@ -83,21 +89,21 @@ def test_a_unit_that_repeats_one_sample_for_a_quarter_of_a_second_is_frozen(peri
     seen = []
     for k in range(1, round(0.3e9 / period_ns)):
         estimator.imu(k * period_ns, ZERO, G)
-        seen.append(estimator.judge.imu_frozen)
+        seen.append(faults(estimator.judge, estimator.stamp_ns).imu_frozen)
     assert seen.index(True) == pytest.approx(0.25e9 / period_ns, abs=1.0)
     assert "the inertial unit repeats one sample" in estimator.estimate().reasons
     estimator.imu(round(0.4e9), ZERO + 1e-3, G)
-    assert not estimator.judge.imu_frozen
+    assert not faults(estimator.judge, estimator.stamp_ns).imu_frozen
 
 
 def test_a_robot_without_weight_falls(estimator, judge):
     for k in range(2, 12):
         estimator.imu(k * TICK, ZERO + 1e-3 * k, 0.1 * G)
-    assert not judge.weightless(11 * TICK)
+    assert not faults(judge, 11 * TICK).weightless
     estimator.imu(12 * TICK, ZERO, 0.1 * G)
-    assert judge.weightless(12 * TICK)
+    assert faults(judge, 12 * TICK).weightless
     estimator.imu(13 * TICK, ZERO, G)
-    assert not judge.weightless(13 * TICK)
+    assert not faults(judge, 13 * TICK).weightless
 
 
 def test_kinematics(estimator, judge):
@@ -117,8 +123,14 @@ def test_frozen_encoders_count_only_while_the_robot_moves(estimator, judge):
     feet = np.ones((2, 3))
     for k in range(40):
         estimator.feet(k * TICK, feet.copy(), TURN)
-    assert judge.joints_frozen(moving=True)
-    assert not judge.joints_frozen(moving=False)
+    assert faults(judge, 40 * TICK).feet_repeat
+    assert not estimator.initialised
+    moving = estimator._best.condition._replace(initialised=True, standing=False)
+    assert not flags_of(moving)[2]
+    assert "repeat" in " ".join(reasons(moving, {}, "", "", np.zeros(2, dtype=bool)))
+    for still in (moving._replace(initialised=False), moving._replace(standing=True)):
+        assert "repeat" not in " ".join(reasons(still, {}, "", "", np.zeros(2, dtype=bool)))
+    assert flags_of(moving._replace(standing=True, since_contact_s=0.0, since_feet_s=0.0))[2]
 
 
 @pytest.mark.parametrize(

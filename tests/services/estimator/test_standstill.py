@@ -67,22 +67,27 @@ def test_only_rest_with_rest_around_it_is_settled(standstill, rng):
     assert standstill.settled is None
 
 
-def test_bias_converges_and_says_how_well():
+def test_bias_is_the_mean_of_all_samples_at_rest():
     rng, bias = np.random.default_rng(1), GyroBias(0.0054, 1e-4)
     true = np.array([0.05, -0.02, 0.01])
-    assert bias.sd == float("inf")
-    bias.start(true + rng.normal(size=3) * 0.0054 / np.sqrt(50), 50)
-    for _ in range(950):
-        bias.add(true + rng.normal(size=3) * 0.0054)
-    assert np.abs(bias.value - true).max() < 4 * bias.sd
-    assert bias.sd == pytest.approx(np.hypot(0.0054 / np.sqrt(1000), 1e-4))
+    samples = true + 0.0054 * rng.normal(size=(1000, 3))
+    bias.start(samples[:50].mean(axis=0), 50)
+    for k in range(50, 1000):
+        bias.refine(true, samples[k], 50)
+    assert bias.samples == 1000
+    np.testing.assert_allclose(bias.value, samples.mean(axis=0), atol=1e-12)
+    assert np.abs(bias.value - true).max() < 4 * 0.0054 / np.sqrt(1000)
 
 
 def test_a_slow_turn_is_not_taken_for_the_bias():
     bias = GyroBias(0.0054, 1e-4)
     bias.start(np.zeros(3), 50)
-    assert bias.plausible(np.full(3, 0.002), 50)
-    assert not bias.plausible(np.array([0.0, 0.006, 0.0]), 50)
+    bias.refine(np.array([0.0, 0.006, 0.0]), np.full(3, 0.006), 50)
+    assert bias.samples == 50
+    assert not bias.value.any()
+    bias.refine(np.full(3, 0.002), np.full(3, 0.0051), 50)
+    assert bias.samples == 51
+    np.testing.assert_allclose(bias.value, 1e-4)
 
 
 def test_gravity_is_the_accelerometer_unless_the_ground_is_known():
