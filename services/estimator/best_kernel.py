@@ -169,28 +169,39 @@ def turned(m: Array, v: Array) -> Array:
 
 @kernel
 def _carry_rows(cov: Array, points: Array, d: float, v: Array, arms: Array, rot: Array) -> None:
-    """cov <- F cov in place, F as in the head of this file; v (3,), arms (K, 3) and rot (3, 3) in mid-step."""
+    """cov <- F cov in place, F as in the head of this file; v (3,), arms (K, 3) and rot (3, 3) in mid-step.
+
+    Each loop writes one row and takes its factors from variables: so it becomes a loop over vectors.
+    """
     n = cov.shape[0]
     by_acc, by_gyro, moved = np.empty((3, n)), np.empty((3, n)), np.empty((3, n))
     for i in range(3):
+        a, b, c = rot[i, 0], rot[i, 1], rot[i, 2]
         for j in range(n):
-            by_acc[i, j] = rot[i, 0] * cov[E_ACC, j] + rot[i, 1] * cov[E_ACC + 1, j] + rot[i, 2] * cov[E_ACC + 2, j]
-            by_gyro[i, j] = rot[i, 0] * cov[E_GYRO, j] + rot[i, 1] * cov[E_GYRO + 1, j] + rot[i, 2] * cov[E_GYRO + 2, j]
+            by_acc[i, j] = a * cov[E_ACC, j] + b * cov[E_ACC + 1, j] + c * cov[E_ACC + 2, j]
+        for j in range(n):
+            by_gyro[i, j] = a * cov[E_GYRO, j] + b * cov[E_GYRO + 1, j] + c * cov[E_GYRO + 2, j]
     for j in range(n):
         by_acc[0, j] -= GRAVITY * cov[1, j]
+    for j in range(n):
         by_acc[1, j] += GRAVITY * cov[0, j]
+    half = 0.5 * d * d
     for i in range(3):
         for j in range(n):
-            moved[i, j] = d * cov[E_VEL + i, j] - 0.5 * d * d * by_acc[i, j]
+            moved[i, j] = d * cov[E_VEL + i, j] - half * by_acc[i, j]
+        for j in range(n):
             cov[E_VEL + i, j] -= d * by_acc[i, j]
+    x, y, z = v[0], v[1], v[2]
     for j in range(n):
-        cov[E_POS, j] += moved[0, j] - d * (v[1] * cov[2, j] - v[2] * cov[1, j])
-        cov[E_POS + 1, j] += moved[1, j] - d * (v[2] * cov[0, j] - v[0] * cov[2, j])
-        cov[E_POS + 2, j] += moved[2, j] - d * (v[0] * cov[1, j] - v[1] * cov[0, j])
+        cov[E_POS, j] += moved[0, j] - d * (y * cov[2, j] - z * cov[1, j])
+    for j in range(n):
+        cov[E_POS + 1, j] += moved[1, j] - d * (z * cov[0, j] - x * cov[2, j])
+    for j in range(n):
+        cov[E_POS + 2, j] += moved[2, j] - d * (x * cov[1, j] - y * cov[0, j])
     for i in range(3):
         for j in range(n):
             cov[E_ROT + i, j] -= d * by_gyro[i, j]
-    _cross_rows(cov, E_VEL, d * v[0], d * v[1], d * v[2], by_gyro)
+    _cross_rows(cov, E_VEL, d * x, d * y, d * z, by_gyro)
     for k in range(points.shape[0]):
         if points[k, DOWN] > 0.0:
             row = E_POINTS + 3 * k
@@ -203,9 +214,12 @@ def _carry_rows(cov: Array, points: Array, d: float, v: Array, arms: Array, rot:
 @kernel
 def _cross_rows(cov: Array, row: int, x: float, y: float, z: float, by: Array) -> None:
     """Subtract (x, y, z) x by from three rows, by (3, n)."""
-    for j in range(cov.shape[0]):
+    n = cov.shape[0]
+    for j in range(n):
         cov[row, j] -= y * by[2, j] - z * by[1, j]
+    for j in range(n):
         cov[row + 1, j] -= z * by[0, j] - x * by[2, j]
+    for j in range(n):
         cov[row + 2, j] -= x * by[1, j] - y * by[0, j]
 
 

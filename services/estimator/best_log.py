@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.rotations import wrap_angle
 from surefoot.kernels.box import Box
-from surefoot.kernels.jit import kernel
+from surefoot.kernels.jit import inner_kernel, kernel
 from surefoot.services.estimator.best_cell import Cell, take_feet, take_imu
 from surefoot.services.estimator.best_memory import bring_up
 from surefoot.services.estimator.best_summary import condition, summary
@@ -59,7 +59,7 @@ def new_rows(n: int, feet: int) -> LogRows:
     )  # fmt: skip
 
 
-@kernel
+@inner_kernel
 def _note_row(rows: LogRows, at: int, cell: Cell) -> None:
     """Write the estimate into a row."""
     clock, flags = cell.clock, rows.flags

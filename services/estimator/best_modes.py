@@ -68,11 +68,10 @@ def modes_of(feet: int) -> int:
 
 @kernel
 def mode(state: BestState, h: int) -> BestState:
-    """Return hypothesis h as a state of its own; it shares its arrays."""
+    """Return hypothesis h as a state of its own, which has none; it shares its arrays."""
     return BestState(
         state.mode_x[h], state.mode_cov[h], state.mode_points[h], state.mode_turn[h], state.mode_memory[h],
-        state.mode_x[:0], state.mode_cov[:0], state.mode_points[:0], state.mode_turn[:0], state.mode_memory[:0],
-        state.weight[:0],
+        state.mode_x, state.mode_cov, state.mode_points, state.mode_turn, state.mode_memory, state.weight[:0],
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.kernels.jit import kernel
+from surefoot.kernels.jit import inner_kernel, kernel
 from surefoot.services.estimator.best_kernel import (
     AGE,
     DOUBTED,
@@ -249,7 +249,7 @@ def _take_feet(
         judge_tilt(state, limits)
 
 
-@kernel
+@inner_kernel
 def _predict_one(
     state: BestState, w: Array, q: Array, d: float, noise: BestNoise, felt: float, hidden: tuple[float, float]
 ) -> None:
@@ -259,7 +259,7 @@ def _predict_one(
         state.cov[E_VEL + i, E_VEL + i] += hidden[1] * d * d
 
 
-@kernel
+@inner_kernel
 def _predict(
     state: BestState, w: Array, q: Array, d: float, noise: BestNoise, felt: float, hidden: tuple[float, float]
 ) -> None:
@@ -272,22 +272,22 @@ def _predict(
 
 
 @kernel
-def _speed(state: BestState) -> float:
-    """Return an upper bound of the speed that is published of a state, m/s."""
+def _speed(x: Array, memory: Array) -> float:
+    """Return an upper bound of the speed that is published of a state, m/s, from two of its arrays."""
     v, lag = 0.0, 0.0
     for i in range(3):
-        v += state.x[VEL + i] ** 2
-        lag += state.memory[LAG + i] ** 2
+        v += x[VEL + i] ** 2
+        lag += memory[LAG + i] ** 2
     return math.sqrt(v) + math.sqrt(lag)
 
 
-@kernel
+@inner_kernel
 def _limit_speed(state: BestState, foot: NDArray[np.int64], most: float) -> None:
     """Forget a velocity that no robot has, in place."""
-    fastest = _speed(state) if likeliest(state) < 0 else 0.0
+    fastest = _speed(state.x, state.memory) if likeliest(state) < 0 else 0.0
     for h in range(state.weight.size):
         if state.weight[h] > 0.0:
-            fastest = max(fastest, _speed(mode(state, h)))
+            fastest = max(fastest, _speed(state.mode_x[h], state.mode_memory[h]))
     if fastest > most:
         collapse(state, foot)
         forget_velocity(state, UNKNOWN_SPEED)

@@ -85,6 +85,14 @@ def kernel(function: F) -> F:
     return _compiled(function)
 
 
+def inner_kernel(function: F) -> F:
+    """Like `kernel`, and its code is copied into its callers: for steps of a loop that take many arrays.
+
+    An array is handed over as seven numbers or more; a state of a dozen costs as much as a short loop.
+    """
+    return _compiled(function, forceinline=True)
+
+
 def row_kernel(function: F) -> F:
     """Like `kernel`, with divisions as in numpy (x / 0 = inf or NaN, no exception), so that loops become vectors."""
     return _compiled(function, error_model="numpy")

@@ -19,12 +19,44 @@ from numba.core.registry import CPUDispatcher
 
 ENVIRONMENT = "_ZN08NumbaEnv"
 """Prefix of the variables that hold the Python objects of a compiled function."""
-COUNTED = ("NRT_incref", "NRT_decref")
-"""Functions that count references to an array, with atomic instructions."""
+COUNTED = ("NRT_incref", "NRT_decref", "NRT_MemInfo_alloc_aligned")
+"""Functions of numba's runtime that work with atomic instructions: those that count references, and make an array."""
 COUNTS = """
 declare void @NRT_MemInfo_call_dtor(ptr)
+declare ptr @NRT_Allocate(i64)
 
-define void @NRT_incref(ptr %array) noinline {
+define ptr @NRT_MemInfo_alloc_aligned(i64 %size, i32 %align) {
+    %step = zext i32 %align to i64
+    %room = shl i64 %step, 1
+    %more = add i64 %room, 48
+    %all = add i64 %size, %more
+    %info = call ptr @NRT_Allocate(i64 %all)
+    %none = icmp eq ptr %info, null
+    br i1 %none, label %end, label %fill
+fill:
+    %first = ptrtoint ptr %info to i64
+    %slack = add i64 %step, 47
+    %last = add i64 %first, %slack
+    %mask = sub i64 0, %step
+    %begin = and i64 %last, %mask
+    %data = inttoptr i64 %begin to ptr
+    store i64 1, ptr %info
+    %at1 = getelementptr i64, ptr %info, i64 1
+    store ptr null, ptr %at1
+    %at2 = getelementptr i64, ptr %info, i64 2
+    store ptr null, ptr %at2
+    %at3 = getelementptr i64, ptr %info, i64 3
+    store ptr %data, ptr %at3
+    %at4 = getelementptr i64, ptr %info, i64 4
+    store i64 %size, ptr %at4
+    %at5 = getelementptr i64, ptr %info, i64 5
+    store ptr null, ptr %at5
+    br label %end
+end:
+    ret ptr %info
+}
+
+define void @NRT_incref(ptr %array) alwaysinline {
     %none = icmp eq ptr %array, null
     br i1 %none, label %end, label %count
 count:
@@ -36,7 +68,7 @@ end:
     ret void
 }
 
-define void @NRT_decref(ptr %array) noinline {
+define void @NRT_decref(ptr %array) alwaysinline {
     %none = icmp eq ptr %array, null
     br i1 %none, label %end, label %count
 count:
@@ -52,9 +84,10 @@ end:
     ret void
 }
 """
-"""Code of `COUNTED` without atomic instructions, which take half the time of a small kernel. An entry has the counts of
-its arrays to itself: numba makes new ones for every call, and a `Box` is for kernels that hold the interpreter's
-lock."""
+"""Code of `COUNTED` without atomic instructions, which take half the time of a small kernel; counts are copied to where
+they are called. An entry has the counts of its arrays to itself: numba makes new ones for every call, and a `Box` is
+for kernels that hold the interpreter's lock. The head of an array's memory has six words: count, destructor with its
+argument, data, size, allocator."""
 DYNAMIC = "numba.dynamic.globals"
 """Prefix of the variables that hold addresses of one process: such code cannot be kept."""
 
@@ -93,11 +126,13 @@ class Library(JITCodeLibrary):
 
     def _optimize_final_module(self) -> None:
         """Run the passes on the code with that of all callees; an entry counts references by itself."""
-        module = self._final_module
-        if self.entry:
-            module.link_in(llvm.parse_assembly(COUNTS))  # instead of numba's, which are linked as weak ones
         super()._optimize_final_module()
         if self.entry:
+            module = self._final_module
+            module.link_in(llvm.parse_assembly(COUNTS))  # instead of numba's, which are linked as weak ones; now that
+            # the passes have dropped the counts that cancel, which they find by these names
+            passes, builder = self._codegen._module_pass_manager(loop_vectorize=False, slp_vectorize=False, opt=0)
+            passes.run(module, builder)
             for name in COUNTED:
                 function = module.get_function(name)
                 function.name, function.linkage = f"surefoot.{name}", llvm.Linkage.internal
