@@ -7,7 +7,16 @@ from numpy.typing import NDArray
 
 from surefoot.kernels.box import Box
 from surefoot.kernels.jit import kernel
-from surefoot.services.estimator.best_cell import Cell, boxed, new_clock, take_feet, take_imu
+from surefoot.services.estimator.best_cell import (
+    Cell,
+    boxed,
+    new_clock,
+    put_feet,
+    put_imu,
+    restart,
+    take_feet,
+    take_imu,
+)
 from surefoot.services.estimator.best_kernel import BestNoise, new_state
 from surefoot.services.estimator.best_log import LogInputs, LogRows, follow_log
 from surefoot.services.estimator.best_memory import bring_up, clear, new_memory
@@ -17,6 +26,7 @@ from surefoot.services.estimator.best_summary import SLIDES, condition, summary
 from surefoot.services.estimator.health import Condition, flags_of, is_quiet
 from surefoot.services.estimator.inputs import InputJudge
 from surefoot.services.estimator.output import express
+from surefoot.services.estimator.results import RESTART
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -105,12 +115,24 @@ class BestFilter:
     def imu(self, stamp_ns: int, w: Array, q: Array, clipped: bool) -> int:
         """Take an inertial sample, see `take_imu`."""
         self._output = None
-        return take_imu(self._box, stamp_ns, w, q, clipped)
+        code = take_imu(self._box, stamp_ns, w, q, clipped)
+        if code == RESTART:
+            self._restart()
+            code = put_imu(self._box, stamp_ns, w, q, code)
+        return code
 
     def feet(self, stamp_ns: int, position: Array, rot: Array, contact: Array) -> int:
         """Take a sample of the feet, see `take_feet`."""
         self._output = None
-        return take_feet(self._box, stamp_ns, position, rot, contact)
+        code = take_feet(self._box, stamp_ns, position, rot, contact)
+        if code == RESTART:
+            self._restart()
+            code = put_feet(self._box, stamp_ns, position, rot, contact, code)
+        return code
+
+    def _restart(self) -> None:
+        report(self._box)
+        restart(self._box)
 
     def follow(self, log: LogInputs, order: NDArray[np.int64], rows: LogRows, first: int) -> None:
         """Take inputs of a log and write the estimates, see `follow_log`."""

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from surefoot.kernels.box import Box
 from surefoot.kernels.jit import kernel
 from surefoot.services.estimator.best_kernel import BestNoise, BestState
-from surefoot.services.estimator.best_memory import Memory, add_feet, add_imu, bring_up, restart_clock
+from surefoot.services.estimator.best_memory import Memory, add_feet, add_imu, restart_clock
 from surefoot.services.estimator.best_start import BestGeometry, BestLimits
 from surefoot.services.estimator.contact import probabilities
 from surefoot.services.estimator.feet import known_feet
@@ -65,18 +65,24 @@ def boxed(cell: Cell) -> Box[Cell]:
 
 @kernel
 def take_imu(box: Box[Cell], stamp_ns: int, w: Array, q: Array, clipped: bool) -> int:
-    """Take an inertial sample, w (3,) rad/s and q (3,) m/s^2, in place; return the code of what became of it."""
+    """Take an inertial sample, w (3,) rad/s and q (3,) m/s^2, in place; return the code of what became of it.
+
+    After RESTART the sample has still to be put, see `restart`.
+    """
     cell = box.parts
-    clock, judge = cell.clock, cell.judge
     if clipped:
-        return note(judge, IMU, SATURATED, stamp_ns)
-    code = judge_imu(judge, cell.judge_limits, stamp_ns, w, q)
-    if code > RESTART:
-        return code
-    if code == RESTART:
-        _restart(cell)
+        return note(cell.judge, IMU, SATURATED, stamp_ns)
+    code = judge_imu(cell.judge, cell.judge_limits, stamp_ns, w, q)
+    return code if code >= RESTART else put_imu(box, stamp_ns, w, q, code)
+
+
+@kernel
+def put_imu(box: Box[Cell], stamp_ns: int, w: Array, q: Array, code: int) -> int:
+    """Put an inertial sample that was judged with this code where it belongs, in place; return what became of it."""
+    cell = box.parts
+    clock = cell.clock
     if not add_imu(cell.memory, stamp_ns, w, q):
-        return note(judge, IMU, DUPLICATE, stamp_ns)
+        return note(cell.judge, IMU, DUPLICATE, stamp_ns)
     if stamp_ns > clock.stamps[NOW_NS]:
         clock.stamps[NOW_NS] = stamp_ns
         clock.w[:] = w
@@ -85,7 +91,7 @@ def take_imu(box: Box[Cell], stamp_ns: int, w: Array, q: Array, clipped: bool) -
 
 @kernel
 def take_feet(box: Box[Cell], stamp_ns: int, position: Array, rot: Array, contact: Array) -> int:
-    """Take the feet, in place; return the code of what became of them.
+    """Take the feet, in place; return the code of what became of them. After RESTART as `take_imu`.
 
     Args:
         box: of the filter.
@@ -94,13 +100,15 @@ def take_feet(box: Box[Cell], stamp_ns: int, position: Array, rot: Array, contac
         rot: rot_imu_from_foot, (L, 3, 3).
         contact: probability of each, (L,), NaN = unknown.
     """
+    code = judge_feet(box.parts.judge, stamp_ns, position)
+    return code if code >= RESTART else put_feet(box, stamp_ns, position, rot, contact, code)
+
+
+@kernel
+def put_feet(box: Box[Cell], stamp_ns: int, position: Array, rot: Array, contact: Array, code: int) -> int:
+    """Put feet that were judged with this code where they belong, in place; return what became of them."""
     cell = box.parts
     clock, judge, geometry = cell.clock, cell.judge, cell.geometry
-    code = judge_feet(judge, stamp_ns, position)
-    if code > RESTART:
-        return code
-    if code == RESTART:
-        _restart(cell)
     seen, turn, known, stands = known_feet(position, rot, contact)
     if not add_feet(cell.memory, stamp_ns, seen, turn, probabilities(geometry.foot, known)):
         return note(judge, KINEMATICS, DUPLICATE, stamp_ns)
@@ -112,7 +120,11 @@ def take_feet(box: Box[Cell], stamp_ns: int, position: Array, rot: Array, contac
 
 
 @kernel
-def _restart(cell: Cell) -> None:
-    bring_up(cell.memory, cell.state, cell.geometry, cell.noise, cell.limits)
+def restart(box: Box[Cell]) -> None:
+    """Begin a new clock with a state that has been brought up, in place.
+
+    Neither `take_imu` nor `take_feet` does so by itself: the whole filter would be compiled into each of them.
+    """
+    cell = box.parts
     restart_clock(cell.memory, cell.state)
     cell.clock.stamps[:] = 0

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from surefoot.geometry.rotations import wrap_angle
 from surefoot.kernels.box import Box
 from surefoot.kernels.jit import inner_kernel, kernel
-from surefoot.services.estimator.best_cell import Cell, take_feet, take_imu
+from surefoot.services.estimator.best_cell import Cell, put_feet, put_imu, restart, take_feet, take_imu
 from surefoot.services.estimator.best_memory import bring_up
 from surefoot.services.estimator.best_summary import condition, summary
 from surefoot.services.estimator.health import flags_of
 from surefoot.services.estimator.judge import REFUSED
+from surefoot.services.estimator.results import RESTART
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -87,11 +88,19 @@ def follow_log(order: Ints, log: LogInputs, rows: LogRows, first: int, box: Box[
     for i in range(order.size):
         at = order[i]
         if at < n:
-            take_imu(box, log.stamp_ns[at], log.w[at], log.q[at], log.clipped[at])  # pyright: ignore[reportArgumentType]
+            stamp_ns, w, q = int(log.stamp_ns[at]), log.w[at], log.q[at]
+            if take_imu(box, stamp_ns, w, q, log.clipped[at]) == RESTART:  # pyright: ignore[reportArgumentType]
+                bring_up(cell.memory, cell.state, cell.geometry, cell.noise, cell.limits)
+                restart(box)
+                put_imu(box, stamp_ns, w, q, RESTART)
             row = at - first
         else:
             m = at - n
-            take_feet(box, log.foot_ns[m], log.position[m], log.rot[m], log.contact[m])  # pyright: ignore[reportArgumentType]
+            stamp_ns, position, rot, contact = int(log.foot_ns[m]), log.position[m], log.rot[m], log.contact[m]
+            if take_feet(box, stamp_ns, position, rot, contact) == RESTART:
+                bring_up(cell.memory, cell.state, cell.geometry, cell.noise, cell.limits)
+                restart(box)
+                put_feet(box, stamp_ns, position, rot, contact, RESTART)
         if row >= 0 and (i + 1 == order.size or order[i + 1] < n):
             bring_up(cell.memory, cell.state, cell.geometry, cell.noise, cell.limits)
             _note_row(rows, row, cell)

@@ -7,13 +7,17 @@ from surefoot.services.estimator.config import EstimatorConfig
 from surefoot.services.estimator.feet import foot_mount
 from surefoot.services.estimator.messages import odometry_message, velocity_message
 from surefoot.services.estimator.slip import StanceSlip, feet_in_odom
+from surefoot.services.estimator.timeline import RESYNC_AFTER
 
 WALK_SAMPLES = 24
 """Inertial samples after the start, 8 of the joints: every foot lifts and comes down."""
 
+LATER_NS, EARLIER_NS = 20_000_000_000, 10_000_000_000
+"""Stamps of the first samples, and of those by which the clock begins anew."""
+
 
 def rehearse(config: EstimatorConfig, robot: Robot, modes: tuple[str, ...]) -> None:
-    """Run an estimator of its own through start, stance, steps and messages, so that every kernel is loaded.
+    """Run an estimator through start, stance, steps, messages and new clocks, so that every kernel is loaded.
 
     Args:
         config: of the service.
@@ -25,9 +29,9 @@ def rehearse(config: EstimatorConfig, robot: Robot, modes: tuple[str, ...]) -> N
     joints, every = robot.neutral.copy(), np.ones(len(robot.legs), dtype=np.bool_)
     mount = foot_mount(robot)
     slip = StanceSlip(len(mount.radius), mount.radius)
-    rest = estimator.params.standstill_samples + 2
+    rest = 2 * estimator.params.standstill_samples + 2  # so long until a rest shows the bias of the gyro
     for i in range(rest + WALK_SAMPLES):
-        stamp, walking = (i + 1) * period, i >= rest
+        stamp, walking = LATER_NS + i * period, i >= rest
         wobble = 1e-3 * np.sin(i + np.arange(3.0))
         estimator.imu(stamp, wobble, up + wobble)
         if i % 3 == 0:
@@ -40,3 +44,8 @@ def rehearse(config: EstimatorConfig, robot: Robot, modes: tuple[str, ...]) -> N
             odometry_message(estimator.pose(), estimator.initialised)
             for mode in modes:
                 velocity_message(estimator.estimate(mode))
+    for i in range(RESYNC_AFTER + 1):  # the clock of the joints begins anew, then that of the inertial unit
+        estimator.joints(EARLIER_NS + i * period, joints, every)
+    for i in range(RESYNC_AFTER + 1):
+        estimator.imu(i * period, 1e-3 * np.sin(i + np.arange(3.0)), up)
+    estimator.estimate()  # degraded inputs, in words

@@ -88,7 +88,8 @@ def kernel(function: F) -> F:
 def inner_kernel(function: F) -> F:
     """Like `kernel`, and its code is copied into its callers: for steps of a loop that take many arrays.
 
-    An array is handed over as seven numbers or more; a state of a dozen costs as much as a short loop.
+    An array is handed over as seven numbers or more; a state of a dozen costs as much as a short loop. The time of the
+    compiler grows with the square of a function that becomes long so: it is for small ones with few callers.
     """
     return _compiled(function, forceinline=True)
 
