@@ -134,7 +134,10 @@ class Goal:
         """Return a goal from the fields that `kept` returned, also after JSON has made lists of tuples."""
         start, route = kept["start"], tuple((float(x), float(y)) for x, y in kept["route"])
         found = {"route": route, "start": start and (start[0], start[1]), "recoveries": Counter(kept["recoveries"])}
-        return cls(**{**kept, **found})
+        goal = cls(**{**kept, **found})
+        if not route or not 0 <= goal.index <= len(route):
+            raise ValueError(f"the goal is at waypoint {goal.index} of {len(route)}")
+        return goal
 
     def kept(self) -> dict[str, Any]:
         """Return the fields as plain values of JSON; an infinite distance begins anew."""

@@ -5,12 +5,11 @@ The file belongs to one run (its folder); what is of another epoch, or of a late
 
 import json
 import os
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast, get_args
 
-from surefoot.services.navigator.goals import End, State
+from surefoot.services.navigator.goals import End, Goal, State
 
 
 @dataclass(frozen=True)
@@ -25,16 +24,16 @@ class Kept:
     """(9,) of it."""
     odom: tuple[float, float, float] | None
     """Odometry of the same moment, m and rad."""
-    goal: Mapping[str, Any] | None
-    """Fields of the last goal; None = there was none."""
+    goal: Goal | None
+    """The last one; None = there was none."""
     state: State = "idle"
     """Of the pilot,"""
     end: End = ("idle", "", "")
     """how the goal ends,"""
     ended: float = 0.0
     """s, and since when."""
-    planned: tuple[tuple[int, Mapping[str, Any]], ...] = ()
-    """Goals that wait for their tick: the tick, and the fields."""
+    planned: tuple[tuple[int, Goal], ...] = ()
+    """Goals that wait for their tick."""
 
 
 class Memory:
@@ -54,7 +53,9 @@ class Memory:
             return
         fresh = self.path.with_suffix(".new")
         try:
-            fresh.write_text(json.dumps({"epoch": epoch, "tick": tick, **asdict(kept)}), encoding="utf-8")
+            goal, planned = kept.goal and kept.goal.kept(), [(at, each.kept()) for at, each in kept.planned]
+            fields = {**vars(kept), "goal": goal, "planned": planned}
+            fresh.write_text(json.dumps({"epoch": epoch, "tick": tick, **fields}), encoding="utf-8")
             os.replace(fresh, self.path)
         except OSError as error:
             self.problem = f"the goal cannot be kept for a restart: {error.strerror}"
@@ -78,10 +79,10 @@ class Memory:
                 return None
             odom = found["odom"]
             return Kept(
-                int(found["number"]), _pose(found["pose"]), tuple(map(float, found["covariance"])),
-                None if odom is None else _pose(odom), found["goal"],
-                found["state"], tuple(found["end"]), float(found["ended"]),
-                tuple((int(tick), fields) for tick, fields in found["planned"]),
+                int(found["number"]), _pose(found["pose"]), _covariance(found["covariance"]),
+                None if odom is None else _pose(odom), None if found["goal"] is None else Goal.restored(found["goal"]),
+                _state(found["state"]), _end(*found["end"]), float(found["ended"]),
+                tuple((int(tick), Goal.restored(fields)) for tick, fields in found["planned"]),
             )  # fmt: skip
         except (OSError, ValueError, KeyError, TypeError) as error:
             self.problem = f"the kept goal cannot be read: {error}"
@@ -91,3 +92,20 @@ class Memory:
 def _pose(values: Any) -> tuple[float, float, float]:
     x, y, yaw = map(float, values)
     return (x, y, yaw)
+
+
+def _covariance(values: Any) -> tuple[float, ...]:
+    numbers = tuple(map(float, values))
+    if len(numbers) != 9:
+        raise ValueError(f"covariance has {len(numbers)} numbers, allowed are 9")
+    return numbers
+
+
+def _state(value: Any) -> State:
+    if value not in get_args(State):
+        raise ValueError(f"state is {value!r}, allowed are {', '.join(get_args(State))}")
+    return cast(State, value)
+
+
+def _end(state: Any, error: Any, message: Any) -> End:
+    return (_state(state), str(error), str(message))

@@ -241,6 +241,7 @@ class Navigator(Service[NavigatorConfig]):
 
     def _recall(self, odometry: Any) -> None:
         kept = self.memory.recall(self._epoch, self._tick)
+        self._log_problem()
         if kept is None:
             self.pilot.number = self._gait.order
             return
@@ -248,11 +249,10 @@ class Navigator(Service[NavigatorConfig]):
         self.localiser.resume(kept.pose, np.array(kept.covariance).reshape(3, 3), kept.odom, pose)
         self.pilot.number = max(kept.number, self._gait.order)
         if kept.goal is not None:
-            goal = Goal.restored(kept.goal)
-            self.pilot.resume(goal, self._decider(goal), kept.state, kept.end)
+            self.pilot.resume(kept.goal, self._decider(kept.goal), kept.state, kept.end)
             self.pilot.ended = kept.ended
-        for tick, fields in kept.planned:
-            self._plan(tick, Goal.restored(fields))
+        for tick, goal in kept.planned:
+            self._plan(tick, goal)
         what = "goes on with its goal" if self.pilot.state in ("navigating", "stopping") else "no goal under way"
         self.log("info", f"started again in tick {self._tick}: {what}")
 
@@ -263,15 +263,17 @@ class Navigator(Service[NavigatorConfig]):
         if mark == self._noted and self._tick % 100 != 0:
             return
         self._noted = mark
-        t, goal = self.localiser.tracker, self.pilot.goal
+        t = self.localiser.tracker
         self.memory.keep(
             self._epoch, self._tick,
             Kept(
                 self.pilot.number, t.pose, tuple(t.cov[:3, :3].ravel().tolist()), self.localiser.odom,
-                goal and goal.kept(), self.pilot.state, self.pilot.end, self.pilot.ended,
-                tuple((tick, planned.kept()) for tick, planned in self._planned),
+                self.pilot.goal, self.pilot.state, self.pilot.end, self.pilot.ended, tuple(self._planned),
             ),
         )  # fmt: skip
+        self._log_problem()
+
+    def _log_problem(self) -> None:
         if self.memory.problem:
             self.log("warning", self.memory.problem)
             self.memory.problem = ""

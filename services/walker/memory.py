@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from surefoot.schemas.cmd import WalkCommand
 from surefoot.services.walker.interface import BodyPose, MotionCommand
 
 
@@ -74,12 +75,15 @@ class Memory:
             found = json.loads(self.path.read_text(encoding="utf-8"))
             if found["epoch"] != epoch or found["tick"] > tick:
                 return None
+            x, y, yaw = map(float, found["offset"])
+            for item in found["planned"]:
+                WalkCommand.model_validate(item)
             return WalkMemory(
                 walk_id=int(found["walk_id"]),
                 command=_made(MotionCommand, found["command"]),
                 start=_made(BodyPose, found["start"]),
                 began=found["began"],
-                offset=tuple(found["offset"]),
+                offset=(x, y, yaw),
                 planned=tuple(found["planned"]),
                 order=int(found["order"]),
             )

@@ -1,5 +1,6 @@
 """The navigator service without a bus: goals on a walker without legs, a camera that sees well, and bad input."""
 
+import json
 import math
 import shutil
 from pathlib import Path
@@ -342,6 +343,25 @@ def test_a_goal_by_a_policy_file_goes_on_by_that_file_or_logs_that_it_has_gone(t
     assert (without.feedback().state, without.feedback().policy) == ("navigating", "steer")
     assert without.stage.logged[0].startswith("warning: goal goal-1 goes on by the default policy steer")
     assert str(file) in without.stage.logged[0]
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("end", ["succeeded"]), ("end", ["flying", "", ""]), ("state", "flying"), ("covariance", [1.0]),
+        ("pose", [0.0]), ("goal", {"id": "x"}), ("goal", 7), ("planned", [[1]]), ("planned", None), ("ended", "late"),
+    ],
+)  # fmt: skip
+def test_a_damaged_memory_is_left_in_words(tmp_path: Path, field: str, value: Any) -> None:
+    path = tmp_path / "navigator.json"
+    first = ready(memory=str(path))
+    first.service.goto(GotoRequest(position=(0.8, 0.0)))
+    first.step(5)
+    path.write_text(json.dumps({**json.loads(path.read_text()), field: value}))
+    journey = Journey(tick=first.tick, memory=str(path))
+    journey.step(2)
+    assert journey.pilot.state == "idle"
+    assert any("the kept goal cannot be read" in line for line in journey.stage.logged)
 
 
 def test_memory_of_another_run_is_not_taken_up(tmp_path: Path) -> None:

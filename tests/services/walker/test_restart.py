@@ -129,6 +129,16 @@ def test_a_torn_memory_is_told_in_words(tmp_path, text):
     assert "cannot be read" in memory.problem
 
 
+@pytest.mark.parametrize(("field", "value"), [("offset", [0.0]), ("planned", [{"action": "fly"}]), ("planned", 7)])
+def test_a_damaged_field_of_a_memory_is_reported_in_words(tmp_path, field, value):
+    path = tmp_path / "walker.json"
+    Memory(str(path)).keep(2, 100, WalkMemory(3, None, None, None))
+    path.write_text(json.dumps({**json.loads(path.read_text()), field: value}))
+    memory = Memory(str(path))
+    assert memory.recall(2, 101) is None
+    assert "cannot be read" in memory.problem
+
+
 def test_a_disk_that_fails_costs_the_memory_only(tmp_path):
     memory = Memory(str(tmp_path / "no such folder" / "walker.json"))
     memory.keep(1, 1, WalkMemory(0, None, None, None, (0.0, 0.0, 0.0)))
