@@ -111,6 +111,7 @@ class BestFilter:
     def __setstate__(self, cell: Cell) -> None:
         self.cell, self._box = cell, boxed(cell)  # the same arrays
         self._output: BestOutput | None = None
+        self._condition: Condition | None = None  # of the output
 
     def imu(self, stamp_ns: int, w: Array, q: Array, clipped: bool) -> int:
         """Take an inertial sample, see `take_imu`."""
@@ -143,6 +144,7 @@ class BestFilter:
     def output(self) -> BestOutput:
         """The estimate at the newest inertial sample; late samples cost one replay of at most the window."""
         if self._output is None:
+            self._condition = None
             rows, more, covariance, pose, slipping, expressed, since, standing, settled, quiet, flags = report(
                 self._box
             )
@@ -157,5 +159,7 @@ class BestFilter:
     @property
     def condition(self) -> Condition:
         """What flags and words of the output are made of."""
-        assert self._output is not None
-        return condition_now(self._box)
+        if self._condition is None or self._output is None:
+            self._output = self.output
+            self._condition = condition_now(self._box)
+        return self._condition

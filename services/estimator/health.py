@@ -33,8 +33,7 @@ class Condition(NamedTuple):
     since_velocity_s: float  # since the feet last corrected the velocity
 
 
-@kernel
-def flags_of(c: Condition) -> tuple[bool, bool, bool]:
+def flags(c: Condition) -> tuple[bool, bool, bool]:
     """Return the flags of an estimate whose inputs are not silent.
 
     Returns:
@@ -48,6 +47,10 @@ def flags_of(c: Condition) -> tuple[bool, bool, bool]:
     filter_ok = c.initialised and c.healthy and c.nis < MAX_NIS and c.since_velocity_s < UNCORRECTED_S
     sensors_ok = not frozen and c.since_feet_s < SILENT_S and c.since_contact_s < NO_CONTACT_S
     return inputs_ok, filter_ok, sensors_ok
+
+
+flags_of = kernel(flags)
+"""`flags` for kernels; to hand a condition over from Python takes longer than to judge it there."""
 
 
 @kernel

@@ -18,7 +18,7 @@ from surefoot.services.estimator.best_start import BestGeometry
 from surefoot.services.estimator.contact import ContactPoints, contact_points, point_feet
 from surefoot.services.estimator.estimators import ESTIMATORS
 from surefoot.services.estimator.feet import FootMount, FootSample, feet_in_imu, foot_mount, known_feet
-from surefoot.services.estimator.health import STANDING, Condition, flags_of, reasons
+from surefoot.services.estimator.health import STANDING, Condition, flags, reasons
 from surefoot.services.estimator.inputs import InputJudge
 from surefoot.services.estimator.output import Estimate, OdometryPose, summary
 from surefoot.services.estimator.paper import PaperEstimators, PaperOutput
@@ -229,7 +229,7 @@ class Estimator:
         )  # fmt: skip
         return self._estimate(
             name, rows, out.v, covariance, group.bias, group.acc_bias, condition.initialised, condition.standing,
-            flags_of(condition), group.slipping, np.where(group.slipping, 1.0, 0.0), out.nis,
+            flags(condition), group.slipping, np.where(group.slipping, 1.0, 0.0), out.nis,
             self._words(condition, group.slipping, condition.standing), condition.since_contact_s,
             condition.since_velocity_s,
         )  # fmt: skip
