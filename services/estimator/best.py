@@ -158,7 +158,7 @@ class BestFilter:
 
     @property
     def condition(self) -> Condition:
-        """What flags and words of the output are made of."""
+        """Numbers from which flags and reasons of the output follow."""
         if self._condition is None or self._output is None:
             self._output = self.output
             self._condition = condition_now(self._box)

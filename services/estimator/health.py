@@ -19,7 +19,7 @@ ROUGH_EXCESS = 3.0  # inertial noise over the sensor's from which it is worth a 
 
 
 class Condition(NamedTuple):
-    """What flags and words are made of; numbers only, so that kernels make it, too."""
+    """Numbers from which flags and reasons follow; no words, so that kernels make it, too."""
 
     initialised: bool
     standing: bool
@@ -50,12 +50,12 @@ def flags(c: Condition) -> tuple[bool, bool, bool]:
 
 
 flags_of = kernel(flags)
-"""`flags` for kernels; to hand a condition over from Python takes longer than to judge it there."""
+"""`flags` compiled, for kernels. From Python call `flags`: to hand a condition over takes longer than to judge it."""
 
 
 @kernel
 def is_quiet(c: Condition) -> bool:
-    """Return whether `reasons` has at most `STANDING` to say, if no input is silent or of another unit."""
+    """Return whether the reasons are empty or `STANDING`, provided that no input is silent or of another unit."""
     inputs_ok, filter_ok, sensors_ok = flags_of(c)
     return inputs_ok and filter_ok and sensors_ok and not c.slipping and c.excess < ROUGH_EXCESS
 
@@ -63,7 +63,7 @@ def is_quiet(c: Condition) -> bool:
 def reasons(
     c: Condition, silent: Mapping[str, float], unit: str, last_bad: str, slipping: NDArray[np.bool_]
 ) -> tuple[str, ...]:
-    """Return what is to be said of an estimate, the gravest first; empty: it walks and all is well.
+    """Return the reasons of an estimate's flags in words, the gravest first; empty: the robot walks and all is well.
 
     Args:
         c: numbers.

@@ -27,11 +27,11 @@ class Kept:
     goal: Goal | None
     """The last one; None = there was none."""
     state: State = "idle"
-    """Of the pilot,"""
+    """State of the pilot."""
     end: End = ("idle", "", "")
-    """how the goal ends,"""
+    """How the goal ends or has ended; of one under way, its present state."""
     ended: float = 0.0
-    """s, and since when."""
+    """Simulated time at which the last goal ended, s."""
     planned: tuple[tuple[int, Goal], ...] = ()
     """Goals that wait for their tick."""
 
