@@ -110,12 +110,16 @@ class BestFilter:
 
     def __setstate__(self, cell: Cell) -> None:
         self.cell, self._box = cell, boxed(cell)  # the same arrays
+        self.outdate()
+
+    def outdate(self) -> None:
+        """Compute output and condition anew when they are asked for: a sample came, or was refused."""
         self._output: BestOutput | None = None
-        self._condition: Condition | None = None  # of the output
+        self._condition: Condition | None = None
 
     def imu(self, stamp_ns: int, w: Array, q: Array, clipped: bool) -> int:
         """Take an inertial sample, see `take_imu`."""
-        self._output = None
+        self.outdate()
         code = take_imu(self._box, stamp_ns, w, q, clipped)
         if code == RESTART:
             self._restart()
@@ -124,7 +128,7 @@ class BestFilter:
 
     def feet(self, stamp_ns: int, position: Array, rot: Array, contact: Array) -> int:
         """Take a sample of the feet, see `take_feet`."""
-        self._output = None
+        self.outdate()
         code = take_feet(self._box, stamp_ns, position, rot, contact)
         if code == RESTART:
             self._restart()
@@ -137,14 +141,13 @@ class BestFilter:
 
     def follow(self, log: LogInputs, order: NDArray[np.int64], rows: LogRows, first: int) -> None:
         """Take inputs of a log and write the estimates, see `follow_log`."""
-        self._output = None
+        self.outdate()
         follow_log(order, log, rows, first, self._box)
 
     @property
     def output(self) -> BestOutput:
         """The estimate at the newest inertial sample; late samples cost one replay of at most the window."""
         if self._output is None:
-            self._condition = None
             rows, more, covariance, pose, slipping, expressed, since, standing, settled, quiet, flags = report(
                 self._box
             )
@@ -159,7 +162,7 @@ class BestFilter:
     @property
     def condition(self) -> Condition:
         """Numbers from which flags and reasons of the output follow."""
-        if self._condition is None or self._output is None:
-            self._output = self.output
+        if self._condition is None:
+            _ = self.output  # brings the state up
             self._condition = condition_now(self._box)
         return self._condition

@@ -123,7 +123,7 @@ class Estimator:
         """
         w, q = _plain(w), _plain(q)
         if w.shape != (3,) or q.shape != (3,):
-            return self.judge.note("imu", InputResult.SHAPE, stamp_ns)
+            return self._refuse_shape("imu", stamp_ns)
         result = RESULTS[self._best.imu(bounded(stamp_ns), w, q, clipped)]
         if result.accepted:
             self._restart_groups(result)
@@ -135,7 +135,7 @@ class Estimator:
         """Take joint angles q (nj,) rad, and contacts as in `feet`."""
         model, q = self._mount.model, _plain(q)
         if model is None or q.shape != model.lower.shape:
-            return self.judge.note("kinematics", InputResult.SHAPE, stamp_ns)
+            return self._refuse_shape("kinematics", stamp_ns)
         return self.feet(stamp_ns, *feet_in_imu(self._mount, q), contact)
 
     def feet(self, stamp_ns: int, position: ArrayLike, rot: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
@@ -150,7 +150,7 @@ class Estimator:
         feet, position, rot = self._feet, _plain(position), _plain(rot)
         known = np.full(feet, np.nan) if contact is None else _plain(contact)
         if position.shape != (feet, 3) or rot.shape != (feet, 3, 3) or known.shape != (feet,):
-            return self.judge.note("kinematics", InputResult.SHAPE, stamp_ns)
+            return self._refuse_shape("kinematics", stamp_ns)
         result = RESULTS[self._best.feet(bounded(stamp_ns), position, rot, known)]
         if result.accepted and self._groups:
             self._restart_groups(result)
@@ -159,6 +159,10 @@ class Estimator:
             for _, group in self._groups:
                 group.on_feet(sample)
         return result
+
+    def _refuse_shape(self, source: str, stamp_ns: int) -> InputResult:
+        self._best.outdate()
+        return self.judge.note(source, InputResult.SHAPE, stamp_ns)
 
     def _restart_groups(self, result: InputResult) -> None:
         if result is InputResult.RESTART:

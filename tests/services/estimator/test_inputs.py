@@ -61,6 +61,22 @@ def test_a_bad_sample_is_refused_counted_and_forgotten(estimator, judge, stamp, 
     assert estimator.imu(2 * TICK, ZERO, G) is InputResult.OK
 
 
+@pytest.mark.parametrize(
+    "refuse",
+    [
+        lambda e: e.imu(2 * TICK, np.zeros(4), G), lambda e: e.imu(2 * TICK, ZERO * np.nan, G),
+        lambda e: e.feet(2 * TICK, np.ones((3, 3)), TURN), lambda e: e.joints(2 * TICK, np.zeros(3)),
+    ],
+)  # fmt: skip
+def test_a_refusal_shows_in_the_very_next_estimate(estimator, refuse):
+    estimator.feet(TICK, np.ones((2, 3)), TURN)
+    assert estimator.estimate().inputs_ok
+    assert not refuse(estimator).accepted
+    after = estimator.estimate()
+    assert not after.inputs_ok
+    assert any(reason.startswith("degraded input") for reason in after.reasons)
+
+
 def test_a_gap_is_accepted_and_counted(estimator, judge):
     assert estimator.imu(7 * TICK + 1, ZERO, G) is InputResult.GAP
     assert judge.refused == 0
