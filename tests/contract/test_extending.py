@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "extending.md"
 BLOCK = re.compile(r"^```\w+ (.+?)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 WORD = re.compile(r'(\w+)=("[^"]*"|\S+)')
-LAST_TICK = 40
+ENOUGH_TICKS = 40
 START_S = 240.0  # s wall, a cold process on a busy machine
 
 pytestmark = pytest.mark.e2e
@@ -120,18 +120,18 @@ def test_runs_as_a_process_over_zenoh(tree: Path) -> None:
                 node.start()
                 if isinstance(node, DriverNode):
                     node.begin(("estimator", "walker", "odometer"), "lockstep", 0.0, 1, "hold", 0)
-                    node.leader.end_tick = LAST_TICK
                 threads.append(threading.Thread(target=node.run, daemon=True))
                 threads[-1].start()
             deadline = time.monotonic() + START_S
-            while not (heard and heard[-1].get("tick") == LAST_TICK):
+            while not (heard and heard[-1].get("tick", 0) >= ENOUGH_TICKS):  # an onlooker may miss any of them
                 assert process.poll() is None
                 assert time.monotonic() < deadline, (driver.node.leader, heard[-1:])
                 threading.Event().wait(0.01)
             sink.undeclare()
-        speeds = [0.5 * abs(x) for x in (0.0, *driver.history[:LAST_TICK])]
-        assert heard[-1]["distance"] == pytest.approx(0.01 * sum(speeds))
-        assert heard[-1]["source"] == "odometer"
+        last = heard[-1]
+        speeds = [0.5 * abs(x) for x in (0.0, *driver.history[: last["tick"]])]
+        assert last["distance"] == pytest.approx(0.01 * sum(speeds))
+        assert last["source"] == "odometer"
     finally:
         for node in nodes:
             node.stop()
