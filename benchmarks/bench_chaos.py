@@ -117,7 +117,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", nargs="*", default=SEEDS, help="pairs of toys, ragno, bioloid or nao, and first:end")
     parser.add_argument("--results", type=Path, help="file to go on with, one line a seed")
-    args = parser.parse_args([] if arguments is None else arguments)
+    args = parser.parse_args(arguments)
     pairs = zip(args.what[::2], args.what[1::2], strict=True)
     rows = [row(what, run(what, seeds_of(seeds), args.results)) for what, seeds in pairs]
     print("\n".join(rows))

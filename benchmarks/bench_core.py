@@ -286,7 +286,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--against", type=Path, default=HERE, help="another checkout")
     parser.add_argument("--blocks", type=int, default=30)
     parser.add_argument("--way", choices=WAYS, help=argparse.SUPPRESS)
-    options = parser.parse_args(arguments or [])
+    options = parser.parse_args(arguments)
     if options.way:
         blocks(options.way)
         return

@@ -5,11 +5,13 @@
 --speed, in CPU time of the thread: a step (inertial sample, its share of the feet, the estimate) in a log and from
 Python sample by sample, beside the same step of filterpy's EKF with matrices of its own; a whole log at 1 kHz; the tick
 in which feet come 0.3 s late. --fuzz: random corruptions of walks, single and in pairs: never NaN, never above 2 m/s, P
-positive, no error that matters without a word. Accuracy has a benchmark of its own, `bench_estimator_accuracy`.
+positive, no error that matters without a word. With an option of `bench_estimator_accuracy` (--synthetic, --logs and so
+on) that benchmark runs instead, with --service `bench_estimator_service`.
 """
 
 import argparse
 import os
+import sys
 import time
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
@@ -19,9 +21,10 @@ from functools import partial
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
+from benchmarks import bench_estimator_accuracy, bench_estimator_service
 from surefoot.lab.estimation.fuzz import Found, feed, fuzz, inputs_of
 from surefoot.lab.estimation.log import Log
-from surefoot.lab.estimation.track import Running, default, track
+from surefoot.lab.estimation.track import Running, default, names, track
 from surefoot.lab.papers.wawrzynski.synthetic import KINDS, WalkParams, synthesize
 from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.stream import Estimator
@@ -210,13 +213,20 @@ def fuzzed(name: str, trials: int, seed: int) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Print times and what was survived."""
+    words = sys.argv[1:] if arguments is None else arguments
+    if any(word.removeprefix("--") in bench_estimator_accuracy.PARTS for word in words if word.startswith("--")):
+        bench_estimator_accuracy.main(words)
+        return
+    if "--service" in words:
+        bench_estimator_service.main([word for word in words if word != "--service"])
+        return
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--speed", action="store_true")
     parser.add_argument("--fuzz", action="store_true")
-    parser.add_argument("--estimators", nargs="*", default=[default()])
+    parser.add_argument("--estimators", nargs="+", metavar="NAME", choices=names(), default=[default()])
     parser.add_argument("--trials", type=int, default=20_000)
     parser.add_argument("--seed", type=int, default=0)
-    args = parser.parse_args(arguments or [])
+    args = parser.parse_args(arguments)
     if args.speed or not args.fuzz:
         speed(args.estimators)
     if args.fuzz:
@@ -225,6 +235,4 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    import sys
-
     main(sys.argv[1:])

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from surefoot.lab.estimation.scores import Score
-from surefoot.lab.estimation.track import names
+from surefoot.lab.estimation.track import PEERS, names
 from surefoot.lab.papers.wawrzynski.compare import (
     Comparison,
     ablation,
@@ -108,10 +108,12 @@ def main(arguments: list[str] | None = None) -> None:
     for part in PARTS:
         parser.add_argument(f"--{part}", action="store_true")
     parser.add_argument("--seeds", type=seeds_of, default=range(10))
-    parser.add_argument("--sets", nargs="*", default=[])
-    default = ("best", "ekf") if "best" in names() else ("ekf",)
-    parser.add_argument("--estimators", nargs="*", default=list(default))
-    parser.add_argument("--references", nargs="*", default=list(REFERENCES))
+    known = (*names(), *PEERS)
+    parser.add_argument(
+        "--sets", nargs="+", metavar="NAME", choices=[one.name for one in chosen_sets(["all"], [])], default=[]
+    )
+    parser.add_argument("--estimators", nargs="+", metavar="NAME", choices=known, default=["best", "ekf"])
+    parser.add_argument("--references", nargs="*", metavar="NAME", choices=known, default=list(REFERENCES))
     parser.add_argument("--retune", action="store_true", help="search the noise of the referees again")
     parser.add_argument("--json", type=Path, help="write the scores as well")
     args = parser.parse_args(arguments)

@@ -70,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("robot", nargs="*", default=ROBOTS)
     parser.add_argument("--seeds", default="0:4", help="count, or first:end")
     parser.add_argument("--every", type=int, default=5, help="ticks between two moments")
-    args = parser.parse_args([] if arguments is None else arguments)
+    args = parser.parse_args(arguments)
     for name in args.robot:
         total, fallen = Counter[str](), Counter[str]()
         for seed in seeds_of(args.seeds):

@@ -184,7 +184,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--no-service", action="store_true", help="leave out the run over Zenoh")
-    args = parser.parse_args(arguments or [])
+    args = parser.parse_args(arguments)
     w.rehearse()
     print(f"{'':16s} {'bare us/tick':>12s} {'ours us/tick':>12s} {'bare/ours':>9s}   target")
     for kind, target in (("flat", ""), ("demo", ">= .60")):

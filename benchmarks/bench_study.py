@@ -121,7 +121,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("seeds", nargs="?", default="100", help="count, or first:end")
     parser.add_argument("--results", type=Path, help="file to go on with, one line a seed")
     parser.add_argument("--processes", type=int, help="seeds at a time, default one a core")
-    args = parser.parse_args([] if arguments is None else arguments)
+    args = parser.parse_args(arguments)
     for name in SCENARIOS if args.scenario is None else (args.scenario,):
         run(name, seeds_of(args.seeds), args.results, args.processes)
 

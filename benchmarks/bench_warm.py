@@ -32,7 +32,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--against", type=Path, action="append", default=[], help="another checkout, set up")
     parser.add_argument("--rounds", type=int, default=1)
-    options = parser.parse_args(arguments or [])
+    options = parser.parse_args(arguments)
     cases = [(path.resolve(), ()) for path in options.against] + [(HERE, ()), (HERE, ("--all",))]
     took: dict[tuple[Path, tuple[str, ...]], list[tuple[float, float]]] = {case: [] for case in cases}
     for _ in range(options.rounds):
