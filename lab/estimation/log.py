@@ -89,6 +89,13 @@ class Log:
         return self.truth
 
     @property
+    def switches(self) -> Flags:
+        """Closed switches of each foot, (m, F, S); S = 1 where the log has a flag for the whole foot."""
+        if self.touch is None or (self.touch.any(axis=2) != self.contact).any():
+            return self.contact[:, :, None]
+        return self.touch
+
+    @property
     def position(self) -> Array:
         """True position of the IMU, (n, 3) m, world."""
         return self.known().position

@@ -17,7 +17,7 @@ from surefoot.lab.estimation.peers.inekf import InekfNoise, inekf
 from surefoot.lab.estimation.peers.linear import LinearNoise, linear
 from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.best_log import FLAGS, LogInputs, LogRows
-from surefoot.services.estimator.contact import LEVER, SOLE_POINTS, contact_points, sole_feet
+from surefoot.services.estimator.contact import LEVER, SOLE_POINTS, at_switches, contact_points, sole_feet
 from surefoot.services.estimator.feet import FootMount
 from surefoot.services.estimator.output import Estimate, OdometryPose
 from surefoot.services.estimator.params import EstimatorParams
@@ -105,7 +105,8 @@ class Running:
             if log.points is not None and log.points.shape[1] >= SOLE_POINTS:
                 normals = np.cross(log.points[:, 1] - log.points[:, 0], log.points[:, 2] - log.points[:, 0])
                 normals *= np.where(normals[:, 2:] < 0.0, -1.0, 1.0) / np.linalg.norm(normals, axis=1, keepdims=True)
-                points = sole_feet(normals, LEVER * float(np.nanmedian(np.linalg.norm(log.foot_position, axis=-1))))
+                lever = LEVER * float(np.nanmedian(np.linalg.norm(log.foot_position, axis=-1)))
+                points = sole_feet(normals, lever, log.points)
         params = replace(params, **changes)
         if name == PAPER:
             # without the mean gyro of the rest a turn-on bias of 1 deg/s swamps it; the paper does not mention one
@@ -139,7 +140,7 @@ class Running:
         inputs = LogInputs(
             np.ascontiguousarray(log.stamp_ns), np.ascontiguousarray(log.w), np.ascontiguousarray(log.q), clipped,
             np.ascontiguousarray(log.foot_ns), np.ascontiguousarray(log.foot_position),
-            np.ascontiguousarray(log.foot_rot), log.contact.astype(np.float64),
+            np.ascontiguousarray(log.foot_rot), at_switches(log.switches.astype(np.float64), self._estimator.switches),
         )  # fmt: skip
         return self._estimator.follow(inputs, part, first, n)
 
@@ -197,7 +198,7 @@ def _piece(running: Running, name: str, log: Log, part: Ints, first: int, n: int
     position, yaw, v_odom = np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3))
     flags = {flag: np.zeros(n, dtype=np.bool_) for flag in FLAGS}
     slipping, gyro_bias, acc_bias = np.zeros((n, feet)), np.zeros((n, 3)), np.zeros((n, 3))
-    to_imu, clipped, row = log.rot_base_from_imu.T, log.saturated, -1
+    to_imu, clipped, row, switches = log.rot_base_from_imu.T, log.saturated, -1, log.switches
 
     def note(k: int) -> None:
         e = running.estimate()
@@ -220,7 +221,7 @@ def _piece(running: Running, name: str, log: Log, part: Ints, first: int, n: int
             row = at - first
         else:
             f = at - rows
-            running.feet(int(log.foot_ns[f]), log.foot_position[f], log.foot_rot[f], log.contact[f])
+            running.feet(int(log.foot_ns[f]), log.foot_position[f], log.foot_rot[f], switches[f])
         if row >= 0 and (i + 1 == len(order) or order[i + 1] < rows):
             note(row)
     return Track(

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from surefoot.services.estimator.contact import touch_rows
 from surefoot.services.estimator.stream import Estimator
 from surefoot.services.simulator.world import PhysicsWorld
 from surefoot.services.walker.interface import WalkerInputs
@@ -18,8 +19,8 @@ def sense(world: PhysicsWorld, estimator: Estimator) -> tuple[WalkerInputs, Any]
     if imu is not None:
         estimator.imu(imu.stamp_ns, imu.gyro, imu.acc)
     touch = None if contacts is None else np.array([any(foot) for foot in contacts.touch])
-    if joints is not None and touch is not None:
-        estimator.joints(joints.stamp_ns, joints.position, touch)
+    if joints is not None and contacts is not None:
+        estimator.joints(joints.stamp_ns, joints.position, touch_rows(contacts.touch))
     estimate, pose = estimator.estimate(), estimator.pose()
     inputs = WalkerInputs(
         stamp=TICK_S * world.tick, roll=estimate.roll, pitch=estimate.pitch,

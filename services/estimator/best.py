@@ -21,8 +21,9 @@ from surefoot.services.estimator.best_kernel import BestNoise, new_state
 from surefoot.services.estimator.best_log import LogInputs, LogRows, follow_log
 from surefoot.services.estimator.best_memory import bring_up, clear, new_memory
 from surefoot.services.estimator.best_modes import modes_of
-from surefoot.services.estimator.best_start import BestGeometry, BestLimits
+from surefoot.services.estimator.best_start import BestLimits
 from surefoot.services.estimator.best_summary import SLIDES, condition, summary
+from surefoot.services.estimator.contact import BestGeometry
 from surefoot.services.estimator.health import Condition, flags_of, is_quiet
 from surefoot.services.estimator.inputs import InputJudge
 from surefoot.services.estimator.output import express

@@ -9,8 +9,8 @@ from surefoot.kernels.box import Box
 from surefoot.kernels.jit import kernel
 from surefoot.services.estimator.best_kernel import BestNoise, BestState
 from surefoot.services.estimator.best_memory import Memory, add_feet, add_imu, restart_clock
-from surefoot.services.estimator.best_start import BestGeometry, BestLimits
-from surefoot.services.estimator.contact import probabilities
+from surefoot.services.estimator.best_start import BestLimits
+from surefoot.services.estimator.contact import BestGeometry, probabilities
 from surefoot.services.estimator.feet import known_feet
 from surefoot.services.estimator.judge import (
     IMU,
@@ -98,7 +98,7 @@ def take_feet(box: Box[Cell], stamp_ns: int, position: Array, rot: Array, contac
         stamp_ns: of the sample.
         position: (L, 3) m, IMU axes.
         rot: rot_imu_from_foot, (L, 3, 3).
-        contact: probability of each, (L,), NaN = unknown.
+        contact: probability at each switch, (L, S), NaN = unknown.
     """
     code = judge_feet(box.parts.judge, stamp_ns, position)
     return code if code >= RESTART else put_feet(box, stamp_ns, position, rot, contact, code)
@@ -109,8 +109,8 @@ def put_feet(box: Box[Cell], stamp_ns: int, position: Array, rot: Array, contact
     """Put feet that were judged with this code where they belong, in place; return what became of them."""
     cell = box.parts
     clock, judge, geometry = cell.clock, cell.judge, cell.geometry
-    seen, turn, known, stands = known_feet(position, rot, contact)
-    if not add_feet(cell.memory, stamp_ns, seen, turn, probabilities(geometry.foot, known)):
+    seen, turn, known, closed, stands = known_feet(position, rot, contact)
+    if not add_feet(cell.memory, stamp_ns, seen, turn, probabilities(geometry.foot, known), closed):
         return note(judge, KINEMATICS, DUPLICATE, stamp_ns)
     judge_units(judge, stamp_ns, seen, turn, known, geometry.foot, geometry.place)
     clock.stamps[FEET_NS] = max(clock.stamps[FEET_NS], stamp_ns)

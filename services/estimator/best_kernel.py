@@ -34,7 +34,7 @@ ROT, VEL, GYRO_BIAS, ACC_BIAS, POS, POINTS = 0, 9, 12, 15, 18, 21
 # rows of the error and of its covariance; a contact point has three from E_POINTS + 3 k
 E_ROT, E_VEL, E_GYRO, E_ACC, E_POS, E_POINTS = 0, 3, 6, 9, 12, 15
 # columns of `BestState.points`
-DOWN, SLIDE, MISFIT, SEEN, NEW, ALONG = 0, 1, 2, 3, 4, 5
+DOWN, SLIDE, MISFIT, SEEN, NEW, ALONG, CLOSED = 0, 1, 2, 3, 4, 5, 7
 # parts of `BestState.memory`
 EXCESS, INNOVATION, LAST_GYRO, SINCE, NIS, PHASE, REST, AGE, LAG = 0, 1, 4, 7, 8, 9, 10, 11, 12
 LOSSES, LOST_FOR, PUSH, UNFIT, SLIDE_PRODUCT, SLIDE_SQUARE = 15, 16, 17, 20, 21, 22
@@ -55,8 +55,9 @@ class BestState(NamedTuple):
     cov: Array
     """(15 + 3 K, 15 + 3 K) covariance of the error."""
     points: Array
-    """(K, 7): 1 while the point stands, weight of sliding in its correction, misfits in a row, probability that it
-    slides, 1 until a second sample has confirmed its place, velocity (2) m/s of its foot if that slides, odom axes."""
+    """(K, 8): 1 while the point stands, weight of sliding in its correction, misfits in a row, probability that it
+    slides, 1 until a second sample has confirmed its place, velocity (2) m/s of its foot if that slides, odom axes,
+    switches of its foot that were closed at the last sample, bit s for switch s."""
     turn: Array
     """(K, 3, 3) rot_odom_from_foot at the last sample of the feet."""
     memory: Array
@@ -98,6 +99,7 @@ class BestNoise(NamedTuple):
     learn: float  # rate at which the excess of the inertial noise follows the innovations
     drop: float  # correlation of successive innovations that is no sign of anything
     twist: float  # rad/sqrt(s), turning of a standing sole about the vertical
+    rock: float  # rad/s, of a sole that stands on an edge or a corner
     most_excess: float  # largest factor of the inertial noise
     lag_s: float  # s, over which corrections of the position are averaged
 
@@ -108,7 +110,7 @@ def new_state(points: int, modes: int = 0) -> BestState:
     x[ROT] = x[ROT + 4] = x[ROT + 8] = 1.0
     memory = np.zeros(MEMORY)
     memory[EXCESS], memory[SINCE], memory[LOST_FOR] = 1.0, NO_FEET, LONG_AGO
-    one = (x, cov, np.zeros((points, ALONG + 2)), np.zeros((points, 3, 3)), memory)
+    one = (x, cov, np.zeros((points, CLOSED + 1)), np.zeros((points, 3, 3)), memory)
     some = [np.repeat(part[None], modes, axis=0) for part in one]
     return BestState(*one, some[0], some[1], some[2], some[3], some[4], np.zeros(modes))
 

@@ -37,7 +37,7 @@ class LogInputs(NamedTuple):
     foot_ns: Ints  # (m,)
     position: Array  # (m, L, 3) m, IMU axes
     rot: Array  # (m, L, 3, 3) rot_imu_from_foot
-    contact: Array  # (m, L) probability, NaN = unknown
+    contact: Array  # (m, L, S) probability at each switch, NaN = unknown
 
 
 class LogRows(NamedTuple):

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from surefoot.kernels.jit import kernel
 from surefoot.services.estimator.best_kernel import BestNoise, BestState, new_state
 from surefoot.services.estimator.best_run import advance, forget
-from surefoot.services.estimator.best_start import BestGeometry, BestLimits
+from surefoot.services.estimator.best_start import BestLimits
+from surefoot.services.estimator.contact import BestGeometry
 from surefoot.services.estimator.timeline import CAPACITY, WINDOW_NS, after, keep_newest, make_room, place_of
 
 Array = NDArray[np.float64]
@@ -33,6 +34,7 @@ class Memory(NamedTuple):
     feet: Array  # (N, L, 3) m, IMU axes
     foot_rots: Array  # (N, L, 3, 3) rot_imu_from_foot
     contact: Array  # (N, K)
+    closed: Stamps  # (N, L) switches, bit s for switch s
     marks: Stamps  # (6,)
     snapshot_ns: Stamps  # (S,)
     snapshots: BestState  # arrays of S states
@@ -43,8 +45,9 @@ def new_memory(feet: int, points: int, modes: int = 0) -> Memory:
     n, one = CAPACITY, new_state(points, modes)
     return Memory(
         np.zeros(n, dtype=np.int64), np.zeros((n, 6)), np.zeros(n, dtype=np.int64), np.zeros((n, feet, 3)),
-        np.zeros((n, feet, 3, 3)), np.zeros((n, points)), np.zeros(COUNT + 1, dtype=np.int64),
-        np.zeros(SNAPSHOTS, dtype=np.int64), BestState(*(np.stack([part] * SNAPSHOTS) for part in one)),
+        np.zeros((n, feet, 3, 3)), np.zeros((n, points)), np.zeros((n, feet), dtype=np.int64),
+        np.zeros(COUNT + 1, dtype=np.int64), np.zeros(SNAPSHOTS, dtype=np.int64),
+        BestState(*(np.stack([part] * SNAPSHOTS) for part in one)),
     )  # fmt: skip
 
 
@@ -102,14 +105,18 @@ def add_imu(memory: Memory, stamp_ns: int, w: Array, q: Array) -> bool:
 
 
 @kernel
-def add_feet(memory: Memory, stamp_ns: int, position: Array, rot: Array, contact: Array) -> bool:
-    """Put feet (L, 3), (L, 3, 3) and contacts (K,) where they belong, in place; False: there are some of this stamp."""
+def add_feet(memory: Memory, stamp_ns: int, position: Array, rot: Array, contact: Array, closed: Stamps) -> bool:
+    """Put feet (L, 3), (L, 3, 3), contacts (K,) and closed switches (L,) where they belong, in place.
+
+    False: there are some of this stamp.
+    """
     marks, stamps = memory.marks, memory.feet_stamps
     if marks[FEET_END] == CAPACITY:
         keep_newest(stamps, KEEP)
         keep_newest(memory.feet, KEEP)
         keep_newest(memory.foot_rots, KEEP)
         keep_newest(memory.contact, KEEP)
+        keep_newest(memory.closed, KEEP)
         marks[FEET_END] = KEEP
     end = marks[FEET_END]
     at = place_of(stamps[:end], stamp_ns)
@@ -119,8 +126,10 @@ def add_feet(memory: Memory, stamp_ns: int, position: Array, rot: Array, contact
     make_room(memory.feet, at, end)
     make_room(memory.foot_rots, at, end)
     make_room(memory.contact, at, end)
+    make_room(memory.closed, at, end)
     stamps[at] = stamp_ns
     memory.feet[at], memory.foot_rots[at], memory.contact[at] = position, rot, contact
+    memory.closed[at] = closed
     marks[FEET_END] += 1
     _note_late(marks, stamp_ns)
     return True
@@ -151,7 +160,7 @@ def bring_up(memory: Memory, state: BestState, geometry: BestGeometry, noise: Be
         end = max(begin + 1, after(stamps, due))  # pyright: ignore[reportArgumentType] - likewise
         advance(
             state, stamps[:end], memory.imu[:end], memory.feet_stamps[:m], memory.feet[:m], memory.foot_rots[:m],
-            memory.contact[:m], begin, geometry, noise, limits,
+            memory.contact[:m], memory.closed[:m], begin, geometry, noise, limits,
         )  # fmt: skip
         marks[DONE_NS] = stamps[end - 1]
         if marks[DONE_NS] >= due:

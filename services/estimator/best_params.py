@@ -43,6 +43,7 @@ def best_noise(params: EstimatorParams, modes: bool = False) -> BestNoise:
         learn=0.02,
         drop=0.2,
         twist=0.05,
+        rock=0.5,
         most_excess=15.0,
         lag_s=5.0,
     )

@@ -43,7 +43,6 @@ from surefoot.services.estimator.best_point import OUTLIER, lift, retract
 from surefoot.services.estimator.best_start import (
     ROW_Q,
     ROW_W,
-    BestGeometry,
     BestLimits,
     judge_tilt,
     rests,
@@ -51,7 +50,7 @@ from surefoot.services.estimator.best_start import (
     start_moving,
 )
 from surefoot.services.estimator.best_update import UNKNOWN_SPEED, follow, persistence, remember_slides, take_points
-from surefoot.services.estimator.contact import by_height, points_of
+from surefoot.services.estimator.contact import BestGeometry, by_height, points_of
 from surefoot.services.estimator.timeline import after
 
 Array = NDArray[np.float64]
@@ -207,12 +206,12 @@ def _hidden(rows: Array, at: int) -> tuple[float, float]:
 
 @kernel
 def _correct(
-    state: BestState, y: Array, turn: Array, contact: Array, geometry: BestGeometry, noise: BestNoise,
+    state: BestState, y: Array, turn: Array, contact: Array, closed: Stamps, geometry: BestGeometry, noise: BestNoise,
     limits: BestLimits, hypotheses: bool, slides: int, share: float,
 ) -> float:  # fmt: skip
     """Correct one state with one sample of its points, in place; return the logarithm of its likelihood."""
     before = state.x[POS : POS + 3].copy()
-    likely = take_points(state, y, turn, contact, geometry.radius, geometry.foot, noise, hypotheses, slides, share)
+    likely = take_points(state, y, turn, contact, closed, geometry, noise, hypotheses, slides, share)
     if math.isfinite(limits.level_sd):
         stand_on_level(state, limits.start[3], geometry.radius, limits.level_sd)
     if settled(state):
@@ -222,8 +221,8 @@ def _correct(
 
 @kernel
 def _take_feet(
-    state: BestState, feet: Array, rots: Array, contact: Array, geometry: BestGeometry, noise: BestNoise,
-    limits: BestLimits,
+    state: BestState, feet: Array, rots: Array, contact: Array, closed: Stamps, geometry: BestGeometry,
+    noise: BestNoise, limits: BestLimits,
 ) -> None:  # fmt: skip
     """Correct with one sample of the feet at the time of the state, in place; arguments as rows of `advance`."""
     y, turn = points_of(geometry.foot, geometry.place, feet, rots)
@@ -231,7 +230,7 @@ def _take_feet(
     if at < 0 and (
         state.weight.size == 0 or state.memory[REST] > 0.0 or state.memory[LOST_FOR] >= 0.0 or not settled(state)
     ):
-        _correct(state, y, turn, contact, geometry, noise, limits, limits.hypotheses, 0, 1.0)
+        _correct(state, y, turn, contact, closed, geometry, noise, limits, limits.hypotheses, 0, 1.0)
     else:
         losses = losses if at < 0 else state.mode_memory[at, LOSSES]
         rot = rotation(state.x) if at < 0 else rotation(state.mode_x[at])
@@ -240,7 +239,7 @@ def _take_feet(
         likely, share = np.zeros(state.weight.size), persistence(state.memory)
         for h in range(state.weight.size):
             if state.weight[h] > 0.0:
-                likely[h] = _correct(mode(state, h), y, turn, contact, geometry, noise, limits, False, h, share)
+                likely[h] = _correct(mode(state, h), y, turn, contact, closed, geometry, noise, limits, False, h, share)
         weigh(state, likely)
         remember_slides(state)
         if state.mode_memory[likeliest(state), LOSSES] > losses:
@@ -302,6 +301,7 @@ def advance(
     feet: Array,
     foot_rots: Array,
     contact: Array,
+    closed: Stamps,
     begin: int,
     geometry: BestGeometry,
     noise: BestNoise,
@@ -319,6 +319,7 @@ def advance(
         feet: positions, (m, L, 3) m, IMU axes.
         foot_rots: rot_imu_from_foot, (m, L, 3, 3).
         contact: probability of contact of each contact point, (m, K).
+        closed: switches of each foot that are closed, (m, L), bit s for switch s.
         begin: first row to take.
         geometry: of the robot.
         noise: of the filter.
@@ -345,7 +346,8 @@ def advance(
             while now < stamps[at] or (next_foot < feet_stamps.size and feet_stamps[next_foot] <= now):
                 if next_foot < feet_stamps.size and feet_stamps[next_foot] <= now:
                     _take_feet(
-                        state, feet[next_foot], foot_rots[next_foot], contact[next_foot], geometry, noise, limits
+                        state, feet[next_foot], foot_rots[next_foot], contact[next_foot], closed[next_foot], geometry,
+                        noise, limits,
                     )  # fmt: skip
                     next_foot += 1
                     continue

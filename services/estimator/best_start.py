@@ -40,7 +40,7 @@ from surefoot.services.estimator.best_kernel import (
 )
 from surefoot.services.estimator.best_point import lift
 from surefoot.services.estimator.best_update import UNKNOWN_SPEED
-from surefoot.services.estimator.contact import points_of
+from surefoot.services.estimator.contact import BestGeometry, points_of
 from surefoot.services.estimator.inertial import GRAVITY
 from surefoot.services.estimator.timeline import after
 
@@ -57,16 +57,6 @@ UPRIGHT = 0.76  # cosine of 40 deg: a robot that is tilted further has fallen, a
 FALLING = 0.1  # share by which the mean specific force of one that stands may differ from gravity; in a fall it is less
 ROW_W, ROW_Q = 0, 3  # columns of an inertial row
 BLOCK = 16  # rows of which a rest is judged at a time
-
-
-class BestGeometry(NamedTuple):
-    """Where IMU and contact points are."""
-
-    foot: NDArray[np.int64]  # (K,) foot of each contact point
-    place: Array  # (K, 3) m, in the foot
-    radius: Array  # (K,) m
-    rot_base_from_imu: Array  # (3, 3)
-    imu_position: Array  # (3,) m, in base_link
 
 
 class BestLimits(NamedTuple):

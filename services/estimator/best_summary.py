@@ -25,7 +25,7 @@ from surefoot.services.estimator.best_kernel import (
     rotation,
 )
 from surefoot.services.estimator.best_run import settled
-from surefoot.services.estimator.best_start import BestGeometry
+from surefoot.services.estimator.contact import BestGeometry
 from surefoot.services.estimator.health import Condition
 from surefoot.services.estimator.inertial import GRAVITY
 from surefoot.services.estimator.judge import faults_at

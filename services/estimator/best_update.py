@@ -32,7 +32,8 @@ from surefoot.services.estimator.best_kernel import (
     turned,
 )
 from surefoot.services.estimator.best_point import MOST_MISFITS, lift, observe, put_down, quadratic
-from surefoot.services.estimator.contact import SURE, by_height
+from surefoot.services.estimator.best_sole import rock_soles, twist_soles
+from surefoot.services.estimator.contact import SURE, BestGeometry, by_height
 from surefoot.services.estimator.feet import foot_turn
 
 Array = NDArray[np.float64]
@@ -87,34 +88,6 @@ def learn_excess(state: BestState, y: Array, noise: BestNoise) -> None:
 
 
 @kernel
-def twist_soles(state: BestState, foot: Feet, variance: float) -> None:
-    """Add the turning of standing soles about the vertical, `variance` rad^2, to the covariance of their points.
-
-    Friction holds a sole against tilting by the weight on it, against twisting by its small lever only.
-    """
-    x, cov, points = state.x, state.cov, state.points
-    count, across = points.shape[0], np.zeros((points.shape[0], 2))
-    for k in range(count):
-        together = 0
-        for m in range(count):
-            if foot[m] == foot[k] and points[m, DOWN] > 0.0:
-                together += 1
-                across[k, 0] += x[POINTS + 3 * m + 1]
-                across[k, 1] -= x[POINTS + 3 * m]
-        if points[k, DOWN] > 0.0 and together > 1:  # z x (r_k - centre)
-            across[k, 0] = across[k, 0] / together - x[POINTS + 3 * k + 1]
-            across[k, 1] = across[k, 1] / together + x[POINTS + 3 * k]
-        else:
-            across[k, 0] = across[k, 1] = 0.0
-    for k in range(count):
-        for m in range(count):
-            if foot[m] == foot[k]:
-                for i in range(2):
-                    for j in range(2):
-                        cov[E_POINTS + 3 * k + i, E_POINTS + 3 * m + j] += variance * across[k, i] * across[m, j]
-
-
-@kernel
 def _loosen(state: BestState, contact: Array, foot: Feet, slides: int, slip: float, swing: float) -> None:
     """Let points move that slide, or hardly touch the ground, in place.
 
@@ -122,7 +95,7 @@ def _loosen(state: BestState, contact: Array, foot: Feet, slides: int, slip: flo
         state: the state.
         contact: probability that each point touches the ground, (K,).
         foot: the foot of each.
-        slides: bit f: foot f slides.
+        slides: bit f: foot f slides, or rocks on an edge.
         slip: variance of the way of a sliding foot along each level axis, m^2; its points go together.
         swing: variance of the way of a point in the air along each axis, m^2.
     """
@@ -240,8 +213,8 @@ def take_points(
     y: Array,
     rot: Array,
     contact: Array,
-    radius: Array,
-    foot: Feet,
+    closed: Feet,
+    geometry: BestGeometry,
     noise: BestNoise,
     hypotheses: bool,
     slides: int,
@@ -255,8 +228,8 @@ def take_points(
         rot: rot_imu_from_foot of each, (K, 3, 3).
         contact: probability that each touches the ground, (K,); below one half it is lifted. NaN: unknown, see
             `by_height`.
-        radius: of round feet, (K,) m, 0 = does not roll.
-        foot: the foot of each, (K,).
+        closed: switches of each foot that are closed, (L,), bit s for switch s.
+        geometry: of the robot.
         noise: the noises.
         hypotheses: see `observe`.
         slides: bit f: foot f slides, in a state that is one of several hypotheses.
@@ -265,7 +238,7 @@ def take_points(
     Returns:
         Logarithm of the likelihood of the sample up to a constant.
     """
-    x, points, memory = state.x, state.points, state.memory
+    x, points, memory, foot, radius = state.x, state.points, state.memory, geometry.foot, geometry.radius
     count, here = points.shape[0], rotation(state.x)
     likely = 0.0
     dt = memory[SINCE]
@@ -282,8 +255,9 @@ def take_points(
             for j in range(3):
                 state.turn[k, i, j] = now[i, j]
     twist_soles(state, foot, noise.twist**2 * dt)
+    rocking = rock_soles(state, closed, geometry, (noise.rock * dt) ** 2)
     if not hypotheses:
-        _loosen(state, contact, foot, slides, (noise.slip * dt) ** 2, (SWING * dt) ** 2)
+        _loosen(state, contact, foot, slides | rocking, (noise.slip * dt) ** 2, (SWING * dt) ** 2)
     before = _slide(state, foot, slides, dt, share)
     if not hypotheses:
         memory[SLIDE_PRODUCT] = memory[SLIDE_SQUARE] = 0.0

@@ -6,6 +6,7 @@ as that of the sole's orientation by the same encoders, sigma_o: sigma_p/sigma_o
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -31,16 +32,34 @@ class ContactPoints(NamedTuple):
     foot: NDArray[np.int64]  # (K,) the foot of each
     place: Array  # (K, 3) m, from the foot's centre, foot axes
     radius: Array  # (K,) m, of a round foot; 0 = does not roll
+    switches: Array  # (L, S, 3) m, places of the switches of each foot, as `place`; S = 1: one for the whole foot
+
+
+class BestGeometry(NamedTuple):
+    """Where IMU and contact points are."""
+
+    foot: NDArray[np.int64]  # (K,) foot of each contact point
+    place: Array  # (K, 3) m, in the foot
+    radius: Array  # (K,) m
+    switches: Array  # (L, S, 3) m, places of the switches of each foot, in the foot
+    rot_base_from_imu: Array  # (3, 3)
+    imu_position: Array  # (3,) m, in base_link
 
 
 def point_feet(radius: Array) -> ContactPoints:
     """One point for each foot; radius (L,) m, 0 = a foot that does not roll."""
     count = len(radius)
-    return ContactPoints(np.arange(count), np.zeros((count, 3)), radius.astype(np.float64))
+    return ContactPoints(np.arange(count), np.zeros((count, 3)), radius.astype(np.float64), np.zeros((count, 1, 3)))
 
 
-def sole_feet(normals: Array, lever: float) -> ContactPoints:
-    """Three points for each foot, `lever` m from its centre; normals (L, 3) of the soles, foot axes, upwards."""
+def sole_feet(normals: Array, lever: float, switches: Array | None = None) -> ContactPoints:
+    """Three points for each foot.
+
+    Args:
+        normals: of the soles, (L, 3), foot axes, upwards.
+        lever: m, from the centre of the foot.
+        switches: their places, (L, S, 3) m from the centre of the foot; None: one for the whole foot.
+    """
     places: list[Array] = []
     for normal in normals:
         first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
@@ -51,7 +70,9 @@ def sole_feet(normals: Array, lever: float) -> ContactPoints:
             place = lever * (math.cos(angle) * first + math.sin(angle) * second)
             places.append(place)
     foot = np.repeat(np.arange(len(normals)), SOLE_POINTS)
-    return ContactPoints(foot, np.array(places), np.zeros(len(foot)))
+    if switches is None:
+        switches = np.zeros((len(normals), 1, 3))
+    return ContactPoints(foot, np.array(places), np.zeros(len(foot)), np.ascontiguousarray(switches))
 
 
 def contact_points(robot: Robot) -> ContactPoints:
@@ -61,7 +82,9 @@ def contact_points(robot: Robot) -> ContactPoints:
     normals = np.array([_normal(np.asarray(leg.foot.points)) for leg in robot.legs])
     feet = foot_positions(robot.model, robot.neutral)
     reach = max(math.dist(foot, leg.hip) for foot, leg in zip(feet, robot.legs, strict=True))
-    return sole_feet(normals, LEVER * reach)
+    corners = [leg.foot.points for leg in robot.legs]
+    same = len({len(one) for one in corners}) == 1
+    return sole_feet(normals, LEVER * reach, np.array(corners, dtype=np.float64) if same else None)
 
 
 def _normal(points: Array) -> Array:
@@ -70,6 +93,21 @@ def _normal(points: Array) -> Array:
     normal = normal / math.sqrt(float(np.sum(normal * normal)))
     axis = 2 if abs(normal[2]) > 1e-6 else 0
     return normal if normal[axis] > 0.0 else -normal
+
+
+def touch_rows(touch: Sequence[Sequence[bool]]) -> NDArray[np.bool_]:
+    """Return the switches of each foot as rows (L, S); those of feet with fewer are filled up with open ones."""
+    rows = np.zeros((len(touch), max((len(foot) for foot in touch), default=1)), dtype=np.bool_)
+    for row, foot in zip(rows, touch, strict=True):
+        row[: len(foot)] = foot
+    return rows
+
+
+def at_switches(contact: Array, count: int) -> Array:
+    """Return contacts (..., L, n) at `count` switches of each foot: as they are, or the largest of the foot at each."""
+    if contact.shape[-1] == count:
+        return np.ascontiguousarray(contact)
+    return np.repeat(np.fmax.reduce(contact, axis=-1)[..., None], count, axis=-1)
 
 
 @kernel

@@ -21,6 +21,7 @@ from surefoot.robot.description import KinematicModel, Robot
 from surefoot.robot.kinematics import forward
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 MIN_SPREAD = 1e-4  # m^2; three feet closer to one line than 1 cm cannot tell a rotation
@@ -85,19 +86,26 @@ def _feet_in_imu(model: KinematicModel, rot_imu_from_base: Array, imu_position: 
 
 
 @kernel
-def known_feet(position: Array, rot: Array, contact: Array) -> tuple[Array, Array, Array, bool]:
+def known_feet(position: Array, rot: Array, switches: Array) -> tuple[Array, Array, Array, Ints, bool]:
     """Feet with those that are not finite (a dead encoder) lifted off the ground.
 
     Args:
         position: (L, 3) m, IMU axes.
         rot: rot_imu_from_foot, (L, 3, 3).
-        contact: probability of contact, (L,), NaN = unknown.
+        switches: probability of contact at each switch, (L, S), NaN = unknown.
 
     Returns:
-        The same with zeros, unit matrices and contact 0 for unknown feet, and whether a foot may stand.
+        Positions and rotations with zeros and unit matrices for unknown feet; probability of contact of each foot (L,),
+        0 for those, NaN = unknown; the switches that are closed (L,), bit s for switch s; and whether a foot may stand.
     """
-    position, rot, contact, stands = position.copy(), rot.copy(), contact.copy(), False
+    position, rot, stands = position.copy(), rot.copy(), False
+    contact, closed = np.full(switches.shape[0], np.nan), np.zeros(switches.shape[0], dtype=np.int64)
     for f in range(contact.size):
+        for s in range(switches.shape[1]):
+            if not contact[f] >= switches[f, s]:
+                contact[f] = switches[f, s] if not math.isnan(switches[f, s]) else contact[f]
+            if not switches[f, s] < 0.5:
+                closed[f] |= 1 << s
         finite = True
         for i in range(3):
             finite = finite and math.isfinite(position[f, i])
@@ -110,7 +118,7 @@ def known_feet(position: Array, rot: Array, contact: Array) -> tuple[Array, Arra
                 for k in range(3):
                     rot[f, i, k] = 1.0 if i == k else 0.0
         stands = stands or not contact[f] < 0.5
-    return position, rot, contact, stands
+    return position, rot, contact, closed, stands
 
 
 @kernel

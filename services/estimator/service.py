@@ -18,6 +18,7 @@ from surefoot.schemas.topics import (
     STATE_VELOCITY_KINEMATICS_GYRO,
 )
 from surefoot.services.estimator.config import EstimatorConfig
+from surefoot.services.estimator.contact import touch_rows
 from surefoot.services.estimator.feet import foot_mount
 from surefoot.services.estimator.inputs import InputResult
 from surefoot.services.estimator.messages import odometry_message, velocity_message
@@ -89,14 +90,14 @@ class EstimatorService(Service[EstimatorConfig]):
         self._tell("imu", result)
 
     def _kinematics(self, joints: JointState, contacts: FootContacts) -> None:
-        touch = np.array([any(foot) for foot in contacts.touch])
+        touch = touch_rows(contacts.touch)
         q, e = np.array(joints.position), self.estimator
         result = e.joints(joints.stamp_ns, q, touch)
         self._tell("kinematics", result)
         behind_s = 1e-9 * (e.stamp_ns - joints.stamp_ns)
         if result is InputResult.OK and e.initialised and 0.0 <= behind_s < LATE_JOINTS_S:
             feet = feet_in_odom(self._mount, q, e.pose(), behind_s)
-            self._stances += self._slip.update(touch, *feet)
+            self._stances += self._slip.update(np.asarray(touch.any(axis=1)), *feet)
 
     def _tell(self, source: str, result: InputResult) -> None:
         """Log the first refusal of its kind; the rest is in the counters."""

@@ -14,8 +14,7 @@ from surefoot.services.estimator.best_cell import NOW_NS
 from surefoot.services.estimator.best_log import LogInputs, LogRows, new_rows
 from surefoot.services.estimator.best_modes import modes_of
 from surefoot.services.estimator.best_params import best_limits, best_noise
-from surefoot.services.estimator.best_start import BestGeometry
-from surefoot.services.estimator.contact import ContactPoints, contact_points, point_feet
+from surefoot.services.estimator.contact import BestGeometry, ContactPoints, at_switches, contact_points, point_feet
 from surefoot.services.estimator.estimators import ESTIMATORS
 from surefoot.services.estimator.feet import FootMount, FootSample, feet_in_imu, foot_mount, known_feet
 from surefoot.services.estimator.health import STANDING, Condition, flags, reasons
@@ -65,6 +64,7 @@ class Estimator:
         self._points = point_feet(mount.radius if params.rolling else 0.0 * mount.radius) if points is None else points
         self._rot_base_from_imu = np.ascontiguousarray(mount.rot_imu_from_base.T)
         chosen = tuple(names)
+        self.switches = self._points.switches.shape[1]
         self._geometry = BestGeometry(*self._points, self._rot_base_from_imu, mount.imu_position)
         self._groups: list[tuple[tuple[str, ...], PaperEstimators]] = []
         ours = tuple(name for name in chosen if name in ESTIMATORS)
@@ -145,17 +145,20 @@ class Estimator:
             stamp_ns: their time, ns; a sample of the last half second is put where it belongs.
             position: (L, 3) m, IMU axes, from the IMU.
             rot: rot_imu_from_foot, (L, 3, 3).
-            contact: flag or probability of each foot, (L,); None or NaN: no sensor, judged by the height of the feet.
+            contact: flag or probability of each foot, (L,), or at each of its S switches, (L, S), those of a sole in
+                the order of its corners; None or NaN: no sensor, judged by the height of the feet.
         """
         feet, position, rot = self._feet, _plain(position), _plain(rot)
         known = np.full(feet, np.nan) if contact is None else _plain(contact)
-        if position.shape != (feet, 3) or rot.shape != (feet, 3, 3) or known.shape != (feet,):
+        known = known[:, None] if known.ndim == 1 else known
+        if position.shape != (feet, 3) or rot.shape != (feet, 3, 3) or known.shape[:-1] != (feet,) or not known.size:
             return self._refuse_shape("kinematics", stamp_ns)
+        known = at_switches(known, self.switches)
         result = RESULTS[self._best.feet(bounded(stamp_ns), position, rot, known)]
         if result.accepted and self._groups:
             self._restart_groups(result)
-            position, rot, known, _ = known_feet(position, rot, known)
-            sample = FootSample(stamp_ns, position, rot, ~(known < 0.5))
+            position, rot, contacts, _, _ = known_feet(position, rot, known)
+            sample = FootSample(stamp_ns, position, rot, ~(contacts < 0.5))
             for _, group in self._groups:
                 group.on_feet(sample)
         return result

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from surefoot.geometry.rotations import matrix_from_quat, matrix_from_rpy
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions, legs_ik
+from surefoot.services.estimator.contact import touch_rows
 from surefoot.services.estimator.stream import Estimator
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
@@ -74,8 +75,7 @@ class Stand:
         if s.imu is not None:
             self.estimator.imu(s.imu.stamp_ns, s.imu.gyro, s.imu.acc)
         if s.joints is not None and s.contacts is not None:
-            touch = np.array([any(foot) for foot in s.contacts.touch])
-            self.estimator.joints(s.joints.stamp_ns, s.joints.position, touch)
+            self.estimator.joints(s.joints.stamp_ns, s.joints.position, touch_rows(s.contacts.touch))
 
     def _up(self) -> Array:
         if self.estimator is None:

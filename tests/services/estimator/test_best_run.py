@@ -6,7 +6,7 @@ import pytest
 from surefoot.services.estimator.best_kernel import E_VEL, PHASE, STARTED, VEL, new_state
 from surefoot.services.estimator.best_params import best_limits, best_noise
 from surefoot.services.estimator.best_run import advance
-from surefoot.services.estimator.best_start import BestGeometry
+from surefoot.services.estimator.contact import BestGeometry
 from surefoot.services.estimator.params import EstimatorParams, StartPose
 
 G = np.array([0.0, 0.0, 9.81])

@@ -3,6 +3,7 @@
 import numpy as np
 
 from surefoot.robot.reader import load_robot
+from surefoot.services.estimator.contact import touch_rows
 from surefoot.services.estimator.stream import Estimator
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.physics.perturb import perturbation
@@ -31,7 +32,7 @@ class Plant:
             self.estimator.imu(imu.stamp_ns, imu.gyro, imu.acc)
         touch = None if contacts is None else np.array([any(foot) for foot in contacts.touch])
         if joints is not None and not blind:
-            self.estimator.joints(joints.stamp_ns, joints.position, touch)
+            self.estimator.joints(joints.stamp_ns, joints.position, touch_rows(contacts.touch))
         e, pose = self.estimator.estimate(), self.estimator.pose()
         self.out = self.walker.step(
             WalkerInputs(
