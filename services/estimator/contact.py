@@ -19,6 +19,7 @@ from surefoot.robot.kinematics import foot_positions
 Array = NDArray[np.float64]
 
 SOLE_POINTS = 3
+MOST_SWITCHES = 48  # of a foot; with more they count as one
 NEAR = 0.01  # m over the lowest point: a foot without a sensor may stand there
 SURE = 0.98  # largest probability of a contact: a switch may lie
 LEVER = 1.0 / math.sqrt(6.0)
@@ -83,7 +84,7 @@ def contact_points(robot: Robot) -> ContactPoints:
     feet = foot_positions(robot.model, robot.neutral)
     reach = max(math.dist(foot, leg.hip) for foot, leg in zip(feet, robot.legs, strict=True))
     corners = [leg.foot.points for leg in robot.legs]
-    same = len({len(one) for one in corners}) == 1
+    same = len({len(one) for one in corners}) == 1 and len(corners[0]) <= MOST_SWITCHES
     return sole_feet(normals, LEVER * reach, np.array(corners, dtype=np.float64) if same else None)
 
 
@@ -97,7 +98,7 @@ def _normal(points: Array) -> Array:
 
 def touch_rows(touch: Sequence[Sequence[bool]]) -> NDArray[np.bool_]:
     """Return the switches of each foot as rows (L, S); those of feet with fewer are filled up with open ones."""
-    rows = np.zeros((len(touch), max((len(foot) for foot in touch), default=1)), dtype=np.bool_)
+    rows = np.zeros((len(touch), max([1, *(len(foot) for foot in touch)])), dtype=np.bool_)
     for row, foot in zip(rows, touch, strict=True):
         row[: len(foot)] = foot
     return rows

@@ -31,11 +31,12 @@ from surefoot.services.estimator.best_kernel import (
 from surefoot.services.estimator.best_params import best_limits, best_noise
 from surefoot.services.estimator.best_point import lift, observe, put_down, retract
 from surefoot.services.estimator.best_run import learn_gyro_bias, stand_on_level
-from surefoot.services.estimator.best_update import follow, take_points, twist_soles
+from surefoot.services.estimator.best_update import follow, take_points
 from surefoot.services.estimator.contact import points_of, sole_feet
 from surefoot.services.estimator.feet import FootMount
 from surefoot.services.estimator.params import EstimatorParams, StartPose
 from surefoot.services.estimator.stream import Estimator
+from tests.services.estimator.mounts import OPEN, balls, mounted
 
 FEET = 2
 STANDING = np.array([[0.0, 0.1, -0.3], [0.0, -0.1, -0.3]])
@@ -263,23 +264,6 @@ def test_what_waits_when_a_rest_ends_is_learned_from_but_for_its_last_fifth():
     assert 0.6 * 40 / 140 < share < 1.0
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_twisting_sole_moves_its_points_about_its_middle(seed):
-    rng = np.random.default_rng(seed)
-    places = sole_feet(np.array([[0.0, 0.0, 1.0]] * 2), 0.1)
-    state, feet = new_state(6), places.foot
-    state.x[POINTS:] = rng.normal(size=18)
-    state.points[:, DOWN] = 1.0
-    state.points[4:, DOWN] = 0.0  # one point alone turns about itself
-    before = state.cov.copy()
-    twist_soles(state, feet, 0.01)
-    r = state.x[POINTS:].reshape(6, 3)
-    turn = np.zeros(len(state.cov))
-    for k in range(3):
-        turn[E_POINTS + 3 * k : E_POINTS + 3 * k + 3] = np.cross([0.0, 0.0, 1.0], r[k] - r[:3].mean(axis=0))
-    np.testing.assert_allclose(state.cov - before, 0.01 * np.outer(turn, turn), atol=1e-14)
-
-
 def test_misfits_of_all_points_make_the_velocity_unknown_and_not_the_feet():
     """Nothing starves: if every foot contradicts the inertial unit for long, the feet are right."""
     state, _ = random_state(7)
@@ -292,7 +276,7 @@ def test_misfits_of_all_points_make_the_velocity_unknown_and_not_the_feet():
     limits = np.ones(3)
     for _ in range(10):
         y, turn = points_of(places.foot, places.place, position, rot)
-        take_points(one, y, turn, limits, places.radius, places.foot, NOISE, True, 0, 1.0)
+        take_points(one, y, turn, limits, OPEN[:1], mounted(places), NOISE, True, 0, 1.0)
         for _ in range(3):
             predict(one, np.zeros(3), G, 0.011, NOISE, 0.0)
     assert abs(one.x[VEL]) < 0.02
@@ -311,7 +295,7 @@ def test_the_excess_follows_errors_that_repeat_and_not_noise():
         for k in range(300):
             y, turn = points_of(places.foot, places.place, np.array([[0.0, 0.0, -0.3]]), np.eye(3)[None])
             y += sigma * rng.normal(size=y.shape)
-            take_points(state, y, turn, np.ones(3), places.radius, places.foot, NOISE, True, 0, 1.0)
+            take_points(state, y, turn, np.ones(3), OPEN[:1], mounted(places), NOISE, True, 0, 1.0)
             q = G + np.array([push * math.sin(0.3 * k), 0.0, 0.0])
             for _ in range(3):
                 predict(state, np.zeros(3), q, 0.011, NOISE, 0.0)
@@ -363,7 +347,7 @@ def test_one_wrong_sample_where_a_foot_comes_down_is_no_wrong_velocity():
     one.cov[...] = 1e-6 * np.eye(len(one.cov))
     true, off = np.array([[0.0, 0.0, -0.3]]), np.array([[0.02, 0.0, -0.3]])
     for y in (off, true, true, true):
-        take_points(one, y, np.eye(3)[None], np.ones(1), np.zeros(1), np.zeros(1, dtype=np.int64), NOISE, True, 0, 1.0)
+        take_points(one, y, np.eye(3)[None], np.ones(1), OPEN[:1], balls(1), NOISE, True, 0, 1.0)
         for _ in range(3):
             predict(one, np.zeros(3), G, 0.011, NOISE, 0.0)
     assert np.linalg.norm(one.x[VEL : VEL + 3]) < 1e-3
@@ -379,7 +363,7 @@ def test_a_foot_that_lifts_leaves_no_lost_velocity_behind():
     both, second = np.ones(2), np.array([0.0, 1.0])
     samples = [(feet, both), (feet, both), (off, both), (off, both), (off, second), (off, second)]
     for y, contact in samples:
-        take_points(one, y, np.tile(np.eye(3), (2, 1, 1)), contact, np.zeros(2), np.arange(2), NOISE, True, 0, 1.0)
+        take_points(one, y, np.tile(np.eye(3), (2, 1, 1)), contact, OPEN, balls(2), NOISE, True, 0, 1.0)
         for _ in range(3):
             predict(one, np.zeros(3), G, 0.011, NOISE, 0.0)
     assert one.cov[E_VEL, E_VEL] < 1e-3

@@ -39,9 +39,8 @@ def test_a_log_gives_the_bits_of_its_samples_one_by_one(kind):
     log = LOGS[kind](walk())
     one, whole, n, order = make(names=(BEST,)), make(names=(BEST,)), len(log.stamp_ns), log.arrival()
     clipped = np.zeros(n, dtype=bool) if log.saturated is None else log.saturated
-    inputs = LogInputs(
-        log.stamp_ns, log.w, log.q, clipped, log.foot_ns, log.foot_position, log.foot_rot, log.contact.astype(float)
-    )
+    contact = log.contact[..., None].astype(float)
+    inputs = LogInputs(log.stamp_ns, log.w, log.q, clipped, log.foot_ns, log.foot_position, log.foot_rot, contact)
     cut = int(np.flatnonzero(order < n)[n // 2])  # in two pieces
     rows = [whole.follow(inputs, part, 0, n) for part in (order[:cut], order[cut:])]
     compared = 0

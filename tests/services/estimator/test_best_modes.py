@@ -40,6 +40,7 @@ from surefoot.services.estimator.best_params import best_noise
 from surefoot.services.estimator.best_point import retract
 from surefoot.services.estimator.best_update import KEEP, persistence, remember_slides, take_points
 from surefoot.services.estimator.params import EstimatorParams
+from tests.services.estimator.mounts import OPEN, balls
 
 FOOT = np.arange(2)
 NOISE = best_noise(EstimatorParams(), True)
@@ -184,7 +185,7 @@ def two_points():
 def show(state, y, slides):
     """Let the filter see the feet at y, `slides` those that slide, 33 ms after the last sample."""
     state.memory[SINCE] = 0.033
-    take_points(state, y, np.tile(np.eye(3), (2, 1, 1)), BOTH, np.zeros(2), FOOT, NOISE, False, slides, 1.0)
+    take_points(state, y, np.tile(np.eye(3), (2, 1, 1)), BOTH, OPEN, balls(2), NOISE, False, slides, 1.0)
 
 
 def test_the_velocity_of_a_slide_is_learned_unless_all_feet_slide():

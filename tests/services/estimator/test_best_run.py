@@ -6,8 +6,8 @@ import pytest
 from surefoot.services.estimator.best_kernel import E_VEL, PHASE, STARTED, VEL, new_state
 from surefoot.services.estimator.best_params import best_limits, best_noise
 from surefoot.services.estimator.best_run import advance
-from surefoot.services.estimator.contact import BestGeometry
 from surefoot.services.estimator.params import EstimatorParams, StartPose
+from tests.services.estimator.mounts import balls
 
 G = np.array([0.0, 0.0, 9.81])
 
@@ -15,7 +15,7 @@ G = np.array([0.0, 0.0, 9.81])
 def test_lost_inertial_samples_are_the_mean_of_their_neighbours():
     """Of a force that grows evenly the mean is exact; a held sample would be half a step off for each lost one."""
     params = EstimatorParams()
-    geometry = BestGeometry(np.zeros(1, dtype=np.int64), np.zeros((1, 3)), np.zeros(1), np.eye(3), np.zeros(3))
+    geometry = balls(1)
     kept = np.delete(np.arange(40), [10, 21, 22, 30])
     rows = np.hstack([np.zeros((40, 3)), G + 0.05 * np.arange(40)[:, None] * [1.0, 0.0, 0.0]])
     found = {}
@@ -24,8 +24,8 @@ def test_lost_inertial_samples_are_the_mean_of_their_neighbours():
         state.memory[PHASE], state.cov[...] = STARTED, 0.0
         advance(
             state, 10_000_000 * (chosen + 1), np.ascontiguousarray(rows[chosen]), np.zeros(0, dtype=np.int64),
-            np.zeros((0, 1, 3)), np.zeros((0, 1, 3, 3)), np.zeros((0, 1)), 0, geometry, best_noise(params),
-            best_limits(params, StartPose(), True),
+            np.zeros((0, 1, 3)), np.zeros((0, 1, 3, 3)), np.zeros((0, 1)), np.zeros((0, 1), dtype=np.int64), 0,
+            geometry, best_noise(params), best_limits(params, StartPose(), True),
         )  # fmt: skip
         found[name] = state
     assert found["kept"].x[VEL] == pytest.approx(found["all"].x[VEL], abs=1e-12)

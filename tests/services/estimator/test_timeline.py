@@ -91,6 +91,7 @@ def test_points_of_the_robots(robot, points, round_feet):
     assert (found.radius > 0.0).all() == round_feet
     if not round_feet:
         assert 0.05 < np.linalg.norm(found.place[0]) < 0.2
+    assert found.switches.shape == ((6, 1, 3) if round_feet else (2, 4, 3))
 
 
 def test_probabilities_of_feet_are_those_of_their_points():
