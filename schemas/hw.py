@@ -55,7 +55,7 @@ class FootContacts(Message):
     """Foot switches and foot forces, in the leg order of the robot description."""
 
     touch: Annotated[tuple[tuple[bool, ...], ...], Field(max_length=MAX_FEET)] = Field(
-        description="per foot one to four switches, true = pressed"
+        description="per foot one to four switches in the order of its points in the robot description, true = pressed"
     )
     normal_force_n: Annotated[tuple[float | None, ...], Field(max_length=MAX_FEET)] = Field(
         description="per foot the force along the sole normal, N; null = no such sensor"

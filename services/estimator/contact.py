@@ -83,9 +83,12 @@ def contact_points(robot: Robot) -> ContactPoints:
     normals = np.array([_normal(np.asarray(leg.foot.points)) for leg in robot.legs])
     feet = foot_positions(robot.model, robot.neutral)
     reach = max(math.dist(foot, leg.hip) for foot, leg in zip(feet, robot.legs, strict=True))
-    corners = [leg.foot.points for leg in robot.legs]
-    same = len({len(one) for one in corners}) == 1 and len(corners[0]) <= MOST_SWITCHES
-    return sole_feet(normals, LEVER * reach, np.array(corners, dtype=np.float64) if same else None)
+    bottoms = [
+        leg.foot.points - leg.foot.position - leg.foot.radius * normal
+        for leg, normal in zip(robot.legs, normals, strict=True)
+    ]
+    same = len({len(places) for places in bottoms}) == 1 and len(bottoms[0]) <= MOST_SWITCHES
+    return sole_feet(normals, LEVER * reach, np.array(bottoms) if same else None)
 
 
 def _normal(points: Array) -> Array:

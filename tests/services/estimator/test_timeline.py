@@ -92,6 +92,7 @@ def test_points_of_the_robots(robot, points, round_feet):
     if not round_feet:
         assert 0.05 < np.linalg.norm(found.place[0]) < 0.2
     assert found.switches.shape == ((6, 1, 3) if round_feet else (2, 4, 3))
+    np.testing.assert_allclose(found.switches[:, :, 2], 0.0, atol=1e-9)  # in the sole, in which the foot's centre is
 
 
 def test_probabilities_of_feet_are_those_of_their_points():
