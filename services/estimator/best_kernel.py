@@ -100,6 +100,7 @@ class BestNoise(NamedTuple):
     drop: float  # correlation of successive innovations that is no sign of anything
     twist: float  # rad/sqrt(s), turning of a standing sole about the vertical
     rock: float  # rad/s, of a sole that stands on an edge or a corner
+    creep: float  # m/s, of that edge or corner
     most_excess: float  # largest factor of the inertial noise
     lag_s: float  # s, over which corrections of the position are averaged
 

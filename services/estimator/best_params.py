@@ -44,6 +44,7 @@ def best_noise(params: EstimatorParams, modes: bool = False) -> BestNoise:
         drop=0.2,
         twist=0.05,
         rock=0.5,
+        creep=0.008,
         most_excess=15.0,
         lag_s=5.0,
     )

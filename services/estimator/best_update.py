@@ -95,7 +95,7 @@ def _loosen(state: BestState, contact: Array, foot: Feet, slides: int, slip: flo
         state: the state.
         contact: probability that each point touches the ground, (K,).
         foot: the foot of each.
-        slides: bit f: foot f slides, or rocks on an edge.
+        slides: bit f: foot f slides.
         slip: variance of the way of a sliding foot along each level axis, m^2; its points go together.
         swing: variance of the way of a point in the air along each axis, m^2.
     """
@@ -257,7 +257,8 @@ def take_points(
     twist_soles(state, foot, noise.twist**2 * dt)
     rocking = rock_soles(state, closed, geometry, (noise.rock * dt) ** 2)
     if not hypotheses:
-        _loosen(state, contact, foot, slides | rocking, (noise.slip * dt) ** 2, (SWING * dt) ** 2)
+        _loosen(state, contact, foot, slides, (noise.slip * dt) ** 2, (SWING * dt) ** 2)
+        _loosen(state, contact, foot, rocking & ~slides, (noise.creep * dt) ** 2, 0.0)
     before = _slide(state, foot, slides, dt, share)
     if not hypotheses:
         memory[SLIDE_PRODUCT] = memory[SLIDE_SQUARE] = 0.0
