@@ -160,7 +160,7 @@ def place(tmp_path_factory):
         **{key: value for key, value in os.environ.items() if not key.startswith("SUREFOOT_")},
         "XDG_STATE_HOME": str(folder / "state"),
         "SUREFOOT_LISTEN": free_address(),
-        "PYTHONPATH": str(Path(__file__).parents[3]),
+        "PYTHONPATH": str(Path(__file__).parents[2]),
         "NO_COLOR": "1",
     }
     yield folder, environment

@@ -110,7 +110,7 @@ def test_nothing_is_started_for_a_wrong_name(surefoot, place, tmp_path: Path) ->
     scenario.write_text(f'description = "x"\ncompose = "{file}"\n', encoding="utf-8")
     for words in (("up", file), ("run", scenario)):
         done = surefoot(*words)
-        assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+        assert (done.returncode, len(done.stderr.splitlines())) == (2, 1), done.stderr
         assert "did you mean 'walker'?" in done.stderr
     assert not (place[0] / "state").exists()
     assert not (place[0] / "runs").exists()
