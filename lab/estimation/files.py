@@ -16,6 +16,7 @@ from surefoot.record.columns import Columns
 from surefoot.record.tables import read_table
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
+from surefoot.services.estimator.contact import contact_points
 from surefoot.services.estimator.feet import feet_in_imu, foot_mount
 
 Array = NDArray[np.float64]
@@ -108,6 +109,11 @@ def log_of_table(name: str, columns: Columns, robot: Robot | None = None, **more
         if position.shape[1] != len(robot.legs):
             raise SurefootError(
                 "invalid", f"{name} has {position.shape[1]} feet; {robot.name} has {len(robot.legs)}", "robot"
+            )
+        places = contact_points(robot).switches.shape[1]
+        if touch is not None and places > 1 and touch.shape[2] not in (1, places):
+            notes.append(
+                f"{touch.shape[2]} switches a foot, {robot.name} has places for {places}: taken as one flag a foot"
             )
         mounted = {
             "radius": mount.radius, "rot_base_from_imu": np.ascontiguousarray(mount.rot_imu_from_base.T),

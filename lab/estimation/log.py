@@ -90,7 +90,7 @@ class Log:
 
     @property
     def switches(self) -> Flags:
-        """Closed switches of each foot, (m, F, S); S = 1 where the log has a flag for the whole foot."""
+        """Closed switches of each foot, (m, F, S); S = 1 where the log has flags of feet, or others than those."""
         if self.touch is None or (self.touch.any(axis=2) != self.contact).any():
             return self.contact[:, :, None]
         return self.touch

@@ -65,6 +65,7 @@ class Estimator:
         self._rot_base_from_imu = np.ascontiguousarray(mount.rot_imu_from_base.T)
         chosen = tuple(names)
         self.switches = self._points.switches.shape[1]
+        """Number S of switches of a foot whose places are known; 1: one for the whole foot."""
         self._geometry = BestGeometry(*self._points, self._rot_base_from_imu, mount.imu_position)
         self._groups: list[tuple[tuple[str, ...], PaperEstimators]] = []
         ours = tuple(name for name in chosen if name in ESTIMATORS)

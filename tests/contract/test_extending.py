@@ -123,7 +123,7 @@ def test_runs_as_a_process_over_zenoh(tree: Path) -> None:
                 threads.append(threading.Thread(target=node.run, daemon=True))
                 threads[-1].start()
             deadline = time.monotonic() + START_S
-            while not (heard and heard[-1].get("tick", 0) >= ENOUGH_TICKS):  # an onlooker may miss any of them
+            while not (heard and heard[-1].get("tick", 0) >= ENOUGH_TICKS):  # an observer may miss any of them
                 assert process.poll() is None
                 assert time.monotonic() < deadline, (driver.node.leader, heard[-1:])
                 threading.Event().wait(0.01)

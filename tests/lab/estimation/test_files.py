@@ -91,6 +91,18 @@ def test_contacts_by_force_and_by_height_are_said_to_be(walk, tmp_path):
     assert any("no contacts" in note for note in by_height.notes)
 
 
+@pytest.mark.parametrize(("switches", "noted"), [(1, False), (3, True), (4, False), (5, True)])
+def test_switches_without_known_places_are_said_to_be_one_flag(switches, noted):
+    robot, n = load_robot("bioloid"), 60
+    columns = {
+        "stamp_ns": 10_000_000 * np.arange(n), "foot_stamp_ns": 10_000_000 * np.arange(n), "gyro": np.zeros((n, 3)),
+        "acc": np.tile([0.0, 0.0, 9.81], (n, 1)), "touch": np.ones((n, 2, switches)),
+        "joints": np.tile(robot.neutral, (n, 1)),
+    }  # fmt: skip
+    _, notes = log_of_table("soles", columns, robot)
+    assert any(f"{switches} switches a foot, bioloid has places for 4" in note for note in notes) == noted
+
+
 def _without_contacts(log, force=None):
     return replace(log, contact=None, force=force)
 

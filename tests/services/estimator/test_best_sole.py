@@ -94,7 +94,7 @@ def test_feet_in_the_air_and_feet_with_one_switch_do_not_rock():
 def test_a_foot_that_comes_down_flat_from_its_heel_does_not_lift_the_robot():
     """The sole tips by 3 deg within 0.2 s, its middle sinks by 2.6 mm, and the robot stands still all the time."""
     risen = {}
-    for name, tells in (("switches", True), ("one flag", False)):
+    for name, shown in (("switches", True), ("one flag", False)):
         places = mounted(sole_feet(UP[:1], 0.1, CORNERS[None]))
         state = new_state(3)
         state.cov[...] = 1e-6 * np.eye(len(state.cov))
@@ -103,7 +103,7 @@ def test_a_foot_that_comes_down_flat_from_its_heel_does_not_lift_the_robot():
             heel = np.array([-0.05, 0.0, -0.3])
             centre = heel - tilt @ np.array([-0.05, 0.0, 0.0])
             y, turn = points_of(places.foot, places.place, centre[None], tilt[None])
-            closed = np.array([HEEL if tells and k < 6 else ALL])
+            closed = np.array([HEEL if shown and k < 6 else ALL])
             take_points(state, y, turn, np.ones(3), closed, places, NOISE, False, 0, 1.0)
             for _ in range(3):
                 predict(state, np.zeros(3), G, 0.011, NOISE, 0.0)

@@ -89,10 +89,10 @@ def test_array_travels_raw_beside_its_header(net: Net) -> None:
 
 
 def test_order_of_one_key_is_kept_and_participants_lose_nothing(net: Net) -> None:
-    """An onlooker may lose messages (on a busy machine it does); those that reach it are in order."""
-    frames, onlooker, reader, owner = Inbox(), Inbox(), net.open(), net.open()
+    """An observer may lose messages (on a busy machine it does); those that reach it are in order."""
+    frames, observer, reader, owner = Inbox(), Inbox(), net.open(), net.open()
     reader.take((STATE_VELOCITY,), frames.put)
-    reader.subscribe(STATE_VELOCITY, onlooker.put)
+    reader.subscribe(STATE_VELOCITY, observer.put)
     publisher = matched(owner, STATE_VELOCITY)
     wait_until(lambda: owner._framers["estimator"]._frames.matching_status.matching)
     ticks = itertools.count()
@@ -109,8 +109,8 @@ def test_order_of_one_key_is_kept_and_participants_lose_nothing(net: Net) -> Non
 
     def came_after() -> bool:
         put()
-        while not onlooker.queue.empty():
-            heard.append(onlooker.get().header().tick)
+        while not observer.queue.empty():
+            heard.append(observer.get().header().tick)
         return bool(heard) and heard[-1] >= 500
 
     wait_until(came_after)
