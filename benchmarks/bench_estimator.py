@@ -25,7 +25,7 @@ from benchmarks import bench_estimator_accuracy, bench_estimator_service
 from surefoot.lab.estimation.fuzz import Found, feed, fuzz, inputs_of
 from surefoot.lab.estimation.log import Log
 from surefoot.lab.estimation.track import Running, default, names, track
-from surefoot.lab.papers.wawrzynski.synthetic import KINDS, WalkParams, synthesize
+from surefoot.papers.wawrzynski.synthetic import KINDS, WalkParams, synthesize
 from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.stream import Estimator
 

@@ -22,7 +22,8 @@ import numpy as np
 
 from surefoot.lab.estimation.scores import Score
 from surefoot.lab.estimation.track import PEERS, names
-from surefoot.lab.papers.wawrzynski.compare import (
+from surefoot.lab.train.evaluation import interval
+from surefoot.papers.wawrzynski.compare import (
     Comparison,
     ablation,
     closed_loop,
@@ -32,8 +33,7 @@ from surefoot.lab.papers.wawrzynski.compare import (
     ratio,
     start_ratios,
 )  # fmt: skip
-from surefoot.lab.papers.wawrzynski.sets import REFERENCES, LogSet, humanoid_sets, synthetic_sets, walk_sets
-from surefoot.lab.train.evaluation import interval
+from surefoot.papers.wawrzynski.sets import REFERENCES, LogSet, humanoid_sets, synthetic_sets, walk_sets
 
 COLUMNS = ("rmse", "+-", "0.5 s", "+-", "|avg|", "worst", "drift", "NEES", "tilt", "odo", "worst", "z mm", "yaw", "int")
 PARTS = ("synthetic", "walks", "logs", "all", "consistency", "ablation", "faults", "closed-loop")

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from surefoot.schemas.base import MAX_FEET, PerJoint, Reply, Request, Vec2, Vec3, belonging
+from .base import MAX_FEET, PerJoint, Reply, Request, Vec2, Vec3, belonging
 
 MAX_POSES = 256
 FIELDS: Mapping[str, tuple[str, ...]] = {

@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from surefoot.schemas.base import Reply, Request, Vec2, belonging
+from .base import Reply, Request, Vec2, belonging
 
 FIELDS: Mapping[str, tuple[str, ...]] = {
     "walk": ("distance", "velocity", "angle", "duration", "gait"),

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from surefoot.schemas.base import MAX_FEET, Bulk, QuatWxyz, Reply, Request, TickRequest, Vec2, Vec3
+from .base import MAX_FEET, Bulk, QuatWxyz, Reply, Request, TickRequest, Vec2, Vec3
 
 MAX_WINDOW = 301
 LayerName = Literal["z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask"]

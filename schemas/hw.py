@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from surefoot.schemas.base import MAX_FEET, Message, PerJoint, Reply, Request, Vec3, Wire
+from .base import MAX_FEET, Message, PerJoint, Reply, Request, Vec3, Wire
 
 
 def _false(value: bool) -> bool:

@@ -4,8 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from surefoot.schemas.base import Bulk, Message, Reply, Request, Vec2, Vec3, Wire
-from surefoot.schemas.cmd import WalkCommand
+from .base import Bulk, Message, Reply, Request, Vec2, Vec3, Wire
+from .cmd import WalkCommand
 
 MAX_WAYPOINTS = 200
 

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from surefoot.schemas.base import MAX_FEET, Message, PerJoint, QuatWxyz, Reply, Request, Vec2, Vec3
+from .base import MAX_FEET, Message, PerJoint, QuatWxyz, Reply, Request, Vec2, Vec3
 
 MAX_CONTACTS = 64
 MAX_DIRECTIONS = 720

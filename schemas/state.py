@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from surefoot.schemas.base import MAX_FEET, Message, PerFoot, QuatWxyz, Vec3, Wire
+from .base import MAX_FEET, Message, PerFoot, QuatWxyz, Vec3, Wire
 
 Covariance6 = Annotated[tuple[float, ...], Field(min_length=36, max_length=36)]
 Covariance4 = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]

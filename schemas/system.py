@@ -4,7 +4,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from surefoot.schemas.base import Message, Reply, Request
+from .base import Message, Reply, Request
 
 
 class Done(Message):

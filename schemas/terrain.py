@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from surefoot.schemas.base import Bulk, Request, Vec2
+from .base import Bulk, Request, Vec2
 
 
 class HeightMapMessage(Bulk):

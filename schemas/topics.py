@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Generic, TypeVar, cast
 
-from surefoot.schemas import (
+from . import (
     base,
     calibration,
     cmd,

@@ -4,8 +4,8 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from surefoot.schemas.base import BulkRequest, Reply, Request, Vec2
-from surefoot.schemas.stability import MAX_CONTACTS, Contact, RegionStatus
+from .base import BulkRequest, Reply, Request, Vec2
+from .stability import MAX_CONTACTS, Contact, RegionStatus
 
 MAX_SETS = 10_000
 MAX_JSON_SETS = 1000

@@ -20,7 +20,7 @@ PIN = "import os, sys; os.sched_setaffinity(0, {int(sys.argv[1])}); os.execvp(sy
 CHOICES = ("OPENBLAS_CORETYPE", "OPENBLAS_NUM_THREADS", "NPY_DISABLE_CPU_FEATURES")
 AVX512_OF_NUMPY = ("X86_V4", "AVX512_ICL", "AVX512_SPR")
 
-NUMERIC = ("tests/surefoot", "tests/services", "tests/lab/papers")
+NUMERIC = ("tests/surefoot", "tests/services", "tests/papers")
 WITHOUT = (
     "tests/services/supervisor/processes/test_process.py",
     "tests/services/supervisor/processes/test_rundir.py",

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from surefoot.lab.cli.connect import client
-from surefoot.lab.cli.output import (
+from .connect import client
+from .output import (
     EXIT_CHECK,
     Connect,
     Json,
@@ -83,7 +83,7 @@ def record(
 ) -> None:
     """Record what is on the bus as an observer, until Ctrl-C. (The recorder service misses nothing; this may.) Exit
     code 1: nothing came."""
-    from surefoot.lab.cli.bags import record_bag
+    from .bags import record_bag
 
     use_json(json)
     refuse_existing(file, force=force)
@@ -114,7 +114,7 @@ def play(
 ) -> None:
     """Publish a recording on its keys: into a running system with --connect, else behind a router of its own. Exit code
     1: there was nothing to play."""
-    from surefoot.lab.cli.bags import play_bag
+    from .bags import play_bag
 
     use_json(json)
     count = play_bag(

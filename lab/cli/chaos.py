@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from surefoot.lab.cli.output import (
+from .output import (
     EXIT_CHECK,
     Json,
     Listen,
@@ -20,11 +20,12 @@ from surefoot.lab.cli.output import (
 )
 
 if TYPE_CHECKING:
-    from surefoot.lab.runs.chaos import ChaosRun
-    from surefoot.lab.runs.chaos_live import LiveChaos
-    from surefoot.lab.runs.live import Options
     from surefoot.lockstep.chaos import Outcome
     from surefoot.services.supervisor.scenarios.scenario import Scenario
+
+    from ..runs.chaos import ChaosRun
+    from ..runs.chaos_live import LiveChaos
+    from ..runs.live import Options
 
 
 def chaos(
@@ -56,7 +57,7 @@ def chaos(
     loaded = load_scenario(find_scenario(scenario))
     found: list[ChaosRun | LiveChaos] = []
     if zenoh:
-        from surefoot.lab.runs.live import Options
+        from ..runs.live import Options
 
         options = Options(rtf=1.0 if paced else None, listen=listen, out=out)
         for number in _prepared(loaded, range(seed, seed + runs), options, force=force):
@@ -73,7 +74,7 @@ def chaos(
 
 
 def _in_memory(scenario: "Scenario", seed: int, events: int, ticks: int | None, *, paced: bool) -> "ChaosRun":
-    from surefoot.lab.runs.chaos import run_chaos
+    from ..runs.chaos import run_chaos
 
     run = run_chaos(scenario, seed, events, ticks=ticks, paced=paced)
     state = "; ".join(run.violations) or "ok"
@@ -84,9 +85,10 @@ def _in_memory(scenario: "Scenario", seed: int, events: int, ticks: int | None, 
 def _prepared(scenario: "Scenario", seeds: range, options: "Options", *, force: bool) -> range:
     """Check and compile all that live runs need before the first of them starts; return their seeds."""
     from surefoot.bus.endpoint import to_listen
-    from surefoot.lab.cli.before import check_before
-    from surefoot.lab.cli.warming import warm_if_cold
     from surefoot.services.supervisor.processes.startable import system_of
+
+    from .before import check_before
+    from .warming import warm_if_cold
 
     to_listen(options.listen)
     if options.out is not None:
@@ -103,7 +105,7 @@ def _folder(out: Path, seed: int) -> Path:
 
 
 def _live(scenario: "Scenario", seed: int, events: int, ticks: int | None, options: "Options") -> "LiveChaos":
-    from surefoot.lab.runs.chaos_live import run_live
+    from ..runs.chaos_live import run_live
 
     if options.out is not None:
         options = replace(options, out=_folder(options.out, seed))

@@ -75,7 +75,7 @@ def _packages() -> Diagnosis:
 
 
 def _kernels() -> Diagnosis:
-    from surefoot.lab.cli.warming import DEFAULT_SYSTEM, is_cold, jobs_of, systems_of
+    from .warming import DEFAULT_SYSTEM, is_cold, jobs_of, systems_of
 
     if is_cold(jobs_of(systems_of([DEFAULT_SYSTEM]))):
         return Diagnosis("WARN", "kernels", "not compiled yet", "surefoot warm")

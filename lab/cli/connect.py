@@ -30,7 +30,7 @@ def endpoint(connect: str | None = None, namespace: str | None = None) -> tuple[
     Raises:
         ConfigError: what was told is no endpoint, or several systems run and none was named.
     """
-    from surefoot.lab.cli.running import only_one, systems
+    from .running import only_one, systems
 
     found = only_one(systems(connect, namespace), "--namespace or --connect")
     return found.connect, found.namespace
@@ -39,8 +39,9 @@ def endpoint(connect: str | None = None, namespace: str | None = None) -> tuple[
 def _knock(where: str) -> None:
     """Fail at once when nobody listens, instead of after Zenoh's patience."""
     from surefoot.errors import BusError
-    from surefoot.lab.cli.running import Running
-    from surefoot.lab.cli.stopping import answers
+
+    from .running import Running
+    from .stopping import answers
 
     if not answers(where):
         what = Running("", where, "").orphans() or "start one with `surefoot up`, or name another with --connect"

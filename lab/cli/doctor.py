@@ -2,12 +2,12 @@
 
 import typer
 
-from surefoot.lab.cli.output import EXIT_CHECK, Json, use_json, write_json, write_table
+from .output import EXIT_CHECK, Json, use_json, write_json, write_table
 
 
 def doctor(json: Json = False) -> None:
     """Check this machine: versions, kernels, port, Zenoh, timer, simulator, leftovers. Exit code 1: something fails."""
-    from surefoot.lab.cli.checks import examine
+    from .checks import examine
 
     use_json(json)
     findings = examine()

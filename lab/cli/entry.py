@@ -12,8 +12,9 @@ def main(arguments: list[str] | None = None) -> None:
     options = stop_options(words)
     if options is not None:
         from surefoot.errors import SurefootError
-        from surefoot.lab.cli.running import systems
-        from surefoot.lab.cli.stopping import REASON, TIMEOUT_S, report, stop_all
+
+        from .running import systems
+        from .stopping import REASON, TIMEOUT_S, report, stop_all
 
         try:
             found = systems(options.get("--connect"), options.get("--namespace"), options.get("system"))
@@ -23,7 +24,7 @@ def main(arguments: list[str] | None = None) -> None:
             pass  # told as every other command tells it
         except KeyboardInterrupt:
             sys.exit(130)
-    from surefoot.lab.cli import main as everything
+    from . import main as everything
 
     everything.main(words)
 

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from surefoot.lab.cli.output import Json, use_json, write, write_json, write_table
+from .output import Json, use_json, write, write_json, write_table
 
 if TYPE_CHECKING:
-    from surefoot.lab.estimation.scores import Score
+    from ..estimation.scores import Score
 
 
 def estimate(
@@ -23,11 +23,12 @@ def estimate(
     json: Json = False,
 ) -> None:
     """Estimate velocity, tilt and path from a log, with covariance and flags; errors where the log has truth."""
-    from surefoot.lab.estimation.files import open_log
-    from surefoot.lab.estimation.results import Scratch, pack, write_csv
-    from surefoot.lab.estimation.results import estimate as run
-    from surefoot.lab.estimation.track import default, names
     from surefoot.tables import did_you_mean
+
+    from ..estimation.files import open_log
+    from ..estimation.results import Scratch, pack, write_csv
+    from ..estimation.results import estimate as run
+    from ..estimation.track import default, names
 
     use_json(json)
     chosen = estimator or default()
@@ -44,7 +45,7 @@ def estimate(
     with Scratch(out) as folder:
         result = run(opened.log, chosen, folder)
         if out is not None:
-            from surefoot.lab.estimation.plots import draw
+            from ..estimation.plots import draw
 
             files.append(draw(result, out / "estimates.svg"))
             if csv:

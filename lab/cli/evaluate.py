@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from surefoot.lab.cli.output import Json, use_json, write_json, write_table
+from .output import Json, use_json, write_json, write_table
 
 if TYPE_CHECKING:
-    from surefoot.lab.train.evaluation import Seeds
     from surefoot.services.navigator.policy.params import NavigationModel
+
+    from ..train.evaluation import Seeds
 
 evaluate = typer.Typer(help="Measure how good something is that was trained or fitted.", no_args_is_help=True)
 
@@ -25,7 +26,8 @@ def _group() -> None:
 def seeds_of(text: str) -> "Seeds":
     """Return the episodes of `A:B` (SurefootError: not of that form)."""
     from surefoot.errors import SurefootError
-    from surefoot.lab.train.evaluation import Seeds
+
+    from ..train.evaluation import Seeds
 
     match = re.fullmatch(r"(\d{1,12}):(\d{1,12})", text)
     if match is None or not 1 < int(match[2]) - int(match[1]) <= MAX_EPISODES:
@@ -59,7 +61,7 @@ def navigator(
     json: Json = False,
 ) -> None:
     """Walk a policy through simulated episodes; the policy `limit` is a planner that knows true pose and drift."""
-    from surefoot.lab.train.evaluation import paired, summary
+    from ..train.evaluation import paired, summary
 
     use_json(json)
     chosen = seeds_of(seeds)
@@ -84,9 +86,10 @@ def navigator(
 
 
 def _measured(model: "NavigationModel", name: str, seeds: "Seeds") -> tuple[Any, dict[str, Any]]:
-    from surefoot.lab.train.evaluation import episodes
     from surefoot.services.navigator.policy.arrays import arrays
     from surefoot.services.navigator.policy.library import find
+
+    from ..train.evaluation import episodes
 
     world = arrays(model)
     knows = name == "limit"

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from surefoot.lab.cli.output import Json, tell, use_json, write, write_json, write_table
+from .output import Json, tell, use_json, write, write_json, write_table
 
 if TYPE_CHECKING:
-    from surefoot.lab.fit.result import Fitted
+    from ..fit.result import Fitted
 
 app = typer.Typer(help="Numbers of a robot from recordings of it.", no_args_is_help=True)
 
@@ -23,10 +23,11 @@ def navigator(
     json: Json = False,
 ) -> None:
     """Fit motion noise, drift, durations, match probabilities and sight of a robot. The truth is not read."""
-    from surefoot.lab.fit.estimate import fit
-    from surefoot.lab.fit.events import read_run
-    from surefoot.lab.fit.output import check_out, write_model
     from surefoot.services.navigator.policy.params import load
+
+    from ..fit.estimate import fit
+    from ..fit.events import read_run
+    from ..fit.output import check_out, write_model
 
     use_json(json)
     check_out(out, params)

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from surefoot.lab.cli.output import Json, tell, use_json, write, write_json, write_table
+from .output import Json, tell, use_json, write, write_json, write_table
 
 if TYPE_CHECKING:
-    from surefoot.lab.footholds.walks import Setting
+    from ..footholds.walks import Setting
 
 app = typer.Typer(help="Slip models: collect stances, learn from them, look at what was learned.", no_args_is_help=True)
 Model = Annotated[str, typer.Option("--model", "-m", help="Model file, or the name of a robot with a shipped one.")]
@@ -36,8 +36,8 @@ def collect(
     json: Json = False,
 ) -> None:
     """Walk with random footholds in the simulator and append the outcome of every stance to a file."""
-    from surefoot.lab.footholds.campaign import Trial, planned
-    from surefoot.lab.footholds.campaign import collect as campaign
+    from ..footholds.campaign import Trial, planned
+    from ..footholds.campaign import collect as campaign
 
     use_json(json)
     trials = planned(
@@ -76,9 +76,10 @@ def primitives(
     from contextlib import nullcontext
 
     from surefoot.errors import SurefootError
-    from surefoot.lab.footholds.primitives import own_worker, paper_trials, run_trials
-    from surefoot.lab.footholds.workers import remote_workers
     from surefoot.robot.reader import load_robot
+
+    from ..footholds.primitives import own_worker, paper_trials, run_trials
+    from ..footholds.workers import remote_workers
 
     use_json(json)
     if stance not in ("six", "tripod"):
@@ -119,10 +120,11 @@ def learn(
 ) -> None:
     """Learn a slip model from samples; the size of the fit is chosen on trials that were held back."""
     from surefoot.errors import SurefootError
-    from surefoot.lab.footholds.campaign import read
     from surefoot.services.footholds.learning import fit
     from surefoot.services.footholds.learning.samples import gather
     from surefoot.services.footholds.models.files import save
+
+    from ..footholds.campaign import read
 
     use_json(json)
     found = [read(path) for path in samples]
@@ -165,8 +167,9 @@ def tune(
     """Choose the weight k of the distance by whole walks on training seeds."""
     from dataclasses import replace
 
-    from surefoot.lab.footholds.tuning import best_of, try_weights
     from surefoot.services.footholds.models.files import load, save
+
+    from ..footholds.tuning import best_of, try_weights
 
     use_json(json)
     loaded = load(model)
@@ -221,7 +224,7 @@ def show(
         "table_error": found.table_error(), **found.choice,
     }  # fmt: skip
     if picture is not None:
-        from surefoot.lab.footholds.picture import draw
+        from ..footholds.picture import draw
 
         draw(found, picture)
     if json:
@@ -244,8 +247,9 @@ def judge(
 ) -> None:
     """Say how well a model predicts stances: rank correlation, AUC of slips over twice flat, its 80 % intervals."""
     from surefoot.errors import SurefootError
-    from surefoot.lab.footholds.campaign import read
-    from surefoot.lab.footholds.statistics import judged
+
+    from ..footholds.campaign import read
+    from ..footholds.statistics import judged
 
     use_json(json)
     found = [each for path in samples for each in read(path)[0]]
@@ -273,8 +277,9 @@ def score(
     """Score the ground of a map file; no running system is needed."""
     import math
 
-    from surefoot.lab.footholds.scored import read_map, save_scored, score_map
     from surefoot.services.footholds.masks import REASONS
+
+    from ..footholds.scored import read_map, save_scored, score_map
 
     use_json(json)
     found, heights = _load(model), read_map(map)
@@ -296,8 +301,9 @@ def _load(name: str):
 
 def _ground(text: str, robot: str, friction: float, distance: float) -> "Setting":
     from surefoot.errors import SurefootError
-    from surefoot.lab.footholds.walks import Setting
     from surefoot.services.simulator.ground.terrain import KINDS
+
+    from ..footholds.walks import Setting
 
     kind, _, height = text.partition(":")
     if kind not in KINDS:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from surefoot.lab.cli.output import Json, use_json, write, write_json, write_table
+from .output import Json, use_json, write, write_json, write_table
 
 
 class Form(StrEnum):

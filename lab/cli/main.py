@@ -7,7 +7,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy, as in every 
 
 import typer
 
-from surefoot.lab.cli import (
+from . import (
     bag,
     chaos,
     doctor,
@@ -30,7 +30,7 @@ from surefoot.lab.cli import (
     train,
     warm,
 )
-from surefoot.lab.cli.output import EXIT_CHECK, EXIT_INTERRUPT, EXIT_USAGE, fail, misused, state
+from .output import EXIT_CHECK, EXIT_INTERRUPT, EXIT_USAGE, fail, misused, state
 
 app = typer.Typer(
     name="surefoot",

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from surefoot.lab.cli.output import EXIT_CHECK, Json, use_json, write, write_json, write_table
+from .output import EXIT_CHECK, Json, use_json, write, write_json, write_table
 
 if TYPE_CHECKING:
-    from surefoot.lab.maps.build import BuiltMap
+    from ..maps.build import BuiltMap
 
 app = typer.Typer(help="Maps: landmarks from a recording, occupancy of map_server.", no_args_is_help=True)
 File = Annotated[Path, typer.Argument(help="Landmark map (.npz), or the YAML of a map_server map.")]
@@ -23,9 +23,10 @@ def build(
     json: Json = False,
 ) -> None:
     """Make a map of the landmarks that a robot saw, from its detections and its odometry; truth is not read."""
-    from surefoot.lab.maps.build import BuildOptions, build_map
-    from surefoot.lab.maps.sightings import read_sightings
     from surefoot.services.navigator.belief.landmark_files import save
+
+    from ..maps.build import BuildOptions, build_map
+    from ..maps.sightings import read_sightings
 
     use_json(json)
     seen = read_sightings(recording)
@@ -42,7 +43,7 @@ def build(
 @app.command()
 def show(file: File, radius: Radius = 0.15, json: Json = False) -> None:
     """Show what is in a map file."""
-    from surefoot.lab.maps.summary import summary_of
+    from ..maps.summary import summary_of
 
     use_json(json)
     found = summary_of(file, radius)
@@ -55,7 +56,7 @@ def show(file: File, radius: Radius = 0.15, json: Json = False) -> None:
 @app.command()
 def check(file: File, radius: Radius = 0.15, json: Json = False) -> None:
     """Read a map file and look for what makes it useless. Exit code 1: something was found; 2: it is no map."""
-    from surefoot.lab.maps.summary import summary_of
+    from ..maps.summary import summary_of
 
     use_json(json)
     found = summary_of(file, radius)

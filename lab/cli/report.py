@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from surefoot.lab.cli.output import EXIT_CHECK, Json, near, use_json, write, write_json
+from .output import EXIT_CHECK, Json, near, use_json, write, write_json
 
 
 def report(
@@ -15,12 +15,13 @@ def report(
     json: Json = False,
 ) -> None:
     """Judge a recording again and write its report. Exit code 1: a limit was not met."""
-    from surefoot.lab.report.judge import judge
-    from surefoot.lab.report.page import About, write_report
-    from surefoot.lab.report.traces import traces_of
     from surefoot.record.recording import recording_info
     from surefoot.robot.reader import load_robot
     from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
+
+    from ..report.judge import judge
+    from ..report.page import About, write_report
+    from ..report.traces import traces_of
 
     use_json(json)
     metadata = recording_info(file)["metadata"]

@@ -5,16 +5,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from surefoot.lab.cli.output import EXIT_CHECK, Json, tell, use_json, write, write_json, write_table
+from .output import EXIT_CHECK, Json, tell, use_json, write, write_json, write_table
 
 if TYPE_CHECKING:
-    from surefoot.lab.papers.findings import Reproduction
+    from ..report.findings import Reproduction
 
 PAPERS = {
-    "osswald": "surefoot.lab.papers.osswald.navigation",
-    "walas-footholds": "surefoot.lab.papers.walas.footholds",
-    "walas-stability": "surefoot.lab.papers.walas.stability",
-    "wawrzynski": "surefoot.lab.papers.wawrzynski.velocity",
+    "osswald": "surefoot.papers.osswald.navigation",
+    "walas-footholds": "surefoot.papers.walas.footholds",
+    "walas-stability": "surefoot.papers.walas.stability",
+    "wawrzynski": "surefoot.papers.wawrzynski.velocity",
 }
 """Name: module with `reproduce(folder, tell)`, and with `SYSTEM = None` if no system's kernels are needed."""
 WITH_LIVE = ("osswald",)
@@ -34,8 +34,9 @@ def reproduce(
     import importlib
 
     from surefoot.errors import SurefootError
-    from surefoot.lab.cli.warming import DEFAULT_SYSTEM, systems_of, warm_if_cold
     from surefoot.nearest import did_you_mean
+
+    from .warming import DEFAULT_SYSTEM, systems_of, warm_if_cold
 
     use_json(json)
     if paper not in PAPERS:

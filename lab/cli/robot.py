@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from surefoot.lab.cli.output import Json, use_json, write_json, write_table
+from .output import Json, use_json, write_json, write_table
 
 app = typer.Typer(help="Robot descriptions.", no_args_is_help=True)
 

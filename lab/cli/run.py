@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from surefoot.lab.cli.output import (
+from .output import (
     EXIT_CHECK,
     EXIT_INTERRUPT,
     Json,
@@ -21,7 +21,7 @@ from surefoot.lab.cli.output import (
 )
 
 if TYPE_CHECKING:
-    from surefoot.lab.runs.live import Outcome, Progress
+    from ..runs.live import Outcome, Progress
 
 
 def run(
@@ -39,11 +39,12 @@ def run(
 ) -> None:
     """Run a scenario with every service live, judge it, and write a report. Exit code 1: a limit was not met."""
     from surefoot.bus.endpoint import to_listen
-    from surefoot.lab.cli.before import check_before
-    from surefoot.lab.cli.warming import warm_if_cold
-    from surefoot.lab.runs.live import Options, run_scenario
     from surefoot.services.supervisor.processes.startable import system_of
     from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
+
+    from ..runs.live import Options, run_scenario
+    from .before import check_before
+    from .warming import warm_if_cold
 
     use_json(json)
     loaded = load_scenario(find_scenario(scenario))
@@ -110,7 +111,7 @@ def _as_json(outcome: "Outcome") -> dict[str, object]:
 
 
 def _show(outcome: "Outcome") -> None:
-    from surefoot.lab.report.judge import METRICS
+    from ..report.judge import METRICS
 
     verdict = outcome.verdict
     marks = {True: ("ok", "bold green"), False: ("FAILED", "bold red"), None: ("", "")}

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from surefoot.lab.cli.output import Json, use_json, write, write_json, write_table
+from .output import Json, use_json, write, write_json, write_table
 
 if TYPE_CHECKING:
     from surefoot.schemas.base import Wire

@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from surefoot.lab.cli.connect import client
-from surefoot.lab.cli.output import (
+from .connect import client
+from .output import (
     EXIT_CHECK,
     Connect,
     Json,
@@ -42,7 +42,8 @@ def list_queries(json: Json = False) -> None:
 def info(key: Key, json: Json = False) -> None:
     """Show the fields of a request and of its reply, and a call to paste."""
     from surefoot.client import query_named
-    from surefoot.lab.cli.fields import describe, example
+
+    from .fields import describe, example
 
     use_json(json)
     query = query_named(key)

@@ -4,8 +4,8 @@ from typing import Annotated, Any
 
 import typer
 
-from surefoot.lab.cli.connect import client
-from surefoot.lab.cli.output import EXIT_CHECK, Connect, Json, Namespace, use_json, write, write_json
+from .connect import client
+from .output import EXIT_CHECK, Connect, Json, Namespace, use_json, write, write_json
 
 app = typer.Typer(help="Simulated time: pause, step, disturb, begin anew.", no_args_is_help=True)
 AtTick = Annotated[int | None, typer.Option(min=0, help="Control tick it happens in (reproducible) [the next].")]

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from surefoot.lab.cli.output import Connect, Json, Namespace, use_json
+from .output import Connect, Json, Namespace, use_json
 
 
 def stop(
@@ -17,8 +17,8 @@ def stop(
 ) -> None:
     """Emergency stop of every system that runs, or of one: the robot holds its joints until the next reset. Exit code
     1: a driver did not confirm."""
-    from surefoot.lab.cli.running import systems
-    from surefoot.lab.cli.stopping import report, stop_all
+    from .running import systems
+    from .stopping import report, stop_all
 
     use_json(json)
     code = report(stop_all(systems(connect, namespace, system), reason, timeout), json=json)

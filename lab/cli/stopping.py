@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from surefoot.bus.emergency import Stopper
-from surefoot.lab.cli.running import Running
+
+from .running import Running
 
 REASON, TIMEOUT_S = "surefoot stop", 3.0
 RELEASE = (

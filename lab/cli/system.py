@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from surefoot.lab.cli.connect import client
-from surefoot.lab.cli.output import (
+from .connect import client
+from .output import (
     EXIT_CHECK,
     Connect,
     Json,
@@ -49,11 +49,12 @@ def up(
 ) -> None:
     """Start the services of a compose file and keep them running."""
     from surefoot.bus.endpoint import to_listen
-    from surefoot.lab.cli.before import check_before
-    from surefoot.lab.cli.warming import warm_if_cold
     from surefoot.schemas.sim import World
     from surefoot.services.supervisor.processes.keep import StartOrder, keep
     from surefoot.services.supervisor.processes.startable import startable
+
+    from .before import check_before
+    from .warming import warm_if_cold
 
     use_json(json)
     state.log = log

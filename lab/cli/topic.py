@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from surefoot.lab.cli.connect import client
-from surefoot.lab.cli.output import (
+from .connect import client
+from .output import (
     EXIT_CHECK,
     Connect,
     Json,
@@ -52,7 +52,8 @@ def list_topics(json: Json = False) -> None:
 def info(key: Key, json: Json = False) -> None:
     """Show one topic and the fields of its message."""
     from surefoot.client import topic_named
-    from surefoot.lab.cli.fields import describe
+
+    from .fields import describe
 
     use_json(json)
     topic = topic_named(key)

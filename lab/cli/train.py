@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from surefoot.lab.cli.output import Json, near, tell, use_json, write_json, write_table
+from .output import Json, near, tell, use_json, write_json, write_table
 
 if TYPE_CHECKING:
-    from surefoot.lab.train.runs import Trained
+    from ..train.runs import Trained
 
 train = typer.Typer(help="Make policies.", no_args_is_help=True)
 
@@ -37,10 +37,11 @@ def navigator(
     listed. A checkpoint of each is kept beside --out until all are done.
     """
     from surefoot.errors import SurefootError
-    from surefoot.lab.cli.evaluate import model_of
-    from surefoot.lab.train.runs import make_planner, make_sarsa
-    from surefoot.lab.train.sarsa import Schedule
     from surefoot.services.navigator.policy.files import save
+
+    from ..train.runs import make_planner, make_sarsa
+    from ..train.sarsa import Schedule
+    from .evaluate import model_of
 
     use_json(json)
     if policy not in ("planner", "sarsa"):

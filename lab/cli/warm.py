@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from surefoot.lab.cli.output import Json, tell, use_json, write, write_json
+from .output import Json, tell, use_json, write, write_json
 
 
 def warm(
@@ -18,7 +18,7 @@ def warm(
     """Compile the numeric kernels that the services of systems use, so that every later start is quick."""
     from dataclasses import asdict
 
-    from surefoot.lab.cli import warming
+    from . import warming
 
     use_json(json)
     chosen = warming.all_systems() if every else warming.systems_of(system or [warming.DEFAULT_SYSTEM])

@@ -2,10 +2,11 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from surefoot.services.estimator.paper.streams.inertial import GRAVITY
 
 from surefoot.geometry.rotations import matrix_from_rotvec, rotvec_from_matrix
-from surefoot.lab.estimation.log import Log
-from surefoot.services.estimator.inertial import GRAVITY
+
+from .log import Log
 
 Array = NDArray[np.float64]
 

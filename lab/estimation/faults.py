@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.rotations import matrix_from_quat, matrix_from_rotvec
-from surefoot.lab.estimation.log import Log, Truth
+
+from .log import Log, Truth
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

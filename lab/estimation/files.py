@@ -6,18 +6,19 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from surefoot.services.estimator.feet.kinematics.contact import contact_points
+from surefoot.services.estimator.feet.kinematics.kinematics import feet_in_imu, foot_mount
 
 from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import matrix_from_quat
-from surefoot.lab.estimation.log import Log, Truth
-from surefoot.lab.estimation.recorded import log_of_recording
-from surefoot.lab.estimation.units import check_units, quietest
 from surefoot.record.columns import Columns
 from surefoot.record.tables import read_table
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.contact import contact_points
-from surefoot.services.estimator.feet import feet_in_imu, foot_mount
+
+from .log import Log, Truth
+from .recorded import log_of_recording
+from .units import check_units, quietest
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

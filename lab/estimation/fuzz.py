@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.lab.estimation.log import Log
-from surefoot.lab.estimation.track import Running
-from surefoot.services.estimator.best_summary import SLIDES
+from surefoot.services.estimator.filter.summary import SLIDES
 from surefoot.services.estimator.stream import BEST
+
+from .log import Log
+from .track import Running
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

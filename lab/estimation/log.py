@@ -11,9 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from surefoot.services.estimator.feet import FootSample
-from surefoot.services.estimator.inertial import GRAVITY
+from surefoot.services.estimator.feet.kinematics.kinematics import FootSample
+from surefoot.services.estimator.paper.streams.inertial import GRAVITY
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

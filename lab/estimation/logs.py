@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
-from surefoot.lab.estimation.log import Log, Truth
+from .log import Log, Truth
 
 Array = NDArray[np.float64]
 

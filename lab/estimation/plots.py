@@ -7,9 +7,9 @@ import numpy as np
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from surefoot.lab.estimation.results import NIS_BAND, Result
-from surefoot.lab.estimation.scores import base_pose
-from surefoot.lab.report.drawing import BLUE, GREEN, GREY, INK, ORANGE, RED, STYLE
+from ..report.drawing import BLUE, GREEN, GREY, INK, ORANGE, RED, STYLE
+from .results import NIS_BAND, Result
+from .scores import base_pose
 
 MAX_POINTS = 3000
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.lib.format import open_memmap
 from numpy.typing import NDArray
 
-from surefoot.lab.estimation.log import Log
-from surefoot.lab.estimation.scores import Score, score
-from surefoot.lab.estimation.track import FLAGS, Track, follow
+from .log import Log
+from .scores import Score, score
+from .track import FLAGS, Track, follow
 
 Array = NDArray[Any]
 

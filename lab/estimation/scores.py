@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.lab.estimation.log import Log
-from surefoot.lab.estimation.track import Track
+from .log import Log
+from .track import Track
 
 Array = NDArray[np.float64]
 

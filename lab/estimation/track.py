@@ -10,18 +10,25 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from surefoot.services.estimator.feet.kinematics.contact import (
+    LEVER,
+    SOLE_POINTS,
+    at_switches,
+    contact_points,
+    sole_feet,
+)
+from surefoot.services.estimator.feet.kinematics.kinematics import FootMount
 
 from surefoot.errors import SurefootError
-from surefoot.lab.estimation.log import Log
-from surefoot.lab.estimation.peers.inekf import InekfNoise, inekf
-from surefoot.lab.estimation.peers.linear import LinearNoise, linear
 from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.best_log import FLAGS, LogInputs, LogRows
-from surefoot.services.estimator.contact import LEVER, SOLE_POINTS, at_switches, contact_points, sole_feet
-from surefoot.services.estimator.feet import FootMount
+from surefoot.services.estimator.filter.log import FLAGS, LogInputs, LogRows
 from surefoot.services.estimator.output import Estimate, OdometryPose
 from surefoot.services.estimator.params import EstimatorParams
 from surefoot.services.estimator.stream import BEST, NAMES, PAPER, Estimator
+
+from .log import Log
+from .peers.inekf import InekfNoise, inekf
+from .peers.linear import LinearNoise, linear
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -5,11 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from surefoot.lab.estimation.log import Log
-from surefoot.lab.estimation.scores import score
-from surefoot.lab.estimation.track import velocities
 from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.params import EstimatorParams
+
+from .log import Log
+from .scores import score
+from .track import velocities
 
 Range = tuple[float, float, float]
 

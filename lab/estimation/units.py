@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from surefoot.services.estimator.paper.streams.inertial import GRAVITY
 
 from surefoot.errors import SurefootError
-from surefoot.lab.estimation.log import Log
-from surefoot.services.estimator.inertial import GRAVITY
+
+from .log import Log
 
 Array = NDArray[np.float64]
 

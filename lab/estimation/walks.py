@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from surefoot.errors import SurefootError
-from surefoot.lab.estimation.log import Log
-from surefoot.lab.estimation.recorded import log_of_columns, published
-from surefoot.lab.estimation.track import Track
-from surefoot.lab.runs.local import run_local
 from surefoot.record.columns import Columns, recorded_columns
 from surefoot.robot.reader import load_robot
 from surefoot.services.supervisor.scenarios.scenario import Scenario, find_scenario, load_scenario
+
+from ..runs.local import run_local
+from .log import Log
+from .recorded import log_of_columns, published
+from .track import Track
 
 SCENARIOS = {"bioloid": "bioloid-walk", "nao": "nao-walk", "ragno-flat": "flat", "ragno-rough": "rough-terrain"}
 """Name of the set: scenario of each walk."""

@@ -9,9 +9,10 @@ from scipy.optimize import brentq
 from scipy.stats import binom
 from scipy.stats import t as student
 
-from surefoot.lab.fit.events import FRAME, Run
-from surefoot.lab.fit.result import Z95, Fitted, Interval
 from surefoot.services.navigator.policy.params import NavigationModel
+
+from .events import FRAME, Run
+from .result import Z95, Fitted, Interval
 
 Array = NDArray[np.float64]
 

@@ -7,13 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
-from surefoot.lab.fit import likelihood as lk
-from surefoot.lab.fit.counts import durations, matches
-from surefoot.lab.fit.events import Run
-from surefoot.lab.fit.result import Fitted, Interval
-from surefoot.lab.fit.search import Estimate, Likelihood, Parameter, estimate
 from surefoot.services.navigator.policies import errors_of
 from surefoot.services.navigator.policy.params import Action, NavigationModel
+
+from . import likelihood as lk
+from .counts import durations, matches
+from .events import Run
+from .result import Fitted, Interval
+from .search import Estimate, Likelihood, Parameter, estimate
 
 Array = NDArray[np.float64]
 

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from surefoot.errors import SurefootError
-from surefoot.lab.fit.result import Fitted, Interval
 from surefoot.services.navigator.policy.params import NavigationModel, load
+
+from .result import Fitted, Interval
 
 
 def fitted_toml(found: Fitted, base: str, recordings: Sequence[str]) -> str:

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize
 
-from surefoot.lab.fit.events import Run
-from surefoot.lab.fit.likelihood import minus_log_likelihoods
-from surefoot.lab.fit.merged import merged
-from surefoot.lab.fit.result import Z95
+from .events import Run
+from .likelihood import minus_log_likelihoods
+from .merged import merged
+from .result import Z95
 
 Array = NDArray[np.float64]
 

@@ -13,13 +13,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from surefoot.errors import SurefootError
-from surefoot.lab.footholds.rules import exploring_rule, model_rule, random_rule
-from surefoot.lab.footholds.walks import JoinedWalk, Setting, Stance
 from surefoot.services.footholds.ground import FootholdGround
 from surefoot.services.footholds.learning.samples import Sample, read_lines, trial_lines
 from surefoot.services.footholds.models.files import load
 from surefoot.services.footholds.outcomes import sample_at
 from surefoot.services.footholds.select import SelectParams
+
+from .rules import exploring_rule, model_rule, random_rule
+from .walks import JoinedWalk, Setting, Stance
 
 RESTARTS = 3
 """How often a pool whose worker has died is made anew."""

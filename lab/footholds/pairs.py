@@ -15,10 +15,11 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.lab.footholds.walks import JoinedWalk, Rule, Setting, Stance
 from surefoot.robot.description import Robot
 from surefoot.services.footholds.ground import FootholdGround
 from surefoot.services.footholds.select import Foothold, Landing, TrunkPose
+
+from .walks import JoinedWalk, Rule, Setting, Stance
 
 Array = NDArray[np.float64]
 PATIENCE_TICKS = 400

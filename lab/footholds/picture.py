@@ -29,7 +29,7 @@ def draw(model: LearnedModel, path: Path) -> Path:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    from surefoot.lab.report.drawing import STYLE
+    from ..report.drawing import STYLE
 
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.0, 3.6), layout="constrained")

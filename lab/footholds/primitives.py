@@ -18,7 +18,6 @@ from typing import get_args
 import numpy as np
 
 from surefoot.errors import SurefootError
-from surefoot.lab.footholds.campaign import append, read
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
 from surefoot.schemas.sim import ExperimentReply, ExperimentRequest, Primitive, PrimitiveTrial, TrialOutcome
@@ -26,6 +25,8 @@ from surefoot.services.footholds.ground import build_ground
 from surefoot.services.footholds.learning.samples import Sample
 from surefoot.services.footholds.outcomes import sample_at
 from surefoot.services.simulator.experiment import outcome_of, primitive_ground
+
+from .campaign import append, read
 
 PRIMITIVES: tuple[Primitive, ...] = get_args(Primitive)
 HEIGHTS = (0.01, 0.02, 0.03, 0.04)

@@ -9,9 +9,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from surefoot.lab.footholds.rules import exploring_rule, model_rule
-from surefoot.lab.footholds.slip import SlipFollower
-from surefoot.lab.footholds.walks import JoinedWalk, Rule, Setting
 from surefoot.robot.description import Robot
 from surefoot.schemas.footholds import LegFoothold, LegRequest, StanceOutcome
 from surefoot.services.footholds.ground import FootholdGround
@@ -22,6 +19,10 @@ from surefoot.services.footholds.models.learned import LearnedModel
 from surefoot.services.footholds.outcomes import sample_at
 from surefoot.services.footholds.select import Foothold, Landing, SelectParams, TrunkPose
 from surefoot.services.walker.outcomes import Outcomes
+
+from .rules import exploring_rule, model_rule
+from .slip import SlipFollower
+from .walks import JoinedWalk, Rule, Setting
 
 WITHHELD = 0.3
 """K2 / (8 cell) from which ground is withheld: edges and slopes of more than about 20 deg."""

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from surefoot.lab.footholds.walks import Rule
 from surefoot.robot.description import Robot
 from surefoot.services.footholds.features import Features, Layer
 from surefoot.services.footholds.ground import FootholdGround
 from surefoot.services.footholds.models.protocol import SlipModel
 from surefoot.services.footholds.models.score import HandScore
 from surefoot.services.footholds.select import Foothold, Landing, SelectParams, TrunkPose, select
+
+from .walks import Rule
 
 DRAWS = 100_003
 """Steps of one walk that have a seed of their own."""

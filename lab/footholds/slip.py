@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from surefoot.services.estimator.feet.kinematics.kinematics import foot_mount
+from surefoot.services.estimator.feet.kinematics.slip import FinishedStance, StanceSlip, feet_in_odom
 
-from surefoot.lab.footholds.walks import JoinedWalk
-from surefoot.services.estimator.feet import foot_mount
-from surefoot.services.estimator.slip import FinishedStance, StanceSlip, feet_in_odom
+from .walks import JoinedWalk
 
 Array = NDArray[np.float64]
 LIFTED_TICKS = 5

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.lab.footholds.slip import auc
 from surefoot.services.footholds.features import window_features
 from surefoot.services.footholds.learning.samples import PATCH, Sample, SampleSet, gather
 from surefoot.services.footholds.models.lattice import inputs
 from surefoot.services.footholds.models.learned import LearnedModel
 from surefoot.services.footholds.outcomes import UNKNOWN_UM
 from surefoot.services.footholds.select import landing_weights
+
+from .slip import auc
 
 Array = NDArray[np.float64]
 FLAT = 0.05

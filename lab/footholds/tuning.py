@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from surefoot.lab.footholds.rules import model_rule
-from surefoot.lab.footholds.walks import Setting, walk
 from surefoot.services.footholds.models.learned import LearnedModel
 from surefoot.services.footholds.select import SelectParams
+
+from .rules import model_rule
+from .walks import Setting, walk
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.heightmap import HeightMap
-from surefoot.lab.runs.joined import TICK_S, sense
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.stream import Estimator
@@ -34,6 +33,8 @@ from surefoot.services.walker.interface import (
     Select,
     WalkerOutputs,
 )
+
+from ..runs.joined import TICK_S, sense
 
 PATIENCE_S = 5.0  # simulated time to stand before the walk command
 REACHED = 0.95  # part of the commanded distance that counts as the end, by truth

@@ -6,9 +6,10 @@ from contextlib import ExitStack, contextmanager
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.client import Client
 from surefoot.errors import SurefootError
-from surefoot.lab.footholds.primitives import Worker
 from surefoot.schemas.sim import ExperimentReply, ExperimentRequest
 from surefoot.schemas.topics import SIM_EXPERIMENT
+
+from .primitives import Worker
 
 PATIENCE_S = 30.0
 """Without a reply to a batch for so long a worker is taken for dead: ten times what a batch costs."""

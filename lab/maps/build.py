@@ -19,8 +19,9 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from surefoot.errors import SurefootError
-from surefoot.lab.maps.sightings import Sightings
 from surefoot.services.navigator.belief.landmarks import LandmarkMap
+
+from .sightings import Sightings
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

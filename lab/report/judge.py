@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.lab.report.traces import VARIANTS, Array, Traces
 from surefoot.services.supervisor.scenarios.limits import LIMITS, Side
+
+from .traces import VARIANTS, Array, Traces
 
 DEG = math.degrees(1.0)
 

@@ -6,8 +6,8 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from surefoot.lab.report.drawing import BLUE, GREEN, GREY, INK, ORANGE, PAPER, PURPLE, RED
-from surefoot.lab.report.traces import Array, Traces
+from .drawing import BLUE, GREEN, GREY, INK, ORANGE, PAPER, PURPLE, RED
+from .traces import Array, Traces
 
 POINTS = 1500
 ELLIPSES = 40

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from surefoot.lab.report.judge import METRICS, Verdict
-from surefoot.lab.report.plots import Moment, Timing, draw, moments
-from surefoot.lab.report.traces import Traces
+from .judge import METRICS, Verdict
+from .plots import Moment, Timing, draw, moments
+from .traces import Traces
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from surefoot.lab.report import judge, navigation_plots
-from surefoot.lab.report.drawing import BLUE, GREEN, GREY, INK, ORANGE, PAPER, PURPLE, RED, STYLE, svg_of
-from surefoot.lab.report.traces import VARIANTS, Array, Traces
+from . import judge, navigation_plots
+from .drawing import BLUE, GREEN, GREY, INK, ORANGE, PAPER, PURPLE, RED, STYLE, svg_of
+from .traces import VARIANTS, Array, Traces
 
 COLOURS: dict[str, str] = dict(zip(VARIANTS, (PURPLE, ORANGE, GREEN, BLUE, RED), strict=True))
 MAX_POINTS = 1500  # of one curve: more cannot be seen and only makes the page heavy

@@ -11,7 +11,6 @@ from typing import Any
 from surefoot.bus.interface import Delivery
 from surefoot.errors import BusError
 from surefoot.files import find
-from surefoot.lab.runs.local import build_services
 from surefoot.lockstep.chaos import FORGER, KINDS, ChaosSystem, Event, Kind, Outcome, draw_events
 from surefoot.lockstep.leader import COMMANDER
 from surefoot.lockstep.service import Service
@@ -25,6 +24,8 @@ from surefoot.services.supervisor.processes.compose import ComposeError, load_co
 from surefoot.services.supervisor.scenarios.director import Director
 from surefoot.services.supervisor.scenarios.scenario import Scenario
 from surefoot.services.supervisor.service import Supervisor
+
+from .local import build_services
 
 SAFE = ("recorder", Supervisor.name)
 """Services that are not hit: they keep what happened."""

@@ -16,9 +16,6 @@ from typing import Self, cast
 
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.errors import CallError, SurefootError
-from surefoot.lab.report.judge import Verdict
-from surefoot.lab.runs.chaos import FORGED_RAD, falls_when_held
-from surefoot.lab.runs.live import Options, Progress, run_scenario
 from surefoot.lockstep.chaos import FORGER, FREEZE_S, Event, Kind, Outcome
 from surefoot.record.recording import verify_recording
 from surefoot.schemas.base import Message
@@ -30,6 +27,10 @@ from surefoot.services.supervisor.processes.identity import Identity, identify
 from surefoot.services.supervisor.processes.session import Session
 from surefoot.services.supervisor.scenarios.scenario import Scenario
 from surefoot.services.supervisor.service import WELL
+
+from ..report.judge import Verdict
+from .chaos import FORGED_RAD, falls_when_held
+from .live import Options, Progress, run_scenario
 
 LIVE_KINDS: tuple[Kind, ...] = ("kill", "terminate", "freeze", "slow", "forge")
 SLOW_S = (1.0, 3.0)  # s wall, how long a service runs slowly

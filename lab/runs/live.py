@@ -10,10 +10,6 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from surefoot.errors import BusError, CallError
-from surefoot.lab.report.judge import Verdict, judge
-from surefoot.lab.report.page import About, write_report
-from surefoot.lab.report.plots import Timing
-from surefoot.lab.report.traces import Traces, read_traces
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.sim import ResetReply, ResetRequest, SimStatus
 from surefoot.schemas.system import RecorderReply, RecorderRequest
@@ -23,6 +19,11 @@ from surefoot.services.supervisor.processes.startable import system_of
 from surefoot.services.supervisor.scenarios.director import Director
 from surefoot.services.supervisor.scenarios.scenario import TICK_S, Scenario
 from surefoot.version import VERSION
+
+from ..report.judge import Verdict, judge
+from ..report.page import About, write_report
+from ..report.plots import Timing
+from ..report.traces import Traces, read_traces
 
 START_S = 90.0  # s wall, until the simulator serves: cold kernels are compiled at the first start
 STALL_S = 150.0  # s wall without a tick after which a run is given up (longer than the simulator's own patience)

@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from surefoot.lab.report.judge import Verdict, judge
-from surefoot.lab.report.traces import read_traces
 from surefoot.lockstep.config import ServiceConfig, load_config
 from surefoot.lockstep.discover import service_class
 from surefoot.lockstep.driver import DriverNode
@@ -27,6 +25,9 @@ from surefoot.services.supervisor.processes.startable import system_of
 from surefoot.services.supervisor.scenarios.director import Director
 from surefoot.services.supervisor.scenarios.scenario import TICK_S, Scenario, find_scenario, load_scenario
 from surefoot.services.supervisor.service import Supervisor
+
+from ..report.judge import Verdict, judge
+from ..report.traces import read_traces
 
 
 @dataclass(frozen=True)

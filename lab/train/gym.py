@@ -14,8 +14,9 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from surefoot.lab.train.batch import OBSERVATION, Batch
 from surefoot.services.navigator.policy.params import NavigationModel, load
+
+from .batch import OBSERVATION, Batch
 
 Array = NDArray[np.float64]
 

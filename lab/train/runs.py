@@ -7,13 +7,14 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from surefoot.lab.train.sarsa import Schedule, Training, train
 from surefoot.services.navigator.environment.episodes import ENDED_AS, SECONDS_TAKEN, run_episodes
 from surefoot.services.navigator.policy.arrays import REACHED, arrays
 from surefoot.services.navigator.policy.library import provenance_of
 from surefoot.services.navigator.policy.params import NavigationModel
 from surefoot.services.navigator.policy.planner import planner
 from surefoot.services.navigator.policy.policies import Policy
+
+from .sarsa import Schedule, Training, train
 
 SELECTION = 2**40
 """Random stream of the episodes by which one of several trainings is chosen: of no evaluation, of no training."""

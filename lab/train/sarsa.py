@@ -12,7 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
-from surefoot.lab.train.learning import (
+from surefoot.services.navigator.environment.draws import stream
+from surefoot.services.navigator.environment.world import cells, room_for, work_space_of
+from surefoot.services.navigator.policy.arrays import STATUS, Arrays, arrays
+from surefoot.services.navigator.policy.choose import NUMBERS, SARSA, work_space_to_choose
+from surefoot.services.navigator.policy.grids import D_MAX, D_MIN, GRID, LAYER_MAX, LAYER_MIN, MIRRORED
+from surefoot.services.navigator.policy.library import provenance_of
+from surefoot.services.navigator.policy.params import NavigationModel
+from surefoot.services.navigator.policy.policies import Policy
+
+from .learning import (
     ACCUMULATE,
     ALPHA_FIRST,
     ALPHA_LAST,
@@ -23,14 +32,6 @@ from surefoot.lab.train.learning import (
     SETTINGS,
     learn,
 )
-from surefoot.services.navigator.environment.draws import stream
-from surefoot.services.navigator.environment.world import cells, room_for, work_space_of
-from surefoot.services.navigator.policy.arrays import STATUS, Arrays, arrays
-from surefoot.services.navigator.policy.choose import NUMBERS, SARSA, work_space_to_choose
-from surefoot.services.navigator.policy.grids import D_MAX, D_MIN, GRID, LAYER_MAX, LAYER_MIN, MIRRORED
-from surefoot.services.navigator.policy.library import provenance_of
-from surefoot.services.navigator.policy.params import NavigationModel
-from surefoot.services.navigator.policy.policies import Policy
 
 Array = NDArray[np.float64]
 

@@ -1,6 +1,7 @@
 """``python -m surefoot.services.estimator``."""
 
 from surefoot.lockstep.launch import main
-from surefoot.services.estimator.service import SERVICE
+
+from .service import SERVICE
 
 main(SERVICE)

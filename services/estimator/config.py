@@ -7,9 +7,10 @@ from pydantic import Field
 
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.robot.description import Robot
-from surefoot.services.estimator.estimators import ESTIMATORS
-from surefoot.services.estimator.params import StartPose
-from surefoot.services.estimator.stream import BEST, Estimator
+
+from .paper.estimators import ESTIMATORS
+from .params import StartPose
+from .stream import BEST, Estimator
 
 
 class EstimatorConfig(ServiceConfig):

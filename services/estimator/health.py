@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.kernels.jit import kernel
-from surefoot.services.estimator.judge import Faults
+
+from .inputs.judge import Faults
 
 SILENT_S = 0.2  # feet older than this: a sensor is absent
 NO_CONTACT_S = 0.5  # the same for the last contact of any foot

@@ -6,8 +6,9 @@ from typing import Any
 from numpy.typing import NDArray
 
 from surefoot.schemas.state import Odometry, StanceEnd, VelocityEstimate
-from surefoot.services.estimator.output import Estimate, OdometryPose
-from surefoot.services.estimator.slip import FinishedStance
+
+from .feet.slip import FinishedStance
+from .output import Estimate, OdometryPose
 
 
 def velocity_message(e: Estimate) -> VelocityEstimate:

@@ -3,11 +3,12 @@
 import numpy as np
 
 from surefoot.robot.description import Robot
-from surefoot.services.estimator.config import EstimatorConfig
-from surefoot.services.estimator.feet import foot_mount
-from surefoot.services.estimator.messages import odometry_message, velocity_message
-from surefoot.services.estimator.slip import StanceSlip, feet_in_odom
-from surefoot.services.estimator.timeline import RESYNC_AFTER
+
+from .config import EstimatorConfig
+from .feet.kinematics import foot_mount
+from .feet.slip import StanceSlip, feet_in_odom
+from .inputs.timeline import RESYNC_AFTER
+from .messages import odometry_message, velocity_message
 
 WALK_SAMPLES = 24
 """Inertial samples after the start, 8 of the joints: every foot lifts and comes down."""

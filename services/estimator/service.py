@@ -17,13 +17,14 @@ from surefoot.schemas.topics import (
     STATE_VELOCITY_KINEMATICS,
     STATE_VELOCITY_KINEMATICS_GYRO,
 )
-from surefoot.services.estimator.config import EstimatorConfig
-from surefoot.services.estimator.contact import touch_rows
-from surefoot.services.estimator.feet import foot_mount
-from surefoot.services.estimator.inputs import InputResult
-from surefoot.services.estimator.messages import odometry_message, velocity_message
-from surefoot.services.estimator.rehearsal import rehearse
-from surefoot.services.estimator.slip import FinishedStance, StanceSlip, feet_in_odom
+
+from .config import EstimatorConfig
+from .feet.contact import touch_rows
+from .feet.kinematics import foot_mount
+from .feet.slip import FinishedStance, StanceSlip, feet_in_odom
+from .inputs.counted import InputResult
+from .messages import odometry_message, velocity_message
+from .rehearsal import rehearse
 
 LATE_JOINTS_S = 0.03
 """Older joints correct the estimate, but say nothing of slip: the pose of their time is not kept."""

@@ -9,21 +9,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from surefoot.geometry.rotations import wrap_angle
 from surefoot.robot.description import Robot
-from surefoot.services.estimator.best import BestFilter, BestOutput
-from surefoot.services.estimator.best_cell import NOW_NS
-from surefoot.services.estimator.best_log import LogInputs, LogRows, new_rows
-from surefoot.services.estimator.best_modes import modes_of
-from surefoot.services.estimator.best_params import best_limits, best_noise
-from surefoot.services.estimator.contact import BestGeometry, ContactPoints, at_switches, contact_points, point_feet
-from surefoot.services.estimator.estimators import ESTIMATORS
-from surefoot.services.estimator.feet import FootMount, FootSample, feet_in_imu, foot_mount, known_feet
-from surefoot.services.estimator.health import STANDING, Condition, flags, reasons
-from surefoot.services.estimator.inputs import InputJudge
-from surefoot.services.estimator.output import Estimate, OdometryPose, summary
-from surefoot.services.estimator.paper import PaperEstimators, PaperOutput
-from surefoot.services.estimator.params import EstimatorParams, StartPose, paper_params
-from surefoot.services.estimator.results import RESULTS, InputResult
-from surefoot.services.estimator.timeline import bounded
+
+from .feet.contact import BestGeometry, ContactPoints, at_switches, contact_points, point_feet
+from .feet.kinematics import FootMount, FootSample, feet_in_imu, foot_mount, known_feet
+from .filter.best import BestFilter, BestOutput
+from .filter.cell import NOW_NS
+from .filter.hypotheses import modes_of
+from .filter.log import LogInputs, LogRows, new_rows
+from .filter.noise import best_limits, best_noise
+from .health import STANDING, Condition, flags, reasons
+from .inputs.counted import InputJudge
+from .inputs.results import RESULTS, InputResult
+from .inputs.timeline import bounded
+from .output import Estimate, OdometryPose, summary
+from .paper.estimators import ESTIMATORS
+from .paper.streams import PaperEstimators, PaperOutput
+from .params import EstimatorParams, StartPose, paper_params
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from surefoot.geometry.heightmap_kernels import patch
-from surefoot.services.footholds.features import Features, Layer, distance, map_features, window_features
-from surefoot.services.footholds.ground import FootholdGround
-from surefoot.services.footholds.masks import REASONS, Limits, Placement, count_reasons, mask_window
-from surefoot.services.footholds.models.protocol import SlipModel
+
+from .features import Features, Layer, distance, map_features, window_features
+from .ground import FootholdGround
+from .masks import REASONS, Limits, Placement, count_reasons, mask_window
+from .models.protocol import SlipModel
 
 LAYERS = ("z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask")
 

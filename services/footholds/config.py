@@ -6,10 +6,11 @@ from typing import Literal
 from pydantic import Field
 
 from surefoot.lockstep.config import ServiceConfig
-from surefoot.services.footholds.masks import Limits
-from surefoot.services.footholds.models.score import HandScore
-from surefoot.services.footholds.relearner import Relearner, RelearnParams
-from surefoot.services.footholds.select import SelectParams
+
+from .masks import Limits
+from .models.score import HandScore
+from .relearner import Relearner, RelearnParams
+from .select import SelectParams
 
 _LIMITS, _SCORE, _SELECT = Limits(), HandScore(), SelectParams()
 

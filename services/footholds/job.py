@@ -6,10 +6,11 @@ from pathlib import Path
 
 from surefoot.errors import Refusal, SurefootError
 from surefoot.schemas.footholds import LearnReply, LearnRequest
-from surefoot.services.footholds.learning.fit import LearnOptions, candidates, learn
-from surefoot.services.footholds.learning.samples import SampleSet, gather, read_lines
-from surefoot.services.footholds.models.files import save
-from surefoot.services.footholds.models.learned import LearnedModel
+
+from .learning.fit import LearnOptions, candidates, learn
+from .learning.samples import SampleSet, gather, read_lines
+from .models.files import save
+from .models.learned import LearnedModel
 
 MAX_BYTES = 2_000_000_000  # of a file of samples
 

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.kernels.jit import kernel, row_kernel
-from surefoot.services.footholds.features import Layer
-from surefoot.services.footholds.ground import FootholdGround
-from surefoot.services.footholds.models.protocol import UNLEARNED
-from surefoot.services.footholds.reach import LEG_NUMBERS, LegTable, solve
+
+from .features import Layer
+from .ground import FootholdGround
+from .models.protocol import UNLEARNED
+from .reach import LEG_NUMBERS, LegTable, solve
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.uint8]

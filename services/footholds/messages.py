@@ -5,11 +5,12 @@ from collections.abc import Mapping
 
 from surefoot.schemas.footholds import BasePose as BaseMessage
 from surefoot.schemas.footholds import LegFoothold, LegRequest, MaskCounts, ModelReply
-from surefoot.services.footholds.masks import REASONS
-from surefoot.services.footholds.models.learned import LearnedModel
-from surefoot.services.footholds.models.protocol import SlipModel
-from surefoot.services.footholds.relearner import Relearner
-from surefoot.services.footholds.select import Foothold, TrunkPose
+
+from .masks import REASONS
+from .models.learned import LearnedModel
+from .models.protocol import SlipModel
+from .relearner import Relearner
+from .select import Foothold, TrunkPose
 
 
 def base_pose(message: BaseMessage) -> TrunkPose:

@@ -5,9 +5,10 @@ import math
 import numpy as np
 
 from surefoot.geometry.heightmap_kernels import patch
-from surefoot.services.footholds.features import window_features
-from surefoot.services.footholds.ground import FootholdGround
-from surefoot.services.footholds.learning.samples import PATCH, Sample
+
+from .features import window_features
+from .ground import FootholdGround
+from .learning.samples import PATCH, Sample
 
 UNKNOWN_UM = -(2**31)
 

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
 from surefoot.geometry.heightmap import HeightMap, HeightMapError
-from surefoot.services.footholds.features import window_features
-from surefoot.services.footholds.ground import build_ground
-from surefoot.services.footholds.masks import REASONS, Limits, count_reasons, mask_window
-from surefoot.services.footholds.models.protocol import SlipModel
-from surefoot.services.footholds.select import ALONE, choose, landing_weights
+
+from .features import window_features
+from .ground import build_ground
+from .masks import REASONS, Limits, count_reasons, mask_window
+from .models.protocol import SlipModel
+from .select import ALONE, choose, landing_weights
 
 MAX_CELLS = 301
 

@@ -10,10 +10,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from surefoot.errors import SurefootError
-from surefoot.services.footholds.learning.relearn import Form, relearned
-from surefoot.services.footholds.learning.samples import Sample
-from surefoot.services.footholds.models.files import save
-from surefoot.services.footholds.models.learned import LearnedModel
+
+from .learning.relearn import Form, relearned
+from .learning.samples import Sample
+from .models.files import save
+from .models.learned import LearnedModel
 
 MOST = 100_000
 """Outcomes that wait for a round at most: there is none while no learned model is in force."""

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import Robot
-from surefoot.services.footholds.features import Layer, window_features
-from surefoot.services.footholds.ground import FootholdGround
-from surefoot.services.footholds.masks import (
+
+from .features import Layer, window_features
+from .ground import FootholdGround
+from .masks import (
     REASONS,
     Limits,
     Mask,
@@ -28,8 +29,8 @@ from surefoot.services.footholds.masks import (
     gradient,
     mask_window,
 )
-from surefoot.services.footholds.models.protocol import SlipModel
-from surefoot.services.footholds.reach import LegTable, leg_table
+from .models.protocol import SlipModel
+from .reach import LegTable, leg_table
 
 Array = NDArray[np.float64]
 Point = tuple[float, float, float]

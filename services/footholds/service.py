@@ -22,17 +22,18 @@ from surefoot.schemas.footholds import (
 )
 from surefoot.schemas.terrain import HeightMapMessage
 from surefoot.schemas.topics import FOOTHOLDS_ASSESS, FOOTHOLDS_LEARN, FOOTHOLDS_MODEL, FOOTHOLDS_SELECT, TERRAIN_MAP
-from surefoot.services.footholds.assess import assess, whole_map, window_about
-from surefoot.services.footholds.config import FootholdsConfig
-from surefoot.services.footholds.ground import FootholdGround, build_ground, updated_ground
-from surefoot.services.footholds.job import LearnJob
-from surefoot.services.footholds.messages import base_pose, leg_foothold, mask_bits, mask_counts, model_reply
-from surefoot.services.footholds.models.files import ModelError, load, shipped
-from surefoot.services.footholds.models.learned import LearnedModel
-from surefoot.services.footholds.models.protocol import SlipModel
-from surefoot.services.footholds.outcomes import sample_at
-from surefoot.services.footholds.rehearsal import made_up_map, made_up_requests
-from surefoot.services.footholds.select import Landing, placement, select
+
+from .assess import assess, whole_map, window_about
+from .config import FootholdsConfig
+from .ground import FootholdGround, build_ground, updated_ground
+from .job import LearnJob
+from .messages import base_pose, leg_foothold, mask_bits, mask_counts, model_reply
+from .models.files import ModelError, load, shipped
+from .models.learned import LearnedModel
+from .models.protocol import SlipModel
+from .outcomes import sample_at
+from .rehearsal import made_up_map, made_up_requests
+from .select import Landing, placement, select
 
 
 class Footholds(Service[FootholdsConfig]):

@@ -1,6 +1,7 @@
 """``python -m surefoot.services.navigator``."""
 
 from surefoot.lockstep.launch import main
-from surefoot.services.navigator.service import SERVICE
+
+from .service import SERVICE
 
 main(SERVICE)

@@ -6,7 +6,7 @@ step; both times come from `state/gait`. The trunk follows the feet by `LAG_S`.
 
 from dataclasses import dataclass
 
-from surefoot.services.navigator.belief.tracker import Motion
+from .belief.tracker import Motion
 
 LAG_S = 0.6
 """A walking trunk is so far behind its feet: 42 mm of 10 cm, 6 of 23 deg at a landing (`benchmarks.bench_actions`)."""

@@ -9,7 +9,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.navigator.belief.tracker import Motion
+from .belief.tracker import Motion
 
 Array = NDArray[np.float64]
 Point = tuple[float, float]

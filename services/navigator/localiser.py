@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from surefoot.schemas.hw import LandmarkDetections
 from surefoot.schemas.navigation import PoseBelief
-from surefoot.services.navigator.belief.lost import (
+
+from .belief.lost import (
     Footprint,
     FrameEvidence,
     LostModel,
@@ -18,16 +19,16 @@ from surefoot.services.navigator.belief.lost import (
     observed,
     passed,
 )
-from surefoot.services.navigator.belief.matching import DetectionError, Detections, SightNoise
-from surefoot.services.navigator.belief.relocalise import Glance, relocalise
-from surefoot.services.navigator.belief.tracker import Control, FrameResult, Motion, PoseTracker, Start
-from surefoot.services.navigator.belief.ukf import wrap
-from surefoot.services.navigator.config import NavigatorConfig
-from surefoot.services.navigator.goals import GaitView
-from surefoot.services.navigator.messages import LostView, Pose, between, placed, pose_message
-from surefoot.services.navigator.policies import errors_of
-from surefoot.services.navigator.policy.arrays import PER_10CM
-from surefoot.services.navigator.policy.params import NavigationModel
+from .belief.matching import DetectionError, Detections, SightNoise
+from .belief.relocalise import Glance, relocalise
+from .belief.tracker import Control, FrameResult, Motion, PoseTracker, Start
+from .belief.ukf import wrap
+from .config import NavigatorConfig
+from .goals import GaitView
+from .messages import LostView, Pose, between, placed, pose_message
+from .policies import errors_of
+from .policy.arrays import PER_10CM
+from .policy.params import NavigationModel
 
 Array = NDArray[np.float64]
 

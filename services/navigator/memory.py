@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast, get_args
 
-from surefoot.services.navigator.goals import End, Goal, State
+from .goals import End, Goal, State
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,10 @@ import math
 
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.schemas.navigation import Decision, MotionOrder, NavigationFeedback, PoseBelief
-from surefoot.services.navigator.belief.tracker import Control, PoseTracker
-from surefoot.services.navigator.belief.ukf import wrap
-from surefoot.services.navigator.pilot import Pilot
+
+from .belief.tracker import Control, PoseTracker
+from .belief.ukf import wrap
+from .pilot import Pilot
 
 Pose = tuple[float, float, float]
 

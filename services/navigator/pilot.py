@@ -6,10 +6,10 @@ that moment, so that the walker goes on without a halt. A walker that cannot say
 
 import math
 
-from surefoot.services.navigator.belief.tracker import Motion, PoseTracker
-from surefoot.services.navigator.belief.ukf import entropy, wrap
-from surefoot.services.navigator.execution import Execution
-from surefoot.services.navigator.goals import (
+from .belief.tracker import Motion, PoseTracker
+from .belief.ukf import entropy, wrap
+from .execution import Execution
+from .goals import (
     Act,
     Array,
     Choice,

@@ -4,13 +4,14 @@ import math
 
 from surefoot.lockstep.ages import PERIODS
 from surefoot.schemas.navigation import PolicyReply
-from surefoot.services.navigator.belief.tracker import CommonErrors, Motion
-from surefoot.services.navigator.config import NavigatorConfig
-from surefoot.services.navigator.goals import Act
-from surefoot.services.navigator.policy.arrays import PER_10CM, arrays
-from surefoot.services.navigator.policy.library import find, known
-from surefoot.services.navigator.policy.params import Action, NavigationModel, load
-from surefoot.services.navigator.policy.policies import Decider, Policy
+
+from .belief.tracker import CommonErrors, Motion
+from .config import NavigatorConfig
+from .goals import Act
+from .policy.arrays import PER_10CM, arrays
+from .policy.library import find, known
+from .policy.params import Action, NavigationModel, load
+from .policy.policies import Decider, Policy
 
 
 def act_of(name: str, action: Action) -> Act:

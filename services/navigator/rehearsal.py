@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from surefoot.services.navigator.belief.landmarks import LandmarkMap
-from surefoot.services.navigator.belief.matching import Detections
-from surefoot.services.navigator.belief.rehearsing import rehearse_belief
-from surefoot.services.navigator.belief.tracker import Motion
-from surefoot.services.navigator.config import NavigatorConfig
-from surefoot.services.navigator.localiser import Localiser
-from surefoot.services.navigator.planning.rehearsing import rehearse_planning
-from surefoot.services.navigator.policies import Policies
+from .belief.landmarks import LandmarkMap
+from .belief.matching import Detections
+from .belief.rehearsing import rehearse_belief
+from .belief.tracker import Motion
+from .config import NavigatorConfig
+from .localiser import Localiser
+from .planning.rehearsing import rehearse_planning
+from .policies import Policies
 
 
 def rehearse(config: NavigatorConfig) -> None:

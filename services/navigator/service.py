@@ -28,18 +28,19 @@ from surefoot.schemas.topics import (
     TERRAIN_LANDMARKS,
     TERRAIN_MAP,
 )
-from surefoot.services.navigator import messages
-from surefoot.services.navigator.belief.matching import DetectionError
-from surefoot.services.navigator.config import NavigatorConfig
-from surefoot.services.navigator.goals import GaitView, Goal
-from surefoot.services.navigator.localiser import Localiser
-from surefoot.services.navigator.memory import Kept, Memory
-from surefoot.services.navigator.pilot import Pilot
-from surefoot.services.navigator.planning.rehearsing import rehearse_planning
-from surefoot.services.navigator.policies import Policies, longest_blind_ns
-from surefoot.services.navigator.policy.policies import Decider
-from surefoot.services.navigator.rehearsal import rehearse
-from surefoot.services.navigator.world import World
+
+from . import messages
+from .belief.matching import DetectionError
+from .config import NavigatorConfig
+from .goals import GaitView, Goal
+from .localiser import Localiser
+from .memory import Kept, Memory
+from .pilot import Pilot
+from .planning.rehearsing import rehearse_planning
+from .policies import Policies, longest_blind_ns
+from .policy.policies import Decider
+from .rehearsal import rehearse
+from .world import World
 
 BLOCKED_M = 0.38
 """An echo nearer than this forbids walking ahead (the collision rule of Osswald et al.: only rotations then)."""

@@ -7,13 +7,14 @@ from surefoot.geometry.heightmap import HeightMap, HeightMapError
 from surefoot.schemas.navigation import OccupancyGrid
 from surefoot.schemas.terrain import HeightMapMessage
 from surefoot.schemas.terrain import LandmarkMap as LandmarkMapMessage
-from surefoot.services.navigator.belief.landmark_files import load as load_landmarks
-from surefoot.services.navigator.belief.landmarks import LandmarkMap, LandmarkMapError
-from surefoot.services.navigator.config import NavigatorConfig
-from surefoot.services.navigator.planning import map_files
-from surefoot.services.navigator.planning.costs import Clearance, Costs, prepare
-from surefoot.services.navigator.planning.grid import Grid, GridError, grid_of
-from surefoot.services.navigator.planning.route import RouteError, RouteLimits, plan
+
+from .belief.landmark_files import load as load_landmarks
+from .belief.landmarks import LandmarkMap, LandmarkMapError
+from .config import NavigatorConfig
+from .planning import map_files
+from .planning.costs import Clearance, Costs, prepare
+from .planning.grid import Grid, GridError, grid_of
+from .planning.route import RouteError, RouteLimits, plan
 
 Point = tuple[float, float]
 

@@ -15,10 +15,11 @@ from surefoot.geometry.linear import exp
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
 from surefoot.schemas.sim import FootOutcome, PrimitiveTrial, TrialOutcome
-from surefoot.services.simulator.ground.grid import Array, Box, random_stream
-from surefoot.services.simulator.ground.terrain import Terrain
-from surefoot.services.simulator.physics.model import Physics
-from surefoot.services.simulator.world import PhysicsWorld, WorldConfig, WorldError
+
+from .ground.grid import Array, Box, random_stream
+from .ground.terrain import Terrain
+from .physics.model import Physics
+from .world import PhysicsWorld, WorldConfig, WorldError
 
 CELL = 0.005  # m
 BORDER = 0.15  # m of ground around the feet

@@ -10,10 +10,11 @@ from surefoot.schemas.hw import FootContacts, Imu, JointState, Landmark, Landmar
 from surefoot.schemas.sim import Truth as TruthMessage
 from surefoot.schemas.terrain import HeightMapMessage, LandmarkMap
 from surefoot.schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, HW_LANDMARKS, HW_RANGE, TERRAIN_LANDMARKS, Topic
-from surefoot.services.simulator.ground.terrain import Terrain
-from surefoot.services.simulator.physics.samples import ExactState, Samples
-from surefoot.services.simulator.sensors.landmarks import Landmarks
-from surefoot.services.simulator.sensors.sight import Sight
+
+from .ground.terrain import Terrain
+from .physics.samples import ExactState, Samples
+from .sensors.landmarks import Landmarks
+from .sensors.sight import Sight
 
 
 def sample_messages(samples: Samples) -> list[Sample]:

@@ -47,10 +47,11 @@ from surefoot.schemas.topics import (
     TERRAIN_MAP_GET,
     Topic,
 )
-from surefoot.services.simulator import world as worlds
-from surefoot.services.simulator.experiment import outcome_of
-from surefoot.services.simulator.ground.terrain import KINDS, MAP_PROFILES, TerrainError, observed_map
-from surefoot.services.simulator.messages import (
+
+from . import world as worlds
+from .experiment import outcome_of
+from .ground.terrain import KINDS, MAP_PROFILES, TerrainError, observed_map
+from .messages import (
     lacking,
     landmark_message,
     map_message,
@@ -58,14 +59,14 @@ from surefoot.services.simulator.messages import (
     sight_messages,
     truth_message,
 )
-from surefoot.services.simulator.physics.command import CommandGuard
-from surefoot.services.simulator.physics.faults import KINDS as FAULTS
-from surefoot.services.simulator.physics.faults import Fault, FaultError
-from surefoot.services.simulator.physics.model import Physics
-from surefoot.services.simulator.physics.perturb import find_ground, perturbation
-from surefoot.services.simulator.physics.samples import Checkpoint
-from surefoot.services.simulator.sensors.sight import Floor
-from surefoot.services.simulator.world import PhysicsWorld, WorldConfig, WorldError
+from .physics.command import CommandGuard
+from .physics.faults import KINDS as FAULTS
+from .physics.faults import Fault, FaultError
+from .physics.model import Physics
+from .physics.perturb import find_ground, perturbation
+from .physics.samples import Checkpoint
+from .sensors.sight import Floor
+from .world import PhysicsWorld, WorldConfig, WorldError
 
 STATUS_TICKS = 100
 RATE_S = 0.5  # s wall, the least stretch over which the real-time factor is measured

@@ -20,14 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.robot.description import ImuProfile, Robot, RobotError
-from surefoot.services.simulator.ground.terrain import Terrain
-from surefoot.services.simulator.physics import truth
-from surefoot.services.simulator.physics.disturb import Disturbances, WorldError
-from surefoot.services.simulator.physics.faults import Fault
-from surefoot.services.simulator.physics.joints import read_joints
-from surefoot.services.simulator.physics.model import TRUNK_DOF, Perturbation, Physics, build_spec, find_addresses
-from surefoot.services.simulator.physics.placing import displace, displacement, place
-from surefoot.services.simulator.physics.samples import (
+
+from .ground.terrain import Terrain
+from .physics import truth
+from .physics.disturb import Disturbances, WorldError
+from .physics.faults import Fault
+from .physics.joints import read_joints
+from .physics.model import TRUNK_DOF, Perturbation, Physics, build_spec, find_addresses
+from .physics.placing import displace, displacement, place
+from .physics.samples import (
     Checkpoint,
     ContactSample,
     ExactState,
@@ -38,11 +39,11 @@ from surefoot.services.simulator.physics.samples import (
     pack,
     unpack,
 )
-from surefoot.services.simulator.physics.servo_line import ServoLine
-from surefoot.services.simulator.physics.unequal import UnequalLegs
-from surefoot.services.simulator.sensors import noise as sensors
-from surefoot.services.simulator.sensors.sight import Floor, Sight, sight_of
-from surefoot.services.simulator.sensors.suite import SensorSuite
+from .physics.servo_line import ServoLine
+from .physics.unequal import UnequalLegs
+from .sensors import noise as sensors
+from .sensors.sight import Floor, Sight, sight_of
+from .sensors.suite import SensorSuite
 
 Array = NDArray[np.float64]
 

@@ -3,7 +3,8 @@
 from pydantic import Field
 
 from surefoot.lockstep.config import ServiceConfig
-from surefoot.services.stability.sensing.state import WatchParams
+
+from .sensing.state import WatchParams
 
 
 class StabilityConfig(ServiceConfig):

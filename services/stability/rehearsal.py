@@ -8,13 +8,14 @@ from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions
 from surefoot.schemas.stability import Actuation, CheckRequest, ComRequest, Contact, EquilibriumRequest, RegionRequest
 from surefoot.schemas.whatif import BatchRequest, WhatifRequest
-from surefoot.services.stability.programs.contacts import Array, ContactSet
-from surefoot.services.stability.queries.answers import batch_reply, com_reply, equilibrium_reply, whatif_reply
-from surefoot.services.stability.queries.beyond import region_answer
-from surefoot.services.stability.queries.check_query import check_reply
-from surefoot.services.stability.regions.margin import extent, margin
-from surefoot.services.stability.regions.region import AXES, region
-from surefoot.services.stability.sensing import state
+
+from .programs.contacts import Array, ContactSet
+from .queries.answers import batch_reply, com_reply, equilibrium_reply, whatif_reply
+from .queries.beyond import region_answer
+from .queries.check_query import check_reply
+from .regions.margin import extent, margin
+from .regions.region import AXES, region
+from .sensing import state
 
 UP = (0.0, 0.0, 1.0)
 GRAVITY = np.array([0.0, 0.0, 9.81])
@@ -88,7 +89,7 @@ def _statuses(robot: Robot, params: state.WatchParams) -> None:
 
 def _holding(robot: Robot) -> Array:
     """Return torques, (nj,) Nm, with which every foot carries an equal share of the weight."""
-    from surefoot.services.stability.sensing.forces import leg_inverses
+    from .sensing.forces import leg_inverses
 
     found = leg_inverses(robot, robot.neutral, GRAVITY)
     torque = found.own.copy()

@@ -31,21 +31,22 @@ from surefoot.schemas.topics import (
     STATE_VELOCITY,
 )
 from surefoot.schemas.whatif import BatchReply, BatchRequest, WhatifReply, WhatifRequest
-from surefoot.services.stability.config import StabilityConfig
-from surefoot.services.stability.programs.clarabel_tools import clarabel_and_sparse
-from surefoot.services.stability.programs.contacts import StabilityError
-from surefoot.services.stability.queries.answers import (
+
+from .config import StabilityConfig
+from .programs.clarabel_tools import clarabel_and_sparse
+from .programs.contacts import StabilityError
+from .queries.answers import (
     batch_reply,
     com_reply,
     equilibrium_reply,
     whatif_reply,
 )
-from surefoot.services.stability.queries.beyond import region_answer
-from surefoot.services.stability.queries.check_query import check_reply
-from surefoot.services.stability.queries.job import CalibrationJob
-from surefoot.services.stability.regions import many
-from surefoot.services.stability.rehearsal import rehearse, rehearse_rare
-from surefoot.services.stability.sensing import state
+from .queries.beyond import region_answer
+from .queries.check_query import check_reply
+from .queries.job import CalibrationJob
+from .regions import many
+from .rehearsal import rehearse, rehearse_rare
+from .sensing import state
 
 Req = TypeVar("Req", bound=Request)
 Rep = TypeVar("Rep", bound=Reply)

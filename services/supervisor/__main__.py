@@ -1,6 +1,7 @@
 """``python -m surefoot.services.supervisor``: a mere participant; `surefoot supervise` also holds the router."""
 
 from surefoot.lockstep.launch import main
-from surefoot.services.supervisor.service import SERVICE
+
+from .service import SERVICE
 
 main(SERVICE)

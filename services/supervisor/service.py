@@ -31,8 +31,9 @@ from surefoot.schemas.topics import (
     TERRAIN_MAP,
     Topic,
 )
-from surefoot.services.supervisor.scenarios.director import Director, Order
-from surefoot.services.supervisor.scenarios.scenario import COMMANDS
+
+from .scenarios.director import Director, Order
+from .scenarios.scenario import COMMANDS
 
 M = TypeVar("M", bound=Message)
 

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from surefoot.services.walker.interface import CommandReply, MotionCommand, refused
+from .interface import CommandReply, MotionCommand, refused
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,8 +3,9 @@
 from typing import Protocol
 
 from surefoot.geometry.heightmap import HeightMap
-from surefoot.services.walker.interface import CommandReply, MotionCommand, WalkerInputs, WalkerOutputs
-from surefoot.services.walker.memory import WalkMemory
+
+from .interface import CommandReply, MotionCommand, WalkerInputs, WalkerOutputs
+from .memory import WalkMemory
 
 
 class Gait(Protocol):

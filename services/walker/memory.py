@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from surefoot.schemas.cmd import WalkCommand
-from surefoot.services.walker.interface import BodyPose, MotionCommand
+
+from .interface import BodyPose, MotionCommand
 
 
 @dataclass(frozen=True)

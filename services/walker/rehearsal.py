@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 
 from surefoot.geometry.heightmap import HeightMap
-from surefoot.services.walker.interface import MotionCommand, WalkerInputs
+
+from .interface import MotionCommand, WalkerInputs
 
 STAND_TICKS, WALK_TICKS = 120, 150
 SIZE, CELL = 41, 0.02

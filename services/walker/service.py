@@ -38,17 +38,18 @@ from surefoot.schemas.topics import (
     TERRAIN_MAP,
     Topic,
 )
-from surefoot.services.walker import interface
-from surefoot.services.walker.biped.gait import BipedWalker
-from surefoot.services.walker.gait import Gait
-from surefoot.services.walker.hexapod.gait import HexapodWalker
-from surefoot.services.walker.hexapod.params import WalkerParams
-from surefoot.services.walker.hexapod.standins import HullCheck, nominal_footholds
-from surefoot.services.walker.interface import FootholdReply, WalkerInputs, WalkerOutputs
-from surefoot.services.walker.memory import Memory
-from surefoot.services.walker.orders import Order
-from surefoot.services.walker.outcomes import Outcomes
-from surefoot.services.walker.rehearsal import rehearse
+
+from . import interface
+from .biped.gait import BipedWalker
+from .gait import Gait
+from .hexapod.gait import HexapodWalker
+from .hexapod.params import WalkerParams
+from .hexapod.standins import HullCheck, nominal_footholds
+from .interface import FootholdReply, WalkerInputs, WalkerOutputs
+from .memory import Memory
+from .orders import Order
+from .outcomes import Outcomes
+from .rehearsal import rehearse
 
 ANSWER_S = 1.0
 """A question to another service that is not answered in this wall time is answered by the walker's own stand-in."""

@@ -62,7 +62,7 @@ def apply(tree: Path, words: dict[str, str], text: str) -> None:
 def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the checkout with everything the page adds."""
     copy = tmp_path_factory.mktemp("extended")
-    for folder in ("schemas", "surefoot", "services", "lab", "compose", "scenarios", "tests", "docs"):
+    for folder in ("schemas", "surefoot", "services", "lab", "papers", "compose", "scenarios", "tests", "docs"):
         shutil.copytree(ROOT / folder, copy / folder, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "pyproject.toml", copy)
     for words, text in blocks():

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from surefoot.services.estimator.paper.streams.inertial import GRAVITY
 
 from surefoot.kernels.jit import kernel
-from surefoot.lab.estimation.log import Log, segments
-from surefoot.services.estimator.inertial import GRAVITY
+
+from ..log import Log, segments
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -8,8 +8,8 @@ here both use the same norm.
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.footholds.learning.search import Cost, Searched
-from surefoot.services.footholds.models.bases import DECAY, MAX_POWER, POWER, SINE, Basis, Elementary, Gaussians
+from ..models.bases import DECAY, MAX_POWER, POWER, SINE, Basis, Elementary, Gaussians
+from .search import Cost, Searched
 
 Array = NDArray[np.float64]
 POPULATION = 30

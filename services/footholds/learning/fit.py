@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
-from surefoot.services.footholds.learning.evolution import evolve
-from surefoot.services.footholds.learning.samples import SampleSet
-from surefoot.services.footholds.learning.solve import cost, weights
-from surefoot.services.footholds.learning.swarm import swarm
-from surefoot.services.footholds.learning.varpro import Bounds, refine
-from surefoot.services.footholds.models.bases import POWER, Basis, Elementary, Gaussians, Warp, warped
-from surefoot.services.footholds.models.lattice import Bins, Lattice, filled, inputs
-from surefoot.services.footholds.models.learned import Conditions, LearnedModel, Terms
+
+from ..models.bases import POWER, Basis, Elementary, Gaussians, Warp, warped
+from ..models.lattice import Bins, Lattice, filled, inputs
+from ..models.learned import Conditions, LearnedModel, Terms
+from .evolution import evolve
+from .samples import SampleSet
+from .solve import cost, weights
+from .swarm import swarm
+from .varpro import Bounds, refine
 
 Array = NDArray[np.float64]
 Report = Callable[[float], bool]

@@ -1,6 +1,9 @@
 """Two learned models made one: their bins are added, and terms are fitted to the sum."""
 
-from surefoot.services.footholds.learning.fit import (
+from ..models.files import encode
+from ..models.lattice import merged
+from ..models.learned import LearnedModel
+from .fit import (
     FAMILIES,
     SEARCHES,
     Candidate,
@@ -8,9 +11,6 @@ from surefoot.services.footholds.learning.fit import (
     LearnOptions,
     built,
 )
-from surefoot.services.footholds.models.files import encode
-from surefoot.services.footholds.models.lattice import merged
-from surefoot.services.footholds.models.learned import LearnedModel
 
 
 def merge(a: LearnedModel, b: LearnedModel, weight: float = 1.0) -> LearnedModel:

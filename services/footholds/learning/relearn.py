@@ -15,11 +15,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
-from surefoot.services.footholds.learning.fit import LearnError, LearnOptions, built
-from surefoot.services.footholds.learning.merge import candidate_of
-from surefoot.services.footholds.learning.samples import Sample, SampleSet, gather
-from surefoot.services.footholds.models.lattice import faded, filled, inputs, merged
-from surefoot.services.footholds.models.learned import ROUNDS, LearnedModel
+from ..models.lattice import faded, filled, inputs, merged
+from ..models.learned import ROUNDS, LearnedModel
+from .fit import LearnError, LearnOptions, built
+from .merge import candidate_of
+from .samples import Sample, SampleSet, gather
 
 Form = Literal["counted", "paper"]
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.footholds.models.lattice import coordinates
+from ..models.lattice import coordinates
 
 Array = NDArray[np.float64]
 PATCH = 7

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from surefoot.services.footholds.models.bases import Basis
+from ..models.bases import Basis
 
 Cost = Callable[[Basis], float]
 """The weighted residual norm of a basis with its best weights."""

@@ -6,8 +6,8 @@ that leaves the bounds stops there.
 
 import numpy as np
 
-from surefoot.services.footholds.learning.search import Cost, Searched
-from surefoot.services.footholds.models.bases import Gaussians
+from ..models.bases import Gaussians
+from .search import Cost, Searched
 
 PARTICLES = 30
 INERTIA = 0.729

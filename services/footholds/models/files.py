@@ -9,9 +9,10 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from surefoot.errors import SurefootError
-from surefoot.services.footholds.models.bases import DECAY, Basis, Elementary, Gaussians
-from surefoot.services.footholds.models.lattice import Bin, Key, Lattice, LatticeError
-from surefoot.services.footholds.models.learned import Conditions, LearnedModel, Terms
+
+from .bases import DECAY, Basis, Elementary, Gaussians
+from .lattice import Bin, Key, Lattice, LatticeError
+from .learned import Conditions, LearnedModel, Terms
 
 SCHEMA = "surefoot.slip/1"
 MAX_BYTES = 16_000_000  # a larger file is refused before it is read

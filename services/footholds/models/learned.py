@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.kernels.jit import row_kernel
-from surefoot.services.footholds.features import Features, Layer
-from surefoot.services.footholds.models.bases import Basis, Warp, warped
-from surefoot.services.footholds.models.lattice import FLAT, Bin, Key, Lattice, inputs
-from surefoot.services.footholds.models.protocol import UNLEARNED
+
+from ..features import Features, Layer
+from .bases import Basis, Warp, warped
+from .lattice import FLAT, Bin, Key, Lattice, inputs
+from .protocol import UNLEARNED
 
 Array = NDArray[np.float64]
 NODES = (17, 65, 33)

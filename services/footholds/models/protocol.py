@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from surefoot.services.footholds.features import Features, Layer
+from ..features import Features, Layer
 
 UNLEARNED = -1.0
 """P of a cell that lies outside what a model has learned; other values outside [0, 1] are artefacts of a fit."""

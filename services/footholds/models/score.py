@@ -18,7 +18,8 @@ from functools import lru_cache
 import numpy as np
 
 from surefoot.kernels.jit import row_kernel
-from surefoot.services.footholds.features import Features, Layer
+
+from ..features import Features, Layer
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.kernels.jit import row_kernel
-from surefoot.services.navigator.belief.ukf import NUISANCE
+
+from .ukf import NUISANCE
 
 Array = NDArray[np.float64]
 

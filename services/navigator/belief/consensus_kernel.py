@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.linear_kernels import inverse3, solve3
 from surefoot.kernels.jit import row_kernel
-from surefoot.services.navigator.belief.gate_kernel import GATE, PAIRS, SPREAD, variances, wrapped
+
+from .gate_kernel import GATE, PAIRS, SPREAD, variances, wrapped
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

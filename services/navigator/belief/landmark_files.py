@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.navigator.belief.landmarks import (
+from .landmarks import (
     LONGEST_DESCRIPTOR,
     MOST_LANDMARKS,
     LandmarkMap,

@@ -17,9 +17,10 @@ import math
 from dataclasses import dataclass, field, replace
 
 from surefoot.errors import Refusal
-from surefoot.services.navigator.belief import matching_kernel as kernel
-from surefoot.services.navigator.belief.landmarks import LandmarkMap
-from surefoot.services.navigator.belief.matching import Detections, Matches, MatchLimits, SightNoise, known_elsewhere
+
+from . import matching_kernel as kernel
+from .landmarks import LandmarkMap
+from .matching import Detections, Matches, MatchLimits, SightNoise, known_elsewhere
 
 Shares = tuple[float, float, float]
 """Of detections here, elsewhere, strange."""

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from surefoot.errors import Refusal
-from surefoot.services.navigator.belief import matching_kernel as kernel
-from surefoot.services.navigator.belief.gate_kernel import FAR, UNLIKE
-from surefoot.services.navigator.belief.landmarks import LandmarkMap
+
+from . import matching_kernel as kernel
+from .gate_kernel import FAR, UNLIKE
+from .landmarks import LandmarkMap
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

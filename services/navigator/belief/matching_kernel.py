@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.kernels.jit import row_kernel
-from surefoot.services.navigator.belief.consensus_kernel import consensus
-from surefoot.services.navigator.belief.gate_kernel import (
+
+from .consensus_kernel import consensus
+from .gate_kernel import (
     DOUBLED,
     INVALID,
     LONGEST,

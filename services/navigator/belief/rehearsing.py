@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from surefoot.services.navigator.belief.landmarks import LandmarkMap
-from surefoot.services.navigator.belief.lost import Footprint, LostModel, LostState, evidence_of, in_view, observed
-from surefoot.services.navigator.belief.matching import Detections, MatchLimits, SightNoise, match
-from surefoot.services.navigator.belief.relocalise import Glance, relocalise
+from .landmarks import LandmarkMap
+from .lost import Footprint, LostModel, LostState, evidence_of, in_view, observed
+from .matching import Detections, MatchLimits, SightNoise, match
+from .relocalise import Glance, relocalise
 
 COUNT, LENGTH = 24, 8
 """Landmarks, and numbers in a descriptor."""

@@ -12,9 +12,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.navigator.belief import relocalise_kernel as kernel
-from surefoot.services.navigator.belief.landmarks import LandmarkMap
-from surefoot.services.navigator.belief.matching import Detections, MatchLimits, SightNoise, check_length
+from . import relocalise_kernel as kernel
+from .landmarks import LandmarkMap
+from .matching import Detections, MatchLimits, SightNoise, check_length
 
 Array = NDArray[np.float64]
 Reason = Literal["", "unseen", "unknown", "ambiguous", "unsure"]

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.linear_kernels import inverse3
 from surefoot.kernels.jit import row_kernel
-from surefoot.services.navigator.belief.gate_kernel import apart2, variances, wrapped
-from surefoot.services.navigator.belief.matching_kernel import likeness, sort_by
+
+from .gate_kernel import apart2, variances, wrapped
+from .matching_kernel import likeness, sort_by
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

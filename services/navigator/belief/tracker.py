@@ -11,9 +11,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.navigator.belief import common, ukf
-from surefoot.services.navigator.belief.landmarks import LandmarkMap
-from surefoot.services.navigator.belief.matching import Detections, Matches, MatchLimits, SightNoise, match
+from . import common, ukf
+from .landmarks import LandmarkMap
+from .matching import Detections, Matches, MatchLimits, SightNoise, match
 
 Array = NDArray[np.float64]
 Control = Literal["commands", "odometry"]

@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.kernels.jit import free_kernel
-from surefoot.services.navigator.belief.ukf import wrap
-from surefoot.services.navigator.environment.draws import stream
-from surefoot.services.navigator.environment.world import act, begin, cells, room_for, work_space_of
-from surefoot.services.navigator.policy.arrays import (
+
+from ..belief.ukf import wrap
+from ..policy.arrays import (
     GOAL_X,
     GOAL_Y,
     KIND,
@@ -22,8 +21,10 @@ from surefoot.services.navigator.policy.arrays import (
     TURNING,
     Arrays,
 )
-from surefoot.services.navigator.policy.choose import choose, work_space_to_choose
-from surefoot.services.navigator.policy.policies import Policy
+from ..policy.choose import choose, work_space_to_choose
+from ..policy.policies import Policy
+from .draws import stream
+from .world import act, begin, cells, room_for, work_space_of
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.kernels.jit import row_kernel
-from surefoot.services.navigator.belief.ukf import NUISANCE, predict_with, update_with, wrap
-from surefoot.services.navigator.environment.draws import below, normal_pair, seed, uniform
-from surefoot.services.navigator.policy.arrays import (
+
+from ..belief.ukf import NUISANCE, predict_with, update_with, wrap
+from ..policy.arrays import (
     BLOCKED,
     BOX_AT,
     BOX_HALF,
@@ -73,6 +73,7 @@ from surefoot.services.navigator.policy.arrays import (
     Y_MAX,
     Y_MIN,
 )
+from .draws import below, normal_pair, seed, uniform
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

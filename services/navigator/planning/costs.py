@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.errors import Refusal
-from surefoot.services.navigator.planning import astar_kernel as astar
-from surefoot.services.navigator.planning import costs_kernel as kernel
-from surefoot.services.navigator.planning.astar_kernel import EVEN, HEAVIEST, UNIT
-from surefoot.services.navigator.planning.grid import Grid
+
+from . import astar_kernel as astar
+from . import costs_kernel as kernel
+from .astar_kernel import EVEN, HEAVIEST, UNIT
+from .grid import Grid
 
 LARGE = 300_000
 """Free cells from which on marks pay: they take 16 bytes a cell, and a second or so to make for four million."""

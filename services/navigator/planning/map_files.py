@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from surefoot.errors import Refusal
-from surefoot.services.navigator.planning.grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN, Grid
+
+from .grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN, Grid
 
 Mode = Literal["trinary", "scale", "raw"]
 MODES: tuple[Mode, ...] = ("trinary", "scale", "raw")

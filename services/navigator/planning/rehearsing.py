@@ -4,9 +4,9 @@ import contextlib
 
 import numpy as np
 
-from surefoot.services.navigator.planning.costs import prepare
-from surefoot.services.navigator.planning.grid import OCCUPIED, Grid
-from surefoot.services.navigator.planning.route import RouteError, plan
+from .costs import prepare
+from .grid import OCCUPIED, Grid
+from .route import RouteError, plan
 
 LARGE_SIDE = 560
 """Cells; from about this size on a map gets marks, see `costs.LARGE`."""

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.errors import Refusal
-from surefoot.services.navigator.planning import astar_kernel as astar
-from surefoot.services.navigator.planning import costs_kernel as kernel
-from surefoot.services.navigator.planning.costs import Costs
+
+from . import astar_kernel as astar
+from . import costs_kernel as kernel
+from .costs import Costs
 
 Array = NDArray[np.float64]
 Point = tuple[float, float]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.navigator.policy.params import KINDS, Action, NavigationModel, mirror_of
+from .params import KINDS, Action, NavigationModel, mirror_of
 
 Array = NDArray[np.float64]
 

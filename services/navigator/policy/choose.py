@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.kernels.jit import row_kernel
-from surefoot.services.navigator.belief.ukf import entropy, spread, wrap
-from surefoot.services.navigator.policy.arrays import (
+
+from ..belief.ukf import entropy, spread, wrap
+from .arrays import (
     BLOCKED,
     FORWARD,
     GOAL_RADIUS,
@@ -26,7 +27,7 @@ from surefoot.services.navigator.policy.arrays import (
     TURNING,
     TURNS,
 )
-from surefoot.services.navigator.policy.grids import add_values
+from .grids import add_values
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

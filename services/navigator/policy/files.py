@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.errors import Refusal
-from surefoot.services.navigator.policy.choose import NUMBERS
-from surefoot.services.navigator.policy.grids import GRID
-from surefoot.services.navigator.policy.policies import KIND_NAMES, Policy
+
+from .choose import NUMBERS
+from .grids import GRID
+from .policies import KIND_NAMES, Policy
 
 VERSION = 1
 """Of the format; other versions are refused."""

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.kernels.jit import row_kernel
-from surefoot.services.navigator.policy.arrays import MIRROR
+
+from .arrays import MIRROR
 
 Array = NDArray[np.float64]
 

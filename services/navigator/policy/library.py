@@ -4,12 +4,13 @@ from pathlib import Path
 
 from surefoot.errors import Refusal
 from surefoot.nearest import did_you_mean
-from surefoot.services.navigator.policy.arrays import Arrays, arrays
-from surefoot.services.navigator.policy.files import load_policy, shipped
-from surefoot.services.navigator.policy.params import NavigationModel
-from surefoot.services.navigator.policy.planner import planner
-from surefoot.services.navigator.policy.policies import Policy, by_rule
 from surefoot.version import VERSION
+
+from .arrays import Arrays, arrays
+from .files import load_policy, shipped
+from .params import NavigationModel
+from .planner import planner
+from .policies import Policy, by_rule
 
 NAMES = ("hand", "tuned", "steer", "planner", "sarsa")
 

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.kernels.jit import free_kernel
-from surefoot.services.navigator.policy.arrays import (
+
+from .arrays import (
     COS_HALF,
     DENSITY,
     FORWARD,
@@ -37,9 +38,9 @@ from surefoot.services.navigator.policy.arrays import (
     VAR_HEADING,
     Arrays,
 )
-from surefoot.services.navigator.policy.choose import PLANNER
-from surefoot.services.navigator.policy.grids import D_MAX, D_MIN, GRID, LAYER_MAX, LAYER_MIN, MIRRORED, PER_M
-from surefoot.services.navigator.policy.policies import Policy, planner_numbers
+from .choose import PLANNER
+from .grids import D_MAX, D_MIN, GRID, LAYER_MAX, LAYER_MIN, MIRRORED, PER_M
+from .policies import Policy, planner_numbers
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.navigator.policy.arrays import (
+from .arrays import (
     BLOCKED,
     KIND,
     LAST,
@@ -22,7 +22,7 @@ from surefoot.services.navigator.policy.arrays import (
     WALK,
     Arrays,
 )
-from surefoot.services.navigator.policy.choose import (
+from .choose import (
     HAND,
     NUMBERS,
     PLANNER,
@@ -40,7 +40,7 @@ from surefoot.services.navigator.policy.choose import (
     features,
     work_space_to_choose,
 )
-from surefoot.services.navigator.policy.grids import GRID
+from .grids import GRID
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,8 @@ import math
 import numpy as np
 
 from surefoot.geometry.linear import exp
-from surefoot.services.simulator.ground.grid import (
+
+from .grid import (
     BLEND,
     PAD_END,
     Array,

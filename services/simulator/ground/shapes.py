@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.linear import exp
-from surefoot.services.simulator.ground.elevation import ELEVATION_HEIGHT, elevation
-from surefoot.services.simulator.ground.grid import (
+
+from .elevation import ELEVATION_HEIGHT, elevation
+from .grid import (
     BLEND,
     CORRIDOR,
     PAD_END,
@@ -27,7 +28,7 @@ from surefoot.services.simulator.ground.grid import (
     slab,
     smooth,
 )
-from surefoot.services.simulator.ground.mixed import MIXED_HEIGHT, mixed
+from .mixed import MIXED_HEIGHT, mixed
 
 Outline = tuple[tuple[float, float], ...]
 

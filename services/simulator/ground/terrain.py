@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.geometry.rotations import quat_from_rotvec
-from surefoot.services.simulator.ground.grid import Box, Grid, ShapeSpec, random_stream
-from surefoot.services.simulator.ground.shapes import SHAPES, WALL, WALLED_CELL, Outline, TerrainKind, inside
 from surefoot.tables import UNIT_SLACK
+
+from .grid import Box, Grid, ShapeSpec, random_stream
+from .shapes import SHAPES, WALL, WALLED_CELL, Outline, TerrainKind, inside
 
 __all__ = [
     "KINDS",

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.robot.description import Robot
-from surefoot.services.simulator.physics.addresses import Addresses
-from surefoot.services.simulator.physics.faults import Fault, FaultBank
-from surefoot.services.simulator.physics.model import NO_TORQUE, Perturbation, Physics, retune
-from surefoot.services.simulator.physics.samples import (
+
+from .addresses import Addresses
+from .faults import Fault, FaultBank
+from .model import NO_TORQUE, Perturbation, Physics, retune
+from .samples import (
     ContactSample,
     ImuSample,
     JointSample,

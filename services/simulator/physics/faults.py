@@ -6,8 +6,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.simulator.ground.grid import random_stream
-from surefoot.services.simulator.physics.samples import Detection
+from ..ground.grid import random_stream
+from .samples import Detection
 
 Array = NDArray[np.float64]
 Kind = Literal[

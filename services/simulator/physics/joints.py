@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from surefoot.robot.description import Robot
 
 if TYPE_CHECKING:
-    from surefoot.services.simulator.physics.addresses import Addresses
+    from .addresses import Addresses
 
 Array = NDArray[np.float64]
 

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.linear import norm
 from surefoot.robot.description import Robot
-from surefoot.services.simulator.ground.terrain import Terrain
-from surefoot.services.simulator.physics.addresses import Addresses
-from surefoot.services.simulator.physics.joints import add_backlash, add_coupled, add_joint, coupled_links
+
+from ..ground.terrain import Terrain
+from .addresses import Addresses
+from .joints import add_backlash, add_coupled, add_joint, coupled_links
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from surefoot.geometry.heightmap_exchange import load_any
-from surefoot.services.simulator.ground.terrain import (
+
+from ..ground.terrain import (
     KINDS,
     Terrain,
     TerrainError,
@@ -13,7 +14,7 @@ from surefoot.services.simulator.ground.terrain import (
     random_stream,
     terrain_from_map,
 )
-from surefoot.services.simulator.physics.model import Perturbation
+from .model import Perturbation
 
 COM_M = (0.004, 0.003, 0.005)  # m, level 1 of the perturbation: uniform within these,
 TRUNK_MASS = 0.08  # of the trunk's mass,

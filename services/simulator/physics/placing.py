@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.rotations import multiply, quat_from_rpy
-from surefoot.services.simulator.ground.terrain import Terrain
-from surefoot.services.simulator.physics.addresses import Addresses
-from surefoot.services.simulator.physics.disturb import WorldError
-from surefoot.services.simulator.physics.joints import place_joints
+
+from ..ground.terrain import Terrain
+from .addresses import Addresses
+from .disturb import WorldError
+from .joints import place_joints
 
 GRID = 0.03  # m, walls are thicker
 TOUCH = 0.01  # m, may reach into a wall: then the robot leans on it

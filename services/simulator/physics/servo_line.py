@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.robot.description import Robot
-from surefoot.services.simulator.physics.samples import ServoCommand, pack, unpack
+
+from .samples import ServoCommand, pack, unpack
 
 Array = NDArray[np.float64]
 

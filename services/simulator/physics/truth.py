@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import Robot
-from surefoot.services.simulator.physics.addresses import Addresses
-from surefoot.services.simulator.physics.placing import Displacement
-from surefoot.services.simulator.physics.twist import TwistTracker
+
+from .addresses import Addresses
+from .placing import Displacement
+from .twist import TwistTracker
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

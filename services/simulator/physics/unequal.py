@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from surefoot.kernels.jit import kernel
 from surefoot.robot import kinematics
 from surefoot.robot.description import KinematicModel, Robot
-from surefoot.services.simulator.physics.disturb import WorldError
+
+from .disturb import WorldError
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -22,9 +22,10 @@ from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.robot.description import Robot, RobotError
 from surefoot.robot.kinematics import foot_positions, forward
 from surefoot.robot.profiles import profile_table
-from surefoot.services.simulator.ground.grid import random_stream
-from surefoot.services.simulator.ground.terrain import Terrain
-from surefoot.services.simulator.physics.samples import Detection
+
+from ..ground.grid import random_stream
+from ..ground.terrain import Terrain
+from ..physics.samples import Detection
 
 Array = NDArray[np.float64]
 

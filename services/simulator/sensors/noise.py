@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import ContactSensor, CurrentSensor, Encoder, ImuProfile
-from surefoot.services.simulator.ground.grid import random_stream
+
+from ..ground.grid import random_stream
 
 Array = NDArray[np.float64]
 BLOCK = 256  # rows of normal numbers drawn at once

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.linear import product
 from surefoot.robot.description import Robot
-from surefoot.services.simulator.ground.grid import random_stream
-from surefoot.services.simulator.ground.terrain import Terrain
-from surefoot.services.simulator.physics.addresses import Addresses
-from surefoot.services.simulator.physics.faults import FaultBank
-from surefoot.services.simulator.physics.samples import CameraFrame, ExactState, Reach
-from surefoot.services.simulator.sensors.landmarks import (
+
+from ..ground.grid import random_stream
+from ..ground.terrain import Terrain
+from ..physics.addresses import Addresses
+from ..physics.faults import FaultBank
+from ..physics.samples import CameraFrame, ExactState, Reach
+from .landmarks import (
     CameraPose,
     Landmarks,
     LandmarkSensor,
@@ -25,7 +26,7 @@ from surefoot.services.simulator.sensors.landmarks import (
     read_camera,
     scatter,
 )
-from surefoot.services.simulator.sensors.walls import bumped, echo, read_ranger
+from .walls import bumped, echo, read_ranger
 
 Array = NDArray[np.float64]
 

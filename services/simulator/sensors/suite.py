@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from surefoot.robot.description import ImuProfile, Robot
 from surefoot.robot.profiles import imu_profile_names, read_imu_profile
-from surefoot.services.simulator.physics.disturb import WorldError, by_foot
-from surefoot.services.simulator.physics.samples import ContactSample, ImuSample, JointSample, Samples
-from surefoot.services.simulator.sensors import noise as sensors
+
+from ..physics.disturb import WorldError, by_foot
+from ..physics.samples import ContactSample, ImuSample, JointSample, Samples
+from . import noise as sensors
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.robot.profiles import profile_table
-from surefoot.services.simulator.physics.addresses import Addresses
+
+from ..physics.addresses import Addresses
 
 Array = NDArray[np.float64]
 

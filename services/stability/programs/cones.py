@@ -8,7 +8,8 @@ recomputing s and x from the scaled point loses eight digits near the boundary.
 import math
 
 from surefoot.kernels.jit import row_kernel
-from surefoot.services.stability.programs.lanes import (
+
+from .lanes import (
     AXIS,
     COLUMNS,
     D_TAU,

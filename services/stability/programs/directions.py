@@ -7,7 +7,8 @@ from numpy.typing import ArrayLike
 
 from surefoot.geometry.polygon import hull
 from surefoot.kernels.jit import row_kernel
-from surefoot.services.stability.programs.contacts import Array, StabilityError
+
+from .contacts import Array, StabilityError
 
 
 def equally_spaced(count: int) -> Array:

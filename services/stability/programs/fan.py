@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.kernels.jit import row_kernel
-from surefoot.services.stability.programs.interior import FAILED, SOLVED, solve_lanes
-from surefoot.services.stability.programs.lanes import LANES
+
+from .interior import FAILED, SOLVED, solve_lanes
+from .lanes import LANES
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.kernels.jit import row_kernel
-from surefoot.services.stability.programs import cones
-from surefoot.services.stability.programs.lanes import (
+
+from . import cones
+from .lanes import (
     ACTIVE,
     BLOCK,
     COST,

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.linear import combined, dot
-from surefoot.services.stability.programs.contacts import Array, ContactSet, StabilityError
-from surefoot.services.stability.programs.fan import ASKED, Fan, explore, insert, new_fan
-from surefoot.services.stability.programs.interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED, solve_lanes
-from surefoot.services.stability.programs.lanes import LANES
-from surefoot.services.stability.programs.reduced import SMALL_MU, matrices, reduce
-from surefoot.services.stability.programs.reference import Reference
+
+from .contacts import Array, ContactSet, StabilityError
+from .fan import ASKED, Fan, explore, insert, new_fan
+from .interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED, solve_lanes
+from .lanes import LANES
+from .reduced import SMALL_MU, matrices, reduce
+from .reference import Reference
 
 Ints = NDArray[np.int64]
 SupportStatus = Literal["ok", "unbounded", "infeasible"]

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.kernels.jit import row_kernel
-from surefoot.services.stability.programs.contacts import Array, ContactSet
+
+from .contacts import Array, ContactSet
 
 SPOT = 1e-9  # m; contacts that lie nearer together are at one point: what is left of their distances is rounding
 RANK = 1e-10  # relative; smaller singular values are taken as zero

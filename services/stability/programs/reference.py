@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from surefoot.services.stability.programs.clarabel_tools import clarabel_and_sparse
-from surefoot.services.stability.programs.contacts import Array
-from surefoot.services.stability.programs.interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED
+from .clarabel_tools import clarabel_and_sparse
+from .contacts import Array
+from .interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED
 
 LOOSE = 1e-6  # residual, relative to max(1, value), above which an "almost solved" answer is refused
 

@@ -9,21 +9,22 @@ from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import com, foot_positions
 from surefoot.schemas.stability import ComReply, ComRequest, EquilibriumReply, EquilibriumRequest
 from surefoot.schemas.whatif import BatchReply, BatchRequest, Variant, WhatifReply, WhatifRequest
-from surefoot.services.stability.programs.contacts import StabilityError, within
-from surefoot.services.stability.queries.messages import contacts_of, named_robot, posture, triples
-from surefoot.services.stability.regions import whatif
-from surefoot.services.stability.regions.effective import GRAVITY, lean, stays_down, upward
-from surefoot.services.stability.regions.equilibrium import equilibrium, least_forces, least_friction
-from surefoot.services.stability.regions.many import STATUSES, Variants
-from surefoot.services.stability.sensing.forces import (
+
+from ..programs.contacts import StabilityError, within
+from ..regions import whatif
+from ..regions.effective import GRAVITY, lean, stays_down, upward
+from ..regions.equilibrium import equilibrium, least_forces, least_friction
+from ..regions.many import STATUSES, Variants
+from ..sensing.forces import (
     FootForces,
     com_from_forces,
     forces_from_torques,
     fuse_normal,
     gain_from_weight,
 )
-from surefoot.services.stability.sensing.pressure import PressureSensor, read_loads
-from surefoot.services.stability.sensing.state import WatchParams
+from ..sensing.pressure import PressureSensor, read_loads
+from ..sensing.state import WatchParams
+from .messages import contacts_of, named_robot, posture, triples
 
 
 def whatif_reply(request: WhatifRequest) -> WhatifReply:

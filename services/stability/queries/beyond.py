@@ -8,9 +8,12 @@ import numpy as np
 from surefoot.geometry.polygon import area
 from surefoot.robot.description import Robot
 from surefoot.schemas.stability import RegionReply, RegionRequest, SupportPoint
-from surefoot.services.stability.programs.contacts import Array, refuse
-from surefoot.services.stability.queries.limited import limited_reply
-from surefoot.services.stability.queries.messages import (
+
+from ..programs.contacts import Array, refuse
+from ..regions.effective import GRAVITY, Leaning, lean, stays_down, tilt_robust, upward
+from ..regions.region import Region, distance, region
+from .limited import limited_reply
+from .messages import (
     contacts_of,
     directions_of,
     pairs,
@@ -18,8 +21,6 @@ from surefoot.services.stability.queries.messages import (
     region_reply,
     triples,
 )
-from surefoot.services.stability.regions.effective import GRAVITY, Leaning, lean, stays_down, tilt_robust, upward
-from surefoot.services.stability.regions.region import Region, distance, region
 
 
 def region_answer(request: RegionRequest, own: Robot | None) -> RegionReply:

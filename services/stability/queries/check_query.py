@@ -16,10 +16,17 @@ from surefoot.schemas.stability import (
     RegionReply,
     RegionRequest,
 )
-from surefoot.services.stability.programs.contacts import Array, StabilityError, refuse, within
-from surefoot.services.stability.queries.beyond import region_answer
-from surefoot.services.stability.queries.limited import limited_check
-from surefoot.services.stability.queries.messages import (
+
+from ..programs.contacts import Array, StabilityError, refuse, within
+from ..regions.effective import leanings
+from ..regions.margin import Extent
+from ..regions.movement import Check, check, worst
+from ..regions.region import Region, region
+from ..regions.robust import Uncertainty, margin_gradient, robust_margin
+from ..sensing.shift import Shift, kinematic_shift, stance_legs
+from .beyond import region_answer
+from .limited import limited_check
+from .messages import (
     contacts_of,
     named_robot,
     posture,
@@ -27,12 +34,6 @@ from surefoot.services.stability.queries.messages import (
     region_of,
     triples,
 )
-from surefoot.services.stability.regions.effective import leanings
-from surefoot.services.stability.regions.margin import Extent
-from surefoot.services.stability.regions.movement import Check, check, worst
-from surefoot.services.stability.regions.region import Region, region
-from surefoot.services.stability.regions.robust import Uncertainty, margin_gradient, robust_margin
-from surefoot.services.stability.sensing.shift import Shift, kinematic_shift, stance_legs
 
 
 def check_reply(request: CheckRequest, own: Robot) -> CheckReply:

@@ -4,8 +4,9 @@ import numpy as np
 
 from surefoot.robot.description import Robot
 from surefoot.schemas.calibration import CalibrateReply, CalibrateRequest
-from surefoot.services.stability.programs.contacts import Array, StabilityError
-from surefoot.services.stability.sensing.calibration import (
+
+from ..programs.contacts import Array, StabilityError
+from ..sensing.calibration import (
     APART_SD,
     Calibration,
     Flags,

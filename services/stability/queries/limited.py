@@ -17,10 +17,17 @@ from surefoot.schemas.stability import (
     RegionReply,
     SupportPoint,
 )
-from surefoot.services.stability.programs.contacts import Array, ContactSet, StabilityError, refuse, within
-from surefoot.services.stability.programs.directions import equally_spaced
-from surefoot.services.stability.programs.oracle import Support
-from surefoot.services.stability.queries.messages import (
+
+from ..programs.contacts import Array, ContactSet, StabilityError, refuse, within
+from ..programs.directions import equally_spaced
+from ..programs.oracle import Support
+from ..regions.actuated import ActuatedRegion, Legs, actuated_region
+from ..regions.effective import GRAVITY
+from ..regions.movement import Check, check
+from ..regions.region import Region, distance
+from ..sensing.forces import contact_jacobians
+from ..sensing.shift import NEAR, Shift, kinematic_shift
+from .messages import (
     contacts_of,
     directions_of,
     named_robot,
@@ -28,12 +35,6 @@ from surefoot.services.stability.queries.messages import (
     posture,
     triples,
 )
-from surefoot.services.stability.regions.actuated import ActuatedRegion, Legs, actuated_region
-from surefoot.services.stability.regions.effective import GRAVITY
-from surefoot.services.stability.regions.movement import Check, check
-from surefoot.services.stability.regions.region import Region, distance
-from surefoot.services.stability.sensing.forces import contact_jacobians
-from surefoot.services.stability.sensing.shift import NEAR, Shift, kinematic_shift
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,11 +19,12 @@ from surefoot.schemas.stability import (
     RegionRequest,
     SupportPoint,
 )
-from surefoot.services.stability.programs.contacts import Array, ContactSet, StabilityError, contact_set, within
-from surefoot.services.stability.programs.directions import equally_spaced, unit
-from surefoot.services.stability.programs.oracle import Support
-from surefoot.services.stability.regions.region import Region, region
 from surefoot.tables import TableError
+
+from ..programs.contacts import Array, ContactSet, StabilityError, contact_set, within
+from ..programs.directions import equally_spaced, unit
+from ..programs.oracle import Support
+from ..regions.region import Region, region
 
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 

@@ -16,11 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from surefoot.geometry.polygon import hull
-from surefoot.services.stability.programs.clarabel_tools import clarabel_and_sparse
-from surefoot.services.stability.programs.contacts import Array, ContactSet, StabilityError
-from surefoot.services.stability.programs.directions import equally_spaced
-from surefoot.services.stability.programs.reduced import SMALL_MU, matrices
-from surefoot.services.stability.regions.region import RegionStatus
+
+from ..programs.clarabel_tools import clarabel_and_sparse
+from ..programs.contacts import Array, ContactSet, StabilityError
+from ..programs.directions import equally_spaced
+from ..programs.reduced import SMALL_MU, matrices
+from .region import RegionStatus
 
 THIN = 1e-7  # m
 GAP = 1e-7  # m, largest duality gap that is accepted

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.kernels.jit import row_kernel
-from surefoot.services.stability.programs.fan import Fan, triangle
-from surefoot.services.stability.programs.lanes import PIVOT
+
+from ..programs.fan import Fan, triangle
+from ..programs.lanes import PIVOT
 
 Array = NDArray[np.float64]
 

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from surefoot.geometry.polygon import half_planes, hull
-from surefoot.services.stability.programs.contacts import Array, ContactSet, StabilityError, within
-from surefoot.services.stability.regions.margin import Plane
-from surefoot.services.stability.regions.region import Region, RegionStatus, region
+
+from ..programs.contacts import Array, ContactSet, StabilityError, within
+from .margin import Plane
+from .region import Region, RegionStatus, region
 
 GRAVITY = 9.81  # m/s2
 SLACK, THIN = 1e-9, 1e-7  # m: how far points and segments may lie apart and be met; what is narrower has no area

@@ -11,8 +11,9 @@ import math
 import numpy as np
 
 from surefoot.kernels.jit import row_kernel
-from surefoot.services.stability.programs.contacts import Array
-from surefoot.services.stability.programs.reduced import SPOT
+
+from ..programs.contacts import Array
+from ..programs.reduced import SPOT
 
 PLANE = 1e-12  # of the unit of length; a larger distance from the plane is uneven ground
 CONE = 1e-12  # slack of the two conditions on a cone

@@ -18,16 +18,17 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.polygon import hull, signed_distance
 from surefoot.kernels.jit import free_kernel, row_kernel
-from surefoot.services.stability.programs.contacts import Array, ContactSet
-from surefoot.services.stability.programs.directions import edge_normals
-from surefoot.services.stability.programs.fan import ANSWER, APPROACH, Goal, explore, new_fan
-from surefoot.services.stability.programs.interior import NO_PRIMAL
-from surefoot.services.stability.programs.lanes import LANES
-from surefoot.services.stability.programs.reduced import RANK, SMALL_MU, matrices
-from surefoot.services.stability.regions import flat
-from surefoot.services.stability.regions.margin import MARGIN_DIRECTIONS, MARGIN_TOLERANCE, ON_EDGE, margin, settled
-from surefoot.services.stability.regions.region import RegionStatus, region, wide
-from surefoot.services.stability.regions.thin import POINT, WIDE, along, flat_ends, line_of
+
+from ..programs.contacts import Array, ContactSet
+from ..programs.directions import edge_normals
+from ..programs.fan import ANSWER, APPROACH, Goal, explore, new_fan
+from ..programs.interior import NO_PRIMAL
+from ..programs.lanes import LANES
+from ..programs.reduced import RANK, SMALL_MU, matrices
+from . import flat
+from .margin import MARGIN_DIRECTIONS, MARGIN_TOLERANCE, ON_EDGE, margin, settled
+from .region import RegionStatus, region, wide
+from .thin import POINT, WIDE, along, flat_ends, line_of
 
 Ints = NDArray[np.int64]
 

@@ -9,13 +9,14 @@ import numpy as np
 from surefoot.geometry.linear import dot, product
 from surefoot.geometry.polygon import ray, signed_distance
 from surefoot.kernels.jit import row_kernel
-from surefoot.services.stability.programs.contacts import Array, StabilityError
-from surefoot.services.stability.programs.fan import APPROACH, Fan, Goal, Outlook, explore, insert, near_arcs, new_fan
-from surefoot.services.stability.programs.interior import NO_DUAL, NO_PRIMAL, SOLVED
-from surefoot.services.stability.programs.lanes import LANES
-from surefoot.services.stability.programs.oracle import FLAT, Oracle, solve_one
-from surefoot.services.stability.programs.reference import Reference
-from surefoot.services.stability.regions.region import Region, Solved
+
+from ..programs.contacts import Array, StabilityError
+from ..programs.fan import APPROACH, Fan, Goal, Outlook, explore, insert, near_arcs, new_fan
+from ..programs.interior import NO_DUAL, NO_PRIMAL, SOLVED
+from ..programs.lanes import LANES
+from ..programs.oracle import FLAT, Oracle, solve_one
+from ..programs.reference import Reference
+from .region import Region, Solved
 
 ExtentStatus = Literal["ok", "unbounded", "infeasible", "missed"]
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from surefoot.services.stability.programs.contacts import Array
-from surefoot.services.stability.regions.margin import Extent, Margin, Plane, extent, margin
-from surefoot.services.stability.regions.region import Region
+from ..programs.contacts import Array
+from .margin import Extent, Margin, Plane, extent, margin
+from .region import Region
 
 STILL = 1e-12  # m; a shorter horizontal movement has no direction
 

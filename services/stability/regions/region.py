@@ -13,16 +13,17 @@ import numpy as np
 from surefoot.geometry.linear import product
 from surefoot.geometry.polygon import area, half_planes, hull, signed_distance
 from surefoot.kernels.jit import row_kernel
-from surefoot.services.stability.programs.contacts import Array, ContactSet
-from surefoot.services.stability.programs.directions import AXES, corner_normals, has_axes
-from surefoot.services.stability.programs.fan import ANSWER, ENCLOSE, Fan, Goal, explore, new_fan
-from surefoot.services.stability.programs.interior import NO_PRIMAL, SOLVED
-from surefoot.services.stability.programs.lanes import LANES
-from surefoot.services.stability.programs.oracle import FLAT, Oracle, Support
-from surefoot.services.stability.programs.reduced import RANK, SMALL_MU, matrices
-from surefoot.services.stability.regions import flat
-from surefoot.services.stability.regions.chords import beyond_chords
-from surefoot.services.stability.regions.thin import THIN, WIDE, along, flat_ends, line_of
+
+from ..programs.contacts import Array, ContactSet
+from ..programs.directions import AXES, corner_normals, has_axes
+from ..programs.fan import ANSWER, ENCLOSE, Fan, Goal, explore, new_fan
+from ..programs.interior import NO_PRIMAL, SOLVED
+from ..programs.lanes import LANES
+from ..programs.oracle import FLAT, Oracle, Support
+from ..programs.reduced import RANK, SMALL_MU, matrices
+from . import flat
+from .chords import beyond_chords
+from .thin import THIN, WIDE, along, flat_ends, line_of
 
 RegionStatus = Literal["ok", "infeasible", "unbounded", "point", "segment"]
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from surefoot.services.stability.programs.contacts import Array, ContactSet
-from surefoot.services.stability.programs.oracle import Support
-from surefoot.services.stability.regions.equilibrium import equilibrium
-from surefoot.services.stability.regions.margin import margin
-from surefoot.services.stability.regions.region import region
+from ..programs.contacts import Array, ContactSet
+from ..programs.oracle import Support
+from .equilibrium import equilibrium
+from .margin import margin
+from .region import region
 
 INSIDE = 1e-6  # of the way to the middle of the region: forces are asked for so far inside the edge
 FINEST = 1e-4  # rad; directions around the lowest ones are refined down to that

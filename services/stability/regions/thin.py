@@ -5,9 +5,10 @@ import math
 import numpy as np
 
 from surefoot.kernels.jit import row_kernel
-from surefoot.services.stability.programs.contacts import Array
-from surefoot.services.stability.programs.fan import Fan
-from surefoot.services.stability.programs.interior import SOLVED
+
+from ..programs.contacts import Array
+from ..programs.fan import Fan
+from ..programs.interior import SOLVED
 
 THIN = 1e-7  # in units of the stance; a region narrower than that is a segment, a shorter one a point
 LINE, LEVEL = 1e-9, 1e-6  # of the length of a line: how far contacts may lie off it, and how steep it may be

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from surefoot.services.stability.programs.contacts import (
+from ..programs.contacts import (
     MAX_CONTACTS,
     MAX_COORDINATE,
     Array,
@@ -15,7 +15,7 @@ from surefoot.services.stability.programs.contacts import (
     contact_set,
     within,
 )
-from surefoot.services.stability.regions.many import Ints, Variants, assess
+from .many import Ints, Variants, assess
 
 
 @dataclass(frozen=True, slots=True)

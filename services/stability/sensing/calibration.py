@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import com, foot_positions
-from surefoot.services.stability.programs.contacts import Array, StabilityError
-from surefoot.services.stability.sensing.forces import leg_inverses
+
+from ..programs.contacts import Array, StabilityError
+from .forces import leg_inverses
 
 Flags = NDArray[np.bool_]
 

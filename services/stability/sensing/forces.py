@@ -12,7 +12,8 @@ from surefoot.geometry.linear_kernels import inverse3
 from surefoot.kernels.jit import row_kernel
 from surefoot.robot.description import KinematicModel, Robot
 from surefoot.robot.kinematics import foot_jacobians_of, forward, gravity_torques_of
-from surefoot.services.stability.programs.contacts import Array
+
+from ..programs.contacts import Array
 
 Flags = NDArray[np.bool_]
 

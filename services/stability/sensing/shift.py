@@ -11,7 +11,8 @@ from surefoot.geometry.linear_kernels import solve3
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import KinematicModel, Robot
 from surefoot.robot.kinematics import com, foot_jacobians_of, foot_positions, foot_positions_of, forward
-from surefoot.services.stability.programs.contacts import Array, ContactSet, StabilityError
+
+from ..programs.contacts import Array, ContactSet, StabilityError
 
 Flags = NDArray[np.bool_]
 

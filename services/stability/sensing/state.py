@@ -11,10 +11,11 @@ from surefoot.geometry.linear import norm, product
 from surefoot.kernels.jit import row_kernel
 from surefoot.robot.description import KinematicModel, Robot
 from surefoot.robot.kinematics import com_of, foot_positions_of, forward
-from surefoot.services.stability.programs.contacts import Array, ContactSet
-from surefoot.services.stability.regions.margin import Margin, margin
-from surefoot.services.stability.regions.region import Region, region
-from surefoot.services.stability.sensing.forces import MeasuredCom, com_from_forces, leg_forces_of
+
+from ..programs.contacts import Array, ContactSet
+from ..regions.margin import Margin, margin
+from ..regions.region import Region, region
+from .forces import MeasuredCom, com_from_forces, leg_forces_of
 
 Flags = NDArray[np.bool_]
 

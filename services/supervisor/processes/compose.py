@@ -18,8 +18,9 @@ from typing import Any, Literal, cast
 import yaml
 
 from surefoot.files import FileError, read_text
-from surefoot.services.supervisor.processes.extends import extended
 from surefoot.tables import Table, shown
+
+from .extends import extended
 
 CONTAINER_ONLY = ("image", "build", "network_mode", "init")
 

@@ -11,11 +11,12 @@ from surefoot.errors import BusError, CallError
 from surefoot.logline import said
 from surefoot.schemas.sim import ResetRequest, World
 from surefoot.schemas.topics import SIM_RESET
-from surefoot.services.supervisor.processes.compose import Compose
-from surefoot.services.supervisor.processes.process import Child, busy_s
-from surefoot.services.supervisor.processes.rundir import RunFolder, RunFolderError
-from surefoot.services.supervisor.processes.session import STEP_S, Session
-from surefoot.services.supervisor.processes.system import SELF
+
+from .compose import Compose
+from .process import Child, busy_s
+from .rundir import RunFolder, RunFolderError
+from .session import STEP_S, Session
+from .system import SELF
 
 DRIVER_S = 5.0  # s wall, after all services of a system are there one of them must have said that it drives
 READY_S = 90.0  # s wall without progress of the start: processor time of its services; the first compiles kernels

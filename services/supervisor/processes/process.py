@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import IO
 
 from surefoot.lockstep.ending import ENDS
-from surefoot.services.supervisor.processes.identity import identify
-from surefoot.services.supervisor.processes.signs import starved_s
+
+from .identity import identify
+from .signs import starved_s
 
 SERVICE_MODULE = "surefoot.lockstep.discover"
 MAX_LOG_BYTES = 32 * 1024 * 1024  # a larger log is set aside as <name>.log.1 at the next start

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from surefoot.services.supervisor.processes.compose import ComposeService, Restart
+from .compose import ComposeService, Restart
 
 BACKOFF_FIRST_S = 0.1  # s, wait before the first restart: a robot stands and waits meanwhile
 BACKOFF_FACTOR = 2.0  # each further restart waits this much longer

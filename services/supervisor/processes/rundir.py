@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
-from surefoot.services.supervisor.processes.identity import Identity, end, identify
+from .identity import Identity, end, identify
 
 if TYPE_CHECKING:
     from surefoot.schemas.system import ServiceStatus

@@ -24,13 +24,14 @@ from surefoot.schemas.hw import EmergencyStop
 from surefoot.schemas.sim import SimStatus
 from surefoot.schemas.system import Health, HealthRequest, ServiceStatus
 from surefoot.schemas.topics import CMD_ESTOP, HEALTH_GET, Query
-from surefoot.services.supervisor.processes.compose import Compose
-from surefoot.services.supervisor.processes.ports import owner_of, port_of
-from surefoot.services.supervisor.processes.reconcile import Action
-from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder
-from surefoot.services.supervisor.processes.system import SELF, System
-from surefoot.services.supervisor.scenarios.director import Director
-from surefoot.services.supervisor.service import Supervisor
+
+from ..scenarios.director import Director
+from ..service import Supervisor
+from .compose import Compose
+from .ports import owner_of, port_of
+from .reconcile import Action
+from .rundir import Endpoint, RunFolder
+from .system import SELF, System
 
 Req = TypeVar("Req", bound=Request)
 Rep = TypeVar("Rep", bound=Wire)

@@ -11,9 +11,10 @@ from surefoot.files import find
 from surefoot.lockstep.config import load_config
 from surefoot.lockstep.discover import service_class, service_names
 from surefoot.nearest import did_you_mean
-from surefoot.services.supervisor.processes.compose import Compose, ComposeError, ComposeService, load_compose
-from surefoot.services.supervisor.processes.system import SELF
-from surefoot.services.supervisor.scenarios.scenario import Scenario, ScenarioError
+
+from ..scenarios.scenario import Scenario, ScenarioError
+from .compose import Compose, ComposeError, ComposeService, load_compose
+from .system import SELF
 
 PYTHONS = ("python", "python3")
 

@@ -7,10 +7,11 @@ from dataclasses import replace
 from typing import Protocol
 
 from surefoot.schemas.system import ServiceStatus
-from surefoot.services.supervisor.processes.compose import Compose, ComposeService
-from surefoot.services.supervisor.processes.identity import await_end
-from surefoot.services.supervisor.processes.process import Child
-from surefoot.services.supervisor.processes.reconcile import (
+
+from .compose import Compose, ComposeService
+from .identity import await_end
+from .process import Child
+from .reconcile import (
     ABSENT,
     Action,
     Observed,
@@ -19,8 +20,8 @@ from surefoot.services.supervisor.processes.reconcile import (
     settled,
     wanted_from,
 )
-from surefoot.services.supervisor.processes.rundir import RunFolder
-from surefoot.services.supervisor.processes.signs import Signs
+from .rundir import RunFolder
+from .signs import Signs
 
 SELF = "supervisor"  # listed in the compose file for container engines; here it is this very process
 STEP_S = 0.02  # s, how often processes are looked at

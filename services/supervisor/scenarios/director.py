@@ -13,7 +13,8 @@ from surefoot.schemas.base import Request
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.schemas.sim import PauseRequest
 from surefoot.schemas.topics import SIM_PAUSE, STABILITY_CALIBRATE, Query
-from surefoot.services.supervisor.scenarios.scenario import COMMANDS, GOALS, TICK_S, WALKING, Scenario, Step
+
+from .scenario import COMMANDS, GOALS, TICK_S, WALKING, Scenario, Step
 
 LEAD_TICKS = WINDOW_TICKS + 1
 """An order comes at least so long before its tick."""

@@ -38,8 +38,9 @@ from surefoot.schemas.topics import (
     TICK_NS,
     Query,
 )
-from surefoot.services.supervisor.scenarios.limits import LIMITS
 from surefoot.tables import Table
+
+from .limits import LIMITS
 
 M = TypeVar("M", bound=Request)
 

@@ -6,12 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.robot.description import Robot
-from surefoot.services.walker.biped import balance
-from surefoot.services.walker.biped.ik import LegGeometry
-from surefoot.services.walker.biped.params import BipedParams
-from surefoot.services.walker.biped.plan import smooth
-from surefoot.services.walker.biped.state import BipedState, Mode
-from surefoot.services.walker.interface import WalkerInputs
+
+from ..interface import WalkerInputs
+from . import balance
+from .ik import LegGeometry
+from .params import BipedParams
+from .plan import smooth
+from .state import BipedState, Mode
 
 Array = NDArray[np.float64]
 

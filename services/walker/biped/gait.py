@@ -15,19 +15,20 @@ from numpy.typing import NDArray
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
-from surefoot.services.walker.biped import balance, feedback
-from surefoot.services.walker.biped import route as routes
-from surefoot.services.walker.biped.ik import leg_geometry
-from surefoot.services.walker.biped.params import GAITS, BipedParams, abilities
-from surefoot.services.walker.biped.plan import LEFT, RIGHT, between, placed, reference, smooth, support_point, swing
-from surefoot.services.walker.biped.preview import HORIZON, preview_gains, preview_step
-from surefoot.services.walker.biped.report import ends_in_s, outputs
-from surefoot.services.walker.biped.route import route_of, upcoming
-from surefoot.services.walker.biped.servos import DT, GRAVITY, SetPoints
-from surefoot.services.walker.biped.state import BipedState, Late, Mode
-from surefoot.services.walker.commands import refusal_of
-from surefoot.services.walker.interface import CommandReply, MotionCommand, WalkerInputs, WalkerOutputs
-from surefoot.services.walker.memory import WalkMemory
+
+from ..commands import refusal_of
+from ..interface import CommandReply, MotionCommand, WalkerInputs, WalkerOutputs
+from ..memory import WalkMemory
+from . import balance, feedback
+from . import route as routes
+from .ik import leg_geometry
+from .params import GAITS, BipedParams, abilities
+from .plan import LEFT, RIGHT, between, placed, reference, smooth, support_point, swing
+from .preview import HORIZON, preview_gains, preview_step
+from .report import ends_in_s, outputs
+from .route import route_of, upcoming
+from .servos import DT, GRAVITY, SetPoints
+from .state import BipedState, Late, Mode
 
 Array = NDArray[np.float64]
 

@@ -4,7 +4,8 @@ import math
 from dataclasses import dataclass, fields, replace
 
 from surefoot.robot.description import Robot
-from surefoot.services.walker.commands import Abilities, ArcLimits
+
+from ..commands import Abilities, ArcLimits
 
 GAITS = ("zmp", "quick")
 """Names of the gaits; the first is the usual one."""

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from surefoot.kernels.jit import kernel
 from surefoot.robot import kinematics
 from surefoot.robot.description import KinematicModel
-from surefoot.services.walker.biped.ik import LegGeometry, legs_ik
+
+from .ik import LegGeometry, legs_ik
 
 Array = NDArray[np.float64]
 

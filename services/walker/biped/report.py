@@ -5,10 +5,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.walker.biped.params import BipedParams
-from surefoot.services.walker.biped.servos import DT
-from surefoot.services.walker.biped.state import BipedState, Mode
-from surefoot.services.walker.interface import WalkerOutputs, WalkState
+from ..interface import WalkerOutputs, WalkState
+from .params import BipedParams
+from .servos import DT
+from .state import BipedState, Mode
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.walker.biped.params import BipedParams
-from surefoot.services.walker.biped.plan import LEFT, RIGHT, advanced, between, placed
-from surefoot.services.walker.interface import MotionCommand
+from ..interface import MotionCommand
+from .params import BipedParams
+from .plan import LEFT, RIGHT, advanced, between, placed
 
 Array = NDArray[np.float64]
 

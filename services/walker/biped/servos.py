@@ -7,11 +7,12 @@ from numpy.typing import NDArray
 
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
-from surefoot.services.walker.biped import posture
-from surefoot.services.walker.biped.ik import LegGeometry
-from surefoot.services.walker.biped.params import BipedParams
-from surefoot.services.walker.biped.plan import between, smooth
-from surefoot.services.walker.biped.state import BipedState, Mode
+
+from . import posture
+from .ik import LegGeometry
+from .params import BipedParams
+from .plan import between, smooth
+from .state import BipedState, Mode
 
 Array = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.walker.biped.route import BipedRoute, Footstep
-from surefoot.services.walker.interface import MotionCommand
+from ..interface import MotionCommand
+from .route import BipedRoute, Footstep
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

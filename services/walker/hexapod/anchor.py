@@ -13,11 +13,12 @@ from surefoot.geometry import rotations
 from surefoot.geometry.linear import dot
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
-from surefoot.services.walker.hexapod import posture
-from surefoot.services.walker.hexapod.ground import Ground
-from surefoot.services.walker.hexapod.params import WalkerParams
-from surefoot.services.walker.hexapod.state import Stage, WalkerState
-from surefoot.services.walker.interface import WalkerInputs
+
+from ..interface import WalkerInputs
+from . import posture
+from .ground import Ground
+from .params import WalkerParams
+from .state import Stage, WalkerState
 
 Array = NDArray[np.float64]
 

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.linear import product
 from surefoot.kernels.jit import kernel
-from surefoot.services.walker.hexapod import planning
-from surefoot.services.walker.hexapod.patterns import HEXAPOD_GAITS, GaitPattern
-from surefoot.services.walker.hexapod.planning import PlanningContext
-from surefoot.services.walker.hexapod.state import Stage, WalkerState
-from surefoot.services.walker.interface import BodyPose, StanceVerdict
+
+from ..interface import BodyPose, StanceVerdict
+from . import planning
+from .patterns import HEXAPOD_GAITS, GaitPattern
+from .planning import PlanningContext
+from .state import Stage, WalkerState
 
 Array = NDArray[np.float64]
 

@@ -13,15 +13,9 @@ from surefoot.geometry import rotations
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
-from surefoot.services.walker.commands import refusal_of
-from surefoot.services.walker.hexapod import anchor, balance, planning, posture, stepping
-from surefoot.services.walker.hexapod.ground import Ground
-from surefoot.services.walker.hexapod.params import WalkerParams, abilities
-from surefoot.services.walker.hexapod.patterns import HEXAPOD_GAITS
-from surefoot.services.walker.hexapod.route import Route, advance, finished, moved, remaining
-from surefoot.services.walker.hexapod.standins import HullCheck, nominal_footholds
-from surefoot.services.walker.hexapod.state import Stage, WalkerState
-from surefoot.services.walker.interface import (
+
+from ..commands import refusal_of
+from ..interface import (
     Advance,
     BodyPose,
     Check,
@@ -33,7 +27,14 @@ from surefoot.services.walker.interface import (
     WalkState,
     refused,
 )
-from surefoot.services.walker.memory import WalkMemory
+from ..memory import WalkMemory
+from . import anchor, balance, planning, posture, stepping
+from .ground import Ground
+from .params import WalkerParams, abilities
+from .patterns import HEXAPOD_GAITS
+from .route import Route, advance, finished, moved, remaining
+from .standins import HullCheck, nominal_footholds
+from .state import Stage, WalkerState
 
 Array = NDArray[np.float64]
 

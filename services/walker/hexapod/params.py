@@ -3,9 +3,10 @@
 from dataclasses import dataclass, fields, replace
 
 from surefoot.robot.description import Robot
-from surefoot.services.walker.commands import Abilities
-from surefoot.services.walker.hexapod.patterns import HEXAPOD_GAITS
-from surefoot.services.walker.hexapod.swing import SwingShape
+
+from ..commands import Abilities
+from .patterns import HEXAPOD_GAITS
+from .swing import SwingShape
 
 
 @dataclass(frozen=True)

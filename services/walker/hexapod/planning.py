@@ -10,13 +10,14 @@ from surefoot.geometry import rotations
 from surefoot.geometry.linear import product
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
-from surefoot.services.walker.hexapod import posture, swing
-from surefoot.services.walker.hexapod.ground import Ground
-from surefoot.services.walker.hexapod.params import WalkerParams
-from surefoot.services.walker.hexapod.patterns import GaitPattern
-from surefoot.services.walker.hexapod.route import moved
-from surefoot.services.walker.hexapod.swing import SwingShape
-from surefoot.services.walker.interface import Advance, BodyPose, FootholdRequest, LandingRequest, StanceCheck
+
+from ..interface import Advance, BodyPose, FootholdRequest, LandingRequest, StanceCheck
+from . import posture, swing
+from .ground import Ground
+from .params import WalkerParams
+from .patterns import GaitPattern
+from .route import moved
+from .swing import SwingShape
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

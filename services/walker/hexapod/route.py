@@ -3,8 +3,8 @@
 import math
 from dataclasses import dataclass, replace
 
-from surefoot.services.walker.hexapod.params import WalkerParams
-from surefoot.services.walker.interface import Advance, BodyPose, MotionCommand
+from ..interface import Advance, BodyPose, MotionCommand
+from .params import WalkerParams
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,8 @@ from surefoot.geometry import rotations
 from surefoot.geometry.linear import angle_of, product
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
-from surefoot.services.walker.interface import FootholdReply, LandingRequest, StanceCheck, StanceVerdict
+
+from ..interface import FootholdReply, LandingRequest, StanceCheck, StanceVerdict
 
 
 def nominal_footholds(request: LandingRequest) -> tuple[FootholdReply, ...]:

@@ -6,9 +6,9 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.walker.hexapod.patterns import TRIPOD, GaitPattern
-from surefoot.services.walker.hexapod.planning import StepPlan
-from surefoot.services.walker.hexapod.route import Route
+from .patterns import TRIPOD, GaitPattern
+from .planning import StepPlan
+from .route import Route
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

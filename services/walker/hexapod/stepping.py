@@ -5,10 +5,11 @@ import numpy as np
 from surefoot.geometry import rotations
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
-from surefoot.services.walker.hexapod import posture, swing
-from surefoot.services.walker.hexapod.params import WalkerParams
-from surefoot.services.walker.hexapod.planning import Flags, StepPlan
-from surefoot.services.walker.hexapod.state import Stage, WalkerState
+
+from . import posture, swing
+from .params import WalkerParams
+from .planning import Flags, StepPlan
+from .state import Stage, WalkerState
 
 TOUCH_PHASE = 0.05  # of the swing after the fall begins: earlier switch readings belong to the lift-off
 SETTLE_SPEED = 0.04  # m/s, how fast a lifted foot looks for the ground after a start

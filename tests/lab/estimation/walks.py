@@ -3,7 +3,7 @@
 from functools import cache
 
 from surefoot.lab.estimation.log import Log
-from surefoot.lab.papers.wawrzynski.synthetic import KINDS, WalkParams, synthesize
+from surefoot.papers.wawrzynski.synthetic import KINDS, WalkParams, synthesize
 
 CLEAN = WalkParams(
     duration_s=6.0, sigma_w=0.0, sigma_q=0.0, gyro_bias=0.0, acc_bias=0.0, encoders=False, sigma_foot=0.0

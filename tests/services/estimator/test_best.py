@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
+from surefoot.services.estimator.feet.kinematics.contact import points_of, sole_feet
+from surefoot.services.estimator.feet.kinematics.kinematics import FootMount
 
-from surefoot.services.estimator.best_kernel import (
+from surefoot.services.estimator.filter.noise import best_limits, best_noise
+from surefoot.services.estimator.filter.point import lift, observe, put_down, retract
+from surefoot.services.estimator.filter.run import learn_gyro_bias, stand_on_level
+from surefoot.services.estimator.filter.state import (
     ACC_BIAS,
     DOWN,
     E_GYRO,
@@ -28,12 +33,7 @@ from surefoot.services.estimator.best_kernel import (
     predict,
     rotation,
 )
-from surefoot.services.estimator.best_params import best_limits, best_noise
-from surefoot.services.estimator.best_point import lift, observe, put_down, retract
-from surefoot.services.estimator.best_run import learn_gyro_bias, stand_on_level
-from surefoot.services.estimator.best_update import follow, take_points
-from surefoot.services.estimator.contact import points_of, sole_feet
-from surefoot.services.estimator.feet import FootMount
+from surefoot.services.estimator.filter.update import follow, take_points
 from surefoot.services.estimator.params import EstimatorParams, StartPose
 from surefoot.services.estimator.stream import Estimator
 from tests.services.estimator.mounts import OPEN, balls, mounted

@@ -7,8 +7,8 @@ import pytest
 
 from surefoot.lab.estimation.faults import delayed, shuffled, with_losses
 from surefoot.lab.estimation.track import track
-from surefoot.lab.papers.wawrzynski.synthetic import KINDS, synthesize
-from surefoot.services.estimator.best_log import FLAGS, LogInputs
+from surefoot.papers.wawrzynski.synthetic import KINDS, synthesize
+from surefoot.services.estimator.filter.log import FLAGS, LogInputs
 from surefoot.services.estimator.stream import BEST
 from tests.services.estimator.test_stream import make, walk
 

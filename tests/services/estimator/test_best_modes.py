@@ -7,8 +7,22 @@ import pytest
 
 from surefoot.lab.estimation.scores import score
 from surefoot.lab.estimation.track import track
-from surefoot.lab.papers.wawrzynski.synthetic import KINDS, synthesize
-from surefoot.services.estimator.best_kernel import (
+from surefoot.papers.wawrzynski.synthetic import KINDS, synthesize
+from surefoot.services.estimator.filter.hypotheses import (
+    LEAST,
+    LEAST_PRIOR,
+    collapse,
+    likeliest,
+    mean_of,
+    mix,
+    mode,
+    modes_of,
+    publish_mean,
+    weigh,
+)
+from surefoot.services.estimator.filter.noise import best_noise
+from surefoot.services.estimator.filter.point import retract
+from surefoot.services.estimator.filter.state import (
     ALONG,
     DOWN,
     E_VEL,
@@ -24,21 +38,7 @@ from surefoot.services.estimator.best_kernel import (
     rotation,
     turn_matrix,
 )
-from surefoot.services.estimator.best_modes import (
-    LEAST,
-    LEAST_PRIOR,
-    collapse,
-    likeliest,
-    mean_of,
-    mix,
-    mode,
-    modes_of,
-    publish_mean,
-    weigh,
-)
-from surefoot.services.estimator.best_params import best_noise
-from surefoot.services.estimator.best_point import retract
-from surefoot.services.estimator.best_update import KEEP, persistence, remember_slides, take_points
+from surefoot.services.estimator.filter.update import KEEP, persistence, remember_slides, take_points
 from surefoot.services.estimator.params import EstimatorParams
 from tests.services.estimator.mounts import OPEN, balls
 

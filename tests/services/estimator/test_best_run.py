@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from surefoot.services.estimator.best_kernel import E_VEL, PHASE, STARTED, VEL, new_state
-from surefoot.services.estimator.best_params import best_limits, best_noise
-from surefoot.services.estimator.best_run import advance
+from surefoot.services.estimator.filter.noise import best_limits, best_noise
+from surefoot.services.estimator.filter.run import advance
+from surefoot.services.estimator.filter.state import E_VEL, PHASE, STARTED, VEL, new_state
 from surefoot.services.estimator.params import EstimatorParams, StartPose
 from tests.services.estimator.mounts import balls
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from surefoot.lab.estimation.scores import tilt
 from surefoot.lab.estimation.track import track
-from surefoot.lab.papers.wawrzynski.synthetic import WalkParams, synthesize
+from surefoot.papers.wawrzynski.synthetic import WalkParams, synthesize
 from surefoot.services.estimator.stream import BEST
 
 

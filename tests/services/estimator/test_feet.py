@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from surefoot.geometry.rotations import matrix_from_rotvec
-from surefoot.lab.papers.wawrzynski import chain as legs
-from surefoot.lab.papers.wawrzynski.synthetic import bioloid_chains
+from surefoot.papers.wawrzynski import chain as legs
+from surefoot.papers.wawrzynski.synthetic import bioloid_chains
 from surefoot.robot.reader import load_robot
-from surefoot.services.estimator import feet
+from surefoot.services.estimator.feet.kinematics import kinematics as feet
 
 UP = np.array([0.0, 0.0, 1.0])
 

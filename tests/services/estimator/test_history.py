@@ -1,8 +1,7 @@
 """Rows at stamps between those that were stored."""
 
 import numpy as np
-
-from surefoot.services.estimator.history import ROWS, History
+from surefoot.services.estimator.paper.streams.history import ROWS, History
 
 
 def test_interpolates_and_clamps():

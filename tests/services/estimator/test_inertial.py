@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from surefoot.geometry.rotations import skew
-from surefoot.services.estimator import inertial
+from surefoot.services.estimator.paper.streams import inertial
 
 vectors = st.tuples(*[st.floats(-3.0, 3.0)] * 3).map(np.array)
 

@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
+from surefoot.services.estimator.feet.kinematics.kinematics import bare_mount
+from surefoot.services.estimator.inputs.counted.judge import faults_at
+from surefoot.services.estimator.inputs.counted.results import InputResult
+from surefoot.services.estimator.inputs.counted.timeline import RESYNC_AFTER
 
 from surefoot.geometry.rotations import matrix_from_rotvec
-from surefoot.services.estimator.feet import bare_mount
 from surefoot.services.estimator.health import flags_of, reasons
-from surefoot.services.estimator.judge import faults_at
 from surefoot.services.estimator.params import EstimatorParams
-from surefoot.services.estimator.results import InputResult
 from surefoot.services.estimator.stream import BEST, Estimator
-from surefoot.services.estimator.timeline import RESYNC_AFTER
 
 TICK = 10_000_000
 ZERO, G = np.zeros(3), np.array([0.0, 0.0, 9.81])

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from surefoot.services.estimator.inputs.counted.results import InputResult
+from surefoot.services.estimator.inputs.counted.timeline import RESYNC_AFTER
 
 from surefoot.kernels.compiling import COMPILING
 from surefoot.kernels.jit import loaded
 from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.config import EstimatorConfig
 from surefoot.services.estimator.rehearsal import rehearse
-from surefoot.services.estimator.results import InputResult
-from surefoot.services.estimator.timeline import RESYNC_AFTER
 
 PERIOD = 10_000_000
 

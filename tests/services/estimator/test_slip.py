@@ -6,13 +6,20 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from surefoot.services.estimator.feet.kinematics.kinematics import foot_mount
+from surefoot.services.estimator.feet.kinematics.slip import (
+    LONGEST_OPEN,
+    OPEN_WEIGHT,
+    SIGMA,
+    FinishedStance,
+    StanceSlip,
+    feet_in_odom,
+)
 
 from surefoot.geometry.rotations import matrix_from_quat, matrix_from_rotvec
 from surefoot.robot import kinematics
 from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.feet import foot_mount
 from surefoot.services.estimator.output import OdometryPose
-from surefoot.services.estimator.slip import LONGEST_OPEN, OPEN_WEIGHT, SIGMA, FinishedStance, StanceSlip, feet_in_odom
 
 RADIUS = np.array([0.008, 0.008])
 UP = np.array([0.0, 0.0, 1.0])

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from surefoot.services.estimator.paper.streams.standstill import GyroBias, Standstill, gravity_at_rest, plane_normal
 
 from surefoot.services.estimator.params import EstimatorParams
-from surefoot.services.estimator.standstill import GyroBias, Standstill, gravity_at_rest, plane_normal
 
 GRAVITY = np.array([0.0, 0.0, 9.81])
 

@@ -2,13 +2,9 @@
 
 import numpy as np
 import pytest
-
-from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.best_kernel import new_state
-from surefoot.services.estimator.best_memory import IMU_END, add_imu, clear, new_memory
-from surefoot.services.estimator.contact import contact_points, point_feet, probabilities, sole_feet
-from surefoot.services.estimator.results import AHEAD, LATE, OK, RESTART
-from surefoot.services.estimator.timeline import (
+from surefoot.services.estimator.feet.kinematics.contact import contact_points, point_feet, probabilities, sole_feet
+from surefoot.services.estimator.inputs.counted.results import AHEAD, LATE, OK, RESTART
+from surefoot.services.estimator.inputs.counted.timeline import (
     AHEAD_NS,
     CAPACITY,
     CLOCK,
@@ -17,6 +13,10 @@ from surefoot.services.estimator.timeline import (
     after,
     judge_clock,
 )
+
+from surefoot.robot.reader import load_robot
+from surefoot.services.estimator.filter.memory import IMU_END, add_imu, clear, new_memory
+from surefoot.services.estimator.filter.state import new_state
 
 
 def store(stamps):

@@ -1,0 +1,113 @@
+"""Sarsa(lambda) of section V-B once more, in plain Python: it shows how a training walks, and checks the kernel.
+
+    delta = r + gamma Q(s', a') - Q(s, a),  Q(s', .) = 0 at the goal
+    E[c, a] = max(E[c, a], w_c),  T += alpha delta E,  E *= gamma lambda
+
+with w_c the weights of the 8 points of the grid around s. An episode that starts from the table of a training returns
+the path and leaves the table that the kernel of the training gets, bit for bit.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.lab.train.learning import (
+    ACCUMULATE,
+    ALPHA_FIRST,
+    ALPHA_LAST,
+    EPS_FIRST,
+    EPS_LAST,
+    EXPLORE,
+    LAMBDA,
+    LEAST_TRACE,
+    corners,
+)
+from surefoot.lab.train.sarsa import Training
+from surefoot.services.navigator.environment.draws import below, seed, stream, uniform
+from surefoot.services.navigator.policy.arrays import BLOCKED, GAMMA, GOAL_X, GOAL_Y, MIRROR, OUTCOME, REACHED
+from surefoot.services.navigator.policy.choose import NUMBERS, SARSA, choose, features, work_space_to_choose
+
+from .episode import Episode, follow
+
+Array = NDArray[np.float64]
+
+
+class Learner:
+    """Learns during one episode.
+
+    Args:
+        training: whose next episode it is; it is not changed.
+
+    Attributes:
+        table: action values, the training's to begin with, (layers, nd, nphi, A).
+    """
+
+    def __init__(self, training: Training) -> None:
+        self.training, self.table = training, training.table.copy()
+        w, s, count = training.world, training.settings, len(training.world.names)
+        part = training.done / max(1, training.schedule.episodes - 1)
+        self._alpha = s[ALPHA_FIRST] * (s[ALPHA_LAST] / s[ALPHA_FIRST]) ** part
+        self._eps = s[EPS_FIRST] * (s[EPS_LAST] / s[EPS_FIRST]) ** part
+        self._decay = w.scene[GAMMA] * s[LAMBDA]
+        self._values, self._mask = np.zeros(count), np.zeros(count, dtype=np.bool_)
+        self._work = work_space_to_choose(max(w.states, 4), count)
+        self._cells, self._weights = np.zeros(8, dtype=np.int64), np.zeros(8)
+        self._traces: dict[int, float] = {}
+        self._value, self._started = 0.0, False
+        self._explore = stream()
+        seed(self._explore, training.seed + 1, training.done, EXPLORE)
+
+    def walk(self) -> Episode:
+        """Return the training's next episode."""
+        return follow(self.training.world, self.decide, self.training.seed + 1, self.training.done)
+
+    def decide(self, mean: Array, cov: Array, status: Array, reward: float) -> int:
+        """Learn from the reward of the last action, and return the next one (for `follow`)."""
+        chosen, following = 0, 0.0
+        if status[OUTCOME] != REACHED:
+            chosen = self._choose(mean, cov, status)
+            following = self._values[chosen]
+        flat = self.table.reshape(-1)
+        if self._started:
+            step = self._alpha * (reward + self.training.world.scene[GAMMA] * following - self._value)
+            for cell, trace in self._traces.items():
+                flat[cell] += step * trace
+            self._traces = {c: t * self._decay for c, t in self._traces.items() if t * self._decay > LEAST_TRACE}
+        self._started = True
+        self._mark(mean, cov, chosen)
+        return chosen
+
+    def _choose(self, mean: Array, cov: Array, status: Array) -> int:
+        w, t = self.training.world, self.training
+        goal = float(w.scene[GOAL_X]), float(w.scene[GOAL_Y])
+        numbers, shown = np.zeros(NUMBERS), np.eye(3)
+        tables = SARSA, numbers, self.table, t.grid, shown
+        model = w.actions, w.scene, w.switching
+        chosen = choose(*tables, *model, mean, cov, *goal, status, self._values, self._mask, self._work)
+        if uniform(self._explore) < self._eps and status[BLOCKED] == 0.0:
+            chosen = below(self._explore, self._mask.size)
+            while not self._mask[chosen]:
+                chosen = below(self._explore, self._mask.size)
+        return chosen
+
+    def _mark(self, mean: Array, cov: Array, chosen: int) -> None:
+        """Read Q(s, a) and lay traces for it."""
+        w, t = self.training.world, self.training
+        d, phi, h = features(mean, cov, float(w.scene[GOAL_X]), float(w.scene[GOAL_Y]))
+        flip = corners(self.table, t.grid, d, phi, h, self._cells, self._weights)
+        own = int(w.actions[chosen, MIRROR]) if flip > 0.0 else chosen
+        self._value, flat = 0.0, self.table.reshape(-1)
+        for corner, weight in zip(self._cells, self._weights, strict=True):
+            cell, old = int(corner) + own, self._traces.get(int(corner) + own)
+            self._value += float(weight) * float(flat[cell])
+            if weight > LEAST_TRACE:
+                added = (old or 0.0) + weight if t.settings[ACCUMULATE] > 0.0 else max(old or 0.0, weight)
+                self._traces[cell] = float(added)
+
+
+def paths(training: Training, every: int) -> tuple[tuple[int, Episode], ...]:
+    """Train to the end; return the number and the path of every `every`-th episode."""
+    found: list[tuple[int, Episode]] = []
+    while training.done < training.schedule.episodes:
+        found.append((training.done, Learner(training).walk()))
+        training.advance(every)
+    return tuple(found)

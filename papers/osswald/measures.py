@@ -1,0 +1,132 @@
+"""What section VI says about runs, as numbers of episodes."""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from surefoot.services.navigator.policy.arrays import COS_HALF, KIND, MATCH, RANGE_MAX, RANGE_MIN, STAND, Arrays
+
+from .episode import Episode
+
+Array = NDArray[np.float64]
+
+WINDOW = 100  # episodes of a moving mean
+SETTLED = 0.05  # share of the mean that the moving mean stays within once it has converged
+NEAR, FAR = 1.0, 2.5  # m, from where on the goal counts as near, or far
+
+
+def moving_mean(values: Array, window: int = WINDOW) -> Array:
+    """Return the means of `window` values in a row, (n - window + 1,)."""
+    return np.convolve(values, np.full(window, 1.0 / window), "valid")
+
+
+def converged(seconds: Array) -> int:
+    """Return the first episode from which on the mean of WINDOW episodes stays within SETTLED of the mean at the end.
+
+    Args:
+        seconds: time of each training episode, (n,); the end is the last third of it.
+    """
+    end = float(seconds[-seconds.size // 3 :].mean())
+    outside = np.flatnonzero(np.abs(moving_mean(seconds) - end) > SETTLED * end)
+    return int(outside[-1]) + 1 if outside.size else 0
+
+
+def first_near_the_end(seconds: Array) -> int:
+    """Return the first episode from which on the mean of WINDOW episodes is within SETTLED of the mean at the end.
+
+    It may leave that again; see `converged`.
+    """
+    end = float(seconds[-seconds.size // 3 :].mean())
+    return int(np.argmax(np.abs(moving_mean(seconds) - end) <= SETTLED * end))
+
+
+def features_at_stands(episodes: Iterable[Episode]) -> Array:
+    """Return d, phi, h at all decisions to stand, (k, 3)."""
+    return np.concatenate([e.features[:-1][e.stands] for e in episodes])
+
+
+def stops(e: Episode) -> NDArray[np.int64]:
+    """Return the actions at which the robot comes to stand: stands in a row are one stop."""
+    return np.flatnonzero(e.stands & ~np.concatenate(([False], e.stands[:-1])))
+
+
+def spread_of_intervals(episodes: Iterable[Episode]) -> float:
+    """Return sd / mean of the time from stop to stop: 0 = regular, 1 = at random, NaN without intervals."""
+    gaps = np.concatenate([np.diff(e.time[stops(e)]) for e in episodes])
+    return float(gaps.std() / gaps.mean()) if gaps.size > 1 else math.nan
+
+
+def entropy_by_distance(episodes: Iterable[Episode]) -> tuple[float, float]:
+    """Return the mean entropy (nats) at decisions farther than FAR and nearer than NEAR to the goal."""
+    all_ = np.concatenate([e.features[:-1] for e in episodes])
+    return float(all_[all_[:, 0] > FAR, 2].mean()), float(all_[all_[:, 0] < NEAR, 2].mean())
+
+
+def stand_rates(episodes: Iterable[Episode]) -> tuple[float, float]:
+    """Return the share of decisions that are stands, farther than FAR from the goal and nearer than NEAR to it."""
+    listed = list(episodes)
+    d = np.concatenate([e.features[:-1, 0] for e in listed])
+    stands = np.concatenate([e.stands for e in listed])
+    return float(stands[d > FAR].mean()), float(stands[d < NEAR].mean())
+
+
+def matches_expected(world: Arrays, episodes: Iterable[Episode]) -> float:
+    """Return the mean number of landmarks recognised in the frame at the end of an action that moves.
+
+    It is counted from the floor and the true poses: landmarks in view times the probability of a match.
+    """
+    counts: list[float] = []
+    for e in episodes:
+        for pose, index in zip(e.truth[1:], e.actions, strict=True):
+            action = world.actions[index]
+            if action[KIND] == STAND:
+                continue
+            to = e.marks - pose[:2]
+            r = np.hypot(to[:, 0], to[:, 1])
+            ahead = to @ np.array([math.cos(pose[2]), math.sin(pose[2])]) >= action[COS_HALF] * r
+            counts.append(action[MATCH] * float((ahead & (r >= action[RANGE_MIN]) & (r <= action[RANGE_MAX])).sum()))
+    return float(np.mean(counts))
+
+
+def turns_against_drift(episodes: Iterable[Episode]) -> float:
+    """Return the share of turns that undo what the drift has turned."""
+    signs = np.concatenate([e.turns[e.turns != 0] * np.sign(e.drift) for e in episodes])
+    return float((signs < 0.0).mean())
+
+
+def reversals(e: Episode) -> int:
+    """Return how often a turn follows one to the other side with no more than one action in between."""
+    at = np.flatnonzero(e.turns)
+    return int(((np.diff(e.turns[at]) != 0) & (np.diff(at) <= 2)).sum())
+
+
+def typical(episodes: Sequence[Episode]) -> Episode:
+    """Return the episode whose time and number of stands are nearest to the means, in standard deviations."""
+    rows = np.array([(e.seconds, e.stands.sum()) for e in episodes])
+    spread = rows.std(axis=0)
+    off = np.abs(rows - rows.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
+    return episodes[int(np.argmin(off.sum(axis=1)))]
+
+
+def welch(a: Array, b: Array) -> float:
+    """Return p of Welch's two-sided t-test for equal means."""
+    test: Any = stats.ttest_ind(a, b, equal_var=False)
+    return float(test.pvalue)
+
+
+def difference(a: Array, b: Array) -> tuple[float, float, float]:
+    """Return the difference of the means, a - b, in per cent of b's, and its 95 % interval by Welch."""
+    test: Any = stats.ttest_ind(a, b, equal_var=False)
+    low, high = test.confidence_interval(0.95)
+    base = 100.0 / float(b.mean())
+    return base * float(a.mean() - b.mean()), base * float(low), base * float(high)
+
+
+def welch_of(mean_a: float, sd_a: float, mean_b: float, sd_b: float, n: int) -> float:
+    """Return the same of printed means and standard deviations of n values each."""
+    test: Any = stats.ttest_ind_from_stats(mean_a, sd_a, n, mean_b, sd_b, n, equal_var=False)
+    return float(test.pvalue)

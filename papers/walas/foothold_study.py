@@ -1,0 +1,32 @@
+"""What the figures and findings of Walas & Belter (2011), section 3, are made from."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.services.footholds.learning.samples import Sample
+from surefoot.services.footholds.models.learned import LearnedModel
+
+from .foothold_runs import WalkResult
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FootholdStudy:
+    """Everything the figures need."""
+
+    exact: list[Sample]
+    noisy: list[Sample]
+    models: dict[str, LearnedModel]
+    walks: dict[str, list[WalkResult]]
+    window: tuple[Array, Array, Array]
+    """Heights (m), Q and mask of a 15 x 15 window, (15, 15) each."""
+    relearned: dict[str, list[WalkResult]]
+
+
+def predicted(model: LearnedModel, a: float, b: float) -> float:
+    """P of scaled coefficients K1 / (8 cell), K2 / (8 cell) at cos K3 = 0, cut to what was learned."""
+    low, high = np.array(model.ranges).T
+    return float(model.terms.values(np.clip(np.array([[a, b, 0.0]]), low, high))[0])

@@ -1,0 +1,30 @@
+"""What the figures and findings of Walas & Belter (2011), section 4, are made from."""
+
+from dataclasses import dataclass
+
+from surefoot.robot.description import Robot
+from surefoot.services.stability.sensing.pressure import PressureSensor
+
+from . import messor as walas_messor
+from . import ragno as walas_ragno
+
+
+@dataclass(frozen=True)
+class Study:
+    """Everything the figures need."""
+
+    ragno: Robot
+    messor: Robot
+    postures: tuple[walas_ragno.Posture, ...]
+    slopes: tuple[walas_ragno.Slope, ...]
+    sensor: PressureSensor
+    sweep: walas_messor.Sweep
+    standing: walas_messor.StandingStudy
+    gait: walas_messor.GaitStudy
+    errors: tuple[walas_messor.ComErrors, ...]
+    small_errors: tuple[walas_messor.ComErrors, ...]
+
+    @property
+    def demo(self) -> walas_ragno.Slope:
+        """The slope as drawn in Fig. 17."""
+        return next(s for s in self.slopes if s.mu == walas_ragno.DEMO_MU)

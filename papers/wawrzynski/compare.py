@@ -1,0 +1,170 @@
+"""Estimators and tuned referees on the same logs."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from surefoot.services.estimator.paper.streams.inertial import GRAVITY
+
+from surefoot.lab.estimation.blind import blind_error
+from surefoot.lab.estimation.faults import FAULTS, LATE, STARTS
+from surefoot.lab.estimation.scores import Score, nees, score
+from surefoot.lab.estimation.track import ABLATIONS, Track, track
+from surefoot.lab.estimation.walks import walk
+from surefoot.lab.train.evaluation import interval
+
+from .sets import LogSet, synthetic_sets, tuned
+
+Array = NDArray[np.float64]
+
+RECOVERY_S = 3.0  # after another start, before scores are compared
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Scores by estimator on one set."""
+
+    name: str
+    measure: str  # for which the referees are tuned
+    scores: Mapping[str, Sequence[Score]]
+    noise: Mapping[str, Mapping[str, Any]]  # of the referees
+
+    def best_reference(self, measure: str) -> str | None:
+        """Name of the referee with the least mean error; None without referees."""
+        means = {name: np.mean([getattr(s, measure) for s in self.scores[name]]) for name in self.noise}
+        return min(means, key=lambda name: means[name]) if means else None
+
+
+def compare(
+    chosen: LogSet, subjects: Iterable[str], references: Iterable[str], seeds: Iterable[int], measure: str = "rmse",
+    retune: bool = False,
+) -> Comparison:  # fmt: skip
+    """Score estimators as they are, and referees tuned for the set.
+
+    Args:
+        chosen: the set.
+        subjects: estimators with their own settings.
+        references: estimators with noise tuned for this set; `name*` in the result if it is a subject as well.
+        seeds: of the logs.
+        measure: for which referees are tuned.
+        retune: search their noise again.
+    """
+    logs = chosen.logs(seeds)
+    scores: dict[str, Sequence[Score]] = {name: [score(log, track(name, log)) for log in logs] for name in subjects}
+    noise: dict[str, Mapping[str, Any]] = {}
+    for name in references:
+        found = tuned(chosen, name, measure, retune)
+        label = f"{name}*" if name in scores else name
+        noise[label] = found
+        scores[label] = [score(log, track(name, log, **found)) for log in logs]
+    return Comparison(chosen.name, measure, scores, noise)
+
+
+def ratio(ours: Sequence[Score], theirs: Sequence[Score], measure: str) -> tuple[float, float]:
+    """Ratio of mean errors over the same logs, and half of its 95 % interval (linearised, paired)."""
+    a, b = (np.array([getattr(s, measure) for s in scores]) for scores in (ours, theirs))
+    value = float(a.mean() / b.mean())
+    if len(a) < 2:
+        return value, float("nan")
+    low, high = interval((a - value * b) / b.mean())
+    return value, 0.5 * (high - low)
+
+
+def closed_loop(name: str, seeds: Iterable[int]) -> tuple[list[Score], int]:
+    """Run walks with the present code; scores of what the service published, and how many verdicts were good."""
+    walks = [walk(name, seed, fresh=True) for seed in seeds]
+    return [score(one.log, one.published) for one in walks], sum(one.ok for one in walks)
+
+
+def consistency(name: str, kind: str, seeds: Iterable[int]) -> tuple[float, float]:
+    """Mean NEES of the velocity (3 degrees of freedom) and of the tilt (2), one row of each walk."""
+    v: list[float] = []
+    tilt: list[float] = []
+    for log in synthetic_sets([kind])[0].logs(seeds):
+        found = track(name, log)
+        rows = np.flatnonzero(log.scored)
+        k = int(np.random.default_rng([len(v), 7]).choice(rows))
+        v.append(float(nees(found.v[k : k + 1] - log.v[k : k + 1], found.p[k : k + 1, 3:, 3:])[0]))
+        up = log.up[k] / GRAVITY
+        across = np.linalg.svd(up[None])[2][1:]  # (2, 3), two axes normal to up
+        error = across @ (found.g[k] - log.up[k])
+        tilt.append(float(error @ np.linalg.solve(across @ found.p[k, :3, :3] @ across.T, error)))
+    return float(np.mean(v)), float(np.mean(tilt))
+
+
+def ablation(name: str, chosen: LogSet, seeds: Iterable[int]) -> dict[str, float]:
+    """Ratio of the error with a hypothesis to that without it, by name of the hypothesis."""
+    logs = chosen.logs(seeds)
+    base = np.mean([score(log, track(name, log)).rmse for log in logs])
+    out: dict[str, float] = {}
+    for switch, options in ABLATIONS.get(name, {}).items():
+        out[switch] = float(base / np.mean([score(log, track(name, log, **options)).rmse for log in logs]))
+    return out
+
+
+@dataclass(frozen=True)
+class FaultRatio:
+    """Errors with a fault over errors without it."""
+
+    name: str
+    v: float
+    odometry: float
+    note: str = ""
+
+
+def fault_ratios(name: str, chosen: LogSet, seeds: Iterable[int]) -> Iterator[FaultRatio]:
+    """Compare each fault with the clean log."""
+    logs = chosen.logs(seeds)
+    clean = [track(name, log) for log in logs]
+    scores = [score(log, found) for log, found in zip(logs, clean, strict=True)]
+    for fault, change in FAULTS.items():
+        changed = [change(log, seed) for seed, log in enumerate(logs)]
+        tracks = [track(name, log) for log in changed]
+        found = [score(log, one) for log, one in zip(changed, tracks, strict=True)]
+        same = sum(_same_end(a, b) for a, b in zip(clean, tracks, strict=True))
+        note = f"{same} of {len(logs)} end bitwise equal" if changed[0].order is not None else ""
+        if fault in LATE:
+            least = [np.hypot(s.rmse, blind_error(log, LATE[fault])) for log, s in zip(logs, scores, strict=True)]
+            note += f", {np.mean(least) / _mean(scores, 'rmse'):.2f} by the noise of the inertial unit alone"
+        refused = sum(sum(one.refused.values()) for one in tracks) / sum(len(log.foot_ns) for log in changed)
+        yield FaultRatio(
+            fault, _mean(found, "rmse") / _mean(scores, "rmse"), _mean(found, "odometry") / _mean(scores, "odometry"),
+            f"{note}  {100 * refused:.1f} % refused or noted".strip(),
+        )  # fmt: skip
+
+
+def start_ratios(name: str, chosen: LogSet, seeds: Iterable[int]) -> Iterator[FaultRatio]:
+    """Compare each start with a good one, over the rows from 3 s after it."""
+    logs = chosen.logs(seeds)
+    clean = [track(name, log) for log in logs]
+    for start, change in STARTS.items():
+        ours: list[Score] = []
+        theirs: list[Score] = []
+        unstarted = 0
+        for seed, (log, good) in enumerate(zip(logs, clean, strict=True)):
+            other = change(log, seed)
+            late = log.seconds[-1] - other.seconds[-1]  # what was cut off the beginning
+            begin = max(RECOVERY_S + late, log.begin_s)
+            other = replace(other, begin_s=begin - late)
+            found = track(name, other)
+            unstarted += not found.flags["initialised"][other.scored].all()
+            ours.append(score(other, found))
+            theirs.append(score(replace(log, begin_s=begin), good))
+        note = f"{unstarted} of {len(logs)} not started in time" if unstarted else ""
+        yield FaultRatio(
+            start,
+            _mean(ours, "rmse") / _mean(theirs, "rmse"),
+            _mean(ours, "odometry") / _mean(theirs, "odometry"),
+            note,
+        )
+
+
+def _same_end(a: Track, b: Track) -> bool:
+    pairs = ((a.v, b.v), (a.g, b.g), (a.p, b.p), (a.position, b.position))
+    return all(np.array_equal(x[-1], y[-1]) for x, y in pairs)
+
+
+def _mean(scores: Sequence[Score], measure: str) -> float:
+    return float(np.mean([getattr(s, measure) for s in scores]))

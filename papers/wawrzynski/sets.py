@@ -1,0 +1,109 @@
+"""The sets of logs on which estimators are compared, each with seeds of its own for tuning."""
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from surefoot.lab.estimation import tune as tuning
+from surefoot.lab.estimation.log import Log
+from surefoot.lab.estimation.logs import DATA, TRUTH_ROWS, humanoid
+from surefoot.lab.estimation.track import PEERS
+from surefoot.lab.estimation.tune import SEARCHED, tune
+from surefoot.lab.estimation.walks import SCENARIOS, cache_folder, walk
+from surefoot.services.estimator import stream as service
+
+from .synthetic import KINDS, synthesize
+
+TUNING_SEEDS = range(100, 106)
+"""Never scored."""
+REFERENCES = ("inekf", "linear", "ekf", "paper", "kinematics", "kinematics_gyro")
+"""What an estimator is compared with."""
+PAPER_MODULES = ("ekf", "estimators", "feet", "history", "inertial", "legs", "paper", "params", "standstill")
+"""Modules of the estimator service on which the velocity of the paper's filters depends."""
+
+
+@dataclass(frozen=True)
+class LogSet:
+    """Logs of one kind; a recording of others is one log, on which referees are also tuned: that favours them."""
+
+    name: str
+    make: Callable[[int], Log]
+    drawn: bool = True  # by seed
+
+    def logs(self, seeds: Iterable[int]) -> list[Log]:
+        """Return the logs of these seeds."""
+        return [self.make(seed) for seed in seeds] if self.drawn else [self.make(0)]
+
+
+@cache
+def _synthetic(kind: str, seed: int) -> Log:
+    return synthesize(KINDS[kind], seed)
+
+
+@cache
+def _walk(name: str, seed: int) -> Log:
+    return walk(name, seed).log
+
+
+@cache
+def _humanoid(name: str, seed: int) -> Log:
+    return humanoid(name)
+
+
+def _bound(make: Callable[[str, int], Log], name: str) -> Callable[[int], Log]:
+    return lambda seed: make(name, seed)
+
+
+def synthetic_sets(kinds: Iterable[str] = ("twist", "turn", "slip", "edges", "false")) -> list[LogSet]:
+    """Seeded walks of a made-up biped."""
+    return [LogSet(kind, _bound(_synthetic, kind)) for kind in kinds]
+
+
+def walk_sets(names: Iterable[str] = tuple(SCENARIOS)) -> list[LogSet]:
+    """Closed-loop walks of the simulated robots."""
+    return [LogSet(name, _bound(_walk, name)) for name in names]
+
+
+def humanoid_sets() -> list[LogSet]:
+    """Logs of others, as far as they are there."""
+    return [
+        LogSet(name, _bound(_humanoid, name), drawn=False) for name in TRUTH_ROWS if (DATA / f"{name}.npz").exists()
+    ]
+
+
+def tuned(chosen: LogSet, name: str, measure: str = "rmse", fresh: bool = False) -> dict[str, Any]:
+    """Noise of a reference tuned for a set, from the cache if nothing of it has changed.
+
+    Args:
+        chosen: the set.
+        name: of the reference.
+        measure: see `tune`.
+        fresh: search again.
+    """
+    if name not in SEARCHED:
+        return {}
+    logs = chosen.logs(TUNING_SEEDS)
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in _sources(name)))
+    for log in logs:
+        for part in (log.w, log.q, log.foot_position, log.contact):
+            digest.update(part.tobytes())
+    kept = cache_folder() / f"noise-{chosen.name}-{name}-{measure}-{digest.hexdigest()[:12]}.json"
+    if kept.exists() and not fresh:
+        return json.loads(kept.read_text())
+    found = tune(name, logs, measure)
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    kept.write_text(json.dumps(found))
+    return found
+
+
+def _sources(name: str) -> list[Path]:
+    """Files on which the noise of a reference depends."""
+    room = Path(str(tuning.__file__)).parent
+    judged = [room / f"{module}.py" for module in ("tune", "scores", "log")]
+    if name in PEERS:
+        return [*judged, *sorted((room / "peers").glob("*.py"))]
+    return [*judged, *(Path(str(service.__file__)).parent / f"{module}.py" for module in PAPER_MODULES)]

@@ -1,0 +1,213 @@
+"""How far each foot slips over its stance, by the robot's own measurements.
+
+A foot that rolls without slipping moves its centre by phi x (r n), phi the rotation of its link between two samples, r
+the radius of the sphere, n the vertical. What the centre has moved beyond that, horizontally, is slip:
+
+    d_k = (1 - n n') (c_k - c_{k-1} - phi_k x (r n)),   x_k = sum_{i <= k} w_i d_i,
+    s^2 = max(0, max_k |x_k|^2 - sigma^2)
+
+c is the foot centre in `odom`, from joints and odometry, so s holds the drift of the odometry over one stance as well.
+The sum of |d_k| would add up noise (eight times the slip of a walk), the largest way from the begin does not. sigma is
+the way that encoders and odometry make of a foot at rest.
+
+Light feet slide with open switches, farthest on slopes: a stance ends when the foot rises, not when its switch opens. A
+step d_k between two open samples may be free fall as well, so w_k is the mean of 1 (closed) and 1/2 (open).
+`benchmarks.bench_slip` compares with truth.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.rotations import matrix_from_quat, rotvec_from_matrix
+from surefoot.kernels.jit import kernel
+
+from ..output import OdometryPose
+from .kinematics import FootMount, feet_in_imu
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Counts = NDArray[np.int64]
+
+RISE = 0.008
+"""m: a foot whose switch is open and that is so much higher than at its last contact is in swing."""
+LONGEST_OPEN = 5
+"""Samples with an open switch that end a stance wherever the foot is."""
+OPEN_WEIGHT = 0.5
+"""w of a sample with an open switch."""
+SIGMA = 0.0005
+"""m, way of a foot at rest by encoders of 0.3 deg and the odometry of one stance."""
+LEAST = 2
+"""Samples with contact that make a stance: one may be a bump of the swing."""
+
+
+@dataclass(frozen=True, slots=True)
+class FinishedStance:
+    """One stance that has ended."""
+
+    leg: int
+    slip: float
+    """m, largest way from where it began."""
+    begin: tuple[float, float, float]
+    """Foot centre at its begin, `odom`, m."""
+    samples: int
+    """From its first contact to its last."""
+    since: int
+    """Samples since its last contact."""
+
+
+def feet_in_odom(mount: FootMount, q: Array, pose: OdometryPose, behind_s: float = 0.0) -> tuple[Array, Array]:
+    """Return foot centres (L, 3) m and rot_odom_from_foot (L, 3, 3).
+
+    Args:
+        mount: of IMU and feet.
+        q: joint angles, (nj,) rad.
+        pose: of base_link in odom.
+        behind_s: by how much the joints are older than the pose, s: the trunk is taken back by its velocity.
+    """
+    position, rot = feet_in_imu(mount, q)
+    begin = pose.position - behind_s * pose.velocity
+    return _turned(position, rot, pose.quat_wxyz, mount.rot_imu_from_base, mount.imu_position, begin)
+
+
+@kernel
+def _turned(
+    position: Array, rot: Array, quat_wxyz: Array, rot_imu_from_base: Array, imu_position: Array, begin: Array
+) -> tuple[Array, Array]:
+    """Feet of the IMU's axes in `odom`, where base_link is at `begin`."""
+    base = matrix_from_quat(quat_wxyz)
+    turn, at = np.zeros((3, 3)), begin.copy()
+    for i in range(3):
+        lever = 0.0
+        for k in range(3):
+            lever += base[i, k] * imu_position[k]
+            for m in range(3):
+                turn[i, k] += base[i, m] * rot_imu_from_base[k, m]
+        at[i] += lever
+    centres, turned = np.zeros(position.shape), np.zeros(rot.shape)
+    for f in range(position.shape[0]):
+        for i in range(3):
+            for k in range(3):
+                centres[f, i] += position[f, k] * turn[i, k]
+                for m in range(3):
+                    turned[f, i, k] += turn[i, m] * rot[f, m, k]
+            centres[f, i] += at[i]
+    return centres, turned
+
+
+class Feet(NamedTuple):
+    """What is kept of each foot from sample to sample."""
+
+    slip: Array
+    """Of the present stance, (L,) m; 0 in swing."""
+    samples: Counts
+    """Since the stance began, (L,); 0 in swing."""
+    open: Counts
+    """Since the switch was closed last, (L,)."""
+    last: Counts
+    """Samples from the begin to the last contact, (L,)."""
+    way: Array
+    """x of the stance so far, (L, 2) m."""
+    height: Array
+    """Of the foot at its last contact, (L,) m."""
+    farthest: Array
+    """Largest |x|, (L,) m."""
+    begin: Array
+    """Where the stance began, (L, 3) m."""
+    centre: Array
+    """Of the sample before, (L, 3) m."""
+    rot: Array
+    """Of the sample before, (L, 3, 3)."""
+
+
+@dataclass(eq=False)
+class StanceSlip:
+    """Follows all feet from sample to sample.
+
+    Args:
+        legs: L.
+        radius: of the foot spheres, (L,) m; 0 = a sole.
+    """
+
+    legs: int
+    radius: Array
+    slip: Array = field(init=False)
+    """Of the present stance, (L,) m; 0 in swing."""
+
+    def __post_init__(self) -> None:
+        n = self.legs
+        samples, switched, last = np.zeros((3, n), dtype=np.int64)
+        slip, height, farthest = np.zeros((3, n))
+        begin, centre = np.zeros((2, n, 3))
+        rot = np.tile(np.eye(3), (n, 1, 1))
+        self._feet = Feet(slip, samples, switched, last, np.zeros((n, 2)), height, farthest, begin, centre, rot)
+        self.slip = self._feet.slip
+
+    def update(self, contact: Flags, centre: Array, rot_odom_from_foot: Array) -> list[FinishedStance]:
+        """Take one sample of all feet; returns the stances that have ended.
+
+        Args:
+            contact: foot switches, (L,).
+            centre: foot centres in `odom`, (L, 3) m; a row that is not finite leaves its foot as it was.
+            rot_odom_from_foot: rotation of each foot's link, (L, 3, 3).
+        """
+        ended: list[FinishedStance] = []
+        for leg in np.flatnonzero(_followed(self._feet, contact, centre, rot_odom_from_foot, self.radius)).tolist():
+            feet = self._feet
+            x, y, z = feet.begin[leg].tolist()
+            if feet.last[leg] >= LEAST:
+                ended.append(
+                    FinishedStance(leg, float(feet.slip[leg]), (x, y, z), int(feet.last[leg]), int(feet.open[leg]))
+                )
+            feet.samples[leg], feet.slip[leg] = 0, 0.0
+        return ended
+
+
+@kernel
+def _followed(feet: Feet, contact: Flags, centre: Array, rot: Array, radius: Array) -> Flags:
+    """Take one sample of all feet; return which stances have ended, (L,)."""
+    ended = np.zeros(contact.size, dtype=np.bool_)
+    for leg in range(contact.size):
+        known = True
+        for i in range(3):
+            known = known and math.isfinite(centre[leg, i])
+        if not known:
+            continue
+        if feet.samples[leg] > 0:
+            _step(feet, leg, contact[leg], centre[leg], rot[leg], radius[leg])
+            high = centre[leg, 2] - feet.height[leg] > RISE
+            ended[leg] = feet.open[leg] >= LONGEST_OPEN or (feet.open[leg] >= 2 and high)
+        elif contact[leg]:
+            feet.samples[leg] = feet.last[leg] = 1
+            feet.open[leg], feet.farthest[leg], feet.slip[leg] = 0, 0.0, 0.0
+            feet.way[leg, 0] = feet.way[leg, 1] = 0.0
+            feet.begin[leg], feet.centre[leg], feet.rot[leg] = centre[leg], centre[leg], rot[leg]
+            feet.height[leg] = centre[leg, 2]
+    return ended
+
+
+@kernel
+def _step(feet: Feet, leg: int, contact: bool, centre: Array, rot: Array, radius: float) -> None:
+    """Take the way since the last sample; it counts once contact is found again or was not lost."""
+    turn = np.zeros((3, 3))
+    for i in range(3):
+        for k in range(3):
+            for m in range(3):
+                turn[i, k] += rot[i, m] * feet.rot[leg, k, m]
+    phi = rotvec_from_matrix(turn)
+    now, before = 1.0 if contact else OPEN_WEIGHT, 1.0 if feet.open[leg] == 0 else OPEN_WEIGHT
+    weight = 0.5 * (now + before)
+    feet.way[leg, 0] += weight * (centre[0] - feet.centre[leg, 0] - radius * phi[1])
+    feet.way[leg, 1] += weight * (centre[1] - feet.centre[leg, 1] + radius * phi[0])
+    feet.centre[leg], feet.rot[leg] = centre, rot
+    feet.samples[leg] += 1
+    if not contact:
+        feet.open[leg] += 1
+        return
+    feet.open[leg], feet.last[leg], feet.height[leg] = 0, feet.samples[leg], centre[2]
+    x, y = feet.way[leg, 0], feet.way[leg, 1]
+    feet.farthest[leg] = max(feet.farthest[leg], math.sqrt(x * x + y * y))
+    feet.slip[leg] = math.sqrt(max(0.0, feet.farthest[leg] * feet.farthest[leg] - SIGMA * SIGMA))

@@ -1,0 +1,253 @@
+"""Which feet slide: hypotheses that are carried through time, each with a state of its own.
+
+A foot that slides by 9 mm within a step moves by as much as the encoders err between two samples: a single sample
+hardly shows it, a disagreement with the inertial unit that lasts for several does. An interacting-multiple-model filter
+(Blom & Bar-Shalom 1988) keeps one state for each set of feet that slide, bit f of its number for foot f. Before a
+sample of the feet the states are mixed by the probabilities T that a foot begins to slide, or stops,
+
+    mu_t^- = sum_s T_st mu_s,   x_t^- = sum_s T_st mu_s x_s/mu_t^-,   P_t^- = sum_s T_st mu_s (P_s + d_s d_s^T)/mu_t^-,
+
+with d_s the distance of x_s from the mean; after it mu_t ~ mu_t^- L_t with the likelihood L_t of the sample. What is
+published is the same mean over all of them. Sets of little probability are left out, so that a robot that stands
+firmly runs one or two. With more than two feet the others show at once which of them slides: each point is then mixed
+by itself (`best_point.observe`).
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.rotations import rotvec_from_matrix
+from surefoot.kernels.jit import kernel
+
+from .point import retract
+from .state import (
+    ACC_BIAS,
+    AGE,
+    DOWN,
+    E_ACC,
+    E_GYRO,
+    E_POINTS,
+    E_POS,
+    E_ROT,
+    E_VEL,
+    EXCESS,
+    GYRO_BIAS,
+    INNOVATION,
+    LAG,
+    LAST_GYRO,
+    PHASE,
+    POINTS,
+    POS,
+    REST,
+    SEEN,
+    SLIDE_PRODUCT,
+    SLIDE_SQUARE,
+    VEL,
+    BestNoise,
+    BestState,
+    rotation,
+    turned,
+)
+
+Array = NDArray[np.float64]
+Feet = NDArray[np.int64]
+
+MOST_FEET = 2  # of a robot whose sets of sliding feet are hypotheses
+LEAST_PRIOR = 0.01  # a set that is less likely before a sample is left out
+LEAST = 0.01  # and after it
+NO_SHARE = 0.01  # of a mean: is left out of it
+OWN = (LAST_GYRO, LAST_GYRO + 1, LAST_GYRO + 2, PHASE, REST, AGE, SLIDE_PRODUCT, SLIDE_SQUARE)
+"""Parts of the memory that are the state's, not of its hypotheses."""
+
+
+def modes_of(feet: int) -> int:
+    """Number of hypotheses of a robot with so many feet, 0 = its points are mixed one by one."""
+    return 1 << feet if feet <= MOST_FEET else 0
+
+
+@kernel
+def mode(state: BestState, h: int) -> BestState:
+    """Return hypothesis h as a state of its own, which has none; it shares its arrays."""
+    return BestState(
+        state.mode_x[h], state.mode_cov[h], state.mode_points[h], state.mode_turn[h], state.mode_memory[h],
+        state.mode_x, state.mode_cov, state.mode_points, state.mode_turn, state.mode_memory, state.weight[:0],
+    )  # fmt: skip
+
+
+@kernel
+def likeliest(state: BestState) -> int:
+    """Return the hypothesis of the largest weight, -1 if there are none."""
+    best = -1
+    for h in range(state.weight.size):
+        if state.weight[h] > 0.0 and (best < 0 or state.weight[h] > state.weight[best]):
+            best = h
+    return best
+
+
+@kernel
+def _distance(a: BestState, b: BestState, out: Array) -> None:
+    """Write the error of `a` if `b` were true, (15 + 3 K,): taken out of `a` it gives `b`."""
+    rot_a, rot_b, rot = rotation(a.x), rotation(b.x), np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                rot[i, j] += rot_a[i, k] * rot_b[j, k]
+    out[:] = 0.0
+    out[E_ROT : E_ROT + 3] = rotvec_from_matrix(rot)
+    v = turned(rot, b.x[VEL : VEL + 3])
+    for i in range(3):
+        out[E_VEL + i] = a.x[VEL + i] - v[i]
+        out[E_GYRO + i] = a.x[GYRO_BIAS + i] - b.x[GYRO_BIAS + i]
+        out[E_ACC + i] = a.x[ACC_BIAS + i] - b.x[ACC_BIAS + i]
+        out[E_POS + i] = a.x[POS + i] - b.x[POS + i]
+    for k in range(a.points.shape[0]):
+        if a.points[k, DOWN] > 0.0:
+            at = POINTS + 3 * k
+            r = turned(rot, b.x[at : at + 3])
+            for i in range(3):
+                out[E_POINTS + 3 * k + i] = a.x[at + i] - r[i]
+
+
+@kernel
+def _copy(source: BestState, target: BestState) -> None:
+    target.x[:], target.cov[:], target.points[:] = source.x, source.cov, source.points
+    target.turn[:], target.memory[:] = source.turn, source.memory
+
+
+@kernel
+def mean_of(state: BestState, shares: Array, out: BestState) -> None:
+    """Write the mean of the hypotheses by their shares (H,) into another state; flags are those of the largest."""
+    best, most, total = int(np.argmax(shares)), np.max(shares), 0.0
+    for h in range(shares.size):
+        total += shares[h]
+    first = mode(state, best)
+    _copy(first, out)
+    if most >= (1.0 - NO_SHARE) * total:
+        return
+    share, n = np.zeros(shares.size), out.cov.shape[0]
+    for h in range(shares.size):
+        share[h] = shares[h] if shares[h] >= NO_SHARE * total else 0.0
+    share /= np.sum(share)
+    apart, mean = np.zeros((shares.size, n)), np.zeros(n)
+    for h in range(shares.size):
+        if share[h] > 0.0 and h != best:
+            _distance(first, mode(state, h), apart[h])
+            for i in range(n):
+                mean[i] += share[h] * apart[h, i]
+    out.cov[:] = 0.0
+    for i in (EXCESS, INNOVATION, INNOVATION + 1, INNOVATION + 2, LAG, LAG + 1, LAG + 2):
+        out.memory[i] = 0.0
+    for h in range(shares.size):
+        if share[h] == 0.0:
+            continue
+        cov, memory = state.mode_cov[h], state.mode_memory[h]
+        for i in range(n):
+            for j in range(i + 1):
+                out.cov[i, j] += share[h] * (cov[i, j] + (apart[h, i] - mean[i]) * (apart[h, j] - mean[j]))
+        for i in (EXCESS, INNOVATION, INNOVATION + 1, INNOVATION + 2, LAG, LAG + 1, LAG + 2):
+            out.memory[i] += share[h] * memory[i]
+    for i in range(n):
+        for j in range(i):
+            out.cov[j, i] = out.cov[i, j]
+    retract(out, mean)
+
+
+@kernel
+def publish_mean(state: BestState, foot: Feet) -> None:
+    """Bring the state itself up to the mean of its hypotheses, with the probability that each foot slides, in place."""
+    if likeliest(state) < 0:
+        return
+    kept = state.memory.copy()
+    mean_of(state, state.weight, state)
+    for i in OWN:
+        state.memory[i] = kept[i]
+    for k in range(state.points.shape[0]):
+        seen = 0.0
+        for h in range(state.weight.size):
+            if (h >> foot[k]) & 1:
+                seen += state.weight[h]
+        state.points[k, SEEN] = seen
+
+
+@kernel
+def collapse(state: BestState, foot: Feet) -> None:
+    """Go on with the mean of the hypotheses alone, in place."""
+    publish_mean(state, foot)
+    state.weight[:] = 0.0
+
+
+@kernel
+def mix(state: BestState, contact: Array, foot: Feet, noise: BestNoise) -> None:
+    """Mix the hypotheses before a sample of the feet by what may have begun or ended since the last, in place.
+
+    Args:
+        state: the state; without hypotheses it becomes the one in which nothing slides.
+        contact: probability that each point touches the ground, (K,).
+        foot: of each point.
+        noise: the noises.
+    """
+    count, weight = state.weight.size, state.weight
+    if likeliest(state) < 0:
+        weight[0] = 1.0
+        _copy(state, mode(state, 0))
+    now, before = np.zeros(count), np.zeros(count)  # by foot, of which there are fewer
+    best = likeliest(state)
+    for k in range(foot.size):
+        now[foot[k]] = max(now[foot[k]], contact[k])
+        before[foot[k]] = max(before[foot[k]], state.mode_points[best, k, DOWN])
+    shares = np.zeros((count, count))  # [t, s]
+    for t in range(count):
+        for s in range(count):
+            share, f = weight[s], 0
+            while (1 << f) < count:
+                slides = 0.0  # probability that foot f slides now, if it did (not) in s
+                if now[f] >= 0.5:
+                    slides = (
+                        noise.slip_landing if before[f] == 0.0 else
+                        noise.go_on if (s >> f) & 1 else 1.0 - now[f] * (1.0 - noise.slip_begin)
+                    )  # fmt: skip
+                share *= slides if (t >> f) & 1 else 1.0 - slides
+                f += 1
+            shares[t, s] = share
+    x, cov, points = np.empty_like(state.mode_x), np.empty_like(state.mode_cov), np.empty_like(state.mode_points)
+    turn, memory, empty = np.empty_like(state.mode_turn), np.empty_like(state.mode_memory), mode(state, 0)
+    prior = np.zeros(count)
+    for t in range(count):
+        prior[t] = np.sum(shares[t])
+    most = np.max(prior)
+    own = np.zeros(count, dtype=np.bool_)  # goes on as it is
+    for t in range(count):
+        if prior[t] < LEAST_PRIOR and prior[t] < most:
+            prior[t] = 0.0
+        own[t] = shares[t, t] >= (1.0 - NO_SHARE) * prior[t]
+        if prior[t] > 0.0 and not own[t]:
+            one = BestState(
+                x[t], cov[t], points[t], turn[t], memory[t], empty.mode_x, empty.mode_cov, empty.mode_points,
+                empty.mode_turn, empty.mode_memory, empty.weight,
+            )  # fmt: skip
+            mean_of(state, shares[t], one)
+    for t in range(count):
+        weight[t] = prior[t]
+        if prior[t] > 0.0 and not own[t]:
+            state.mode_x[t], state.mode_cov[t], state.mode_points[t] = x[t], cov[t], points[t]
+            state.mode_turn[t], state.mode_memory[t] = turn[t], memory[t]
+
+
+@kernel
+def weigh(state: BestState, likely: Array) -> None:
+    """Weigh the hypotheses by the logarithms of their likelihoods (H,), in place."""
+    weight, most, total = state.weight, -math.inf, 0.0
+    for h in range(weight.size):
+        if weight[h] > 0.0:
+            most = max(most, likely[h])
+    for h in range(weight.size):
+        weight[h] *= math.exp(likely[h] - most) if weight[h] > 0.0 else 0.0
+        total += weight[h]
+    kept = 0.0
+    for h in range(weight.size):
+        weight[h] = weight[h] / total if weight[h] >= LEAST * total else 0.0
+        kept += weight[h]
+    for h in range(weight.size):
+        weight[h] /= kept

@@ -1,0 +1,122 @@
+"""How the soles of feet move without sliding: they twist, and rock about the edge or the corner on which they stand."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import kernel
+
+from ..feet.contact import BestGeometry
+from .state import CLOSED, DOWN, E_POINTS, POINTS, BestState, turned
+
+Array = NDArray[np.float64]
+Feet = NDArray[np.int64]
+
+FIRM = 3  # switches that hold a sole
+
+
+@kernel
+def twist_soles(state: BestState, foot: Feet, variance: float) -> None:
+    """Add the turning of standing soles about the vertical, `variance` rad^2, to the covariance of their points.
+
+    Friction holds a sole against tilting by the weight on it, against twisting by its small lever only.
+    """
+    x, cov, points = state.x, state.cov, state.points
+    count, across = points.shape[0], np.zeros((points.shape[0], 2))
+    for k in range(count):
+        together = 0
+        for m in range(count):
+            if foot[m] == foot[k] and points[m, DOWN] > 0.0:
+                together += 1
+                across[k, 0] += x[POINTS + 3 * m + 1]
+                across[k, 1] -= x[POINTS + 3 * m]
+        if points[k, DOWN] > 0.0 and together > 1:  # z x (r_k - centre)
+            across[k, 0] = across[k, 0] / together - x[POINTS + 3 * k + 1]
+            across[k, 1] = across[k, 1] / together + x[POINTS + 3 * k]
+        else:
+            across[k, 0] = across[k, 1] = 0.0
+    for k in range(count):
+        for m in range(count):
+            if foot[m] == foot[k]:
+                for i in range(2):
+                    for j in range(2):
+                        cov[E_POINTS + 3 * k + i, E_POINTS + 3 * m + j] += variance * across[k, i] * across[m, j]
+
+
+@kernel
+def _turn_sole(state: BestState, geometry: BestGeometry, f: int, pivot: Array, axis: Array, variance: float) -> None:
+    """Add the turning of sole f, `variance` rad^2, to the covariance of its points, in place.
+
+    Args:
+        state: the state.
+        geometry: of the robot.
+        f: the foot.
+        pivot: a place on the axis, (3,) m, foot axes.
+        axis: the axis, (3,), odom axes.
+        variance: of the turn, rad^2.
+    """
+    cov, points, foot = state.cov, state.points, geometry.foot
+    way = np.zeros((foot.size, 3))
+    for k in range(foot.size):
+        if foot[k] == f and points[k, DOWN] > 0.0:
+            lever = turned(state.turn[k], geometry.place[k] - pivot)
+            for i in range(3):
+                a, b = (i + 1) % 3, (i + 2) % 3
+                way[k, i] = axis[a] * lever[b] - axis[b] * lever[a]
+    for k in range(foot.size):
+        for m in range(foot.size):
+            if foot[k] == f and foot[m] == f:
+                for i in range(3):
+                    for j in range(3):
+                        cov[E_POINTS + 3 * k + i, E_POINTS + 3 * m + j] += variance * way[k, i] * way[m, j]
+
+
+@kernel
+def rock_soles(state: BestState, closed: Feet, geometry: BestGeometry, variance: float) -> int:
+    """Let soles turn about the edge or the corner on which they stand, in place.
+
+    A foot that lands on its heel or on the outer edge comes down flat in the samples that follow: its middle sinks by
+    millimetres, which would else lift the robot at each step. What stays is where switches were closed at the last
+    sample and are closed now: three hold the sole, two are an edge, about which it tips, one is a corner, about which
+    it tips any way, like one of which no switch stayed closed. Neither an edge nor a corner keeps it from twisting.
+
+    Args:
+        state: the state; the switches are remembered in it.
+        closed: switches of each foot that are closed, (L,), bit s for switch s.
+        geometry: of the robot; feet with fewer than three switches are flat.
+        variance: of the turn about each axis, rad^2.
+
+    Returns:
+        The feet that rock, bit f for foot f.
+    """
+    points, foot, switches, rocking, last = state.points, geometry.foot, geometry.switches, 0, -1
+    for k in range(foot.size):
+        f = foot[k]
+        now, stayed = int(closed[f]), int(closed[f]) & int(points[k, CLOSED])
+        points[k, CLOSED] = now
+        if f == last or points[k, DOWN] == 0.0 or switches.shape[1] < FIRM:
+            continue
+        last = f
+        pivot, edge, count = np.zeros(3), np.zeros(3), 0
+        for s in range(switches.shape[1]):
+            if ((stayed if stayed > 0 else now) >> s) & 1:
+                count += 1
+                for i in range(3):
+                    pivot[i] += switches[f, s, i]
+                    edge[i] = switches[f, s, i] - edge[i]
+        if count == 0 or (stayed > 0 and count >= FIRM):
+            continue
+        rocking |= 1 << f
+        pivot /= count
+        edge = turned(state.turn[k], edge)
+        length = math.sqrt(edge[0] ** 2 + edge[1] ** 2 + edge[2] ** 2)
+        if stayed > 0 and count == 2 and length > 0.0:
+            _turn_sole(state, geometry, f, pivot, edge / length, variance)
+            _turn_sole(state, geometry, f, pivot, np.array([0.0, 0.0, 1.0]), variance)
+        else:
+            for i in range(3):
+                edge[:] = 0.0
+                edge[i] = 1.0
+                _turn_sole(state, geometry, f, pivot, edge, variance)
+    return rocking

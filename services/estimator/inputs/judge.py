@@ -1,0 +1,314 @@
+"""Kernels that judge inputs: ranges, clocks, frozen sensors, and units by gravity and by the feet.
+
+The gyro is compared with the legs. Points that stand turn in IMU axes by -theta, theta the integral of the gyro between
+two samples of the joints: with c the points from their mean,
+
+    predicted p = -theta x c,   seen s = change of c,   slope = sum p.s / sum p.p
+
+over the last seconds. The slope is 1; 1/57.3 if the gyro measures in deg/s, -1 if it has the other sign.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import kernel
+
+from ..feet.contact import points_of
+from .results import (
+    AHEAD,
+    GAP,
+    NONFINITE,
+    OK,
+    RESTART,
+    RESULTS,
+    SATURATED,
+    UNIT,
+)
+from .timeline import CLOCK, KNOWN, LARGEST_NS, NEWEST, judge_clock
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+IMU, KINEMATICS = 0, 1  # sources
+SOURCES = ("imu", "kinematics")
+# parts of `Judge.marks`: samples in the mean of the accelerometer, samples of the feet with it on the wrong side, equal
+# rows and equal feet in a row, code of what is wrong with a unit, stamp of the last refusal or gap, of the last
+# saturation, of the last gyro sample in the turn, source and code of the last refusal or gap, refusals, stamp since
+# which the accelerometer shows no weight
+ROWS, WRONG_SIDE, EQUAL_ROWS, EQUAL_FEET, UNITS, BAD_NS, SATURATED_NS, TURN_NS, BAD_SOURCE = range(9)
+BAD_CODE, REFUSED, LIGHT_NS = range(9, 12)
+# parts of `Judge.numbers`: last gyro and accelerometer (6), mean of the accelerometer (3), turn by the gyro since the
+# last sample of the feet (3), and of the comparison with them: p.s, p.p, s.s, rad^2, and the path by the gyro, rad
+LAST_W, LAST_Q, MEAN_Q, TURN, SHARED, PREDICTED, SEEN, PATH = 0, 3, 6, 9, 12, 13, 14, 15
+
+NEVER, FOR_EVER = -(2**62), 2**62  # ns
+BAD_MEMORY_NS = 100_000_000  # a refused input spoils `inputs_ok` so long
+LIGHT_FOR_NS = 100_000_000  # without weight for longer: a fall, or another unit
+STEADY_ROWS = 30  # 1 s of equal joint angles; a fault while the gyro says that the robot moves
+NO_WEIGHT = 3.0  # m/s^2, a shorter specific force is that of a fall, or in another unit
+MEAN_WEIGHT = 0.02  # of a sample in the mean of the accelerometer
+UNIT_ROWS = 100  # samples before its mean is judged
+GRAVITIES = (0.5, 2.0)  # m/s^2, a mean between these is gravity in g: no robot falls for so long
+FORGET = 0.995  # of the comparison with the feet, per sample
+WHOLE_TURN = 2.0 * math.pi  # rad of turning by the gyro, without the feet turning: no robot that falls does so
+SOME_TURN = 0.4  # rad of turning by the gyro, and the feet turn the other way
+TIMELY_NS = 25_000_000  # by which the feet may be older than the gyro
+LONGEST_TURN_NS = 200_000_000  # between two samples of the feet that are compared
+NO_SLOPE, OTHER_SLOPE = 0.1, -0.25  # slopes below which the gyro is in deg/s, has the other sign
+OTHER_WAY = -0.4  # correlation below which the feet turn against the gyro
+SMALLEST = 1e-4  # m^2, spread of points that are compared
+
+GOOD, IN_G, ACC_SIGN, IN_DEG, GYRO_SIGN = range(5)
+UNIT_WORDS = (
+    "", "the accelerometer measures in g: factor 9.81", "the accelerometer has the other sign: factor -1",
+    "the gyro measures in deg/s: factor 0.0174533", "the gyro has the other sign: factor -1",
+)  # fmt: skip
+"""By code: what is wrong with the unit or the sign of a sensor."""
+
+
+class Judge(NamedTuple):
+    """All that the judging of inputs remembers; L feet, K contact points."""
+
+    clocks: Ints  # (2, 6) of IMU and kinematics
+    counts: Ints  # (2, results) refusals and gaps
+    marks: Ints  # (12,)
+    numbers: Array  # (16,)
+    feet: Array  # (L, 3) last sample
+    points: Array  # (K, 4) last contact points from the IMU, m, and whether they stood
+
+
+class JudgeLimits(NamedTuple):
+    """Limits of inputs."""
+
+    max_gyro: float  # rad/s
+    max_acc: float  # m/s^2
+    gap_ns: float  # ns between inertial samples that is a gap
+    frozen_rows: int  # equal inertial samples in a row that no live unit gives
+
+
+class Faults(NamedTuple):
+    """What is wrong with the inputs at a moment."""
+
+    refused: bool  # one of the last 100 ms, or there was a gap
+    saturated: bool  # the inertial unit was at the end of its range in the last 100 ms
+    weightless: bool  # the accelerometer has shown no weight for a tenth of a second
+    imu_frozen: bool  # the inertial unit repeats one sample
+    feet_repeat: bool  # the encoders have repeated themselves for a second: a fault only where the robot moves
+
+
+def new_judge(feet: int, points: int) -> Judge:
+    """Return a judge that has seen nothing."""
+    marks, numbers = np.zeros(LIGHT_NS + 1, dtype=np.int64), np.zeros(PATH + 1)
+    marks[BAD_NS] = marks[SATURATED_NS] = marks[TURN_NS] = NEVER
+    marks[LIGHT_NS] = FOR_EVER
+    numbers[LAST_W : LAST_Q + 3] = np.nan
+    clocks, counts = np.zeros((2, CLOCK), dtype=np.int64), np.zeros((2, len(RESULTS)), dtype=np.int64)
+    return Judge(clocks, counts, marks, numbers, np.full((feet, 3), np.nan), np.zeros((points, 4)))
+
+
+@kernel
+def peak(x: Array) -> float:
+    """Largest absolute value, infinity if one is not finite."""
+    most = 0.0
+    for i in range(x.size):
+        if not math.isfinite(x[i]):
+            return np.inf
+        most = max(most, abs(x[i]))
+    return most
+
+
+@kernel
+def faults_at(judge: Judge, limits: JudgeLimits, noisy: bool, now_ns: int) -> Faults:
+    """Return what is wrong at `now_ns`; `noisy`: equal inertial samples are no chance."""
+    marks = judge.marks
+    return Faults(
+        0 <= now_ns - marks[BAD_NS] < BAD_MEMORY_NS,
+        0 <= now_ns - marks[SATURATED_NS] < BAD_MEMORY_NS,
+        now_ns - marks[LIGHT_NS] >= LIGHT_FOR_NS,
+        noisy and marks[EQUAL_ROWS] >= limits.frozen_rows,
+        marks[EQUAL_FEET] >= STEADY_ROWS,
+    )
+
+
+@kernel
+def note(judge: Judge, source: int, code: int, stamp_ns: int) -> int:
+    """Count what became of a sample of a source, in place, and return it."""
+    marks = judge.marks
+    judge.counts[source, code] += 1
+    marks[BAD_SOURCE], marks[BAD_CODE] = source, code
+    if code > RESTART:
+        marks[REFUSED] += 1
+    marks[BAD_NS] = judge.clocks[IMU, NEWEST] if judge.clocks[IMU, KNOWN] > 0 else stamp_ns
+    if code == SATURATED:
+        marks[SATURATED_NS] = marks[BAD_NS]
+    return code
+
+
+@kernel
+def _order(judge: Judge, source: int, stamp_ns: int) -> int:
+    """Judge the stamp of a sample."""
+    if abs(stamp_ns) > LARGEST_NS:
+        return note(judge, source, AHEAD, stamp_ns)
+    clocks, newest, known = judge.clocks, stamp_ns, False
+    for i in range(2):
+        if clocks[i, KNOWN] > 0:
+            newest = max(newest, clocks[i, NEWEST]) if known else clocks[i, NEWEST]
+            known = True
+    code = judge_clock(clocks[source], stamp_ns, newest)
+    if code == RESTART:
+        clocks[1 - source, KNOWN] = 0
+    return code if code == OK else note(judge, source, code, stamp_ns)
+
+
+@kernel
+def _wrong_unit(judge: Judge, stamp_ns: int, w: Array, q: Array) -> bool:
+    """Take a sample into the means; whether the unit or the sign of a sensor is wrong."""
+    marks, numbers = judge.marks, judge.numbers
+    d = stamp_ns - marks[TURN_NS]
+    if 0 < d < LONGEST_TURN_NS:
+        for i in range(3):
+            numbers[TURN + i] += 1e-9 * d * w[i]
+    if d > 0 or d < -LONGEST_TURN_NS:  # samples that are a little late leave the turn as it is
+        marks[TURN_NS] = stamp_ns
+    marks[ROWS] += 1
+    weight, square = max(MEAN_WEIGHT, 1.0 / marks[ROWS]), 0.0
+    for i in range(3):
+        numbers[MEAN_Q + i] += weight * (q[i] - numbers[MEAN_Q + i])
+        square += numbers[MEAN_Q + i] ** 2
+    if marks[ROWS] < UNIT_ROWS:
+        return False
+    marks[UNITS] = GOOD
+    if GRAVITIES[0] < math.sqrt(square) < GRAVITIES[1]:
+        marks[UNITS] = IN_G
+    elif marks[WRONG_SIDE] >= UNIT_ROWS:
+        marks[UNITS] = ACC_SIGN
+    elif numbers[PATH] > SOME_TURN:
+        slope = numbers[SHARED] / max(numbers[PREDICTED], 1e-300)
+        alike = numbers[SHARED] / math.sqrt(max(numbers[PREDICTED] * numbers[SEEN], 1e-300))
+        if numbers[PATH] > WHOLE_TURN and abs(slope) < NO_SLOPE:
+            marks[UNITS] = IN_DEG
+        elif slope < OTHER_SLOPE and alike < OTHER_WAY:
+            marks[UNITS] = GYRO_SIGN
+    return bool(marks[UNITS] != GOOD)
+
+
+@kernel
+def judge_imu(judge: Judge, limits: JudgeLimits, stamp_ns: int, w: Array, q: Array) -> int:
+    """Judge an inertial sample, in place; w (3,) rad/s, q (3,) m/s^2. Returns the code of the result."""
+    peak_w, peak_q, same = peak(w), peak(q), 1
+    if peak_w == np.inf or peak_q == np.inf:
+        return note(judge, IMU, NONFINITE, stamp_ns)
+    if peak_w >= limits.max_gyro or peak_q >= limits.max_acc:
+        return note(judge, IMU, SATURATED, stamp_ns)
+    if _wrong_unit(judge, stamp_ns, w, q):
+        return note(judge, IMU, UNIT, stamp_ns)
+    known, before = judge.clocks[IMU, KNOWN], judge.clocks[IMU, NEWEST]
+    code = _order(judge, IMU, stamp_ns)
+    if code > RESTART:
+        return code
+    numbers, marks, square = judge.numbers, judge.marks, 0.0
+    for i in range(3):
+        square += q[i] * q[i]
+        if w[i] != numbers[LAST_W + i] or q[i] != numbers[LAST_Q + i]:
+            same = 0
+        numbers[LAST_W + i], numbers[LAST_Q + i] = w[i], q[i]
+    marks[EQUAL_ROWS] = marks[EQUAL_ROWS] + 1 if same else 0
+    if square > NO_WEIGHT**2 or code == RESTART:
+        marks[LIGHT_NS] = FOR_EVER
+    elif marks[LIGHT_NS] == FOR_EVER:
+        marks[LIGHT_NS] = stamp_ns
+    if code != RESTART and known > 0 and stamp_ns - before > limits.gap_ns:
+        return note(judge, IMU, GAP, stamp_ns)
+    return code
+
+
+@kernel
+def judge_feet(judge: Judge, stamp_ns: int, feet: Array) -> int:
+    """Judge feet (L, 3), in place; one that is not finite is left out elsewhere. Returns the code of the result."""
+    some, every, same = False, True, True
+    for i in range(feet.shape[0]):
+        for k in range(3):
+            finite = math.isfinite(feet[i, k])
+            some, every, same = some or finite, every and finite, same and feet[i, k] == judge.feet[i, k]
+    if not some:
+        return note(judge, KINEMATICS, NONFINITE, stamp_ns)
+    code = _order(judge, KINEMATICS, stamp_ns)
+    if code > RESTART:
+        return code
+    if not every:
+        note(judge, KINEMATICS, NONFINITE, stamp_ns)
+    judge.marks[EQUAL_FEET] = judge.marks[EQUAL_FEET] + 1 if same else 0
+    for i in range(feet.shape[0]):
+        for k in range(3):
+            judge.feet[i, k] = feet[i, k]
+    return code
+
+
+@kernel
+def judge_units(
+    judge: Judge, stamp_ns: int, position: Array, rot: Array, contact: Array, foot: Ints, place: Array
+) -> None:
+    """Compare the inertial unit with the feet, in place.
+
+    Args:
+        judge: what is remembered.
+        stamp_ns: of the feet; those that come late are not compared with the gyro, whose turn has gone on.
+        position: of the feet, (L, 3) m, IMU axes.
+        rot: rot_imu_from_foot, (L, 3, 3).
+        contact: probability of contact, (L,); NaN = unknown, not compared.
+        foot: of each contact point, (K,).
+        place: of each in its foot, (K, 3) m.
+    """
+    marks, numbers, last = judge.marks, judge.numbers, judge.points
+    along = 0.0
+    for f in range(contact.size):
+        if contact[f] >= 0.5:
+            for i in range(3):
+                along += position[f, i] * numbers[MEAN_Q + i]
+    marks[WRONG_SIDE] = min(marks[WRONG_SIDE] + 1, 2 * UNIT_ROWS) if along > 0.0 else max(marks[WRONG_SIDE] - 1, 0)
+    y, _ = points_of(foot, place, position, rot)
+    timely = abs(marks[TURN_NS] - stamp_ns) < TIMELY_NS
+    if timely:
+        _compare_turns(marks, numbers, last, y, contact, foot)
+    for k in range(foot.size):
+        last[k, 3] = 1.0 if timely and contact[foot[k]] >= 0.5 else 0.0
+        for i in range(3):
+            last[k, i] = y[k, i]
+            numbers[TURN + i] = 0.0
+
+
+@kernel
+def _compare_turns(marks: Ints, numbers: Array, last: Array, y: Array, contact: Array, foot: Ints) -> None:
+    """Compare the turn by the gyro with that of points y (K, 3) that stand, in place; see the head of this file."""
+    before, now, count = np.zeros(3), np.zeros(3), 0
+    for k in range(foot.size):
+        if last[k, 3] > 0.0 and contact[foot[k]] >= 0.5:
+            count += 1
+            for i in range(3):
+                before[i] += last[k, i]
+                now[i] += y[k, i]
+    if count < 2 or marks[EQUAL_FEET] > 0:
+        return
+    c, seen, spread = np.empty(3), np.empty(3), 0.0
+    shared, predicted, moved = 0.0, 0.0, 0.0
+    for k in range(foot.size):
+        if last[k, 3] > 0.0 and contact[foot[k]] >= 0.5:
+            for i in range(3):
+                c[i] = last[k, i] - before[i] / count
+                seen[i] = y[k, i] - now[i] / count - c[i]
+                spread += c[i] * c[i]
+            for i in range(3):
+                a, b = (i + 1) % 3, (i + 2) % 3
+                p = -(numbers[TURN + a] * c[b] - numbers[TURN + b] * c[a])
+                shared += p * seen[i]
+                predicted += p * p
+                moved += seen[i] * seen[i]
+    if spread < SMALLEST:
+        return
+    numbers[SHARED] = FORGET * numbers[SHARED] + shared / spread
+    numbers[PREDICTED] = FORGET * numbers[PREDICTED] + predicted / spread
+    numbers[SEEN] = FORGET * numbers[SEEN] + moved / spread
+    numbers[PATH] = FORGET * numbers[PATH] + math.sqrt(predicted / spread)

@@ -1,0 +1,163 @@
+"""The estimators behind one protocol, and the table of them: a new one (`best`) is one class and one row."""
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..params import EstimatorParams
+from .ekf import PaperEkf
+from .inertial import predict, widened, without_velocity
+from .legs import LegVelocity
+
+Array = NDArray[np.float64]
+
+UNKNOWN_SPEED = 1.0  # m/s, standard deviation of an unmeasured velocity
+UNKNOWN_TILT = 0.5  # rad, the same of a direction
+
+
+class VelocityEstimator(Protocol):
+    """Estimates g and v in IMU axes from inertial samples and velocities by the legs."""
+
+    name: str
+    nis: float | None
+
+    def reset(self, g: Array, p: Array) -> None:
+        """Start at rest with g (3,) and the covariance p (6, 6) of (g, v)."""
+        ...
+
+    def predict(self, w: Array, q: Array, d: float) -> None:
+        """One inertial sample, w (3,) rad/s and q (3,) m/s^2, over d s."""
+        ...
+
+    def correct(self, legs: LegVelocity) -> None:
+        """Velocities by the legs."""
+        ...
+
+    def widen(self, sd_g: float, sd_v: float) -> None:
+        """Samples are missing: add these standard deviations, m/s^2 and m/s, to those of g and v."""
+        ...
+
+    def forget_velocity(self, sd: float) -> None:
+        """The velocity became unknown: 0 +- sd m/s."""
+        ...
+
+    @property
+    def g(self) -> Array | None:
+        """Specific force at rest, (3,) m/s^2, points up; None = not estimated by this one."""
+        ...
+
+    @property
+    def v(self) -> Array:
+        """Velocity of the IMU, (3,) m/s."""
+        ...
+
+    @property
+    def p(self) -> Array:
+        """Covariance of (g, v), (6, 6)."""
+        ...
+
+
+class _Inertial:
+    """The IMU alone, (1)-(4): drifts, useless after seconds; its covariance says so."""
+
+    name = "imu"
+
+    def __init__(self, params: EstimatorParams) -> None:
+        self._noise = np.array([params.sigma_w, params.sigma_q])
+        self._exact = params.exact_transition
+        self.nis: float | None = None
+        self.reset(np.array([0.0, 0.0, 9.81]), np.eye(6))
+
+    def reset(self, g: Array, p: Array) -> None:
+        self._x, self.p = np.concatenate([g, np.zeros(3)]), p.copy()
+
+    @property
+    def g(self) -> Array:
+        """Specific force at rest, (3,) m/s^2."""
+        return self._x[:3]
+
+    @property
+    def v(self) -> Array:
+        """Velocity of the IMU, (3,) m/s."""
+        return self._x[3:]
+
+    def predict(self, w: Array, q: Array, d: float) -> None:
+        self._x, self.p = predict(self._x, self.p, w, q, d, self._noise, self._exact, True)
+
+    def correct(self, legs: LegVelocity) -> None:
+        pass
+
+    def widen(self, sd_g: float, sd_v: float) -> None:
+        self.p = widened(self.p, sd_g, sd_v)
+
+    def forget_velocity(self, sd: float) -> None:
+        self._x = np.concatenate([self._x[:3], np.zeros(3)])
+        self.p = without_velocity(self.p, sd)
+
+
+class _Legs:
+    """Velocity by the legs as it comes, held between samples; g is not estimated."""
+
+    name = "kinematics"
+    g: Array | None = None
+
+    def __init__(self, params: EstimatorParams) -> None:
+        self._sigma = params.sigma_k
+        self.nis: float | None = None
+        self.reset(np.zeros(3), np.eye(6))
+
+    def reset(self, g: Array, p: Array) -> None:
+        self.v = np.zeros(3)
+        self._known = False
+        self._since = 0.0
+        self._p = np.diag([(9.81 * UNKNOWN_TILT) ** 2] * 3 + [UNKNOWN_SPEED**2] * 3)
+
+    def predict(self, w: Array, q: Array, d: float) -> None:
+        self._since += d
+
+    def correct(self, legs: LegVelocity) -> None:
+        self._take(legs.v_k, legs.feet_k)
+
+    def _take(self, v: Array, feet: int) -> None:
+        if feet > 0:
+            self.v = v
+            self._since = 0.0
+            self._known = True
+
+    def widen(self, sd_g: float, sd_v: float) -> None:
+        pass
+
+    def forget_velocity(self, sd: float) -> None:
+        self._known = False
+        self.v = np.zeros(3)
+
+    @property
+    def p(self) -> Array:
+        """Covariance of (g, v): g unknown; v grows stale at 1 m/s per s."""
+        sd = min(UNKNOWN_SPEED, np.hypot(self._sigma, self._since)) if self._known else UNKNOWN_SPEED
+        self._p[3, 3] = self._p[4, 4] = self._p[5, 5] = sd**2
+        return self._p
+
+
+class _LegsGyro(_Legs):
+    """Velocity by the legs and the gyro, (11)-(14)."""
+
+    name = "kinematics_gyro"
+
+    def __init__(self, params: EstimatorParams) -> None:
+        super().__init__(params)
+        self._sigma = params.sigma_v
+
+    def correct(self, legs: LegVelocity) -> None:
+        self._take(legs.v_kg, legs.feet_kg)
+
+
+ESTIMATORS: dict[str, Callable[[EstimatorParams], VelocityEstimator]] = {
+    "imu": _Inertial,
+    "kinematics": _Legs,
+    "kinematics_gyro": _LegsGyro,
+    "ekf": PaperEkf,
+}
+"""Name -> constructor. Names are those of the topics `state/velocity/<name>`."""

@@ -1,0 +1,217 @@
+"""Standstill: when the robot is at rest, and what a rest shows of the sensors (equation (1)).
+
+At rest the gyro reads its bias and the accelerometer reads g plus its bias.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.linear import dot, eigen3, norm, product
+from surefoot.kernels.jit import kernel
+
+from ..params import EstimatorParams
+from .inertial import GRAVITY
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+DISAGREE = 4.0  # sigma
+MIN_SPREAD = 0.02  # m; feet closer to one line have no plane
+
+
+@kernel
+def _push(
+    ring: Array, count: int, w: Array, q: Array, gyro_variance: float, acc_variance: float
+) -> tuple[Array, Array, bool]:
+    """Write one IMU sample into the ring (n, 6).
+
+    Returns:
+        the row it takes the place of (6,), the mean of the rows (6,), whether their variances are within the limits.
+    """
+    n, row = ring.shape[0], count % ring.shape[0]
+    oldest = ring[row].copy()
+    for i in range(3):
+        ring[row, i] = w[i]
+        ring[row, 3 + i] = q[i]
+    mean, var = np.zeros(6), np.zeros(6)
+    for r in range(n):
+        for i in range(6):
+            mean[i] += ring[r, i]
+    mean /= n
+    for r in range(n):
+        for i in range(6):
+            var[i] += (ring[r, i] - mean[i]) ** 2
+    quiet = True
+    for i in range(6):
+        quiet = quiet and var[i] / n <= (gyro_variance if i < 3 else acc_variance)
+    return oldest, mean, quiet
+
+
+@kernel
+def _travel(position: Array, since: Array) -> float:
+    """Largest change of a coordinate of feet (L, 3); those that are NaN do not count."""
+    most = 0.0
+    for i in range(position.shape[0]):
+        for k in range(3):
+            moved = abs(position[i, k] - since[i, k])
+            if moved > most:
+                most = moved
+    return most
+
+
+@dataclass
+class Standstill:
+    """Tells rest from motion by the variances of the last `length` IMU samples and by the travel of the feet.
+
+    Attributes:
+        length: number of consecutive samples, 50 by the architecture.
+        gyro_sd: largest standard deviation of an axis at rest, rad/s.
+        acc_sd: the same, m/s^2.
+        travel: largest move of a foot in the IMU frame within `length` IMU samples at rest, m.
+
+    A slow turn of the trunk looks like rest at first. What may be learned from a rest is therefore `settled`: the
+    sample of `length` ago, once the rest has lasted from `length` before it until now.
+    """
+
+    length: int
+    gyro_sd: float
+    acc_sd: float
+    travel: float
+
+    def __post_init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._ring = np.zeros((self.length, 6))
+        self._count = 0
+        self._still_since = 0
+        self._feet: Array | None = None
+        self.standing = False
+        self.settled: Array | None = None  # (6,) gyro rad/s and accelerometer m/s^2
+        self.mean = np.zeros(6)  # (6,) mean gyro rad/s and accelerometer m/s^2 of the last `length` samples
+        self._rest = 0
+
+    def break_off(self) -> None:
+        """Start the count anew, after a gap in the data."""
+        self._count = 0
+        self._rest = 0
+        self._still_since = 0
+        self.settled = None
+        self.standing = False
+
+    def on_imu(self, w: Array, q: Array) -> bool:
+        """Take a sample; returns whether the robot stands."""
+        oldest, mean, quiet = _push(self._ring, self._count, w, q, self.gyro_sd**2, self.acc_sd**2)
+        self._count += 1
+        if self._count < self.length:
+            return False
+        self.mean = mean
+        self.standing = quiet and (self._feet is None or self._count - self._still_since >= self.length)
+        self._rest = self._rest + 1 if self.standing else 0
+        self.settled = oldest if self._rest > self.length else None
+        return self.standing
+
+    def on_feet(self, position: Array) -> None:
+        """Take foot positions (L, 3) in IMU axes, NaN = unknown: they must stay where they are."""
+        if self._feet is None:
+            self._feet = position.copy()
+            return
+        if _travel(position, self._feet) > self.travel:
+            self._feet = position.copy()
+            self._still_since = self._count
+
+
+@kernel
+def _refined(
+    value: Array, samples: int, mean: Array, w: Array, length: int, sigma: float, floor: float, most: int
+) -> tuple[Array, int]:
+    """Return the bias (3,) and the number of its samples after one more at rest, w (3,) rad/s.
+
+    Not if the mean gyro of a window of `length` samples, (3,), is further than 4 sigma from the bias: the robot turns
+    slowly.
+    """
+    if samples > 0:
+        sd = math.hypot(sigma * math.sqrt(1.0 / length + 1.0 / samples), floor)
+        for i in range(3):
+            if abs(mean[i] - value[i]) > 4.0 * sd:
+                return value, samples
+    count, after = min(samples + 1, most), np.empty(3)
+    for i in range(3):
+        after[i] = value[i] + (w[i] - value[i]) / count
+    return after, count
+
+
+@dataclass
+class GyroBias:
+    """Mean gyro over all rest: b <- b + (w - b)/n, variance sigma^2/n + walk.
+
+    Attributes:
+        sigma: noise of one sample, rad/s.
+        floor: smallest standard deviation that is claimed, rad/s (in-run drift).
+        most: samples after which the mean forgets.
+    """
+
+    sigma: float
+    floor: float
+    most: int = 6000
+
+    def __post_init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Unknown bias."""
+        self.value = np.zeros(3)  # (3,) rad/s, IMU axes
+        self.samples = 0
+
+    def start(self, mean: Array, samples: int) -> None:
+        """Take the mean of a whole window."""
+        self.value = mean.copy()
+        self.samples = samples
+
+    def refine(self, mean: Array, w: Array, length: int) -> None:
+        """Take one more sample at rest, w (3,), unless the mean of the last `length` shows that the robot turns."""
+        self.value, self.samples = _refined(
+            self.value, self.samples, mean, w, length, self.sigma, self.floor, self.most
+        )
+
+
+def gravity_at_rest(mean_q: Array, up: Array | None, params: EstimatorParams) -> tuple[Array, float]:
+    """g at rest: equation (1), or blended with the normal of the ground under the feet.
+
+    The accelerometer alone cannot tell its bias from a tilt. If the slope of the start place is stated as 0 +- s rad,
+    the plane of the feet is a second witness. With b the sd of the bias of an axis, s' = 9.81 s and the weight
+    k = b^2/(b^2 + s'^2):  g = (1 - k) mean q + k 9.81 up, variance of its direction k s'^2.
+    Witnesses further apart than `DISAGREE` sigma contradict the statement: then the accelerometer alone counts.
+
+    Args:
+        mean_q: mean accelerometer, (3,) m/s^2.
+        up: upward normal of the plane of the feet, (3,), or None.
+        params: `acc_bias_sd` = b, `start_slope_sd` = s, infinite if unknown.
+
+    Returns:
+        g (3,) m/s^2, and the variance of an axis of it that no motion will ever reveal, m^2/s^4.
+    """
+    bias, stated = params.acc_bias_sd**2, (GRAVITY * params.start_slope_sd) ** 2
+    if up is None or not np.isfinite(stated) or bias == 0.0:
+        return mean_q.copy(), bias
+    apart = GRAVITY * (mean_q / norm(mean_q) - up)
+    if dot(apart, apart) > DISAGREE**2 * (bias + stated):
+        return mean_q.copy(), bias
+    k = bias / (bias + stated)
+    return (1.0 - k) * mean_q + k * GRAVITY * up, k * stated
+
+
+def plane_normal(points: Array, used: Flags, g: Array) -> Array | None:
+    """Unit normal (3,), on the side of g, of the plane through the used points (L, 3); None if they span no plane."""
+    chosen = points[used]
+    if len(chosen) < 3:
+        return None
+    centred = chosen - chosen.mean(axis=0)
+    square, axes = eigen3(product(centred.T, centred))
+    if square[1] < MIN_SPREAD**2:
+        return None
+    return axes[2] if dot(axes[2], g) > 0.0 else -axes[2]

@@ -1,0 +1,202 @@
+"""The estimators of Wawrzynski et al. side by side: inertial, kinematic, kinematic with gyro, and their filter.
+
+They take samples in the order of their arrival and start at the first standstill, equation (1). A sample of the joints
+is applied at the inertial sample after it, as in the paper; one that comes late is applied late.
+"""
+
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.linear import norm
+from surefoot.kernels.jit import kernel
+
+from ..feet.kinematics import FootMount, FootSample
+from ..inputs.judge import peak
+from ..params import EstimatorParams
+from .estimators import ESTIMATORS, UNKNOWN_SPEED, UNKNOWN_TILT, VelocityEstimator
+from .history import History
+from .inertial import GRAVITY
+from .legs import LegTracker
+from .standstill import GyroBias, Standstill, gravity_at_rest, plane_normal
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+THETA, G = slice(0, 3), slice(3, 6)  # columns of the history
+GAP_TURN = 0.1  # rad/s, unseen turning in a gap; rad in a long one
+GAP_PUSH = 1.0  # m/s^2, unseen acceleration in a gap
+NIS_MEMORY = 0.1  # weight of the last correction in the smoothed value
+MAX_LEG_SPEED = 3.0  # m/s; faster by the legs is no walk but a broken encoder
+LATE_NS = 100_000_000  # samples of the feet older than this are left out
+
+
+class PaperOutput(NamedTuple):
+    """One estimator at the newest inertial sample."""
+
+    g: Array  # (3,) m/s^2, IMU axes, points up
+    v: Array  # (3,) m/s, IMU axes
+    covariance: Array  # (6, 6) of (g, v)
+    hidden: float  # m^2/s^4, variance of an axis of g that the model leaves out
+    nis: float | None
+    nis_mean: float
+    since_velocity_ns: int  # since the legs last gave a velocity
+
+
+@kernel
+def _note(row: Array, gyro: Array, d: float, g: Array) -> None:
+    """Turn the angle of a row of the history on by the gyro, in place, and write g beside it."""
+    for i in range(3):
+        row[i] += gyro[i] * d
+        row[3 + i] = g[i]
+
+
+class PaperEstimators:
+    """Feeds the estimators of the table with the same samples; owns their start and their biases."""
+
+    def __init__(self, mount: FootMount, params: EstimatorParams, names: Iterable[str] = tuple(ESTIMATORS)) -> None:
+        self.params = params
+        self._mount = mount
+        self._feet = len(mount.radius)
+        self._names = tuple(names)
+        self.reset()
+
+    def reset(self, stated: bool = True) -> None:
+        """Drop all state; `stated`: whether the statement about the ground at the start holds (again)."""
+        p = self.params
+        self._stated = stated
+        self.standstill = Standstill(
+            p.standstill_samples, p.standstill_gyro_sd, p.standstill_acc_sd, p.standstill_travel
+        )
+        self.gyro_bias = GyroBias(p.sigma_w, p.gyro_bias_floor)
+        self.bias, self.acc_bias = np.zeros(3), np.zeros(3)
+        self._history = History(6)
+        self._row = np.zeros(6)  # angle by the gyro, g
+        self._hidden = 0.0  # m^2/s^4
+        self.initialised = False
+        self._stamp_ns = 0
+        self._w = np.zeros(3)  # latest gyro, bias removed
+        self._nis: dict[str, float] = {}
+        self._feet_ns = self._velocity_ns = 0
+        self.slipping: Flags = np.zeros(self._feet, dtype=np.bool_)
+        self._legs = LegTracker(self._feet, self._mount.radius, p)
+        self.filters: dict[str, VelocityEstimator] = {name: ESTIMATORS[name](p) for name in self._names}
+        self._leader = self.filters["ekf"] if "ekf" in self.filters else self.filters["imu"]
+        self._wide = np.diag([(GRAVITY * UNKNOWN_TILT) ** 2] * 3 + [UNKNOWN_SPEED**2] * 3)
+        for one in self.filters.values():
+            one.reset(np.array([0.0, 0.0, GRAVITY]), self._wide)
+
+    def restart_clock(self) -> None:
+        """The stamps begin anew."""
+        self._history.clear()
+        self._legs.reset()
+        self._stamp_ns = self._feet_ns = self._velocity_ns = 0
+        self.standstill.break_off()
+        for one in self.filters.values():
+            one.forget_velocity(UNKNOWN_SPEED)
+            one.widen(GRAVITY * GAP_TURN, 0.0)
+
+    def on_imu(self, stamp_ns: int, w: Array, q: Array) -> None:
+        """Take an inertial sample: mean gyro w (3,) rad/s and specific force q (3,) m/s^2 up to `stamp_ns`."""
+        p = self.params
+        if stamp_ns <= self._stamp_ns:
+            return
+        step = stamp_ns - self._stamp_ns if self._stamp_ns else 0
+        self._stamp_ns = stamp_ns
+        if step > p.gap_periods * p.imu_period_ns:
+            self.standstill.break_off()
+        standing = self.standstill.on_imu(w, q)
+        if not self.initialised and standing:
+            self._initialise()
+        elif self.standstill.settled is not None and p.refine_gyro_bias:
+            self._refine_bias(self.standstill.settled)
+        self._w = w - self.bias
+        self._advance(w, q - self.acc_bias, 1e-9 * step, step)
+
+    def _refine_bias(self, settled: Array) -> None:
+        self.gyro_bias.refine(self.standstill.mean[:3], settled[:3], self.params.standstill_samples)
+        self.bias = self.gyro_bias.value
+
+    def _advance(self, gyro: Array, q: Array, d: float, step_ns: int) -> None:
+        p = self.params
+        if self.initialised and step_ns > p.reset_gap_ns:
+            d = 1e-9 * p.imu_period_ns  # what happened since then is unknown
+            for one in self.filters.values():
+                one.forget_velocity(UNKNOWN_SPEED)
+                one.widen(GRAVITY * GAP_TURN, 0.0)
+        elif self.initialised and step_ns > 0:
+            for one in self.filters.values():
+                one.predict(self._w, q, d)
+                if step_ns > p.gap_periods * p.imu_period_ns:
+                    one.widen(GRAVITY * GAP_TURN * d, GAP_PUSH * d)
+        g = self._g(self._leader)
+        _note(self._row, gyro, d, g)
+        self._history.put(self._stamp_ns, self._row)
+
+    def on_feet(self, sample: FootSample) -> None:
+        """Take the feet, contacts as flags."""
+        if sample.stamp_ns <= self._feet_ns or sample.stamp_ns < self._stamp_ns - LATE_NS:
+            return
+        self.standstill.on_feet(sample.position)
+        self._feet_ns = sample.stamp_ns
+        if len(self._history) == 0:
+            self._legs.last = sample
+            return
+        now, last = self._history.at(sample.stamp_ns), self._legs.last
+        w = self._w
+        if self.params.gyro_mean and last is not None and sample.stamp_ns > last.stamp_ns:
+            before = self._history.at(last.stamp_ns)
+            w = (now[THETA] - before[THETA]) / (1e-9 * (sample.stamp_ns - last.stamp_ns)) - self.bias
+        g = now[G]
+        legs = self._legs.step(sample, w, g / norm(g), self._leader.v)
+        if not self.initialised or legs is None:
+            return
+        self.slipping = legs.slipping
+        if max(peak(legs.v_kg), peak(legs.v_k)) <= MAX_LEG_SPEED:
+            for name, one in self.filters.items():
+                one.correct(legs)
+                if one.nis is not None:
+                    old = self._nis.get(name, 0.0)
+                    self._nis[name] = old + NIS_MEMORY * (one.nis - old)
+            if legs.feet_kg > 0:
+                self._velocity_ns = self._stamp_ns
+
+    def _initialise(self) -> None:
+        """Equation (1) at the first standstill, with biases and P0."""
+        p, mean = self.params, self.standstill.mean
+        feet, up = self._legs.last, None
+        if feet is not None and self._stated:
+            up = plane_normal(feet.position, feet.contact, mean[3:])
+        if p.remove_gyro_bias:
+            self.gyro_bias.start(mean[:3], p.standstill_samples)
+            self.bias = self.gyro_bias.value
+        g, self._hidden = gravity_at_rest(mean[3:], up, p)
+        self.acc_bias = mean[3:] - g
+        start = np.diag([p.sigma_q**2 / p.standstill_samples + p.prior_g**2] * 3 + [p.prior_v**2] * 3)
+        for one in self.filters.values():
+            one.reset(g, start)
+        self._velocity_ns = self._stamp_ns
+        self.initialised = True
+
+    def _g(self, one: VelocityEstimator) -> Array:
+        g = one.g
+        return g if g is not None else self._leader.g  # type: ignore[return-value]
+
+    def output(self, name: str) -> PaperOutput:
+        """The present estimate of one estimator; g of those that do not estimate it is the leader's.
+
+        An accelerometer bias looks like a tilt for ever: what P leaves out of that is `hidden`.
+        """
+        one, known = self.filters[name], self.initialised
+        return PaperOutput(
+            g=self._g(one),
+            v=one.v,
+            covariance=one.p if known else self._wide,
+            hidden=math.sqrt(self._hidden) ** 2 if known else 0.0,
+            nis=one.nis,
+            nis_mean=self._nis.get(name, 0.0),
+            since_velocity_ns=self._stamp_ns - self._velocity_ns,
+        )

@@ -1,0 +1,88 @@
+"""Section VI as `surefoot reproduce osswald` computes it."""
+
+import json
+from itertools import pairwise
+
+import pytest
+
+from surefoot.lab.cli import main as cli
+from surefoot.lab.cli import warming
+from surefoot.lab.cli.output import state
+from surefoot.lab.report.findings import Finding, Reproduction
+from surefoot.lab.train.evaluation import EVALUATION, Seeds
+from surefoot.lab.train.runs import SELECTION
+from surefoot.papers.osswald import navigation
+from surefoot.papers.osswald import study as osswald
+from surefoot.services.navigator.policy.arrays import arrays
+from surefoot.services.navigator.policy.params import load
+from surefoot.services.navigator.policy.policies import hand
+
+NOT_CONFIRMED = {
+    "settled (mean of 100 stays within 5 % of that of the last 500) after",
+    "turning threshold of least time, deg (its time, s)",
+}
+"""What the paper says and our world does not show."""
+
+
+def test_the_entropy_threshold_is_the_fastest_of_those_that_always_arrive(monkeypatch):
+    found, chosen = osswald.tune(arrays(load("paper-blur", (osswald.THREE_STATES,))), Seeds(0, 150))
+    assert set(found) == set(osswald.THRESHOLDS)
+    assert found[chosen][1] == 1.0
+    assert all(time >= found[chosen][0] for time, success in found.values() if success == 1.0)
+    assert -4.0 < chosen < -1.0  # standing too often and never are both slower
+
+
+def test_the_training_that_stands_for_the_paper_s_is_the_one_with_least_time():
+    world = arrays(load("paper", (osswald.THREE_STATES,)))
+    policies = [hand(world, turn_deg=deg) for deg in (60.0, 18.5, 35.0)]
+    assert osswald.choose_of(world, policies) == 1
+
+
+def test_choices_and_reports_share_no_episode():
+    spans = (osswald.HAND_EPISODES, osswald.LEARNED_EPISODES, osswald.PAIRED_EPISODES)
+    assert all(a.end <= b.first for a, b in pairwise(spans))
+    training = {seed + 1 for seed in osswald.TRAININGS}
+    assert len({EVALUATION, osswald.TUNING_STREAM, SELECTION} | training) == 3 + len(training)
+
+
+def test_the_printed_real_runs_differ_from_17_runs_on():
+    assert navigation._least_runs(93.16, 10.14, 86.53, 8.60) == 17
+    assert navigation._least_runs(10.0, 1.0, 0.0, 1.0) == 2
+
+
+@pytest.mark.parametrize(("words", "live"), [((), None), (("--live", "runs.jsonl"), "runs.jsonl")])
+def test_command(monkeypatch, capsys, words, live):
+    asked = []
+
+    def reproduce(folder, tell, live=None):
+        asked.append((folder, live and str(live)))
+        return Reproduction("Osswald", (Finding("VI-B", "gain, %", "9.0", "9.4", True),))
+
+    monkeypatch.setattr(state, "json", False)
+    monkeypatch.setattr(navigation, "reproduce", reproduce)
+    monkeypatch.setattr(warming, "warm_if_cold", lambda system, tell: pytest.fail("compiles what is not needed"))
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["reproduce", "osswald", "--no-figures", "--json", *words])
+    assert not ended.value.code
+    assert json.loads(capsys.readouterr().out)["findings"][0]["ours"] == "9.4"
+    assert asked == [(None, live)]
+
+
+def test_live_runs_are_refused_where_there_are_none(monkeypatch, capsys):
+    monkeypatch.setattr(state, "json", False)
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["reproduce", "walas-stability", "--live", "runs.jsonl"])
+    assert ended.value.code == 2
+    assert "osswald" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_all_of_section_vi(tmp_path):
+    found = navigation.reproduce(tmp_path / "figures")
+    assert {row.what for row in found.findings if row.ok is False} == NOT_CONFIRMED
+    assert sum(row.ok is True for row in found.findings) >= 20
+    assert all(row.ok in (True, False, None) and type(row.ok) in (bool, type(None)) for row in found.findings)
+    json.dumps([vars(row) for row in found.findings])
+    assert len(found.figures) == 4
+    for path in found.figures:
+        assert path.read_text(encoding="utf-8").lstrip().startswith("<?xml")
