@@ -1,0 +1,216 @@
+"""Rules of the house, measured on the sources: `python -m tests.house [folder ...]` prints what breaks them.
+
+Each rule is a function from sources to findings, so that tests and the command read the same.
+"""
+
+import ast
+import re
+import sys
+import tokenize
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from io import StringIO
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PRODUCT = ("schemas", "surefoot", "services", "lab", "papers")
+"""Folders that a wheel holds, and whose names a user meets."""
+MOST_LINES, MOST_PARAMETERS, MOST_SHELL = 60, 8, 150
+
+WORDS = re.compile(
+    r"\b(tell|tells|told|telling|say|says|said|saying|hear|hears|heard|speak|speaks|spoke|spoken|judge|judges|judged|"
+    r"judging|nobody|onlookers?|newcomers?|doubts?)\b",
+    re.IGNORECASE,
+)
+"""Words of talk between people; a program publishes, returns, reports, requests, logs, raises, checks."""
+OPENINGS = re.compile(r"(What|Whether|How|Who|Whom|Which|Or|And)\b")
+"""A docstring starts with a verb or a noun."""
+NOTE = re.compile(r"\b(note|notes) (\d|[§(])|\(note, section|design note", re.IGNORECASE)
+"""Citations of notes that are not in the repository."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One place that breaks a rule."""
+
+    path: str
+    line: int
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.path}:{self.line}: {self.text}"
+
+
+class Source:
+    """One Python file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.name = str(path.relative_to(ROOT))
+        self.text = path.read_text()
+
+    @cached_property
+    def tree(self) -> ast.Module:
+        return ast.parse(self.text)
+
+    def docstrings(self) -> Iterator[tuple[int, str]]:
+        """Yield line and text of each docstring, those of fields and constants included."""
+        for node in ast.walk(self.tree):
+            for child in ast.iter_child_nodes(node):
+                value = child.value if isinstance(child, ast.Expr) else None
+                if isinstance(value, ast.Constant) and isinstance(value.value, str):
+                    yield child.lineno, value.value
+
+    def comments(self) -> Iterator[tuple[int, str]]:
+        """Yield line and text of each comment."""
+        for token in tokenize.generate_tokens(StringIO(self.text).readline):
+            if token.type == tokenize.COMMENT:
+                yield token.start[0], token.string.lstrip("# ")
+
+
+def sources(folders: Iterable[str] = PRODUCT) -> list[Source]:
+    """Return the Python files below folders of the checkout; links to folders are left out, so each file comes once."""
+    found = {
+        path
+        for folder in folders
+        for path in ((ROOT / folder).rglob("*.py") if (ROOT / folder).is_dir() else [ROOT / folder])
+        if not any(part.is_symlink() for part in path.parents) and "__pycache__" not in path.parts
+    }
+    return [Source(path) for path in sorted(found)]
+
+
+def long_functions(files: Iterable[Source]) -> list[Finding]:
+    """Return functions of more than 60 lines."""
+    out: list[Finding] = []
+    for file in files:
+        for node in ast.walk(file.tree):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                length = (node.end_lineno or node.lineno) - node.lineno + 1
+                if length > MOST_LINES:
+                    out.append(Finding(file.name, node.lineno, f"{node.name} has {length} lines"))
+    return out
+
+
+def is_command(node: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
+    """Return whether a function's parameters are the options of a command."""
+    return any("typer." in ast.unparse(argument) or "Json" in ast.unparse(argument) for argument in node.args.args)
+
+
+def many_parameters(files: Iterable[Source]) -> list[Finding]:
+    """Return functions of more than 8 parameters, `self` not counted; the options of a command are no parameters."""
+    out: list[Finding] = []
+    for file in files:
+        for node in ast.walk(file.tree):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and not is_command(node):
+                named = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+                count = len([each for each in named if each.arg not in ("self", "cls")])
+                if count > MOST_PARAMETERS:
+                    out.append(Finding(file.name, node.lineno, f"{node.name} has {count} parameters"))
+    return out
+
+
+def long_shells(files: Iterable[Source]) -> list[Finding]:
+    """Return `service.py` files of more than 150 lines."""
+    return [
+        Finding(file.name, 1, f"{len(file.text.splitlines())} lines")
+        for file in files
+        if file.path.name == "service.py" and len(file.text.splitlines()) > MOST_SHELL and "/cli/" not in file.name
+    ]
+
+
+def classes_twice(files: Iterable[Source]) -> list[Finding]:
+    """Return classes whose name, a leading underscore aside, another class of the product has."""
+    places: dict[str, list[Finding]] = defaultdict(list)
+    for file in files:
+        for node in ast.walk(file.tree):
+            if isinstance(node, ast.ClassDef):
+                places[node.name.lstrip("_")].append(Finding(file.name, node.lineno, f"class {node.name}"))
+    return [each for found in places.values() if len(found) > 1 for each in found]
+
+
+def numbers_twice(files: Iterable[Source]) -> list[Finding]:
+    """Return module constants that two modules define with the same name and the same number."""
+    places: dict[tuple[str, float], list[Finding]] = defaultdict(list)
+    for file in files:
+        for node in file.tree.body:
+            if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+                target = node.targets[0]
+            elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+                target = node.target
+            else:
+                continue
+            if target.id.isupper() and node.value is not None and (value := _number(node.value)) is not None:
+                where = Finding(file.name, node.lineno, f"{target.id} = {ast.unparse(node.value)}")
+                places[target.id.lstrip("_"), value].append(where)
+    return [each for found in places.values() if len(found) > 1 for each in found]
+
+
+def _number(value: ast.expr) -> float | None:
+    """Return the number that an expression of literals makes; None if there is a name in it."""
+    if any(isinstance(node, ast.Name | ast.Call | ast.Attribute) for node in ast.walk(value)):
+        return None
+    try:
+        made = eval(compile(ast.Expression(value), "constant", "eval"), {})
+    except (TypeError, ValueError, ArithmeticError):
+        return None
+    return float(made) if isinstance(made, int | float) and not isinstance(made, bool) else None
+
+
+def helpers_twice(files: Iterable[Source]) -> list[Finding]:
+    """Return module functions of the same body, names of the functions and docstrings aside, in two modules."""
+    places: dict[str, list[Finding]] = defaultdict(list)
+    for file in files:
+        for node in file.tree.body:
+            if isinstance(node, ast.FunctionDef):
+                body = node.body[1:] if ast.get_docstring(node) is not None else node.body
+                if body and not (len(body) == 1 and isinstance(body[0], ast.Raise | ast.Pass)):
+                    shape = ast.dump(node.args) + "".join(map(ast.dump, body))
+                    if len(shape) > 300:
+                        places[shape].append(Finding(file.name, node.lineno, f"{node.name}()"))
+    return [each for found in places.values() if len({e.path for e in found}) > 1 for each in found]
+
+
+def prose(files: Iterable[Source]) -> list[Finding]:
+    """Return docstrings and comments with words of talk, openings that make no sentence, or notes that are not here."""
+    out: list[Finding] = []
+    for file in files:
+        for line, text in file.docstrings():
+            first = text.strip().splitlines()[0] if text.strip() else ""
+            if OPENINGS.match(first):
+                out.append(Finding(file.name, line, f"opening: {first}"))
+            out += _words(file.name, line, text)
+        for line, text in file.comments():
+            if not text.startswith(("type:", "pyright:", "noqa", "fmt:")):
+                out += _words(file.name, line, text)
+    return out
+
+
+def _words(name: str, line: int, text: str) -> Iterator[Finding]:
+    for offset, row in enumerate(text.splitlines()):
+        plain = re.sub(r"`[^`]*`", "", row)  # names of code stand as they are
+        for rule, what in ((WORDS, "word"), (NOTE, "note")):
+            if (found := rule.search(plain)) is not None:
+                yield Finding(name, line + offset, f"{what} {found.group(0)!r}: {row.strip()}")
+
+
+RULES = (long_functions, many_parameters, long_shells, classes_twice, numbers_twice, helpers_twice, prose)
+
+
+def _write(line: str) -> None:
+    sys.stdout.write(line + "\n")
+
+
+def main(folders: list[str]) -> None:
+    """Print what breaks the rules below folders; names and numbers are compared with the whole product."""
+    everything, wanted = sources(), {file.name for file in sources(folders or PRODUCT)}
+    for rule in RULES:
+        found = [each for each in rule(everything) if each.path in wanted]
+        _write(f"-- {rule.__name__}: {len(found)}")
+        for each in found:
+            _write(f"   {each}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
