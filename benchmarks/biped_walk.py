@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 
 from benchmarks.joined import TICK_S, costs_us, sense
+from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.polygon import hull, signed_distance
 from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.stream import Estimator
@@ -32,7 +33,6 @@ from surefoot.services.walker.interface import MotionCommand
 PATIENCE_S = 6.0  # simulated time to stand before the command
 PUSH_TICKS = 10
 STANDING = RIGHT  # the foot that stands in a step with a push
-GRAVITY = 9.81  # m/s2
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,8 @@
 import sys
 
 import numpy as np
-from surefoot.services.estimator.feet.kinematics.kinematics import bare_mount
 
+from surefoot.services.estimator.feet.kinematics import bare_mount
 from surefoot.services.estimator.params import EstimatorParams
 from surefoot.services.estimator.stream import Estimator
 

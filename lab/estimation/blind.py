@@ -2,8 +2,8 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from surefoot.services.estimator.paper.streams.inertial import GRAVITY
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.rotations import matrix_from_rotvec, rotvec_from_matrix
 
 from .log import Log

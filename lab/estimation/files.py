@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from surefoot.services.estimator.feet.kinematics.contact import contact_points
-from surefoot.services.estimator.feet.kinematics.kinematics import feet_in_imu, foot_mount
 
 from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import matrix_from_quat
@@ -15,6 +13,8 @@ from surefoot.record.columns import Columns
 from surefoot.record.tables import read_table
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
+from surefoot.services.estimator.feet.contact import contact_points
+from surefoot.services.estimator.feet.kinematics import feet_in_imu, foot_mount
 
 from .log import Log, Truth
 from .recorded import log_of_recording

@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from surefoot.services.estimator.feet.kinematics.kinematics import FootSample
-from surefoot.services.estimator.paper.streams.inertial import GRAVITY
+
+from surefoot.geometry.constants import GRAVITY
+from surefoot.services.estimator.feet.kinematics import FootSample
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from surefoot.services.estimator.feet.kinematics.kinematics import feet_in_imu, foot_mount
 
 from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.record.columns import Columns, recorded_columns
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
+from surefoot.services.estimator.feet.kinematics import feet_in_imu, foot_mount
 
 from .log import Log, Truth
 from .track import FLAGS, Track

@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from surefoot.services.estimator.feet.kinematics.contact import (
+
+from surefoot.errors import SurefootError
+from surefoot.robot.reader import load_robot
+from surefoot.services.estimator.feet.contact import (
     LEVER,
     SOLE_POINTS,
     at_switches,
     contact_points,
     sole_feet,
 )
-from surefoot.services.estimator.feet.kinematics.kinematics import FootMount
-
-from surefoot.errors import SurefootError
-from surefoot.robot.reader import load_robot
+from surefoot.services.estimator.feet.kinematics import FootMount
 from surefoot.services.estimator.filter.log import FLAGS, LogInputs, LogRows
 from surefoot.services.estimator.output import Estimate, OdometryPose
 from surefoot.services.estimator.params import EstimatorParams

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from surefoot.services.estimator.paper.streams.inertial import GRAVITY
 
 from surefoot.errors import SurefootError
+from surefoot.geometry.constants import GRAVITY
 
 from .log import Log
 

@@ -3,8 +3,8 @@
 from typing import Any
 
 import numpy as np
-from surefoot.services.estimator.feet.kinematics.contact import touch_rows
 
+from surefoot.services.estimator.feet.contact import touch_rows
 from surefoot.services.estimator.stream import Estimator
 from surefoot.services.simulator.world import PhysicsWorld
 from surefoot.services.walker.interface import WalkerInputs

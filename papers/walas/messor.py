@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import com, foot_positions
@@ -28,7 +29,7 @@ from surefoot.services.walker.hexapod.gait import HexapodWalker
 from surefoot.services.walker.hexapod.params import WalkerParams
 from surefoot.services.walker.interface import MotionCommand, WalkerInputs
 
-from .stand import DATA_SHEET, GRAVITY, Reading, Stand
+from .stand import DATA_SHEET, Reading, Stand
 
 Array = NDArray[np.float64]
 

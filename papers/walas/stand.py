@@ -9,11 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from surefoot.services.estimator.feet.kinematics.contact import touch_rows
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.rotations import matrix_from_quat, matrix_from_rpy
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions, legs_ik
+from surefoot.services.estimator.feet.contact import touch_rows
 from surefoot.services.estimator.stream import Estimator
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
@@ -24,7 +25,6 @@ Array = NDArray[np.float64]
 DATA_SHEET = 0.845  # Nm/A, (29)
 MOVE_SPEED = 0.05  # m/s, of the trunk while it moves over its feet
 REST_S, MEAN_S = 1.0, 0.6  # waiting after a movement, and time over which a reading is the mean
-GRAVITY = 9.81
 
 
 @dataclass(frozen=True)

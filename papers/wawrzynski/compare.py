@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from surefoot.services.estimator.paper.streams.inertial import GRAVITY
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.lab.estimation.blind import blind_error
 from surefoot.lab.estimation.faults import FAULTS, LATE, STARTS
 from surefoot.lab.estimation.scores import Score, nees, score

@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from surefoot.services.estimator.feet.kinematics.kinematics import feet_in_imu, foot_mount
 
 from surefoot.lab.estimation.log import Log
 from surefoot.lab.estimation.recorded import log_of_columns
@@ -17,6 +16,7 @@ from surefoot.lab.estimation.track import Track, names, track
 from surefoot.lab.estimation.walks import SCENARIOS, run_walk
 from surefoot.record.columns import Columns
 from surefoot.robot.reader import load_robot
+from surefoot.services.estimator.feet.kinematics import feet_in_imu, foot_mount
 from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 
 from .chain import chain_angles, chain_from_robot, descend

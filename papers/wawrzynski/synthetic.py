@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from surefoot.services.estimator.paper.streams.inertial import GRAVITY
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.rotations import matrix_from_rotvec, matrix_from_rpy, rotvec_from_matrix
 from surefoot.kernels.jit import kernel
 from surefoot.lab.estimation.log import Log, Truth

@@ -3,12 +3,12 @@
 import math
 from pathlib import Path
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.robot import description as r
 from surefoot.robot.description import RobotError
 from surefoot.tables import Table, read_toml
 
 SENSORS = Path(__file__).parents[1] / "robots" / "sensors"
-GRAVITY = 9.81  # m/s2
 MILLI_G = 1e-3 * GRAVITY
 
 

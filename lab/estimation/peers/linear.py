@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from surefoot.services.estimator.paper.streams.inertial import GRAVITY
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.kernels.jit import kernel
 
 from ..log import Log, segments

@@ -6,12 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear_kernels import inverse3, times
 from surefoot.kernels.jit import kernel
 
 from ..feet.contact import BestGeometry, points_of
 from ..inputs.timeline import after
-from ..paper.inertial import GRAVITY
 from .point import lift
 from .state import (
     ACC_BIAS,

@@ -23,10 +23,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear_kernels import times
 from surefoot.kernels.jit import kernel
-
-from ..paper.inertial import GRAVITY
 
 Array = NDArray[np.float64]
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear_kernels import times, times_transposed
 from surefoot.geometry.rotations import quat_from_matrix
 from surefoot.kernels.jit import kernel
@@ -13,7 +14,6 @@ from ..feet.contact import BestGeometry
 from ..health import Condition
 from ..inputs.judge import faults_at
 from ..output import healthy
-from ..paper.inertial import GRAVITY
 from .cell import CONTACT_NS, FEET_NS, NOW_NS, Cell
 from .run import settled
 from .state import (

@@ -14,7 +14,6 @@ from surefoot.kernels.jit import kernel
 
 Array = NDArray[np.float64]
 
-GRAVITY = 9.81  # m/s^2
 SMALL_ANGLE_SQUARED = 1e-16  # rad^2; below it the series is exact to machine precision
 
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear import dot, eigen3, norm, product
 from surefoot.kernels.jit import kernel
 
 from ..params import EstimatorParams
-from .inertial import GRAVITY
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear import norm
 from surefoot.kernels.jit import kernel
 
@@ -19,7 +20,6 @@ from ..inputs.judge import peak
 from ..params import EstimatorParams
 from .estimators import ESTIMATORS, UNKNOWN_SPEED, UNKNOWN_TILT, VelocityEstimator
 from .history import History
-from .inertial import GRAVITY
 from .legs import LegTracker
 from .standstill import GyroBias, Standstill, gravity_at_rest, plane_normal
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import com, foot_positions
 from surefoot.schemas.stability import ComReply, ComRequest, EquilibriumReply, EquilibriumRequest
@@ -12,7 +13,7 @@ from surefoot.schemas.whatif import BatchReply, BatchRequest, Variant, WhatifRep
 
 from ..programs.contacts import StabilityError, within
 from ..regions import whatif
-from ..regions.effective import GRAVITY, lean, stays_down, upward
+from ..regions.effective import lean, stays_down, upward
 from ..regions.equilibrium import equilibrium, least_forces, least_friction
 from ..regions.many import STATUSES, Variants
 from ..sensing.forces import (

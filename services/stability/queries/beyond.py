@@ -5,12 +5,13 @@ from typing import Any
 
 import numpy as np
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.polygon import area
 from surefoot.robot.description import Robot
 from surefoot.schemas.stability import RegionReply, RegionRequest, SupportPoint
 
 from ..programs.contacts import Array, refuse
-from ..regions.effective import GRAVITY, Leaning, lean, stays_down, tilt_robust, upward
+from ..regions.effective import Leaning, lean, stays_down, tilt_robust, upward
 from ..regions.region import Region, distance, region
 from .limited import limited_reply
 from .messages import (

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.polygon import area, half_planes, hull
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import com, foot_positions, gravity_torques
@@ -22,7 +23,6 @@ from ..programs.contacts import Array, ContactSet, StabilityError, refuse, withi
 from ..programs.directions import equally_spaced
 from ..programs.oracle import Support
 from ..regions.actuated import ActuatedRegion, Legs, actuated_region
-from ..regions.effective import GRAVITY
 from ..regions.movement import Check, check
 from ..regions.region import Region, distance
 from ..sensing.forces import contact_jacobians

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.polygon import half_planes, hull
 
 from ..programs.contacts import Array, ContactSet, StabilityError, within
 from .margin import Plane
 from .region import Region, RegionStatus, region
 
-GRAVITY = 9.81  # m/s2
 SLACK, THIN = 1e-9, 1e-7  # m: how far points and segments may lie apart and be met; what is narrower has no area
 BY_CORNERS: tuple[RegionStatus, ...] = ("infeasible", "point", "segment", "ok")
 MOST_ACCELERATION = 1e4  # m/s2; with more of it the effective gravity is level to the last digits

@@ -16,8 +16,6 @@ from surefoot.kernels.jit import kernel
 
 Array = NDArray[np.float64]
 
-GRAVITY = 9.81  # m/s2
-
 
 @kernel
 def com_beside(tilt: Array, rate: Array, height: float, yaw: float) -> Array:

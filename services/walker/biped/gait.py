@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
@@ -27,7 +28,7 @@ from .plan import LEFT, RIGHT, between, placed, reference, smooth, support_point
 from .preview import HORIZON, preview_gains, preview_step
 from .report import ends_in_s, outputs
 from .route import route_of, upcoming
-from .servos import DT, GRAVITY, SetPoints
+from .servos import DT, SetPoints
 from .state import BipedState, Late, Mode
 
 Array = NDArray[np.float64]

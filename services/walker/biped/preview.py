@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear import product, solve
 from surefoot.kernels.jit import kernel
 
 Array = NDArray[np.float64]
 
-GRAVITY = 9.81  # m/s2
 HORIZON = 160  # ticks of preview, 1.6 s
 WEIGHT_ERROR = 1.0  # on the sum of the ZMP error
 WEIGHT_JERK = 1e-6

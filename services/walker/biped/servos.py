@@ -5,6 +5,7 @@ lag, and the trunk's rate at the standing ankles.
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
 
@@ -17,7 +18,6 @@ from .state import BipedState, Mode
 Array = NDArray[np.float64]
 
 DT = 0.01  # s, control tick
-GRAVITY = 9.81  # m/s2
 
 
 class SetPoints:

@@ -3,14 +3,13 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.kernels.jit import kernel
 from surefoot.robot import kinematics
 from surefoot.robot.description import KinematicModel
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-GRAVITY = 9.81  # m/s2
 
 
 @kernel

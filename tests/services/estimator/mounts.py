@@ -1,7 +1,8 @@
 """Feet and an inertial unit in the middle of the robot, for tests of the kernels."""
 
 import numpy as np
-from surefoot.services.estimator.feet.kinematics.contact import BestGeometry, ContactPoints, point_feet
+
+from surefoot.services.estimator.feet.contact import BestGeometry, ContactPoints, point_feet
 
 OPEN = np.zeros(2, dtype=np.int64)  # switches of two feet that have one for the whole foot
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
-from surefoot.services.estimator.feet.kinematics.contact import points_of, sole_feet
-from surefoot.services.estimator.feet.kinematics.kinematics import FootMount
 
+from surefoot.services.estimator.feet.contact import points_of, sole_feet
+from surefoot.services.estimator.feet.kinematics import FootMount
 from surefoot.services.estimator.filter.noise import best_limits, best_noise
 from surefoot.services.estimator.filter.point import lift, observe, put_down, retract
 from surefoot.services.estimator.filter.run import learn_gyro_bias, stand_on_level

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from surefoot.services.estimator.feet.kinematics.contact import at_switches, points_of, sole_feet, touch_rows
-from surefoot.services.estimator.feet.kinematics.kinematics import FootMount
-from surefoot.services.estimator.inputs.counted.results import InputResult
 
+from surefoot.services.estimator.feet.contact import at_switches, points_of, sole_feet, touch_rows
+from surefoot.services.estimator.feet.kinematics import FootMount
 from surefoot.services.estimator.filter.noise import best_noise
 from surefoot.services.estimator.filter.sole import rock_soles, twist_soles
 from surefoot.services.estimator.filter.state import CLOSED, DOWN, E_POINTS, POINTS, POS, VEL, new_state, predict
 from surefoot.services.estimator.filter.update import take_points
+from surefoot.services.estimator.inputs.results import InputResult
 from surefoot.services.estimator.params import EstimatorParams
 from surefoot.services.estimator.stream import Estimator
 from tests.services.estimator.mounts import mounted

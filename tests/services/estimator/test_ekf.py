@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from filterpy.kalman import ExtendedKalmanFilter
 from scipy.linalg import expm
-from surefoot.services.estimator.paper.streams.ekf import PaperEkf
 
+from surefoot.services.estimator.paper.ekf import PaperEkf
 from surefoot.services.estimator.params import EstimatorParams
 
 

@@ -7,7 +7,7 @@ from surefoot.geometry.rotations import matrix_from_rotvec
 from surefoot.papers.wawrzynski import chain as legs
 from surefoot.papers.wawrzynski.synthetic import bioloid_chains
 from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.feet.kinematics import kinematics as feet
+from surefoot.services.estimator.feet import kinematics as feet
 
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from surefoot.services.estimator.inputs.counted.results import InputResult
 
 from surefoot.services.estimator.filter.cell import take_feet, take_imu
+from surefoot.services.estimator.inputs.results import InputResult
 from surefoot.services.estimator.stream import BEST
 from tests.services.estimator.test_stream import TICK, make, walk
 

@@ -1,7 +1,8 @@
 """Rows at stamps between those that were stored."""
 
 import numpy as np
-from surefoot.services.estimator.paper.streams.history import ROWS, History
+
+from surefoot.services.estimator.paper.history import ROWS, History
 
 
 def test_interpolates_and_clamps():

@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.rotations import skew
-from surefoot.services.estimator.paper.streams import inertial
+from surefoot.services.estimator.paper import inertial
 
 vectors = st.tuples(*[st.floats(-3.0, 3.0)] * 3).map(np.array)
 
@@ -48,7 +49,7 @@ def test_the_printed_sign_of_26_does_not_change_p():
 
 
 def test_at_rest_nothing_changes():
-    g = np.array([0.0, 0.0, inertial.GRAVITY])
+    g = np.array([0.0, 0.0, GRAVITY])
     g_next, v_next = inertial.propagate(g, np.zeros(3), np.zeros(3), g, 0.01)
     np.testing.assert_allclose(g_next, g, atol=1e-12)
     np.testing.assert_allclose(v_next, np.zeros(3), atol=1e-12)

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from surefoot.services.estimator.feet.kinematics.kinematics import bare_mount
-from surefoot.services.estimator.inputs.counted.judge import faults_at
-from surefoot.services.estimator.inputs.counted.results import InputResult
-from surefoot.services.estimator.inputs.counted.timeline import RESYNC_AFTER
 
 from surefoot.geometry.rotations import matrix_from_rotvec
+from surefoot.services.estimator.feet.kinematics import bare_mount
 from surefoot.services.estimator.health import flags_of, reasons
+from surefoot.services.estimator.inputs.judge import faults_at
+from surefoot.services.estimator.inputs.results import InputResult
+from surefoot.services.estimator.inputs.timeline import RESYNC_AFTER
 from surefoot.services.estimator.params import EstimatorParams
 from surefoot.services.estimator.stream import BEST, Estimator
 

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from surefoot.services.estimator.paper.streams.estimators import ESTIMATORS
 
 from surefoot.bus.codec import decode, encode
 from surefoot.lockstep.join import TickInputs
@@ -14,6 +13,7 @@ from surefoot.schemas.base import Message
 from surefoot.schemas.hw import FootContacts, Imu, JointState, Tick
 from surefoot.schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, STATE_ODOMETRY, STATE_VELOCITY
 from surefoot.services.estimator.config import EstimatorConfig
+from surefoot.services.estimator.paper.estimators import ESTIMATORS
 from surefoot.services.estimator.service import LATE_TICK, SERVICE, VARIANTS
 
 ROBOT = load_robot("ragno")

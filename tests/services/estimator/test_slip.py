@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from surefoot.services.estimator.feet.kinematics.kinematics import foot_mount
-from surefoot.services.estimator.feet.kinematics.slip import (
+
+from surefoot.geometry.rotations import matrix_from_quat, matrix_from_rotvec
+from surefoot.robot import kinematics
+from surefoot.robot.reader import load_robot
+from surefoot.services.estimator.feet.kinematics import foot_mount
+from surefoot.services.estimator.feet.slip import (
     LONGEST_OPEN,
     OPEN_WEIGHT,
     SIGMA,
@@ -15,10 +19,6 @@ from surefoot.services.estimator.feet.kinematics.slip import (
     StanceSlip,
     feet_in_odom,
 )
-
-from surefoot.geometry.rotations import matrix_from_quat, matrix_from_rotvec
-from surefoot.robot import kinematics
-from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.output import OdometryPose
 
 RADIUS = np.array([0.008, 0.008])

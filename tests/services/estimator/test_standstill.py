@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from surefoot.services.estimator.paper.streams.standstill import GyroBias, Standstill, gravity_at_rest, plane_normal
 
+from surefoot.services.estimator.paper.standstill import GyroBias, Standstill, gravity_at_rest, plane_normal
 from surefoot.services.estimator.params import EstimatorParams
 
 GRAVITY = np.array([0.0, 0.0, 9.81])

@@ -4,14 +4,14 @@ from functools import cache
 
 import numpy as np
 import pytest
-from surefoot.services.estimator.feet.kinematics.kinematics import bare_mount
-from surefoot.services.estimator.inputs.counted.results import InputResult
-from surefoot.services.estimator.paper.streams.estimators import ESTIMATORS
-from surefoot.services.estimator.paper.streams.inertial import GRAVITY
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.papers.wawrzynski.synthetic import WalkParams, synthesize
 from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.feet.kinematics import kinematics as feet_module
+from surefoot.services.estimator.feet import kinematics as feet_module
+from surefoot.services.estimator.feet.kinematics import bare_mount
+from surefoot.services.estimator.inputs.results import InputResult
+from surefoot.services.estimator.paper.estimators import ESTIMATORS
 from surefoot.services.estimator.params import EstimatorParams, StartPose, paper_params
 from surefoot.services.estimator.stream import BEST, NAMES, PAPER, Estimator
 

@@ -2,9 +2,13 @@
 
 import numpy as np
 import pytest
-from surefoot.services.estimator.feet.kinematics.contact import contact_points, point_feet, probabilities, sole_feet
-from surefoot.services.estimator.inputs.counted.results import AHEAD, LATE, OK, RESTART
-from surefoot.services.estimator.inputs.counted.timeline import (
+
+from surefoot.robot.reader import load_robot
+from surefoot.services.estimator.feet.contact import contact_points, point_feet, probabilities, sole_feet
+from surefoot.services.estimator.filter.memory import IMU_END, add_imu, clear, new_memory
+from surefoot.services.estimator.filter.state import new_state
+from surefoot.services.estimator.inputs.results import AHEAD, LATE, OK, RESTART
+from surefoot.services.estimator.inputs.timeline import (
     AHEAD_NS,
     CAPACITY,
     CLOCK,
@@ -13,10 +17,6 @@ from surefoot.services.estimator.inputs.counted.timeline import (
     after,
     judge_clock,
 )
-
-from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.filter.memory import IMU_END, add_imu, clear, new_memory
-from surefoot.services.estimator.filter.state import new_state
 
 
 def store(stamps):

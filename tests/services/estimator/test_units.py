@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from surefoot.services.estimator.paper.streams.inertial import GRAVITY
 
+from surefoot.geometry.constants import GRAVITY
 from tests.services.estimator.test_stream import TICK, finite, make, run, walk
 
 

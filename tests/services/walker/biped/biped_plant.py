@@ -1,9 +1,9 @@
 """A biped in its world: simulator, estimator and walker joined by function calls, as the services are by the bus."""
 
 import numpy as np
-from surefoot.services.estimator.feet.kinematics.contact import touch_rows
 
 from surefoot.robot.reader import load_robot
+from surefoot.services.estimator.feet.contact import touch_rows
 from surefoot.services.estimator.stream import Estimator
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.physics.perturb import perturbation
