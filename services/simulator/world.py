@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.robot.description import ImuProfile, Robot, RobotError
+from surefoot.schemas.topics import HW_IMU, HW_JOINTS, TICK_NS
 
 from .ground.terrain import Terrain
 from .physics import truth
@@ -47,9 +48,9 @@ from .sensors.suite import SensorSuite
 
 Array = NDArray[np.float64]
 
-TICK_STEPS = 10
 STEP_NS = 1_000_000
-TICK_NS = TICK_STEPS * STEP_NS
+TICK_STEPS = TICK_NS // STEP_NS
+KINEMATICS_STEPS = HW_JOINTS.period_ns // STEP_NS  # joints and foot switches are sampled together
 SETTLE_STEPS = 500  # physics steps between two looks at whether the robot rests,
 SETTLE_TRIES = 6
 SETTLED = 1e-4  # m/s and rad/s, and what rest means;
@@ -66,8 +67,6 @@ class WorldConfig:
     """How the simulated robot differs from its description."""
     imu_profile: ImuProfile | str | None = None
     """A profile or its name; None = the robot's own; "ideal" = exact."""
-    kinematics_period_ms: int = 33
-    """Of joints and contacts, ms."""
     torque_per_ampere: float | None = None
     """True constant of the servo motors, Nm/A; None = as described."""
     floor: Floor = field(default_factory=Floor)
@@ -118,7 +117,6 @@ class PhysicsWorld:
         # Per sensor: a user value, the cursor, TICK_STEPS times, TICK_STEPS x 3 values.
         starts = [int(self.model.sensor_historyadr[i]) + 2 + TICK_STEPS for i in range(2)]
         self._acc, self._gyro = (history[s : s + 3 * TICK_STEPS].reshape(TICK_STEPS, 3) for s in starts)
-        self._period = self.config.kinematics_period_ms
         self._line = ServoLine(robot, STEP_NS)
         self._legs = UnequalLegs(robot, self.config.drift)
         self.disturb = Disturbances(
@@ -150,7 +148,7 @@ class PhysicsWorld:
         self.disturb.clear()
         c = self.config
         self.sensors = SensorSuite(
-            robot, c.imu_profile, 1e9 / TICK_NS, self.seed, c.torque_per_ampere, c.perturbation.zero_sigma
+            robot, c.imu_profile, HW_IMU.rate_hz, self.seed, c.torque_per_ampere, c.perturbation.zero_sigma
         )
         self.sight = _sight(robot, self.seed, c, self.terrain)
         pose = c.start if pose is None else pose
@@ -184,11 +182,11 @@ class PhysicsWorld:
             self.command, self.torque_limit = arrived
         self._line.send(self.steps, ServoCommand(self._legs(self.command) - self.sensors.zero, self.torque_limit))
         end = self.steps + TICK_STEPS
-        sample = (self.steps // self._period + 1) * self._period
+        sample = (self.steps // KINEMATICS_STEPS + 1) * KINEMATICS_STEPS
         while sample <= end:
             self._run_to(sample)
             self._take_kinematics()
-            sample += self._period
+            sample += KINEMATICS_STEPS
         self._run_to(end)
         self._finish_tick()
         self._release()
@@ -230,7 +228,7 @@ class PhysicsWorld:
     def _take_kinematics(self) -> None:
         """Sample joints and feet now, for release at the end of the tick."""
         self.tracker.forces()
-        seq = self.steps // self._period - self._first_tick * TICK_STEPS // self._period
+        seq = self.steps // KINEMATICS_STEPS - self._first_tick * TICK_STEPS // KINEMATICS_STEPS
         q = read_joints(self.data.qpos, self.address)
         self.sensors.take_kinematics(self.stamp_ns, seq, q, self.data.actuator_force, self.tracker.sphere_force)
 

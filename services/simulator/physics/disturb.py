@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.robot.description import Robot
+from surefoot.schemas.topics import TICK_S
 
 from .addresses import Addresses
 from .faults import Fault, FaultBank
@@ -27,7 +28,6 @@ from .samples import (
 
 Array = NDArray[np.float64]
 
-TICK_S = 0.01
 QUANTITIES = ("friction", "mass", "servo")
 MAX_VALUE = 100.0
 

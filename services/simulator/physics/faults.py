@@ -1,24 +1,21 @@
 """Things that break for a while: sensors, servos, packets, camera, ultrasound. A fault has start, duration and seed."""
 
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+
+from surefoot.schemas.sim import FaultKind
+from surefoot.schemas.topics import TICK_S
 
 from ..ground.grid import random_stream
 from .samples import Detection
 
 Array = NDArray[np.float64]
-Kind = Literal[
-    "imu_drop", "imu_freeze", "imu_bias", "imu_saturate", "joints_drop", "joints_freeze", "encoder_stuck",
-    "contacts_drop", "foot_stuck_on", "foot_stuck_off", "servo_dead", "servo_weak", "packet_delay", "packet_loss",
-    "packet_reorder", "landmarks_false", "landmarks_drop", "camera_dark", "camera_freeze", "range_drop", "range_stuck",
-]  # fmt: skip
-KINDS: tuple[str, ...] = get_args(Kind)
+KINDS: tuple[str, ...] = get_args(FaultKind)
 IMU_AXES = ("acc_x", "acc_y", "acc_z", "gyro_x", "gyro_y", "gyro_z")
 CHANNELS = ("imu", "joints", "contacts", "command")
-TICK_S = 0.01
 MAX_DELAY_TICKS = 100
 
 

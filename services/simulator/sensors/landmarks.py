@@ -22,10 +22,12 @@ from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.robot.description import Robot, RobotError
 from surefoot.robot.kinematics import foot_positions, forward
 from surefoot.robot.profiles import profile_table
+from surefoot.schemas.topics import HW_LANDMARKS
 
 from ..ground.grid import random_stream
 from ..ground.terrain import Terrain
 from ..physics.samples import Detection
+from .rate import period_ms
 
 Array = NDArray[np.float64]
 
@@ -105,7 +107,7 @@ def read_camera(name: str) -> Camera:
         width=width,
         height=t.integer("height_px", at_least=8, at_most=8192),
         focal=0.5 * width / math.tan(0.5 * field),
-        period_ms=t.integer("period_ms", at_least=10, at_most=10_000),
+        period_ms=period_ms(t, HW_LANDMARKS),
         exposure=1e-3 * t.number("exposure_ms", above=0, at_most=1000),
         detect=t.number("detect", at_least=0, at_most=1),
         blur=t.number("blur_px", above=0),

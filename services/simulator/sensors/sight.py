@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.linear import product
 from surefoot.robot.description import Robot
+from surefoot.schemas.topics import TICK_NS, TICK_S
 
 from ..ground.grid import random_stream
 from ..ground.terrain import Terrain
@@ -30,7 +31,7 @@ from .walls import bumped, echo, read_ranger
 
 Array = NDArray[np.float64]
 
-TICK_MS = 10
+TICK_MS = TICK_NS // 1_000_000
 FIELD = ((-5.0, -5.0), (5.0, 5.0))  # m, where an open floor has landmarks at least
 
 
@@ -115,7 +116,7 @@ class Sight:
                 exact = truth()
                 now = camera_pose(self.robot, self.camera, exact.position, exact.quat_wxyz, exact.joints)
                 if ticks % every == 0:
-                    seen = self.sensor.look(self.before or now, now, 1e-3 * TICK_MS)
+                    seen = self.sensor.look(self.before or now, now, TICK_S)
                     self.frame = CameraFrame(ticks // every, *seen)
                 self.before = now
         if self.ranger is not None:

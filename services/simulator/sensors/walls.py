@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.robot.profiles import profile_table
+from surefoot.schemas.topics import HW_RANGE
 
 from ..physics.addresses import Addresses
+from .rate import period_ms
 
 Array = NDArray[np.float64]
 
@@ -52,7 +54,7 @@ def read_ranger(name: str) -> Ranger:
         longest=t.number("longest", above=shortest),
         resolution=t.number("resolution", above=0),
         sigma=t.number("sigma", at_least=0),
-        period_ms=t.integer("period_ms", at_least=10, at_most=10_000),
+        period_ms=period_ms(t, HW_RANGE),
         bump_n=t.number("bump_n", above=0),
     )
     t.close()
