@@ -34,7 +34,7 @@ class WalkMemory:
     """Number of the navigator's last order that was taken up, 0 = none yet."""
 
 
-class Memory:
+class MemoryFile:
     """One file.
 
     Args:

@@ -6,7 +6,7 @@ from surefoot.schemas.navigation import MotionOrder
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class TakenOrder:
     """The last order that was taken up."""
 
     number: int = 0
@@ -19,10 +19,10 @@ class Order:
     seen: int = 0
     """Number of that order, which counts as taken."""
 
-    def after(self, order: MotionOrder) -> "Order":
+    def after(self, order: MotionOrder) -> "TakenOrder":
         """Return the last order once `order` has come; its number is another one if `order` is to be obeyed."""
         if not self.known:
-            return Order(self.number, seen=order.number)
+            return TakenOrder(self.number, seen=order.number)
         if order.number in (0, self.number, self.seen):
             return self
-        return Order(order.number)
+        return TakenOrder(order.number)

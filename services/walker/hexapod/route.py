@@ -27,11 +27,6 @@ class Route:
         return limit is not None and self.began is not None and now - self.began >= limit
 
 
-def wrap(angle: float) -> float:
-    """Angle in [-pi, pi)."""
-    return (angle + math.pi) % (2.0 * math.pi) - math.pi
-
-
 def remaining(route: Route, pose: BodyPose) -> float:
     """Signed way (m) or angle (rad) still to go; infinite for a walk without an end, 0 for stand and stop."""
     command, start = route.command, route.start or pose
@@ -85,7 +80,7 @@ def advance(route: Route, pose: BodyPose, params: WalkerParams, steps_per_cycle:
     step = stride(command, params, steps_per_cycle)
     c, s = math.cos(start.yaw), math.sin(start.yaw)
     across = -s * (pose.x - start.x) + c * (pose.y - start.y)
-    heading = wrap(pose.yaw - start.yaw)
+    heading = (pose.yaw - start.yaw + math.pi) % (2.0 * math.pi) - math.pi  # in [-pi, pi)
     along = max(-step, min(step, left))
     side = max(-params.steer_limit_m, min(params.steer_limit_m, -params.steer_gain * across))
     ch, sh = math.cos(heading), math.sin(heading)

@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from surefoot.geometry.rotations import wrap_angle
 from surefoot.services.walker.hexapod.params import WalkerParams
-from surefoot.services.walker.hexapod.route import Route, advance, finished, moved, remaining, wrap
+from surefoot.services.walker.hexapod.route import Route, advance, finished, moved, remaining
 from surefoot.services.walker.interface import BodyPose, MotionCommand
 
 P = WalkerParams()
@@ -31,7 +32,7 @@ def test_a_walk_ends_at_its_distance_on_its_line(distance, yaw, across, heading)
     assert along == pytest.approx(distance, abs=P.distance_tolerance_m + 1e-9)
     if abs(distance) > 1.0:
         assert abs(-s * (pose.x - start.x) + c * (pose.y - start.y)) < 0.01
-        assert abs(wrap(pose.yaw - yaw)) < 0.02
+        assert abs(wrap_angle(pose.yaw - yaw)) < 0.02
 
 
 @given(st.floats(-6.0, 6.0))
