@@ -176,13 +176,13 @@ class SimulatorQueries:
 
     def heights(self, request: MapRequest) -> HeightMapMessage:
         """Return the latched height map."""
-        return self.run.scene.heights
+        return self.run.built.heights
 
     def landmarks(self, request: MapRequest) -> LandmarkMap:
         """Return the latched landmarks."""
-        if self.run.scene.landmarks is None:
+        if self.run.built.landmarks is None:
             raise Refusal("refused", "the terrain has no landmarks, or the robot no camera")
-        return self.run.scene.landmarks
+        return self.run.built.landmarks
 
     def status(self, request: sim.StatusRequest) -> sim.SimStatus:
         """Return the present state of time and of the run."""

@@ -13,8 +13,8 @@ from surefoot.schemas import sim
 from surefoot.schemas.hw import JointCommand
 from surefoot.schemas.topics import SIM_STATUS, TICK_S
 
+from .building import build_world
 from .physics.command import CommandGuard
-from .scene import build_scene
 from .world import PhysicsWorld
 
 RATE_S = 0.5  # s wall, the least stretch over which the real-time factor is measured
@@ -49,7 +49,7 @@ class SimulatedRun:
     @property
     def world(self) -> PhysicsWorld:
         """The world of this run."""
-        return self.scene.world
+        return self.built.world
 
     @property
     def seconds(self) -> float:
@@ -58,9 +58,9 @@ class SimulatedRun:
 
     def build(self, request: sim.ResetRequest) -> None:
         """Replace the world (raises Refusal)."""
-        self.scene = build_scene(self.robot, request)
+        self.built = build_world(self.robot, request)
         self.request = request
-        self.driver.lacking = self.scene.lacking
+        self.driver.lacking = self.built.lacking
 
     def begin(self) -> int:
         """Begin a new epoch in this world; return its number."""

@@ -103,11 +103,11 @@ class Simulator(Driver[SimulatorConfig]):
     def release(self, tick: int) -> list[Sample]:
         if tick > 0 and tick % STATUS_TICKS == 0:
             self.on_status()
-        world = self.run.scene.world
+        world = self.run.built.world
         return sample_messages(world.samples) + sight_messages(world.sight, world.stamp_ns)
 
     def reveal(self, tick: int) -> list[Sample]:
-        truth = self.run.scene.world.truth()
+        truth = self.run.built.world.truth()
         return [Sample(SIM_TRUTH, lambda: truth_message(truth), truth.stamp_ns, tick)]
 
     def actuate(self, tick: int, command: JointCommand | None) -> None:
@@ -117,7 +117,7 @@ class Simulator(Driver[SimulatorConfig]):
         self.run.check(command)
 
     def latched(self) -> list[tuple[Topic[Any], Message]]:
-        heights, landmarks = self.run.scene.heights, self.run.scene.landmarks
+        heights, landmarks = self.run.built.heights, self.run.built.landmarks
         return [(TERRAIN_MAP, heights), *([] if landmarks is None else [(TERRAIN_LANDMARKS, landmarks)])]
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:

@@ -43,7 +43,7 @@ from .physics.samples import (
 from .physics.servo_line import ServoLine
 from .physics.unequal import UnequalLegs
 from .sensors import noise as sensors
-from .sensors.sight import Floor, Sight, sight_of
+from .sensors.sight import Floor, Senses, sight_of
 from .sensors.suite import SensorSuite
 
 Array = NDArray[np.float64]
@@ -380,7 +380,7 @@ class PhysicsWorld:
         return [self.robot.hash, self.terrain.name, self.terrain.map.sha256, self.sensors.profile_name]
 
 
-def _sight(robot: Robot, seed: int, config: WorldConfig, terrain: Terrain) -> Sight | None:
+def _sight(robot: Robot, seed: int, config: WorldConfig, terrain: Terrain) -> Senses | None:
     try:
         return sight_of(robot, seed, config.floor, terrain, config.camera)
     except RobotError as error:

@@ -149,7 +149,7 @@ class FootholdReply:
 
     status: Literal["ok", "raise_trunk", "infeasible", "no_answer"]
     foothold: Vec3 | None = None
-    """Chosen landing, map frame, m; x and y count, the walker takes the height from its own map."""
+    """Chosen landing of the foot CENTRE, map frame, m."""
     trunk_shift: float = 0.0
     """With raise_trunk: signed change of trunk height that makes a foothold reachable, m."""
     reason: str = ""

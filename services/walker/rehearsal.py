@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from surefoot.geometry.heightmap import HeightMap
+from surefoot.schemas.topics import TICK_S
 
 from .interface import MotionCommand, WalkerInputs
 
@@ -28,7 +29,7 @@ def rehearse(walker: Any, hexapod: bool) -> None:
     for tick in range(STAND_TICKS + WALK_TICKS):
         if tick == STAND_TICKS:
             walker.command(MotionCommand("walk", distance=0.5))
-        now = 0.01 * tick
+        now = TICK_S * tick
         out = walker.step(
             WalkerInputs(
                 stamp=now, pitch=0.01, estimate_stamp=now, initialised=True, joints=joints, contacts=stance, margin=0.02

@@ -17,7 +17,7 @@ CORRIDOR = 0.25  # m, half the width of the lane in which hills are scaled to th
 
 
 @dataclass(frozen=True, eq=False)
-class Box:
+class TerrainBox:
     """One solid box of the ground."""
 
     position: tuple[float, float, float]
@@ -34,7 +34,7 @@ class Shape(NamedTuple):
     surface: Array
     ground: Array | None = None
     """Height field of the physics; None = the plane."""
-    boxes: tuple[Box, ...] = ()
+    boxes: tuple[TerrainBox, ...] = ()
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
     """Unit normal of the plane."""
 
@@ -45,7 +45,7 @@ def random_stream(seed: int, name: str) -> np.random.Generator:
 
 
 @dataclass(frozen=True)
-class Grid:
+class TerrainGrid:
     x0: float
     y0: float
     nx: int
@@ -64,7 +64,7 @@ class Grid:
 class ShapeSpec:
     """What a shape depends on."""
 
-    grid: Grid
+    grid: TerrainGrid
     seed: int
     amp: float
     number: int
@@ -80,7 +80,7 @@ def smooth(u: Array) -> Array:
 def slab(
     x: float, y: float, height: float, slope: tuple[float, float], depth: float, edges: tuple[float, float],
     yaw: float = 0.0,
-) -> Box:  # fmt: skip
+) -> TerrainBox:  # fmt: skip
     """Return a box whose top face has the given height over its middle (x, y).
 
     Args:
@@ -102,10 +102,10 @@ def slab(
     if yaw != 0.0:
         turn = quat_from_rpy(0.0, 0.0, yaw)
         q, centre = multiply(turn, q), np.array([x, y, height]) - depth * (matrix_from_quat(turn) @ normal)
-    return Box((centre[0], centre[1], centre[2]), half, (q[0], q[1], q[2], q[3]))
+    return TerrainBox((centre[0], centre[1], centre[2]), half, (q[0], q[1], q[2], q[3]))
 
 
-def box_heights(box: Box, x: Array, y: Array) -> Array:
+def box_heights(box: TerrainBox, x: Array, y: Array) -> Array:
     """Return the height of the highest point of a box over each point, -inf beside it.
 
     A vertical line meets the box where it is within the three pairs of faces at once.

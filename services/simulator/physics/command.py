@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-LIMIT_SLACK = 1e-6  # rad, rounding of a command at the limit
+COMMAND_SLACK = 1e-6  # rad, rounding of a command at the limit
 
 
 class CommandGuard:
     """Refuses commands that the servos must not follow, with the reason."""
 
     def __init__(self, lower: Array, upper: Array) -> None:
-        self._lower: list[float] = (lower - LIMIT_SLACK).tolist()  # plain floats: quicker than numpy for a few joints
-        self._upper: list[float] = (upper + LIMIT_SLACK).tolist()
+        self._lower: list[float] = (lower - COMMAND_SLACK).tolist()  # plain floats: quicker than numpy for a few joints
+        self._upper: list[float] = (upper + COMMAND_SLACK).tolist()
         self.clear()
 
     def clear(self) -> None:

@@ -49,7 +49,7 @@ class Floor:
     """Landmarks that share one such look."""
 
 
-def sight_of(robot: Robot, seed: int, floor: Floor, terrain: Terrain, camera: str | None = None) -> "Sight | None":
+def sight_of(robot: Robot, seed: int, floor: Floor, terrain: Terrain, camera: str | None = None) -> "Senses | None":
     """Camera and ranger of a robot; None if it has neither.
 
     Args:
@@ -63,10 +63,10 @@ def sight_of(robot: Robot, seed: int, floor: Floor, terrain: Terrain, camera: st
         RobotError: no such profile, or the robot has no link to carry it.
     """
     camera = robot.camera if camera is None else camera
-    return None if camera is None and robot.ranger is None else Sight(robot, seed, floor, terrain, camera)
+    return None if camera is None and robot.ranger is None else Senses(robot, seed, floor, terrain, camera)
 
 
-class Sight:
+class Senses:
     """Camera and ranger of one robot.
 
     Args:

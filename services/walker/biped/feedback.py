@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.robot.description import Robot
+from surefoot.schemas.topics import TICK_S
 
 from ..interface import WalkerInputs
 from . import balance
@@ -16,7 +17,6 @@ from .state import BipedState, Mode
 
 Array = NDArray[np.float64]
 
-DT = 0.01  # s, control tick
 REST_TICKS = 100  # of standing, after which the tilt counts as that of the quiet stance
 REST_GAIN = 0.02
 STRIDES = 1.0
@@ -46,7 +46,7 @@ def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs, height: float) ->
         s.rest += REST_GAIN * tilt
     elif s.mode is Mode.STEP:
         most = p.slow_from_rad
-        s.rest += DT / (STRIDES * 2.0 * p.step_s) * np.minimum(most, np.maximum(-most, tilt))
+        s.rest += TICK_S / (STRIDES * 2.0 * p.step_s) * np.minimum(most, np.maximum(-most, tilt))
     tilt = measured - s.rest
     s.offset = balance.com_beside(tilt, rate, height, float(s.trunk[2]))
     s.tilt = tilt
@@ -82,7 +82,7 @@ def learn(s: BipedState, p: BipedParams, body: Array) -> None:
 def fold(s: BipedState, p: BipedParams, robot: Robot, g: LegGeometry) -> None:
     """Go down on bent knees: the shorter way down, the softer the ground."""
     s.clock += 1
-    part = smooth(s.clock * DT / p.fold_s)
+    part = smooth(s.clock * TICK_S / p.fold_s)
     folded = robot.neutral.copy()
     for leg in range(2):
         for i, angle in zip((2, 3, 4), FOLDED, strict=True):

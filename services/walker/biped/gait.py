@@ -16,6 +16,7 @@ from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
+from surefoot.schemas.topics import TICK_S
 
 from ..commands import refusal_of
 from ..interface import CommandReply, MotionCommand, WalkerInputs, WalkerOutputs
@@ -28,8 +29,8 @@ from .plan import LEFT, RIGHT, between, placed, reference, smooth, support_point
 from .preview import HORIZON, preview_gains, preview_step
 from .report import ends_in_s, outputs
 from .route import route_of, upcoming
-from .servos import DT, SetPoints
-from .state import BipedState, Late, Mode
+from .servos import SetPoints
+from .state import AcceptedCommand, BipedState, Mode
 
 Array = NDArray[np.float64]
 
@@ -57,7 +58,7 @@ class BipedWalker:
         self.state = BipedState(robot.nj)
         feet = np.array([[0.0, self.width, 0.0, 0.0], [0.0, -self.width, 0.0, 0.0]])
         self.servos = SetPoints(robot, g, p, feet, self._middle(feet))
-        self.gains = preview_gains(self.servos.com_height, DT)
+        self.gains = preview_gains(self.servos.com_height, TICK_S)
         self.omega = math.sqrt(GRAVITY / self.servos.com_height)
 
     def _params_of(self, gait: str) -> BipedParams:
@@ -66,7 +67,7 @@ class BipedWalker:
 
     def _take_params(self, params: BipedParams) -> None:
         self.params = params
-        self._ticks = round(params.step_s / DT)
+        self._ticks = round(params.step_s / TICK_S)
         self._double = max(1, round(params.double * self._ticks))
 
     # --- commands --------------------------------------------------------------------------------------------------
@@ -105,14 +106,14 @@ class BipedWalker:
         s.walk_id += 1
         s.reason = ""
         walking = command.action in ("walk", "turn")
-        late = Late(command, gait, route_of(command, params, s.walk_id) if walking else None)
+        late = AcceptedCommand(command, gait, route_of(command, params, s.walk_id) if walking else None)
         if s.mode is Mode.STEP and self._ticks_left() < LATE_TICKS and not self._upcoming(1):
             s.late = late
         else:
             self._take_up(late)
         return CommandReply(True, s.walk_id)
 
-    def _take_up(self, late: Late) -> None:
+    def _take_up(self, late: AcceptedCommand) -> None:
         """Let a command replace the present one from the next step on."""
         s = self.state
         s.gait, s.late, walking = late.gait, None, late.route is not None
@@ -220,7 +221,7 @@ class BipedWalker:
         s, p = self.state, self.params
         s.clock += 1
         if s.mode is Mode.RISE:
-            if s.clock >= p.rise_s / DT:
+            if s.clock >= p.rise_s / TICK_S:
                 if s.recovering:
                     s.rest, s.recovering = s.rest + s.tilt, False  # what it took for level was in mid-step
                 self._stand()
@@ -237,7 +238,7 @@ class BipedWalker:
             if s.held:
                 self._pause()
                 self._stand()
-            elif s.clock >= p.start_s / DT:
+            elif s.clock >= p.start_s / TICK_S:
                 self._next_step()
         elif s.mode is Mode.STEP:
             self._swing()
@@ -260,7 +261,7 @@ class BipedWalker:
         """Until the present step's touch-down, or until the first step begins."""
         s = self.state
         if s.mode is Mode.START:
-            return max(0, math.ceil(self.params.start_s / DT - 1e-9) - s.clock)
+            return max(0, math.ceil(self.params.start_s / TICK_S - 1e-9) - s.clock)
         swinging = (1.0 - s.progress) * (self._ticks - self._double) / s.pace
         return max(0, self._double - s.clock) + math.ceil(swinging - 1e-9)
 
@@ -329,7 +330,7 @@ class BipedWalker:
         feet = s.feet.copy()
         if s.mode is Mode.START:
             points.append(s.zmp_from)
-            ticks.append(round(p.start_s / DT))
+            ticks.append(round(p.start_s / TICK_S))
             double.append(1)
         elif s.step is not None:
             points.append(self._support(feet, 1 - s.step.swing))
@@ -359,7 +360,7 @@ class BipedWalker:
         left = self._ticks_left()
         if p.adjust == 0.0 or s.clock <= self._double or left < 2:
             return
-        wanted = balance.foothold_shift(s.offset, self.omega, left * DT / p.hurry, p.adjust_from_m, p.growth)
+        wanted = balance.foothold_shift(s.offset, self.omega, left * TICK_S / p.hurry, p.adjust_from_m, p.growth)
         wanted *= p.adjust
         if s.pace == 1.0 and np.any(wanted != 0.0):
             s.pace = p.hurry  # down with the foot

@@ -5,9 +5,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.schemas.topics import TICK_S
+
 from ..interface import WalkerOutputs, WalkState
 from .params import BipedParams
-from .servos import DT
 from .state import BipedState, Mode
 
 Array = NDArray[np.float64]
@@ -40,7 +41,7 @@ def ends_in_s(s: BipedState, p: BipedParams, ticks_left: int) -> float | None:
     route = s.route if s.late is None else s.late.route
     if route is None or s.mode not in (Mode.STAND, Mode.START, Mode.STEP):
         return None
-    begins = DT * ticks_left if s.mode is not Mode.STAND else p.start_s
+    begins = TICK_S * ticks_left if s.mode is not Mode.STAND else p.start_s
     if s.late is not None:
         begins += p.start_s
     elif s.mode is Mode.STEP and route.finished and (s.undone is None or s.undone.finished):

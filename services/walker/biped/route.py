@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.schemas.topics import TICK_S
+
 from ..interface import MotionCommand
 from .params import BipedParams
 from .plan import LEFT, RIGHT, advanced, between, placed
@@ -141,7 +143,7 @@ def upcoming(
         ticks: preview wanted.
     """
     steps: list[Footstep] = []
-    feet, per_step = feet.copy(), round(params.step_s * 100)
+    feet, per_step = feet.copy(), round(params.step_s / TICK_S)
     while len(steps) < MAX_AHEAD and len(steps) * per_step < ticks:
         if route is not None and not route.finished:
             forward, turn, route = route.next(scale if not steps else 1.0)

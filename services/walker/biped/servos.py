@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from surefoot.geometry.constants import GRAVITY
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
+from surefoot.schemas.topics import TICK_S
 
 from . import posture
 from .ik import LegGeometry
@@ -16,8 +17,6 @@ from .plan import between, smooth
 from .state import BipedState, Mode
 
 Array = NDArray[np.float64]
-
-DT = 0.01  # s, control tick
 
 
 class SetPoints:
@@ -67,14 +66,14 @@ class SetPoints:
         command = (
             q
             + p.sag * torque / self._kp
-            + p.lag * (self._kv / self._kp) * np.clip((q - s.q) / DT, -p.lag_limit, p.lag_limit)
+            + p.lag * (self._kv / self._kp) * np.clip((q - s.q) / TICK_S, -p.lag_limit, p.lag_limit)
         )
         joints = self.geometry.joints
         command[joints[:, 5]] += p.gyro_s * share * s.rate[0]
         command[joints[:, 4]] += p.gyro_s * share * s.rate[1]
         s.q = q
         if s.mode is Mode.RISE and s.rise_from is not None:
-            part = smooth(s.clock * DT / p.rise_s)
+            part = smooth(s.clock * TICK_S / p.rise_s)
             command = s.rise_from + part * (command - s.rise_from)
         s.command = np.clip(command, self.robot.joint_lower, self.robot.joint_upper)
 

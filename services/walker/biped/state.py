@@ -26,7 +26,7 @@ class Mode(Enum):
 
 
 @dataclass(frozen=True)
-class Late:
+class AcceptedCommand:
     """A command that was accepted."""
 
     command: MotionCommand
@@ -49,7 +49,7 @@ class BipedState:
     """What the route was before the present step."""
     paused: BipedRoute | None = None
     """What is left of a walk that waits for the estimate."""
-    late: Late | None = None
+    late: AcceptedCommand | None = None
     """Came while the closing step landed: taken up when the robot stands."""
     walk_id: int = 0
     step: Footstep | None = None

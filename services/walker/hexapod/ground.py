@@ -19,40 +19,6 @@ NORMAL_ROUNDS = 4
 
 
 @kernel
-def median3(z: Heights, out: Heights, fill_only: bool) -> int:
-    """Median of the known heights in each 3 x 3 window into `out`; returns how many cells stay unknown.
-
-    With `fill_only` known cells keep their height and only unknown ones get the median of their known neighbours.
-    """
-    ny, nx = z.shape
-    window = np.empty(9, dtype=np.float32)
-    unknown = 0
-    for i in range(ny):
-        for j in range(nx):
-            if fill_only and not math.isnan(z[i, j]):
-                out[i, j] = z[i, j]
-                continue
-            n = 0
-            for r in range(max(0, i - 1), min(ny, i + 2)):
-                for c in range(max(0, j - 1), min(nx, j + 2)):
-                    value = z[r, c]
-                    if math.isnan(value):
-                        continue
-                    k = n
-                    while k > 0 and window[k - 1] > value:
-                        window[k] = window[k - 1]
-                        k -= 1
-                    window[k] = value
-                    n += 1
-            if n == 0:
-                out[i, j] = math.nan
-                unknown += 1
-            else:
-                out[i, j] = np.float32(0.5) * (window[(n - 1) // 2] + window[n // 2])
-    return unknown
-
-
-@kernel
 def box_max(
     z: Heights, cell: float, x0: float, y0: float, x: float, y: float, yaw: float, half_x: float, half_y: float
 ) -> float:
@@ -130,17 +96,12 @@ class Ground:
     @classmethod
     def build(cls, heights: HeightMap, foot_radius: float, smooth: bool = True) -> "Ground":
         """Filter a map by a 3 x 3 median (noise of single cells, edges stay), fill holes, dilate by the foot."""
-        z = np.array(heights.z)
-        out = np.empty_like(z)
-        if smooth:
-            median3(z, out, False)
-            z, out = out, z
+        surface = heights.smoothed(1) if smooth else heights
         for _ in range(FILL_ROUNDS):
-            if not np.isnan(z).any():
+            unknown = np.isnan(surface.z)
+            if not unknown.any():
                 break
-            median3(z, out, True)
-            z, out = out.copy(), z
-        surface = heights.with_z(z)
+            surface = surface.with_z(np.where(unknown, surface.smoothed(1).z, surface.z))
         return cls(surface=surface, centres=surface.dilated(foot_radius), version=heights.version)
 
     def centre_height(self, x: float, y: float) -> float:

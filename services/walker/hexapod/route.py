@@ -8,7 +8,7 @@ from .params import WalkerParams
 
 
 @dataclass(frozen=True, slots=True)
-class Route:
+class HexapodRoute:
     """A command with the pose it began at, None until its first step is planned."""
 
     command: MotionCommand
@@ -17,7 +17,7 @@ class Route:
     began: float | None = None
     """Simulated time of its first step, s."""
 
-    def begun(self, pose: BodyPose, now: float) -> "Route":
+    def begun(self, pose: BodyPose, now: float) -> "HexapodRoute":
         """The route with its start: `pose` at the time `now` if it has not begun yet."""
         return self if self.start is not None else replace(self, start=pose, began=now)
 
@@ -27,7 +27,7 @@ class Route:
         return limit is not None and self.began is not None and now - self.began >= limit
 
 
-def remaining(route: Route, pose: BodyPose) -> float:
+def remaining(route: HexapodRoute, pose: BodyPose) -> float:
     """Signed way (m) or angle (rad) still to go; infinite for a walk without an end, 0 for stand and stop."""
     command, start = route.command, route.start or pose
     if command.action == "walk":
@@ -40,7 +40,7 @@ def remaining(route: Route, pose: BodyPose) -> float:
     return 0.0
 
 
-def finished(route: Route, pose: BodyPose, params: WalkerParams) -> bool:
+def finished(route: HexapodRoute, pose: BodyPose, params: WalkerParams) -> bool:
     """Whether the command is carried out (a distance that was passed counts)."""
     left = remaining(route, pose)
     if route.command.action == "walk":
@@ -56,7 +56,9 @@ def stride(command: MotionCommand, params: WalkerParams, steps_per_cycle: int) -
     return min(abs(command.velocity) * 0.5 * params.period_s, params.max_stride_m / steps_per_cycle)
 
 
-def advance(route: Route, pose: BodyPose, params: WalkerParams, steps_per_cycle: int, scale: float = 1.0) -> Advance:
+def advance(
+    route: HexapodRoute, pose: BodyPose, params: WalkerParams, steps_per_cycle: int, scale: float = 1.0
+) -> Advance:
     """Movement of the trunk in the next step, heading axes of `pose`.
 
     Args:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from .patterns import TRIPOD, GaitPattern
 from .planning import StepPlan
-from .route import Route
+from .route import HexapodRoute
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -39,7 +39,7 @@ class WalkerState:
     """Legs of the last step."""
     careful_steps: int = 0
     """Steps taken in the other gait."""
-    route: Route | None = None
+    route: HexapodRoute | None = None
     walk_id: int = 0
     closing: bool = False
     """Bringing the feet to neutral: after a command, on stop, after a restart."""

@@ -14,7 +14,7 @@ from tests.services.walker.biped.biped_plant import Plant
 
 NAO = load_robot("nao")
 PARAMS = BipedParams.for_robot(NAO)
-STEP_TICKS = round(PARAMS.step_s / feedback.DT)
+STEP_TICKS = round(PARAMS.step_s / feedback.TICK_S)
 
 
 def steps_seen(tilt_deg, count):

@@ -17,7 +17,7 @@ from .sensors.sight import Floor
 from .world import PhysicsWorld, WorldConfig, WorldError
 
 
-class Scene(NamedTuple):
+class BuiltWorld(NamedTuple):
     """A world and its latched messages."""
 
     request: ResetRequest
@@ -30,7 +30,7 @@ class Scene(NamedTuple):
     """Topics that this robot never publishes."""
 
 
-def build_scene(robot: Robot, request: ResetRequest) -> Scene:
+def build_world(robot: Robot, request: ResetRequest) -> BuiltWorld:
     """Build the world that a request describes.
 
     Raises:
@@ -56,7 +56,7 @@ def build_scene(robot: Robot, request: ResetRequest) -> Scene:
         field = "start" if error.field == "pose" else error.field
         raise Refusal("invalid", str(error), f"world.{field}") from None
     marks = None if world.sight is None else world.sight.landmarks
-    return Scene(
+    return BuiltWorld(
         request=request,
         world=world,
         heights=map_message(heights.with_z(heights.z, version=1), terrain, w.map_profile),
