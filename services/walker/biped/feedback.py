@@ -9,7 +9,6 @@ from surefoot.robot.description import Robot
 from surefoot.schemas.topics import TICK_S
 
 from ..interface import WalkerInputs
-from . import balance
 from .ik import LegGeometry
 from .params import BipedParams
 from .plan import smooth
@@ -25,7 +24,7 @@ and floor, servos and the estimate's own bias are followed while the robot turns
 FOLDED = (-1.0, 1.8, -0.9)  # rad, hip pitch, knee and ankle pitch of a robot that gives up
 
 
-def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs, height: float) -> bool:
+def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs) -> bool:
     """Take the trunk's tilt and rate; return whether the robot is lost.
 
     The unplanned tilt is what is measured less its slow mean `rest`. That mean holds the floor's slope, which turns
@@ -33,10 +32,9 @@ def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs, height: float) ->
     disturbance moves the mean by at most `slow_from_rad` of its size.
 
     Args:
-        s: state; rate, rest, tilt, offset and peak are updated.
+        s: state; rate, rest, tilt and peak are updated.
         p: settings.
         inputs: of this tick.
-        height: of the CoM, m.
     """
     rate = np.array(inputs.rate[:2])
     s.rate = p.gyro_smooth * s.rate + (1.0 - p.gyro_smooth) * rate
@@ -48,7 +46,6 @@ def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs, height: float) ->
         most = p.slow_from_rad
         s.rest += TICK_S / (STRIDES * 2.0 * p.step_s) * np.minimum(most, np.maximum(-most, tilt))
     tilt = measured - s.rest
-    s.offset = balance.com_beside(tilt, rate, height, float(s.trunk[2]))
     s.tilt = tilt
     size = float(np.hypot(*tilt))
     s.peak = max(s.peak, size)

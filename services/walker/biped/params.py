@@ -53,20 +53,6 @@ class BipedParams:
     """Ankle set-point against the trunk's rate, rad per rad/s,"""
     gyro_smooth: float = 0.5
     """with this much of the last value kept."""
-    adjust: float = 0.0
-    """Part of the capture point's error that a swinging foot follows; 0 = no step adjustment."""
-    adjust_from_m: float = 0.030
-    """Errors of the capture point up to this are left to the ankles."""
-    hurry: float = 1.8
-    """Speed of an adjusted swing, 1 = as planned."""
-    growth: float = 0.0
-    """Part of the pendulum's growth until touch-down that the adjustment counts on."""
-    adjust_max_m: float = 0.060
-    """Longest adjustment of a foothold, along each axis of the heading."""
-    absorb: float = 0.0
-    """Part of the measured error of the CoM state that the plan takes over at an adjusted touch-down."""
-    least_width_m: float = 0.030
-    """Half distance of the feet that an adjusted step keeps at least."""
     slow_from_rad: float = math.radians(3.0)
     """Peak of the unplanned tilt in a step from which on the next one becomes shorter,"""
     slow_full_rad: float = math.radians(8.0)

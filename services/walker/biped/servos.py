@@ -52,8 +52,6 @@ class SetPoints:
         s.trunk[3] = self.height
         q = s.q.copy()
         _, reachable, rot = posture.place_com(self.robot.model, self.geometry, q, soles, s.trunk, self._tilt, s.x[0])
-        if p.adjust > 0.0 and s.mode is Mode.STEP and s.step is not None and np.any(s.shift != 0.0):
-            self._follow_tilt(s, q, soles, s.step.swing)
         s.unreachable = 0 if reachable else 1
         zmp = s.x[0] - self.com_height / GRAVITY * s.x[2]
         share = posture.load_share(zmp, soles)
@@ -76,14 +74,3 @@ class SetPoints:
             part = smooth(s.clock * TICK_S / p.rise_s)
             command = s.rise_from + part * (command - s.rise_from)
         s.command = np.clip(command, self.robot.joint_lower, self.robot.joint_upper)
-
-    def _follow_tilt(self, s: BipedState, q: Array, soles: Array, leg: int) -> None:
-        """Hold the swinging foot where it should be in the world although trunk and standing foot are tilted."""
-        trunk = s.trunk.copy()
-        trunk[:2] += self.height / self.com_height * s.offset[0]
-        other = q.copy()
-        posture.pose_legs(self.geometry, other, soles, trunk, self._tilt + s.tilt)
-        joints = self.geometry.joints[leg]
-        if self.geometry.coupled:
-            joints = joints[1:]  # the yaw belongs to the standing leg, too
-        q[joints] = other[joints]

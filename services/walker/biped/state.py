@@ -56,9 +56,7 @@ class BipedState:
     """The present step."""
     next_swing: int = 0
     progress: float = 0.0
-    """Of the present swing, 0..1,"""
-    pace: float = 1.0
-    """and its speed, 1 = as planned."""
+    """Phase of the present swing, 0..1."""
     tilt: Array = field(default_factory=lambda: np.zeros(2))
     """Roll and pitch beyond the plan, rad."""
     begin: Array = field(default_factory=lambda: np.zeros(3))
@@ -85,10 +83,6 @@ class BipedState:
     """Smoothed roll and pitch rate."""
     rest: Array = field(default_factory=lambda: np.zeros(2))
     """Slow mean of the measured roll and pitch, rad: floor, servos' zeros and the bias of the estimate."""
-    offset: Array = field(default_factory=lambda: np.zeros((2, 2)))
-    """CoM beside the plan by the measured tilt: position and velocity, (2, 2)."""
-    shift: Array = field(default_factory=lambda: np.zeros(2))
-    """Adjustment of the present foothold, m."""
     peak: float = 0.0
     """Largest unplanned tilt of the present step."""
     scale: float = 1.0
@@ -123,8 +117,6 @@ class BipedState:
     steps: int = 0
     reason: str = ""
     unreachable: int = 0
-    adjusted: int = 0
-    """Steps whose foothold was moved."""
 
     def __post_init__(self) -> None:
         self.q = np.zeros(self.joints)

@@ -26,7 +26,7 @@ def steps_seen(tilt_deg, count):
         s.peak = 0.0
         for k in range(step * STEP_TICKS, (step + 1) * STEP_TICKS):
             roll, pitch = np.radians(tilt_deg(k))
-            lost = feedback.watch(s, PARAMS, WalkerInputs(stamp=0.0, roll=roll, pitch=pitch, initialised=True), 0.3)
+            lost = feedback.watch(s, PARAMS, WalkerInputs(stamp=0.0, roll=roll, pitch=pitch, initialised=True))
             assert not lost
         peaks.append(math.degrees(s.peak))
     return np.array(peaks)
