@@ -251,7 +251,7 @@ def capture_point(world: PhysicsWorld, foot: int) -> Capture:
         foot: whose sole it is seen from.
     """
     mujoco.mj_subtreeVel(world.model, world.data)  # derived quantities only: the run stays the same
-    trunk, body, truth = world.address.trunk, world.tracker.bodies[foot], world.truth()
+    trunk, body, truth = world.address.trunk, world.address.foot_bodies[foot], world.truth()
     height = truth.com[2] - truth.foot_position[foot, 2]
     point = truth.com[:2] + world.data.subtree_linvel[trunk][:2] * math.sqrt(height / GRAVITY)
     rot = world.data.xmat[body].reshape(3, 3)

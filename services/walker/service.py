@@ -75,24 +75,23 @@ class Walker(Service[WalkerConfig]):
     def on_start(self) -> None:
         self.robot = load_robot(self.config.robot)
         chosen = {name: getattr(self.config, name) for name in ("hip_height_m", "stride_m", "period_s", "clearance_m")}
-        self.params = WalkerParams.for_robot(self.robot, **{k: v for k, v in chosen.items() if v is not None})
+        changes = {name: value for name, value in chosen.items() if value is not None}
+        self.params = None if self.robot.kind == "biped" else WalkerParams.for_robot(self.robot, **changes)
         self.memory = MemoryFile(self.config.memory)
         self.on_reset()
         self.handle(CMD_WALK, self.walk)
 
     def rehearse(self) -> None:
         rotations.quat_from_rpy(0.0, 0.0, 0.1)
-        if self.robot.kind == "biped":
-            rehearse(BipedWalker(self.robot), hexapod=False)
-        else:
-            rehearse(HexapodWalker(self.robot, self.params), hexapod=True)
+        hexapod = self.params is not None
+        rehearse(HexapodWalker(self.robot, self.params) if hexapod else BipedWalker(self.robot), hexapod=hexapod)
 
     def on_reset(self) -> None:
-        config = self.config
-        self.advisors = Advisors(self.robot, self.call, footholds=config.ask_footholds, stability=config.ask_stability)
+        ask = {"footholds": self.config.ask_footholds, "stability": self.config.ask_stability}
+        self.advisors = Advisors(self.robot, self.call, **ask)
         self.gait: Gait = (
             BipedWalker(self.robot)
-            if self.robot.kind == "biped"
+            if self.params is None
             else HexapodWalker(self.robot, self.params, self.advisors.select, self.advisors.check)
         )
         self.commander = Commander(self.gait, self.memory, self.log)

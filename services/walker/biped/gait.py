@@ -271,7 +271,8 @@ class BipedWalker:
         if s.mode is Mode.STEP and s.step is not None:
             feet = feet.copy()
             feet[s.step.swing], body, swing_next = s.step.target, s.step.body, 1 - s.step.swing
-        return upcoming(s.route, feet, body, swing_next, self.params, self.width, s.scale, s.gain, ticks)
+        now = routes.Standing(feet, body, swing_next)
+        return upcoming(s.route, now, self.params, self.width, s.scale, s.gain, ticks)
 
     def _pause(self) -> None:
         """Without an estimate: close the feet, and go on when it is back."""

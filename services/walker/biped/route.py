@@ -28,6 +28,14 @@ class Footstep(NamedTuple):
     body: Array  # (3,)
 
 
+class Standing(NamedTuple):
+    """Both feet on the floor, and the one that swings next."""
+
+    feet: Array  # (2, 3) x, y in m, yaw in rad, odom
+    body: Array  # (3,) body pose they belong to
+    swing: int
+
+
 @dataclass(frozen=True)
 class BipedRoute:
     """Rest of a command: straight, arc or turn on the spot."""
@@ -126,24 +134,22 @@ def first_swing(route: BipedRoute, feet: Array) -> int:
 
 
 def upcoming(
-    route: BipedRoute | None, feet: Array, body: Array, swing: int, params: BipedParams, width: float, scale: float,
-    gain: Array, ticks: int,
-) -> list[Footstep]:  # fmt: skip
-    """The next footsteps, at least `ticks` control ticks of them or to the end of the walk with its closing step.
+    route: BipedRoute | None, now: Standing, params: BipedParams, width: float, scale: float, gain: Array, ticks: int
+) -> list[Footstep]:
+    """Return the next footsteps: at least `ticks` control ticks of them, or all to the closing step of the walk.
 
     Args:
         route: None = only bring the feet together.
-        feet: (2, 3) where both feet stand (the swinging one: will land).
-        body: (3,) body pose they belong to.
-        swing: the foot that swings next.
+        now: the feet as they stand, or will stand after the present step.
         params: settings.
         width: half distance of the feet, m.
         scale: shortens the first step.
-        gain: (2,) what a planned way and turn become in the world: the plan is divided by it.
-        ticks: preview wanted.
+        gain: (2,) quotient of measured and planned way, and of measured and planned turn: the plan is divided by it.
+        ticks: length of the preview.
     """
     steps: list[Footstep] = []
-    feet, per_step = feet.copy(), round(params.step_s / TICK_S)
+    (feet, body, swing), per_step = now, round(params.step_s / TICK_S)
+    feet = feet.copy()
     while len(steps) < MAX_AHEAD and len(steps) * per_step < ticks:
         if route is not None and not route.finished:
             forward, turn, route = route.next(scale if not steps else 1.0)

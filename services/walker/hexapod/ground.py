@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +19,21 @@ NORMAL_SCALE = 0.002  # m, a cell that lies much further off the plane belongs t
 NORMAL_ROUNDS = 4
 
 
+class Rectangle(NamedTuple):
+    """Rectangle in the plane, frame map."""
+
+    x: float  # m, of its middle
+    y: float  # m
+    yaw: float  # rad
+    half_x: float  # m, half its length along its own x
+    half_y: float  # m
+
+
 @kernel
-def box_max(
-    z: Heights, cell: float, x0: float, y0: float, x: float, y: float, yaw: float, half_x: float, half_y: float
-) -> float:
-    """Highest cell whose centre lies in a rotated rectangle, m; NaN if it holds no known cell."""
+def box_max(z: Heights, cell: float, x0: float, y0: float, under: Rectangle) -> float:
+    """Return the highest cell whose centre lies in a rectangle, m; NaN if it holds no known cell."""
     ny, nx = z.shape
+    x, y, yaw, half_x, half_y = under
     best = -math.inf
     c, s = math.cos(yaw), math.sin(yaw)
     reach = math.hypot(half_x, half_y)
@@ -113,7 +123,7 @@ class Ground:
         s = self.surface
         return face_normal(s.z, s.cell, s.origin[0], s.origin[1], x, y, bottom)
 
-    def highest_under(self, x: float, y: float, yaw: float, half_x: float, half_y: float) -> float:
-        """Highest ground under a rectangle about (x, y) turned by yaw, m; NaN where all is unknown."""
+    def highest_under(self, under: Rectangle) -> float:
+        """Return the highest ground under a rectangle, m; NaN where all is unknown."""
         s = self.surface
-        return box_max(s.z, s.cell, s.origin[0], s.origin[1], x, y, yaw, half_x, half_y)
+        return box_max(s.z, s.cell, s.origin[0], s.origin[1], under)

@@ -13,7 +13,7 @@ from surefoot.robot.description import Robot
 
 from ..interface import Advance, BodyPose, FootholdRequest, LandingRequest, StanceCheck
 from . import posture, swing
-from .ground import Ground
+from .ground import Ground, Rectangle
 from .params import WalkerParams
 from .patterns import GaitPattern
 from .route import moved
@@ -109,7 +109,7 @@ def trunk_height(frame: PlanningContext, feet: Array, at: BodyPose, shift: float
     z = float(np.mean(feet[:, 2])) - robot.foot_radius + params.hip_height_m + shift
     if frame.ground is not None:
         half = 0.5 * robot.trunk.box
-        highest = frame.ground.highest_under(at.x, at.y, at.yaw, float(half[0]), float(half[1]))
+        highest = frame.ground.highest_under(Rectangle(at.x, at.y, at.yaw, float(half[0]), float(half[1])))
         if np.isfinite(highest):
             z = max(z, highest + params.belly_m + float(half[2]))
     return z

@@ -33,10 +33,9 @@ def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -
     if v > 1.0:
         _give_up(s, robot, plan)
     seeking = _seek(s, robot, plan, p.touch_speed * dt)
-    s.feet, s.support = swing.targets(
-        plan.shape, plan.swing, s.landed, plan.feet_from, plan.feet_to, plan.top, plan.go, plan.arrive,
-        v, s.feet, p.press_speed * dt, s.support, dt / (p.overlap * plan.duration),
-    )  # fmt: skip
+    paths = swing.SwingPaths(plan.shape, plan.swing, plan.feet_from, plan.feet_to, plan.top, plan.go, plan.arrive)
+    rate = dt / (p.overlap * plan.duration)
+    s.feet, s.support = swing.targets(paths, s.landed, v, s.feet, p.press_speed * dt, s.support, rate)
     a, b, ease = plan.begin, plan.end, swing.smooth(u)
     s.body[:] = (a.x + u * (b.x - a.x), a.y + u * (b.y - a.y), a.z + ease * (b.z - a.z))
     s.yaw = a.yaw + u * (b.yaw - a.yaw)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from surefoot.robot.reader import load_robot
 from surefoot.services.walker.biped.gait import BipedWalker
 from surefoot.services.walker.biped.params import BipedParams
 from surefoot.services.walker.biped.route import route_of
@@ -14,7 +15,7 @@ from surefoot.services.walker.interface import MotionCommand
 from surefoot.services.walker.memory import MemoryFile
 from tests.services.walker.biped.biped_plant import Plant
 
-P = BipedParams()
+P = BipedParams.for_robot(load_robot("bioloid"))
 
 
 def standing(out):

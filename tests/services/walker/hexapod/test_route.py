@@ -7,11 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from surefoot.geometry.rotations import wrap_angle
+from surefoot.robot.reader import load_robot
 from surefoot.services.walker.hexapod.params import WalkerParams
 from surefoot.services.walker.hexapod.route import HexapodRoute, advance, finished, moved, remaining
 from surefoot.services.walker.interface import BodyPose, MotionCommand
 
-P = WalkerParams()
+P = WalkerParams.for_robot(load_robot("ragno"))
 
 
 def follow(command, start, error=(0.0, 0.0, 0.0), steps=400):
