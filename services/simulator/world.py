@@ -60,17 +60,17 @@ STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 @dataclass(frozen=True, eq=False)
 class WorldConfig:
-    """What is fixed when a world is built."""
+    """Settings that are fixed when a world is built."""
 
     physics: Physics = field(default_factory=Physics)
     perturbation: Perturbation = field(default_factory=Perturbation)
-    """How the simulated robot differs from its description."""
+    """Differences of the simulated robot from its description."""
     imu_profile: ImuProfile | str | None = None
     """A profile or its name; None = the robot's own; "ideal" = exact."""
     torque_per_ampere: float | None = None
     """True constant of the servo motors, Nm/A; None = as described."""
     floor: Floor = field(default_factory=Floor)
-    """What a camera finds on it."""
+    """Landmarks and marker on the ground."""
     camera: str | None = None
     """Name of a camera profile; None = the robot's own, if it has one."""
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -94,11 +94,11 @@ class PhysicsWorld:
     tick: int
     """Control ticks since the reset."""
     samples: Samples
-    """What the hardware releases in this tick."""
+    """Samples that the hardware releases in this tick."""
     command: Array
     """Joint positions the servos follow, (nj,), rad."""
     torque_limit: Array | None
-    """The most they may give for it, (nj,), Nm; None = what they can."""
+    """Torque limit of the servos for it, (nj,), Nm; None = their own."""
 
     def __init__(self, robot: Robot, terrain: Terrain, seed: int = 0, config: WorldConfig | None = None) -> None:
         self.robot, self.terrain, self.seed = robot, terrain, seed
@@ -211,7 +211,7 @@ class PhysicsWorld:
 
     @property
     def diverged(self) -> str:
-        """What MuJoCo found not finite or huge since the reset; it has put robot and clock back to zero then."""
+        """Quantities that MuJoCo found not finite or huge since the reset; then it restarts robot and clock."""
         if self.data.time - self._settled_s > (self.steps - 0.5) * STEP_NS * 1e-9:
             return ""
         warning, kind = self.data.warning, mujoco.mjtWarning
@@ -296,10 +296,10 @@ class PhysicsWorld:
         """
         self.disturb.add_fault(self.tick, fault, self.seed)
 
-    # --- what is so ---------------------------------------------------------------------------------------------
+    # --- state ---------------------------------------------------------------------------------------------------
 
     def truth(self) -> ExactState:
-        """The exact state now."""
+        """Return the exact state now."""
         feet = self.tracker.feet_now()
         qpos, qvel = self.data.qpos.copy(), self.data.qvel[TRUNK_DOF].copy()
         up = float(self.data.xmat[self.address.trunk, 8])
@@ -315,7 +315,7 @@ class PhysicsWorld:
         return (np.zeros(0), np.zeros(0)) if soles is None else (soles.twist.copy(), soles.last.copy())
 
     def checkpoint(self) -> Checkpoint:
-        """Everything that decides the future, between two ticks."""
+        """Return everything that decides the future, between two ticks."""
         state = np.empty(mujoco.mj_stateSize(self.model, STATE))
         mujoco.mj_getState(self.model, self.data, state, STATE)
         meta = {
@@ -387,7 +387,7 @@ def _sight(robot: Robot, seed: int, config: WorldConfig, terrain: Terrain) -> Se
         raise WorldError("camera", error.message) from None
 
 
-mujoco.set_mju_user_warning(lambda text: None)  # it would write into the working folder; `World.diverged` tells
+mujoco.set_mju_user_warning(lambda text: None)  # it writes into the working folder; `diverged` reports instead
 
 
 def rehearse() -> None:

@@ -45,7 +45,7 @@ from .rehearsal import rehearse
 
 
 class WalkerConfig(ServiceConfig):
-    """Changes to the hexapod's gait; null = as `[gait]` of the robot description says."""
+    """Changes to the hexapod's gait; null = the value of `[gait]` in the robot description."""
 
     hip_height_m: float | None = Field(default=None, gt=0, lt=1, description="m, base_link over the ground")
     stride_m: float | None = Field(default=None, gt=0, lt=1, description="m, way of the trunk in one gait cycle")

@@ -1,4 +1,4 @@
-"""What shapes of the ground are made of: a grid, boxes, and the flat pad on which the robot starts."""
+"""Parts of shapes of the ground: a grid, boxes, and the flat pad on which the robot starts."""
 
 import math
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ class TerrainBox:
 
 
 class Shape(NamedTuple):
-    """What a kind of terrain consists of; heights in m, (ny, nx) or broadcastable to it."""
+    """Surface and physics of a kind of terrain; heights in m, (ny, nx) or broadcastable to it."""
 
     surface: Array
     ground: Array | None = None
@@ -40,12 +40,14 @@ class Shape(NamedTuple):
 
 
 def random_stream(seed: int, name: str) -> np.random.Generator:
-    """The random stream of one named part of the simulation: equal (seed, name) give equal numbers."""
+    """Return the random stream of one named part of the simulation: equal (seed, name) give equal numbers."""
     return np.random.default_rng([seed, *name.encode()])
 
 
 @dataclass(frozen=True)
 class TerrainGrid:
+    """Cells of a map; lengths in m, frame `map`."""
+
     x0: float
     y0: float
     nx: int
@@ -53,7 +55,7 @@ class TerrainGrid:
     cell: float
 
     def axes(self) -> tuple[Array, Array]:
-        """x (1, nx) and y (ny, 1) of the cell centres, for broadcasting."""
+        """Return x (1, nx) and y (ny, 1) of the cell centres, m, for broadcasting."""
         return (
             (self.x0 + self.cell * np.arange(self.nx, dtype=np.float64))[None, :],
             (self.y0 + self.cell * np.arange(self.ny, dtype=np.float64))[:, None],
@@ -62,7 +64,7 @@ class TerrainGrid:
 
 @dataclass(frozen=True)
 class ShapeSpec:
-    """What a shape depends on."""
+    """Arguments of a shape: the same ones give the same ground."""
 
     grid: TerrainGrid
     seed: int
@@ -72,7 +74,7 @@ class ShapeSpec:
 
 
 def smooth(u: Array) -> Array:
-    """3u^2 - 2u^3, clipped to [0, 1]."""
+    """Return 3u^2 - 2u^3 with u clipped to [0, 1]."""
     u = np.clip(u, 0.0, 1.0)
     return u * u * (3.0 - 2.0 * u)
 

@@ -115,7 +115,7 @@ def _stones(grid: TerrainGrid, seed: int, amp: float, hills: _Hills) -> tuple[Te
 
 
 def _number(grid: TerrainGrid, density: float) -> int:
-    """How many of a density (per m2) lie behind the pad."""
+    """Return the number of things of a density (1/m2) behind the pad."""
     end, half = _extent(grid)
     return round(density * max(0.0, end - PAD_END) * 2.0 * half)
 

@@ -163,7 +163,7 @@ def _map(grid: TerrainGrid, z: Array) -> HeightMap:
 
 
 def terrain_from_map(ground: HeightMap) -> Terrain:
-    """A terrain that is one height field, such as a file; unknown cells become the lowest known height."""
+    """Return a terrain that is one height field, such as a file; unknown cells become the lowest known height."""
     known = np.isfinite(ground.z)
     if not known.any():
         raise TerrainError("map", "has no known cell")

@@ -1,4 +1,4 @@
-"""The border at which joint commands are judged."""
+"""Checks of joint commands before they reach the servos."""
 
 import math
 from collections.abc import Sequence
@@ -21,11 +21,11 @@ class CommandGuard:
         self.clear()
 
     def clear(self) -> None:
-        """A new epoch: stamps begin anew."""
+        """Begin an epoch: stamps begin anew."""
         self._stamp_ns = -1
 
     def offer(self, q: Sequence[float], stamp_ns: int) -> str | None:
-        """Take a command, or say why not.
+        """Take a command, or return the reason against it.
 
         Args:
             q: joint positions in the robot's order, rad.

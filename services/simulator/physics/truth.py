@@ -1,4 +1,4 @@
-"""What no robot knows: contact forces, sliding and displacement of the feet, falls. For judging only.
+"""Exact contact forces, sliding and displacement of the feet, and falls: for reports, never for the robot.
 
 A foot stands in a physics step while its normal force is at least `GATE_N`. Sliding is the way of the material point
 at the contact, in the ground plane, integrated over those steps:
@@ -172,7 +172,7 @@ class TruthTracker:
         self.fallen = (self.fallen and not first) or touched or tilted
 
     def displaced(self, way: Displacement) -> None:
-        """Take it that the robot was put elsewhere: no foot has slipped by that, no sole has twisted."""
+        """Follow a displacement of the robot: no foot has slipped by it, no sole has twisted."""
         self.feet.start[:] = way.of(self.feet.start)
         for normal in self.feet.normal:
             way.turned(normal)
@@ -180,7 +180,7 @@ class TruthTracker:
             self.soles.start += way.turn
 
     def feet_now(self) -> FeetTruth:
-        """A copy of the feet's state."""
+        """Return a copy of the feet's state."""
         return feet_of(self._table.copy(), self._counts.copy())
 
     def state(self) -> dict[str, Any]:

@@ -186,7 +186,7 @@ def motion(before: CameraPose, now: CameraPose, dt: float) -> tuple[Array, Array
 
 
 def seen(camera: Camera, pose: CameraPose, points: Array) -> tuple[NDArray[np.int64], Array]:
-    """Which points of the floor (n, 2) are in the image, and where they are in camera axes, (k,) and (k, 3)."""
+    """Return which floor points (n, 2) are in the image: indices (k,), and places in camera axes (k, 3) m."""
     local = product(points, pose.rot[:2]) - product(pose.position, pose.rot)  # (n, 3)
     index = np.flatnonzero(local[:, 2] > NEAREST)
     half = 0.5 * np.array([camera.width, camera.height]) / camera.focal

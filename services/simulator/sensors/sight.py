@@ -1,4 +1,4 @@
-"""Senses for what is around the robot: the camera's landmarks, ultrasound and bumpers. Only robots that have them."""
+"""Senses for the surroundings: the camera's landmarks, ultrasound and bumpers, of robots that have them."""
 
 import math
 from collections.abc import Callable
@@ -37,10 +37,10 @@ FIELD = ((-5.0, -5.0), (5.0, 5.0))  # m, where an open floor has landmarks at le
 
 @dataclass(frozen=True)
 class Floor:
-    """What lies on the floor for a camera to see."""
+    """Landmarks and marker on the floor."""
 
     landmarks: float = 60.0
-    """1/m2."""
+    """Density of the landmarks, 1/m2."""
     goal: tuple[float, float] | None = None
     """Marker of the goal, m; None = none."""
     copied: float = 0.0
@@ -85,7 +85,7 @@ class Senses:
         self.camera = None if camera is None else read_camera(camera)
         self.ranger = None if robot.ranger is None else read_ranger(robot.ranger)
         self.landmarks: Landmarks | None = None
-        """What the camera may recognise; None without a camera."""
+        """Landmarks that the camera may recognise; None without a camera."""
         if self.camera is not None:
             link_of(robot, self.camera)
             x0, y0, x1, y1 = terrain.map.bounds
@@ -154,7 +154,7 @@ class Senses:
         return min(r.longest, max(r.shortest, measured))
 
     def state(self) -> dict[str, Any]:
-        """Random streams and what is half done."""
+        """Return random streams and the state between two samples; plain JSON values."""
         before = None if self.before is None else [part.tolist() for part in self.before]
         eye = {"camera": self.sensor.state()} if self.camera is not None else {}
         return {"rng": self.rng.bit_generator.state, "bump": self.bump.tolist(), "before": before, **eye}

@@ -1,4 +1,4 @@
-"""What a robot feels of walls: the ultrasound's nearest echo and the bumpers of its feet."""
+"""Senses for walls: the ultrasound's nearest echo and the bumpers of the feet."""
 
 # mujoco has no type stubs for its compiled modules:
 # pyright: reportAttributeAccessIssue=false
@@ -62,7 +62,7 @@ def read_ranger(name: str) -> Ranger:
 
 
 def echo(model: Any, data: Any, place: Array, heading: float, half_cone: float, longest: float) -> float:
-    """Nearest thing of the terrain in a level cone, m, or `longest`.
+    """Return the distance of the nearest terrain in a level cone, m, or `longest`.
 
     The cone is level although the trunk is not: a smooth floor sends a slanting beam away, not back.
 
@@ -84,7 +84,7 @@ def echo(model: Any, data: Any, place: Array, heading: float, half_cone: float, 
 
 
 def bumped(data: Any, address: Addresses, feet: int, least: float) -> NDArray[np.bool_]:
-    """Which feet press a wall: their horizontal contact forces of the last physics step, (L,)."""
+    """Return whether each foot pressed a wall in the last physics step with at least `least` N, (L,)."""
     force, contact = np.zeros(feet), data.contact
     for i in np.flatnonzero(np.abs(contact.frame[:, 2]) < UPRIGHT):
         foot = address.foot_of_geom[contact.geom[i]].max()

@@ -1,4 +1,4 @@
-"""What the biped walker learns from the estimate: the trunk's tilt, what its steps become in the world, and a fall."""
+"""Feedback of the estimate to the biped walker: the trunk's tilt, the true length of its steps, and a fall."""
 
 import math
 

@@ -71,7 +71,7 @@ class BipedWalker:
     # --- commands --------------------------------------------------------------------------------------------------
 
     def never(self, command: MotionCommand) -> CommandReply | None:
-        """Return why a command cannot be obeyed at any time, or None; without a gait the present one judges it."""
+        """Return the refusal of a command that can never be obeyed, or None; the present gait is the default."""
         s = self.state
         stepping = s.gait if s.mode in (Mode.START, Mode.STEP) else None
         return refusal_of(command, abilities(self._gait_of(command, stepping)[1]), calibrated=True)
@@ -130,7 +130,7 @@ class BipedWalker:
                 self._stand()
 
     def kept(self) -> WalkMemory:
-        """What a restart must not lose; a step that is not finished has to be done again."""
+        """Return the state that a restart must not lose; a step that is not finished has to be done again."""
         s = self.state
         if s.late is not None:
             walking = s.late.route is not None
@@ -187,7 +187,7 @@ class BipedWalker:
             s.rise_from = s.command
 
     def _begin(self) -> None:
-        """Stand where the measured joints say."""
+        """Stand on the feet as the measured joints place them."""
         s, q = self.state, self.state.measured
         assert q is not None
         rot, _ = kinematics.forward(self.robot.model, q)

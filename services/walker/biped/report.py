@@ -1,4 +1,4 @@
-"""What the biped walker says about itself in each tick."""
+"""Outputs of the biped walker in each tick."""
 
 import math
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 def walk_state(s: BipedState) -> WalkState:
-    """The state in the words of the wire; a fallen robot is `refused`, with the fall as the reason."""
+    """Return the state as published; a fallen robot is `refused`, with the fall as the reason."""
     if s.mode in (Mode.FOLD, Mode.FALLEN):
         return "refused"
     if s.mode in (Mode.WAIT, Mode.RISE) or not s.calibrated:
@@ -56,7 +56,7 @@ def ends_in_s(s: BipedState, p: BipedParams, ticks_left: int) -> float | None:
 def outputs(
     s: BipedState, soles: Array, phase: float, double: bool, height: float, ends: float | None = None
 ) -> WalkerOutputs:
-    """The walker's decision as it goes out.
+    """Return the outputs of a tick.
 
     Args:
         s: state.

@@ -1,5 +1,5 @@
-"""From the plan of a biped's tick to the set-points of its servos: the posture of all links, what the servos sag and
-lag, and the trunk's rate at the standing ankles.
+"""Set-points of a biped's servos from the plan of a tick: the posture of all links, sag and lag of the servos, and
+the trunk's rate at the standing ankles.
 """
 
 import numpy as np
@@ -34,17 +34,17 @@ class SetPoints:
         self.robot, self.geometry = robot, geometry
         g = geometry
         self.height = params.crouch * (g.thigh + g.shin) + g.ankle - float(g.hip[0, 2])
-        """m, of base_link over the soles."""
+        """Height of base_link over the soles, m."""
         self._kp = np.array([joint.servo.kp for joint in robot.joints])
         self._kv = np.array([joint.servo.kv for joint in robot.joints])
         self._tilt = np.array([0.0, params.lean_rad])
         self.stance = robot.neutral.copy()
-        """(nj,) rad, with both feet under the hips."""
+        """Joint angles with both feet under the hips, (nj,) rad."""
         trunk = np.array([0.0, 0.0, 0.0, self.height])
         for _ in range(5):
             posture.place_com(robot.model, g, self.stance, feet, trunk, self._tilt, middle)
         self.com_height = float(self.height + kinematics.com(robot.model, self.stance)[2])
-        """m, of the CoM over the soles."""
+        """Height of the CoM over the soles, m."""
 
     def follow(self, s: BipedState, p: BipedParams, soles: Array, double: int) -> None:
         """Set joint angles and set-points of this tick; `soles` (2, 4), both bear load for `double` ticks of a step."""

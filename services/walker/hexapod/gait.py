@@ -47,7 +47,7 @@ class HexapodWalker:
         robot: description; its legs in the order LF LM LH RF RM RH.
         params: settings; None = the robot's own.
         select: chooses the footholds of all legs of a step.
-        check: judges a step before it is taken; None = hull of the standing feet.
+        check: returns the verdict on a step before it is taken; None = hull of the standing feet.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class HexapodWalker:
         return CommandReply(True, s.walk_id)
 
     def never(self, command: MotionCommand) -> CommandReply | None:
-        """Return why a command cannot be obeyed at any time, or None."""
+        """Return the refusal of a command that cannot be obeyed at any time, or None."""
         return refusal_of(command, abilities(self.params), calibrated=True)
 
     @property
@@ -104,7 +104,7 @@ class HexapodWalker:
         return self.state.walk_id
 
     def kept(self) -> WalkMemory:
-        """What a restart must not lose."""
+        """Return the state that a restart must not lose."""
         s, route = self.state, self.state.route
         if route is None:
             return WalkMemory(s.walk_id, None, None, None, s.offset)

@@ -1,4 +1,4 @@
-"""The walker's view of the terrain map: noise filtered, small holes filled, dilated by the foot sphere."""
+"""Terrain map of the walker: noise filtered, small holes filled, dilated by the foot sphere."""
 
 import math
 from dataclasses import dataclass
@@ -115,11 +115,11 @@ class Ground:
         return cls(surface=surface, centres=surface.dilated(foot_radius), version=heights.version)
 
     def centre_height(self, x: float, y: float) -> float:
-        """Height of a foot centre that stands at (x, y), m; NaN where unknown."""
+        """Return the height of a foot centre that stands at (x, y), m; NaN where unknown."""
         return self.centres.height_at(x, y)
 
     def normal(self, x: float, y: float, bottom: float) -> Array:
-        """Unit normal of the ground under a foot whose lowest point is at (x, y, bottom), (3,)."""
+        """Return the unit normal of the ground under a foot whose lowest point is at (x, y, bottom) m, (3,)."""
         s = self.surface
         return face_normal(s.z, s.cell, s.origin[0], s.origin[1], x, y, bottom)
 

@@ -1,4 +1,4 @@
-"""What a command still asks for: the next advance of the trunk, from the dead-reckoned pose."""
+"""Rest of a command: the next advance of the trunk, from the dead-reckoned pose."""
 
 import math
 from dataclasses import dataclass, replace
@@ -18,11 +18,11 @@ class HexapodRoute:
     """Simulated time of its first step, s."""
 
     def begun(self, pose: BodyPose, now: float) -> "HexapodRoute":
-        """The route with its start: `pose` at the time `now` if it has not begun yet."""
+        """Return the route with its start: `pose` at the time `now`, s, if it has not begun yet."""
         return self if self.start is not None else replace(self, start=pose, began=now)
 
     def over(self, now: float) -> bool:
-        """Whether its time is up."""
+        """Return whether the time of the command is up."""
         limit = self.command.duration
         return limit is not None and self.began is not None and now - self.began >= limit
 
@@ -41,7 +41,7 @@ def remaining(route: HexapodRoute, pose: BodyPose) -> float:
 
 
 def finished(route: HexapodRoute, pose: BodyPose, params: WalkerParams) -> bool:
-    """Whether the command is carried out (a distance that was passed counts)."""
+    """Return whether the command is carried out (a distance that was passed counts)."""
     left = remaining(route, pose)
     if route.command.action == "walk":
         forward = (route.command.distance or 1.0) >= 0.0

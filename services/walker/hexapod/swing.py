@@ -79,7 +79,7 @@ def point(shape: SwingShape, p0: Array, p1: Array, top: float, go: float, arrive
 def clears(
     shape: SwingShape, z0: float, z1: float, top: float, go: float, arrive: float, ground: Array, margin: float
 ) -> bool:
-    """Whether the path stays over the swept ground.
+    """Return whether the path stays over the swept ground.
 
     Args:
         shape: phases of the swing.
