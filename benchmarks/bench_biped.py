@@ -98,7 +98,7 @@ def summary(walks: list[Walk], setting: Setting) -> str:
             f"twist {mean('twist_deg'):.2f} deg, slip {mean('slip_mm'):.1f} mm",
             f"odometry {mean('odometry_mm'):.0f} mm, {mean('heading_error_deg'):.1f} deg",
             f"steps to stop <= {max(w.stop_steps for w in walks)}",
-            f"adjusted {mean('adjusted'):.1f}, saturated {100 * mean('saturated'):.1f} %",
+            f"saturated {100 * mean('saturated'):.1f} %",
             f"walker {mean('walker_us'):.0f} us (p99 {mean('walker_p99_us'):.0f})",
         )
     )

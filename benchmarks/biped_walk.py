@@ -88,7 +88,6 @@ class Walk:
     slip_mm: float
     odometry_mm: float
     heading_error_deg: float
-    adjusted: int
     unreachable: int
     saturated: float
     walker_us: float
@@ -191,7 +190,7 @@ def walk(seed: int, setting: Setting, observe: Callable[..., None] | None = None
         stop_steps=out.steps - stop_steps if stopped_at >= 0 else 0, tilt_deg=round(math.degrees(tilt), 2),
         twist_deg=round(math.degrees(twist), 2), slip_mm=round(1e3 * slip, 2),
         odometry_mm=round(1e3 * float(np.hypot(*drift)), 1),
-        heading_error_deg=round(math.degrees(_wrap(pose.yaw - yaw1)), 2), adjusted=walker.state.adjusted,
+        heading_error_deg=round(math.degrees(_wrap(pose.yaw - yaw1)), 2),
         unreachable=unreachable, saturated=round(saturated / max(1, world.tick - began), 4),
         walker_us=median_us, walker_p99_us=p99_us,
         sha256=digest.hexdigest()[:16], capture=capture,
@@ -252,7 +251,7 @@ def capture_point(world: PhysicsWorld, foot: int) -> Capture:
         foot: whose sole it is seen from.
     """
     mujoco.mj_subtreeVel(world.model, world.data)  # derived quantities only: the run stays the same
-    trunk, body, truth = world.address.trunk, world.tracker.bodies[foot], world.truth()
+    trunk, body, truth = world.address.trunk, world.address.foot_bodies[foot], world.truth()
     height = truth.com[2] - truth.foot_position[foot, 2]
     point = truth.com[:2] + world.data.subtree_linvel[trunk][:2] * math.sqrt(height / GRAVITY)
     rot = world.data.xmat[body].reshape(3, 3)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from surefoot.schemas.base import Wire
-from surefoot.schemas.topics import QUERIES, TICK_NS, TOPICS, Topic
+from surefoot.schemas.topics import QUERIES, TOPICS, Topic
 
 _HEAD = """# Topics and queries
 Generated from `schemas/topics.py` and the models beside it; do not edit. After a change of either:
@@ -44,13 +44,11 @@ def page() -> str:
 
 def rate(topic: Topic[Any]) -> str:
     """Return the rate of a topic in Hz, `event` where it has no period."""
-    if topic.period_ns:
-        return f"{1e9 / topic.period_ns:.3g}"
+    if topic.rate_hz == 0.0:
+        return "event"
     if topic.wall_period_s:
-        return f"{1.0 / topic.wall_period_s:g} (wall time)"
-    if topic.framed and topic.period_ticks:
-        return f"{1e9 / (topic.period_ticks * TICK_NS):g}"
-    return "event"
+        return f"{topic.rate_hz:g} (wall time)"
+    return f"{topic.rate_hz:.3g}" + (f", or {topic.own_rate}" if topic.own_rate else "")
 
 
 def summary(model: type[Wire]) -> str:

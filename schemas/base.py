@@ -6,7 +6,7 @@ Three kinds of model, one rule each about unknown fields (they differ because th
 * ``Request``: asked of a queryable, or a command. Unknown fields are refused by name: a typo must not be obeyed.
 * ``Reply``: answered by a queryable. Unknown fields are ignored, as in messages.
 
-All are frozen and finite: JSON has no infinity or NaN, an absent number is ``null`` beside a status that says why.
+All are frozen and finite: JSON has no infinity or NaN, an absent number is ``null`` beside a status with the reason.
 Numbers are numbers: ``true`` and ``"1"`` are refused where one is expected, in every model.
 """
 
@@ -30,7 +30,7 @@ PerFoot = Annotated[tuple[float, ...], Field(max_length=MAX_FEET)]
 
 
 def _strict_numbers(schema: Any) -> Any:
-    """The same schema with every number strict: pydantic's ``strict`` setting would also refuse a list for a tuple."""
+    """Return a schema with every number strict: pydantic's ``strict`` setting would also refuse a list for a tuple."""
     if isinstance(schema, dict):
         known = cast("dict[str, Any]", schema)
         kept = {key: value if key == "metadata" else _strict_numbers(value) for key, value in known.items()}
@@ -47,7 +47,7 @@ class Strict(BaseModel):
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: type[BaseModel], handler: GetCoreSchemaHandler, /) -> CoreSchema:
-        """Nothing for callers: how pydantic is told."""
+        """Return pydantic's schema with strict numbers; called by pydantic."""
         return _strict_numbers(handler(source))
 
 
@@ -66,7 +66,7 @@ class Wire(Strict):
 
 
 class Header(Wire):
-    """What every published message begins with; the runtime fills it in."""
+    """Header of every published message; the runtime fills it in."""
 
     stamp_ns: int = Field(default=0, description="simulated (or hardware) time of the SAMPLE, ns")
     tick: int = Field(default=0, ge=-1, description="control tick of the release of this message")
@@ -79,16 +79,16 @@ class Message(Header):
     """Base of published messages."""
 
     def stamped(self, stamp_ns: int, tick: int, epoch: int, seq: int, source: str) -> Self:
-        """The same message under a filled-in header.
+        """Return this message under a filled-in header.
 
-        Fills in the header of this very object, which its maker has just made and nobody else holds: a copy would cost
+        Fills in the header of this very object, which only its maker holds: a copy would cost
         more than the validation did. ``relabelled`` makes the copy.
         """
         vars(self).update(stamp_ns=stamp_ns, tick=tick, epoch=epoch, seq=seq, source=source)
         return self
 
     def relabelled(self, stamp_ns: int, tick: int, epoch: int, seq: int, source: str) -> Self:
-        """A copy under another header, for messages that are kept and told again."""
+        """Return a copy under another header, for messages that are kept and published again."""
         return self.model_copy().stamped(stamp_ns, tick, epoch, seq, source)
 
 
@@ -105,7 +105,7 @@ class Request(Wire):
 
 
 def belonging(value: Any, info: ValidationInfo, choice: str, fields: Mapping[str, tuple[str, ...]]) -> Any:
-    """Refuses a field that says something and does not go with what another one chose; for ``field_validator``.
+    """Refuse a field that is given and does not go with the choice of another field; for ``field_validator``.
 
     Args:
         value: what came; an explicit null is as good as no field.
@@ -143,7 +143,7 @@ class Reply(Wire):
 
 
 class ErrorReply(Reply):
-    """What a queryable answers, as a Zenoh error reply, when it cannot serve a request."""
+    """Refusal of a request by a queryable, sent as a Zenoh error reply."""
 
     code: str = Field(description="short machine-readable reason, e.g. bad_request, not_ready, refused")
     message: str = Field(description="one sentence with the received value and the allowed ones")

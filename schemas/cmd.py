@@ -13,7 +13,7 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
     "stand": ("duration", "shift"),
     "stop": (),
 }
-"""What goes with each action, beside ``at_tick``."""
+"""Fields that go with each action, beside ``at_tick``."""
 
 
 class WalkCommand(Request):

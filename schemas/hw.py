@@ -12,7 +12,7 @@ def _false(value: bool) -> bool:
 
 
 class Tick(Message):
-    """Manifest of a control tick: what belongs to it and who must answer. Published after the samples of the tick."""
+    """Manifest of a control tick: its samples and the services that must answer. Published after the samples."""
 
     schema_version: ClassVar[str] = "1.1"
 
@@ -63,7 +63,7 @@ class FootContacts(Message):
 
 
 class Sighting(Wire):
-    """Where something on the floor is, from base_link."""
+    """Place of something on the floor, seen from base_link."""
 
     range: float = Field(ge=0, description="m, along the floor")
     bearing: float = Field(description="rad, against the heading of base_link, left positive")
@@ -78,14 +78,14 @@ class Landmark(Sighting):
 
 
 class LandmarkDetections(Message):
-    """What a camera recognised in one image; ``stamp_ns`` is the end of the exposure."""
+    """Landmarks that a camera recognised in one image; ``stamp_ns`` is the end of the exposure."""
 
     landmarks: Annotated[tuple[Landmark, ...], Field(max_length=256)] = Field(description="in no meaningful order")
     goal: Sighting | None = Field(default=None, description="the marker of the goal; null = not seen")
 
 
 class Range(Message):
-    """Ultrasound and bumpers: what is in the way."""
+    """Ultrasound and bumpers: distance and touch of obstacles."""
 
     distance: float | None = Field(ge=0, description="m, nearest echo; null = none within reach")
     shortest: float = Field(ge=0, description="m, nearer things read as this")
@@ -109,7 +109,7 @@ class JointCommand(Message):
 
 
 class EmergencyStop(Message):
-    """Stop now: the driver holds the present joint positions until the next reset, and says so in ``sim/status``."""
+    """Stop now: the driver holds the present joint positions until the next reset; ``sim/status`` names the reason."""
 
     reason: str = Field(default="", description="who asks and why")
 

@@ -23,7 +23,7 @@ def _empty(values: tuple[float, ...]) -> bool:
 
 
 class Truth(Message):
-    """What no robot knows. Never read by a function service (a test proves it)."""
+    """Exact state of the simulation. Never read by a function service (a test proves it)."""
 
     schema_version: ClassVar[str] = "1.1"
     position: Vec3 = Field(description="m, base_link origin in world")
@@ -79,7 +79,7 @@ class StatusRequest(Request):
 
 
 class World(Request):
-    """Which world to build."""
+    """World to build."""
 
     terrain: str = Field(default="flat", max_length=64, description="kind of terrain, or path of a terrain file")
     amplitude: float | None = Field(
@@ -125,7 +125,7 @@ class ResetRequest(Request):
 
     @model_serializer(mode="wrap")
     def _given(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """What travels: with ``keep`` only what was given, for the rest is not meant."""
+        """Return the fields to send: with ``keep`` only those that were given."""
         fields = handler(self)
         if not self.keep:
             return fields
@@ -278,7 +278,7 @@ class ExperimentRequest(Request):
 
 
 class FootOutcome(Reply):
-    """What came of one stance foot."""
+    """Outcome of one stance foot."""
 
     leg: str = Field(description="name of the leg")
     sliding: float = Field(ge=0, description="way of the contact point in the ground plane during the stroke, m")
@@ -289,7 +289,7 @@ class FootOutcome(Reply):
 
 
 class TrialOutcome(Reply):
-    """What came of one trial."""
+    """Outcome of one trial."""
 
     status: Literal["ok", "slipped", "fallen", "impossible"] = Field(
         description="ok; slipped: a foot slid by more than a stroke before the stroke began; fallen: before or in it; "
@@ -312,7 +312,7 @@ class FeaturesRequest(Request):
 
 
 class FeaturesReply(Reply):
-    """What this simulator can do."""
+    """Robot, terrains, faults and queries of this simulator."""
 
     robot: str = Field(description="name of the robot")
     terrains: tuple[str, ...] = Field(description="kinds of terrain")

@@ -1,4 +1,4 @@
-"""What the function services say about the robot: velocity, odometry, gait."""
+"""State of the robot by the function services: velocity, odometry, gait."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -76,7 +76,7 @@ class Odometry(Message):
 
 
 class GaitState(Message):
-    """What the walker is doing."""
+    """State of the gait and of the present walk."""
 
     schema_version: ClassVar[str] = "1.1"
     walk_id: int = Field(ge=0, description="number of the accepted walk command, 0 = none yet")

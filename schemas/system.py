@@ -24,7 +24,7 @@ class JoinRequest(Request):
 
 
 class JoinReply(Reply):
-    """Whether the driver will prime the newcomer; admission shows in the next tick's roster."""
+    """Acceptance of a service; the driver primes it next, and the roster of a later tick names it."""
 
     accepted: bool = Field(description="false: the reason says why")
     reason: str = Field(default="", description="in words")
@@ -79,7 +79,7 @@ class LogRecord(Message):
 
 
 class RecorderRequest(Request):
-    """Asks the recorder how far it is."""
+    """Asks the recorder for its file and the hash so far."""
 
 
 class RecorderReply(Reply):
@@ -104,7 +104,7 @@ class ServiceStatus(Message):
 
 
 class SupervisorStatus(Message):
-    """What the supervisor sees."""
+    """Services as the supervisor sees them, and the state of the run."""
 
     system: str = Field(description="name of the compose file's system")
     services: tuple[ServiceStatus, ...] = Field(description="one row per service")

@@ -195,14 +195,10 @@ def _rates(arrivals: list[tuple[float, int, int]]) -> dict[str, float]:
 
 
 def _row(topic: "Topic[Any]") -> dict[str, Any]:
-    from surefoot.schemas.topics import TICK_NS
-
     if topic.period_ns:
         period = f"{topic.period_ns / 1e6:g} ms"
     elif topic.wall_period_s:
         period = f"{topic.wall_period_s:g} s (wall)"
-    elif topic.period_ticks:
-        period = f"{topic.period_ticks * TICK_NS / 1e6:g} ms"
     else:
         period = "event"
     return {

@@ -16,12 +16,12 @@ from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
 from surefoot.schemas.sim import FootOutcome, PrimitiveTrial, TrialOutcome
 
-from .ground.grid import Array, Box, random_stream
+from .ground.grid import Array, TerrainBox, random_stream
 from .ground.terrain import Terrain
 from .physics.model import Physics
 from .world import PhysicsWorld, WorldConfig, WorldError
 
-CELL = 0.005  # m
+GROUND_CELL = 0.005  # m
 BORDER = 0.15  # m of ground around the feet
 SIGMA = 0.02  # m, size of hill, ridge, hole and groove, as of the terrain `primitive`
 SLOPE_REACH = 0.1  # m over which a slope rises by its height
@@ -78,8 +78,8 @@ def primitive_ground(feet: Array, trial: PrimitiveTrial) -> Terrain:
         trial: the primitive, and how far off its middle the feet are.
     """
     low, high = feet.min(axis=0) - BORDER, feet.max(axis=0) + BORDER
-    nx, ny = (math.ceil(size / CELL) + 1 for size in (high - low).tolist())
-    x, y = low[0] + CELL * np.arange(nx)[None, :], low[1] + CELL * np.arange(ny)[:, None]
+    nx, ny = (math.ceil(size / GROUND_CELL) + 1 for size in (high - low).tolist())
+    x, y = low[0] + GROUND_CELL * np.arange(nx)[None, :], low[1] + GROUND_CELL * np.arange(ny)[:, None]
     off = (trial.offset * math.cos(trial.offset_yaw), trial.offset * math.sin(trial.offset_yaw))
     away = np.stack([(x - fx) ** 2 + (y - fy) ** 2 for fx, fy in feet.tolist()])
     nearest = away.argmin(axis=0)
@@ -98,21 +98,23 @@ def primitive_ground(feet: Array, trial: PrimitiveTrial) -> Terrain:
             pass
     if trial.noise > 0.0:
         z = z + trial.noise * random_stream(trial.seed, "experiment/noise").standard_normal(z.shape)
-    boxes: tuple[Box, ...] = ()
+    boxes: tuple[TerrainBox, ...] = ()
     surface = z
     if trial.primitive == "edge" and h > 0.0:
         boxes = tuple(_step(fx - off[0], fy - off[1], trial) for fx, fy in feet.tolist())
         surface = np.where((u >= 0.0) & (u <= 2.0 * EDGE_HALF) & (np.abs(v) <= EDGE_HALF), np.maximum(z, h), z)
     origin = (float(low[0]), float(low[1]))
-    field = HeightMap(z=z.astype(np.float32), cell=CELL, origin=origin)
+    field = HeightMap(z=z.astype(np.float32), cell=GROUND_CELL, origin=origin)
     return Terrain("experiment", trial.seed, h, field.with_z(surface.astype(np.float32)), field, boxes=boxes)
 
 
-def _step(x: float, y: float, trial: PrimitiveTrial) -> Box:
+def _step(x: float, y: float, trial: PrimitiveTrial) -> TerrainBox:
     """The box behind a step edge through (x, y)."""
     c, s, half = math.cos(trial.yaw), math.sin(trial.yaw), 0.5 * trial.height + 0.005
     centre = (x + EDGE_HALF * c, y + EDGE_HALF * s, trial.height - half)
-    return Box(centre, (EDGE_HALF, EDGE_HALF, half), (math.cos(0.5 * trial.yaw), 0.0, 0.0, math.sin(0.5 * trial.yaw)))
+    return TerrainBox(
+        centre, (EDGE_HALF, EDGE_HALF, half), (math.cos(0.5 * trial.yaw), 0.0, 0.0, math.sin(0.5 * trial.yaw))
+    )
 
 
 def _tripod(robot: Robot) -> list[int]:

@@ -14,7 +14,7 @@ from surefoot.schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, HW_LANDMARKS
 from .ground.terrain import Terrain
 from .physics.samples import ExactState, Samples
 from .sensors.landmarks import Landmarks
-from .sensors.sight import Sight
+from .sensors.sight import Senses
 
 
 def sample_messages(samples: Samples) -> list[Sample]:
@@ -39,7 +39,7 @@ def sample_messages(samples: Samples) -> list[Sample]:
     return out
 
 
-def sight_messages(sight: Sight | None, stamp_ns: int) -> list[Sample]:
+def sight_messages(sight: Senses | None, stamp_ns: int) -> list[Sample]:
     """Messages of what the robot sees and feels of its surroundings in a tick."""
     out: list[Sample] = []
     if sight is None:
@@ -64,7 +64,7 @@ def sight_messages(sight: Sight | None, stamp_ns: int) -> list[Sample]:
     return out
 
 
-def lacking(sight: Sight | None) -> tuple[Topic[Any], ...]:
+def lacking(sight: Senses | None) -> tuple[Topic[Any], ...]:
     """Return the topics that a robot with these sensors never publishes; None = neither camera nor ranger."""
     blind = () if sight is not None and sight.landmarks is not None else (HW_LANDMARKS, TERRAIN_LANDMARKS)
     return blind if sight is not None and sight.ranger is not None else (*blind, HW_RANGE)

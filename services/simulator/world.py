@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.robot.description import ImuProfile, Robot, RobotError
+from surefoot.schemas.topics import HW_IMU, HW_JOINTS, TICK_NS
 
 from .ground.terrain import Terrain
 from .physics import truth
@@ -42,14 +43,14 @@ from .physics.samples import (
 from .physics.servo_line import ServoLine
 from .physics.unequal import UnequalLegs
 from .sensors import noise as sensors
-from .sensors.sight import Floor, Sight, sight_of
+from .sensors.sight import Floor, Senses, sight_of
 from .sensors.suite import SensorSuite
 
 Array = NDArray[np.float64]
 
-TICK_STEPS = 10
 STEP_NS = 1_000_000
-TICK_NS = TICK_STEPS * STEP_NS
+TICK_STEPS = TICK_NS // STEP_NS
+KINEMATICS_STEPS = HW_JOINTS.period_ns // STEP_NS  # joints and foot switches are sampled together
 SETTLE_STEPS = 500  # physics steps between two looks at whether the robot rests,
 SETTLE_TRIES = 6
 SETTLED = 1e-4  # m/s and rad/s, and what rest means;
@@ -59,19 +60,17 @@ STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 @dataclass(frozen=True, eq=False)
 class WorldConfig:
-    """What is fixed when a world is built."""
+    """Settings that are fixed when a world is built."""
 
     physics: Physics = field(default_factory=Physics)
     perturbation: Perturbation = field(default_factory=Perturbation)
-    """How the simulated robot differs from its description."""
+    """Differences of the simulated robot from its description."""
     imu_profile: ImuProfile | str | None = None
     """A profile or its name; None = the robot's own; "ideal" = exact."""
-    kinematics_period_ms: int = 33
-    """Of joints and contacts, ms."""
     torque_per_ampere: float | None = None
     """True constant of the servo motors, Nm/A; None = as described."""
     floor: Floor = field(default_factory=Floor)
-    """What a camera finds on it."""
+    """Landmarks and marker on the ground."""
     camera: str | None = None
     """Name of a camera profile; None = the robot's own, if it has one."""
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -95,11 +94,11 @@ class PhysicsWorld:
     tick: int
     """Control ticks since the reset."""
     samples: Samples
-    """What the hardware releases in this tick."""
+    """Samples that the hardware releases in this tick."""
     command: Array
     """Joint positions the servos follow, (nj,), rad."""
     torque_limit: Array | None
-    """The most they may give for it, (nj,), Nm; None = what they can."""
+    """Torque limit of the servos for it, (nj,), Nm; None = their own."""
 
     def __init__(self, robot: Robot, terrain: Terrain, seed: int = 0, config: WorldConfig | None = None) -> None:
         self.robot, self.terrain, self.seed = robot, terrain, seed
@@ -118,7 +117,6 @@ class PhysicsWorld:
         # Per sensor: a user value, the cursor, TICK_STEPS times, TICK_STEPS x 3 values.
         starts = [int(self.model.sensor_historyadr[i]) + 2 + TICK_STEPS for i in range(2)]
         self._acc, self._gyro = (history[s : s + 3 * TICK_STEPS].reshape(TICK_STEPS, 3) for s in starts)
-        self._period = self.config.kinematics_period_ms
         self._line = ServoLine(robot, STEP_NS)
         self._legs = UnequalLegs(robot, self.config.drift)
         self.disturb = Disturbances(
@@ -150,7 +148,7 @@ class PhysicsWorld:
         self.disturb.clear()
         c = self.config
         self.sensors = SensorSuite(
-            robot, c.imu_profile, 1e9 / TICK_NS, self.seed, c.torque_per_ampere, c.perturbation.zero_sigma
+            robot, c.imu_profile, HW_IMU.rate_hz, self.seed, c.torque_per_ampere, c.perturbation.zero_sigma
         )
         self.sight = _sight(robot, self.seed, c, self.terrain)
         pose = c.start if pose is None else pose
@@ -184,11 +182,11 @@ class PhysicsWorld:
             self.command, self.torque_limit = arrived
         self._line.send(self.steps, ServoCommand(self._legs(self.command) - self.sensors.zero, self.torque_limit))
         end = self.steps + TICK_STEPS
-        sample = (self.steps // self._period + 1) * self._period
+        sample = (self.steps // KINEMATICS_STEPS + 1) * KINEMATICS_STEPS
         while sample <= end:
             self._run_to(sample)
             self._take_kinematics()
-            sample += self._period
+            sample += KINEMATICS_STEPS
         self._run_to(end)
         self._finish_tick()
         self._release()
@@ -213,7 +211,7 @@ class PhysicsWorld:
 
     @property
     def diverged(self) -> str:
-        """What MuJoCo found not finite or huge since the reset; it has put robot and clock back to zero then."""
+        """Quantities that MuJoCo found not finite or huge since the reset; then it restarts robot and clock."""
         if self.data.time - self._settled_s > (self.steps - 0.5) * STEP_NS * 1e-9:
             return ""
         warning, kind = self.data.warning, mujoco.mjtWarning
@@ -230,7 +228,7 @@ class PhysicsWorld:
     def _take_kinematics(self) -> None:
         """Sample joints and feet now, for release at the end of the tick."""
         self.tracker.forces()
-        seq = self.steps // self._period - self._first_tick * TICK_STEPS // self._period
+        seq = self.steps // KINEMATICS_STEPS - self._first_tick * TICK_STEPS // KINEMATICS_STEPS
         q = read_joints(self.data.qpos, self.address)
         self.sensors.take_kinematics(self.stamp_ns, seq, q, self.data.actuator_force, self.tracker.sphere_force)
 
@@ -298,10 +296,10 @@ class PhysicsWorld:
         """
         self.disturb.add_fault(self.tick, fault, self.seed)
 
-    # --- what is so ---------------------------------------------------------------------------------------------
+    # --- state ---------------------------------------------------------------------------------------------------
 
     def truth(self) -> ExactState:
-        """The exact state now."""
+        """Return the exact state now."""
         feet = self.tracker.feet_now()
         qpos, qvel = self.data.qpos.copy(), self.data.qvel[TRUNK_DOF].copy()
         up = float(self.data.xmat[self.address.trunk, 8])
@@ -317,7 +315,7 @@ class PhysicsWorld:
         return (np.zeros(0), np.zeros(0)) if soles is None else (soles.twist.copy(), soles.last.copy())
 
     def checkpoint(self) -> Checkpoint:
-        """Everything that decides the future, between two ticks."""
+        """Return everything that decides the future, between two ticks."""
         state = np.empty(mujoco.mj_stateSize(self.model, STATE))
         mujoco.mj_getState(self.model, self.data, state, STATE)
         meta = {
@@ -382,14 +380,14 @@ class PhysicsWorld:
         return [self.robot.hash, self.terrain.name, self.terrain.map.sha256, self.sensors.profile_name]
 
 
-def _sight(robot: Robot, seed: int, config: WorldConfig, terrain: Terrain) -> Sight | None:
+def _sight(robot: Robot, seed: int, config: WorldConfig, terrain: Terrain) -> Senses | None:
     try:
         return sight_of(robot, seed, config.floor, terrain, config.camera)
     except RobotError as error:
         raise WorldError("camera", error.message) from None
 
 
-mujoco.set_mju_user_warning(lambda text: None)  # it would write into the working folder; `World.diverged` tells
+mujoco.set_mju_user_warning(lambda text: None)  # it writes into the working folder; `diverged` reports instead
 
 
 def rehearse() -> None:

@@ -1,4 +1,4 @@
-"""Commands judged before they are obeyed, for every kind of robot."""
+"""Checks of commands before they are obeyed, for every kind of robot."""
 
 import math
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from .interface import CommandReply, MotionCommand, refused
 
 @dataclass(frozen=True, slots=True)
 class ArcLimits:
-    """How tightly a walk may turn."""
+    """Limits of a walk along an arc."""
 
     step_m: float
     """Length of a step at the usual speed, m."""
@@ -20,7 +20,7 @@ class ArcLimits:
 
 @dataclass(frozen=True, slots=True)
 class Abilities:
-    """What a gait can do, as far as a command is judged by it."""
+    """Abilities of a gait by which a command is checked."""
 
     gaits: tuple[str, ...]
     """Names a command may ask for."""
@@ -40,7 +40,7 @@ def refusal_of(
     fallen: bool = False,
     stepping_gait: str | None = None,
 ) -> CommandReply | None:
-    """Return why a command cannot be obeyed, or None.
+    """Return the refusal of a command, or None.
 
     Args:
         command: as received.

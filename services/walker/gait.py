@@ -1,4 +1,4 @@
-"""What the walker service asks of a gait, whatever the number of legs."""
+"""Interface of gaits to the walker service, for any number of legs."""
 
 from typing import Protocol
 
@@ -21,7 +21,7 @@ class Gait(Protocol):
         ...
 
     def never(self, command: MotionCommand) -> CommandReply | None:
-        """Return why a command cannot be obeyed at any time, or None."""
+        """Return the refusal of a command that cannot be obeyed at any time, or None."""
         ...
 
     def set_map(self, heights: HeightMap | None) -> None:
@@ -29,7 +29,7 @@ class Gait(Protocol):
         ...
 
     def kept(self) -> WalkMemory:
-        """Return what a restart must not lose."""
+        """Return the state that a restart must not lose."""
         ...
 
     def resume(self, kept: WalkMemory) -> None:
@@ -37,5 +37,5 @@ class Gait(Protocol):
         ...
 
     def step(self, inputs: WalkerInputs) -> WalkerOutputs:
-        """Advance by one control tick of 10 ms."""
+        """Advance by one control tick of 10 ms; return its set-points and state."""
         ...

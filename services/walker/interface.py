@@ -1,4 +1,4 @@
-"""What goes into the walker and what comes out: plain frozen dataclasses, arrays in SI, frames in the field notes.
+"""Inputs and outputs of gaits: plain frozen dataclasses, arrays in SI, frames in the docstrings of the fields.
 
 Frame `odom` is the frame of the odometry; a scenario starts with `map` = `odom`.
 """
@@ -20,7 +20,7 @@ Action = Literal["walk", "turn", "stand", "stop"]
 
 @dataclass(frozen=True, slots=True)
 class WalkerInputs:
-    """Everything the walker knows in one control tick."""
+    """Inputs of a gait in one control tick."""
 
     stamp: float
     """Simulated time of the tick, s."""
@@ -49,7 +49,7 @@ class WalkerInputs:
 
 @dataclass(frozen=True, slots=True)
 class WalkerOutputs:
-    """What the walker decides in one control tick."""
+    """Outputs of a gait in one control tick."""
 
     command: Array | None
     """Joint set-points, (nj,) rad; None until the first joint sample."""
@@ -62,7 +62,7 @@ class WalkerOutputs:
     footholds: Array
     """Per foot the present or planned foot CENTRE in odom, (L, 3) m."""
     foothold_status: tuple[str, ...]
-    """Per foot: ok, raise_trunk, infeasible, nominal (nobody was asked), no_answer."""
+    """Status of each foot's foothold: ok, raise_trunk, infeasible, nominal (none was requested), no_answer."""
     trunk_height: float
     """Planned height of base_link over the ground under the mean foothold, m."""
     remaining: float
@@ -81,21 +81,21 @@ class WalkerOutputs:
 
 @dataclass(frozen=True, slots=True)
 class MotionCommand:
-    """What the robot is asked to do; a later command replaces an earlier one."""
+    """Command to a gait; a later command replaces an earlier one."""
 
     action: Action
     distance: float | None = None
-    """For walk: m along the heading, negative = backward, None = until told otherwise."""
+    """Way of a walk along the heading, m, negative = backward; None = until another command."""
     velocity: float | None = None
-    """For walk: m/s along the heading, None = the gait's own speed."""
+    """Speed of a walk along the heading, m/s; None = the gait's own."""
     angle: float | None = None
-    """For turn: rad, left positive."""
+    """Angle of a turn, or of the arc of a biped's walk, rad, left positive."""
     gait: str | None = None
     """Name of a gait, None = the default."""
     duration: float | None = None
-    """For walk and turn: s from the first step on after which it ends, None = no limit."""
+    """Time from the first step on after which a walk or turn ends, s; None = no limit."""
     shift: tuple[float, float] | None = None
-    """For stand: trunk over its standing feet, m forward and left of their middle; None = it stays."""
+    """Place of the standing trunk, m forward and left of the middle of its feet; None = it stays."""
     learn: bool = True
     """A biped compares what its steps become with the odometry and corrects the next ones. False: steps stay as they
     are, for somebody who estimates their drift himself; two who learn the same correct it twice."""
@@ -113,7 +113,7 @@ class CommandReply:
     field: str | None = None
     """Name of the field that is to blame; None = the state of the robot is."""
     reason: str = ""
-    """The same in words."""
+    """Reason in words."""
 
 
 def refused(code: str, field: str | None, reason: str) -> CommandReply:
@@ -149,7 +149,7 @@ class FootholdReply:
 
     status: Literal["ok", "raise_trunk", "infeasible", "no_answer"]
     foothold: Vec3 | None = None
-    """Chosen landing, map frame, m; x and y count, the walker takes the height from its own map."""
+    """Chosen landing of the foot CENTRE, map frame, m."""
     trunk_shift: float = 0.0
     """With raise_trunk: signed change of trunk height that makes a foothold reachable, m."""
     reason: str = ""
@@ -178,7 +178,7 @@ class StanceCheck:
 
 @dataclass(frozen=True, slots=True)
 class StanceVerdict:
-    """Whether the step is safe."""
+    """Verdict on a step before it is taken."""
 
     stable: bool
     margin: float | None = None
@@ -187,9 +187,9 @@ class StanceVerdict:
     region: Array | None = None
     """Where the centre of mass may be, counter-clockwise, (k, 2) m; None without an area."""
     com: Array | None = None
-    """Centre of mass before the movement, (2,) m, and"""
+    """Centre of mass before the movement, (2,) m."""
     com_after: Array | None = None
-    """after it."""
+    """Centre of mass after the movement, (2,) m."""
 
 
 Select = Callable[[LandingRequest], Sequence[FootholdReply]]

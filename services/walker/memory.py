@@ -17,25 +17,25 @@ from .interface import BodyPose, MotionCommand
 
 @dataclass(frozen=True)
 class WalkMemory:
-    """What a walker must know to go on."""
+    """State that a walker needs to go on after a restart."""
 
     walk_id: int
     command: MotionCommand | None
-    """None: nothing is under way. Of a biped: what is left of it."""
+    """Command under way, of a biped the rest of it; None = none is."""
     start: BodyPose | None
-    """Where the command began, map frame; None: it has not, or it is what is left."""
+    """Pose at which the command began, map frame; None: it has not, or `command` is a rest."""
     began: float | None
-    """When, simulated time, s."""
+    """Simulated time at which the command began, s."""
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Pose of odom in the map, m and rad."""
     planned: tuple[Mapping[str, Any], ...] = ()
-    """Commands that wait for their tick, as they came."""
+    """Commands that wait for their tick, as received."""
     order: int = 0
     """Number of the navigator's last order that was taken up, 0 = none yet."""
 
 
-class Memory:
-    """One file.
+class MemoryFile:
+    """File that keeps the command under way.
 
     Args:
         path: None = nothing is kept.
@@ -47,7 +47,7 @@ class Memory:
         self._last: WalkMemory | None = None
 
     def keep(self, epoch: int, tick: int, kept: WalkMemory) -> None:
-        """Write what has changed; a disk that fails costs the memory, not the walk."""
+        """Write the state if it has changed; after a failure of the disk the walk goes on without a memory."""
         if self.path is None or kept == self._last:
             return
         self._last = kept
@@ -60,13 +60,13 @@ class Memory:
             self.path = None
 
     def forget(self) -> None:
-        """A new run: what is kept belongs to an earlier one."""
+        """Begin a run: delete the file of an earlier one."""
         self._last = None
         if self.path is not None:
             self.path.unlink(missing_ok=True)
 
     def recall(self, epoch: int, tick: int) -> WalkMemory | None:
-        """Return what was kept in this epoch, not after this tick, or None.
+        """Return the state that was kept in this epoch, not after this tick, or None.
 
         A walker may be killed between keeping a tick and sending it: its successor does that tick again.
         """

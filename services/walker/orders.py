@@ -1,4 +1,4 @@
-"""Which order of the navigator was taken up last: none is obeyed twice, not even by a walker that is started again."""
+"""The navigator's order that was taken up last: none is obeyed twice, not even by a walker that is started again."""
 
 from dataclasses import dataclass
 
@@ -6,23 +6,23 @@ from surefoot.schemas.navigation import MotionOrder
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class TakenOrder:
     """The last order that was taken up."""
 
     number: int = 0
-    """0 = none yet."""
+    """Number of the order; 0 = none yet."""
     refused: str = ""
-    """Why it was refused, in words; empty = it was not."""
+    """Reason of its refusal, in words; empty = it was not refused."""
     known: bool = True
     """False: of a walker that was started in mid-run without its memory. The first order that it sees may be an old
     one, so it is not obeyed."""
     seen: int = 0
-    """Number of that order, which counts as taken."""
+    """Number of the first order that such a walker saw, which counts as taken."""
 
-    def after(self, order: MotionOrder) -> "Order":
+    def after(self, order: MotionOrder) -> "TakenOrder":
         """Return the last order once `order` has come; its number is another one if `order` is to be obeyed."""
         if not self.known:
-            return Order(self.number, seen=order.number)
+            return TakenOrder(self.number, seen=order.number)
         if order.number in (0, self.number, self.seen):
             return self
-        return Order(order.number)
+        return TakenOrder(order.number)

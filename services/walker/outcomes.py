@@ -1,9 +1,9 @@
-"""What came of footholds: each choice waits for the end of its stance and goes back with the next request."""
+"""Outcomes of footholds: each choice waits for the end of its stance and goes back with the next request."""
 
 from surefoot.schemas.footholds import LegFoothold, LegRequest, StanceOutcome
 
 MOST = 32
-"""Outcomes of one request; older ones are dropped."""
+"""Largest number of outcomes in one request; older ones are dropped."""
 Choice = tuple[LegRequest, tuple[float, float]]
 
 
@@ -26,7 +26,7 @@ class Outcomes:
             self._chosen.pop(asked.leg, None)
 
     def ended(self, leg: str, slip: float) -> None:
-        """A stance of a leg has ended after it slid by `slip`, m."""
+        """Take the end of a stance of a leg, in which the foot slid by `slip`, m."""
         standing = self._standing.pop(leg, None)
         if leg in self._chosen:
             self._standing[leg] = self._chosen.pop(leg)

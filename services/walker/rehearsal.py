@@ -1,20 +1,21 @@
-"""A dry run of the walker: the robot stands up, walks a little and stops, with servos that reach every set-point."""
+"""Rehearsal of the walker: the robot stands up, walks and stops, with servos that reach every set-point."""
 
 from typing import Any
 
 import numpy as np
 
 from surefoot.geometry.heightmap import HeightMap
+from surefoot.schemas.topics import TICK_S
 
 from .interface import MotionCommand, WalkerInputs
 
 STAND_TICKS, WALK_TICKS = 120, 150
 SIZE, CELL = 41, 0.02
-"""Cells a side, and m a cell, of the flat map."""
+"""Cells along a side of the flat map, and the edge of a cell, m."""
 
 
 def rehearse(walker: Any, hexapod: bool) -> None:
-    """Lead a walker of its own through stand, steps and stop, so that every kernel of its gait is loaded.
+    """Move a walker through stand, steps and stop, so that every kernel of its gait is loaded.
 
     Args:
         walker: a `HexapodWalker` or a `BipedWalker` that nothing else uses.
@@ -28,7 +29,7 @@ def rehearse(walker: Any, hexapod: bool) -> None:
     for tick in range(STAND_TICKS + WALK_TICKS):
         if tick == STAND_TICKS:
             walker.command(MotionCommand("walk", distance=0.5))
-        now = 0.01 * tick
+        now = TICK_S * tick
         out = walker.step(
             WalkerInputs(
                 stamp=now, pitch=0.01, estimate_stamp=now, initialised=True, joints=joints, contacts=stance, margin=0.02

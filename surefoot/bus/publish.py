@@ -133,7 +133,7 @@ class FramedPublisher(Generic[M]):
         self._frame(Part(self.topic.key, b"", Stamp(-1, 0, 0, 0)))
 
     def _frame(self, part: Part) -> None:
-        (self._framer.batch if self.topic.judging else self._framer.frame).append(part)
+        (self._framer.batch if self.topic.observers_only else self._framer.frame).append(part)
         if not self._framer.corked:
             self._framer.flush(batch=True)
 

@@ -47,7 +47,7 @@ class Driver(Service[C]):
         raise NotImplementedError
 
     def reveal(self, tick: int) -> list[Sample]:
-        """Samples of ``judging`` topics that go with ``tick``, asked for when the tick's frame is on its way.
+        """Samples of ``observers_only`` topics that go with ``tick``, asked for when the tick's frame is on its way.
 
         They are told with the next batch, or at once while somebody watches.
         """
@@ -89,7 +89,7 @@ class DriverNode(Node):
         """The joints are held: the stream of commands has ended, or the driver refuses it."""
         self.gave_up = ""
         """Why the run was ended before its time."""
-        self._judging = tuple(topic.key for topic in service.outputs if topic.judging)
+        self._judging = tuple(topic.key for topic in service.outputs if topic.observers_only)
         self._unrevealed: list[tuple[int, Sample]] = []
         self._joining: dict[str, float] = {}
         self._next_prime = 0.0

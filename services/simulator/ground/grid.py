@@ -1,4 +1,4 @@
-"""What shapes of the ground are made of: a grid, boxes, and the flat pad on which the robot starts."""
+"""Parts of shapes of the ground: a grid, boxes, and the flat pad on which the robot starts."""
 
 import math
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ CORRIDOR = 0.25  # m, half the width of the lane in which hills are scaled to th
 
 
 @dataclass(frozen=True, eq=False)
-class Box:
+class TerrainBox:
     """One solid box of the ground."""
 
     position: tuple[float, float, float]
@@ -29,23 +29,25 @@ class Box:
 
 
 class Shape(NamedTuple):
-    """What a kind of terrain consists of; heights in m, (ny, nx) or broadcastable to it."""
+    """Surface and physics of a kind of terrain; heights in m, (ny, nx) or broadcastable to it."""
 
     surface: Array
     ground: Array | None = None
     """Height field of the physics; None = the plane."""
-    boxes: tuple[Box, ...] = ()
+    boxes: tuple[TerrainBox, ...] = ()
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
     """Unit normal of the plane."""
 
 
 def random_stream(seed: int, name: str) -> np.random.Generator:
-    """The random stream of one named part of the simulation: equal (seed, name) give equal numbers."""
+    """Return the random stream of one named part of the simulation: equal (seed, name) give equal numbers."""
     return np.random.default_rng([seed, *name.encode()])
 
 
 @dataclass(frozen=True)
-class Grid:
+class TerrainGrid:
+    """Cells of a map; lengths in m, frame `map`."""
+
     x0: float
     y0: float
     nx: int
@@ -53,7 +55,7 @@ class Grid:
     cell: float
 
     def axes(self) -> tuple[Array, Array]:
-        """x (1, nx) and y (ny, 1) of the cell centres, for broadcasting."""
+        """Return x (1, nx) and y (ny, 1) of the cell centres, m, for broadcasting."""
         return (
             (self.x0 + self.cell * np.arange(self.nx, dtype=np.float64))[None, :],
             (self.y0 + self.cell * np.arange(self.ny, dtype=np.float64))[:, None],
@@ -62,9 +64,9 @@ class Grid:
 
 @dataclass(frozen=True)
 class ShapeSpec:
-    """What a shape depends on."""
+    """Arguments of a shape: the same ones give the same ground."""
 
-    grid: Grid
+    grid: TerrainGrid
     seed: int
     amp: float
     number: int
@@ -72,7 +74,7 @@ class ShapeSpec:
 
 
 def smooth(u: Array) -> Array:
-    """3u^2 - 2u^3, clipped to [0, 1]."""
+    """Return 3u^2 - 2u^3 with u clipped to [0, 1]."""
     u = np.clip(u, 0.0, 1.0)
     return u * u * (3.0 - 2.0 * u)
 
@@ -80,7 +82,7 @@ def smooth(u: Array) -> Array:
 def slab(
     x: float, y: float, height: float, slope: tuple[float, float], depth: float, edges: tuple[float, float],
     yaw: float = 0.0,
-) -> Box:  # fmt: skip
+) -> TerrainBox:  # fmt: skip
     """Return a box whose top face has the given height over its middle (x, y).
 
     Args:
@@ -102,10 +104,10 @@ def slab(
     if yaw != 0.0:
         turn = quat_from_rpy(0.0, 0.0, yaw)
         q, centre = multiply(turn, q), np.array([x, y, height]) - depth * (matrix_from_quat(turn) @ normal)
-    return Box((centre[0], centre[1], centre[2]), half, (q[0], q[1], q[2], q[3]))
+    return TerrainBox((centre[0], centre[1], centre[2]), half, (q[0], q[1], q[2], q[3]))
 
 
-def box_heights(box: Box, x: Array, y: Array) -> Array:
+def box_heights(box: TerrainBox, x: Array, y: Array) -> Array:
     """Return the height of the highest point of a box over each point, -inf beside it.
 
     A vertical line meets the box where it is within the three pairs of faces at once.

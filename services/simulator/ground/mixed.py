@@ -14,10 +14,10 @@ from .grid import (
     BLEND,
     PAD_END,
     Array,
-    Box,
-    Grid,
     Shape,
     ShapeSpec,
+    TerrainBox,
+    TerrainGrid,
     box_heights,
     random_stream,
     slab,
@@ -68,7 +68,7 @@ def mixed(r: ShapeSpec) -> Shape:
 class _Hills:
     """Wide hills, cones and depressions as a function of the plane."""
 
-    def __init__(self, grid: Grid, seed: int, amp: float) -> None:
+    def __init__(self, grid: TerrainGrid, seed: int, amp: float) -> None:
         rng = random_stream(seed, "terrain/mixed/hills")
         self.amp = amp
         scale = amp / MIXED_HEIGHT
@@ -91,10 +91,10 @@ class _Hills:
         return np.clip(z, LOWEST * self.amp, HILLS_TOP * self.amp) * smooth((x - PAD_END) / BLEND)
 
 
-def _stones(grid: Grid, seed: int, amp: float, hills: _Hills) -> tuple[Box, ...]:
+def _stones(grid: TerrainGrid, seed: int, amp: float, hills: _Hills) -> tuple[TerrainBox, ...]:
     """Return flagstones and stones; each lies on the ground under its middle and reaches below all ground."""
     rng = random_stream(seed, "terrain/mixed/stones")
-    boxes: list[Box] = []
+    boxes: list[TerrainBox] = []
     if amp == 0.0:
         return ()
     for density, edge, rise, slope in (
@@ -114,18 +114,18 @@ def _stones(grid: Grid, seed: int, amp: float, hills: _Hills) -> tuple[Box, ...]
     return tuple(boxes)
 
 
-def _number(grid: Grid, density: float) -> int:
-    """How many of a density (per m2) lie behind the pad."""
+def _number(grid: TerrainGrid, density: float) -> int:
+    """Return the number of things of a density (1/m2) behind the pad."""
     end, half = _extent(grid)
     return round(density * max(0.0, end - PAD_END) * 2.0 * half)
 
 
-def _places(rng: np.random.Generator, grid: Grid, n: int) -> Array:
+def _places(rng: np.random.Generator, grid: TerrainGrid, n: int) -> Array:
     """Draw n points behind the pad, (n, 2) m."""
     end, half = _extent(grid)
     return np.column_stack((rng.uniform(PAD_END, max(end, PAD_END), n), rng.uniform(-half, half, n)))
 
 
-def _extent(grid: Grid) -> tuple[float, float]:
+def _extent(grid: TerrainGrid) -> tuple[float, float]:
     """Return the last x of a grid and half its width, m; the same for another cell."""
     return grid.x0 + (grid.nx - 1) * grid.cell, 0.5 * (grid.ny - 1) * grid.cell

@@ -20,10 +20,10 @@ from .grid import (
     CORRIDOR,
     PAD_END,
     Array,
-    Box,
-    Grid,
     Shape,
     ShapeSpec,
+    TerrainBox,
+    TerrainGrid,
     random_stream,
     slab,
     smooth,
@@ -61,7 +61,7 @@ def _slope(r: ShapeSpec) -> Shape:
     return Shape(r.amp * x, normal=(-r.amp / n, 0.0, 1.0 / n))
 
 
-def _hill_field(grid: Grid, seed: int, amp: float, end: float = math.inf) -> Array:
+def _hill_field(grid: TerrainGrid, seed: int, amp: float, end: float = math.inf) -> Array:
     """Sum of 40 Gaussians, scaled to [0, amp] in the lane up to x = end and faded out on the pad. (ny, nx)"""
     x, y = grid.axes()
     rng = random_stream(seed, "terrain/hills")
@@ -78,7 +78,7 @@ def _hill_field(grid: Grid, seed: int, amp: float, end: float = math.inf) -> Arr
     return z * smooth((x - PAD_END) / BLEND)
 
 
-def _noise_field(grid: Grid, seed: int, amp: float) -> Array:
+def _noise_field(grid: TerrainGrid, seed: int, amp: float) -> Array:
     """Value noise: random nodes every 40 mm, smooth between, +-amp/2, zero on the pad. (ny, nx)"""
     x, y = grid.axes()
     rng = random_stream(seed, "terrain/rough")
@@ -100,15 +100,15 @@ def _rough(r: ShapeSpec) -> Shape:
     return Shape(z, z)
 
 
-def _stairs(grid: Grid, first: float, riser: float) -> tuple[tuple[Box, ...], Array]:
+def _stairs(grid: TerrainGrid, first: float, riser: float) -> tuple[tuple[TerrainBox, ...], Array]:
     """Boxes of N_RISERS steps that rise along x and the height of their tops over the grid (1, nx)."""
     x, _ = grid.axes()
     end, half_y = grid.x0 + grid.nx * grid.cell, 0.5 * grid.cell * grid.ny
-    boxes: list[Box] = []
+    boxes: list[TerrainBox] = []
     for k in range(N_RISERS):
         begin = first + k * TREAD
         half = (0.5 * (end - begin), half_y, 0.5 * (k + 1) * riser + 0.01)
-        boxes.append(Box((0.5 * (end + begin), 0.0, (k + 1) * riser - half[2]), half))
+        boxes.append(TerrainBox((0.5 * (end + begin), 0.0, (k + 1) * riser - half[2]), half))
     top = riser * np.clip(np.floor((x - first) / TREAD + 1e-9) + 1.0, 0.0, N_RISERS)
     return tuple(boxes), top
 
@@ -124,7 +124,7 @@ def _flagstones(r: ShapeSpec) -> Shape:
     rng = random_stream(r.seed, "terrain/flagstones")
     z = np.zeros((r.grid.ny, r.grid.nx))
     depth = 0.5 * r.amp + TILE * TILE_SLOPE + 0.01
-    boxes: list[Box] = []
+    boxes: list[TerrainBox] = []
     n_x = math.floor((x[0, -1] - PAD_END) / TILE)
     n_y = math.ceil(-y[0, 0] / TILE)
     for i in range(n_x):
@@ -161,7 +161,9 @@ def _primitive(r: ShapeSpec) -> Shape:
     if r.number == 3:
         reach = grid.cell * max(grid.nx, grid.ny)
         centre = (0.5 * reach * math.cos(yaw), 0.5 * reach * math.sin(yaw), 0.5 * amp - 0.005)
-        box = Box(centre, (0.5 * reach, reach, 0.5 * amp + 0.005), (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)))
+        box = TerrainBox(
+            centre, (0.5 * reach, reach, 0.5 * amp + 0.005), (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))
+        )
         return Shape(surface, boxes=(box,))
     return Shape(surface, surface)
 
@@ -197,14 +199,14 @@ def inside(outline: Outline, x: Array, y: Array) -> NDArray[np.bool_]:
     return found & ~edge
 
 
-def walls(outline: Outline, height: float) -> tuple[Box, ...]:
+def walls(outline: Outline, height: float) -> tuple[TerrainBox, ...]:
     """Return a wall of thickness `WALL` outside of each edge of a floor; it also fills corners that point outwards.
 
     Args:
         outline: corners of the floor, counter-clockwise, m; its edges run along x and y.
         height: m.
     """
-    boxes: list[Box] = []
+    boxes: list[TerrainBox] = []
     for k in range(len(outline)):
         before, begin, end, after = (outline[(k + i) % len(outline)] for i in (-1, 0, 1, 2))
         length = abs(end[0] - begin[0]) + abs(end[1] - begin[1])
@@ -216,7 +218,7 @@ def walls(outline: Outline, height: float) -> tuple[Box, ...]:
         b = [end[i] + last * along[i] + WALL * out[i] for i in (0, 1)]
         half = [0.5 * abs(b[i] - a[i]) for i in (0, 1)]
         centre = (0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * height)
-        boxes.append(Box(centre, (half[0], half[1], 0.5 * height)))
+        boxes.append(TerrainBox(centre, (half[0], half[1], 0.5 * height)))
     return tuple(boxes)
 
 

@@ -16,14 +16,14 @@ from surefoot.geometry.heightmap import HeightMap
 from surefoot.geometry.rotations import quat_from_rotvec
 from surefoot.tables import UNIT_SLACK
 
-from .grid import Box, Grid, ShapeSpec, random_stream
+from .grid import ShapeSpec, TerrainBox, TerrainGrid, random_stream
 from .shapes import SHAPES, WALL, WALLED_CELL, Outline, TerrainKind, inside
 
 __all__ = [
     "KINDS",
     "MAP_PROFILES",
-    "Box",
     "Terrain",
+    "TerrainBox",
     "TerrainError",
     "make_terrain",
     "observed_map",
@@ -67,7 +67,7 @@ class Terrain:
     """Height field of the physics; None: the endless plane through the origin with `normal`."""
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
     """Unit normal of the plane where there is no height field."""
-    boxes: tuple[Box, ...] = ()
+    boxes: tuple[TerrainBox, ...] = ()
     floor: Outline = ()
     """Corners of the floor between walls, counter-clockwise, m; empty = the ground is open."""
 
@@ -141,7 +141,7 @@ def make_terrain(
         start_x = -0.5 * (nx - 1) * cell
     if start_x + size[0] < known.least_end:
         raise TerrainError("size", f"{kind} needs ground up to x = {known.least_end} m, got {start_x + size[0]:g} m")
-    grid = _around(known, cell) if whole else Grid(start_x, -0.5 * (ny - 1) * cell, nx, ny, cell)
+    grid = _around(known, cell) if whole else TerrainGrid(start_x, -0.5 * (ny - 1) * cell, nx, ny, cell)
     try:
         shape = known.make(ShapeSpec(grid, seed, amp, number, yaw))
     except FileNotFoundError as error:
@@ -151,19 +151,19 @@ def make_terrain(
     return Terrain(kind, seed, amp, surface, ground, shape.normal, shape.boxes, known.floor)
 
 
-def _around(kind: TerrainKind, cell: float) -> Grid:
+def _around(kind: TerrainKind, cell: float) -> TerrainGrid:
     """Cells of a floor and its walls."""
     (x0, x1), (y0, y1) = ((min(side) - WALL, max(side) + WALL) for side in zip(*kind.floor, strict=True))
-    return Grid(x0, y0, round((x1 - x0) / cell) + 1, round((y1 - y0) / cell) + 1, cell)
+    return TerrainGrid(x0, y0, round((x1 - x0) / cell) + 1, round((y1 - y0) / cell) + 1, cell)
 
 
-def _map(grid: Grid, z: Array) -> HeightMap:
+def _map(grid: TerrainGrid, z: Array) -> HeightMap:
     z = np.broadcast_to(z, (grid.ny, grid.nx))
     return HeightMap(z=z.astype(np.float32), cell=grid.cell, origin=(grid.x0, grid.y0))
 
 
 def terrain_from_map(ground: HeightMap) -> Terrain:
-    """A terrain that is one height field, such as a file; unknown cells become the lowest known height."""
+    """Return a terrain that is one height field, such as a file; unknown cells become the lowest known height."""
     known = np.isfinite(ground.z)
     if not known.any():
         raise TerrainError("map", "has no known cell")

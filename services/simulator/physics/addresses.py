@@ -1,4 +1,4 @@
-"""Where the parts of the robot are in MuJoCo's arrays."""
+"""Indices of the robot's parts in MuJoCo's arrays."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""The border at which joint commands are judged."""
+"""Checks of joint commands before they reach the servos."""
 
 import math
 from collections.abc import Sequence
@@ -9,23 +9,23 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-LIMIT_SLACK = 1e-6  # rad, rounding of a command at the limit
+COMMAND_SLACK = 1e-6  # rad, rounding of a command at the limit
 
 
 class CommandGuard:
     """Refuses commands that the servos must not follow, with the reason."""
 
     def __init__(self, lower: Array, upper: Array) -> None:
-        self._lower: list[float] = (lower - LIMIT_SLACK).tolist()  # plain floats: quicker than numpy for a few joints
-        self._upper: list[float] = (upper + LIMIT_SLACK).tolist()
+        self._lower: list[float] = (lower - COMMAND_SLACK).tolist()  # plain floats: quicker than numpy for a few joints
+        self._upper: list[float] = (upper + COMMAND_SLACK).tolist()
         self.clear()
 
     def clear(self) -> None:
-        """A new epoch: stamps begin anew."""
+        """Begin an epoch: stamps begin anew."""
         self._stamp_ns = -1
 
     def offer(self, q: Sequence[float], stamp_ns: int) -> str | None:
-        """Take a command, or say why not.
+        """Take a command, or return the reason against it.
 
         Args:
             q: joint positions in the robot's order, rad.

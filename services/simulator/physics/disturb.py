@@ -1,4 +1,4 @@
-"""What is done to a world while it runs: pushes, changes to model and ground, torque limits, faults."""
+"""Changes to a running world: pushes, properties of model and ground, torque limits, faults."""
 
 # mujoco has no type stubs for its compiled modules:
 # pyright: reportAttributeAccessIssue=false
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.robot.description import Robot
+from surefoot.schemas.topics import TICK_S
 
 from .addresses import Addresses
 from .faults import Fault, FaultBank
@@ -27,7 +28,6 @@ from .samples import (
 
 Array = NDArray[np.float64]
 
-TICK_S = 0.01
 QUANTITIES = ("friction", "mass", "servo")
 MAX_VALUE = 100.0
 
@@ -75,7 +75,7 @@ class Disturbances:
         self.clear()
 
     def clear(self) -> None:
-        """Undo everything: a new run."""
+        """Begin a run: undo every change."""
         self.pushes: list[Push] = []
         self.faults = FaultBank(self.robot.joint_names, self.robot.leg_names)
         self.settings: dict[str, float] = {}
@@ -87,7 +87,7 @@ class Disturbances:
     # --- requests -----------------------------------------------------------------------------------------------
 
     def push(self, tick: int, force: tuple[float, float, float], duration: float, body: str) -> None:
-        """Plan a push from `tick` on; see `World.push`."""
+        """Plan a push from `tick` on; see `PhysicsWorld.push`."""
         name = self._links[0] if body == "trunk" else body
         if name not in self._links:
             raise WorldError("body", f"got {body!r}, known are trunk, {', '.join(self._links)}")
@@ -98,7 +98,7 @@ class Disturbances:
         self.pushes.append(Push(tick, end, int(self.address.bodies[self._links.index(name)]), (x, y, z)))
 
     def set(self, tick: int, quantity: str, value: float) -> None:
-        """Change friction, mass or servo gains now; see `World.set`."""
+        """Change friction, mass or servo gains now; see `PhysicsWorld.set`."""
         if quantity not in QUANTITIES:
             raise WorldError("quantity", f"got {quantity!r}, known are {', '.join(QUANTITIES)}")
         if not (math.isfinite(value) and 0.0 < value <= MAX_VALUE):
@@ -122,7 +122,7 @@ class Disturbances:
         self._changed = True
 
     def _strength(self) -> Array:
-        """The most each servo of the model gives, (nj,) Nm."""
+        """Return the torque limit of each servo of the model, (nj,) Nm."""
         return self.model.actuator_forcerange[self.address.actuators, 1].copy()
 
     def _apply_limit(self) -> None:
@@ -145,7 +145,7 @@ class Disturbances:
         return None if arrived is None else unpack(ServoCommand, arrived)
 
     def after_step(self, tick: int, samples: Samples, limit: Array) -> Samples:
-        """The samples after all faults of sensors and lines; `limit` (6,) is the range of the inertial unit."""
+        """Return the samples after all faults of sensors and lines; `limit` (6,) is the range of the inertial unit."""
         bank = self.faults
         imu, joints, contacts = samples
         if imu is not None:
@@ -217,11 +217,11 @@ class Disturbances:
 
 
 def at_limit(y: Array, limit: Array) -> bool:
-    """Whether an inertial axis is at the end of its range."""
+    """Return whether an inertial axis is at the end of its range."""
     return bool((np.abs(y) >= limit).any())
 
 
 def by_foot(flags: list[bool], points: tuple[int, ...]) -> tuple[tuple[bool, ...], ...]:
-    """Flags per contact sphere, grouped by foot."""
+    """Return flags per contact sphere grouped by foot."""
     rest = iter(flags)
     return tuple(tuple(next(rest) for _ in range(n)) for n in points)

@@ -1,24 +1,21 @@
-"""Things that break for a while: sensors, servos, packets, camera, ultrasound. A fault has start, duration and seed."""
+"""Faults of sensors, servos, packets, camera and ultrasound, each with a start, a duration and a seed."""
 
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+
+from surefoot.schemas.sim import FaultKind
+from surefoot.schemas.topics import TICK_S
 
 from ..ground.grid import random_stream
 from .samples import Detection
 
 Array = NDArray[np.float64]
-Kind = Literal[
-    "imu_drop", "imu_freeze", "imu_bias", "imu_saturate", "joints_drop", "joints_freeze", "encoder_stuck",
-    "contacts_drop", "foot_stuck_on", "foot_stuck_off", "servo_dead", "servo_weak", "packet_delay", "packet_loss",
-    "packet_reorder", "landmarks_false", "landmarks_drop", "camera_dark", "camera_freeze", "range_drop", "range_stuck",
-]  # fmt: skip
-KINDS: tuple[str, ...] = get_args(Kind)
+KINDS: tuple[str, ...] = get_args(FaultKind)
 IMU_AXES = ("acc_x", "acc_y", "acc_z", "gyro_x", "gyro_y", "gyro_z")
 CHANNELS = ("imu", "joints", "contacts", "command")
-TICK_S = 0.01
 MAX_DELAY_TICKS = 100
 
 
@@ -37,7 +34,7 @@ class Fault:
     kind: str
     start_tick: int
     duration: float
-    """s"""
+    """Duration, s."""
     target: str = ""
     """Joint, leg, IMU axis (or `acc`, `gyro`) or channel; "" = all."""
     value: float = 0.0
@@ -51,7 +48,7 @@ class Fault:
         return self.start_tick + max(1, round(self.duration / TICK_S))
 
     def active(self, tick: int) -> bool:
-        """Whether the fault is on in this tick."""
+        """Return whether the fault is on in this tick."""
         return self.start_tick <= tick < self.end_tick
 
 
@@ -67,7 +64,7 @@ class FaultBank:
         self.lost = 0
 
     def __bool__(self) -> bool:
-        """Whether anything was ever broken: a run without faults pays nothing."""
+        """Return whether any fault was ever planned: a run without faults pays nothing."""
         return bool(self.faults)
 
     def add(self, fault: Fault) -> None:
@@ -89,7 +86,7 @@ class FaultBank:
 
     @property
     def packets(self) -> bool:
-        """Whether any line was ever bad."""
+        """True if a fault of a line was ever planned."""
         return any(f.kind.startswith("packet") for f in self.faults)
 
     def _indices(self, fault: Fault) -> list[int]:
@@ -104,17 +101,17 @@ class FaultBank:
         return found
 
     def on(self, tick: int, *kinds: str) -> list[Fault]:
-        """The active faults of these kinds."""
+        """Return the active faults of these kinds."""
         return [f for f in self.faults if f.kind in kinds and f.active(tick)]
 
     # --- servos -------------------------------------------------------------------------------------------------
 
     def changes_servos(self, tick: int) -> bool:
-        """Whether a servo fault begins or ends in this tick."""
+        """Return whether a servo fault begins or ends in this tick."""
         return any(f.kind.startswith("servo") and tick in (f.start_tick, f.end_tick) for f in self.faults)
 
     def servo_strength(self, tick: int) -> Array:
-        """Factor on gains and torque limit, (nj,)."""
+        """Return the factor on gains and torque limit, (nj,)."""
         strength = np.ones(len(self._names["joint"]))
         for fault in self.on(tick, "servo_dead", "servo_weak"):
             strength[self._indices(fault)] *= 0.0 if fault.kind == "servo_dead" else fault.value
@@ -123,7 +120,7 @@ class FaultBank:
     # --- sensors ------------------------------------------------------------------------------------------------
 
     def imu(self, tick: int, measured: Array, limit: Array) -> Array | None:
-        """The sample as the broken sensor gives it, (6,) acc, gyro; None = no sample. `limit` (6,) is the range."""
+        """Return the sample as the broken sensor gives it, (6,) acc, gyro; None = none. `limit` (6,) is the range."""
         for fault in self.on(tick, "imu_bias"):
             measured = measured.copy()
             measured[self._indices(fault)] += fault.value
@@ -135,7 +132,7 @@ class FaultBank:
         return None if self.on(tick, "imu_drop") else measured
 
     def joints(self, tick: int, position: Array, current: Array, torque: Array) -> tuple[Array, Array, Array] | None:
-        """The sample as the broken sensors give it; None = no sample."""
+        """Return positions, currents and torques as the broken sensors give them; None = no sample."""
         table = np.stack((position, current, torque))
         table = self._freeze("joints", bool(self.on(tick, "joints_freeze")), table.ravel()).reshape(table.shape)
         for n, fault in enumerate(self.faults):
@@ -145,7 +142,7 @@ class FaultBank:
         return None if self.on(tick, "joints_drop") else (table[0], table[1], table[2])
 
     def contacts(self, tick: int, touch: NDArray[np.bool_], foot_of_sphere: NDArray[np.int64]) -> Any:
-        """The switches as the broken sensors give them; None = no sample."""
+        """Return the switches as the broken sensors give them; None = no sample."""
         touch = touch.copy()
         for fault in self.on(tick, "foot_stuck_on", "foot_stuck_off"):
             touch[np.isin(foot_of_sphere, self._indices(fault))] = fault.kind == "foot_stuck_on"
@@ -156,7 +153,7 @@ class FaultBank:
     def seen(
         self, tick: int, marks: list[Detection], goal: Detection | None, looks: Array
     ) -> tuple[list[Detection], Detection | None]:
-        """What the broken camera makes of an image.
+        """Return the image as the broken camera gives it.
 
         Args:
             tick: now.
@@ -180,13 +177,13 @@ class FaultBank:
         return marks, markers[0] if markers else None
 
     def echo(self, tick: int, distance: float | None, shortest: float) -> tuple[float | None] | None:
-        """The distance as the broken ultrasound gives it, m, None = no echo; None instead of a tuple = no sample."""
+        """Return the distance as the broken ultrasound gives it, m (None = no echo), in a tuple; None = no sample."""
         if self.on(tick, "range_drop"):
             return None
         return (shortest,) if self.on(tick, "range_stuck") else (distance,)
 
     def _freeze(self, key: str, frozen: bool, value: Array) -> Array:
-        """The last value before the fault while it is on."""
+        """Return the last value before the fault while it is on, else the value."""
         if frozen and key in self._held:
             return np.array(self._held[key])
         self._held[key] = value.tolist()
@@ -257,7 +254,7 @@ class FaultBank:
 
 
 def _mistaken(mark: Detection, looks: Array, rng: np.random.Generator) -> Detection:
-    """A landmark that looks like another one."""
+    """Return a landmark that looks like another one."""
     if len(looks) < 2 or mark.landmark < 0:
         return mark
     other = int(rng.integers(len(looks) - 1))
@@ -266,13 +263,13 @@ def _mistaken(mark: Detection, looks: Array, rng: np.random.Generator) -> Detect
 
 
 def _packed(marks: list[Detection]) -> Array:
-    """Recognised landmarks as numbers, their count first."""
+    """Return recognised landmarks as numbers, their count first."""
     rows = [np.array([mark.range, mark.bearing, mark.landmark, *mark.descriptor]) for mark in marks]
     return np.concatenate((np.array([float(len(rows))]), *rows))
 
 
 def _unpacked(numbers: Array) -> list[Detection]:
-    """The landmarks that `_packed` took apart."""
+    """Return the landmarks of such numbers."""
     count = int(numbers[0])
     rows = numbers[1:].reshape(count, -1) if count else ()
     return [Detection(float(row[0]), float(row[1]), row[3:].copy(), int(row[2])) for row in rows]

@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear import norm
 from surefoot.robot.description import Robot
 
@@ -34,10 +35,10 @@ TRUNK_DOF = slice(0, 6)  # of the free joint: velocity in the world (3), angular
 
 @dataclass(frozen=True)
 class Physics:
-    """Contact and integration settings; creep on 15 deg 0.006 mm/s, penetration 0.03 mm (simulator note 3.1)."""
+    """Contact and integration settings: feet creep by 0.006 mm/s on 15 deg and sink in by 0.03 mm."""
 
     timestep: float = 1e-3  # s
-    gravity: float = 9.81  # m/s2
+    gravity: float = GRAVITY  # m/s2
     friction: float = 0.7  # sliding coefficient of the terrain
     impratio: float = 100.0  # friction against normal stiffness: stops slow creep
     solref: tuple[float, float] = (0.005, 1.0)  # s, damping ratio
@@ -47,7 +48,7 @@ class Physics:
 
 @dataclass(frozen=True, eq=False)
 class Perturbation:
-    """How the simulated robot differs from its description; scalars or one value per joint."""
+    """Differences of the simulated robot from its description; scalars or one value per joint."""
 
     trunk_mass_scale: float = 1.0
     trunk_com_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m

@@ -28,7 +28,7 @@ MAX_FRICTION_LEVEL = 2.0  # beyond it a coefficient could become negative
 
 
 def find_ground(name: str, seed: int, amplitude: float | None) -> Terrain:
-    """The terrain of a kind, or of a `.npz`, `.asc` or `.png` file.
+    """Return the terrain of a kind, or of a `.npz`, `.asc` or `.png` file.
 
     Raises:
         TerrainError: neither a kind nor a readable file.
@@ -46,10 +46,10 @@ def find_ground(name: str, seed: int, amplitude: float | None) -> Terrain:
 
 
 def perturbation(level: float, seed: int, nj: int, kind: str = "hexapod") -> Perturbation:
-    """How the simulated robot differs from its description: uniform draws, scaled by the level; 0 = as described.
+    """Return differences of the simulated robot from its description: uniform draws, scaled by the level.
 
     Args:
-        level: 0, 1, 2, ...; may be any number in between.
+        level: factor on all differences, >= 0; 0 = as described.
         seed: of the draws.
         nj: number of joints.
         kind: of the robot; a biped also gets servo zero errors and a floor that is not level.

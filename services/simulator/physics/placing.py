@@ -1,4 +1,4 @@
-"""Where the robot is put: at the start of a run parallel to the plane or level on a height field, just above it."""
+"""Placing of the robot: parallel to the plane or level on a height field, just above it, and displacements later."""
 
 # mujoco has no type stubs for its compiled modules:
 # pyright: reportAttributeAccessIssue=false
@@ -36,7 +36,7 @@ def place(
     Args:
         model: the compiled world.
         data: its state, changed here.
-        address: where the robot is in it.
+        address: indices of the robot in it.
         spheres: geoms of the feet.
         terrain: the ground.
         pose: x, y in m and yaw in rad of the trunk.
@@ -67,7 +67,7 @@ def footprint(
     Args:
         model: the compiled world.
         data: its state, with the kinematics that belong to it.
-        address: where the robot is in it.
+        address: indices of the robot in it.
         spheres: geoms of the feet.
         yaw: heading of the robot, rad.
     """
@@ -118,12 +118,12 @@ def displacement(
     left: float,
     turn: float,
 ) -> Displacement:
-    """Return how the robot gets to a place beside where it is; nothing is changed.
+    """Return the motion to a place beside the robot's own; nothing is changed.
 
     Args:
         model: the compiled world.
         data: its state at the end of a tick.
-        address: where the robot is in it.
+        address: indices of the robot in it.
         spheres: geoms of the feet.
         terrain: the ground.
         forward: m along the heading.

@@ -1,4 +1,4 @@
-"""What a world takes and hands out: commands, samples of the hardware, the exact truth, checkpoints."""
+"""Inputs and outputs of a world: commands, samples of the hardware, the exact truth, checkpoints."""
 
 import hashlib
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 class ServoCommand(NamedTuple):
-    """What the servos are told."""
+    """Set-points of the servos."""
 
     position: Array
     """(nj,), rad."""
@@ -50,13 +50,13 @@ class ContactSample(NamedTuple):
     stamp_ns: int
     seq: int
     touch: tuple[tuple[bool, ...], ...]
-    """Per foot one to four switches."""
+    """States of the one to four switches of each foot."""
     normal_force: Array | None
     """(L,), N; None = switches only."""
 
 
 class Samples(NamedTuple):
-    """What the hardware releases in one tick; None = nothing due, or lost."""
+    """Samples that the hardware releases in one tick; None = nothing due, or lost."""
 
     imu: ImuSample | None
     joints: JointSample | None
@@ -70,11 +70,11 @@ class Detection(NamedTuple):
     bearing: float
     descriptor: Array
     landmark: int
-    """Which one it is: truth; -1 = the goal marker."""
+    """Index of the landmark, known to the simulation only; -1 = the goal marker."""
 
 
 class CameraFrame(NamedTuple):
-    """What the camera recognised in one image."""
+    """Landmarks that the camera recognised in one image."""
 
     seq: int
     landmarks: list[Detection]
@@ -82,25 +82,25 @@ class CameraFrame(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """What ultrasound and bumpers tell."""
+    """Sample of ultrasound and bumpers."""
 
     seq: int
     distance: float | None
-    """m; None = no echo."""
+    """Distance of the nearest echo, m; None = no echo."""
     bump: tuple[bool, ...]
-    """Per foot, since the last sample."""
+    """Touch of each foot's bumper since the last sample, (L,)."""
 
 
 _ARRAYS = frozenset({"acc", "gyro", "position", "current", "torque", "torque_limit", "normal_force"})
 
 
 def pack(sample: NamedTuple) -> dict[str, Any]:
-    """A sample as plain JSON values."""
+    """Return a sample as plain JSON values."""
     return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in sample._asdict().items()}
 
 
 def unpack(kind: type[Any], values: dict[str, Any]) -> Any:
-    """The sample that `pack` took apart."""
+    """Return the sample of packed values."""
     known: dict[str, Any] = {k: np.array(v) if k in _ARRAYS and v is not None else v for k, v in values.items()}
     if "touch" in values:
         known["touch"] = tuple(tuple(foot) for foot in values["touch"])

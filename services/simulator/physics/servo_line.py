@@ -38,11 +38,11 @@ class ServoLine:
         self.clear()
 
     def clear(self) -> None:
-        """Nothing is under way."""
+        """Drop the commands under way."""
         self._coming: list[Arrival] = []
 
     def heard(self, set_points: Array) -> Array:
-        """What the servos make of set-points, (nj,) rad."""
+        """Return set-points as the servos round them, (nj,) rad."""
         if self.resolution is None:
             return set_points
         return self.resolution * np.rint(set_points / self.resolution)
@@ -53,11 +53,11 @@ class ServoLine:
         self._coming.append(Arrival(step + self.latency_steps, ServoCommand(heard, command.torque_limit)))
 
     def arrival(self, until: int) -> Arrival | None:
-        """What arrives next, up to a physics step; None = no more."""
+        """Return the next command that arrives up to a physics step; None = no more."""
         return self._coming.pop(0) if self._coming and self._coming[0].step <= until else None
 
     def state(self, step: int) -> list[Any]:
-        """What is under way, relative to a step; plain JSON values."""
+        """Return the commands under way, relative to a step, as plain JSON values."""
         return [[at - step, pack(command)] for at, command in self._coming]
 
     def restore(self, step: int, state: list[Any]) -> None:

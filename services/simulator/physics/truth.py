@@ -1,4 +1,4 @@
-"""What no robot knows: contact forces, sliding and displacement of the feet, falls. For judging only.
+"""Exact contact forces, sliding and displacement of the feet, and falls: for reports, never for the robot.
 
 A foot stands in a physics step while its normal force is at least `GATE_N`. Sliding is the way of the material point
 at the contact, in the ground plane, integrated over those steps:
@@ -63,6 +63,42 @@ def feet_of(table: Array, counts: Ints) -> FeetTruth:
 _feet_of = kernel(feet_of)
 
 
+class Contacts(NamedTuple):
+    """Contacts of a physics step as MuJoCo holds them, C of them."""
+
+    geom: NDArray[np.int32]  # (C, 2)
+    frame: Array  # (C, 9) normal from the first geom to the second, then two tangents
+    pos: Array  # (C, 3) m, world
+    address: NDArray[np.int32]  # (C,) first row in `efc_force`, -1 = no force
+    efc_force: Array  # N
+
+
+class GeomRoles(NamedTuple):
+    """Roles of geoms; P contact spheres of the feet."""
+
+    sphere_of_geom: Ints  # (ngeom,) -1 = no sphere of a foot
+    foot_of_sphere: Ints  # (P,)
+    is_belly: NDArray[np.bool_]  # (ngeom,)
+
+
+class FootBodies(NamedTuple):
+    """Feet in their links."""
+
+    body: Ints  # (L,) body ids
+    local: Array  # (L, 3) m, foot centre in the link
+    radius: Array  # (L,) m
+
+
+class SphereSteps(NamedTuple):
+    """Touch and motion of the P contact spheres in each physics step of a tick, views of MuJoCo's history."""
+
+    foot_of_sphere: Ints  # (P,)
+    touch: Array  # (P, steps) N, normal force
+    linear: Array  # (P, 3 steps) m/s, world
+    angular: Array  # (P, 3 steps) rad/s, world
+    step_s: float  # s, a physics step
+
+
 def add_sensors(spec: mujoco.MjSpec, robot: Robot, steps: int) -> None:
     """Add what the tracker reads: force and velocity of each foot sphere in each of the last `steps` steps."""
     sensor, site = mujoco.mjtSensor, mujoco.mjtObj.mjOBJ_SITE
@@ -83,52 +119,44 @@ class TruthTracker:
     def __init__(self, robot: Robot, model: mujoco.MjModel, data: mujoco.MjData, addresses: Addresses) -> None:
         n = robot.nlegs
         self._data, self._xpos, self._xmat = data, data.xpos, data.xmat  # views: these arrays never move
-        self.step_s = float(model.opt.timestep)
         self.trunk = addresses.trunk
-        self.bodies = addresses.foot_bodies
-        self.local = np.array([leg.foot.position for leg in robot.legs])
+        self._bodies = FootBodies(
+            addresses.foot_bodies,
+            np.array([leg.foot.position for leg in robot.legs]),
+            np.array([leg.foot.radius for leg in robot.legs]),
+        )
         self.spheres = addresses.foot_geoms[addresses.foot_geoms >= 0]
-        self.sphere_of_geom = np.full(model.ngeom, -1, dtype=np.int64)
-        self.sphere_of_geom[self.spheres] = np.arange(len(self.spheres))
+        sphere_of_geom = np.full(model.ngeom, -1, dtype=np.int64)
+        sphere_of_geom[self.spheres] = np.arange(len(self.spheres))
         self.foot_of_sphere = addresses.foot_of_geom[self.spheres]
-        self.is_belly = np.ascontiguousarray(addresses.is_belly)
+        self._geoms = GeomRoles(sphere_of_geom, self.foot_of_sphere, np.ascontiguousarray(addresses.is_belly))
         self.contact = np.zeros((n, 6))  # force-weighted contact point and normal of each foot
         self.sphere_force = np.zeros(len(self.spheres))
         self.fallen = False
-        self.radius = np.array([leg.foot.radius for leg in robot.legs])
         self._table, self._counts = _feet_at_rest(n)
         self.feet = feet_of(self._table, self._counts)
         soles = any(len(leg.foot.points) > 1 for leg in robot.legs)
-        self.soles = TwistTracker(self.bodies) if soles else None
+        self.soles = TwistTracker(addresses.foot_bodies) if soles else None
         types = np.array(model.sensor_type)
         sensor = mujoco.mjtSensor
-        self._touch, self._linear, self._angular = (
+        touch, linear, angular = (
             _window(model, data, int(np.flatnonzero(types == int(kind))[0]), len(self.spheres))
             for kind in (sensor.mjSENS_TOUCH, sensor.mjSENS_FRAMELINVEL, sensor.mjSENS_FRAMEANGVEL)
         )
+        self._steps = SphereSteps(self.foot_of_sphere, touch, linear, angular, float(model.opt.timestep))
 
     def forces(self) -> bool:
-        """Read the contact forces of the last physics step.
-
-        Fills `sphere_force` (normal force per contact sphere, N), `feet.force` and `contact`.
+        """Read the contact forces of the last physics step into `sphere_force` (N), `feet.force` and `contact`.
 
         Returns:
-            Whether the trunk touched the ground.
+            True if the trunk touched the ground.
         """
-        contact = self._data.contact
-        return _forces(
-            np.ascontiguousarray(contact.geom),
-            np.ascontiguousarray(contact.frame),
-            np.ascontiguousarray(contact.pos),
-            np.ascontiguousarray(contact.efc_address),
-            self._data.efc_force,
-            self.sphere_of_geom,
-            self.foot_of_sphere,
-            self.is_belly,
-            self.sphere_force,
-            self.feet.force,
-            self.contact,
-        )
+        c = self._data.contact
+        contacts = Contacts(
+            np.ascontiguousarray(c.geom), np.ascontiguousarray(c.frame), np.ascontiguousarray(c.pos),
+            np.ascontiguousarray(c.efc_address), self._data.efc_force,
+        )  # fmt: skip
+        return _forces(contacts, self._geoms, self.sphere_force, self.feet.force, self.contact)
 
     def update(self, first: bool = False) -> None:
         """Take the state at the end of a tick; the kinematics of the data must belong to it.
@@ -137,17 +165,14 @@ class TruthTracker:
             first: begin anew: feet that touch begin their stance here.
         """
         touched = self.forces()
-        _feet(
-            self._xpos, self._xmat, self.bodies, self.local, self.radius, self.contact, self._touch, self._linear,
-            self._angular, self.foot_of_sphere, self.step_s, self._table, self._counts, first,
-        )  # fmt: skip
+        _feet(self._bodies, self._steps, self._xpos, self._xmat, self.contact, self._table, self._counts, first)
         if self.soles is not None:
             self.soles.update(self._xmat, self.feet.below, first)
         tilted = float(self._xmat[self.trunk, 8]) < math.cos(FALL_TILT)
         self.fallen = (self.fallen and not first) or touched or tilted
 
     def displaced(self, way: Displacement) -> None:
-        """Take it that the robot was put elsewhere: no foot has slipped by that, no sole has twisted."""
+        """Follow a displacement of the robot: no foot has slipped by it, no sole has twisted."""
         self.feet.start[:] = way.of(self.feet.start)
         for normal in self.feet.normal:
             way.turned(normal)
@@ -155,7 +180,7 @@ class TruthTracker:
             self.soles.start += way.turn
 
     def feet_now(self) -> FeetTruth:
-        """A copy of the feet's state."""
+        """Return a copy of the feet's state."""
         return feet_of(self._table.copy(), self._counts.copy())
 
     def state(self) -> dict[str, Any]:
@@ -173,19 +198,10 @@ class TruthTracker:
 
 
 @kernel
-def _forces(
-    geom: NDArray[np.int32],
-    frame: Array,
-    pos: Array,
-    address: NDArray[np.int32],
-    efc_force: Array,
-    sphere_of_geom: Ints,
-    foot_of_sphere: Ints,
-    is_belly: NDArray[np.bool_],
-    sphere_force: Array,
-    force: Array,
-    contact: Array,
-) -> bool:
+def _forces(contacts: Contacts, roles: GeomRoles, sphere_force: Array, force: Array, contact: Array) -> bool:
+    """Sum the contact forces of a step per sphere (P,) and foot (L, 3), and its contacts weighted by force, (L, 6)."""
+    geom, frame, pos, address, efc_force = contacts
+    sphere_of_geom, foot_of_sphere, is_belly = roles
     sphere_force[:] = 0.0
     force[:] = 0.0
     contact[:] = 0.0
@@ -216,56 +232,26 @@ def _forces(
 
 @kernel
 def _feet(
-    xpos: Array,
-    xmat: Array,
-    bodies: Ints,
-    local: Array,
-    radius: Array,
-    contact: Array,
-    touch: Array,
-    linear: Array,
-    angular: Array,
-    foot_of_sphere: Ints,
-    step_s: float,
-    table: Array,
-    counts: Ints,
+    bodies: FootBodies, steps: SphereSteps, xpos: Array, xmat: Array, contact: Array, table: Array, counts: Ints,
     first: bool,
-) -> None:
-    """Advance the feet by one tick; `touch` (P, steps), `linear` and `angular` (P, 3 steps) belong to its steps."""
+) -> None:  # fmt: skip
+    """Advance the feet by one tick; `first`: begin anew."""
     feet = _feet_of(table, counts)
-    n_steps = touch.shape[1]
-    for i in range(bodies.shape[0]):
-        b = bodies[i]
+    for i in range(bodies.body.shape[0]):
+        b = bodies.body[i]
         size = 0.0
         for k in range(3):
             size += contact[i, 3 + k] ** 2
             feet.centre[i, k] = xpos[b, k]
             for j in range(3):
-                feet.centre[i, k] += xmat[b, 3 * k + j] * local[i, j]
+                feet.centre[i, k] += xmat[b, 3 * k + j] * bodies.local[i, j]
         size = math.sqrt(size)
         # The normal force lies along the force-weighted mean normal: equal to the sum for one contact per foot.
         feet.normal_force[i] = size
         if size > 0.0:
             for k in range(3):
                 feet.normal[i, k] = contact[i, 3 + k] / size
-        stood, slid = False, 0.0
-        for step in range(n_steps):
-            force, vx, vy, vz = 0.0, 0.0, 0.0, 0.0
-            nx, ny, nz = feet.normal[i, 0], feet.normal[i, 1], feet.normal[i, 2]
-            for p in range(foot_of_sphere.shape[0]):
-                if foot_of_sphere[p] != i or touch[p, step] <= 0.0:
-                    continue
-                f, c = touch[p, step], 3 * step
-                wx, wy, wz = angular[p, c], angular[p, c + 1], angular[p, c + 2]
-                force += f
-                vx += f * (linear[p, c] - radius[i] * (wy * nz - wz * ny))
-                vy += f * (linear[p, c + 1] - radius[i] * (wz * nx - wx * nz))
-                vz += f * (linear[p, c + 2] - radius[i] * (wx * ny - wy * nx))
-            if force >= GATE_N:
-                stood = True
-                along = vx * nx + vy * ny + vz * nz
-                vx, vy, vz = vx - along * nx, vy - along * ny, vz - along * nz
-                slid += math.sqrt(vx * vx + vy * vy + vz * vz) / force * step_s
+        stood, slid = _slid(steps, feet.normal[i], bodies.radius[i], i)
         if first:
             slid = 0.0
             feet.below[i] = -1
@@ -274,25 +260,53 @@ def _feet(
             feet.last_displacement[i] = 0.0
             feet.sliding[i] = 0.0
             feet.displacement[i] = 0.0
-        if stood:
-            if feet.below[i] < 0:
-                feet.sliding[i] = 0.0
-                for k in range(3):
-                    feet.start[i, k] = feet.centre[i, k]
-            feet.below[i] = 0
-            feet.sliding[i] += slid
-            feet.displacement[i] = math.hypot(
-                feet.centre[i, 0] - feet.start[i, 0], feet.centre[i, 1] - feet.start[i, 1]
-            )
-        elif feet.below[i] >= 0:
-            feet.below[i] += 1
-            if feet.below[i] >= LIFT_TICKS:
-                feet.below[i] = -1
-                feet.stances[i] += 1
-                feet.last_sliding[i] = feet.sliding[i]
-                feet.last_displacement[i] = feet.displacement[i]
-                feet.sliding[i] = 0.0
-                feet.displacement[i] = 0.0
+        _stand(feet, i, stood, slid)
+
+
+@kernel
+def _slid(steps: SphereSteps, normal: Array, radius: float, foot: int) -> tuple[bool, float]:
+    """Return whether a foot stood in any step of a tick, and the way its contact slid then, m."""
+    stood, slid = False, 0.0
+    nx, ny, nz = normal[0], normal[1], normal[2]
+    for step in range(steps.touch.shape[1]):
+        force, vx, vy, vz = 0.0, 0.0, 0.0, 0.0
+        for p in range(steps.foot_of_sphere.shape[0]):
+            if steps.foot_of_sphere[p] != foot or steps.touch[p, step] <= 0.0:
+                continue
+            f, c = steps.touch[p, step], 3 * step
+            wx, wy, wz = steps.angular[p, c], steps.angular[p, c + 1], steps.angular[p, c + 2]
+            force += f
+            vx += f * (steps.linear[p, c] - radius * (wy * nz - wz * ny))
+            vy += f * (steps.linear[p, c + 1] - radius * (wz * nx - wx * nz))
+            vz += f * (steps.linear[p, c + 2] - radius * (wx * ny - wy * nx))
+        if force >= GATE_N:
+            stood = True
+            along = vx * nx + vy * ny + vz * nz
+            vx, vy, vz = vx - along * nx, vy - along * ny, vz - along * nz
+            slid += math.sqrt(vx * vx + vy * vy + vz * vz) / force * steps.step_s
+    return stood, slid
+
+
+@kernel
+def _stand(feet: FeetTruth, i: int, stood: bool, slid: float) -> None:
+    """Begin, continue or end the stance of a foot."""
+    if stood:
+        if feet.below[i] < 0:
+            feet.sliding[i] = 0.0
+            for k in range(3):
+                feet.start[i, k] = feet.centre[i, k]
+        feet.below[i] = 0
+        feet.sliding[i] += slid
+        feet.displacement[i] = math.hypot(feet.centre[i, 0] - feet.start[i, 0], feet.centre[i, 1] - feet.start[i, 1])
+    elif feet.below[i] >= 0:
+        feet.below[i] += 1
+        if feet.below[i] >= LIFT_TICKS:
+            feet.below[i] = -1
+            feet.stances[i] += 1
+            feet.last_sliding[i] = feet.sliding[i]
+            feet.last_displacement[i] = feet.displacement[i]
+            feet.sliding[i] = 0.0
+            feet.displacement[i] = 0.0
 
 
 def _window(model: mujoco.MjModel, data: mujoco.MjData, sensor: int, count: int) -> Array:
@@ -319,12 +333,10 @@ def rehearse() -> None:
     zeros, flags, contact = np.zeros(1), np.zeros(1, dtype=np.bool_), np.zeros((1, 6))
     none = np.zeros((0, 3))
     table, counts = _feet_at_rest(1)
-    _forces(
-        np.zeros((0, 2), dtype=np.int32), np.zeros((0, 9)), none, np.zeros(0, dtype=np.int32), zeros[:0], one, one,
-        flags, zeros, table[:, :3], contact,
-    )  # fmt: skip
+    contacts = Contacts(
+        np.zeros((0, 2), dtype=np.int32), np.zeros((0, 9)), none, np.zeros(0, dtype=np.int32), zeros[:0]
+    )
+    _forces(contacts, GeomRoles(one, one, flags), zeros, table[:, :3], contact)
     strided, two = np.zeros((2, 4))[:, 1:], np.zeros(2, dtype=np.int64)  # as the views of the history are
-    _feet(
-        three, np.zeros((1, 9)), one, three, zeros, contact, strided[:, :1], strided, strided, two, 1e-3, table, counts,
-        True,
-    )  # fmt: skip
+    steps = SphereSteps(two, strided[:, :1], strided, strided, 1e-3)
+    _feet(FootBodies(one, three, zeros), steps, three, np.zeros((1, 9)), contact, table, counts, True)

@@ -1,4 +1,4 @@
-"""How far standing soles turn about the vertical: twist of normal biped gait is small, on ice or in haste it is not."""
+"""Turn of standing soles about the vertical: small in normal biped gait, not so on ice or in haste."""
 
 import math
 from typing import Any

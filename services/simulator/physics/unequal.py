@@ -1,4 +1,4 @@
-"""Legs that do not do what they are told: a biped whose straight walk is an arc.
+"""Legs that differ from their description: a biped whose straight walk is an arc.
 
 Both legs are made a little crooked, as bent links or badly set servos do: the foot that a set-point places dx ahead of
 its neutral place turns by kappa dx about the trunk, and the legs of the outer side advance further than those of the
@@ -46,7 +46,7 @@ class UnequalLegs:
         self(robot.neutral)  # loads the kernel now, not in the first tick
 
     def __call__(self, set_points: Array) -> Array:
-        """Return what becomes of set-points (nj,) rad, within the joints' limits."""
+        """Return the joint angles that crooked legs make of set-points, (nj,) rad, within the joints' limits."""
         if self.drift == 0.0:
             return set_points
         found = bent(self._model, set_points, self._joints, self._neutral, self.drift)
@@ -94,7 +94,7 @@ def bent(model: KinematicModel, q: Array, joints: Ints, neutral: Array, drift: f
 
 @kernel
 def _column(a: Array, first: int, c: int, rot: Array, axis: Array, foot: Array, origin: Array) -> None:
-    """Add what a joint moves and turns of a foot to column c."""
+    """Add the motion and turn of a foot by a joint to column c."""
     turn, arm = np.empty(3), np.empty(3)
     for i in range(3):
         turn[i] = rot[i, 0] * axis[0] + rot[i, 1] * axis[1] + rot[i, 2] * axis[2]

@@ -22,10 +22,12 @@ from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.robot.description import Robot, RobotError
 from surefoot.robot.kinematics import foot_positions, forward
 from surefoot.robot.profiles import profile_table
+from surefoot.schemas.topics import HW_LANDMARKS
 
 from ..ground.grid import random_stream
 from ..ground.terrain import Terrain
 from ..physics.samples import Detection
+from .rate import period_ms
 
 Array = NDArray[np.float64]
 
@@ -105,7 +107,7 @@ def read_camera(name: str) -> Camera:
         width=width,
         height=t.integer("height_px", at_least=8, at_most=8192),
         focal=0.5 * width / math.tan(0.5 * field),
-        period_ms=t.integer("period_ms", at_least=10, at_most=10_000),
+        period_ms=period_ms(t, HW_LANDMARKS),
         exposure=1e-3 * t.number("exposure_ms", above=0, at_most=1000),
         detect=t.number("detect", at_least=0, at_most=1),
         blur=t.number("blur_px", above=0),
@@ -184,7 +186,7 @@ def motion(before: CameraPose, now: CameraPose, dt: float) -> tuple[Array, Array
 
 
 def seen(camera: Camera, pose: CameraPose, points: Array) -> tuple[NDArray[np.int64], Array]:
-    """Which points of the floor (n, 2) are in the image, and where they are in camera axes, (k,) and (k, 3)."""
+    """Return which floor points (n, 2) are in the image: indices (k,), and places in camera axes (k, 3) m."""
     local = product(points, pose.rot[:2]) - product(pose.position, pose.rot)  # (n, 3)
     index = np.flatnonzero(local[:, 2] > NEAREST)
     half = 0.5 * np.array([camera.width, camera.height]) / camera.focal

@@ -1,4 +1,4 @@
-"""Senses for what is around the robot: the camera's landmarks, ultrasound and bumpers. Only robots that have them."""
+"""Senses for the surroundings: the camera's landmarks, ultrasound and bumpers, of robots that have them."""
 
 import math
 from collections.abc import Callable
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.linear import product
 from surefoot.robot.description import Robot
+from surefoot.schemas.topics import TICK_NS, TICK_S
 
 from ..ground.grid import random_stream
 from ..ground.terrain import Terrain
@@ -30,16 +31,16 @@ from .walls import bumped, echo, read_ranger
 
 Array = NDArray[np.float64]
 
-TICK_MS = 10
+TICK_MS = TICK_NS // 1_000_000
 FIELD = ((-5.0, -5.0), (5.0, 5.0))  # m, where an open floor has landmarks at least
 
 
 @dataclass(frozen=True)
 class Floor:
-    """What lies on the floor for a camera to see."""
+    """Landmarks and marker on the floor."""
 
     landmarks: float = 60.0
-    """1/m2."""
+    """Density of the landmarks, 1/m2."""
     goal: tuple[float, float] | None = None
     """Marker of the goal, m; None = none."""
     copied: float = 0.0
@@ -48,7 +49,7 @@ class Floor:
     """Landmarks that share one such look."""
 
 
-def sight_of(robot: Robot, seed: int, floor: Floor, terrain: Terrain, camera: str | None = None) -> "Sight | None":
+def sight_of(robot: Robot, seed: int, floor: Floor, terrain: Terrain, camera: str | None = None) -> "Senses | None":
     """Camera and ranger of a robot; None if it has neither.
 
     Args:
@@ -62,10 +63,10 @@ def sight_of(robot: Robot, seed: int, floor: Floor, terrain: Terrain, camera: st
         RobotError: no such profile, or the robot has no link to carry it.
     """
     camera = robot.camera if camera is None else camera
-    return None if camera is None and robot.ranger is None else Sight(robot, seed, floor, terrain, camera)
+    return None if camera is None and robot.ranger is None else Senses(robot, seed, floor, terrain, camera)
 
 
-class Sight:
+class Senses:
     """Camera and ranger of one robot.
 
     Args:
@@ -84,7 +85,7 @@ class Sight:
         self.camera = None if camera is None else read_camera(camera)
         self.ranger = None if robot.ranger is None else read_ranger(robot.ranger)
         self.landmarks: Landmarks | None = None
-        """What the camera may recognise; None without a camera."""
+        """Landmarks that the camera may recognise; None without a camera."""
         if self.camera is not None:
             link_of(robot, self.camera)
             x0, y0, x1, y1 = terrain.map.bounds
@@ -115,7 +116,7 @@ class Sight:
                 exact = truth()
                 now = camera_pose(self.robot, self.camera, exact.position, exact.quat_wxyz, exact.joints)
                 if ticks % every == 0:
-                    seen = self.sensor.look(self.before or now, now, 1e-3 * TICK_MS)
+                    seen = self.sensor.look(self.before or now, now, TICK_S)
                     self.frame = CameraFrame(ticks // every, *seen)
                 self.before = now
         if self.ranger is not None:
@@ -153,7 +154,7 @@ class Sight:
         return min(r.longest, max(r.shortest, measured))
 
     def state(self) -> dict[str, Any]:
-        """Random streams and what is half done."""
+        """Return random streams and the state between two samples; plain JSON values."""
         before = None if self.before is None else [part.tolist() for part in self.before]
         eye = {"camera": self.sensor.state()} if self.camera is not None else {}
         return {"rng": self.rng.bit_generator.state, "bump": self.bump.tolist(), "before": before, **eye}

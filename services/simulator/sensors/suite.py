@@ -75,7 +75,7 @@ class SensorSuite:
         self._due = (joints, ContactSample(stamp_ns, seq, by_foot(touch.tolist(), self._points), force))
 
     def release(self, stamp_ns: int, seq: int, acc: Array, gyro: Array) -> Samples:
-        """What leaves in this tick; `acc` and `gyro` are those of its physics steps, (steps, 3)."""
+        """Return the samples of this tick; `acc` m/s2 and `gyro` rad/s belong to its physics steps, (steps, 3)."""
         y, saturated = self._imu.measure(acc, gyro)
         joints, contacts = self._due
         self._due = (None, None)

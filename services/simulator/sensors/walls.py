@@ -1,4 +1,4 @@
-"""What a robot feels of walls: the ultrasound's nearest echo and the bumpers of its feet."""
+"""Senses for walls: the ultrasound's nearest echo and the bumpers of the feet."""
 
 # mujoco has no type stubs for its compiled modules:
 # pyright: reportAttributeAccessIssue=false
@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.robot.profiles import profile_table
+from surefoot.schemas.topics import HW_RANGE
 
 from ..physics.addresses import Addresses
+from .rate import period_ms
 
 Array = NDArray[np.float64]
 
@@ -52,7 +54,7 @@ def read_ranger(name: str) -> Ranger:
         longest=t.number("longest", above=shortest),
         resolution=t.number("resolution", above=0),
         sigma=t.number("sigma", at_least=0),
-        period_ms=t.integer("period_ms", at_least=10, at_most=10_000),
+        period_ms=period_ms(t, HW_RANGE),
         bump_n=t.number("bump_n", above=0),
     )
     t.close()
@@ -60,7 +62,7 @@ def read_ranger(name: str) -> Ranger:
 
 
 def echo(model: Any, data: Any, place: Array, heading: float, half_cone: float, longest: float) -> float:
-    """Nearest thing of the terrain in a level cone, m, or `longest`.
+    """Return the distance of the nearest terrain in a level cone, m, or `longest`.
 
     The cone is level although the trunk is not: a smooth floor sends a slanting beam away, not back.
 
@@ -82,7 +84,7 @@ def echo(model: Any, data: Any, place: Array, heading: float, half_cone: float, 
 
 
 def bumped(data: Any, address: Addresses, feet: int, least: float) -> NDArray[np.bool_]:
-    """Which feet press a wall: their horizontal contact forces of the last physics step, (L,)."""
+    """Return whether each foot pressed a wall in the last physics step with at least `least` N, (L,)."""
     force, contact = np.zeros(feet), data.contact
     for i in np.flatnonzero(np.abs(contact.frame[:, 2]) < UPRIGHT):
         foot = address.foot_of_geom[contact.geom[i]].max()

@@ -35,7 +35,7 @@ from surefoot.schemas.topics import (
     SIM_PUSH,
     SIM_SET,
     STABILITY_CALIBRATE,
-    TICK_NS,
+    TICK_S,
     Query,
 )
 from surefoot.tables import Table
@@ -50,7 +50,6 @@ MOMENTS: tuple[Moment, ...] = ("ready", "walk_done", "goal_done")
 """ready: the walker stands and the estimator is initialised; walk_done: the last walking command has ended; goal_done:
 the last goal of the navigator has ended, however it did."""
 
-TICK_S = TICK_NS / 1e9
 MAX_DURATION_S = 3600.0
 _NAME = re.compile(r"[a-z0-9][a-z0-9-]*")
 

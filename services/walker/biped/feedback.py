@@ -1,4 +1,4 @@
-"""What the biped walker learns from the estimate: the trunk's tilt, what its steps become in the world, and a fall."""
+"""Feedback of the estimate to the biped walker: the trunk's tilt, the true length of its steps, and a fall."""
 
 import math
 
@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.robot.description import Robot
+from surefoot.schemas.topics import TICK_S
 
 from ..interface import WalkerInputs
-from . import balance
 from .ik import LegGeometry
 from .params import BipedParams
 from .plan import smooth
@@ -16,7 +16,6 @@ from .state import BipedState, Mode
 
 Array = NDArray[np.float64]
 
-DT = 0.01  # s, control tick
 REST_TICKS = 100  # of standing, after which the tilt counts as that of the quiet stance
 REST_GAIN = 0.02
 STRIDES = 1.0
@@ -25,7 +24,7 @@ and floor, servos and the estimate's own bias are followed while the robot turns
 FOLDED = (-1.0, 1.8, -0.9)  # rad, hip pitch, knee and ankle pitch of a robot that gives up
 
 
-def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs, height: float) -> bool:
+def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs) -> bool:
     """Take the trunk's tilt and rate; return whether the robot is lost.
 
     The unplanned tilt is what is measured less its slow mean `rest`. That mean holds the floor's slope, which turns
@@ -33,10 +32,9 @@ def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs, height: float) ->
     disturbance moves the mean by at most `slow_from_rad` of its size.
 
     Args:
-        s: state; rate, rest, tilt, offset and peak are updated.
+        s: state; rate, rest, tilt and peak are updated.
         p: settings.
         inputs: of this tick.
-        height: of the CoM, m.
     """
     rate = np.array(inputs.rate[:2])
     s.rate = p.gyro_smooth * s.rate + (1.0 - p.gyro_smooth) * rate
@@ -46,9 +44,8 @@ def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs, height: float) ->
         s.rest += REST_GAIN * tilt
     elif s.mode is Mode.STEP:
         most = p.slow_from_rad
-        s.rest += DT / (STRIDES * 2.0 * p.step_s) * np.minimum(most, np.maximum(-most, tilt))
+        s.rest += TICK_S / (STRIDES * 2.0 * p.step_s) * np.minimum(most, np.maximum(-most, tilt))
     tilt = measured - s.rest
-    s.offset = balance.com_beside(tilt, rate, height, float(s.trunk[2]))
     s.tilt = tilt
     size = float(np.hypot(*tilt))
     s.peak = max(s.peak, size)
@@ -82,7 +79,7 @@ def learn(s: BipedState, p: BipedParams, body: Array) -> None:
 def fold(s: BipedState, p: BipedParams, robot: Robot, g: LegGeometry) -> None:
     """Go down on bent knees: the shorter way down, the softer the ground."""
     s.clock += 1
-    part = smooth(s.clock * DT / p.fold_s)
+    part = smooth(s.clock * TICK_S / p.fold_s)
     folded = robot.neutral.copy()
     for leg in range(2):
         for i, angle in zip((2, 3, 4), FOLDED, strict=True):

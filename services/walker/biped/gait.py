@@ -2,8 +2,8 @@
 
 WAIT (no joints) -> RISE -> STAND <-> START -> STEP ...; FOLD -> FALLEN when all is lost. The plan is open loop in odom:
 footsteps, a ZMP reference with double support, preview control, CoM iteration over all links, closed-form legs,
-compensation of the servos' sag and lag. Feedback: the trunk's rate at the standing ankles, and the capture point's
-error, which moves the next foothold.
+compensation of the servos' sag and lag. Feedback: the trunk's rate at the standing ankles, and its unplanned tilt,
+which shortens the next step.
 """
 
 import math
@@ -12,24 +12,24 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
+from surefoot.schemas.topics import TICK_S
 
 from ..commands import refusal_of
 from ..interface import CommandReply, MotionCommand, WalkerInputs, WalkerOutputs
 from ..memory import WalkMemory
-from . import balance, feedback
+from . import feedback
 from . import route as routes
 from .ik import leg_geometry
 from .params import GAITS, BipedParams, abilities
-from .plan import LEFT, RIGHT, between, placed, reference, smooth, support_point, swing
+from .plan import LEFT, RIGHT, between, placed, reference, support_point, swing
 from .preview import HORIZON, preview_gains, preview_step
 from .report import ends_in_s, outputs
 from .route import route_of, upcoming
-from .servos import DT, SetPoints
-from .state import BipedState, Late, Mode
+from .servos import SetPoints
+from .state import AcceptedCommand, BipedState, Mode
 
 Array = NDArray[np.float64]
 
@@ -57,8 +57,7 @@ class BipedWalker:
         self.state = BipedState(robot.nj)
         feet = np.array([[0.0, self.width, 0.0, 0.0], [0.0, -self.width, 0.0, 0.0]])
         self.servos = SetPoints(robot, g, p, feet, self._middle(feet))
-        self.gains = preview_gains(self.servos.com_height, DT)
-        self.omega = math.sqrt(GRAVITY / self.servos.com_height)
+        self.gains = preview_gains(self.servos.com_height, TICK_S)
 
     def _params_of(self, gait: str) -> BipedParams:
         own = self._own
@@ -66,13 +65,13 @@ class BipedWalker:
 
     def _take_params(self, params: BipedParams) -> None:
         self.params = params
-        self._ticks = round(params.step_s / DT)
+        self._ticks = round(params.step_s / TICK_S)
         self._double = max(1, round(params.double * self._ticks))
 
     # --- commands --------------------------------------------------------------------------------------------------
 
     def never(self, command: MotionCommand) -> CommandReply | None:
-        """Return why a command cannot be obeyed at any time, or None; without a gait the present one judges it."""
+        """Return the refusal of a command that can never be obeyed, or None; the present gait is the default."""
         s = self.state
         stepping = s.gait if s.mode in (Mode.START, Mode.STEP) else None
         return refusal_of(command, abilities(self._gait_of(command, stepping)[1]), calibrated=True)
@@ -105,14 +104,14 @@ class BipedWalker:
         s.walk_id += 1
         s.reason = ""
         walking = command.action in ("walk", "turn")
-        late = Late(command, gait, route_of(command, params, s.walk_id) if walking else None)
+        late = AcceptedCommand(command, gait, route_of(command, params, s.walk_id) if walking else None)
         if s.mode is Mode.STEP and self._ticks_left() < LATE_TICKS and not self._upcoming(1):
             s.late = late
         else:
             self._take_up(late)
         return CommandReply(True, s.walk_id)
 
-    def _take_up(self, late: Late) -> None:
+    def _take_up(self, late: AcceptedCommand) -> None:
         """Let a command replace the present one from the next step on."""
         s = self.state
         s.gait, s.late, walking = late.gait, None, late.route is not None
@@ -131,7 +130,7 @@ class BipedWalker:
                 self._stand()
 
     def kept(self) -> WalkMemory:
-        """What a restart must not lose; a step that is not finished has to be done again."""
+        """Return the state that a restart must not lose; a step that is not finished has to be done again."""
         s = self.state
         if s.late is not None:
             walking = s.late.route is not None
@@ -182,14 +181,13 @@ class BipedWalker:
         s.held = s.calibrated and (inputs.stamp - inputs.estimate_stamp > p.stale_s or not inputs.initialised)
         if not s.calibrated or s.held:
             s.rate[:] = 0.0
-            s.offset[:] = 0.0
             return
-        if feedback.watch(s, p, inputs, self.servos.com_height):
+        if feedback.watch(s, p, inputs):
             s.mode, s.clock, s.route, s.late, s.paused = Mode.FOLD, 0, None, None, None
             s.rise_from = s.command
 
     def _begin(self) -> None:
-        """Stand where the measured joints say."""
+        """Stand on the feet as the measured joints place them."""
         s, q = self.state, self.state.measured
         assert q is not None
         rot, _ = kinematics.forward(self.robot.model, q)
@@ -220,7 +218,7 @@ class BipedWalker:
         s, p = self.state, self.params
         s.clock += 1
         if s.mode is Mode.RISE:
-            if s.clock >= p.rise_s / DT:
+            if s.clock >= p.rise_s / TICK_S:
                 if s.recovering:
                     s.rest, s.recovering = s.rest + s.tilt, False  # what it took for level was in mid-step
                 self._stand()
@@ -237,7 +235,7 @@ class BipedWalker:
             if s.held:
                 self._pause()
                 self._stand()
-            elif s.clock >= p.start_s / DT:
+            elif s.clock >= p.start_s / TICK_S:
                 self._next_step()
         elif s.mode is Mode.STEP:
             self._swing()
@@ -247,21 +245,19 @@ class BipedWalker:
     def _swing(self) -> None:
         s = self.state
         if s.clock > self._double:
-            s.progress += s.pace / (self._ticks - self._double)
+            s.progress += 1.0 / (self._ticks - self._double)
         if s.progress > 1.0 - 1e-9:
             self._land()
             self._next_step()
             if s.late is not None:
                 self._take_up(s.late)
-        else:
-            self._adjust()
 
     def _ticks_left(self) -> int:
         """Until the present step's touch-down, or until the first step begins."""
         s = self.state
         if s.mode is Mode.START:
-            return max(0, math.ceil(self.params.start_s / DT - 1e-9) - s.clock)
-        swinging = (1.0 - s.progress) * (self._ticks - self._double) / s.pace
+            return max(0, math.ceil(self.params.start_s / TICK_S - 1e-9) - s.clock)
+        swinging = (1.0 - s.progress) * (self._ticks - self._double)
         return max(0, self._double - s.clock) + math.ceil(swinging - 1e-9)
 
     def _apart(self) -> bool:
@@ -275,7 +271,8 @@ class BipedWalker:
         if s.mode is Mode.STEP and s.step is not None:
             feet = feet.copy()
             feet[s.step.swing], body, swing_next = s.step.target, s.step.body, 1 - s.step.swing
-        return upcoming(s.route, feet, body, swing_next, self.params, self.width, s.scale, s.gain, ticks)
+        now = routes.Standing(feet, body, swing_next)
+        return upcoming(s.route, now, self.params, self.width, s.scale, s.gain, ticks)
 
     def _pause(self) -> None:
         """Without an estimate: close the feet, and go on when it is back."""
@@ -304,7 +301,7 @@ class BipedWalker:
             s.route = s.route.next(s.scale)[2]
         s.mode, s.clock, s.step = Mode.STEP, 0, step
         s.begin = s.feet[step.swing].copy()
-        s.shift, s.progress, s.pace = np.zeros(2), 0.0, 1.0
+        s.progress = 0.0
         s.zmp_from = s.ref[min(s.row, len(s.ref) - 1)].copy()
         self._lay_reference()
         s.row = -1
@@ -317,10 +314,6 @@ class BipedWalker:
         s.body = s.step.body
         s.next_swing = 1 - s.step.swing
         s.steps += 1
-        if np.any(s.shift != 0.0):
-            s.adjusted += 1
-            s.body = between(s.feet)
-            s.x[:2] += self.params.absorb * s.offset  # the plan goes on from where the CoM is
 
     def _lay_reference(self) -> None:
         """ZMP reference from the beginning of the present step over all steps that are known."""
@@ -329,7 +322,7 @@ class BipedWalker:
         feet = s.feet.copy()
         if s.mode is Mode.START:
             points.append(s.zmp_from)
-            ticks.append(round(p.start_s / DT))
+            ticks.append(round(p.start_s / TICK_S))
             double.append(1)
         elif s.step is not None:
             points.append(self._support(feet, 1 - s.step.swing))
@@ -351,35 +344,6 @@ class BipedWalker:
 
     def _middle(self, feet: Array) -> Array:
         return 0.5 * (self._support(feet, LEFT) + self._support(feet, RIGHT))
-
-    def _adjust(self) -> None:
-        """Move the landing after the capture point while the foot is in the air."""
-        s, p = self.state, self.params
-        assert s.step is not None
-        left = self._ticks_left()
-        if p.adjust == 0.0 or s.clock <= self._double or left < 2:
-            return
-        wanted = balance.foothold_shift(s.offset, self.omega, left * DT / p.hurry, p.adjust_from_m, p.growth)
-        wanted *= p.adjust
-        if s.pace == 1.0 and np.any(wanted != 0.0):
-            s.pace = p.hurry  # down with the foot
-            self._lay_reference()
-        wanted = balance.limited(wanted, float(s.body[2]), p.adjust_max_m)
-        if float(np.hypot(*(wanted - s.shift))) < 0.002:
-            return
-        swinging = s.step.swing
-        nominal = s.step.target.copy()
-        nominal[:2] -= s.shift
-        target = nominal.copy()
-        target[:2] += wanted
-        target = balance.beside(target, s.feet[1 - swinging], swinging, 2.0 * p.least_width_m)
-        done = smooth(s.progress)
-        if done < 1.0 - 1e-9:  # the path goes on from where the foot is
-            now = s.begin + done * (s.step.target - s.begin)
-            s.begin = (now - done * target) / (1.0 - done)
-        s.shift = target[:2] - nominal[:2]
-        s.step = s.step._replace(target=target)
-        self._lay_reference()
 
     def _soles(self) -> Array:
         """Both soles now, (2, 4): x, y, yaw, height."""

@@ -17,14 +17,13 @@ from numpy.typing import NDArray
 from surefoot.geometry.rotations import matrix_from_axis_angle
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import Robot, RobotError
+from surefoot.robot.kinematics import LIMIT_SLACK, REACH_SLACK
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 NEWTON_STEPS = 6  # at most; one to three when the search begins at the last tick's angle
 NEWTON_DIFFERENCE = 1e-4  # rad
-REACH_SLACK = 1e-9  # of the knee's cosine
-LIMIT_SLACK = 1e-7  # rad
 ALIGNED = 1e-9  # m and unit vectors, what counts as straight
 
 

@@ -1,96 +1,87 @@
-"""Settings of the biped walker; every default with its unit, robot-specific ones from `robot.toml`."""
+"""Settings of the biped walker, each with its unit. Numbers of one robot stand in `[gait]` of its `robot.toml`."""
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 
 from surefoot.robot.description import Robot
 
 from ..commands import Abilities, ArcLimits
+from ..settings import settings_of
 
 GAITS = ("zmp", "quick")
 """Names of the gaits; the first is the usual one."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class BipedParams:
-    """Gait, limits and reactions."""
+    """Gait, limits and reactions of the walker.
 
-    step_s: float = 0.7
-    """Duration of a step."""
-    step_m: float = 0.025
-    """Advance of the body in one step at the gait's own speed; a foot moves twice as far."""
-    quick_s: float = 0.4
-    """The same of the gait `quick`,"""
-    quick_m: float = 0.030
-    """and its advance."""
-    max_step_m: float = 0.060
-    turn_step_rad: float = math.radians(11.5)
-    """Change of heading in one step."""
-    max_turn_rad: float = math.radians(15.0)
-    lift_m: float = 0.015
-    """Top of the swing."""
-    crouch: float = 0.93
-    """Hip height over the ankles as part of the leg's length."""
-    double: float = 0.25
-    """Part of a step with both feet down."""
+    Fields without a default come from `[gait]` of the robot description, which may also change those with one.
+    """
+
+    step_s: float
+    """Duration of a step, s."""
+    step_m: float
+    """Advance of the body in one step at the gait's own speed, m; a foot moves twice as far."""
+    lift_m: float
+    """Step height: top of the swing over the floor, m."""
+    crouch: float
+    """Hip height over the ankles as part of the leg's length, 0..1."""
+    zmp_y_m: float
+    """ZMP of single support inwards of the ankle, m."""
     zmp_x_m: float = 0.0
-    """ZMP of single support ahead of the ankle,"""
-    zmp_y_m: float = 0.0
-    """and inwards of it."""
+    """ZMP of single support ahead of the ankle, m."""
+    quick_s: float = 0.4
+    """Duration of a step of the gait `quick`, s."""
+    quick_m: float = 0.030
+    """Advance of the body in one step of the gait `quick`, m."""
+    max_step_m: float = 0.060
+    """Longest advance of the body in one step, m."""
+    turn_step_rad: float = math.radians(11.5)
+    """Change of heading in one step, rad."""
+    max_turn_rad: float = math.radians(15.0)
+    """Largest change of heading in one step, rad."""
+    double: float = 0.25
+    """Part of a step with both feet down, 0..1."""
     lean_rad: float = 0.0
-    """Pitch of the trunk."""
+    """Pitch of the trunk, rad."""
     start_s: float = 1.0
-    """Standing before the first step, in which the weight shifts."""
+    """Time of standing before the first step, in which the weight shifts, s."""
     rise_s: float = 1.0
-    """From the measured joints to the stance."""
+    """Time from the measured joints to the stance, s."""
     sag: float = 1.0
-    """Part of the servos' compliance that the set-points lead by."""
+    """Part of the servos' compliance that the set-points lead by, 0..1."""
     lag: float = 1.0
-    """Part of the servos' velocity lag that the set-points lead by."""
+    """Part of the servos' velocity lag that the set-points lead by, 0..1."""
     lag_limit: float = 6.0
-    """rad/s, joint rate up to which the lag is led."""
+    """Joint rate up to which the lag is led, rad/s."""
     gyro_s: float = 0.05
-    """Ankle set-point against the trunk's rate, rad per rad/s,"""
+    """Ankle set-point against the trunk's rate, rad per rad/s."""
     gyro_smooth: float = 0.5
-    """with this much of the last value kept."""
-    adjust: float = 0.0
-    """Part of the capture point's error that a swinging foot follows; 0 = no step adjustment."""
-    adjust_from_m: float = 0.030
-    """Errors of the capture point up to this are left to the ankles."""
-    hurry: float = 1.8
-    """Speed of an adjusted swing, 1 = as planned."""
-    growth: float = 0.0
-    """Part of the pendulum's growth until touch-down that the adjustment counts on."""
-    adjust_max_m: float = 0.060
-    """Longest adjustment of a foothold, along each axis of the heading."""
-    absorb: float = 0.0
-    """Part of the measured error of the CoM state that the plan takes over at an adjusted touch-down."""
-    least_width_m: float = 0.030
-    """Half distance of the feet that an adjusted step keeps at least."""
+    """Part of the last rate that its smoothing keeps in each tick, 0..1."""
     slow_from_rad: float = math.radians(3.0)
-    """Peak of the unplanned tilt in a step from which on the next one becomes shorter,"""
+    """Peak of the unplanned tilt in a step from which on the next one becomes shorter, rad."""
     slow_full_rad: float = math.radians(8.0)
-    """and marks time."""
+    """Peak of the unplanned tilt in a step from which on the next one marks time, rad."""
     falling_rad: float = math.radians(30.0)
-    """Unplanned tilt from which on the robot is lost and folds."""
+    """Unplanned tilt from which on the robot is lost and folds, rad."""
     fold_s: float = 0.4
-    """Time of that."""
+    """Time of folding, s."""
     learn: float = 0.5
-    """How fast the walker learns from the odometry what its steps become in the world; 0 = not at all,"""
+    """Part of the difference between odometry and plan learned in each step, 0..1; 0 = none."""
     learn_limit: float = 0.3
-    """and by how much at most."""
+    """Largest learned difference from the plan, as part of it."""
     stale_s: float = 0.1
-    """Estimates older than this end the walk."""
+    """Age of estimates beyond which the walk waits, s."""
     close_m: float = 0.003
-    """Feet nearer than this to their place need no closing step,"""
+    """Distance of a foot from its place below which it needs no closing step, m."""
     close_rad: float = 0.01
-    """and this."""
+    """Turn of a foot from its place below which it needs no closing step, rad."""
 
     @classmethod
-    def for_robot(cls, robot: Robot, **overrides: object) -> "BipedParams":
-        """Defaults, then the robot's own gait table, then `overrides`."""
-        own = {f.name: robot.gait[f.name] for f in fields(cls) if f.name in robot.gait}
-        return replace(cls(**own), **overrides)  # type: ignore[arg-type]
+    def for_robot(cls, robot: Robot, **changes: object) -> "BipedParams":
+        """Return the robot's own settings with some changed (raises RobotError)."""
+        return settings_of(cls, robot, changes)
 
 
 def abilities(params: BipedParams) -> Abilities:

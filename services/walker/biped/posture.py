@@ -1,5 +1,5 @@
-"""From CoM and feet to servo set-points of a biped: the trunk is moved until the CoM of ALL links is where it should
-be, the legs follow in closed form, and the set-points lead by what the servos sag under the load.
+"""Posture of a biped from CoM and feet: the trunk is moved until the CoM of ALL links is where it should be, the legs
+follow in closed form, and torques give the sag of the servos under the load.
 """
 
 import math

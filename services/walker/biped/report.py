@@ -1,20 +1,21 @@
-"""What the biped walker says about itself in each tick."""
+"""Outputs of the biped walker in each tick."""
 
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.schemas.topics import TICK_S
+
 from ..interface import WalkerOutputs, WalkState
 from .params import BipedParams
-from .servos import DT
 from .state import BipedState, Mode
 
 Array = NDArray[np.float64]
 
 
 def walk_state(s: BipedState) -> WalkState:
-    """The state in the words of the wire; a fallen robot is `refused`, with the fall as the reason."""
+    """Return the state as published; a fallen robot is `refused`, with the fall as the reason."""
     if s.mode in (Mode.FOLD, Mode.FALLEN):
         return "refused"
     if s.mode in (Mode.WAIT, Mode.RISE) or not s.calibrated:
@@ -40,7 +41,7 @@ def ends_in_s(s: BipedState, p: BipedParams, ticks_left: int) -> float | None:
     route = s.route if s.late is None else s.late.route
     if route is None or s.mode not in (Mode.STAND, Mode.START, Mode.STEP):
         return None
-    begins = DT * ticks_left if s.mode is not Mode.STAND else p.start_s
+    begins = TICK_S * ticks_left if s.mode is not Mode.STAND else p.start_s
     if s.late is not None:
         begins += p.start_s
     elif s.mode is Mode.STEP and route.finished and (s.undone is None or s.undone.finished):
@@ -55,7 +56,7 @@ def ends_in_s(s: BipedState, p: BipedParams, ticks_left: int) -> float | None:
 def outputs(
     s: BipedState, soles: Array, phase: float, double: bool, height: float, ends: float | None = None
 ) -> WalkerOutputs:
-    """The walker's decision as it goes out.
+    """Return the outputs of a tick.
 
     Args:
         s: state.

@@ -1,4 +1,4 @@
-"""What is left of a walk command, and the footsteps it leads to."""
+"""Rest of a walk command, and the footsteps it leads to."""
 
 import math
 from dataclasses import dataclass, replace
@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from surefoot.schemas.topics import TICK_S
 
 from ..interface import MotionCommand
 from .params import BipedParams
@@ -26,47 +28,55 @@ class Footstep(NamedTuple):
     body: Array  # (3,)
 
 
+class Standing(NamedTuple):
+    """Both feet on the floor, and the one that swings next."""
+
+    feet: Array  # (2, 3) x, y in m, yaw in rad, odom
+    body: Array  # (3,) body pose they belong to
+    swing: int
+
+
 @dataclass(frozen=True)
 class BipedRoute:
     """Rest of a command: straight, arc or turn on the spot."""
 
     forward: float
-    """m still to go, negative = backward; inf = until told otherwise."""
+    """Way still to go, m, negative = backward; inf = until another command."""
     turn: float
-    """rad still to turn."""
+    """Angle still to turn, rad."""
     step: float
-    """Signed advance of a full step, m,"""
+    """Signed advance of a full step, m."""
     step_turn: float
-    """and its turn, rad."""
+    """Turn of a full step, rad."""
     walk_id: int
     turning: bool
-    """On the spot."""
+    """True if the robot turns on the spot."""
     longest: float = math.inf
-    """Advance of the longest step, m,"""
+    """Largest advance of a step, m."""
     widest: float = math.inf
-    """and the largest turn of one, rad."""
+    """Largest turn of a step, rad."""
 
     @property
     def remaining(self) -> float:
-        """m, or rad when turning on the spot; 0 for an endless walk."""
+        """Way still to go, m, or angle of a turn on the spot, rad; 0 for an endless walk."""
         left = abs(self.turn) if self.turning else abs(self.forward)
         return left if math.isfinite(left) else 0.0
 
     @property
     def finished(self) -> bool:
-        """Nothing is left."""
+        """True if nothing is left."""
         return abs(self.forward) < DONE and (abs(self.turn) < DONE or not self.turning)
 
     @property
     def steps(self) -> float:
-        """Full steps that are left; inf of an endless walk."""
+        """Number of full steps that are left; inf of an endless walk."""
         if self.finished:
             return 0.0
         part = abs(self.forward / self.step) if abs(self.step) > 0.0 else abs(self.turn / self.step_turn)
         return max(1, math.ceil(part - LITTLE)) if math.isfinite(part) else math.inf
 
     def left(self, step_s: float, gait: str, duration: float | None) -> MotionCommand:
-        """What is left as a command: it leads to the same steps."""
+        """Return the rest as a command that leads to the same steps."""
         if self.turning:
             return MotionCommand("turn", angle=self.turn, gait=gait, duration=duration)
         distance = self.forward if math.isfinite(self.forward) else None
@@ -95,7 +105,7 @@ class BipedRoute:
 
 
 def route_of(command: MotionCommand, params: BipedParams, walk_id: int) -> BipedRoute:
-    """Equal steps that end exactly where the command says."""
+    """Return equal steps that end exactly where the command does."""
     most = params.max_step_m, params.max_turn_rad
     if command.action == "turn":
         angle = command.angle or 0.0
@@ -115,7 +125,7 @@ def route_of(command: MotionCommand, params: BipedParams, walk_id: int) -> Biped
 
 
 def first_swing(route: BipedRoute, feet: Array) -> int:
-    """The foot that steps first: the inner one of a turn, else the one that is behind."""
+    """Return the foot that steps first: the inner one of a turn, else the one that is behind."""
     if route.step_turn != 0.0:
         return LEFT if route.step_turn > 0.0 else RIGHT
     body = between(feet)
@@ -124,24 +134,22 @@ def first_swing(route: BipedRoute, feet: Array) -> int:
 
 
 def upcoming(
-    route: BipedRoute | None, feet: Array, body: Array, swing: int, params: BipedParams, width: float, scale: float,
-    gain: Array, ticks: int,
-) -> list[Footstep]:  # fmt: skip
-    """The next footsteps, at least `ticks` control ticks of them or to the end of the walk with its closing step.
+    route: BipedRoute | None, now: Standing, params: BipedParams, width: float, scale: float, gain: Array, ticks: int
+) -> list[Footstep]:
+    """Return the next footsteps: at least `ticks` control ticks of them, or all to the closing step of the walk.
 
     Args:
         route: None = only bring the feet together.
-        feet: (2, 3) where both feet stand (the swinging one: will land).
-        body: (3,) body pose they belong to.
-        swing: the foot that swings next.
+        now: the feet as they stand, or will stand after the present step.
         params: settings.
         width: half distance of the feet, m.
         scale: shortens the first step.
-        gain: (2,) what a planned way and turn become in the world: the plan is divided by it.
-        ticks: preview wanted.
+        gain: (2,) quotient of measured and planned way, and of measured and planned turn: the plan is divided by it.
+        ticks: length of the preview.
     """
     steps: list[Footstep] = []
-    feet, per_step = feet.copy(), round(params.step_s * 100)
+    (feet, body, swing), per_step = now, round(params.step_s / TICK_S)
+    feet = feet.copy()
     while len(steps) < MAX_AHEAD and len(steps) * per_step < ticks:
         if route is not None and not route.finished:
             forward, turn, route = route.next(scale if not steps else 1.0)
@@ -159,12 +167,12 @@ def upcoming(
 
 
 def together(feet: Array, body: Array, width: float, params: BipedParams) -> bool:
-    """Whether both feet stand where the body pose wants them."""
+    """Return whether both feet stand beside the body pose."""
     return not any(apart(feet[i], placed(body, i, width), params) for i in (LEFT, RIGHT))
 
 
 def apart(foot: Array, wanted: Array, params: BipedParams) -> bool:
-    """Whether a foot is away from its place."""
+    """Return whether a foot is away from its place."""
     turn = foot[2] - wanted[2]
     return bool(
         math.hypot(foot[0] - wanted[0], foot[1] - wanted[1]) > params.close_m

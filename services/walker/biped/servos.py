@@ -1,5 +1,5 @@
-"""From the plan of a biped's tick to the set-points of its servos: the posture of all links, what the servos sag and
-lag, and the trunk's rate at the standing ankles.
+"""Set-points of a biped's servos from the plan of a tick: the posture of all links, sag and lag of the servos, and
+the trunk's rate at the standing ankles.
 """
 
 import numpy as np
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from surefoot.geometry.constants import GRAVITY
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
+from surefoot.schemas.topics import TICK_S
 
 from . import posture
 from .ik import LegGeometry
@@ -16,8 +17,6 @@ from .plan import between, smooth
 from .state import BipedState, Mode
 
 Array = NDArray[np.float64]
-
-DT = 0.01  # s, control tick
 
 
 class SetPoints:
@@ -35,17 +34,17 @@ class SetPoints:
         self.robot, self.geometry = robot, geometry
         g = geometry
         self.height = params.crouch * (g.thigh + g.shin) + g.ankle - float(g.hip[0, 2])
-        """m, of base_link over the soles."""
+        """Height of base_link over the soles, m."""
         self._kp = np.array([joint.servo.kp for joint in robot.joints])
         self._kv = np.array([joint.servo.kv for joint in robot.joints])
         self._tilt = np.array([0.0, params.lean_rad])
         self.stance = robot.neutral.copy()
-        """(nj,) rad, with both feet under the hips."""
+        """Joint angles with both feet under the hips, (nj,) rad."""
         trunk = np.array([0.0, 0.0, 0.0, self.height])
         for _ in range(5):
             posture.place_com(robot.model, g, self.stance, feet, trunk, self._tilt, middle)
         self.com_height = float(self.height + kinematics.com(robot.model, self.stance)[2])
-        """m, of the CoM over the soles."""
+        """Height of the CoM over the soles, m."""
 
     def follow(self, s: BipedState, p: BipedParams, soles: Array, double: int) -> None:
         """Set joint angles and set-points of this tick; `soles` (2, 4), both bear load for `double` ticks of a step."""
@@ -53,8 +52,6 @@ class SetPoints:
         s.trunk[3] = self.height
         q = s.q.copy()
         _, reachable, rot = posture.place_com(self.robot.model, self.geometry, q, soles, s.trunk, self._tilt, s.x[0])
-        if p.adjust > 0.0 and s.mode is Mode.STEP and s.step is not None and np.any(s.shift != 0.0):
-            self._follow_tilt(s, q, soles, s.step.swing)
         s.unreachable = 0 if reachable else 1
         zmp = s.x[0] - self.com_height / GRAVITY * s.x[2]
         share = posture.load_share(zmp, soles)
@@ -67,24 +64,13 @@ class SetPoints:
         command = (
             q
             + p.sag * torque / self._kp
-            + p.lag * (self._kv / self._kp) * np.clip((q - s.q) / DT, -p.lag_limit, p.lag_limit)
+            + p.lag * (self._kv / self._kp) * np.clip((q - s.q) / TICK_S, -p.lag_limit, p.lag_limit)
         )
         joints = self.geometry.joints
         command[joints[:, 5]] += p.gyro_s * share * s.rate[0]
         command[joints[:, 4]] += p.gyro_s * share * s.rate[1]
         s.q = q
         if s.mode is Mode.RISE and s.rise_from is not None:
-            part = smooth(s.clock * DT / p.rise_s)
+            part = smooth(s.clock * TICK_S / p.rise_s)
             command = s.rise_from + part * (command - s.rise_from)
         s.command = np.clip(command, self.robot.joint_lower, self.robot.joint_upper)
-
-    def _follow_tilt(self, s: BipedState, q: Array, soles: Array, leg: int) -> None:
-        """Hold the swinging foot where it should be in the world although trunk and standing foot are tilted."""
-        trunk = s.trunk.copy()
-        trunk[:2] += self.height / self.com_height * s.offset[0]
-        other = q.copy()
-        posture.pose_legs(self.geometry, other, soles, trunk, self._tilt + s.tilt)
-        joints = self.geometry.joints[leg]
-        if self.geometry.coupled:
-            joints = joints[1:]  # the yaw belongs to the standing leg, too
-        q[joints] = other[joints]

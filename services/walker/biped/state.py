@@ -1,4 +1,4 @@
-"""What the biped walker remembers from one tick to the next."""
+"""State of the biped walker from one tick to the next."""
 
 from dataclasses import dataclass, field
 from enum import Enum
@@ -14,7 +14,7 @@ Flags = NDArray[np.bool_]
 
 
 class Mode(Enum):
-    """What the legs are doing."""
+    """Stage of the legs' motion."""
 
     WAIT = "wait"  # no joint sample yet
     RISE = "rise"  # from the measured joints to the stance
@@ -26,13 +26,13 @@ class Mode(Enum):
 
 
 @dataclass(frozen=True)
-class Late:
+class AcceptedCommand:
     """A command that was accepted."""
 
     command: MotionCommand
     gait: str
     route: BipedRoute | None
-    """None: it is no walking one."""
+    """Rest of a walk or turn; None for stand and stop."""
 
 
 @dataclass(eq=False)
@@ -46,59 +46,53 @@ class BipedState:
     gait: str = "zmp"
     route: BipedRoute | None = None
     undone: BipedRoute | None = None
-    """What the route was before the present step."""
+    """Route before the present step."""
     paused: BipedRoute | None = None
-    """What is left of a walk that waits for the estimate."""
-    late: Late | None = None
-    """Came while the closing step landed: taken up when the robot stands."""
+    """Rest of a walk that waits for the estimate."""
+    late: AcceptedCommand | None = None
+    """Command that came while the closing step landed; it is taken up when the robot stands."""
     walk_id: int = 0
     step: Footstep | None = None
     """The present step."""
     next_swing: int = 0
     progress: float = 0.0
-    """Of the present swing, 0..1,"""
-    pace: float = 1.0
-    """and its speed, 1 = as planned."""
+    """Phase of the present swing, 0..1."""
     tilt: Array = field(default_factory=lambda: np.zeros(2))
     """Roll and pitch beyond the plan, rad."""
     begin: Array = field(default_factory=lambda: np.zeros(3))
-    """Where the swinging foot came from."""
+    """Place of the swinging foot at lift-off, (3,) x, y, yaw."""
     feet: Array = field(default_factory=lambda: np.zeros((2, 3)))
-    """Where the feet stand; the swinging one: stood."""
+    """Places of the feet, (2, 3) x, y, yaw; of the swinging one at lift-off."""
     body: Array = field(default_factory=lambda: np.zeros(3))
-    """Body pose the feet belong to."""
+    """Body pose that the feet belong to, (3,) x, y, yaw."""
     x: Array = field(default_factory=lambda: np.zeros((3, 2)))
-    """CoM of the plan: position, velocity, acceleration."""
+    """CoM of the plan, (3, 2): position, velocity, acceleration in x and y, SI."""
     error: Array = field(default_factory=lambda: np.zeros(2))
-    """Sums of the ZMP error."""
+    """Sums of the ZMP error in x and y, (2,) m."""
     ref: Array = field(default_factory=lambda: np.zeros((1, 2)))
-    """ZMP reference from the beginning of the present step on."""
+    """ZMP reference from the beginning of the present step on, (n, 2) m."""
     row: int = 0
-    """Present row of it."""
+    """Present row of the ZMP reference."""
     zmp_from: Array = field(default_factory=lambda: np.zeros(2))
-    """Where the reference was when the present step began."""
+    """ZMP reference at the beginning of the present step, (2,) m."""
     trunk: Array = field(default_factory=lambda: np.zeros(4))
-    """x, y, yaw, height of base_link."""
+    """Pose of base_link, (4,) x, y, yaw, height."""
     q: Array = field(default_factory=lambda: np.zeros(0))
     """Planned joint angles, (nj,)."""
     rate: Array = field(default_factory=lambda: np.zeros(2))
-    """Smoothed roll and pitch rate."""
+    """Smoothed roll and pitch rate, (2,) rad/s."""
     rest: Array = field(default_factory=lambda: np.zeros(2))
     """Slow mean of the measured roll and pitch, rad: floor, servos' zeros and the bias of the estimate."""
-    offset: Array = field(default_factory=lambda: np.zeros((2, 2)))
-    """CoM beside the plan by the measured tilt: position and velocity, (2, 2)."""
-    shift: Array = field(default_factory=lambda: np.zeros(2))
-    """Adjustment of the present foothold, m."""
     peak: float = 0.0
-    """Largest unplanned tilt of the present step."""
+    """Largest unplanned tilt of the present step, rad."""
     scale: float = 1.0
-    """Shortens steps after a tilt."""
+    """Factor on the next step after a tilt, 0..1."""
     calibrated: bool = False
     held: bool = False
     duration: float | None = None
-    """s from the first step on after which the walk ends; None = no limit."""
+    """Time from the first step on after which the walk ends, s; None = no limit."""
     began: float | None = None
-    """Simulated time of that step, s."""
+    """Simulated time of the first step, s."""
     recovering: bool = False
     """Started again in the middle of a run, not standing yet."""
     stamp: float = 0.0
@@ -109,22 +103,20 @@ class BipedState:
     command: Array | None = None
     contacts: Flags = field(default_factory=lambda: np.ones(2, dtype=np.bool_))
     seen: Array = field(default_factory=lambda: np.zeros(3))
-    """Odometry now: x, y, yaw,"""
+    """Odometry now, (3,) x, y, yaw."""
     seen_then: Array | None = None
-    """and at the last touch-down of this walk."""
+    """Odometry at the last touch-down of this walk, (3,); None before it."""
     planned_way: Array = field(default_factory=lambda: np.zeros(2))
-    """Way and turn of this walk by plan (m, rad),"""
+    """Way and turn of this walk by plan, (2,) m and rad."""
     measured_way: Array = field(default_factory=lambda: np.zeros(2))
-    """and by odometry."""
+    """Way and turn of this walk by odometry, (2,) m and rad."""
     gain: Array = field(default_factory=lambda: np.ones(2))
-    """What a planned way and turn become in the world."""
+    """Quotient of measured and planned way, and of measured and planned turn, (2,)."""
     learning: bool = True
-    """The present command lets the walker learn that."""
+    """True if the present command lets the walker learn `gain`."""
     steps: int = 0
     reason: str = ""
     unreachable: int = 0
-    adjusted: int = 0
-    """Steps whose foothold was moved."""
 
     def __post_init__(self) -> None:
         self.q = np.zeros(self.joints)

@@ -1,4 +1,4 @@
-"""Where the plan lies in the map: laid under measured joints at the start, laid anew over the estimate at each step.
+"""Place of the plan in the map: laid under measured joints at the start, laid anew over the estimate at each step.
 
 Laying the plan anew moves trunk and feet together, so the feet keep their place in the trunk frame and no joint moves.
 """
@@ -89,7 +89,7 @@ def _correct_tilt(state: WalkerState, gain: float, xy: Array, gaps: Array) -> No
 
 
 def placed(state: WalkerState, inputs: WalkerInputs) -> WalkerInputs:
-    """The inputs with the odometry's pose in the map.
+    """Return the inputs with the odometry's pose in the map.
 
     An estimator that was started anew begins at the start pose, wherever the robot is. It does so at rest, so the robot
     stands where the plan has it: from then on the odometry is laid there. What was learned of its tilt is void.
@@ -121,5 +121,5 @@ def _moved(inputs: WalkerInputs, offset: tuple[float, float, float]) -> WalkerIn
 
 
 def tilt(state: WalkerState, inputs: WalkerInputs) -> tuple[float, float]:
-    """Estimated roll and pitch less their learned error, rad."""
+    """Return estimated roll and pitch less their learned error, rad."""
     return inputs.roll + float(state.tilt_offset[0]), inputs.pitch + float(state.tilt_offset[1])

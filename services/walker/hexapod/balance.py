@@ -1,4 +1,4 @@
-"""What the walker does about a step that leaves too little static margin.
+"""Reactions of the walker to a step that leaves too little static margin.
 
 In this order: the trunk moves over the feet that will stand while all of them still do; a gait that lifts fewer legs;
 a shorter step; refusal. The asked-for gait returns after one cycle of the other.
@@ -75,7 +75,7 @@ def shift_into(reply: StanceVerdict, wanted: float) -> Array | None:
 
 
 def react(state: WalkerState, frame: PlanningContext, begin: BodyPose, reply: StanceVerdict) -> bool:
-    """Choose what to do about a step of small margin; returns whether it may be taken as it is.
+    """React to a step of small margin; return whether it may be taken as it is.
 
     Args:
         state: gets the new goal of the trunk, gait or scale, and the reason in words.
@@ -107,7 +107,7 @@ def react(state: WalkerState, frame: PlanningContext, begin: BodyPose, reply: St
 
 
 def _aim(state: WalkerState, frame: PlanningContext, begin: BodyPose, shift: Array) -> bool:
-    """Give the trunk a goal as near to the shifted place as all legs reach and the limit allows."""
+    """Give the trunk a goal as near to the shifted place as all legs reach; return whether there is one."""
     size = float(np.hypot(shift[0], shift[1]))
     if size < LEAST_SHIFT:
         return False
@@ -133,7 +133,7 @@ def shift(state: WalkerState, reach: float) -> None:
 
 
 def stand_at(state: WalkerState, frame: PlanningContext, now: BodyPose, shift: tuple[float, float]) -> str | None:
-    """Give the standing trunk a goal, m forward and left of the middle of its feet; or why that cannot be, in words."""
+    """Give the standing trunk a goal, m forward and left of the middle of its feet; return the reason against it."""
     s = state
     if s.stage is not Stage.STAND or s.route is not None or s.closing or s.recovering:
         return "the trunk is moved over its feet only while the robot stands"
@@ -147,7 +147,7 @@ def stand_at(state: WalkerState, frame: PlanningContext, now: BodyPose, shift: t
 
 
 def lagging(state: WalkerState, frame: PlanningContext) -> int:
-    """The group of the gait that is to swing first: feet far from neutral, and not those that have just landed."""
+    """Return the group of the gait that swings first: feet far from neutral, and not those that have just landed."""
     off = state.footholds[:, :2] - state.body[:2] - planning.rotated(state.yaw, frame.neutral)
     far = np.hypot(off[:, 0], off[:, 1])
     far[list(state.swung)] = 0.0
@@ -155,7 +155,7 @@ def lagging(state: WalkerState, frame: PlanningContext) -> int:
 
 
 def relax(state: WalkerState, frame: PlanningContext) -> None:
-    """After a step: back to the gait that was asked for when the other one has done a whole cycle."""
+    """Return to the gait of the command after a whole cycle of the other one."""
     s = state
     s.shifts = 0
     if s.gait is s.usual:

@@ -13,6 +13,7 @@ from surefoot.geometry import rotations
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
+from surefoot.schemas.topics import TICK_S
 
 from ..commands import refusal_of
 from ..interface import (
@@ -32,13 +33,11 @@ from . import anchor, balance, planning, posture, stepping
 from .ground import Ground
 from .params import WalkerParams, abilities
 from .patterns import HEXAPOD_GAITS
-from .route import Route, advance, finished, moved, remaining
+from .route import HexapodRoute, advance, finished, moved, remaining
 from .standins import HullCheck, nominal_footholds
 from .state import Stage, WalkerState
 
 Array = NDArray[np.float64]
-
-DT = 0.01  # s, control tick
 
 
 class HexapodWalker:
@@ -48,7 +47,7 @@ class HexapodWalker:
         robot: description; its legs in the order LF LM LH RF RM RH.
         params: settings; None = the robot's own.
         select: chooses the footholds of all legs of a step.
-        check: judges a step before it is taken; None = hull of the standing feet.
+        check: returns the verdict on a step before it is taken; None = hull of the standing feet.
     """
 
     def __init__(
@@ -91,12 +90,12 @@ class HexapodWalker:
         s.refused, s.reason, s.attempts, s.scale, s.shifts = False, "", 0, 1.0, 0
         s.steps_in_walk = s.steps_in_walk if s.route is not None else 0
         walking = command.action in ("walk", "turn")
-        s.route = Route(command, None, s.walk_id) if walking else None
+        s.route = HexapodRoute(command, None, s.walk_id) if walking else None
         s.closing = not walking and (s.closing or s.stage is Stage.STEP or s.steps_in_walk > 0)
         return CommandReply(True, s.walk_id)
 
     def never(self, command: MotionCommand) -> CommandReply | None:
-        """Return why a command cannot be obeyed at any time, or None."""
+        """Return the refusal of a command that cannot be obeyed at any time, or None."""
         return refusal_of(command, abilities(self.params), calibrated=True)
 
     @property
@@ -105,7 +104,7 @@ class HexapodWalker:
         return self.state.walk_id
 
     def kept(self) -> WalkMemory:
-        """What a restart must not lose."""
+        """Return the state that a restart must not lose."""
         s, route = self.state, self.state.route
         if route is None:
             return WalkMemory(s.walk_id, None, None, None, s.offset)
@@ -114,7 +113,7 @@ class HexapodWalker:
     def resume(self, kept: WalkMemory) -> None:
         """Go on after a restart: feet down, to neutral, then the rest of the route; before the first tick."""
         s = self.state
-        route = None if kept.command is None else Route(kept.command, kept.start, kept.walk_id, kept.began)
+        route = None if kept.command is None else HexapodRoute(kept.command, kept.start, kept.walk_id, kept.began)
         s.walk_id, s.route, s.offset, s.recovering = kept.walk_id, route, kept.offset, True
         if route is not None and route.command.gait is not None:
             balance.usual(s, HEXAPOD_GAITS[route.command.gait])
@@ -135,7 +134,7 @@ class HexapodWalker:
             if s.calibrated and not s.held:
                 self._level(inputs)
             if s.stage is Stage.SETTLE:
-                stepping.settle(s, DT)
+                stepping.settle(s, TICK_S)
             elif s.stage is Stage.STAND:
                 self._stand(inputs)
             if s.stage is Stage.STEP:
@@ -166,11 +165,11 @@ class HexapodWalker:
 
     def _stand(self, inputs: WalkerInputs) -> None:
         s, p = self.state, self.params
-        stepping.load(s, DT)
+        stepping.load(s, TICK_S)
         if not s.calibrated:
             return
         wanted = planning.trunk_height(self.frame, s.footholds, self._pose(), s.trunk_shift)
-        reach = p.trunk_speed * DT
+        reach = p.trunk_speed * TICK_S
         rise = max(-reach, min(reach, wanted - s.body[2]))
         s.body[2] += rise
         if s.adjusting and abs(wanted - s.body[2]) < 0.002:
@@ -184,7 +183,7 @@ class HexapodWalker:
 
     def _step(self, inputs: WalkerInputs) -> None:
         s = self.state
-        if stepping.advance(s, self.robot, self.params, DT):
+        if stepping.advance(s, self.robot, self.params, TICK_S):
             s.stage = Stage.STAND
             balance.relax(s, self.frame)
             if not s.held:
@@ -258,8 +257,7 @@ class HexapodWalker:
             status[leg] = reply.status
             name = self.robot.leg_names[leg]
             if reply.status == "ok" and reply.foothold is not None:
-                x, y = reply.foothold[0], reply.foothold[1]
-                feet_to[leg] = (x, y, planning.centre_height(frame, x, y, s.footholds))
+                feet_to[leg] = reply.foothold
             elif reply.status == "raise_trunk":
                 shift = max(shift, reply.trunk_shift, key=abs)
                 s.reason = f"{name}: no foothold in reach, trunk moves by {1e3 * shift:.0f} mm"

@@ -1,7 +1,8 @@
-"""The walker's view of the terrain map: noise filtered, small holes filled, dilated by the foot sphere."""
+"""Terrain map of the walker: noise filtered, small holes filled, dilated by the foot sphere."""
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,46 +19,21 @@ NORMAL_SCALE = 0.002  # m, a cell that lies much further off the plane belongs t
 NORMAL_ROUNDS = 4
 
 
-@kernel
-def median3(z: Heights, out: Heights, fill_only: bool) -> int:
-    """Median of the known heights in each 3 x 3 window into `out`; returns how many cells stay unknown.
+class Rectangle(NamedTuple):
+    """Rectangle in the plane, frame map."""
 
-    With `fill_only` known cells keep their height and only unknown ones get the median of their known neighbours.
-    """
-    ny, nx = z.shape
-    window = np.empty(9, dtype=np.float32)
-    unknown = 0
-    for i in range(ny):
-        for j in range(nx):
-            if fill_only and not math.isnan(z[i, j]):
-                out[i, j] = z[i, j]
-                continue
-            n = 0
-            for r in range(max(0, i - 1), min(ny, i + 2)):
-                for c in range(max(0, j - 1), min(nx, j + 2)):
-                    value = z[r, c]
-                    if math.isnan(value):
-                        continue
-                    k = n
-                    while k > 0 and window[k - 1] > value:
-                        window[k] = window[k - 1]
-                        k -= 1
-                    window[k] = value
-                    n += 1
-            if n == 0:
-                out[i, j] = math.nan
-                unknown += 1
-            else:
-                out[i, j] = np.float32(0.5) * (window[(n - 1) // 2] + window[n // 2])
-    return unknown
+    x: float  # m, of its middle
+    y: float  # m
+    yaw: float  # rad
+    half_x: float  # m, half its length along its own x
+    half_y: float  # m
 
 
 @kernel
-def box_max(
-    z: Heights, cell: float, x0: float, y0: float, x: float, y: float, yaw: float, half_x: float, half_y: float
-) -> float:
-    """Highest cell whose centre lies in a rotated rectangle, m; NaN if it holds no known cell."""
+def box_max(z: Heights, cell: float, x0: float, y0: float, under: Rectangle) -> float:
+    """Return the highest cell whose centre lies in a rectangle, m; NaN if it holds no known cell."""
     ny, nx = z.shape
+    x, y, yaw, half_x, half_y = under
     best = -math.inf
     c, s = math.cos(yaw), math.sin(yaw)
     reach = math.hypot(half_x, half_y)
@@ -130,29 +106,24 @@ class Ground:
     @classmethod
     def build(cls, heights: HeightMap, foot_radius: float, smooth: bool = True) -> "Ground":
         """Filter a map by a 3 x 3 median (noise of single cells, edges stay), fill holes, dilate by the foot."""
-        z = np.array(heights.z)
-        out = np.empty_like(z)
-        if smooth:
-            median3(z, out, False)
-            z, out = out, z
+        surface = heights.smoothed(1) if smooth else heights
         for _ in range(FILL_ROUNDS):
-            if not np.isnan(z).any():
+            unknown = np.isnan(surface.z)
+            if not unknown.any():
                 break
-            median3(z, out, True)
-            z, out = out.copy(), z
-        surface = heights.with_z(z)
+            surface = surface.with_z(np.where(unknown, surface.smoothed(1).z, surface.z))
         return cls(surface=surface, centres=surface.dilated(foot_radius), version=heights.version)
 
     def centre_height(self, x: float, y: float) -> float:
-        """Height of a foot centre that stands at (x, y), m; NaN where unknown."""
+        """Return the height of a foot centre that stands at (x, y), m; NaN where unknown."""
         return self.centres.height_at(x, y)
 
     def normal(self, x: float, y: float, bottom: float) -> Array:
-        """Unit normal of the ground under a foot whose lowest point is at (x, y, bottom), (3,)."""
+        """Return the unit normal of the ground under a foot whose lowest point is at (x, y, bottom) m, (3,)."""
         s = self.surface
         return face_normal(s.z, s.cell, s.origin[0], s.origin[1], x, y, bottom)
 
-    def highest_under(self, x: float, y: float, yaw: float, half_x: float, half_y: float) -> float:
-        """Highest ground under a rectangle about (x, y) turned by yaw, m; NaN where all is unknown."""
+    def highest_under(self, under: Rectangle) -> float:
+        """Return the highest ground under a rectangle, m; NaN where all is unknown."""
         s = self.surface
-        return box_max(s.z, s.cell, s.origin[0], s.origin[1], x, y, yaw, half_x, half_y)
+        return box_max(s.z, s.cell, s.origin[0], s.origin[1], under)

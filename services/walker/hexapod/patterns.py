@@ -24,7 +24,7 @@ class GaitPattern:
 
     @property
     def lead(self) -> float:
-        """How far ahead of neutral a foot lands, in steps of the trunk.
+        """Distance ahead of neutral at which a foot lands, in steps of the trunk.
 
         A stance lasts `steps_per_cycle - 1` steps; landing half of that way ahead centres the stance on neutral.
         """

@@ -1,4 +1,4 @@
-"""One step before it is taken: where the trunk goes, where the feet land, whether the legs reach."""
+"""Plan of one step before it is taken: motion of the trunk, landings of the feet, reach of the legs."""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from surefoot.robot.description import Robot
 
 from ..interface import Advance, BodyPose, FootholdRequest, LandingRequest, StanceCheck
 from . import posture, swing
-from .ground import Ground
+from .ground import Ground, Rectangle
 from .params import WalkerParams
 from .patterns import GaitPattern
 from .route import moved
@@ -27,7 +27,7 @@ HEIGHT_TRIALS = tuple(0.005 * k for n in range(9) for k in ((n, -n) if n else (0
 
 @dataclass(frozen=True, eq=False)
 class PlanningContext:
-    """What planning needs to know of robot and world; fixed over a step."""
+    """Robot, settings and ground for planning; fixed over a step."""
 
     robot: Robot
     params: WalkerParams
@@ -49,7 +49,7 @@ class StepPlan:
     feet_to: Array
     """Foot centres at touch-down; standing feet as in `feet_from`."""
     deepest: Array
-    """How far down each foot looks for the ground, (L,) m."""
+    """Height down to which each foot looks for the ground, (L,) m."""
     top: Array
     """Height of the level part of each swing, (L,) m."""
     go: Array
@@ -87,7 +87,7 @@ def landings(
 def foothold_request(
     legs: tuple[int, ...], nominal: Array, end: BodyPose, after: Advance, gait: GaitPattern
 ) -> LandingRequest:
-    """The question to the foothold service for all legs of the step."""
+    """Return the request to the foothold service for all legs of the step."""
     stance_steps = 2.0 * gait.lead
     x, y = rotated(end.yaw, np.array([[after.forward, after.left]]))[0] * -stance_steps
     return LandingRequest(
@@ -109,7 +109,7 @@ def trunk_height(frame: PlanningContext, feet: Array, at: BodyPose, shift: float
     z = float(np.mean(feet[:, 2])) - robot.foot_radius + params.hip_height_m + shift
     if frame.ground is not None:
         half = 0.5 * robot.trunk.box
-        highest = frame.ground.highest_under(at.x, at.y, at.yaw, float(half[0]), float(half[1]))
+        highest = frame.ground.highest_under(Rectangle(at.x, at.y, at.yaw, float(half[0]), float(half[1])))
         if np.isfinite(highest):
             z = max(z, highest + params.belly_m + float(half[2]))
     return z
@@ -157,7 +157,7 @@ def end_pose(
 
 
 def reaches(frame: PlanningContext, begin: BodyPose, end: BodyPose, feet: Array, part: float) -> bool:
-    """Whether every leg reaches its foot with a level trunk after a part of the step."""
+    """Return whether every leg reaches its foot with a level trunk after a part of the step, 0..1."""
     a, b = begin, end
     body = np.array([a.x + part * (b.x - a.x), a.y + part * (b.y - a.y), a.z + part * (b.z - a.z)])
     rot = rotations.matrix_from_rpy(0.0, 0.0, a.yaw + part * (b.yaw - a.yaw))
@@ -174,7 +174,7 @@ def complete(
     swings: tuple[Array, Array],
     status: tuple[str, ...],
 ) -> StepPlan:
-    """The step with its swing paths over the whole swept ground; `swings` as from `swing_tops`."""
+    """Return the step with its swing paths over the whole swept ground; `swings` as from `swing_tops`."""
     n, params, (swept, highest) = feet.shape[0], frame.params, swings
     feet_to = feet_to.copy()
     feet_to[list(legs), 2] -= params.press_m
@@ -192,7 +192,7 @@ def complete(
 
 
 def check_request(frame: PlanningContext, plan: StepPlan, joints: Array, rot: Array) -> StanceCheck:
-    """The question to the stability service: the standing feet and the way of the trunk over them."""
+    """Return the request to the stability service: the standing feet and the way of the trunk over them."""
     r = frame.robot.foot_radius
     standing = plan.feet_from[~plan.swing]
     up = np.array([0.0, 0.0, 1.0])

@@ -1,4 +1,4 @@
-"""What a command still asks for: the next advance of the trunk, from the dead-reckoned pose."""
+"""Rest of a command: the next advance of the trunk, from the dead-reckoned pose."""
 
 import math
 from dataclasses import dataclass, replace
@@ -8,7 +8,7 @@ from .params import WalkerParams
 
 
 @dataclass(frozen=True, slots=True)
-class Route:
+class HexapodRoute:
     """A command with the pose it began at, None until its first step is planned."""
 
     command: MotionCommand
@@ -17,22 +17,17 @@ class Route:
     began: float | None = None
     """Simulated time of its first step, s."""
 
-    def begun(self, pose: BodyPose, now: float) -> "Route":
-        """The route with its start: `pose` at the time `now` if it has not begun yet."""
+    def begun(self, pose: BodyPose, now: float) -> "HexapodRoute":
+        """Return the route with its start: `pose` at the time `now`, s, if it has not begun yet."""
         return self if self.start is not None else replace(self, start=pose, began=now)
 
     def over(self, now: float) -> bool:
-        """Whether its time is up."""
+        """Return whether the time of the command is up."""
         limit = self.command.duration
         return limit is not None and self.began is not None and now - self.began >= limit
 
 
-def wrap(angle: float) -> float:
-    """Angle in [-pi, pi)."""
-    return (angle + math.pi) % (2.0 * math.pi) - math.pi
-
-
-def remaining(route: Route, pose: BodyPose) -> float:
+def remaining(route: HexapodRoute, pose: BodyPose) -> float:
     """Signed way (m) or angle (rad) still to go; infinite for a walk without an end, 0 for stand and stop."""
     command, start = route.command, route.start or pose
     if command.action == "walk":
@@ -45,8 +40,8 @@ def remaining(route: Route, pose: BodyPose) -> float:
     return 0.0
 
 
-def finished(route: Route, pose: BodyPose, params: WalkerParams) -> bool:
-    """Whether the command is carried out (a distance that was passed counts)."""
+def finished(route: HexapodRoute, pose: BodyPose, params: WalkerParams) -> bool:
+    """Return whether the command is carried out (a distance that was passed counts)."""
     left = remaining(route, pose)
     if route.command.action == "walk":
         forward = (route.command.distance or 1.0) >= 0.0
@@ -61,7 +56,9 @@ def stride(command: MotionCommand, params: WalkerParams, steps_per_cycle: int) -
     return min(abs(command.velocity) * 0.5 * params.period_s, params.max_stride_m / steps_per_cycle)
 
 
-def advance(route: Route, pose: BodyPose, params: WalkerParams, steps_per_cycle: int, scale: float = 1.0) -> Advance:
+def advance(
+    route: HexapodRoute, pose: BodyPose, params: WalkerParams, steps_per_cycle: int, scale: float = 1.0
+) -> Advance:
     """Movement of the trunk in the next step, heading axes of `pose`.
 
     Args:
@@ -85,7 +82,7 @@ def advance(route: Route, pose: BodyPose, params: WalkerParams, steps_per_cycle:
     step = stride(command, params, steps_per_cycle)
     c, s = math.cos(start.yaw), math.sin(start.yaw)
     across = -s * (pose.x - start.x) + c * (pose.y - start.y)
-    heading = wrap(pose.yaw - start.yaw)
+    heading = (pose.yaw - start.yaw + math.pi) % (2.0 * math.pi) - math.pi  # in [-pi, pi)
     along = max(-step, min(step, left))
     side = max(-params.steer_limit_m, min(params.steer_limit_m, -params.steer_gain * across))
     ch, sh = math.cos(heading), math.sin(heading)

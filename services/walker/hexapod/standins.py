@@ -1,4 +1,4 @@
-"""Simple answers to the walker's two questions, for use without the foothold and stability services."""
+"""Stand-ins for the replies of the foothold and stability services."""
 
 import math
 
@@ -14,12 +14,12 @@ from ..interface import FootholdReply, LandingRequest, StanceCheck, StanceVerdic
 
 
 def nominal_footholds(request: LandingRequest) -> tuple[FootholdReply, ...]:
-    """Every foot lands on its nominal foothold."""
+    """Return the nominal foothold of every foot."""
     return tuple(FootholdReply("ok", leg.nominal) for leg in request.legs)
 
 
 def ring_of(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points (n, 2) in counter-clockwise order about their mean."""
+    """Return points (n, 2) in counter-clockwise order about their mean."""
     centre = points.mean(axis=0)
     return points[np.argsort(angle_of(points[:, 1] - centre[1], points[:, 0] - centre[0]))]
 
@@ -43,7 +43,7 @@ class HullCheck:
         self._model = robot.model
 
     def __call__(self, request: StanceCheck) -> StanceVerdict:
-        """Margin before and after the planned movement; the smaller one counts."""
+        """Return the smaller of the margins before and after the planned movement."""
         if len(request.positions) < 3:
             return StanceVerdict(False, None, "segment")
         rot = rotations.matrix_from_quat(request.base_quat)

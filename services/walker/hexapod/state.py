@@ -1,4 +1,4 @@
-"""Everything the hexapod walker remembers from one tick to the next."""
+"""State of the hexapod walker from one tick to the next."""
 
 from dataclasses import dataclass, field
 from enum import Enum
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from .patterns import TRIPOD, GaitPattern
 from .planning import StepPlan
-from .route import Route
+from .route import HexapodRoute
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -16,7 +16,7 @@ Ints = NDArray[np.int64]
 
 
 class Stage(Enum):
-    """What the legs are doing."""
+    """Stage of the legs' motion."""
 
     WAIT = "wait"  # no joint sample yet
     SETTLE = "settle"  # bringing every foot to the ground
@@ -26,48 +26,48 @@ class Stage(Enum):
 
 @dataclass(eq=False)
 class WalkerState:
-    """State of the walker; frame map unless said otherwise."""
+    """State of the walker; frame map, SI."""
 
     legs: int
     joints: int
     stage: Stage = Stage.WAIT
     gait: GaitPattern = TRIPOD
-    """In use."""
+    """Gait in use."""
     usual: GaitPattern = TRIPOD
-    """As asked for; another one is in use after a step that was not safe."""
+    """Gait of the command; another one is in use after a step that was not safe."""
     swung: tuple[int, ...] = ()
     """Legs of the last step."""
     careful_steps: int = 0
-    """Steps taken in the other gait."""
-    route: Route | None = None
+    """Steps taken in a gait other than the usual one."""
+    route: HexapodRoute | None = None
     walk_id: int = 0
     closing: bool = False
-    """Bringing the feet to neutral: after a command, on stop, after a restart."""
+    """True while the feet step to neutral: after a command, on stop, after a restart."""
     closed: set[tuple[int, ...]] = field(default_factory=set)
     """Groups that have stepped to neutral since closing began."""
     recovering: bool = False
-    """Restarted from measured joints and not yet in the neutral stance."""
+    """True from a restart on measured joints until the neutral stance."""
     refused: bool = False
     calibrated: bool = False
-    """The estimator has been initialised since the start."""
+    """True if the estimator has been initialised since the start."""
     held: bool = False
-    """Inputs are stale: no new step begins."""
+    """True while inputs are stale: no new step begins."""
     now: float = 0.0
     """Simulated time, s."""
     lost: bool = False
-    """The estimator began anew and has not found its feet yet."""
+    """True while the estimator begins anew."""
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Pose of odom in the map: x, y (m), heading (rad); changes when the odometry begins anew."""
     body: Array = field(default_factory=lambda: np.zeros(3))
     yaw: float = 0.0
     level: Array = field(default_factory=lambda: np.zeros(2))
-    """Commanded roll and pitch."""
+    """Commanded roll and pitch, (2,) rad."""
     tilt_offset: Array = field(default_factory=lambda: np.zeros(2))
-    """Learned correction of the estimated roll and pitch, from the heights of standing feet on the map."""
+    """Learned correction of the estimated roll and pitch, (2,) rad, from the heights of standing feet on the map."""
     feet: Array = field(default_factory=lambda: np.zeros((0, 3)))
     """Foot centres as commanded in the last tick, (L, 3)."""
     footholds: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    """Where each standing foot stands, (L, 3)."""
+    """Foot centres of standing feet, (L, 3) m."""
     support: Array = field(default_factory=lambda: np.zeros(0))
     """Share of each foot in the planned load, 0..1, (L,)."""
     q: Array = field(default_factory=lambda: np.zeros(0))
@@ -79,7 +79,7 @@ class WalkerState:
     contacts: Flags = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     contacts_stamp: float = -1.0
     fresh: bool = False
-    """A contact sample came in this tick."""
+    """True if a contact sample came in this tick."""
     plan: StepPlan | None = None
     clock: float = 0.0
     """Time since the step began, s."""
@@ -90,15 +90,15 @@ class WalkerState:
     """Group of the gait that swings next."""
     attempts: int = 0
     scale: float = 1.0
-    """Shortens the next step after a refused plan."""
+    """Factor on the next step after a refused plan, 0..1."""
     trunk_shift: float = 0.0
     """Change of trunk height asked for by the foothold service, m."""
     adjusting: bool = False
-    """The trunk moves to its height before the next plan."""
+    """True while the trunk moves to its height before the next plan."""
     goal: Array | None = None
-    """Where the trunk goes before the next plan, so that the standing feet carry it, (2,) m."""
+    """Place to which the trunk moves before the next plan, so that the standing feet carry it, (2,) m; None = none."""
     shifts: int = 0
-    """Such movements tried for the present step."""
+    """Movements of the trunk to a goal tried for the present step."""
     steps: int = 0
     steps_in_walk: int = 0
     margin: float | None = None

@@ -1,4 +1,4 @@
-"""Feet in motion: a planned step tick by tick, touch-down by the foot switches, and feet put down after a start."""
+"""Motion of feet: a planned step tick by tick, touch-down by the foot switches, and landing after a start."""
 
 import numpy as np
 
@@ -33,10 +33,9 @@ def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -
     if v > 1.0:
         _give_up(s, robot, plan)
     seeking = _seek(s, robot, plan, p.touch_speed * dt)
-    s.feet, s.support = swing.targets(
-        plan.shape, plan.swing, s.landed, plan.feet_from, plan.feet_to, plan.top, plan.go, plan.arrive,
-        v, s.feet, p.press_speed * dt, s.support, dt / (p.overlap * plan.duration),
-    )  # fmt: skip
+    paths = swing.SwingPaths(plan.shape, plan.swing, plan.feet_from, plan.feet_to, plan.top, plan.go, plan.arrive)
+    rate = dt / (p.overlap * plan.duration)
+    s.feet, s.support = swing.targets(paths, s.landed, v, s.feet, p.press_speed * dt, s.support, rate)
     a, b, ease = plan.begin, plan.end, swing.smooth(u)
     s.body[:] = (a.x + u * (b.x - a.x), a.y + u * (b.y - a.y), a.z + ease * (b.z - a.z))
     s.yaw = a.yaw + u * (b.yaw - a.yaw)
@@ -49,7 +48,7 @@ def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -
 
 
 def _touch(state: WalkerState, robot: Robot, plan: StepPlan) -> None:
-    """Feet that swing and touch stay where they are; their height is the measured one."""
+    """Let swinging feet that touch stand where they are; their height is the measured one."""
     s = state
     touched = plan.swing & ~s.landed & s.contacts
     if touched.any() and s.measured is not None:
@@ -58,7 +57,7 @@ def _touch(state: WalkerState, robot: Robot, plan: StepPlan) -> None:
 
 
 def _put(state: WalkerState, robot: Robot, plan: StepPlan, feet: Flags) -> None:
-    """These feet stand where they are."""
+    """Let these feet stand where they are."""
     s = state
     assert s.measured is not None
     rot = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
@@ -86,7 +85,7 @@ def _seek(state: WalkerState, robot: Robot, plan: StepPlan, way: float) -> bool:
 
 
 def _give_up(state: WalkerState, robot: Robot, plan: StepPlan) -> None:
-    """Feet that have looked for the ground far enough stay where they are."""
+    """Let feet that have looked for the ground far enough stand where they are."""
     s = state
     lost = plan.swing & ~s.landed & (s.feet[:, 2] < plan.deepest)
     if lost.any():
@@ -110,5 +109,5 @@ def settle(state: WalkerState, dt: float) -> None:
 
 
 def load(state: WalkerState, dt: float) -> None:
-    """Standing feet take their load."""
+    """Let standing feet take their load."""
     state.support = np.minimum(1.0, state.support + state.landed * (dt / LOAD_S))

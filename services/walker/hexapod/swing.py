@@ -79,7 +79,7 @@ def point(shape: SwingShape, p0: Array, p1: Array, top: float, go: float, arrive
 def clears(
     shape: SwingShape, z0: float, z1: float, top: float, go: float, arrive: float, ground: Array, margin: float
 ) -> bool:
-    """Whether the path stays over the swept ground.
+    """Return whether the path stays over the swept ground.
 
     Args:
         shape: phases of the swing.
@@ -172,27 +172,34 @@ def window(shape: SwingShape, p0: Array, p1: Array, top: float, ground: Array, m
     return WINDOWS[-1]
 
 
+class SwingPaths(NamedTuple):
+    """Paths of all feet in a step; L feet, frame map."""
+
+    shape: SwingShape
+    swinging: NDArray[np.bool_]  # (L,)
+    feet_from: Array  # (L, 3) m, foot centres at lift-off
+    feet_to: Array  # (L, 3) m, foot centres at landing
+    top: Array  # (L,) m, height of the level part
+    go: Array  # (L,) phase in which the sideways movement begins
+    arrive: Array  # (L,) phase in which it ends
+
+
 @kernel
 def targets(
-    shape: SwingShape,
-    swinging: NDArray[np.bool_],
-    landed: NDArray[np.bool_],
-    feet_from: Array,
-    feet_to: Array,
-    top: Array,
-    go: Array,
-    arrive: Array,
-    v: float,
-    present: Array,
-    reach: float,
-    support: Array,
-    rate: float,
+    paths: SwingPaths, landed: NDArray[np.bool_], v: float, present: Array, reach: float, support: Array, rate: float
 ) -> tuple[Array, Array]:
-    """Foot centres of all legs in this tick, (L, 3) m, and the shares of each in the load, 0..1, (L,).
+    """Return foot centres of all legs in this tick, (L, 3) m, and the share of each in the load, 0..1, (L,).
 
-    Standing and landed feet approach their foothold by at most `reach` (m) from the `present` target. The shares grow
-    from `support` by `rate`, those of feet in the air shrink by it.
+    Args:
+        paths: of the step.
+        landed: feet on the ground, (L,).
+        v: swing phase.
+        present: foot centres of the last tick, (L, 3) m.
+        reach: longest way of a standing or landed foot towards its foothold in this tick, m.
+        support: shares of the last tick, (L,).
+        rate: growth of a share in this tick; that of a foot in the air shrinks by it.
     """
+    shape, swinging, feet_from, feet_to, top, go, arrive = paths
     out, share = np.empty_like(feet_from), np.empty_like(support)
     for i in range(feet_from.shape[0]):
         share[i] = min(1.0, max(0.0, support[i] + (rate if landed[i] else -rate)))

@@ -98,7 +98,9 @@ def test_the_running_world_is_not_disturbed() -> None:
     system = LocalSystem([service])
     try:
         before = service.world.checkpoint()
-        reply = service.experiment(ExperimentRequest(trials=(PrimitiveTrial(primitive="hill"),) * 2)).result(120.0)
+        reply = service.queries.experiment(ExperimentRequest(trials=(PrimitiveTrial(primitive="hill"),) * 2)).result(
+            120.0
+        )
         after = service.world.checkpoint()
         assert [each.status for each in reply.outcomes] == ["ok", "ok"]
         assert reply.outcomes[0] == reply.outcomes[1]

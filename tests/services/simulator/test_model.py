@@ -7,7 +7,7 @@ import pytest
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot import kinematics as kin
 from surefoot.robot.reader import load_robot, robot_names
-from surefoot.services.simulator.ground.terrain import Box, Terrain, make_terrain
+from surefoot.services.simulator.ground.terrain import Terrain, TerrainBox, make_terrain
 from surefoot.services.simulator.physics.model import Perturbation, Physics, build_model, build_spec, retune
 
 RAGNO = load_robot("ragno")
@@ -172,7 +172,7 @@ def test_unknown_cells_are_refused():
 
 
 def test_box_top_carries_the_robot():
-    box = Box((0.0, 0.0, 0.02), (0.4, 0.4, 0.03))
+    box = TerrainBox((0.0, 0.0, 0.02), (0.4, 0.4, 0.03))
     height = 0.05 + RAGNO.foot_radius + 0.0691
     terrain = Terrain("test", 0, 0.0, make_terrain("flat").map, boxes=(box,))
     model, data, at = standing(RAGNO, terrain, height=height)

@@ -176,9 +176,9 @@ def test_the_map_of_the_landmarks_is_latched_and_nobody_waits_for_one_that_is_no
     if robot == "ragno":
         assert TERRAIN_LANDMARKS.key not in reader.seen[-1]
         with pytest.raises(Refusal, match="no landmarks"):
-            simulator.landmarks(MapRequest())
+            simulator.queries.landmarks(MapRequest())
         return
-    assert simulator.landmarks(MapRequest()).data == reader.seen[-1][TERRAIN_LANDMARKS.key].data
+    assert simulator.queries.landmarks(MapRequest()).data == reader.seen[-1][TERRAIN_LANDMARKS.key].data
     found = reader.seen[-1][TERRAIN_LANDMARKS.key]
     assert simulator.world.sight is not None
     field = simulator.world.sight.sensor.field
@@ -343,7 +343,7 @@ def test_a_reset_that_keeps_changes_only_what_it_gives(bench: Bench) -> None:
     kept = sim.ResetRequest.model_validate({"keep": True, "world": {"friction": 0.5}, "seed": 5})
     sent = sim.ResetRequest.model_validate_json(kept.model_dump_json())  # as it travels
     bench.ask(SIM_RESET, sent)
-    now = bench.simulator._request
+    now = bench.simulator.run.request
     assert (now.mode, now.rtf, now.seed, now.max_ticks, now.expect) == ("paced", 3.0, 5, 5, ("walker", "recorder"))
     assert (now.world.terrain, now.world.friction) == ("slope", 0.5)
     bench.finish()

@@ -11,7 +11,7 @@ from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.messages import sight_messages
 from surefoot.services.simulator.physics.faults import Fault
 from surefoot.services.simulator.physics.model import Physics
-from surefoot.services.simulator.sensors.sight import CameraFrame, Floor, Reach, Sight
+from surefoot.services.simulator.sensors.sight import CameraFrame, Floor, Reach, Senses
 from surefoot.services.simulator.sensors.walls import read_ranger
 from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
 
@@ -26,7 +26,7 @@ def world(terrain="room", seed=1, pose=(0.0, 0.0, 0.0), **config):
     return made
 
 
-def sight_of(made: PhysicsWorld) -> Sight:
+def sight_of(made: PhysicsWorld) -> Senses:
     assert made.sight is not None
     return made.sight
 

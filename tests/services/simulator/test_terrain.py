@@ -63,7 +63,7 @@ def test_hills_reach_their_height_in_the_lane() -> None:
         assert terrain.map.z[lane].max() == pytest.approx(0.06, abs=1e-3)
 
 
-def box_top(box: shapes.Box, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def box_top(box: shapes.TerrainBox, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Height of a box's top face over the points (x, y), NaN beside it; m."""
     rot = matrix_from_quat(np.array(box.quat_wxyz))
     top = np.array(box.position) + box.half_size[2] * rot[:, 2]

@@ -11,7 +11,7 @@ from surefoot.robot.reader import load_robot
 from surefoot.services.walker.hexapod.gait import HexapodWalker
 from surefoot.services.walker.hexapod.params import WalkerParams
 from surefoot.services.walker.interface import BodyPose, MotionCommand
-from surefoot.services.walker.memory import Memory, WalkMemory
+from surefoot.services.walker.memory import MemoryFile, WalkMemory
 from tests.services.walker.hexapod.plant import KINEMATICS_TICKS, Plant
 
 ROBOT = load_robot("ragno")
@@ -83,11 +83,11 @@ def test_a_walker_started_again_closes_and_walks_the_rest(tmp_path, after_s):
     p.run(1.0)
     p.walker.command(MotionCommand("walk", distance=0.3, gait="ripple"))
     p.run(after_s)
-    memory = Memory(str(tmp_path / "walker.json"))
+    memory = MemoryFile(str(tmp_path / "walker.json"))
     memory.keep(1, p.tick, p.walker.kept())
     again = Plant(HexapodWalker(ROBOT))
     again.joints, again.contacts, again.tick = p.joints, p.contacts, p.tick + -p.tick % KINEMATICS_TICKS
-    found = Memory(str(tmp_path / "walker.json")).recall(1, p.tick + 200)
+    found = MemoryFile(str(tmp_path / "walker.json")).recall(1, p.tick + 200)
     assert found == p.walker.kept()
     assert found.command is not None
     again.walker.resume(found)
@@ -111,20 +111,20 @@ def test_a_memory_of_another_run_or_of_later_is_not_taken_up(tmp_path):
         (0.0, 0.1, 0.2),
         ({"action": "stop"},),
     )
-    Memory(str(path)).keep(2, 100, kept)
-    assert Memory(str(path)).recall(2, 101) == kept
-    assert Memory(str(path)).recall(1, 101) is None
-    assert Memory(str(path)).recall(2, 100) == kept  # killed before that tick was sent: it is done again
-    assert Memory(str(path)).recall(2, 99) is None
-    assert Memory(None).recall(2, 101) is None
-    assert Memory(str(tmp_path / "none.json")).recall(2, 101) is None
+    MemoryFile(str(path)).keep(2, 100, kept)
+    assert MemoryFile(str(path)).recall(2, 101) == kept
+    assert MemoryFile(str(path)).recall(1, 101) is None
+    assert MemoryFile(str(path)).recall(2, 100) == kept  # killed before that tick was sent: it is done again
+    assert MemoryFile(str(path)).recall(2, 99) is None
+    assert MemoryFile(None).recall(2, 101) is None
+    assert MemoryFile(str(tmp_path / "none.json")).recall(2, 101) is None
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"epoch": 2}', '{"epoch": 2, "tick": 1, "walk_id": 1, "command": 7}'])
 def test_a_torn_memory_is_told_in_words(tmp_path, text):
     path = tmp_path / "walker.json"
     path.write_text(text)
-    memory = Memory(str(path))
+    memory = MemoryFile(str(path))
     assert memory.recall(2, 101) is None
     assert "cannot be read" in memory.problem
 
@@ -132,15 +132,15 @@ def test_a_torn_memory_is_told_in_words(tmp_path, text):
 @pytest.mark.parametrize(("field", "value"), [("offset", [0.0]), ("planned", [{"action": "fly"}]), ("planned", 7)])
 def test_a_damaged_field_of_a_memory_is_reported_in_words(tmp_path, field, value):
     path = tmp_path / "walker.json"
-    Memory(str(path)).keep(2, 100, WalkMemory(3, None, None, None))
+    MemoryFile(str(path)).keep(2, 100, WalkMemory(3, None, None, None))
     path.write_text(json.dumps({**json.loads(path.read_text()), field: value}))
-    memory = Memory(str(path))
+    memory = MemoryFile(str(path))
     assert memory.recall(2, 101) is None
     assert "cannot be read" in memory.problem
 
 
 def test_a_disk_that_fails_costs_the_memory_only(tmp_path):
-    memory = Memory(str(tmp_path / "no such folder" / "walker.json"))
+    memory = MemoryFile(str(tmp_path / "no such folder" / "walker.json"))
     memory.keep(1, 1, WalkMemory(0, None, None, None, (0.0, 0.0, 0.0)))
     assert "cannot be kept" in memory.problem
     assert memory.path is None
@@ -148,7 +148,7 @@ def test_a_disk_that_fails_costs_the_memory_only(tmp_path):
 
 def test_it_writes_only_what_has_changed(tmp_path):
     path = tmp_path / "walker.json"
-    memory, kept = Memory(str(path)), WalkMemory(1, None, None, None, (0.0, 0.0, 0.0))
+    memory, kept = MemoryFile(str(path)), WalkMemory(1, None, None, None, (0.0, 0.0, 0.0))
     for tick in range(5):
         memory.keep(1, tick, kept)
     assert json.loads(path.read_text())["tick"] == 0

@@ -14,7 +14,7 @@ from tests.services.walker.biped.biped_plant import Plant
 
 NAO = load_robot("nao")
 PARAMS = BipedParams.for_robot(NAO)
-STEP_TICKS = round(PARAMS.step_s / feedback.DT)
+STEP_TICKS = round(PARAMS.step_s / feedback.TICK_S)
 
 
 def steps_seen(tilt_deg, count):
@@ -26,7 +26,7 @@ def steps_seen(tilt_deg, count):
         s.peak = 0.0
         for k in range(step * STEP_TICKS, (step + 1) * STEP_TICKS):
             roll, pitch = np.radians(tilt_deg(k))
-            lost = feedback.watch(s, PARAMS, WalkerInputs(stamp=0.0, roll=roll, pitch=pitch, initialised=True), 0.3)
+            lost = feedback.watch(s, PARAMS, WalkerInputs(stamp=0.0, roll=roll, pitch=pitch, initialised=True))
             assert not lost
         peaks.append(math.degrees(s.peak))
     return np.array(peaks)

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,11 +14,11 @@ from surefoot.robot.reader import load_robot
 from surefoot.services.walker.biped import plan
 from surefoot.services.walker.biped.params import BipedParams, abilities
 from surefoot.services.walker.biped.preview import preview_gains, preview_step, riccati
-from surefoot.services.walker.biped.route import route_of, together, upcoming
+from surefoot.services.walker.biped.route import Standing, route_of, together, upcoming
 from surefoot.services.walker.commands import refusal_of
 from surefoot.services.walker.interface import MotionCommand
 
-P = BipedParams()
+P = BipedParams.for_robot(load_robot("bioloid"))
 WIDTH = 0.0385
 
 
@@ -79,8 +80,8 @@ def test_swing_begins_and_ends_at_rest_on_the_ground():
 
 def all_steps(command, params=P, gain=(1.0, 1.0)):
     feet = np.array([[0.0, WIDTH, 0.0], [0.0, -WIDTH, 0.0]])
-    route, body = route_of(command, params, 1), np.zeros(3)
-    return upcoming(route, feet, body, 0, params, WIDTH, 1.0, np.array(gain), 100000)
+    now = Standing(feet, np.zeros(3), 0)
+    return upcoming(route_of(command, params, 1), now, params, WIDTH, 1.0, np.array(gain), 100000)
 
 
 def final(steps):
@@ -91,7 +92,7 @@ def final(steps):
 
 
 def test_ten_centimetres_of_nao_are_two_steps_and_a_closing_one():
-    params = BipedParams(step_m=0.05)
+    params = replace(P, step_m=0.05)
     steps = all_steps(MotionCommand("walk", distance=0.10), params)
     assert len(steps) == 3
     assert steps[1].body == pytest.approx([0.10, 0.0, 0.0])

@@ -7,14 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from surefoot.robot.reader import load_robot
 from surefoot.services.walker.biped.gait import BipedWalker
 from surefoot.services.walker.biped.params import BipedParams
 from surefoot.services.walker.biped.route import route_of
 from surefoot.services.walker.interface import MotionCommand
-from surefoot.services.walker.memory import Memory
+from surefoot.services.walker.memory import MemoryFile
 from tests.services.walker.biped.biped_plant import Plant
 
-P = BipedParams()
+P = BipedParams.for_robot(load_robot("bioloid"))
 
 
 def standing(out):
@@ -47,7 +48,7 @@ def test_what_is_left_leads_to_the_same_steps(distance, speed, angle, done):
 
 def restart(plant, memory):
     """A new walker in place of the one that is lost; it knows what the file knows."""
-    kept = Memory(str(memory)).recall(1, plant.world.tick + 1)
+    kept = MemoryFile(str(memory)).recall(1, plant.world.tick + 1)
     assert kept is not None
     plant.walker = BipedWalker(plant.robot)
     plant.walker.resume(kept)
@@ -61,7 +62,7 @@ def test_killed_in_any_support_it_stays_up_and_walks_the_rest(name, phase, tmp_p
     before = plant.world.truth().position[0]
     number = plant.walker.command(MotionCommand("walk", distance=0.2)).walk_id
     plant.until(lambda out: out.steps >= 2 and out.phase > phase)
-    Memory(str(tmp_path / "walker.json")).keep(1, plant.world.tick, plant.walker.kept())
+    MemoryFile(str(tmp_path / "walker.json")).keep(1, plant.world.tick, plant.walker.kept())
     kept = restart(plant, tmp_path / "walker.json")
     assert 0.0 < kept.command.distance < 0.2
     states = []

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from surefoot.geometry.heightmap import HeightMap
-from surefoot.services.walker.hexapod.ground import FILL_ROUNDS, Ground
+from surefoot.services.walker.hexapod.ground import FILL_ROUNDS, Ground, Rectangle
 
 RNG = np.random.default_rng(5)
 
@@ -76,6 +76,6 @@ def test_highest_under_looks_at_the_turned_rectangle_only():
     z[50, 90] = 0.07  # 0.2 m ahead of the middle
     heights = HeightMap(z=z.astype(np.float32), cell=0.005, origin=(0.0, 0.0))
     ground = Ground.build(heights, 0.008, smooth=False)
-    assert ground.highest_under(0.25, 0.25, 0.0, 0.22, 0.05) == pytest.approx(0.07)
-    assert ground.highest_under(0.25, 0.25, np.pi / 2, 0.22, 0.05) == 0.0
-    assert np.isnan(ground.highest_under(9.0, 9.0, 0.0, 0.1, 0.1))
+    assert ground.highest_under(Rectangle(0.25, 0.25, 0.0, 0.22, 0.05)) == pytest.approx(0.07)
+    assert ground.highest_under(Rectangle(0.25, 0.25, np.pi / 2, 0.22, 0.05)) == 0.0
+    assert np.isnan(ground.highest_under(Rectangle(9.0, 9.0, 0.0, 0.1, 0.1)))

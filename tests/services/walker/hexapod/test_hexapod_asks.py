@@ -23,7 +23,7 @@ def test_footholds_of_the_selector_are_stepped_on():
 
     def select(request):
         asked.append(request)
-        return [FootholdReply("ok", (leg.nominal[0] + 0.01, leg.nominal[1], 9.9)) for leg in request.legs]
+        return [FootholdReply("ok", (leg.nominal[0] + 0.01, leg.nominal[1], leg.nominal[2])) for leg in request.legs]
 
     p = plant(select=select)
     outs = p.obey(MotionCommand("walk", distance=0.15))

@@ -88,10 +88,8 @@ def test_standing_feet_approach_their_foothold_by_at_most_the_reach():
     n, zeros = 3, np.zeros((3, 3))
     swinging, landed = np.array([False, True, True]), np.array([True, True, False])
     feet_to = np.full((n, 3), 0.01)
-    out, share = swing.targets(
-        SHAPE, swinging, landed, zeros, feet_to, np.full(n, 0.05), np.full(n, 0.1), np.full(n, 0.6), 0.4, zeros, 0.002,
-        np.array([0.5, 0.95, 0.05]), 0.1,
-    )  # fmt: skip
+    paths = swing.SwingPaths(SHAPE, swinging, zeros, feet_to, np.full(n, 0.05), np.full(n, 0.1), np.full(n, 0.6))
+    out, share = swing.targets(paths, landed, 0.4, zeros, 0.002, np.array([0.5, 0.95, 0.05]), 0.1)
     assert out[:2] == pytest.approx(np.full((2, 3), 0.002))
     assert out[2, 2] == pytest.approx(0.05)
     assert share == pytest.approx([0.6, 1.0, 0.0])  # grows on the ground, shrinks in the air, within 0 and 1

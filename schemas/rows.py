@@ -1,0 +1,109 @@
+"""Rows of the table of topics and queries: delivery, rate and owner of a key, typed by the model it carries."""
+
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from typing import Generic, TypeVar
+
+from .base import Message, Request, Wire
+
+M = TypeVar("M", bound=Message)
+Req = TypeVar("Req", bound=Request)
+Rep = TypeVar("Rep", bound=Wire)
+
+TICK_NS = 10_000_000
+"""Length of a control tick, ns."""
+TICK_S = TICK_NS / 1e9
+"""Length of a control tick, s."""
+TICK_HZ = 1e9 / TICK_NS
+"""Rate of control ticks, Hz."""
+
+
+class Kind(Enum):
+    """Delivery of a topic; the bus maps it to Zenoh's quality of service."""
+
+    SAMPLE = "sample"  # hw/*: released by the driver, listed in the tick's manifest
+    STATE = "state"  # periodic output of a function service
+    COMMAND = "command"  # to the driver
+    LATCHED = "latched"  # one value per epoch or version
+    LOCKSTEP = "lockstep"  # the protocol's own
+    STATUS = "status"  # wall-clock, for people
+    ALARM = "alarm"  # must arrive, at once, from any participant
+
+
+@dataclass(frozen=True)
+class Topic(Generic[M]):
+    """One row: key, model, kind, owner, rate."""
+
+    key: str
+    model: type[M]
+    kind: Kind
+    owner: str
+    """Name of the publishing service; ``driver`` is the simulator or a hardware driver; ``*`` is every service."""
+    rate_hz: float = TICK_HZ
+    """Messages per second of simulated time, of wall time for a STATUS topic; 0 = event."""
+    own_rate: str = ""
+    """Place where a robot may state another rate; empty = no robot may."""
+    observers_only: bool = False
+    """True if the topic is published after the tick's frame and in batches: recorder and supervisor may read it,
+    services that act may not."""
+    deterministic: bool = True
+    """True if the topic is recorded and part of the run hash: same seed, same bytes."""
+    period_ns: int = field(init=False, default=0)
+    """Simulated time between two messages, ns; 0 = event or wall time."""
+    period_ticks: int = field(init=False, default=0)
+    """Control ticks between two messages; 0 = samples, which the driver releases, and topics without a period."""
+    wall_period_s: float = field(init=False, default=0.0)
+    """Wall time between two messages of a STATUS topic, s; 0 = event."""
+
+    def __post_init__(self) -> None:
+        if self.rate_hz == 0.0:
+            return
+        if self.kind is Kind.STATUS:
+            object.__setattr__(self, "wall_period_s", 1.0 / self.rate_hz)
+            return
+        object.__setattr__(self, "period_ns", round(1e9 / self.rate_hz))
+        if self.kind is not Kind.SAMPLE:
+            ticks, rest = divmod(self.period_ns, TICK_NS)
+            if rest:
+                raise ValueError(f"topic {self.key!r} must come every n-th tick of 10 ms, got {self.rate_hz:g} Hz")
+            object.__setattr__(self, "period_ticks", ticks)
+
+    def of(self, service: str) -> "Topic[M]":
+        """Return the member of a ``/*`` family that belongs to ``service``."""
+        if not self.key.endswith("/*"):
+            raise ValueError(f"topic {self.key!r} is not a family; families end in '/*'")
+        return replace(self, key=f"{self.key[:-1]}{service}", owner=service)
+
+    @property
+    def framed(self) -> bool:
+        """True if participants get it inside the frame its owner publishes once a tick (``surefoot.bus.frame``)."""
+        return self.kind in (Kind.SAMPLE, Kind.STATE, Kind.COMMAND) or self.key == TICK_KEY
+
+    def due(self, tick: int) -> bool:
+        """Return whether a topic with a period in ticks carries a message in ``tick``."""
+        return self.period_ticks > 0 and tick % self.period_ticks == 0
+
+
+TICK_KEY = "hw/tick"
+"""Key of the manifest of a tick, the one LOCKSTEP topic inside a frame."""
+
+
+@dataclass(frozen=True)
+class Query(Generic[Req, Rep]):
+    """One row: key, request and reply models, owner."""
+
+    key: str
+    request: type[Req]
+    reply: type[Rep]
+    owner: str
+    timeout_s: float = 5.0
+    """Default time limit of the caller, s of wall time."""
+    acts: bool = False
+    """True if the query changes state. Such a query refuses an empty request, because a wildcard `get` sends one to
+    every key."""
+
+    def of(self, service: str) -> "Query[Req, Rep]":
+        """Return the member of a ``/*`` family that belongs to ``service``."""
+        if not self.key.endswith("/*"):
+            raise ValueError(f"query {self.key!r} is not a family; families end in '/*'")
+        return replace(self, key=f"{self.key[:-1]}{service}", owner=service)

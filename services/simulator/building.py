@@ -1,0 +1,65 @@
+"""From a reset request to a world, with the latched messages that describe it to the other services."""
+
+from typing import Any, NamedTuple
+
+from surefoot.errors import Refusal
+from surefoot.geometry.heightmap import HeightMapError
+from surefoot.robot.description import Robot
+from surefoot.schemas.sim import ResetRequest
+from surefoot.schemas.terrain import HeightMapMessage, LandmarkMap
+from surefoot.schemas.topics import Topic
+
+from .ground.terrain import TerrainError, observed_map
+from .messages import lacking, landmark_message, map_message
+from .physics.model import Physics
+from .physics.perturb import find_ground, perturbation
+from .sensors.sight import Floor
+from .world import PhysicsWorld, WorldConfig, WorldError
+
+
+class BuiltWorld(NamedTuple):
+    """A world and its latched messages."""
+
+    request: ResetRequest
+    """The request it was built from."""
+    world: PhysicsWorld
+    heights: HeightMapMessage
+    landmarks: LandmarkMap | None
+    """None: the robot has no camera."""
+    lacking: tuple[Topic[Any], ...]
+    """Topics that this robot never publishes."""
+
+
+def build_world(robot: Robot, request: ResetRequest) -> BuiltWorld:
+    """Build the world that a request describes.
+
+    Raises:
+        Refusal: code `invalid`; the field of the request that cannot be fulfilled.
+    """
+    w = request.world
+    try:
+        seed = request.seed if w.terrain_seed is None else w.terrain_seed
+        terrain = find_ground(w.terrain, seed, w.amplitude)
+        config = WorldConfig(
+            physics=Physics() if w.friction is None else Physics(friction=w.friction),
+            perturbation=perturbation(w.perturbation, request.seed, robot.nj, robot.kind),
+            imu_profile=w.imu_profile,
+            torque_per_ampere=w.torque_per_ampere,
+            floor=Floor(w.landmarks, w.goal, w.copied_landmarks, w.copies),
+            camera=w.camera,
+            start=(0.0, 0.0, 0.0) if w.start is None else w.start,
+            drift=w.drift,
+        )
+        world = PhysicsWorld(robot, terrain, request.seed, config)
+        heights = observed_map(terrain, w.map_profile, request.seed)
+    except (TerrainError, WorldError, HeightMapError) as error:
+        field = "start" if error.field == "pose" else error.field
+        raise Refusal("invalid", str(error), f"world.{field}") from None
+    marks = None if world.sight is None else world.sight.landmarks
+    return BuiltWorld(
+        request=request,
+        world=world,
+        heights=map_message(heights.with_z(heights.z, version=1), terrain, w.map_profile),
+        landmarks=None if marks is None else landmark_message(marks, request.seed),
+        lacking=lacking(world.sight),
+    )

@@ -1,0 +1,196 @@
+"""Answers of the simulator: time, worlds, disturbances and what it is."""
+
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+import mujoco
+
+from surefoot.errors import Refusal
+from surefoot.schemas import sim
+from surefoot.schemas.hw import DescriptionReply, DescriptionRequest
+from surefoot.schemas.terrain import HeightMapMessage, LandmarkMap, MapRequest
+from surefoot.schemas.topics import (
+    HW_DESCRIPTION,
+    SIM_CHECKPOINT,
+    SIM_EXPERIMENT,
+    SIM_FAULT,
+    SIM_FEATURES,
+    SIM_PAUSE,
+    SIM_PLACE,
+    SIM_PUSH,
+    SIM_RESET,
+    SIM_RESTORE,
+    SIM_SET,
+    SIM_SPEED,
+    SIM_STATUS_GET,
+    SIM_STEP,
+    TERRAIN_LANDMARKS_GET,
+    TERRAIN_MAP_GET,
+    Query,
+)
+
+from .experiment import outcome_of
+from .ground.terrain import KINDS, MAP_PROFILES
+from .physics.faults import KINDS as FAULTS
+from .physics.faults import Fault, FaultError
+from .physics.samples import Checkpoint
+from .run import SimulatedRun
+from .world import WorldError
+
+
+class SimulatorQueries:
+    """Handlers of the queries that the simulator serves."""
+
+    def __init__(self, run: SimulatedRun) -> None:
+        self.run = run
+        self._saved: dict[str, tuple[Checkpoint, sim.ResetRequest]] = {}
+        self._trials = ThreadPoolExecutor(1, "experiment")
+
+    def handlers(self) -> tuple[tuple[Query[Any, Any], Callable[[Any], Any]], ...]:
+        """Return each query with its handler."""
+        return (
+            (SIM_RESET, self.reset), (SIM_STEP, self.step), (SIM_SPEED, self.speed), (SIM_PAUSE, self.pause),
+            (SIM_PUSH, self.push), (SIM_PLACE, self.place), (SIM_SET, self.set), (SIM_FAULT, self.fault),
+            (SIM_CHECKPOINT, self.checkpoint), (SIM_RESTORE, self.restore), (SIM_STATUS_GET, self.status),
+            (SIM_FEATURES, self.features), (HW_DESCRIPTION, self.description), (SIM_EXPERIMENT, self.experiment),
+            (TERRAIN_MAP_GET, self.heights), (TERRAIN_LANDMARKS_GET, self.landmarks),
+        )  # fmt: skip
+
+    def close(self) -> None:
+        """Drop the trials that have not begun."""
+        self._trials.shutdown(wait=False, cancel_futures=True)
+
+    # -- worlds ------------------------------------------------------------------------------------------------
+
+    def reset(self, request: sim.ResetRequest) -> sim.ResetReply:
+        """Build the world and raise the epoch."""
+        request = request.over(self.run.request)
+        self.run.build(request)
+        epoch = self.run.begin()
+        name = self.run.world.terrain.name
+        return sim.ResetReply(epoch=epoch, run_id=f"{name}-seed{request.seed}-epoch{epoch}")
+
+    def checkpoint(self, request: sim.CheckpointRequest) -> sim.CheckpointReply:
+        """Store the world under a name."""
+        saved = self.run.world.checkpoint()
+        self._saved[request.name] = (saved, self.run.request)
+        leader = self.run.driver.node.leader
+        return sim.CheckpointReply(name=request.name, tick=leader.tick, epoch=leader.epoch, sha256=saved.sha256)
+
+    def restore(self, request: sim.RestoreRequest) -> sim.CheckpointReply:
+        """Take the world back; a new epoch begins there."""
+        if request.name not in self._saved:
+            known = ", ".join(sorted(self._saved)) or "none"
+            raise Refusal("unknown_checkpoint", f"no checkpoint {request.name!r}; there are: {known}", "name")
+        saved, built_from = self._saved[request.name]
+        if built_from is not self.run.request:
+            self.run.build(built_from)
+        self.run.world.restore(saved, restart=True)
+        return sim.CheckpointReply(name=request.name, tick=-1, epoch=self.run.begin(), sha256=saved.sha256)
+
+    def experiment(self, request: sim.ExperimentRequest) -> Future[sim.ExperimentReply]:
+        """Run trials on a thread, each in a world of its own."""
+        robot = self.run.robot
+
+        def answer() -> sim.ExperimentReply:
+            found = tuple(outcome_of(robot, trial) for trial in request.trials)
+            return sim.ExperimentReply(robot=robot.name, robot_hash=robot.hash, outcomes=found)
+
+        return self._trials.submit(answer)
+
+    # -- time --------------------------------------------------------------------------------------------------
+
+    def step(self, request: sim.StepRequest) -> sim.SimReply:
+        """Go on after a pause."""
+        self.run.driver.node.resume(request.ticks)
+        return self._accepted(self.run.driver.node.leader.tick)
+
+    def speed(self, request: sim.SpeedRequest) -> sim.SimReply:
+        """Change the pace of a paced run."""
+        node = self.run.driver.node
+        if node.leader.mode != "paced":
+            raise Refusal("refused", "this run is in lockstep: it waits for its services, not for the clock", "rtf")
+        node.pace.begin(request.rtf, node.leader.tick + 1)
+        self.run.request = self.run.request.model_copy(update={"rtf": request.rtf})
+        return self._accepted(node.leader.tick)
+
+    def pause(self, request: sim.PauseRequest) -> sim.SimReply:
+        """Stop simulated time after a tick."""
+        return self._accepted(self.run.driver.node.pause(request.at_tick, request.end))
+
+    # -- disturbances ------------------------------------------------------------------------------------------
+
+    def push(self, request: sim.PushRequest) -> sim.SimReply:
+        """Pull at a link."""
+        names = ("trunk", *(link.name for link in self.run.robot.links))
+        if request.body not in names:
+            raise Refusal("invalid", f"no link {request.body!r}; known are {', '.join(names)}", "body")
+        return self._at(request.at_tick, lambda: self.run.world.push(request.force, request.duration, request.body))
+
+    def place(self, request: sim.PlaceRequest) -> sim.SimReply:
+        """Put the standing robot elsewhere; a request for a later tick that cannot be done then is logged."""
+        where = (request.forward, request.left, request.turn)
+        if request.at_tick is None:
+            try:
+                self.run.world.displace(*where, only_ask=True)
+            except WorldError as error:
+                raise Refusal("refused", str(error), error.field) from None
+
+        def put() -> None:
+            try:
+                self.run.world.displace(*where)
+            except WorldError as error:
+                self.run.driver.log("warning", f"the robot stays where it is: {error}")
+
+        return self._at(request.at_tick, put)
+
+    def set(self, request: sim.SetRequest) -> sim.SimReply:
+        """Change friction, mass or servo gains."""
+        return self._at(request.at_tick, lambda: self.run.world.set(request.quantity, request.value))
+
+    def fault(self, request: sim.FaultRequest) -> sim.SimReply:
+        """Break something for a while."""
+        tick = self.run.tick_of(request.at_tick)
+        # The world counts ticks from its own reset: after a restore it is ahead of the lockstep tick.
+        ahead = self.run.world.tick - max(0, self.run.driver.node.leader.tick)
+        start = tick + ahead + 1
+        try:
+            self.run.world.add_fault(Fault(request.kind, start, request.duration, request.target, request.value))
+        except FaultError as error:
+            raise Refusal("invalid", str(error), error.field) from None
+        return self._accepted(tick)
+
+    def _at(self, at_tick: int | None, action: Callable[[], None]) -> sim.SimReply:
+        return self._accepted(self.run.plan(at_tick, action))
+
+    def _accepted(self, tick: int) -> sim.SimReply:
+        return sim.SimReply(accepted=True, tick=tick)
+
+    # -- what it is --------------------------------------------------------------------------------------------
+
+    def description(self, request: DescriptionRequest) -> DescriptionReply:
+        """Return name and hash of the robot, its joints and feet in order."""
+        r = self.run.robot
+        return DescriptionReply(robot=r.name, hash=r.hash, joints=r.joint_names, feet=r.leg_names)
+
+    def heights(self, request: MapRequest) -> HeightMapMessage:
+        """Return the latched height map."""
+        return self.run.built.heights
+
+    def landmarks(self, request: MapRequest) -> LandmarkMap:
+        """Return the latched landmarks."""
+        if self.run.built.landmarks is None:
+            raise Refusal("refused", "the terrain has no landmarks, or the robot no camera")
+        return self.run.built.landmarks
+
+    def status(self, request: sim.StatusRequest) -> sim.SimStatus:
+        """Return the present state of time and of the run."""
+        return self.run.status()
+
+    def features(self, request: sim.FeaturesRequest) -> sim.FeaturesReply:
+        """Return the terrains, faults, map profiles and queries of this simulator."""
+        return sim.FeaturesReply(
+            robot=self.run.robot.name, terrains=KINDS, faults=FAULTS, map_profiles=MAP_PROFILES,
+            queries=tuple(query.key for query in self.run.driver.serves), version=mujoco.__version__,
+        )  # fmt: skip

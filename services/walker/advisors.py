@@ -1,0 +1,111 @@
+"""Requests to other services before a step: footholds and stability; without a reply the walker's own stand-ins."""
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from surefoot.errors import CallError
+from surefoot.geometry import rotations
+from surefoot.robot.description import Robot
+from surefoot.schemas.footholds import BasePose, LegRequest, SelectRequest
+from surefoot.schemas.stability import BasePose as CheckBase
+from surefoot.schemas.stability import CheckRequest, Contact
+from surefoot.schemas.topics import FOOTHOLDS_SELECT, STABILITY_CHECK
+
+from .hexapod.standins import HullCheck, nominal_footholds
+from .interface import FootholdReply, LandingRequest, StanceCheck, StanceVerdict
+from .outcomes import Outcomes
+
+ANSWER_S = 1.0
+"""A request that is not answered in this wall time is answered by the walker's own stand-in, s."""
+REGION_TOLERANCE_M = 1e-3
+"""Accuracy of the region in the reply, m; its margins are exact."""
+
+
+class Call(Protocol):
+    """Request to another service that waits for the reply (raises CallError)."""
+
+    def __call__(self, query: Any, request: Any, timeout_s: float | None = None) -> Any: ...
+
+
+class Advisors:
+    """Footholds and stability of the steps of one run.
+
+    Args:
+        robot: the description.
+        call: sends a request.
+        footholds: False = every foot lands on its nominal foothold.
+        stability: False = the hull of the standing feet decides.
+    """
+
+    def __init__(self, robot: Robot, call: Call, *, footholds: bool, stability: bool) -> None:
+        self._names, self._call, self._footholds, self._stability = robot.leg_names, call, footholds, stability
+        self._own_check = HullCheck(robot)
+        self.outcomes = Outcomes()
+        self.begin(0, -1)
+
+    def begin(self, epoch: int, tick: int) -> None:
+        """Begin a tick: its requests carry this epoch and tick."""
+        self._epoch, self._tick = epoch, tick
+        self.missing = ""
+        """Reason why a reply of this tick is missing, in words; empty = none is."""
+
+    def select(self, step: LandingRequest) -> Sequence[FootholdReply]:
+        """Return the footholds of all legs of a step, from one request."""
+        if not self._footholds:
+            return nominal_footholds(step)
+        quat = rotations.quat_from_rpy(0.0, 0.0, step.yaw)
+        request = SelectRequest(
+            epoch=self._epoch,
+            tick=self._tick,
+            base=BasePose(position=_floats(step.body), quat_wxyz=_floats(quat)),
+            legs=tuple(
+                LegRequest(leg=self._names[leg.leg], nominal=_floats(leg.nominal), stroke=_floats(leg.stroke))
+                for leg in step.legs
+            ),
+            outcomes=self.outcomes.take(),
+        )
+        try:
+            reply = self._call(FOOTHOLDS_SELECT, request, ANSWER_S)
+        except CallError as error:
+            self.missing = f"no foothold advice: {error.message}"
+            return [dataclasses.replace(own, status="no_answer") for own in nominal_footholds(step)]
+        for asked, leg in zip(request.legs, reply.legs, strict=True):
+            self.outcomes.chose(asked, leg)
+        return [FootholdReply(leg.status, leg.foothold, leg.trunk_shift, leg.reason) for leg in reply.legs]
+
+    def check(self, step: StanceCheck) -> StanceVerdict:
+        """Return the verdict on a step; without a reply the hull of the standing feet decides."""
+        if not self._stability:
+            return self._own_check(step)
+        request = CheckRequest(
+            contacts=tuple(
+                Contact(position=_floats(p), normal=_floats(n), mu=step.mu, leg=leg)
+                for p, n, leg in zip(step.positions, step.normals, step.legs, strict=True)
+            ),
+            joints=_floats(step.joints),
+            base=CheckBase(position=_floats(step.base_position), quat_wxyz=_floats(step.base_quat)),
+            movement=_floats(step.movement),
+            tolerance_m=REGION_TOLERANCE_M,
+        )
+        try:
+            reply = self._call(STABILITY_CHECK, request, ANSWER_S)
+        except CallError as error:
+            self.missing = f"no stability advice: {error.message}"
+            return self._own_check(step)
+        margins = [value for value in (reply.margin_now, reply.margin) if value is not None]
+        return StanceVerdict(
+            stable=reply.stable and min(margins, default=0.0) >= 0.0,
+            margin=min(margins, default=None),
+            status=reply.status,
+            region=np.array(reply.inner) if reply.status == "ok" else None,
+            com=np.array(reply.com),
+            com_after=np.array(reply.com_after),
+        )
+
+
+def _floats(values: Iterable[float]) -> Any:
+    """Return the numbers of an array or sequence as a tuple; the message's model checks its length."""
+    return tuple(float(value) for value in values)

@@ -1,0 +1,63 @@
+"""Between the messages on the bus and the gaits' inputs and outputs."""
+
+import numpy as np
+
+from surefoot.lockstep.join import TickInputs
+from surefoot.schemas.state import GaitState, Odometry, VelocityEstimate
+from surefoot.schemas.topics import HW_CONTACTS, HW_JOINTS, STATE_STABILITY
+
+from .interface import WalkerInputs, WalkerOutputs
+from .orders import TakenOrder
+
+
+def walker_inputs(inputs: TickInputs, estimate: tuple[VelocityEstimate, Odometry] | None) -> WalkerInputs:
+    """Return the inputs of a gait in a tick.
+
+    Args:
+        inputs: of the tick.
+        estimate: the newest; the gait checks its age. None = none came yet.
+    """
+    velocity, odometry = estimate or (None, None)
+    joints, contacts = inputs.get(HW_JOINTS), inputs.get(HW_CONTACTS)
+    stability = inputs.get(STATE_STABILITY)
+    return WalkerInputs(
+        stamp=inputs.tick.stamp_ns * 1e-9,
+        roll=velocity.roll if velocity else 0.0,
+        pitch=velocity.pitch if velocity else 0.0,
+        rate=velocity.angular_velocity if velocity else (0.0, 0.0, 0.0),
+        x=odometry.position[0] if odometry else 0.0,
+        y=odometry.position[1] if odometry else 0.0,
+        yaw=odometry.yaw if odometry else 0.0,
+        estimate_stamp=velocity.stamp_ns * 1e-9 if velocity else -1.0,
+        initialised=velocity.initialised if velocity else False,
+        joints=None if joints is None else np.array(joints.position),
+        contacts=None if contacts is None else np.array([any(foot) for foot in contacts.touch]),
+        margin=None if stability is None else stability.margin_planned,
+    )
+
+
+def gait_message(out: WalkerOutputs, degraded: str, order: TakenOrder, navigated: bool) -> GaitState:
+    """Return what a gait did in a tick as a message.
+
+    Args:
+        out: outputs of the gait.
+        degraded: reason in words that takes the place of the gait's own; empty = none.
+        order: the navigator's last order.
+        navigated: a navigator is there, so the end of the walk is published.
+    """
+    return GaitState(
+        walk_id=out.walk_id,
+        state=out.state,
+        phase=min(1.0, max(0.0, out.phase)),
+        stance=tuple(out.stance.tolist()),
+        footholds=tuple(map(tuple, out.footholds.tolist())),
+        foothold_status=out.foothold_status,
+        trunk_height=out.trunk_height,
+        remaining=out.remaining,
+        margin=out.margin,
+        reason=degraded or out.reason,
+        steps=out.steps,
+        order=order.number,
+        order_refused=order.refused,
+        ends_in_s=out.ends_in_s if navigated else None,
+    )

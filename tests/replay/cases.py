@@ -1,0 +1,256 @@
+"""Recorded inputs of services, and what the services make of them again.
+
+A recording is made by a short run in one process (`python -m tests.replay.cases`). It holds, for each service, what
+came to it in order: resets, ticks with their inputs, requests, and the replies to its own calls. Numbers are rounded,
+so the reference does not come from that run but from a replay of the rounded inputs.
+"""
+
+import argparse
+import base64
+import gzip
+import json
+import math
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from surefoot.errors import CallError, Refusal
+from surefoot.lab.runs import local
+from surefoot.lockstep.discover import service_class
+from surefoot.lockstep.join import TickInputs
+from surefoot.schemas import topics
+from surefoot.schemas.base import Bulk, BulkRequest, Wire
+from surefoot.schemas.hw import Tick
+from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
+
+FOLDER = Path(__file__).parent / "data"
+SERVICES = ("estimator", "stability", "footholds", "walker", "navigator")
+DIGITS = 6
+"""Significant digits of recorded inputs."""
+REFERENCE_DIGITS = 12
+EVERY = 10
+"""Every so many published messages of a key one is in the reference."""
+MODELS: dict[str, type[Wire]] = {
+    model.__name__: model
+    for model in (
+        *(row.model for row in topics.TOPICS), *(row.request for row in topics.QUERIES),
+        *(row.reply for row in topics.QUERIES),
+    )
+}  # fmt: skip
+
+
+class Case(NamedTuple):
+    """A short run that is recorded."""
+
+    name: str
+    scenario: str
+    seconds: float
+    world: dict[str, Any]
+    """Changes to the scenario's world."""
+
+
+CASES = (
+    Case("ragno", "ragno-goal", 3.2, {"map_profile": "exact"}),
+    Case("ragno-steps", "rough-terrain", 2.8, {"terrain": "steps", "map_profile": "exact", "start": (0.2, 0.0, 0.0)}),
+    Case("bioloid", "bioloid-walk", 3.0, {}),
+    Case("nao", "nao-corridor", 3.2, {"map_profile": "exact"}),
+)
+
+
+# -- text --------------------------------------------------------------------------------------------------------
+
+
+def rounded(value: Any, digits: int) -> Any:
+    """Return plain JSON values with numbers of so many significant digits."""
+    if isinstance(value, float):
+        return float(f"{value:.{digits}g}") if math.isfinite(value) else value
+    if isinstance(value, dict):
+        return {key: rounded(part, digits) for key, part in value.items()}
+    return [rounded(part, digits) for part in value] if isinstance(value, list | tuple) else value
+
+
+def packed(model: Wire, digits: int = DIGITS) -> list[Any]:
+    """Return a model as plain values: name, fields, raw bytes."""
+    raw = base64.b64encode(model.data).decode() if isinstance(model, Bulk | BulkRequest) else None
+    return [type(model).__name__, rounded(model.model_dump(mode="json"), digits), raw]
+
+
+def unpacked(item: list[Any]) -> Any:
+    """Return the model that `packed` took apart."""
+    name, fields, raw = item
+    model: Any = MODELS[name].model_validate_json(json.dumps(fields))
+    return model if raw is None else model.model_copy(update={"data": base64.b64decode(raw)})
+
+
+def read(path: Path) -> list[Any]:
+    return [json.loads(line) for line in gzip.decompress(path.read_bytes()).decode().splitlines()]
+
+
+def write(path: Path, rows: list[Any]) -> None:
+    """Write rows as JSON lines; equal rows give equal bytes."""
+    path.parent.mkdir(exist_ok=True)
+    text = "".join(json.dumps(row, separators=(",", ":")) + "\n" for row in rows)
+    path.write_bytes(gzip.compress(text.encode(), 9, mtime=0))
+
+
+# -- record ------------------------------------------------------------------------------------------------------
+
+
+class Tap:
+    """Writes down what comes to the services of a run; a message that several get is written once."""
+
+    def __init__(self) -> None:
+        self.rows: list[Any] = []
+        self._known: dict[int, tuple[int, Any]] = {}
+
+    def number(self, message: Any) -> int:
+        if id(message) not in self._known:
+            self._known[id(message)] = len(self._known), message  # kept, so that no other gets its id
+            self.rows.append(["message", *packed(message)])
+        return self._known[id(message)][0]
+
+    def on(self, service: Any) -> None:
+        """Follow a service from its start."""
+        name = service.name
+        self.rows.append(["service", name, service.config.model_dump(mode="json")])
+        reset, tick, call, handle = service.on_reset, service.on_tick, service.call, service.handle
+
+        def on_reset() -> None:
+            self.rows.append(["reset", name])
+            reset()
+
+        def on_tick(inputs: TickInputs) -> None:
+            numbers = {key: self.number(message) for key, message in inputs.messages.items()}
+            self.rows.append(["tick", name, rounded(inputs.tick.model_dump(mode="json"), DIGITS), numbers, inputs.late])
+            tick(inputs)
+
+        def asked(query: Any, request: Any, timeout_s: float | None = None) -> Any:
+            try:
+                reply = call(query, request, timeout_s)
+            except CallError as error:
+                self.rows.append(["reply", name, None, [error.code, error.message]])
+                raise
+            self.rows.append(["reply", name, packed(reply), None])
+            return reply
+
+        def handled(query: Any, handler: Callable[[Any], Any]) -> None:
+            def answer(request: Any) -> Any:
+                self.rows.append(["request", name, query.key, packed(request)])
+                return handler(request)
+
+            handle(query, answer)
+
+        service.on_reset, service.on_tick, service.call, service.handle = on_reset, on_tick, asked, handled
+
+
+def record(case: Case) -> None:
+    """Run a case, and write what came to its services."""
+    scenario = load_scenario(find_scenario(case.scenario))
+    world = scenario.world.model_copy(update=case.world)
+    tap, build = Tap(), local.build_services
+
+    def tapped(*args: Any, **more: Any) -> Any:
+        services = build(*args, **more)
+        for service in services:
+            if service.name in SERVICES:
+                tap.on(service)
+        return services
+
+    local.build_services = tapped
+    try:
+        local.run_local(replace(scenario, world=world, max_duration_s=case.seconds), without=("recorder",))
+    finally:
+        local.build_services = build
+    write(FOLDER / f"{case.name}.jsonl.gz", tap.rows)
+
+
+# -- replay ------------------------------------------------------------------------------------------------------
+
+
+class Stage:
+    """Runtime of a replayed service: keeps what it publishes, gives the recorded replies to its calls."""
+
+    def __init__(self) -> None:
+        self.published: list[list[Any]] = []
+        self.replies: list[Any] = []
+        self._count: dict[str, int] = {}
+
+    def publish(self, topic: Any, message: Any, stamp_ns: int | None) -> None:
+        count = self._count[topic.key] = self._count.get(topic.key, 0) + 1
+        if count % EVERY == 0:
+            self.published.append([topic.key, *packed(message, REFERENCE_DIGITS)])
+
+    def call(self, query: Any, request: Any, timeout_s: float | None) -> Any:
+        reply, error = self.replies.pop(0)
+        if reply is None:
+            raise CallError(*error)
+        return unpacked(reply)
+
+    def log(self, level: str, text: str) -> None:
+        self.published.append(["log", level])
+
+
+def replayed(case: str, name: str) -> list[Any]:
+    """Return what a service publishes and replies to its recorded inputs."""
+    rows = read(FOLDER / f"{case}.jsonl.gz")
+    messages = [row for row in rows if row[0] == "message"]
+    made: dict[int, Any] = {}
+
+    def message(number: int) -> Any:
+        if number not in made:
+            made[number] = unpacked(messages[number][1:])
+        return made[number]
+
+    mine = [row for row in rows if row[0] != "message" and row[1] == name]
+    kind = service_class(name)
+    service, stage = kind(kind.Config.model_validate(mine[0][2])), Stage()
+    stage.replies = [row[2:] for row in mine if row[0] == "reply"]
+    service.attach(stage)
+    service.on_start()
+    for row in mine[1:]:
+        if row[0] == "reset":
+            service.on_reset()
+        elif row[0] == "tick":
+            tick = Tick.model_validate_json(json.dumps(row[2]))
+            service.on_tick(TickInputs(tick, {key: message(n) for key, n in row[3].items()}, row[4]))
+        elif row[0] == "request":
+            try:
+                reply = service.handlers[row[2]](unpacked(row[3]))
+            except Refusal as refusal:
+                stage.published.append([row[2], "refused", refusal.code, refusal.field])
+                continue
+            reply = reply.result() if isinstance(reply, Future) else reply
+            stage.published.append([row[2], *packed(reply, REFERENCE_DIGITS)])
+    service.on_stop()
+    return stage.published
+
+
+def recorded() -> Iterator[tuple[str, str]]:
+    """Yield case and service of each recording."""
+    for path in sorted(FOLDER.glob("*.jsonl.gz")):
+        for row in read(path):
+            if row[0] == "service":
+                yield path.name.split(".")[0], row[1]
+
+
+def reference(case: str, name: str) -> Path:
+    return FOLDER / f"{case}-{name}.reference.gz"
+
+
+def main() -> None:
+    """Record all cases, or some by name, and write their references."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("cases", nargs="*", default=[case.name for case in CASES])
+    wanted = parser.parse_args().cases
+    for case in CASES:
+        if case.name in wanted:
+            record(case)
+    for case, name in recorded():
+        if case in wanted:
+            write(reference(case, name), replayed(case, name))
+
+
+if __name__ == "__main__":
+    main()
