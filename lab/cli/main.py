@@ -9,7 +9,6 @@ import typer
 
 from . import (
     bag,
-    chaos,
     doctor,
     graph,
     report,
@@ -45,7 +44,6 @@ app.command("health")(system.health)
 app.command("supervise")(system.supervise)
 app.command("report")(report.report)
 app.command("warm")(warm.warm)
-app.command("chaos")(chaos.chaos)
 app.command("call")(service.call)
 app.command("doctor")(doctor.doctor)
 app.command("graph")(graph.graph)
