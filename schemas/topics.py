@@ -29,6 +29,8 @@ Rep = TypeVar("Rep", bound=base.Wire)
 
 TICK_NS = 10_000_000
 """Length of a control tick, ns (100 Hz)."""
+TICK_S = TICK_NS / 1e9
+"""Length of a control tick, s."""
 
 KINEMATICS_NS = 33_000_000
 """Period of encoders and foot switches, ns (the Bioloid bus of Wawrzynski et al.: 33 ms)."""

@@ -26,8 +26,8 @@ from surefoot.services.supervisor.processes.session import Session
 from surefoot.services.supervisor.scenarios.scenario import Scenario
 from surefoot.services.supervisor.service import WELL
 
-from ..report.judge import Verdict
-from ..runs.live import Options, Progress, run_scenario
+from ..report.judge import RunVerdict
+from ..runs.live import Options, RunProgress, run_scenario
 from .events import FORGED_RAD, FORGER, LIVE, ChaosEvent, ChaosOutcome, ChaosRun, Kind, draw_events
 from .run import falls_when_held
 
@@ -46,7 +46,7 @@ class LiveRun(ChaosRun):
 
     bags: dict[str, int]
     """Messages that can be read in each recording."""
-    verdict: Verdict
+    verdict: RunVerdict
     """Verdict on the limits of the scenario."""
     report: Path | None
     """Page of the run."""
@@ -61,7 +61,7 @@ def run_live(
     kinds: Sequence[Kind] = (),
     ticks: int | None = None,
     tell: Callable[[str], None] = lambda text: None,
-    show: Callable[[Progress], None] = lambda progress: None,
+    show: Callable[[RunProgress], None] = lambda progress: None,
 ) -> LiveRun:
     """Start the system, let the events happen while it conducts the scenario, judge it, stop everything.
 

@@ -27,7 +27,7 @@ Listen = Annotated[
 
 
 @dataclass
-class State:
+class OutputState:
     """What the whole command line remembers."""
 
     debug: bool = False
@@ -36,7 +36,7 @@ class State:
     """What is told goes to a log: every line with its time."""
 
 
-state = State()
+state = OutputState()
 
 
 def use_json(wanted: bool) -> bool:

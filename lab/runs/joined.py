@@ -4,12 +4,11 @@ from typing import Any
 
 import numpy as np
 
+from surefoot.schemas.topics import TICK_S
 from surefoot.services.estimator.feet.contact import touch_rows
 from surefoot.services.estimator.stream import Estimator
 from surefoot.services.simulator.world import PhysicsWorld
 from surefoot.services.walker.interface import WalkerInputs
-
-TICK_S = 0.01
 
 
 def sense(world: PhysicsWorld, estimator: Estimator) -> tuple[WalkerInputs, Any]:

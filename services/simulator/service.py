@@ -11,7 +11,7 @@ from pydantic import Field
 from surefoot.errors import Refusal
 from surefoot.geometry.heightmap import HeightMapError
 from surefoot.lockstep.config import ServiceConfig
-from surefoot.lockstep.driver import Driver, Sample
+from surefoot.lockstep.driver import Driver, DueSample
 from surefoot.robot.reader import load_robot
 from surefoot.schemas import sim
 from surefoot.schemas.base import Message
@@ -145,14 +145,14 @@ class Simulator(Driver[SimulatorConfig]):
     def on_status(self) -> None:
         self.publish(SIM_STATUS, self._status())
 
-    def release(self, tick: int) -> list[Sample]:
+    def release(self, tick: int) -> list[DueSample]:
         if tick > 0 and tick % STATUS_TICKS == 0:
             self.publish(SIM_STATUS, self._status())
         return sample_messages(self.world.samples) + sight_messages(self.world.sight, self.world.stamp_ns)
 
-    def reveal(self, tick: int) -> list[Sample]:
+    def reveal(self, tick: int) -> list[DueSample]:
         truth = self.world.truth()
-        return [Sample(SIM_TRUTH, lambda: truth_message(truth), truth.stamp_ns, tick)]
+        return [DueSample(SIM_TRUTH, lambda: truth_message(truth), truth.stamp_ns, tick)]
 
     def actuate(self, tick: int, command: JointCommand | None) -> None:
         if self._later:

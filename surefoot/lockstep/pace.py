@@ -3,10 +3,9 @@
 import time
 from collections.abc import Callable
 
-from surefoot.schemas.topics import TICK_NS
+from surefoot.schemas.topics import TICK_S
 
 SLACK_S = 0.1  # s wall, a delay up to this is caught up; a longer one is given up, so that time never races
-TICK_S = TICK_NS * 1e-9  # s simulated
 
 
 class Pace:
