@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.bench_study import seeds_of, wilson
-from surefoot.lab.runs.chaos import run_chaos
+from surefoot.lab.chaos.run import run_chaos
 from surefoot.services.supervisor.scenarios.scenario import parse_scenario
 from tests.surefoot.lockstep.test_chaos import MESSAGES, TICKS, Found, reference
 from tests.surefoot.lockstep.test_chaos import run as run_toys

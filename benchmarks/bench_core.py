@@ -21,12 +21,12 @@ from pathlib import Path
 from typing import Any
 
 from surefoot.bus.codec import encode, encoding_of
-from surefoot.bus.frame import Frame, Part, pack
+from surefoot.bus.frame import Frame, FramePart, pack
 from surefoot.bus.interface import Delivery, Stamp
 from surefoot.bus.memory import MemoryBus
 from surefoot.lockstep import local
 from surefoot.lockstep.config import ServiceConfig
-from surefoot.lockstep.driver import Driver, DriverNode, Sample
+from surefoot.lockstep.driver import Driver, DriverNode, DueSample
 from surefoot.lockstep.join import Delayed, TickInputs
 from surefoot.lockstep.launch import spare_collector
 from surefoot.lockstep.service import Service
@@ -86,9 +86,9 @@ class BareDriver(Driver[ServiceConfig]):
     outputs = (HW_IMU, HW_JOINTS, HW_CONTACTS)
     serves = (SIM_JOIN,)
 
-    def release(self, tick: int) -> list[Sample]:
+    def release(self, tick: int) -> list[DueSample]:
         rows = self.outputs if tick % KINEMATICS_TICKS == 0 else (HW_IMU,)
-        return [Sample(row, MADE[row].model_copy(), tick * TICK_NS, tick) for row in rows]
+        return [DueSample(row, MADE[row].model_copy(), tick * TICK_NS, tick) for row in rows]
 
     def actuate(self, tick: int, command: JointCommand | None) -> None:
         return
@@ -148,17 +148,17 @@ class Framed:
     def __init__(self, bus: "FrameBus", topic: Topic[Any]) -> None:
         self.topic, self._bus = topic, bus
 
-    def put(self, message: Message) -> Part:
+    def put(self, message: Message) -> FramePart:
         stamp = Stamp(message.tick, message.epoch, message.stamp_ns, message.seq)
-        part = Part(self.topic.key, encode(message)[0], stamp)
+        part = FramePart(self.topic.key, encode(message)[0], stamp)
         self._bus.parts.append(part)
         return part
 
-    def resend(self, token: Part) -> None:
+    def resend(self, token: FramePart) -> None:
         self._bus.parts.append(token)
 
     def prime(self) -> None:
-        self._bus.parts.append(Part(self.topic.key, b"", Stamp(-1, 0, 0, 0)))
+        self._bus.parts.append(FramePart(self.topic.key, b"", Stamp(-1, 0, 0, 0)))
 
 
 class FrameBus(MemoryBus):
@@ -168,8 +168,8 @@ class FrameBus(MemoryBus):
         self.__dict__.update(vars(shared))
         self._readers = readers
         self._owner, self._instance = "", ""
-        self._batch: list[Part] = []
-        self.parts: list[Part] = []
+        self._batch: list[FramePart] = []
+        self.parts: list[FramePart] = []
 
     def publisher(self, topic: Topic[Any], instance: str = "") -> Any:
         if not topic.framed:
@@ -197,7 +197,7 @@ class FrameBus(MemoryBus):
             self._send(self._batch, batched=True)
             self._batch = []
 
-    def _send(self, parts: list[Part], *, batched: bool) -> None:
+    def _send(self, parts: list[FramePart], *, batched: bool) -> None:
         if not parts:
             return
         payload, index = pack(parts, self._instance) if self._instance else pack(parts)

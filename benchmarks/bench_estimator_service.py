@@ -25,7 +25,7 @@ from surefoot.bus.frame import Frame
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.lab.estimation.walks import walk
 from surefoot.lockstep.config import ServiceConfig
-from surefoot.lockstep.driver import Driver, Sample
+from surefoot.lockstep.driver import Driver, DueSample
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.launch import main as serve
 from surefoot.lockstep.service import Service
@@ -102,20 +102,20 @@ class Recorded(Driver[ServiceConfig]):
             if not delivery.prime:
                 self.seen[delivery.topic.key].setdefault(delivery.header().tick, now)
 
-    def release(self, tick: int) -> list[Sample]:
+    def release(self, tick: int) -> list[DueSample]:
         log = self.log_of
         if tick == self.last:
             found = {key: [t - self.sent[k] for k, t in seen.items() if k >= WARM] for key, seen in self.seen.items()}
             Path(os.environ[TIMES]).write_text(json.dumps(found))
         k = min(tick, self.last)
         stamp = int(log["stamp_ns"][k])
-        out = [Sample(HW_IMU, Imu(gyro=tuple(log["w"][k]), acc=tuple(log["q"][k])), stamp, tick)]
+        out = [DueSample(HW_IMU, Imu(gyro=tuple(log["w"][k]), acc=tuple(log["q"][k])), stamp, tick)]
         if self._foot < len(log["foot_ns"]) and log["foot_ns"][self._foot] <= stamp:
             f, at = self._foot, int(log["foot_ns"][self._foot])
             touch = tuple((bool(x),) for x in log["contact"][f])
             feet = FootContacts(touch=touch, normal_force_n=(None,) * len(touch))
-            out += [Sample(HW_JOINTS, JointState(position=tuple(log["joints"][f])), at, f)]
-            out += [Sample(HW_CONTACTS, feet, at, f)]
+            out += [DueSample(HW_JOINTS, JointState(position=tuple(log["joints"][f])), at, f)]
+            out += [DueSample(HW_CONTACTS, feet, at, f)]
             self._foot += 1
         self.sent[tick] = time.perf_counter()
         return out

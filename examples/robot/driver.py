@@ -4,7 +4,7 @@ import numpy as np
 
 from surefoot.errors import Refusal
 from surefoot.lockstep.config import ServiceConfig
-from surefoot.lockstep.driver import Driver, Sample
+from surefoot.lockstep.driver import Driver, DueSample
 from surefoot.lockstep.launch import main
 from surefoot.robot.kinematics import foot_positions
 from surefoot.robot.reader import load_robot
@@ -29,15 +29,15 @@ class MyRobot(Driver[ServiceConfig]):
     def on_begin(self) -> None:  # these two must be there before tick 0; others join when they come
         self.node.begin(("estimator", "walker"), "paced", rtf=1.0, delay=1, policy="degrade", seed=0)
 
-    def release(self, tick: int) -> list[Sample]:
+    def release(self, tick: int) -> list[DueSample]:
         now, up = tick * TICK_NS, (0.0, 0.0, 9.81)  # HARDWARE: inertial unit, its frame; stamp = END of its window
-        samples = [Sample(HW_IMU, Imu(acc=up, gyro=(0.0, 0.0, 0.0)), now, tick)]
+        samples = [DueSample(HW_IMU, Imu(acc=up, gyro=(0.0, 0.0, 0.0)), now, tick)]
         if tick % 3 == 0:  # HARDWARE: encoders and switches, as often as they come
             z = foot_positions(self.robot.model, self.joints)[:, 2]
             touch = tuple((bool(low),) for low in z < z.min() + TOUCH_M)
             joints = JointState(position=tuple(self.joints))
             feet = FootContacts(touch=touch, normal_force_n=(None,) * len(touch))
-            samples += [Sample(HW_JOINTS, joints, now, tick // 3), Sample(HW_CONTACTS, feet, now, tick // 3)]
+            samples += [DueSample(HW_JOINTS, joints, now, tick // 3), DueSample(HW_CONTACTS, feet, now, tick // 3)]
         return samples
 
     def actuate(self, tick: int, command: JointCommand | None) -> None:

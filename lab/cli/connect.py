@@ -40,9 +40,9 @@ def _knock(where: str) -> None:
     """Fail at once when nobody listens, instead of after Zenoh's patience."""
     from surefoot.errors import BusError
 
-    from .running import Running
+    from .running import RunningSystem
     from .stopping import answers
 
     if not answers(where):
-        what = Running("", where, "").orphans() or "start one with `surefoot up`, or name another with --connect"
+        what = RunningSystem("", where, "").orphans() or "start one with `surefoot up`, or name another with --connect"
         raise BusError("absent", f"no system answers at {where}; {what}")

@@ -21,7 +21,7 @@ from .output import (
 )
 
 if TYPE_CHECKING:
-    from ..runs.live import Outcome, Progress
+    from ..runs.live import RunOutcome, RunProgress
 
 
 def run(
@@ -91,7 +91,7 @@ def list_all(json: Json = False) -> None:
     write(f"robots:   {' '.join(robot_names())}\nservices: {' '.join(service_names())}")
 
 
-def _as_json(outcome: "Outcome") -> dict[str, object]:
+def _as_json(outcome: "RunOutcome") -> dict[str, object]:
     verdict = outcome.verdict
     return {
         "scenario": outcome.scenario,
@@ -110,7 +110,7 @@ def _as_json(outcome: "Outcome") -> dict[str, object]:
     }
 
 
-def _show(outcome: "Outcome") -> None:
+def _show(outcome: "RunOutcome") -> None:
     from ..report.judge import METRICS
 
     verdict = outcome.verdict
@@ -161,7 +161,7 @@ class _ProgressLine:
         else:
             self._console.print(text, style="dim", highlight=False)
 
-    def show(self, progress: "Progress") -> None:
+    def show(self, progress: "RunProgress") -> None:
         """Show how far the run is."""
         if self._status is not None:
             done = f"{progress.time:6.2f} s simulated of at most {self._total:g} s"

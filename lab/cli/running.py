@@ -9,7 +9,7 @@ from surefoot.services.supervisor.processes.rundir import RunFolder, run_folders
 WELL = "healthy"
 
 
-class Running(NamedTuple):
+class RunningSystem(NamedTuple):
     """A system that a command can reach.
 
     Attributes:
@@ -35,7 +35,9 @@ class Running(NamedTuple):
         return next((folder.orphaned for folder in run_folders() if folder.orphans()), "")
 
 
-def systems(connect: str | None = None, namespace: str | None = None, system: str | None = None) -> tuple[Running, ...]:
+def systems(
+    connect: str | None = None, namespace: str | None = None, system: str | None = None
+) -> tuple[RunningSystem, ...]:
     """Return the systems that are meant: those that run here and fit, else the one that would be here.
 
     Args:
@@ -51,7 +53,7 @@ def systems(connect: str | None = None, namespace: str | None = None, system: st
     connect = checked("--connect", connect) if connect else from_environment(("SUREFOOT_CONNECT",))
     namespace = namespace or os.environ.get("SUREFOOT_NAMESPACE")
     found = [
-        Running(folder.name, place.connect, place.namespace, folder)
+        RunningSystem(folder.name, place.connect, place.namespace, folder)
         for folder in run_folders()
         if (place := folder.endpoint()) is not None
     ]
@@ -66,10 +68,10 @@ def systems(connect: str | None = None, namespace: str | None = None, system: st
         return fitting
     robot = os.path.basename(os.path.normpath(os.environ.get("SUREFOOT_ROBOT", "ragno")))  # a name, or a folder
     prefix = namespace or f"surefoot/{robot}"
-    return (Running(prefix, connect or to_listen(), prefix),)
+    return (RunningSystem(prefix, connect or to_listen(), prefix),)
 
 
-def only_one(found: tuple[Running, ...], how: str) -> Running:
+def only_one(found: tuple[RunningSystem, ...], how: str) -> RunningSystem:
     """Return the one system that is meant.
 
     Raises:

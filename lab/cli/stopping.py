@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from surefoot.bus.emergency import Stopper
 
-from .running import Running
+from .running import RunningSystem
 
 REASON, TIMEOUT_S = "surefoot stop", 3.0
 RELEASE = (
@@ -38,12 +38,12 @@ class Stopped(NamedTuple):
     detail: str = ""
 
 
-def stop_all(systems: Sequence[Running], reason: str, timeout_s: float) -> list[Stopped]:
+def stop_all(systems: Sequence[RunningSystem], reason: str, timeout_s: float) -> list[Stopped]:
     """Stop systems side by side."""
     found: dict[int, Stopped] = {}
     began = time.monotonic()
 
-    def work(place: int, system: Running) -> None:
+    def work(place: int, system: RunningSystem) -> None:
         found[place] = _stop(system, reason, timeout_s, began)
 
     threads = [threading.Thread(target=work, args=item, daemon=True) for item in enumerate(systems)]
@@ -55,7 +55,7 @@ def stop_all(systems: Sequence[Running], reason: str, timeout_s: float) -> list[
     return [found[place] for place in range(len(systems))]
 
 
-def _stop(system: Running, reason: str, timeout_s: float, began: float) -> Stopped:
+def _stop(system: RunningSystem, reason: str, timeout_s: float, began: float) -> Stopped:
     if not answers(system.connect):
         hint = system.orphans() or "start one with `surefoot up`, or name another with --connect"
         return Stopped(system.name, detail=f"no system answers at {system.connect}; {hint}")

@@ -124,7 +124,7 @@ def warm(jobs: tuple[Job, ...], tell: Callable[[str], None] = lambda text: None)
     A process takes one service after the other: what numba compiles for itself is then compiled once a process. A
     service rehearses with the next robot when all have with one: it has most kernels in common with itself.
     """
-    progress = _Progress(len(jobs), tell)
+    progress = _WarmProgress(len(jobs), tell)
     found: list[Warmed] = []
 
     def work(ask: Callable[[Job], Warmed], todo: Queue[Job]) -> None:
@@ -164,7 +164,7 @@ def _turns(jobs: Iterable[Job]) -> list[list[Job]]:
     return turns
 
 
-class _Progress:
+class _WarmProgress:
     """Reports each service that is done; called from several threads."""
 
     def __init__(self, total: int, tell: Callable[[str], None]) -> None:

@@ -88,7 +88,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class RunVerdict:
     """The verdict on a run.
 
     Attributes:
@@ -123,7 +123,7 @@ def judge(
     comparable: bool = True,
     problems: tuple[str, ...] = (),
     notes: tuple[str, ...] = (),
-) -> Verdict:
+) -> RunVerdict:
     """Hold a run against its limits.
 
     Args:
@@ -143,7 +143,7 @@ def judge(
             (LIMITS[key].side, limit) for key, limit in limits.items() if LIMITS[key].metric == name
         )
         rows.append(Row(name, value, held, _meets(value, held) if held else None))
-    return Verdict(tuple(rows), problems, message_hash, comparable, notes)
+    return RunVerdict(tuple(rows), problems, message_hash, comparable, notes)
 
 
 def _meets(value: float | None, held: tuple[tuple[Side, float], ...]) -> bool:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from .judge import METRICS, Verdict
+from .judge import METRICS, RunVerdict
 from .plots import Moment, Timing, draw, moments
 from .traces import Traces
 
@@ -33,14 +33,14 @@ class About:
     timings: Mapping[str, Timing] = field(default_factory=dict[str, Timing])
 
 
-def write_report(path: Path, about: About, traces: Traces, verdict: Verdict) -> Path:
+def write_report(path: Path, about: About, traces: Traces, verdict: RunVerdict) -> Path:
     """Write the report and return its path."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(render(about, traces, verdict), encoding="utf-8")
     return path
 
 
-def render(about: About, traces: Traces, verdict: Verdict) -> str:
+def render(about: About, traces: Traces, verdict: RunVerdict) -> str:
     """Return the report as one HTML text."""
     plots = draw(traces, about.feet, about.timings, about.limits)
     body = "\n".join(
@@ -62,7 +62,7 @@ def render(about: About, traces: Traces, verdict: Verdict) -> str:
     )
 
 
-def _head(about: About, verdict: Verdict) -> str:
+def _head(about: About, verdict: RunVerdict) -> str:
     css = "pass" if verdict.ok else "fail"
     tiles = "".join(
         f"<div><b>{_esc(row.text)}</b><span>{_esc(METRICS[row.name].title)}</span></div>"
@@ -77,7 +77,7 @@ def _head(about: About, verdict: Verdict) -> str:
     )
 
 
-def _verdict_table(verdict: Verdict) -> str:
+def _verdict_table(verdict: RunVerdict) -> str:
     rows = "".join(
         f'<tr class="{_css(row.ok)}"><td>{_esc(METRICS[row.name].title)}</td><td class="number">{_esc(row.text)}</td>'
         f'<td class="number">{_esc(row.limit_text)}</td><td>{_mark(row.ok)}</td></tr>'
@@ -90,7 +90,7 @@ def _verdict_table(verdict: Verdict) -> str:
     )
 
 
-def _what_happened(traces: Traces, worst: Sequence[Moment], verdict: Verdict) -> str:
+def _what_happened(traces: Traces, worst: Sequence[Moment], verdict: RunVerdict) -> str:
     problems = "".join(f'<li class="bad">{_esc(problem)}</li>' for problem in verdict.problems)
     notes = "".join(f"<li>{_esc(note)}</li>" for note in verdict.notes)
     happened = [(event.time, event.text) for event in traces.events]
@@ -99,7 +99,7 @@ def _what_happened(traces: Traces, worst: Sequence[Moment], verdict: Verdict) ->
     return f'<section><h2>Worst moments and events</h2><ul class="events">{problems}{notes}{listed}</ul></section>'
 
 
-def _facts(about: About, verdict: Verdict) -> str:
+def _facts(about: About, verdict: RunVerdict) -> str:
     facts = dict(about.facts)
     if verdict.message_hash:
         facts["Message hash"] = verdict.message_hash + ("" if verdict.comparable else " (not comparable)")
@@ -109,7 +109,7 @@ def _facts(about: About, verdict: Verdict) -> str:
     return f"<section><h2>This run</h2><table>{rows}</table></section>" if rows else ""
 
 
-def _word(verdict: Verdict) -> str:
+def _word(verdict: RunVerdict) -> str:
     return "PASS" if verdict.ok else "FAIL"
 
 

@@ -31,7 +31,7 @@ KEYS = (
 
 
 @dataclass(frozen=True)
-class Stance:
+class StanceTrace:
     """One finished stance of one foot: when it ended (s), which foot, way its contact point slid (m), where (m)."""
 
     time: float
@@ -43,7 +43,7 @@ class Stance:
 
 
 @dataclass(frozen=True)
-class Event:
+class Mark:
     """Something worth a mark in the report: when (s) and what, in words."""
 
     time: float
@@ -51,7 +51,7 @@ class Event:
 
 
 @dataclass(frozen=True)
-class Choice:
+class DecisionTrace:
     """A decision of the navigator: when (s), the action, why, and the value of each action that was allowed."""
 
     time: float
@@ -82,9 +82,9 @@ class Traces:
     epoch: int = -1
     rows: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
     """Per key one row of numbers a message; first the simulated time in s."""
-    stances: list[Stance] = field(default_factory=list)
-    events: list[Event] = field(default_factory=list)
-    choices: list[Choice] = field(default_factory=list)
+    stances: list[StanceTrace] = field(default_factory=list)
+    events: list[Mark] = field(default_factory=list)
+    choices: list[DecisionTrace] = field(default_factory=list)
     goals: list[GoalEnd] = field(default_factory=list)
     ground: tuple[Array, float, tuple[float, float]] | None = None
     """Heights (ny, nx) m, cell m, centre of cell [0, 0] (x, y) m of the map that the robot was given."""
@@ -113,7 +113,7 @@ class Traces:
 
     def note(self, time: float, text: str) -> None:
         """Mark something that happened."""
-        self.events.append(Event(time, text))
+        self.events.append(Mark(time, text))
 
     def _begin(self, epoch: int) -> None:
         self.epoch = epoch
@@ -143,7 +143,9 @@ class Traces:
         for foot, (count, old) in enumerate(zip(m.stances, before, strict=True)):
             if count > old:
                 twist = m.stance_twist[foot] if m.stance_twist else None
-                self.stances.append(Stance(time, foot, m.stance_sliding[foot], tuple(m.foot_position[foot][:2]), twist))
+                self.stances.append(
+                    StanceTrace(time, foot, m.stance_sliding[foot], tuple(m.foot_position[foot][:2]), twist)
+                )
         self._finished = tuple(m.stances)
 
     def _velocity(self, key: str, m: Any) -> None:
@@ -185,7 +187,9 @@ class Traces:
         d = m.decision
         if d is not None and d.number != self._decided:
             self._decided = d.number
-            self.choices.append(Choice(time, d.action, d.reason, dict(d.values), d.distance, d.bearing, d.entropy))
+            self.choices.append(
+                DecisionTrace(time, d.action, d.reason, dict(d.values), d.distance, d.bearing, d.entropy)
+            )
         now = (m.goal_id, m.state)
         if now != self._goal and m.goal_pose is not None and m.state in ("succeeded", "failed", "cancelled"):
             self.note(time, f"goal {m.goal_id} {m.state} {m.error_code}".rstrip())

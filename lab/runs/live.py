@@ -13,14 +13,14 @@ from surefoot.errors import BusError, CallError
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.sim import ResetReply, ResetRequest, SimStatus
 from surefoot.schemas.system import RecorderReply, RecorderRequest
-from surefoot.schemas.topics import RECORDER_STATUS, SIM_RESET
+from surefoot.schemas.topics import RECORDER_STATUS, SIM_RESET, TICK_S
 from surefoot.services.supervisor.processes.session import Session
 from surefoot.services.supervisor.processes.startable import system_of
 from surefoot.services.supervisor.scenarios.director import Director
-from surefoot.services.supervisor.scenarios.scenario import TICK_S, Scenario
+from surefoot.services.supervisor.scenarios.scenario import Scenario
 from surefoot.version import VERSION
 
-from ..report.judge import Verdict, judge
+from ..report.judge import RunVerdict, judge
 from ..report.page import About, write_report
 from ..report.plots import Timing
 from ..report.traces import Traces, read_traces
@@ -52,7 +52,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Progress:
+class RunProgress:
     """How far a run is: control ticks, simulated time (s), real-time factor so far."""
 
     ticks: int
@@ -61,12 +61,12 @@ class Progress:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RunOutcome:
     """What came of a run."""
 
     scenario: str
     seed: int
-    verdict: Verdict
+    verdict: RunVerdict
     report: Path | None
     """None where it could not be written; a note of the verdict says why."""
     recording: Path | None
@@ -91,9 +91,9 @@ def run_scenario(
     scenario: Scenario,
     options: Options,
     tell: Callable[[str], None] = lambda text: None,
-    show: Callable[[Progress], None] = lambda progress: None,
+    show: Callable[[RunProgress], None] = lambda progress: None,
     meddle: Callable[[Session], Beside] | None = None,
-) -> Outcome:
+) -> RunOutcome:
     """Start the system, conduct the scenario, judge it, write the report, stop everything.
 
     Args:
@@ -163,7 +163,7 @@ def run_scenario(
     except OSError as error:
         why = f"the report could not be written: {error.strerror or error}"
         report, verdict = None, replace(verdict, notes=(*verdict.notes, why))
-    return Outcome(scenario.name, seed, verdict, report, written, start_s, timings, interrupted)
+    return RunOutcome(scenario.name, seed, verdict, report, written, start_s, timings, interrupted)
 
 
 def _reset(session: Session, scenario: Scenario, options: Options, seed: int) -> ResetReply:
@@ -188,7 +188,7 @@ def _reset(session: Session, scenario: Scenario, options: Options, seed: int) ->
 
 
 def _follow(
-    session: Session, scenario: Scenario, director: Director, began: float, show: Callable[[Progress], None]
+    session: Session, scenario: Scenario, director: Director, began: float, show: Callable[[RunProgress], None]
 ) -> tuple[float, list[str]]:
     """Look after the system until the last tick; return the start-up time and what went wrong."""
     supervisor = session.supervisor
@@ -204,7 +204,7 @@ def _follow(
                 start_s = now - began
             last, moved = supervisor.ticks, now
             wall = max(supervisor.wall_s, 1e-3)
-            show(Progress(last, last * TICK_S, last * TICK_S / wall))
+            show(RunProgress(last, last * TICK_S, last * TICK_S / wall))
         if now - moved > STALL_S:
             waiting = {name: health.waiting_for for name, health in session.health().items() if health.waiting_for}
             words = "; ".join(f"{name} waits for {', '.join(keys)}" for name, keys in waiting.items())
@@ -254,7 +254,7 @@ def _report(
     seed: int,
     robot: str,
     traces: Traces,
-    verdict: Verdict,
+    verdict: RunVerdict,
     timings: dict[str, Timing],
     recording: Path | None,
     options: Options,

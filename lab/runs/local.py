@@ -19,14 +19,14 @@ from surefoot.lockstep.local import LocalSystem
 from surefoot.lockstep.service import Service
 from surefoot.schemas.sim import ResetRequest
 from surefoot.schemas.system import RecorderRequest
-from surefoot.schemas.topics import RECORDER_STATUS, SIM_RESET
+from surefoot.schemas.topics import RECORDER_STATUS, SIM_RESET, TICK_S
 from surefoot.services.supervisor.processes.compose import Compose
 from surefoot.services.supervisor.processes.startable import system_of
 from surefoot.services.supervisor.scenarios.director import Director
-from surefoot.services.supervisor.scenarios.scenario import TICK_S, Scenario, find_scenario, load_scenario
+from surefoot.services.supervisor.scenarios.scenario import Scenario, find_scenario, load_scenario
 from surefoot.services.supervisor.service import Supervisor
 
-from ..report.judge import Verdict, judge
+from ..report.judge import RunVerdict, judge
 from ..report.traces import read_traces
 
 
@@ -35,7 +35,7 @@ class LocalRun:
     """What came of a run in one process."""
 
     seed: int
-    verdict: Verdict
+    verdict: RunVerdict
     run_hash: str
     ticks: int
     wall_s: float

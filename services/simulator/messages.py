@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from surefoot.geometry.heightmap import HeightMap
-from surefoot.lockstep.driver import Sample
+from surefoot.lockstep.driver import DueSample
 from surefoot.schemas.hw import FootContacts, Imu, JointState, Landmark, LandmarkDetections, Range, Sighting
 from surefoot.schemas.sim import Truth as TruthMessage
 from surefoot.schemas.terrain import HeightMapMessage, LandmarkMap
@@ -17,31 +17,31 @@ from .sensors.landmarks import Landmarks
 from .sensors.sight import Senses
 
 
-def sample_messages(samples: Samples) -> list[Sample]:
+def sample_messages(samples: Samples) -> list[DueSample]:
     """Messages of what the hardware releases in a tick."""
     imu, joints, contacts = samples
-    out: list[Sample] = []
+    out: list[DueSample] = []
     if imu is not None:
         message = Imu(acc=tuple(imu.acc.tolist()), gyro=tuple(imu.gyro.tolist()), saturated=imu.saturated)
-        out.append(Sample(HW_IMU, message, imu.stamp_ns, imu.seq))
+        out.append(DueSample(HW_IMU, message, imu.stamp_ns, imu.seq))
     if joints is not None:
         state = JointState(
             position=tuple(joints.position.tolist()),
             current=tuple(joints.current.tolist()),
             torque=tuple(joints.torque.tolist()),
         )
-        out.append(Sample(HW_JOINTS, state, joints.stamp_ns, joints.seq))
+        out.append(DueSample(HW_JOINTS, state, joints.stamp_ns, joints.seq))
     if contacts is not None:
         force = contacts.normal_force
         normal = (None,) * len(contacts.touch) if force is None else tuple(force.tolist())
         feet = FootContacts(touch=contacts.touch, normal_force_n=normal)
-        out.append(Sample(HW_CONTACTS, feet, contacts.stamp_ns, contacts.seq))
+        out.append(DueSample(HW_CONTACTS, feet, contacts.stamp_ns, contacts.seq))
     return out
 
 
-def sight_messages(sight: Senses | None, stamp_ns: int) -> list[Sample]:
+def sight_messages(sight: Senses | None, stamp_ns: int) -> list[DueSample]:
     """Messages of what the robot sees and feels of its surroundings in a tick."""
-    out: list[Sample] = []
+    out: list[DueSample] = []
     if sight is None:
         return out
     if sight.frame is not None:
@@ -53,14 +53,14 @@ def sight_messages(sight: Senses | None, stamp_ns: int) -> list[Sample]:
             ),
             goal=None if goal is None else Sighting(range=goal.range, bearing=goal.bearing),
         )
-        out.append(Sample(HW_LANDMARKS, message, stamp_ns, frame.seq))
+        out.append(DueSample(HW_LANDMARKS, message, stamp_ns, frame.seq))
     if sight.reach is not None and sight.ranger is not None:
         r = sight.ranger
         near = Range(
             distance=sight.reach.distance, shortest=r.shortest, longest=r.longest, field_of_view=2.0 * r.half_cone,
             bump=sight.reach.bump,
         )  # fmt: skip
-        out.append(Sample(HW_RANGE, near, stamp_ns, sight.reach.seq))
+        out.append(DueSample(HW_RANGE, near, stamp_ns, sight.reach.seq))
     return out
 
 

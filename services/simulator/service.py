@@ -5,7 +5,7 @@ from typing import Any
 from pydantic import Field
 
 from surefoot.lockstep.config import ServiceConfig
-from surefoot.lockstep.driver import Driver, Sample
+from surefoot.lockstep.driver import Driver, DueSample
 from surefoot.robot.reader import load_robot
 from surefoot.schemas import sim
 from surefoot.schemas.base import Message
@@ -100,15 +100,15 @@ class Simulator(Driver[SimulatorConfig]):
         """The world of the present run."""
         return self.run.world
 
-    def release(self, tick: int) -> list[Sample]:
+    def release(self, tick: int) -> list[DueSample]:
         if tick > 0 and tick % STATUS_TICKS == 0:
             self.on_status()
         world = self.run.built.world
         return sample_messages(world.samples) + sight_messages(world.sight, world.stamp_ns)
 
-    def reveal(self, tick: int) -> list[Sample]:
+    def reveal(self, tick: int) -> list[DueSample]:
         truth = self.run.built.world.truth()
-        return [Sample(SIM_TRUTH, lambda: truth_message(truth), truth.stamp_ns, tick)]
+        return [DueSample(SIM_TRUTH, lambda: truth_message(truth), truth.stamp_ns, tick)]
 
     def actuate(self, tick: int, command: JointCommand | None) -> None:
         self.run.step(tick, command)

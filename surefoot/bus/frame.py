@@ -16,7 +16,7 @@ from surefoot.schemas.topics import Topic
 _new: Callable[..., Any] = cast(Any, tuple).__new__  # of any tuple, without the checks of its class
 
 
-class Part(NamedTuple):
+class FramePart(NamedTuple):
     """One message of a frame."""
 
     key: str
@@ -24,7 +24,7 @@ class Part(NamedTuple):
     stamp: Stamp
 
 
-def pack(parts: Sequence[Part], instance: str = "") -> tuple[bytes, bytes]:
+def pack(parts: Sequence[FramePart], instance: str = "") -> tuple[bytes, bytes]:
     """Payload and attachment of a frame that the process ``instance`` publishes."""
     index = [instance]
     index += [

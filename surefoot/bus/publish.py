@@ -6,7 +6,7 @@ from typing import Any, Generic, TypeVar
 import zenoh
 
 from surefoot.bus.codec import encode, encoding_of
-from surefoot.bus.frame import Part, pack
+from surefoot.bus.frame import FramePart, pack
 from surefoot.bus.interface import Stamp
 from surefoot.schemas.base import Message
 from surefoot.schemas.topics import Kind, Query, Topic
@@ -84,8 +84,8 @@ class Framer:
     def __init__(self, session: zenoh.Session, owner: str, instance: str) -> None:
         self.corked = False
         self._instance = instance
-        self.frame: list[Part] = []
-        self.batch: list[Part] = []
+        self.frame: list[FramePart] = []
+        self.batch: list[FramePart] = []
         self._frames = _declare(session, FRAME.format(owner), _JSON, *_FRAMES)
         self._batches = _declare(session, BATCH.format(owner), _JSON, *_FRAMES)
 
@@ -118,21 +118,21 @@ class FramedPublisher(Generic[M]):
     def _on_match(self, status: Any) -> None:
         self.watched = bool(status.matching)
 
-    def put(self, message: M) -> Part:
+    def put(self, message: M) -> FramePart:
         stamp = Stamp(message.tick, message.epoch, message.stamp_ns, message.seq)
-        part = Part(self.topic.key, encode(message)[0], stamp)
+        part = FramePart(self.topic.key, encode(message)[0], stamp)
         self.resend(part)
         return part
 
-    def resend(self, token: Part) -> None:
+    def resend(self, token: FramePart) -> None:
         self._frame(token)
         if self.watched or not self._framer.corked:
             self._publisher.put(token.payload)
 
     def prime(self) -> None:
-        self._frame(Part(self.topic.key, b"", Stamp(-1, 0, 0, 0)))
+        self._frame(FramePart(self.topic.key, b"", Stamp(-1, 0, 0, 0)))
 
-    def _frame(self, part: Part) -> None:
+    def _frame(self, part: FramePart) -> None:
         (self._framer.batch if self.topic.observers_only else self._framer.frame).append(part)
         if not self._framer.corked:
             self._framer.flush(batch=True)

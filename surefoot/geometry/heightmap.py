@@ -8,7 +8,7 @@ bilinear; the outermost half cell continues the border value.
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, Self, cast
@@ -162,18 +162,6 @@ class HeightMap:
     def dilate_part(self, radius: float, out: NDArray[np.float32], row0: int, row1: int, col0: int, col1: int) -> None:
         """Write `dilated` of some rows and columns into an array of the map's shape, the ends left out."""
         kernels.dilate(self.z, *kernels.ball(radius, self.cell), out, row0, row1, col0, col1)
-
-    def max_in_path(self, p0: Sequence[float], p1: Sequence[float], halfwidth: float) -> float:
-        """Highest ground in the whole corridor swept from p0 to p1, m; NaN when all of it is unknown.
-
-        The corridor is every point within `halfwidth` of the segment p0-p1 (x, y; further entries are ignored). A
-        cell counts when it shapes the bilinear surface anywhere in it, so no point of the corridor is higher.
-        Unknown cells and cells outside the map are left out.
-        """
-        return kernels.path_max(
-            self.z, self.cell, self.origin[0], self.origin[1],
-            float(p0[0]), float(p0[1]), float(p1[0]), float(p1[1]), float(halfwidth),
-        )  # fmt: skip
 
     def derived(self, z: NDArray[np.float32]) -> "HeightMap":
         """The same grid and version with heights that were computed from it: neither copied nor checked again."""

@@ -1,18 +1,11 @@
-"""Height maps for other programs: 16-bit PNG with its scale inside, ESRI text grids, layers as grid_map keeps them.
-
-A grid_map stores its cells in a circular buffer: rows run along -x, columns along -y, and the first cell of the map is
-at the start index. Layers are given and taken as plain arrays and numbers, so that no message type is needed.
-"""
+"""Height maps for other programs: 16-bit PNG with its scale inside or beside it, and any format read by its name."""
 
 import json
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from surefoot.geometry.heightmap import HeightMap, HeightMapError
 from surefoot.geometry.heightmap_files import load, load_png
@@ -21,23 +14,6 @@ KEY = "surefoot.heightmap"
 """Of the text in a PNG that holds cell, origin, version and the heights of black and white."""
 UNKNOWN = 0
 """Value of an unknown cell in a PNG; known heights are 1 to 65535."""
-NODATA = -9999.0
-"""Value of an unknown cell in a text grid."""
-
-
-@dataclass(frozen=True, eq=False)
-class GridLayers:
-    """A map as grid_map keeps it."""
-
-    layers: Mapping[str, NDArray[np.floating[Any]]]
-    """Each (rows, cols): rows along -x, columns along -y, rotated by the start index; NaN = unknown."""
-    resolution: float
-    """Edge of a cell, m."""
-    centre: tuple[float, float]
-    """Middle of the map, m."""
-    start_index: tuple[int, int] = (0, 0)
-    """Row and column in the arrays of the cell with the largest x and y."""
-    frame: str = "map"
 
 
 def save_png(heights: HeightMap, path: str | Path) -> Path:
@@ -129,42 +105,3 @@ def _scale(text: str, source: str) -> _Scale:
         raise HeightMapError("file", f"{source} must hold finite numbers, got {told!r}")
     cell, low, high, x0, y0 = numbers
     return _Scale(cell, low, high, (x0, y0), version)
-
-
-def save_asc(heights: HeightMap, path: str | Path) -> Path:
-    """Write an ESRI text grid, rows from y-max down; unknown cells are -9999."""
-    rows, cols = heights.shape
-    x0, y0 = heights.origin
-    head = f"ncols {cols}\nnrows {rows}\nxllcenter {x0!r}\nyllcenter {y0!r}\ncellsize {heights.cell!r}\n"
-    z = np.where(np.isfinite(heights.z), heights.z, np.float32(NODATA))[::-1]
-    body = "\n".join(" ".join(f"{value:.9g}" for value in row) for row in z.tolist())
-    target = Path(path)
-    target.write_text(f"{head}NODATA_value {NODATA:g}\n{body}\n", encoding="ascii")
-    return target
-
-
-def to_layers(heights: HeightMap, layer: str = "elevation") -> GridLayers:
-    """Return a map as one layer of a grid_map with start index (0, 0)."""
-    rows, cols = heights.shape
-    x0, y0 = heights.origin
-    centre = (x0 + 0.5 * (cols - 1) * heights.cell, y0 + 0.5 * (rows - 1) * heights.cell)
-    return GridLayers({layer: np.ascontiguousarray(heights.z[::-1, ::-1].T)}, heights.cell, centre)
-
-
-def from_layers(grid: GridLayers, layer: str = "elevation", version: int = 0) -> HeightMap:
-    """Return one layer of a grid_map as a height map.
-
-    Raises:
-        HeightMapError: no such layer, a start index outside of it, or numbers that cannot be.
-    """
-    if layer not in grid.layers:
-        known = ", ".join(sorted(grid.layers)) or "none"
-        raise HeightMapError("layers", f"got {layer!r}, known are {known}")
-    stored = np.asarray(grid.layers[layer])
-    if stored.ndim != 2 or not all(0 <= s < n for s, n in zip(grid.start_index, stored.shape, strict=True)):
-        raise HeightMapError("start_index", f"must lie within {stored.shape}, got {grid.start_index!r}")
-    rolled = np.roll(stored, (-grid.start_index[0], -grid.start_index[1]), axis=(0, 1))
-    z = rolled.T[::-1, ::-1]
-    (rows, cols), (x, y), cell = z.shape, grid.centre, grid.resolution
-    origin = (x - 0.5 * (cols - 1) * cell, y - 0.5 * (rows - 1) * cell)
-    return HeightMap(z=z.astype(np.float32), cell=cell, origin=origin, version=version)

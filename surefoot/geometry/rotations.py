@@ -57,12 +57,6 @@ def rotate(q_a_from_b: Array, v_b: Array) -> Array:
 
 
 @kernel
-def rotate_inverse(q_a_from_b: Array, v_a: Array) -> Array:
-    """Vector of frame a expressed in frame b, (3,)."""
-    return rotate(conjugate(q_a_from_b), v_a)
-
-
-@kernel
 def matrix_from_quat(q: Array) -> Array:
     """Rotation matrix of a unit quaternion, (3, 3)."""
     w, x, y, z = q[0], q[1], q[2], q[3]
@@ -105,19 +99,6 @@ def quat_from_matrix(m: Array) -> Array:
         q[2] = m[1, 2] + m[2, 1]
         q[3] = 1.0 + 2.0 * m[2, 2] - t
     return normalized(q)
-
-
-@kernel
-def skew(v: Array) -> Array:
-    """Matrix [v] with [v] u = v x u, (3, 3)."""
-    m = np.zeros((3, 3))
-    m[0, 1] = -v[2]
-    m[0, 2] = v[1]
-    m[1, 0] = v[2]
-    m[1, 2] = -v[0]
-    m[2, 0] = -v[1]
-    m[2, 1] = v[0]
-    return m
 
 
 @kernel
@@ -206,37 +187,6 @@ def rpy_from_matrix(rot_world_from_base: Array) -> Array:
     if flat > SMALL_ANGLE:
         return np.array([math.atan2(m[2, 1], m[2, 2]), pitch, math.atan2(m[1, 0], m[0, 0])])
     return np.array([0.0, pitch, math.atan2(-m[0, 1], m[1, 1])])
-
-
-@kernel
-def rpy_from_quat(q_world_from_base: Array) -> Array:
-    """Roll, pitch, yaw in rad, (3,)."""
-    return rpy_from_matrix(matrix_from_quat(q_world_from_base))
-
-
-@kernel
-def yaw_from_quat(q_world_from_base: Array) -> float:
-    """Heading in rad."""
-    w, x, y, z = q_world_from_base[0], q_world_from_base[1], q_world_from_base[2], q_world_from_base[3]
-    return math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
-
-
-@kernel
-def roll_pitch_from_up(g_up: Array) -> Array:
-    """Roll and pitch in rad, (2,), of a base in which the upward direction reads `g_up` (any length)."""
-    return np.array([math.atan2(g_up[1], g_up[2]), math.atan2(-g_up[0], math.hypot(g_up[1], g_up[2]))])
-
-
-@kernel
-def up_from_roll_pitch(roll: float, pitch: float) -> Array:
-    """Upward unit vector in the base frame, (3,): third row of Ry(pitch) Rx(roll)."""
-    return np.array([-math.sin(pitch), math.cos(pitch) * math.sin(roll), math.cos(pitch) * math.cos(roll)])
-
-
-@kernel
-def tilt_from_up(g_up: Array) -> float:
-    """Angle between the base z axis and the vertical in rad, from the upward direction in the base frame."""
-    return math.atan2(math.hypot(g_up[0], g_up[1]), g_up[2])
 
 
 @kernel

@@ -17,7 +17,7 @@ T = TypeVar("T", bound=NamedTuple)
 
 if TYPE_CHECKING:
 
-    class Box(Generic[T]):
+    class KernelBox(Generic[T]):
         """Arguments in a box; kernels make it and read `parts`."""
 
         parts: T
@@ -30,10 +30,10 @@ else:
     class _BoxType(types.StructRef):
         """Type of a box to the compiler."""
 
-    class Box(structref.StructRefProxy):
+    class KernelBox(structref.StructRefProxy):
         """Arguments in a box; kernels make it and read `parts`."""
 
         def __class_getitem__(cls, _: Any) -> type:
             return cls
 
-    structref.define_proxy(Box, _BoxType, ["parts"])
+    structref.define_proxy(KernelBox, _BoxType, ["parts"])

@@ -13,7 +13,7 @@ NOT_READY_S = 2.0
 """A query that asks about a tick which does not come is answered ``not_ready`` after this wall time."""
 
 
-class Late(NamedTuple):
+class LateAnswer(NamedTuple):
     """An answer that was worked out on another thread."""
 
     incoming: Incoming
@@ -31,7 +31,7 @@ class Answers:
 
     def __init__(
         self,
-        put: Callable[[Late], Any],
+        put: Callable[[LateAnswer], Any],
         refuse: Callable[[str, str], None],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -82,7 +82,7 @@ class Answers:
                 incoming.reply(answer)
                 return
             self.late += 1
-            cast(Future[Any], answer).add_done_callback(lambda done: self._put(Late(incoming, done)))
+            cast(Future[Any], answer).add_done_callback(lambda done: self._put(LateAnswer(incoming, done)))
         except SurefootError as error:
             self._refuse(error.code, f"{key}: {error.message}")
             incoming.fail(error)
@@ -90,7 +90,7 @@ class Answers:
             self._refuse("internal", f"{key}: {type(error).__name__}: {error}")
             incoming.fail(SurefootError("internal", f"{key} failed: {type(error).__name__}: {error}"))
 
-    def arrived(self, late: Late) -> None:
+    def arrived(self, late: LateAnswer) -> None:
         """A future is done."""
         self.late -= 1
         self.settle(late.incoming, late.future.result)

@@ -15,7 +15,7 @@ from surefoot.lockstep.join import DRIVER
 from surefoot.lockstep.leader import COMMANDER, Leader
 from surefoot.lockstep.node import Node
 from surefoot.lockstep.pace import Pace
-from surefoot.lockstep.sample import Sample
+from surefoot.lockstep.sample import DueSample
 from surefoot.lockstep.service import C, Service
 from surefoot.schemas.base import Message
 from surefoot.schemas.hw import JointCommand
@@ -42,11 +42,11 @@ class Driver(Service[C]):
     lacking: tuple[Topic[Any], ...] = ()
     """Declared outputs that this hardware does not have: no reader waits for them."""
 
-    def release(self, tick: int) -> list[Sample]:
+    def release(self, tick: int) -> list[DueSample]:
         """Samples whose stamp is at or before the beginning of ``tick`` and that were not released yet."""
         raise NotImplementedError
 
-    def reveal(self, tick: int) -> list[Sample]:
+    def reveal(self, tick: int) -> list[DueSample]:
         """Samples of ``observers_only`` topics that go with ``tick``, asked for when the tick's frame is on its way.
 
         They are told with the next batch, or at once while somebody watches.
@@ -90,7 +90,7 @@ class DriverNode(Node):
         self.gave_up = ""
         """Why the run was ended before its time."""
         self._judging = tuple(topic.key for topic in service.outputs if topic.observers_only)
-        self._unrevealed: list[tuple[int, Sample]] = []
+        self._unrevealed: list[tuple[int, DueSample]] = []
         self._joining: dict[str, float] = {}
         self._next_prime = 0.0
         self._since = 0.0
@@ -334,7 +334,7 @@ class DriverNode(Node):
             self._outbox.setdefault((self.leader.epoch, tick), []).append(self._tell(sample, tick))
         self._unrevealed.clear()
 
-    def _tell(self, sample: Sample, tick: int) -> tuple[Publisher[Any], Any]:
+    def _tell(self, sample: DueSample, tick: int) -> tuple[Publisher[Any], Any]:
         made = sample.message
         message = made() if callable(made) else made
         publisher = self._publishers[sample.topic.key]

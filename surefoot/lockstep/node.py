@@ -19,7 +19,7 @@ from surefoot.bus.interface import Bus, Delivery, Incoming, Life, Publisher
 from surefoot.errors import CallError, Refusal
 from surefoot.kernels.compiling import COMPILING
 from surefoot.lockstep.ages import Ages
-from surefoot.lockstep.answers import Answers, Late
+from surefoot.lockstep.answers import Answers, LateAnswer
 from surefoot.lockstep.binding import Bindings, is_prime
 from surefoot.lockstep.health import health_of, join_request
 from surefoot.lockstep.join import DRIVER, Delayed, Join, TickInputs
@@ -211,7 +211,7 @@ class Node:
             self._on_frame(item)
         elif isinstance(item, Life):
             self.on_life(item)
-        elif isinstance(item, Late):
+        elif isinstance(item, LateAnswer):
             self._answers.arrived(item)
         elif item is not _STOP:
             self._on_query(item)

@@ -9,7 +9,7 @@ from surefoot.schemas.topics import Topic
 
 
 @dataclass(frozen=True)
-class Sample:
+class DueSample:
     """A sample due in the coming tick."""
 
     topic: Topic[Any]

@@ -53,10 +53,10 @@ class Findings:
 def check(path: Path) -> Findings:
     """Read every record of a file (raises OSError)."""
     with path.open("rb") as file:
-        return _Walk(file, path.stat().st_size).findings()
+        return _FileCheck(file, path.stat().st_size).findings()
 
 
-class _Walk:
+class _FileCheck:
     def __init__(self, file: IO[bytes], size: int) -> None:
         self.file, self.size = file, size
         self.found = Findings()

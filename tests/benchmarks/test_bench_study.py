@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from benchmarks import bench_study
-from surefoot.lab.report.judge import Row, Verdict
+from surefoot.lab.report.judge import Row, RunVerdict
 from surefoot.lab.runs.local import LocalRun
 
 
@@ -30,7 +30,7 @@ def test_goes_on_where_it_stopped(
         for seed in seeds:
             ran.append(seed)
             rows = (Row("distance_m", 1.5 if seed != 2 else 0.2, ok=seed != 2), Row("min_margin_m", None))
-            yield LocalRun(seed, Verdict(rows), "", 100, 1.0)
+            yield LocalRun(seed, RunVerdict(rows), "", 100, 1.0)
 
     monkeypatch.setattr(bench_study, "study", study)
     file = tmp_path / "study.jsonl"

@@ -15,7 +15,7 @@ from typing import Any, Self
 from surefoot.bus.interface import Life
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.files import find
-from surefoot.lab.report.judge import Verdict, judge
+from surefoot.lab.report.judge import RunVerdict, judge
 from surefoot.lab.report.traces import read_traces
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.node import Node
@@ -59,7 +59,7 @@ def wait_until(condition: Callable[[], bool], seconds: float, what: str) -> None
 class Conducted:
     """What came of a scenario."""
 
-    verdict: Verdict
+    verdict: RunVerdict
     run_hash: str
     recording: str
 

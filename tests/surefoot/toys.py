@@ -3,7 +3,7 @@
 from typing import Any
 
 from surefoot.lockstep.config import ServiceConfig
-from surefoot.lockstep.driver import Driver, Sample
+from surefoot.lockstep.driver import Driver, DueSample
 from surefoot.lockstep.join import Delayed, TickInputs
 from surefoot.lockstep.service import Service
 from surefoot.schemas.base import Message
@@ -42,9 +42,9 @@ class ToyDriver(Driver[ServiceConfig]):
         self.x = 0.0
         self.history: list[float] = []
 
-    def release(self, tick: int) -> list[Sample]:
+    def release(self, tick: int) -> list[DueSample]:
         acc = (self.x, 0.0, 9.81)
-        return [Sample(HW_IMU, Imu(acc=acc, gyro=(0.0, 0.0, 0.0)), tick * TICK_NS, tick)]
+        return [DueSample(HW_IMU, Imu(acc=acc, gyro=(0.0, 0.0, 0.0)), tick * TICK_NS, tick)]
 
     def actuate(self, tick: int, command: JointCommand | None) -> None:
         self.x = 0.9 * self.x + (0.0 if command is None else (command.position or (0.0,))[0])

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.kernels.box import Box
+from surefoot.kernels.box import KernelBox
 from surefoot.kernels.jit import kernel
 
 from ..feet.contact import BestGeometry
@@ -61,7 +61,7 @@ class BestOutput(NamedTuple):
 
 @kernel
 def report(
-    box: Box[Cell],
+    box: KernelBox[Cell],
 ) -> tuple[Array, Array, Array, Array, Flags, Array, float, bool, bool, bool, tuple[bool, bool, bool]]:
     """Bring the state up to the newest inertial sample, in place.
 
@@ -81,7 +81,7 @@ def report(
 
 
 @kernel
-def condition_now(box: Box[Cell]) -> Condition:
+def condition_now(box: KernelBox[Cell]) -> Condition:
     """Return the condition of a state that has been brought up."""
     cell = box.parts
     rows, more, covariance, _ = summary(cell.state, cell.geometry, cell.clock.w, cell.judge.feet.shape[0])

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.kernels.box import Box
+from surefoot.kernels.box import KernelBox
 from surefoot.kernels.jit import kernel
 
 from ..feet.contact import BestGeometry, probabilities
@@ -59,13 +59,13 @@ def new_clock() -> Clock:
 
 
 @kernel
-def boxed(cell: Cell) -> Box[Cell]:
+def boxed(cell: Cell) -> KernelBox[Cell]:
     """Return a box that shares the arrays of a cell."""
-    return Box(cell)
+    return KernelBox(cell)
 
 
 @kernel
-def take_imu(box: Box[Cell], stamp_ns: int, w: Array, q: Array, clipped: bool) -> int:
+def take_imu(box: KernelBox[Cell], stamp_ns: int, w: Array, q: Array, clipped: bool) -> int:
     """Take an inertial sample, w (3,) rad/s and q (3,) m/s^2, in place; return the code of what became of it.
 
     After RESTART the sample has still to be put, see `restart`.
@@ -78,7 +78,7 @@ def take_imu(box: Box[Cell], stamp_ns: int, w: Array, q: Array, clipped: bool) -
 
 
 @kernel
-def put_imu(box: Box[Cell], stamp_ns: int, w: Array, q: Array, code: int) -> int:
+def put_imu(box: KernelBox[Cell], stamp_ns: int, w: Array, q: Array, code: int) -> int:
     """Put an inertial sample that was judged with this code where it belongs, in place; return what became of it."""
     cell = box.parts
     clock = cell.clock
@@ -91,7 +91,7 @@ def put_imu(box: Box[Cell], stamp_ns: int, w: Array, q: Array, code: int) -> int
 
 
 @kernel
-def take_feet(box: Box[Cell], stamp_ns: int, position: Array, rot: Array, contact: Array) -> int:
+def take_feet(box: KernelBox[Cell], stamp_ns: int, position: Array, rot: Array, contact: Array) -> int:
     """Take the feet, in place; return the code of what became of them. After RESTART as `take_imu`.
 
     Args:
@@ -106,7 +106,7 @@ def take_feet(box: Box[Cell], stamp_ns: int, position: Array, rot: Array, contac
 
 
 @kernel
-def put_feet(box: Box[Cell], stamp_ns: int, position: Array, rot: Array, contact: Array, code: int) -> int:
+def put_feet(box: KernelBox[Cell], stamp_ns: int, position: Array, rot: Array, contact: Array, code: int) -> int:
     """Put feet that were judged with this code where they belong, in place; return what became of them."""
     cell = box.parts
     clock, judge, geometry = cell.clock, cell.judge, cell.geometry
@@ -121,7 +121,7 @@ def put_feet(box: Box[Cell], stamp_ns: int, position: Array, rot: Array, contact
 
 
 @kernel
-def restart(box: Box[Cell]) -> None:
+def restart(box: KernelBox[Cell]) -> None:
     """Begin a new clock with a state that has been brought up, in place.
 
     Neither `take_imu` nor `take_feet` does so by itself: the whole filter would be compiled into each of them.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.rotations import wrap_angle
-from surefoot.kernels.box import Box
+from surefoot.kernels.box import KernelBox
 from surefoot.kernels.jit import inner_kernel, kernel
 
 from ..health import flags_of
@@ -75,7 +75,7 @@ def _note_row(rows: LogRows, at: int, cell: Cell) -> None:
 
 
 @kernel
-def follow_log(order: Ints, log: LogInputs, rows: LogRows, first: int, box: Box[Cell]) -> None:
+def follow_log(order: Ints, log: LogInputs, rows: LogRows, first: int, box: KernelBox[Cell]) -> None:
     """Take the inputs of a log, in place, and write the estimate after each inertial row and the feet that follow it.
 
     Args:

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from surefoot.geometry.heightmap import HeightMap
-from surefoot.geometry.heightmap_exchange import save_asc, save_png
+from surefoot.geometry.heightmap_exchange import save_png
 from surefoot.lab.cli.main import main
 from surefoot.services.footholds.learning.samples import trial_lines
 from surefoot.services.footholds.models.files import load
 from tests.services.footholds.learning.made import samples
+from tests.surefoot.geometry.maps import save_asc
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:

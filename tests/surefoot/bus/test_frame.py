@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from surefoot.bus.frame import Frame, Part, pack
+from surefoot.bus.frame import Frame, FramePart, pack
 from surefoot.bus.interface import Stamp
 from surefoot.errors import Refusal
 from surefoot.schemas.topics import CMD_JOINTS, HW_IMU, HW_JOINTS, STATE_ODOMETRY, STATE_VELOCITY, TOPICS, Kind
@@ -15,13 +15,13 @@ TAKEN = {topic.key: topic for topic in (HW_IMU, STATE_VELOCITY, CMD_JOINTS)}
 KEYS = [topic.key for topic in (HW_IMU, HW_JOINTS, STATE_VELOCITY, STATE_ODOMETRY, CMD_JOINTS)]
 
 
-def parts(seed: int, count: int) -> list[Part]:
+def parts(seed: int, count: int) -> list[FramePart]:
     rng = random.Random(seed)
-    made: list[Part] = []
+    made: list[FramePart] = []
     for _ in range(count):
         payload = json.dumps({"text": "[,]{};" * rng.randrange(4), "number": rng.random()}).encode()
         stamp = Stamp(rng.randrange(-1, 10**6), rng.randrange(9), rng.randrange(10**15), rng.randrange(10**6))
-        made.append(Part(rng.choice(KEYS), rng.choice((b"", payload, payload, payload)), stamp))
+        made.append(FramePart(rng.choice(KEYS), rng.choice((b"", payload, payload, payload)), stamp))
     return made
 
 

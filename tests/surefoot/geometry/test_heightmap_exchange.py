@@ -6,16 +6,9 @@ import numpy as np
 import pytest
 
 from surefoot.geometry.heightmap import HeightMap, HeightMapError
-from surefoot.geometry.heightmap_exchange import (
-    GridLayers,
-    from_layers,
-    load_any,
-    load_own_png,
-    save_asc,
-    save_png,
-    to_layers,
-)
+from surefoot.geometry.heightmap_exchange import load_any, load_own_png, save_png
 from surefoot.geometry.heightmap_files import load_asc, save
+from tests.surefoot.geometry.maps import save_asc
 
 
 def made(seed: int = 0) -> HeightMap:
@@ -46,39 +39,7 @@ def test_text_grid_comes_back_exactly(tmp_path: Path) -> None:
     assert again.sha256 == heights.sha256
 
 
-def test_layers_are_stored_from_the_largest_x_and_y_on() -> None:
-    heights = made()
-    grid = to_layers(heights)
-    x0, y0, x1, y1 = heights.bounds
-    assert grid.centre == pytest.approx((0.5 * (x0 + x1), 0.5 * (y0 + y1)))
-    assert grid.layers["elevation"].shape == (9, 6)
-    assert grid.layers["elevation"][0, 0] == heights.z[-1, -1]
-    assert grid.layers["elevation"][1, 0] == heights.z[-1, -2]  # rows run along -x
-    assert grid.layers["elevation"][0, 1] == heights.z[-2, -1]  # columns along -y
-    again = from_layers(grid, version=4)
-    np.testing.assert_array_equal(again.z, heights.z)
-    assert again.origin == pytest.approx(heights.origin)
-
-
-@pytest.mark.parametrize("start", [(0, 0), (3, 0), (0, 5), (8, 2)])
-def test_a_moved_buffer_is_the_same_map(start: tuple[int, int]) -> None:
-    heights = made()
-    grid = to_layers(heights)
-    stored = np.roll(grid.layers["elevation"], start, axis=(0, 1))
-    again = from_layers(GridLayers({"elevation": stored}, grid.resolution, grid.centre, start))
-    np.testing.assert_array_equal(again.z, heights.z)
-
-
-def test_refusals_name_the_field(tmp_path: Path) -> None:
-    grid = to_layers(made())
-    for wrong, field in (
-        ((grid, "colour"), "layers"),
-        ((GridLayers(grid.layers, grid.resolution, grid.centre, (9, 0)), "elevation"), "start_index"),
-        ((GridLayers(grid.layers, -1.0, grid.centre), "elevation"), "cell"),
-    ):
-        with pytest.raises(HeightMapError) as error:
-            from_layers(*wrong)
-        assert error.value.field == field
+def test_a_png_of_others_without_a_scale_or_without_an_image_is_refused(tmp_path: Path) -> None:
     from PIL import Image
 
     Image.fromarray(np.zeros((2, 2), dtype=np.uint16)).save(tmp_path / "bare.png")

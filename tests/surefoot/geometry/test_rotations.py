@@ -40,7 +40,7 @@ def test_product_rotates_by_the_right_factor_first(a, b, v):
 def test_matrix_and_quaternion_rotate_alike(q, v):
     m = rot.matrix_from_quat(q)
     assert np.allclose(m @ v, rot.rotate(q, v), atol=1e-12)
-    assert np.allclose(m.T @ v, rot.rotate_inverse(q, v), atol=1e-12)
+    assert np.allclose(m.T @ v, rot.rotate(rot.conjugate(q), v), atol=1e-12)
     assert np.allclose(m @ m.T, np.eye(3), atol=1e-14)
     assert np.linalg.det(m) == pytest.approx(1.0)
 
@@ -82,11 +82,6 @@ def test_axis_angle_equals_the_rotation_vector(v, angle):
     assert np.allclose(rot.matrix_from_axis_angle(axis, angle), rot.matrix_from_rotvec(angle * axis), atol=1e-12)
 
 
-@given(vectors, vectors)
-def test_skew_is_the_cross_product(a, b):
-    assert np.allclose(rot.skew(a) @ b, np.cross(a, b), atol=1e-12)
-
-
 @given(Angle, st.floats(-1.5, 1.5), Angle)
 def test_rpy_round_trip(roll, pitch, yaw):
     m = rot.matrix_from_rpy(roll, pitch, yaw)
@@ -95,9 +90,7 @@ def test_rpy_round_trip(roll, pitch, yaw):
     rz = rot.matrix_from_axis_angle(np.array([0.0, 0.0, 1.0]), yaw)
     assert np.allclose(m, rz @ ry @ rx, atol=1e-12)
     assert np.allclose(rot.matrix_from_rpy(*rot.rpy_from_matrix(m)), m, atol=1e-9)
-    q = rot.quat_from_rpy(roll, pitch, yaw)
-    assert rot.rpy_from_quat(q) == pytest.approx(rot.rpy_from_matrix(m))
-    assert math.cos(rot.yaw_from_quat(q) - yaw) == pytest.approx(1.0)
+    assert np.allclose(rot.matrix_from_quat(rot.quat_from_rpy(roll, pitch, yaw)), m, atol=1e-12)
 
 
 @pytest.mark.parametrize("pitch", [math.pi / 2, -math.pi / 2])
@@ -106,14 +99,6 @@ def test_rpy_at_the_pole_is_the_same_rotation(pitch):
     rpy = rot.rpy_from_matrix(m)
     assert rpy[0] == 0.0
     assert np.allclose(rot.matrix_from_rpy(*rpy), m, atol=1e-7)
-
-
-@given(st.floats(-3.0, 3.0), st.floats(-1.5, 1.5), Angle, st.floats(0.1, 20.0))
-def test_up_direction_gives_roll_and_pitch_whatever_the_yaw(roll, pitch, yaw, length):
-    g_up = rot.matrix_from_rpy(roll, pitch, yaw).T @ np.array([0.0, 0.0, length])
-    assert g_up == pytest.approx(length * rot.up_from_roll_pitch(roll, pitch), abs=1e-12)
-    assert rot.roll_pitch_from_up(g_up) == pytest.approx([roll, pitch])
-    assert math.cos(rot.tilt_from_up(g_up)) == pytest.approx(math.cos(roll) * math.cos(pitch), abs=1e-12)
 
 
 def test_signs_follow_rep_103():

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.kernels.box import Box
+from surefoot.kernels.box import KernelBox
 from surefoot.kernels.jit import free_kernel, kernel
 
 Array = NDArray[np.float64]
@@ -21,12 +21,12 @@ class Parts(NamedTuple):
 
 
 @kernel
-def boxed(parts: Parts) -> Box[Parts]:
-    return Box(parts)
+def boxed(parts: Parts) -> KernelBox[Parts]:
+    return KernelBox(parts)
 
 
 @kernel
-def advance(box: Box[Parts]) -> float:
+def advance(box: KernelBox[Parts]) -> float:
     parts = box.parts
     kept = parts.numbers[1:]
     kept[0] += parts.step
@@ -34,7 +34,7 @@ def advance(box: Box[Parts]) -> float:
 
 
 @kernel
-def rows_of(box: Box[Parts]) -> tuple[Array, Array]:
+def rows_of(box: KernelBox[Parts]) -> tuple[Array, Array]:
     numbers = box.parts.numbers
     return numbers[:1], numbers.copy()
 

@@ -3,7 +3,7 @@
 import pytest
 
 from surefoot.bus.codec import encode
-from surefoot.bus.frame import Frame, Part, pack
+from surefoot.bus.frame import Frame, FramePart, pack
 from surefoot.bus.interface import Delivery, Life, Stamp
 from surefoot.bus.zenoh import ZenohBus
 from surefoot.lockstep import driver as runtime
@@ -97,7 +97,7 @@ def test_a_frame_is_obeyed_of_the_process_one_is_bound_to_only(bench: Bench, ins
     """As messages come over the network: several of a service as one, with the name of the process."""
     walk(bench, range(2))
     forged = Imu(acc=(9.0, 0.0, 0.0), gyro=(0.0, 0.0, 0.0)).stamped(2 * TICK_NS, 2, 1, 2, "driver")
-    part = Part(HW_IMU.key, encode(forged)[0], Stamp(2, 1, 2 * TICK_NS, 2))
+    part = FramePart(HW_IMU.key, encode(forged)[0], Stamp(2, 1, 2 * TICK_NS, 2))
     bench.node.handle(Frame(HW_IMU.owner, {HW_IMU.key: HW_IMU}, *pack([part], instance)))
     walk(bench, range(2, 4))
     expected = [0.5, 0.5, 9.0 if obeyed else 0.5, 0.5]

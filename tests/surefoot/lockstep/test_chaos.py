@@ -10,9 +10,10 @@ import pytest
 
 from surefoot.bus.interface import Delivery
 from surefoot.errors import BusError
+from surefoot.lab.chaos.events import FORGER, MEMORY, Kind, draw_events
+from surefoot.lab.chaos.memory import ChaosSystem
 from surefoot.lockstep import commands, join, node
 from surefoot.lockstep import driver as driver_module
-from surefoot.lockstep.chaos import FORGER, KINDS, ChaosSystem, Kind, draw_events
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.schemas.hw import JointCommand
 from surefoot.schemas.topics import Topic
@@ -42,7 +43,7 @@ def forge(topic: Topic[Any], delivery: Delivery) -> Delivery | None:
     return None
 
 
-def run(seed: int, number: int = 8, kinds: tuple[Kind, ...] = KINDS) -> tuple[list[float], ChaosSystem]:
+def run(seed: int, number: int = 8, kinds: tuple[Kind, ...] = MEMORY.kinds) -> tuple[list[float], ChaosSystem]:
     """A run under faults; the history of the toy's state."""
     makers: dict[str, Callable[[], Any]] = {
         "simulator": ToyDriver,
@@ -50,9 +51,8 @@ def run(seed: int, number: int = 8, kinds: tuple[Kind, ...] = KINDS) -> tuple[li
         "walker": lambda: ToyWalker(ServiceConfig()),
         "recorder": ToyObserver,
     }
-    events = draw_events(seed, number, NAMES, TICKS, kinds)
-    system = ChaosSystem(makers, events, seed)
-    system.bus.forge = forge
+    events = draw_events(MEMORY, seed, number, NAMES, TICKS, kinds)
+    system = ChaosSystem(makers, events, seed, forge)
     system.driver.begin(("estimator", "walker", "recorder"), "lockstep", 0.0, 1, "hold", 0)
     lead = system.driver.leader
     lead.end_tick = TICKS
@@ -81,9 +81,9 @@ def campaign(expected: list[float]) -> None:
 
 
 def test_the_events_of_a_seed_are_the_same_and_of_every_kind() -> None:
-    assert draw_events(7, 50, NAMES, 1000) == draw_events(7, 50, NAMES, 1000)
-    events = draw_events(7, 500, NAMES, 1000)
-    assert {event.kind for event in events} == set(KINDS)
+    assert draw_events(MEMORY, 7, 50, NAMES, 1000) == draw_events(MEMORY, 7, 50, NAMES, 1000)
+    events = draw_events(MEMORY, 7, 500, NAMES, 1000)
+    assert {event.kind for event in events} == set(MEMORY.kinds)
     assert {event.service for event in events if event.kind in ("kill", "freeze")} == set(NAMES[1:])
     assert [event.tick for event in events] == sorted(event.tick for event in events)
 
@@ -99,7 +99,7 @@ def test_the_faults_of_a_seed_are_replayed_to_the_bit() -> None:
     assert one[1].now == other[1].now
 
 
-@pytest.mark.parametrize("kinds", [("kill",), ("freeze",), KINDS])
+@pytest.mark.parametrize("kinds", [("kill",), ("freeze",), MEMORY.kinds])
 def test_after_killed_and_frozen_services_everybody_is_back(kinds: tuple[Kind, ...]) -> None:
     for seed in range(20):
         history, system = run(seed, 3, kinds)

@@ -9,7 +9,7 @@ from surefoot.bus.interface import Delivery, Raw
 from surefoot.bus.memory import MemoryBus
 from surefoot.lockstep import node as runtime
 from surefoot.lockstep.config import ServiceConfig
-from surefoot.lockstep.driver import DriverNode, Sample
+from surefoot.lockstep.driver import DriverNode, DueSample
 from surefoot.lockstep.node import Node
 from surefoot.schemas.topics import CMD_ESTOP, HEALTH
 from tests.surefoot.toys import ToyDriver, ToyEstimator
@@ -32,7 +32,7 @@ def heartbeats(bus: MemoryBus) -> list[Delivery]:
 
 def test_of_a_driver_that_runs_as_fast_as_it_goes() -> None:
     class Busy(ToyDriver):
-        def release(self, tick: int) -> list[Sample]:
+        def release(self, tick: int) -> list[DueSample]:
             if time.monotonic() > end:
                 self.node.stop()
             return super().release(tick)

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from surefoot.bus.interface import Delivery
-from surefoot.lockstep.driver import DriverNode, Sample
+from surefoot.lockstep.driver import DriverNode, DueSample
 from surefoot.lockstep.local import LocalSystem
 from surefoot.schemas.sim import Truth
 from surefoot.schemas.topics import HW_IMU, SIM_PUSH, SIM_TRUTH, STATE_GAIT, STATE_VELOCITY, TERRAIN_MAP
@@ -107,8 +107,8 @@ class Telling(ToyDriver):
         super().__init__()
         self.book: list[tuple[int, int]] = []
 
-    def reveal(self, tick: int) -> list[Sample]:
-        return [Sample(SIM_TRUTH, lambda: self.made(tick), 0, tick)]
+    def reveal(self, tick: int) -> list[DueSample]:
+        return [DueSample(SIM_TRUTH, lambda: self.made(tick), 0, tick)]
 
     def made(self, tick: int) -> Truth:
         self.book.append((tick, self.node.leader.tick))

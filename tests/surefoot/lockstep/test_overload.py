@@ -16,7 +16,7 @@ from surefoot.bus.interface import Delivery, Raw
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.driver import DriverNode
 from surefoot.lockstep.node import Node
-from surefoot.lockstep.sample import Sample
+from surefoot.lockstep.sample import DueSample
 from surefoot.schemas.hw import Landmark, LandmarkDetections
 from surefoot.schemas.navigation import CancelRequest, NavigatorReply
 from surefoot.schemas.system import HealthRequest
@@ -112,7 +112,7 @@ def test_readers_of_everything_that_never_read_stop_nothing(net: Net) -> None:
             gaps.append(now - self.at)
             self.at = now
             seen = LandmarkDetections(landmarks=LANDMARKS)
-            return [*super().release(tick), Sample(HW_LANDMARKS, seen, tick * TICK_NS, tick)]
+            return [*super().release(tick), DueSample(HW_LANDMARKS, seen, tick * TICK_NS, tick)]
 
     with unread(net, 2):
         driver, estimator = DriverNode(Timed(), net.open()), Node(ToyEstimator(ServiceConfig()), net.open())

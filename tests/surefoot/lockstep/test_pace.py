@@ -2,7 +2,8 @@
 
 import pytest
 
-from surefoot.lockstep.pace import SLACK_S, TICK_S, Pace
+from surefoot.lockstep.pace import SLACK_S, Pace
+from surefoot.schemas.topics import TICK_S
 
 
 class Clock:

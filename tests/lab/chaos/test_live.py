@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from surefoot.lab.runs.chaos_live import LIVE_KINDS, Chaos, draw_live, orphans, run_live
+from surefoot.lab.chaos.events import LIVE, ChaosEvent, ChaosOutcome, draw_events
+from surefoot.lab.chaos.live import Chaos, orphans, run_live
 from surefoot.lab.runs.live import Options
-from surefoot.lockstep.chaos import Event, Outcome
 from surefoot.schemas.system import LogRecord
 from surefoot.services.supervisor.scenarios.scenario import parse_scenario
 from tests.ports import free_address
@@ -34,9 +34,9 @@ min_distance_m = 0.04
 
 
 def test_a_seed_draws_every_kind_and_leaves_the_world_alive() -> None:
-    assert draw_live(7, 30, NAMES, 1000) == draw_live(7, 30, NAMES, 1000)
-    events = draw_live(7, 500, NAMES, 1000)
-    assert {event.kind for event in events} == set(LIVE_KINDS)
+    assert draw_events(LIVE, 7, 30, NAMES, 1000) == draw_events(LIVE, 7, 30, NAMES, 1000)
+    events = draw_events(LIVE, 7, 500, NAMES, 1000)
+    assert {event.kind for event in events} == set(LIVE.kinds)
     assert {event.service for event in events if event.kind == "kill"} == set(NAMES[1:])
     driver = {(event.kind, event.size) for event in events if event.service == "simulator"}
     assert driver == {("freeze", 0.3), ("freeze", 1.0), ("slow", 1.0), ("slow", 3.0)}
@@ -51,7 +51,7 @@ def chaos_of(driver: str = "simulator") -> Chaos:
 
 def test_a_sign_that_names_the_service_or_its_topics_is_its_notice() -> None:
     chaos = chaos_of()
-    event = Event("freeze", 1, "estimator", size=1.0)
+    event = ChaosEvent("freeze", 1, "estimator", size=1.0)
     chaos.sign("supervisor", "start recorder (wanted)")
     assert chaos._noticed(event, 0.0) is None
     chaos._on_log(LogRecord(source="walker", level="info", text="state/velocity comes again"))
@@ -61,19 +61,19 @@ def test_a_sign_that_names_the_service_or_its_topics_is_its_notice() -> None:
     assert found is not None
     assert found[1].startswith("walker: state/velocity")
     assert chaos._noticed(event, found[0] + 1.0) is None
-    assert chaos._noticed(Event("slow", 1, "simulator"), 0.0) is None
+    assert chaos._noticed(ChaosEvent("slow", 1, "simulator"), 0.0) is None
 
 
 def test_a_silent_driver_is_named_by_what_it_publishes() -> None:
     chaos = chaos_of()
     chaos.sign("walker", "hw/joints is silent: no new sample for 0.11 s")
-    assert chaos._noticed(Event("slow", 1, "simulator"), 0.0) is not None
+    assert chaos._noticed(ChaosEvent("slow", 1, "simulator"), 0.0) is not None
 
 
 def test_each_event_is_a_note_of_the_report() -> None:
     chaos = chaos_of()
-    event = Event("freeze", 140, "walker", size=0.3)
-    chaos.outcomes = [Outcome(event, 1.0), Outcome(event, 1.0, recovered=1.5, noticed=1.2, by="bus: gone")]
+    event = ChaosEvent("freeze", 140, "walker", size=0.3)
+    chaos.outcomes = [ChaosOutcome(event, 1.0), ChaosOutcome(event, 1.0, recovered=1.5, noticed=1.2, by="bus: gone")]
     unseen, seen = chaos.notes
     assert "freeze of walker for 0.3 s in tick 140" in unseen
     assert "not noticed" in unseen

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .output import (
+from ..cli.output import (
     EXIT_CHECK,
     Json,
     Listen,
@@ -20,14 +20,17 @@ from .output import (
 )
 
 if TYPE_CHECKING:
-    from surefoot.lockstep.chaos import Outcome
     from surefoot.services.supervisor.scenarios.scenario import Scenario
 
-    from ..runs.chaos import ChaosRun
-    from ..runs.chaos_live import LiveChaos
     from ..runs.live import Options
+    from .events import ChaosOutcome, ChaosRun
+    from .live import LiveRun
+    from .run import MemoryRun
+
+app = typer.Typer()
 
 
+@app.command()
 def chaos(
     scenario: Annotated[str, typer.Argument(help="Name of a scenario (see `surefoot list`) or path of its file.")],
     seed: Annotated[int, typer.Option(min=0, help="Seed of the first run's events.")] = 0,
@@ -55,7 +58,7 @@ def chaos(
 
     use_json(json)
     loaded = load_scenario(find_scenario(scenario))
-    found: list[ChaosRun | LiveChaos] = []
+    found: list[ChaosRun] = []
     if zenoh:
         from ..runs.live import Options
 
@@ -73,8 +76,8 @@ def chaos(
         raise typer.Exit(EXIT_CHECK)
 
 
-def _in_memory(scenario: "Scenario", seed: int, events: int, ticks: int | None, *, paced: bool) -> "ChaosRun":
-    from ..runs.chaos import run_chaos
+def _in_memory(scenario: "Scenario", seed: int, events: int, ticks: int | None, *, paced: bool) -> "MemoryRun":
+    from .run import run_chaos
 
     run = run_chaos(scenario, seed, events, ticks=ticks, paced=paced)
     state = "; ".join(run.violations) or "ok"
@@ -87,8 +90,8 @@ def _prepared(scenario: "Scenario", seeds: range, options: "Options", *, force: 
     from surefoot.bus.endpoint import to_listen
     from surefoot.services.supervisor.processes.startable import system_of
 
-    from .before import check_before
-    from .warming import warm_if_cold
+    from ..cli.before import check_before
+    from ..cli.warming import warm_if_cold
 
     to_listen(options.listen)
     if options.out is not None:
@@ -104,8 +107,8 @@ def _folder(out: Path, seed: int) -> Path:
     return out / f"seed{seed}"
 
 
-def _live(scenario: "Scenario", seed: int, events: int, ticks: int | None, options: "Options") -> "LiveChaos":
-    from ..runs.chaos_live import run_live
+def _live(scenario: "Scenario", seed: int, events: int, ticks: int | None, options: "Options") -> "LiveRun":
+    from .live import run_live
 
     if options.out is not None:
         options = replace(options, out=_folder(options.out, seed))
@@ -117,7 +120,7 @@ def _live(scenario: "Scenario", seed: int, events: int, ticks: int | None, optio
     return run
 
 
-def _show(found: "list[ChaosRun | LiveChaos]") -> None:
+def _show(found: "list[ChaosRun]") -> None:
     columns = ("seed", "event", "of", "tick", "size", "at s", "noticed after s", "by", "recovered after s")
     write_table(columns, [row for run in found for row in _rows(run)], right=(0, 3, 4, 5, 6, 8))
     for run in found:
@@ -128,7 +131,7 @@ def _show(found: "list[ChaosRun | LiveChaos]") -> None:
     write(f"{len(found)} runs, {events} events, {fallen} runs with a fall, {bad} with a violation")
 
 
-def _rows(run: "ChaosRun | LiveChaos") -> list[tuple[object, ...]]:
+def _rows(run: "ChaosRun") -> list[tuple[object, ...]]:
     """Return a row of the table for each event of a run."""
     return [
         (
@@ -146,6 +149,6 @@ def _rows(run: "ChaosRun | LiveChaos") -> list[tuple[object, ...]]:
     ]
 
 
-def _after(outcome: "Outcome", at: float | None) -> str:
+def _after(outcome: "ChaosOutcome", at: float | None) -> str:
     """Return the time from the beginning of an event, s."""
     return "-" if at is None else f"{at - outcome.began:.2f}"

@@ -1,4 +1,4 @@
-"""A scenario under faults from a seed, in one process on the in-memory bus: what happened, and whether it was safe."""
+"""A scenario under faults from a seed, in one process on the in-memory bus: events, and whether the run was safe."""
 
 import math
 import tempfile
@@ -11,7 +11,6 @@ from typing import Any
 from surefoot.bus.interface import Delivery
 from surefoot.errors import BusError
 from surefoot.files import find
-from surefoot.lockstep.chaos import FORGER, KINDS, ChaosSystem, Event, Kind, Outcome, draw_events
 from surefoot.lockstep.leader import COMMANDER
 from surefoot.lockstep.service import Service
 from surefoot.schemas.hw import JointCommand
@@ -20,67 +19,57 @@ from surefoot.schemas.state import VelocityEstimate
 from surefoot.schemas.system import RecorderRequest
 from surefoot.schemas.topics import HW_TICK, RECORDER_STATUS, SIM_RESET, Topic
 from surefoot.services.simulator.service import Simulator
-from surefoot.services.supervisor.processes.compose import ComposeError, load_compose
+from surefoot.services.supervisor.processes.compose import Compose, ComposeError, load_compose
 from surefoot.services.supervisor.scenarios.director import Director
 from surefoot.services.supervisor.scenarios.scenario import Scenario
 from surefoot.services.supervisor.service import Supervisor
 
-from .local import build_services
+from ..runs.local import build_services
+from .events import FORGED_RAD, FORGER, MEMORY, ChaosEvent, ChaosRun, Kind, draw_events
+from .memory import ChaosSystem
 
 SAFE = ("recorder", Supervisor.name)
-"""Services that are not hit: they keep what happened."""
-HELD_TICKS = 300  # a held robot that stands after 3 s does not fall any more
-FORGED_RAD = 0.4  # rad, by which a forged command differs from the real one
-FORGED_M_PER_S = 3.0  # m/s, the same for a velocity
+"""Services that are not hit: they keep the record of the run."""
+HELD_TICKS = 300
+"""Control ticks in which a held robot that does not stand falls."""
+FORGED_M_PER_S = 3.0
+"""Forged velocity, m/s."""
 
 
-@dataclass(frozen=True)
-class ChaosRun:
-    """What came of a run.
+@dataclass(frozen=True, kw_only=True)
+class MemoryRun(ChaosRun):
+    """Result of a run on the in-memory bus."""
 
-    Attributes:
-        seed: of the events.
-        outcomes: the events that happened.
-        violations: what was unsafe or did not recover, in words; empty = nothing.
-        ticks: control ticks.
-        run_hash: of everything deterministic, the same whenever the seed is replayed.
-        unbound: messages of strangers that were refused.
-        wall_s: virtual time of the run, s.
-        fell_at: tick in which the robot fell, None = it did not. A fall is a violation unless the robot falls, too,
-            when it is held at the moment in which its commands ended: see ``falls_when_held``.
-    """
-
-    seed: int
-    outcomes: tuple[Outcome, ...]
-    violations: tuple[str, ...]
-    ticks: int
     run_hash: str
+    """Hash of everything deterministic, the same whenever the seed is replayed."""
     unbound: int
+    """Messages of strangers that were refused."""
     wall_s: float
-    fell_at: int | None = None
+    """Virtual time of the run, s."""
 
 
 def run_chaos(
     scenario: Scenario,
     seed: int,
     events: int,
-    kinds: tuple[Kind, ...] = KINDS,
+    kinds: tuple[Kind, ...] = (),
     ticks: int | None = None,
     *,
     paced: bool = False,
-) -> ChaosRun:
+) -> MemoryRun:
     """Conduct a scenario while so many events happen.
 
     Args:
         scenario: what to do; its own seed is that of the world.
         seed: of the events.
         events: how many.
-        kinds: to draw from.
+        kinds: to draw from; empty = all of the in-memory bus.
         ticks: of the run over which the events are spread, None = half of the scenario's longest duration.
-        paced: time goes on in real time, as on a robot, whoever is missing; else it waits (lockstep).
+        paced: time goes on in real time, as on a robot, when a service is missing; else it waits (lockstep).
     """
     hit = ("driver", *(name for name in _members(scenario) if name not in SAFE))
-    run = _conduct(scenario, draw_events(seed, events, hit, ticks or scenario.max_ticks // 2, kinds), seed, paced=paced)
+    drawn = draw_events(MEMORY, seed, events, hit, ticks or scenario.max_ticks // 2, kinds)
+    run = _conduct(scenario, drawn, seed, paced=paced)
     if run.fell_at is None:
         return run
     outages = [o.event.tick for o in run.outcomes if paced and o.event.service == COMMANDER]
@@ -91,11 +80,11 @@ def run_chaos(
 
 
 def falls_when_held(scenario: Scenario, tick: int) -> bool:
-    """Return whether the robot falls within 3 s when nothing happens but that no command comes from a tick on.
+    """Return whether the robot falls within 3 s when no command comes from a tick on and nothing else happens.
 
-    So the driver holds the joints where they are. A robot that falls then could not have been held.
+    The driver then holds the joints where they are. A robot that falls could not have been held.
     """
-    lost = (Event("freeze", tick, COMMANDER, size=math.inf),)
+    lost = (ChaosEvent("freeze", tick, COMMANDER, size=math.inf),)
     return _conduct(scenario, lost, 0, paced=True, max_ticks=tick + HELD_TICKS).fell_at is not None
 
 
@@ -104,13 +93,13 @@ def _members(scenario: Scenario) -> tuple[str, ...]:
     return tuple(name for name in compose.service_names if name != Simulator.name)
 
 
-def _made(name: str, compose: Any, director: Director, environment: Mapping[str, str]) -> Service[Any]:
+def _made(name: str, compose: Compose, director: Director, environment: Mapping[str, str]) -> Service[Any]:
     return build_services((name,), compose, director, None, environment)[0]
 
 
 def _conduct(
-    scenario: Scenario, events: Sequence[Event], seed: int, *, paced: bool, max_ticks: int | None = None
-) -> ChaosRun:
+    scenario: Scenario, events: Sequence[ChaosEvent], seed: int, *, paced: bool, max_ticks: int | None = None
+) -> MemoryRun:
     compose = load_compose(find("compose", scenario.compose, ".yaml", ComposeError))
     director, names = Director(scenario), _members(scenario)
     with tempfile.TemporaryDirectory() as folder:
@@ -118,24 +107,23 @@ def _conduct(
         makers: dict[str, Callable[[], Service[Any]]] = {
             name: partial(_made, name, compose, director, memory) for name in (Simulator.name, *names)
         }
-        system = ChaosSystem(makers, events, seed)
+        system = ChaosSystem(makers, events, seed, _forge)
         request = ResetRequest(
             seed=scenario.seed, world=scenario.world, expect=names, policy="hold",
             max_ticks=max_ticks or scenario.max_ticks, actuation_delay_ticks=scenario.actuation_delay_ticks,
             mode="paced" if paced else "lockstep", rtf=float(paced),
         )  # fmt: skip
-        run = _follow(system, request)
+        run = _follow(system, request, seed)
     if max_ticks is None:
         run = replace(run, violations=(*run.violations, *director.problems, *director.unfinished()))
-    return replace(run, seed=seed)
+    return run
 
 
-def _follow(system: ChaosSystem, request: ResetRequest) -> ChaosRun:
+def _follow(system: ChaosSystem, request: ResetRequest, seed: int) -> MemoryRun:
     """Let a system run to its end."""
     simulator = system.driver.service
     assert isinstance(simulator, Simulator)
     leader, violations, fallen = system.driver.leader, list[str](), list[int]()
-    system.bus.forge = _forge
 
     def watch() -> None:
         if not fallen and leader.tick >= 0 and simulator.world.truth().fallen:
@@ -155,11 +143,14 @@ def _follow(system: ChaosSystem, request: ResetRequest) -> ChaosRun:
         system.close()
     unbound = sum(node.refused["unbound"] for node in system.nodes.values())
     found, fell_at = tuple(system.outcomes), next(iter(fallen), None)
-    return ChaosRun(0, found, tuple(violations), leader.tick + 1, run_hash, unbound, system.now, fell_at)
+    return MemoryRun(
+        seed=seed, outcomes=found, violations=tuple(violations), ticks=leader.tick + 1, fell_at=fell_at,
+        run_hash=run_hash, unbound=unbound, wall_s=system.now,
+    )  # fmt: skip
 
 
 def _forge(topic: Topic[Any], delivery: Delivery) -> Delivery | None:
-    """What a stranger publishes before the owner: the same header, other content."""
+    """Return the message that a stranger publishes before the owner: the same header, other content."""
     message = delivery.message()
     header = (message.stamp_ns, message.tick, message.epoch, message.seq, message.source)
     if isinstance(message, JointCommand) and message.position is not None:

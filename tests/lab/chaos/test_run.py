@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from surefoot.lab.runs.chaos import falls_when_held, run_chaos
-from surefoot.lockstep import chaos
+from surefoot.lab.chaos import memory
+from surefoot.lab.chaos.run import falls_when_held, run_chaos
 from surefoot.lockstep.driver import DriverNode
 from surefoot.services.supervisor.scenarios.scenario import Scenario, parse_scenario
 
@@ -53,7 +53,7 @@ def test_services_killed_and_frozen_in_mid_step_come_back(walk: Scenario, seed: 
 @pytest.mark.parametrize("robot", ["ragno", "bioloid"])
 def test_the_failure_of_a_seed_is_replayed_to_the_bit(robot: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(DriverNode, "_repeat", lambda self, ticks: None)
-    monkeypatch.setattr(chaos, "STALL_S", 10.0)
+    monkeypatch.setattr(memory, "STALL_S", 10.0)
     one, other = (run_chaos(walk_of(robot), 2, 4, ("drop", "kill"), ticks=200) for _ in range(2))
     assert one.violations
     assert "no tick" in one.violations[0]

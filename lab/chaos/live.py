@@ -10,13 +10,11 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from random import Random
 from types import TracebackType
 from typing import Self, cast
 
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.errors import CallError, SurefootError
-from surefoot.lockstep.chaos import FORGER, FREEZE_S, Event, Kind, Outcome
 from surefoot.record.recording import verify_recording
 from surefoot.schemas.base import Message
 from surefoot.schemas.hw import JointCommand
@@ -28,71 +26,30 @@ from surefoot.services.supervisor.processes.session import Session
 from surefoot.services.supervisor.scenarios.scenario import Scenario
 from surefoot.services.supervisor.service import WELL
 
-from ..report.judge import Verdict
-from .chaos import FORGED_RAD, falls_when_held
-from .live import Options, Progress, run_scenario
+from ..report.judge import RunVerdict
+from ..runs.live import Options, RunProgress, run_scenario
+from .events import FORGED_RAD, FORGER, LIVE, ChaosEvent, ChaosOutcome, ChaosRun, Kind, draw_events
+from .run import falls_when_held
 
-LIVE_KINDS: tuple[Kind, ...] = ("kill", "terminate", "freeze", "slow", "forge")
-SLOW_S = (1.0, 3.0)  # s wall, how long a service runs slowly
-SLOW_PERIOD_S, SLOW_SHARE = 0.1, 0.7  # s wall, and the part of it in which a slow service stands
-FORGED = 20  # commands of one event
-LOOK_S = 0.01  # s wall between two looks
-RECOVER_S = 90.0  # s wall, after a fault ended everybody must be back; on a loaded machine a start alone takes 10 s
-FIRST_TICK = 120
-"""Before that robots rise; the events begin when they stand and walk."""
+SLOW_PERIOD_S, SLOW_SHARE = 0.1, 0.7
+"""Period of slow running, s of wall time, and the share of it in which a slow service is stopped."""
+LOOK_S = 0.01
+"""Wall time between two looks at the system, s."""
+RECOVER_S = 90.0
+"""Wall time after the end of a fault within which every service must be back, s; a start alone takes 10 s on a loaded
+machine."""
 
 
-@dataclass(frozen=True)
-class LiveChaos:
-    """What came of a run.
+@dataclass(frozen=True, kw_only=True)
+class LiveRun(ChaosRun):
+    """Result of a run with live processes."""
 
-    Attributes:
-        seed: of the events.
-        outcomes: the events that happened, times in wall s since the first tick.
-        violations: what was unsafe or did not recover, in words; empty = nothing.
-        ticks: control ticks.
-        fell_at: tick in which the robot fell, None = it did not; see `ChaosRun`.
-        bags: messages that can be read in each recording.
-        verdict: of the scenario's limits.
-        report: page of the run.
-    """
-
-    seed: int
-    outcomes: tuple[Outcome, ...]
-    violations: tuple[str, ...]
-    ticks: int
-    fell_at: int | None
     bags: dict[str, int]
-    verdict: Verdict
+    """Messages that can be read in each recording."""
+    verdict: RunVerdict
+    """Verdict on the limits of the scenario."""
     report: Path | None
-
-
-def draw_live(
-    seed: int, number: int, services: Sequence[str], ticks: int, kinds: Sequence[Kind] = LIVE_KINDS
-) -> tuple[Event, ...]:
-    """Return so many events, in the order of their ticks; the same for the same seed.
-
-    Args:
-        seed: of the draw.
-        number: of events.
-        services: who may be hit; the first is the driver. It is not killed, ended or frozen for so long that it would
-            be: the world would be gone with it.
-        ticks: of the run; no event begins in its last fifth.
-        kinds: to draw from.
-    """
-    random = Random(seed)
-    found: list[Event] = []
-    for _ in range(number):
-        kind = random.choice(kinds)
-        service = random.choice(services[1:] if kind in ("kill", "terminate") else services)
-        freezes = [s for s in FREEZE_S if s < 3.0] if service == services[0] else FREEZE_S
-        size = {"freeze": random.choice(freezes), "slow": random.choice(SLOW_S)}.get(kind, 0.0)
-        tick = random.randint(FIRST_TICK, max(FIRST_TICK, ticks * 4 // 5))
-        if kind == "forge":
-            found.append(Event(kind, tick, CMD_JOINTS.owner, FORGED))
-        else:
-            found.append(Event(kind, tick, service, size=size))
-    return tuple(sorted(found, key=lambda event: event.tick))
+    """Page of the run."""
 
 
 def run_live(
@@ -101,11 +58,11 @@ def run_live(
     events: int,
     options: Options,
     *,
-    kinds: Sequence[Kind] = LIVE_KINDS,
+    kinds: Sequence[Kind] = (),
     ticks: int | None = None,
     tell: Callable[[str], None] = lambda text: None,
-    show: Callable[[Progress], None] = lambda progress: None,
-) -> LiveChaos:
+    show: Callable[[RunProgress], None] = lambda progress: None,
+) -> LiveRun:
     """Start the system, let the events happen while it conducts the scenario, judge it, stop everything.
 
     Args:
@@ -127,7 +84,8 @@ def run_live(
 
     def begin(session: Session) -> Chaos:
         services = (session.driver, *(n for n in session.system.service_names if n != session.driver))
-        made.append(Chaos(session, draw_live(seed, events, services, ticks or scenario.max_ticks // 2, kinds)))
+        drawn = draw_events(LIVE, seed, events, services, ticks or scenario.max_ticks // 2, kinds)
+        made.append(Chaos(session, drawn))
         return made[0]
 
     outcome = run_scenario(scenario, options, say, show, begin)
@@ -150,9 +108,9 @@ def run_live(
         why = f"; it falls, too, when it is held in tick {tick}" if excused else ""
         tell(f"the robot fell in tick {fell_at}{why}")
         violations += [] if excused else [f"the robot fell in tick {fell_at}"]
-    return LiveChaos(
-        seed, tuple(chaos.outcomes), tuple(violations), chaos.session.supervisor.ticks, fell_at, bags,
-        outcome.verdict, outcome.report,
+    return LiveRun(
+        seed=seed, outcomes=tuple(chaos.outcomes), violations=tuple(violations), ticks=chaos.session.supervisor.ticks,
+        fell_at=fell_at, bags=bags, verdict=outcome.verdict, report=outcome.report,
     )  # fmt: skip
 
 
@@ -174,9 +132,9 @@ def orphans(processes: set[tuple[str, int]]) -> dict[int, str]:
 class Chaos:
     """Events that hit the services of a session, from a thread of its own; a context manager around the run."""
 
-    def __init__(self, session: Session, events: Sequence[Event]) -> None:
+    def __init__(self, session: Session, events: Sequence[ChaosEvent]) -> None:
         self.session = session
-        self.outcomes: list[Outcome] = []
+        self.outcomes: list[ChaosOutcome] = []
         self.violations: list[str] = []
         self.processes: set[tuple[str, int]] = set()
         """Name and group of every process that was seen."""
@@ -244,7 +202,7 @@ class Chaos:
         if status.late:
             self.sign(driver, f"{service}: late, {status.rtf:.2f} x real time")
 
-    def _noticed(self, event: Event, since: float) -> tuple[float, str] | None:
+    def _noticed(self, event: ChaosEvent, since: float) -> tuple[float, str] | None:
         """Return when and by whom an event was noticed first: by a sign that names the service or its topics."""
         names = (event.service, *(t.key for t in TOPICS if t.owner == self._owner(event.service)))
         for at, who, text in self._signs:
@@ -272,7 +230,7 @@ class Chaos:
             except Exception as error:
                 self.violations.append(f"{event.kind} of {event.service}: {type(error).__name__}: {error}")
 
-    def _suffer(self, event: Event) -> None:
+    def _suffer(self, event: ChaosEvent) -> None:
         """One event from its beginning to its recovery."""
         session = self.session
         row = next(row for row in session.rows() if row.service == event.service)
@@ -312,7 +270,7 @@ class Chaos:
                 back = time.monotonic()
             time.sleep(LOOK_S)
         noticed = self._noticed(event, since)
-        outcome = Outcome(event, since - self._began, event.count)
+        outcome = ChaosOutcome(event, since - self._began, event.count)
         if back is not None:
             outcome = replace(outcome, recovered=back - self._began)
         if noticed is not None:
@@ -373,7 +331,7 @@ class Chaos:
             time.sleep(LOOK_S)
 
 
-def _words(outcome: Outcome) -> str:
+def _words(outcome: ChaosOutcome) -> str:
     event, size = outcome.event, f" for {outcome.event.size:g} s" if outcome.event.size else ""
     noticed = "not noticed" if outcome.noticed is None else f"noticed after {outcome.noticed - outcome.began:.2f} s"
     by = f" ({outcome.by})" if outcome.by else ""

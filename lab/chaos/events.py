@@ -1,0 +1,128 @@
+"""One model of faults for the in-memory bus and for live processes: what a seed draws, and what came of it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from random import Random
+from typing import Literal, NamedTuple, get_args
+
+from surefoot.schemas.topics import CMD_JOINTS
+
+Kind = Literal["drop", "duplicate", "reorder", "delay", "corrupt", "forge", "freeze", "kill", "terminate", "slow"]
+FREEZE_S = (0.3, 1.0, 5.0)
+"""Durations of a freeze, s; a driver is frozen for less than `DRIVER_FREEZE_S`."""
+DRIVER_FREEZE_S = 3.0
+SLOW_S = (1.0, 3.0)
+"""Durations of slow running, s of wall time."""
+MOST_MESSAGES = 20
+"""Deliveries that one event spoils at most; commands that one event forges in a live system."""
+MOST_ROUNDS = 30
+"""Delay of a delivery at most, rounds of the bus."""
+FORGER = "forger"
+"""Sender of forged messages."""
+FORGED_RAD = 0.4
+"""Difference between a forged joint command and the real one, rad."""
+
+
+@dataclass(frozen=True)
+class ChaosEvent:
+    """One fault."""
+
+    kind: Kind
+    tick: int
+    """Control tick of the driver in which it begins."""
+    service: str
+    """Owner of the spoilt messages, or the service that is frozen, slowed, ended or killed."""
+    count: int = 0
+    """Deliveries that it spoils, or messages that are forged; 0 of kinds that spoil none."""
+    size: float = 0.0
+    """Delay in rounds of the bus, or duration of a freeze or of slow running, s."""
+
+
+@dataclass(frozen=True)
+class ChaosOutcome:
+    """Course of one event; times are virtual s (in a live system wall s) since the start."""
+
+    event: ChaosEvent
+    began: float
+    spoilt: int = 0
+    """Deliveries that it spoilt."""
+    recovered: float | None = None
+    """Time at which the system was as before, s; None = never."""
+    noticed: float | None = None
+    """Time at which it was first noticed, s; None = never."""
+    by: str = ""
+    """Participant that noticed it, and its sign."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChaosRun:
+    """Result of a run under faults."""
+
+    seed: int
+    """Seed of the events."""
+    outcomes: tuple[ChaosOutcome, ...]
+    """Events that happened."""
+    violations: tuple[str, ...]
+    """Unsafe states and missing recoveries, in words; empty = none."""
+    ticks: int
+    """Control ticks."""
+    fell_at: int | None = None
+    """Tick in which the robot fell; None = it did not. A fall is a violation unless the robot also falls when it is
+    held at the moment in which its commands ended: see `surefoot.lab.chaos.run.falls_when_held`."""
+
+
+class Stage(NamedTuple):
+    """Place where events happen."""
+
+    kinds: tuple[Kind, ...]
+    first_tick: int
+    """First control tick in which an event may begin."""
+    fault: Callable[[Random, Kind, Sequence[str]], tuple[str, int, float]]
+    """Draws service, count and size of an event of a kind; the first service is the driver."""
+
+
+def draw_events(
+    stage: Stage, seed: int, number: int, services: Sequence[str], ticks: int, kinds: Sequence[Kind] = ()
+) -> tuple[ChaosEvent, ...]:
+    """Return events in the order of their ticks; the same for the same seed.
+
+    Args:
+        stage: `MEMORY` or `LIVE`.
+        seed: of the draw.
+        number: of events.
+        services: names of those that may be hit; the first is the driver, whose end would end the world.
+        ticks: of the run; no event begins in its last fifth, so that the end shows whether everything recovered.
+        kinds: to draw from; empty = all of the stage.
+    """
+    random = Random(seed)
+    found: list[ChaosEvent] = []
+    for _ in range(number):
+        kind = random.choice(kinds or stage.kinds)
+        service, count, size = stage.fault(random, kind, services)
+        tick = random.randint(stage.first_tick, max(stage.first_tick, ticks * 4 // 5))
+        found.append(ChaosEvent(kind, tick, service, count, size))
+    return tuple(sorted(found, key=lambda event: event.tick))
+
+
+def _fault_in_memory(random: Random, kind: Kind, services: Sequence[str]) -> tuple[str, int, float]:
+    """Draw a fault of messages or of a service; the driver is neither killed nor frozen."""
+    hits_process = kind in ("freeze", "kill")
+    service = random.choice(services[1:] if hits_process else services)
+    size = random.choice(FREEZE_S) if kind == "freeze" else float(random.randint(1, MOST_ROUNDS))
+    return service, 0 if hits_process else random.randint(1, MOST_MESSAGES), size
+
+
+def _live_fault(random: Random, kind: Kind, services: Sequence[str]) -> tuple[str, int, float]:
+    """Draw a fault of a process; the driver is neither killed nor ended, nor frozen until its lease is over."""
+    service = random.choice(services[1:] if kind in ("kill", "terminate") else services)
+    freezes = [s for s in FREEZE_S if s < DRIVER_FREEZE_S] if service == services[0] else FREEZE_S
+    frozen, slow = random.choice(freezes), random.choice(SLOW_S)  # both, so that a seed keeps its events
+    if kind == "forge":
+        return CMD_JOINTS.owner, MOST_MESSAGES, 0.0
+    return service, 0, {"freeze": frozen, "slow": slow}.get(kind, 0.0)
+
+
+MEMORY = Stage(get_args(Kind)[:8], 1, _fault_in_memory)
+"""The in-memory bus: messages are spoilt, services killed and frozen, in virtual time."""
+LIVE = Stage(("kill", "terminate", "freeze", "slow", "forge"), 120, _live_fault)
+"""Live processes: killed, ended, frozen, slowed, and commands forged, once the robot stands and walks."""
