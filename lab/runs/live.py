@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from surefoot.errors import BusError, CallError
 from surefoot.robot.reader import load_robot
@@ -32,7 +32,7 @@ RECORDER_S = 10.0  # s wall, for the recorder to close its file
 
 @dataclass(frozen=True)
 class Options:
-    """How a scenario is run.
+    """Options of a run.
 
     Attributes:
         seed: None = the scenario's own.
@@ -53,7 +53,7 @@ class Options:
 
 @dataclass(frozen=True)
 class RunProgress:
-    """How far a run is: control ticks, simulated time (s), real-time factor so far."""
+    """Progress of a run: control ticks, simulated time (s), real-time factor so far."""
 
     ticks: int
     time: float
@@ -62,7 +62,7 @@ class RunProgress:
 
 @dataclass(frozen=True)
 class RunOutcome:
-    """What came of a run."""
+    """Result of a run."""
 
     scenario: str
     seed: int
@@ -79,11 +79,11 @@ class RunOutcome:
 
 
 class Beside(AbstractContextManager[Any], Protocol):
-    """What happens beside a run: entered when the world is built, left after the last tick, before anybody is ended."""
+    """Activity beside a run: entered when the world is built, left after the last tick, before services are ended."""
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is to be said of it in the report."""
+        """Notes for the report."""
         ...
 
 
@@ -99,83 +99,97 @@ def run_scenario(
     Args:
         scenario: what to do.
         options: how.
-        tell: gets what the system does, in words.
-        show: gets how far the run is.
-        meddle: makes what happens beside the run.
+        tell: called with each message on what the system does.
+        show: called with the progress.
+        meddle: makes the activity beside the run.
 
     Raises:
         FileError: the compose file cannot be used.
         BusError: the system could not be brought up. A run that stalls or is interrupted is judged and reported.
     """
     began = time.monotonic()
-    seed = scenario.seed if options.seed is None else options.seed
     compose = system_of(scenario)
-    out = options.out or _new_folder(scenario.name, seed)
-    if not out.exists():  # where nothing can be written, nothing is started
-        out.mkdir(parents=True)
-        out.rmdir()
-    recording = (out / "run.mcap").resolve() if options.record else None
+    plan = _planned(scenario, options)
     director = Director(scenario)
-    environment = {
-        "SUREFOOT_RECORDER_PATH": str(recording) if recording else "",
-        "SUREFOOT_SIMULATOR_AUTOSTART": "false",  # the first epoch is ours
-        **scenario.environment,
-    }
-    with Session(compose, listen=options.listen, director=director, environment=environment, tell=tell) as session:
-        reset = _reset(session, scenario, options, seed)
-        tell(f"run {reset.run_id} begins")
+    with Session(
+        compose, listen=options.listen, director=director, environment=_environment(plan), tell=tell
+    ) as session:
+        tell(f"run {_reset(session, plan).run_id} begins")
         interrupted = False
         beside = None if meddle is None else meddle(session)
         try:
             with beside or nullcontext():
                 start_s, problems = _follow(session, scenario, director, began, show)
-        except KeyboardInterrupt:  # the report tells of what there is
+        except KeyboardInterrupt:  # the report shows the ticks that there are
             start_s, problems, interrupted = 0.0, ["it was interrupted"], True
         recorded = _recorder(session) if "recorder" in session.alive else None
         health = session.health()
-        timings = {n: Timing(h.tick_p50_us, h.tick_p99_us) for n, h in health.items() if h.tick_p50_us > 0}
-        silences = [f"{n}: {key} was silent for {s:.2f} s" for n, h in health.items() for key, s in h.silences.items()]
         restarts = [f"{row.service} was restarted {row.restarts}x" for row in session.rows() if row.restarts]
-        late = session.supervisor.late
-        status, wall_s = session.supervisor.status, session.supervisor.wall_s
-    problems += session.supervisor.stops()
-    comparable = not restarts and options.rtf is None and (status is None or status.comparable)
+        late, status, wall_s = session.supervisor.late, session.supervisor.status, session.supervisor.wall_s
+    silences = [f"{n}: {key} was silent for {s:.2f} s" for n, h in health.items() for key, s in h.silences.items()]
+    unrecorded = _unrecorded(plan.recording, recorded)
     traces = read_traces(session.supervisor.kept, session.supervisor.notes)
     verdict = judge(
-        traces,
-        scenario.limits,
-        wall_s=wall_s,
+        traces, scenario.limits, wall_s=wall_s,
         message_hash=recorded.run_hash if recorded else "",
-        comparable=comparable,
-        problems=(*problems, *director.problems, *director.unfinished()),
+        comparable=not restarts and options.rtf is None and (status is None or status.comparable),
+        problems=(*problems, *session.supervisor.stops(), *director.problems, *director.unfinished()),
         notes=(
-            *director.notes,
-            *(beside.notes if beside else ()),
-            *restarts,
-            *silences,
-            *_late(late),
-            *_unrecorded(recording, recorded),
+            *director.notes, *(beside.notes if beside else ()), *restarts, *silences, *_late(late), *unrecorded,
         ),
-    )
-    written = recording if recording is not None and recording.exists() else None
+    )  # fmt: skip
+    timings = {n: Timing(h.tick_p50_us, h.tick_p99_us) for n, h in health.items() if h.tick_p50_us > 0}
+    written = plan.recording if plan.recording is not None and plan.recording.exists() else None
     try:
-        report = _report(out, scenario, seed, session.robot, traces, verdict, timings, written, options)
+        report = _report(plan, session.robot, traces, verdict, timings, written)
     except OSError as error:
         why = f"the report could not be written: {error.strerror or error}"
         report, verdict = None, replace(verdict, notes=(*verdict.notes, why))
-    return RunOutcome(scenario.name, seed, verdict, report, written, start_s, timings, interrupted)
+    return RunOutcome(scenario.name, plan.seed, verdict, report, written, start_s, timings, interrupted)
 
 
-def _reset(session: Session, scenario: Scenario, options: Options, seed: int) -> ResetReply:
+def _environment(plan: "_Plan") -> dict[str, str]:
+    """Return variables of the services of a run; the scenario's own count most."""
+    return {
+        "SUREFOOT_RECORDER_PATH": str(plan.recording or ""),
+        "SUREFOOT_SIMULATOR_AUTOSTART": "false",  # the first epoch is ours
+        **plan.scenario.environment,
+    }
+
+
+class _Plan(NamedTuple):
+    """Input and output files of a run."""
+
+    scenario: Scenario
+    options: Options
+    seed: int
+    out: Path
+    """Folder of recording and report."""
+    recording: Path | None
+    """MCAP file to write."""
+
+
+def _planned(scenario: Scenario, options: Options) -> _Plan:
+    """Choose seed and files of a run (raises OSError where nothing can be written, before anything is started)."""
+    seed = scenario.seed if options.seed is None else options.seed
+    out = options.out or _new_folder(scenario.name, seed)
+    if not out.exists():
+        out.mkdir(parents=True)
+        out.rmdir()
+    return _Plan(scenario, options, seed, out, (out / "run.mcap").resolve() if options.record else None)
+
+
+def _reset(session: Session, plan: _Plan) -> ResetReply:
     """Build the world as soon as the simulator serves; the others may still be starting."""
     if not session.wait_for(lambda: bool(session.driver), START_S):
         raise BusError("not_ready", f"no service of {session.compose.path} drives after {START_S:g} s")
     if not session.answers(SIM_RESET):
         raise BusError("no_simulator", f"a scenario needs a simulator; {session.driver} does not answer sim/reset")
+    scenario, options = plan.scenario, plan.options
     return session.call(
         SIM_RESET,
         ResetRequest(
-            seed=seed,
+            seed=plan.seed,
             world=scenario.world,
             expect=session.expected,
             mode="lockstep" if options.rtf is None else "paced",
@@ -190,13 +204,13 @@ def _reset(session: Session, scenario: Scenario, options: Options, seed: int) ->
 def _follow(
     session: Session, scenario: Scenario, director: Director, began: float, show: Callable[[RunProgress], None]
 ) -> tuple[float, list[str]]:
-    """Look after the system until the last tick; return the start-up time and what went wrong."""
+    """Step the system until the last tick; return the start-up time, s, and the problems."""
     supervisor = session.supervisor
     start_s, last, moved = 0.0, 0, time.monotonic()
     while not supervisor.ended.is_set():
         try:
             session.step()
-        except BusError as error:  # a service is not restarted any more: the report says so
+        except BusError as error:  # a service is not restarted any more: a problem of the report
             return start_s, [error.message]
         now = time.monotonic()
         if supervisor.ticks != last:
@@ -227,16 +241,16 @@ def _recorder(session: Session) -> RecorderReply | None:
 
 
 def _late(status: SimStatus | None) -> list[str]:
-    """What is to be said of paced time that fell behind."""
+    """Return a note on paced time that fell behind."""
     if status is None:
         return []
     return [f"late: real-time factor {status.rtf:.2f} at tick {status.tick}, {status.pace:g} was asked for"]
 
 
 def _unrecorded(wanted: Path | None, recorded: RecorderReply | None) -> list[str]:
-    """What is to be said of a recording that ended early."""
+    """Return a note on a recording that ended early."""
     failed = wanted is not None and recorded is not None and recorded.finished and not recorded.path
-    return ["the recording could not be written to its end; `surefoot logs recorder` tells why"] if failed else []
+    return ["the recording could not be written to its end; `surefoot logs recorder` shows why"] if failed else []
 
 
 def _new_folder(scenario: str, seed: int) -> Path:
@@ -249,20 +263,18 @@ def _new_folder(scenario: str, seed: int) -> Path:
 
 
 def _report(
-    out: Path,
-    scenario: Scenario,
-    seed: int,
+    plan: _Plan,
     robot: str,
     traces: Traces,
     verdict: RunVerdict,
     timings: dict[str, Timing],
     recording: Path | None,
-    options: Options,
 ) -> Path:
+    scenario, options = plan.scenario, plan.options
     flags = " --strict" if options.strict else ""
     flags += f" --rtf {options.rtf:g}" if options.rtf is not None else ""
     facts = {
-        "Again": f"surefoot run {shlex.quote(scenario.name)} --seed {seed}{flags}",
+        "Again": f"surefoot run {shlex.quote(scenario.name)} --seed {plan.seed}{flags}",
         "Robot": robot,
         "World": scenario.world.model_dump_json(exclude_none=True),
         "Version": VERSION,
@@ -270,5 +282,5 @@ def _report(
     if recording is not None:
         facts["Recording"] = recording.name
     feet = tuple(leg.name for leg in load_robot(robot).legs)
-    about = About(scenario.name, scenario.description, seed, facts, scenario.limits, feet, timings)
-    return write_report(out / "report.html", about, traces, verdict)
+    about = About(scenario.name, scenario.description, plan.seed, facts, scenario.limits, feet, timings)
+    return write_report(plan.out / "report.html", about, traces, verdict)

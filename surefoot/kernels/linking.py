@@ -19,84 +19,12 @@ from numba.core.registry import CPUDispatcher
 
 ENVIRONMENT = "_ZN08NumbaEnv"
 """Prefix of the variables that hold the Python objects of a compiled function."""
-COUNTED = ("NRT_incref", "NRT_decref", "NRT_MemInfo_alloc_aligned")
-"""Functions of numba's runtime that work with atomic instructions: those that count references, and make an array."""
-COUNTS = """
-declare void @NRT_MemInfo_call_dtor(ptr)
-declare ptr @NRT_Allocate(i64)
-
-define ptr @NRT_MemInfo_alloc_aligned(i64 %size, i32 %align) {
-    %step = zext i32 %align to i64
-    %room = shl i64 %step, 1
-    %more = add i64 %room, 48
-    %all = add i64 %size, %more
-    %info = call ptr @NRT_Allocate(i64 %all)
-    %none = icmp eq ptr %info, null
-    br i1 %none, label %end, label %fill
-fill:
-    %first = ptrtoint ptr %info to i64
-    %slack = add i64 %step, 47
-    %last = add i64 %first, %slack
-    %mask = sub i64 0, %step
-    %begin = and i64 %last, %mask
-    %data = inttoptr i64 %begin to ptr
-    store i64 1, ptr %info
-    %at1 = getelementptr i64, ptr %info, i64 1
-    store ptr null, ptr %at1
-    %at2 = getelementptr i64, ptr %info, i64 2
-    store ptr null, ptr %at2
-    %at3 = getelementptr i64, ptr %info, i64 3
-    store ptr %data, ptr %at3
-    %at4 = getelementptr i64, ptr %info, i64 4
-    store i64 %size, ptr %at4
-    %at5 = getelementptr i64, ptr %info, i64 5
-    store ptr null, ptr %at5
-    br label %end
-end:
-    ret ptr %info
-}
-
-define void @NRT_incref(ptr %array) alwaysinline {
-    %none = icmp eq ptr %array, null
-    br i1 %none, label %end, label %count
-count:
-    %before = load i64, ptr %array
-    %now = add i64 %before, 1
-    store i64 %now, ptr %array
-    ret void
-end:
-    ret void
-}
-
-define void @NRT_decref(ptr %array) alwaysinline {
-    %none = icmp eq ptr %array, null
-    br i1 %none, label %end, label %count
-count:
-    %before = load i64, ptr %array
-    %now = sub i64 %before, 1
-    store i64 %now, ptr %array
-    %last = icmp eq i64 %now, 0
-    br i1 %last, label %free, label %end
-free:
-    tail call void @NRT_MemInfo_call_dtor(ptr %array)
-    ret void
-end:
-    ret void
-}
-"""
-"""Code of `COUNTED` without atomic instructions, which take half the time of a small kernel; counts are copied to where
-they are called. An entry has the counts of its arrays to itself: numba makes new ones for every call, and a `Box` is
-for kernels that hold the interpreter's lock. The head of an array's memory has six words: count, destructor with its
-argument, data, size, allocator."""
 DYNAMIC = "numba.dynamic.globals"
 """Prefix of the variables that hold addresses of one process: such code cannot be kept."""
 
 
 class Library(JITCodeLibrary):
     """Code of one function. It is optimised and emitted when the address of its wrapper is asked for, else never."""
-
-    entry = False
-    """Whether Python calls it."""
 
     def add_linking_library(self, library: Any) -> None:
         """Note a callee, which may be code to link only."""
@@ -123,19 +51,6 @@ class Library(JITCodeLibrary):
                     function.linkage = "linkonce_odr"
             self._shared_module = module
         return self._shared_module
-
-    def _optimize_final_module(self) -> None:
-        """Run the passes on the code with that of all callees; an entry counts references by itself."""
-        super()._optimize_final_module()
-        if self.entry:
-            module = self._final_module
-            module.link_in(llvm.parse_assembly(COUNTS))  # instead of numba's, which are linked as weak ones; now that
-            # the passes have dropped the counts that cancel, which they find by these names
-            passes, builder = self._codegen._module_pass_manager(loop_vectorize=False, slp_vectorize=False, opt=0)
-            passes.run(module, builder)
-            for name in COUNTED:
-                function = module.get_function(name)
-                function.name, function.linkage = f"surefoot.{name}", llvm.Linkage.internal
 
     def get_pointer_to_function(self, name: str) -> int:
         """Return the address of a wrapper, or 0 for code without one, which stays code to link."""
@@ -224,7 +139,6 @@ class _Entries:
         context = self._kernel.targetctx.subtarget(enable_nrt=True)
         library = context.codegen().create_library(inner.fndesc.qualname)
         library.enable_object_caching()
-        library.entry = True
         unlocked = self._kernel.targetoptions.get("nogil", False)
         wrapped = copy(inner.fndesc)
         wrapped.env_name += "_entry"  # Python objects of the wrapper, kept apart: linked code is kept without them

@@ -76,7 +76,7 @@ def test_a_full_disk_costs_recording_and_report_but_not_the_verdict(place, comma
     assert found["message_hash"] == outcome["message_hash"]
     assert found["ok"]
     assert found["report"] is None
-    assert "the recording could not be written to its end; `surefoot logs recorder` tells why" in found["notes"]
+    assert "the recording could not be written to its end; `surefoot logs recorder` shows why" in found["notes"]
     assert "the report could not be written: File too large" in found["notes"]
 
 

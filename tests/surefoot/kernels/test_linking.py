@@ -1,15 +1,9 @@
 """Kernels that call kernels: one specialisation, exceptions, arrays, all again from the cache."""
 
 import os
-import resource
 import subprocess
 import sys
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
-
-from surefoot.kernels.jit import kernel
 
 SOURCE = """
 import numpy as np
@@ -69,31 +63,3 @@ def test_another_numba_compiles_in_its_own_way(tmp_path: Path) -> None:
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=240)
     assert done.stdout.strip() == "[10.0, 15.0, 25.0] [10.0, 15.0, 25.0] 1"
-
-
-@kernel
-def _rows(n: int, count: int) -> NDArray[np.float64]:
-    """Make arrays of many sizes, one in the place of the other, and return the last."""
-    out = np.zeros(n)
-    for i in range(count):
-        other = np.arange(1.0 + i % n)
-        out = other if other.size > 1 else out
-    return out
-
-
-def test_arrays_of_kernels_are_aligned_and_outlive_the_call() -> None:
-    kept = [_rows(n, n) for n in range(2, 300)]
-    for n, array in enumerate(kept, 2):
-        assert array.ctypes.data % 32 == 0
-        np.testing.assert_array_equal(array, np.arange(float(n)))
-    view = kept[-1][5:]
-    kept.clear()
-    np.testing.assert_array_equal(view, np.arange(5.0, 299.0))
-
-
-def test_arrays_without_references_are_freed() -> None:
-    _rows(200, 1000)
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    for _ in range(20):
-        _rows(200, 20_000)  # 400 000 arrays of 0.8 kB
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 20_000  # kB
