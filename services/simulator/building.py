@@ -21,7 +21,7 @@ class BuiltWorld(NamedTuple):
     """A world and its latched messages."""
 
     request: ResetRequest
-    """The request it was built from."""
+    """Request that the world was built from."""
     world: PhysicsWorld
     heights: HeightMapMessage
     landmarks: LandmarkMap | None

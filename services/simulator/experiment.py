@@ -109,7 +109,7 @@ def primitive_ground(feet: Array, trial: PrimitiveTrial) -> Terrain:
 
 
 def _step(x: float, y: float, trial: PrimitiveTrial) -> TerrainBox:
-    """The box behind a step edge through (x, y)."""
+    """Return the box behind a step edge through (x, y) m."""
     c, s, half = math.cos(trial.yaw), math.sin(trial.yaw), 0.5 * trial.height + 0.005
     centre = (x + EDGE_HALF * c, y + EDGE_HALF * s, trial.height - half)
     return TerrainBox(

@@ -18,7 +18,7 @@ from .sensors.sight import Senses
 
 
 def sample_messages(samples: Samples) -> list[DueSample]:
-    """Messages of what the hardware releases in a tick."""
+    """Return the messages of the samples that the hardware releases in a tick."""
     imu, joints, contacts = samples
     out: list[DueSample] = []
     if imu is not None:
@@ -40,7 +40,7 @@ def sample_messages(samples: Samples) -> list[DueSample]:
 
 
 def sight_messages(sight: Senses | None, stamp_ns: int) -> list[DueSample]:
-    """Messages of what the robot sees and feels of its surroundings in a tick."""
+    """Return the messages of camera, ultrasound and bumpers in a tick."""
     out: list[DueSample] = []
     if sight is None:
         return out
@@ -71,7 +71,7 @@ def lacking(sight: Senses | None) -> tuple[Topic[Any], ...]:
 
 
 def truth_message(truth: ExactState) -> TruthMessage:
-    """The exact state as it travels."""
+    """Return the message of the exact state."""
     return TruthMessage(
         position=tuple(truth.position.tolist()),
         quat_wxyz=tuple(truth.quat_wxyz.tolist()),
@@ -93,12 +93,12 @@ def truth_message(truth: ExactState) -> TruthMessage:
 
 
 def map_message(heights: HeightMap, terrain: Terrain, profile: str) -> HeightMapMessage:
-    """The robot's map as it travels."""
+    """Return the message of the robot's map."""
     return HeightMapMessage(**heights.header(), kind=terrain.kind, profile=profile, data=heights.to_bytes())
 
 
 def landmark_message(field: Landmarks, seed: int) -> LandmarkMap:
-    """The map of the landmarks as it travels; the marker of the goal is not in it."""
+    """Return the message of the landmarks' map, without the marker of the goal."""
     rows = np.concatenate((field.position, field.descriptor), axis=1).astype("<f4")
     return LandmarkMap(
         count=len(rows), descriptor_length=field.descriptor.shape[1], version=1, source=f"simulator, seed {seed}",

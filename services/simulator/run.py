@@ -21,7 +21,7 @@ RATE_S = 0.5  # s wall, the least stretch over which the real-time factor is mea
 
 
 class SimulatedRun:
-    """One epoch after the other, each with a world of its own.
+    """Sequence of epochs, each with a world of its own.
 
     Args:
         driver: publishes, logs and owns the lockstep node.

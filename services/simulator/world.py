@@ -51,10 +51,10 @@ Array = NDArray[np.float64]
 STEP_NS = 1_000_000
 TICK_STEPS = TICK_NS // STEP_NS
 KINEMATICS_STEPS = HW_JOINTS.period_ns // STEP_NS  # joints and foot switches are sampled together
-SETTLE_STEPS = 500  # physics steps between two looks at whether the robot rests,
+SETTLE_STEPS = 500  # physics steps between two checks for rest
 SETTLE_TRIES = 6
-SETTLED = 1e-4  # m/s and rad/s, and what rest means;
-MAY_STIR = 0.05  # m/s and rad/s, what is let pass after the last look: feet on edges creep
+SETTLED = 1e-4  # m/s and rad/s, speeds of a robot at rest
+MAY_STIR = 0.05  # m/s and rad/s, speeds allowed after the last check: feet on edges creep
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 

@@ -38,7 +38,7 @@ class WalkerInputs:
     estimate_stamp: float = 0.0
     """Time of the sample behind the estimate, s."""
     initialised: bool = False
-    """The estimator has finished its standstill calibration."""
+    """True if the estimator has finished its standstill calibration."""
     joints: Array | None = None
     """Measured joint angles of a sample released in this tick, (nj,) rad, or None."""
     contacts: Flags | None = None
@@ -58,9 +58,9 @@ class WalkerOutputs:
     phase: float
     """Phase of the present step, 0..1; 0 between steps."""
     stance: Flags
-    """Per foot: planned on the ground, (L,)."""
+    """Feet planned on the ground, (L,)."""
     footholds: Array
-    """Per foot the present or planned foot CENTRE in odom, (L, 3) m."""
+    """Present or planned foot CENTRES in odom, (L, 3) m."""
     foothold_status: tuple[str, ...]
     """Status of each foot's foothold: ok, raise_trunk, infeasible, nominal (none was requested), no_answer."""
     trunk_height: float
@@ -97,8 +97,8 @@ class MotionCommand:
     shift: tuple[float, float] | None = None
     """Place of the standing trunk, m forward and left of the middle of its feet; None = it stays."""
     learn: bool = True
-    """A biped compares what its steps become with the odometry and corrects the next ones. False: steps stay as they
-    are, for somebody who estimates their drift himself; two who learn the same correct it twice."""
+    """True if a biped may compare its steps with the odometry and correct the next ones; False for a command of the
+    navigator, which estimates drift itself: two corrections of one drift add up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +117,7 @@ class CommandReply:
 
 
 def refused(code: str, field: str | None, reason: str) -> CommandReply:
-    """A refusal by its code, the field to blame and words with the received value and the allowed ones."""
+    """Return a refusal: code, wrong field, and words with the received value and the allowed ones."""
     return CommandReply(False, 0, code, field, reason)
 
 
@@ -127,7 +127,7 @@ class FootholdRequest:
 
     leg: int
     nominal: Vec3
-    """Where the foot CENTRE would land without a better choice, map frame, m."""
+    """Landing of the foot CENTRE without a better choice, map frame, m."""
     stroke: Vec3
     """Movement of the foot relative to the body in the coming stance, map axes, m (backward when walking forward)."""
 
@@ -157,7 +157,7 @@ class FootholdReply:
 
 @dataclass(frozen=True, slots=True)
 class StanceCheck:
-    """A step before it is taken: the feet that will stand and how the trunk will move over them."""
+    """Step before it is taken: the standing feet and the motion of the trunk over them."""
 
     positions: Array
     """Contact points of the stance feet, map frame, (n, 3) m."""
@@ -185,7 +185,7 @@ class StanceVerdict:
     """Least signed margin before and after the movement, m; in between it is not less, as the region is convex."""
     status: str = "ok"
     region: Array | None = None
-    """Where the centre of mass may be, counter-clockwise, (k, 2) m; None without an area."""
+    """Region of safe centres of mass, counter-clockwise, (k, 2) m; None without an area."""
     com: Array | None = None
     """Centre of mass before the movement, (2,) m."""
     com_after: Array | None = None

@@ -7,7 +7,7 @@ from surefoot.schemas.navigation import MotionOrder
 
 @dataclass(frozen=True, slots=True)
 class TakenOrder:
-    """The last order that was taken up."""
+    """Navigator's order that was taken up last."""
 
     number: int = 0
     """Number of the order; 0 = none yet."""

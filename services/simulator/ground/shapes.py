@@ -39,9 +39,9 @@ TREAD = 0.25  # m
 N_RISERS = 3
 TILE = 0.10  # m, edge of a flagstone
 TILE_SLOPE = 0.1
-DEMO_HILLS = 0.06  # m, version 1 of the demo: highest hill in the lane,
-DEMO_NOISE = 0.02  # m, rough noise from peak to peak,
-DEMO_RISER = 0.025  # m, and three steps
+DEMO_HILLS = 0.06  # m, highest hill of the demo in the lane
+DEMO_NOISE = 0.02  # m, rough noise of the demo from peak to peak
+DEMO_RISER = 0.025  # m, riser of the demo's three steps
 DEMO_STEPS_AT = 0.95  # m, the first riser
 ROOM = ((-1.0, -1.0), (1.5, -1.0), (1.5, 1.0), (-1.0, 1.0))  # m, corners of the floor, counter-clockwise
 CORRIDOR_FLOOR = ((-1.0, -1.0), (6.5, -1.0), (6.5, 1.0), (-1.0, 1.0))  # m: 7.5 x 2 m, that of Osswald et al.
@@ -223,7 +223,7 @@ def walls(outline: Outline, height: float) -> tuple[TerrainBox, ...]:
 
 
 def _walled(outline: Outline) -> Callable[[ShapeSpec], Shape]:
-    """A level floor between walls, `amp` high."""
+    """Return the maker of a level floor between walls of height `amp`."""
 
     def make(r: ShapeSpec) -> Shape:
         floor = np.where(inside(outline, *r.grid.axes()), 0.0, r.amp)
@@ -236,14 +236,14 @@ class TerrainKind(NamedTuple):
     """One kind of terrain."""
 
     amp: float
-    """Its own amplitude, m (slope: rise per metre)."""
+    """Default amplitude, m (slope: rise per metre)."""
     least_end: float
-    """The map must reach this x, m."""
+    """Least x that the map must reach, m."""
     make: Callable[[ShapeSpec], Shape]
     floor: Outline = ()
     """Corners of the floor between walls, counter-clockwise, m; empty = the ground is open."""
     whole: bool = False
-    """The map reaches to the outer faces of the walls, in cells of `WALLED_CELL`, unless another size is asked for."""
+    """True if the map reaches to the outer faces of the walls, in cells of `WALLED_CELL`, unless a size is given."""
 
 
 SHAPES: dict[str, TerrainKind] = {

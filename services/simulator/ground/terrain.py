@@ -40,13 +40,13 @@ OWN_CELL = 0.005  # m
 
 MAP_NOISE = 0.003  # m, standard deviation of the height noise of the `noise` map
 MAP_UNKNOWN = 0.01  # share of single cells without a height
-MAP_HOLES_PER_M2 = 4.0  # and round patches without heights
+MAP_HOLES_PER_M2 = 4.0  # 1/m2, round patches without heights
 MAP_HOLE_RADIUS = (0.01, 0.025)  # m
 MAP_SHIFT = (0.010, 0.010, 0.005)  # m, standard deviations of the offset of the `shifted` map
 
 
 class TerrainError(ValueError):
-    """A terrain that cannot be made: `field` names what is wrong."""
+    """Refusal of a terrain that cannot be made; `field` names the wrong argument."""
 
     def __init__(self, field_name: str, message: str) -> None:
         super().__init__(f"{field_name}: {message}")
@@ -62,7 +62,7 @@ class Terrain:
     amp: float
     """Height that the kind scales with, m (slope: rise per metre)."""
     map: HeightMap
-    """The whole surface, exact at the cell centres."""
+    """Whole surface, exact at the cell centres."""
     ground: HeightMap | None = None
     """Height field of the physics; None: the endless plane through the origin with `normal`."""
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
@@ -173,7 +173,7 @@ def terrain_from_map(ground: HeightMap) -> Terrain:
 
 
 def observed_map(terrain: Terrain, profile: str, seed: int) -> HeightMap:
-    """What a mapper hands to the robot.
+    """Return the map that a mapper hands to the robot.
 
     Args:
         terrain: the true one.

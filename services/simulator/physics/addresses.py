@@ -19,8 +19,8 @@ class Addresses:
     actuators: Ints  # (nj,)
     joint_qpos_slice: slice | Ints  # the same as a slice where the joints follow each other in order
     joint_dof_slice: slice | Ints
-    coupled: Ints  # (c,) joints whose motor also turns another axis,
-    coupled_qpos: Ints  # (c,) and that axis
+    coupled: Ints  # (c,) joints whose motor also turns another axis
+    coupled_qpos: Ints  # (c,) position of the other axis
     coupled_dof: Ints  # (c,)
     backlash_qpos: Ints  # (nj,) play behind each joint, -1 = none; empty when no servo has any
     foot_bodies: Ints  # (L,)

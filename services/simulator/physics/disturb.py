@@ -33,7 +33,7 @@ MAX_VALUE = 100.0
 
 
 class WorldError(ValueError):
-    """A request the world cannot fulfil: `field` names what is wrong."""
+    """Refusal of a request that the world cannot fulfil; `field` names the wrong argument."""
 
     def __init__(self, field_name: str, message: str) -> None:
         super().__init__(f"{field_name}: {message}")
@@ -42,13 +42,13 @@ class WorldError(ValueError):
 
 @dataclass(frozen=True)
 class Push:
-    """A force at the centre of mass of a body in the ticks start <= tick < end."""
+    """Force at the centre of mass of a body in the ticks start <= tick < end."""
 
     start: int
     end: int
     body: int
     force: tuple[float, float, float]
-    """N, world axes."""
+    """Force, N, world axes."""
 
 
 class Disturbances:

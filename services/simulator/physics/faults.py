@@ -20,7 +20,7 @@ MAX_DELAY_TICKS = 100
 
 
 class FaultError(ValueError):
-    """A fault that cannot be: `field` names what is wrong."""
+    """Refusal of an impossible fault; `field` names the wrong argument."""
 
     def __init__(self, field: str, message: str) -> None:
         super().__init__(f"{field}: {message}")
@@ -53,7 +53,7 @@ class Fault:
 
 
 class FaultBank:
-    """All faults of a run and what they remember."""
+    """Faults of a run, their random streams and held values."""
 
     def __init__(self, joints: tuple[str, ...], legs: tuple[str, ...]) -> None:
         self._names = {"joint": joints, "leg": legs, "axis": IMU_AXES, "channel": CHANNELS, "": ()}

@@ -16,14 +16,12 @@ from ..ground.terrain import (
 )
 from .model import Perturbation
 
-COM_M = (0.004, 0.003, 0.005)  # m, level 1 of the perturbation: uniform within these,
-TRUNK_MASS = 0.08  # of the trunk's mass,
-SERVO_GAIN = 0.15  # of each servo's gain,
-FRICTION = 0.4  # of the friction coefficient,
-ZERO_RAD = np.radians(
-    0.3
-)  # rad, standard deviation of each servo's zero, of bipeds only: hexapods have no such servos,
-FLOOR_RAD = np.radians(0.7)  # rad, roll and pitch of the floor under a biped
+COM_M = (0.004, 0.003, 0.005)  # m, offset of the trunk's CoM at level 1, uniform within these
+TRUNK_MASS = 0.08  # part of the trunk's mass at level 1, uniform within
+SERVO_GAIN = 0.15  # part of each servo's gain at level 1, uniform within
+FRICTION = 0.4  # part of the friction coefficient at level 1, uniform within
+ZERO_RAD = np.radians(0.3)  # rad, standard deviation of each servo's zero at level 1, of bipeds only
+FLOOR_RAD = np.radians(0.7)  # rad, roll and pitch of the floor under a biped at level 1, uniform within
 MAX_FRICTION_LEVEL = 2.0  # beyond it a coefficient could become negative
 
 

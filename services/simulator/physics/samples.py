@@ -164,7 +164,7 @@ class Checkpoint:
         return hashlib.sha256(self.to_bytes()).hexdigest()
 
     def to_bytes(self) -> bytes:
-        """One line of JSON, then little-endian float64."""
+        """Return one line of JSON, then little-endian float64."""
         return self.meta.encode() + b"\n" + self.physics.astype("<f8").tobytes()
 
     @classmethod

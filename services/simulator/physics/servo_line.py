@@ -15,7 +15,7 @@ EXACT = 1e-9  # rad, step of a servo that takes any set-point, beside others tha
 
 
 class Arrival(NamedTuple):
-    """A command at the servos, in their own steps."""
+    """Command at the servos, with set-points rounded to their resolution."""
 
     step: int
     """Physics step it takes effect in."""

@@ -184,7 +184,7 @@ class TruthTracker:
         return feet_of(self._table.copy(), self._counts.copy())
 
     def state(self) -> dict[str, Any]:
-        """All arrays as lists."""
+        """Return all arrays as lists."""
         soles = {} if self.soles is None else {"soles": self.soles.state()}
         return {"fallen": bool(self.fallen), **{k: v.tolist() for k, v in self.feet._asdict().items()}, **soles}
 

@@ -45,7 +45,7 @@ class TwistTracker:
             self.standing[i] = stands
 
     def state(self) -> dict[str, Any]:
-        """All arrays as lists."""
+        """Return all arrays as lists."""
         return {name: getattr(self, name).tolist() for name in ("start", "twist", "last", "standing")}
 
     def restore(self, state: dict[str, Any]) -> None:

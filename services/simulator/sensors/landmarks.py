@@ -81,7 +81,7 @@ class Spot(NamedTuple):
 
 
 class CameraPose(NamedTuple):
-    """Where the camera is."""
+    """Pose of the camera."""
 
     position: Array  # (3,) m, map
     rot: Array  # (3, 3) rot_map_from_camera
@@ -241,10 +241,10 @@ class LandmarkSensor:
         self.rng = random_stream(seed, "landmark sensor")
         self.visible = 0
         self.height = -float(foot_positions(robot.model, robot.neutral)[:, 2].min())
-        """Of base_link over the floor in the neutral stance, m."""
+        """Height of base_link over the floor in the neutral stance, m."""
 
     def look(self, before: CameraPose, now: CameraPose, dt: float) -> tuple[list[Detection], Detection | None]:
-        """One frame: recognised landmarks, at most `camera.most`, and the goal marker if it is seen.
+        """Return one frame: recognised landmarks, at most `camera.most`, and the goal marker if it is seen.
 
         Args:
             before: pose dt before the exposure's end.
@@ -287,7 +287,7 @@ class LandmarkSensor:
         return Detection(float(distance), float(bearing), descriptor + c.descriptor_sigma * noise[2:], index)
 
     def state(self) -> dict[str, Any]:
-        """The random stream."""
+        """Return the state of the random stream."""
         return {"rng": self.rng.bit_generator.state}
 
     def restore(self, state: dict[str, Any]) -> None:

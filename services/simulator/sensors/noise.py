@@ -33,14 +33,14 @@ class NormalStream:
         self.row = 0
 
     def next(self) -> Array:
-        """The next row, (width,); a view that stays valid."""
+        """Return the next row, (width,); a view that stays valid."""
         if self.row == BLOCK:
             self._fill()
         self.row += 1
         return self.block[self.row - 1]
 
     def state(self) -> dict[str, Any]:
-        """Where the stream stands."""
+        """Return the position of the stream; plain JSON values."""
         return {"start": self.start, "row": self.row}
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -162,7 +162,7 @@ class JointSensor:
         self.zero = math.hypot(encoder.zero_sigma, more_zero_sigma) * self.normal.next()
 
     def measure(self, position: Array, torque: Array) -> Array:
-        """One sample: position rad, current A, torque Nm, (3, nj)."""
+        """Return one sample: position rad, current A, torque Nm, (3, nj)."""
         normal = self.normal.next()
         return _joints(
             position, torque, self.zero, normal, self.resolution, self.true_k, self.known_k, self.noise_ampere

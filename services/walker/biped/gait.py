@@ -346,7 +346,7 @@ class BipedWalker:
         return 0.5 * (self._support(feet, LEFT) + self._support(feet, RIGHT))
 
     def _soles(self) -> Array:
-        """Both soles now, (2, 4): x, y, yaw, height."""
+        """Return both soles now, (2, 4): x, y in m, yaw in rad, height in m."""
         s = self.state
         soles = np.zeros((2, 4))
         soles[:, :3] = s.feet

@@ -17,7 +17,7 @@ LEFT, RIGHT = 0, 1
 
 
 def placed(body: Array, side: int, width: float) -> Array:
-    """Foot (3,) that belongs to a body pose (x, y, yaw), beside it."""
+    """Return the place (3,) of a foot beside a body pose (x, y, yaw), m and rad."""
     y = width if side == LEFT else -width
     return np.array([body[0] - math.sin(body[2]) * y, body[1] + math.cos(body[2]) * y, body[2]])
 
@@ -31,7 +31,7 @@ def advanced(body: Array, forward: float, left: float, turn: float) -> Array:
 
 @kernel
 def support_point(foot: Array, side: int, ahead: float, inwards: float) -> Array:
-    """Where the ZMP rests on a foot, (2,) m."""
+    """Return the point of a foot at which the ZMP rests, (2,) m."""
     y = -inwards if side == 0 else inwards
     out = np.empty(2)
     c, s = math.cos(foot[2]), math.sin(foot[2])
@@ -75,7 +75,7 @@ def smooth(s: float) -> float:
 
 @kernel
 def swing(begin: Array, end: Array, s: float, lift: float) -> Array:
-    """Foot in its swing at s in [0, 1]: (x, y, yaw, z)."""
+    """Return the foot at swing phase s in [0, 1]: (4,) x, y, yaw, z."""
     out = np.empty(4)
     way = smooth(s)
     for i in range(3):
@@ -86,6 +86,6 @@ def swing(begin: Array, end: Array, s: float, lift: float) -> Array:
 
 
 def between(feet: Array) -> Array:
-    """Body pose (3,) half way between the feet (2, 3)."""
+    """Return the body pose (3,) half way between the feet (2, 3)."""
     turn = math.atan2(math.sin(feet[1, 2] - feet[0, 2]), math.cos(feet[1, 2] - feet[0, 2]))
     return np.array([*(0.5 * (feet[0, :2] + feet[1, :2])), feet[0, 2] + 0.5 * turn])

@@ -117,7 +117,7 @@ def load_torques(
 
 @kernel
 def load_share(zmp: Array, feet: Array) -> Array:
-    """Part of the load on each foot, (2,): w_left = clip((z - p_right).d / d.d), d = p_left - p_right."""
+    """Return the part of the load on each foot, (2,): w_left = clip((z - p_right).d / d.d), d = p_left - p_right."""
     dx, dy = feet[0, 0] - feet[1, 0], feet[0, 1] - feet[1, 1]
     w = ((zmp[0] - feet[1, 0]) * dx + (zmp[1] - feet[1, 1]) * dy) / (dx * dx + dy * dy)
     out = np.empty(2)

@@ -21,7 +21,7 @@ MAX_AHEAD = 32
 
 
 class Footstep(NamedTuple):
-    """One step: which foot goes where, and the body pose it belongs to."""
+    """One step: swinging foot, its landing, and the body pose it belongs to."""
 
     swing: int
     target: Array  # (3,) x, y, yaw

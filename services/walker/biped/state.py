@@ -27,7 +27,7 @@ class Mode(Enum):
 
 @dataclass(frozen=True)
 class AcceptedCommand:
-    """A command that was accepted."""
+    """Accepted command with its gait and its route."""
 
     command: MotionCommand
     gait: str
@@ -53,7 +53,7 @@ class BipedState:
     """Command that came while the closing step landed; it is taken up when the robot stands."""
     walk_id: int = 0
     step: Footstep | None = None
-    """The present step."""
+    """Present step; None between steps."""
     next_swing: int = 0
     progress: float = 0.0
     """Phase of the present swing, 0..1."""

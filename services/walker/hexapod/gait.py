@@ -231,7 +231,7 @@ class HexapodWalker:
         s.swung = legs
 
     def _closing_group(self) -> tuple[int, ...]:
-        """The group of legs farthest from neutral, each group once; none when all are near."""
+        """Return the group of legs farthest from neutral, each group once; empty when all are near."""
         s = self.state
         wanted = planning.rotated(s.yaw, self.frame.neutral) + s.body[:2]
         off = np.hypot(*(s.footholds[:, :2] - wanted).T)

@@ -15,7 +15,7 @@ class GaitPattern:
     name: str
     groups: tuple[tuple[int, ...], ...]
     careful: str | None = None
-    """The gait that lifts fewer legs at a time, for when a step of this one is not safe."""
+    """Name of a gait that lifts fewer legs at a time, taken when a step is not safe; None = there is none."""
 
     @property
     def steps_per_cycle(self) -> int:

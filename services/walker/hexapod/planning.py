@@ -56,7 +56,7 @@ class StepPlan:
     arrive: Array
     """Phases between which each foot moves sideways, (L,)."""
     status: tuple[str, ...]
-    """Per foot, see WalkerOutputs."""
+    """Status of each foot's foothold, see `WalkerOutputs.foothold_status`."""
     duration: float
     """s, longer than half a period when a foot has far to fall."""
     shape: SwingShape
@@ -136,7 +136,7 @@ def end_pose(
     top: Array,
     shift: float,
 ) -> BodyPose | None:
-    """The trunk at the end of the step: the wanted height, or the nearest one at which all legs reach, or None.
+    """Return the trunk at the end of the step at the wanted height, or the nearest at which all legs reach, or None.
 
     A height at which the swings reach their tops too is preferred.
     """

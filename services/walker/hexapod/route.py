@@ -28,7 +28,7 @@ class HexapodRoute:
 
 
 def remaining(route: HexapodRoute, pose: BodyPose) -> float:
-    """Signed way (m) or angle (rad) still to go; infinite for a walk without an end, 0 for stand and stop."""
+    """Return the signed way (m) or angle (rad) still to go; inf for a walk without an end, 0 for stand and stop."""
     command, start = route.command, route.start or pose
     if command.action == "walk":
         if command.distance is None:
@@ -50,7 +50,7 @@ def finished(route: HexapodRoute, pose: BodyPose, params: WalkerParams) -> bool:
 
 
 def stride(command: MotionCommand, params: WalkerParams, steps_per_cycle: int) -> float:
-    """Way of the trunk in one step, m, without sign."""
+    """Return the way of the trunk in one step, m, without sign."""
     if command.velocity is None:
         return params.stride_m / steps_per_cycle
     return min(abs(command.velocity) * 0.5 * params.period_s, params.max_stride_m / steps_per_cycle)
@@ -59,7 +59,7 @@ def stride(command: MotionCommand, params: WalkerParams, steps_per_cycle: int) -
 def advance(
     route: HexapodRoute, pose: BodyPose, params: WalkerParams, steps_per_cycle: int, scale: float = 1.0
 ) -> Advance:
-    """Movement of the trunk in the next step, heading axes of `pose`.
+    """Return the movement of the trunk in the next step, heading axes of `pose`.
 
     Args:
         route: the command and where it began.
@@ -94,7 +94,7 @@ def advance(
 
 
 def moved(pose: BodyPose, step: Advance, part: float = 1.0) -> BodyPose:
-    """The pose after `part` of an advance; z is kept."""
+    """Return the pose after `part` of an advance; z is kept."""
     c, s = math.cos(pose.yaw), math.sin(pose.yaw)
     return BodyPose(
         x=pose.x + part * (c * step.forward - s * step.left),

@@ -44,7 +44,7 @@ def smooth(a: float) -> float:
 
 @kernel
 def height(shape: SwingShape, z0: float, top: float, z1: float, v: float) -> float:
-    """Height of the foot centre at swing phase v, m; v > 1 goes on down at the speed of the last part."""
+    """Return the height of the foot centre at swing phase v, m; v > 1 goes on down at the speed of the last part."""
     if v <= shape.rise_end:
         return z0 + (top - z0) * smooth(v / shape.rise_end)
     if v <= shape.fall_start:
@@ -60,13 +60,13 @@ def height(shape: SwingShape, z0: float, top: float, z1: float, v: float) -> flo
 
 @kernel
 def progress(go: float, arrive: float, v: float) -> float:
-    """Part of the horizontal way covered at swing phase v, 0..1."""
+    """Return the part of the horizontal way covered at swing phase v, 0..1."""
     return smooth((v - go) / (arrive - go))
 
 
 @kernel
 def point(shape: SwingShape, p0: Array, p1: Array, top: float, go: float, arrive: float, v: float) -> Array:
-    """Foot centre at swing phase v, (3,) m."""
+    """Return the foot centre at swing phase v, (3,) m."""
     s = progress(go, arrive, v)
     out = np.empty(3)
     out[0] = p0[0] + s * (p1[0] - p0[0])
@@ -107,7 +107,7 @@ def clears(
 
 
 def swept_ground(centres: HeightMap, p0: Array, p1: Array, halfwidth: float) -> Array:
-    """Lowest admissible foot-centre height along the way from p0 to p1, (SAMPLES,) m, NaN where unknown.
+    """Return the lowest admissible foot-centre heights along the way from p0 to p1, (SAMPLES,) m, NaN where unknown.
 
     Args:
         centres: map of foot centres (dilated by the foot sphere).

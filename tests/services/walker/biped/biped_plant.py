@@ -1,19 +1,28 @@
 """A biped in its world: simulator, estimator and walker joined by function calls, as the services are by the bus."""
 
-import numpy as np
-
+from surefoot.lab.runs.joined import sense
 from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.feet.contact import touch_rows
 from surefoot.services.estimator.stream import Estimator
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.physics.perturb import perturbation
 from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
 from surefoot.services.walker.biped.gait import BipedWalker
-from surefoot.services.walker.interface import WalkerInputs
+
+
+class Unheard:
+    """An estimator that gets no samples."""
+
+    def __init__(self, estimator):
+        self.estimate, self.pose = estimator.estimate, estimator.pose
+
+    def imu(self, *sample):
+        pass
+
+    joints = imu
 
 
 class Plant:
-    """One robot that can be told to walk."""
+    """A robot that obeys commands."""
 
     def __init__(self, name, seed=0, level=0.0, drift=0.0, **params):
         self.robot = load_robot(name)
@@ -26,29 +35,9 @@ class Plant:
         self.out = None
 
     def tick(self, blind=False):
-        """One control tick; `blind`: the estimator says nothing new."""
-        imu, joints, contacts = self.world.samples
-        if imu is not None and not blind:
-            self.estimator.imu(imu.stamp_ns, imu.gyro, imu.acc)
-        touch = None if contacts is None else np.array([any(foot) for foot in contacts.touch])
-        if joints is not None and not blind:
-            self.estimator.joints(joints.stamp_ns, joints.position, touch_rows(contacts.touch))
-        e, pose = self.estimator.estimate(), self.estimator.pose()
-        self.out = self.walker.step(
-            WalkerInputs(
-                stamp=0.01 * self.world.tick,
-                roll=e.roll,
-                pitch=e.pitch,
-                rate=tuple(e.angular_velocity),
-                x=pose.position[0],
-                y=pose.position[1],
-                yaw=pose.yaw,
-                estimate_stamp=1e-9 * e.stamp_ns,
-                initialised=e.initialised,
-                joints=None if joints is None else joints.position,
-                contacts=touch,
-            )
-        )
+        """One control tick; `blind`: the estimator gets no samples."""
+        inputs, _ = sense(self.world, Unheard(self.estimator) if blind else self.estimator)
+        self.out = self.walker.step(inputs)
         command, self.pending = self.pending, self.world.command if self.out.command is None else self.out.command
         self.world.step_tick(command)
         return self.out
