@@ -14,7 +14,8 @@ from surefoot.robot.kinematics import com, foot_positions
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.world import PhysicsWorld
 from surefoot.services.stability.programs.contacts import contact_set
-from surefoot.services.stability.regions.region import Region, region
+from surefoot.services.stability.regions.model import Region
+from surefoot.services.stability.regions.region import region
 from surefoot.services.stability.sensing.calibration import Calibration, calibrate, gain_of_47, level_from_up
 from surefoot.services.stability.sensing.forces import (
     FootForces,

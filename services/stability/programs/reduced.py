@@ -21,6 +21,8 @@ from .contacts import Array, ContactSet
 
 SPOT = 1e-9  # m; contacts that lie nearer together are at one point: what is left of their distances is rounding
 RANK = 1e-10  # relative; smaller singular values are taken as zero
+THIN = 1e-7  # m, or of the unit of length; narrower than that is a segment, shorter a point
+CONE = 1e-12  # slack of the conditions on a cone
 SMALL_MU = 1e-9  # below it friction is left out
 
 
@@ -44,6 +46,7 @@ class Subspace(NamedTuple):
     moment: Array  # (2, 2k) what they add to the position of the CoM
     drift: Array  # (2k, 2) free forces without effect on the balance, per unit direction: unbounded if not zero
     sinking: Array | None  # (4,) twist that proves that the set is infeasible
+    columns: Array  # (n, 3, 4) matrices of the balance before the subspace was taken
 
 
 @row_kernel
@@ -92,7 +95,7 @@ def matrices(position: Array, normal: Array, mu: Array) -> tuple[Array, Array, A
 
 def reduce(contacts: ContactSet) -> tuple[Reduced, Subspace | None]:
     """Programs of a set of at least one contact; the subspace is None for sets with ordinary friction."""
-    mu = np.where(contacts.mu < SMALL_MU, 0.0, contacts.mu)
+    mu = contacts.mu if contacts.mu.min() >= SMALL_MU else np.where(contacts.mu < SMALL_MU, 0.0, contacts.mu)
     a, h, origin, length, spread = matrices(contacts.position, contacts.normal, mu)
     reduced = Reduced(a, h, np.array([0.0, 0.0, 1.0, 0.0]), origin, length)
     if mu.min() > 0.0 and mu.max() < math.inf and spread > RANK * length:
@@ -137,4 +140,4 @@ def _special(reduced: Reduced, contacts: ContactSet, unlimited: NDArray[np.bool_
         reduced.origin,
         reduced.length,
     )
-    return special, Subspace(basis, offset, point, rows.T, sides.T, drift, sinking)
+    return special, Subspace(basis, offset, point, rows.T, sides.T, drift, sinking, a)

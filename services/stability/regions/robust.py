@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..programs.contacts import Array, ContactSet
-from ..programs.oracle import Support
 from .equilibrium import equilibrium
 from .margin import margin
+from .model import Support
 from .region import region
 
 INSIDE = 1e-6  # of the way to the middle of the region: forces are asked for so far inside the edge

@@ -11,9 +11,10 @@ from surefoot.geometry.linear import dot, norm, product
 from surefoot.geometry.linear_kernels import inverse3
 from surefoot.kernels.jit import row_kernel
 from surefoot.robot.description import KinematicModel, Robot
-from surefoot.robot.kinematics import foot_jacobians_of, forward, gravity_torques_of
+from surefoot.robot.kinematics import forward, gravity_torques_of
 
 from ..programs.contacts import Array
+from .posture import contact_jacobians_of
 
 Flags = NDArray[np.bool_]
 
@@ -133,33 +134,6 @@ def fuse_normal(found: FootForces, normal: Array, load: Array, variance: Array) 
 
 
 @row_kernel
-def contact_jacobians(model: KinematicModel, joints: Array, up: Array, radius: Array) -> Array:
-    """d p_i / d (joints of leg i) for the lowest point p of each foot sphere, (L, 3, n); `up` is a unit vector."""
-    rot, pos = forward(model, joints)
-    return _contact_jacobians_of(model, rot, pos, up, radius)
-
-
-@row_kernel
-def _contact_jacobians_of(model: KinematicModel, rot: Array, pos: Array, up: Array, radius: Array) -> Array:
-    jacobian = foot_jacobians_of(model, rot, pos)
-    for i in range(model.leg_joints.shape[0]):
-        k = model.foot_link[i]
-        while k >= 0:
-            for c in range(model.leg_joints.shape[1]):
-                if model.joint[k] >= 0 and model.leg_joints[i, c] == model.joint[k]:
-                    x, y, z = 0.0, 0.0, 0.0
-                    for q in range(3):
-                        x += rot[k, 0, q] * model.axis[k, q]
-                        y += rot[k, 1, q] * model.axis[k, q]
-                        z += rot[k, 2, q] * model.axis[k, q]
-                    jacobian[i, 0, c] -= radius[i] * (y * up[2] - z * up[1])
-                    jacobian[i, 1, c] -= radius[i] * (z * up[0] - x * up[2])
-                    jacobian[i, 2, c] -= radius[i] * (x * up[1] - y * up[0])
-            k = model.parent[k]
-    return jacobian
-
-
-@row_kernel
 def _leg_inverses(model: KinematicModel, joints: Array, g_up: Array, radius: Array) -> tuple[Array, Array, Flags]:
     rot, pos = forward(model, joints)
     return _leg_inverses_of(model, rot, pos, g_up, radius)
@@ -173,7 +147,7 @@ def _leg_inverses_of(
     up, transposed = np.empty(3), np.empty((3, 3))
     for r in range(3):
         up[r] = g_up[r] / size
-    jacobian = _contact_jacobians_of(model, rot, pos, up, radius)
+    jacobian = contact_jacobians_of(model, rot, pos, up, radius)
     count, width = model.leg_joints.shape
     inverse, observed = np.zeros((count, 3, 3)), np.zeros(count, dtype=np.bool_)
     for i in range(count):

@@ -14,7 +14,8 @@ from surefoot.robot.kinematics import com_of, foot_positions_of, forward
 
 from ..programs.contacts import Array, ContactSet
 from ..regions.margin import Margin, margin
-from ..regions.region import Region, region
+from ..regions.model import Region
+from ..regions.region import region
 from .forces import MeasuredCom, com_from_forces, leg_forces_of
 
 Flags = NDArray[np.bool_]

@@ -8,16 +8,23 @@ import math
 import numpy as np
 import pytest
 
-from surefoot.services.stability.programs.contacts import MAX_MU, ContactSet, StabilityError, contact_set
-from surefoot.services.stability.programs.directions import corner_normals, edge_normals, equally_spaced
+from surefoot.geometry.polygon import gap, hull
+from surefoot.services.stability.programs.contacts import (
+    MAX_MU,
+    ContactSet,
+    StabilityError,
+    contact_set,
+    equally_spaced,
+)
 from surefoot.services.stability.programs.interior import FAILED
-from surefoot.services.stability.programs.oracle import Oracle
-from surefoot.services.stability.programs.reference import ReferenceAnswer
+from surefoot.services.stability.programs.outline import corner_normals, edge_normals
+from surefoot.services.stability.programs.reduced import reduce
 from surefoot.services.stability.regions import margin as margins
+from surefoot.services.stability.regions.careful import Oracle, Reference, ReferenceAnswer
 from surefoot.services.stability.regions.equilibrium import equilibrium, least_forces
 from surefoot.services.stability.regions.many import STATUSES, assess
 from surefoot.services.stability.regions.margin import margin
-from surefoot.services.stability.regions.region import distance, region
+from surefoot.services.stability.regions.region import region
 from tests.services.stability.certificate import balance, force_violation
 from tests.services.stability.sets import SQUARE, UP, tilted
 
@@ -49,7 +56,7 @@ def drawn(rng: np.random.Generator) -> ContactSet:
 
 def support_value(contacts: ContactSet, direction: np.ndarray) -> float:
     """Return h(a), m, of one unit direction (2,), solved alone."""
-    oracle = Oracle(contacts)
+    oracle = Oracle(contacts, *reduce(contacts))
     return float(oracle.support(oracle.fan(direction[None], 1), np.zeros(1, dtype=np.int64)).value[0])
 
 
@@ -142,7 +149,7 @@ def test_the_gap_of_a_needle_is_true() -> None:
             continue
         checked += 1
         assert found.gap <= 1e-4
-        assert distance(found.inner, found.outer) <= found.gap + 1e-9
+        assert gap(found.inner, found.outer) <= found.gap + 1e-9
         for a in SIXTEEN:
             value = support_value(contacts, a)
             assert float((found.inner @ a).max()) - 1e-8 <= value <= float((found.outer @ a).max()) + 1e-8
@@ -151,7 +158,7 @@ def test_the_gap_of_a_needle_is_true() -> None:
 @pytest.mark.parametrize("apex", [1e-3, 1e-5, 1e-8])
 def test_directions_to_begin_with_are_never_half_a_turn_apart(apex: float) -> None:
     needle = np.array([[-0.2, 0.0, 0.0], [0.2, 0.0, 0.0], [0.05, apex, 0.0]])
-    for found in (edge_normals(needle), corner_normals(needle)):
+    for found in (edge_normals(hull(needle[:, :2].copy())), corner_normals(hull(needle[:, :2].copy()))):
         angle = np.sort(np.arctan2(found[:, 1], found[:, 0]))
         widest = np.diff(np.append(angle, angle[0] + 2.0 * np.pi)).max()
         assert widest < np.pi - 5e-4
@@ -166,10 +173,10 @@ def test_a_margin_the_kernel_gives_up_on_is_found_all_the_same(monkeypatch: pyte
     exact = margin(found, com).value
     assert exact is not None
     explore = margins.explore
-    monkeypatch.setattr(margins, "explore", lambda *given: explore(*given[:7], given[4], 8))  # no room for more
+    monkeypatch.setattr(margins, "explore", lambda *given: explore(*given[:5], given[2], 8))  # no room for more
     assert margin(found, com).value == pytest.approx(exact, abs=1e-8)
     failed = ReferenceAnswer(FAILED, math.nan, np.empty(4), np.empty((6, 3)), math.inf)
-    monkeypatch.setattr(margins.Reference, "solve", lambda *given: failed)
+    monkeypatch.setattr(Reference, "solve", lambda *given: failed)
     with pytest.raises(StabilityError) as refused:
         margin(found, com)
     assert refused.value.code == "no_convergence"

@@ -25,11 +25,10 @@ from surefoot.schemas.topics import (
     TICK_NS,
 )
 from surefoot.schemas.whatif import MAX_SETS, BatchReply, BatchRequest
-from surefoot.services.stability import service as module
+from surefoot.services.stability import workers as module
 from surefoot.services.stability.config import StabilityConfig
 from surefoot.services.stability.regions import many
-from surefoot.services.stability.regions.many import STATUSES
-from surefoot.services.stability.regions.whatif import batch, pack
+from surefoot.services.stability.regions.many import STATUSES, batch, pack
 from surefoot.services.stability.service import SERVICE, Stability
 from tests.services.stability.sets import SQUARE, UP, feasible_sets
 from tests.services.stability.test_service import samples
@@ -166,15 +165,15 @@ def test_too_many_large_batches_are_refused(node: Node, monkeypatch: pytest.Monk
     service = node.service
     assert isinstance(service, Stability)
     request = raw(module.AT_ONCE + 1)[0]
-    waiting = [service._batch(request) for _ in range(module.MOST_WAITING)]
+    waiting = [service.workers.batch(request) for _ in range(module.MOST_WAITING)]
     with pytest.raises(Refusal) as refused:
-        service._batch(request)
+        service.workers.batch(request)
     assert refused.value.code == "busy"
     go.set()
     for answer in waiting:
         assert not isinstance(answer, BatchReply)
         assert answer.result(WAIT_S) == BatchReply(results=())
-    assert isinstance(service._batch(request), type(waiting[0]))
+    assert isinstance(service.workers.batch(request), type(waiting[0]))
 
 
 def test_over_zenoh() -> None:

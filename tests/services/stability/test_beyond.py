@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from surefoot.services.stability.programs.contacts import ContactSet, contact_set
-from surefoot.services.stability.programs.directions import equally_spaced
+from surefoot.services.stability.programs.contacts import ContactSet, contact_set, equally_spaced
 from surefoot.services.stability.regions.equilibrium import equilibrium, least_forces, least_friction
 from surefoot.services.stability.regions.margin import margin
 from surefoot.services.stability.regions.region import region

@@ -9,11 +9,10 @@ import pytest
 from surefoot.bus.codec import decode
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.stability import CheckReply, CheckRequest, Contact, RegionRequest
+from surefoot.services.stability.answers import check_reply, region_reply
 from surefoot.services.stability.programs.contacts import ContactSet, StabilityError, contact_set
-from surefoot.services.stability.queries.beyond import region_answer
-from surefoot.services.stability.queries.check_query import check_reply
-from surefoot.services.stability.regions.effective import lean, upward
 from surefoot.services.stability.regions.equilibrium import equilibrium
+from surefoot.services.stability.regions.modes import lean, upward
 from tests.services.stability.sets import SQUARE, UP, feasible_sets, tilted
 
 RAGNO = load_robot("ragno")
@@ -103,7 +102,7 @@ def test_the_region_is_that_of_the_region_query() -> None:
     fields = {"acceleration": [0.5, 0.2, 0.0], "com_height_m": 0.4, "directions": 16, "certificates": True}
     got = ask(contacts, com=[1.0, 2.0], **fields)
     given = json.dumps({"contacts": [c.model_dump() for c in requests_of(contacts)], **fields}).encode()
-    same = region_answer(decode(RegionRequest, given), RAGNO)
+    same = region_reply(decode(RegionRequest, given), RAGNO)
     assert (got.inner, got.outer, got.support, got.gap) == (same.inner, same.outer, same.support, same.gap)
     assert ask(contacts, com=[1.0, 2.0], polygons=False, **fields).support == ()
 

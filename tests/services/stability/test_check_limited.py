@@ -9,13 +9,10 @@ import pytest
 from surefoot.bus.codec import decode
 from surefoot.robot.kinematics import gravity_torques
 from surefoot.schemas.stability import CheckReply, CheckRequest, RegionRequest
-from surefoot.services.stability.programs.contacts import Array, ContactSet, StabilityError
-from surefoot.services.stability.programs.directions import equally_spaced
-from surefoot.services.stability.queries.beyond import region_answer
-from surefoot.services.stability.queries.check_query import check_reply
-from surefoot.services.stability.regions.actuated import Legs, actuated_region
-from surefoot.services.stability.sensing.forces import contact_jacobians
-from surefoot.services.stability.sensing.shift import kinematic_shift
+from surefoot.services.stability.answers import check_reply, region_reply
+from surefoot.services.stability.programs.contacts import Array, ContactSet, StabilityError, equally_spaced
+from surefoot.services.stability.regions.actuated import ServoLegs, actuated_region
+from surefoot.services.stability.sensing.posture import PosedRobot, contact_jacobians
 from tests.services.stability.test_actuated import RADIUS, RAGNO, TRIPOD, UP, stance
 
 LIMIT = 0.55
@@ -33,9 +30,9 @@ def ask(contacts: ContactSet, **fields: Any) -> CheckReply:
     return check_reply(decode(CheckRequest, body), RAGNO)
 
 
-def true_margin(contacts: ContactSet, legs: Legs, c: Array) -> float:
+def true_margin(contacts: ContactSet, legs: ServoLegs, c: Array) -> float:
     """Least h(a) - a'c over many directions: not by polygons, and never less than the margin."""
-    return float((actuated_region(contacts, legs, MANY).outer_value - MANY @ c).min())
+    return float((actuated_region(contacts, legs, MANY).support.value - MANY @ c).min())
 
 
 def test_without_a_movement_the_margin_is_that_of_the_region_query() -> None:
@@ -43,7 +40,7 @@ def test_without_a_movement_the_margin_is_that_of_the_region_query() -> None:
     c = contacts.position[:, :2].mean(axis=0)
     got = ask(contacts, com=c.tolist(), directions=64, certificates=True)
     given = {"contacts": rows(contacts), "actuation": BODY, "directions": 64, "certificates": True}
-    same = region_answer(decode(RegionRequest, json.dumps(given).encode()), RAGNO)
+    same = region_reply(decode(RegionRequest, json.dumps(given).encode()), RAGNO)
     assert (got.inner, got.outer, got.support, got.gap) == (same.inner, same.outer, same.support, same.gap)
     assert got.gap is not None
     assert got.margin is not None
@@ -71,10 +68,10 @@ def test_margin_after_the_movement_is_that_of_the_posture_after_it() -> None:
     movement = np.array([0.05, 0.0, 0.0])
     got = ask(contacts, movement=movement.tolist(), directions=64)
     standing = np.isin(np.arange(6), TRIPOD)
-    joints = kinematic_shift(RAGNO, RAGNO.neutral, np.eye(3), movement, standing).joints
+    joints = PosedRobot(RAGNO, RAGNO.neutral, np.zeros(3), np.eye(3)).moved(movement, standing).joints
     jacobian = contact_jacobians(RAGNO.model, joints, UP, RADIUS)[TRIPOD]
     own = gravity_torques(RAGNO.model, joints, 9.81 * UP)[RAGNO.model.leg_joints[TRIPOD]]
-    after = Legs(jacobian, own, legs.limit, legs.weight)
+    after = ServoLegs(jacobian, own, legs.limit, legs.weight)
     c, gap = np.array(got.com_after), got.gap
     assert gap is not None
     assert got.margin is not None

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from surefoot.services.stability.programs.contacts import StabilityError, contact_set
-from surefoot.services.stability.programs.directions import equally_spaced, unit
+from surefoot.services.stability.programs.contacts import StabilityError, contact_set, equally_spaced, unit
 from tests.services.stability.sets import UP
 
 

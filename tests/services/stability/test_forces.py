@@ -5,16 +5,16 @@ import pytest
 
 from surefoot.robot.kinematics import foot_jacobians, foot_positions, forward, gravity_torques
 from surefoot.robot.reader import load_robot
-from surefoot.services.stability.programs.directions import equally_spaced
+from surefoot.services.stability.programs.contacts import equally_spaced
 from surefoot.services.stability.regions.region import region
 from surefoot.services.stability.sensing.forces import (
     FootForces,
     com_from_forces,
-    contact_jacobians,
     forces_from_torques,
     fuse_normal,
     gain_from_weight,
 )
+from surefoot.services.stability.sensing.posture import contact_jacobians
 from tests.services.stability.sets import feasible_sets
 
 RAGNO = load_robot("ragno")

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from surefoot.services.stability.programs.directions import equally_spaced
+from surefoot.services.stability.programs.contacts import equally_spaced
 from surefoot.services.stability.programs.fan import Fan
 from surefoot.services.stability.programs.interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED, solve_lanes
-from surefoot.services.stability.programs.lanes import factor, solve
-from surefoot.services.stability.programs.oracle import Oracle, solve_one
+from surefoot.services.stability.programs.newton import factor, solve
 from surefoot.services.stability.programs.reduced import reduce
-from surefoot.services.stability.programs.reference import Reference
+from surefoot.services.stability.regions.careful import Oracle, Reference, solve_one
 from tests.services.stability.certificate import balance, force_violation, twist_violation
 from tests.services.stability.oracles import literal_support, pyramid_support
 from tests.services.stability.sets import feasible_sets, random_set
@@ -22,7 +21,7 @@ def test_support_equals_clarabel_on_the_reduced_dual() -> None:
     solved = 0
     for _ in range(60):
         contacts = random_set(rng, int(rng.integers(2, 13)), 85.0, (0.0, 1.5))
-        oracle = Oracle(contacts)
+        oracle = Oracle(contacts, *reduce(contacts))
         fan = oracle.fan(SIXTEEN, 16)
         reference = Reference(oracle.reduced.a, oracle.reduced.c)
         for k in range(16):
@@ -36,7 +35,7 @@ def test_support_equals_clarabel_on_the_reduced_dual() -> None:
 
 def test_support_equals_the_literal_program_and_lies_between_pyramids() -> None:
     for contacts in feasible_sets(2, 6):
-        oracle = Oracle(contacts)
+        oracle = Oracle(contacts, *reduce(contacts))
         support = oracle.support(oracle.fan(SIXTEEN[1::5], 4), np.arange(3))
         for k, a in enumerate(support.direction):
             assert support.value[k] == pytest.approx(literal_support(contacts, a), abs=3e-7)
@@ -47,7 +46,7 @@ def test_support_equals_the_literal_program_and_lies_between_pyramids() -> None:
 
 def test_every_value_is_proved_from_both_sides() -> None:
     for contacts in feasible_sets(3, 25, (2, 13)):
-        oracle = Oracle(contacts)
+        oracle = Oracle(contacts, *reduce(contacts))
         support = oracle.support(oracle.fan(SIXTEEN, 16), np.arange(16))
         for k in range(16):
             assert twist_violation(contacts, support.twist[k], support.direction[k]) < 1e-9
@@ -59,7 +58,7 @@ def test_every_value_is_proved_from_both_sides() -> None:
 
 def test_lanes_do_not_influence_each_other() -> None:
     contacts = random_set(np.random.default_rng(4), 5)
-    oracle = Oracle(contacts)
+    oracle = Oracle(contacts, *reduce(contacts))
     together = oracle.fan(SIXTEEN[:8], 8)
     for k in range(8):
         alone = oracle.fan(SIXTEEN[k : k + 1], 1)
@@ -88,7 +87,7 @@ def test_a_start_near_the_answers_on_both_sides_is_shorter_and_ends_the_same() -
     middle = here + there
     p = 1.0 / np.linalg.norm(middle)
     for contacts in feasible_sets(7, 20):
-        oracle = Oracle(contacts)
+        oracle = Oracle(contacts, *reduce(contacts))
         r = oracle.reduced
         ends, direct = oracle.fan(np.concatenate((here, there)), 2), oracle.fan(p * middle, 1)
         if (ends.status != SOLVED).any():
@@ -156,16 +155,16 @@ def test_a_null_direction_is_left_alone() -> None:
 
 
 def test_the_fallback_answers_when_the_kernel_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    from surefoot.services.stability.programs import oracle as module
+    from surefoot.services.stability.regions import careful as module
 
     contacts = random_set(np.random.default_rng(7), 4)
-    expected = Oracle(contacts).fan(SIXTEEN, 16).value.copy()
+    expected = Oracle(contacts, *reduce(contacts)).fan(SIXTEEN, 16).value.copy()
 
-    def gives_up(a: object, h: object, c: object, fan: Fan, *rest: object) -> tuple[int, bool, None]:
+    def gives_up(r: object, fan: Fan, *rest: object) -> tuple[int, bool, None]:
         fan.status[:16] = FAILED
         return 0, False, None
 
     monkeypatch.setattr(module, "explore", gives_up)
-    fan = Oracle(contacts).fan(SIXTEEN, 16)
+    fan = Oracle(contacts, *reduce(contacts)).fan(SIXTEEN, 16)
     np.testing.assert_allclose(fan.value, expected, atol=1e-8)
     assert (fan.status == SOLVED).all()

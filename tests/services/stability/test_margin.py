@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from surefoot.services.stability.programs.contacts import contact_set
-from surefoot.services.stability.programs.directions import equally_spaced
+from surefoot.services.stability.programs.contacts import contact_set, equally_spaced
 from surefoot.services.stability.regions.margin import extent, margin
 from surefoot.services.stability.regions.region import region
 from tests.services.stability.sets import SQUARE, UP, feasible_sets

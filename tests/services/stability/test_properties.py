@@ -4,8 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from surefoot.services.stability.programs.contacts import ContactSet
-from surefoot.services.stability.programs.directions import equally_spaced
+from surefoot.services.stability.programs.contacts import ContactSet, equally_spaced
 from surefoot.services.stability.regions.region import region
 from tests.services.stability.sets import random_set
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from surefoot.geometry.polygon import area, hull, signed_distance
-from surefoot.services.stability.programs.contacts import ContactSet, contact_set
-from surefoot.services.stability.programs.directions import equally_spaced
-from surefoot.services.stability.regions.region import Region, region
+from surefoot.services.stability.programs.contacts import ContactSet, contact_set, equally_spaced
+from surefoot.services.stability.regions.model import Region
+from surefoot.services.stability.regions.region import region
 from tests.services.stability.certificate import balance, force_violation, twist_violation
 from tests.services.stability.oracles import share_excess
 from tests.services.stability.sets import SQUARE, UP, feasible_sets, random_set, tilted

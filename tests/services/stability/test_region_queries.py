@@ -9,11 +9,10 @@ from surefoot.errors import Refusal
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.robot.kinematics import foot_positions
 from surefoot.robot.reader import load_robot
-from surefoot.services.stability.programs.contacts import contact_set
-from surefoot.services.stability.programs.directions import equally_spaced
+from surefoot.services.stability.programs.contacts import contact_set, equally_spaced
 from surefoot.services.stability.regions.actuated import actuated_region
-from surefoot.services.stability.regions.effective import lean
 from surefoot.services.stability.regions.equilibrium import equilibrium
+from surefoot.services.stability.regions.modes import lean
 from surefoot.services.stability.regions.robust import margin_gradient
 from surefoot.services.stability.service import Stability
 from tests.services.stability.conftest import ask
@@ -114,7 +113,7 @@ def test_limited_torques(service: Stability) -> None:
     body = {"joints": RAGNO.neutral.tolist(), "max_torque_nm": 0.7}
     got = ask(service, "region", contacts=as_asked(contacts), actuation=body, certificates=True)
     assert got["status"] == "ok"
-    np.testing.assert_allclose([s["value"] for s in got["support"]], wanted.outer_value, atol=1e-9)
+    np.testing.assert_allclose([s["value"] for s in got["support"]], wanted.support.value, atol=1e-9)
     assert np.abs([s["torques"] for s in got["support"]]).max() <= 0.7 + 1e-6
     assert got["area"] <= got["area_outer"]
     free = ask(service, "region", contacts=as_asked(contacts))
@@ -128,7 +127,7 @@ def test_limited_torques(service: Stability) -> None:
     assert ask(service, "region", contacts=[], actuation=body)["status"] == "infeasible"
     half = ask(service, "region", contacts=as_asked(contacts), actuation=body, directions=[[1, 0], [0, 1]])
     assert (half["status"], half["area"], len(half["support"])) == ("ok", pytest.approx(got["area"], abs=1e-9), 2)
-    np.testing.assert_allclose([s["value"] for s in half["support"]], wanted.outer_value[[0, 4]], atol=1e-9)
+    np.testing.assert_allclose([s["value"] for s in half["support"]], wanted.support.value[[0, 4]], atol=1e-9)
 
 
 def test_limited_torques_turn_with_the_robot(service: Stability) -> None:

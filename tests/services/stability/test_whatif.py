@@ -4,16 +4,15 @@ import numpy as np
 import pytest
 
 from surefoot.services.stability.programs.contacts import ContactSet, StabilityError, contact_set
-from surefoot.services.stability.regions.many import STATUSES
+from surefoot.services.stability.regions.many import STATUSES, PackedSets, batch, pack, what_if
 from surefoot.services.stability.regions.margin import margin
 from surefoot.services.stability.regions.region import region
-from surefoot.services.stability.regions.whatif import Batch, batch, pack, what_if
 from tests.services.stability.sets import SQUARE, UP, feasible_sets, random_set, tilted
 
 SQUARE_SET = contact_set(SQUARE, [UP] * 4, 0.5)
 
 
-def laid_out(sets: list[ContactSet], com: np.ndarray) -> Batch:
+def laid_out(sets: list[ContactSet], com: np.ndarray) -> PackedSets:
     whole = ContactSet(*(np.concatenate([getattr(s, f) for s in sets]) for f in ("position", "normal", "mu")))
     return pack(whole.position, whole.normal, whole.mu, [len(s) for s in sets], com)
 

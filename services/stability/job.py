@@ -5,8 +5,8 @@ import numpy as np
 from surefoot.robot.description import Robot
 from surefoot.schemas.calibration import CalibrateReply, CalibrateRequest
 
-from ..programs.contacts import Array, StabilityError
-from ..sensing.calibration import (
+from .programs.contacts import Array, StabilityError
+from .sensing.calibration import (
     APART_SD,
     Calibration,
     Flags,
