@@ -155,7 +155,7 @@ def com_reply(request: ComRequest, own: Robot) -> ComReply:
 
 
 def _with_loads(found: FootForces, loads: tuple[float | None, ...], robot: Robot) -> FootForces:
-    """Forces fused with what sensors under the feet say, taken along the vertical."""
+    """Fuse forces with the readings (N) of sensors under the feet, taken along the vertical."""
     if len(loads) != len(robot.legs):
         raise StabilityError("shape", "load_n", f"got {len(loads)} loads, {robot.name} has {len(robot.legs)} feet")
     sensor = PressureSensor()

@@ -19,14 +19,14 @@ MAX_COLLECTED = 256
 
 
 class CalibrationJob:
-    """State of the job; every change belongs to a tick."""
+    """Calibration job of the service; every change belongs to a tick."""
 
     def __init__(self, robot: Robot, torque_variance: float) -> None:
         self.robot, self.variance = robot, torque_variance
         self.collector: PoseCollector | None = None
         self.result: Calibration | None = None
         self.gain: Array | None = None
-        """(nj,) factors in use; None = torques as told."""
+        """(nj,) factors in use; None = torques as reported."""
         self._planned: list[tuple[int, CalibrateRequest]] = []
         self._tick = -1
 
@@ -43,13 +43,13 @@ class CalibrationJob:
         return self._do(request)
 
     def on_tick(self, tick: int) -> str:
-        """Carry out what was planned for a tick; returns what is worth a line in the log."""
+        """Carry out what was planned for a tick; return a line for the log, empty if there is none."""
         self._tick = tick
-        said = ""
+        report = ""
         for item in [item for item in self._planned if item[0] <= tick]:
             self._planned.remove(item)
-            said = self._do(item[1]).reason
-        return said
+            report = self._do(item[1]).reason
+        return report
 
     def sample(self, joints: Array, torque: Array, g_up: Array, stance: Flags) -> None:
         """Take a sample of the standing robot."""

@@ -15,12 +15,13 @@ from .programs.contacts import AXES, Array, ContactSet
 from .regions.margin import extent, margin
 from .regions.region import region
 from .sensing import state
+from .sensing.forces import leg_inverses
 
 UP = (0.0, 0.0, 1.0)
 AT_REST = np.array([0.0, 0.0, GRAVITY])
-"""m/s^2, specific force at rest of a level trunk."""
+"""Specific force at rest of a level trunk, (3,) m/s^2."""
 MOVEMENT = (0.01, 0.0, 0.0)
-"""m."""
+"""Movement of the trunk, m."""
 
 
 def rehearse(robot: Robot, params: state.WatchParams) -> None:
@@ -78,7 +79,7 @@ def _regions() -> None:
 
 
 def _statuses(robot: Robot, params: state.WatchParams) -> None:
-    """Judge the neutral stance on all feet and on every second."""
+    """Compute the status of the neutral stance on all feet and on every second."""
     every, torque = np.ones(len(robot.legs), dtype=np.bool_), _holding(robot)
     standing = state.StandingFeet(len(robot.legs), params.hold_s)
     for touch in (every, np.arange(len(robot.legs)) % 2 == 0):
@@ -88,8 +89,6 @@ def _statuses(robot: Robot, params: state.WatchParams) -> None:
 
 def _holding(robot: Robot) -> Array:
     """Return torques, (nj,) Nm, with which every foot carries an equal share of the weight."""
-    from .sensing.forces import leg_inverses
-
     found = leg_inverses(robot, robot.neutral, AT_REST)
     torque = found.own.copy()
     for i in np.flatnonzero(found.observed):

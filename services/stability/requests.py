@@ -4,6 +4,7 @@ import math
 import re
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from surefoot.schemas.stability import (
     Actuation,
     BasePose,
     CheckRequest,
+    Contact,
     Doubt,
     EquilibriumRequest,
     RegionFields,
@@ -30,11 +32,11 @@ from .regions.robust import Uncertainty
 from .sensing.posture import PosedRobot, posed, torque_limits
 
 MOST_ACCELERATION = 1e4  # m/s^2; with more of it the effective gravity is level to the last digits
+REST = AtRest()
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 
 
-@dataclass(frozen=True, slots=True)
-class RegionQuestion:
+class RegionQuestion(NamedTuple):
     """Region that a request asks for."""
 
     mode: Mode
@@ -64,16 +66,13 @@ def region_question(request: RegionRequest, own: Robot) -> RegionQuestion:
         StabilityError: a field that cannot be used.
     """
     if (actuation := request.actuation) is None:
-        return _unlimited(request)
-    robot = own if actuation.robot is None else named_robot(actuation.robot, "actuation.robot")
+        return RegionQuestion(_mode(request), contacts_of(request.contacts), _refinement(request))
     refuse(any(request.acceleration), "acceleration", "actuation")
     refuse(request.tilt_rad > 0.0, "tilt_rad", "actuation")
     refuse(request.adaptive is True, "adaptive", "actuation")
-    contacts, wanted = contacts_of(request.contacts), Refinement(directions_of(request.directions))
-    base = within(actuation.base.position, "actuation.base.position")
-    stands = posed(robot, actuation.joints, actuation.base.quat_wxyz, base, "actuation.")
-    limit = torque_limits(robot, actuation.max_torque_nm)
-    legs = stands.loaded_legs(contacts, tuple(c.leg for c in request.contacts))
+    contacts = contacts_of(request.contacts)
+    stands, legs, limit = _servos(actuation, request.contacts, contacts, own)
+    wanted = Refinement(directions_of(request.directions))
     return RegionQuestion(Actuated(stands.servo_legs(legs, limit)), contacts, wanted)
 
 
@@ -89,12 +88,12 @@ def check_question(request: CheckRequest, own: Robot) -> CheckQuestion:
     if any(request.acceleration) or request.tilt_rad > 0.0:
         refuse(request.gradient, "gradient", "acceleration or tilt_rad")
         refuse(request.doubt is not None, "doubt", "acceleration or tilt_rad")
-    asked, way = _unlimited(request), within(request.movement, "movement")
+    contacts, way = contacts_of(request.contacts), within(request.movement, "movement")
     shift, reachable, legs, now = np.zeros(3), True, tuple[str, ...](), request.com
     if request.joints is not None:
         base = within(request.base.position, "base.position")
         stands = posed(robot, request.joints, request.base.quat_wxyz, base)
-        stance = stands.standing_legs(asked.contacts, tuple(c.leg for c in request.contacts))
+        stance = stands.standing_legs(contacts, tuple(c.leg for c in request.contacts))
         moved = stands.moved(way, stance)
         shift, reachable = moved.vector, moved.reachable
         legs = tuple(leg.name for leg, held in zip(robot.legs, stance, strict=True) if held)
@@ -103,16 +102,16 @@ def check_question(request: CheckRequest, own: Robot) -> CheckQuestion:
             now = (x, y)
     if now is None:
         raise StabilityError("missing", "com", "neither com nor joints are given; one of them is needed")
-    com, doubt = within(now, "com"), request.doubt
+    com, doubt, mode = within(now, "com"), request.doubt, _mode(request)
     movement = Movement(
-        asked.contacts,
-        asked.mode,
-        asked.mode,
-        asked.wanted,
+        contacts,
+        mode,
+        mode,
+        _refinement(request),
         com,
         way,
         shift,
-        None if doubt is None else _uncertainty(doubt, len(asked.contacts)),
+        None if doubt is None else _uncertainty(doubt, len(contacts)),
         request.gradient,
     )
     return CheckQuestion(movement, legs, reachable)
@@ -120,7 +119,6 @@ def check_question(request: CheckRequest, own: Robot) -> CheckQuestion:
 
 def _limited_check(request: CheckRequest, actuation: Actuation, own: Robot) -> CheckQuestion:
     """Read a check with torque limits, before and after the movement."""
-    robot = own if actuation.robot is None else named_robot(actuation.robot, "actuation.robot")
     refuse(any(request.acceleration), "acceleration", "actuation")
     refuse(request.joints is not None, "joints", "actuation")
     refuse(request.doubt is not None, "doubt", "actuation")
@@ -128,13 +126,8 @@ def _limited_check(request: CheckRequest, actuation: Actuation, own: Robot) -> C
         refuse(bool(getattr(request, field)), field, "actuation")
     refuse(request.base != BasePose(), "base", "actuation")
     contacts, way = contacts_of(request.contacts), within(request.movement, "movement")
-    wanted, base = (
-        Refinement(directions_of(request.directions)),
-        within(actuation.base.position, "actuation.base.position"),
-    )
-    stands = posed(robot, actuation.joints, actuation.base.quat_wxyz, base, "actuation.")
-    limit = torque_limits(robot, actuation.max_torque_nm)
-    legs = stands.loaded_legs(contacts, tuple(c.leg for c in request.contacts))
+    stands, legs, limit = _servos(actuation, request.contacts, contacts, own)
+    wanted = Refinement(directions_of(request.directions))
     stance = np.zeros(stands.robot.nlegs, dtype=np.bool_)
     stance[legs] = True
     moved = stands.moved(way, stance)
@@ -147,20 +140,23 @@ def _limited_check(request: CheckRequest, actuation: Actuation, own: Robot) -> C
     return CheckQuestion(Movement(contacts, mode, after, wanted, now, way, moved.vector), names, moved.reachable)
 
 
-def _unlimited(request: RegionFields) -> RegionQuestion:
-    """Read what all requests for a region have in common, without torque limits."""
-    mode: Mode = AtRest()
-    if any(request.acceleration) or request.tilt_rad > 0.0:
-        push = within(request.acceleration, "acceleration", MOST_ACCELERATION, "m/s^2")
-        mode = Moving(push, request.com_height_m)
-        if request.tilt_rad > 0.0:
-            refuse(request.directions is not None, "directions", "tilt_rad")
-            refuse(request.certificates, "certificates", "tilt_rad")
-            mode = Tilted(request.tilt_rad, push, request.com_height_m)
-    contacts, given = contacts_of(request.contacts), directions_of(request.directions)
+def _mode(request: RegionFields) -> Mode:
+    """Read the mode of a request without torque limits."""
+    tilted = request.tilt_rad > 0.0
+    if not tilted and not any(request.acceleration):
+        return REST
+    if tilted:
+        refuse(request.directions is not None, "directions", "tilt_rad")
+        refuse(request.certificates, "certificates", "tilt_rad")
+    push = within(request.acceleration, "acceleration", MOST_ACCELERATION, "m/s^2")
+    return Tilted(request.tilt_rad, push, request.com_height_m) if tilted else Moving(push, request.com_height_m)
+
+
+def _refinement(request: RegionFields) -> Refinement:
+    """Read the directions of a request without torque limits; with a tilt there are none to choose."""
+    given = directions_of(request.directions)
     adaptive = None if request.tilt_rad > 0.0 else request.adaptive
-    wanted = Refinement(given, adaptive, request.tolerance_m, request.max_directions, request.certificates)
-    return RegionQuestion(mode, contacts, wanted)
+    return Refinement(given, adaptive, request.tolerance_m, request.max_directions, request.certificates)
 
 
 @lru_cache(maxsize=16)
@@ -176,6 +172,17 @@ def named_robot(name: str, field: str = "robot") -> Robot:
         return load_robot(name)
     except TableError as error:
         raise StabilityError("unknown_robot", field, error.message) from None
+
+
+def _servos(
+    asked: Actuation, given: tuple[Contact, ...], contacts: ContactSet, own: Robot
+) -> tuple[PosedRobot, list[int], Array]:
+    """Read a posture with the leg on each contact and the torque limits (nj,) Nm."""
+    robot = own if asked.robot is None else named_robot(asked.robot, "actuation.robot")
+    base = within(asked.base.position, "actuation.base.position")
+    stands = posed(robot, asked.joints, asked.base.quat_wxyz, base, "actuation.")
+    limit = torque_limits(robot, asked.max_torque_nm)
+    return stands, stands.loaded_legs(contacts, tuple(c.leg for c in given)), limit
 
 
 def _uncertainty(doubt: Doubt, contacts: int) -> Uncertainty:

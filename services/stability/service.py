@@ -32,14 +32,14 @@ from .sensing import state
 from .workers import Workers, answered
 
 STALE_NS = 100_000_000
-"""An input older than that makes the status not fresh."""
+"""Age above which an input makes the status not fresh, ns."""
 
 LEAST_GRAVITY = 1.0
-"""m/s^2; a shorter g_up is no direction."""
+"""Length below which g_up is no direction, m/s^2."""
 
 
 class Stability(Service[StabilityConfig]):
-    """Tells where the centre of mass may be, and how far it is from the edge."""
+    """Service that computes where the centre of mass may be, and how far it is from the edge."""
 
     name = "stability"
     Config = StabilityConfig
@@ -70,7 +70,7 @@ class Stability(Service[StabilityConfig]):
         self.handle(STABILITY_CALIBRATE, answered(lambda r: self.calibration.answer(r)))
 
     def rehearse(self) -> None:
-        """Answer made-up requests, and judge made-up stances."""
+        """Answer made-up requests, and compute the status of made-up stances."""
         rehearse(self.robot, self.params)
 
     def rehearse_rare(self) -> None:
@@ -88,7 +88,7 @@ class Stability(Service[StabilityConfig]):
         self.calibration = CalibrationJob(self.robot, self.params.torque_variance)
 
     def on_tick(self, inputs: TickInputs) -> None:
-        """Keep the latest samples; every second tick say how the robot stands."""
+        """Keep the latest samples; publish the status every second tick."""
         self._joints = inputs.get(HW_JOINTS) or self._joints
         self._velocity = inputs.get(STATE_VELOCITY) or self._velocity
         if (contacts := inputs.get(HW_CONTACTS)) is not None:
@@ -98,8 +98,8 @@ class Stability(Service[StabilityConfig]):
             gait = inputs.get(STATE_GAIT)
             planned = None if gait is None or gait.state == "waiting" else np.array(gait.stance)
             self._touch = self._standing.update(inputs.tick.stamp_ns * 1e-9, self._closed, planned)
-        if said := self.calibration.on_tick(inputs.number):
-            self.log("info", f"calibration: {said}")
+        if report := self.calibration.on_tick(inputs.number):
+            self.log("info", f"calibration: {report}")
         if self.calibration.collector is not None and inputs.get(HW_JOINTS) is not None:
             self._collect()
         if not STATE_STABILITY.due(inputs.number):
@@ -121,7 +121,7 @@ class Stability(Service[StabilityConfig]):
         self.workers.stop()
 
     def _collect(self) -> None:
-        """Show the calibration the latest samples."""
+        """Pass the latest samples to the calibration."""
         joints, closed, velocity = self._joints, self._closed, self._velocity
         if joints is None or joints.torque is None or closed is None or velocity is None:
             return
@@ -131,7 +131,7 @@ class Stability(Service[StabilityConfig]):
 
 
 def _points_up(g_up: tuple[float, float, float]) -> bool:
-    """Whether the estimator knows where up is."""
+    """Return whether the estimator knows the direction up; g_up in m/s^2."""
     return math.hypot(*g_up) > LEAST_GRAVITY
 
 

@@ -1,4 +1,4 @@
-"""Contact sets: what stands on the ground, checked once at the border."""
+"""Contact sets and horizontal directions, checked once at the border."""
 
 import math
 from collections.abc import Sequence
@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from surefoot.kernels.jit import row_kernel
+from surefoot.schemas.stability import MAX_CONTACTS
 
 Array = NDArray[np.float64]
 
-MAX_CONTACTS = 64
 MAX_COORDINATE = 1e6  # m; beyond it lengths lose the digits the answers promise
 MAX_MU = 1e4  # of a steeper cone regions reach kilometres, and lose the digits; what does not slip at all has inf
 

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 PARALLEL = 1e-9  # neighbours whose directions differ by less are not split further
-NEAR = 0.98  # of what the answers on both sides tell, at the start of a direction between them
+NEAR = 0.98  # share of the neighbours' answers in the start of a direction between them
 FEW, FEW_AT_ONCE = 16, 4  # with no more directions than that the batches are small, to use what the last one showed
 SLIM = 1e-5  # area / diameter^2 below which the width is looked at
 UNSETTLED = 1e-8  # of the largest support value: a margin further from its lower bound is not taken for an answer
@@ -47,7 +47,7 @@ ANSWER, ENCLOSE, APPROACH = 0, 1, 2
 
 
 class FanGoal(NamedTuple):
-    """What directions are added for; lengths in the scaled frame."""
+    """Goal for which directions are added; lengths in the scaled frame."""
 
     kind: int
     tolerance: float
@@ -58,7 +58,7 @@ class FanGoal(NamedTuple):
 
 
 class Outlook(NamedTuple):
-    """What is known about a goal."""
+    """State of a goal after the directions solved so far."""
 
     best: float
     """Largest distance of outer from inner (ENCLOSE); smallest h(a) - a'p (APPROACH)."""
@@ -88,7 +88,7 @@ def new_fan(capacity: int, contacts: int) -> Fan:
 
 @row_kernel
 def evaluate(r: Reduced, fan: Fan, begin: int, end: int) -> bool:
-    """Solve for the directions begin .. end - 1 of the fan, eight at a time; tells whether all are solved."""
+    """Solve for the directions begin .. end - 1 of the fan, eight at a time; True if all are solved."""
     a, h, c = r.a, r.h, r.c
     n = a.shape[0]
     lanes = LANES if end - begin > 2 else end - begin  # eight cost as much as two: a row is one vector
@@ -288,7 +288,7 @@ def _arc_bound(fan: Fan, k: int, m: int, px: float, py: float) -> tuple[float, f
 
 @row_kernel
 def wide(fan: Fan, count: int) -> tuple[bool, Array, float]:
-    """Whether the region has an area, its inner polygon and the polygon's diameter, scaled."""
+    """Return whether the region has an area, its inner polygon and the polygon's diameter, scaled."""
     inner, size = hull(fan.point[:count]), 0.0
     for k in range(inner.shape[0]):
         for j in range(k):
@@ -307,8 +307,11 @@ def heights(fan: Fan, count: int) -> Array:
 
 @row_kernel
 def settled(fan: Fan, count: int, outlook: Outlook) -> bool:
-    """Whether the best value is as near to its lower bound as the solver is exact, or all directions are used up (the
-    middle of a circle: all are equally near). It is not where the solver gave up on a direction in between."""
+    """Return whether the smallest h(a) - a'p is found: as near to its lower bound as the solver is exact.
+
+    Also where all directions are used (the middle of a circle: all are equally near); not where the solver gave up on a
+    direction in between.
+    """
     if count == fan.value.size:
         return True
     size = 1.0

@@ -110,7 +110,7 @@ def solve_lanes(a: Array, rhs: Array, c: Array, lam: Array, x: Array, error: Arr
         _start_near(a, lam, x, w, g, share)
     for iteration in range(MAX_ITERATIONS):
         _residuals(a, c, w, g, lanes)
-        if not _judge(c, w, g, lam, x, error, status) or iteration == MAX_ITERATIONS - 1:
+        if not _keep_best(c, w, g, lam, x, error, status) or iteration == MAX_ITERATIONS - 1:
             return iteration
         _factorise(a, c, w, g, lanes)
         for k in range(lanes):
@@ -235,8 +235,8 @@ def residual_columns(w: Array, o: int, a: Array, i: int, g: Array, unknowns: int
 
 
 @row_kernel
-def _judge(c: Array, w: Array, g: Array, lam: Array, x: Array, error: Array, status: Ints) -> bool:
-    """Keep what has become better, retire what is done; tells whether a lane is left."""
+def _keep_best(c: Array, w: Array, g: Array, lam: Array, x: Array, error: Array, status: Ints) -> bool:
+    """Keep the best answer of each lane and retire lanes that are done; True if a lane is left."""
     n, m, left = x.shape[0], c.size, False
     for k in range(status.size):
         if g[ACTIVE + k] == 0.0:

@@ -1,10 +1,10 @@
-"""Eight cone programs at once: memory layout and small linear algebra over lanes.
+"""Memory layout of eight cone programs that are solved at once.
 
 A lane is one program. Every quantity is a row of 8 numbers, one per lane, so that each inner loop is one vector
 instruction: all lanes share the matrix of the contact set and differ in direction only.
 
 Two arrays hold everything. The block of contact i begins at `BLOCK * i` of the cone array `w`, its rows at the offsets
-`S` .. `COLUMNS`. The array `g` holds what belongs to a program as a whole. Offsets pass through `& MASK`, which tells
+`S` .. `COLUMNS`. The array `g` holds what belongs to a program as a whole. Offsets pass through `& MASK`, which shows
 the compiler that they are not negative: without that the loops are not vectorised (a factor of three).
 """
 

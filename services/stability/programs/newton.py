@@ -1,4 +1,8 @@
-"""Newton steps of the interior-point method."""
+"""Newton steps of the interior-point method, and linear algebra over lanes.
+
+Steps are taken in the scaled space of `interior.scale` and added to s and x as increments: recomputing s and x from the
+scaled point loses eight digits near the boundary. The normal equations of a lane have as many unknowns as its program.
+"""
 
 import math
 

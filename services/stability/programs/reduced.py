@@ -27,7 +27,7 @@ SMALL_MU = 1e-9  # below it friction is left out
 
 
 class Reduced(NamedTuple):
-    """What the kernels need, in scaled lengths."""
+    """Programs of a contact set in scaled lengths."""
 
     a: Array  # (n, 3, 4)
     h: Array  # (n, 3, 2)
@@ -37,7 +37,7 @@ class Reduced(NamedTuple):
 
 
 class Subspace(NamedTuple):
-    """How the unknowns of a set with unlimited or no friction lie in the space of twists (v, w_z)."""
+    """Subspace of twists (v, w_z) that are the unknowns of a set with unlimited or no friction."""
 
     basis: Array  # (4, 4) twist = basis @ unknowns + offset @ direction
     offset: Array  # (4, 2)
@@ -95,10 +95,12 @@ def matrices(position: Array, normal: Array, mu: Array) -> tuple[Array, Array, A
 
 def reduce(contacts: ContactSet) -> tuple[Reduced, Subspace | None]:
     """Programs of a set of at least one contact; the subspace is None for sets with ordinary friction."""
-    mu = contacts.mu if contacts.mu.min() >= SMALL_MU else np.where(contacts.mu < SMALL_MU, 0.0, contacts.mu)
+    each = contacts.mu.tolist()
+    least, most = min(each), max(each)
+    mu = contacts.mu if least >= SMALL_MU else np.where(contacts.mu < SMALL_MU, 0.0, contacts.mu)
     a, h, origin, length, spread = matrices(contacts.position, contacts.normal, mu)
     reduced = Reduced(a, h, np.array([0.0, 0.0, 1.0, 0.0]), origin, length)
-    if mu.min() > 0.0 and mu.max() < math.inf and spread > RANK * length:
+    if least >= SMALL_MU and most < math.inf and spread > RANK * length:
         return reduced, None
     return _special(reduced, contacts, np.isinf(mu))
 

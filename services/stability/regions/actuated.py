@@ -6,8 +6,8 @@ each leg of three joints. With forces in units of the weight, f_i = F_i / (m g),
     h(a) = max sum h_i(a)'x_i   s.t.  sum G_i'x_i = (0,0,1,0),  x_i in Q,
            G_ij - mg J_ij'B_i D_i x_i within +- tau_max_j
 
-solved by clarabel, one solver for all directions. The posture is held fixed, as is the legs' weight: the region tells
-where a load may bring the CoM (Orsolino et al.), near the present posture where the joints may bring it.
+solved by clarabel, one solver for all directions. The posture is held fixed, as is the legs' weight: the region
+holds the places where a load may bring the CoM (Orsolino et al.), near the present posture where the joints may.
 """
 
 import math
@@ -29,7 +29,7 @@ SIXTEEN = equally_spaced(16)  # they decide between point, segment and area
 
 @dataclass(frozen=True, slots=True)
 class ServoLegs:
-    """What the servos of the standing legs can do, world axes."""
+    """Servos of the standing legs, world axes."""
 
     jacobian: Array
     """(n, 3, 3) d contact point / d joints."""

@@ -141,7 +141,7 @@ class Oracle:
         return self.twist(fan.unknown[0], np.zeros(2)) if fan.status[0] == NO_PRIMAL else None
 
     def drift(self, direction: Array) -> Array:
-        """What free tangential forces gain per direction (k, 2): rows (k, 2j), all zero if nothing."""
+        """Gain of free tangential forces per direction (k, 2): rows (k, 2j), all zero if there is none."""
         if self.subspace is None:
             return np.zeros((len(direction), 0))
         return direction @ self.subspace.drift.T
@@ -275,7 +275,7 @@ def careful(oracle: Oracle, first: Array, goal: FanGoal, limit: int, skip: int) 
 
 
 def _ends(oracle: Oracle, fan: Fan, count: int) -> Array | None:
-    """The point (1, 2) or the ends (2, 2) of a region without area, scaled frame; None if it has one."""
+    """Point (1, 2) or ends (2, 2) of a region without area, scaled frame; None if it has an area."""
     points = fan.point[:count]
     span = points[:, None, :] - points[None, :, :]
     distance = np.hypot(span[..., 0], span[..., 1])
@@ -327,7 +327,7 @@ def infeasible(contacts: ContactSet, direction: Array, sinking: Array) -> Region
 
 @row_kernel
 def holds(normal: Array, mu: float) -> bool:
-    """Whether one contact alone can carry the weight: the vertical lies in its cone."""
+    """Return whether one contact alone can carry the weight: the vertical lies in its cone."""
     if math.isinf(mu):
         return normal[2] >= 0.0
     return normal[2] > 0.0 and mu * normal[2] >= math.hypot(normal[0], normal[1]) - CONE
@@ -335,7 +335,7 @@ def holds(normal: Array, mu: float) -> bool:
 
 @row_kernel
 def line_of(position: Array) -> tuple[bool, Array]:
-    """Whether all contacts lie on one line that is not vertical, and its horizontal unit direction (2,)."""
+    """Return whether all contacts lie on one line that is not vertical, and its horizontal unit direction (2,)."""
     line, far, n = np.zeros(3), 0.0, position.shape[0]
     for i in range(1, n):
         x, y, z = position[i, 0] - position[0, 0], position[i, 1] - position[0, 1], position[i, 2] - position[0, 2]
@@ -357,14 +357,14 @@ def line_of(position: Array) -> tuple[bool, Array]:
 
 @row_kernel
 def along(line: Array) -> Array:
-    """Directions (4, 2) that tell a region without area: both ways along a line, both ways across it."""
+    """Directions (4, 2) that find a region without area: both ways along a line, both ways across it."""
     x, y = line[0], line[1]
     return np.array([[x, y], [-x, -y], [-y, x], [y, -x]])
 
 
 @row_kernel
 def flat_ends(probe: Fan) -> tuple[int, Array]:
-    """What the answers to `along` say: an area (or no end), a point (1, 2), or a segment by its ends (2, 2); scaled."""
+    """Shape by the answers to `along`: an area (or no end), a point (1, 2), or a segment by its ends (2, 2); scaled."""
     for k in range(4):
         if probe.status[k] != SOLVED:
             return WIDE, probe.point[:0]

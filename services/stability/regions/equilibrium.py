@@ -1,4 +1,4 @@
-"""Forces that hold the CoM at a place: is there any, which are the smallest, how much friction do they need."""
+"""Forces that hold the CoM at a place: existence, smallest forces, least friction."""
 
 import math
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ MOST_LOAD = 100.0  # weights, on all contacts together: the harder one presses b
 
 @dataclass(frozen=True, slots=True)
 class Equilibrium:
-    """Whether the contacts can hold the CoM at a place."""
+    """Answer to the question if contacts hold the CoM at a place."""
 
     held: bool
     force: Array | None

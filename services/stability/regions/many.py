@@ -90,7 +90,7 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 
 def loaded() -> bool:
-    """Report whether the kernel is there, so that an answer takes no longer than its sets do."""
+    """Return whether the kernel is compiled, so that an answer takes no longer than its sets do."""
     return bool(_assess.signatures)  # pyright: ignore[reportFunctionMemberAccess] - of numba's object
 
 
@@ -130,7 +130,7 @@ class Pool(NamedTuple):
 
 @free_kernel
 def _assess(pool: Pool, first: int, last: int, status: Ints, distance: Array) -> None:
-    """Sets first .. last - 1; status _HARD where the kernel does not decide."""
+    """Fill in status and margin (m) of the sets first .. last - 1; status _HARD where the kernel does not decide."""
     for s in range(first, last):
         n = pool.begin[s + 1] - pool.begin[s]
         p, v, m = np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
@@ -144,7 +144,7 @@ def _assess(pool: Pool, first: int, last: int, status: Ints, distance: Array) ->
 
 @row_kernel
 def _one(position: Array, normal: Array, mu: Array, x: float, y: float) -> tuple[int, float]:
-    """Status and margin of a set, as `region` and `margin` tell them."""
+    """Status and margin (m) of a set, equal to those of `region` and `margin`."""
     n = mu.size
     if n == 0:
         return _INFEASIBLE, math.nan
@@ -187,7 +187,7 @@ def _one(position: Array, normal: Array, mu: Array, x: float, y: float) -> tuple
 
 @row_kernel
 def _without_end(status: Ints) -> tuple[int, float]:
-    """Verdict where not every direction has a value: nothing holds the weight, or the long way has to tell."""
+    """Status where not every direction has a value: infeasible, or left to `region`."""
     for k in range(status.size):
         if status[k] == NO_PRIMAL:
             return _INFEASIBLE, math.nan
@@ -255,7 +255,7 @@ def _place(field: str, begin: Ints) -> str:
 
 
 def batch(sets: PackedSets, threads: int | None = None) -> Variants:
-    """Status and margin of every set, on all cores unless told how many; the answers are the same on any number."""
+    """Status and margin of every set, on all cores or on `threads` of them; the answers do not depend on the number."""
     index = np.arange(len(sets.contacts))
     return assess(sets.contacts, index, sets.begin, sets.com, threads=threads or os.cpu_count() or 1)
 

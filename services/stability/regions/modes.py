@@ -7,6 +7,7 @@ g_eff, so where it cuts a horizontal plane depends on the height of the CoM.
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from .margin import Plane
 from .model import Region, RegionStatus, Support
 from .region import region
 
-SLACK = 1e-9  # m, how far points and segments may lie apart and be met
+MET = 1e-9  # m, how far points and segments may lie apart and be met
 BY_CORNERS: tuple[RegionStatus, ...] = ("infeasible", "point", "segment", "ok")
 SIDES = 8  # directions to which gravity may lean
 
@@ -63,8 +64,7 @@ class Actuated:
 Mode = AtRest | Moving | Tilted | Actuated
 
 
-@dataclass(frozen=True, slots=True)
-class Refinement:
+class Refinement(NamedTuple):
     """Directions in which a region is solved for."""
 
     directions: Array | None = None
@@ -87,30 +87,24 @@ def region_in(mode: Mode, contacts: ContactSet, wanted: Refinement) -> Region:
     """
     if isinstance(mode, Actuated):
         return actuated_region(contacts, mode.legs, wanted.directions)
+    given, adaptive, tolerance, limit, proofs = wanted
+    if isinstance(mode, AtRest):
+        return region(contacts, given, adaptive=adaptive, tolerance=tolerance, limit=limit)
     seen = leanings(mode, contacts)
-    tolerance = wanted.tolerance
-    if isinstance(mode, Moving):  # the plane cuts lengths of the frame up to 1 / cosine of the lean
-        tolerance *= seen[0].rot[2, 2]
-    elif isinstance(mode, Tilted):
-        tolerance *= math.cos(mode.angle)
-    found = [
-        region(
-            each.contacts,
-            each.directions(wanted.directions),
-            adaptive=wanted.adaptive,
-            tolerance=tolerance,
-            limit=wanted.limit,
-        )
-        for each in seen
-    ]
-    if isinstance(mode, Moving):
-        return seen[0].level(found[0], mode.height, wanted.proofs)
-    return _in_common(seen, found, mode.height) if isinstance(mode, Tilted) else found[0]
+    # a plane cuts lengths of the frame up to 1 / cosine of the lean
+    tolerance *= math.cos(mode.angle) if isinstance(mode, Tilted) else seen[0].rot[2, 2]
+    found: list[Region] = []
+    for each in seen:
+        turned = None if given is None else each.directions(given)
+        found.append(region(each.contacts, turned, adaptive=adaptive, tolerance=tolerance, limit=limit))
+    if isinstance(mode, Tilted):
+        return _in_common(seen, found, mode.height)
+    return seen[0].level(found[0], mode.height, proofs)
 
 
 @dataclass(frozen=True, slots=True)
 class Leaning:
-    """A contact set seen along the effective gravity."""
+    """Contact set seen along the effective gravity."""
 
     contacts: ContactSet
     """In the leaning frame: z against g_eff."""
@@ -139,7 +133,7 @@ class Leaning:
         return back[:2, :2] - np.outer(back[:2, 2], back[2, :2]) / back[2, 2]
 
     def plane(self, height: float) -> Plane:
-        """The horizontal plane of the world at a height, m."""
+        """Horizontal plane of the world at a height, m."""
         return Plane(self.to_world(), self.at_height(np.zeros((1, 2)), height)[0])
 
     def seen(self, com: Array) -> Array:
@@ -210,14 +204,12 @@ def lean(contacts: ContactSet, up: Array) -> Leaning:
     return Leaning(turned, rot, strength)
 
 
-def leanings(mode: AtRest | Moving | Tilted, contacts: ContactSet) -> list[Leaning]:
-    """A contact set under every gravity of a mode: leaning to the sides, then upright.
+def leanings(mode: Moving | Tilted, contacts: ContactSet) -> list[Leaning]:
+    """Return the contact set under every gravity of a mode: leaning to the sides, then upright.
 
     Raises:
         StabilityError: with this acceleration the robot would fly.
     """
-    if isinstance(mode, AtRest):
-        return [Leaning(contacts, np.eye(3), GRAVITY)]
     sides = np.empty((0, 3))
     if isinstance(mode, Tilted):
         phi = 2.0 * np.pi * np.arange(SIDES) / SIDES
@@ -261,7 +253,7 @@ def _in_common(seen: list[Leaning], found: list[Region], height: float) -> Regio
 
 
 def _common(polygons: list[Array]) -> Array:
-    """What convex polygons, counter-clockwise, have in common; points and segments count, to SLACK."""
+    """Intersection of convex polygons, counter-clockwise; points and segments are met to within MET (m)."""
     normals: list[Array] = []
     offsets: list[Array] = []
     for corners in polygons:
@@ -274,7 +266,7 @@ def _common(polygons: list[Array]) -> Array:
         if len(corners) < 3:  # its ends
             outward = np.concatenate((outward, along))
         normals.append(outward)
-        offsets.append((outward @ corners.T).max(axis=1) + (SLACK if len(corners) < 3 else 0.0))
+        offsets.append((outward @ corners.T).max(axis=1) + (MET if len(corners) < 3 else 0.0))
     a, b = np.concatenate(normals), np.concatenate(offsets)
     size = 4.0 * float(np.abs(b).max()) + 1.0
     return _thinned(hull(half_planes(np.ascontiguousarray(a), np.ascontiguousarray(b), size)))

@@ -18,7 +18,7 @@ STILL = 1e-12  # m; a shorter horizontal movement has no direction
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """Verdict on a movement over a region."""
+    """Margins of a movement over a region."""
 
     com_after: Array
     """(2,) m, c1 = com + movement + shift."""
@@ -35,7 +35,7 @@ class Check:
 
 
 def worst(checks: Sequence[Check]) -> Check:
-    """What holds for every one of several regions, none of them infeasible: the smallest margins and ways."""
+    """Combine the checks over several regions, none of them infeasible: the smallest margins and ways."""
     first = checks[0]
     if len(checks) == 1:
         return first
@@ -54,7 +54,7 @@ def _low(found: Margin) -> float:
 
 
 def _nearest(found: Sequence[Extent | None]) -> Extent | None:
-    """The shortest way; none where a region is missed."""
+    """Return the shortest way, or that of a region which is missed."""
     ways = [e for e in found if e is not None]
     for e in ways:
         if e.status == "missed":

@@ -51,13 +51,13 @@ def region(
     complete = not refine and has_axes(given)
     if exact:
         return _hull_region(contacts, given if len(given) and not refine else AXES, p, q)
-    corners = hull(np.ascontiguousarray(contacts.position[:, :2]))
+    corners = hull(np.ascontiguousarray(contacts.position[:, :2])) if refine else given
     first = given if complete else np.concatenate((AXES, given))
     skip = len(first) - len(given) if not refine else 0
     if n > 1:
         reduced, subspace = reduce(contacts)
         goal = FanGoal(ENCLOSE if refine else ANSWER, tolerance / reduced.length, 0.0, 0.0)
-        if subspace is None and contacts.mu.min() > SMALL_MU:
+        if subspace is None and min(contacts.mu.tolist()) > SMALL_MU:
             begin = np.concatenate((corner_normals(corners), given)) if refine else first
             most = max(limit, len(begin))
             drawn = outline(reduced, begin, goal, most, FEW_AT_ONCE if most <= FEW else LANES, skip)
@@ -85,7 +85,7 @@ def _hull_region(contacts: ContactSet, direction: Array, p: float, q: float) -> 
 
 @row_kernel
 def has_axes(directions: Array) -> bool:
-    """Whether the directions contain +-x and +-y, which decide if a region is bounded."""
+    """Return whether the directions contain +-x and +-y, which decide if a region is bounded."""
     found = 0
     for k in range(directions.shape[0]):
         x, y = directions[k, 0], directions[k, 1]
@@ -98,7 +98,7 @@ def has_axes(directions: Array) -> bool:
 
 @row_kernel
 def plane(position: Array, normal: Array, mu: Array) -> tuple[bool, float, float]:
-    """Whether the hull is exact, and the plane's slopes: z = p x + q y + const."""
+    """Return whether the hull is exact, and the plane's slopes: z = p x + q y + const."""
     n = mu.size
     if n < 3:
         return False, 0.0, 0.0

@@ -13,7 +13,7 @@ from surefoot.services.stability.answers import check_reply, region_reply
 from surefoot.services.stability.programs.contacts import Array, ContactSet, StabilityError, equally_spaced
 from surefoot.services.stability.regions.actuated import ServoLegs, actuated_region
 from surefoot.services.stability.sensing.posture import PosedRobot, contact_jacobians
-from tests.services.stability.test_actuated import RADIUS, RAGNO, TRIPOD, UP, stance
+from tests.services.stability.regions.test_actuated import RADIUS, RAGNO, TRIPOD, UP, stance
 
 LIMIT = 0.55
 BODY = {"joints": RAGNO.neutral.tolist(), "max_torque_nm": LIMIT}

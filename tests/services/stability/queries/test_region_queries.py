@@ -16,8 +16,8 @@ from surefoot.services.stability.regions.modes import lean
 from surefoot.services.stability.regions.robust import margin_gradient
 from surefoot.services.stability.service import Stability
 from tests.services.stability.conftest import ask
+from tests.services.stability.regions.test_actuated import stance
 from tests.services.stability.sets import SQUARE, UP, feasible_sets
-from tests.services.stability.test_actuated import stance
 
 RAGNO = load_robot("ragno")
 FLOOR = [{"position": p, "normal": UP, "mu": 0.8} for p in SQUARE]

@@ -16,8 +16,8 @@ from surefoot.schemas.state import VelocityEstimate
 from surefoot.schemas.topics import HW_CONTACTS, HW_JOINTS, STATE_VELOCITY
 from surefoot.services.stability.config import StabilityConfig
 from surefoot.services.stability.service import SERVICE, Stability
-from tests.services.stability.test_calibration import poses
-from tests.services.stability.test_forces import RADIUS, RAGNO, UP, held, standing
+from tests.services.stability.sensing.test_calibration import poses
+from tests.services.stability.sensing.test_forces import RADIUS, RAGNO, UP, held, standing
 
 GAIN = 0.7522
 

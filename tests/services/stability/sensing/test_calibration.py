@@ -7,7 +7,7 @@ from surefoot.robot.kinematics import com
 from surefoot.services.stability.programs.contacts import StabilityError
 from surefoot.services.stability.sensing.calibration import SweptPose, calibrate, gain_of_47
 from surefoot.services.stability.sensing.posture import hold_feet
-from tests.services.stability.test_forces import ALL, RAGNO, UP, held, standing
+from tests.services.stability.sensing.test_forces import ALL, RAGNO, UP, held, standing
 
 MOVES = [(0.0, 0.0), (0.03, 0.0), (-0.03, 0.0), (0.0, 0.02), (0.0, -0.02), (0.02, 0.02), (-0.02, 0.02)]
 
