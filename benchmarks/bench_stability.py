@@ -14,15 +14,14 @@ import numpy as np
 from surefoot.geometry.polygon import area
 from surefoot.kernels.jit import kernel
 from surefoot.robot.reader import load_robot
-from surefoot.services.stability.programs.contacts import Array, ContactSet, contact_set
-from surefoot.services.stability.programs.directions import equally_spaced
+from surefoot.services.stability.programs.contacts import Array, ContactSet, contact_set, equally_spaced
 from surefoot.services.stability.programs.interior import SOLVED
-from surefoot.services.stability.programs.oracle import Oracle
-from surefoot.services.stability.programs.reference import Reference
-from surefoot.services.stability.regions.many import COARSE
+from surefoot.services.stability.programs.reduced import reduce
+from surefoot.services.stability.regions.careful import Oracle, Reference
+from surefoot.services.stability.regions.many import COARSE, batch, pack
 from surefoot.services.stability.regions.margin import extent, margin
-from surefoot.services.stability.regions.region import Region, region
-from surefoot.services.stability.regions.whatif import batch, pack
+from surefoot.services.stability.regions.model import Region
+from surefoot.services.stability.regions.region import region
 from surefoot.services.stability.rehearsal import rehearse
 from surefoot.services.stability.sensing.state import WatchParams, watch
 from tests.services.stability.certificate import balance, force_violation, twist_violation
@@ -65,7 +64,7 @@ def speed(repeats: int) -> None:
         rows: list[list[float]] = []
         for _ in range(repeats):
             s = stance(rng, n)
-            oracle, found = Oracle(s), region(s, limit=16)
+            oracle, found = Oracle(s, *reduce(s)), region(s, limit=16)
             reference = Reference(oracle.reduced.a, oracle.reduced.c, 1e-8)
             c = s.position[:, :2].mean(axis=0)
             rows.append(
@@ -74,7 +73,7 @@ def speed(repeats: int) -> None:
                     microseconds(lambda s=s: region(s, tolerance=1e-9, limit=16)),
                     microseconds(lambda s=s: region(s)),
                     microseconds(lambda o=oracle: o.fan(SIXTEEN, 16)),
-                    microseconds(lambda s=s: Oracle(s).fan(SIXTEEN[1:2], 1)),
+                    microseconds(lambda s=s: Oracle(s, *reduce(s)).fan(SIXTEEN[1:2], 1)),
                     microseconds(lambda f=found, c=c: margin(f, c)),
                     microseconds(lambda f=found, c=c: extent(f, c, SIXTEEN[3])),
                     microseconds(lambda r=reference, o=oracle: [r.solve(o.reduced.h @ a) for a in SIXTEEN], 1),
@@ -221,7 +220,7 @@ def verdicts(count: int) -> None:
             wrong[reason] += 1
         if found.status != "ok" or found.exact:
             continue
-        oracle = Oracle(s)
+        oracle = Oracle(s, *reduce(s))
         reference = Reference(oracle.reduced.a, oracle.reduced.c)
         for k in range(0, 16, 5):
             answer = reference.solve(oracle.reduced.h @ SIXTEEN[k])

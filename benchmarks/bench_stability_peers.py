@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 
 from surefoot.robot.reader import load_robot
-from surefoot.services.stability.programs.contacts import ContactSet, contact_set
-from surefoot.services.stability.programs.directions import equally_spaced
-from surefoot.services.stability.programs.oracle import Oracle
+from surefoot.services.stability.programs.contacts import ContactSet, contact_set, equally_spaced
+from surefoot.services.stability.programs.reduced import reduce
+from surefoot.services.stability.regions.careful import Oracle
 from surefoot.services.stability.regions.margin import extent
 from surefoot.services.stability.regions.region import region
 from surefoot.services.stability.rehearsal import rehearse
@@ -190,8 +190,8 @@ def compare(n: int, repeats: int, others: dict[str, tuple[Call, int]]) -> dict[s
     rng = np.random.default_rng(n)
     mine: dict[str, tuple[Call, int]] = {
         "region, 16 directions": (lambda s: region(s, SIXTEEN), 5),
-        "  kernel alone": (lambda s: Oracle(s).fan(SIXTEEN, 16), 5),
-        "one direction": (lambda s: Oracle(s).fan(SIXTEEN[1:2], 1), 5),
+        "  kernel alone": (lambda s: Oracle(s, *reduce(s)).fan(SIXTEEN, 16), 5),
+        "one direction": (lambda s: Oracle(s, *reduce(s)).fan(SIXTEEN[1:2], 1), 5),
     }
     times: dict[str, list[float]] = {name: [] for name in (*mine, *others)}
     errors: dict[str, list[float]] = {name: [] for name in others}

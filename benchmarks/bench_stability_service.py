@@ -28,9 +28,7 @@ from surefoot.schemas.base import Request
 from surefoot.schemas.stability import CheckRequest, Contact, RegionRequest
 from surefoot.schemas.topics import STABILITY_CHECK, STABILITY_REGION, STABILITY_WHATIF, Query
 from surefoot.schemas.whatif import WhatifRequest
-from surefoot.services.stability.queries.answers import whatif_reply
-from surefoot.services.stability.queries.check_query import check_reply
-from surefoot.services.stability.queries.messages import region_of, region_reply
+from surefoot.services.stability.answers import check_reply, region_reply, whatif_reply
 
 ROUTER, NAMESPACE = "tcp/127.0.0.1:17463", "surefoot/bench"
 CLIENTS, KINDS, SETS = 8, 3, 40
@@ -66,7 +64,7 @@ def answers(asked: list[tuple[Query[Any, Any], Request]]) -> list[bytes]:
         if query is STABILITY_CHECK:
             reply = check_reply(request, robot)  # type: ignore[arg-type]
         elif query is STABILITY_REGION:
-            reply = region_reply(region_of(request), request)  # type: ignore[arg-type]
+            reply = region_reply(request, robot)  # type: ignore[arg-type]
         else:
             reply = whatif_reply(request)  # type: ignore[arg-type]
         out.append(encode(reply)[0])

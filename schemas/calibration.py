@@ -15,7 +15,7 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
     "finish": ("per_joint", "apply"),
     "cancel": (),
 }
-"""What goes with each action, beside ``at_tick``."""
+"""Fields that each action takes, beside ``at_tick``."""
 
 
 class CalibrationPose(Request):

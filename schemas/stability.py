@@ -1,4 +1,4 @@
-"""Questions to the stability service, its answers, and what it says while the robot walks (Walas & Belter, section 4).
+"""Requests to the stability service, its replies, and its status while the robot walks (Walas & Belter, section 4).
 
 Frame ``world``: any gravity-aligned frame, z up, metres. A region is the set of horizontal positions of the centre of
 mass (CoM) for which the contacts can hold the robot at rest; polygons run counter-clockwise and are not closed.
@@ -36,7 +36,7 @@ Directions = Annotated[tuple[Vec2, ...], Field(min_length=1, max_length=MAX_DIRE
 
 
 class RegionFields(Request):
-    """What every question about a region has in common."""
+    """Fields that every request for a region has in common."""
 
     contacts: Annotated[tuple[Contact, ...], Field(max_length=MAX_CONTACTS)] = Field(description="0 to 64 contacts")
     directions: Annotated[int, Field(ge=1, le=MAX_DIRECTIONS)] | Directions | None = Field(
@@ -109,7 +109,7 @@ class RegionRequest(RegionFields):
 
 
 class SupportPoint(Reply):
-    """How far the region reaches in one direction."""
+    """Reach of the region in one direction."""
 
     direction: Vec2 = Field(description="unit direction a, frame world")
     value: float | None = Field(description="h(a) = largest a'c over the region, m; null unless status is ok")
@@ -161,7 +161,7 @@ class RegionReply(Reply):
 
 
 class Doubt(Request):
-    """What is not known exactly: standard deviations count kappa times, bounds fully."""
+    """Uncertainty of the inputs: standard deviations count kappa times, bounds fully."""
 
     com_sd_m: float = Field(default=0.0, ge=0, le=1, description="m, of the centre of mass, each horizontal axis")
     foot_sd_m: float = Field(default=0.0, ge=0, le=1, description="m, of each contact point, each axis")
@@ -197,7 +197,7 @@ class CheckRequest(RegionFields):
 
 
 class MarginGradient(Reply):
-    """How the signed margin of the CoM changes; where two edges are equally near, that of one of them."""
+    """Gradient of the signed margin of the CoM; where two edges are equally near, that of one of them."""
 
     com: Vec2 = Field(description="d margin / d com, no unit")
     mu: tuple[float, ...] = Field(description="m, d margin / d mu of each contact; 0 where mu is null")
@@ -205,7 +205,7 @@ class MarginGradient(Reply):
 
 
 class CheckReply(RegionReply):
-    """Whether the movement is safe, and by how much."""
+    """Safety of a movement, and its margins."""
 
     schema_version: ClassVar[str] = "1.2"
     stable: bool = Field(description="status is ok and margin >= 0")

@@ -13,17 +13,16 @@ from numpy.typing import NDArray
 from surefoot.lab.report.drawing import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, STYLE
 
 from . import ragno as walas_ragno
-from .study import Study
+from .ragno import CM
+from .study import StabilityStudy
 
 Array = NDArray[np.float64]
 
-CM = 100.0
 
-
-def draw(study: Study, out: Path) -> tuple[Path, ...]:
+def draw(study: StabilityStudy, out: Path) -> tuple[Path, ...]:
     """Write all figures into a folder, which is made."""
     out.mkdir(parents=True, exist_ok=True)
-    plots: dict[str, Callable[[Study], Figure]] = {
+    plots: dict[str, Callable[[StabilityStudy], Figure]] = {
         "fig15-com-displacement": _figure_15,
         "fig16-21-procedure": _figure_16,
         "fig17-slope": _figure_17,
@@ -71,7 +70,7 @@ def _at(point: Array) -> tuple[float, float]:
     return CM * float(point[0]), CM * float(point[1])
 
 
-def _figure_15(s: Study) -> Figure:
+def _figure_15(s: StabilityStudy) -> Figure:
     figure, axes = _new(6.4, 5.6, "Fig. 15: CoM of Ragno, legs neutral and 30 deg forward and backward")
     for p, colour, line in zip(s.postures, (GREY, BLUE, ORANGE), ("--", "-", ":"), strict=True):
         name = {0.0: "neutral", 30.0: "forward", -30.0: "backward"}[p.turn_deg]
@@ -87,7 +86,7 @@ def _figure_15(s: Study) -> Figure:
     return figure
 
 
-def _figure_16(s: Study) -> Figure:
+def _figure_16(s: StabilityStudy) -> Figure:
     figure, axes = _new(7.6, 4.6, "Figs 16, 21: stability check, with the numbers of the slope (mu 0.45)")
     demo = s.demo
     extent = float("nan") if demo.corrected.extent is None else CM * (demo.corrected.extent.value or float("nan"))
@@ -116,7 +115,7 @@ def _figure_16(s: Study) -> Figure:
     return figure
 
 
-def _figure_17(s: Study) -> Figure:
+def _figure_17(s: StabilityStudy) -> Figure:
     figure, axes = _new(7.2, 5.8, "Fig. 17: Ragno on the 30 deg slope, r_M = +4.3 cm")
     demo = s.demo
     axes.plot(*_closed(demo.hull), ":", color=GREY, label="hull of the feet")
@@ -139,7 +138,7 @@ def _figure_17(s: Study) -> Figure:
     return figure
 
 
-def _figure_18(s: Study) -> Figure:
+def _figure_18(s: StabilityStudy) -> Figure:
     figure, axes = _new(6.4, 3.8, "Fig. 18: characteristic of a pressure sensor")
     sensor = s.sensor
     force = np.linspace(0.0, 30.0, 400)
@@ -154,7 +153,7 @@ def _figure_18(s: Study) -> Figure:
     return figure
 
 
-def _figure_20(s: Study) -> Figure:
+def _figure_20(s: StabilityStudy) -> Figure:
     figure, axes = _new(7.6, 3.6, f"Fig. 20: force at the tip of {s.messor.leg_names[1]} in the tripod gait (Messor)")
     g = s.gait
     axes.plot(g.time, g.printed, color=GREY, lw=0.8, label="(30) as printed, 0.845 Nm/A")
@@ -166,7 +165,7 @@ def _figure_20(s: Study) -> Figure:
     return figure
 
 
-def _movement(s: Study, side: float, title: str) -> Figure:
+def _movement(s: StabilityStudy, side: float, title: str) -> Figure:
     figure, axes = _new(6.4, 4.4, f"{title} of the trunk by 10 cm (Messor)")
     w = s.sweep
     chosen = side * np.array([r.trunk[0] - w.readings[0].trunk[0] for r in w.readings]) > -0.002
@@ -183,7 +182,7 @@ def _movement(s: Study, side: float, title: str) -> Figure:
     return figure
 
 
-def _figure_24(s: Study) -> Figure:
+def _figure_24(s: StabilityStudy) -> Figure:
     figure, axes = _new(6.4, 5.0, "Fig. 24: measured stance forces and CoM (Messor)")
     st = s.standing
     axes.plot(*_closed(st.region.inner), color=BLUE, label="support region")

@@ -14,7 +14,8 @@ from surefoot.robot.kinematics import com, foot_positions
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.world import PhysicsWorld
 from surefoot.services.stability.programs.contacts import contact_set
-from surefoot.services.stability.regions.region import Region, region
+from surefoot.services.stability.regions.model import Region
+from surefoot.services.stability.regions.region import region
 from surefoot.services.stability.sensing.calibration import Calibration, calibrate, gain_of_47, level_from_up
 from surefoot.services.stability.sensing.forces import (
     FootForces,
@@ -56,9 +57,9 @@ def kinematic_com(robot: Robot, reading: Reading) -> Array:
 
 
 def forces_of(robot: Robot, reading: Reading, factor: float, sensor: PressureSensor | None = None) -> FootForces:
-    """Foot forces in the level frame from currents, told torques times `factor`, fused with the pressure sensors."""
-    told = factor * DATA_SHEET * reading.current
-    found = forces_from_torques(robot, reading.joints, told, reading.g_up, TORQUE_VARIANCE)
+    """Foot forces, level frame, from reported torques times `factor`, fused with the pressure sensors."""
+    torque = factor * DATA_SHEET * reading.current
+    found = forces_from_torques(robot, reading.joints, torque, reading.g_up, TORQUE_VARIANCE)
     rot = reading.rot
     found = FootForces(found.force @ rot.T, rot @ found.covariance @ rot.T, found.observed)
     if sensor is None:
@@ -85,8 +86,8 @@ def measured_com(robot: Robot, reading: Reading, factor: float | None, sensor: P
 def printed_com(robot: Robot, reading: Reading, factor: float = 1.0) -> Array:
     """(30) and (31) as printed: F = J^-T Q without the legs' weight, y = -A2+ A1 F with the weight as described."""
     found = leg_inverses(robot, reading.joints, reading.g_up)
-    told = factor * DATA_SHEET * reading.current
-    force = -np.einsum("iqk,ik->iq", found.inverse, told[robot.model.leg_joints[:, :3]]) @ reading.rot.T
+    torque = factor * DATA_SHEET * reading.current
+    force = -np.einsum("iqk,ik->iq", found.inverse, torque[robot.model.leg_joints[:, :3]]) @ reading.rot.T
     moment = np.cross(feet_of(robot, reading), force).sum(axis=0)
     return np.array([-moment[1], moment[0]]) / (robot.mass * GRAVITY)
 

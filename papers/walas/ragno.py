@@ -9,13 +9,13 @@ from surefoot.geometry.polygon import area, hull
 from surefoot.lab.report.findings import Finding, at_most, near, told
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import com, foot_positions, forward, legs_ik
-from surefoot.services.stability.programs.contacts import ContactSet, contact_set
-from surefoot.services.stability.programs.directions import equally_spaced
+from surefoot.services.stability.programs.contacts import ContactSet, contact_set, equally_spaced
 from surefoot.services.stability.regions.margin import Margin, margin
+from surefoot.services.stability.regions.model import Region
 from surefoot.services.stability.regions.movement import Check, check
-from surefoot.services.stability.regions.region import Region, region
+from surefoot.services.stability.regions.region import region
 from surefoot.services.stability.sensing.forces import com_from_forces
-from surefoot.services.stability.sensing.shift import Shift, kinematic_shift
+from surefoot.services.stability.sensing.posture import PosedRobot, Shift
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ class Slope:
 
 
 def postures(robot: Robot) -> tuple[Posture, ...]:
-    """Legs in the neutral position, 30 degrees forward, 30 degrees backward."""
+    """ServoLegs in the neutral position, 30 degrees forward, 30 degrees backward."""
     found: list[Posture] = []
     for turn in (0.0, TURN_DEG, -TURN_DEG):
         q = robot.neutral.copy()
@@ -101,7 +101,7 @@ def slope(robot: Robot, mu: float) -> Slope:
     contacts = slope_contacts(robot, mu)
     q = legs_ik(robot.model, contacts.position - [0.0, 0.0, TRUNK_Z])[0]
     now = com(robot.model, q)[:2]
-    shift: Shift = kinematic_shift(robot, q, np.eye(3), MOVE, np.ones(robot.nlegs, dtype=np.bool_))
+    shift: Shift = PosedRobot(robot, q, np.zeros(3), np.eye(3)).moved(MOVE, np.ones(robot.nlegs, dtype=np.bool_))
     whole, sixteen = region(contacts, tolerance=1e-6, limit=720), region(contacts, equally_spaced(16))
     edge = sixteen.support.point[0] - now  # r_SOCP as the paper takes it: the support point towards +x
     return Slope(

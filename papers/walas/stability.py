@@ -13,7 +13,7 @@ from surefoot.services.stability.sensing.pressure import PressureSensor
 from . import messor as walas_messor
 from . import ragno as walas_ragno
 from . import stand as walas_stand
-from .study import Study
+from .study import StabilityStudy
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ NOTES = (
 )
 
 
-def study(tell: Callable[[str], None] = lambda text: None) -> Study:
+def study(tell: Callable[[str], None] = lambda text: None) -> StabilityStudy:
     """Compute and simulate everything: about half a minute."""
     ragno, messor = load_robot("ragno"), load_robot("messor")
     tell("Ragno: displacement of the CoM, slope")
@@ -46,10 +46,10 @@ def study(tell: Callable[[str], None] = lambda text: None) -> Study:
     small = tuple(walas_messor.com_errors(ragno, seed) for seed in SEEDS[:1])
     tell("Messor: tripod gait")
     gait = walas_messor.gait(messor, sweep.calibration.common)
-    return Study(ragno, messor, postures, slopes, PressureSensor(), sweep, standing, gait, errors, small)
+    return StabilityStudy(ragno, messor, postures, slopes, PressureSensor(), sweep, standing, gait, errors, small)
 
 
-def findings(s: Study) -> tuple[Finding, ...]:
+def findings(s: StabilityStudy) -> tuple[Finding, ...]:
     """Every number of the section in its order."""
     rows = walas_ragno.figure_15(s.ragno, s.postures)
     rows += walas_ragno.figure_17(s.slopes)
@@ -59,7 +59,7 @@ def findings(s: Study) -> tuple[Finding, ...]:
     return tuple(rows)
 
 
-def _extended(s: Study) -> list[Finding]:
+def _extended(s: StabilityStudy) -> list[Finding]:
     measured = s.demo.com + np.array([0.010, 0.0])  # as if a load had moved the CoM by 1 cm
     now, then = walas_ragno.extended_check(s.demo, measured)
     value = float("nan") if now.value is None else 100.0 * now.value
@@ -76,7 +76,7 @@ def _extended(s: Study) -> list[Finding]:
     ]
 
 
-def _forces(s: Study) -> list[Finding]:
+def _forces(s: StabilityStudy) -> list[Finding]:
     sensor, g = s.sensor, s.gait
     error = sensor.linearity_error()
     peak, weight = float(g.true.max()), s.messor.mass * 9.81
@@ -91,7 +91,7 @@ def _forces(s: Study) -> list[Finding]:
     ]  # fmt: skip
 
 
-def _calibration(s: Study) -> list[Finding]:
+def _calibration(s: StabilityStudy) -> list[Finding]:
     w, fit = s.sweep, s.sweep.calibration
     trunk = w.ways(np.array([r.trunk for r in w.readings]))
     way, read = w.ways(w.true), w.ways(w.printed)

@@ -1,7 +1,7 @@
-"""A robot that stands in the simulator and moves its trunk over its feet, and what its sensors say at rest.
+"""Robot that stands in the simulator and moves its trunk over its feet, with its sensor readings at rest.
 
 The simulated servos have the constant of the corrected paper, 0.6356 Nm/A; the driver believes in the data sheet's
-0.845. So a told torque is 1.33 times the true one, and the factor to be found is 0.7522.
+0.845. So a reported torque is 1.33 times the true one, and the factor to be found is 0.7522.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""What the figures and findings of Walas & Belter (2011), section 4, are made from."""
+"""Data of the figures and findings of Walas & Belter (2011), section 4."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from . import ragno as walas_ragno
 
 
 @dataclass(frozen=True)
-class Study:
+class StabilityStudy:
     """Everything the figures need."""
 
     ragno: Robot

@@ -8,7 +8,7 @@ from .sensing.state import WatchParams
 
 
 class StabilityConfig(ServiceConfig):
-    """What the service takes for granted about the ground."""
+    """Assumptions about the ground, and accuracy of the status."""
 
     mu: float = Field(default=0.6, ge=0, description="friction coefficient taken for every foot while walking, no unit")
     tolerance_m: float = Field(

@@ -4,24 +4,24 @@ import math
 
 import numpy as np
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions
 from surefoot.schemas.stability import Actuation, CheckRequest, ComRequest, Contact, EquilibriumRequest, RegionRequest
 from surefoot.schemas.whatif import BatchRequest, WhatifRequest
 
-from .programs.contacts import Array, ContactSet
-from .queries.answers import batch_reply, com_reply, equilibrium_reply, whatif_reply
-from .queries.beyond import region_answer
-from .queries.check_query import check_reply
+from .answers import batch_reply, check_reply, com_reply, equilibrium_reply, region_reply, whatif_reply
+from .programs.contacts import AXES, Array, ContactSet
 from .regions.margin import extent, margin
-from .regions.region import AXES, region
+from .regions.region import region
 from .sensing import state
+from .sensing.forces import leg_inverses
 
 UP = (0.0, 0.0, 1.0)
-GRAVITY = np.array([0.0, 0.0, 9.81])
-"""m/s2, specific force at rest of a level trunk."""
+AT_REST = np.array([0.0, 0.0, GRAVITY])
+"""Specific force at rest of a level trunk, (3,) m/s^2."""
 MOVEMENT = (0.01, 0.0, 0.0)
-"""m."""
+"""Movement of the trunk, m."""
 
 
 def rehearse(robot: Robot, params: state.WatchParams) -> None:
@@ -34,8 +34,8 @@ def rehearse(robot: Robot, params: state.WatchParams) -> None:
     _regions()
     contacts, joints = _contacts(robot), tuple(robot.neutral.tolist())
     com = contacts[0].position[:2]
-    region_answer(RegionRequest(contacts=contacts), robot)
-    region_answer(RegionRequest(contacts=contacts, directions=4, certificates=True), robot)
+    region_reply(RegionRequest(contacts=contacts), robot)
+    region_reply(RegionRequest(contacts=contacts, directions=4, certificates=True), robot)
     for chosen in (contacts, contacts[::2]):
         check_reply(CheckRequest(contacts=chosen, joints=joints, movement=MOVEMENT), robot)
     check_reply(CheckRequest(contacts=contacts, com=com), robot)
@@ -51,7 +51,7 @@ def rehearse_rare(robot: Robot) -> None:
     whatif_reply(WhatifRequest(contacts=contacts, com=com))
     batch_reply(BatchRequest.model_validate({"sets": [{"contacts": contacts, "com": com}]}))
     if robot.kind == "hexapod":
-        region_answer(RegionRequest(contacts=contacts, actuation=Actuation(joints=joints)), robot)
+        region_reply(RegionRequest(contacts=contacts, actuation=Actuation(joints=joints)), robot)
 
 
 def _contacts(robot: Robot) -> tuple[Contact, ...]:
@@ -79,21 +79,19 @@ def _regions() -> None:
 
 
 def _statuses(robot: Robot, params: state.WatchParams) -> None:
-    """Judge the neutral stance on all feet and on every second."""
+    """Compute the status of the neutral stance on all feet and on every second."""
     every, torque = np.ones(len(robot.legs), dtype=np.bool_), _holding(robot)
     standing = state.StandingFeet(len(robot.legs), params.hold_s)
     for touch in (every, np.arange(len(robot.legs)) % 2 == 0):
-        state.watch(robot, robot.neutral, standing.update(0.0, touch, every), GRAVITY, torque, params)
-        state.watch(robot, robot.neutral, touch, GRAVITY, None, params)
+        state.watch(robot, robot.neutral, standing.update(0.0, touch, every), AT_REST, torque, params)
+        state.watch(robot, robot.neutral, touch, AT_REST, None, params)
 
 
 def _holding(robot: Robot) -> Array:
     """Return torques, (nj,) Nm, with which every foot carries an equal share of the weight."""
-    from .sensing.forces import leg_inverses
-
-    found = leg_inverses(robot, robot.neutral, GRAVITY)
+    found = leg_inverses(robot, robot.neutral, AT_REST)
     torque = found.own.copy()
     for i in np.flatnonzero(found.observed):
-        push = np.linalg.solve(found.inverse[i], np.array([0.0, 0.0, 9.81 * robot.mass / len(robot.legs)]))
+        push = np.linalg.solve(found.inverse[i], np.array([0.0, 0.0, GRAVITY * robot.mass / len(robot.legs)]))
         torque[robot.model.leg_joints[i, :3]] -= push
     return torque

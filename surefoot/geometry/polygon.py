@@ -175,3 +175,12 @@ def ray(polygon: Array, x: float, y: float, ax: float, ay: float) -> tuple[float
     if t_in > t_out:
         return MISSED, MISSED
     return t_in, t_out
+
+
+@row_kernel
+def gap(inner: Array, outer: Array) -> float:
+    """Largest distance of a vertex of outer from inner, m; NaN if there is no outer."""
+    far = 0.0 if outer.shape[0] > 0 else math.nan
+    for i in range(outer.shape[0]):
+        far = max(far, -signed_distance(inner, outer[i, 0], outer[i, 1]))
+    return far

@@ -6,11 +6,10 @@ import pytest
 from surefoot.geometry.polygon import area, hull
 from surefoot.robot.kinematics import com, foot_positions, legs_ik
 from surefoot.robot.reader import load_robot
-from surefoot.services.stability.programs.contacts import ContactSet, contact_set
-from surefoot.services.stability.programs.directions import equally_spaced
+from surefoot.services.stability.programs.contacts import ContactSet, contact_set, equally_spaced
 from surefoot.services.stability.regions.movement import check
 from surefoot.services.stability.regions.region import region
-from surefoot.services.stability.sensing.shift import kinematic_shift
+from surefoot.services.stability.sensing.posture import PosedRobot
 
 RAGNO = load_robot("ragno")
 UP, UPHILL = (0.0, 0.0, 1.0), (-0.5, 0.0, float(np.sqrt(0.75)))
@@ -26,7 +25,7 @@ def slope(mu: float) -> ContactSet:
 
 @pytest.mark.parametrize(("turn_deg", "expected"), [(30.0, 0.011), (-30.0, -0.009)])
 def test_figure_15_com_shift(turn_deg: float, expected: float) -> None:
-    """Legs 30 degrees forward +1.1 cm, backward -0.9 cm; within 0.05 cm."""
+    """ServoLegs 30 degrees forward +1.1 cm, backward -0.9 cm; within 0.05 cm."""
     q = RAGNO.neutral.copy()
     for leg in RAGNO.legs:
         q[leg.joints[0]] += np.radians(turn_deg) * (-1.0 if leg.name.startswith("l") else 1.0)
@@ -67,7 +66,7 @@ def test_figure_17_movement_of_43_mm(mu: float, without_cm: float, with_cm: floa
     q = legs_ik(RAGNO.model, contacts.position - base)[0]
     now = com(RAGNO.model, q)[:2]
     assert 100.0 * now[0] == pytest.approx(-0.73, abs=0.01)
-    shift = kinematic_shift(RAGNO, q, np.eye(3), R_M, np.ones(6, dtype=bool)).vector
+    shift = PosedRobot(RAGNO, q, np.zeros(3), np.eye(3)).moved(R_M, np.ones(6, dtype=bool)).vector
     assert 100.0 * shift[0] == pytest.approx(-0.77, abs=0.01)
     found = region(contacts)
     plain, corrected = (check(found, now, R_M, s).gsm for s in (np.zeros(3), shift))

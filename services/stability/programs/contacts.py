@@ -1,16 +1,18 @@
-"""Contact sets: what stands on the ground, checked once at the border."""
+"""Contact sets and horizontal directions, checked once at the border."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from surefoot.kernels.jit import row_kernel
+from surefoot.schemas.stability import MAX_CONTACTS
 
 Array = NDArray[np.float64]
 
-MAX_CONTACTS = 64
 MAX_COORDINATE = 1e6  # m; beyond it lengths lose the digits the answers promise
 MAX_MU = 1e4  # of a steeper cone regions reach kilometres, and lose the digits; what does not slip at all has inf
 
@@ -66,7 +68,9 @@ class ContactSet:
         return ContactSet(self.position[keep], self.normal[keep], self.mu[keep])
 
 
-def contact_set(position: ArrayLike, normal: ArrayLike, mu: ArrayLike, *, limit: int = MAX_CONTACTS) -> ContactSet:
+def contact_set(
+    position: ArrayLike, normal: ArrayLike, mu: ArrayLike, *, limit: int = MAX_CONTACTS, field: str = "contacts"
+) -> ContactSet:
     """Check and normalise.
 
     Args:
@@ -74,6 +78,7 @@ def contact_set(position: ArrayLike, normal: ArrayLike, mu: ArrayLike, *, limit:
         normal: (n, 3), any length but zero.
         mu: (n,) or one number for all, up to 1e4; inf = unlimited friction (the cone becomes the half-space n'f >= 0).
         limit: of a pool that many sets share, the size of the pool.
+        field: name of the set in refusals.
 
     Raises:
         StabilityError: the field and what is wrong with it.
@@ -81,17 +86,42 @@ def contact_set(position: ArrayLike, normal: ArrayLike, mu: ArrayLike, *, limit:
     p = np.array(position, dtype=np.float64, order="C").reshape(-1, 3)  # kernels want arrays of one kind only
     n = len(p)
     if n > limit:
-        raise StabilityError("too_many", "contacts", f"got {n} contacts, at most {limit} are allowed")
+        raise StabilityError("too_many", field, f"got {n} contacts, at most {limit} are allowed")
     v = np.array(normal, dtype=np.float64, order="C").reshape(-1, 3)
     m = np.array(np.broadcast_to(np.asarray(mu, dtype=np.float64), (n,)))
     if v.shape != p.shape:
-        raise StabilityError("shape", "contacts", f"got {n} positions and {len(v)} normals, numbers must agree")
+        raise StabilityError("shape", field, f"got {n} positions and {len(v)} normals, numbers must agree")
     wrong, i = _normalise(p, v, m)
     if wrong:
         code, name, rule = _FAULTS[wrong - 1]
         got = (p, v, m)[("position", "normal", "mu").index(name)][i]
-        raise StabilityError(code, f"contacts.{i}.{name}", f"got {got.tolist()}, {rule}")
+        raise StabilityError(code, f"{field}.{i}.{name}", f"got {got.tolist()}, {rule}")
     return ContactSet(p, v, m)
+
+
+class ContactPoint(Protocol):
+    """One contact as a request gives it."""
+
+    @property
+    def position(self) -> tuple[float, float, float]:
+        """Point of contact, m."""
+        ...
+
+    @property
+    def normal(self) -> tuple[float, float, float]:
+        """Normal of the ground, any length but zero."""
+        ...
+
+    @property
+    def mu(self) -> float | None:
+        """Friction coefficient; None = unlimited."""
+        ...
+
+
+def contacts_of(points: Sequence[ContactPoint], field: str = "contacts") -> ContactSet:
+    """Contact set of the points of a request; refusals name `field`."""
+    mu = [math.inf if c.mu is None else c.mu for c in points]
+    return contact_set([c.position for c in points], [c.normal for c in points], mu, field=field)
 
 
 _FAULTS = (
@@ -130,3 +160,51 @@ def _normalise(position: Array, normal: Array, mu: Array) -> tuple[int, int]:
         for q in range(3):
             normal[i, q] /= length
     return 0, 0
+
+
+def equally_spaced(count: int) -> Array:
+    """`count` unit directions from +x counter-clockwise, (count, 2).
+
+    Mirror images are bit-exact and multiples of 45 degrees are made of 0, 1 and sqrt(1/2): cos(pi/2) = 6e-17 would flip
+    the verdict on facing walls.
+    """
+    out = np.empty((count, 2))
+    for k in range(count):
+        octant, rest = divmod(8 * k, count)
+        if octant % 2:  # odd octants run backwards from the next multiple of 90 degrees
+            rest = count - rest
+        if rest == count:
+            x = y = math.sqrt(0.5)
+        else:
+            x, y = math.cos(rest * math.pi / (4 * count)), math.sin(rest * math.pi / (4 * count))
+        x, y = ((x, y), (y, x), (-y, x), (-x, y), (-x, -y), (-y, -x), (y, -x), (x, -y))[octant]
+        out[k] = x + 0.0, y + 0.0  # no negative zero
+    return out
+
+
+def unit(directions: ArrayLike) -> Array:
+    """Normalise directions (k, 2).
+
+    Raises:
+        StabilityError: a direction is zero or not finite.
+    """
+    a = np.array(directions, dtype=np.float64).reshape(-1, 2)
+    for i in np.flatnonzero(~np.isfinite(a).all(axis=1)):
+        raise StabilityError("not_finite", f"directions.{i}", f"got {a[i].tolist()}, must be finite")
+    largest = np.abs(a).max(axis=1, initial=0.0)
+    for i in np.flatnonzero(largest == 0.0):
+        raise StabilityError("zero_direction", f"directions.{i}", "got the zero vector, a direction is needed")
+    a /= largest[:, None]
+    return np.ascontiguousarray(a / np.hypot(a[:, 0], a[:, 1])[:, None])
+
+
+def directions_of(given: int | ArrayLike | None) -> Array | None:
+    """Unit directions (k, 2): so many equally spaced, or those given; None = adaptive.
+
+    Raises:
+        StabilityError: a direction is zero or not finite.
+    """
+    return None if given is None else equally_spaced(given) if isinstance(given, int) else unit(given)
+
+
+AXES = equally_spaced(8)

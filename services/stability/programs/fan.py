@@ -11,16 +11,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.geometry.polygon import area, hull
 from surefoot.kernels.jit import row_kernel
 
 from .interior import FAILED, SOLVED, solve_lanes
 from .lanes import LANES
+from .reduced import THIN, Reduced
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 PARALLEL = 1e-9  # neighbours whose directions differ by less are not split further
-NEAR = 0.98  # of what the answers on both sides tell, at the start of a direction between them
+NEAR = 0.98  # share of the neighbours' answers in the start of a direction between them
+FEW, FEW_AT_ONCE = 16, 4  # with no more directions than that the batches are small, to use what the last one showed
+SLIM = 1e-5  # area / diameter^2 below which the width is looked at
+UNSETTLED = 1e-8  # of the largest support value: a margin further from its lower bound is not taken for an answer
 SAME = 1e-13  # support points nearer than that are one point
 
 
@@ -38,11 +43,11 @@ class Fan(NamedTuple):
 
 
 ANSWER, ENCLOSE, APPROACH = 0, 1, 2
-"""Goals: only answer what is asked; bring the outer polygon close to the inner; find the nearest edge to a point."""
+"""FanGoals: only answer what is asked; bring the outer polygon close to the inner; find the nearest edge to a point."""
 
 
-class Goal(NamedTuple):
-    """What directions are added for; lengths in the scaled frame."""
+class FanGoal(NamedTuple):
+    """Goal for which directions are added; lengths in the scaled frame."""
 
     kind: int
     tolerance: float
@@ -53,7 +58,7 @@ class Goal(NamedTuple):
 
 
 class Outlook(NamedTuple):
-    """What is known about a goal."""
+    """State of a goal after the directions solved so far."""
 
     best: float
     """Largest distance of outer from inner (ENCLOSE); smallest h(a) - a'p (APPROACH)."""
@@ -63,7 +68,7 @@ class Outlook(NamedTuple):
     """Direction of the best."""
 
 
-ASKED = Goal(ANSWER, 0.0, 0.0, 0.0)
+ASKED = FanGoal(ANSWER, 0.0, 0.0, 0.0)
 
 
 @row_kernel
@@ -82,8 +87,9 @@ def new_fan(capacity: int, contacts: int) -> Fan:
 
 
 @row_kernel
-def evaluate(a: Array, h: Array, c: Array, fan: Fan, begin: int, end: int) -> bool:
-    """Solve for the directions begin .. end - 1 of the fan, eight at a time; tells whether all are solved."""
+def evaluate(r: Reduced, fan: Fan, begin: int, end: int) -> bool:
+    """Solve for the directions begin .. end - 1 of the fan, eight at a time; True if all are solved."""
+    a, h, c = r.a, r.h, r.c
     n = a.shape[0]
     lanes = LANES if end - begin > 2 else end - begin  # eight cost as much as two: a row is one vector
     rhs, x = np.empty((n, 3, lanes)), np.empty((n, 3, lanes))
@@ -191,50 +197,7 @@ def triangle(fan: Fan, k: int, m: int) -> tuple[float, float, float, float]:
 
 
 @row_kernel
-def explore(
-    a: Array, h: Array, c: Array, fan: Fan, solved: int, count: int, goal: Goal, limit: int, batch: int
-) -> tuple[int, bool, Outlook]:
-    """Solve for the directions given, then for those that a goal asks for. The only kernel that contains the solver.
-
-    Args:
-        a: matrices of `Reduced`, (n, 3, 4).
-        h: as above, (n, 3, 2).
-        c: as above, (4,).
-        fan: the first `solved` directions have answers and an order, those up to `count` are to be answered.
-        solved: how many are.
-        count: how many there are.
-        goal: what to refine for.
-        limit: at most so many directions in the end, <= capacity of the fan.
-        batch: at most so many at once, <= 8: fewer use what the last ones showed, more are quicker.
-
-    Returns:
-        Number of directions that have an answer, whether all given ones are solved, and what is known about the goal.
-    """
-    pick = np.empty((LANES, 2))
-    outlook = Outlook(math.inf, -math.inf, 0)
-    if count > solved:
-        if not evaluate(a, h, c, fan, solved, count):
-            return solved, False, outlook
-        insert(fan, solved, count)
-    while goal.kind != ANSWER:
-        room = min(batch, limit - count)
-        if goal.kind == ENCLOSE:
-            wanted, outlook = _wide_triangles(fan, count, goal, pick, room)
-        else:
-            wanted, outlook = near_arcs(fan, count, goal, pick, room)
-        if wanted == 0:
-            break
-        for k in range(wanted):
-            fan.direction[count + k, 0], fan.direction[count + k, 1] = pick[k, 0], pick[k, 1]
-        if not evaluate(a, h, c, fan, count, count + wanted):
-            break  # numerically at the end: what was there stays valid
-        insert(fan, count, count + wanted)
-        count += wanted
-    return count, True, outlook
-
-
-@row_kernel
-def _wide_triangles(fan: Fan, count: int, goal: Goal, pick: Array, room: int) -> tuple[int, Outlook]:
+def wide_triangles(fan: Fan, count: int, goal: FanGoal, pick: Array, room: int) -> tuple[int, Outlook]:
     """The edges of the inner polygon with the largest triangles over them; outlook: the largest height."""
     rank, gap, wanted = np.empty(LANES), 0.0, 0
     for i in range(count):
@@ -252,7 +215,7 @@ def _wide_triangles(fan: Fan, count: int, goal: Goal, pick: Array, room: int) ->
 
 
 @row_kernel
-def near_arcs(fan: Fan, count: int, goal: Goal, pick: Array, room: int) -> tuple[int, Outlook]:
+def near_arcs(fan: Fan, count: int, goal: FanGoal, pick: Array, room: int) -> tuple[int, Outlook]:
     """min over unit directions of h(a) - a'p: the distance of p to the border inside, minus the distance outside.
 
     Between neighbours a_k, a_l the value is at least that of the edge y_k y_l, so each arc has a lower bound; arcs
@@ -321,3 +284,45 @@ def _arc_bound(fan: Fan, k: int, m: int, px: float, py: float) -> tuple[float, f
         if lx * ty - ly * tx > 0.0 and tx * ry - ty * rx > 0.0:
             low, dx, dy = -norm, tx, ty
     return dx, dy, low
+
+
+@row_kernel
+def wide(fan: Fan, count: int) -> tuple[bool, Array, float]:
+    """Return whether the region has an area, its inner polygon and the polygon's diameter, scaled."""
+    inner, size = hull(fan.point[:count]), 0.0
+    for k in range(inner.shape[0]):
+        for j in range(k):
+            size = max(size, math.hypot(inner[j, 0] - inner[k, 0], inner[j, 1] - inner[k, 1]))
+    return size > THIN and area(inner) > SLIM * size * size, inner, size
+
+
+@row_kernel
+def heights(fan: Fan, count: int) -> Array:
+    """Height and area of the triangle over each edge of the inner polygon, (count, 2), in the order of the angles."""
+    out = np.empty((count, 2))
+    for i in range(count):
+        _, _, out[i, 0], out[i, 1] = triangle(fan, fan.order[i], fan.order[(i + 1) % count])
+    return out
+
+
+@row_kernel
+def settled(fan: Fan, count: int, outlook: Outlook) -> bool:
+    """Return whether the smallest h(a) - a'p is found: as near to its lower bound as the solver is exact.
+
+    Also where all directions are used (the middle of a circle: all are equally near); not where the solver gave up on a
+    direction in between.
+    """
+    if count == fan.value.size:
+        return True
+    size = 1.0
+    for k in range(count):
+        size = max(size, abs(fan.value[k]))
+    return outlook.best - outlook.bound <= UNSETTLED * size
+
+
+def with_room(fan: Fan, count: int, capacity: int) -> Fan:
+    """Return a copy of the first `count` answers of a fan, with room for `capacity`."""
+    copy = new_fan(capacity, fan.force.shape[1])
+    for mine, theirs in zip(copy, fan, strict=True):
+        mine[:count] = theirs[:count]
+    return copy

@@ -16,18 +16,21 @@ from numpy.typing import NDArray
 
 from surefoot.kernels.jit import row_kernel
 
-from . import cones
 from .lanes import (
     ACTIVE,
+    AXIS,
     BLOCK,
+    COLUMNS,
     COST,
     D_KAPPA,
     D_TAU,
     DEN,
     DUAL_RES,
-    FIRST,
+    ETA,
     GAIN,
     GAP,
+    I_ETA,
+    I_W0,
     KAPPA,
     LAMBDA,
     LENGTH,
@@ -35,7 +38,6 @@ from .lanes import (
     MATRIX,
     MAX_UNKNOWNS,
     MU,
-    NUM,
     P1,
     P2,
     PRIMAL_RES,
@@ -44,6 +46,7 @@ from .lanes import (
     RESIDUAL,
     RHS,
     RHS_S,
+    SCALED,
     SECOND,
     SIGMA,
     SIZE,
@@ -51,13 +54,8 @@ from .lanes import (
     Array,
     S,
     X,
-    add_dot,
-    add_gram,
-    add_products,
-    factor,
-    solve,
-    subtract_combination,
 )
+from .newton import add_dot, add_gram, add_products, factor, move, solve, step, subtract_combination
 
 Ints = NDArray[np.int64]
 
@@ -99,7 +97,7 @@ def solve_lanes(a: Array, rhs: Array, c: Array, lam: Array, x: Array, error: Arr
     room = aligned(SIZE + n * BLOCK)
     g, w = room[:SIZE], room[SIZE:]  # one block: where two arrays lie apart by chance, the time varies by half
     for i in range(n):
-        cones.start(w, i * BLOCK, lanes)
+        start(w, i * BLOCK, lanes)
         for q in range(3):
             for k in range(lanes):
                 w[i * BLOCK + RHS + 8 * q + k] = rhs[i, q, k]
@@ -112,16 +110,16 @@ def solve_lanes(a: Array, rhs: Array, c: Array, lam: Array, x: Array, error: Arr
         _start_near(a, lam, x, w, g, share)
     for iteration in range(MAX_ITERATIONS):
         _residuals(a, c, w, g, lanes)
-        if not _judge(c, w, g, lam, x, error, status) or iteration == MAX_ITERATIONS - 1:
+        if not _keep_best(c, w, g, lam, x, error, status) or iteration == MAX_ITERATIONS - 1:
             return iteration
         _factorise(a, c, w, g, lanes)
         for k in range(lanes):
             g[SIGMA + k] = 0.0
-        _step(c, w, g, n, lanes, False)
+        step(c, w, g, n, lanes, False)
         for k in range(lanes):
             t = 1.0 - 1.0 / g[REACH + k]
             g[SIGMA + k] = t * t * t
-        _step(c, w, g, n, lanes, True)
+        step(c, w, g, n, lanes, True)
         for k in range(lanes):
             t = min(1.0, STEP_SHARE / g[REACH + k]) * g[ACTIVE + k]
             g[LENGTH + k] = t
@@ -131,8 +129,17 @@ def solve_lanes(a: Array, rhs: Array, c: Array, lam: Array, x: Array, error: Arr
             for k in range(lanes):
                 g[LAMBDA + 8 * j + k] += g[LENGTH + k] * (g[P1 + 8 * j + k] + g[D_TAU + k] * g[P2 + 8 * j + k])
         for i in range(n):
-            cones.move(w, i * BLOCK, g, lanes)
+            move(w, i * BLOCK, g, lanes)
     return MAX_ITERATIONS
+
+
+@row_kernel
+def start(w: Array, o: int, lanes: int) -> None:
+    """s = x = (1, 0, 0), the centre."""
+    o &= MASK
+    for k in range(lanes):
+        w[o + S + k] = w[o + X + k] = 1.0
+        w[o + S + 8 + k] = w[o + S + 16 + k] = w[o + X + 8 + k] = w[o + X + 16 + k] = 0.0
 
 
 @row_kernel
@@ -171,8 +178,8 @@ def _residuals(a: Array, c: Array, w: Array, g: Array, lanes: int) -> None:
             g[COST + k] += c[j] * g[LAMBDA + 8 * j + k]
     for i in range(n):
         o = i * BLOCK
-        cones.residual(w, o, g, lanes)
-        cones.residual_columns(w, o, a, i, g, m, lanes)
+        residual(w, o, g, lanes)
+        residual_columns(w, o, a, i, g, m, lanes)
     for j in range(m):
         for k in range(lanes):
             g[PRIMAL_RES + k] = max(g[PRIMAL_RES + k], abs(g[RESIDUAL + 8 * j + k]))
@@ -182,8 +189,54 @@ def _residuals(a: Array, c: Array, w: Array, g: Array, lanes: int) -> None:
 
 
 @row_kernel
-def _judge(c: Array, w: Array, g: Array, lam: Array, x: Array, error: Array, status: Ints) -> bool:
-    """Keep what has become better, retire what is done; tells whether a lane is left."""
+def residual(w: Array, o: int, g: Array, lanes: int) -> None:
+    """RES = s + b tau; adds b'x to GAIN and s'x to MU."""
+    o &= MASK
+    for k in range(lanes):
+        tau = g[TAU + k]
+        b0, b1, b2 = w[o + RHS + k], w[o + RHS + 8 + k], w[o + RHS + 16 + k]
+        s0, s1, s2 = w[o + S + k], w[o + S + 8 + k], w[o + S + 16 + k]
+        x0, x1, x2 = w[o + X + k], w[o + X + 8 + k], w[o + X + 16 + k]
+        w[o + RES + k], w[o + RES + 8 + k], w[o + RES + 16 + k] = s0 + b0 * tau, s1 + b1 * tau, s2 + b2 * tau
+        g[GAIN + k] += b0 * x0 + b1 * x1 + b2 * x2
+        g[MU + k] += s0 * x0 + s1 * x1 + s2 * x2
+
+
+@row_kernel
+def residual_columns(w: Array, o: int, a: Array, i: int, g: Array, unknowns: int, lanes: int) -> None:
+    """RES -= A lam, RESIDUAL -= A'x for the contact's matrix a[i] (3, m); DUAL_RES = max(DUAL_RES, abs(RES))."""
+    o &= MASK
+    if unknowns == 4:
+        a00, a01, a02, a03 = a[i, 0, 0], a[i, 0, 1], a[i, 0, 2], a[i, 0, 3]
+        a10, a11, a12, a13 = a[i, 1, 0], a[i, 1, 1], a[i, 1, 2], a[i, 1, 3]
+        a20, a21, a22, a23 = a[i, 2, 0], a[i, 2, 1], a[i, 2, 2], a[i, 2, 3]
+        for k in range(lanes):
+            x0, x1, x2 = w[o + X + k], w[o + X + 8 + k], w[o + X + 16 + k]
+            g[RESIDUAL + k] -= a00 * x0 + a10 * x1 + a20 * x2
+            g[RESIDUAL + 8 + k] -= a01 * x0 + a11 * x1 + a21 * x2
+            g[RESIDUAL + 16 + k] -= a02 * x0 + a12 * x1 + a22 * x2
+            g[RESIDUAL + 24 + k] -= a03 * x0 + a13 * x1 + a23 * x2
+            y0, y1, y2, y3 = g[LAMBDA + k], g[LAMBDA + 8 + k], g[LAMBDA + 16 + k], g[LAMBDA + 24 + k]
+            w[o + RES + k] -= a00 * y0 + a01 * y1 + a02 * y2 + a03 * y3
+            w[o + RES + 8 + k] -= a10 * y0 + a11 * y1 + a12 * y2 + a13 * y3
+            w[o + RES + 16 + k] -= a20 * y0 + a21 * y1 + a22 * y2 + a23 * y3
+    else:
+        for j in range(unknowns):
+            a0, a1, a2, y, r = a[i, 0, j], a[i, 1, j], a[i, 2, j], (LAMBDA + 8 * j) & MASK, (RESIDUAL + 8 * j) & MASK
+            for k in range(lanes):
+                t = g[y + k]
+                g[r + k] -= a0 * w[o + X + k] + a1 * w[o + X + 8 + k] + a2 * w[o + X + 16 + k]
+                w[o + RES + k] -= a0 * t
+                w[o + RES + 8 + k] -= a1 * t
+                w[o + RES + 16 + k] -= a2 * t
+    for k in range(lanes):
+        r = max(abs(w[o + RES + k]), max(abs(w[o + RES + 8 + k]), abs(w[o + RES + 16 + k])))
+        g[DUAL_RES + k] = max(g[DUAL_RES + k], r)
+
+
+@row_kernel
+def _keep_best(c: Array, w: Array, g: Array, lam: Array, x: Array, error: Array, status: Ints) -> bool:
+    """Keep the best answer of each lane and retire lanes that are done; True if a lane is left."""
     n, m, left = x.shape[0], c.size, False
     for k in range(status.size):
         if g[ACTIVE + k] == 0.0:
@@ -238,9 +291,9 @@ def _factorise(a: Array, c: Array, w: Array, g: Array, lanes: int) -> None:
             g[P2 + 8 * j + k] = -c[j]
     for i in range(n):
         o = i * BLOCK
-        cones.scale(w, o, lanes)
-        cones.copy_rhs(w, o, lanes)
-        cones.scale_columns(w, o, a, i, m, lanes)
+        scale(w, o, lanes)
+        copy_rhs(w, o, lanes)
+        scale_columns(w, o, a, i, m, lanes)
         add_products(w, o, RHS_S, g, P2, m, lanes)
         add_gram(w, o, g, m, lanes)
     factor(g, m, lanes)
@@ -257,35 +310,60 @@ def _factorise(a: Array, c: Array, w: Array, g: Array, lanes: int) -> None:
 
 
 @row_kernel
-def _step(c: Array, w: Array, g: Array, n: int, lanes: int, correct: bool) -> None:
-    """Predictor (sigma = 0), or corrector with the second-order terms of the predictor's step."""
-    m = c.size
-    for j in range(m):
-        for k in range(lanes):
-            g[P1 + 8 * j + k] = (g[SIGMA + k] - 1.0) * g[RESIDUAL + 8 * j + k]
-    for i in range(n):
-        o = i * BLOCK
-        if correct:
-            cones.corrector(w, o, g, lanes)
-        else:
-            cones.predictor(w, o, lanes)
-        add_products(w, o, FIRST, g, P1, m, lanes)
-    solve(g, m, P1, lanes)
+def scale(w: Array, o: int, lanes: int) -> None:
+    """Scaling of (s, x); the scaled point; right-hand side and residual in the scaled space."""
+    o &= MASK
     for k in range(lanes):
-        second = g[D_TAU + k] * g[D_KAPPA + k] if correct else 0.0
-        g[D_KAPPA + k] = g[SIGMA + k] * g[MU + k] - g[KAPPA + k] * g[TAU + k] - second
-        g[NUM + k] = (g[SIGMA + k] - 1.0) * g[GAP + k] - g[D_KAPPA + k] / g[TAU + k]
-    for j in range(m):
+        s0, s1, s2 = w[o + S + k], w[o + S + 8 + k], w[o + S + 16 + k]
+        x0, x1, x2 = w[o + X + k], w[o + X + 8 + k], w[o + X + 16 + k]
+        gs, gx = math.sqrt(s1 * s1 + s2 * s2), math.sqrt(x1 * x1 + x2 * x2)
+        ns, nx = math.sqrt((s0 - gs) * (s0 + gs)), math.sqrt((x0 - gx) * (x0 + gx))
+        i_s, i_x = 1.0 / ns, 1.0 / nx
+        s0, s1, s2, x0, x1, x2 = s0 * i_s, s1 * i_s, s2 * i_s, x0 * i_x, x1 * i_x, x2 * i_x
+        h = 0.5 / math.sqrt(0.5 * (1.0 + s0 * x0 + s1 * x1 + s2 * x2))
+        w0, w1, w2 = (s0 + x0) * h, (s1 - x1) * h, (s2 - x2) * h
+        eta = math.sqrt(ns * i_x)
+        r = 1.0 / (1.0 + w0)
+        t = w1 * x1 + w2 * x2
+        f, c = eta * nx, x0 + t * r
+        w[o + SCALED + k], w[o + SCALED + 8 + k] = f * (w0 * x0 + t), f * (x1 + w1 * c)
+        w[o + SCALED + 16 + k] = f * (x2 + w2 * c)
+        w[o + AXIS + k], w[o + AXIS + 8 + k], w[o + AXIS + 16 + k], w[o + ETA + k] = w0, w1, w2, eta
+        f = 1.0 / eta
+        w[o + I_ETA + k], w[o + I_W0 + k] = f, r
+        v0, v1, v2 = w[o + RHS + k], w[o + RHS + 8 + k], w[o + RHS + 16 + k]
+        t = w1 * v1 + w2 * v2
+        c = t * r - v0
+        w[o + RHS_S + k], w[o + RHS_S + 8 + k] = f * (w0 * v0 - t), f * (v1 + w1 * c)
+        w[o + RHS_S + 16 + k] = f * (v2 + w2 * c)
+        v0, v1, v2 = w[o + RES + k], w[o + RES + 8 + k], w[o + RES + 16 + k]
+        t = w1 * v1 + w2 * v2
+        c = t * r - v0
+        w[o + RES + k], w[o + RES + 8 + k], w[o + RES + 16 + k] = (
+            f * (w0 * v0 - t),
+            f * (v1 + w1 * c),
+            f * (v2 + w2 * c),
+        )
+
+
+@row_kernel
+def scale_columns(w: Array, o: int, a: Array, i: int, unknowns: int, lanes: int) -> None:
+    """COLUMNS = W^-1 A for the contact's matrix a[i] (3, m)."""
+    o &= MASK
+    for j in range(unknowns):
+        v0, v1, v2, out = a[i, 0, j], a[i, 1, j], a[i, 2, j], (o + COLUMNS + 24 * j) & MASK
         for k in range(lanes):
-            g[NUM + k] -= c[j] * g[P1 + 8 * j + k]
-    for i in range(n):
-        o = i * BLOCK
-        subtract_combination(w, o, FIRST, g, P1, m, lanes)
-        add_dot(g, NUM, 1.0, w, o + RHS_S, o + FIRST, lanes)
+            w0, w1, w2, f = w[o + AXIS + k], w[o + AXIS + 8 + k], w[o + AXIS + 16 + k], w[o + I_ETA + k]
+            t = w1 * v1 + w2 * v2
+            c = t * w[o + I_W0 + k] - v0
+            w[out + k], w[out + 8 + k], w[out + 16 + k] = f * (w0 * v0 - t), f * (v1 + w1 * c), f * (v2 + w2 * c)
+
+
+@row_kernel
+def copy_rhs(w: Array, o: int, lanes: int) -> None:
+    """SECOND = RHS_S."""
+    o &= MASK
     for k in range(lanes):
-        t = g[NUM + k] / g[DEN + k]
-        u = (g[D_KAPPA + k] - g[KAPPA + k] * t) / g[TAU + k]
-        g[D_TAU + k], g[D_KAPPA + k] = t, u
-        g[REACH + k] = max(1.0, max(-t / g[TAU + k], -u / g[KAPPA + k]))
-    for i in range(n):
-        cones.direction(w, i * BLOCK, g, lanes)
+        w[o + SECOND + k] = w[o + RHS_S + k]
+        w[o + SECOND + 8 + k] = w[o + RHS_S + 8 + k]
+        w[o + SECOND + 16 + k] = w[o + RHS_S + 16 + k]

@@ -21,11 +21,13 @@ from .contacts import Array, ContactSet
 
 SPOT = 1e-9  # m; contacts that lie nearer together are at one point: what is left of their distances is rounding
 RANK = 1e-10  # relative; smaller singular values are taken as zero
+THIN = 1e-7  # m, or of the unit of length; narrower than that is a segment, shorter a point
+CONE = 1e-12  # slack of the conditions on a cone
 SMALL_MU = 1e-9  # below it friction is left out
 
 
 class Reduced(NamedTuple):
-    """What the kernels need, in scaled lengths."""
+    """Programs of a contact set in scaled lengths."""
 
     a: Array  # (n, 3, 4)
     h: Array  # (n, 3, 2)
@@ -35,7 +37,7 @@ class Reduced(NamedTuple):
 
 
 class Subspace(NamedTuple):
-    """How the unknowns of a set with unlimited or no friction lie in the space of twists (v, w_z)."""
+    """Subspace of twists (v, w_z) that are the unknowns of a set with unlimited or no friction."""
 
     basis: Array  # (4, 4) twist = basis @ unknowns + offset @ direction
     offset: Array  # (4, 2)
@@ -44,6 +46,7 @@ class Subspace(NamedTuple):
     moment: Array  # (2, 2k) what they add to the position of the CoM
     drift: Array  # (2k, 2) free forces without effect on the balance, per unit direction: unbounded if not zero
     sinking: Array | None  # (4,) twist that proves that the set is infeasible
+    columns: Array  # (n, 3, 4) matrices of the balance before the subspace was taken
 
 
 @row_kernel
@@ -92,10 +95,12 @@ def matrices(position: Array, normal: Array, mu: Array) -> tuple[Array, Array, A
 
 def reduce(contacts: ContactSet) -> tuple[Reduced, Subspace | None]:
     """Programs of a set of at least one contact; the subspace is None for sets with ordinary friction."""
-    mu = np.where(contacts.mu < SMALL_MU, 0.0, contacts.mu)
+    each = contacts.mu.tolist()
+    least, most = min(each), max(each)
+    mu = contacts.mu if least >= SMALL_MU else np.where(contacts.mu < SMALL_MU, 0.0, contacts.mu)
     a, h, origin, length, spread = matrices(contacts.position, contacts.normal, mu)
     reduced = Reduced(a, h, np.array([0.0, 0.0, 1.0, 0.0]), origin, length)
-    if mu.min() > 0.0 and mu.max() < math.inf and spread > RANK * length:
+    if least >= SMALL_MU and most < math.inf and spread > RANK * length:
         return reduced, None
     return _special(reduced, contacts, np.isinf(mu))
 
@@ -137,4 +142,4 @@ def _special(reduced: Reduced, contacts: ContactSet, unlimited: NDArray[np.bool_
         reduced.origin,
         reduced.length,
     )
-    return special, Subspace(basis, offset, point, rows.T, sides.T, drift, sinking)
+    return special, Subspace(basis, offset, point, rows.T, sides.T, drift, sinking, a)

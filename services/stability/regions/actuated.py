@@ -6,30 +6,30 @@ each leg of three joints. With forces in units of the weight, f_i = F_i / (m g),
     h(a) = max sum h_i(a)'x_i   s.t.  sum G_i'x_i = (0,0,1,0),  x_i in Q,
            G_ij - mg J_ij'B_i D_i x_i within +- tau_max_j
 
-solved by clarabel, one solver for all directions. The posture is held fixed, as is the legs' weight: the region tells
-where a load may bring the CoM (Orsolino et al.), near the present posture where the joints may bring it.
+solved by clarabel, one solver for all directions. The posture is held fixed, as is the legs' weight: the region
+holds the places where a load may bring the CoM (Orsolino et al.), near the present posture where the joints may.
 """
 
 import math
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from surefoot.geometry.polygon import hull
+from surefoot.geometry.polygon import gap, half_planes, hull
 
 from ..programs.clarabel_tools import clarabel_and_sparse
-from ..programs.contacts import Array, ContactSet, StabilityError
-from ..programs.directions import equally_spaced
-from ..programs.reduced import SMALL_MU, matrices
-from .region import RegionStatus
+from ..programs.contacts import Array, ContactSet, StabilityError, equally_spaced
+from ..programs.reduced import SMALL_MU, THIN, matrices
+from .model import Region, RegionStatus, Support, SupportStatus
 
-THIN = 1e-7  # m
 GAP = 1e-7  # m, largest duality gap that is accepted
+SIXTEEN = equally_spaced(16)  # they decide between point, segment and area
 
 
 @dataclass(frozen=True, slots=True)
-class Legs:
-    """What the servos of the standing legs can do, world axes."""
+class ServoLegs:
+    """Servos of the standing legs, world axes."""
 
     jacobian: Array
     """(n, 3, 3) d contact point / d joints."""
@@ -41,56 +41,33 @@ class Legs:
     """m g, N."""
 
 
-@dataclass(frozen=True, slots=True)
-class ActuatedRegion:
-    """Where the centre of mass may be with limited torques."""
+class _Cones(NamedTuple):
+    """Cone program of a set, all but its objective."""
 
-    status: RegionStatus
-    inner: Array
-    """(p, 2) m."""
-    outer_value: Array
-    """(k,) m, h(a) for each direction (NaN where there is none)."""
-    point: Array
-    """(k, 2) m."""
-    direction: Array
-    """(k, 2)."""
-    torque: Array
-    """(k, n, 3) Nm at each point."""
-    force: Array
-    """(k, n, 3) in units of the weight."""
-    gap: float
-    """m, largest duality gap."""
+    a: Array
+    """(n, 3, 4) columns of the balance; its forces are a[:, :, :3]."""
+    h: Array
+    """(n, 3, 2) position of the CoM, scaled, per cone coordinate."""
+    origin: Array
+    """(3,) m."""
+    length: float
+    """m, unit of length."""
+    rows: Any
+    """Sparse matrix of the constraints."""
+    right: Array
+    """Right side of the constraints."""
+    cones: list[Any]
+    """Cones of the constraints, clarabel's."""
 
 
-def actuated_region(contacts: ContactSet, legs: Legs, directions: Array | None = None) -> ActuatedRegion:
-    """Region under friction and torque limits.
-
-    Args:
-        contacts: one for each standing leg.
-        legs: in the same order.
-        directions: (k, 2) unit; None = 16.
-
-    Raises:
-        StabilityError: sizes disagree, or clarabel finds no answer.
-    """
+def _cones(contacts: ContactSet, legs: ServoLegs) -> _Cones:
+    """Write down balance, torque limits and friction cones."""
     clarabel, sparse = clarabel_and_sparse()
-
-    n, a_k = len(contacts), equally_spaced(16) if directions is None else directions
-    if legs.jacobian.shape != (n, 3, 3) or legs.limit.shape != (n, 3) or legs.own.shape != (n, 3):
-        raise StabilityError("shape", "legs", f"got {n} contacts and legs of shape {legs.jacobian.shape}")
-    k = len(a_k)
-    nothing = np.empty((0, 2))
-    empty = ActuatedRegion(
-        "infeasible", nothing, np.full(k, np.nan), np.full((k, 2), np.nan), a_k, np.full((k, n, 3), np.nan),
-        np.full((k, n, 3), np.nan), math.nan,
-    )  # fmt: skip
-    if n == 0:
-        return empty
+    n = len(contacts)
     unlimited = np.isinf(contacts.mu)  # the cone is a half-space: one normal and two free tangential forces
     mu = np.where(unlimited, 1.0, np.where(contacts.mu < SMALL_MU, 0.0, contacts.mu))
     a, h, origin, length, _ = matrices(contacts.position, contacts.normal, mu)
-    columns = a[:, :, :3]  # (n, 3 cone coordinates, 3 force)
-    by_cone = legs.weight * np.einsum("iqd,idj->ijq", columns, legs.jacobian)  # torque per cone coordinate
+    by_cone = legs.weight * np.einsum("iqd,idj->ijq", a[:, :, :3], legs.jacobian)  # torque per cone coordinate
     scale = max(float(legs.limit.max()), 1e-9)
     torque = sparse.block_diag([m / scale for m in by_cone], format="csc")
     balance = sparse.csc_matrix(a.reshape(3 * n, 4).T)
@@ -102,35 +79,82 @@ def actuated_region(contacts: ContactSet, legs: Legs, directions: Array | None =
     right = np.concatenate(([0.0, 0.0, 1.0, 0.0], own + limit, limit - own, np.zeros(rows.shape[0] - 6 * n - 4)))
     cones = [clarabel.ZeroConeT(4), clarabel.NonnegativeConeT(6 * n + len(pushing))]
     cones += [clarabel.SecondOrderConeT(3)] * int((~unlimited).sum())
+    return _Cones(a, h, origin, length, rows, right, cones)
+
+
+def actuated_region(contacts: ContactSet, legs: ServoLegs, given: Array | None = None) -> Region:
+    """Region under friction and torque limits.
+
+    Args:
+        contacts: one for each standing leg.
+        legs: in the same order.
+        given: (k, 2) unit directions of the support values, beside the 16 that are always solved for; None = these.
+
+    Returns:
+        Region whose inner polygon lies inside the true one by at most its gap; support values without certificates.
+
+    Raises:
+        StabilityError: sizes disagree, or clarabel finds no answer.
+    """
+    n, begin = len(contacts), 0 if given is None else len(SIXTEEN)
+    if legs.jacobian.shape != (n, 3, 3) or legs.limit.shape != (n, 3) or legs.own.shape != (n, 3):
+        raise StabilityError("shape", "legs", f"got {n} contacts and legs of shape {legs.jacobian.shape}")
+    a_k = SIXTEEN if given is None else np.concatenate((SIXTEEN, given))
+    value, point = np.full(len(a_k), np.nan), np.full((len(a_k), 2), np.nan)
+    force, torque = np.full((len(a_k), n, 3), np.nan), np.full((len(a_k), n, 3), np.nan)
+    worst = _solve(contacts, legs, a_k, value, point, force, torque) if n else None
+    inner = outer = np.empty((0, 2))
+    status: RegionStatus = "infeasible"
+    if worst is not None:
+        status, inner = _status(point), hull(np.ascontiguousarray(point))
+        outer = inner
+    if status == "ok":
+        size = float(np.abs(value).max() + np.abs(inner).max())
+        outer = hull(half_planes(np.ascontiguousarray(a_k), value.copy(), 8.0 * size + 1.0))
+    widest = math.nan if worst is None else max(0.0, float(gap(inner, outer))) if status == "ok" else 0.0
+    k = len(a_k) - begin
+    kinds: tuple[SupportStatus, ...] = ("infeasible" if worst is None else "ok",) * k
+    gaps = np.full(k, math.nan if worst is None else worst)
+    support = Support(
+        a_k[begin:], value[begin:], point[begin:], kinds, gaps, np.empty((k, 0)), force[begin:], torque[begin:]
+    )
+    return Region(contacts, status, inner, outer, support, widest, True, len(a_k))
+
+
+def _solve(
+    contacts: ContactSet, legs: ServoLegs, a_k: Array, value: Array, point: Array, force: Array, torque: Array
+) -> float | None:
+    """Fill in the answers for the directions a_k and return the largest gap, m; None if infeasible."""
+    clarabel, sparse = clarabel_and_sparse()
+    program, n = _cones(contacts, legs), len(contacts)
+    h, origin, length, columns = program.h, program.origin, program.length, program.a[:, :, :3]
     settings = clarabel.DefaultSettings()
     settings.verbose, settings.presolve_enable = False, False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-9
-    gain = -(h @ a_k.T)  # (n, 3, k)
-    solver = clarabel.DefaultSolver(
-        sparse.csc_matrix((3 * n, 3 * n)), np.ascontiguousarray(gain[:, :, 0]).ravel(), rows, right, cones, settings
-    )
-    value, point = np.empty(k), np.empty((k, 2))
-    force, used, worst = np.empty((k, n, 3)), np.empty((k, n, 3)), 0.0
-    for s in range(k):
+    gain, worst = -(h @ a_k.T), 0.0  # (n, 3, k)
+    first, empty = np.ascontiguousarray(gain[:, :, 0]).ravel(), sparse.csc_matrix((3 * n, 3 * n))
+    solver = clarabel.DefaultSolver(empty, first, program.rows, program.right, program.cones, settings)
+    for s in range(len(a_k)):
         solver.update(q=np.ascontiguousarray(gain[:, :, s]).ravel())
         found = solver.solve()
         name = str(found.status)
         if "PrimalInfeasible" in name:
-            return empty
-        x, gap = np.array(found.x).reshape(n, 3), abs(float(found.obj_val) - float(found.obj_val_dual))
-        if gap * length > GAP or name not in ("Solved", "AlmostSolved", "InsufficientProgress"):
-            raise StabilityError("no_convergence", "contacts", f"clarabel ended with {name}, gap {gap:.1e}")
-        worst = max(worst, gap * length)
-        offset = np.einsum("iqd,iq->d", h, x)
-        point[s] = origin[:2] + length * offset
+            for each in (value, point, force, torque):
+                each[:] = np.nan
+            return None
+        x, slack = np.array(found.x).reshape(n, 3), abs(float(found.obj_val) - float(found.obj_val_dual))
+        if slack * length > GAP or name not in ("Solved", "AlmostSolved", "InsufficientProgress"):
+            raise StabilityError("no_convergence", "contacts", f"clarabel ended with {name}, gap {slack:.1e}")
+        worst = max(worst, slack * length)
+        point[s] = origin[:2] + length * np.einsum("iqd,iq->d", h, x)
         value[s] = float(a_k[s] @ origin[:2]) - length * float(found.obj_val)
         force[s] = np.einsum("iqd,iq->id", columns, x)
-        used[s] = legs.own - legs.weight * np.einsum("idj,id->ij", legs.jacobian, force[s])
-    inner = hull(np.ascontiguousarray(point))
-    return ActuatedRegion(_status(point), inner, value, point, a_k, used, force, worst)
+        torque[s] = legs.own - legs.weight * np.einsum("idj,id->ij", legs.jacobian, force[s])
+    return worst
 
 
 def _status(point: Array) -> RegionStatus:
+    """Shape of the region by the extent of its support points."""
     centre = point - point.mean(axis=0)
     width = np.linalg.svd(centre, compute_uv=False) if len(point) > 1 else np.zeros(2)
     if width[0] <= THIN:

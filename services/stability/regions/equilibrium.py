@@ -1,4 +1,4 @@
-"""Forces that hold the CoM at a place: is there any, which are the smallest, how much friction do they need."""
+"""Forces that hold the CoM at a place: existence, smallest forces, least friction."""
 
 import math
 from dataclasses import dataclass
@@ -8,8 +8,8 @@ import numpy as np
 from ..programs.clarabel_tools import clarabel_and_sparse
 from ..programs.contacts import Array, ContactSet, StabilityError
 from ..programs.interior import NO_PRIMAL, SOLVED
-from ..programs.oracle import solve_one
 from ..programs.reduced import SMALL_MU, SPOT, matrices
+from .careful import solve_one
 
 FELT = 1e-8  # relative; twists that contacts feel less are not felt, and a smaller part of the load is none
 CLOSE = 1e-9  # to that the least share of friction is found
@@ -20,7 +20,7 @@ MOST_LOAD = 100.0  # weights, on all contacts together: the harder one presses b
 
 @dataclass(frozen=True, slots=True)
 class Equilibrium:
-    """Whether the contacts can hold the CoM at a place."""
+    """Answer to the question if contacts hold the CoM at a place."""
 
     held: bool
     force: Array | None

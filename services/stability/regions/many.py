@@ -12,23 +12,32 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from surefoot.geometry.polygon import hull, signed_distance
 from surefoot.kernels.jit import free_kernel, row_kernel
 
-from ..programs.contacts import Array, ContactSet
-from ..programs.directions import edge_normals
-from ..programs.fan import ANSWER, APPROACH, Goal, explore, new_fan
+from ..programs.contacts import (
+    MAX_CONTACTS,
+    MAX_COORDINATE,
+    Array,
+    ContactSet,
+    StabilityError,
+    contact_set,
+    within,
+)
+from ..programs.fan import ANSWER, APPROACH, FanGoal, new_fan, settled, wide
 from ..programs.interior import NO_PRIMAL
 from ..programs.lanes import LANES
-from ..programs.reduced import RANK, SMALL_MU, matrices
-from . import flat
-from .margin import MARGIN_DIRECTIONS, MARGIN_TOLERANCE, ON_EDGE, margin, settled
-from .region import RegionStatus, region, wide
-from .thin import POINT, WIDE, along, flat_ends, line_of
+from ..programs.outline import edge_normals, explore
+from ..programs.reduced import RANK, SMALL_MU, Reduced, matrices
+from .careful import MARGIN_DIRECTIONS, POINT, WIDE, along, flat_ends, holds, line_of
+from .margin import MARGIN_TOLERANCE, ON_EDGE, margin
+from .model import RegionStatus
+from .region import plane, region
 
 Ints = NDArray[np.int64]
 
@@ -61,7 +70,7 @@ def assess(contacts: ContactSet, index: Ints, begin: Ints, com: Array, *, thread
     Args:
         contacts: pool of any number of contacts that the sets share.
         index: (k,) contacts of all sets, one set after the other.
-        begin: (s + 1,) where each set begins in `index`, and the end.
+        begin: (s + 1,) where each set begins in `member`, and the end.
         com: (s, 2) m, one for each set.
         threads: how many share the work.
     """
@@ -81,7 +90,7 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 
 def loaded() -> bool:
-    """Report whether the kernel is there, so that an answer takes no longer than its sets do."""
+    """Return whether the kernel is compiled, so that an answer takes no longer than its sets do."""
     return bool(_assess.signatures)  # pyright: ignore[reportFunctionMemberAccess] - of numba's object
 
 
@@ -91,7 +100,8 @@ def be_nice() -> None:
 
 
 def _share(contacts: ContactSet, index: Ints, begin: Ints, com: Array, first: int, last: int, out: Variants) -> None:
-    _assess(contacts.position, contacts.normal, contacts.mu, index, begin, com, first, last, out.status, out.margin)
+    pool = Pool(contacts.position, contacts.normal, contacts.mu, index, begin, com)
+    _assess(pool, first, last, out.status, out.margin)
     for s in first + np.flatnonzero(out.status[first:last] == _HARD):
         chosen = index[begin[s] : begin[s + 1]]
         found = region(
@@ -101,43 +111,49 @@ def _share(contacts: ContactSet, index: Ints, begin: Ints, com: Array, first: in
         out.status[s], out.margin[s] = STATUSES.index(found.status), math.nan if value is None else value
 
 
+class Pool(NamedTuple):
+    """Sets of contacts for the kernel."""
+
+    position: Array
+    """(n, 3) m."""
+    normal: Array
+    """(n, 3) unit."""
+    mu: Array
+    """(n,)"""
+    member: Ints
+    """(k,) contacts of all sets, one set after the other."""
+    begin: Ints
+    """(s + 1,) where each set begins in `member`, and the end."""
+    com: Array
+    """(s, 2) m."""
+
+
 @free_kernel
-def _assess(
-    position: Array,
-    normal: Array,
-    mu: Array,
-    index: Ints,
-    begin: Ints,
-    com: Array,
-    first: int,
-    last: int,
-    status: Ints,
-    distance: Array,
-) -> None:
-    """Sets first .. last - 1; status _HARD where the kernel does not decide."""
+def _assess(pool: Pool, first: int, last: int, status: Ints, distance: Array) -> None:
+    """Fill in status and margin (m) of the sets first .. last - 1; status _HARD where the kernel does not decide."""
     for s in range(first, last):
-        n = begin[s + 1] - begin[s]
+        n = pool.begin[s + 1] - pool.begin[s]
         p, v, m = np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
         for i in range(n):
-            k = index[begin[s] + i]
-            m[i] = mu[k]
+            k = pool.member[pool.begin[s] + i]
+            m[i] = pool.mu[k]
             for q in range(3):
-                p[i, q], v[i, q] = position[k, q], normal[k, q]
-        status[s], distance[s] = _one(p, v, m, com[s, 0], com[s, 1])
+                p[i, q], v[i, q] = pool.position[k, q], pool.normal[k, q]
+        status[s], distance[s] = _one(p, v, m, pool.com[s, 0], pool.com[s, 1])
 
 
 @row_kernel
 def _one(position: Array, normal: Array, mu: Array, x: float, y: float) -> tuple[int, float]:
-    """Status and margin of a set, as `region` and `margin` tell them."""
+    """Status and margin (m) of a set, equal to those of `region` and `margin`."""
     n = mu.size
     if n == 0:
         return _INFEASIBLE, math.nan
     if n == 1:
-        if not flat.holds(normal[0], mu[0]):
+        if not holds(normal[0], mu[0]):
             return _INFEASIBLE, math.nan
         return _POINT, _from(position[:, :2].copy(), x, y)
     if n > 2:
-        exact, _, _ = flat.plane(position, normal, mu)
+        exact, _, _ = plane(position, normal, mu)
         if exact:
             return _OK, _from(hull(position[:, :2].copy()), x, y)
     if not (mu.min() > SMALL_MU and mu.max() < math.inf):
@@ -146,13 +162,13 @@ def _one(position: Array, normal: Array, mu: Array, x: float, y: float) -> tuple
     if spread <= RANK * length:
         return _HARD, math.nan
     on_line, line = line_of(position)
-    begin = along(line) if on_line else edge_normals(position)
-    count, c = begin.shape[0], np.array([0.0, 0.0, 1.0, 0.0])
+    begin = along(line) if on_line else edge_normals(hull(position[:, :2].copy()))
+    count, r = begin.shape[0], Reduced(a, h, np.array([0.0, 0.0, 1.0, 0.0]), origin, length)
     fan = new_fan(count + MARGIN_DIRECTIONS, n)
     fan.direction[:count] = begin
     px, py = (x - origin[0]) / length, (y - origin[1]) / length
-    goal = Goal(ANSWER if on_line else APPROACH, MARGIN_TOLERANCE, px, py)
-    count, fine, outlook = explore(a, h, c, fan, 0, count, goal, fan.value.size, LANES)
+    goal = FanGoal(ANSWER if on_line else APPROACH, MARGIN_TOLERANCE, px, py)
+    count, fine, outlook = explore(r, fan, 0, count, goal, fan.value.size, LANES)
     if not fine:
         return _without_end(fan.status[: begin.shape[0]])
     if on_line:
@@ -171,7 +187,7 @@ def _one(position: Array, normal: Array, mu: Array, x: float, y: float) -> tuple
 
 @row_kernel
 def _without_end(status: Ints) -> tuple[int, float]:
-    """Verdict where not every direction has a value: nothing holds the weight, or the long way has to tell."""
+    """Status where not every direction has a value: infeasible, or left to `region`."""
     for k in range(status.size):
         if status[k] == NO_PRIMAL:
             return _INFEASIBLE, math.nan
@@ -182,3 +198,86 @@ def _without_end(status: Ints) -> tuple[int, float]:
 def _from(polygon: Array, x: float, y: float) -> float:
     value = signed_distance(polygon, x, y)
     return 0.0 if abs(value) < ON_EDGE else value
+
+
+@dataclass(frozen=True, slots=True)
+class PackedSets:
+    """Contact sets laid one after the other, each with its CoM."""
+
+    contacts: ContactSet
+    """All contacts."""
+    begin: Ints
+    """(s + 1,) where each set begins, and the end."""
+    com: Array
+    """(s, 2) m."""
+
+
+def pack(position: ArrayLike, normal: ArrayLike, mu: ArrayLike, counts: ArrayLike, com: ArrayLike) -> PackedSets:
+    """Check and normalise many sets at once.
+
+    Args:
+        position: (n, 3) m, of the contacts of all sets, one set after the other.
+        normal: (n, 3), any length but zero.
+        mu: (n,) or one number for all; inf = unlimited.
+        counts: (s,) contacts of each set.
+        com: (s, 2) m.
+
+    Raises:
+        StabilityError: names the set and its contact, as in `sets.7.contacts.2.normal`.
+    """
+    c, each = np.array(com, dtype=np.float64).reshape(-1, 2), np.array(counts, dtype=np.int64).reshape(-1)
+    begin = np.concatenate((np.zeros(1, dtype=np.int64), np.cumsum(each)))
+    p = np.asarray(position, dtype=np.float64).reshape(-1, 3)
+    if each.size != len(c) or begin[-1] != len(p) or (each < 0).any():
+        raise StabilityError("shape", "counts", f"{each.size} counts of {begin[-1]} contacts, got {len(c)}, {len(p)}")
+    for i in np.flatnonzero(each > MAX_CONTACTS):
+        allowed = f"at most {MAX_CONTACTS} are allowed"
+        raise StabilityError("too_many", f"sets.{i}.contacts", f"got {each[i]} contacts, {allowed}")
+    for i in np.flatnonzero(~np.isfinite(c).all(axis=1)):
+        raise StabilityError("not_finite", f"sets.{i}.com", f"got {c[i].tolist()}, must be finite")
+    if not (np.abs(c) <= MAX_COORDINATE).all():
+        for i, place in enumerate(c):
+            within(place, f"sets.{i}.com")
+    try:
+        return PackedSets(contact_set(p, normal, mu, limit=len(p)), begin, c)
+    except StabilityError as error:
+        raise StabilityError(error.code, _place(error.field, begin), error.message) from None
+
+
+def _place(field: str, begin: Ints) -> str:
+    """`contacts.17.normal` of the pool as a field of the set it belongs to."""
+    parts = field.split(".")
+    if len(parts) < 2:
+        return field
+    k = int(parts[1])
+    s = int(np.searchsorted(begin, k, side="right")) - 1
+    return ".".join((f"sets.{s}.contacts", str(k - int(begin[s])), *parts[2:]))
+
+
+def batch(sets: PackedSets, threads: int | None = None) -> Variants:
+    """Status and margin of every set, on all cores or on `threads` of them; the answers do not depend on the number."""
+    index = np.arange(len(sets.contacts))
+    return assess(sets.contacts, index, sets.begin, sets.com, threads=threads or os.cpu_count() or 1)
+
+
+def what_if(contacts: ContactSet, com: Array, candidates: ContactSet | None = None) -> Variants:
+    """The set as it is, without each of its contacts, and with each of the candidates added, in this order.
+
+    Args:
+        contacts: n contacts now.
+        com: (2,) m.
+        candidates: m places for one more foot, each tried alone.
+    """
+    n, m, pool = len(contacts), 0, contacts
+    if candidates is not None and len(candidates):
+        m = len(candidates)
+        pool = ContactSet(
+            np.concatenate((contacts.position, candidates.position)),
+            np.concatenate((contacts.normal, candidates.normal)),
+            np.concatenate((contacts.mu, candidates.mu)),
+        )
+    all_of = np.arange(n)
+    left = np.tile(all_of, (n, 1))[~np.eye(n, dtype=np.bool_)]
+    more = np.column_stack((np.tile(all_of, (m, 1)), n + np.arange(m))).ravel()
+    size = np.concatenate(([0, n], np.full(n, n - 1), np.full(m, n + 1)))
+    return assess(pool, np.concatenate((all_of, left, more)), np.cumsum(size), np.tile(com, (1 + n + m, 1)))

@@ -8,21 +8,19 @@ import numpy as np
 
 from surefoot.geometry.linear import dot, product
 from surefoot.geometry.polygon import ray, signed_distance
-from surefoot.kernels.jit import row_kernel
 
-from ..programs.contacts import Array, StabilityError
-from ..programs.fan import APPROACH, Fan, Goal, Outlook, explore, insert, near_arcs, new_fan
-from ..programs.interior import NO_DUAL, NO_PRIMAL, SOLVED
+from ..programs.contacts import Array
+from ..programs.fan import APPROACH, FanGoal, insert, settled, with_room
+from ..programs.interior import NO_DUAL, NO_PRIMAL
 from ..programs.lanes import LANES
-from ..programs.oracle import FLAT, Oracle, solve_one
-from ..programs.reference import Reference
-from .region import Region, Solved
+from ..programs.outline import explore
+from ..programs.reduced import Reduced, reduce
+from .careful import FLAT, MARGIN_DIRECTIONS, Oracle, approach, solve_one
+from .model import Region, Solved
 
 ExtentStatus = Literal["ok", "unbounded", "infeasible", "missed"]
 
 MARGIN_TOLERANCE = 2e-9  # in units of the stance; the solver's own accuracy is 1e-9
-UNSETTLED = 1e-8  # of the largest support value: a margin further from its lower bound is not taken for an answer
-MARGIN_DIRECTIONS = 160  # more tell nothing: each round narrows the arc by a factor of nine
 ON_EDGE = 1e-12  # m; a distance below it is zero (points and segments have no inside)
 
 
@@ -63,12 +61,12 @@ class Plane:
         """The answers of a region seen in the plane: h(d) = h(a) / |M^-T a| for d = M^-T a / |M^-T a|."""
         direction = s.fan.direction[: s.count] @ np.linalg.inv(self.matrix)
         size = np.hypot(direction[:, 0], direction[:, 1])
-        fan = _with_room(s.fan, s.count, s.count)
+        fan = with_room(s.fan, s.count, s.count)
         fan.direction[:], fan.value[:] = direction / size[:, None], s.fan.value[: s.count] / size
         fan.point[:], fan.unknown[:] = s.fan.point[: s.count] @ self.matrix.T, s.fan.unknown[: s.count] / size[:, None]
         insert(fan, 0, s.count)
-        h = np.ascontiguousarray(s.h @ self.matrix.T)
-        return Solved(s.a, h, s.c, fan, s.count, self.matrix @ s.anchor + self.zero, s.length)
+        h = np.ascontiguousarray(s.reduced.h @ self.matrix.T)
+        return Solved(s.reduced._replace(h=h), fan, s.count, self.matrix @ s.anchor + self.zero)
 
 
 def margin(region: Region, point: Array, plane: Plane | None = None) -> Margin:
@@ -86,53 +84,14 @@ def margin(region: Region, point: Array, plane: Plane | None = None) -> Margin:
         value = float(signed_distance(inner, float(point[0]), float(point[1])))
         return Margin(0.0 if abs(value) < ON_EDGE else value)
     s = region.solved if plane is None else plane.solved(region.solved)
-    x, y = (point - s.anchor) / s.length
+    x, y = (point - s.anchor) / s.reduced.length
     capacity = s.count + MARGIN_DIRECTIONS
-    fan = _with_room(s.fan, s.count, capacity)
-    goal = Goal(APPROACH, MARGIN_TOLERANCE, float(x), float(y))
-    count, _, outlook = explore(s.a, s.h, s.c, fan, s.count, s.count, goal, capacity, LANES)
+    fan = with_room(s.fan, s.count, capacity)
+    goal = FanGoal(APPROACH, MARGIN_TOLERANCE, float(x), float(y))
+    count, _, outlook = explore(s.reduced, fan, s.count, s.count, goal, capacity, LANES)
     if not settled(fan, count, outlook):
-        outlook, fan = _slowly(s, fan, count, goal)
-    return Margin(outlook.best * s.length, fan.direction[outlook.arg].copy())
-
-
-@row_kernel
-def settled(fan: Fan, count: int, outlook: Outlook) -> bool:
-    """Whether the best value is as near to its lower bound as the solver is exact, or all directions are used up (the
-    middle of a circle: all are equally near). It is not where the solver gave up on a direction in between."""
-    if count == fan.value.size:
-        return True
-    size = 1.0
-    for k in range(count):
-        size = max(size, abs(fan.value[k]))
-    return outlook.best - outlook.bound <= UNSETTLED * size
-
-
-def _slowly(s: Solved, fan: Fan, count: int, goal: Goal) -> tuple[Outlook, Fan]:
-    """Approach with clarabel, one direction at a time."""
-    reference, pick = Reference(s.a, s.c), np.empty((LANES, 2))
-    fan = _with_room(fan, count, count + MARGIN_DIRECTIONS)
-    wanted, outlook = near_arcs(fan, count, goal, pick, 1)
-    while wanted and count < len(fan.value):
-        answer = reference.solve(s.h @ pick[0])
-        if answer.status != SOLVED:
-            break
-        fan.direction[count], fan.status[count] = pick[0], SOLVED
-        fan.value[count], fan.unknown[count], fan.force[count] = answer.value, answer.unknown, answer.force
-        fan.point[count], fan.error[count] = np.einsum("iqd,iq->d", s.h, answer.force), answer.error
-        insert(fan, count, count + 1)
-        count += 1
-        wanted, outlook = near_arcs(fan, count, goal, pick, 1)
-    if not settled(fan, count, outlook):
-        raise StabilityError("no_convergence", "contacts", "neither solver found the nearest edge of this region")
-    return outlook, fan
-
-
-def _with_room(fan: Fan, count: int, capacity: int) -> Fan:
-    wide = new_fan(capacity, fan.force.shape[1])
-    for mine, theirs in zip(wide, fan, strict=True):
-        mine[:count] = theirs[:count]
-    return wide
+        outlook, fan = approach(s.reduced, fan, count, goal)
+    return Margin(outlook.best * s.reduced.length, fan.direction[outlook.arg].copy())
 
 
 def extent(region: Region, point: Array, direction: Array, plane: Plane | None = None) -> Extent:
@@ -153,26 +112,26 @@ def extent(region: Region, point: Array, direction: Array, plane: Plane | None =
         return Extent(None, "missed") if math.isnan(t) else Extent(float(t), "ok")
     if region.solved is not None:
         s = region.solved
-        return _solve(s.a, s.h, s.c, (point - s.anchor) / s.length, direction, s.length)
-    oracle = Oracle(region.contacts)
+        return _solve(s.reduced, (point - s.anchor) / s.reduced.length, direction)
+    oracle = Oracle(region.contacts, *reduce(region.contacts))
     r = oracle.reduced
     start, a = (point - oracle.anchor) / r.length, direction
     across = np.array([-a[1], a[0]])
     gains, brakes = oracle.drift(a[None])[0], oracle.drift(across[None])[0]
     if np.abs(gains).max(initial=0.0) > FLAT or np.abs(brakes).max(initial=0.0) > FLAT:
         return _drifting(oracle, start, a, across, gains, brakes)
-    return _solve(r.a, r.h, r.c, start, a, r.length)
+    return _solve(r, start, a)
 
 
-def _solve(a: Array, h: Array, c: Array, start: Array, direction: Array, length: float) -> Extent:
+def _solve(r: Reduced, start: Array, direction: Array) -> Extent:
     across = np.array([-direction[1], direction[0]])
-    wide = np.concatenate((a, product(h, across)[:, :, None]), axis=2)
-    status, value, _, _, _ = solve_one(wide, product(h, direction), np.append(c, dot(across, start)))
+    wide = np.concatenate((r.a, product(r.h, across)[:, :, None]), axis=2)
+    status, value, _, _, _ = solve_one(wide, product(r.h, direction), np.append(r.c, dot(across, start)))
     if status == NO_PRIMAL:
         return Extent(None, "missed")
     if status == NO_DUAL:
         return Extent(None, "unbounded")
-    return Extent((value - dot(direction, start)) * length, "ok")
+    return Extent((value - dot(direction, start)) * r.length, "ok")
 
 
 def _drifting(oracle: Oracle, start: Array, a: Array, across: Array, gains: Array, brakes: Array) -> Extent:

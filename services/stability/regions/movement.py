@@ -2,20 +2,23 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..programs.contacts import Array
+from ..programs.contacts import Array, ContactSet
 from .margin import Extent, Margin, Plane, extent, margin
-from .region import Region
+from .model import Region
+from .modes import Actuated, Mode, Moving, Refinement, Tilted, leanings, region_in
+from .region import region
+from .robust import RobustGradient, Uncertainty, margin_gradient, robust_margin
 
 STILL = 1e-12  # m; a shorter horizontal movement has no direction
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """Verdict on a movement over a region."""
+    """Margins of a movement over a region."""
 
     com_after: Array
     """(2,) m, c1 = com + movement + shift."""
@@ -32,7 +35,7 @@ class Check:
 
 
 def worst(checks: Sequence[Check]) -> Check:
-    """What holds for every one of several regions, none of them infeasible: the smallest margins and ways."""
+    """Combine the checks over several regions, none of them infeasible: the smallest margins and ways."""
     first = checks[0]
     if len(checks) == 1:
         return first
@@ -51,7 +54,7 @@ def _low(found: Margin) -> float:
 
 
 def _nearest(found: Sequence[Extent | None]) -> Extent | None:
-    """The shortest way; none where a region is missed."""
+    """Return the shortest way, or that of a region which is missed."""
     ways = [e for e in found if e is not None]
     for e in ways:
         if e.status == "missed":
@@ -82,3 +85,68 @@ def check(region: Region, com: Array, movement: Array, shift: Array, plane: Plan
         reach, gsm = extent(region, com, direction, plane), extent(region, after, direction, plane)
     stable = region.status == "ok" and then.value is not None and then.value >= 0.0
     return Check(np.asarray(after), now, then, reach, gsm, stable)
+
+
+@dataclass(frozen=True, slots=True)
+class Movement:
+    """Planned movement of the trunk over the feet, frame world."""
+
+    contacts: ContactSet
+    """Contacts that stay."""
+    mode: Mode
+    """Mode before the movement."""
+    after: Mode
+    """Mode after it: as before, or with the torque limits of the later posture."""
+    wanted: Refinement
+    """Directions of the region that is returned."""
+    com: Array
+    """(2,) m, CoM now."""
+    way: Array
+    """r_M, (3,) m."""
+    shift: Array
+    """r_KIN, (3,) m."""
+    uncertainty: Uncertainty | None = None
+    """Asks for the margin that allows for it; at rest only."""
+    gradient: bool = False
+    """Asks for the gradient of the margin; at rest only."""
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedMovement:
+    """Answer to a planned movement."""
+
+    region: Region
+    """Region after the movement."""
+    check: Check
+    """Margins and ways; with an acceleration or a tilt the worst of every possible gravity."""
+    robust: float | None = None
+    """m, margin with the uncertainty; None: not asked for, or nothing is left."""
+    gradient: RobustGradient | None = None
+    """Gradient of the margin; None: not asked for, or no area, or no edge."""
+
+
+def check_movement(asked: Movement) -> CheckedMovement:
+    """Region, margins and ways of a planned movement.
+
+    Raises:
+        StabilityError: the robot would fly, or no solver finds an answer.
+    """
+    mode, way, shift = asked.mode, asked.way, asked.shift
+    found = here = region_in(mode, asked.contacts, asked.wanted)
+    if isinstance(mode, Moving | Tilted):
+        checks: list[Check] = []
+        for seen in leanings(mode, asked.contacts):
+            each = region(seen.contacts, tolerance=asked.wanted.tolerance, limit=asked.wanted.limit)
+            checks.append(check(each, asked.com, way, shift, seen.plane(mode.height)))
+            if each.status == "infeasible":
+                return CheckedMovement(found, checks[-1])
+        return CheckedMovement(found, worst(checks))
+    if asked.after is not mode:
+        found = region_in(asked.after, asked.contacts, asked.wanted)
+    then = check(found, asked.com, way, shift)
+    if isinstance(mode, Actuated):
+        now = then if found is here else check(here, asked.com, way, shift)
+        return CheckedMovement(found, replace(then, margin_now=now.margin_now, extent=now.extent))
+    robust = None if asked.uncertainty is None else robust_margin(asked.contacts, then.com_after, asked.uncertainty)
+    slope = margin_gradient(asked.contacts, then.com_after) if asked.gradient else None
+    return CheckedMovement(found, then, robust, slope)

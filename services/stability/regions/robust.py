@@ -1,4 +1,4 @@
-"""Margins that allow for what is not known exactly, and their gradients."""
+"""Margins that allow for uncertain inputs, and their gradients."""
 
 import math
 from dataclasses import dataclass
@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..programs.contacts import Array, ContactSet
-from ..programs.oracle import Support
 from .equilibrium import equilibrium
 from .margin import margin
+from .model import Support
 from .region import region
 
 INSIDE = 1e-6  # of the way to the middle of the region: forces are asked for so far inside the edge
@@ -19,22 +19,22 @@ TURN = 2.0 * math.pi
 
 @dataclass(frozen=True, slots=True)
 class Uncertainty:
-    """What is not known exactly; standard deviations count `kappa` times, bounds fully."""
+    """Uncertainty of the inputs; standard deviations count `kappa` times, bounds fully."""
 
     com: Array
     """(2, 2) m^2, covariance of the CoM."""
     foot: Array
     """(n, 3, 3) m^2, covariance of each contact point."""
     friction: float = 0.0
-    """Bound: every coefficient may be less by that, no unit."""
+    """Bound by which every coefficient may be less, no unit."""
     normal: float = 0.0
-    """Bound: every normal may be off by that, rad."""
+    """Bound by which every normal may be off, rad."""
     kappa: float = 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class Gradient:
-    """How h(a) in one direction changes, per unit."""
+    """Gradient of the support value h(a) in one direction."""
 
     mu: Array
     """(n,) d h / d mu_i = - u_i'f_t,i / mu_i >= 0, m."""
@@ -58,7 +58,7 @@ def _slope(contacts: ContactSet, twist: Array, force: Array, a: Array) -> Gradie
 
 @dataclass(frozen=True, slots=True)
 class RobustGradient:
-    """How the signed margin of a CoM changes."""
+    """Gradient of the signed margin of a CoM."""
 
     value: float
     """m, the margin."""
@@ -128,7 +128,7 @@ def robust_margin(contacts: ContactSet, com: Array, unknown: Uncertainty) -> flo
     if found.status in ("infeasible", "unbounded"):
         return None
     along = np.roll(found.inner, -1, axis=0) - found.inner
-    # h(a) - a'c has its minima at the normals of the edges, and the forces that tell the slope jump there
+    # h(a) - a'c has its minima at the normals of the edges, and the forces that give the slope jump there
     edges = (np.arctan2(-along[:, 0], along[:, 1])[:, None] + [-FINEST, 0.0, FINEST]).ravel()
     angles = np.unique(np.concatenate((edges % TURN, np.arange(GRID) * TURN / GRID)))
     value = _left(careful, _unit(angles), com, unknown)

@@ -1,1 +1,1 @@
-"""What the robot itself tells: forces under its feet, their calibration, its CoM, its state while it walks."""
+"""Measurements of the robot: posture, forces under its feet, their calibration, its CoM, its state while it walks."""

@@ -1,13 +1,13 @@
-"""Gains of the torque measurement from poses of the standing robot (Walas & Belter 4.7, corrected as in note 2.9).
+"""Gains of the torque measurement from poses of the standing robot (Walas & Belter 4.7, corrected).
 
 The paper moves the trunk 10 cm to either side and divides the way by the measured way of the CoM. That fixes the sum
 of both ways only, takes the weight for granted and leaves offsets in. Here every pose i gives the six equations of
-rest, linear in the factors s of the torques (tau = s tau_told) and in an offset d of the CoM in the trunk:
+rest, linear in the factors s of the torques (tau = s tau_reported) and in an offset d of the CoM in the trunk:
 
-    sum over standing feet of A1 J^-T (G - tau_told s) = (0, 0, mg, mg (c_y + d_y), -mg (c_x + d_x), 0)
+    sum over standing feet of A1 J^-T (G - tau_reported s) = (0, 0, mg, mg (c_y + d_y), -mg (c_x + d_x), 0)
 
 with c by kinematics. They are weighed by the noise of the torques; a prior keeps the factors near each other where
-the poses do not tell them apart.
+the poses do not separate them.
 """
 
 import math
@@ -25,19 +25,19 @@ from .forces import leg_inverses
 
 Flags = NDArray[np.bool_]
 
-COMMON_SD = 0.5  # prior standard deviation of the common factor (1 = as told)
+COMMON_SD = 0.5  # prior standard deviation of the common factor (1 = as reported)
 APART_SD = 0.03  # prior standard deviation of one joint's factor from the common one
 OFFSET_SD = 0.02  # m, prior standard deviation of the CoM's offset
 
 
 @dataclass(frozen=True, slots=True)
 class SweptPose:
-    """The robot at rest."""
+    """Pose of the robot at rest."""
 
     joints: Array
     """(nj,) rad."""
     torque: Array
-    """(nj,) Nm, as told: current times the constant that the driver believes in."""
+    """(nj,) Nm, as reported: current times the constant that the driver believes in."""
     g_up: Array
     """(3,) m/s2, upward specific force, base_link."""
     stance: Flags
@@ -54,7 +54,7 @@ class PoseCollector:
         self._recent: list[tuple[Array, Array, Array, Flags]] = []
 
     def add(self, joints: Array, torque: Array, g_up: Array, stance: Flags) -> bool:
-        """Take a sample; tells whether it completed a pose."""
+        """Take a sample; True if it completed a pose."""
         self._recent.append((joints, torque, g_up, stance))
         del self._recent[: -self._window]
         if len(self._recent) < self._window:
@@ -75,7 +75,7 @@ class PoseCollector:
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Factors by which told torques have to be multiplied."""
+    """Factors by which reported torques have to be multiplied."""
 
     common: float
     """One factor for all joints."""
@@ -150,7 +150,7 @@ def _used(robot: Robot, poses: Sequence[SweptPose]) -> Array:
 
 
 def equations(robot: Robot, pose: SweptPose) -> tuple[Array, Array, Array] | None:
-    """The six equations of a pose: matrix (6, nj + 2) of factors and offset, right side (6,), and what they take of
+    """Six equations of a pose: matrix (6, nj + 2) of factors and offset, right side (6,), and what they take of
     each torque (6, nj). Level axes, moments about the mean foot. None when a standing leg is not observed."""
     found = leg_inverses(robot, pose.joints, pose.g_up)
     if not pose.stance.any() or not found.observed[pose.stance].all():

@@ -1,4 +1,4 @@
-"""Foot forces from motor torques, and the CoM from foot forces (Walas & Belter 4.5, corrected as in note 2.7, 2.8)."""
+"""Foot forces from motor torques, and the CoM from foot forces (Walas & Belter 4.5, corrected)."""
 
 import math
 from dataclasses import dataclass
@@ -11,13 +11,14 @@ from surefoot.geometry.linear import dot, norm, product
 from surefoot.geometry.linear_kernels import inverse3
 from surefoot.kernels.jit import row_kernel
 from surefoot.robot.description import KinematicModel, Robot
-from surefoot.robot.kinematics import foot_jacobians_of, forward, gravity_torques_of
+from surefoot.robot.kinematics import forward, gravity_torques_of
 
 from ..programs.contacts import Array
+from .posture import contact_jacobians_of
 
 Flags = NDArray[np.bool_]
 
-LEAST_SHARE = 0.02  # of the weight: torques that make less of it tell nothing about their gain
+LEAST_SHARE = 0.02  # of the weight: torques that make less of it do not determine their gain
 BLIND = 0.5  # standard deviation of a tangential force that nothing measures, as a share of the normal force
 STRAIGHT = 30.0  # condition number of a leg's Jacobian above which its force is not observed (2.4 in a neutral stance)
 
@@ -31,12 +32,12 @@ class FootForces:
     covariance: Array
     """(L, 3, 3) N^2, base_link."""
     observed: Flags
-    """(L,) the leg's posture lets the torques tell the force (False also for legs with other than three joints)."""
+    """(L,) True where torques (a leg of three joints, not stretched) or a sensor determine the force."""
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredCom:
-    """CoM that the foot forces show."""
+    """CoM by the foot forces."""
 
     com: Array
     """(2,) m, frame of the forces."""
@@ -67,7 +68,7 @@ def forces_from_torques(robot: Robot, joints: Array, torque: Array, g_up: Array,
 
 
 class LegInverses(NamedTuple):
-    """What turns joint torques into foot forces in one posture."""
+    """Maps from joint torques to foot forces in one posture."""
 
     inverse: Array
     """(L, 3, 3) J^-T of each leg, base_link; zero where not observed."""
@@ -89,7 +90,7 @@ def gain_from_weight(robot: Robot, joints: Array, torque: Array, g_up: Array, st
     F = J^-T (G - s tau). Level rows give s = (sum [J^-T G]_z - m g) / sum [J^-T tau]_z over the standing feet.
 
     Returns:
-        None when a standing leg is not observed, or the torques tell nothing.
+        None when a standing leg is not observed, or the torques make too little of the weight.
     """
     found = leg_inverses(robot, joints, g_up)
     if not stance.any() or not found.observed[stance].all():
@@ -104,15 +105,15 @@ def gain_from_weight(robot: Robot, joints: Array, torque: Array, g_up: Array, st
 
 
 def fuse_normal(found: FootForces, normal: Array, load: Array, variance: Array) -> FootForces:
-    """Fuse forces from torques with what the sensors under the feet say of n'F, each weighed by its covariance.
+    """Fuse forces from torques with the loads n'F of sensors under the feet, each weighed by its covariance.
 
-    F += K (p - n'F), K = R n / (n'R n + s^2). A leg that torques do not tell is taken from its sensor alone: F = p n,
+    F += K (p - n'F), K = R n / (n'R n + s^2). A leg that is not observed is taken from its sensor alone: F = p n,
     with tangential parts as uncertain as `BLIND` of the load.
 
     Args:
         found: forces from torques.
         normal: unit normal of each sole, axes of the forces, (L, 3).
-        load: n'F, (L,) N; NaN = says nothing.
+        load: n'F, (L,) N; NaN = no reading.
         variance: of each load, (L,) N^2.
     """
     force, covariance, observed = found.force.copy(), found.covariance.copy(), found.observed.copy()
@@ -133,33 +134,6 @@ def fuse_normal(found: FootForces, normal: Array, load: Array, variance: Array) 
 
 
 @row_kernel
-def contact_jacobians(model: KinematicModel, joints: Array, up: Array, radius: Array) -> Array:
-    """d p_i / d (joints of leg i) for the lowest point p of each foot sphere, (L, 3, n); `up` is a unit vector."""
-    rot, pos = forward(model, joints)
-    return _contact_jacobians_of(model, rot, pos, up, radius)
-
-
-@row_kernel
-def _contact_jacobians_of(model: KinematicModel, rot: Array, pos: Array, up: Array, radius: Array) -> Array:
-    jacobian = foot_jacobians_of(model, rot, pos)
-    for i in range(model.leg_joints.shape[0]):
-        k = model.foot_link[i]
-        while k >= 0:
-            for c in range(model.leg_joints.shape[1]):
-                if model.joint[k] >= 0 and model.leg_joints[i, c] == model.joint[k]:
-                    x, y, z = 0.0, 0.0, 0.0
-                    for q in range(3):
-                        x += rot[k, 0, q] * model.axis[k, q]
-                        y += rot[k, 1, q] * model.axis[k, q]
-                        z += rot[k, 2, q] * model.axis[k, q]
-                    jacobian[i, 0, c] -= radius[i] * (y * up[2] - z * up[1])
-                    jacobian[i, 1, c] -= radius[i] * (z * up[0] - x * up[2])
-                    jacobian[i, 2, c] -= radius[i] * (x * up[1] - y * up[0])
-            k = model.parent[k]
-    return jacobian
-
-
-@row_kernel
 def _leg_inverses(model: KinematicModel, joints: Array, g_up: Array, radius: Array) -> tuple[Array, Array, Flags]:
     rot, pos = forward(model, joints)
     return _leg_inverses_of(model, rot, pos, g_up, radius)
@@ -173,7 +147,7 @@ def _leg_inverses_of(
     up, transposed = np.empty(3), np.empty((3, 3))
     for r in range(3):
         up[r] = g_up[r] / size
-    jacobian = _contact_jacobians_of(model, rot, pos, up, radius)
+    jacobian = contact_jacobians_of(model, rot, pos, up, radius)
     count, width = model.leg_joints.shape
     inverse, observed = np.zeros((count, 3, 3)), np.zeros(count, dtype=np.bool_)
     for i in range(count):
@@ -292,6 +266,21 @@ def _com(position: Array, force: Array, covariance: Array, tilt_sd: float) -> tu
             com[d] += (
                 (position[i, d] - centroid[d]) * rest[i, 2] - (position[i, 2] - centroid[2]) * rest[i, d]
             ) / weight
+    spread = _com_covariance(position, covariance, centroid, com, weight, gain, inv)
+    for d in range(2):
+        com[d] = centroid[d] + com[d]
+    return com, spread, weight, misfit
+
+
+@row_kernel
+def _com_covariance(
+    position: Array, covariance: Array, centroid: Array, com: Array, weight: float, gain: Array, inv: Array
+) -> Array:
+    """Covariance (2, 2) m^2 of the CoM, `com` (2,) m from the centroid of the feet.
+
+    `gain` holds R C' of each foot, `inv` the inverse of C R C'.
+    """
+    n = position.shape[0]
     slope = np.zeros((n, 2, 3))  # d com / d force
     seen = np.zeros((2, 3))  # slope R C'
     spread = np.zeros((2, 2))
@@ -312,6 +301,4 @@ def _com(position: Array, force: Array, covariance: Array, tilt_sd: float) -> tu
             for a in range(3):
                 for b in range(3):
                     spread[d, e] -= seen[d, a] * inv[a, b] * seen[e, b]
-    for d in range(2):
-        com[d] = centroid[d] + com[d]
-    return com, spread, weight, misfit
+    return spread

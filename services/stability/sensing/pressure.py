@@ -5,7 +5,7 @@ The resistance falls with the force as a power law; with a fixed resistor it div
     R(F) = R_1 F^-p,   V = V_s R_f / (R_f + R(F))
 
 The paper prints the curve without numbers: those here are typical of such sensors, in a circuit that is fairly linear
-in the range it names, 0.5 to 2 kg. Outside of the range the sensor says only that the force is less, or more.
+in the range it names, 0.5 to 2 kg. Outside of the range a reading means only that the force is less, or more.
 """
 
 from dataclasses import dataclass
@@ -73,7 +73,7 @@ def read_loads(load: Array, sensor: PressureSensor) -> tuple[Array, Array]:
     """Loads and variances for a fusion from what sensors report, (L,) N each.
 
     Below the range a sensor reports nothing but "less": a load anywhere between 0 and `least`; at its end it
-    saturates and says nothing (NaN).
+    saturates (NaN).
 
     Args:
         load: reported forces, N: 0 = below the range, `most` = saturated, NaN = no sensor.

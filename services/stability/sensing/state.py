@@ -14,7 +14,8 @@ from surefoot.robot.kinematics import com_of, foot_positions_of, forward
 
 from ..programs.contacts import Array, ContactSet
 from ..regions.margin import Margin, margin
-from ..regions.region import Region, region
+from ..regions.model import Region
+from ..regions.region import region
 from .forces import MeasuredCom, com_from_forces, leg_forces_of
 
 Flags = NDArray[np.bool_]
@@ -22,7 +23,7 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class WatchParams:
-    """What is taken for granted while walking."""
+    """Assumptions while walking."""
 
     mu: float = 0.6
     """Friction coefficient of every foot."""
@@ -41,7 +42,7 @@ class WatchParams:
 
 
 class StandingFeet:
-    """Which feet stand, from switches that chatter.
+    """Filter of the standing feet from switches that chatter.
 
     A foot that has landed and is planned to stand is still at its place when its load vanishes for a moment (the impact
     of another foot, a stiff edge): it takes load again as soon as the trunk sinks, so it bounds the static region. A
@@ -58,7 +59,7 @@ class StandingFeet:
         self._touched = np.full(legs, -np.inf)  # time of the last closed switch in this stance
 
     def update(self, stamp: float, touch: Flags, planned: Flags | None) -> Flags:
-        """Feet that stand at `stamp` (s); `planned` stance (L,), None = nobody plans: the switches alone count."""
+        """Return the feet (L,) that stand at `stamp` (s); `planned` stance (L,), None = no plan: switches alone."""
         return _standing(
             self._touched, self._hold_s, stamp, touch, touch if planned is None else planned, planned is None
         )
@@ -110,7 +111,7 @@ def level_from_base(g_up: Array) -> Array:
 
 
 class Footing(NamedTuple):
-    """What joints, tilt and torques tell of the n feet that stand."""
+    """Contacts, forces and CoM of the n feet that stand, from joints, tilt and torques."""
 
     position: Array
     """(n, 3) m, frame level: where they touch the ground."""
@@ -123,7 +124,7 @@ class Footing(NamedTuple):
     covariance: Array
     """(n, 3, 3) N^2, base_link."""
     observed: bool
-    """The torques tell the force on every one of them."""
+    """True if the torques determine the force on every one of them."""
     com: Array
     """(3,) m, frame level."""
     rot: Array
@@ -141,7 +142,7 @@ def _footing(
     mu: float,
     variance: float,
 ) -> Footing:
-    """The links' poses once, and all that follows from them."""
+    """Compute the links' poses once, and all that follows from them."""
     links, origins = forward(model, joints)
     feet, centre = foot_positions_of(model, links, origins), com_of(model, links, origins)
     forces, covariances, observed = leg_forces_of(model, links, origins, g_up, radius, torque, variance)
@@ -180,8 +181,8 @@ def watch(robot: Robot, joints: Array, touch: Flags, g_up: Array, torque: Array 
         torque: measured joint torques, (nj,) Nm, or None.
         params: friction and accuracy.
     """
-    told = np.zeros(robot.nj) if torque is None else torque
-    f = _footing(robot.model, joints, g_up, told, touch, robot.foot_radii, params.mu, params.torque_variance)
+    measured_torque = np.zeros(robot.nj) if torque is None else torque
+    f = _footing(robot.model, joints, g_up, measured_torque, touch, robot.foot_radii, params.mu, params.torque_variance)
     contacts = ContactSet(f.position, f.normal, f.mu)
     found = region(contacts, tolerance=params.tolerance, limit=params.directions)
     measured: MeasuredCom | None = None

@@ -18,8 +18,8 @@ from surefoot.schemas.hw import FootContacts, JointState, Tick
 from surefoot.schemas.stability import CheckRequest, StabilityStatus
 from surefoot.schemas.state import VelocityEstimate
 from surefoot.schemas.topics import HW_CONTACTS, HW_JOINTS, STATE_STABILITY, STATE_VELOCITY
+from surefoot.services.stability.answers import check_reply
 from surefoot.services.stability.programs.contacts import contact_set
-from surefoot.services.stability.queries.check_query import check_reply
 from surefoot.services.stability.service import Stability
 from tests.services.stability.certificate import twist_violation
 from tests.services.stability.conftest import ask

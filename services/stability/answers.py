@@ -1,0 +1,269 @@
+"""Answers of the domain as messages, and the handlers of the queries."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from surefoot.geometry.constants import GRAVITY
+from surefoot.robot.description import Robot
+from surefoot.robot.kinematics import foot_positions
+from surefoot.schemas.stability import (
+    CheckReply,
+    CheckRequest,
+    ComReply,
+    ComRequest,
+    EquilibriumReply,
+    EquilibriumRequest,
+    MarginGradient,
+    RegionReply,
+    RegionRequest,
+    StabilityStatus,
+    SupportPoint,
+)
+from surefoot.schemas.whatif import BatchReply, BatchRequest, Variant, WhatifReply, WhatifRequest
+
+from .programs.contacts import Array, StabilityError, contacts_of, within
+from .regions.equilibrium import equilibrium, least_forces, least_friction
+from .regions.many import STATUSES, Variants, batch, what_if
+from .regions.margin import Extent
+from .regions.model import Region, Support
+from .regions.modes import region_in
+from .regions.movement import check_movement
+from .regions.robust import RobustGradient
+from .requests import (
+    check_question,
+    equilibrium_question,
+    named_robot,
+    packed_sets,
+    region_question,
+)
+from .sensing.forces import FootForces, com_from_forces, forces_from_torques, fuse_normal, gain_from_weight
+from .sensing.posture import posed
+from .sensing.pressure import PressureSensor, read_loads
+from .sensing.state import Status, WatchParams
+
+
+def region_reply(request: RegionRequest, own: Robot) -> RegionReply:
+    """Answer `stability/region`; `own` is the robot when the request names none."""
+    asked = region_question(request, own)
+    found = region_in(asked.mode, asked.contacts, asked.wanted)
+    return RegionReply(**_region(found, request.certificates, polygons=True))
+
+
+def check_reply(request: CheckRequest, own: Robot) -> CheckReply:
+    """Answer `stability/check`; `own` is the robot when the request names none."""
+    asked = check_question(request, own)
+    found = check_movement(asked.movement)
+    check, (x, y), after, shift = found.check, asked.movement.com.tolist(), found.check.com_after, asked.movement.shift
+    return CheckReply(
+        **_region(found.region, request.certificates, request.polygons),
+        stable=check.stable,
+        margin=check.margin.value,
+        margin_now=check.margin_now.value,
+        margin_robust=found.robust,
+        gradient=None if found.gradient is None else _gradient(found.gradient),
+        extent=_length(check.extent),
+        gsm=_length(check.gsm),
+        extent_status=None if check.extent is None else check.extent.status,
+        gsm_status=None if check.gsm is None else check.gsm.status,
+        com=(x, y),
+        com_after=(float(after[0]), float(after[1])),
+        shift=(float(shift[0]), float(shift[1]), float(shift[2])),
+        stance=asked.stance,
+        reachable=asked.reachable,
+    )
+
+
+def whatif_reply(request: WhatifRequest) -> WhatifReply:
+    """Answer `stability/whatif`."""
+    contacts, candidates = contacts_of(request.contacts), contacts_of(request.candidates, "candidates")
+    found = variants(what_if(contacts, within(request.com, "com"), candidates))
+    n = len(contacts)
+    return WhatifReply(now=found[0], lifts=found[1 : n + 1], candidates=found[n + 1 :])
+
+
+def batch_reply(request: BatchRequest) -> BatchReply:
+    """Answer `stability/batch`."""
+    return BatchReply(results=variants(batch(packed_sets(request))))
+
+
+def equilibrium_reply(request: EquilibriumRequest) -> EquilibriumReply:
+    """Answer `stability/equilibrium`."""
+    asked = equilibrium_question(request)
+    found, back = equilibrium(asked.contacts, asked.com), asked.back
+    if not found.held:
+        proof = None
+        if found.twist is not None:
+            proof = tuple(np.concatenate((back @ found.twist[:3], back @ found.twist[3:])).tolist())
+        return EquilibriumReply(held=False, forces_n=None, friction_share=None, certificate=proof)
+    least, even = least_forces(asked.contacts, asked.com), least_friction(asked.contacts, asked.com)
+    force = found.force if least is None else least
+    return EquilibriumReply(
+        held=True,
+        forces_n=None if force is None else triples(asked.weight * force @ back.T),
+        friction_share=None if even is None else even.share,
+        minmax_forces_n=None if even is None else triples(asked.weight * even.force @ back.T),
+    )
+
+
+def com_reply(request: ComRequest, own: Robot) -> ComReply:
+    """Answer to `stability/com`; `own` is the robot when the request names none."""
+    robot = named_robot(request.robot) if request.robot is not None else own
+    base = within(request.base.position, "base.position")
+    stands = posed(robot, request.joints, request.base.quat_wxyz, base)
+    joints, rot = stands.joints, stands.rot
+    c = base + rot @ stands.com_in_base()
+    planned = (float(c[0]), float(c[1]), float(c[2]))
+    if request.torque is None:
+        return ComReply(com=planned, mass_kg=robot.mass, com_measured=None)
+    torque = np.array(request.torque)
+    if torque.size != joints.size:
+        raise StabilityError("shape", "torque", f"got {torque.size} torques, {robot.name} has {joints.size} joints")
+    legs = len(robot.legs)
+    touch = np.ones(legs, dtype=np.bool_) if request.touch is None else np.array(request.touch)
+    if touch.size != legs:
+        raise StabilityError("shape", "touch", f"got {touch.size} feet, {robot.name} has {legs}")
+    up = np.ascontiguousarray(rot.T @ np.array([0.0, 0.0, GRAVITY]))
+    gain: float | None = None
+    if request.known_weight:
+        gain = gain_from_weight(robot, joints, torque, up, touch)
+        torque = torque if gain is None else gain * torque
+    found = forces_from_torques(robot, joints, torque, up, WatchParams().torque_variance)
+    found = FootForces(found.force @ rot.T, rot @ found.covariance @ rot.T, found.observed)
+    if request.load_n is not None:
+        found = _with_loads(found, request.load_n, robot)
+    force, spread = found.force, found.covariance
+    measured = None
+    if touch.any() and found.observed[touch].all():
+        feet = base + foot_positions(robot.model, joints) @ rot.T
+        feet[:, 2] -= robot.foot_radii
+        measured = com_from_forces(feet[touch], force[touch], spread[touch], tilt_sd=request.tilt_sd_rad)
+    fields: dict[str, Any] = {}
+    if measured is not None:
+        fields = {"weight_n": measured.weight, "misfit": measured.misfit}
+        fields["covariance"] = tuple(measured.covariance.ravel().tolist())
+    return ComReply(
+        com=planned,
+        mass_kg=robot.mass,
+        com_measured=None if measured is None else (float(measured.com[0]), float(measured.com[1])),
+        forces_n=triples(force),
+        observed=tuple(found.observed.tolist()),
+        gain=gain,
+        **fields,
+    )
+
+
+def _with_loads(found: FootForces, loads: tuple[float | None, ...], robot: Robot) -> FootForces:
+    """Fuse forces with the readings (N) of sensors under the feet, taken along the vertical."""
+    if len(loads) != len(robot.legs):
+        raise StabilityError("shape", "load_n", f"got {len(loads)} loads, {robot.name} has {len(robot.legs)} feet")
+    sensor = PressureSensor()
+    if robot.contacts.kind == "force":
+        sensor = PressureSensor(least=robot.contacts.min_n, most=robot.contacts.max_n)
+    value, variance = read_loads(np.array([math.nan if load is None else load for load in loads]), sensor)
+    return fuse_normal(found, np.tile([0.0, 0.0, 1.0], (len(loads), 1)), value, variance)
+
+
+def status_message(now: Status, mu: float, fresh: bool) -> StabilityStatus:
+    """Message of a status; `mu` is the friction coefficient taken for every foot."""
+    measured = now.com_measured
+    return StabilityStatus(
+        status=now.region.status,
+        stance=tuple(now.stance.tolist()),
+        region=pairs(now.region.inner),
+        com_planned=(float(now.com_planned[0]), float(now.com_planned[1])),
+        com_measured=None if measured is None else (float(measured.com[0]), float(measured.com[1])),
+        margin_planned=now.margin_planned.value,
+        margin_measured=None if now.margin_measured is None else now.margin_measured.value,
+        weight_n=None if measured is None else measured.weight,
+        mu=mu,
+        fresh=fresh,
+    )
+
+
+def no_status(legs: int, mu: float) -> StabilityStatus:
+    """Message as long as a sample is missing, for a robot with so many legs."""
+    return StabilityStatus(
+        status="infeasible",
+        stance=(False,) * legs,
+        region=(),
+        com_planned=None,
+        com_measured=None,
+        margin_planned=None,
+        margin_measured=None,
+        mu=mu,
+        fresh=False,
+    )
+
+
+def _region(found: Region, proofs: bool, polygons: bool) -> dict[str, Any]:
+    """Fields of a RegionReply."""
+    sinking = None if found.sinking is None else tuple(found.sinking.tolist())
+    level = sinking is not None and len(sinking) == 4
+    return {
+        "status": found.status,
+        "inner": pairs(found.inner) if polygons else (),
+        "outer": pairs(found.outer) if polygons else (),
+        "support": _support(found.support, proofs) if polygons else (),
+        "gap": found.gap if math.isfinite(found.gap) else None,
+        "area": found.area,
+        "area_outer": found.area_outer,
+        "certificate": sinking if level else None,
+        "twist": None if level else sinking,
+    }
+
+
+def _support(support: Support, proofs: bool) -> tuple[SupportPoint, ...]:
+    """Support values with their proofs: certificate at rest, twist with an acceleration, torques with limits."""
+    direction, value, point = pairs(support.direction), support.value.tolist(), pairs(support.point)
+    gap, name = support.gap.tolist(), {4: "certificate", 6: "twist", 0: ""}[support.twist.shape[1]]
+    out: list[SupportPoint] = []
+    for i, status in enumerate(support.status):
+        ok = status == "ok"
+        proof: dict[str, Any] = {}
+        if proofs and ok and name:
+            proof[name] = tuple(support.twist[i].tolist())
+        if proofs and status != "infeasible":
+            proof["forces"] = triples(support.force[i])
+            if support.torque is not None:
+                proof["torques"] = triples(support.torque[i])
+        out.append(
+            SupportPoint(
+                direction=direction[i],
+                value=value[i] if ok else None,
+                point=point[i] if ok else None,
+                status=status,
+                gap=max(0.0, gap[i]) if ok else None,
+                **proof,
+            )
+        )
+    return tuple(out)
+
+
+def _gradient(slope: RobustGradient) -> MarginGradient:
+    x, y = slope.com.tolist()
+    return MarginGradient(com=(x, y), mu=tuple(slope.mu.tolist()), position=triples(slope.position))
+
+
+def _length(extent: Extent | None) -> float | None:
+    return None if extent is None else extent.value
+
+
+def variants(found: Variants) -> tuple[Variant, ...]:
+    """Messages of the answers about many sets."""
+    status, margin, stable = found.status.tolist(), found.margin.tolist(), found.stable.tolist()
+    return tuple(
+        Variant(status=STATUSES[s], margin=None if m != m else m, stable=ok)
+        for s, m, ok in zip(status, margin, stable, strict=True)
+    )
+
+
+def pairs(points: Array) -> tuple[tuple[float, float], ...]:
+    """Rows of two numbers as tuples."""
+    return tuple(map(tuple, points.tolist()))  # pyright: ignore[reportReturnType] - rows of two
+
+
+def triples(rows: Array) -> tuple[tuple[float, float, float], ...]:
+    """Rows of three numbers as tuples."""
+    return tuple(map(tuple, rows.tolist()))  # pyright: ignore[reportReturnType] - rows of three

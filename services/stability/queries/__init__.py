@@ -1,1 +1,0 @@
-"""Answers of the service: between messages and the algorithms."""

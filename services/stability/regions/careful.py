@@ -1,0 +1,395 @@
+"""Regions of contact sets that are not ordinary: no contact, walls, ceilings, no friction, no area, no solution.
+
+`Oracle` returns support values of one contact set, with proof, in the frame of the request. It is the one place where
+statuses are decided: kernel first, clarabel where the kernel gives up, and a set is called unbounded only if it can
+carry the weight at all.
+
+clarabel minimises q'z subject to A z + s = b, s in cones. Here z = (v, w_z), A = -stacked a_i, b = -stacked h_i(a):
+only b depends on the direction, so one solver serves all directions of a set.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.linear import combined, dot, product
+from surefoot.geometry.polygon import gap, hull
+from surefoot.kernels.jit import row_kernel
+
+from ..programs.clarabel_tools import clarabel_and_sparse
+from ..programs.contacts import Array, ContactSet, StabilityError
+from ..programs.fan import (
+    ASKED,
+    ENCLOSE,
+    FEW,
+    FEW_AT_ONCE,
+    Fan,
+    FanGoal,
+    Outlook,
+    insert,
+    near_arcs,
+    new_fan,
+    settled,
+    wide,
+    with_room,
+)
+from ..programs.interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED, solve_lanes
+from ..programs.lanes import LANES
+from ..programs.outline import enclose, explore
+from ..programs.reduced import CONE, THIN, Reduced, Subspace
+from .model import Region, Solved, Support, SupportStatus
+
+Ints = NDArray[np.int64]
+
+STATUS: dict[int, SupportStatus] = {SOLVED: "ok", NO_DUAL: "unbounded", NO_PRIMAL: "infeasible"}
+FLAT = 1e-9  # of a direction's effect on free forces; below it they do not carry the CoM
+LOOSE = 1e-6  # residual, relative to max(1, value), above which an "almost solved" answer is refused
+LINE, LEVEL = 1e-9, 1e-6  # of the length of a line: how far contacts may lie off it, and how steep it may be
+MARGIN_DIRECTIONS = 160  # more change nothing: each round narrows the arc by a factor of nine
+WIDE, POINT, SEGMENT = 0, 1, 2
+"""Shapes of a region that `flat_ends` returns."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceAnswer:
+    """One solved program, in the scaled frame of `reduced`."""
+
+    status: int
+    value: float
+    unknown: Array  # (m,)
+    force: Array  # (n, 3) cone coordinates
+    error: float
+
+
+class Reference:
+    """clarabel on the cones of one contact set."""
+
+    def __init__(self, a: Array, c: Array, tolerance: float = 1e-11) -> None:
+        clarabel, sparse = clarabel_and_sparse()
+
+        n, _, m = a.shape
+        self._a, self._c, self._shape = a, c, (n, 3)
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.presolve_enable = False
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+        settings.tol_infeas_abs = settings.tol_infeas_rel = 1e-9
+        matrix = sparse.csc_matrix(-a.reshape(3 * n, m))
+        empty = sparse.csc_matrix((m, m))
+        cones = [clarabel.SecondOrderConeT(3)] * n
+        self._solver = clarabel.DefaultSolver(empty, self._c, matrix, np.zeros(3 * n), cones, settings)
+
+    def solve(self, rhs: Array) -> ReferenceAnswer:
+        """Solve for right-hand sides h_i(a), (n, 3)."""
+        self._solver.update(b=-np.ascontiguousarray(rhs).ravel())
+        solution = self._solver.solve()
+        z, x = np.array(solution.x), np.array(solution.z).reshape(self._shape)
+        name, cost, gain = str(solution.status), float(self._c @ z), float(np.sum(rhs * x))
+        if name in ("Solved", "AlmostSolved", "InsufficientProgress", "MaxIterations"):
+            error = self._error(z, x, rhs)
+            return ReferenceAnswer(SOLVED if error <= LOOSE else FAILED, cost, z, x, error)
+        if "DualInfeasible" in name and cost < 0.0:  # of clarabel's primal = our twist: no forces exist
+            return ReferenceAnswer(NO_PRIMAL, -np.inf, z / -cost, x, 0.0)
+        if "PrimalInfeasible" in name and gain > 0.0:
+            return ReferenceAnswer(NO_DUAL, np.inf, z, x / gain, 0.0)
+        return ReferenceAnswer(FAILED, np.nan, z, x, np.inf)
+
+    def _error(self, z: Array, x: Array, rhs: Array) -> float:
+        s = self._a @ z - rhs  # (n, 3)
+        outside = max(np.max(np.hypot(v[:, 1], v[:, 2]) - v[:, 0], initial=0.0) for v in (s, x))
+        balance = np.abs(np.einsum("iqj,iq->j", self._a, x) - self._c).max(initial=0.0)
+        cost = float(self._c @ z)
+        return float(max(outside, balance, abs(cost - np.sum(rhs * x))) / max(1.0, abs(cost)))
+
+
+def solve_one(a: Array, rhs: Array, c: Array) -> tuple[int, float, Array, Array, float]:
+    """One program of m unknowns: status, c'lam, lam (m,), x (n, 3), error; clarabel when the kernel gives up."""
+    n, m = a.shape[0], a.shape[2]
+    lam, x = np.empty((m, 1)), np.empty((n, 3, 1))
+    error, status = np.empty(1), np.empty(1, dtype=np.int64)
+    solve_lanes(a, np.ascontiguousarray(rhs[:, :, None]), c, lam, x, error, status, 0.0)
+    if status[0] == FAILED:
+        answer = Reference(a, c).solve(rhs)
+        if answer.status == FAILED:
+            raise StabilityError("no_convergence", "contacts", "neither solver found an answer for this contact set")
+        return answer.status, answer.value, answer.unknown, answer.force, answer.error
+    return int(status[0]), dot(c, lam[:, 0]), lam[:, 0].copy(), x[:, :, 0].copy(), float(error[0])
+
+
+class Oracle:
+    """Answers h(a) for a contact set of at least one contact."""
+
+    def __init__(self, contacts: ContactSet, reduced: Reduced, subspace: Subspace | None) -> None:
+        self.contacts, self.reduced, self.subspace = contacts, reduced, subspace
+
+    @cached_property
+    def _reference(self) -> Reference:
+        return Reference(self.reduced.a, self.reduced.c)
+
+    @cached_property
+    def sinking(self) -> Array | None:
+        """Twist (v, w_z), v_z = -1, scaled frame, that proves that the set cannot carry the weight; None if it can."""
+        if self.subspace is not None and self.subspace.sinking is not None:
+            return self.subspace.sinking
+        n = len(self.contacts)
+        fan = new_fan(1, n)
+        fan.direction[0] = 0.0
+        self._answer(fan, 1)
+        return self.twist(fan.unknown[0], np.zeros(2)) if fan.status[0] == NO_PRIMAL else None
+
+    def drift(self, direction: Array) -> Array:
+        """Gain of free tangential forces per direction (k, 2): rows (k, 2j), all zero if there is none."""
+        if self.subspace is None:
+            return np.zeros((len(direction), 0))
+        return direction @ self.subspace.drift.T
+
+    def fan(self, direction: Array, capacity: int) -> Fan:
+        """Solve for directions (k, 2), unit; the fan has room for more."""
+        count = len(direction)
+        fan = new_fan(max(capacity, count), len(self.contacts))
+        fan.direction[:count] = direction
+        self._answer(fan, count)
+        return fan
+
+    def _answer(self, fan: Fan, count: int) -> None:
+        r = self.reduced
+        if explore(r, fan, 0, count, ASKED, count, LANES)[1]:
+            return
+        insert(fan, 0, count)
+        for k in np.flatnonzero(fan.status[:count] == FAILED):
+            answer = self._reference.solve(r.h @ fan.direction[k])
+            if answer.status == FAILED:
+                raise StabilityError(
+                    "no_convergence", "contacts", "neither solver found an answer for this contact set"
+                )
+            fan.status[k], fan.value[k], fan.error[k] = answer.status, answer.value, answer.error
+            fan.unknown[k], fan.force[k] = answer.unknown, answer.force
+            fan.point[k] = combined(r.h, answer.force).sum(axis=0)
+
+    # -- back to the frame of the request -----------------------------------------------------------------------------
+
+    @property
+    def anchor(self) -> Array:
+        """x, y of the origin of the scaled frame of regions, m."""
+        r = self.reduced
+        return r.origin[:2] if self.subspace is None else r.origin[:2] + r.length * self.subspace.point
+
+    def support(self, fan: Fan, chosen: Ints) -> Support:
+        """The chosen answers of a fan in metres; directions in which free forces drift are unbounded."""
+        r, n = self.reduced, len(self.contacts)
+        direction = fan.direction[chosen]
+        drift = self.drift(direction)
+        drifting = np.abs(drift).max(axis=1, initial=0.0) > FLAT
+        status = np.where(drifting, NO_DUAL, fan.status[chosen])
+        value, gap = np.full(len(chosen), np.nan), np.full(len(chosen), np.nan)
+        point, twist = np.full((len(chosen), 2), np.nan), np.full((len(chosen), 4), np.nan)
+        force = np.zeros((len(chosen), n, 3))
+        for i, k in enumerate(chosen):
+            if status[i] == SOLVED:
+                scaled = self.twist(fan.unknown[k], direction[i])
+                twist[i] = self.moved(scaled, direction[i])
+                value[i] = twist[i, 2]
+                point[i] = self.anchor + r.length * fan.point[k]
+                gap[i] = value[i] - dot(direction[i], point[i])
+                force[i] = self.forces(fan.force[k], 1.0)
+            elif status[i] == NO_DUAL:
+                free = drift[i] / (drift[i] @ drift[i]) if drifting[i] else None
+                force[i] = self.forces(np.zeros((n, 3)) if drifting[i] else fan.force[k], 0.0, free) / r.length
+        return Support(direction, value, point, tuple(STATUS[int(s)] for s in status), gap, twist, force)
+
+    def twist(self, unknown: Array, direction: Array) -> Array:
+        """Twist (v, w_z) of the scaled frame from a solution of the reduced dual."""
+        return unknown if self.subspace is None else self.subspace.basis @ unknown + self.subspace.offset @ direction
+
+    def moved(self, scaled: Array, direction: Array) -> Array:
+        """Twist of the scaled frame about the origin of the request's frame, m."""
+        (x, y, z), s, w = self.reduced.origin, self.reduced.length, scaled[3]
+        ax, ay = direction  # v' = v - Om x origin, Om = (-a_y, a_x, w)
+        return np.array(
+            [s * scaled[0] - ax * z + w * y, s * scaled[1] - w * x - ay * z, s * scaled[2] + ay * y + ax * x, w]
+        )
+
+    def forces(self, cone: Array, weight: float, free: Array | None = None) -> Array:
+        """Forces (n, 3) in the frame of the request from cone coordinates; free tangential ones balance the rest."""
+        a = self.reduced.a
+        s = self.subspace
+        if s is None:
+            return combined(a[:, :, :3], cone)
+        own = s.columns
+        force = combined(own[:, :, :3], cone)
+        if s.free.size:
+            rest = np.array([0.0, 0.0, weight, 0.0]) - np.einsum("iqj,iq->j", own, cone)
+            amount = np.linalg.pinv(s.free, rcond=1e-10) @ rest
+            if free is not None:
+                amount = amount + free
+            unlimited = np.flatnonzero(np.isinf(self.contacts.mu))
+            directions = s.free[:3].T.reshape(-1, 2, 3)
+            force[unlimited] += np.einsum("iqd,iq->id", directions, amount.reshape(-1, 2))
+        return force
+
+
+def careful(oracle: Oracle, first: Array, goal: FanGoal, limit: int, skip: int) -> Region:
+    """Region of a set of two contacts or more.
+
+    Args:
+        oracle: of the contacts.
+        first: (k, 2) unit directions to begin with.
+        goal: ENCLOSE to refine, else ANSWER.
+        limit: at most so many directions.
+        skip: without refinement, number of directions whose support values are left out.
+    """
+    contacts, refine, r = oracle.contacts, goal.kind == ENCLOSE, oracle.reduced
+    if oracle.subspace is not None and oracle.subspace.sinking is not None:
+        return infeasible(contacts, first[skip:], oracle.moved(oracle.subspace.sinking, np.zeros(2)))
+    fan, count = oracle.fan(first, limit if refine else len(first)), len(first)
+    status = fan.status[:count]
+    drifting = np.abs(oracle.drift(first)).max(initial=0.0) > FLAT
+    if np.any(status == NO_PRIMAL):
+        k = int(np.flatnonzero(status == NO_PRIMAL)[0])
+        twist = oracle.twist(fan.unknown[k], np.zeros(2))
+        return infeasible(contacts, first[skip:], oracle.moved(twist, np.zeros(2)))
+    if drifting or np.any(status != SOLVED):
+        if oracle.sinking is not None:
+            return infeasible(contacts, first[skip:], oracle.moved(oracle.sinking, np.zeros(2)))
+        support = oracle.support(fan, np.arange(skip, count))
+        everything = oracle.support(fan, np.arange(count))
+        found = everything.point[np.array([s == "ok" for s in everything.status])]
+        return Region(contacts, "unbounded", hull(found), np.empty((0, 2)), support, math.nan, False, count, None)
+    if not wide(fan, count)[0]:
+        ends = _ends(oracle, fan, count)
+        if ends is not None:
+            polygon = oracle.anchor + r.length * ends
+            support = oracle.support(fan, np.arange(skip, count))
+            kind = "point" if len(ends) == 1 else "segment"
+            return Region(contacts, kind, polygon, polygon, support, 0.0, True, count)
+    count, _, height, inner, outer = enclose(r, fan, count, count, goal, limit, FEW_AT_ONCE if limit <= FEW else LANES)
+    inner, outer = oracle.anchor + r.length * inner, oracle.anchor + r.length * outer
+    widest = height * r.length if refine and height <= goal.tolerance else gap(inner, outer)
+    support = oracle.support(fan, fan.order[:count] if refine else np.arange(skip, count))
+    return Region(
+        contacts, "ok", inner, outer, support, widest, False, count, None, Solved(r, fan, count, oracle.anchor)
+    )
+
+
+def _ends(oracle: Oracle, fan: Fan, count: int) -> Array | None:
+    """Point (1, 2) or ends (2, 2) of a region without area, scaled frame; None if it has an area."""
+    points = fan.point[:count]
+    span = points[:, None, :] - points[None, :, :]
+    distance = np.hypot(span[..., 0], span[..., 1])
+    size = float(distance.max())
+    if size <= THIN:
+        width = fan.value[:8] + fan.value[[4, 5, 6, 7, 0, 1, 2, 3]] if count >= 8 else np.full(1, np.inf)
+        if width.max() <= THIN:
+            return points.mean(axis=0, keepdims=True)
+    found, line = line_of(oracle.contacts.position)
+    if not found:
+        i, j = np.unravel_index(int(distance.argmax()), distance.shape)
+        line = span[i, j] / max(size, 1e-300)
+    probe = oracle.fan(along(line), 4)
+    kind, ends = flat_ends(probe)
+    return ends if kind != WIDE else None
+
+
+def few(contacts: ContactSet, direction: Array) -> Region:
+    """Region of no contact, or of one: its own point if the vertical lies in its cone."""
+    if len(contacts) == 0:
+        return infeasible(contacts, direction, np.array([0.0, 0.0, -1.0, 0.0]))
+    normal, mu, position = contacts.normal[0], float(contacts.mu[0]), contacts.position[0]
+    if not holds(normal, mu):
+        side = math.hypot(normal[0], normal[1])
+        downhill = normal[2] * normal - np.array([0.0, 0.0, 1.0])
+        ceiling = math.isinf(mu) or side == 0.0
+        v = normal if ceiling else mu * normal + downhill / side
+        return infeasible(contacts, direction, np.array([v[0], v[1], v[2], 0.0]))
+    k = len(direction)
+    spin = np.column_stack((-direction[:, 1], direction[:, 0], np.zeros(k)))
+    twist = np.column_stack((np.cross(position, spin).astype(np.float64), np.zeros(k)))
+    force = np.zeros((k, 1, 3))
+    force[:, 0, 2] = 1.0
+    point = np.tile(position[:2], (k, 1))
+    support = Support(direction, product(direction, position[:2]), point, ("ok",) * k, np.zeros(k), twist, force)
+    return Region(contacts, "point", position[None, :2].copy(), position[None, :2].copy(), support, 0.0, True, 0)
+
+
+def infeasible(contacts: ContactSet, direction: Array, sinking: Array) -> Region:
+    """Region of a set that carries no weight anywhere, with a twist (v, w_z) that proves it."""
+    k, n = len(direction), len(contacts)
+    nan = np.full(k, np.nan)
+    support = Support(
+        direction, nan, np.full((k, 2), np.nan), ("infeasible",) * k, nan, np.full((k, 4), np.nan), np.zeros((k, n, 3))
+    )
+    empty = np.empty((0, 2))
+    return Region(contacts, "infeasible", empty, empty, support, math.nan, True, 0, sinking / abs(sinking[2]))
+
+
+@row_kernel
+def holds(normal: Array, mu: float) -> bool:
+    """Return whether one contact alone can carry the weight: the vertical lies in its cone."""
+    if math.isinf(mu):
+        return normal[2] >= 0.0
+    return normal[2] > 0.0 and mu * normal[2] >= math.hypot(normal[0], normal[1]) - CONE
+
+
+@row_kernel
+def line_of(position: Array) -> tuple[bool, Array]:
+    """Return whether all contacts lie on one line that is not vertical, and its horizontal unit direction (2,)."""
+    line, far, n = np.zeros(3), 0.0, position.shape[0]
+    for i in range(1, n):
+        x, y, z = position[i, 0] - position[0, 0], position[i, 1] - position[0, 1], position[i, 2] - position[0, 2]
+        if x * x + y * y + z * z > far:
+            far = x * x + y * y + z * z
+            line[0], line[1], line[2] = x, y, z
+    level = math.hypot(line[0], line[1])
+    if level <= LEVEL * math.sqrt(far):
+        return False, line[:2]
+    for i in range(1, n):
+        x, y, z = position[i, 0] - position[0, 0], position[i, 1] - position[0, 1], position[i, 2] - position[0, 2]
+        t = (x * line[0] + y * line[1] + z * line[2]) / far
+        x, y, z = x - t * line[0], y - t * line[1], z - t * line[2]
+        if x * x + y * y + z * z > LINE * LINE * far:
+            return False, line[:2]
+    line[0], line[1] = line[0] / level, line[1] / level
+    return True, line[:2]
+
+
+@row_kernel
+def along(line: Array) -> Array:
+    """Directions (4, 2) that find a region without area: both ways along a line, both ways across it."""
+    x, y = line[0], line[1]
+    return np.array([[x, y], [-x, -y], [-y, x], [y, -x]])
+
+
+@row_kernel
+def flat_ends(probe: Fan) -> tuple[int, Array]:
+    """Shape by the answers to `along`: an area (or no end), a point (1, 2), or a segment by its ends (2, 2); scaled."""
+    for k in range(4):
+        if probe.status[k] != SOLVED:
+            return WIDE, probe.point[:0]
+    if probe.value[2] + probe.value[3] > THIN:
+        return WIDE, probe.point[:0]
+    if probe.value[0] + probe.value[1] <= THIN:
+        return POINT, 0.5 * (probe.point[:1] + probe.point[1:2])
+    return SEGMENT, probe.point[:2].copy()
+
+
+def approach(r: Reduced, fan: Fan, count: int, goal: FanGoal) -> tuple[Outlook, Fan]:
+    """Approach with clarabel, one direction at a time."""
+    reference, pick = Reference(r.a, r.c), np.empty((LANES, 2))
+    fan = with_room(fan, count, count + MARGIN_DIRECTIONS)
+    wanted, outlook = near_arcs(fan, count, goal, pick, 1)
+    while wanted and count < len(fan.value):
+        answer = reference.solve(r.h @ pick[0])
+        if answer.status != SOLVED:
+            break
+        fan.direction[count], fan.status[count] = pick[0], SOLVED
+        fan.value[count], fan.unknown[count], fan.force[count] = answer.value, answer.unknown, answer.force
+        fan.point[count], fan.error[count] = np.einsum("iqd,iq->d", r.h, answer.force), answer.error
+        insert(fan, count, count + 1)
+        count += 1
+        wanted, outlook = near_arcs(fan, count, goal, pick, 1)
+    if not settled(fan, count, outlook):
+        raise StabilityError("no_convergence", "contacts", "neither solver found the nearest edge of this region")
+    return outlook, fan

@@ -1,0 +1,285 @@
+"""Regions at rest, of a CoM that accelerates, of gravity that may lean, and of limited torques.
+
+With a constant acceleration a of the CoM the balance (20), (21) holds for g_eff = g - a in place of g. In a frame
+whose z axis points along -g_eff it is the problem of rest again, weight m |g_eff|: the region is a cylinder along
+g_eff, so where it cuts a horizontal plane depends on the height of the CoM.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from surefoot.geometry.constants import GRAVITY
+from surefoot.geometry.polygon import gap, half_planes, hull
+
+from ..programs.contacts import Array, ContactSet, StabilityError
+from ..programs.reduced import THIN
+from .actuated import ServoLegs, actuated_region
+from .margin import Plane
+from .model import Region, RegionStatus, Support
+from .region import region
+
+MET = 1e-9  # m, how far points and segments may lie apart and be met
+BY_CORNERS: tuple[RegionStatus, ...] = ("infeasible", "point", "segment", "ok")
+SIDES = 8  # directions to which gravity may lean
+
+
+@dataclass(frozen=True, slots=True)
+class AtRest:
+    """Gravity alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class Moving:
+    """A CoM that accelerates."""
+
+    acceleration: Array
+    """(3,) m/s^2, frame world."""
+    height: float
+    """m, z of the CoM."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tilted:
+    """Gravity that may lean to any of eight sides, or not."""
+
+    angle: float
+    """rad, > 0."""
+    acceleration: Array
+    """(3,) m/s^2, frame world."""
+    height: float
+    """m, z of the CoM."""
+
+
+@dataclass(frozen=True, slots=True)
+class Actuated:
+    """Servos of limited torque that hold the robot in a posture."""
+
+    legs: ServoLegs
+    """Legs on the contacts."""
+
+
+Mode = AtRest | Moving | Tilted | Actuated
+
+
+class Refinement(NamedTuple):
+    """Directions in which a region is solved for."""
+
+    directions: Array | None = None
+    """(k, 2) unit; None = adaptive."""
+    adaptive: bool | None = None
+    """Refine until outer is within `tolerance` of inner; None = when no directions are given."""
+    tolerance: float = 1e-4
+    """m, of the region along the effective gravity."""
+    limit: int = 128
+    """Most directions of an adaptive region."""
+    proofs: bool = True
+    """With an acceleration: turn forces and certificates into the frame world."""
+
+
+def region_in(mode: Mode, contacts: ContactSet, wanted: Refinement) -> Region:
+    """Region of a contact set in a mode, frame world.
+
+    Raises:
+        StabilityError: the robot would fly, or no solver finds an answer.
+    """
+    if isinstance(mode, Actuated):
+        return actuated_region(contacts, mode.legs, wanted.directions)
+    given, adaptive, tolerance, limit, proofs = wanted
+    if isinstance(mode, AtRest):
+        return region(contacts, given, adaptive=adaptive, tolerance=tolerance, limit=limit)
+    seen = leanings(mode, contacts)
+    # a plane cuts lengths of the frame up to 1 / cosine of the lean
+    tolerance *= math.cos(mode.angle) if isinstance(mode, Tilted) else seen[0].rot[2, 2]
+    found: list[Region] = []
+    for each in seen:
+        turned = None if given is None else each.directions(given)
+        found.append(region(each.contacts, turned, adaptive=adaptive, tolerance=tolerance, limit=limit))
+    if isinstance(mode, Tilted):
+        return _in_common(seen, found, mode.height)
+    return seen[0].level(found[0], mode.height, proofs)
+
+
+@dataclass(frozen=True, slots=True)
+class Leaning:
+    """Contact set seen along the effective gravity."""
+
+    contacts: ContactSet
+    """In the leaning frame: z against g_eff."""
+    rot: Array
+    """rot_leaning_from_world, (3, 3)."""
+    strength: float
+    """|g_eff|, m/s2."""
+
+    def directions(self, given: Array | None) -> Array | None:
+        """Unit directions (k, 2) of a horizontal plane of the world as those of the leaning frame."""
+        if given is None or (self.strength == GRAVITY and self.rot[2, 2] == 1.0):
+            return given
+        turned = given @ self.to_world()
+        return np.ascontiguousarray(turned / np.hypot(turned[:, 0], turned[:, 1])[:, None])
+
+    def at_height(self, points: Array, height: float) -> Array:
+        """Points (k, 2) of the leaning frame cut by the plane z = height of the world, (k, 2) world x, y."""
+        back = self.rot.T  # world_from_leaning; a point (x, y, t) of the cylinder has free t
+        flat = points @ back[2, :2]
+        t = (height - flat) / back[2, 2]
+        return points @ back[:2, :2].T + t[:, None] * back[:2, 2]
+
+    def to_world(self) -> Array:
+        """d (world x, y) / d (leaning x, y) in a horizontal plane, (2, 2)."""
+        back = self.rot.T
+        return back[:2, :2] - np.outer(back[:2, 2], back[2, :2]) / back[2, 2]
+
+    def plane(self, height: float) -> Plane:
+        """Horizontal plane of the world at a height, m."""
+        return Plane(self.to_world(), self.at_height(np.zeros((1, 2)), height)[0])
+
+    def seen(self, com: Array) -> Array:
+        """The CoM (3,) m, world, as (2,) in the leaning frame."""
+        return (self.rot @ com)[:2]
+
+    def level(self, found: Region, height: float, proofs: bool) -> Region:
+        """Region of the leaning frame, cut by the plane z = height (m) of the world.
+
+        A point p of the leaning frame lies at c = M p + c0 in that plane: with a = M'd / |M'd| the support value of the
+        cut in direction d is |M'd| h(a) + d'c0.
+        """
+        s, k = found.support, len(found.support.direction)
+        direction = s.direction @ np.linalg.inv(self.to_world())  # rows d' = a'M^-1
+        size = np.hypot(direction[:, 0], direction[:, 1])
+        direction = direction / size[:, None]
+        zero = self.at_height(np.zeros((1, 2)), height)[0]
+        value = np.array([s.value[i] / size[i] + direction[i] @ zero for i in range(k)])
+        twist, force = np.full((k, 6), np.nan), s.force
+        if proofs:
+            twist = np.array([self._twist(s.twist[i], s.direction[i]) for i in range(k)]).reshape(k, 6)
+            force = np.array([f @ self.rot * (self.strength / GRAVITY) for f in s.force]).reshape(s.force.shape)
+        support = Support(direction, value, self.at_height(s.point, height), s.status, s.gap / size, twist, force)
+        return Region(
+            found.contacts,
+            found.status,
+            self.at_height(found.inner, height),
+            self.at_height(found.outer, height),
+            support,
+            found.gap / self.rot[2, 2],
+            found.exact,
+            found.calls,
+            None if found.sinking is None else self._twist(found.sinking, np.zeros(2)),
+        )
+
+    def _twist(self, twist: Array, a: Array) -> Array:
+        """(v, Om) (6,) in the world from (v, w_z) (4,) of the leaning frame and a direction (2,)."""
+        spin = np.array([-a[1], a[0], twist[3]])
+        return np.concatenate((self.rot.T @ twist[:3], self.rot.T @ spin))
+
+
+def upward(acceleration: Array, g: float = GRAVITY) -> Array:
+    """-g_eff = g e_z + a for an acceleration (3,) m/s2 of the CoM in the world."""
+    return np.array([acceleration[0], acceleration[1], g + acceleration[2]])
+
+
+def lean(contacts: ContactSet, up: Array) -> Leaning:
+    """Turn a contact set so that `up` (3,), any length but zero, points along z.
+
+    Raises:
+        StabilityError: `up` is zero (free fall), not finite, or lies in the horizontal plane.
+    """
+    strength = float(np.linalg.norm(up))
+    if not np.isfinite(strength) or strength < 1e-9:
+        raise StabilityError("zero_direction", "up", f"got {up.tolist()}, effective gravity needs a direction")
+    z = up / strength
+    if abs(z[2]) < 1e-6:
+        raise StabilityError("zero_direction", "up", f"got {up.tolist()}, effective gravity must not be horizontal")
+    x = np.array([1.0, 0.0, 0.0]) - z[0] * z
+    if float(np.linalg.norm(x)) < 1e-3:
+        x = np.array([0.0, 1.0, 0.0]) - z[1] * z
+    x /= np.linalg.norm(x)
+    y = np.array([z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]])
+    rot = np.vstack((x, y, z))
+    turned = ContactSet(
+        np.ascontiguousarray(contacts.position @ rot.T), np.ascontiguousarray(contacts.normal @ rot.T), contacts.mu
+    )
+    return Leaning(turned, rot, strength)
+
+
+def leanings(mode: Moving | Tilted, contacts: ContactSet) -> list[Leaning]:
+    """Return the contact set under every gravity of a mode: leaning to the sides, then upright.
+
+    Raises:
+        StabilityError: with this acceleration the robot would fly.
+    """
+    sides = np.empty((0, 3))
+    if isinstance(mode, Tilted):
+        phi = 2.0 * np.pi * np.arange(SIDES) / SIDES
+        s, c = np.sin(mode.angle), np.cos(mode.angle)
+        sides = np.column_stack((s * np.cos(phi), s * np.sin(phi), np.full(SIDES, c)))
+    return [
+        lean(contacts, stays_down(GRAVITY * g_up + mode.acceleration, mode.acceleration))
+        for g_up in np.vstack((sides, [[0.0, 0.0, 1.0]]))
+    ]
+
+
+def stays_down(up: Array, acceleration: Array) -> Array:
+    """Return -g_eff (3,) if the robot stays on the ground.
+
+    Raises:
+        StabilityError: with this acceleration (3,) m/s^2 the robot would fly: -g_eff hardly points up any more.
+    """
+    if up[2] < 0.01 * GRAVITY:
+        raise StabilityError("too_large", "acceleration", f"got {acceleration.tolist()}, the robot would fly")
+    return up
+
+
+def _in_common(seen: list[Leaning], found: list[Region], height: float) -> Region:
+    """Intersection of the regions of several gravities in the plane of the CoM, (z m).
+
+    Inner polygons are cut, so every point holds for each of these gravities (Audren and Kheddar do so in 3-D). The
+    status is unbounded if one region is and none is infeasible; infeasible if one is, or nothing is left.
+    """
+    statuses, nothing = {each.status for each in found}, np.empty((0, 2))
+    inner, outer = nothing, nothing
+    if not statuses & {"infeasible", "unbounded"}:
+        inner = _common([each.at_height(r.inner, height) for each, r in zip(seen, found, strict=True)])
+        if len(inner):
+            outer = _common([each.at_height(r.outer, height) for each, r in zip(seen, found, strict=True)])
+    status: RegionStatus = "unbounded" if "unbounded" in statuses else BY_CORNERS[min(len(inner), 3)]
+    if "infeasible" in statuses:
+        status = "infeasible"
+    empty = Support(nothing, np.empty(0), nothing, (), np.empty(0), np.empty((0, 0)), np.empty((0, 0, 3)))
+    widest = gap(inner, outer) if len(inner) else math.nan
+    return Region(found[-1].contacts, status, inner, outer, empty, widest, True, sum(r.calls for r in found))
+
+
+def _common(polygons: list[Array]) -> Array:
+    """Intersection of convex polygons, counter-clockwise; points and segments are met to within MET (m)."""
+    normals: list[Array] = []
+    offsets: list[Array] = []
+    for corners in polygons:
+        edge = np.roll(corners, -1, axis=0) - corners
+        length = np.hypot(edge[:, 0], edge[:, 1])
+        along = edge[length > 0.0] / length[length > 0.0, None]
+        if len(corners) == 1:
+            along = np.array([[1.0, 0.0], [-1.0, 0.0]])
+        outward = np.column_stack((along[:, 1], -along[:, 0]))
+        if len(corners) < 3:  # its ends
+            outward = np.concatenate((outward, along))
+        normals.append(outward)
+        offsets.append((outward @ corners.T).max(axis=1) + (MET if len(corners) < 3 else 0.0))
+    a, b = np.concatenate(normals), np.concatenate(offsets)
+    size = 4.0 * float(np.abs(b).max()) + 1.0
+    return _thinned(hull(half_planes(np.ascontiguousarray(a), np.ascontiguousarray(b), size)))
+
+
+def _thinned(polygon: Array) -> Array:
+    """A polygon (n, 2), or its ends (2, 2) where it is thinner than THIN, its middle (1, 2) where it is shorter."""
+    if len(polygon) < 2:
+        return polygon
+    span = polygon[:, None] - polygon[None]
+    far = np.hypot(span[..., 0], span[..., 1])
+    i, j = np.unravel_index(int(far.argmax()), far.shape)
+    if far[i, j] <= THIN:
+        return polygon.mean(axis=0)[None]
+    across = (span[:, j, 0] * span[i, j, 1] - span[:, j, 1] * span[i, j, 0]) / far[i, j]
+    return polygon[[i, j]] if across.max() - across.min() <= THIN else polygon

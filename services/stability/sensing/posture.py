@@ -1,0 +1,291 @@
+"""CoM shift in the trunk while the feet stay (second step of 4.3): r_KIN = com(q after) - com(q now)."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from surefoot.geometry.constants import GRAVITY
+from surefoot.geometry.linear_kernels import solve3
+from surefoot.geometry.rotations import matrix_from_quat
+from surefoot.kernels.jit import kernel, row_kernel
+from surefoot.robot.description import KinematicModel, Robot
+from surefoot.robot.kinematics import (
+    com,
+    foot_jacobians_of,
+    foot_positions,
+    foot_positions_of,
+    forward,
+    gravity_torques,
+)
+
+from ..programs.contacts import Array, ContactSet, StabilityError
+from ..regions.actuated import ServoLegs
+
+Flags = NDArray[np.bool_]
+
+NEAR = 0.03  # m; a contact belongs to a leg whose foot sphere is nearer than that
+REACHED = 1e-6  # m; a foot that stays further off its place is out of reach
+JOINT_SLACK = 1e-6  # rad
+ITERATIONS = 30
+LONGEST_TURN = 0.5  # rad; Newton steps are cut to it
+
+
+@dataclass(frozen=True, slots=True)
+class Shift:
+    """Effect of a movement of the trunk over its standing feet."""
+
+    vector: Array
+    """(3,) m, CoM after minus CoM now, seen from the trunk, axes of the world."""
+    joints: Array
+    """(nj,) rad, after the movement."""
+    reachable: bool
+    """Every stance leg keeps its foot in place with all joints inside their limits."""
+
+
+@kernel
+def hold_feet(model: KinematicModel, joints: Array, move: Array, stance: Flags) -> tuple[Array, bool]:
+    """Joint angles that keep the stance feet where they are when the trunk moves by `move` (3,), base_link axes.
+
+    Newton's method from the present angles, dq = J'(J J')^-1 e: it stays on the leg's own branch, and legs with more
+    than three joints take the shortest way.
+    """
+    rot, pos = forward(model, joints)
+    q, start = joints.copy(), foot_positions_of(model, rot, pos)
+    legs, width = model.leg_joints.shape
+    error, gram = np.empty(3), np.empty((3, 3))
+    worst = 0.0
+    for _ in range(ITERATIONS):
+        rot, pos = forward(model, q)
+        feet, jac = foot_positions_of(model, rot, pos), foot_jacobians_of(model, rot, pos)
+        worst = 0.0
+        for i in range(legs):
+            if not stance[i]:
+                continue
+            for r in range(3):
+                error[r] = start[i, r] - move[r] - feet[i, r]
+            worst = max(worst, math.sqrt(error[0] * error[0] + error[1] * error[1] + error[2] * error[2]))
+            for r in range(3):
+                for s in range(3):
+                    gram[r, s] = 0.0
+                    for k in range(width):
+                        gram[r, s] += jac[i, r, k] * jac[i, s, k]
+                gram[r, r] += 1e-12
+            push = solve3(gram, error)
+            for k in range(width):
+                j = model.leg_joints[i, k]
+                if j >= 0:
+                    turn = jac[i, 0, k] * push[0] + jac[i, 1, k] * push[1] + jac[i, 2, k] * push[2]
+                    q[j] += min(LONGEST_TURN, max(-LONGEST_TURN, turn))
+        if worst < 1e-12:
+            break
+    reachable = bool(worst < REACHED)
+    for i in range(legs):
+        for k in range(width):
+            j = model.leg_joints[i, k]
+            if stance[i] and j >= 0:
+                inside = model.lower[j] - JOINT_SLACK <= q[j] <= model.upper[j] + JOINT_SLACK
+                if not inside and abs(q[j] - joints[j]) > JOINT_SLACK:
+                    reachable = False
+    return q, reachable
+
+
+@dataclass(frozen=True, slots=True)
+class PosedRobot:
+    """A robot in a posture; frame world."""
+
+    robot: Robot
+    """The robot."""
+    joints: Array
+    """(nj,) rad."""
+    base: Array
+    """(3,) m, origin of base_link."""
+    rot: Array
+    """rot_world_from_base, (3, 3)."""
+
+    def com(self) -> Array:
+        """Centre of mass by kinematics, (3,) m."""
+        return com_in_world(self.robot.model, self.joints, self.rot, self.base)
+
+    def com_in_base(self) -> Array:
+        """Centre of mass by kinematics, (3,) m, base_link."""
+        return com(self.robot.model, self.joints)
+
+    def moved(self, movement: Array, stance: Flags) -> Shift:
+        """Move the trunk by `movement` (3,) m with the feet of the stance legs (L,) held in place."""
+        if not movement.any():
+            return Shift(np.zeros(3), self.joints.copy(), True)
+        vector, joints, reachable = _moved(self.robot.model, self.joints, self.rot, movement, stance)
+        return Shift(vector, joints, bool(reachable))
+
+    def standing_legs(self, contacts: ContactSet, names: tuple[str | None, ...]) -> Flags:
+        """Legs (L,) that stand on the contacts: by name where given, else the leg whose foot is nearest (within 3 cm).
+
+        If no contact is near a foot, the contacts are in another frame than the base: then all legs are taken to stand.
+
+        Raises:
+            StabilityError: a name is unknown or used twice.
+        """
+        feet = feet_in_world(self.robot.model, self.joints, self.rot, self.base)
+        stance = np.zeros(self.robot.nlegs, dtype=np.bool_)
+        for i, name in enumerate(names):
+            if name is not None:
+                leg = self._leg_named(name, i)
+                if stance[leg]:
+                    raise _twice(name, i)
+                stance[leg] = True
+        for i, name in enumerate(names):
+            if name is None:
+                distance = np.linalg.norm(feet - contacts.position[i], axis=1) - self.robot.foot_radii
+                if distance.min() < NEAR:
+                    stance[int(distance.argmin())] = True
+        return stance if stance.any() else np.ones_like(stance)
+
+    def loaded_legs(self, contacts: ContactSet, names: tuple[str | None, ...]) -> list[int]:
+        """Leg on each contact: by name, else that whose foot is nearest (within 3 cm).
+
+        Raises:
+            StabilityError: a name is unknown or used twice, or no foot is near a contact.
+        """
+        feet = feet_in_world(self.robot.model, self.joints, self.rot, self.base)
+        known, out = [leg.name for leg in self.robot.legs], list[int]()
+        for i, name in enumerate(names):
+            distance = np.linalg.norm(feet - contacts.position[i], axis=1) - self.robot.foot_radii
+            leg = int(distance.argmin()) if name is None else self._leg_named(name, i)
+            if distance[leg] >= NEAR:
+                foot = f"the foot nearest to it, of {known[leg]}" if name is None else f"the foot of {name}"
+                where = f"is {distance[leg]:.3f} m away in the posture given"
+                raise StabilityError("missing", f"contacts.{i}.leg", f"{foot}, {where}")
+            if leg in out:
+                raise _twice(known[leg], i)
+            out.append(leg)
+        return out
+
+    def servo_legs(self, legs: list[int], limit: Array) -> ServoLegs:
+        """Servos of some legs, in this order, with limits (nj,) Nm of all joints."""
+        model, up = self.robot.model, self.rot.T @ np.array([0.0, 0.0, 1.0])
+        jacobian = contact_jacobians(model, self.joints, np.ascontiguousarray(up), self.robot.foot_radii)
+        index = model.leg_joints[legs]
+        own = gravity_torques(model, self.joints, np.ascontiguousarray(GRAVITY * up))[index]
+        return ServoLegs(self.rot @ jacobian[legs], own, limit[index], self.robot.mass * GRAVITY)
+
+    def _leg_named(self, name: str, contact: int) -> int:
+        known = [leg.name for leg in self.robot.legs]
+        if name not in known:
+            allowed = f"legs of {self.robot.name} are {', '.join(known)}"
+            raise StabilityError("unknown_leg", f"contacts.{contact}.leg", f"got {name!r}, {allowed}")
+        return known.index(name)
+
+
+def posed(robot: Robot, joints: ArrayLike, quat_wxyz: ArrayLike, base: Array, field: str = "") -> PosedRobot:
+    """Check a posture.
+
+    Args:
+        robot: the robot.
+        joints: (nj,) rad.
+        quat_wxyz: of base_link, any length that is not nearly zero.
+        base: (3,) m, origin of base_link.
+        field: prefix of the fields in refusals.
+
+    Raises:
+        StabilityError: a number of joints, or a quaternion, that cannot be used.
+    """
+    q, quat = np.array(joints), np.array(quat_wxyz)
+    if q.size != robot.nj:
+        raise StabilityError("shape", f"{field}joints", f"got {q.size} angles, {robot.name} has {robot.nj} joints")
+    length = float(np.linalg.norm(quat))
+    if not 1e-6 < length < 1e6:
+        got = f"got {tuple(quat.tolist())}, must be a unit quaternion"
+        raise StabilityError("not_unit", f"{field}base.quat_wxyz", got)
+    return PosedRobot(robot, q, base, matrix_from_quat(quat / length))
+
+
+def torque_limits(robot: Robot, given: ArrayLike | None) -> Array:
+    """Torque limits (nj,) Nm of a robot with legs of three joints: one for all, one for each, or the robot's own.
+
+    Raises:
+        StabilityError: another kind of robot, or limits that cannot be used.
+    """
+    model, field = robot.model, "actuation.max_torque_nm"
+    if model.leg_joints.shape[1] != 3 or (model.leg_joints < 0).any():
+        raise StabilityError(
+            "unsupported", "actuation.robot", f"the legs of {robot.name} have not three joints each: no answer for it"
+        )
+    limit = np.array([joint.servo.max_torque for joint in robot.joints])
+    if isinstance(given, float):
+        limit[:] = given
+    elif given is not None:
+        limit = np.array(given)
+    if limit.size != robot.nj:
+        raise StabilityError("shape", field, f"got {limit.size} limits, {robot.name} has {robot.nj} joints")
+    for i in np.flatnonzero(~(limit > 0.0)):
+        raise StabilityError("not_positive", f"{field}.{i}", f"got {limit[i]}, must be more than 0")
+    return limit
+
+
+def _twice(name: str, contact: int) -> StabilityError:
+    return StabilityError("duplicate_leg", f"contacts.{contact}.leg", f"{name!r} stands on another contact already")
+
+
+@kernel
+def feet_in_world(model: KinematicModel, joints: Array, rot: Array, base: Array) -> Array:
+    """Centres of the foot spheres (L, 3) m in the frame of rot_world_from_base and base (3,) m."""
+    feet = foot_positions(model, joints)
+    out = np.empty_like(feet)
+    for i in range(feet.shape[0]):
+        for r in range(3):
+            out[i, r] = base[r] + (feet[i, 0] * rot[r, 0] + feet[i, 1] * rot[r, 1] + feet[i, 2] * rot[r, 2])
+    return out
+
+
+@kernel
+def com_in_world(model: KinematicModel, joints: Array, rot: Array, base: Array) -> Array:
+    """Centre of mass (3,) m in the frame of rot_world_from_base and base (3,) m."""
+    centre, out = com(model, joints), np.empty(3)
+    for r in range(3):
+        out[r] = base[r] + (rot[r, 0] * centre[0] + rot[r, 1] * centre[1] + rot[r, 2] * centre[2])
+    return out
+
+
+@kernel
+def _moved(
+    model: KinematicModel, joints: Array, rot: Array, movement: Array, stance: Flags
+) -> tuple[Array, Array, bool]:
+    """Shift of the CoM (3,) m, axes of the world, joints after the movement, and whether the feet stay in place."""
+    move, vector = np.empty(3), np.empty(3)
+    for r in range(3):
+        move[r] = rot[0, r] * movement[0] + rot[1, r] * movement[1] + rot[2, r] * movement[2]
+    after, reachable = hold_feet(model, joints, move, stance)
+    way = com(model, after) - com(model, joints)
+    for r in range(3):
+        vector[r] = rot[r, 0] * way[0] + rot[r, 1] * way[1] + rot[r, 2] * way[2]
+    return vector, after, reachable
+
+
+@row_kernel
+def contact_jacobians(model: KinematicModel, joints: Array, up: Array, radius: Array) -> Array:
+    """d p_i / d (joints of leg i) for the lowest point p of each foot sphere, (L, 3, n); `up` is a unit vector."""
+    rot, pos = forward(model, joints)
+    return contact_jacobians_of(model, rot, pos, up, radius)
+
+
+@row_kernel
+def contact_jacobians_of(model: KinematicModel, rot: Array, pos: Array, up: Array, radius: Array) -> Array:
+    """`contact_jacobians` from the links' poses of `forward`."""
+    jacobian = foot_jacobians_of(model, rot, pos)
+    for i in range(model.leg_joints.shape[0]):
+        k = model.foot_link[i]
+        while k >= 0:
+            for c in range(model.leg_joints.shape[1]):
+                if model.joint[k] >= 0 and model.leg_joints[i, c] == model.joint[k]:
+                    x, y, z = 0.0, 0.0, 0.0
+                    for q in range(3):
+                        x += rot[k, 0, q] * model.axis[k, q]
+                        y += rot[k, 1, q] * model.axis[k, q]
+                        z += rot[k, 2, q] * model.axis[k, q]
+                    jacobian[i, 0, c] -= radius[i] * (y * up[2] - z * up[1])
+                    jacobian[i, 1, c] -= radius[i] * (z * up[0] - x * up[2])
+                    jacobian[i, 2, c] -= radius[i] * (x * up[1] - y * up[0])
+            k = model.parent[k]
+    return jacobian

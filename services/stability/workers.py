@@ -1,0 +1,75 @@
+"""Handlers of queries: domain errors as refusals, and a thread for answers that take longer than a tick allows."""
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
+
+from surefoot.errors import Refusal
+from surefoot.schemas.base import Reply, Request
+from surefoot.schemas.whatif import BatchReply, BatchRequest, WhatifReply, WhatifRequest
+
+from .answers import batch_reply, whatif_reply
+from .programs.clarabel_tools import clarabel_and_sparse
+from .programs.contacts import StabilityError
+from .regions import many
+
+Req = TypeVar("Req", bound=Request)
+Rep = TypeVar("Rep", bound=Reply)
+
+LATER_S = 1.0
+"""s after the start at which modules that only odd contact sets need are imported, on another thread, in 0.2 s."""
+
+AT_ONCE = 32
+"""Most sets of a batch that are answered between two ticks, in about 1 ms; more go to the other thread."""
+
+MOST_WAITING = 8
+"""Most batches that wait for the other thread."""
+
+
+def answered(handler: Callable[[Req], Rep]) -> Callable[[Req], Rep]:
+    """Return a handler whose domain errors are refusals."""
+
+    def answer(request: Req) -> Rep:
+        try:
+            return handler(request)
+        except StabilityError as error:
+            raise Refusal(error.code, str(error), error.field) from None
+
+    return answer
+
+
+class Workers:
+    """Threads beside the ticks: late imports, and large batches."""
+
+    def __init__(self) -> None:
+        self._timer = threading.Timer(LATER_S, clarabel_and_sparse)
+        self._timer.daemon = True
+        self._timer.start()
+        self._pool = ThreadPoolExecutor(1, "batch", initializer=many.be_nice)
+        self._waiting = threading.BoundedSemaphore(MOST_WAITING)
+
+    def stop(self) -> None:
+        """End the thread of batches."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def batch(self, request: BatchRequest) -> BatchReply | Future[BatchReply]:
+        """Answer `stability/batch`, with many sets later."""
+        large = max(len(request.sets), len(request.counts)) > AT_ONCE
+        return self._aside(answered(batch_reply), request) if large else self._soon(answered(batch_reply), request)
+
+    def whatif(self, request: WhatifRequest) -> WhatifReply | Future[WhatifReply]:
+        """Answer `stability/whatif`."""
+        return self._soon(answered(whatif_reply), request)
+
+    def _soon(self, answer: Callable[[Req], Rep], request: Req) -> Rep | Future[Rep]:
+        """Answer with the kernel of many sets: at once, but on the other thread as long as it is not compiled."""
+        return answer(request) if many.loaded() else self._aside(answer, request)
+
+    def _aside(self, answer: Callable[[Req], Rep], request: Req) -> Future[Rep]:
+        """Answer on the thread of batches."""
+        if not self._waiting.acquire(blocking=False):
+            raise Refusal("busy", f"{MOST_WAITING} batches wait already; ask again later")
+        found: Future[Rep] = self._pool.submit(answer, request)
+        found.add_done_callback(lambda _: self._waiting.release())
+        return found

@@ -1,0 +1,95 @@
+"""Gravity that is not vertical."""
+
+import numpy as np
+import pytest
+
+from surefoot.geometry.polygon import area
+from surefoot.services.stability.programs.contacts import StabilityError, contact_set
+from surefoot.services.stability.regions.equilibrium import equilibrium
+from surefoot.services.stability.regions.margin import margin
+from surefoot.services.stability.regions.modes import Refinement, Tilted, lean, region_in, upward
+from surefoot.services.stability.regions.region import region
+from tests.services.stability.sets import feasible_sets
+
+SQUARE = np.array([[0.1, 0.1, 0.0], [-0.1, 0.1, 0.0], [-0.1, -0.1, 0.0], [0.1, -0.1, 0.0]])
+UP = [[0.0, 0.0, 1.0]] * 4
+STILL = np.zeros(3)
+
+
+def test_an_acceleration_shifts_the_square_by_its_share_of_the_height() -> None:
+    """c must lie over the square along g_eff: the shift is h a/g towards the acceleration."""
+    contacts, acceleration = contact_set(SQUARE, UP, 0.8), np.array([2.0, 0.0, 0.0])
+    leaning = lean(contacts, upward(acceleration))
+    found = region(leaning.contacts)
+    for height in (0.0, 0.3):
+        corners = leaning.at_height(found.inner, height)
+        shift = height * 2.0 / 9.81
+        assert corners[:, 0].max() == pytest.approx(0.1 + shift, abs=1e-9)
+        assert corners[:, 0].min() == pytest.approx(-0.1 + shift, abs=1e-9)
+        assert corners[:, 1].max() == pytest.approx(0.1, abs=1e-9)
+    assert leaning.strength == pytest.approx(np.hypot(9.81, 2.0))
+
+
+def test_more_acceleration_than_friction_is_infeasible() -> None:
+    contacts = contact_set(SQUARE, UP, 0.2)
+    assert region(lean(contacts, upward(np.array([1.9, 0.0, 0.0]))).contacts).status == "ok"
+    assert region(lean(contacts, upward(np.array([2.0, 0.0, 0.0]))).contacts).status == "infeasible"
+
+
+def test_points_of_the_leaning_region_are_held_by_forces() -> None:
+    """Inside and outside of the region at a height, against the balance of forces with the acceleration."""
+    rng = np.random.default_rng(0)
+    for contacts in feasible_sets(40, 6):
+        leaning = lean(contacts, upward(rng.uniform(-0.3, 0.3, 3)))
+        found = region(leaning.contacts)
+        if found.status != "ok":
+            continue
+        for _ in range(5):
+            com = np.append(rng.uniform(-0.3, 0.3, 2), rng.uniform(0.1, 0.3))
+            inside = margin(found, leaning.seen(com)).value
+            assert inside is not None
+            if abs(inside) > 1e-5:
+                assert equilibrium(leaning.contacts, leaning.seen(com)).held == (inside > 0.0)
+
+
+def test_upright_gravity_changes_nothing() -> None:
+    contacts = feasible_sets(41, 1)[0]
+    leaning = lean(contacts, np.array([0.0, 0.0, 9.81]))
+    np.testing.assert_allclose(leaning.rot, np.eye(3), atol=1e-15)
+    np.testing.assert_allclose(leaning.contacts.position, contacts.position, atol=1e-15)
+
+
+def test_tilt_robust_region_lies_in_each_and_shrinks() -> None:
+    contacts = contact_set(SQUARE, UP, 0.8)
+    sizes = [area(region_in(Tilted(angle, STILL, 0.2), contacts, Refinement()).inner) for angle in (0.0, 0.05, 0.1)]
+    assert sizes[0] == pytest.approx(0.04, rel=1e-9)
+    assert sizes[0] > sizes[1] > sizes[2]
+    reach = 0.1 - 0.2 * np.tan(0.1)
+    polygon = region_in(Tilted(0.1, STILL, 0.2), contacts, Refinement()).inner
+    assert np.abs(polygon).max() == pytest.approx(reach, abs=1e-9)
+    assert len(region_in(Tilted(0.1, STILL, 0.2), contact_set(SQUARE, UP, 0.05), Refinement()).inner) == 0
+
+
+@pytest.mark.parametrize(
+    ("feet", "height", "status"),
+    [
+        (SQUARE[:1], 0.0, "point"),
+        (SQUARE[:1], 0.1, "infeasible"),
+        (SQUARE[:2], 0.0, "segment"),
+        (SQUARE[:2], 0.1, "infeasible"),
+        (SQUARE, 0.1, "ok"),
+        ((), 0.0, "infeasible"),
+    ],
+)
+def test_what_all_gravities_have_in_common(feet: tuple, height: float, status: str) -> None:
+    """One foot or two hold a CoM at their own height whatever way gravity leans, above it each way another one."""
+    found = region_in(Tilted(0.05, STILL, height), contact_set(feet, UP[: len(feet)], 0.5), Refinement())
+    assert found.status == status
+    if status in ("point", "segment"):
+        np.testing.assert_allclose(np.sort(found.inner, axis=0), np.sort(np.array(feet)[:, :2], axis=0), atol=1e-7)
+
+
+@pytest.mark.parametrize("up", [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (np.nan, 0.0, 1.0)])
+def test_directions_that_are_none(up: tuple[float, float, float]) -> None:
+    with pytest.raises(StabilityError):
+        lean(contact_set(SQUARE, UP, 0.5), np.array(up))
