@@ -6,10 +6,10 @@ import pytest
 
 from surefoot.robot import kinematics as kin
 from surefoot.robot.description import RobotError
-from surefoot.robot.dh import dh_transform, read_dh
 from surefoot.robot.reader import ROBOTS, load_robot
 from surefoot.services.simulator.physics.joints import place_joints, read_joints
 from surefoot.services.simulator.physics.model import build_model
+from tests.surefoot.robot.dh import dh_transform
 
 BIOLOID, NAO = load_robot("bioloid"), load_robot("nao")
 EXACT = 1e-9
@@ -65,7 +65,6 @@ def test_the_shared_motor_and_the_play_of_the_model(robot, rng):
 
 
 def test_dh_table_gives_the_foot_of_the_model(rng):
-    table = read_dh(BIOLOID, "right_leg")
     assert "reconstruct" in (ROBOTS / "bioloid" / "dh_right_leg.toml").read_text().lower()
     model, at = build_model(BIOLOID)
     data = mujoco.MjData(model)
@@ -78,21 +77,7 @@ def test_dh_table_gives_the_foot_of_the_model(rng):
         mujoco.mj_kinematics(model, data)
         rot = data.xmat[ankle].reshape(3, 3)
         theirs = rot.T @ (data.xpos[hip] - data.xpos[ankle])  # hip yaw axis seen from the ankle
-        assert np.abs(FOOT_AXES @ dh_transform(table, q)[:3, 3] - theirs).max() < EXACT
-
-
-def test_unknown_dh_tables_and_rows_are_refused(tmp_path):
-    with pytest.raises(RobotError) as error:
-        read_dh(BIOLOID, "left_leg")
-    assert (error.value.code, error.value.field) == ("not_found", "leg")
-    text = (ROBOTS / "bioloid" / "dh_right_leg.toml").read_text()
-    for old, new, code in (("ankle_roll", "toe", "unknown_name"), ("0.0764", "nan", "value")):
-        path = tmp_path / "dh.toml"
-        path.write_text(text.replace(old, new, 1))
-        with pytest.raises(RobotError) as error:
-            read_dh(BIOLOID, "right_leg", path)
-        assert error.value.code == code
-        assert error.value.field.startswith("rows[")
+        assert np.abs(FOOT_AXES @ dh_transform(BIOLOID, "right_leg", q)[:3, 3] - theirs).max() < EXACT
 
 
 @pytest.mark.parametrize(
