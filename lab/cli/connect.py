@@ -15,10 +15,16 @@ def client(connect: str | None = None, namespace: str | None = None) -> Iterator
     Raises:
         BusError: nobody answers there.
     """
+    with joined(*endpoint(connect, namespace)) as robot:
+        yield robot
+
+
+@contextmanager
+def joined(where: str, prefix: str) -> Iterator["Client"]:
+    """Join the system at an endpoint, whose keys have a prefix, as a client (raises BusError: nobody answers)."""
     from surefoot.bus.zenoh import ZenohBus, ZenohOptions
     from surefoot.client import Client
 
-    where, prefix = endpoint(connect, namespace)
     _knock(where)
     with Client(ZenohBus(ZenohOptions(mode="client", connect=(where,), namespace=prefix))) as robot:
         yield robot

@@ -1,17 +1,17 @@
 """`surefoot up`, `down`, `status`, `logs`, `health`, `supervise`: systems as a whole."""
 
 import json as jsonlib
+import os
 import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .connect import client
+from .connect import client, joined
 from .output import (
     EXIT_CHECK,
     Connect,
@@ -29,7 +29,6 @@ from .output import (
 
 if TYPE_CHECKING:
     from surefoot.client import Client
-    from surefoot.services.supervisor.processes.compose import Compose
     from surefoot.services.supervisor.processes.rundir import RunFolder
 
 System = Annotated[str, typer.Argument(help="Name of a compose file (see `surefoot list`) or its path.")]
@@ -50,10 +49,10 @@ def up(
     """Start the services of a compose file and keep them running."""
     from surefoot.bus.endpoint import to_listen
     from surefoot.schemas.sim import World
-    from surefoot.services.supervisor.processes.keep import StartOrder, keep
+    from surefoot.services.supervisor.processes.keep import StartOrder, keep, start_detached
     from surefoot.services.supervisor.processes.startable import startable
 
-    from .before import check_before
+    from .before import check_ground
     from .warming import warm_if_cold
 
     use_json(json)
@@ -61,14 +60,20 @@ def up(
     to_listen(listen)  # a wrong endpoint is reported before anything starts
     if record is not None:
         refuse_existing(record, force=force)
-    compose = startable(system)
+    compose = startable(system, environ=os.environ)
     order = StartOrder(World(terrain=terrain), seed, rtf, record)
-    check_before(compose, order.world, seed)
+    check_ground(compose, order.world, seed)
     warm_if_cold(compose, tell)
     if detach:
-        _detach(compose, system, order, listen, json=json)
+        _show_up(start_detached(compose, system, order, listen, tell), json=json)
         return
-    ready = partial(tell, "everything is ready") if log else partial(_show_up, compose, json=json)
+
+    def ready(folder: "RunFolder") -> None:
+        if log:
+            tell("everything is ready")
+        else:
+            _show_up(folder, json=json)
+
     with _until_signal() as stop:
         keep(compose, order, stop, listen=listen, tell=tell, ready=ready)
 
@@ -83,10 +88,12 @@ def supervise(
 ) -> None:
     """Hold the router and watch a system whose services are started by somebody else."""
     from surefoot.schemas.sim import World
+    from surefoot.services.supervisor.processes.compose import load_compose
     from surefoot.services.supervisor.processes.keep import StartOrder, keep
 
+    compose = load_compose(system)
     with _until_signal() as stop:
-        keep(_compose(system), StartOrder(World(terrain=terrain)), stop, listen=listen, spawn=not no_spawn, tell=tell)
+        keep(compose, StartOrder(World(terrain=terrain)), stop, listen=listen, spawn=not no_spawn, tell=tell)
 
 
 def down(
@@ -188,13 +195,6 @@ def health(
         raise typer.Exit(EXIT_CHECK)
 
 
-def _compose(system: str) -> "Compose":
-    from surefoot.files import find
-    from surefoot.services.supervisor.processes.compose import ComposeError, load_compose
-
-    return load_compose(find("compose", system, ".yaml", ComposeError))
-
-
 def _folders(system: str | None) -> list["RunFolder"]:
     """Return the run folders of a system, or all, the ones that run last."""
     from surefoot.services.supervisor.processes.rundir import RunFolder, run_folders
@@ -230,26 +230,17 @@ def _until_signal() -> Iterator[threading.Event]:
             signal.signal(number, handler)
 
 
-def _detach(compose: "Compose", system: str, order: Any, listen: str | None, *, json: bool) -> None:
-    from surefoot.services.supervisor.processes.keep import start_detached
-
-    start_detached(compose, system, order, listen, tell)
-    _show_up(compose, json=json)
-
-
-def _show_up(compose: "Compose", *, json: bool) -> None:
-    from surefoot.services.supervisor.processes.rundir import RunFolder
-
-    content = _status(RunFolder(compose.name))
+def _show_up(folder: "RunFolder", *, json: bool) -> None:
+    content = _status(folder)
     if json:
         write_json(content)
         return
-    _show_status(compose.name, content)
+    _show_status(folder.name, content)
     prefix = content["namespace"]
     write("Watch it from another shell:")
     write("  surefoot topic echo state/velocity")
     write(f"From any Zenoh client: connect to {content['connect']}, subscribe to {prefix}/state/velocity (JSON)")
-    write(f"Stop it with `surefoot down {compose.name}`.")
+    write(f"Stop it with `surefoot down {folder.name}`.")
 
 
 def _status(folder: "RunFolder") -> dict[str, Any]:
@@ -266,7 +257,7 @@ def _status(folder: "RunFolder") -> dict[str, Any]:
         return content
     content |= {"connect": endpoint.connect, "namespace": endpoint.namespace}
     try:
-        with client(endpoint.connect, endpoint.namespace) as robot:
+        with joined(endpoint.connect, endpoint.namespace) as robot:
             for row in content["services"]:
                 _add_health(row, robot)
             _add_time(content, robot)

@@ -213,17 +213,13 @@ class Compose:
         return {service.name: service for service in self.services}[name]
 
 
-def find_compose(name: str) -> Compose:
-    """Read a compose file given by name or path (raises ComposeError)."""
-    return load_compose(find("compose", name, ".yaml", ComposeError))
-
-
-def load_compose(path: Path) -> Compose:
-    """Read and validate a compose file.
+def load_compose(name: str | Path) -> Compose:
+    """Read and validate a compose file given by name or path.
 
     Raises:
         ComposeError: with code, field and a sentence; also for a file that is missing, too large or not YAML.
     """
+    path = find("compose", str(name), ".yaml", ComposeError)
     return parse_compose(read_text(path, ComposeError), path)
 
 

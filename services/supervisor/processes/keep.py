@@ -53,7 +53,7 @@ def keep(
     listen: str | None = None,
     spawn: bool = True,
     tell: Callable[[str], None] = lambda text: None,
-    ready: Callable[[], None] = lambda: None,
+    ready: Callable[[RunFolder], None] = lambda folder: None,
 ) -> None:
     """Bring a system up, look after it until `stop`, take it down.
 
@@ -89,7 +89,7 @@ def keep(
                     raise BusError("not_ready", f"no service of {compose.path} drives; one must be the robot's driver")
             if not told and session.supervisor.ticks > 0 and (session.system.settled() or not spawn):
                 session.folder.write_ready()
-                ready()
+                ready(session.folder)
                 told = True
             session.system.wait(STEP_S)
 
@@ -108,8 +108,8 @@ def _reset(session: Session, order: StartOrder, tell: Callable[[str], None]) -> 
 
 def start_detached(
     compose: Compose, system: str, order: StartOrder, listen: str | None, tell: Callable[[str], None]
-) -> None:
-    """Start `surefoot up` in a session of its own and wait until it is ready.
+) -> RunFolder:
+    """Start `surefoot up` in a session of its own, wait until it is ready and return its run folder.
 
     Raises:
         RunFolderError: it is up already.
@@ -128,7 +128,7 @@ def start_detached(
     spent = 0.0
     while (now := time.monotonic()) - moved < READY_S and now - began < MOST_S:
         if folder.ready():
-            return
+            return folder
         busy = busy_s((child.pid, *(process.pid for process in folder.processes().values())))
         if busy != spent:
             spent, moved = busy, now

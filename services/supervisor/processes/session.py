@@ -17,13 +17,12 @@ from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import DRIVER
 from surefoot.lockstep.launch import spare_collector
 from surefoot.lockstep.node import Node
-from surefoot.logline import said
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.base import Request, Wire
 from surefoot.schemas.hw import EmergencyStop
-from surefoot.schemas.sim import SimStatus
+from surefoot.schemas.sim import ResetReply, ResetRequest, SimStatus
 from surefoot.schemas.system import Health, HealthRequest, ServiceStatus
-from surefoot.schemas.topics import CMD_ESTOP, HEALTH_GET, Query
+from surefoot.schemas.topics import CMD_ESTOP, HEALTH_GET, SIM_RESET, Query
 
 from ..scenarios.director import Director
 from ..service import Supervisor
@@ -70,6 +69,8 @@ class Session:
             compose, self.folder, environment={**own, **(environment or {})}, on_action=self._on_action
         )
         self.supervisor = Supervisor(ServiceConfig(robot=self.robot), director, self)
+        self.feet: tuple[str, ...] = ()
+        """Names of the legs in the order of messages, known once entered."""
         self._bus: ZenohBus | None = None
         self._node: Node | None = None
         self._thread: threading.Thread | None = None
@@ -91,7 +92,7 @@ class Session:
             RunFolderError: the system is up already.
             BusError: the port is taken; the sentence names the owner and the flag.
         """
-        load_robot(self.robot)  # now, not by each of the services
+        self.feet = load_robot(self.robot).leg_names  # an unknown robot is refused now, not by each of the services
         self.folder.acquire()
         try:
             self._clean_up()
@@ -252,9 +253,9 @@ class Session:
         if not self._spawn:
             return
         self.system.step()
-        lost = self.system.given_up()
-        if lost:
-            raise BusError("service_failed", self._why(lost[0]))
+        failure = self.system.failure()
+        if failure:
+            raise BusError("service_failed", failure)
 
     def _renew_stop(self) -> None:
         """An emergency stop outlives the driver: it is told again until the next one, running, confirms it."""
@@ -278,6 +279,54 @@ class Session:
             self.system.wait(STEP_S)
         return True
 
+    def begin(self, request: ResetRequest, patience_s: float) -> ResetReply:
+        """Build the world as soon as the simulator serves; other services may still be starting.
+
+        Args:
+            request: of the run; the services that it expects are filled in.
+            patience_s: wall time until a driver must be there, s.
+
+        Raises:
+            BusError: no service drives, or the one that does is no simulator.
+            CallError: the simulator refuses the request.
+        """
+        if not self.wait_for(lambda: bool(self.driver), patience_s):
+            raise BusError("not_ready", f"no service of {self.compose.path} drives after {patience_s:g} s")
+        if not self.answers(SIM_RESET):
+            raise BusError("no_simulator", f"a scenario needs a simulator; {self.driver} does not answer sim/reset")
+        return self.call(SIM_RESET, request.model_copy(update={"expect": self.expected}))
+
+    def follow(self, began: float, stall_s: float, show: Callable[[int, float], None]) -> tuple[float, list[str]]:
+        """Look after the system until the last tick of a run.
+
+        Args:
+            began: time of the start, s, as of `time.monotonic`.
+            stall_s: wall time without a tick after which the run is given up, s.
+            show: gets ticks and their wall time, s, as they pass.
+
+        Returns:
+            Wall time from `began` to the first tick, s, and what went wrong.
+        """
+        supervisor, director = self.supervisor, self.supervisor.director
+        start_s, last, moved = 0.0, 0, time.monotonic()
+        while not supervisor.ended.is_set():
+            try:
+                self.step()
+            except BusError as error:  # a service is not restarted any more: the report states it
+                return start_s, [error.message]
+            now = time.monotonic()
+            if supervisor.ticks != last:
+                start_s = now - began if last == 0 else start_s
+                last, moved = supervisor.ticks, now
+                show(last, max(supervisor.wall_s, 1e-3))
+            if now - moved > stall_s:
+                waiting = {name: health.waiting_for for name, health in self.health().items() if health.waiting_for}
+                words = "; ".join(f"{name} waits for {', '.join(keys)}" for name, keys in waiting.items())
+                return start_s, [f"no tick for {stall_s:g} s at tick {last}" + (f": {words}" if words else "")]
+            supervisor.ended.wait(STEP_S)
+        cut = director is not None and not director.ended and director.scenario.steps
+        return start_s, ["it was ended by max_duration_s"] if cut else []
+
     def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None) -> Rep:
         """Ask a service (raises CallError)."""
         assert self._bus is not None
@@ -297,18 +346,3 @@ class Session:
             except CallError:
                 continue
         return found
-
-    def _why(self, service: str) -> str:
-        """Why a service does not run, with its own last words."""
-        row = next(row for row in self.rows() if row.service == service)
-        log = self.folder.log(service)
-        words = _last_line(log)
-        return f"{service} does not run ({row.detail or 'ended'})" + (f": {words}" if words else "") + f"; see {log}"
-
-
-def _last_line(log: Path) -> str:
-    try:
-        lines = log.read_text(encoding="utf-8", errors="replace").split("\n")
-    except OSError:
-        return ""
-    return said(next((line.strip() for line in reversed(lines) if line.strip()), ""))[:300]

@@ -6,10 +6,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Protocol
 
+from surefoot.logline import said
 from surefoot.schemas.system import ServiceStatus
 
 from .compose import Compose, ComposeService
 from .identity import await_end
+from .logs import tail
 from .process import Child
 from .reconcile import (
     ABSENT,
@@ -25,6 +27,7 @@ from .signs import Signs
 
 SELF = "supervisor"  # listed in the compose file for container engines; here it is this very process
 STEP_S = 0.02  # s, how often processes are looked at
+LAST_LINES = 50  # of a log, among which its last words are looked for
 PAUSE_S = 1.0  # s; a longer gap between two looks means that the machine slept
 
 
@@ -139,6 +142,15 @@ class System:
         ended = {name for name, state in self._observed.items() if state.phase == "exited" and name not in self._notes}
         given_up = {name for name, note in self._notes.items() if note.verb == "give_up"}
         return tuple(name for name in self._services if name in ended | given_up)
+
+    def failure(self) -> str:
+        """Return why a service does not run and is not restarted any more, empty while there is none."""
+        for name in self.given_up():
+            log = self.folder.log(name)
+            words = said(next((line.strip() for line in reversed(tail(log, LAST_LINES)) if line.strip()), ""))[:300]
+            why = self._row(name).detail or "ended"
+            return f"{name} does not run ({why})" + (f": {words}" if words else "") + f"; see {log}"
+        return ""
 
     def running(self) -> bool:
         """Tell whether any process lives."""

@@ -232,12 +232,13 @@ def find_scenario(name: str) -> Path:
     return find("scenarios", name, ".toml", ScenarioError)
 
 
-def load_scenario(path: Path) -> Scenario:
-    """Read and validate a scenario file.
+def load_scenario(name: str | Path) -> Scenario:
+    """Read and validate a scenario file given by name or path.
 
     Raises:
         ScenarioError: with code, field and a sentence.
     """
+    path = find("scenarios", str(name), ".toml", ScenarioError)
     return parse_scenario(read_text(path, ScenarioError), path)
 
 
