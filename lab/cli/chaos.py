@@ -96,7 +96,8 @@ def _prepared(scenario: "Scenario", seeds: range, options: "Options", *, force: 
         for number in seeds:
             refuse_existing(_folder(options.out, number), force=force)
     compose = system_of(scenario, os.environ)
-    check_ground(compose, scenario.world, scenario.seed)
+    if "simulator" in compose.service_names:
+        check_ground(scenario.world, scenario.seed)
     warm_if_cold(compose, tell)
     return seeds
 

@@ -54,7 +54,8 @@ def run(
     if out is not None:
         refuse_existing(out, force=force)
     compose = system_of(loaded, os.environ)
-    check_ground(compose, loaded.world, loaded.seed if seed is None else seed)
+    if "simulator" in compose.service_names:
+        check_ground(loaded.world, loaded.seed if seed is None else seed)
     warm_if_cold(compose, tell)
     options = Options(seed, record, rtf, strict, listen, out)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does: everything is stopped

@@ -4,8 +4,8 @@ import json as jsonlib
 import os
 import signal
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -28,7 +28,6 @@ from .output import (
 )
 
 if TYPE_CHECKING:
-    from surefoot.client import Client
     from surefoot.services.supervisor.processes.rundir import RunFolder
 
 System = Annotated[str, typer.Argument(help="Name of a compose file (see `surefoot list`) or its path.")]
@@ -62,20 +61,21 @@ def up(
         refuse_existing(record, force=force)
     compose = startable(system, environ=os.environ)
     order = StartOrder(World(terrain=terrain), seed, rtf, record)
-    check_ground(compose, order.world, seed)
+    if "simulator" in compose.service_names:
+        check_ground(order.world, seed)
     warm_if_cold(compose, tell)
-    if detach:
-        _show_up(start_detached(compose, system, order, listen, tell), json=json)
-        return
 
-    def ready(folder: "RunFolder") -> None:
+    def show(report: dict[str, Any]) -> None:
         if log:
             tell("everything is ready")
         else:
-            _show_up(folder, json=json)
+            _show_up(compose.name, report, json=json)
 
+    if detach:
+        show(start_detached(compose, system, order, listen, tell))
+        return
     with _until_signal() as stop:
-        keep(compose, order, stop, listen=listen, tell=tell, ready=ready)
+        keep(compose, order, stop, listen=listen, tell=tell, ready=show)
 
 
 def supervise(
@@ -142,9 +142,8 @@ def status(
         write_json(found)
     elif not found:
         write("nothing is running; start a system with `surefoot up`")
-    else:
-        for name, content in found.items():
-            _show_status(name, content)
+    for name, content in found.items() if not json else ():
+        _show_status(name, content)
     if not found or any(row["state"] != "healthy" for content in found.values() for row in content["services"]):
         raise typer.Exit(EXIT_CHECK)
 
@@ -230,22 +229,25 @@ def _until_signal() -> Iterator[threading.Event]:
             signal.signal(number, handler)
 
 
-def _show_up(folder: "RunFolder", *, json: bool) -> None:
-    content = _status(folder)
-    if json:
-        write_json(content)
-        return
-    _show_status(folder.name, content)
-    prefix = content["namespace"]
-    write("Watch it from another shell:")
-    write("  surefoot topic echo state/velocity")
-    write(f"From any Zenoh client: connect to {content['connect']}, subscribe to {prefix}/state/velocity (JSON)")
-    write(f"Stop it with `surefoot down {folder.name}`.")
+def _show_up(name: str, content: dict[str, Any], *, json: bool) -> None:
+    """Show a system that has just come up, and what can be done with it."""
+    hints = (
+        "Watch it from another shell:",
+        "  surefoot topic echo state/velocity",
+        f"From any Zenoh client: connect to {content['connect']}, subscribe to {content['namespace']}/state/velocity "
+        "(JSON)",
+        f"Stop it with `surefoot down {name}`.",
+    )
+    _show_status(name, content, hints, json=json)
 
 
 def _status(folder: "RunFolder") -> dict[str, Any]:
     """Return what the run folder says, with live numbers where the services answer."""
-    from surefoot.errors import SurefootError
+    from surefoot.errors import CallError, SurefootError
+    from surefoot.schemas.sim import StatusRequest
+    from surefoot.schemas.system import HealthRequest
+    from surefoot.schemas.topics import HEALTH_GET, SIM_STATUS_GET
+    from surefoot.services.supervisor.processes.status import health_row, time_row
 
     endpoint = folder.endpoint()
     content: dict[str, Any] = {"connect": "", "namespace": "", "services": folder.read_rows()}
@@ -259,55 +261,22 @@ def _status(folder: "RunFolder") -> dict[str, Any]:
     try:
         with joined(endpoint.connect, endpoint.namespace) as robot:
             for row in content["services"]:
-                _add_health(row, robot)
-            _add_time(content, robot)
+                try:
+                    row |= health_row(robot.bus.call(HEALTH_GET.of(row["service"]), HealthRequest(), 0.5).health)
+                except CallError as error:
+                    row["detail"] = row["detail"] or error.message
+            with suppress(CallError):  # the driver of a real robot has no simulated time
+                content["time"] = time_row(robot.bus.call(SIM_STATUS_GET, StatusRequest(), 0.5))
     except SurefootError as error:
         content["detail"] = error.message
     return content
 
 
-def _add_time(content: dict[str, Any], robot: "Client") -> None:
-    """Add how simulated time runs; the driver of a real robot has none to speak of."""
-    from surefoot.errors import CallError
-    from surefoot.schemas.sim import StatusRequest
-    from surefoot.schemas.topics import SIM_STATUS_GET
-    from surefoot.simtime import pace
-
-    try:
-        found = robot.bus.call(SIM_STATUS_GET, StatusRequest(), 0.5)
-    except CallError:
+def _show_status(name: str, content: dict[str, Any], hints: Sequence[str] = (), *, json: bool = False) -> None:
+    """Show a system as a table, the hints below it; or as JSON without hints."""
+    if json:
+        write_json(content)
         return
-    content["time"] = {
-        **found.model_dump(include={"state", "rtf", "pace", "late", "held", "tick"}),
-        "words": pace(found),
-    }
-
-
-def _add_health(row: dict[str, Any], robot: "Client") -> None:
-    from surefoot.errors import CallError
-    from surefoot.schemas.system import HealthRequest
-    from surefoot.schemas.topics import HEALTH_GET
-
-    try:
-        found = robot.bus.call(HEALTH_GET.of(row["service"]), HealthRequest(), 0.5).health
-    except CallError as error:
-        row["detail"] = row["detail"] or error.message
-        return
-    row |= {
-        "doing": found.state,
-        "tick": found.tick,
-        "tick_p50_us": found.tick_p50_us,
-        "tick_p99_us": found.tick_p99_us,
-        "cpu_s": found.cpu_s,
-        "rss_mb": found.rss_mb,
-        "refused": found.refused,
-        "dropped": found.dropped,
-        "late": found.late,
-        "waiting_for": found.waiting_for,
-    }
-
-
-def _show_status(name: str, content: dict[str, Any]) -> None:
     colours = {"healthy": "green", "starting": "yellow", "backoff": "yellow"}
     rows = [
         (
@@ -329,6 +298,8 @@ def _show_status(name: str, content: dict[str, Any]) -> None:
         write(content["time"]["words"])
     if "detail" in content:
         write(content["detail"])
+    for hint in hints:
+        write(hint)
 
 
 def _remarks(row: dict[str, Any]) -> str:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from surefoot.errors import BusError, CallError
 from surefoot.logline import said
@@ -53,7 +54,7 @@ def keep(
     listen: str | None = None,
     spawn: bool = True,
     tell: Callable[[str], None] = lambda text: None,
-    ready: Callable[[RunFolder], None] = lambda folder: None,
+    ready: Callable[[dict[str, Any]], None] = lambda report: None,
 ) -> None:
     """Bring a system up, look after it until `stop`, take it down.
 
@@ -88,8 +89,9 @@ def keep(
                 if time.monotonic() - alone_since > DRIVER_S:
                     raise BusError("not_ready", f"no service of {compose.path} drives; one must be the robot's driver")
             if not told and session.supervisor.ticks > 0 and (session.system.settled() or not spawn):
-                session.folder.write_ready()
-                ready(session.folder)
+                report = session.report()
+                session.folder.write_ready(report)
+                ready(report)
                 told = True
             session.system.wait(STEP_S)
 
@@ -108,8 +110,8 @@ def _reset(session: Session, order: StartOrder, tell: Callable[[str], None]) -> 
 
 def start_detached(
     compose: Compose, system: str, order: StartOrder, listen: str | None, tell: Callable[[str], None]
-) -> RunFolder:
-    """Start `surefoot up` in a session of its own, wait until it is ready and return its run folder.
+) -> dict[str, Any]:
+    """Start `surefoot up` in a session of its own, wait until it is ready and return its report.
 
     Raises:
         RunFolderError: it is up already.
@@ -127,8 +129,9 @@ def start_detached(
     began = moved = time.monotonic()
     spent = 0.0
     while (now := time.monotonic()) - moved < READY_S and now - began < MOST_S:
-        if folder.ready():
-            return folder
+        report = folder.ready()
+        if report is not None:
+            return report
         busy = busy_s((child.pid, *(process.pid for process in folder.processes().values())))
         if busy != spent:
             spent, moved = busy, now

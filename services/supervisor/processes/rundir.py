@@ -149,17 +149,17 @@ class RunFolder:
         rows = self._read("status.json")
         return rows if isinstance(rows, list) else []
 
-    def write_ready(self) -> None:
-        """Tell whoever waits that everything is there."""
-        self._write("ready.json", True)
+    def write_ready(self, report: dict[str, Any]) -> None:
+        """Store that everything is there, and what `surefoot up` shows of it."""
+        self._write("ready.json", report)
 
     def clear_ready(self) -> None:
-        """Forget what an earlier system said."""
+        """Forget the report of an earlier system."""
         (self.path / "ready.json").unlink(missing_ok=True)
 
-    def ready(self) -> bool:
-        """Tell whether everything is there."""
-        return self.held() and self._read("ready.json") is True
+    def ready(self) -> dict[str, Any] | None:
+        """Return the report of a system that is up, None until everything is there."""
+        return self._read("ready.json") if self.held() else None
 
     def touched(self) -> float:
         """Return when this system was last taken, in wall time."""

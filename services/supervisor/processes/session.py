@@ -4,9 +4,10 @@ import os
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
 from surefoot.bus.endpoint import to_listen
 from surefoot.bus.interface import Life, Publisher
@@ -20,16 +21,17 @@ from surefoot.lockstep.node import Node
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.base import Request, Wire
 from surefoot.schemas.hw import EmergencyStop
-from surefoot.schemas.sim import ResetReply, ResetRequest, SimStatus
+from surefoot.schemas.sim import ResetReply, ResetRequest, SimStatus, StatusRequest
 from surefoot.schemas.system import Health, HealthRequest, ServiceStatus
-from surefoot.schemas.topics import CMD_ESTOP, HEALTH_GET, SIM_RESET, Query
+from surefoot.schemas.topics import CMD_ESTOP, HEALTH_GET, SIM_RESET, SIM_STATUS_GET, Query
 
 from ..scenarios.director import Director
 from ..service import Supervisor
 from .compose import Compose
 from .ports import owner_of, port_of
 from .reconcile import Action
-from .rundir import Endpoint, RunFolder
+from .rundir import ROW, Endpoint, RunFolder
+from .status import health_row, time_row
 from .system import SELF, System
 
 Req = TypeVar("Req", bound=Request)
@@ -336,6 +338,16 @@ class Session:
         """Tell whether anybody serves a query."""
         assert self._bus is not None
         return self._bus.probe(query)
+
+    def report(self) -> dict[str, Any]:
+        """Return the system as `surefoot status` shows it, with live numbers of the services."""
+        health = self.health()
+        rows = [row.model_dump(include=ROW) for row in self.rows()]
+        services = [{**row, **(health_row(health[row["service"]]) if row["service"] in health else {})} for row in rows]
+        content: dict[str, Any] = {"connect": self.listen, "namespace": self.namespace, "services": services}
+        with suppress(CallError):  # the driver of a real robot has no simulated time
+            content["time"] = time_row(self.call(SIM_STATUS_GET, StatusRequest(), 0.5))
+        return content
 
     def health(self) -> dict[str, Health]:
         """Return the health of every service that answers."""
