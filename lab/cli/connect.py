@@ -1,4 +1,4 @@
-"""Finding the running system a command speaks to."""
+"""Connection of a command to the running system."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +13,7 @@ def client(connect: str | None = None, namespace: str | None = None) -> Iterator
     """Join the system as a client: the one named, else the one that runs here, else the default endpoint.
 
     Raises:
-        BusError: nobody answers there.
+        BusError: no system answers there.
     """
     with joined(*endpoint(connect, namespace)) as robot:
         yield robot
@@ -21,7 +21,7 @@ def client(connect: str | None = None, namespace: str | None = None) -> Iterator
 
 @contextmanager
 def joined(where: str, prefix: str) -> Iterator["Client"]:
-    """Join the system at an endpoint, whose keys have a prefix, as a client (raises BusError: nobody answers)."""
+    """Join the system at an endpoint, whose keys have a prefix, as a client (raises BusError: no system answers)."""
     from surefoot.bus.zenoh import ZenohBus, ZenohOptions
     from surefoot.client import Client
 
@@ -31,10 +31,10 @@ def joined(where: str, prefix: str) -> Iterator["Client"]:
 
 
 def endpoint(connect: str | None = None, namespace: str | None = None) -> tuple[str, str]:
-    """Return (endpoint, namespace): as told, else of the system that runs here, else where one would listen.
+    """Return (endpoint, namespace): the given ones, else of the system that runs here, else the default ones.
 
     Raises:
-        ConfigError: what was told is no endpoint, or several systems run and none was named.
+        ConfigError: the given text is no endpoint, or several systems run and none was named.
     """
     from .running import only_one, systems
 
@@ -43,12 +43,12 @@ def endpoint(connect: str | None = None, namespace: str | None = None) -> tuple[
 
 
 def _knock(where: str) -> None:
-    """Fail at once when nobody listens, instead of after Zenoh's patience."""
+    """Fail at once when no router listens, instead of after Zenoh's time limit."""
     from surefoot.errors import BusError
 
-    from .running import Running
+    from .running import RunningSystem
     from .stopping import answers
 
     if not answers(where):
-        what = Running("", where, "").orphans() or "start one with `surefoot up`, or name another with --connect"
+        what = RunningSystem("", where, "").orphans() or "start one with `surefoot up`, or name another with --connect"
         raise BusError("absent", f"no system answers at {where}; {what}")

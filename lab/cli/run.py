@@ -38,7 +38,7 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Overwrite what is in that folder.")] = False,
     json: Json = False,
 ) -> None:
-    """Run a scenario with every service live, judge it, and write a report. Exit code 1: a limit was not met."""
+    """Run a scenario with every service live, check its limits, write a report. Exit code 1: a limit was not met."""
     from surefoot.bus.endpoint import to_listen
     from surefoot.services.supervisor.processes.startable import system_of
     from surefoot.services.supervisor.scenarios.scenario import load_scenario

@@ -1,4 +1,4 @@
-"""The systems that run here, and which one a command means."""
+"""Systems that run here, and the choice of the one that a command means."""
 
 import os
 from typing import NamedTuple
@@ -9,7 +9,7 @@ from surefoot.services.supervisor.processes.rundir import RunFolder, run_folders
 WELL = "healthy"
 
 
-class Running(NamedTuple):
+class RunningSystem(NamedTuple):
     """A system that a command can reach.
 
     Attributes:
@@ -25,7 +25,7 @@ class Running(NamedTuple):
     folder: RunFolder | None = None
 
     def unwell(self) -> dict[str, str]:
-        """Return the services that are not healthy, and what the supervisor says of each."""
+        """Return the services that are not healthy, each with its state and the reason."""
         rows = [] if self.folder is None else self.folder.read_rows()
         unwell = [row for row in rows if row.get("state") != WELL]
         return {row["service"]: f"{row['state']}{': ' + row['detail'] if row.get('detail') else ''}" for row in unwell}
@@ -35,8 +35,10 @@ class Running(NamedTuple):
         return next((folder.orphaned for folder in run_folders() if folder.orphans()), "")
 
 
-def systems(connect: str | None = None, namespace: str | None = None, system: str | None = None) -> tuple[Running, ...]:
-    """Return the systems that are meant: those that run here and fit, else the one that would be here.
+def systems(
+    connect: str | None = None, namespace: str | None = None, system: str | None = None
+) -> tuple[RunningSystem, ...]:
+    """Return the systems that a command means: those that run here and fit, else the default one.
 
     Args:
         connect: endpoint, None = SUREFOOT_CONNECT or any.
@@ -51,7 +53,7 @@ def systems(connect: str | None = None, namespace: str | None = None, system: st
     connect = checked("--connect", connect) if connect else from_environment(("SUREFOOT_CONNECT",))
     namespace = namespace or os.environ.get("SUREFOOT_NAMESPACE")
     found = [
-        Running(folder.name, place.connect, place.namespace, folder)
+        RunningSystem(folder.name, place.connect, place.namespace, folder)
         for folder in run_folders()
         if (place := folder.endpoint()) is not None
     ]
@@ -66,10 +68,10 @@ def systems(connect: str | None = None, namespace: str | None = None, system: st
         return fitting
     robot = os.path.basename(os.path.normpath(os.environ.get("SUREFOOT_ROBOT", "ragno")))  # a name, or a folder
     prefix = namespace or f"surefoot/{robot}"
-    return (Running(prefix, connect or to_listen(), prefix),)
+    return (RunningSystem(prefix, connect or to_listen(), prefix),)
 
 
-def only_one(found: tuple[Running, ...], how: str) -> Running:
+def only_one(found: tuple[RunningSystem, ...], how: str) -> RunningSystem:
     """Return the one system that is meant.
 
     Raises:

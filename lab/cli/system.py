@@ -86,7 +86,7 @@ def supervise(
     terrain: Annotated[str, typer.Option(help="Kind of terrain (simulation).")] = "flat",
     listen: Listen = None,
 ) -> None:
-    """Hold the router and watch a system whose services are started by somebody else."""
+    """Hold the router and watch a system whose services are started by a container engine."""
     from surefoot.schemas.sim import World
     from surefoot.services.supervisor.processes.compose import load_compose
     from surefoot.services.supervisor.processes.keep import StartOrder, keep
@@ -133,7 +133,7 @@ def status(
     system: Annotated[str | None, typer.Argument(help="Name of the system [the one that runs].")] = None,
     json: Json = False,
 ) -> None:
-    """Show what runs and how it does. Exit code 1: nothing runs, or a service is not well."""
+    """Show the systems that run and their health. Exit code 1: nothing runs, or a service is not well."""
     use_json(json)
     if system is not None:
         _check_known(Path(system).stem)
@@ -179,7 +179,7 @@ def health(
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
-    """Ask a service how it does: the probe of the compose files. Exit code 1: it is not well."""
+    """Request the health of a service: the probe of the compose files. Exit code 1: it is not well."""
     from surefoot.schemas.system import HealthRequest
     from surefoot.schemas.topics import HEALTH_GET
 
@@ -242,7 +242,7 @@ def _show_up(name: str, content: dict[str, Any], *, json: bool) -> None:
 
 
 def _status(folder: "RunFolder") -> dict[str, Any]:
-    """Return what the run folder says, with live numbers where the services answer."""
+    """Return the content of a run folder, with live numbers where the services answer."""
     from surefoot.errors import CallError, SurefootError
     from surefoot.schemas.sim import StatusRequest
     from surefoot.schemas.system import HealthRequest
@@ -303,7 +303,7 @@ def _show_status(name: str, content: dict[str, Any], hints: Sequence[str] = (), 
 
 
 def _remarks(row: dict[str, Any]) -> str:
-    """Return what is to be said of a service: why it is not well, silent inputs, what it refused and dropped."""
+    """Return the remarks on a service: why it is not well, silent inputs, refusals, dropped messages."""
     silent = [f"{key} silent for {age:.1f} s" for key, age in row.get("late", {}).items()]
     refused = [f"{n}x {reason}" for reason, n in _refusals(row)]
     dropped = [f"{n}x {key} dropped" for key, n in row.get("dropped", {}).items()]
@@ -311,7 +311,7 @@ def _remarks(row: dict[str, Any]) -> str:
 
 
 def _refusals(row: dict[str, Any]) -> list[tuple[str, int]]:
-    """Return what a service has refused; that a newcomer asked too early to be let in is no news."""
+    """Return the refusals of a service without those of joins that came too early."""
     return [(reason, n) for reason, n in row.get("refused", {}).items() if not reason.startswith("join_")]
 
 

@@ -32,7 +32,7 @@ RECORDER_S = 10.0  # s wall, for the recorder to close its file
 
 @dataclass(frozen=True)
 class Options:
-    """How a scenario is run.
+    """Options of a run.
 
     Attributes:
         seed: None = the scenario's own.
@@ -68,13 +68,13 @@ class Progress:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a run."""
+    """Result of a run."""
 
     scenario: str
     seed: int
     verdict: Verdict
     report: Path | None
-    """None where it could not be written; a note of the verdict says why."""
+    """None where it could not be written; a note of the verdict states why."""
     recording: Path | None
     start_s: float
     """Wall time from the command to tick 0."""
@@ -85,11 +85,11 @@ class Outcome:
 
 
 class Beside(AbstractContextManager[Any], Protocol):
-    """What happens beside a run: entered when the world is built, left after the last tick, before anybody is ended."""
+    """Activity beside a run: entered when the world is built, left after the last tick, before any service is ended."""
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is to be said of it in the report."""
+        """Notes for the report."""
         ...
 
 
@@ -112,18 +112,15 @@ def conduct(
     show: Callable[[Progress], None] = lambda progress: None,
     meddle: Callable[[Session], Beside] | None = None,
 ) -> Outcome:
-    """Start a system, conduct the scenario, judge it, write the report, stop everything.
+    """Start a system, conduct the scenario, check its limits, write the report, stop everything.
 
     Args:
-        scenario: what to do.
-        compose: its system.
-        options: how.
-        tell: gets what the system does, in words.
-        show: gets how far the run is.
-        meddle: makes what happens beside the run.
+        scenario, compose, options: the scenario, its system, options of the run.
+        tell, show: get messages of the system and the progress.
+        meddle: makes the activity beside the run.
 
     Raises:
-        BusError: the system could not be brought up. A run that stalls or is interrupted is judged and reported.
+        BusError: the system could not be brought up. A run that stalls or is interrupted is reported, too.
     """
     began = time.monotonic()
     seed = scenario.seed if options.seed is None else options.seed
@@ -149,9 +146,8 @@ def conduct(
         end = _End.of(session)
     supervisor = session.supervisor
     written = recording if recording is not None and recording.exists() else None
-    about = replace(about, timings=end.timings, feet=session.feet)
-    if written is not None:
-        about = replace(about, facts={**about.facts, "Recording": written.name})
+    facts = {**about.facts, **({} if written is None else {"Recording": written.name})}
+    about = replace(about, timings=end.timings, feet=session.feet, facts=facts)
     verdict = judge(
         traces := read_traces(supervisor.kept, supervisor.notes),
         scenario.limits,
@@ -210,7 +206,7 @@ def _reset(scenario: Scenario, options: Options, seed: int) -> ResetRequest:
 
 
 def _about(scenario: Scenario, compose: Compose, options: Options, seed: int) -> About:
-    """Return what the report states of the run beside its numbers, as far as it is known before the run."""
+    """Return the facts of the report that are known before the run."""
     flags = " --strict" if options.strict else ""
     flags += f" --rtf {options.rtf:g}" if options.rtf is not None else ""
     facts = {

@@ -47,7 +47,7 @@ SmallAngle = Annotated[Number, Field(ge=0, le=5)]
 
 
 class Sourced(FileModel):
-    """A table that says where its numbers come from."""
+    """A table that names the source of its numbers."""
 
     source: Text = Field(description="key of [sources]")
 

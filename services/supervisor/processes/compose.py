@@ -3,8 +3,8 @@
 Honoured: `name`, `services`, and per service `extends`, `command`, `environment`, `depends_on` (conditions
 `service_started` and `service_healthy`), `healthcheck` (`test`, `interval`, `retries`, `start_period`, `disable`),
 `restart`, `stop_grace_period`. Accepted because only a container engine has a use for them: `image`, `build`,
-`network_mode`, `init`, and `healthcheck.timeout`. Keys that begin with `x-` are the user's own, as the specification
-says. Every other key is refused by name: a system is not started without something that its file asks for.
+`network_mode`, `init`, and `healthcheck.timeout`. Keys that begin with `x-` are the user's own, as in the
+specification. Every other key is refused by name: a system is not started without something that its file asks for.
 """
 
 import os
@@ -174,7 +174,7 @@ class ComposeService:
         environment: variables set for the process, on top of the caller's own.
         depends_on: (service, condition) pairs that must hold before the start.
         healthcheck: None when disabled; then started counts as healthy.
-        restart: reaction to an end of the process that nobody asked for.
+        restart: reaction to an end of the process without a request.
         max_restarts: upper bound given as `on-failure:<n>`, None for the reconciler's own.
         stop_grace_s: wall time between SIGTERM and SIGKILL, s.
     """

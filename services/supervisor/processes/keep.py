@@ -1,4 +1,4 @@
-"""Keeping a system up until somebody asks for its end."""
+"""Life of a system from its start to the request for its end."""
 
 import sys
 import threading
@@ -19,14 +19,14 @@ from .rundir import RunFolder, RunFolderError
 from .session import STEP_S, Session
 from .system import SELF
 
-DRIVER_S = 5.0  # s wall, after all services of a system are there one of them must have said that it drives
+DRIVER_S = 5.0  # s wall, after all services of a system are there one of them must drive
 READY_S = 90.0  # s wall without progress of the start: processor time of its services; the first compiles kernels
 MOST_S = 10.0 * READY_S  # s wall, whatever progress there is
 
 
 @dataclass(frozen=True)
 class StartOrder:
-    """What the simulator is to do once everything is there.
+    """Order for the simulator once all services are there.
 
     Attributes:
         world: to be built.
@@ -97,13 +97,13 @@ def keep(
 
 
 def _reset(session: Session, order: StartOrder, tell: Callable[[str], None]) -> None:
-    """Let simulated time run; again for a simulator that was restarted."""
+    """Let simulated time run; needed again after a restart of the simulator."""
     request = ResetRequest(seed=order.seed, world=order.world, expect=session.expected, mode="paced", rtf=order.rtf)
     try:
         session.call(SIM_RESET, request)
     except CallError as error:
         problem = f"the simulation could not be started: {error.message}"
-        if error.code not in ("absent", "timeout"):  # what it was told is wrong, and stays so
+        if error.code not in ("absent", "timeout"):  # the request is wrong, and stays so
             raise BusError(error.code, problem, error.field) from None
         tell(problem)
 

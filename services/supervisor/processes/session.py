@@ -29,7 +29,7 @@ from ..scenarios.director import Director
 from ..service import Supervisor
 from .compose import Compose
 from .ports import owner_of, port_of
-from .reconcile import Action
+from .reconcile import ProcessAction
 from .rundir import ROW, Endpoint, RunFolder
 from .status import health_row, time_row
 from .system import SELF, System
@@ -41,7 +41,7 @@ STEP_S = 0.05  # s, how often the main thread looks at the processes, and at onc
 
 
 class Session:
-    """Everything `run`, `up` and `supervise` have in common; a context manager that leaves nothing behind."""
+    """Running system of `run`, `up` and `supervise`: a context manager that leaves no process behind."""
 
     def __init__(
         self,
@@ -82,7 +82,7 @@ class Session:
         self._stop = ""  # the emergency stop in force when that one went, not yet confirmed by this one
         self._stops: Publisher[EmergencyStop] | None = None
         self.failure: BaseException | None = None
-        """What ended the supervisor's own thread, None while all is well."""
+        """Error that ended the supervisor's own thread, None while it runs."""
 
     # -- life ---------------------------------------------------------------------------------------------------------
 
@@ -169,7 +169,7 @@ class Session:
         self._note_driver()
 
     def _note_driver(self) -> None:
-        """Take over the stop of the driver before when another process drives.
+        """Take over the emergency stop of the driver before, when another process drives.
 
         It is noticed by the new one's coming: the two tokens of the old one vanish in any order, and its last report
         may be read after them.
@@ -182,7 +182,7 @@ class Session:
         if self._before is not None and self._before.stopped:
             self._stop = self._before.stopped
 
-    def _on_action(self, action: Action) -> None:
+    def _on_action(self, action: ProcessAction) -> None:
         self._tell(f"{action.verb} {action.service}" + (f" ({action.reason})" if action.reason else ""))
 
     @property
@@ -208,7 +208,7 @@ class Session:
         self.system.heard(service, pid, well=well)
 
     def ticked(self, owner: str) -> None:
-        """Note that what a service publishes came in a tick."""
+        """Note that outputs of a service came in a tick."""
         name = self.driver if owner == DRIVER else owner
         self.system.ticked(name)
 
@@ -217,7 +217,7 @@ class Session:
         self.system.signal_kill(service)
 
     def rows(self) -> tuple[ServiceStatus, ...]:
-        """Return how every service does: by its process, or by the bus where the processes are not ours."""
+        """Return the state of every service: by its process, or by the bus where the processes are not ours."""
         if self._spawn:
             told = self.supervisor.status is not self._before
             why, driver = "; ".join(self.supervisor.stops()) if told else "", self.driver
@@ -260,7 +260,7 @@ class Session:
             raise BusError("service_failed", failure)
 
     def _renew_stop(self) -> None:
-        """An emergency stop outlives the driver: it is told again until the next one, running, confirms it."""
+        """Send the emergency stop of a driver that has gone again, until the next one, running, confirms it."""
         if not self._stop or not self.driver or self._bus is None:
             return
         status = self.supervisor.status
@@ -335,7 +335,7 @@ class Session:
         return self._bus.call(query, request, timeout_s)
 
     def answers(self, query: Query[Req, Rep]) -> bool:
-        """Tell whether anybody serves a query."""
+        """Report whether a service answers a query."""
         assert self._bus is not None
         return self._bus.probe(query)
 

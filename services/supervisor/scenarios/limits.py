@@ -6,7 +6,38 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, create_model
 
+from surefoot.schemas.topics import (
+    NAVIGATOR_FEEDBACK,
+    SIM_TRUTH,
+    STATE_GAIT,
+    STATE_ODOMETRY,
+    STATE_POSE,
+    STATE_STABILITY,
+    STATE_VELOCITY,
+    STATE_VELOCITY_EKF,
+    STATE_VELOCITY_IMU,
+    STATE_VELOCITY_KINEMATICS,
+    STATE_VELOCITY_KINEMATICS_GYRO,
+    TERRAIN_MAP,
+    Topic,
+)
 from surefoot.tables import FileModel, Number
+
+JUDGED: tuple[Topic[Any], ...] = (
+    SIM_TRUTH,
+    STATE_VELOCITY,
+    STATE_ODOMETRY,
+    STATE_GAIT,
+    STATE_STABILITY,
+    STATE_VELOCITY_IMU,
+    STATE_VELOCITY_KINEMATICS,
+    STATE_VELOCITY_KINEMATICS_GYRO,
+    STATE_VELOCITY_EKF,
+    TERRAIN_MAP,
+    STATE_POSE,
+    NAVIGATOR_FEEDBACK,
+)
+"""Topics from which the metrics of a run are computed."""
 
 Side = Literal["least", "most"]
 
