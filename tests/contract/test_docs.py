@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from surefoot.lab import configuration_page
 from surefoot.lab.topics_page import page
 
 ROOT = Path(__file__).parents[2]
@@ -116,6 +117,13 @@ def test_targets_of_make_exist(path: Path) -> None:
 def test_page_of_topics_is_the_generated_one() -> None:
     path = ROOT / "docs" / "topics.md"
     assert path.read_text(encoding="utf-8") == page(), "python -m surefoot.lab.topics_page > docs/topics.md"
+
+
+def test_page_of_parameters_is_the_generated_one() -> None:
+    text = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")
+    assert text == configuration_page.page(), "python -m surefoot.lab.configuration_page > docs/configuration.md"
+    lines = [line.rsplit(" | ", 2) for line in text.splitlines() if line.startswith("| `")]
+    assert all(meaning for _, meaning, _ in lines), "a field of a Config has no description"
 
 
 def test_nothing_cites_what_a_reader_does_not_have() -> None:
