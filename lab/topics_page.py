@@ -29,12 +29,12 @@ default.
 
 def page() -> str:
     """Return the page as Markdown."""
-    topics = _table(
+    topics = table(
         ("key", "message", "kind", "rate, Hz", "owner", "in run hash", "what it is"),
         ((f"`{t.key}`", t.model.__name__, t.kind.value, rate(t), t.owner, _yes(t.deterministic), summary(t.model))
          for t in TOPICS),
     )  # fmt: skip
-    queries = _table(
+    queries = table(
         ("key", "request", "reply", "owner", "time limit, s", "acts", "what it is"),
         ((f"`{q.key}`", q.request.__name__, q.reply.__name__, q.owner, f"{q.timeout_s:g}", _yes(q.acts),
           summary(q.request)) for q in QUERIES),
@@ -60,7 +60,8 @@ def _yes(flag: bool) -> str:
     return "yes" if flag else "-"
 
 
-def _table(names: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def table(names: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table as Markdown."""
     lines = [names, ["---"] * len(names), *(tuple(cell.replace("|", "\\|") for cell in row) for row in rows)]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 

@@ -16,7 +16,9 @@ class FileError(TableError):
         file: the file as the user named it.
     """
 
-    file: str = ""
+    def __init__(self, code: str, field: str, message: str, file: str = "") -> None:
+        super().__init__(code, field, message)
+        self.file = file
 
     def __str__(self) -> str:
         return ": ".join(part for part in (self.file, self.field, self.message) if part and part != "file")
@@ -26,16 +28,14 @@ def read_text(path: Path, error: type[FileError]) -> str:
     """Return the text of a file; `error` with code `not_found`, `value` or `syntax` when that is impossible."""
     try:
         size = path.stat().st_size
-        if size > MAX_FILE_BYTES:
-            problem = error("value", "file", f"has {size} bytes, allowed are {MAX_FILE_BYTES}")
-        else:
+        if size <= MAX_FILE_BYTES:
             return path.read_text(encoding="utf-8")
+        problem = "value", f"has {size} bytes, allowed are {MAX_FILE_BYTES}"
     except OSError as exc:
-        problem = error("not_found", "file", f"cannot be read ({exc.strerror})")
+        problem = "not_found", f"cannot be read ({exc.strerror})"
     except UnicodeDecodeError:
-        problem = error("syntax", "file", "is not UTF-8 text")
-    problem.file = str(path)
-    raise problem
+        problem = "syntax", "is not UTF-8 text"
+    raise error(problem[0], "file", problem[1], str(path))
 
 
 def folders(kind: str) -> tuple[Path, ...]:

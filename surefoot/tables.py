@@ -1,37 +1,50 @@
-"""Strict reading of nested TOML tables: every refusal names the field."""
+"""Hand-written files as pydantic models: every refusal has a code, the path of a field and the allowed values."""
 
-import math
 import re
 import reprlib
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
-from typing import cast
+from typing import Annotated, Any, TypeVar, cast
 
-import numpy as np
-from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails, PydanticCustomError
 
-from surefoot.geometry.linear import norm
 from surefoot.nearest import did_you_mean
 
-_NAME = re.compile(r"[a-z][a-z0-9_]*")
 UNIT_SLACK = 1e-6
-"""What rounding in a file may take from the length of a unit vector."""
+"""Largest difference from 1 of the length of a unit vector in a file."""
+
+Text = Annotated[str, Field(strict=True, min_length=1)]
+Name = Annotated[str, Field(strict=True, min_length=1, pattern="^[a-z][a-z0-9_]*$")]
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[Number, Field(gt=0)]
+NotNegative = Annotated[Number, Field(ge=0)]
+Whole = Annotated[int, Field(strict=True)]
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+
+CODES = ("missing", "type", "value", "unknown_key", "unknown_name", "duplicate")
+"""Codes of refused fields, and the types of the errors that validators raise with `refused`."""
+_UNKNOWN = ("extra_forbidden", "invalid_key", "unexpected_keyword_argument")
+_LENGTHS = ("too_short", "too_long", "string_too_short")
 
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel = 2
 _SHORT.maxstring = _SHORT.maxother = 120
 shown = _SHORT.repr
-"""A received value in a sentence: a few lines of YAML with aliases can stand for gigabytes."""
+"""Shorten a received value for a message: a few lines of YAML with aliases can stand for gigabytes."""
+
+M = TypeVar("M")
 
 
 class TableError(ValueError):
     """A field that cannot be used.
 
     Attributes:
-        code: `missing`, `type`, `value`, `unknown_key`, `unknown_name`, `duplicate`, `syntax` or `not_found`.
+        code: one of `CODES`, `syntax` or `not_found`.
         field: dotted path of the field, as in `chains.leg.links[1].mass`.
-        message: one sentence that quotes the received value and says what is allowed.
+        message: one sentence with the received value and the allowed ones.
     """
 
     def __init__(self, code: str, field: str, message: str) -> None:
@@ -39,6 +52,52 @@ class TableError(ValueError):
         self.code = code
         self.field = field
         self.message = message
+
+
+class FileModel(BaseModel):
+    """A table of a hand-written file: unknown keys are refused, a value has exactly the stated type."""
+
+    model_config = ConfigDict(
+        strict=True, extra="forbid", frozen=True, allow_inf_nan=False, validate_by_name=True, defer_build=True
+    )
+
+
+def refused(code: str, message: str, field: str = "") -> PydanticCustomError:
+    """Build the error that a validator raises.
+
+    Args:
+        code: one of `CODES`.
+        message: the sentence.
+        field: path of the field below the place of the validator, empty for that place itself.
+    """
+    return PydanticCustomError(code, "{message}", {"message": message, "field": field})  # pyright: ignore[reportArgumentType] - any text is a type
+
+
+def validated(model: type[M], data: object, error: type[TableError] = TableError, path: str = "") -> M:
+    """Return the model of a file's content.
+
+    Args:
+        model: pydantic model or pydantic dataclass.
+        data: content as read from the file.
+        error: raised for the first field that cannot be used.
+        path: place of the content within the file, empty for all of it.
+    """
+    try:
+        return _adapter(model).validate_python(data, by_alias=True, by_name=False)
+    except ValidationError as exc:
+        raise table_error(exc, model, error, path) from None
+
+
+def table_error(exc: ValidationError, model: Any, error: type[TableError], path: str = "") -> TableError:
+    """Turn pydantic's first complaint about `model` into an error with code, field and message."""
+    first = exc.errors(include_url=False)[0]
+    loc, context = first["loc"], first.get("ctx", {})
+    code = _code(first)
+    if loc[-1:] == ("[key]",):
+        code, loc = "value", loc[:-2]
+    for part in (*loc, *filter(None, [context.get("field")])):
+        path += f"[{part}]" if isinstance(part, int) else f".{part}"
+    return error(code, path.removeprefix(".") or "file", _sentence(code, first, model))
 
 
 def read_toml(path: Path, error: type[TableError] = TableError) -> dict[str, object]:
@@ -49,152 +108,57 @@ def read_toml(path: Path, error: type[TableError] = TableError) -> dict[str, obj
         raise error("syntax", path.name, f"is not valid TOML: {err}") from err
 
 
-class Table:
-    """A table that notes which keys were asked for, so that `close` can refuse the others by name."""
+def unknown_key(key: object, known: Sequence[str]) -> str:
+    """Return the message about an unknown key: the nearest known one, and all of them."""
+    return f"is not known here{did_you_mean(str(key), known)}; known are {', '.join(sorted(known))}"
 
-    def __init__(self, data: object, path: str = "", error: type[TableError] = TableError) -> None:
-        if not isinstance(data, Mapping):
-            raise error("type", path or "file", f"expected a table, got {shown(data)}")
-        self._data = cast("Mapping[str, object]", data)
-        self._path = path
-        self._error = error
-        self._known: set[str] = set()
 
-    def refuse(self, code: str, key: str, message: str) -> TableError:
-        """Build the error of a field of this table."""
-        return self._error(code, self.field(key), message)
+def as_table(value: object) -> Mapping[str, Any]:
+    """Return a table as read from a file, an empty one for anything else."""
+    return cast("Mapping[str, Any]", value) if isinstance(value, Mapping) else {}
 
-    def field(self, key: str) -> str:
-        """Dotted path of a key of this table."""
-        return f"{self._path}.{key}" if self._path else key
 
-    def has(self, key: str) -> bool:
-        """Tell whether the key is given; to ask makes it an allowed one."""
-        self._known.add(key)
-        return key in self._data
+@cache
+def _adapter(model: type[M]) -> TypeAdapter[M]:
+    return TypeAdapter(model)
 
-    def keys(self) -> list[str]:
-        """All keys in the order of the file."""
-        return list(self._data)
 
-    def raw(self, key: str) -> object:
-        """Value as read from the file."""
-        self._known.add(key)
-        if key not in self._data:
-            raise self.refuse("missing", key, "is missing")
-        return self._data[key]
+def _code(first: ErrorDetails) -> str:
+    kind, value = first["type"], first["input"]
+    if kind in CODES:
+        return kind
+    if kind in _UNKNOWN:
+        return "unknown_key"
+    empty = kind == "literal_error" and not (isinstance(value, str) and value)
+    return "type" if empty or kind in _LENGTHS or kind.endswith("_type") else "value"
 
-    def text(self, key: str, allowed: tuple[str, ...] = ()) -> str:
-        """Non-empty text, one of `allowed` if given."""
-        value = self.raw(key)
-        if not isinstance(value, str) or not value:
-            raise self.refuse("type", key, f"expected text, got {shown(value)}")
-        if allowed and value not in allowed:
-            hint = did_you_mean(value, allowed)
-            raise self.refuse("value", key, f"got {shown(value)}{hint}, allowed are {', '.join(allowed)}")
-        return value
 
-    def name(self, key: str) -> str:
-        """Lower-case identifier."""
-        value = self.text(key)
-        if not _NAME.fullmatch(value):
-            raise self.refuse("value", key, f"got {shown(value)}, expected lower-case letters, digits and underscores")
-        return value
+def _sentence(code: str, first: ErrorDetails, model: Any) -> str:
+    context = first.get("ctx", {})
+    if first["type"] in _UNKNOWN:
+        return unknown_key(first["loc"][-1], _known(model, first["loc"][:-1]))
+    if "field" in context:
+        return context["message"]
+    if code == "missing":
+        return "is missing"
+    got = f"got {shown(first['input'])}"
+    if first["type"] == "literal_error":
+        allowed = re.findall(r"'([^']*)'", context["expected"])
+        return f"{got}{did_you_mean(str(first['input'])[:80], allowed)}, allowed are {', '.join(allowed)}"
+    return f"{got}; {first['msg'][0].lower()}{first['msg'][1:]}"
 
-    def flag(self, key: str, default: bool) -> bool:
-        """Boolean with a default."""
-        value = self.raw(key) if self.has(key) else default
-        if not isinstance(value, bool):
-            raise self.refuse("type", key, f"expected true or false, got {shown(value)}")
-        return value
 
-    def number(
-        self,
-        key: str,
-        *,
-        default: float | None = None,
-        above: float = -math.inf,
-        at_least: float = -math.inf,
-        at_most: float = math.inf,
-    ) -> float:
-        """Finite number inside the stated range."""
-        if default is not None and not self.has(key):
-            return default
-        value = self._finite(self.raw(key), key)
-        if not value > above and above != -math.inf:
-            raise self.refuse("value", key, f"got {value}, must be above {above}")
-        if not at_least <= value <= at_most:
-            raise self.refuse("value", key, f"got {value}, must be in [{at_least}, {at_most}]")
-        return value
-
-    def integer(self, key: str, *, at_least: int, at_most: int) -> int:
-        """Whole number inside the stated range."""
-        value = self.raw(key)
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise self.refuse("type", key, f"expected a whole number, got {shown(value)}")
-        if not at_least <= value <= at_most:
-            raise self.refuse("value", key, f"got {value}, must be in [{at_least}, {at_most}]")
-        return value
-
-    def vector(self, key: str, size: int, default: tuple[float, ...] | None = None) -> NDArray[np.float64]:
-        """Finite numbers, shape (size,)."""
-        if default is not None and not self.has(key):
-            return np.array(default, dtype=np.float64)
-        return self._vector(self.raw(key), key, size)
-
-    def vectors(self, key: str, size: int) -> NDArray[np.float64]:
-        """A list of vectors, shape (n, size)."""
-        value = self.raw(key)
-        if not isinstance(value, list):
-            raise self.refuse("type", key, f"expected a list of lists of {size} numbers, got {shown(value)}")
-        rows = [self._vector(row, f"{key}[{i}]", size) for i, row in enumerate(cast("list[object]", value))]
-        return np.array(rows, dtype=np.float64).reshape(len(rows), size)
-
-    def unit(self, key: str, size: int, default: tuple[float, ...] | None = None) -> NDArray[np.float64]:
-        """A vector of length 1, shape (size,)."""
-        vector = self.vector(key, size, default)
-        length = norm(vector)
-        if abs(length - 1.0) > UNIT_SLACK:
-            raise self.refuse("value", key, f"got {vector.tolist()} of length {length:.6g}, expected length 1")
-        return vector / length
-
-    def table(self, key: str) -> "Table":
-        """Sub-table."""
-        return Table(self.raw(key), self.field(key), self._error)
-
-    def tables(self, key: str) -> list["Table"]:
-        """Array of tables, at least one."""
-        value = self.raw(key)
-        if not isinstance(value, list) or not value:
-            raise self.refuse("type", key, f"expected at least one table, got {shown(value)}")
-        rows = cast("list[object]", value)
-        return [Table(row, self.field(f"{key}[{i}]"), self._error) for i, row in enumerate(rows)]
-
-    def items(self) -> Iterator[tuple[str, "Table"]]:
-        """Every entry as a sub-table, in the order of the file."""
-        for key in self._data:
-            yield key, self.table(key)
-
-    def close(self) -> None:
-        """Refuse the first key that nobody asked for.
-
-        Raises:
-            TableError: code `unknown_key`.
-        """
-        for key in self._data:
-            if key not in self._known:
-                hint, known = did_you_mean(key, self._known), ", ".join(sorted(self._known))
-                raise self.refuse("unknown_key", key, f"is not known here{hint}; known are {known}")
-
-    def _finite(self, value: object, key: str) -> float:
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise self.refuse("type", key, f"expected a number, got {shown(value)}")
-        if not math.isfinite(value):
-            raise self.refuse("value", key, f"got {value}, must be finite")
-        return float(value)
-
-    def _vector(self, value: object, key: str, size: int) -> NDArray[np.float64]:
-        if not isinstance(value, list) or len(cast("list[object]", value)) != size:
-            raise self.refuse("type", key, f"expected {size} numbers, got {shown(value)}")
-        row = cast("list[object]", value)
-        return np.array([self._finite(x, f"{key}[{i}]") for i, x in enumerate(row)], dtype=np.float64)
+def _known(model: Any, loc: Sequence[object]) -> list[str]:
+    """Return the keys of the table at a place within a model, by its JSON Schema."""
+    schema: Any = _adapter(model).json_schema()
+    nodes: list[Any] = [schema]
+    for part in (*loc, None):
+        for node in nodes:  # grows by what the nodes refer to
+            nodes += [schema["$defs"][name.rpartition("/")[2]] for name in [node.get("$ref")] if name]
+            nodes += [*node.get("anyOf", ()), *node.get("oneOf", ()), *node.get("allOf", ())]
+        if part is not None:
+            inner = [node.get(name) for node in nodes for name in ("items", "additionalProperties")]
+            inner += [node.get("properties", {}).get(part) for node in nodes]
+            inner += [value for node in nodes for value in node.get("patternProperties", {}).values()]
+            nodes = [node for node in inner if hasattr(node, "get")]
+    return list(dict.fromkeys(key for node in nodes for key in node.get("properties", ())))

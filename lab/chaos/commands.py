@@ -1,5 +1,6 @@
 """`surefoot chaos`: a scenario under faults from a seed."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -90,15 +91,16 @@ def _prepared(scenario: "Scenario", seeds: range, options: "Options", *, force: 
     from surefoot.bus.endpoint import to_listen
     from surefoot.services.supervisor.processes.startable import system_of
 
-    from ..cli.before import check_before
+    from ..cli.before import check_ground
     from ..cli.warming import warm_if_cold
 
     to_listen(options.listen)
     if options.out is not None:
         for number in seeds:
             refuse_existing(_folder(options.out, number), force=force)
-    compose = system_of(scenario)
-    check_before(compose, scenario.world, scenario.seed, scenario.environment)
+    compose = system_of(scenario, os.environ)
+    if "simulator" in compose.service_names:
+        check_ground(scenario.world, scenario.seed)
     warm_if_cold(compose, tell)
     return seeds
 

@@ -1,4 +1,4 @@
-"""Finding the running system a command speaks to."""
+"""Connection of a command to the running system."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,22 +13,28 @@ def client(connect: str | None = None, namespace: str | None = None) -> Iterator
     """Join the system as a client: the one named, else the one that runs here, else the default endpoint.
 
     Raises:
-        BusError: nobody answers there.
+        BusError: no system answers there.
     """
+    with joined(*endpoint(connect, namespace)) as robot:
+        yield robot
+
+
+@contextmanager
+def joined(where: str, prefix: str) -> Iterator["Client"]:
+    """Join the system at an endpoint, whose keys have a prefix, as a client (raises BusError: no system answers)."""
     from surefoot.bus.zenoh import ZenohBus, ZenohOptions
     from surefoot.client import Client
 
-    where, prefix = endpoint(connect, namespace)
     _knock(where)
     with Client(ZenohBus(ZenohOptions(mode="client", connect=(where,), namespace=prefix))) as robot:
         yield robot
 
 
 def endpoint(connect: str | None = None, namespace: str | None = None) -> tuple[str, str]:
-    """Return (endpoint, namespace): as told, else of the system that runs here, else where one would listen.
+    """Return (endpoint, namespace): the given ones, else of the system that runs here, else the default ones.
 
     Raises:
-        ConfigError: what was told is no endpoint, or several systems run and none was named.
+        ConfigError: the given text is no endpoint, or several systems run and none was named.
     """
     from .running import only_one, systems
 
@@ -37,7 +43,7 @@ def endpoint(connect: str | None = None, namespace: str | None = None) -> tuple[
 
 
 def _knock(where: str) -> None:
-    """Fail at once when nobody listens, instead of after Zenoh's patience."""
+    """Fail at once when no router listens, instead of after Zenoh's time limit."""
     from surefoot.errors import BusError
 
     from .running import RunningSystem

@@ -1,5 +1,6 @@
 """`surefoot run` and `surefoot list`."""
 
+import os
 import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -37,31 +38,30 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Overwrite what is in that folder.")] = False,
     json: Json = False,
 ) -> None:
-    """Run a scenario with every service live, judge it, and write a report. Exit code 1: a limit was not met."""
+    """Run a scenario with every service live, check its limits, write a report. Exit code 1: a limit was not met."""
     from surefoot.bus.endpoint import to_listen
     from surefoot.services.supervisor.processes.startable import system_of
-    from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
+    from surefoot.services.supervisor.scenarios.scenario import load_scenario
 
-    from ..runs.live import Options, run_scenario
-    from .before import check_before
+    from ..runs.live import Options, conduct
+    from .before import check_ground
     from .warming import warm_if_cold
 
     use_json(json)
-    loaded = load_scenario(find_scenario(scenario))
+    line = _ProgressLine(Path(scenario).stem, quiet=json)
+    loaded = load_scenario(scenario)
     to_listen(listen)  # what is wrong is reported before kernels are compiled
     if out is not None:
         refuse_existing(out, force=force)
-    compose = system_of(loaded)
-    check_before(compose, loaded.world, loaded.seed if seed is None else seed, loaded.environment)
+    compose = system_of(loaded, os.environ)
+    if "simulator" in compose.service_names:
+        check_ground(loaded.world, loaded.seed if seed is None else seed)
     warm_if_cold(compose, tell)
     options = Options(seed, record, rtf, strict, listen, out)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does: everything is stopped
-    with _ProgressLine(loaded.name, loaded.max_duration_s, quiet=json) as line:
-        outcome = run_scenario(loaded, options, line.tell, line.show)
-    if json:
-        write_json(_as_json(outcome))
-    else:
-        _show(outcome)
+    with line:
+        outcome = conduct(loaded, compose, options, line.tell, line.show)
+    _show(outcome, json=json)
     if outcome.interrupted:
         raise typer.Exit(EXIT_INTERRUPT)
     if not outcome.verdict.ok:
@@ -70,18 +70,15 @@ def run(
 
 def list_all(json: Json = False) -> None:
     """List scenarios, systems, robots and services."""
-    from surefoot.files import find, names
+    from surefoot.files import names
     from surefoot.lockstep.discover import service_names
     from surefoot.robot.reader import robot_names
-    from surefoot.services.supervisor.processes.compose import ComposeError, load_compose
-    from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
+    from surefoot.services.supervisor.processes.compose import load_compose
+    from surefoot.services.supervisor.scenarios.scenario import load_scenario
 
     use_json(json)
-    scenarios = {name: load_scenario(find_scenario(name)).description for name in names("scenarios", ".toml")}
-    systems = {
-        name: load_compose(find("compose", name, ".yaml", ComposeError)).service_names
-        for name in names("compose", ".yaml")
-    }
+    scenarios = {name: load_scenario(name).description for name in names("scenarios", ".toml")}
+    systems = {name: load_compose(name).service_names for name in names("compose", ".yaml")}
     content = {"scenarios": scenarios, "systems": systems, "robots": robot_names(), "services": service_names()}
     if json:
         write_json(content)
@@ -91,29 +88,30 @@ def list_all(json: Json = False) -> None:
     write(f"robots:   {' '.join(robot_names())}\nservices: {' '.join(service_names())}")
 
 
-def _as_json(outcome: "RunOutcome") -> dict[str, object]:
-    verdict = outcome.verdict
-    return {
-        "scenario": outcome.scenario,
-        "seed": outcome.seed,
-        "ok": verdict.ok,
-        "values": {row.name: row.value for row in verdict.rows},
-        "failed": [row.name for row in verdict.rows if row.ok is False],
-        "problems": verdict.problems,
-        "notes": verdict.notes,
-        "message_hash": verdict.message_hash,
-        "comparable": verdict.comparable,
-        "start_s": round(outcome.start_s, 3),
-        "tick_us": {name: {"p50": t.p50_us, "p99": t.p99_us} for name, t in outcome.timings.items()},
-        "report": None if outcome.report is None else near(outcome.report),
-        "recording": None if outcome.recording is None else near(outcome.recording),
-    }
-
-
-def _show(outcome: "RunOutcome") -> None:
+def _show(outcome: "RunOutcome", *, json: bool) -> None:
     from ..report.judge import METRICS
 
     verdict = outcome.verdict
+    report = None if outcome.report is None else near(outcome.report)
+    recording = None if outcome.recording is None else near(outcome.recording)
+    if json:
+        content = {
+            "scenario": outcome.scenario,
+            "seed": outcome.seed,
+            "ok": verdict.ok,
+            "values": {row.name: row.value for row in verdict.rows},
+            "failed": [row.name for row in verdict.rows if row.ok is False],
+            "problems": verdict.problems,
+            "notes": verdict.notes,
+            "message_hash": verdict.message_hash,
+            "comparable": verdict.comparable,
+            "start_s": round(outcome.start_s, 3),
+            "tick_us": {name: {"p50": t.p50_us, "p99": t.p99_us} for name, t in outcome.timings.items()},
+            "report": report,
+            "recording": recording,
+        }
+        write_json(content)
+        return
     marks = {True: ("ok", "bold green"), False: ("FAILED", "bold red"), None: ("", "")}
     rows = [
         (METRICS[row.name].title, row.text, row.limit_text, marks[row.ok])
@@ -122,26 +120,22 @@ def _show(outcome: "RunOutcome") -> None:
     ]
     title = f"{outcome.scenario}, seed {outcome.seed}"
     write_table(("quantity", "value", "limit", "verdict"), rows, title, right=(1, 2))
-    if verdict.message_hash:
-        write(f"message hash  {verdict.message_hash}" + ("" if verdict.comparable else "  (not comparable)"))
-    for note in verdict.notes:
-        write(f"note          {note}")
-    for problem in verdict.problems:
-        write(f"problem       {problem}")
-    if outcome.recording is not None:
-        write(f"recording     {near(outcome.recording)}")
-    if outcome.report is not None:
-        write(f"report        {near(outcome.report)}")
-    write(f"verdict       {'PASS' if verdict.ok else 'FAIL'}")
+    hashed = verdict.message_hash + ("" if verdict.comparable else "  (not comparable)")
+    lines = [("message hash", hashed if verdict.message_hash else None)]
+    lines += [("note", note) for note in verdict.notes] + [("problem", problem) for problem in verdict.problems]
+    lines += [("recording", recording), ("report", report), ("verdict", "PASS" if verdict.ok else "FAIL")]
+    for name, text in lines:
+        if text is not None:
+            write(f"{name:<14}{text}")
 
 
 class _ProgressLine:
     """One line that is rewritten on a terminal, and a few lines otherwise."""
 
-    def __init__(self, name: str, total_s: float, *, quiet: bool) -> None:
+    def __init__(self, name: str, *, quiet: bool) -> None:
         from rich.console import Console
 
-        self._name, self._total = name, total_s
+        self._name = name
         self._console = Console(stderr=True, quiet=quiet)
         self._status = self._console.status(f"{name}: starting") if self._console.is_terminal and not quiet else None
 
@@ -155,14 +149,14 @@ class _ProgressLine:
             self._status.stop()
 
     def tell(self, text: str) -> None:
-        """Show what the system does."""
+        """Show a message of the system."""
         if self._status is not None:
             self._status.update(f"{self._name}: {text}")
         else:
             self._console.print(text, style="dim", highlight=False)
 
     def show(self, progress: "RunProgress") -> None:
-        """Show how far the run is."""
+        """Show the progress of the run."""
         if self._status is not None:
-            done = f"{progress.time:6.2f} s simulated of at most {self._total:g} s"
+            done = f"{progress.time:6.2f} s simulated of at most {progress.most:g} s"
             self._status.update(f"{self._name}: {done}, {progress.rtf:.1f}x real time")

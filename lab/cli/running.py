@@ -1,4 +1,4 @@
-"""The systems that run here, and which one a command means."""
+"""Systems that run here, and the choice of the one that a command means."""
 
 import os
 from typing import NamedTuple
@@ -25,7 +25,7 @@ class RunningSystem(NamedTuple):
     folder: RunFolder | None = None
 
     def unwell(self) -> dict[str, str]:
-        """Return the services that are not healthy, and what the supervisor says of each."""
+        """Return the services that are not healthy, each with its state and the reason."""
         rows = [] if self.folder is None else self.folder.read_rows()
         unwell = [row for row in rows if row.get("state") != WELL]
         return {row["service"]: f"{row['state']}{': ' + row['detail'] if row.get('detail') else ''}" for row in unwell}
@@ -38,7 +38,7 @@ class RunningSystem(NamedTuple):
 def systems(
     connect: str | None = None, namespace: str | None = None, system: str | None = None
 ) -> tuple[RunningSystem, ...]:
-    """Return the systems that are meant: those that run here and fit, else the one that would be here.
+    """Return the systems that a command means: those that run here and fit, else the default one.
 
     Args:
         connect: endpoint, None = SUREFOOT_CONNECT or any.

@@ -1,8 +1,8 @@
-"""`surefoot schema list|show|export`."""
+"""`surefoot schema list|show|file|export`."""
 
 import json as jsonlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -11,7 +11,9 @@ from .output import Json, use_json, write, write_json, write_table
 if TYPE_CHECKING:
     from surefoot.schemas.base import Wire
 
-app = typer.Typer(help="JSON Schemas of everything on the wire.", no_args_is_help=True)
+app = typer.Typer(help="JSON Schemas of everything on the wire, and of hand-written files.", no_args_is_help=True)
+FILES = ("robot", "scenario", "system", "imu", "camera", "ranger")
+"""Kinds of hand-written files."""
 
 
 def models() -> "dict[str, type[Wire]]":
@@ -49,6 +51,33 @@ def show(
     if model is None:
         raise typer.BadParameter(f"no model is named {name!r}{did_you_mean(name, found)}; see `surefoot schema list`")
     write_json(json_schema(model))
+
+
+@app.command("file")
+def show_file(
+    kind: Annotated[str, typer.Argument(help="Kind of hand-written file: " + ", ".join(FILES) + ".")],
+    json: Json = False,
+) -> None:
+    """Print the JSON Schema of a kind of hand-written file, for editors."""
+    from surefoot.nearest import did_you_mean
+
+    use_json(json)
+    if kind not in FILES:
+        raise typer.BadParameter(f"no kind {kind!r}{did_you_mean(kind, FILES)}; there are {', '.join(FILES)}")
+    write_json(file_schema(kind))
+
+
+def file_schema(kind: str) -> dict[str, Any]:
+    """Return the JSON Schema of a kind of hand-written file, one of `FILES`."""
+    from surefoot.robot.files import RobotFile
+    from surefoot.robot.profiles import CameraFile, ImuFile, RangerFile
+    from surefoot.services.supervisor.processes.compose import ComposeFile
+    from surefoot.services.supervisor.scenarios.scenario import scenario_schema
+
+    if kind == "scenario":
+        return scenario_schema()
+    models = {"robot": RobotFile, "system": ComposeFile, "imu": ImuFile, "camera": CameraFile, "ranger": RangerFile}
+    return models[kind].model_json_schema()
 
 
 @app.command()

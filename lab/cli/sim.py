@@ -119,7 +119,7 @@ def reset(
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
-    """Begin a new run: terrain, pace and expected services stay as they were unless told otherwise."""
+    """Begin a new run: terrain, pace and expected services stay as they were unless given."""
     fields: dict[str, Any] = {"keep": True}
     if terrain is not None:
         fields["world"] = {"terrain": terrain}

@@ -9,7 +9,7 @@ from .output import Connect, Json, Namespace, use_json
 
 def stop(
     system: Annotated[str | None, typer.Argument(help="Name of a system [every system that runs].")] = None,
-    reason: Annotated[str, typer.Option(help="Why; it stands in logs and in the report.")] = "surefoot stop",
+    reason: Annotated[str, typer.Option(help="Reason; logs and the report show it.")] = "surefoot stop",
     timeout: Annotated[float, typer.Option(min=0.1, help="Repeat it so many s until the driver confirms.")] = 3.0,
     connect: Connect = None,
     namespace: Namespace = None,

@@ -1,4 +1,4 @@
-"""What `surefoot stop` does: every system at once, each reported. Imports nothing that takes time."""
+"""Emergency stop of several systems at once, each reported. Imports nothing that takes time."""
 
 import socket
 import sys
@@ -19,7 +19,7 @@ RELEASE = (
 
 
 class Stopped(NamedTuple):
-    """What became of the stop of one system.
+    """Result of the stop of one system.
 
     Attributes:
         system: its name, or its namespace where it runs elsewhere.
@@ -27,7 +27,7 @@ class Stopped(NamedTuple):
         stopped: reason of the stop in force.
         tick: control tick in which it was in force, -1 when none has confirmed.
         after_ms: wall time from the call to the confirmation.
-        detail: what is to be done when it is not confirmed.
+        detail: remedy when it is not confirmed.
     """
 
     system: str
@@ -76,7 +76,7 @@ def _stop(system: RunningSystem, reason: str, timeout_s: float, began: float) ->
 
 
 def answers(connect: str) -> bool:
-    """Return whether anybody listens at an endpoint, at once; True where that cannot be asked."""
+    """Report at once whether a router listens at an endpoint; True where that cannot be found out."""
     kind, _, place = connect.partition("/")
     host, _, port = place.rpartition(":")
     if kind != "tcp" or not port.isdigit():
@@ -90,7 +90,7 @@ def answers(connect: str) -> bool:
 
 
 def report(found: Sequence[Stopped], *, json: bool) -> int:
-    """Write what became of a stop; return the exit code: 0 = all confirmed, 1 = not."""
+    """Write the results of a stop; return the exit code: 0 = all confirmed, 1 = not."""
     if json:
         import json as jsonlib
 

@@ -1,17 +1,17 @@
 """`surefoot up`, `down`, `status`, `logs`, `health`, `supervise`: systems as a whole."""
 
 import json as jsonlib
+import os
 import signal
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
-from functools import partial
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .connect import client
+from .connect import client, joined
 from .output import (
     EXIT_CHECK,
     Connect,
@@ -28,8 +28,6 @@ from .output import (
 )
 
 if TYPE_CHECKING:
-    from surefoot.client import Client
-    from surefoot.services.supervisor.processes.compose import Compose
     from surefoot.services.supervisor.processes.rundir import RunFolder
 
 System = Annotated[str, typer.Argument(help="Name of a compose file (see `surefoot list`) or its path.")]
@@ -50,10 +48,10 @@ def up(
     """Start the services of a compose file and keep them running."""
     from surefoot.bus.endpoint import to_listen
     from surefoot.schemas.sim import World
-    from surefoot.services.supervisor.processes.keep import StartOrder, keep
+    from surefoot.services.supervisor.processes.keep import StartOrder, keep, start_detached
     from surefoot.services.supervisor.processes.startable import startable
 
-    from .before import check_before
+    from .before import check_ground
     from .warming import warm_if_cold
 
     use_json(json)
@@ -61,16 +59,23 @@ def up(
     to_listen(listen)  # a wrong endpoint is reported before anything starts
     if record is not None:
         refuse_existing(record, force=force)
-    compose = startable(system)
+    compose = startable(system, environ=os.environ)
     order = StartOrder(World(terrain=terrain), seed, rtf, record)
-    check_before(compose, order.world, seed)
+    if "simulator" in compose.service_names:
+        check_ground(order.world, seed)
     warm_if_cold(compose, tell)
+
+    def show(report: dict[str, Any]) -> None:
+        if log:
+            tell("everything is ready")
+        else:
+            _show_up(compose.name, report, json=json)
+
     if detach:
-        _detach(compose, system, order, listen, json=json)
+        show(start_detached(compose, system, order, listen, tell))
         return
-    ready = partial(tell, "everything is ready") if log else partial(_show_up, compose, json=json)
     with _until_signal() as stop:
-        keep(compose, order, stop, listen=listen, tell=tell, ready=ready)
+        keep(compose, order, stop, listen=listen, tell=tell, ready=show)
 
 
 def supervise(
@@ -81,12 +86,14 @@ def supervise(
     terrain: Annotated[str, typer.Option(help="Kind of terrain (simulation).")] = "flat",
     listen: Listen = None,
 ) -> None:
-    """Hold the router and watch a system whose services are started by somebody else."""
+    """Hold the router and watch a system whose services are started by a container engine."""
     from surefoot.schemas.sim import World
+    from surefoot.services.supervisor.processes.compose import load_compose
     from surefoot.services.supervisor.processes.keep import StartOrder, keep
 
+    compose = load_compose(system)
     with _until_signal() as stop:
-        keep(_compose(system), StartOrder(World(terrain=terrain)), stop, listen=listen, spawn=not no_spawn, tell=tell)
+        keep(compose, StartOrder(World(terrain=terrain)), stop, listen=listen, spawn=not no_spawn, tell=tell)
 
 
 def down(
@@ -126,7 +133,7 @@ def status(
     system: Annotated[str | None, typer.Argument(help="Name of the system [the one that runs].")] = None,
     json: Json = False,
 ) -> None:
-    """Show what runs and how it does. Exit code 1: nothing runs, or a service is not well."""
+    """Show the systems that run and their health. Exit code 1: nothing runs, or a service is not well."""
     use_json(json)
     if system is not None:
         _check_known(Path(system).stem)
@@ -135,9 +142,8 @@ def status(
         write_json(found)
     elif not found:
         write("nothing is running; start a system with `surefoot up`")
-    else:
-        for name, content in found.items():
-            _show_status(name, content)
+    for name, content in found.items() if not json else ():
+        _show_status(name, content)
     if not found or any(row["state"] != "healthy" for content in found.values() for row in content["services"]):
         raise typer.Exit(EXIT_CHECK)
 
@@ -173,7 +179,7 @@ def health(
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
-    """Ask a service how it does: the probe of the compose files. Exit code 1: it is not well."""
+    """Request the health of a service: the probe of the compose files. Exit code 1: it is not well."""
     from surefoot.schemas.system import HealthRequest
     from surefoot.schemas.topics import HEALTH_GET
 
@@ -186,13 +192,6 @@ def health(
         write(f"{service}: {found.state}" + (f", waits for {', '.join(found.waiting_for)}" * bool(found.waiting_for)))
     if found.state not in ("joining", "ready", "running"):
         raise typer.Exit(EXIT_CHECK)
-
-
-def _compose(system: str) -> "Compose":
-    from surefoot.files import find
-    from surefoot.services.supervisor.processes.compose import ComposeError, load_compose
-
-    return load_compose(find("compose", system, ".yaml", ComposeError))
 
 
 def _folders(system: str | None) -> list["RunFolder"]:
@@ -230,31 +229,25 @@ def _until_signal() -> Iterator[threading.Event]:
             signal.signal(number, handler)
 
 
-def _detach(compose: "Compose", system: str, order: Any, listen: str | None, *, json: bool) -> None:
-    from surefoot.services.supervisor.processes.keep import start_detached
-
-    start_detached(compose, system, order, listen, tell)
-    _show_up(compose, json=json)
-
-
-def _show_up(compose: "Compose", *, json: bool) -> None:
-    from surefoot.services.supervisor.processes.rundir import RunFolder
-
-    content = _status(RunFolder(compose.name))
-    if json:
-        write_json(content)
-        return
-    _show_status(compose.name, content)
-    prefix = content["namespace"]
-    write("Watch it from another shell:")
-    write("  surefoot topic echo state/velocity")
-    write(f"From any Zenoh client: connect to {content['connect']}, subscribe to {prefix}/state/velocity (JSON)")
-    write(f"Stop it with `surefoot down {compose.name}`.")
+def _show_up(name: str, content: dict[str, Any], *, json: bool) -> None:
+    """Show a system that has just come up, and what can be done with it."""
+    hints = (
+        "Watch it from another shell:",
+        "  surefoot topic echo state/velocity",
+        f"From any Zenoh client: connect to {content['connect']}, subscribe to {content['namespace']}/state/velocity "
+        "(JSON)",
+        f"Stop it with `surefoot down {name}`.",
+    )
+    _show_status(name, content, hints, json=json)
 
 
 def _status(folder: "RunFolder") -> dict[str, Any]:
-    """Return what the run folder says, with live numbers where the services answer."""
-    from surefoot.errors import SurefootError
+    """Return the content of a run folder, with live numbers where the services answer."""
+    from surefoot.errors import CallError, SurefootError
+    from surefoot.schemas.sim import StatusRequest
+    from surefoot.schemas.system import HealthRequest
+    from surefoot.schemas.topics import HEALTH_GET, SIM_STATUS_GET
+    from surefoot.services.supervisor.processes.status import health_row, time_row
 
     endpoint = folder.endpoint()
     content: dict[str, Any] = {"connect": "", "namespace": "", "services": folder.read_rows()}
@@ -266,57 +259,24 @@ def _status(folder: "RunFolder") -> dict[str, Any]:
         return content
     content |= {"connect": endpoint.connect, "namespace": endpoint.namespace}
     try:
-        with client(endpoint.connect, endpoint.namespace) as robot:
+        with joined(endpoint.connect, endpoint.namespace) as robot:
             for row in content["services"]:
-                _add_health(row, robot)
-            _add_time(content, robot)
+                try:
+                    row |= health_row(robot.bus.call(HEALTH_GET.of(row["service"]), HealthRequest(), 0.5).health)
+                except CallError as error:
+                    row["detail"] = row["detail"] or error.message
+            with suppress(CallError):  # the driver of a real robot has no simulated time
+                content["time"] = time_row(robot.bus.call(SIM_STATUS_GET, StatusRequest(), 0.5))
     except SurefootError as error:
         content["detail"] = error.message
     return content
 
 
-def _add_time(content: dict[str, Any], robot: "Client") -> None:
-    """Add how simulated time runs; the driver of a real robot has none to speak of."""
-    from surefoot.errors import CallError
-    from surefoot.schemas.sim import StatusRequest
-    from surefoot.schemas.topics import SIM_STATUS_GET
-    from surefoot.simtime import pace
-
-    try:
-        found = robot.bus.call(SIM_STATUS_GET, StatusRequest(), 0.5)
-    except CallError:
+def _show_status(name: str, content: dict[str, Any], hints: Sequence[str] = (), *, json: bool = False) -> None:
+    """Show a system as a table, the hints below it; or as JSON without hints."""
+    if json:
+        write_json(content)
         return
-    content["time"] = {
-        **found.model_dump(include={"state", "rtf", "pace", "late", "held", "tick"}),
-        "words": pace(found),
-    }
-
-
-def _add_health(row: dict[str, Any], robot: "Client") -> None:
-    from surefoot.errors import CallError
-    from surefoot.schemas.system import HealthRequest
-    from surefoot.schemas.topics import HEALTH_GET
-
-    try:
-        found = robot.bus.call(HEALTH_GET.of(row["service"]), HealthRequest(), 0.5).health
-    except CallError as error:
-        row["detail"] = row["detail"] or error.message
-        return
-    row |= {
-        "doing": found.state,
-        "tick": found.tick,
-        "tick_p50_us": found.tick_p50_us,
-        "tick_p99_us": found.tick_p99_us,
-        "cpu_s": found.cpu_s,
-        "rss_mb": found.rss_mb,
-        "refused": found.refused,
-        "dropped": found.dropped,
-        "late": found.late,
-        "waiting_for": found.waiting_for,
-    }
-
-
-def _show_status(name: str, content: dict[str, Any]) -> None:
     colours = {"healthy": "green", "starting": "yellow", "backoff": "yellow"}
     rows = [
         (
@@ -338,10 +298,12 @@ def _show_status(name: str, content: dict[str, Any]) -> None:
         write(content["time"]["words"])
     if "detail" in content:
         write(content["detail"])
+    for hint in hints:
+        write(hint)
 
 
 def _remarks(row: dict[str, Any]) -> str:
-    """Return what is to be said of a service: why it is not well, silent inputs, what it refused and dropped."""
+    """Return the remarks on a service: why it is not well, silent inputs, refusals, dropped messages."""
     silent = [f"{key} silent for {age:.1f} s" for key, age in row.get("late", {}).items()]
     refused = [f"{n}x {reason}" for reason, n in _refusals(row)]
     dropped = [f"{n}x {key} dropped" for key, n in row.get("dropped", {}).items()]
@@ -349,7 +311,7 @@ def _remarks(row: dict[str, Any]) -> str:
 
 
 def _refusals(row: dict[str, Any]) -> list[tuple[str, int]]:
-    """Return what a service has refused; that a newcomer asked too early to be let in is no news."""
+    """Return the refusals of a service without those of joins that came too early."""
     return [(reason, n) for reason, n in row.get("refused", {}).items() if not reason.startswith("join_")]
 
 

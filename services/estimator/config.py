@@ -22,10 +22,12 @@ class EstimatorConfig(ServiceConfig):
     remove_gyro_bias: bool = Field(
         default=True, description="the paper's estimators subtract the mean gyro of the rest"
     )
-    refine_gyro_bias: bool = Field(default=True, description="they go on learning it in every later rest")
+    refine_gyro_bias: bool = Field(
+        default=True, description="the paper's estimators learn the mean gyro again in every later rest"
+    )
     start_x: float = Field(default=0.0, description="m, start pose in map: map = odom by this statement")
-    start_y: float = Field(default=0.0, description="m")
-    start_yaw: float = Field(default=0.0, description="rad")
+    start_y: float = Field(default=0.0, description="m, start pose in map")
+    start_yaw: float = Field(default=0.0, description="rad, start heading in map")
     start_ground: float = Field(default=0.0, description="m, mean height of the ground under the feet at the start")
     start_slope_sd: float | None = Field(
         default=0.003,

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from surefoot.bus.interface import Delivery
 from surefoot.errors import CallError
@@ -11,7 +11,7 @@ from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.service import Service
 from surefoot.schemas.base import Message
 from surefoot.schemas.sim import SimStatus
-from surefoot.schemas.system import Health, ServiceStatus, SupervisorStatus
+from surefoot.schemas.system import Health, SupervisorStatus
 from surefoot.schemas.topics import (
     HEALTH,
     NAVIGATOR_FEEDBACK,
@@ -19,70 +19,28 @@ from surefoot.schemas.topics import (
     SIM_STATUS,
     SIM_TRUTH,
     STATE_GAIT,
-    STATE_ODOMETRY,
-    STATE_POSE,
-    STATE_STABILITY,
-    STATE_VELOCITY,
-    STATE_VELOCITY_EKF,
-    STATE_VELOCITY_IMU,
-    STATE_VELOCITY_KINEMATICS,
-    STATE_VELOCITY_KINEMATICS_GYRO,
     SUPERVISOR_STATUS,
-    TERRAIN_MAP,
     Topic,
 )
 
-from .scenarios.director import Director, Order
+from .scenarios.director import Director, TimedOrder
+from .scenarios.limits import JUDGED
 from .scenarios.scenario import COMMANDS
+from .watched import Watched
 
 M = TypeVar("M", bound=Message)
 
 WELL = ("joining", "ready", "running")
-"""States of a service in which it is healthy: it answers queries; whether all links are proved is another matter."""
+"""States of a healthy service: it answers queries, although not all of its links need to be proved."""
 
 SIGN_TICKS = 10
-"""In every tenth tick what has come is a sign of life of those who published it; every periodic topic is due there."""
-
-JUDGED: tuple[Topic[Any], ...] = (
-    SIM_TRUTH,
-    STATE_VELOCITY,
-    STATE_ODOMETRY,
-    STATE_GAIT,
-    STATE_STABILITY,
-    STATE_VELOCITY_IMU,
-    STATE_VELOCITY_KINEMATICS,
-    STATE_VELOCITY_KINEMATICS_GYRO,
-    STATE_VELOCITY_EKF,
-    TERRAIN_MAP,
-    STATE_POSE,
-    NAVIGATOR_FEEDBACK,
-)
-"""What the verdict is made from."""
-
-
-class Watched(Protocol):
-    """The system around the supervisor, as far as it needs it."""
-
-    name: str
-
-    def heard(self, service: str, pid: int, *, well: bool) -> None:
-        """Note a heartbeat."""
-
-    def ticked(self, owner: str) -> None:
-        """Note that what a service publishes came in a tick."""
-
-    def signal_kill(self, service: str) -> None:
-        """End a service without warning."""
-
-    def rows(self) -> tuple[ServiceStatus, ...]:
-        """Return how every service does."""
-        ...
+"""Control ticks between two looks at who has published: every periodic topic is due in such a tick."""
 
 
 class Supervisor(Service[ServiceConfig]):
-    """Watches the system, conducts a scenario, keeps what the verdict is made from.
+    """Service that watches the system, conducts a scenario and keeps the messages of the verdict.
 
-    Messages of a run are kept as they came and read after its end: to read all of them at once would cost each tick.
+    Messages of a run are kept as they came and decoded after its end: decoding all of them would cost each tick.
     """
 
     name = "supervisor"
@@ -93,28 +51,23 @@ class Supervisor(Service[ServiceConfig]):
     observes = (HEALTH, SIM_STATUS)
     raw = batched = True
 
-    def __init__(
-        self,
-        config: ServiceConfig,
-        director: Director | None = None,
-        watched: Watched | None = None,
-    ) -> None:
+    def __init__(self, config: ServiceConfig, director: Director | None = None, watched: Watched | None = None) -> None:
         super().__init__(config)
         self.director = director
         self.watched = watched
         self.health: dict[str, Health] = {}
         self.status: SimStatus | None = None
         self.late: SimStatus | None = None
-        """What the driver reported when paced time last fell behind in this run."""
+        """Report of the driver when paced time last fell behind in this run."""
         self.ended = threading.Event()
         self.ticks = 0
         self.began = self.last = 0.0
         self._feedback: Delivery | None = None
-        """The latest progress of a goal."""
+        """Latest progress of a goal."""
         self.kept: list[Delivery] = []
         """Every message of `JUDGED` since the start of the run, as it came."""
         self.notes: list[tuple[float, str]] = []
-        """What the scenario did, with its simulated time in s."""
+        """Steps of the scenario, each with its simulated time, s."""
 
     @property
     def wall_s(self) -> float:
@@ -122,15 +75,14 @@ class Supervisor(Service[ServiceConfig]):
         return self.last - self.began
 
     def stops(self) -> list[str]:
-        """Return what the driver said why the run is no run: an emergency stop, physics that diverged."""
-        status = self.status
-        if status is None:
+        """Return why the driver's run is not valid: an emergency stop, physics that diverged."""
+        if self.status is None:
             return []
-        stopped = [f"emergency stop: {status.stopped}"] if status.stopped else []
-        return [*stopped, status.failed] if status.failed else stopped
+        stopped = self.status.stopped
+        return [text for text in (f"emergency stop: {stopped}" if stopped else "", self.status.failed) if text]
 
     def on_reset(self) -> None:
-        """A new run: forget the one before."""
+        """Forget the run before."""
         self.ended.clear()
         self.kept.clear()
         self.notes.clear()
@@ -139,7 +91,7 @@ class Supervisor(Service[ServiceConfig]):
         self.began = time.monotonic()
 
     def on_tick(self, inputs: TickInputs) -> None:
-        """Keep what happened; send what the scenario asks for."""
+        """Keep the messages of the tick and send the orders of the scenario."""
         self.ticks, self.last = inputs.number + 1, time.monotonic()
         if self.watched is not None and inputs.number % SIGN_TICKS == 0:
             for owner in {delivery.topic.owner for delivery in inputs.messages.values()}:
@@ -157,7 +109,7 @@ class Supervisor(Service[ServiceConfig]):
             self.ended.set()
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
-        """Heartbeats feed the reconciler; the own one also paces the supervisor's status."""
+        """Pass heartbeats to the reconciler; the own heartbeat also paces the supervisor's status."""
         if isinstance(message, SimStatus):
             self.status = message
             self.late = message if message.late else self.late
@@ -169,7 +121,7 @@ class Supervisor(Service[ServiceConfig]):
         elif self.watched is not None and message.state != "stopping":  # an end shows by itself
             self.watched.heard(message.service, message.pid, well=message.state in WELL)
 
-    def _send(self, director: Director, order: Order, time_s: float) -> None:
+    def _send(self, director: Director, order: TimedOrder, time_s: float) -> None:
         self.notes.append((time_s, order.text))
         if order.kill and self.watched is not None:
             self.watched.signal_kill(order.kill)
@@ -181,12 +133,10 @@ class Supervisor(Service[ServiceConfig]):
             director.failed(order, error.code, error.message)
 
     def _status(self) -> SupervisorStatus:
-        rows = self.watched.rows() if self.watched is not None else ()
-        return SupervisorStatus(
-            system=self.watched.name if self.watched is not None else "",
-            services=rows,
-            scenario=self.director.scenario.name if self.director is not None else None,
-        )
+        scenario = self.director.scenario.name if self.director is not None else None
+        if self.watched is None:
+            return SupervisorStatus(system="", services=(), scenario=scenario)
+        return SupervisorStatus(system=self.watched.name, services=self.watched.rows(), scenario=scenario)
 
 
 def _read(inputs: TickInputs, topic: Topic[M]) -> M | None:

@@ -1,111 +1,178 @@
-"""The sensor tables of a `robot.toml`, and the named profiles of inertial units they refer to."""
+"""Named profiles of sensors that several robots may have, one TOML file each under `robots/`."""
 
 import math
 from pathlib import Path
+from typing import Annotated, ClassVar, Literal, TypeVar
+
+from pydantic import Field, model_validator
 
 from surefoot.geometry.constants import GRAVITY
 from surefoot.robot import description as r
 from surefoot.robot.description import RobotError
-from surefoot.tables import Table, read_toml
+from surefoot.tables import (
+    FileModel,
+    Name,
+    NotNegative,
+    Number,
+    Positive,
+    Text,
+    Vector,
+    Whole,
+    read_toml,
+    refused,
+    validated,
+)
 
-SENSORS = Path(__file__).parents[1] / "robots" / "sensors"
+ROBOTS = Path(__file__).parents[1] / "robots"
 MILLI_G = 1e-3 * GRAVITY
+"""A thousandth of standard gravity, m/s2."""
+
+Share = Annotated[Number, Field(ge=0, le=1)]
+Pixels = Annotated[Whole, Field(ge=8, le=8192)]
+PeriodMs = Annotated[Whole, Field(ge=10, le=10_000)]
 
 
-def read_imu(t: Table) -> tuple[r.ImuMount, dict[str, object]]:
-    """The inertial unit, and the content of its profile's file, which counts in the description's hash."""
-    name = t.text("profile")
-    if name not in imu_profile_names():
-        known = ", ".join(imu_profile_names())
-        raise t.refuse("unknown_name", "profile", f"got {name!r}, known are {known}")
-    profile, data = _imu_profile(name)
-    imu = r.ImuMount(t.vector("position", 3), t.unit("quat_wxyz", 4), profile)
-    t.close()
-    return imu, data
+class Profile(FileModel):
+    """Head of every profile."""
+
+    folder: ClassVar[str]
+    name: Name
+    source: Text = Field(description="where the numbers come from")
 
 
-def read_contacts(t: Table) -> r.ContactSensor:
-    """The foot sensors: switches, or a force range."""
-    kind, switches = t.text("kind", ("switch", "force")), t.integer("switches", at_least=1, at_most=4)
-    on = t.number("on_n", above=0)
-    off = t.number("off_n", at_least=0, at_most=on)
-    low, high = 0.0, math.inf
-    if kind == "force":
-        low = t.number("min_n", at_least=0)
-        high = t.number("max_n", above=low)
-    t.close()
-    return r.ContactSensor(kind, switches, on, off, low, high)
+class Gyro(FileModel):
+    """Noise of a gyroscope, each axis."""
+
+    lsb_deg_s: NotNegative = Field(description="deg/s, resolution")
+    range_deg_s: Positive = Field(description="deg/s, largest rate either way")
+    noise_deg_s_rthz: NotNegative = Field(description="deg/s per root Hz, white noise")
+    bias_turn_on_deg_s: NotNegative = Field(description="deg/s, standard deviation of the bias at start")
+    bias_in_run_deg_s: NotNegative = Field(description="deg/s, standard deviation of the bias in a run")
+    bias_time_s: Positive = Field(description="s, correlation time of the bias in a run")
 
 
-def read_encoder(t: Table) -> r.Encoder:
-    """The joint position sensors."""
-    resolution, zero = t.number("resolution_deg", at_least=0), t.number("zero_sigma_deg", at_least=0)
-    t.close()
-    return r.Encoder(math.radians(resolution), math.radians(zero))
+class Accelerometer(FileModel):
+    """Noise of an accelerometer, each axis."""
+
+    lsb_mg: NotNegative = Field(description="1e-3 g, resolution")
+    range_g: Positive = Field(description="g, largest acceleration either way")
+    noise_mg_rthz: NotNegative = Field(description="1e-3 g per root Hz, white noise")
+    bias_turn_on_mg: NotNegative = Field(description="1e-3 g, standard deviation of the bias at start")
+    bias_in_run_mg: NotNegative = Field(description="1e-3 g, standard deviation of the bias in a run")
+    bias_time_s: Positive = Field(description="s, correlation time of the bias in a run")
 
 
-def read_current(t: Table) -> r.CurrentSensor:
-    """The current sensors of the servos."""
-    gain, noise = t.number("torque_per_ampere", above=0), t.number("noise_ampere", at_least=0)
-    t.close()
-    return r.CurrentSensor(gain, noise)
+class ImuFile(Profile):
+    """File of an inertial unit, `robots/sensors/<name>.toml`."""
+
+    folder = "sensors"
+    format: Literal["surefoot.imu/1"] = Field(alias="schema")
+    gyro: Gyro
+    accel: Accelerometer
+
+
+class CameraFile(Profile):
+    """File of a landmark camera, `robots/cameras/<name>.toml`."""
+
+    folder = "cameras"
+    format: Literal["surefoot.camera/1"] = Field(alias="schema")
+    link: Text = Field(description="link that carries the camera")
+    position: Vector = Field(description="m, in that link")
+    pitch_deg: Number = Field(ge=-90, le=90, description="deg, downwards")
+    width_px: Pixels
+    height_px: Pixels
+    field_deg: Number = Field(gt=1, le=170, description="deg, horizontal field of view")
+    period_ms: PeriodMs | None = Field(
+        None, description="ms between two images; else the rate of `hw/landmarks`"
+    )
+    exposure_ms: Number = Field(gt=0, le=1000, description="ms")
+    detect: Share = Field(description="probability that a landmark in a sharp image is detected")
+    blur_px: Positive = Field(description="px, blur at which exp(-1/2) of it is left")
+    most: Annotated[Whole, Field(ge=1, le=10_000)] = Field(description="features of one image, at most")
+    range_sigma: NotNegative = Field(description="standard deviation of the range, part of the range")
+    bearing_sigma_deg: NotNegative = Field(description="deg, standard deviation of the bearing")
+    descriptor_sigma: NotNegative = Field(description="standard deviation of each number of a descriptor")
+    range_noise: NotNegative = Field(0.0, description="m, standard deviation of the range beside `range_sigma`")
+    still: Share = Field(1.0, description="part of the noise of a sharp image; blur brings the rest")
+    tilt_blind: bool = Field(False, description="places on the floor are computed for a level trunk")
+
+
+class RangerFile(Profile):
+    """File of ultrasound and bumpers, `robots/rangers/<name>.toml`."""
+
+    folder = "rangers"
+    format: Literal["surefoot.ranger/1"] = Field(alias="schema")
+    position: Vector = Field(description="m, in base_link")
+    field_deg: Number = Field(gt=0, le=180, description="deg, full cone, horizontal")
+    shortest: NotNegative = Field(description="m, nearer things read as this")
+    longest: Number = Field(description="m, no echo beyond")
+    resolution: Positive = Field(description="m")
+    sigma: NotNegative = Field(description="m, standard deviation")
+    period_ms: PeriodMs | None = Field(None, description="ms between two readings; default: by the rate of `hw/range`")
+    bump_n: Positive = Field(description="N, horizontal force on a foot that presses its bumper")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> "RangerFile":
+        if self.longest <= self.shortest:
+            raise refused("value", f"got {self.longest}, must be above shortest = {self.shortest}", "longest")
+        return self
+
+
+P = TypeVar("P", bound=Profile)
+
+
+def profile_names(model: type[Profile]) -> tuple[str, ...]:
+    """Return the names of the profiles of one kind that come with the package."""
+    return tuple(sorted(path.stem for path in (ROBOTS / model.folder).glob("*.toml")))
+
+
+def read_profile(model: type[P], name: str, field: str) -> tuple[P, dict[str, object]]:
+    """Read a profile by name; return it and the file's content, which counts in a description's hash.
+
+    Raises:
+        RobotError: `field` names no profile, or a number of the file cannot be.
+    """
+    known, place = profile_names(model), f"{model.folder}.{name}"
+    if name not in known:
+        raise RobotError("unknown_name", field, f"got {name!r}, known are {', '.join(known)}")
+    data = read_toml(ROBOTS / model.folder / f"{name}.toml", RobotError)
+    profile = validated(model, data, RobotError, place)
+    if profile.name != name:
+        raise RobotError("value", f"{place}.name", f"got {profile.name!r}, allowed are {name}")
+    return profile, data
 
 
 def imu_profile_names() -> tuple[str, ...]:
-    """Names of the sensor profiles that come with the package."""
-    return tuple(sorted(path.stem for path in SENSORS.glob("*.toml")))
-
-
-def profile_table(kind: str, name: str) -> Table:
-    """The open table of `robots/<kind>s/<name>.toml`, a profile of sensors that several robots may have.
-
-    Raises:
-        RobotError: unknown name, or a file of another kind.
-    """
-    folder = SENSORS.parent / f"{kind}s"
-    known = tuple(sorted(path.stem for path in folder.glob("*.toml")))
-    if name not in known:
-        raise RobotError("unknown_name", kind, f"got {name!r}, known are {', '.join(known)}")
-    table = Table(read_toml(folder / f"{name}.toml", RobotError), f"{kind}s.{name}", RobotError)
-    table.text("schema", (f"surefoot.{kind}/1",))
-    table.text("name", (name,))
-    table.text("source")
-    return table
+    """Return the names of the inertial units that come with the package."""
+    return profile_names(ImuFile)
 
 
 def read_imu_profile(name: str) -> r.ImuProfile:
-    """Read a sensor profile by name.
+    """Read an inertial unit by name, in SI units.
 
     Raises:
         RobotError: unknown name, or a number that cannot be.
     """
-    if name not in imu_profile_names():
-        raise RobotError("unknown_name", "profile", f"got {name!r}, known are {', '.join(imu_profile_names())}")
-    return _imu_profile(name)[0]
+    return imu_profile(read_profile(ImuFile, name, "profile")[0])
 
 
-def _imu_profile(name: str) -> tuple[r.ImuProfile, dict[str, object]]:
-    data = read_toml(SENSORS / f"{name}.toml", RobotError)
-    p = Table(data, f"sensors.{name}", RobotError)
-    p.text("schema", ("surefoot.imu/1",))
-    p.text("name", (name,))
-    p.text("source")
-    g, a, deg = p.table("gyro"), p.table("accel"), math.radians(1.0)
-    gyro = _noise(g, (("deg_s", deg),) * 3 + (("deg_s_rthz", deg),))
-    accel = _noise(a, (("mg", MILLI_G), ("g", GRAVITY), ("mg", MILLI_G), ("mg_rthz", MILLI_G)))
-    p.close()
-    return r.ImuProfile(name, gyro, accel), data
-
-
-def _noise(t: Table, units: tuple[tuple[str, float], ...]) -> r.AxisNoise:
-    (lsb, k_lsb), (limit, k_limit), (bias, k_bias), (density, k_density) = units
-    noise = r.AxisNoise(
-        lsb=k_lsb * t.number(f"lsb_{lsb}", at_least=0),
-        limit=k_limit * t.number(f"range_{limit}", above=0),
-        noise_density=k_density * t.number(f"noise_{density}", at_least=0),
-        bias_turn_on=k_bias * t.number(f"bias_turn_on_{bias}", at_least=0),
-        bias_in_run=k_bias * t.number(f"bias_in_run_{bias}", at_least=0),
-        bias_time_s=t.number("bias_time_s", above=0),
+def imu_profile(file: ImuFile) -> r.ImuProfile:
+    """Return an inertial unit in SI units."""
+    deg, g, a = math.radians(1.0), file.gyro, file.accel
+    gyro = r.AxisNoise(
+        lsb=deg * g.lsb_deg_s,
+        limit=deg * g.range_deg_s,
+        noise_density=deg * g.noise_deg_s_rthz,
+        bias_turn_on=deg * g.bias_turn_on_deg_s,
+        bias_in_run=deg * g.bias_in_run_deg_s,
+        bias_time_s=g.bias_time_s,
     )
-    t.close()
-    return noise
+    accel = r.AxisNoise(
+        lsb=MILLI_G * a.lsb_mg,
+        limit=GRAVITY * a.range_g,
+        noise_density=MILLI_G * a.noise_mg_rthz,
+        bias_turn_on=MILLI_G * a.bias_turn_on_mg,
+        bias_in_run=MILLI_G * a.bias_in_run_mg,
+        bias_time_s=a.bias_time_s,
+    )
+    return r.ImuProfile(file.name, gyro, accel)

@@ -1,27 +1,37 @@
-"""Reader of `robot.toml`: chains are expanded into the link tree, every number is checked."""
+"""Reader of `robot.toml`: the chains of its limbs are expanded into the link tree."""
 
 import hashlib
 import json
 import math
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
-from surefoot.geometry.linear import dot, product
+from surefoot.geometry.linear import dot, norm, product
 from surefoot.robot import description as r
 from surefoot.robot.description import Array, RobotError
-from surefoot.robot.profiles import read_contacts, read_current, read_encoder, read_imu
-from surefoot.tables import Table, read_toml
+from surefoot.robot.files import ContactTable, FootTable, LimbTable, LinkTable, RobotFile, ServoTable, Sourced
+from surefoot.robot.profiles import ROBOTS, ImuFile, imu_profile, read_profile
+from surefoot.tables import FileModel, read_toml, unknown_key, validated
 
-ROBOTS = Path(__file__).parents[1] / "robots"
 BIPED_LEG_JOINTS = 6
+LEGS = {"hexapod": 6, "biped": 2}
+"""Number of legs by kind of robot."""
 _NOT_HASHED = frozenset({"source", "sources", "description", "schema"})
 
 
-def read_robot(name: str | PathLike[str]) -> r.Robot:
-    """Read, validate and expand a description; see `surefoot.robot.reader.load_robot`."""
+def load_robot(name: str | PathLike[str]) -> r.Robot:
+    """Read a robot by name or by path.
+
+    Args:
+        name: folder name under `surefoot/robots`, or a path (anything that ends in `.toml` or holds a separator).
+
+    Raises:
+        RobotError: names the field, the received value and the allowed ones.
+    """
     text = str(name)
     is_path = isinstance(name, PathLike) or text.endswith(".toml") or "/" in text
     path = Path(name) if is_path else ROBOTS / text / "robot.toml"
@@ -33,7 +43,14 @@ def read_robot(name: str | PathLike[str]) -> r.Robot:
         hint = f"; the folder here is './{text}'" if not is_path and Path(text, "robot.toml").is_file() else ""
         raise RobotError("not_found", "name", f"no robot {text!r}; known are {', '.join(robot_names())}{hint}")
     data = read_toml(path, RobotError)
-    return _Reader(data).robot()
+    file = validated(RobotFile, data, RobotError)
+    _check_sources(file, "", file.sources)
+    return _robot(file, data)
+
+
+def robot_names() -> tuple[str, ...]:
+    """Names of the robots that come with the package."""
+    return tuple(sorted(path.parent.name for path in ROBOTS.glob("*/robot.toml")))
 
 
 def canonical(value: object) -> object:
@@ -47,209 +64,198 @@ def canonical(value: object) -> object:
     return value
 
 
-class _Reader:
-    def __init__(self, data: dict[str, object]) -> None:
-        self.data = data
-        self.top = Table(data, "", RobotError)
-        self.sources: dict[str, str] = {}
-        self.links: list[r.Link] = []
+def _check_sources(value: object, path: str, known: Mapping[str, str]) -> None:
+    """Refuse the first table whose source is not a key of [sources]."""
+    if isinstance(value, FileModel):
+        if isinstance(value, Sourced) and value.source not in known:
+            raise _unknown(f"{path}.source", value.source, known)
+        for name, part in value:
+            _check_sources(part, f"{path}.{name}".removeprefix("."), known)
+    elif isinstance(value, dict):
+        for name, part in cast("dict[str, object]", value).items():
+            _check_sources(part, f"{path}.{name}", known)
+    elif isinstance(value, list):
+        for i, part in enumerate(cast("list[object]", value)):
+            _check_sources(part, f"{path}[{i}]", known)
+
+
+def _unknown(field: str, got: str, known: Mapping[str, object] | list[str]) -> RobotError:
+    return RobotError("unknown_name", field, f"got {got!r}, known are {', '.join(known)}")
+
+
+def _robot(file: RobotFile, data: dict[str, object]) -> r.Robot:
+    tree = _Tree(file)
+    for i, limb in enumerate(file.limbs):
+        tree.add_limb(limb, f"limbs[{i}]")
+    if not tree.legs:
+        raise RobotError("value", "limbs", "no limb has a foot")
+    if len(tree.legs) != LEGS[file.kind]:
+        raise RobotError("value", "limbs", f"a {file.kind} has {LEGS[file.kind]} legs, got {len(tree.legs)}")
+    imu, profile = read_profile(ImuFile, file.imu.profile, "imu.profile")
+    mount = r.ImuMount(np.array(file.imu.position), _unit(file.imu.quat_wxyz), imu_profile(imu))
+    encoders, current = file.encoders, file.current
+    content = {"robot": canonical(data), "imu": canonical(profile)}
+    return r.Robot(
+        name=file.name,
+        kind=file.kind,
+        description=file.description,
+        links=tuple(tree.links),
+        joints=tuple(tree.joints),
+        legs=tuple(tree.legs),
+        trunk=tree.trunk,
+        imu=mount,
+        contacts=_contacts(file.contacts),
+        encoder=r.Encoder(math.radians(encoders.resolution_deg), math.radians(encoders.zero_sigma_deg)),
+        current=r.CurrentSensor(current.torque_per_ampere, current.noise_ampere),
+        gait={key: value for key, value in file.gait if key != "source"},
+        sources=file.sources,
+        model=_model(tree.links, tree.joints, tree.legs),
+        hash=hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest(),
+        camera=file.camera,
+        ranger=file.ranger,
+    )
+
+
+class _Place(NamedTuple):
+    """Where a limb is mounted, and how."""
+
+    limb: str
+    side: float  # -1.0 = reflected at the plane y = 0, else 1.0
+    hip: Array  # (3,) m, base_link
+    mount: Array  # (4,) rot_base_from_hip, w x y z
+    first: int  # index of the limb's first link
+    shared: dict[str, str]  # joint whose motor moves a link too, by link
+    path: str  # of the limb in the file
+
+
+class _Tree:
+    """Links, joints and legs of a robot, in the order of its limbs."""
+
+    def __init__(self, file: RobotFile) -> None:
+        trunk, still = file.trunk, np.zeros(3)
+        self.chains, self.kind = file.chains, file.kind
+        self.servos = {key: _servo(servo) for key, servo in file.servos.items()}
+        belly = np.array([np.append(sphere.position, sphere.radius) for sphere in trunk.belly])
+        self.trunk = r.Trunk(trunk.mass, np.array(trunk.com), np.array(trunk.box), belly)
+        base = np.array([1.0, 0.0, 0.0, 0.0])
+        self.links = [r.Link("base_link", -1, -1, still, base, np.zeros(3), trunk.mass, self.trunk.com, self.trunk.box)]
         self.joints: list[r.Joint] = []
         self.legs: list[r.Leg] = []
-        self.servos: dict[str, r.Servo] = {}
-        self.kind = ""
 
-    def robot(self) -> r.Robot:
-        top = self.top
-        top.text("schema", ("surefoot.robot.description/1",))
-        name, kind = top.name("name"), top.text("kind", ("hexapod", "biped"))
-        self.kind = kind
-        description = top.text("description")
-        src = top.table("sources")
-        self.sources = {key: src.text(key) for key in src.keys()}  # noqa: SIM118 - a Table is no dict
-        trunk = self._trunk(top.table("trunk"))
-        for key, table in top.table("servos").items():
-            self.servos[key] = self._servo(table)
-        chains = top.table("chains")
-        for limb in top.tables("limbs"):
-            self._limb(limb, chains)
-        wanted = {"hexapod": 6, "biped": 2}[kind]
-        if self.legs and len(self.legs) != wanted:
-            raise top.refuse("value", "limbs", f"a {kind} has {wanted} legs, got {len(self.legs)}")
-        if not self.legs:
-            raise top.refuse("value", "limbs", "no limb has a foot")
-        imu, profile = read_imu(self._sourced("imu"))
-        contacts, encoder = read_contacts(self._sourced("contacts")), read_encoder(self._sourced("encoders"))
-        current, gait = read_current(self._sourced("current")), self._gait(self._sourced("gait"))
-        camera, ranger = (top.name(key) if top.has(key) else None for key in ("camera", "ranger"))
-        top.close()
-        content = {"robot": canonical(self.data), "imu": canonical(profile)}
-        digest = hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
-        return r.Robot(
-            name, kind, description, tuple(self.links), tuple(self.joints), tuple(self.legs), trunk, imu, contacts,
-            encoder, current, gait, self.sources, _model(self.links, self.joints, self.legs), digest,
-            camera, ranger,
-        )  # fmt: skip
-
-    def _source(self, table: Table) -> None:
-        key = table.text("source")
-        if key not in self.sources:
-            raise table.refuse("unknown_name", "source", f"got {key!r}, known are {', '.join(self.sources)}")
-
-    def _sourced(self, key: str) -> Table:
-        """A table of the file that names its source."""
-        table = self.top.table(key)
-        self._source(table)
-        return table
-
-    def _trunk(self, t: Table) -> r.Trunk:
-        self._source(t)
-        mass, com, box = t.number("mass", above=0), t.vector("com", 3), _sizes(t, "box")
-        belly: list[Array] = []
-        for sphere in t.tables("belly"):
-            belly.append(np.append(sphere.vector("position", 3), sphere.number("radius", above=0)))
-            sphere.close()
-        t.close()
-        unit, still = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
-        self.links.append(r.Link("base_link", -1, -1, still, unit, np.zeros(3), mass, com, box))
-        return r.Trunk(mass, com, box, np.array(belly))
-
-    def _servo(self, t: Table) -> r.Servo:
-        self._source(t)
-        servo = r.Servo(
-            kp=t.number("kp", above=0),
-            kv=t.number("kv", at_least=0),
-            max_torque=t.number("max_torque", above=0),
-            armature=t.number("armature", at_least=0),
-            frictionloss=t.number("frictionloss", at_least=0),
-            resolution=math.radians(t.number("resolution_deg", default=0.0, at_least=0, at_most=5)),
-            backlash=math.radians(t.number("backlash_deg", default=0.0, at_least=0, at_most=5)),
-            latency=1e-3 * t.number("latency_ms", default=0.0, at_least=0, at_most=100),
-        )
-        t.close()
-        return servo
-
-    def _limb(self, limb: Table, chains: Table) -> None:
-        self._source(limb)
-        name = limb.name("name")
-        if any(link.name.startswith(f"{name}_") for link in self.links):
-            raise limb.refuse("duplicate", "name", f"{name!r} is used twice")
-        key = limb.text("chain")
-        if not chains.has(key):
-            raise limb.refuse("unknown_name", "chain", f"got {key!r}, known are {', '.join(chains.keys())}")
-        side = -1.0 if limb.flag("mirror", False) else 1.0
-        hip, yaw = limb.vector("position", 3), math.radians(limb.number("yaw_deg", default=0.0))
-        shared = limb.table("shared") if limb.has("shared") else Table({}, limb.field("shared"), RobotError)
-        limb.close()
-        chain = chains.table(key)
-        self._source(chain)
+    def add_limb(self, limb: LimbTable, path: str) -> None:
+        """Add the links of a limb's chain, its joints, and its leg where it has a foot."""
+        if any(link.name.startswith(f"{limb.name}_") for link in self.links):
+            raise RobotError("duplicate", f"{path}.name", f"{limb.name!r} is used twice")
+        if limb.chain not in self.chains:
+            raise _unknown(f"{path}.chain", limb.chain, self.chains)
+        chain, where, yaw = self.chains[limb.chain], f"chains.{limb.chain}", math.radians(limb.yaw_deg)
         mount = np.array([math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)])
+        side, shared = -1.0 if limb.mirror else 1.0, dict(limb.shared)
         first, first_joint = len(self.links), len(self.joints)
+        place = _Place(limb.name, side, np.array(limb.position), mount, first, shared, path)
         names: dict[str, int] = {}
-        for t in chain.tables("links"):
-            names[t.name("name")] = len(self.links)
-            self._link(t, name, names, side, (hip, mount) if len(self.links) == first else None, shared)
-        shared.close()
+        for i, link in enumerate(chain.links):
+            names[link.name] = len(self.links)
+            self._add_link(link, names, place, f"{where}.links[{i}]")
+        for key in shared:
+            raise RobotError("unknown_key", f"{path}.shared.{key}", unknown_key(key, list(names)))
         links, joints = tuple(range(first, len(self.links))), tuple(range(first_joint, len(self.joints)))
-        if self.links[first].joint >= 0 and self.links[first].joint < first_joint:
+        if 0 <= self.links[first].joint < first_joint:
             joints = (self.links[first].joint, *joints)
         if not joints:
-            raise chain.refuse("missing", "links", "has no joint: give one of the links an axis")
-        if chain.has("foot") and self.kind == "biped" and len(joints) != BIPED_LEG_JOINTS:
+            raise RobotError("missing", f"{where}.links", "has no joint: give one of the links an axis")
+        if chain.foot is None:
+            return
+        if self.kind == "biped" and len(joints) != BIPED_LEG_JOINTS:
             got = ", ".join(self.joints[j].name for j in joints)
-            raise chain.refuse("missing", "links", f"a biped's leg has {BIPED_LEG_JOINTS} joints, this one has {got}")
-        if chain.has("foot"):
-            self.legs.append(r.Leg(name, joints, links, hip, self._foot(chain.table("foot"), names, side)))
-        chain.close()
+            text = f"a biped's leg has {BIPED_LEG_JOINTS} joints, this one has {got}"
+            raise RobotError("missing", f"{where}.links", text)
+        self.legs.append(r.Leg(limb.name, joints, links, place.hip, _foot(chain.foot, names, side, f"{where}.foot")))
 
-    def _link(
-        self,
-        t: Table,
-        limb: str,
-        names: dict[str, int],
-        side: float,
-        mount: tuple[Array, Array] | None,
-        shared: Table,
-    ) -> None:
-        index, name = len(self.links), f"{limb}_{t.name('name')}"
+    def _add_link(self, t: LinkTable, names: dict[str, int], place: _Place, path: str) -> None:
+        index, name, side = len(self.links), f"{place.limb}_{t.name}", place.side
+        is_first = index == place.first
         if any(link.name == name for link in self.links):
-            raise t.refuse("duplicate", "name", f"{name!r} is used twice")
+            raise RobotError("duplicate", f"{path}.name", f"{name!r} is used twice")
         flip = np.array([1.0, side, 1.0])
-        position = t.vector("position", 3) * flip
-        quat = t.unit("quat_wxyz", 4, (1.0, 0.0, 0.0, 0.0)) * np.array([1.0, side, 1.0, side])
-        parent = 0 if mount else index - 1
-        if t.has("parent"):
-            up = t.text("parent")
-            if up not in names or names[up] >= index:
-                raise t.refuse("unknown_name", "parent", f"got {up!r}, known are {', '.join(list(names)[:-1])}")
-            parent = names[up]
-        if mount is not None:
-            hip, turn = mount
+        position = np.array(t.position) * flip
+        quat = _unit(t.quat_wxyz) * np.array([1.0, side, 1.0, side])
+        parent = 0 if is_first else index - 1
+        if t.parent is not None:
+            if names.get(t.parent, index) >= index:
+                raise _unknown(f"{path}.parent", t.parent, list(names)[:-1])
+            parent = names[t.parent]
+        if is_first:
+            turn = place.mount
             c, s = turn[0] ** 2 - turn[3] ** 2, 2 * turn[0] * turn[3]
-            position = hip + product(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), position)
+            position = place.hip + product(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), position)
             quat = _quat_product(turn, quat)
         axis, joint = np.zeros(3), -1
-        if t.has("axis"):
-            axis, joint = t.unit("axis", 3), len(self.joints)
-            mirrored = t.text("mirrored", ("no", "axis", "limits")) if t.has("mirrored") else "no"
-            if side < 0 and mirrored == "axis":  # a rotation's mirror image: equal angles are symmetric
+        if t.axis is not None:
+            axis, joint = _unit(t.axis), len(self.joints)
+            if side < 0 and t.mirrored == "axis":  # a rotation's mirror image: equal angles are symmetric
                 axis = axis * np.array([-1.0, 1.0, -1.0])
-            made = self._joint(t, name, index, side < 0 and mirrored == "limits")
-            if shared.has(t.text("name")):
-                joint = self._shared(shared, t.text("name"), mount is not None)
+            made = self._joint(t, name, index, side < 0 and t.mirrored == "limits", path)
+            if t.name in place.shared:
+                joint = self._shared(t.name, place, is_first)
             else:
                 self.joints.append(made)
-        mass, com = t.number("mass", above=0), t.vector("com", 3) * flip
-        self.links.append(r.Link(name, parent, joint, position, quat, axis, mass, com, _sizes(t, "inertia_box")))
-        t.close()
+        com, box = np.array(t.com) * flip, np.array(t.inertia_box)
+        self.links.append(r.Link(name, parent, joint, position, quat, axis, t.mass, com, box))
 
-    def _shared(self, shared: Table, key: str, first: bool) -> int:
-        """Index of the joint whose motor moves this link too."""
-        wanted, known = shared.text(key), [joint.name for joint in self.joints]
+    def _shared(self, key: str, place: _Place, first: bool) -> int:
+        """Return the index of the joint whose motor moves this link too."""
+        field, wanted, known = f"{place.path}.shared.{key}", place.shared.pop(key), [j.name for j in self.joints]
         if wanted not in known:
-            raise shared.refuse("unknown_name", key, f"got {wanted!r}, known are {', '.join(known)}")
+            raise _unknown(field, wanted, known)
         if not first:
-            raise shared.refuse("value", key, "only the first link of a limb can share a motor")
+            raise RobotError("value", field, "only the first link of a limb can share a motor")
         return known.index(wanted)
 
-    def _joint(self, t: Table, name: str, link: int, mirror: bool) -> r.Joint:
-        lower, upper = t.number("lower_deg", at_least=-360), t.number("upper_deg", at_most=360)
-        if not lower < upper:
-            raise t.refuse("value", "upper_deg", f"got {upper}, must be above lower_deg = {lower}")
-        neutral = t.number("neutral_deg", at_least=lower, at_most=upper)
-        servo = t.text("servo")
-        if servo not in self.servos:
-            raise t.refuse("unknown_name", "servo", f"got {servo!r}, known are {', '.join(self.servos)}")
+    def _joint(self, t: LinkTable, name: str, link: int, mirror: bool, path: str) -> r.Joint:
+        lower, upper, neutral = t.lower_deg, t.upper_deg, t.neutral_deg
+        assert lower is not None  # a link with an axis has all three
+        assert upper is not None
+        assert neutral is not None
         if mirror:
             lower, upper, neutral = -upper, -lower, -neutral
+        if t.servo not in self.servos:
+            raise _unknown(f"{path}.servo", str(t.servo), self.servos)
         low, high, mid = (math.radians(x) for x in (lower, upper, neutral))
-        return r.Joint(name, link, low, high, mid, self.servos[servo])
-
-    def _foot(self, t: Table, names: dict[str, int], side: float) -> r.Foot:
-        self._source(t)
-        link = t.text("link")
-        if link not in names:
-            raise t.refuse("unknown_name", "link", f"got {link!r}, known are {', '.join(names)}")
-        flip = np.array([1.0, side, 1.0])
-        position = t.vector("position", 3) * flip
-        points = t.vectors("points", 3) * flip if t.has("points") else position[None, :].copy()
-        if not len(points):
-            raise t.refuse("value", "points", "is empty: a foot needs at least one sphere")
-        foot = r.Foot(names[link], position, points, t.number("radius", above=0))
-        t.close()
-        return foot
-
-    def _gait(self, t: Table) -> dict[str, float]:
-        keys = [key for key in t.keys() if key != "source"]  # noqa: SIM118 - a Table is no dict
-        gait = {key: t.number(key) for key in keys}
-        t.close()
-        return gait
+        return r.Joint(name, link, low, high, mid, self.servos[t.servo])
 
 
-def _sizes(t: Table, key: str) -> Array:
-    size = t.vector(key, 3)
-    if not np.all(size > 0):
-        raise t.refuse("value", key, f"got {size.tolist()}, every size must be above 0")
-    return size
+def _servo(t: ServoTable) -> r.Servo:
+    return r.Servo(
+        kp=t.kp,
+        kv=t.kv,
+        max_torque=t.max_torque,
+        armature=t.armature,
+        frictionloss=t.frictionloss,
+        resolution=math.radians(t.resolution_deg),
+        backlash=math.radians(t.backlash_deg),
+        latency=1e-3 * t.latency_ms,
+    )
+
+
+def _foot(t: FootTable, names: dict[str, int], side: float, path: str) -> r.Foot:
+    if t.link not in names:
+        raise _unknown(f"{path}.link", t.link, names)
+    flip = np.array([1.0, side, 1.0])
+    position = np.array(t.position) * flip
+    points = position[None, :].copy() if t.points is None else np.array(t.points) * flip
+    return r.Foot(names[t.link], position, points, t.radius)
+
+
+def _contacts(t: ContactTable) -> r.ContactSensor:
+    low, high = 0.0 if t.min_n is None else t.min_n, math.inf if t.max_n is None else t.max_n
+    return r.ContactSensor(t.kind, t.switches, t.on_n, t.off_n, low, high)
+
+
+def _unit(values: list[float]) -> Array:
+    """Return a vector of length 1, whatever the rounding in the file has left of it."""
+    vector = np.array(values)
+    return vector / norm(vector)
 
 
 def _quat_product(a: Array, b: Array) -> Array:
@@ -316,20 +322,3 @@ def _yaw_pitch_pitch(links: list[r.Link], joints: list[r.Joint], leg: r.Leg) -> 
         return None
     yaw = 2.0 * math.atan2(coxa.quat_wxyz[3], coxa.quat_wxyz[0])
     return np.append(coxa.position, yaw), np.array([femur.position[0], tibia.position[0], foot[0]])
-
-
-def load_robot(name: str | PathLike[str]) -> r.Robot:
-    """Read a robot by name or by path.
-
-    Args:
-        name: folder name under `surefoot/robots`, or a path (anything that ends in `.toml` or holds a separator).
-
-    Raises:
-        RobotError: what is wrong, with the field.
-    """
-    return read_robot(name)
-
-
-def robot_names() -> tuple[str, ...]:
-    """Names of the robots that come with the package."""
-    return tuple(sorted(path.parent.name for path in ROBOTS.glob("*/robot.toml")))

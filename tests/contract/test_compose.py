@@ -44,7 +44,7 @@ def test_names_services_that_exist(path: Path) -> None:
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_containers_share_the_network_of_the_host(path: Path) -> None:
     """The router listens on loopback only, so every container has to be there."""
-    for service in extended(read(path)["services"], path, read, ComposeError).values():
+    for service in extended(read(path), path, read, ComposeError)["services"].values():
         assert service["network_mode"] == "host"
         assert (ROOT / "compose" / service["build"]["context"] / service["build"]["dockerfile"]).is_file()
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from surefoot.lab import configuration_page
 from surefoot.lab.cli.graph import declared, mermaid
 from surefoot.lab.topics_page import page
 
@@ -122,6 +123,13 @@ def test_page_of_topics_is_the_generated_one() -> None:
 def test_the_picture_of_the_architecture_is_the_declared_dataflow() -> None:
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     assert f"```mermaid\n{mermaid(declared()[1])}\n```" in text, "surefoot graph --format mermaid"
+
+
+def test_page_of_parameters_is_the_generated_one() -> None:
+    text = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")
+    assert text == configuration_page.page(), "python -m surefoot.lab.configuration_page > docs/configuration.md"
+    lines = [line.rsplit(" | ", 2) for line in text.splitlines() if line.startswith("| `")]
+    assert all(meaning for _, meaning, _ in lines), "a field of a Config has no description"
 
 
 def test_nothing_cites_what_a_reader_does_not_have() -> None:

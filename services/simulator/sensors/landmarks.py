@@ -21,7 +21,7 @@ from surefoot.geometry.linear import exp, product
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.robot.description import Robot, RobotError
 from surefoot.robot.kinematics import foot_positions, forward
-from surefoot.robot.profiles import profile_table
+from surefoot.robot.profiles import CameraFile, read_profile
 from surefoot.schemas.topics import HW_LANDMARKS
 
 from ..ground.grid import random_stream
@@ -96,31 +96,27 @@ def read_camera(name: str) -> Camera:
     Raises:
         RobotError: unknown name, or a number that cannot be; names the field.
     """
-    t = profile_table("camera", name)
-    width = t.integer("width_px", at_least=8, at_most=8192)
-    field = math.radians(t.number("field_deg", above=1, at_most=170))
-    camera = Camera(
+    file, _ = read_profile(CameraFile, name, "camera")
+    return Camera(
         name=name,
-        link=t.text("link"),
-        position=t.vector("position", 3),
-        pitch=math.radians(t.number("pitch_deg", at_least=-90, at_most=90)),
-        width=width,
-        height=t.integer("height_px", at_least=8, at_most=8192),
-        focal=0.5 * width / math.tan(0.5 * field),
-        period_ms=period_ms(t, HW_LANDMARKS),
-        exposure=1e-3 * t.number("exposure_ms", above=0, at_most=1000),
-        detect=t.number("detect", at_least=0, at_most=1),
-        blur=t.number("blur_px", above=0),
-        most=t.integer("most", at_least=1, at_most=10_000),
-        range_sigma=t.number("range_sigma", at_least=0),
-        bearing_sigma=math.radians(t.number("bearing_sigma_deg", at_least=0)),
-        descriptor_sigma=t.number("descriptor_sigma", at_least=0),
-        range_noise=t.number("range_noise", default=0.0, at_least=0),
-        still=t.number("still", default=1.0, at_least=0, at_most=1),
-        tilt_blind=t.flag("tilt_blind", default=False),
+        link=file.link,
+        position=np.array(file.position),
+        pitch=math.radians(file.pitch_deg),
+        width=file.width_px,
+        height=file.height_px,
+        focal=0.5 * file.width_px / math.tan(0.5 * math.radians(file.field_deg)),
+        period_ms=period_ms(file.period_ms, HW_LANDMARKS),
+        exposure=1e-3 * file.exposure_ms,
+        detect=file.detect,
+        blur=file.blur_px,
+        most=file.most,
+        range_sigma=file.range_sigma,
+        bearing_sigma=math.radians(file.bearing_sigma_deg),
+        descriptor_sigma=file.descriptor_sigma,
+        range_noise=file.range_noise,
+        still=file.still,
+        tilt_blind=file.tilt_blind,
     )
-    t.close()
-    return camera
 
 
 def scatter(seed: int, low: tuple[float, float], high: tuple[float, float], density: float) -> Landmarks:

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.robot.profiles import profile_table
+from surefoot.robot.profiles import RangerFile, read_profile
 from surefoot.schemas.topics import HW_RANGE
 
 from ..physics.addresses import Addresses
@@ -44,21 +44,18 @@ def read_ranger(name: str) -> Ranger:
     Raises:
         RobotError: unknown name, or a number that cannot be; names the field.
     """
-    t = profile_table("ranger", name)
-    shortest = t.number("shortest", at_least=0)
-    ranger = Ranger(
+    file, _ = read_profile(RangerFile, name, "ranger")
+    return Ranger(
         name=name,
-        position=t.vector("position", 3),
-        half_cone=0.5 * math.radians(t.number("field_deg", above=0, at_most=180)),
-        shortest=shortest,
-        longest=t.number("longest", above=shortest),
-        resolution=t.number("resolution", above=0),
-        sigma=t.number("sigma", at_least=0),
-        period_ms=period_ms(t, HW_RANGE),
-        bump_n=t.number("bump_n", above=0),
+        position=np.array(file.position),
+        half_cone=0.5 * math.radians(file.field_deg),
+        shortest=file.shortest,
+        longest=file.longest,
+        resolution=file.resolution,
+        sigma=file.sigma,
+        period_ms=period_ms(file.period_ms, HW_RANGE),
+        bump_n=file.bump_n,
     )
-    t.close()
-    return ranger
 
 
 def echo(model: Any, data: Any, place: Array, heading: float, half_cone: float, longest: float) -> float:

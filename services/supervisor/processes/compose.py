@@ -3,8 +3,8 @@
 Honoured: `name`, `services`, and per service `extends`, `command`, `environment`, `depends_on` (conditions
 `service_started` and `service_healthy`), `healthcheck` (`test`, `interval`, `retries`, `start_period`, `disable`),
 `restart`, `stop_grace_period`. Accepted because only a container engine has a use for them: `image`, `build`,
-`network_mode`, `init`, and `healthcheck.timeout`. Keys that begin with `x-` are the user's own, as the specification
-says. Every other key is refused by name: a file that asks for something must not be started without it.
+`network_mode`, `init`, and `healthcheck.timeout`. Keys that begin with `x-` are the user's own, as in the
+specification. Every other key is refused by name: a system is not started without something that its file asks for.
 """
 
 import os
@@ -13,41 +13,155 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Annotated, Any, Literal, cast
 
 import yaml
+from pydantic import BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
 
-from surefoot.files import FileError, read_text
-from surefoot.tables import Table, shown
+from surefoot.files import FileError, find, read_text
+from surefoot.tables import FileModel, Text, Whole, refused, shown, validated
 
-from .extends import extended
-
-CONTAINER_ONLY = ("image", "build", "network_mode", "init")
+from .extends import Extends, extended
 
 Condition = Literal["service_started", "service_healthy"]
 Restart = Literal["no", "always", "on-failure", "unless-stopped"]
 
-_NAME = re.compile(r"[a-z0-9][a-z0-9_-]*")
 _DURATION = re.compile(r"(?:(\d+(?:\.\d+)?)h)?(?:(\d+(?:\.\d+)?)m)?(?:(\d+(?:\.\d+)?)s)?(?:(\d+(?:\.\d+)?)ms)?")
+_RESTART = re.compile(r"(no|always|on-failure|unless-stopped)|on-failure:(1000|[1-9][0-9]{0,2})")
 
 
 class ComposeError(FileError):
     """A compose file that cannot be used."""
 
 
-@dataclass(frozen=True)
-class HealthCheck:
-    """When a service counts as unhealthy; the state itself comes over the bus (`health/<service>`, liveliness).
+def _seconds(value: object) -> float:
+    """Read `1m30s`, `500ms` or `2s` as seconds."""
+    match = _DURATION.fullmatch(value) if isinstance(value, str) and value else None
+    if match is None:
+        raise refused("value", f"expected a duration such as 500ms, 2s or 1m30s, got {shown(value)}")
+    hours, minutes, seconds, millis = (float(part or 0) for part in match.groups())
+    return 3600 * hours + 60 * minutes + seconds + millis / 1000
 
-    Attributes:
-        interval_s: wall time between two heartbeats that is still fine.
-        retries: missed intervals after which the service is unhealthy.
-        start_period_s: wall time a fresh process may take to become healthy.
-    """
 
-    interval_s: float = 1.0
-    retries: int = 3
-    start_period_s: float = 20.0
+def _words(value: object) -> tuple[str, ...]:
+    """Split a command as a shell does."""
+    try:
+        words = shlex.split(value) if isinstance(value, str) else value
+    except ValueError as exc:
+        raise refused("value", f"cannot be split into words: {exc}") from exc
+    if not isinstance(words, list) or not words or not all(isinstance(word, str) for word in words):
+        raise refused("type", f"expected a text or a list of texts, got {shown(value)}")
+    return tuple(words)
+
+
+def _restart(value: object) -> str:
+    value = "no" if value is False else value  # YAML 1.1 reads a bare `no` as false
+    if not isinstance(value, str) or not _RESTART.fullmatch(value):
+        allowed = "no, always, on-failure, on-failure:<n>, unless-stopped"
+        raise refused("value", f"got {shown(value)}, allowed are {allowed}")
+    return value
+
+
+def _variables(value: object) -> object:
+    """Return the map form of a list of NAME=value, every value as text."""
+    if isinstance(value, list):
+        for item in value:
+            if not isinstance(item, str) or "=" not in item:
+                raise refused("type", f"expected NAME=value, got {shown(item)}")
+        value = dict(item.split("=", 1) for item in value)
+    for key, text in value.items() if isinstance(value, Mapping) else ():
+        if isinstance(text, bool) or not isinstance(text, str | int | float):
+            raise refused("type", f"expected a text or a number, got {text!r}; put it in quotes", str(key))
+    return {key: str(text) for key, text in value.items()} if isinstance(value, Mapping) else value
+
+
+def _needs(value: object) -> object:
+    """Return the map form of a list of services."""
+    if not isinstance(value, list):
+        return value
+    for item in value:
+        if not isinstance(item, str):
+            raise refused("type", f"expected names of services, got {shown(item)}")
+    return {item: {"condition": "service_started"} for item in value}
+
+
+Words = Annotated[tuple[str, ...], BeforeValidator(_words, json_schema_input_type=str | list[str])]
+Seconds = Annotated[float, BeforeValidator(_seconds, json_schema_input_type=str)]
+ServiceName = Annotated[str, Field(strict=True, pattern="^[a-z0-9][a-z0-9_-]*$")]
+ContainerOnly = Annotated[Any, Field(description="for container engines only")]
+
+
+class ComposeModel(FileModel):
+    """A table of a compose file: keys that begin with `x-` are the user's own."""
+
+    model_config = ConfigDict(json_schema_extra={"patternProperties": {"^x-": {}}}, use_attribute_docstrings=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_own_keys(cls, table: Any) -> Any:
+        own = isinstance(table, Mapping)
+        return {key: table[key] for key in table if not str(key).startswith("x-")} if own else table
+
+
+class HealthCheck(FileModel):
+    """When a service counts as unhealthy; the state itself comes over the bus (`health/<service>`, liveliness)."""
+
+    model_config = ConfigDict(use_attribute_docstrings=True)
+
+    test: Annotated[Any, WithJsonSchema({"type": ["string", "array"]})] = None
+    """Probe of a container engine, [CMD, surefoot, health, <service>]; or [NONE]."""
+    disable: bool = False
+    """Started counts as healthy."""
+    interval_s: Seconds = Field(default=1.0, validation_alias="interval")
+    """Wall time between two heartbeats that is still fine."""
+    timeout: ContainerOnly = None
+    retries: Annotated[Whole, Field(ge=1, le=1000)] = 3
+    """Missed intervals after which the service is unhealthy."""
+    start_period_s: Seconds = Field(default=20.0, validation_alias="start_period")
+    """Wall time a fresh process may take to become healthy."""
+
+
+WATCHED = HealthCheck()
+"""Health check of a service whose file has none."""
+
+
+class Need(FileModel):
+    """Condition on a service before the start of another."""
+
+    condition: Condition
+
+
+class ServiceTable(ComposeModel):
+    """A service as it stands in a compose file."""
+
+    extends: Text | Extends = ""
+    """Service of this file, or of another one, to begin as."""
+    command: Words = ()
+    """Program and arguments [surefoot-service <name>]."""
+    environment: Annotated[
+        dict[str, str], BeforeValidator(_variables, json_schema_input_type=dict[str, str | float] | list[str])
+    ] = Field({})
+    """Variables of the process, on top of the caller's own."""
+    depends_on: Annotated[
+        dict[str, Need], BeforeValidator(_needs, json_schema_input_type=dict[str, Need] | list[str])
+    ] = Field({})
+    """Services that must be there before the start."""
+    healthcheck: HealthCheck = WATCHED
+    restart: Annotated[str, BeforeValidator(_restart, json_schema_input_type=str | Literal[False])] = "no"
+    """Reaction to an end of the process: no, always, on-failure, on-failure:<n>, unless-stopped."""
+    stop_grace_s: Seconds = Field(default=2.0, validation_alias="stop_grace_period")
+    """Wall time between SIGTERM and SIGKILL."""
+    image: ContainerOnly = None
+    build: ContainerOnly = None
+    network_mode: ContainerOnly = None
+    init: ContainerOnly = None
+
+
+class ComposeFile(ComposeModel):
+    """A compose file, `compose/<name>.yaml`."""
+
+    name: ServiceName = Field("", description="name of the system [that of the file]")
+    services: dict[ServiceName, ServiceTable]
 
 
 @dataclass(frozen=True)
@@ -60,16 +174,16 @@ class ComposeService:
         environment: variables set for the process, on top of the caller's own.
         depends_on: (service, condition) pairs that must hold before the start.
         healthcheck: None when disabled; then started counts as healthy.
-        restart: what happens when the process ends by itself.
+        restart: reaction to an end of the process without a request.
         max_restarts: upper bound given as `on-failure:<n>`, None for the reconciler's own.
-        stop_grace_s: wall time between SIGTERM and SIGKILL.
+        stop_grace_s: wall time between SIGTERM and SIGKILL, s.
     """
 
     name: str
     command: tuple[str, ...]
     environment: Mapping[str, str] = field(default_factory=dict)
     depends_on: tuple[tuple[str, Condition], ...] = ()
-    healthcheck: HealthCheck | None = HealthCheck()
+    healthcheck: HealthCheck | None = WATCHED
     restart: Restart = "no"
     max_restarts: int | None = None
     stop_grace_s: float = 2.0
@@ -90,202 +204,70 @@ class Compose:
 
     @property
     def robot(self) -> str:
-        """The robot the file is for, a name or a folder: what its services are told, else the caller's."""
-        told = (s.environment["SUREFOOT_ROBOT"] for s in self.services if "SUREFOOT_ROBOT" in s.environment)
-        return next(told, os.environ.get("SUREFOOT_ROBOT", "ragno"))
+        """The robot the file is for, a name or a folder: SUREFOOT_ROBOT of its services, else of the caller."""
+        given = (s.environment["SUREFOOT_ROBOT"] for s in self.services if "SUREFOOT_ROBOT" in s.environment)
+        return next(given, os.environ.get("SUREFOOT_ROBOT", "ragno"))
 
     def service(self, name: str) -> ComposeService:
         """Return the service of that name; KeyError when the file has none."""
-        for service in self.services:
-            if service.name == name:
-                return service
-        raise KeyError(name)
+        return {service.name: service for service in self.services}[name]
 
 
-def load_compose(path: Path) -> Compose:
-    """Read and validate a compose file.
+def load_compose(name: str | Path) -> Compose:
+    """Read and validate a compose file given by name or path.
 
     Raises:
         ComposeError: with code, field and a sentence; also for a file that is missing, too large or not YAML.
     """
+    path = find("compose", str(name), ".yaml", ComposeError)
     return parse_compose(read_text(path, ComposeError), path)
 
 
 def parse_compose(text: str, path: Path = Path("compose.yaml")) -> Compose:
     """Validate the text of a compose file; see `load_compose`."""
     try:
-        return _compose(text, path)
+        content = _content(text)
+        if isinstance(content, Mapping):
+            named = {"name": path.stem, **cast("Mapping[str, Any]", content)}
+            content = extended(named, path, lambda other: _content(read_text(other, ComposeError)), ComposeError)
+        file = validated(ComposeFile, content, ComposeError)
+        if not file.services:
+            raise ComposeError("missing", "services", "names no service")
+        services = [_service(name, table) for name, table in file.services.items()]
+        _check_robot(services)
+        return Compose(file.name, path, _in_order(services))
     except ComposeError as exc:
         exc.file = str(path)
         raise
 
 
-def _compose(text: str, path: Path) -> Compose:
-    top = Table(_content(text), error=ComposeError)
-    name = _name(top, "name", top.text("name") if top.has("name") else path.stem)
-    raw = top.raw("services")
-    if isinstance(raw, Mapping):
-        raw = extended(cast("Mapping[str, Any]", raw), path, _read, ComposeError)
-    tables = Table(raw, "services", ComposeError).items()
-    services = [_service(table, _name(top, "services", key)) for key, table in tables]
-    if not services:
-        raise top.refuse("missing", "services", "names no service")
-    _close(top)
-    _check_robot(services)
-    return Compose(name, path, _in_order(services))
+def _service(name: str, table: ServiceTable) -> ComposeService:
+    check, probe = table.healthcheck, ["CMD", "surefoot", "health", name]
+    test = ["CMD", *check.test.split()] if isinstance(check.test, str) else check.test
+    disabled = check.disable or test == ["NONE"]
+    if not disabled and test is not None and test != probe:
+        where = f"services.{name}.healthcheck.test"
+        raise ComposeError("value", where, f"got {shown(check.test)}, allowed is [{', '.join(probe)}]")
+    restart, _, restarts = table.restart.partition(":")
+    return ComposeService(
+        name=name,
+        command=table.command or ("surefoot-service", name),
+        environment=table.environment,
+        depends_on=tuple((service, need.condition) for service, need in table.depends_on.items()),
+        healthcheck=None if disabled else check,
+        restart=restart,  # pyright: ignore[reportArgumentType] - one of them, by its pattern
+        max_restarts=int(restarts) if restarts else None,
+        stop_grace_s=table.stop_grace_s,
+    )
 
 
 def _check_robot(services: list[ComposeService]) -> None:
-    """Refuse services that are told of different robots: they would misread each other."""
-    told = [(s.name, s.environment["SUREFOOT_ROBOT"]) for s in services if "SUREFOOT_ROBOT" in s.environment]
-    for name, robot in told:
-        if robot != told[0][1]:
-            said = f"got {robot!r}, but {told[0][0]} has {told[0][1]!r}: the services of a system are of one robot"
-            raise ComposeError("value", f"services.{name}.environment.SUREFOOT_ROBOT", said)
-
-
-def _read(path: Path) -> object:
-    return _content(read_text(path, ComposeError))
-
-
-def _content(text: str) -> object:
-    try:
-        return yaml.load(text, Loader=_UniqueKeyLoader)
-    except (yaml.YAMLError, RecursionError, ValueError) as exc:
-        mark = getattr(exc, "problem_mark", None)
-        line = f"line {mark.line + 1}: " if mark is not None else ""
-        problem = getattr(exc, "problem", None) or "cannot be parsed"
-        raise ComposeError("syntax", "file", f"is not YAML: {line}{problem}") from exc
-
-
-def _name(table: Table, key: str, name: object) -> str:
-    if not isinstance(name, str) or not _NAME.fullmatch(name):
-        raise table.refuse("value", key, f"got the name {shown(name)}, allowed are small letters, digits, '-' and '_'")
-    return name
-
-
-def _service(table: Table, name: str) -> ComposeService:
-    for key in CONTAINER_ONLY:
-        table.has(key)
-    restart, max_restarts = _restart(table)
-    service = ComposeService(
-        name=name,
-        command=_command(table, name),
-        environment=_environment(table),
-        depends_on=_depends_on(table),
-        healthcheck=_healthcheck(table, name),
-        restart=restart,
-        max_restarts=max_restarts,
-        stop_grace_s=_duration(table, "stop_grace_period", 2.0),
-    )
-    _close(table)
-    return service
-
-
-def _command(table: Table, name: str) -> tuple[str, ...]:
-    value = _raw(table, "command", ["surefoot-service", name])
-    try:
-        words = shlex.split(value) if isinstance(value, str) else value
-    except ValueError as exc:
-        raise table.refuse("value", "command", f"cannot be split into words: {exc}") from exc
-    if not isinstance(words, list) or not words or not all(isinstance(word, str) for word in words):
-        raise table.refuse("type", "command", f"expected a text or a list of texts, got {shown(value)}")
-    return tuple(words)
-
-
-def _environment(table: Table) -> dict[str, str]:
-    value = _raw(table, "environment", {})
-    if isinstance(value, list):
-        for item in value:
-            if not isinstance(item, str) or "=" not in item:
-                raise table.refuse("type", "environment", f"expected NAME=value, got {shown(item)}")
-        value = dict(item.split("=", 1) for item in value)
-    variables = Table(value, table.field("environment"), ComposeError)
-    result: dict[str, str] = {}
-    names = variables.keys()
-    for key in names:
-        text = variables.raw(key)
-        if isinstance(text, bool) or not isinstance(text, str | int | float):
-            raise variables.refuse("type", key, f"expected a text or a number, got {text!r}; put it in quotes")
-        result[key] = str(text)
-    return result
-
-
-def _depends_on(table: Table) -> tuple[tuple[str, Condition], ...]:
-    value = _raw(table, "depends_on", {})
-    if isinstance(value, list):
-        for item in value:
-            if not isinstance(item, str):
-                raise table.refuse("type", "depends_on", f"expected names of services, got {shown(item)}")
-        return tuple((item, "service_started") for item in value)
-    result: list[tuple[str, Condition]] = []
-    for key, entry in Table(value, table.field("depends_on"), ComposeError).items():
-        condition = entry.text("condition", allowed=("service_started", "service_healthy"))
-        entry.close()
-        result.append((key, "service_healthy" if condition == "service_healthy" else "service_started"))
-    return tuple(result)
-
-
-def _healthcheck(table: Table, name: str) -> HealthCheck | None:
-    if not table.has("healthcheck"):
-        return HealthCheck()
-    check = table.table("healthcheck")
-    disabled = check.flag("disable", default=False)
-    test = _raw(check, "test", ["CMD", "surefoot", "health", name])
-    words = ["CMD", *shlex.split(test)] if isinstance(test, str) else test
-    disabled = disabled or words == ["NONE"]
-    if not disabled and words != ["CMD", "surefoot", "health", name]:
-        raise check.refuse("value", "test", f"got {test!r}, allowed is [CMD, surefoot, health, {name}]")
-    check.has("timeout")
-    default = HealthCheck()
-    result = HealthCheck(
-        interval_s=_duration(check, "interval", default.interval_s),
-        retries=check.integer("retries", at_least=1, at_most=1000) if check.has("retries") else default.retries,
-        start_period_s=_duration(check, "start_period", default.start_period_s),
-    )
-    check.close()
-    return None if disabled else result
-
-
-def _restart(table: Table) -> tuple[Restart, int | None]:
-    value = _raw(table, "restart", "no")
-    if isinstance(value, str) and value.startswith("on-failure:"):
-        count = value.removeprefix("on-failure:")
-        if count.isdecimal() and 1 <= int(count) <= 1000:
-            return "on-failure", int(count)
-    match value:
-        case False | "no":  # YAML 1.1 reads a bare `no` as false
-            return "no", None
-        case "always" | "on-failure" | "unless-stopped":
-            return value, None
-        case _:
-            allowed = "no, always, on-failure, on-failure:<n>, unless-stopped"
-            raise table.refuse("value", "restart", f"got {shown(value)}, allowed are {allowed}")
-
-
-def _duration(table: Table, key: str, default: float) -> float:
-    """Read `1m30s`, `500ms` or `2s` as seconds."""
-    if not table.has(key):
-        return default
-    value = table.raw(key)
-    match = _DURATION.fullmatch(value) if isinstance(value, str) and value else None
-    if match is None:
-        raise table.refuse("value", key, f"expected a duration such as 500ms, 2s or 1m30s, got {shown(value)}")
-    hours, minutes, seconds, millis = (float(part or 0) for part in match.groups())
-    return 3600 * hours + 60 * minutes + seconds + millis / 1000
-
-
-def _raw(table: Table, key: str, default: Any) -> Any:
-    return table.raw(key) if table.has(key) else default
-
-
-def _close(table: Table) -> None:
-    """Refuse unknown keys, except the user's own (`x-...`)."""
-    keys = table.keys()
-    for key in keys:
-        if key.startswith("x-"):
-            table.has(key)
-    table.close()
+    """Refuse services that have different robots: they would misread each other."""
+    given = [(s.name, s.environment["SUREFOOT_ROBOT"]) for s in services if "SUREFOOT_ROBOT" in s.environment]
+    for name, robot in given:
+        if robot != given[0][1]:
+            text = f"got {robot!r}, but {given[0][0]} has {given[0][1]!r}: the services of a system are of one robot"
+            raise ComposeError("value", f"services.{name}.environment.SUREFOOT_ROBOT", text)
 
 
 def _in_order(services: list[ComposeService]) -> tuple[ComposeService, ...]:
@@ -306,6 +288,16 @@ def _in_order(services: list[ComposeService]) -> tuple[ComposeService, ...]:
             raise ComposeError("value", where, f"these services wait for each other: {', '.join(left)}")
         ordered += free
     return tuple(ordered)
+
+
+def _content(text: str) -> object:
+    try:
+        return yaml.load(text, Loader=_UniqueKeyLoader)
+    except (yaml.YAMLError, RecursionError, ValueError) as exc:
+        mark = getattr(exc, "problem_mark", None)
+        line = f"line {mark.line + 1}: " if mark is not None else ""
+        problem = getattr(exc, "problem", None) or "cannot be parsed"
+        raise ComposeError("syntax", "file", f"is not YAML: {line}{problem}") from exc
 
 
 class _UniqueKeyLoader(yaml.SafeLoader):

@@ -6,7 +6,7 @@ from typing import Any, cast
 
 from surefoot.files import FileError
 from surefoot.nearest import did_you_mean
-from surefoot.tables import Table
+from surefoot.tables import FileModel, Text, shown, validated
 
 Raw = Mapping[str, Any]
 
@@ -14,57 +14,60 @@ MERGED = ("environment", "depends_on", "healthcheck")
 """Maps of a service that are merged key by key; every other key of the service itself replaces the inherited one."""
 
 
-def extended(services: Raw, path: Path, read: Callable[[Path], object], error: type[FileError]) -> dict[str, Any]:
-    """Return the services of a file with what they extend filled in, as read from YAML.
+class Extends(FileModel):
+    """The service that another one begins as."""
+
+    service: Text
+    file: Text = ""
+
+
+def extended(content: object, path: Path, read: Callable[[Path], object], error: type[FileError]) -> Any:
+    """Return the content of a compose file with what its services extend filled in.
 
     Args:
-        services: entries of the file's `services`.
+        content: the file's content, as read from YAML.
         path: the file; others are found relative to it.
         read: reads the content of another file.
         error: to raise.
     """
-    return {name: _resolved(name, services, path, read, error, ()) for name in services}
+    if not isinstance(content, Mapping) or not isinstance(content.get("services"), Mapping):
+        return content
+    files = {path: cast("Raw", content["services"])}
+
+    def resolved(name: str, file: Path, chain: tuple[tuple[Path, str], ...]) -> Any:
+        own = files[file][name]
+        if not isinstance(own, Mapping) or "extends" not in own:
+            return own
+        where, own = f"services.{name}.extends", dict(cast("Raw", own))
+        wanted = own.pop("extends")
+        if not isinstance(wanted, str):
+            base = validated(Extends, wanted, error, where)
+            wanted, place = base.service, file.parent / base.file if base.file else file
+        else:
+            place = file
+        here = (file.resolve(), name)
+        if here in chain:
+            raise error("value", where, f"{name!r} of {file.name} extends itself by a detour")
+        if place not in files:
+            files[place] = _services(read(place), place, error)
+        if wanted not in files[place]:
+            hint, known = did_you_mean(wanted, files[place]), ", ".join(map(str, files[place]))
+            raise error("unknown_name", f"{where}.service", f"got {wanted!r}{hint}, {place.name} has {known}")
+        base = resolved(wanted, place, (*chain, here))
+        return _merged(base, own) if isinstance(base, Mapping) else own
+
+    return {**content, "services": {name: resolved(name, path, ()) for name in files[path]}}
 
 
-def _resolved(
-    name: str,
-    services: Raw,
-    path: Path,
-    read: Callable[[Path], object],
-    error: type[FileError],
-    chain: tuple[tuple[Path, str], ...],
-) -> Any:
-    own = services[name]
-    if not isinstance(own, Mapping) or "extends" not in own:
-        return own
-    own = dict(cast("Raw", own))
-    where = f"services.{name}.extends"
-    base_name, base_path = _wanted(own.pop("extends"), where, path, error)
-    here = (path.resolve(), name)
-    if here in chain:
-        raise error("value", where, f"{name!r} of {path.name} extends itself by a detour")
-    others = services
-    if base_path != path:
-        content = Table(read(base_path), base_path.name, error)
-        others = cast("Raw", content.raw("services"))
-        Table(others, f"{base_path.name}: services", error)
-    if base_name not in others:
-        hint = did_you_mean(base_name, others)
-        known = ", ".join(map(str, others))
-        raise error("unknown_name", f"{where}.service", f"got {base_name!r}{hint}, {base_path.name} has {known}")
-    base = _resolved(base_name, others, base_path, read, error, (*chain, here))
-    return _merged(base, own) if isinstance(base, Mapping) else own
-
-
-def _wanted(value: object, where: str, path: Path, error: type[FileError]) -> tuple[str, Path]:
-    """Name of the service that is extended, and its file."""
-    if isinstance(value, str):
-        return value, path
-    table = Table(value, where, error)
-    service = table.text("service")
-    file = path.parent / table.text("file") if table.has("file") else path
-    table.close()
-    return service, file
+def _services(content: object, path: Path, error: type[FileError]) -> Raw:
+    """Return the services of a file that is extended."""
+    if not isinstance(content, Mapping):
+        raise error("type", path.name, f"expected a table, got {shown(content)}")
+    if "services" not in content:
+        raise error("missing", f"{path.name}.services", "is missing")
+    if not isinstance(content["services"], Mapping):
+        raise error("type", f"{path.name}: services", f"expected a table, got {shown(content['services'])}")
+    return content["services"]
 
 
 def _merged(base: Raw, own: Raw) -> dict[str, Any]:
@@ -78,7 +81,7 @@ def _merged(base: Raw, own: Raw) -> dict[str, Any]:
 
 
 def _as_map(key: str, value: Any) -> dict[str, Any] | None:
-    """The map form of a list; None when it is neither, which the reader of the key will refuse."""
+    """Return the map form of a list; None when it is neither, which the reader of the key refuses."""
     if isinstance(value, Mapping):
         return dict(cast("Raw", value))
     if not isinstance(value, list) or not all(isinstance(item, str) for item in cast("list[Any]", value)):

@@ -1,4 +1,4 @@
-"""Processes known again: by id and start time, ended politely, then firmly.
+"""Identity of processes by id and start time, and their end: SIGTERM, then SIGKILL.
 
 A later process under the same id is never taken for an earlier one, and nothing is ever signalled that was not started
 from here. The module imports little, for `surefoot stop` waits for it.
@@ -18,7 +18,7 @@ class Identity(NamedTuple):
 
     Attributes:
         pid: process id (of the group leader: its group has the same number).
-        started: start time in clock ticks since boot, as the kernel tells it.
+        started: start time in clock ticks since boot, as reported by the kernel.
         boot: identity of the boot; start times of another boot mean nothing.
     """
 
@@ -27,11 +27,11 @@ class Identity(NamedTuple):
     boot: str
 
     def alive(self) -> bool:
-        """Tell whether this very process still runs (a zombie does not)."""
+        """Report whether this very process still runs (a zombie does not)."""
         return identify(self.pid) == self
 
     def signal_group(self, number: signal.Signals) -> bool:
-        """Signal the process and its children; False when it is gone or somebody else has its id.
+        """Signal the process and its children; False when it is gone or another process has its id.
 
         A supervisor that a script has started leads no group: it alone is signalled, and ends its own.
         """

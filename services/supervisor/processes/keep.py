@@ -1,4 +1,4 @@
-"""Keeping a system up until somebody asks for its end."""
+"""Life of a system from its start to the request for its end."""
 
 import sys
 import threading
@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from surefoot.errors import BusError, CallError
 from surefoot.logline import said
@@ -18,14 +19,14 @@ from .rundir import RunFolder, RunFolderError
 from .session import STEP_S, Session
 from .system import SELF
 
-DRIVER_S = 5.0  # s wall, after all services of a system are there one of them must have said that it drives
+DRIVER_S = 5.0  # s wall, after all services of a system are there one of them must drive
 READY_S = 90.0  # s wall without progress of the start: processor time of its services; the first compiles kernels
 MOST_S = 10.0 * READY_S  # s wall, whatever progress there is
 
 
 @dataclass(frozen=True)
 class StartOrder:
-    """What the simulator is to do once everything is there.
+    """Order for the simulator once all services are there.
 
     Attributes:
         world: to be built.
@@ -53,7 +54,7 @@ def keep(
     listen: str | None = None,
     spawn: bool = True,
     tell: Callable[[str], None] = lambda text: None,
-    ready: Callable[[], None] = lambda: None,
+    ready: Callable[[dict[str, Any]], None] = lambda report: None,
 ) -> None:
     """Bring a system up, look after it until `stop`, take it down.
 
@@ -88,28 +89,29 @@ def keep(
                 if time.monotonic() - alone_since > DRIVER_S:
                     raise BusError("not_ready", f"no service of {compose.path} drives; one must be the robot's driver")
             if not told and session.supervisor.ticks > 0 and (session.system.settled() or not spawn):
-                session.folder.write_ready()
-                ready()
+                report = session.report()
+                session.folder.write_ready(report)
+                ready(report)
                 told = True
             session.system.wait(STEP_S)
 
 
 def _reset(session: Session, order: StartOrder, tell: Callable[[str], None]) -> None:
-    """Let simulated time run; again for a simulator that was restarted."""
+    """Let simulated time run; needed again after a restart of the simulator."""
     request = ResetRequest(seed=order.seed, world=order.world, expect=session.expected, mode="paced", rtf=order.rtf)
     try:
         session.call(SIM_RESET, request)
     except CallError as error:
         problem = f"the simulation could not be started: {error.message}"
-        if error.code not in ("absent", "timeout"):  # what it was told is wrong, and stays so
+        if error.code not in ("absent", "timeout"):  # the request is wrong, and stays so
             raise BusError(error.code, problem, error.field) from None
         tell(problem)
 
 
 def start_detached(
     compose: Compose, system: str, order: StartOrder, listen: str | None, tell: Callable[[str], None]
-) -> None:
-    """Start `surefoot up` in a session of its own and wait until it is ready.
+) -> dict[str, Any]:
+    """Start `surefoot up` in a session of its own, wait until it is ready and return its report.
 
     Raises:
         RunFolderError: it is up already.
@@ -127,8 +129,9 @@ def start_detached(
     began = moved = time.monotonic()
     spent = 0.0
     while (now := time.monotonic()) - moved < READY_S and now - began < MOST_S:
-        if folder.ready():
-            return
+        report = folder.ready()
+        if report is not None:
+            return report
         busy = busy_s((child.pid, *(process.pid for process in folder.processes().values())))
         if busy != spent:
             spent, moved = busy, now

@@ -1,4 +1,4 @@
-"""Who holds a port: the kernel's socket tables and the open files of this user's processes."""
+"""Owner of a port, from the kernel's socket tables and the open files of this user's processes."""
 
 import contextlib
 import os

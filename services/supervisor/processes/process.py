@@ -12,7 +12,6 @@ from typing import IO
 from surefoot.lockstep.ending import ENDS
 
 from .identity import identify
-from .signs import starved_s
 
 SERVICE_MODULE = "surefoot.lockstep.discover"
 MAX_LOG_BYTES = 32 * 1024 * 1024  # a larger log is set aside as <name>.log.1 at the next start
@@ -84,7 +83,7 @@ class Child:
 
 
 def resolve_command(command: Sequence[str]) -> list[str]:
-    """Return the command with our own programs run by this very Python, whatever PATH says."""
+    """Return the command with our own programs run by this very Python, whatever PATH holds."""
     program, *arguments = command
     if program == "surefoot-service":
         return [sys.executable, "-m", SERVICE_MODULE, *arguments]
@@ -93,6 +92,15 @@ def resolve_command(command: Sequence[str]) -> list[str]:
     if program in ("python", "python3"):
         return [sys.executable, *arguments]
     return [program, *arguments]
+
+
+def starved_s(pid: int) -> float:
+    """Return the seconds a process's main thread has waited for a processor; 0 where the kernel does not count."""
+    try:
+        with open(f"/proc/{pid}/schedstat", encoding="ascii") as stat:
+            return int(stat.read().split()[1]) * 1e-9
+    except (OSError, ValueError, IndexError):
+        return 0.0
 
 
 def busy_s(pids: Iterable[int]) -> float:

@@ -1,7 +1,10 @@
-"""What to do next: wanted and observed services in, actions out. Pure: no process, no clock, no state of its own."""
+"""Decisions about processes: wanted and observed services in, actions out. Pure: times are arguments.
+
+Silence is counted in time in which a process could have reported: what it waited for a processor is not silence.
+"""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from .compose import ComposeService, Restart
@@ -18,7 +21,7 @@ Verb = Literal["start", "stop", "kill", "wait", "give_up"]
 
 @dataclass(frozen=True)
 class Wanted:
-    """What the compose file asks for, reduced to what decides.
+    """Demands of the compose file on one service, as far as they decide.
 
     Attributes:
         name: name of the service.
@@ -41,12 +44,12 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Observed:
-    """What the process layer and the bus say about one service. Times are wall seconds of one monotonic clock.
+    """State of one service by the process layer and the bus. Times are wall seconds of one monotonic clock.
 
     Attributes:
         phase: absent (never started), running or exited.
         since: when the phase began.
-        healthy: heartbeats come and the service says it is well.
+        healthy: heartbeats come and the service reports that it is well.
         healthy_since: when `healthy` last became true, None before that.
         unhealthy_since: when it was last lost while running, None before that.
         stopping_since: when SIGTERM was sent, None before that.
@@ -71,8 +74,8 @@ class Observed:
 
 
 @dataclass(frozen=True)
-class Action:
-    """One step for the process layer.
+class ProcessAction:
+    """One action of the process layer.
 
     Attributes:
         verb: start, stop (SIGTERM), kill (SIGKILL), wait, give_up.
@@ -88,6 +91,46 @@ class Action:
 
 
 ABSENT = Observed()
+
+
+@dataclass(frozen=True)
+class Signs:
+    """Signs of life of one process: start, heartbeats, ticks. Times are wall seconds of one monotonic clock.
+
+    Attributes:
+        since: when the process was started.
+        progress: its last sign that it gets on: start, heartbeat of any state, tick.
+        starved: seconds it had waited for a processor until `progress`.
+        well: a heartbeat or a tick showed that it is ready for work.
+        hidden: when its liveliness token was lost, None while it is visible.
+    """
+
+    since: float
+    progress: float
+    starved: float = 0.0
+    well: bool = False
+    hidden: float | None = None
+
+    def heard(self, now: float, starved: float, *, well: bool) -> "Signs":
+        """Return the signs after a heartbeat or a tick."""
+        return replace(self, progress=now, starved=starved, well=self.well or well)
+
+    def seen(self, now: float, *, visible: bool) -> "Signs":
+        """Return the signs after the liveliness token appeared or vanished."""
+        return replace(self, hidden=None if visible else now)
+
+    def silence(self, now: float, starved: float) -> float:
+        """Return the seconds since the last sign of progress in which the process could have given another."""
+        return max(0.0, now - self.progress - max(0.0, starved - self.starved))
+
+    def words(self, now: float) -> str:
+        """Return the losses in words, heartbeat and liveliness apart."""
+        lost = f"no heartbeat for {now - self.progress:.1f} s"
+        return lost if self.hidden is None else f"{lost}, {self.token(now)}"
+
+    def token(self, now: float) -> str:
+        """Return the loss of liveliness in words, empty while the process is visible."""
+        return "" if self.hidden is None else f"not visible on the bus for {now - self.hidden:.1f} s"
 
 
 def wanted_from(service: ComposeService) -> Wanted:
@@ -118,7 +161,7 @@ def failures_after(observed: Observed, now: float) -> int:
 
 def plan(
     wanted: Sequence[Wanted], observed: Mapping[str, Observed], now: float, *, shutdown: bool = False
-) -> tuple[Action, ...]:
+) -> tuple[ProcessAction, ...]:
     """Decide at most one action per service.
 
     Args:
@@ -128,7 +171,7 @@ def plan(
         shutdown: stop everything; a service goes before the ones it depends on.
 
     Returns:
-        Actions in the order of `wanted`, then stops of services that nobody wants any more. No action for a service
+        Actions in the order of `wanted`, then stops of services that are not wanted any more. No action for a service
         that is as it should be.
     """
     names = {item.name for item in wanted}
@@ -141,7 +184,7 @@ def plan(
 
 
 def settled(wanted: Sequence[Wanted], observed: Mapping[str, Observed]) -> bool:
-    """Tell whether every wanted service runs and is healthy."""
+    """Report whether every wanted service runs and is healthy."""
     return all(_satisfied(observed.get(item.name, ABSENT), healthy=item.watched) for item in wanted)
 
 
@@ -149,7 +192,7 @@ def _satisfied(state: Observed, *, healthy: bool) -> bool:
     return state.phase == "running" and state.stopping_since is None and (state.healthy or not healthy)
 
 
-def _run(item: Wanted, observed: Mapping[str, Observed], now: float) -> Action | None:
+def _run(item: Wanted, observed: Mapping[str, Observed], now: float) -> ProcessAction | None:
     state = observed.get(item.name, ABSENT)
     match state.phase:
         case "running":
@@ -161,39 +204,41 @@ def _run(item: Wanted, observed: Mapping[str, Observed], now: float) -> Action |
             if not ended_as_unwell and not _wants_restart(item.restart, state.exit_code):
                 return None
             if state.failures >= item.max_failures:
-                return Action("give_up", item.name, f"ended {state.failures} times in a row, last {_ending(state)}")
+                return ProcessAction(
+                    "give_up", item.name, f"ended {state.failures} times in a row, last {_ending(state)}"
+                )
             due = state.since + backoff_s(state.failures)
             if now < due:
-                return Action("wait", item.name, f"{_ending(state)}; restart in {due - now:.1f} s", due)
+                return ProcessAction("wait", item.name, f"{_ending(state)}; restart in {due - now:.1f} s", due)
             return _start(item, observed, f"restart after it {_ending(state)}")
         case "absent":
             return _start(item, observed, "wanted")
 
 
-def _watch(item: Wanted, state: Observed, now: float) -> Action | None:
-    """Judge a running process: fine, still starting, or to be ended because it hangs."""
+def _watch(item: Wanted, state: Observed, now: float) -> ProcessAction | None:
+    """Decide on a running process: fine, still starting, or to be ended because it hangs."""
     if not item.watched or state.healthy:
         return None
     if state.unhealthy_since is not None:
         if item.restart == "no":
-            return Action("wait", item.name, state.why or "unhealthy")
-        return Action("stop", item.name, state.why or "unhealthy")
+            return ProcessAction("wait", item.name, state.why or "unhealthy")
+        return ProcessAction("stop", item.name, state.why or "unhealthy")
     deadline = (state.since if state.progress is None else state.progress) + item.start_period_s
     if now < deadline or item.restart == "no":
-        return Action("wait", item.name, "starting", deadline if now < deadline else None)
-    return Action("stop", item.name, f"no progress for {item.start_period_s:g} s of its start")
+        return ProcessAction("wait", item.name, "starting", deadline if now < deadline else None)
+    return ProcessAction("stop", item.name, f"no progress for {item.start_period_s:g} s of its start")
 
 
-def _start(item: Wanted, observed: Mapping[str, Observed], reason: str) -> Action:
+def _start(item: Wanted, observed: Mapping[str, Observed], reason: str) -> ProcessAction:
     missing = [name for name, healthy in item.after if not _satisfied(observed.get(name, ABSENT), healthy=healthy)]
     if missing:
-        return Action("wait", item.name, f"waits for {', '.join(missing)}")
-    return Action("start", item.name, reason)
+        return ProcessAction("wait", item.name, f"waits for {', '.join(missing)}")
+    return ProcessAction("start", item.name, reason)
 
 
 def _stop_in_order(
     item: Wanted, wanted: Sequence[Wanted], observed: Mapping[str, Observed], now: float
-) -> Action | None:
+) -> ProcessAction | None:
     users = [
         other.name
         for other in wanted
@@ -201,19 +246,19 @@ def _stop_in_order(
     ]
     state = observed.get(item.name, ABSENT)
     if users and state.phase == "running" and state.stopping_since is None:
-        return Action("wait", item.name, f"stops after {', '.join(users)}")
+        return ProcessAction("wait", item.name, f"stops after {', '.join(users)}")
     return _stop(item, state, now, "shutdown")
 
 
-def _stop(item: Wanted, state: Observed, now: float, reason: str) -> Action | None:
+def _stop(item: Wanted, state: Observed, now: float, reason: str) -> ProcessAction | None:
     if state.phase != "running":
         return None
     if state.stopping_since is None:
-        return Action("stop", item.name, reason)
+        return ProcessAction("stop", item.name, reason)
     deadline = state.stopping_since + item.grace_s
     if now >= deadline and not state.killed:
-        return Action("kill", item.name, f"did not end within {item.grace_s:g} s")
-    return Action("wait", item.name, "stopping", None if state.killed else deadline)
+        return ProcessAction("kill", item.name, f"did not end within {item.grace_s:g} s")
+    return ProcessAction("wait", item.name, "stopping", None if state.killed else deadline)
 
 
 def _wants_restart(restart: Restart, exit_code: int | None) -> bool:

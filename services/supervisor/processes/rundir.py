@@ -1,4 +1,4 @@
-"""The run folder: where a running system is found again by `down`, `status` and `logs`.
+"""Run folder, by which `down`, `status` and `logs` find a running system.
 
 `<XDG state home>/surefoot/<system>/` with `lock` (held by the supervisor while it lives, so a stale folder shows at
 once), `endpoint.json`, `processes.json` and `logs/<service>.log`.
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 ROW = {"service", "state", "pid", "restarts", "detail"}
 
 MEMORIES = {"walker": "walker.json", "navigator": "navigator.json"}
-"""Services that keep what a restart must not lose, and their files."""
+"""Services that keep a memory over their restarts, and its files."""
 FILES = ("endpoint.json", "processes.json", "supervisor.json", "status.json", "ready.json", *MEMORIES.values())
-"""What describes a running system, and is removed with it."""
+"""Files that describe a running system, and are removed with it."""
 
 
 class RunFolderError(Exception):
-    """A run folder that cannot be used, told in one sentence."""
+    """A run folder that cannot be used."""
 
     def __init__(self, message: str, code: str = "already_up") -> None:
         super().__init__(message)
@@ -33,7 +33,7 @@ class RunFolderError(Exception):
 
 
 class Endpoint(NamedTuple):
-    """How to reach a running system.
+    """Address of a running system.
 
     Attributes:
         connect: Zenoh endpoint of its router.
@@ -97,7 +97,7 @@ class RunFolder:
 
     @property
     def memories(self) -> dict[str, Path]:
-        """Where services keep what they were about for the case that they are started again; gone with the run."""
+        """Paths of the memories that services keep over their restarts, removed with the run."""
         return {service: self.path / name for service, name in MEMORIES.items()}
 
     def release(self) -> None:
@@ -110,7 +110,7 @@ class RunFolder:
         self._lock = None
 
     def held(self) -> bool:
-        """Tell whether a live supervisor has this system."""
+        """Report whether a live supervisor has this system."""
         try:
             with (self.path / "lock").open("rb") as stream:
                 fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -149,17 +149,17 @@ class RunFolder:
         rows = self._read("status.json")
         return rows if isinstance(rows, list) else []
 
-    def write_ready(self) -> None:
-        """Tell whoever waits that everything is there."""
-        self._write("ready.json", True)
+    def write_ready(self, report: dict[str, Any]) -> None:
+        """Store that everything is there, and what `surefoot up` shows of it."""
+        self._write("ready.json", report)
 
     def clear_ready(self) -> None:
-        """Forget what an earlier system said."""
+        """Forget the report of an earlier system."""
         (self.path / "ready.json").unlink(missing_ok=True)
 
-    def ready(self) -> bool:
-        """Tell whether everything is there."""
-        return self.held() and self._read("ready.json") is True
+    def ready(self) -> dict[str, Any] | None:
+        """Return the report of a system that is up, None until everything is there."""
+        return self._read("ready.json") if self.held() else None
 
     def touched(self) -> float:
         """Return when this system was last taken, in wall time."""
@@ -185,7 +185,7 @@ class RunFolder:
 
     @property
     def orphaned(self) -> str:
-        """What to do about them."""
+        """Advice about services whose supervisor has died."""
         return f"services of {self.name} run without their supervisor; `surefoot down {self.name}` ends them"
 
     def end_leftovers(self) -> tuple[str, ...]:

@@ -4,9 +4,10 @@ import os
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
 from surefoot.bus.endpoint import to_listen
 from surefoot.bus.interface import Life, Publisher
@@ -17,20 +18,20 @@ from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import DRIVER
 from surefoot.lockstep.launch import spare_collector
 from surefoot.lockstep.node import Node
-from surefoot.logline import said
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.base import Request, Wire
 from surefoot.schemas.hw import EmergencyStop
-from surefoot.schemas.sim import SimStatus
+from surefoot.schemas.sim import ResetReply, ResetRequest, SimStatus, StatusRequest
 from surefoot.schemas.system import Health, HealthRequest, ServiceStatus
-from surefoot.schemas.topics import CMD_ESTOP, HEALTH_GET, Query
+from surefoot.schemas.topics import CMD_ESTOP, HEALTH_GET, SIM_RESET, SIM_STATUS_GET, Query
 
 from ..scenarios.director import Director
 from ..service import Supervisor
 from .compose import Compose
 from .ports import owner_of, port_of
-from .reconcile import Action
-from .rundir import Endpoint, RunFolder
+from .reconcile import ProcessAction
+from .rundir import ROW, Endpoint, RunFolder
+from .status import health_row, time_row
 from .system import SELF, System
 
 Req = TypeVar("Req", bound=Request)
@@ -40,7 +41,7 @@ STEP_S = 0.05  # s, how often the main thread looks at the processes, and at onc
 
 
 class Session:
-    """Everything `run`, `up` and `supervise` have in common; a context manager that leaves nothing behind."""
+    """Running system of `run`, `up` and `supervise`: a context manager that leaves no process behind."""
 
     def __init__(
         self,
@@ -70,6 +71,8 @@ class Session:
             compose, self.folder, environment={**own, **(environment or {})}, on_action=self._on_action
         )
         self.supervisor = Supervisor(ServiceConfig(robot=self.robot), director, self)
+        self.feet: tuple[str, ...] = ()
+        """Names of the legs in the order of messages, known once entered."""
         self._bus: ZenohBus | None = None
         self._node: Node | None = None
         self._thread: threading.Thread | None = None
@@ -79,7 +82,7 @@ class Session:
         self._stop = ""  # the emergency stop in force when that one went, not yet confirmed by this one
         self._stops: Publisher[EmergencyStop] | None = None
         self.failure: BaseException | None = None
-        """What ended the supervisor's own thread, None while all is well."""
+        """Error that ended the supervisor's own thread, None while it runs."""
 
     # -- life ---------------------------------------------------------------------------------------------------------
 
@@ -91,7 +94,7 @@ class Session:
             RunFolderError: the system is up already.
             BusError: the port is taken; the sentence names the owner and the flag.
         """
-        load_robot(self.robot)  # now, not by each of the services
+        self.feet = load_robot(self.robot).leg_names  # an unknown robot is refused now, not by each of the services
         self.folder.acquire()
         try:
             self._clean_up()
@@ -166,7 +169,7 @@ class Session:
         self._note_driver()
 
     def _note_driver(self) -> None:
-        """Take over the stop of the driver before when another process drives.
+        """Take over the emergency stop of the driver before, when another process drives.
 
         It is noticed by the new one's coming: the two tokens of the old one vanish in any order, and its last report
         may be read after them.
@@ -179,7 +182,7 @@ class Session:
         if self._before is not None and self._before.stopped:
             self._stop = self._before.stopped
 
-    def _on_action(self, action: Action) -> None:
+    def _on_action(self, action: ProcessAction) -> None:
         self._tell(f"{action.verb} {action.service}" + (f" ({action.reason})" if action.reason else ""))
 
     @property
@@ -205,7 +208,7 @@ class Session:
         self.system.heard(service, pid, well=well)
 
     def ticked(self, owner: str) -> None:
-        """Note that what a service publishes came in a tick."""
+        """Note that outputs of a service came in a tick."""
         name = self.driver if owner == DRIVER else owner
         self.system.ticked(name)
 
@@ -214,7 +217,7 @@ class Session:
         self.system.signal_kill(service)
 
     def rows(self) -> tuple[ServiceStatus, ...]:
-        """Return how every service does: by its process, or by the bus where the processes are not ours."""
+        """Return the state of every service: by its process, or by the bus where the processes are not ours."""
         if self._spawn:
             told = self.supervisor.status is not self._before
             why, driver = "; ".join(self.supervisor.stops()) if told else "", self.driver
@@ -252,12 +255,12 @@ class Session:
         if not self._spawn:
             return
         self.system.step()
-        lost = self.system.given_up()
-        if lost:
-            raise BusError("service_failed", self._why(lost[0]))
+        failure = self.system.failure()
+        if failure:
+            raise BusError("service_failed", failure)
 
     def _renew_stop(self) -> None:
-        """An emergency stop outlives the driver: it is told again until the next one, running, confirms it."""
+        """Send the emergency stop of a driver that has gone again, until the next one, running, confirms it."""
         if not self._stop or not self.driver or self._bus is None:
             return
         status = self.supervisor.status
@@ -278,15 +281,73 @@ class Session:
             self.system.wait(STEP_S)
         return True
 
+    def begin(self, request: ResetRequest, patience_s: float) -> ResetReply:
+        """Build the world as soon as the simulator serves; other services may still be starting.
+
+        Args:
+            request: of the run; the services that it expects are filled in.
+            patience_s: wall time until a driver must be there, s.
+
+        Raises:
+            BusError: no service drives, or the one that does is no simulator.
+            CallError: the simulator refuses the request.
+        """
+        if not self.wait_for(lambda: bool(self.driver), patience_s):
+            raise BusError("not_ready", f"no service of {self.compose.path} drives after {patience_s:g} s")
+        if not self.answers(SIM_RESET):
+            raise BusError("no_simulator", f"a scenario needs a simulator; {self.driver} does not answer sim/reset")
+        return self.call(SIM_RESET, request.model_copy(update={"expect": self.expected}))
+
+    def follow(self, began: float, stall_s: float, show: Callable[[int, float], None]) -> tuple[float, list[str]]:
+        """Look after the system until the last tick of a run.
+
+        Args:
+            began: time of the start, s, as of `time.monotonic`.
+            stall_s: wall time without a tick after which the run is given up, s.
+            show: gets ticks and their wall time, s, as they pass.
+
+        Returns:
+            Wall time from `began` to the first tick, s, and what went wrong.
+        """
+        supervisor, director = self.supervisor, self.supervisor.director
+        start_s, last, moved = 0.0, 0, time.monotonic()
+        while not supervisor.ended.is_set():
+            try:
+                self.step()
+            except BusError as error:  # a service is not restarted any more: the report states it
+                return start_s, [error.message]
+            now = time.monotonic()
+            if supervisor.ticks != last:
+                start_s = now - began if last == 0 else start_s
+                last, moved = supervisor.ticks, now
+                show(last, max(supervisor.wall_s, 1e-3))
+            if now - moved > stall_s:
+                waiting = {name: health.waiting_for for name, health in self.health().items() if health.waiting_for}
+                words = "; ".join(f"{name} waits for {', '.join(keys)}" for name, keys in waiting.items())
+                return start_s, [f"no tick for {stall_s:g} s at tick {last}" + (f": {words}" if words else "")]
+            supervisor.ended.wait(STEP_S)
+        cut = director is not None and not director.ended and director.scenario.steps
+        return start_s, ["it was ended by max_duration_s"] if cut else []
+
     def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None) -> Rep:
         """Ask a service (raises CallError)."""
         assert self._bus is not None
         return self._bus.call(query, request, timeout_s)
 
     def answers(self, query: Query[Req, Rep]) -> bool:
-        """Tell whether anybody serves a query."""
+        """Report whether a service answers a query."""
         assert self._bus is not None
         return self._bus.probe(query)
+
+    def report(self) -> dict[str, Any]:
+        """Return the system as `surefoot status` shows it, with live numbers of the services."""
+        health = self.health()
+        rows = [row.model_dump(include=ROW) for row in self.rows()]
+        services = [{**row, **(health_row(health[row["service"]]) if row["service"] in health else {})} for row in rows]
+        content: dict[str, Any] = {"connect": self.listen, "namespace": self.namespace, "services": services}
+        with suppress(CallError):  # the driver of a real robot has no simulated time
+            content["time"] = time_row(self.call(SIM_STATUS_GET, StatusRequest(), 0.5))
+        return content
 
     def health(self) -> dict[str, Health]:
         """Return the health of every service that answers."""
@@ -297,18 +358,3 @@ class Session:
             except CallError:
                 continue
         return found
-
-    def _why(self, service: str) -> str:
-        """Why a service does not run, with its own last words."""
-        row = next(row for row in self.rows() if row.service == service)
-        log = self.folder.log(service)
-        words = _last_line(log)
-        return f"{service} does not run ({row.detail or 'ended'})" + (f": {words}" if words else "") + f"; see {log}"
-
-
-def _last_line(log: Path) -> str:
-    try:
-        lines = log.read_text(encoding="utf-8", errors="replace").split("\n")
-    except OSError:
-        return ""
-    return said(next((line.strip() for line in reversed(lines) if line.strip()), ""))[:300]

@@ -1,14 +1,14 @@
-"""Whether a system can be started at all, told before anything is: its programs, modules, services."""
+"""Checks of a system before anything is started: its programs, modules, services and their configuration."""
 
 import importlib.util
 import os
 import shutil
+from collections.abc import Mapping
 from importlib.machinery import PathFinder
 from pathlib import Path
 
 from surefoot.errors import ConfigError
-from surefoot.files import find
-from surefoot.lockstep.config import load_config
+from surefoot.lockstep.config import PREFIX, load_config
 from surefoot.lockstep.discover import service_class, service_names
 from surefoot.nearest import did_you_mean
 
@@ -19,70 +19,67 @@ from .system import SELF
 PYTHONS = ("python", "python3")
 
 
-def startable(system: str) -> Compose:
+def startable(system: str, scenario: Scenario | None = None, environ: Mapping[str, str] | None = None) -> Compose:
     """Return the system of that name or path.
+
+    Args:
+        system: name or path of the compose file.
+        scenario: what is to happen in it, None = nothing.
+        environ: environment of the caller, which its services inherit; None = none.
 
     Raises:
         ComposeError: there is none, its file cannot be used, or a command names what is not there.
+        ScenarioError: the scenario kills or configures a service that the system does not have, or gives one a
+            field or a value that it does not take.
+        ConfigError: a service would refuse a variable of the environment.
     """
-    compose = load_compose(find("compose", system, ".yaml", ComposeError))
+    compose = load_compose(system)
+    if scenario is not None:
+        _check_names(scenario, compose)
     for service in compose.services:
         if service.name != SELF:
-            _check(service, compose)
+            _check(service, compose, scenario, environ or {})
     return compose
 
 
-def system_of(scenario: Scenario) -> Compose:
-    """Return the system of a scenario.
+def system_of(scenario: Scenario, environ: Mapping[str, str] | None = None) -> Compose:
+    """Return the system of a scenario; see `startable`."""
+    return startable(scenario.compose, scenario, environ)
 
-    Raises:
-        ComposeError: the system cannot be started.
-        ScenarioError: the scenario kills or configures a service that the system does not have, or gives one a
-            field or a value that it does not take.
-    """
-    compose = startable(scenario.compose)
+
+def _check_names(scenario: Scenario, compose: Compose) -> None:
+    """Refuse a scenario that kills or configures a service that the system does not have."""
     known = [name for name in compose.service_names if name != SELF]
     named = [(f"step[{i}].service", step.service) for i, step in enumerate(scenario.steps) if step.do == "kill"]
     for field, name in (*named, *((f"config.{name}", name) for name in scenario.config)):
         if name not in known:
-            message = f"got {name!r}{did_you_mean(name, known)}, {compose.name} has {', '.join(known)}"
-            raise _refused(scenario, "unknown_name", field, message)
-    for name in scenario.config:
-        _check_config(scenario, compose.service(name))
-    return compose
+            text = f"got {name!r}{did_you_mean(name, known)}, {compose.name} has {', '.join(known)}"
+            raise ScenarioError("unknown_name", field, text, scenario.name)
 
 
-def _check_config(scenario: Scenario, service: ComposeService) -> None:
-    """Raise ScenarioError where a service would refuse the configuration of a scenario at its start."""
-    program, *words = service.command
-    own = next((word for word in words if not word.startswith("-")), "")
-    if program != "surefoot-service":
-        return  # another program: only it knows what it takes
-    kind = service_class(own)
-    try:
-        load_config(kind.Config, own, None, {**service.environment, **scenario.environment})
-    except ConfigError as error:
-        field = ".".join(filter(None, ("config", service.name, error.field)))
-        code = "unknown_key" if error.code == "unknown_key" else "value"
-        raise _refused(scenario, code, field, error.message) from None
-
-
-def _refused(scenario: Scenario, code: str, field: str, message: str) -> ScenarioError:
-    error = ScenarioError(code, field, message)
-    error.file = scenario.name
-    return error
-
-
-def _check(service: ComposeService, compose: Compose) -> None:
+def _check(service: ComposeService, compose: Compose, scenario: Scenario | None, environ: Mapping[str, str]) -> None:
+    """Refuse a service that could not be started, or that would refuse its configuration."""
     problem = _problem(service)
     if problem:
-        error = ComposeError("unknown_name", f"services.{service.name}.command", problem)
-        error.file = str(compose.path)
-        raise error
+        raise ComposeError("unknown_name", f"services.{service.name}.command", problem, str(compose.path))
+    program, *words = service.command
+    if program != "surefoot-service":
+        return  # another program: only it knows what it takes
+    name = next(word for word in words if not word.startswith("-"))
+    variables = {**environ, **(scenario.environment if scenario else {}), **service.environment}
+    if not any(variable.startswith(f"{PREFIX}{name.upper()}_") for variable in variables):
+        return
+    try:
+        load_config(service_class(name).Config, name, None, variables)
+    except ConfigError as error:
+        if scenario is None or error.field not in scenario.config.get(service.name, ()):
+            raise
+        code, field = "unknown_key" if error.code == "unknown_key" else "value", f"config.{service.name}.{error.field}"
+        raise ScenarioError(code, field, error.message, scenario.name) from None
 
 
 def _problem(service: ComposeService) -> str:
-    """What is wrong with a command, empty when nothing is."""
+    """Return why a command cannot be started, empty when it can."""
     program, *words = service.command
     if program == "surefoot-service":
         known = service_names()
@@ -99,7 +96,7 @@ def _problem(service: ComposeService) -> str:
 
 
 def _findable(module: str, service: ComposeService) -> bool:
-    """Tell whether `python -m` would find a module, without importing anything."""
+    """Report whether `python -m` would find a module, without importing anything."""
     first, *rest = module.split(".")
     more = service.environment.get("PYTHONPATH", "").split(os.pathsep)
     places = [os.getcwd(), *filter(None, more)]

@@ -1,4 +1,4 @@
-"""The running system: processes and heartbeats in, reconciler asked, actions carried out. Thin on purpose."""
+"""Processes of a running system: observed, compared with the compose file, started and stopped."""
 
 import threading
 import time
@@ -6,30 +6,33 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Protocol
 
+from surefoot.logline import said
 from surefoot.schemas.system import ServiceStatus
 
 from .compose import Compose, ComposeService
 from .identity import await_end
+from .logs import tail
 from .process import Child
 from .reconcile import (
     ABSENT,
-    Action,
     Observed,
+    ProcessAction,
+    Signs,
     failures_after,
     plan,
     settled,
     wanted_from,
 )
 from .rundir import RunFolder
-from .signs import Signs
 
 SELF = "supervisor"  # listed in the compose file for container engines; here it is this very process
 STEP_S = 0.02  # s, how often processes are looked at
+LAST_LINES = 50  # of a log, among which its last words are looked for
 PAUSE_S = 1.0  # s; a longer gap between two looks means that the machine slept
 
 
 class Process(Protocol):
-    """What the system needs of a process; `Child` in earnest, a stand-in in tests."""
+    """Interface of a process: `Child`, or a stand-in in tests."""
 
     pid: int
 
@@ -59,7 +62,7 @@ class System:
         extra_arguments: Mapping[str, tuple[str, ...]] | None = None,
         clock: Callable[[], float] = time.monotonic,
         spawn: Callable[[ComposeService], Process] | None = None,
-        on_action: Callable[[Action], None] = lambda action: None,
+        on_action: Callable[[ProcessAction], None] = lambda action: None,
     ) -> None:
         self.compose = compose
         self.folder = folder
@@ -76,7 +79,7 @@ class System:
         self._processes: dict[str, Process] = {}
         self._observed: dict[str, Observed] = {}
         self._signs: dict[str, Signs] = {}
-        self._notes: dict[str, Action] = {}
+        self._notes: dict[str, ProcessAction] = {}
         self._noting = threading.Lock()
         self._restarts = dict.fromkeys(self._services, 0)
         self._looked: float | None = None
@@ -113,8 +116,8 @@ class System:
             if signs is not None and process is not None:
                 self._signs[service] = signs.heard(self._clock(), process.starved_s(), well=well)
 
-    def step(self, *, shutdown: bool = False) -> tuple[Action, ...]:
-        """Look at every process once and do what the reconciler says."""
+    def step(self, *, shutdown: bool = False) -> tuple[ProcessAction, ...]:
+        """Look at every process once and carry out the actions of the reconciler."""
         now = self._clock()
         if self._looked is not None and now - self._looked > PAUSE_S:
             self._forgive_silence(now)
@@ -131,7 +134,7 @@ class System:
         return actions
 
     def settled(self) -> bool:
-        """Tell whether every service runs and is well."""
+        """Report whether every service runs and is well."""
         return settled(self._wanted, self._observed)
 
     def given_up(self) -> tuple[str, ...]:
@@ -140,8 +143,17 @@ class System:
         given_up = {name for name, note in self._notes.items() if note.verb == "give_up"}
         return tuple(name for name in self._services if name in ended | given_up)
 
+    def failure(self) -> str:
+        """Return why a service does not run and is not restarted any more, empty while there is none."""
+        for name in self.given_up():
+            log = self.folder.log(name)
+            words = said(next((line.strip() for line in reversed(tail(log, LAST_LINES)) if line.strip()), ""))[:300]
+            why = self._row(name).detail or "ended"
+            return f"{name} does not run ({why})" + (f": {words}" if words else "") + f"; see {log}"
+        return ""
+
     def running(self) -> bool:
-        """Tell whether any process lives."""
+        """Report whether any process lives."""
         return any(process.poll() is None for process in self._processes.values())
 
     def wait(self, patience_s: float) -> None:
@@ -185,7 +197,7 @@ class System:
         return ServiceStatus(service=name, state=word, pid=pid, restarts=self._restarts[name], detail=detail)
 
     def _observe(self, name: str, now: float) -> Observed:
-        """Bring what was known of a service up to date."""
+        """Return the present state of a service."""
         state = self._observed.get(name, ABSENT)
         if state.phase != "running":
             return state
@@ -207,11 +219,11 @@ class System:
         return replace(state, healthy=False, unhealthy_since=now, why=signs.words(now))
 
     def _forgive_silence(self, now: float) -> None:
-        """Nothing could be heard while this process slept: let the last signs count from now on."""
+        """Count silence from now on: while this process slept, no sign of life could reach it."""
         with self._noting:
             self._signs = {name: replace(signs, progress=now) for name, signs in self._signs.items()}
 
-    def _act(self, action: Action, now: float) -> bool:
+    def _act(self, action: ProcessAction, now: float) -> bool:
         """Carry out one action; True when the set of processes changed."""
         name = action.service
         state = self._observed.get(name, ABSENT)

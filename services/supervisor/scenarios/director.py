@@ -1,7 +1,8 @@
-"""What a scenario asks for, tick by tick. Pure: what was seen goes in, orders come out.
+"""Orders of a scenario, tick by tick. Pure: observations go in, orders come out.
 
-The supervisor takes part in lockstep: while it works on tick t nobody is further than t + ``WINDOW_TICKS``. An order
-for the tick after that reaches everybody in time, and the run is the same each time. It looks at the ticks it reports.
+The supervisor takes part in lockstep: while it works on tick t no service is further than t + ``WINDOW_TICKS``. An
+order for the tick after that reaches every service in time, and the run is the same each time. The supervisor looks at
+the ticks that it reports.
 """
 
 import math
@@ -17,26 +18,26 @@ from surefoot.schemas.topics import SIM_PAUSE, STABILITY_CALIBRATE, Query
 from .scenario import COMMANDS, GOALS, TICK_S, WALKING, Scenario, Step
 
 LEAD_TICKS = WINDOW_TICKS + 1
-"""An order comes at least so long before its tick."""
+"""Least number of ticks between an order and its tick."""
 HORIZON_TICKS = LEAD_TICKS + REPORT_TICKS - 1
 """Orders for ticks up to here are given now: the next look might be too late for them."""
 TRIES = 6
-"""An order that comes too late is sent so often, each time with twice the lead."""
+"""Attempts to send an order that comes too late, each with twice the lead."""
 RESTING = ("standing", "refused")
 """States of the walker in which a walking command has ended."""
 
 
 @dataclass(frozen=True)
-class Order:
+class TimedOrder:
     """A command to be sent now.
 
     Attributes:
-        text: what it is, in words.
+        text: description for notes and problems.
         query: where it goes; None for `kill`.
         request: the command with its tick.
         kill: name of the service that is to be ended at once.
-        walking: its end is the moment `walk_done`.
-        goal: its end is the moment `goal_done`.
+        walking: the end of its walk is the moment `walk_done`.
+        goal: the end of its goal is the moment `goal_done`.
         tries: how often it has come too late.
     """
 
@@ -50,7 +51,7 @@ class Order:
 
 
 @dataclass
-class Walk:
+class WalkUnderWay:
     """A walking command under way."""
 
     command: WalkCommand
@@ -71,22 +72,24 @@ class Director:
         self._timed = [step for step in scenario.steps if step.at_tick is not None]
         self._waiting = [step for step in scenario.steps if step.at_tick is None]
         self._ready_at: int | None = None
-        self._walk: Walk | None = None
+        self._walk: WalkUnderWay | None = None
         self._walk_ended_at: int | None = None
         self._busy_until = 0
         self._resend = False
-        self._late: list[Order] = []
+        self._late: list[TimedOrder] = []
         self._goal = ""
         """Name of the goal under way."""
         self._goal_ended_at: int | None = None
 
-    def on_tick(self, tick: int, gait: Any | None, *, fallen: bool = False, feedback: Any | None = None) -> list[Order]:
-        """Take in a tick and say what to send now; called at least every ``REPORT_TICKS``.
+    def on_tick(
+        self, tick: int, gait: Any | None, *, fallen: bool = False, feedback: Any | None = None
+    ) -> list[TimedOrder]:
+        """Return the orders to send now; called at least every ``REPORT_TICKS``.
 
         Args:
             tick: number of the control tick.
             gait: GaitState of this tick, None when the walker is absent.
-            fallen: the truth says so.
+            fallen: the robot has fallen, by the truth.
             feedback: the latest NavigationFeedback, None when there is none.
         """
         orders = self._again(tick)
@@ -111,21 +114,21 @@ class Director:
             orders.append(self._end(tick, "all steps are done"))
         return orders
 
-    def answered(self, order: Order, reply: Any) -> None:
-        """Take in the reply to an order that was served."""
+    def answered(self, order: TimedOrder, reply: Any) -> None:
+        """Record the reply to an order that was served."""
         if not reply.accepted:
             self.problems.append(f"{order.text} was refused: {reply.reason}")
             self._waiting.clear()
         elif order.query is STABILITY_CALIBRATE and reply.reason:
             self.notes.append(f"calibration: {reply.reason}")
         elif order.walking and isinstance(order.request, WalkCommand):
-            self._walk = Walk(order.request, order.request.at_tick or 0, reply.id)
+            self._walk = WalkUnderWay(order.request, order.request.at_tick or 0, reply.id)
             self._walk_ended_at = None
         elif order.goal:
             self._goal, self._goal_ended_at = reply.goal_id, None
 
-    def failed(self, order: Order, code: str, message: str) -> None:
-        """Take in that an order was not served.
+    def failed(self, order: TimedOrder, code: str, message: str) -> None:
+        """Record that an order was not served.
 
         In paced time a service that was away for a moment learns of an order only after its tick. An order refused as
         ``late`` is therefore sent again for a later tick, ``TRIES`` times; everything else is a problem of the run.
@@ -177,8 +180,8 @@ class Director:
                 self.problems.append(f"the goal {self._goal!r} failed: {feedback.error_code}: {feedback.error_msg}")
             self._goal, self._goal_ended_at = "", tick
 
-    def _walk_again(self, tick: int) -> Order:
-        """A walker that was restarted knows nothing of the command: it gets the rest of the way."""
+    def _walk_again(self, tick: int) -> TimedOrder:
+        """Return the order for the rest of the way: a restarted walker has lost the command."""
         assert self._walk is not None
         command, left = self._walk.command, self._walk.remaining
         self._resend = False
@@ -187,14 +190,14 @@ class Director:
             update["distance"] = math.copysign(left, command.distance)
         if left is not None and command.angle is not None:
             update["angle"] = math.copysign(left, command.angle)
-        self.notes.append(f"the walker was restarted; it was told the rest of its way at tick {tick}")
+        self.notes.append(f"the walker was restarted; it got the rest of its way at tick {tick}")
         query, _ = COMMANDS[command.action]
-        return Order(f"{command.action} (again)", query, command.model_copy(update=update), walking=True)
+        return TimedOrder(f"{command.action} (again)", query, command.model_copy(update=update), walking=True)
 
-    def _again(self, tick: int) -> list[Order]:
-        """Orders that came too late, for a tick that should still be to come."""
+    def _again(self, tick: int) -> list[TimedOrder]:
+        """Return the orders that came too late, for a later tick."""
         late, self._late = self._late, []
-        orders: list[Order] = []
+        orders: list[TimedOrder] = []
         for order in late:
             assert order.request is not None
             at_tick = tick + LEAD_TICKS * 2**order.tries
@@ -203,19 +206,19 @@ class Director:
         return orders
 
     def _time_of(self, step: Step) -> int | None:
-        """Tick a waiting step is due at, None when its moment has not come."""
+        """Return the tick at which a waiting step is due, None before its moment."""
         moments = {"ready": self._ready_at, "walk_done": self._walk_ended_at, "goal_done": self._goal_ended_at}
         moment = moments.get(step.when or "")
         return None if moment is None else moment + round(step.after_s / TICK_S)
 
-    def _order(self, step: Step, at_tick: int) -> Order:
+    def _order(self, step: Step, at_tick: int) -> TimedOrder:
         text = f"{step.do} at tick {at_tick}"
         if step.request is None:
-            return Order(f"kill of {step.service}", kill=step.service)
+            return TimedOrder(f"kill of {step.service}", kill=step.service)
         query, _ = COMMANDS[step.do]
         self._busy_until = max(self._busy_until, at_tick + _ticks_of(step.request))
         request = step.request.model_copy(update={"at_tick": at_tick})
-        return Order(text, query, request, walking=step.do in WALKING, goal=step.do in GOALS)
+        return TimedOrder(text, query, request, walking=step.do in WALKING, goal=step.do in GOALS)
 
     def _nothing_left(self, tick: int) -> bool:
         if self._late or self._timed or self._waiting or self._walk is not None or self._goal:
@@ -223,11 +226,11 @@ class Director:
         last = max(self._busy_until, self._walk_ended_at or 0, self._goal_ended_at or 0)
         return tick + LEAD_TICKS >= last + round(self.scenario.settle_s / TICK_S)
 
-    def _end(self, tick: int, reason: str) -> Order:
+    def _end(self, tick: int, reason: str) -> TimedOrder:
         self.ended = True
-        return Order(reason, SIM_PAUSE, PauseRequest(at_tick=tick + LEAD_TICKS, end=True))
+        return TimedOrder(reason, SIM_PAUSE, PauseRequest(at_tick=tick + LEAD_TICKS, end=True))
 
 
 def _ticks_of(request: Request) -> int:
-    """Ticks a request takes by its own word."""
+    """Return the control ticks that a request takes by its field `duration`."""
     return round((getattr(request, "duration", None) or 0.0) / TICK_S)

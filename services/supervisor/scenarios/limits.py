@@ -1,18 +1,53 @@
-"""What a scenario may demand of a run: the keys of `[limits]`."""
+"""Demands of a scenario on its run: the keys of `[limits]`."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, create_model
+
+from surefoot.schemas.topics import (
+    NAVIGATOR_FEEDBACK,
+    SIM_TRUTH,
+    STATE_GAIT,
+    STATE_ODOMETRY,
+    STATE_POSE,
+    STATE_STABILITY,
+    STATE_VELOCITY,
+    STATE_VELOCITY_EKF,
+    STATE_VELOCITY_IMU,
+    STATE_VELOCITY_KINEMATICS,
+    STATE_VELOCITY_KINEMATICS_GYRO,
+    TERRAIN_MAP,
+    Topic,
+)
+from surefoot.tables import FileModel, Number
+
+JUDGED: tuple[Topic[Any], ...] = (
+    SIM_TRUTH,
+    STATE_VELOCITY,
+    STATE_ODOMETRY,
+    STATE_GAIT,
+    STATE_STABILITY,
+    STATE_VELOCITY_IMU,
+    STATE_VELOCITY_KINEMATICS,
+    STATE_VELOCITY_KINEMATICS_GYRO,
+    STATE_VELOCITY_EKF,
+    TERRAIN_MAP,
+    STATE_POSE,
+    NAVIGATOR_FEEDBACK,
+)
+"""Topics from which the metrics of a run are computed."""
 
 Side = Literal["least", "most"]
 
 
 @dataclass(frozen=True)
 class Limit:
-    """What a run must achieve in one metric.
+    """Demand on one metric of a run.
 
     Attributes:
-        metric: name of the number that is judged, a row of the verdict.
+        metric: name of the number in a row of the verdict.
         side: whether the value has to be at least or at most the limit.
         yes_no: the limit is a flag in the scenario file (`no_fall = true`).
     """
@@ -46,3 +81,15 @@ LIMITS: Mapping[str, Limit] = {
     "min_real_time_factor": Limit("real_time_factor", "least"),
 }
 """Keys of `[limits]` in a scenario file."""
+
+
+def _read(table: Any) -> Any:
+    """Return the limits that a file sets, in the order of `LIMITS`; one that is a flag as 0.0."""
+    given = _TABLE.model_validate(table).model_dump(exclude_unset=True)
+    return {name: 0.0 if value is True else value for name, value in given.items() if value is not False}
+
+
+_KINDS: Any = {name: (bool, False) if limit.yes_no else (Number, 0.0) for name, limit in LIMITS.items()}
+_TABLE = create_model("LimitsTable", __base__=FileModel, **_KINDS)
+Limits = Annotated[Mapping[str, float], BeforeValidator(_read, json_schema_input_type=_TABLE)]
+"""Limits of a scenario by name, as read from `[limits]`."""

@@ -6,19 +6,18 @@ A step is a command of the wire with a time: `do` names it, the other keys are t
 """
 
 import json
-import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, TypeVar, cast
+from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import ValidationError
+from pydantic import BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic.json_schema import models_json_schema
 
 from surefoot.bus.codec import first_complaint
 from surefoot.files import FileError, find, read_text
 from surefoot.lockstep.config import PREFIX
-from surefoot.nearest import did_you_mean
 from surefoot.schemas.base import Request
 from surefoot.schemas.calibration import CalibrateRequest
 from surefoot.schemas.cmd import WalkCommand
@@ -38,20 +37,18 @@ from surefoot.schemas.topics import (
     TICK_S,
     Query,
 )
-from surefoot.tables import Table
+from surefoot.tables import FileModel, Number, Positive, Text, Whole, refused, shown, unknown_key, validated
 
-from .limits import LIMITS
+from .limits import Limits
 
 M = TypeVar("M", bound=Request)
 
 Moment = Literal["ready", "walk_done", "goal_done"]
-Policy = Literal["hold", "degrade", "fail"]
-MOMENTS: tuple[Moment, ...] = ("ready", "walk_done", "goal_done")
 """ready: the walker stands and the estimator is initialised; walk_done: the last walking command has ended; goal_done:
 the last goal of the navigator has ended, however it did."""
+Policy = Literal["hold", "degrade", "fail"]
 
 MAX_DURATION_S = 3600.0
-_NAME = re.compile(r"[a-z0-9][a-z0-9-]*")
 
 COMMANDS: Mapping[str, tuple[Query[Any, Any], type[Request]]] = {
     "walk": (CMD_WALK, WalkCommand),
@@ -68,7 +65,7 @@ COMMANDS: Mapping[str, tuple[Query[Any, Any], type[Request]]] = {
     "set_pose": (NAVIGATOR_SET_POSE, SetPoseRequest),
     "calibrate": (STABILITY_CALIBRATE, CalibrateRequest),
 }
-"""What a step can do, with the query that carries it. `kill` is the supervisor's own: it ends a service at once."""
+"""Commands of a step, each with the query that carries it; beside them `kill` ends a service at once."""
 
 WALKING = ("walk", "turn", "stop")
 """Steps that end with the moment `walk_done`."""
@@ -77,62 +74,123 @@ GOALS = ("goto", "waypoints")
 """Steps that end with the moment `goal_done`."""
 
 
+_HEAD = ("do", "at_tick", "when", "after_s")
+_FILE = ConfigDict(extra="forbid", allow_inf_nan=False, defer_build=True, use_attribute_docstrings=True)
+
+
 class ScenarioError(FileError):
     """A scenario file that cannot be used."""
 
 
+class Kill(FileModel):
+    """Keys of the step that ends a service at once."""
+
+    service: Text
+
+
 @dataclass(frozen=True)
 class Step:
-    """One thing that happens in a run.
+    """One thing that happens in a run."""
 
-    Attributes:
-        do: a key of `COMMANDS`, or `kill`.
-        at_tick: control tick it takes effect in; None when it waits for a moment.
-        when: moment it waits for; None when it has a tick.
-        after_s: simulated time between the moment and the step, s.
-        request: the command, without `at_tick`; None for `kill`.
-        service: name of the service that `kill` ends.
-    """
+    __pydantic_config__ = _FILE
 
-    do: str
-    at_tick: int | None = None
+    do: Literal[(*COMMANDS, "kill")]  # pyright: ignore[reportInvalidTypeForm] - a key of COMMANDS, or kill
+    """Command, or `kill`."""
+    at_tick: Annotated[Whole, Field(ge=0, le=10**9)] | None = None
+    """Control tick it takes effect in; null when it waits for a moment."""
     when: Moment | None = None
-    after_s: float = 0.0
+    """Moment it waits for; null when it has a tick."""
+    after_s: Annotated[Number, Field(ge=0.0, le=MAX_DURATION_S)] = 0.0
+    """Simulated time between the moment and the step, s."""
     request: Request | None = None
+    """Command without `at_tick`; null for `kill`."""
     service: str = ""
+    """Name of the service that `kill` ends."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_request(cls, table: Any) -> Any:
+        """Build the command from the keys that are not the step's own."""
+        do = table.get("do") if isinstance(table, Mapping) else None
+        if not isinstance(do, str) or do not in (*COMMANDS, "kill"):
+            return table
+        if ("at_tick" in table) == ("when" in table):
+            raise refused("missing", "a step needs either `at_tick` or `when`, and not both", "at_tick")
+        head = {name: table[name] for name in _HEAD if name in table}
+        fields = {name: value for name, value in table.items() if name not in _HEAD}
+        if do == "kill":
+            return {**head, **Kill.model_validate(fields).model_dump()}
+        query, model = COMMANDS[do]
+        if query is CMD_WALK:
+            if "action" in fields:
+                raise refused("unknown_key", "is not known here; `do` states what happens", "action")
+            fields["action"] = do
+        return {**head, "request": on_wire(model, fields)}
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if self.after_s and self.when is None:
+            raise refused("value", "goes with `when` only; with `at_tick` the time is known", "after_s")
+        return self
+
+
+def on_wire(model: type[M], fields: Mapping[str, Any]) -> M:
+    """Build a model of the wire from a table; its first complaint becomes ours."""
+    known = [name for name in model.model_fields if name not in ("at_tick", "action")]
+    try:
+        return model.model_validate(fields)
+    except ValidationError as exc:
+        first = first_complaint(exc)
+        where = ".".join(str(part) for part in first["loc"])
+        if first["type"] == "extra_forbidden":
+            raise refused("unknown_key", unknown_key(where, known), where) from exc
+        code = "missing" if first["type"] == "missing" else "value"
+        got = "" if code == "missing" else f" (got {str(first.get('input'))[:80]!r})"
+        raise refused(code, f"{first['msg']}{got}", where) from exc
+
+
+def _scalar(value: Any) -> Any:
+    if not isinstance(value, str | int | float | bool):
+        raise refused("type", f"expected text, a number or a flag, got {shown(value)}")
+    return value
+
+
+Scalar = Annotated[Any, BeforeValidator(_scalar, json_schema_input_type=str | float | bool)]
+WireWorld = Annotated[
+    World, BeforeValidator(lambda table: on_wire(World, table) if isinstance(table, Mapping) else table)
+]
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """A validated scenario.
+    """A validated scenario, and the keys of its file."""
 
-    Attributes:
-        name: as in `surefoot run <name>`.
-        description: one sentence.
-        compose: name or path of the compose file.
-        seed: of everything random, unless the caller gives another.
-        world: terrain, map profile, friction and sensor profile of the simulator.
-        actuation_delay_ticks: 0 = strict lockstep.
-        policy: what the simulator does when a member dies.
-        max_duration_s: simulated time after which the run is ended, s.
-        settle_s: simulated time between the end of the last step and the end of the run, s.
-        config: by service, fields of its configuration and their values.
-        steps: in the order of the file.
-        limits: acceptance, by name of `LIMITS`.
-    """
+    __pydantic_config__ = _FILE
 
-    name: str
-    description: str
-    compose: str = "ragno"
-    seed: int = 0
-    world: World = field(default_factory=World)
-    actuation_delay_ticks: int = 1
+    name: Annotated[Text, Field(pattern="^[a-z0-9][a-z0-9-]*$")]
+    """Name for `surefoot run <name>` [that of the file]."""
+    description: Text
+    """One sentence."""
+    compose: Text = "ragno"
+    """Name or path of the compose file."""
+    seed: Annotated[Whole, Field(ge=0, lt=2**31)] = 0
+    """Seed of everything random, unless the caller gives another."""
+    world: WireWorld = field(default_factory=World)
+    """Terrain, map profile, friction and sensor profile of the simulator."""
+    actuation_delay_ticks: Annotated[Whole, Field(ge=0, le=5)] = 1
+    """Control ticks between a command and its effect, 0 = strict lockstep."""
     policy: Policy = "hold"
-    max_duration_s: float = 60.0
-    settle_s: float = 0.5
-    config: Mapping[str, Mapping[str, Any]] = field(default_factory=dict[str, Mapping[str, Any]])
-    steps: tuple[Step, ...] = ()
-    limits: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Reaction of the simulator when a member dies."""
+    max_duration_s: Annotated[Positive, Field(le=MAX_DURATION_S)] = 60.0
+    """Simulated time after which the run is ended, s."""
+    settle_s: Annotated[Number, Field(ge=0.0, le=60.0)] = 0.5
+    """Simulated time between the end of the last step and the end of the run, s."""
+    config: Mapping[str, dict[str, Scalar]] = field(default_factory=dict[str, dict[str, Any]])
+    """Configuration of services: fields and their values, by service."""
+    steps: Annotated[tuple[Step, ...], Field(alias="step", min_length=1)] = ()
+    """Steps in the order of the file."""
+    limits: Limits = field(default_factory=dict[str, float])
+    """Acceptance limits, by name; 0.0 for a limit that is a flag."""
 
     @property
     def environment(self) -> dict[str, str]:
@@ -149,17 +207,37 @@ class Scenario:
         return max(1, round(self.max_duration_s / TICK_S))
 
 
+def scenario_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a scenario file; a step has its own fields beside those of its command."""
+    schema, steps = TypeAdapter(Scenario).json_schema(), TypeAdapter(Step).json_schema()["properties"]
+    models: dict[str, Any] = {name: model for name, (_, model) in COMMANDS.items()} | {"kill": Kill}
+    _, shared = models_json_schema([(model, "validation") for model in {*models.values()}])
+    either: list[dict[str, Any]] = []
+    for do, model in models.items():
+        wire = shared["$defs"][model.__name__]
+        set_by_do = ("action",) if model is WalkCommand else ()
+        fields = {name: field for name, field in wire["properties"].items() if name not in set_by_do}
+        head = {**{name: steps[name] for name in _HEAD}, "do": {"const": do}}
+        required = ["do", *(name for name in wire.get("required", ()) if name not in set_by_do)]
+        either.append({"properties": fields | head, "required": required, "additionalProperties": False})
+    schema["properties"]["step"] = {"type": "array", "minItems": 1, "items": {"type": "object", "oneOf": either}}
+    schema["required"] = ["description"]
+    schema["$defs"] |= shared["$defs"]
+    return schema
+
+
 def find_scenario(name: str) -> Path:
     """Return the path of a scenario given by name or path; ScenarioError when there is none."""
     return find("scenarios", name, ".toml", ScenarioError)
 
 
-def load_scenario(path: Path) -> Scenario:
-    """Read and validate a scenario file.
+def load_scenario(name: str | Path) -> Scenario:
+    """Read and validate a scenario file given by name or path.
 
     Raises:
         ScenarioError: with code, field and a sentence.
     """
+    path = find("scenarios", str(name), ".toml", ScenarioError)
     return parse_scenario(read_text(path, ScenarioError), path)
 
 
@@ -170,111 +248,7 @@ def parse_scenario(text: str, path: Path = Path("scenario.toml")) -> Scenario:
             content = tomllib.loads(text)
         except (tomllib.TOMLDecodeError, RecursionError) as exc:
             raise ScenarioError("syntax", "file", f"is not TOML: {exc}") from exc
-        return _scenario(Table(content, error=ScenarioError), path.stem)
+        return validated(Scenario, {"name": path.stem, **content}, ScenarioError)
     except ScenarioError as exc:
         exc.file = str(path)
         raise
-
-
-def _scenario(top: Table, stem: str) -> Scenario:
-    default = Scenario(name=stem, description="")
-    name = top.text("name") if top.has("name") else stem
-    if not _NAME.fullmatch(name):
-        raise top.refuse("value", "name", f"got {name!r}, allowed are small letters, digits and '-'")
-    policies = ("hold", "degrade", "fail")
-    policy = cast(Policy, top.text("policy", allowed=policies)) if top.has("policy") else default.policy
-    delay = top.integer("actuation_delay_ticks", at_least=0, at_most=5) if top.has("actuation_delay_ticks") else 1
-    scenario = Scenario(
-        name=name,
-        description=top.text("description"),
-        compose=top.text("compose") if top.has("compose") else default.compose,
-        seed=top.integer("seed", at_least=0, at_most=2**31 - 1) if top.has("seed") else default.seed,
-        world=_world(top),
-        actuation_delay_ticks=delay,
-        policy=policy,
-        max_duration_s=top.number("max_duration_s", default=60.0, above=0.0, at_most=MAX_DURATION_S),
-        settle_s=top.number("settle_s", default=0.5, at_least=0.0, at_most=60.0),
-        config=_config(top.table("config")) if top.has("config") else {},
-        steps=tuple(_step(table) for table in top.tables("step")) if top.has("step") else (),
-        limits=_limits(top.table("limits")) if top.has("limits") else {},
-    )
-    top.close()
-    return scenario
-
-
-def _world(top: Table) -> World:
-    if not top.has("world"):
-        return World()
-    table = top.table("world")
-    return _model(World, table, _rest(table))
-
-
-def _config(table: Table) -> dict[str, Mapping[str, Any]]:
-    """Read the tables `[config.<service>]`; each service judges its own fields when it starts."""
-    result: dict[str, Mapping[str, Any]] = {}
-    services = table.keys()
-    for name in services:
-        fields = _rest(table.table(name))
-        for key, value in fields.items():
-            if not isinstance(value, str | int | float | bool):
-                raise table.refuse("type", f"{name}.{key}", f"expected text, a number or a flag, got {value!r}")
-        result[name] = fields
-    table.close()
-    return result
-
-
-def _limits(table: Table) -> dict[str, float]:
-    result: dict[str, float] = {}
-    for name in LIMITS:
-        if not table.has(name):
-            continue
-        if LIMITS[name].yes_no:
-            if table.flag(name, default=True):
-                result[name] = 0.0
-        else:
-            result[name] = table.number(name)
-    table.close()
-    return result
-
-
-def _step(table: Table) -> Step:
-    do = table.text("do", allowed=(*COMMANDS, "kill"))
-    at_tick = table.integer("at_tick", at_least=0, at_most=10**9) if table.has("at_tick") else None
-    when = cast(Moment, table.text("when", allowed=MOMENTS)) if table.has("when") else None
-    if (at_tick is None) == (when is None):
-        raise table.refuse("missing", "at_tick", "a step needs either `at_tick` or `when`, and not both")
-    after_s = table.number("after_s", default=0.0, at_least=0.0, at_most=MAX_DURATION_S)
-    if after_s and when is None:
-        raise table.refuse("value", "after_s", "goes with `when` only; with `at_tick` the time is known")
-    if do == "kill":
-        service = table.text("service")
-        table.close()
-        return Step(do, at_tick, when, after_s, service=service)
-    query, model = COMMANDS[do]
-    fields = _rest(table, "do", "at_tick", "when", "after_s")
-    if query is CMD_WALK:
-        if "action" in fields:
-            raise table.refuse("unknown_key", "action", "is not known here; `do` says what happens")
-        fields["action"] = do
-    return Step(do, at_tick, when, after_s, _model(model, table, fields))
-
-
-def _rest(table: Table, *but: str) -> dict[str, Any]:
-    names = table.keys()
-    return {name: table.raw(name) for name in names if name not in but}
-
-
-def _model(model: type[M], table: Table, fields: Mapping[str, Any]) -> M:
-    """Build a model of the wire from a table; pydantic's first complaint becomes ours."""
-    known = [name for name in model.model_fields if name not in ("at_tick", "action")]
-    try:
-        return model.model_validate(fields)
-    except ValidationError as exc:
-        first = first_complaint(exc)
-        where = ".".join(str(part) for part in first["loc"])
-        if first["type"] == "extra_forbidden":
-            hint = did_you_mean(where, known)
-            raise table.refuse("unknown_key", where, f"is not known here{hint}; known are {', '.join(known)}") from exc
-        code = "missing" if first["type"] == "missing" else "value"
-        got = "" if code == "missing" else f" (got {str(first.get('input'))[:80]!r})"
-        raise table.refuse(code, where, f"{first['msg']}{got}") from exc

@@ -39,8 +39,8 @@ def test_holds_table_and_readiness(folder):
     folder.write_rows([ServiceStatus(service="walker", state="healthy", pid=7, restarts=1, detail="")])
     assert folder.read_rows()[0]["service"] == "walker"
     assert not folder.ready()
-    folder.write_ready()
-    assert folder.ready()
+    folder.write_ready({"connect": "x"})
+    assert folder.ready() == {"connect": "x"}
     folder.release()
     assert not folder.ready()
     assert folder.read_rows() == []

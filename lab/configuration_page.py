@@ -1,0 +1,96 @@
+"""The page of all parameters, docs/configuration.md.
+
+Made by `python -m surefoot.lab.configuration_page > docs/configuration.md`.
+"""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic.fields import FieldInfo
+
+import surefoot
+from surefoot.lockstep.config import PREFIX
+from surefoot.lockstep.discover import own_service_names, service_class
+from surefoot.services.supervisor.processes.compose import load_compose
+from surefoot.services.supervisor.scenarios.scenario import load_scenario
+
+from .topics_page import table
+
+ROOT = Path(surefoot.__file__).parents[1]
+
+_HEAD = """# Configuration
+Generated from the `Config` of each service; do not edit. After a change of one:
+`python -m surefoot.lab.configuration_page > docs/configuration.md`.
+
+A parameter gets its value from, the later the stronger:
+1. the default below;
+2. a TOML file with one table per service: `surefoot-service walker --config my.toml`;
+3. the environment: `SUREFOOT_<SERVICE>_<FIELD>` for one service, `SUREFOOT_<FIELD>` for every service that has it. A
+   compose file sets variables in `environment`, a scenario in `[config.<service>]`; that of the compose file is the
+   stronger one;
+4. the command line of the service: `surefoot-service walker --set stride_m=0.05`.
+
+Values are read as TOML where they can be (numbers, booleans, lists), else as text. A wrong value is refused before
+anything starts. Numbers of a robot are in its `robot.toml`, those of a run in its scenario: `surefoot schema file
+robot`, `surefoot schema file scenario`. The last column names the files of `compose/` and `scenarios/` that set the
+parameter.
+"""
+_COLUMNS = ("parameter", "default", "allowed", "unit and meaning", "set in")
+_SIGNS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
+
+
+def page() -> str:
+    """Return the page as Markdown."""
+    used, parts = _used(), [_HEAD]
+    for service in own_service_names():
+        fields: dict[str, FieldInfo] = service_class(service).Config.model_fields
+        rows = [
+            (f"`{name}`", _default(field), _allowed(field), field.description or "", _files(used, service, name))
+            for name, field in fields.items()
+        ]
+        parts.append(f"## {service}\n`SUREFOOT_{service.upper()}_<PARAMETER>`\n\n{table(_COLUMNS, rows)}")
+    return "\n".join(parts)
+
+
+def _default(field: FieldInfo) -> str:
+    return f"`{json.dumps(field.get_default(call_default_factory=True))}`"
+
+
+def _allowed(field: FieldInfo) -> str:
+    """Return the range of a parameter, its words, or its type."""
+    limits = [f"{_SIGNS[name]} {value}" for part in field.metadata for name, value in _limits(part)]
+    kinds = get_args(field.annotation)
+    words = [f"`{kind}`" for kind in kinds if isinstance(kind, str)]
+    types = [kind.__name__ for kind in kinds or (field.annotation,) if isinstance(kind, type)]
+    null = ["null"] if "NoneType" in types else []
+    plain = [name for name in types if name != "NoneType"] if not words else []
+    return ", ".join([*plain, *words, *limits, *null])
+
+
+def _limits(part: Any) -> list[tuple[str, float]]:
+    return [(name, getattr(part, name)) for name in _SIGNS if hasattr(part, name)]
+
+
+def _used() -> dict[tuple[str, str], set[str]]:
+    """Return the files that set a parameter, by service and parameter."""
+    found: dict[tuple[str, str], set[str]] = {}
+    for path in sorted((ROOT / "scenarios").glob("*.toml")):
+        for service, fields in load_scenario(path).config.items():
+            for name in fields:
+                found.setdefault((service, name), set()).add(path.stem)
+    for path in sorted((ROOT / "compose").glob("*.yaml")):
+        for service in load_compose(path).services:
+            for variable in service.environment:
+                name = variable.removeprefix(PREFIX).lower().removeprefix(f"{service.name}_")
+                found.setdefault((service.name, name), set()).add(path.name)
+    return found
+
+
+def _files(used: dict[tuple[str, str], set[str]], service: str, name: str) -> str:
+    return ", ".join(sorted(used.get((service, name), ())))
+
+
+if __name__ == "__main__":
+    sys.stdout.write(page())

@@ -1,0 +1,20 @@
+"""Rows of `surefoot status`: services with their live numbers, and how simulated time runs."""
+
+from typing import Any
+
+from surefoot.schemas.sim import SimStatus
+from surefoot.schemas.system import Health
+from surefoot.simtime import pace
+
+NUMBERS = ("tick", "tick_p50_us", "tick_p99_us", "cpu_s", "rss_mb", "refused", "dropped", "late", "waiting_for")
+TIME = ("state", "rtf", "pace", "late", "held", "tick")
+
+
+def health_row(health: Health) -> dict[str, Any]:
+    """Return what a service reports of itself."""
+    return {"doing": health.state, **{name: getattr(health, name) for name in NUMBERS}}
+
+
+def time_row(status: SimStatus) -> dict[str, Any]:
+    """Return how simulated time runs, as numbers and in words."""
+    return {**{name: getattr(status, name) for name in TIME}, "words": pace(status)}
