@@ -22,9 +22,9 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
 from benchmarks import bench_estimator_accuracy, bench_estimator_service
-from surefoot.lab.estimation.fuzz import Found, feed, fuzz, inputs_of
+from surefoot.lab.estimation.fuzz import FuzzCounts, feed, fuzz, inputs_of
 from surefoot.lab.estimation.log import Log
-from surefoot.lab.estimation.track import Running, default, names, track
+from surefoot.lab.estimation.track import LogRunner, default, names, track
 from surefoot.papers.wawrzynski.synthetic import KINDS, WalkParams, synthesize
 from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.stream import Estimator
@@ -93,7 +93,7 @@ def step_us(name: str, log: Log) -> float:
 
 def live_us(name: str, log: Log) -> float:
     """The same, sample by sample from Python, with flags and reasons, us."""
-    running, inputs = Running(name, log, {}), list(inputs_of(log, range(len(log.stamp_ns))))
+    running, inputs = LogRunner(name, log, {}), list(inputs_of(log, range(len(log.stamp_ns))))
     began = 0.0
     for k, x in enumerate(inputs):
         if k == WARM:
@@ -105,7 +105,7 @@ def live_us(name: str, log: Log) -> float:
 
 def late_ms(name: str, log: Log, seconds: float = 0.3) -> tuple[float, float]:
     """Median and largest time of a tick in which a foot sample comes so much late, ms."""
-    running, costs = Running(name, log, {}), []
+    running, costs = LogRunner(name, log, {}), []
     late = replace(log, foot_ns=log.foot_ns + round(1e9 * seconds))
     for k, x in enumerate(inputs_of(late, range(len(log.stamp_ns)))):
         x.feet = [(stamp - round(1e9 * seconds), *rest) for stamp, *rest in x.feet]
@@ -172,13 +172,13 @@ def speed(names: list[str]) -> None:
     print(f"all variants and odometry in the service, a 10 ms tick: {mean:.0f} us mean, {median:.0f} us median")
 
 
-def _trials(name: str, kind: str, trials: int, seed: int) -> Found:
+def _trials(name: str, kind: str, trials: int, seed: int) -> FuzzCounts:
     return fuzz(name, synthesize(KINDS[kind], seed), trials, seed)
 
 
-def merged(parts: list[Found]) -> Found:
+def merged(parts: list[FuzzCounts]) -> FuzzCounts:
     """All trials together."""
-    out = Found()
+    out = FuzzCounts()
     for part in parts:
         out.trials, out.samples = out.trials + part.trials, out.samples + part.samples
         out.fastest = max(out.fastest, part.fastest)

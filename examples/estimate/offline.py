@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 
-from surefoot.services.estimator.feet.kinematics import bare_mount
+from surefoot.services.estimator.feet.mount import bare_mount
 from surefoot.services.estimator.params import EstimatorParams
 from surefoot.services.estimator.stream import Estimator
 

@@ -1,4 +1,4 @@
-"""What the inertial unit alone can know: the least error of an estimate whose feet come late."""
+"""Error of the inertial unit alone: the least error of an estimate whose feet come late."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +11,11 @@ from .log import Log
 Array = NDArray[np.float64]
 
 STARTS = 200
-"""Rows from which is reckoned."""
+"""Most rows at which a dead reckoning begins."""
 
 
 def blind_error(log: Log, seconds: float) -> float:
-    """Rms error of the velocity after dead reckoning for so long, m/s.
+    """Return the rms error of the velocity after dead reckoning for so long, m/s.
 
     It begins with the true attitude and velocity, by samples whose mean error is taken out: only their noise is left.
     No estimate without the feet of that time can do better than this beside its error before.

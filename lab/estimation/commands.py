@@ -18,7 +18,9 @@ def estimate(
     log: Annotated[Path, typer.Argument(help="Recording (.mcap), or a log of others (.csv, .npz); docs/estimate.md.")],
     estimator: Annotated[str | None, typer.Option(help="Estimator: best, ekf, paper, imu, kinematics ...")] = None,
     robot: Annotated[str | None, typer.Option(help="Robot description, for logs with joint angles.")] = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for estimates and plots.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for estimates, plots and trajectories.")
+    ] = None,
     csv: Annotated[bool, typer.Option("--csv", help="Write the estimates as CSV as well.")] = False,
     sort: Annotated[bool, typer.Option("--sort", help="Put rows into the order of their stamps.")] = False,
     gyro_noise: Annotated[float | None, typer.Option(help="Gyro noise of a row, rad/s [of the quiet part].")] = None,
@@ -29,7 +31,7 @@ def estimate(
     from surefoot.tables import did_you_mean
 
     from .files import open_log
-    from .results import Scratch, pack, write_csv
+    from .results import Scratch, pack, write_csv, write_tum
     from .results import estimate as run
     from .track import default, names
 
@@ -50,20 +52,22 @@ def estimate(
         if out is not None:
             from .plots import draw
 
-            files.append(draw(result, out / "estimates.svg"))
+            files += [draw(result, out / "estimates.svg"), *write_tum(result, out)]
             if csv:
                 files.append(write_csv(result, out / "estimates.csv"))
             files.insert(0, pack(folder, out / "estimates.npz"))
-    told: dict[str, Any] = {**result.summary, "notes": list(opened.notes), "files": [str(path) for path in files]}
+    report: dict[str, Any] = {**result.summary, "notes": list(opened.notes), "files": [str(path) for path in files]}
     if json:
-        write_json(told)
+        write_json(report)
         return
-    _show(told, result.score)
+    _show(report, result.score)
 
 
-def _show(told: dict[str, Any], score: "Score | None") -> None:
+def _show(report: dict[str, Any], score: "Score | None") -> None:
     rows = [
-        (key.replace("_", " "), _words(value)) for key, value in told.items() if key not in ("errors", "files", "notes")
+        (key.replace("_", " "), _text(value))
+        for key, value in report.items()
+        if key not in ("errors", "files", "notes")
     ]
     write_table(("quantity", "value"), rows)
     if score is not None:
@@ -76,17 +80,17 @@ def _show(told: dict[str, Any], score: "Score | None") -> None:
             "height": f"{1e3 * score.height:.1f} mm", "heading at the end": f"{score.heading_deg:+.2f} deg",
         }  # fmt: skip
         write_table(("error", "value"), list(unit.items()))
-    for note in told["notes"]:
+    for note in report["notes"]:
         write(f"note  {note}")
-    for path in told["files"]:
+    for path in report["files"]:
         write(f"file  {path}")
 
 
-def _words(value: Any) -> str:
+def _text(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     if isinstance(value, list):
-        return " ".join(_words(part) for part in value)
+        return " ".join(_text(part) for part in value)
     if isinstance(value, dict):
-        return ", ".join(f"{key} {_words(part)}" for key, part in value.items()) or "none"
+        return ", ".join(f"{key} {_text(part)}" for key, part in value.items()) or "none"
     return "-" if value is None else str(value)

@@ -1,4 +1,4 @@
-"""What may happen to a log: late, shuffled, lost and false inputs, starts without rest, an IMU mounted any way."""
+"""Faults of a log: late, shuffled, lost and false inputs, starts without rest, an IMU mounted any way."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -8,21 +8,21 @@ from numpy.typing import NDArray
 
 from surefoot.geometry.rotations import matrix_from_quat, matrix_from_rotvec
 
-from .log import Log, Truth
+from .log import Log, TrueMotion
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
 def delayed(log: Log, seconds: float) -> Log:
-    """Every foot sample arrives so much after its stamp; the stamps are right."""
+    """Return the log with every foot sample arriving so much after its stamp; the stamps are right."""
     n, m = len(log.stamp_ns), len(log.foot_ns)
     at = np.concatenate([log.stamp_ns, log.foot_ns + round(seconds * 1e9)])
     return replace(log, order=np.lexsort((np.repeat([0, 1], [n, m]), at)))
 
 
 def shuffled(log: Log, seconds: float, seed: int) -> Log:
-    """Every input arrives up to so much after its stamp, each by its own draw; the last second is in order."""
+    """Return the log with every input arriving up to so much after its stamp; the last second is in order."""
     n, m = len(log.stamp_ns), len(log.foot_ns)
     stamps = np.concatenate([log.stamp_ns, log.foot_ns])
     late = np.random.default_rng(seed).uniform(0.0, seconds * 1e9, size=n + m).astype(np.int64)
@@ -31,7 +31,7 @@ def shuffled(log: Log, seconds: float, seed: int) -> Log:
 
 
 def with_losses(log: Log, share: float, seed: int, hole_s: float = 1.0) -> Log:
-    """A share of all samples is lost, and in the middle all feet for `hole_s`."""
+    """Return the log without a share of all samples, and in the middle without feet for `hole_s` s."""
     rng = np.random.default_rng(seed)
     middle = log.stamp_ns[len(log.stamp_ns) // 2]
     hole = (log.foot_ns >= middle) & (log.foot_ns < middle + round(hole_s * 1e9))
@@ -42,7 +42,7 @@ def with_losses(log: Log, share: float, seed: int, hole_s: float = 1.0) -> Log:
 
 
 def with_outliers(log: Log, share: float, size: float, seed: int) -> Log:
-    """A share of the feet is seen `size` m off, in any direction."""
+    """Return the log with a share of the feet seen `size` m off, in any direction."""
     rng = np.random.default_rng(seed)
     m, feet = log.contact.shape
     off = rng.normal(size=(m, feet, 3))
@@ -53,7 +53,7 @@ def with_outliers(log: Log, share: float, size: float, seed: int) -> Log:
 
 
 def with_false_contacts(log: Log, share: float, seconds: float, seed: int) -> Log:
-    """In a share of the swings all switches of the foot close for so long."""
+    """Return the log with all switches of the foot closed for so long in a share of the swings."""
     rng = np.random.default_rng(seed)
     contact = log.contact.copy()
     touch = None if log.touch is None else log.touch.copy()
@@ -72,7 +72,7 @@ def with_false_contacts(log: Log, share: float, seconds: float, seed: int) -> Lo
 
 
 def from_the_middle(log: Log, seconds: float) -> Log:
-    """The log from so long after its start on: nobody has seen a standstill."""
+    """Return the log from so long after its start on, without a standstill."""
     first = int(np.searchsorted(log.seconds, seconds))
     begin = max(0.0, log.begin_s - seconds)
     cut = log.with_feet(log.foot_ns >= log.stamp_ns[first]).with_imu(np.arange(first, len(log.stamp_ns)))
@@ -80,13 +80,13 @@ def from_the_middle(log: Log, seconds: float) -> Log:
 
 
 def without_standstill(log: Log) -> Log:
-    """The log from its walk on."""
+    """Return the log from its walk on."""
     first = log.rest[1] + 1
     return from_the_middle(log, float(log.seconds[first]))
 
 
 def with_wrong_start(log: Log, angle: float, seed: int) -> Log:
-    """The accelerometer shows a tilt that is wrong by `angle` rad until the robot walks."""
+    """Return the log with an accelerometer whose tilt is wrong by `angle` rad until the robot walks."""
     axis = np.random.default_rng(seed).normal(size=3)
     rot = matrix_from_rotvec(angle * axis / np.linalg.norm(axis))
     q = log.q.copy()
@@ -95,12 +95,12 @@ def with_wrong_start(log: Log, angle: float, seed: int) -> Log:
 
 
 def turned(log: Log, seed: int) -> Log:
-    """The same walk with the inertial unit mounted in another orientation."""
+    """Return the walk with the inertial unit mounted in another orientation."""
     quat = np.random.default_rng(seed).normal(size=4)
     rot = matrix_from_quat(quat / np.linalg.norm(quat))  # rot_new_from_old
     truth = log.truth
     if truth is not None:
-        truth = Truth(truth.position, truth.rot @ rot.T, truth.v_world)
+        truth = TrueMotion(truth.position, truth.rot @ rot.T, truth.v_world)
     return replace(
         log, w=np.ascontiguousarray(log.w @ rot.T), q=np.ascontiguousarray(log.q @ rot.T), truth=truth,
         foot_position=np.ascontiguousarray(log.foot_position @ rot.T),
@@ -110,7 +110,7 @@ def turned(log: Log, seed: int) -> Log:
 
 
 LATE = {"late 50 ms": 0.05, "late 90 ms": 0.09, "late 250 ms": 0.25}
-"""Name: by how much the feet come late, s."""
+"""Delay of the feet by name, s."""
 FAULTS: dict[str, Callable[[Log, int], Log]] = {
     **{name: lambda log, seed, late=late: delayed(log, late) for name, late in LATE.items()},
     "shuffled 100 ms": lambda log, seed: shuffled(log, 0.1, seed),
@@ -118,11 +118,11 @@ FAULTS: dict[str, Callable[[Log, int], Log]] = {
     "2 % outliers 2 cm": lambda log, seed: with_outliers(log, 0.02, 0.02, seed),
     "false contacts": lambda log, seed: with_false_contacts(log, 0.2, 0.13, seed),
 }
-"""Name: what is done to a log. The walk and its truth stay the same."""
+"""Faults by name; the walk and its truth stay the same."""
 STARTS: dict[str, Callable[[Log, int], Log]] = {
     "no standstill": lambda log, seed: without_standstill(log),
     "moving start": lambda log, seed: from_the_middle(log, 5.0 + 0.1 * (seed % 10)),
     "30 deg wrong": lambda log, seed: with_wrong_start(log, np.radians(30.0), seed),
     "IMU turned": turned,
 }
-"""Name: another start of the same walk."""
+"""Other starts of the walk by name."""

@@ -1,4 +1,4 @@
-"""A log from a file: recordings of this project (MCAP), CSV and NPZ of others."""
+"""Logs from files: recordings of this project (MCAP), CSV and NPZ of others."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,9 +14,9 @@ from surefoot.record.tables import read_table
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.feet.contact import contact_points
-from surefoot.services.estimator.feet.kinematics import feet_in_imu, foot_mount
+from surefoot.services.estimator.feet.mount import feet_in_imu, foot_mount
 
-from .log import Log, Truth
+from .log import Log, TrueMotion
 from .recorded import log_of_recording
 from .units import check_units, quietest
 
@@ -24,16 +24,16 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 ON, OFF = 0.25, 0.15
-"""A foot stands from this share of the usual total force on, until it falls below that share."""
+"""Shares of the usual total force: a foot stands from the first on, until its force falls below the second."""
 STANDSTILL = {"standstill_gyro_sd": 0.05, "standstill_acc_sd": 0.5}
-"""Rest of a robot whose sensors are unknown, rad/s and m/s^2; its feet must not move either."""
+"""Limits of a rest where the sensors are unknown, rad/s and m/s^2; the feet must not move either."""
 LOWEST_M = 0.005
-"""Without contacts and forces the feet within this height of the lowest one are taken to stand."""
+"""Height over the lowest foot up to which a foot stands, where contacts and forces are unknown, m."""
 
 
 @dataclass(frozen=True)
 class Opened:
-    """A log and what had to be assumed about it, in words."""
+    """A log, and notes on what was assumed about it."""
 
     log: Log
     notes: tuple[str, ...]
@@ -75,7 +75,7 @@ def open_log(path: Path, robot: str | None = None, sort: bool = False, **sensors
 
 
 def log_of_table(name: str, columns: Columns, robot: Robot | None = None, **more: Any) -> tuple[Log, tuple[str, ...]]:
-    """Log from checked columns, and what was assumed.
+    """Return a log from checked columns, and notes on what was assumed.
 
     Args:
         name: of the log.
@@ -156,7 +156,7 @@ def _feet(columns: Columns, notes: list[str]) -> tuple[Array, Array]:
 
 
 def _joints(columns: Columns, robot: Robot) -> Array:
-    """Joint angles in the order of the description."""
+    """Return joint angles (m, nj) rad in the order of the description."""
     joints = np.asarray(columns["joints"], dtype=np.float64)
     if "joint_names" in columns:
         names = [str(name) for name in columns["joint_names"]]
@@ -186,7 +186,7 @@ def _joints(columns: Columns, robot: Robot) -> Array:
 
 
 def _contact(columns: Columns, position: Array, acc: Array, notes: list[str]) -> tuple[Flags, Flags | None]:
-    """Contacts (m, F) and switches (m, F, S), from whatever tells of them."""
+    """Return contacts (m, F) and switches (m, F, S), from the columns that show them."""
     if "touch" in columns:
         touch = columns["touch"] > 0.5
         return np.asarray(touch.any(axis=2), dtype=np.bool_), touch
@@ -220,8 +220,8 @@ def _contact(columns: Columns, position: Array, acc: Array, notes: list[str]) ->
     return height < np.nanmin(height, axis=1, initial=np.inf)[:, None] + LOWEST_M, None
 
 
-def _truth(columns: Columns) -> Truth | None:
-    """Motion of the IMU, where position and orientation are known; its velocity by differences if it is not given."""
+def _truth(columns: Columns) -> TrueMotion | None:
+    """Return the motion of the IMU if position and orientation are known; without velocity that by differences."""
     if "true_position" not in columns or not ("true_rotation" in columns or "true_quat_wxyz" in columns):
         return None
     position = np.asarray(columns["true_position"], dtype=np.float64)
@@ -237,4 +237,4 @@ def _truth(columns: Columns) -> Truth | None:
         raise SurefootError(
             "invalid", "the truth has numbers that are not finite; leave its columns out", "true_position"
         )
-    return Truth(position, rot, v)
+    return TrueMotion(position, rot, v)

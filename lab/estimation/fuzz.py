@@ -1,4 +1,4 @@
-"""Random corruptions of a walk, one or two at a time: what an estimator must survive, and must not hide."""
+"""Random corruptions of a walk, one or two at a time, which an estimator must survive and must not hide."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.estimator.filter.summary import SLIDES
+from surefoot.services.estimator.filter.noise import FIXED
 from surefoot.services.estimator.stream import BEST
 
 from .log import Log
-from .track import Running
+from .track import LogRunner
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 FASTEST = 2.0  # m/s
 WRONG = 0.15  # m/s, an error of the velocity that matters
-WRONG_ROWS = 20  # rows in a row with such an error and no word of it: a silent lie
+WRONG_ROWS = 20  # rows in a row with such an error and no flag: a silent failure
 LENGTH = (1, 60)  # inertial rows of a corruption
 AFTER = 40  # rows that follow it
 CHECKED = 7  # rows from one look at the eigenvalues to the next
@@ -30,7 +30,7 @@ NOTHING = np.zeros(0, dtype=np.bool_)
 
 @dataclass
 class Inputs:
-    """What arrives with one inertial row; corruptions change it."""
+    """Inputs that arrive with one inertial row; corruptions change them."""
 
     stamp_ns: int
     w: Array
@@ -188,14 +188,14 @@ CORRUPTIONS: dict[str, Corruption] = {
 
 
 @dataclass
-class Found:
-    """What happened in many trials."""
+class FuzzCounts:
+    """Counts over many trials."""
 
     trials: int = 0
     samples: int = 0  # corrupted inputs
     broken: Counter[str] = field(default_factory=Counter)  # kind and what failed: never allowed
-    silent: Counter[str] = field(default_factory=Counter)  # kinds with an error that matters and no word of it
-    flagged: Counter[str] = field(default_factory=Counter)  # kinds of which any flag or counter spoke
+    silent: Counter[str] = field(default_factory=Counter)  # kinds with an error that matters and no flag
+    flagged: Counter[str] = field(default_factory=Counter)  # kinds that raised any flag or counter
     by_kind: Counter[str] = field(default_factory=Counter)
     fastest: float = 0.0  # m/s
 
@@ -212,7 +212,7 @@ def inputs_of(log: Log, rows: range) -> Iterator[Inputs]:
         yield Inputs(int(log.stamp_ns[k]), log.w[k].copy(), log.q[k].copy(), feet)
 
 
-def feed(running: Running, x: Inputs) -> None:
+def feed(running: LogRunner, x: Inputs) -> None:
     """Feed the inputs of one row."""
     if x.imu:
         running.imu(x.stamp_ns, x.w, x.q)
@@ -220,7 +220,7 @@ def feed(running: Running, x: Inputs) -> None:
         running.feet(*sample)
 
 
-def fuzz(name: str, log: Log, trials: int, seed: int, starts: int = 8, **options: Any) -> Found:
+def fuzz(name: str, log: Log, trials: int, seed: int, starts: int = 8, **options: Any) -> FuzzCounts:
     """Corrupt stretches of a walk, each trial from a good state of the estimator.
 
     Args:
@@ -231,11 +231,11 @@ def fuzz(name: str, log: Log, trials: int, seed: int, starts: int = 8, **options
         starts: good states to begin from.
         options: changes of the estimator's parameters.
     """
-    rng, found = np.random.default_rng(seed), Found()
+    rng, found = np.random.default_rng(seed), FuzzCounts()
     n = len(log.stamp_ns)
     walks = int(np.searchsorted(log.seconds, log.begin_s))
     rows = np.sort(rng.integers(walks, n - LENGTH[1] - AFTER - 1, size=starts))
-    running, good = Running(name, log, options), []
+    running, good = LogRunner(name, log, options), []
     for k, x in enumerate(inputs_of(log, range(int(rows[-1]) + 1))):
         if k in rows:
             good += [(k, deepcopy(running))] * int(np.sum(rows == k))
@@ -249,7 +249,9 @@ def fuzz(name: str, log: Log, trials: int, seed: int, starts: int = 8, **options
     return found
 
 
-def _trial(found: Found, running: Running, log: Log, first: int, kinds: list[str], rng: np.random.Generator) -> None:
+def _trial(
+    found: FuzzCounts, running: LogRunner, log: Log, first: int, kinds: list[str], rng: np.random.Generator
+) -> None:
     length = int(rng.integers(*LENGTH))
     label = " + ".join(sorted(kinds))
     memories: list[dict[str, Any]] = [{} for _ in kinds]
@@ -276,8 +278,8 @@ def _trial(found: Found, running: Running, log: Log, first: int, kinds: list[str
     found.silent[label] += longest >= WRONG_ROWS
 
 
-def _one_by_one(running: Running, inputs: list[Inputs], truth: Array) -> tuple[str, Flags, float, Flags]:
-    """What must never be, in words; rows without a word; largest speed, m/s; rows with an error that matters."""
+def _one_by_one(running: LogRunner, inputs: list[Inputs], truth: Array) -> tuple[str, Flags, float, Flags]:
+    """Return the failure (empty: none), rows without a flag, largest speed, m/s, rows with an error that matters."""
     before, fastest = sum(running.refused.values()), 0.0
     quiet, off = np.zeros(len(inputs), dtype=np.bool_), np.zeros(len(inputs), dtype=np.bool_)
     for i, x in enumerate(inputs):
@@ -294,8 +296,8 @@ def _one_by_one(running: Running, inputs: list[Inputs], truth: Array) -> tuple[s
     return "", quiet, fastest, off
 
 
-def _by_rows(running: Running, inputs: list[Inputs], truth: Array) -> tuple[str, Flags, float, Flags]:
-    """As `_one_by_one`, by the kernel for whole logs, which gives the same bits."""
+def _by_rows(running: LogRunner, inputs: list[Inputs], truth: Array) -> tuple[str, Flags, float, Flags]:
+    """Return the results of `_one_by_one` by the kernel for whole logs, which gives the same bits."""
     before, rows = running.refusals, [i for i, x in enumerate(inputs) if x.imu]
     order: list[int] = []
     feet: list[tuple[int, Array, Array, Flags]] = []
@@ -326,12 +328,12 @@ def _by_rows(running: Running, inputs: list[Inputs], truth: Array) -> tuple[str,
     positive = bool((least >= -1e-12 * scale).all()) and np.linalg.eigvalsh(out.pose[looked]).min() >= -1e-9
     positive = positive and np.diagonal(covariance, axis1=1, axis2=2)[:, 3:].min() > 0.0
     failed = "speed" if speeds.max() > FASTEST else "" if positive else "P not positive"
-    said = ~out.flags[:, 2:].all(axis=1) | (out.more[:, 4:] > SLIDES).any(axis=1) | (out.refused > before)
+    said = ~out.flags[:, 2:].all(axis=1) | (out.more[:, 4:] > FIXED.slides).any(axis=1) | (out.refused > before)
     return failed, ~said, float(np.abs(v).max()), np.linalg.norm(v - truth[rows], axis=1) > WRONG
 
 
 def _failure(e: Any, position: Array, covariance: Array, every: bool) -> str:
-    """What must never be: in words, empty if nothing is. Eigenvalues are looked at if `every` test is to be made."""
+    """Return the failure of an estimate, empty: none; eigenvalues are computed for `every` test only."""
     for name, values in (("velocity", e.velocity), ("g", e.g_up), ("P", e.covariance), ("pose", position)):
         if not np.isfinite(values).all():
             return f"{name} not finite"

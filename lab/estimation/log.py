@@ -1,6 +1,6 @@
 """A log of a legged robot as arrays: inertial samples, feet seen from the IMU, contacts, truth where it is known.
 
-Axes: those of the IMU, if nothing else is said. Feet are positions of foot centres with the orientation of the foot;
+Axes: those of the IMU, if nothing else is stated. Feet are positions of foot centres with the orientation of the foot;
 `points` are the places of a sole that touch the ground, in foot axes from that centre.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.constants import GRAVITY
-from surefoot.services.estimator.feet.kinematics import FootSample
+from surefoot.services.estimator.feet.mount import FootSample
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -21,7 +21,7 @@ Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Truth:
+class TrueMotion:
     """True motion of the IMU at each of n inertial rows."""
 
     position: Array  # (n, 3) m, world
@@ -51,7 +51,7 @@ class Log:
     foot_position: Array  # (m, F, 3) m
     foot_rot: Array  # (m, F, 3, 3) rot_imu_from_foot
     contact: Flags  # (m, F)
-    truth: Truth | None = None
+    truth: TrueMotion | None = None
     touch: Flags | None = None  # (m, F, S) switches; None = one per foot, which is `contact`
     force: Array | None = None  # (m, F) N along the sole's normal
     joints: Array | None = None  # (m, nj) rad, in the order of the robot description
@@ -78,7 +78,7 @@ class Log:
         rows = zip(self.foot_ns.tolist(), self.foot_position, self.foot_rot, self.contact, strict=True)
         return tuple(FootSample(*row) for row in rows)
 
-    def known(self) -> Truth:
+    def known(self) -> TrueMotion:
         """Return the truth.
 
         Raises:
@@ -151,7 +151,7 @@ class Log:
         """Return the log with some of the inertial rows only, and the truth at them."""
         truth = self.truth
         if truth is not None:
-            truth = Truth(truth.position[keep], truth.rot[keep], truth.v_world[keep])
+            truth = TrueMotion(truth.position[keep], truth.rot[keep], truth.v_world[keep])
         clipped = None if self.saturated is None else self.saturated[keep]
         return replace(
             self, stamp_ns=self.stamp_ns[keep], w=self.w[keep], q=self.q[keep], truth=truth, saturated=clipped,

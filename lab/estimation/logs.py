@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
-from .log import Log, Truth
+from .log import Log, TrueMotion
 
 Array = NDArray[np.float64]
 
@@ -19,7 +19,7 @@ SENSORS: dict[str, float | int] = {
     "sigma_w": 0.01, "sigma_q": 0.09, "standstill_samples": 30, "standstill_gyro_sd": 0.05, "standstill_acc_sd": 0.5,
     "acc_bias_sd": 0.05,
 }  # fmt: skip
-"""What is known of their inertial units, noise per sample; the same for both."""
+"""Parameters of their inertial units, noise per sample; the same for both."""
 SOLE = np.array([[0.07, 0.03, 0.0], [0.07, -0.03, 0.0], [-0.04, 0.0, 0.0]])
 """Three points of a sole in its own axes, m: inside the outline of both robots' soles."""
 WALK_FROM_S = 16.2
@@ -49,7 +49,7 @@ def humanoid(name: str, every: int = 3, data: Path = DATA) -> Log:
 
 
 def from_columns(name: str, columns: Mapping[str, Array], v_world: Array, every: int = 3, **more: Any) -> Log:
-    """Log from the columns `t, w, a, pf, Rf, contact, fz, p, R` of a humanoid data set.
+    """Return a log from the columns `t, w, a, pf, Rf, contact, fz, p, R` of a humanoid data set.
 
     Args:
         name: of the log.
@@ -67,6 +67,6 @@ def from_columns(name: str, columns: Mapping[str, Array], v_world: Array, every:
     feet = position.shape[1]
     return Log(
         name, stamp, w, q, np.ascontiguousarray(stamp[rows]), position, rot, contact.astype(np.bool_),
-        Truth(at, turned, v_world), force=force, points=np.repeat(SOLE[None], feet, axis=0),
+        TrueMotion(at, turned, v_world), force=force, points=np.repeat(SOLE[None], feet, axis=0),
         rot_base_from_imu=np.ascontiguousarray(turned[0]), **more,
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""A recording of this project as a log: feet by the robot description, truth of the IMU from that of base_link."""
+"""Recordings of this project as logs: feet by the robot description, truth of the IMU from that of base_link."""
 
 from pathlib import Path
 from typing import Any
@@ -11,9 +11,9 @@ from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.record.columns import Columns, recorded_columns
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.feet.kinematics import feet_in_imu, foot_mount
+from surefoot.services.estimator.feet.mount import feet_in_imu, foot_mount
 
-from .log import Log, Truth
+from .log import Log, TrueMotion
 from .track import FLAGS, Track
 
 Array = NDArray[np.float64]
@@ -39,7 +39,7 @@ def log_of_recording(path: Path, robot: str | None = None) -> Log:
 
 
 def log_of_columns(name: str, columns: Columns, robot: Robot, **more: Any) -> Log:
-    """Log from the columns of a recording.
+    """Return a log from the columns of a recording.
 
     Args:
         name: of the log.
@@ -81,7 +81,7 @@ def log_of_columns(name: str, columns: Columns, robot: Robot, **more: Any) -> Lo
 
 
 def _rest(columns: Columns) -> tuple[int, int]:
-    """Rows of the standstill from which the service started; none if that is not in the recording."""
+    """Return the rows of the standstill from which the service started; (0, 0): it is not in the recording."""
     if "published_flags" not in columns or not columns["published_flags"][:, 0].any():
         return 0, 0
     tick = columns["published_tick"][int(np.argmax(columns["published_flags"][:, 0]))]
@@ -90,21 +90,21 @@ def _rest(columns: Columns) -> tuple[int, int]:
 
 
 def _released(imu: NDArray[np.int64], feet: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Order of arrival by the ticks of release; within a tick the inertial sample comes first, as in the service."""
+    """Return the order of arrival by the ticks of release; within a tick the inertial sample comes first."""
     kind = np.concatenate([np.zeros(len(imu)), np.ones(len(feet))])
     return np.lexsort((kind, np.concatenate([imu, feet])))
 
 
 def _points(robot: Robot) -> Array | None:
-    """Contact points from each foot centre, foot axes, (F, K, 3) m; None if the feet differ in number of points."""
+    """Return contact points from each foot centre, foot axes, (F, K, 3) m; None: feet differ in their number."""
     counts = {len(leg.foot.points) for leg in robot.legs}
     if len(counts) != 1:
         return None
     return np.array([leg.foot.points - leg.foot.position for leg in robot.legs])
 
 
-def _truth(columns: Columns, robot: Robot) -> Truth | None:
-    """Motion of the IMU, from that of base_link at the same stamps."""
+def _truth(columns: Columns, robot: Robot) -> TrueMotion | None:
+    """Return the motion of the IMU from that of base_link at the same stamps; None: it is not known there."""
     if "base_position" not in columns:
         return None
     rows = np.searchsorted(columns["base_stamp_ns"], columns["stamp_ns"])
@@ -115,14 +115,14 @@ def _truth(columns: Columns, robot: Robot) -> Truth | None:
     arm = np.einsum("nij,j->ni", base, robot.imu.position)
     rate = np.einsum("nij,nj->ni", base, columns["base_rate"][rows])
     rot = base @ matrix_from_quat(robot.imu.quat_wxyz)
-    return Truth(
+    return TrueMotion(
         columns["base_position"][rows] + arm, np.ascontiguousarray(rot),
         columns["base_velocity"][rows] + np.cross(rate, arm),
     )  # fmt: skip
 
 
 def published(columns: Columns, robot: Robot) -> Track:
-    """Return what the service itself published as `state/velocity` and `state/odometry` while the log was made."""
+    """Return `state/velocity` and `state/odometry` as the service published them while the log was made."""
     if "published_velocity_imu" not in columns:
         raise SurefootError("invalid", "the recording has no state/velocity", "state/velocity")
     to_imu = matrix_from_quat(robot.imu.quat_wxyz).T

@@ -6,14 +6,15 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 from numpy.lib.format import open_memmap
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from .log import Log
-from .scores import Score, score
+from .scores import Score, base_pose, score
 from .track import FLAGS, Track, follow
 
 Array = NDArray[Any]
@@ -29,12 +30,12 @@ FILE_NAMES = {
     "v": "velocity_imu", "g": "g_up_imu", "p": "covariance", "v_odom": "velocity_odom", "slipping": "slipping",
     "contact": "contact_probability",
 }  # fmt: skip
-"""Name in the file where it differs."""
+"""Names of quantities in the file where they differ."""
 
 
 @dataclass(frozen=True)
 class Result:
-    """Estimates of a whole log, on disk or mapped from it, and what they are like."""
+    """Estimates of a whole log, on disk or mapped from it, and their summary."""
 
     log: Log
     track: Track
@@ -84,7 +85,7 @@ def estimate(log: Log, name: str, folder: Path, **options: Any) -> Result:
 
 
 def summary(log: Log, track: Track, found: Score | None) -> dict[str, Any]:
-    """Return what a reader wants to know first, as plain numbers."""
+    """Return the summary of a track as plain numbers."""
     n, started = len(log.stamp_ns), track.flags["initialised"]
     duration = float(log.seconds[-1])
     first = int(np.argmax(started)) if started.any() else None
@@ -150,6 +151,33 @@ def write_csv(result: Result, out: Path) -> Path:
             for stamp, row in zip(result.log.stamp_ns[rows].tolist(), numbers.tolist(), strict=True):
                 file.write(f"{stamp}," + ",".join(f"{x:.9g}" for x in row) + "\n")
     return out
+
+
+def write_tum(result: Result, out: Path) -> list[Path]:
+    """Write trajectories of base_link for `evo`: `estimate.tum`, and `truth.tum` of a log that is scored.
+
+    A line per inertial row holds time s, position m and orientation qx qy qz qw; that of the estimate follows from its
+    heading and its direction of gravity.
+    """
+    log, track = result.log, result.track
+    files = [out / "estimate.tum"]
+    with files[0].open("w") as file:
+        for first in range(0, len(track.v), ROWS_EACH):
+            rows = slice(first, first + ROWS_EACH)
+            x, y, z = (track.g[rows] @ log.rot_base_from_imu.T).T
+            angles = np.stack([np.asarray(track.yaw[rows]), np.arctan2(-x, np.hypot(y, z)), np.arctan2(y, z)], axis=1)
+            quats = Rotation.from_euler("ZYX", angles).as_quat()
+            _write_rows(file, log.stamp_ns[rows], track.position[rows], quats)
+    if result.score is not None:
+        files.append(out / "truth.tum")
+        rot = Rotation.from_matrix(log.rot @ log.rot_base_from_imu.T)
+        with files[1].open("w") as file:
+            _write_rows(file, log.stamp_ns, base_pose(log)[0], rot.as_quat())
+    return files
+
+
+def _write_rows(file: TextIO, stamp_ns: Array, position: Array, quats: Array) -> None:
+    np.savetxt(file, np.column_stack([1e-9 * stamp_ns, position, quats]), fmt="%.9f")
 
 
 class Scratch:

@@ -11,7 +11,7 @@ from .track import Track
 Array = NDArray[np.float64]
 
 WINDOW_S = 0.5
-"""Truth by motion capture is noisy row by row: errors are also compared as means over so long."""
+"""Time over which mean errors are compared, s: truth by motion capture is noisy row by row."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def score(log: Log, found: Track) -> Score:
 
 
 def smoothed(error: Array, log: Log, seconds: float = WINDOW_S) -> Array:
-    """Running mean of rows (n, 3) over so many seconds, only where the window is whole."""
+    """Return the running mean of rows (n, 3) over so many seconds, where the window is whole."""
     rows = max(1, round(seconds / float(np.median(np.diff(log.seconds)))))
     if len(error) < rows:
         return error.mean(axis=0, keepdims=True)
@@ -67,19 +67,19 @@ def smoothed(error: Array, log: Log, seconds: float = WINDOW_S) -> Array:
 
 
 def nees(error: Array, p: Array) -> Array:
-    """e^T P^-1 e of each row, (n,)."""
+    """Return e^T P^-1 e of each row, (n,), of errors (n, 3) and covariances (n, 3, 3)."""
     return np.einsum("ni,ni->n", error, np.linalg.solve(p, error[..., None])[..., 0])
 
 
 def tilt(log: Log, found: Track) -> Array:
-    """Angle between estimated and true up, (n,) rad."""
+    """Return the angle between estimated and true up, (n,) rad."""
     up, seen = log.up, found.g
     sine = np.linalg.norm(np.cross(up, seen), axis=1)
     return np.arctan2(sine, np.einsum("ni,ni->n", up, seen))
 
 
 def base_pose(log: Log) -> tuple[Array, Array]:
-    """True position (n, 3) m and heading (n,) rad of base_link."""
+    """Return true position (n, 3) m, world, and heading (n,) rad of base_link."""
     truth = log.known()
     base = np.einsum("nij,kj->nik", truth.rot, log.rot_base_from_imu)
     position = truth.position - np.einsum("nij,j->ni", base, log.imu_position)
@@ -92,7 +92,7 @@ def _span(log: Log) -> tuple[int, int]:
 
 
 def _odometry(log: Log, found: Track) -> tuple[float, float, float, float]:
-    """Net way, horizontal error of the displacement, largest error of height, error of heading (deg)."""
+    """Return net way, horizontal error of the displacement, largest error of height, m, and of heading, deg."""
     first, last = _span(log)
     position, yaw = base_pose(log)
     true = position[last] - position[first]
@@ -106,7 +106,7 @@ def _odometry(log: Log, found: Track) -> tuple[float, float, float, float]:
 
 
 def _integral(log: Log, found: Track) -> float:
-    """Gap between the integrated velocity and the odometry at the end, m."""
+    """Return the gap between the integrated velocity and the odometry at the end, m."""
     first, last = _span(log)
     v, t = found.v_odom[first : last + 1], log.seconds[first : last + 1]
     way = np.sum(0.5 * (v[1:] + v[:-1]) * np.diff(t)[:, None], axis=0)

@@ -1,6 +1,6 @@
-"""What an estimator makes of a log: one function for those of the service and for the referees.
+"""Tracks of estimators over logs: one function for those of the service and for the referees.
 
-`track` is the only place that knows how the estimator of the service is fed and asked.
+`LogRunner` is the only place that knows how the estimator of the service is fed.
 """
 
 import math
@@ -20,14 +20,14 @@ from surefoot.services.estimator.feet.contact import (
     contact_points,
     sole_feet,
 )
-from surefoot.services.estimator.feet.kinematics import FootMount
+from surefoot.services.estimator.feet.mount import FootMount
 from surefoot.services.estimator.filter.log import FLAGS, LogInputs, LogRows
-from surefoot.services.estimator.output import Estimate, OdometryPose
+from surefoot.services.estimator.output import OdometryPose, VelocityAndTilt
 from surefoot.services.estimator.params import EstimatorParams
 from surefoot.services.estimator.stream import BEST, NAMES, PAPER, Estimator
 
 from .log import Log
-from .peers.inekf import InekfNoise, inekf
+from .peers.inekf import InekfNoise, PeerTrack, inekf
 from .peers.linear import LinearNoise, linear
 
 Array = NDArray[np.float64]
@@ -82,7 +82,7 @@ def velocities(name: str, log: Log, **options: Any) -> Track:
         return PEERS[name](log, options)
     if name == BEST:
         return track(name, log, **options)
-    running = Running(name, log, options)
+    running = LogRunner(name, log, options)
     return _piece(running, name, log, log.arrival(), 0, len(log.stamp_ns), posed=False)
 
 
@@ -96,8 +96,8 @@ def default() -> str:
     return BEST
 
 
-class Running:
-    """An estimator of the service while it is fed: the only place that knows how that is done."""
+class LogRunner:
+    """Estimator of the service that is fed with a log."""
 
     def __init__(self, name: str, log: Log, options: Mapping[str, Any]) -> None:
         self.name, self.feet_count = name, log.feet_count
@@ -133,7 +133,7 @@ class Running:
         """Feed a foot sample: (F, 3) m, (F, 3, 3), (F,)."""
         self._estimator.feet(stamp_ns, position, rot, contact)
 
-    def estimate(self) -> Estimate:
+    def estimate(self) -> VelocityAndTilt:
         """Return the estimate now."""
         return self._estimator.estimate(self.name)
 
@@ -154,12 +154,12 @@ class Running:
     @property
     def refused(self) -> dict[str, int]:
         """Refusals and gaps so far, by name."""
-        return dict(self._estimator.judge.counts)
+        return dict(self._estimator.check.counts)
 
     @property
     def refusals(self) -> int:
         """Number of inputs refused so far."""
-        return self._estimator.judge.refused
+        return self._estimator.check.refused
 
 
 def follow(name: str, log: Log, rows_each: int | None = None, **options: Any) -> Iterator[tuple[slice, Track]]:
@@ -174,7 +174,7 @@ def follow(name: str, log: Log, rows_each: int | None = None, **options: Any) ->
     Yields:
         The rows, and the track over them; `refused` counts from the beginning.
     """
-    running = Running(name, log, options)
+    running = LogRunner(name, log, options)
     n, arrival = len(log.stamp_ns), log.arrival()
     cuts = np.flatnonzero(arrival < n)[rows_each::rows_each] if rows_each else []
     for part in np.split(arrival, cuts):
@@ -186,8 +186,8 @@ def follow(name: str, log: Log, rows_each: int | None = None, **options: Any) ->
         yield slice(first, end), run(running, name, log, part, first, end - first)
 
 
-def _whole(running: Running, name: str, log: Log, part: Ints, first: int, n: int) -> Track:
-    """As `_piece`, without a Python call for each sample."""
+def _whole(running: LogRunner, name: str, log: Log, part: Ints, first: int, n: int) -> Track:
+    """Return the track of `_piece` without a Python call for each sample."""
     rows = running.whole(log, part, first, n)
     nis = np.ascontiguousarray(rows.vectors[:, 7, 0])
     g, v, position, v_odom, gyro_bias, acc_bias = (np.ascontiguousarray(rows.vectors[:, i]) for i in range(6))
@@ -198,8 +198,8 @@ def _whole(running: Running, name: str, log: Log, part: Ints, first: int, n: int
     )  # fmt: skip
 
 
-def _piece(running: Running, name: str, log: Log, part: Ints, first: int, n: int, posed: bool = True) -> Track:
-    """Feed inputs in the given order; the track over `n` inertial rows from `first` on."""
+def _piece(running: LogRunner, name: str, log: Log, part: Ints, first: int, n: int, posed: bool = True) -> Track:
+    """Feed inputs in the given order; return the track over `n` inertial rows from `first` on."""
     feet, rows = log.feet_count, len(log.stamp_ns)
     v, g, p, nis = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 6, 6)), np.full(n, np.nan)
     position, yaw, v_odom = np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3))
@@ -237,8 +237,8 @@ def _piece(running: Running, name: str, log: Log, part: Ints, first: int, n: int
     )  # fmt: skip
 
 
-def _of_world(name: str, log: Log, found: tuple[Array, Array, Array, Array, Array]) -> Track:
-    """Track of a referee that has a pose of the IMU."""
+def _of_world(name: str, log: Log, found: PeerTrack) -> Track:
+    """Return the track of a referee that has a pose of the IMU."""
     v, g, p, x, rot = found
     n = len(v)
     base = np.einsum("nij,kj->nik", rot, log.rot_base_from_imu)
@@ -264,4 +264,4 @@ PEERS: dict[str, Callable[[Log, Mapping[str, Any]], Track]] = {"inekf": _inekf, 
 ABLATIONS: dict[str, dict[str, dict[str, Any]]] = {
     "best": {"slip hypothesis": {"hypotheses": False}, "points of a sole": {"soles": False}}
 }
-"""By estimator: name of a hypothesis, options that switch it off."""
+"""Options that switch a hypothesis off, by estimator and name of the hypothesis."""

@@ -1,4 +1,4 @@
-"""Noise of a referee that serves a set of logs best: a search on logs that are not scored."""
+"""Search for the noise of a referee that serves a set of logs best, on logs that are not scored."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -28,7 +28,7 @@ SEARCHED: dict[str, dict[str, Range]] = {
     "ekf": {"sigma_v": (0.015, 5e-4, 0.5), "sigma_q": (0.035, 0.01, 5.0), "sigma_w": (0.0054, 0.002, 0.5)},
     "paper": {"sigma_v": (0.015, 5e-4, 0.5), "sigma_q": (0.035, 0.01, 5.0), "sigma_w": (0.0054, 0.002, 0.5)},
 }  # fmt: skip
-"""What is searched for each estimator: first value, least, most."""
+"""Noises that are searched for each estimator: first value, least, most."""
 GRID: dict[str, tuple[dict[str, float], ...]] = {
     "inekf": tuple({"sigma_c": c, "sigma_q": s, "sigma_w": s} for c in (0.1, 1.0, 5.0) for s in (1.0, 4.0, 15.0)),
     "linear": tuple({"sigma_a": a, "kp": k} for a in (0.3, 1.0, 5.0) for k in (1.0, 10.0)),
@@ -42,7 +42,7 @@ PENALTY = 1e3  # m/s, of a track that is not finite
 
 
 def start(name: str, log: Log) -> dict[str, Any]:
-    """Noise to begin with: what is known of the sensors of the log, else the defaults."""
+    """Return the noise to begin with: that of the sensors of the log if they are known, else the defaults."""
     out: dict[str, Any] = {key: first for key, (first, _, _) in SEARCHED[name].items()}
     known: Mapping[str, Any] = log.sensors
     if log.robot is not None:
@@ -58,7 +58,7 @@ def tune(name: str, logs: Sequence[Log], measure: str = "rmse") -> dict[str, Any
 
     Args:
         name: of an estimator; those without noise return no options.
-        logs: to judge by; one configuration for all.
+        logs: to score; one configuration for all.
         measure: `rmse` or `smooth` of the score.
 
     Returns:

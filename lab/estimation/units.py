@@ -13,7 +13,8 @@ from .log import Log
 
 Array = NDArray[np.float64]
 
-SMOOTH_S = 0.3  # s, mean of the accelerometer that shows the direction of gravity
+UP_MEAN_S = 0.3
+"""Time over which the mean accelerometer shows the direction of gravity, s."""
 FASTEST_GYRO = 35.0  # rad/s, 2000 deg/s: no unit of a legged robot reads more
 ENOUGH = 0.02  # rad, rms turn of gravity by the gyro within 0.3 s that a judgement of its unit needs
 QUIET_S, QUIET_SHARE = 0.5, 0.2
@@ -48,7 +49,7 @@ def check_units(log: Log) -> None:
 
 
 def _check_sign(log: Log, good: NDArray[np.bool_]) -> None:
-    """The feet that stand are below the IMU, against the specific force at rest."""
+    """Check that the feet that stand are below the IMU, against the specific force at rest."""
     rows = np.clip(np.searchsorted(log.stamp_ns, log.foot_ns), 0, len(log.stamp_ns) - 1)
     stands = log.contact & np.isfinite(log.foot_position).all(axis=2) & good[rows][:, None]
     if not stands.any():
@@ -62,11 +63,11 @@ def _check_sign(log: Log, good: NDArray[np.bool_]) -> None:
 
 
 def _check_gyro(log: Log, good: NDArray[np.bool_]) -> None:
-    """Gravity must turn as the gyro says: q' = -w x q over means of 0.3 s."""
+    """Check that gravity turns as the gyro measures: q' = -w x q over means of 0.3 s."""
     w, q = log.w[good], log.q[good]
     most = float(np.quantile(np.abs(w), 0.999))
     period = 1e-9 * float(np.median(np.diff(log.stamp_ns)))
-    rows = max(1, round(SMOOTH_S / period))
+    rows = max(1, round(UP_MEAN_S / period))
     degrees = f"in deg/s, multiply by {math.pi / 180.0:.6g}"
     if most > FASTEST_GYRO:
         raise SurefootError("invalid", f"{log.name}: gyro reaches {most:.3g} rad/s: {degrees}", "gyro")

@@ -1,4 +1,4 @@
-"""Closed-loop walks of the simulated robots, recorded once and kept as columns outside the tree."""
+"""Closed-loop walks of the simulated robots, recorded once and kept as columns in the user's cache."""
 
 import hashlib
 import os
@@ -19,12 +19,12 @@ from .recorded import log_of_columns, published
 from .track import Track
 
 SCENARIOS = {"bioloid": "bioloid-walk", "nao": "nao-walk", "ragno-flat": "flat", "ragno-rough": "rough-terrain"}
-"""Name of the set: scenario of each walk."""
+"""Scenario of each walk, by name of the set."""
 
 
 @dataclass(frozen=True, eq=False)
-class Walk:
-    """One run."""
+class RecordedWalk:
+    """Log of one run, with the estimates that the service published."""
 
     log: Log
     published: Track
@@ -32,12 +32,12 @@ class Walk:
 
 
 def cache_folder() -> Path:
-    """Folder of what can be made again, in the user's cache."""
+    """Return the folder of recorded walks in the user's cache; all of them can be made again."""
     base = os.environ.get("XDG_CACHE_HOME", "")
     return (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "surefoot" / "estimation"
 
 
-def walk(name: str, seed: int, fresh: bool = False) -> Walk:
+def walk(name: str, seed: int, fresh: bool = False) -> RecordedWalk:
     """Return a walk, from the cache if it is there.
 
     Args:
@@ -60,7 +60,7 @@ def walk(name: str, seed: int, fresh: bool = False) -> Walk:
         columns: Columns = {key: file[key] for key in file.files if key not in ("robot", "ok")}
         robot, ok = str(file["robot"]), bool(file["ok"])
     description = load_robot(robot)
-    return Walk(log_of_columns(f"{name} {seed}", columns, description), published(columns, description), ok)
+    return RecordedWalk(log_of_columns(f"{name} {seed}", columns, description), published(columns, description), ok)
 
 
 def run_walk(scenario: Scenario, seed: int) -> tuple[Columns, str, bool]:

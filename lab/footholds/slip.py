@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.estimator.feet.kinematics import foot_mount
+from surefoot.services.estimator.feet.mount import foot_mount
 from surefoot.services.estimator.feet.slip import FinishedStance, StanceSlip, feet_in_odom
 
 from .walks import JoinedWalk

@@ -5,6 +5,7 @@ import re
 from typing import Any
 
 import matplotlib as mpl
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 INK, GRID, PAPER = "#1c2733", "#dfe5ea", "none"
@@ -28,6 +29,13 @@ STYLE: dict[Any, Any] = {
     "legend.frameon": False,
     "legend.fontsize": 8.5,
 }
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return an empty white figure for SVG files, sizes in inches."""
+    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
+    FigureCanvasSVG(figure)
+    return figure
 
 
 def svg_of(figure: Figure, prefix: str) -> str:

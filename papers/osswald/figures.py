@@ -7,14 +7,13 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse, Rectangle
 from numpy.typing import NDArray
 
-from surefoot.lab.report.drawing import BLUE, GREEN, GREY, INK, ORANGE, RED, STYLE
+from surefoot.lab.report.drawing import BLUE, GREEN, GREY, INK, ORANGE, RED, STYLE, new_figure
 from surefoot.services.navigator.policy.params import Scene
 
 from .episode import Episode
@@ -44,12 +43,6 @@ def draw(study: Study, out: Path) -> tuple[Path, ...]:
     return tuple(paths)
 
 
-def _new(width: float, height: float) -> Figure:
-    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
-    FigureCanvasSVG(figure)
-    return figure
-
-
 def _corridor(figure: Figure, scene: Scene, title: str) -> Axes:
     axes = figure.add_subplot(1, 1, 1)
     axes.set_title(title, loc="left", fontsize=10)
@@ -66,7 +59,7 @@ def _corridor(figure: Figure, scene: Scene, title: str) -> Axes:
 
 
 def _figure_3(s: Study) -> Figure:
-    figure = _new(8.4, 3.6)
+    figure = new_figure(8.4, 3.6)
     axes = _corridor(figure, s.normal.model.scene, "Fig. 3: true paths of every 10th training episode")
     last = s.paths[-1][0]
     shades = mpl.colormaps["Greys"]
@@ -79,7 +72,7 @@ def _figure_3(s: Study) -> Figure:
 
 
 def _figure_4(s: Study) -> Figure:
-    figure = _new(7.6, 3.8)
+    figure = new_figure(7.6, 3.8)
     axes = figure.add_subplot(1, 1, 1)
     axes.set_title("Fig. 4: time of the training episodes", loc="left", fontsize=10)
     v = s.normal
@@ -101,7 +94,7 @@ def _figure_4(s: Study) -> Figure:
 
 
 def _figure_5(s: Study) -> Figure:
-    figure = _new(8.4, 3.4)
+    figure = new_figure(8.4, 3.4)
     e = typical(s.normal.learned_walks)
     side = "left" if e.drift > 0.0 else "right"
     title = f"Fig. 5: the learned policy in simulation, drift to the {side}, {e.seconds:.0f} s"
@@ -128,7 +121,7 @@ def _ellipse(mean: Array, cov: Array) -> Ellipse:
 
 
 def _figure_6(s: Study) -> Figure:
-    figure = _new(9.0, 5.6)
+    figure = new_figure(9.0, 5.6)
     v = s.blur
     pair = ((typical(v.hand_walks), "hand controller"), (typical(v.learned_walks), "learned policy"))
     rows = figure.subplots(3, 2, sharex=True, sharey="row")

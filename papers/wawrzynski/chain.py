@@ -3,7 +3,7 @@
 A leg is a serial chain from the foot (frame 1) to the link that carries the IMU (frame n + 1, origin at the IMU).
 Joint i turns about z of frame i by theta_i; x_i = R_i x_{i+1}, R_i = Rz(theta_i) A_i, and A_i l_i is the constant
 displacement of frame i + 1 seen in frame i before the turn.
-These are exact derivatives: they need joint RATES. What runs is the same quantity from finite differences (`feet`).
+These are exact derivatives: they need joint RATES. The service computes them from finite differences (`legs`).
 """
 
 import math
@@ -30,7 +30,7 @@ class Chain(NamedTuple):
 
 
 class ChainState(NamedTuple):
-    """What the recursion finds at the foot."""
+    """Result of the recursion at the foot."""
 
     p_1: Array  # (3,) IMU in the foot frame, m
     v_1: Array  # (3,) velocity of the IMU in the foot frame by kinematics only, m/s
@@ -39,7 +39,7 @@ class ChainState(NamedTuple):
 
 
 def chain_from_dh(a: Array, alpha: Array, d: Array, offset: Array, imu_position: Array, imu_axes: Array) -> Chain:
-    """Chain of standard Denavit-Hartenberg rows, foot to pelvis: R_i = Rz(theta) Rx(alpha).
+    """Return the chain of standard Denavit-Hartenberg rows, foot to pelvis: R_i = Rz(theta) Rx(alpha).
 
     l_i = (a, d sin alpha, d cos alpha), which the paper leaves undefined; l_n holds the IMU's mounting as well.
 
@@ -71,7 +71,7 @@ def chain_from_dh(a: Array, alpha: Array, d: Array, offset: Array, imu_position:
 
 
 def chain_from_robot(robot: Robot, leg: int) -> Chain:
-    """Chain of one leg of a robot description; frame 1 has its origin at the foot centre, z along the first axis.
+    """Return the chain of one leg of a robot; frame 1 has its origin at the foot centre, z along the first axis.
 
     Seen from the foot a joint turns the other way round, hence theta = -(joint angle).
     """
@@ -117,7 +117,7 @@ def _foot_in_link(model, link: int, target: int, point: Array) -> Array:
 
 
 def _with_foot(chain: Chain, foot: Array) -> Chain:
-    """The chain with a leading frame at the foot point: a joint that never turns (index -1)."""
+    """Return the chain with a leading frame at the foot point: a joint that never turns (index -1)."""
     n = chain.joints.size
     rot = np.concatenate([np.eye(3)[None], chain.rot])
     shift = np.concatenate([-foot[None], chain.shift])
@@ -126,7 +126,7 @@ def _with_foot(chain: Chain, foot: Array) -> Chain:
 
 
 def _rot_with_z(axis: Array) -> Array:
-    """A rotation whose third column is `axis`."""
+    """Return a rotation (3, 3) whose third column is `axis` (3,)."""
     helper = np.array([1.0, 0.0, 0.0]) if abs(axis[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
     x = helper - axis * (helper @ axis)
     x /= np.linalg.norm(x)
@@ -134,7 +134,7 @@ def _rot_with_z(axis: Array) -> Array:
 
 
 def chain_angles(chain: Chain, q: Array) -> Array:
-    """theta (n,) from the robot's joint angles (or rates) q (nj,); a joint index of -1 gives 0."""
+    """Return theta (n,) from the robot's joint angles (or rates) q (nj,); a joint index of -1 gives 0."""
     padded = np.append(q, 0.0)
     return chain.sign * padded[chain.joints]
 
@@ -147,7 +147,7 @@ def _turn(theta: float) -> Array:
 
 @kernel
 def descend(chain: Chain, theta: Array, theta_rate: Array, w: Array) -> ChainState:
-    """Recursion (5)-(9), (11), (12) from the IMU down to the foot.
+    """Run the recursion (5)-(9), (11), (12) from the IMU down to the foot.
 
     (7) p_i = R_i (l_i + p_{i+1});  (8) v_i = R_i v_{i+1} + theta'_i z x p_i  (printed p_i x z theta': wrong sign);
     (9) W_i = R_i W_{i+1};  (12) w_i = R_i w_{i+1} - theta'_i z  (printed with the IMU's z axis: the joint's is meant).
@@ -176,13 +176,13 @@ def descend(chain: Chain, theta: Array, theta_rate: Array, w: Array) -> ChainSta
 
 @kernel
 def velocity_kinematics(state: ChainState) -> Array:
-    """v^K, equation (10): W_1^T v_1, (3,) m/s in IMU axes; true if the foot does not move at all."""
+    """Return v^K, equation (10): W_1^T v_1, (3,) m/s in IMU axes; true if the foot does not move at all."""
     return state.imu_axes.T @ state.v_1
 
 
 @kernel
 def velocity_kinematics_gyro(state: ChainState, pivot: Array) -> Array:
-    """v^KG, equations (13), (14): W_1^T (v_1 + w_1 x (p_1 - c_1)), (3,) m/s in IMU axes.
+    """Return v^KG, equations (13), (14): W_1^T (v_1 + w_1 x (p_1 - c_1)), (3,) m/s in IMU axes.
 
     Args:
         state: result of `descend`.
@@ -199,6 +199,6 @@ def velocity_kinematics_gyro(state: ChainState, pivot: Array) -> Array:
 
 @kernel
 def foot_pose(state: ChainState) -> tuple[Array, Array]:
-    """Foot in IMU axes: position (3,) = -W_1^T p_1 and rot_imu_from_foot (3, 3) = W_1^T."""
+    """Return the foot in IMU axes: position (3,) = -W_1^T p_1 m and rot_imu_from_foot (3, 3) = W_1^T."""
     rot = np.ascontiguousarray(state.imu_axes.T)
     return -rot @ state.p_1, rot

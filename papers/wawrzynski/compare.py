@@ -63,7 +63,7 @@ def compare(
 
 
 def ratio(ours: Sequence[Score], theirs: Sequence[Score], measure: str) -> tuple[float, float]:
-    """Ratio of mean errors over the same logs, and half of its 95 % interval (linearised, paired)."""
+    """Return the ratio of mean errors over the same logs, and half of its 95 % interval (linearised, paired)."""
     a, b = (np.array([getattr(s, measure) for s in scores]) for scores in (ours, theirs))
     value = float(a.mean() / b.mean())
     if len(a) < 2:
@@ -73,13 +73,13 @@ def ratio(ours: Sequence[Score], theirs: Sequence[Score], measure: str) -> tuple
 
 
 def closed_loop(name: str, seeds: Iterable[int]) -> tuple[list[Score], int]:
-    """Run walks with the present code; scores of what the service published, and how many verdicts were good."""
+    """Run walks with the present code; return scores of the published estimates, and the number of good verdicts."""
     walks = [walk(name, seed, fresh=True) for seed in seeds]
     return [score(one.log, one.published) for one in walks], sum(one.ok for one in walks)
 
 
 def consistency(name: str, kind: str, seeds: Iterable[int]) -> tuple[float, float]:
-    """Mean NEES of the velocity (3 degrees of freedom) and of the tilt (2), one row of each walk."""
+    """Return the mean NEES of the velocity (3 degrees of freedom) and of the tilt (2), one row of each walk."""
     v: list[float] = []
     tilt: list[float] = []
     for log in synthetic_sets([kind])[0].logs(seeds):
@@ -95,7 +95,7 @@ def consistency(name: str, kind: str, seeds: Iterable[int]) -> tuple[float, floa
 
 
 def ablation(name: str, chosen: LogSet, seeds: Iterable[int]) -> dict[str, float]:
-    """Ratio of the error with a hypothesis to that without it, by name of the hypothesis."""
+    """Return the ratio of the error with a hypothesis to that without it, by name of the hypothesis."""
     logs = chosen.logs(seeds)
     base = np.mean([score(log, track(name, log)).rmse for log in logs])
     out: dict[str, float] = {}

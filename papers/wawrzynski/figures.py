@@ -1,14 +1,13 @@
-"""Fig. 3 of Wawrzynski et al. drawn again, and what a figure of one walk cannot show: errors over all walks."""
+"""Fig. 3 of Wawrzynski et al. drawn again, and the errors over all walks."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from surefoot.lab.report.drawing import BLUE, GREY, INK, ORANGE, STYLE
+from surefoot.lab.report.drawing import BLUE, GREY, INK, ORANGE, STYLE, new_figure
 
 from .study import PAPER, Experiment
 
@@ -30,16 +29,10 @@ def draw(done: Sequence[Experiment], out: Path) -> tuple[Path, ...]:
     return tuple(paths)
 
 
-def _new(width: float, height: float) -> Figure:
-    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
-    FigureCanvasSVG(figure)
-    return figure
-
-
 def _figure_3(one: Experiment) -> Figure:
-    """Velocity along x of the IMU by every estimator, and the truth."""
+    """Return the figure of the velocity along x of the IMU by every estimator, and of the truth."""
     names = [*PAPER, *(name for name in one.tracks if name not in PAPER)]
-    figure = _new(9.0, 1.7 * len(names))
+    figure = new_figure(9.0, 1.7 * len(names))
     rows = one.walking
     t = one.log.seconds[rows] - one.log.seconds[rows][0]
     panels = figure.subplots(len(names), 1, sharex=True)
@@ -55,9 +48,9 @@ def _figure_3(one: Experiment) -> Figure:
 
 
 def _errors(done: Sequence[Experiment]) -> Figure:
-    """Error of the mean velocity (38) and rms error of every walk, by estimator."""
+    """Return the figure of the error of the mean velocity (38) and rms error of every walk, by estimator."""
     names = [name for name in done[0].tracks if name != "imu"]
-    figure = _new(9.0, 3.2)
+    figure = new_figure(9.0, 3.2)
     left, right = figure.subplots(1, 2)
     for i, name in enumerate(names):
         share = [100 * (one.average[name][0] / one.average[name][1] - 1.0) for one in done]

@@ -19,11 +19,11 @@ from surefoot.services.estimator import stream as service
 from .synthetic import KINDS, synthesize
 
 TUNING_SEEDS = range(100, 106)
-"""Never scored."""
+"""Seeds for tuning, which are never scored."""
 REFERENCES = ("inekf", "linear", "ekf", "paper", "kinematics", "kinematics_gyro")
-"""What an estimator is compared with."""
-PAPER_MODULES = ("ekf", "estimators", "feet", "history", "inertial", "legs", "paper", "params", "standstill")
-"""Modules of the estimator service on which the velocity of the paper's filters depends."""
+"""Estimators with which an estimator is compared."""
+PAPER_SOURCES = ("params.py", "feet/mount.py", "paper/*.py")
+"""Files of the estimator service on which the velocity of the paper's filters depends."""
 
 
 @dataclass(frozen=True)
@@ -59,24 +59,24 @@ def _bound(make: Callable[[str, int], Log], name: str) -> Callable[[int], Log]:
 
 
 def synthetic_sets(kinds: Iterable[str] = ("twist", "turn", "slip", "edges", "false")) -> list[LogSet]:
-    """Seeded walks of a made-up biped."""
+    """Return seeded walks of a made-up biped."""
     return [LogSet(kind, _bound(_synthetic, kind)) for kind in kinds]
 
 
 def walk_sets(names: Iterable[str] = tuple(SCENARIOS)) -> list[LogSet]:
-    """Closed-loop walks of the simulated robots."""
+    """Return closed-loop walks of the simulated robots."""
     return [LogSet(name, _bound(_walk, name)) for name in names]
 
 
 def humanoid_sets() -> list[LogSet]:
-    """Logs of others, as far as they are there."""
+    """Return logs of others, as far as they are there."""
     return [
         LogSet(name, _bound(_humanoid, name), drawn=False) for name in TRUTH_ROWS if (DATA / f"{name}.npz").exists()
     ]
 
 
 def tuned(chosen: LogSet, name: str, measure: str = "rmse", fresh: bool = False) -> dict[str, Any]:
-    """Noise of a reference tuned for a set, from the cache if nothing of it has changed.
+    """Return the noise of a reference tuned for a set, from the cache if nothing of it has changed.
 
     Args:
         chosen: the set.
@@ -101,9 +101,10 @@ def tuned(chosen: LogSet, name: str, measure: str = "rmse", fresh: bool = False)
 
 
 def _sources(name: str) -> list[Path]:
-    """Files on which the noise of a reference depends."""
+    """Return the files on which the noise of a reference depends."""
     room = Path(str(tuning.__file__)).parent
-    judged = [room / f"{module}.py" for module in ("tune", "scores", "log")]
+    files = [room / f"{module}.py" for module in ("tune", "scores", "log")]
     if name in PEERS:
-        return [*judged, *sorted((room / "peers").glob("*.py"))]
-    return [*judged, *(Path(str(service.__file__)).parent / f"{module}.py" for module in PAPER_MODULES)]
+        return [*files, *sorted((room / "peers").glob("*.py"))]
+    service_room = Path(str(service.__file__)).parent
+    return [*files, *(path for pattern in PAPER_SOURCES for path in sorted(service_room.glob(pattern)))]

@@ -16,7 +16,7 @@ from surefoot.lab.estimation.track import Track, names, track
 from surefoot.lab.estimation.walks import SCENARIOS, run_walk
 from surefoot.record.columns import Columns
 from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.feet.kinematics import feet_in_imu, foot_mount
+from surefoot.services.estimator.feet.mount import feet_in_imu, foot_mount
 from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 
 from .chain import chain_angles, chain_from_robot, descend
@@ -31,7 +31,7 @@ AT_LEAST = 0.01  # m/s, of base_link over 2 s: it walks
 MEAN_S = 2.0
 SMOOTH_S = 0.3
 REST_S = 6.0
-"""The robot stands before it walks: half a second of gyro leaves a bias of 1e-3 rad/s, which decides (38)."""
+"""Time of standing before the walk, s: half a second of gyro leaves a bias of 1e-3 rad/s, which decides (38)."""
 LOST = 0.0357  # m/s: an estimate that is off by the walking speed is useless
 
 
@@ -116,7 +116,7 @@ def evaluate(seed: int, ok: bool, columns: Columns, robot: str) -> Experiment:
 
 
 def _walking(log: Log) -> NDArray[np.bool_]:
-    """From the first to the last row at which the robot moves on."""
+    """Return the rows from the first to the last at which the robot moves on."""
     rows = round(MEAN_S / float(np.median(np.diff(log.seconds))))
     at = log.position
     ahead = np.zeros(len(at))
@@ -128,7 +128,7 @@ def _walking(log: Log) -> NDArray[np.bool_]:
 
 
 def roughness(x: Array, log: Log) -> float:
-    """Rms of an error (n,) about its running mean over 0.3 s: what is noise and no drift, m/s."""
+    """Return the rms of an error (n,) about its running mean over 0.3 s, m/s: noise without drift."""
     rows = max(3, round(SMOOTH_S / float(np.median(np.diff(log.seconds)))))
     mean = np.convolve(x, np.ones(rows) / rows, mode="valid")
     first = rows // 2
@@ -136,7 +136,7 @@ def roughness(x: Array, log: Log) -> float:
 
 
 def _with_exact_encoders(log: Log, columns: Columns) -> Log:
-    """The log as encoders without steps, zero errors and play of the joints would have made it."""
+    """Return the log that encoders without steps, zero errors and play of the joints would have made."""
     stamps = columns["base_stamp_ns"]
     true = np.stack([np.interp(log.foot_ns, stamps, q) for q in columns["base_joints"].T], axis=1)
     mount = foot_mount(load_robot(str(log.robot)))
@@ -190,7 +190,7 @@ def errata(draws: int = 200, step: float = 1e-6) -> Errata:
 
 
 def _as_printed(chain, theta: Array, rate: Array, w: Array) -> tuple[Array, Array]:
-    """(8) with p_i x z theta', (12) with the IMU's z axis w^z_i."""
+    """Return (8) with p_i x z theta' and (12) with the IMU's z axis w^z_i."""
     p, v, axes = np.zeros(3), np.zeros(3), chain.imu_axes.copy()
     omega = axes @ w
     for i in range(theta.size - 1, -1, -1):

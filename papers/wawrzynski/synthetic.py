@@ -2,7 +2,7 @@
 
 The paper's robot: a biped of 35 cm that walks 3.57 cm/s with steps of 0.5 s, IMU at 100 Hz, servo encoders of
 0.293 deg and foot switches at 30 Hz. Its Table I is not public: the legs are the six-joint chain of `bioloid_chains`.
-Truth is kinematic: a sliding foot does not push the body.
+TrueMotion is kinematic: a sliding foot does not push the body.
 """
 
 import math
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.rotations import matrix_from_rotvec, matrix_from_rpy, rotvec_from_matrix
 from surefoot.kernels.jit import kernel
-from surefoot.lab.estimation.log import Log, Truth
+from surefoot.lab.estimation.log import Log, TrueMotion
 
 from .chain import Chain, chain_from_dh, descend, foot_pose
 
@@ -82,7 +82,7 @@ SOLE[:, 0] = -ANKLE
 
 
 def bioloid_chains() -> tuple[Chain, Chain]:
-    """Left and right leg, ankle to IMU: roll, pitch, knee, pitch, roll, yaw (public reconstruction of Table I).
+    """Return left and right leg, ankle to IMU: roll, pitch, knee, pitch, roll, yaw (reconstruction of Table I).
 
     At zero angles the leg is straight and IMU axes are x forward, y left, z up.
     """
@@ -106,7 +106,7 @@ def bioloid_chains() -> tuple[Chain, Chain]:
 
 @kernel
 def solve_chain(chain: Chain, theta: Array, position: Array, rot: Array) -> Array:
-    """Joint angles (6,) that put the foot at `position`, `rot` (IMU axes), by Newton's method from `theta`."""
+    """Return joint angles (6,) rad that put the foot at `position`, `rot` (IMU axes), by Newton's method."""
     theta = theta.copy()
     zero, step = np.zeros(theta.size), 1e-7
     for _ in range(8):
@@ -133,7 +133,7 @@ def _pose_error(chain: Chain, theta: Array, zero: Array, position: Array, rot: A
 
 
 def _smooth(u: Array) -> Array:
-    """0 to 1 with no speed at the ends, u clipped to [0, 1]."""
+    """Return a course from 0 to 1 with no speed at the ends, u clipped to [0, 1]."""
     u = np.clip(u, 0.0, 1.0)
     return u * u * u * (10.0 - 15.0 * u + 6.0 * u * u)
 
@@ -163,7 +163,7 @@ def _path(walk: WalkParams, rng: np.random.Generator) -> _Path:
 
 
 def _body(walk: WalkParams, path: _Path, rng: np.random.Generator) -> tuple[Array, Array]:
-    """IMU position (N, 3) and rot_world_from_imu (N, 3, 3)."""
+    """Return IMU position (N, 3) m, world, and rot_world_from_imu (N, 3, 3)."""
     t, stride = path.t, 2.0 * walk.step_s
     go = _smooth((t - walk.rest_s) / stride)
     phase = 2.0 * math.pi * (t - walk.rest_s) / stride
@@ -185,7 +185,7 @@ def _body(walk: WalkParams, path: _Path, rng: np.random.Generator) -> tuple[Arra
 
 
 @dataclass(frozen=True, eq=False)
-class _Feet:
+class _Ankles:
     """Ankles on the fine grid."""
 
     position: Array  # (L, N, 3) m, world
@@ -195,11 +195,11 @@ class _Feet:
     load: Array  # (L, N) -1 .. 1, side of the play on which the joints lie
 
 
-def _feet(walk: WalkParams, path: _Path, rng: np.random.Generator) -> _Feet:
-    """Feet that swing in two alternating groups and stand still, but for twist and slip, in between."""
+def _feet(walk: WalkParams, path: _Path, rng: np.random.Generator) -> _Ankles:
+    """Return feet that swing in two alternating groups and stand still, but for twist and slip, in between."""
     t, count = path.t, walk.feet
     n = len(t)
-    out = _Feet(
+    out = _Ankles(
         np.zeros((count, n, 3)), np.zeros((count, n)), np.ones((count, n), dtype=np.bool_), np.zeros((count, n, 3)),
         np.ones((count, n)),
     )  # fmt: skip
@@ -240,7 +240,7 @@ def _feet(walk: WalkParams, path: _Path, rng: np.random.Generator) -> _Feet:
 EDGES = ((0.055, 0.0), (-0.035, 0.0), (0.0, 0.028), (0.0, -0.028))  # m, places of the edges from the ankle
 
 
-def _roll_over_edges(walk: WalkParams, path: _Path, feet: _Feet, rng: np.random.Generator) -> None:
+def _roll_over_edges(walk: WalkParams, path: _Path, feet: _Ankles, rng: np.random.Generator) -> None:
     """Roll some stances over an edge of the sole and back; the ankle goes along."""
     size = math.radians(rng.uniform(*walk.edge_deg))
     for f, first, last in _stances(feet):
@@ -256,8 +256,8 @@ def _roll_over_edges(walk: WalkParams, path: _Path, feet: _Feet, rng: np.random.
             feet.position[f, k] += yaw @ (edge - matrix_from_rotvec(feet.lean[f, k]) @ edge)
 
 
-def _stances(feet: _Feet) -> list[tuple[int, int, int]]:
-    """Foot, first row and row after the last of every stance."""
+def _stances(feet: _Ankles) -> list[tuple[int, int, int]]:
+    """Return foot, first row and row after the last of every stance."""
     out: list[tuple[int, int, int]] = []
     for f, contact in enumerate(feet.contact):
         change = np.flatnonzero(np.diff(np.concatenate([[False], contact, [False]]).astype(np.int8)))
@@ -265,8 +265,8 @@ def _stances(feet: _Feet) -> list[tuple[int, int, int]]:
     return out
 
 
-def _lie_of_joints(feet: _Feet) -> None:
-    """The play lies on one side while the leg is loaded and on the other in the air, 40 ms in between."""
+def _lie_of_joints(feet: _Ankles) -> None:
+    """Lay the play to one side while the leg is loaded and to the other in the air, 40 ms in between, in place."""
     for f, contact in enumerate(feet.contact):
         side = np.where(contact, 1.0, -1.0)
         width = round(0.04 / FINE)
@@ -275,7 +275,7 @@ def _lie_of_joints(feet: _Feet) -> None:
         feet.load[f] = (total[width:] - total[:-width]) / width
 
 
-def _false_contacts(walk: WalkParams, feet: _Feet, rng: np.random.Generator) -> None:
+def _false_contacts(walk: WalkParams, feet: _Ankles, rng: np.random.Generator) -> None:
     """Close the switches for `false_s` in some swings."""
     for contact in feet.contact:
         air = np.flatnonzero(np.diff(np.concatenate([[False], ~contact, [False]]).astype(np.int8)))
@@ -286,12 +286,12 @@ def _false_contacts(walk: WalkParams, feet: _Feet, rng: np.random.Generator) -> 
 
 
 def _group(foot: int, count: int) -> int:
-    """Neighbours on one side and opposite feet swing in turn."""
+    """Return the group of a foot: neighbours on one side and opposite feet swing in turn."""
     return foot % 2 if count == 2 else (foot // 2 + foot % 2) % 2
 
 
 def _foot_offset(walk: WalkParams, foot: int) -> Array:
-    """Place of a foot under the body, (2,) m: pairs left and right, front to back."""
+    """Return the place of a foot under the body, (2,) m: pairs left and right, front to back."""
     pairs = (walk.feet + 1) // 2
     x = 0.0 if pairs == 1 else 0.1 * (1.0 - 2.0 * (foot // 2) / (pairs - 1))
     half = HIP_Y if walk.feet == 2 else 0.12
@@ -330,7 +330,7 @@ def synthesize(walk: WalkParams, seed: int) -> Log:
     q = np.einsum("nji,nj->ni", rot[middles], force)
     w += rng.normal(size=3) * walk.gyro_bias + rng.normal(size=w.shape) * walk.sigma_w
     q += rng.normal(size=3) * walk.acc_bias + rng.normal(size=q.shape) * walk.sigma_q
-    truth = Truth(position[ends], rot[ends], v_world[ends])
+    truth = TrueMotion(position[ends], rot[ends], v_world[ends])
     rows = np.arange(KINEMATIC_STEPS, len(path.t), KINEMATIC_STEPS)
     seen, turned = _seen_feet(walk, rows, position, rot, feet, play, rng)
     return Log(
@@ -343,9 +343,9 @@ def synthesize(walk: WalkParams, seed: int) -> Log:
 
 
 def _seen_feet(
-    walk: WalkParams, rows: Ints, position: Array, rot: Array, feet: _Feet, play: Array, rng: np.random.Generator
+    walk: WalkParams, rows: Ints, position: Array, rot: Array, feet: _Ankles, play: Array, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Feet every 33 ms through quantised encoders with play, or with noise: (m, L, 3) m and (m, L, 3, 3)."""
+    """Return feet every 33 ms through quantised encoders with play, or with noise: (m, L, 3) m and (m, L, 3, 3)."""
     chains = bioloid_chains()
     theta = [np.array([0.0, 0.3, -0.6, 0.3, 0.0, 0.0])] * 2
     seen, turned = np.empty((len(rows), walk.feet, 3)), np.empty((len(rows), walk.feet, 3, 3))

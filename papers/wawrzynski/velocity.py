@@ -28,7 +28,7 @@ NOTES = (
     "Erratum (24): F leaves out the rotation; (28)-(30), which are executed, have it. Errata (20), (21): one equation.",
     "Noise is the rms of the error of v_x about its mean over 0.3 s. Before each walk the robot stands for 6 s, of "
     "which the mean gyro is taken; the paper does not say how long its robot stood. What is left of the bias decides "
-    "(38), for the six states cannot tell it from a tilt: the row with the first half second shows it.",
+    "(38), for the six states do not separate it from a tilt: the row with the first half second shows it.",
     "(38) is a mean along the body's axis; a walk that sways in yaw has another mean in the world (both are shown).",
 )
 
@@ -38,7 +38,7 @@ def reproduce(out: Path | None, tell: Callable[[str], None] = lambda text: None)
 
     Args:
         out: folder of the figures, or None.
-        tell: called with a line of progress.
+        tell: function that takes a line of progress.
     """
     done = run(tell=tell)
     figures: tuple[Path, ...] = ()
@@ -51,12 +51,12 @@ def reproduce(out: Path | None, tell: Callable[[str], None] = lambda text: None)
 
 
 def findings(done: Sequence[Experiment]) -> list[Finding]:
-    """All rows of the table."""
+    """Return all rows of the table."""
     return [*_experiment(done), *_average(done), *_conclusions(done), *_beside(done), *_errata()]
 
 
 def spread(values: Sequence[float], digits: int = 2) -> str:
-    """Mean and half of its 95 % interval."""
+    """Return mean and half of its 95 % interval as text."""
     low, high = interval(np.array(values))
     return f"{np.mean(values):.{digits}f} +- {0.5 * (high - low):.{digits}f}"
 
@@ -76,7 +76,7 @@ def _experiment(done: Sequence[Experiment]) -> list[Finding]:
 
 
 def errors_38(done: Sequence[Experiment], name: str) -> list[float]:
-    """Error of (38) of each walk, % of the true mean."""
+    """Return the error of (38) of each walk, % of the true mean."""
     return [100.0 * (one.average[name][0] / one.average[name][1] - 1.0) for one in done]
 
 

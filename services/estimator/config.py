@@ -14,7 +14,7 @@ from .stream import BEST, Estimator
 
 
 class EstimatorConfig(ServiceConfig):
-    """Which estimate is ``state/velocity``, and where the robot starts."""
+    """Estimate that is published as ``state/velocity``, and start pose of the robot."""
 
     mode: Literal["best", "imu", "kinematics", "kinematics_gyro", "ekf"] = Field(
         default="best", description="estimator behind state/velocity; state/odometry is that of `best`"
@@ -40,7 +40,7 @@ class EstimatorConfig(ServiceConfig):
     )
 
     def estimator(self, robot: Robot) -> Estimator:
-        """The estimator of this configuration."""
+        """Return the estimator of this configuration."""
         return Estimator.for_robot(
             robot,
             StartPose(self.start_x, self.start_y, self.start_yaw, self.start_ground),

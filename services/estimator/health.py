@@ -9,18 +9,18 @@ from numpy.typing import NDArray
 
 from surefoot.kernels.jit import kernel
 
-from .inputs.judge import Faults
+from .inputs.check import Faults
 
 SILENT_S = 0.2  # feet older than this: a sensor is absent
-NO_CONTACT_S = 0.5  # the same for the last contact of any foot
+NO_CONTACT_S = 0.5  # last contact of any foot older than this: contacts are absent
 UNCORRECTED_S = 1.0  # prediction only for longer: the velocity is worth little
 MAX_NIS = 50.0  # three degrees of freedom; a filter so surprised is not to be trusted
-STANDING = ("standing",)  # the words of a robot that stands and is well
-ROUGH_EXCESS = 3.0  # inertial noise over the sensor's from which it is worth a word
+STANDING = ("standing",)  # reasons of a robot that stands and is well
+ROUGH_EXCESS = 3.0  # inertial noise over the sensor's from which it is reported
 
 
 class Condition(NamedTuple):
-    """Numbers from which flags and reasons follow; no words, so that kernels make it, too."""
+    """Numbers from which flags and reasons follow; no texts, so that kernels make it as well."""
 
     initialised: bool
     standing: bool
@@ -38,8 +38,8 @@ def flags(c: Condition) -> tuple[bool, bool, bool]:
     """Return the flags of an estimate whose inputs are not silent.
 
     Returns:
-        Whether all inputs of the last 100 ms were accepted and the joints are new; whether the estimate is consistent
-        and corrected; whether no sensor is saturated, frozen or absent, and the robot does not fall.
+        inputs_ok: all inputs of the last 100 ms were accepted and the joints are new; filter_ok: the estimate is
+        consistent and corrected; sensors_ok: no sensor is saturated, frozen or absent, and the robot does not fall.
     """
     faults = c.faults
     joints_frozen = faults.feet_repeat and c.initialised and not c.standing
@@ -51,7 +51,7 @@ def flags(c: Condition) -> tuple[bool, bool, bool]:
 
 
 flags_of = kernel(flags)
-"""`flags` compiled, for kernels. From Python call `flags`: to hand a condition over takes longer than to judge it."""
+"""`flags` compiled, for kernels. Python calls `flags`: to hand a condition over takes longer than to evaluate it."""
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""Estimates as they travel."""
+"""Messages of the estimates."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from surefoot.schemas.state import Odometry, StanceEnd, VelocityEstimate
 
 from .feet.slip import FinishedStance
-from .output import Estimate, OdometryPose
+from .output import OdometryPose, VelocityAndTilt
 
 
-def velocity_message(e: Estimate) -> VelocityEstimate:
-    """One estimator's velocity and gravity."""
+def velocity_message(e: VelocityAndTilt) -> VelocityEstimate:
+    """Return the message of one estimator's velocity and gravity."""
     return VelocityEstimate(
         mode=e.mode,  # pyright: ignore[reportArgumentType] - a name of the table of estimators
         velocity=_list(e.velocity),
@@ -38,7 +38,7 @@ def velocity_message(e: Estimate) -> VelocityEstimate:
 
 
 def odometry_message(pose: OdometryPose, initialised: bool, stances: Sequence[FinishedStance] = ()) -> Odometry:
-    """The dead-reckoned pose, and the stances that have ended."""
+    """Return the message of the dead-reckoned pose and the stances that have ended."""
     return Odometry(
         position=_list(pose.position),
         quat_wxyz=_list(pose.quat_wxyz),
@@ -51,5 +51,5 @@ def odometry_message(pose: OdometryPose, initialised: bool, stances: Sequence[Fi
 
 
 def _list(x: NDArray[Any]) -> Any:
-    """The numbers of an array as its model takes them; it makes the tuple and checks the length."""
+    """Return the numbers of an array; the model makes the tuple and checks the length."""
     return x.tolist()

@@ -6,13 +6,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.geometry.constants import GRAVITY
+from surefoot.geometry.linear_kernels import times_vector
 from surefoot.kernels.jit import kernel
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-class Estimate(NamedTuple):
+class VelocityAndTilt(NamedTuple):
     """Velocity and gravity direction by one estimator."""
 
     mode: str  # name in the table of estimators
@@ -36,7 +38,7 @@ class Estimate(NamedTuple):
     sliding: Array  # (L,) probability that the foot slides; NaN: it does not stand
     nis: float | None  # of the last correction, 3 degrees of freedom
     refused: int  # inputs refused so far
-    reasons: tuple[str, ...]  # what is to be said of it, in words
+    reasons: tuple[str, ...]  # reasons of the flags, in words
     contact_lost_s: float  # since a foot was last in contact
     prediction_only_s: float  # since the legs last gave a velocity
 
@@ -53,11 +55,8 @@ class OdometryPose(NamedTuple):
 
 @kernel
 def level(rot_base_from_imu: Array, g: Array) -> Array:
-    """rot_heading_from_base (3, 3) = Ry(pitch) Rx(roll) from g (3,), specific force at rest in IMU axes."""
-    up = np.zeros(3)
-    for i in range(3):
-        for k in range(3):
-            up[i] += rot_base_from_imu[i, k] * g[k]
+    """Return rot_heading_from_base (3, 3) = Ry(pitch) Rx(roll) from g (3,), specific force at rest in IMU axes."""
+    up = times_vector(rot_base_from_imu, g)
     roll, pitch = math.atan2(up[1], up[2]), math.atan2(-up[0], math.hypot(up[1], up[2]))
     cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
     return np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
@@ -65,7 +64,7 @@ def level(rot_base_from_imu: Array, g: Array) -> Array:
 
 @kernel
 def express(g: Array, v: Array, w: Array, rot_base_from_imu: Array, imu_position: Array) -> Array:
-    """IMU quantities in other frames, as rows: velocity, heading velocity, angular velocity, g_up, (roll, pitch, 0).
+    """Return IMU quantities in other frames, as rows: velocity, heading velocity, turn, g_up, (roll, pitch, 0).
 
     The velocity of the base_link origin is rot (v) + w x (0 - imu_position).
 
@@ -77,19 +76,13 @@ def express(g: Array, v: Array, w: Array, rot_base_from_imu: Array, imu_position
         imu_position: (3,) m in base_link.
     """
     out = np.zeros((5, 3))
-    for i in range(3):
-        for k in range(3):
-            out[0, i] += rot_base_from_imu[i, k] * v[k]
-            out[2, i] += rot_base_from_imu[i, k] * w[k]
-            out[3, i] += rot_base_from_imu[i, k] * g[k]
+    out[0], out[2] = times_vector(rot_base_from_imu, v), times_vector(rot_base_from_imu, w)
+    out[3] = times_vector(rot_base_from_imu, g)
     x, y, z = imu_position[0], imu_position[1], imu_position[2]
     out[0, 0] -= out[2, 1] * z - out[2, 2] * y
     out[0, 1] -= out[2, 2] * x - out[2, 0] * z
     out[0, 2] -= out[2, 0] * y - out[2, 1] * x
-    rot = level(rot_base_from_imu, g)
-    for i in range(3):
-        for k in range(3):
-            out[1, i] += rot[i, k] * out[0, k]
+    out[1] = times_vector(level(rot_base_from_imu, g), out[0])
     out[4, 0] = math.atan2(out[3, 1], out[3, 2])
     out[4, 1] = math.atan2(-out[3, 0], math.hypot(out[3, 1], out[3, 2]))
     return out
@@ -97,7 +90,7 @@ def express(g: Array, v: Array, w: Array, rot_base_from_imu: Array, imu_position
 
 @kernel
 def healthy(g: Array, v: Array, p: Array) -> bool:
-    """Finite, positive variances, a length of g near 9.81 and a speed that a legged robot can have."""
+    """Return True for finite values, positive variances, a length of g near 9.81 and a speed of a legged robot."""
     length, speed = 0.0, 0.0
     for i in range(3):
         length += g[i] * g[i]
@@ -107,14 +100,14 @@ def healthy(g: Array, v: Array, p: Array) -> bool:
     for i in range(p.shape[0]):
         if not (math.isfinite(p[i, i]) and p[i, i] > 0.0):
             return False
-    return abs(math.sqrt(length) - 9.81) < 1.0 and speed < 9.0
+    return abs(math.sqrt(length) - GRAVITY) < 1.0 and speed < 9.0
 
 
 @kernel
 def summary(
     g: Array, v: Array, p: Array, w: Array, gyro_bias: Array, rot_base_from_imu: Array, imu_position: Array
 ) -> tuple[Array, bool]:
-    """`express` of the gyro w less its bias, and whether the estimate is `healthy`."""
+    """Return `express` of the gyro w less its bias, and if the estimate is `healthy`."""
     rate = np.empty(3)
     for i in range(3):
         rate[i] = w[i] - gyro_bias[i]

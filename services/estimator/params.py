@@ -1,23 +1,35 @@
-"""Parameters of the estimators. Every switch is separate; `paper` values are noted where ours differ."""
+"""Parameters of the estimators. Every switch is separate; the paper's value is noted where ours differs."""
 
 import math
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import NamedTuple, Self
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions
+from surefoot.schemas.topics import HW_IMU, HW_JOINTS
 
-STANDSTILL_FACTOR = 2.5  # standstill = below this many sigma of the sensor alone
+STANDSTILL_FACTOR = 2.5
+"""Standard deviation at rest, noises of the sensor, below which a robot stands still."""
+GAP_TURN = 0.1
+"""Unseen turning in a gap of inertial samples, rad/s; in a gap longer than `reset_gap_ns`, rad."""
+GAP_PUSH = 1.0
+"""Unseen acceleration in a gap of inertial samples, m/s^2."""
+UNKNOWN_SPEED = 1.0
+"""Standard deviation of an unknown velocity, m/s."""
 
 
-@dataclass(frozen=True)
-class StartPose:
-    """Where the robot stands when it starts: map = odom by this statement."""
+class StartPose(NamedTuple):
+    """Pose of base_link in map when the robot starts; it lays odom over map."""
 
-    x: float = 0.0  # m
-    y: float = 0.0  # m
-    yaw: float = 0.0  # rad
-    ground: float = 0.0  # m, height of the ground under the feet, mean
+    x: float = 0.0
+    """m."""
+    y: float = 0.0
+    """m."""
+    yaw: float = 0.0
+    """rad."""
+    ground: float = 0.0
+    """Mean height of the ground under the feet, m."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +43,11 @@ class EstimatorParams:
     gyro_bias_floor: float = 2e-4  # rad/s, in-run drift: a bias is never known better
     gyro_bias_sd: float = 0.06  # rad/s, turn-on bias of an axis
     sigma_point: float = 0.0003  # m, a contact point by the encoders
-    imu_period_ns: int = 10_000_000
-    kinematics_period_ns: int = 33_000_000
-    # limits of inputs (note, section 3)
+    imu_period_ns: int = HW_IMU.period_ns
+    kinematics_period_ns: int = HW_JOINTS.period_ns
+    # limits of inputs
     max_gyro: float = math.radians(1000.0)  # rad/s
-    max_acc: float = 5.0 * 9.81  # m/s^2
+    max_acc: float = 5.0 * GRAVITY  # m/s^2
     max_speed: float = 2.0  # m/s; `best` takes a faster estimate for an error and begins anew
     gap_periods: float = 5.0  # a longer IMU gap is counted and widens the covariance
     reset_gap_ns: int = 500_000_000  # a longer one makes the velocity unknown

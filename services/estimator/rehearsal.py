@@ -1,13 +1,14 @@
-"""A dry run of the estimator with made-up samples: standing still, then walking on the spot."""
+"""Rehearsal of the estimator with made-up samples: standing still, then walking on the spot."""
 
 import numpy as np
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.robot.description import Robot
 
 from .config import EstimatorConfig
-from .feet.kinematics import foot_mount
+from .feet.mount import foot_mount
 from .feet.slip import StanceSlip, feet_in_odom
-from .inputs.timeline import RESYNC_AFTER
+from .inputs.clock import RESYNC_AFTER
 from .messages import odometry_message, velocity_message
 
 WALK_SAMPLES = 24
@@ -26,7 +27,7 @@ def rehearse(config: EstimatorConfig, robot: Robot, modes: tuple[str, ...]) -> N
         modes: the estimates that the service publishes.
     """
     estimator = config.estimator(robot)
-    period, up = estimator.params.imu_period_ns, np.array([0.0, 0.0, 9.81])
+    period, up = estimator.params.imu_period_ns, np.array([0.0, 0.0, GRAVITY])
     joints, every = robot.neutral.copy(), np.ones(len(robot.legs), dtype=np.bool_)
     mount = foot_mount(robot)
     slip = StanceSlip(len(mount.radius), mount.radius)

@@ -5,7 +5,7 @@ import numpy as np
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.service import Service
 from surefoot.robot.reader import load_robot
-from surefoot.schemas.hw import FootContacts, Imu, JointState
+from surefoot.schemas.hw import FootContacts, JointState
 from surefoot.schemas.topics import (
     HW_CONTACTS,
     HW_IMU,
@@ -20,16 +20,16 @@ from surefoot.schemas.topics import (
 
 from .config import EstimatorConfig
 from .feet.contact import touch_rows
-from .feet.kinematics import foot_mount
+from .feet.mount import foot_mount
 from .feet.slip import FinishedStance, StanceSlip, feet_in_odom
-from .inputs.counted import InputResult
+from .inputs.results import InputResult
 from .messages import odometry_message, velocity_message
 from .rehearsal import rehearse
 
 LATE_JOINTS_S = 0.03
-"""Older joints correct the estimate, but say nothing of slip: the pose of their time is not kept."""
+"""Age of joints up to which slip is measured, s: the pose at the time of older ones is not kept."""
 LATE_TICK = 100
-"""Who joins an epoch after this tick no longer stands at the stated start pose."""
+"""Tick after which a service that joins an epoch no longer relies on the stated start pose."""
 
 VARIANTS = {
     "imu": STATE_VELOCITY_IMU,
@@ -72,7 +72,7 @@ class EstimatorService(Service[EstimatorConfig]):
         self._first = False
         imu, joints, contacts = inputs.get(HW_IMU), inputs.get(HW_JOINTS), inputs.get(HW_CONTACTS)
         if imu is not None:
-            self._imu(imu)
+            self._log("imu", self.estimator.imu(imu.stamp_ns, imu.gyro, imu.acc, imu.saturated))
         if contacts is not None:
             self._contacts = contacts
         if joints is not None and self._contacts is not None:
@@ -86,23 +86,19 @@ class EstimatorService(Service[EstimatorConfig]):
             if topic.due(inputs.number):
                 self.publish(topic, velocity_message(e.estimate(name)), e.stamp_ns)
 
-    def _imu(self, imu: Imu) -> None:
-        result = self.estimator.imu(imu.stamp_ns, imu.gyro, imu.acc, imu.saturated)
-        self._tell("imu", result)
-
     def _kinematics(self, joints: JointState, contacts: FootContacts) -> None:
         touch = touch_rows(contacts.touch)
         q, e = np.array(joints.position), self.estimator
         result = e.joints(joints.stamp_ns, q, touch)
-        self._tell("kinematics", result)
+        self._log("kinematics", result)
         behind_s = 1e-9 * (e.stamp_ns - joints.stamp_ns)
         if result is InputResult.OK and e.initialised and 0.0 <= behind_s < LATE_JOINTS_S:
             feet = feet_in_odom(self._mount, q, e.pose(), behind_s)
             self._stances += self._slip.update(np.asarray(touch.any(axis=1)), *feet)
 
-    def _tell(self, source: str, result: InputResult) -> None:
+    def _log(self, source: str, result: InputResult) -> None:
         """Log the first refusal of its kind; the rest is in the counters."""
-        if not result.accepted and self.estimator.judge.counts[f"{source}_{result}"] == 1:
+        if not result.accepted and self.estimator.check.counts[f"{source}_{result}"] == 1:
             self.log("warning", f"{source} refused: {result}")
 
 

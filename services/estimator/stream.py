@@ -1,4 +1,4 @@
-"""The estimator of a robot or a log: takes raw samples, judges them, feeds every filter, gives estimates."""
+"""Estimator of a robot or a log: takes raw samples, checks them, feeds every filter, returns estimates."""
 
 import math
 from collections.abc import Iterable
@@ -11,19 +11,19 @@ from surefoot.geometry.rotations import wrap_angle
 from surefoot.robot.description import Robot
 
 from .feet.contact import BestGeometry, ContactPoints, at_switches, contact_points, point_feet
-from .feet.kinematics import FootMount, FootSample, feet_in_imu, foot_mount, known_feet
+from .feet.mount import FootMount, FootSample, feet_in_imu, foot_mount, known_feet
 from .filter.best import BestFilter, BestOutput
-from .filter.cell import NOW_NS
 from .filter.hypotheses import modes_of
+from .filter.intake import NOW_NS
 from .filter.log import LogInputs, LogRows, new_rows
 from .filter.noise import best_limits, best_noise
 from .health import STANDING, Condition, flags, reasons
-from .inputs.counted import InputJudge
+from .inputs.clock import bounded
+from .inputs.counters import InputCheck
 from .inputs.results import RESULTS, InputResult
-from .inputs.timeline import bounded
-from .output import Estimate, OdometryPose, summary
+from .output import OdometryPose, VelocityAndTilt, summary
+from .paper.bank import PaperEstimators, PaperOutput
 from .paper.estimators import ESTIMATORS
-from .paper.streams import PaperEstimators, PaperOutput
 from .params import EstimatorParams, StartPose, paper_params
 
 Array = NDArray[np.float64]
@@ -45,9 +45,10 @@ class Estimator:
     Args:
         mount: of the IMU and the feet.
         params: noises, limits and switches.
-        start: where the robot stands when it starts; None = at the origin.
+        start: pose at the start; None = at the origin.
         names: estimators to run.
         points: contact points; None = one for each foot.
+        hypotheses: False: no point slides.
     """
 
     def __init__(
@@ -88,7 +89,7 @@ class Estimator:
         names: Iterable[str] = (BEST, *ESTIMATORS),
         **changes: object,
     ) -> "Estimator":
-        """Estimator with the sensors and the feet of a robot description; `changes` of `EstimatorParams`."""
+        """Return an estimator with the sensors and the feet of a robot; `changes` of `EstimatorParams`."""
         params = EstimatorParams.from_robot(robot, **changes)
         return cls(foot_mount(robot), params, start, names, contact_points(robot) if params.soles else None)
 
@@ -96,18 +97,18 @@ class Estimator:
         """Drop all state: a new epoch.
 
         Args:
-            stated: whether start pose and level ground still hold; no after a restart in the middle of a walk, which
-                begins again at the same numbers with a covariance that says that they are unknown.
+            stated: start pose and level ground still hold. False after a restart in the middle of a walk, which begins
+                again at the same numbers with the covariance of an unknown pose.
         """
         params, hypotheses = self.params, self._hypotheses
-        self.judge = InputJudge(params, self._feet, len(self._points.foot))
+        self.check = InputCheck(params, self._feet, len(self._points.foot))
         noise = best_noise(params, bool(modes_of(self._feet)))
         limits = best_limits(params, self._start, stated, hypotheses)
-        self._best = BestFilter(self._geometry, noise, limits, self.judge)
+        self._best = BestFilter(self._geometry, noise, limits, self.check)
         for _, group in self._groups:
             group.reset(stated)
         self.silent: dict[str, float] = {}
-        """Inputs that whoever feeds knows to be silent, by name, and for how long, s: flags and reasons name them."""
+        """Time for which inputs are silent, s, by name, as set by the caller: flags and reasons name them."""
 
     # inputs
 
@@ -121,7 +122,7 @@ class Estimator:
             clipped: an axis was at the end of its range.
 
         Returns:
-            What became of it; nothing raises.
+            The result; nothing raises.
         """
         w, q = _plain(w), _plain(q)
         if w.shape != (3,) or q.shape != (3,):
@@ -148,7 +149,7 @@ class Estimator:
             position: (L, 3) m, IMU axes, from the IMU.
             rot: rot_imu_from_foot, (L, 3, 3).
             contact: flag or probability of each foot, (L,), or at each of its S switches, (L, S), those of a sole in
-                the order of its corners; None or NaN: no sensor, judged by the height of the feet.
+                the order of its corners; None or NaN: no sensor, decided by the height of the feet.
         """
         feet, position, rot = self._feet, _plain(position), _plain(rot)
         known = np.full(feet, np.nan) if contact is None else _plain(contact)
@@ -167,7 +168,7 @@ class Estimator:
 
     def _refuse_shape(self, source: str, stamp_ns: int) -> InputResult:
         self._best.outdate()
-        return self.judge.note(source, InputResult.SHAPE, stamp_ns)
+        return self.check.count(source, InputResult.SHAPE, stamp_ns)
 
     def _restart_groups(self, result: InputResult) -> None:
         if result is InputResult.RESTART:
@@ -194,8 +195,8 @@ class Estimator:
 
     @property
     def stamp_ns(self) -> int:
-        """Of the newest inertial sample, ns."""
-        return int(self._best.cell.clock.stamps[NOW_NS])
+        """Stamp of the newest inertial sample, ns."""
+        return int(self._best.parts.clock.stamps[NOW_NS])
 
     @property
     def best(self) -> BestOutput:
@@ -204,23 +205,30 @@ class Estimator:
 
     @property
     def initialised(self) -> bool:
-        """Whether the estimates of `best` can be used."""
+        """True if the estimates of `best` can be used."""
         return self.best.settled
 
-    def estimate(self, name: str = BEST) -> Estimate:
-        """The present estimate of one estimator.
+    def estimate(self, name: str = BEST) -> VelocityAndTilt:
+        """Return the present estimate of one estimator.
 
         Raises:
             KeyError: it is not one of those that run.
         """
+        e = self._estimate_of_best() if name == BEST else self._estimate_of_paper(name)
+        return e._replace(inputs_ok=False, sensors_ok=False) if self.silent else e
+
+    def _estimate_of_best(self) -> VelocityAndTilt:
         best = self.best
-        if name == BEST:
-            words = self._words(None if best.quiet else self._best.condition, best.slipping, best.standing)
-            return self._estimate(
-                name, best.expressed, best.v, best.covariance, best.gyro_bias, best.acc_bias, best.settled,
-                best.standing, best.flags, best.slipping, best.sliding, best.nis, words, best.since_contact_s,
-                best.since_contact_s,
-            )  # fmt: skip
+        velocity, heading, turn, up, (roll, pitch, _) = best.expressed
+        texts = self._reasons(None if best.quiet else self._best.condition, best.slipping, best.standing)
+        return VelocityAndTilt(
+            BEST, self.stamp_ns, velocity, best.v, heading, turn, up, float(roll), float(pitch), best.gyro_bias,
+            best.acc_bias, best.covariance, best.settled, best.standing, *best.flags, best.slipping, best.sliding,
+            best.nis if math.isfinite(best.nis) else None, self.check.refused, texts, best.since_contact_s,
+            best.since_contact_s,
+        )  # fmt: skip
+
+    def _estimate_of_paper(self, name: str) -> VelocityAndTilt:
         names, group = next((pair for pair in self._groups if name in pair[0]), ((), None))
         if group is None:
             raise KeyError(name)
@@ -228,49 +236,33 @@ class Estimator:
         covariance = out.covariance.copy()
         for i in range(3):
             covariance[i, i] += out.hidden
-        rows, good = summary(
-            out.g, out.v, covariance, self._best.cell.clock.w, group.bias, self._rot_base_from_imu,
-            self._mount.imu_position,
-        )  # fmt: skip
-        condition = self._best.condition._replace(
+        w, mount = self._best.parts.clock.w, self._mount
+        rows, good = summary(out.g, out.v, covariance, w, group.bias, self._rot_base_from_imu, mount.imu_position)
+        velocity, heading, turn, up, (roll, pitch, _) = rows
+        c = self._best.condition._replace(
             initialised=group.initialised, standing=group.standstill.standing, healthy=good, nis=out.nis_mean,
             slipping=bool(group.slipping.any()), excess=1.0, since_velocity_s=1e-9 * out.since_velocity_ns,
         )  # fmt: skip
-        return self._estimate(
-            name, rows, out.v, covariance, group.bias, group.acc_bias, condition.initialised, condition.standing,
-            flags(condition), group.slipping, np.where(group.slipping, 1.0, 0.0), out.nis,
-            self._words(condition, group.slipping, condition.standing), condition.since_contact_s,
-            condition.since_velocity_s,
+        return VelocityAndTilt(
+            name, self.stamp_ns, velocity, out.v, heading, turn, up, float(roll), float(pitch), group.bias,
+            group.acc_bias, covariance, c.initialised, c.standing, *flags(c), group.slipping,
+            np.where(group.slipping, 1.0, 0.0), None if out.nis is None or not math.isfinite(out.nis) else out.nis,
+            self.check.refused, self._reasons(c, group.slipping, c.standing), c.since_contact_s, c.since_velocity_s,
         )  # fmt: skip
 
-    def _words(self, condition: Condition | None, slipping: Flags, standing: bool) -> tuple[str, ...]:
-        """Return what is to be said; `condition` None: it is known to be quiet."""
-        judge, unit = self.judge, self.judge.unit
+    def _reasons(self, condition: Condition | None, slipping: Flags, standing: bool) -> tuple[str, ...]:
+        """Return the reasons of an estimate's flags; `condition` None: it is known to be quiet."""
+        check, unit = self.check, self.check.unit
         if condition is None:
             if not (unit or self.silent):
                 return STANDING if standing else ()
             condition = self._best.condition
-        return reasons(condition, self.silent, unit, judge.last_bad, slipping)
-
-    def _estimate(
-        self, name: str, rows: Array, v: Array, covariance: Array, gyro_bias: Array, acc_bias: Array,
-        initialised: bool, standing: bool, flags: tuple[bool, bool, bool], slipping: Flags, sliding: Array,
-        nis: float | None, words: tuple[str, ...], since_contact_s: float, since_velocity_s: float,
-    ) -> Estimate:  # fmt: skip
-        silent = bool(self.silent)
-        velocity, heading, turn, up, (roll, pitch, _) = rows
-        inputs_ok, filter_ok, sensors_ok = flags
-        return Estimate(
-            name, self.stamp_ns, velocity, v, heading, turn, up, float(roll), float(pitch), gyro_bias, acc_bias,
-            covariance, initialised, standing, inputs_ok and not silent, filter_ok, sensors_ok and not silent,
-            slipping, sliding, None if nis is None or not math.isfinite(nis) else nis, self.judge.refused, words,
-            since_contact_s, since_velocity_s,
-        )  # fmt: skip
+        return reasons(condition, self.silent, unit, check.last_bad, slipping)
 
     def pose(self) -> OdometryPose:
-        """Pose of base_link in odom at the last inertial sample, by `best`: one estimate with its velocity."""
+        """Return pose and velocity of base_link in odom at the last inertial sample, by `best`."""
         best = self.best
-        yaw = self._best.cell.clock.yaw
+        yaw = self._best.parts.clock.yaw
         yaw[0] += wrap_angle(best.yaw - float(yaw[0]))
         return OdometryPose(best.position, best.quat_wxyz, float(yaw[0]), best.v_odom, best.pose_covariance)
 

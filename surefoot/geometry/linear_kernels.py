@@ -37,8 +37,70 @@ def times_transposed(a: Array, b: Array) -> Array:
 
 
 @row_kernel
+def congruence(a: Array, p: Array) -> Array:
+    """Return a p a^T, (n, n), of (n, m) and (m, m): the covariance p after the linear map a."""
+    return times_transposed(times(a, p), a)
+
+
+@row_kernel
+def turned(m: Array, v: Array) -> Array:
+    """Return m v, (3,), of (3, 3) and (3,)."""
+    out = np.empty(3)
+    for i in range(3):
+        out[i] = m[i, 0] * v[0] + m[i, 1] * v[1] + m[i, 2] * v[2]
+    return out
+
+
+@row_kernel
+def times_vector(a: Array, v: Array) -> Array:
+    """Return a v, (n,), of (n, k) and (k,)."""
+    out = np.zeros(a.shape[0])
+    for i in range(a.shape[0]):
+        for k in range(a.shape[1]):
+            out[i] += a[i, k] * v[k]
+    return out
+
+
+@row_kernel
+def quadratic(z: Array, m: Array) -> float:
+    """Return z^T m z of (n,) and (n, n)."""
+    total = 0.0
+    for i in range(z.size):
+        for k in range(z.size):
+            total += z[i] * m[i, k] * z[k]
+    return total
+
+
+@row_kernel
+def add_outer(p: Array, row: int, column: int, a: Array, b: Array) -> None:
+    """Add a b^T, of (n,) and (m,), to the block of p that begins at `row` and `column`, in place."""
+    for i in range(a.size):
+        for j in range(b.size):
+            p[row + i, column + j] += a[i] * b[j]
+
+
+@row_kernel
+def joseph(p: Array, gain: Array, h: Array, variance: float) -> Array:
+    """Return (I - K H) P (I - K H)^T + variance K K^T, symmetric, (n, n): Joseph's form of a correction.
+
+    Args:
+        p: covariance P, (n, n).
+        gain: K, (n, m).
+        h: H, (m, n).
+        variance: of each of the m measured numbers.
+    """
+    rest = np.eye(p.shape[0])
+    rest -= times(gain, h)
+    out, noise = congruence(rest, p), times_transposed(gain, gain)
+    for i in range(p.shape[0]):
+        for j in range(i + 1):
+            out[i, j] = out[j, i] = 0.5 * (out[i, j] + out[j, i]) + variance * noise[i, j]
+    return out
+
+
+@row_kernel
 def inverse3(m: Array) -> tuple[Array, float]:
-    """Inverse of a 3x3 matrix by the adjugate, and its condition number in the Frobenius norm (inf: not inverted)."""
+    """Return the inverse of m (3, 3) by the adjugate and its condition number (Frobenius); 0, inf: singular."""
     inv = np.empty((3, 3))
     for i in range(3):
         a, b = (i + 1) % 3, (i + 2) % 3
@@ -59,9 +121,5 @@ def inverse3(m: Array) -> tuple[Array, float]:
 
 @row_kernel
 def solve3(m: Array, v: Array) -> Array:
-    """Solution x of m x = v, (3,); zero where m (3, 3) has no inverse."""
-    inv, out = inverse3(m)[0], np.zeros(3)
-    for i in range(3):
-        for k in range(3):
-            out[i] += inv[i, k] * v[k]
-    return out
+    """Return the solution x of m x = v, (3,); zero where m (3, 3) has no inverse."""
+    return times_vector(inverse3(m)[0], v)

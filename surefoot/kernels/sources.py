@@ -35,7 +35,11 @@ def _source(module: str) -> tuple[str, tuple[str, ...]]:
         return "", ()
     content = Path(path).read_bytes()
     names: list[str] = []
+    parents = (module if path.endswith("__init__.py") else module.rpartition(".")[0]).split(".")
     for origin, what, plain in _IMPORT.findall(content.decode("utf-8")):
+        bare = origin.lstrip(".")
+        if level := len(origin) - len(bare):  # relative: one point for the package itself
+            origin = ".".join([*parents[: len(parents) + 1 - level], *filter(None, [bare])])
         names.append(origin or plain)
         names += [f"{origin}.{word}" for word in re.findall(r"\w+", what) if f"{origin}.{word}" in sys.modules]
     return sha256(content).hexdigest(), tuple(names)

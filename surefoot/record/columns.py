@@ -21,7 +21,7 @@ INPUTS = ("hw/imu", "hw/joints", "hw/contacts")
 """Keys without which nothing is estimated."""
 
 
-class _Table:
+class _KeyRows:
     """Rows of one key, number after number; every row must be as long as the first."""
 
     def __init__(self) -> None:
@@ -110,14 +110,14 @@ def recorded_columns(path: Path) -> tuple[Columns, str]:
     Raises:
         SurefootError: the file cannot be read as a recording, has no inertial samples, or rows of changing length.
     """
-    tables = {key: _Table() for key in READ}
+    tables = {key: _KeyRows() for key in READ}
     epoch = -1
     for recorded in read_recording(path, tuple(READ)):
         message = recorded.message()
         if message.epoch < epoch:
             continue
         if message.epoch > epoch:
-            tables, epoch = {key: _Table() for key in READ}, message.epoch
+            tables, epoch = {key: _KeyRows() for key in READ}, message.epoch
         tables[recorded.key].add(recorded.key, message, READ[recorded.key][1](message))
     if not tables["hw/imu"].stamps:
         raise SurefootError("invalid", f"{path} has no hw/imu", "hw/imu")

@@ -1,4 +1,4 @@
-"""Logs of others as columns: CSV and NPZ, checked, with row and column of whatever is wrong (docs/estimate.md).
+"""Logs of others as columns: CSV and NPZ, checked, with row and column of each error (docs/estimate.md).
 
 A CSV has one number per cell; `gyro_x, gyro_y, gyro_z` become the column `gyro` (n, 3), `foot0_x` ... become
 `foot_position` (n, F, 3). Empty cells and `nan` are NaN.
@@ -11,6 +11,7 @@ import zipfile
 import zlib
 from array import array
 from collections.abc import Iterable, Sequence
+from itertools import product
 from pathlib import Path
 from typing import TextIO
 
@@ -35,9 +36,19 @@ SHAPES: dict[str, tuple[int | str, ...]] = {
     "true_velocity": ("n", 3),
 }  # fmt: skip
 """Columns and their shapes: n inertial rows, m foot samples, F feet, S switches, J joints."""
+GROUPS: tuple[tuple[str, str, tuple[str, ...], tuple[str, ...]], ...] = (
+    ("gyro", "gyro_{}", (), XYZ), ("acc", "acc_{}", (), XYZ), ("true_position", "true_p{}", (), XYZ),
+    ("true_velocity", "true_v{}", (), XYZ), ("true_quat_wxyz", "true_{}", (), WXYZ),
+    ("foot_position", "foot{}_{}", (r"foot(\d+)_x",), XYZ), ("foot_quat_wxyz", "foot{}_{}", (r"foot(\d+)_x",), WXYZ),
+    ("contact", "contact{}", (r"contact(\d+)",), ()),
+    ("touch", "contact{}_{}", (r"contact(\d+)_0", r"contact0_(\d+)"), ()), ("force", "force{}", (r"force(\d+)",), ()),
+)  # fmt: skip
+"""CSV columns that make one: its name, their template, patterns of those that are counted, labels of the last axis."""
 NUMBER_WITH_COMMA = re.compile(r"^[+-]?\d+,\d+([eE][+-]?\d+)?$")
 SEPARATORS = (",", ";", "\t")
-FASTEST_S, SLOWEST_S = 5e-5, 0.5  # s between inertial rows of a log in SI units
+"""Separators of CSV cells; the most frequent one of the first row counts."""
+FASTEST_S, SLOWEST_S = 5e-5, 0.5
+"""Shortest and longest usual step between inertial rows of a log, s."""
 
 
 def read_table(path: Path, sort: bool = False) -> Columns:
@@ -86,7 +97,7 @@ def checked(columns: Columns, name: str, sort: bool = False) -> Columns:
 
 
 def _ordered(out: Columns, columns: Columns) -> Columns:
-    """Rows in the order of their stamps."""
+    """Return the columns with their rows in the order of their stamps."""
     n, m = len(out["stamp_ns"]), len(out.get("foot_stamp_ns", ()))
     timed = "foot_t" in columns or "foot_stamp_ns" in columns
     by_imu = np.argsort(out["stamp_ns"], kind="stable")
@@ -155,7 +166,7 @@ def _finite(values: NDArray[np.float64], key: str, name: str) -> None:
 
 
 def _check_rate(stamps: NDArray[np.int64], name: str) -> None:
-    """The usual step between rows must be that of an inertial unit; other units of time are named."""
+    """Check that the usual step between rows is that of an inertial unit; the error names other units of time."""
     step = 1e-9 * float(np.median(np.abs(np.diff(np.sort(stamps)))))
     if FASTEST_S <= step <= SLOWEST_S:
         return
@@ -204,7 +215,7 @@ def _from_csv(path: Path) -> Columns:
 
 
 def _cells(file: TextIO, name: str) -> tuple[list[str], NDArray[np.float64]]:
-    """Header and numbers (n, columns) of a CSV."""
+    """Return header and numbers (n, columns) of a CSV."""
     header = file.readline().rstrip("\r\n")
     if not header.strip():
         raise SurefootError("malformed", f"{name} is empty", "log")
@@ -227,9 +238,7 @@ def _cells(file: TextIO, name: str) -> tuple[list[str], NDArray[np.float64]]:
             numbers.extend([float(cell) if cell else math.nan for cell in cells])
         except ValueError:
             raise _no_number(cells, names, row, name) from None
-    return names, np.frombuffer(numbers, dtype=np.float64).reshape(-1, len(names)) if numbers else np.empty(
-        (0, len(names))
-    )
+    return names, np.array(numbers, dtype=np.float64).reshape(-1, len(names))
 
 
 def _number(cell: str) -> float | None:
@@ -257,35 +266,25 @@ def _no_number(cells: Sequence[str], names: Sequence[str], row: int, name: str) 
 
 
 def _grouped(names: Sequence[str], values: NDArray[np.float64], name: str) -> Columns:
-    """Columns from single ones; rows without any kinematic number carry no foot sample."""
+    """Return columns from single ones; rows without any kinematic number carry no foot sample."""
     at = {column: i for i, column in enumerate(names)}
-    out: Columns = {}
-    for key in ("t", "stamp_ns", "saturated"):
-        if key in at:
-            out[key] = values[:, at[key]]
+    out: Columns = {key: values[:, at[key]] for key in ("t", "stamp_ns", "saturated") if key in at}
     if "time" in at:
         out.setdefault("t", values[:, at["time"]])
-    for key, prefix, parts in (
-        ("gyro", "gyro_", XYZ), ("acc", "acc_", XYZ), ("true_position", "true_p", XYZ),
-        ("true_velocity", "true_v", XYZ), ("true_quat_wxyz", "true_", WXYZ),
-    ):  # fmt: skip
-        _take(out, key, [f"{prefix}{part}" for part in parts], at, values, name)
-    feet = _count(r"foot(\d+)_x", names, name)
-    if feet:
-        _take(out, "foot_position", [f"foot{f}_{part}" for f in range(feet) for part in XYZ], at, values, name)
-        _take(out, "foot_quat_wxyz", [f"foot{f}_{part}" for f in range(feet) for part in WXYZ], at, values, name)
-    contacts, switches = _count(r"contact(\d+)", names, name), _count(r"contact(\d+)_0", names, name)
-    _take(out, "contact", [f"contact{f}" for f in range(contacts)], at, values, name)
-    if switches:
-        each = _count(r"contact0_(\d+)", names, name)
-        _take(out, "touch", [f"contact{f}_{s}" for f in range(switches) for s in range(each)], at, values, name)
-        out["touch"] = out["touch"].reshape(len(values), switches, each)
-    _take(out, "force", [f"force{f}" for f in range(_count(r"force(\d+)", names, name))], at, values, name)
+    for key, template, counted, labels in GROUPS:
+        counts = [range(_count(pattern, names, name)) for pattern in counted]
+        parts = [template.format(*cell) for cell in product(*counts, *([labels] if labels else []))]
+        there = [part for part in parts if part in at]
+        missing = [part for part in parts if part not in at]
+        if there and missing:
+            text = f"{name} has {there[0]!r} but no {', '.join(map(repr, missing))}"
+            raise SurefootError("invalid", text, missing[0])
+        if there:
+            sizes = [len(each) for each in counts] + ([len(labels)] if labels else [])
+            out[key] = values[:, [at[part] for part in parts]].reshape(len(values), *sizes)
     joints = [column for column in names if column.startswith("joint_")]
-    _take(out, "joints", joints, at, values, name)
-    for key, width in (("foot_position", 3), ("foot_quat_wxyz", 4)):
-        if key in out:
-            out[key] = out[key].reshape(len(values), feet, width)
+    if joints:
+        out["joints"] = values[:, [at[part] for part in joints]]
     return _without_empty(out, joints)
 
 
@@ -309,23 +308,10 @@ def _without_empty(out: Columns, joints: Sequence[str]) -> Columns:
 
 
 def _count(pattern: str, names: Iterable[str], name: str) -> int:
-    """Number of columns like `foot0_x, foot1_x`, which must count from 0 without a gap."""
+    """Return the number of columns like `foot0_x, foot1_x`, which must count from 0 without a gap."""
     found = sorted(int(match[1]) for column in names if (match := re.fullmatch(pattern, column)))
     if found != list(range(len(found))):
         raise SurefootError(
             "invalid", f"{name}: columns {pattern!r} are numbered {found}, wanted is 0, 1, 2 ...", "log"
         )
     return len(found)
-
-
-def _take(
-    out: Columns, key: str, parts: Sequence[str], at: dict[str, int], values: NDArray[np.float64], name: str
-) -> None:
-    """Put columns side by side, if there are any of them; then all must be there."""
-    there = [part for part in parts if part in at]
-    if not there:
-        return
-    missing = [part for part in parts if part not in at]
-    if missing:
-        raise SurefootError("invalid", f"{name} has {there[0]!r} but no {', '.join(map(repr, missing))}", missing[0])
-    out[key] = values[:, [at[part] for part in parts]]

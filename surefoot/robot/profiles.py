@@ -82,9 +82,7 @@ class CameraFile(Profile):
     width_px: Pixels
     height_px: Pixels
     field_deg: Number = Field(gt=1, le=170, description="deg, horizontal field of view")
-    period_ms: PeriodMs | None = Field(
-        None, description="ms between two images; else the rate of `hw/landmarks`"
-    )
+    period_ms: PeriodMs | None = Field(None, description="ms between two images; else the rate of `hw/landmarks`")
     exposure_ms: Number = Field(gt=0, le=1000, description="ms")
     detect: Share = Field(description="probability that a landmark in a sharp image is detected")
     blur_px: Positive = Field(description="px, blur at which exp(-1/2) of it is left")

@@ -10,7 +10,7 @@ A point that touches down is set to p + R y with the covariance of p (augmentati
 Nothing is gated; noise is constant. For the laboratory: it multiplies by BLAS and does not run in a tick.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,17 +18,16 @@ from numpy.typing import NDArray
 from surefoot.geometry.constants import GRAVITY
 from surefoot.kernels.jit import kernel
 
-from ..log import Log, segments
+from ..log import Log, Segments, segments
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
-FREE = 1e4  # m^2, of a point that does not touch: it takes no part
+FREE = 1e4
+"""Variance of a point that does not touch, m^2: it takes no part."""
 
 
-@dataclass(frozen=True)
-class InekfNoise:
+class InekfNoise(NamedTuple):
     """Standard deviations; of the IMU per sample of 10 ms."""
 
     sigma_w: float = 0.0054  # rad/s
@@ -41,9 +40,52 @@ class InekfNoise:
     bias_a: float = 0.05  # m/s^2
     points: bool = False  # all points of a sole, else the foot centre
 
-    def vector(self) -> Array:
-        """The numbers in the order of the kernel."""
-        return np.array([self.sigma_w, self.sigma_q, self.sigma_c, self.sigma_p, self.walk_g, self.walk_a])
+
+class Readings(NamedTuple):
+    """Samples of a log as the referees take them."""
+
+    w: Array  # (n, 3) rad/s
+    q: Array  # (n, 3) m/s^2
+    seen: Array  # (m, N, 3) m, contact points in IMU axes
+    touch: Flags  # (m, N) points that touch
+    seconds: Array  # (m,) s, times of the contact points
+
+
+class PeerStart(NamedTuple):
+    """State in which a referee begins."""
+
+    segment: int  # first segment to run; the robot stands until then
+    rot: Array  # (3, 3) rot_world_from_imu
+    bias: Array  # (6,) of gyro rad/s and accelerometer m/s^2
+    variances: Array  # (15,) of phi, v, p and the biases
+
+
+class PeerTrack(NamedTuple):
+    """Estimates of a referee at n inertial rows."""
+
+    v: Array  # (n, 3) m/s, IMU axes
+    g: Array  # (n, 3) m/s^2, specific force at rest, IMU axes
+    p: Array  # (n, 6, 6) covariance of (g, v)
+    x: Array  # (n, 3) m, world
+    rot: Array  # (n, 3, 3) rot_world_from_imu
+
+
+class InekfState(NamedTuple):
+    """State of the filter with N points, changed in place."""
+
+    rot: Array  # (3, 3) rot_world_from_imu
+    v: Array  # (3,) m/s, world axes
+    x: Array  # (3,) m, world
+    at: Array  # (N, 3) m, contact points, world
+    active: Flags  # (N,) points that touch
+    bias_g: Array  # (3,) rad/s
+    bias_a: Array  # (3,) m/s^2
+    cov: Array  # (15 + 3 N, 15 + 3 N) of phi, v, p, points and biases
+
+
+def new_track(n: int) -> PeerTrack:
+    """Return room for n rows."""
+    return PeerTrack(np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 6, 6)), np.zeros((n, 3)), np.zeros((n, 3, 3)))
 
 
 @kernel
@@ -53,7 +95,7 @@ def _skew(x: Array) -> Array:
 
 @kernel
 def exp3(x: Array) -> tuple[Array, Array]:
-    """Exp(x) and its left Jacobian, (3, 3) each."""
+    """Return exp([x]) and its left Jacobian, (3, 3) each, of x (3,) rad."""
     s = _skew(x)
     ss = s @ s
     t2 = x[0] * x[0] + x[1] * x[1] + x[2] * x[2]
@@ -64,150 +106,157 @@ def exp3(x: Array) -> tuple[Array, Array]:
     return np.eye(3) + a * s + b * ss, np.eye(3) + b * s + c * ss
 
 
+def _new_state(points: int, start: PeerStart) -> InekfState:
+    variances = np.concatenate([start.variances[:9], np.full(3 * points, FREE), start.variances[9:]])
+    return InekfState(
+        start.rot.copy(), np.zeros(3), np.zeros(3), np.zeros((points, 3)), np.zeros(points, dtype=np.bool_),
+        start.bias[:3].copy(), start.bias[3:].copy(), np.diag(variances),
+    )  # fmt: skip
+
+
 @kernel
-def run(
-    d: Array, row: Ints, feet: Ints, last: Flags, w: Array, q: Array, seen: Array, touch: Flags, begin: int,
-    rot: Array, bias: Array, p0: Array, noise: Array, gravity: float,
-) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
-    """Walk along a log.
+def _predict(s: InekfState, w: Array, q: Array, dt: float, noise: InekfNoise, g: Array) -> None:
+    """Carry the state over `dt` s, over which the mean rates w (3,) rad/s and q (3,) m/s^2 hold, in place."""
+    size, points = s.cov.shape[0], s.at.shape[0]
+    bg, ba = size - 6, size - 3
+    wk, qk = w - s.bias_g, q - s.bias_a
+    a = np.zeros((size, size))
+    a[3:6, 0:3] = _skew(g)
+    for i in range(3):
+        a[6 + i, 3 + i] = 1.0
+        for j in range(3):
+            a[i, bg + j] = -s.rot[i, j]
+            a[3 + i, ba + j] = -s.rot[i, j]
+    a[3:6, bg : bg + 3] = -(_skew(s.v) @ s.rot)
+    a[6:9, bg : bg + 3] = -(_skew(s.x) @ s.rot)
+    for f in range(points):
+        if s.active[f]:
+            a[9 + 3 * f : 12 + 3 * f, bg : bg + 3] = -(_skew(s.at[f]) @ s.rot)
+    a *= dt
+    phi = np.eye(size) + a + 0.5 * (a @ a)
+    # noise of gyro and accelerometer enters where the biases do: per sample of 10 ms
+    per_g, per_a = noise.sigma_w**2 * 0.01 / dt, noise.sigma_q**2 * 0.01 / dt
+    gain = a[:, bg : bg + 6].copy()
+    for i in range(size):
+        for j in range(6):
+            gain[i, j] *= np.sqrt(per_g if j < 3 else per_a)
+    s.cov[:] = phi @ s.cov @ phi.T + gain @ gain.T
+    for f in range(points):
+        for i in range(3):
+            if s.active[f]:
+                s.cov[9 + 3 * f + i, 9 + 3 * f + i] += noise.sigma_c**2 * dt
+    for i in range(3):
+        s.cov[bg + i, bg + i] += noise.walk_g**2 * dt
+        s.cov[ba + i, ba + i] += noise.walk_a**2 * dt
+    turn, _ = exp3(wk * dt)
+    half, _ = exp3(wk * (0.5 * dt))
+    acc = s.rot @ half @ qk + g
+    s.x[:] = s.x + s.v * dt + 0.5 * acc * dt * dt
+    s.v[:] = s.v + acc * dt
+    s.rot[:] = s.rot @ turn
+
+
+@kernel
+def _drop_points(s: InekfState, seen: Array, touch: Flags) -> int:
+    """Drop the points that do not touch any more, in place; return the number of those that stay."""
+    old = 0
+    for f in range(touch.size):
+        good = touch[f] and np.isfinite(seen[f]).all()
+        if s.active[f] and not good:
+            s.active[f] = False
+            s.cov[9 + 3 * f : 12 + 3 * f, :] = 0.0
+            s.cov[:, 9 + 3 * f : 12 + 3 * f] = 0.0
+            for i in range(3):
+                s.cov[9 + 3 * f + i, 9 + 3 * f + i] = FREE
+        old += 1 if s.active[f] else 0
+    return old
+
+
+@kernel
+def _correct(s: InekfState, seen: Array, old: int, sigma: float) -> None:
+    """Correct with the `old` active points seen at (N, 3) m, IMU axes, of standard deviation `sigma` m, in place."""
+    size, points = s.cov.shape[0], s.at.shape[0]
+    h, z = np.zeros((3 * old, size)), np.zeros(3 * old)
+    r = 0
+    for f in range(points):
+        if s.active[f]:
+            z[3 * r : 3 * r + 3] = s.rot @ seen[f] + s.x - s.at[f]
+            for i in range(3):
+                h[3 * r + i, 6 + i] = -1.0
+                h[3 * r + i, 9 + 3 * f + i] = 1.0
+            r += 1
+    ph = s.cov @ h.T
+    inn = h @ ph
+    for i in range(3 * old):
+        inn[i, i] += sigma**2
+    gain = np.linalg.solve(inn, ph.T).T
+    delta = gain @ z
+    rest = np.eye(size) - gain @ h
+    cov = rest @ s.cov @ rest.T + sigma**2 * (gain @ gain.T)
+    s.cov[:] = 0.5 * (cov + cov.T)
+    turn, left = exp3(delta[:3].copy())
+    s.rot[:] = turn @ s.rot
+    s.v[:] = turn @ s.v + left @ delta[3:6]
+    s.x[:] = turn @ s.x + left @ delta[6:9]
+    for f in range(points):
+        if s.active[f]:
+            s.at[f] = turn @ s.at[f] + left @ delta[9 + 3 * f : 12 + 3 * f]
+    s.bias_g[:] = s.bias_g + delta[size - 6 : size - 3]
+    s.bias_a[:] = s.bias_a + delta[size - 3 : size]
+
+
+@kernel
+def _add_points(s: InekfState, seen: Array, touch: Flags, sigma: float) -> None:
+    """Add the points that touch anew, with the covariance of p (augmentation), in place."""
+    for f in range(touch.size):
+        if not s.active[f] and touch[f] and np.isfinite(seen[f]).all():
+            s.active[f] = True
+            s.at[f] = s.x + s.rot @ seen[f]
+            lo = 9 + 3 * f
+            s.cov[lo : lo + 3, :] = s.cov[6:9, :]
+            s.cov[:, lo : lo + 3] = s.cov[:, 6:9]
+            s.cov[lo : lo + 3, lo : lo + 3] = s.cov[6:9, 6:9]
+            for i in range(3):
+                s.cov[lo + i, lo + i] += sigma**2
+
+
+@kernel
+def run(cut: Segments, log: Readings, start: PeerStart, state: InekfState, noise: InekfNoise, track: PeerTrack) -> None:
+    """Walk along a log, and write the track.
 
     Args:
-        d: and `row`, `feet`, `last`: segments of the log.
-        w: gyro, (n, 3) rad/s.
-        q: accelerometer, (n, 3) m/s^2.
-        seen: contact points in IMU axes, (m, N, 3) m.
-        touch: which of them touch, (m, N).
-        begin: first segment to run; the robot stands until then.
-        rot: rot_world_from_imu at the beginning, (3, 3).
-        bias: of gyro and accelerometer, (6,).
-        p0: variances of phi, v, p and the biases, (15,).
-        noise: see `InekfNoise`.
-        gravity: m/s^2.
-
-    Returns:
-        v (n, 3) m/s IMU axes, g (n, 3), P of (g, v) (n, 6, 6), p (n, 3) m world, rot (n, 3, 3).
+        cut: time of the log.
+        log: its samples.
+        start: only its first segment is read.
+        state: at that segment, changed in place.
+        noise: the noises.
+        track: rows to write, in place.
     """
-    n, points = w.shape[0], seen.shape[1]
-    size = 15 + 3 * points
-    bg, ba = 9 + 3 * points, 12 + 3 * points
-    out_v, out_g, out_p = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 6, 6))
-    out_x, out_r = np.zeros((n, 3)), np.zeros((n, 3, 3))
-    g = np.array([0.0, 0.0, -gravity])
-    v, x, at = np.zeros(3), np.zeros(3), np.zeros((points, 3))
-    b_g, b_a = bias[:3].copy(), bias[3:].copy()
-    cov = np.zeros((size, size))
-    for i in range(9):
-        cov[i, i] = p0[i]
-    for i in range(6):
-        cov[bg + i, bg + i] = p0[9 + i]
-    for i in range(3 * points):
-        cov[9 + i, 9 + i] = FREE
-    active = np.zeros(points, dtype=np.bool_)
-    gx = _skew(g)
-    for s in range(d.size):
-        k, dt = row[s], d[s]
-        if s >= begin:
-            # prediction: the mean rates of the row hold over the segment
-            wk, qk = w[k] - b_g, q[k] - b_a
-            a = np.zeros((size, size))
-            a[3:6, 0:3] = gx
+    g = np.array([0.0, 0.0, -GRAVITY])
+    for s in range(cut.d.size):
+        k, j = cut.row[s], cut.feet[s]
+        if s >= start.segment:
+            _predict(state, log.w[k], log.q[k], cut.d[s], noise, g)
+            if j >= 0:
+                old = _drop_points(state, log.seen[j], log.touch[j])
+                if old > 0:
+                    _correct(state, log.seen[j], old, noise.sigma_p)
+                _add_points(state, log.seen[j], log.touch[j], noise.sigma_p)
+        if cut.last[s]:
+            rot = state.rot
+            track.v[k] = rot.T @ state.v
+            track.g[k] = -(rot.T @ g)
+            track.x[k], track.rot[k] = state.x, rot
+            m = np.zeros((6, state.cov.shape[0]))
+            m[0:3, 0:3] = -(rot.T @ _skew(g))
             for i in range(3):
-                a[6 + i, 3 + i] = 1.0
-                for j in range(3):
-                    a[i, bg + j] = -rot[i, j]
-                    a[3 + i, ba + j] = -rot[i, j]
-            a[3:6, bg : bg + 3] = -(_skew(v) @ rot)
-            a[6:9, bg : bg + 3] = -(_skew(x) @ rot)
-            for f in range(points):
-                if active[f]:
-                    a[9 + 3 * f : 12 + 3 * f, bg : bg + 3] = -(_skew(at[f]) @ rot)
-            a *= dt
-            phi = np.eye(size) + a + 0.5 * (a @ a)
-            # noise of gyro and accelerometer enters where the biases do: per sample of 10 ms
-            per_g, per_a = noise[0] ** 2 * 0.01 / dt, noise[1] ** 2 * 0.01 / dt
-            gain = a[:, bg : bg + 6].copy()
-            for i in range(size):
-                for j in range(6):
-                    gain[i, j] *= np.sqrt(per_g if j < 3 else per_a)
-            cov = phi @ cov @ phi.T + gain @ gain.T
-            for f in range(points):
-                for i in range(3):
-                    if active[f]:
-                        cov[9 + 3 * f + i, 9 + 3 * f + i] += noise[2] ** 2 * dt
-            for i in range(3):
-                cov[bg + i, bg + i] += noise[4] ** 2 * dt
-                cov[ba + i, ba + i] += noise[5] ** 2 * dt
-            turn, _ = exp3(wk * dt)
-            half, _ = exp3(wk * (0.5 * dt))
-            acc = rot @ half @ qk + g
-            x = x + v * dt + 0.5 * acc * dt * dt
-            v = v + acc * dt
-            rot = rot @ turn
-        j = feet[s]
-        if j >= 0 and s >= begin:
-            old = 0
-            for f in range(points):
-                good = touch[j, f] and np.isfinite(seen[j, f]).all()
-                if active[f] and not good:
-                    active[f] = False
-                    cov[9 + 3 * f : 12 + 3 * f, :] = 0.0
-                    cov[:, 9 + 3 * f : 12 + 3 * f] = 0.0
-                    for i in range(3):
-                        cov[9 + 3 * f + i, 9 + 3 * f + i] = FREE
-                old += 1 if active[f] else 0
-            if old > 0:
-                h, z = np.zeros((3 * old, size)), np.zeros(3 * old)
-                r = 0
-                for f in range(points):
-                    if active[f]:
-                        z[3 * r : 3 * r + 3] = rot @ seen[j, f] + x - at[f]
-                        for i in range(3):
-                            h[3 * r + i, 6 + i] = -1.0
-                            h[3 * r + i, 9 + 3 * f + i] = 1.0
-                        r += 1
-                ph = cov @ h.T
-                inn = h @ ph
-                for i in range(3 * old):
-                    inn[i, i] += noise[3] ** 2
-                gain_k = np.linalg.solve(inn, ph.T).T
-                delta = gain_k @ z
-                rest = np.eye(size) - gain_k @ h
-                cov = rest @ cov @ rest.T + noise[3] ** 2 * (gain_k @ gain_k.T)
-                cov = 0.5 * (cov + cov.T)
-                turn, left = exp3(delta[:3].copy())
-                rot = turn @ rot
-                v = turn @ v + left @ delta[3:6]
-                x = turn @ x + left @ delta[6:9]
-                for f in range(points):
-                    if active[f]:
-                        at[f] = turn @ at[f] + left @ delta[9 + 3 * f : 12 + 3 * f]
-                b_g = b_g + delta[bg : bg + 3]
-                b_a = b_a + delta[ba : ba + 3]
-            for f in range(points):
-                if not active[f] and touch[j, f] and np.isfinite(seen[j, f]).all():
-                    active[f] = True
-                    at[f] = x + rot @ seen[j, f]
-                    lo = 9 + 3 * f
-                    cov[lo : lo + 3, :] = cov[6:9, :]
-                    cov[:, lo : lo + 3] = cov[:, 6:9]
-                    cov[lo : lo + 3, lo : lo + 3] = cov[6:9, 6:9]
-                    for i in range(3):
-                        cov[lo + i, lo + i] += noise[3] ** 2
-        if last[s]:
-            out_v[k] = rot.T @ v
-            out_g[k] = -(rot.T @ g)
-            out_x[k], out_r[k] = x, rot
-            m = np.zeros((6, size))
-            m[0:3, 0:3] = -(rot.T @ gx)
-            for i in range(3):
-                for jj in range(3):
-                    m[3 + i, 3 + jj] = rot[jj, i]
-            out_p[k] = m @ cov @ m.T
-    return out_v, out_g, out_p, out_x, out_r
+                for n in range(3):
+                    m[3 + i, 3 + n] = rot[n, i]
+            track.p[k] = m @ state.cov @ m.T
 
 
 def upright(q: Array) -> Array:
-    """A rotation (3, 3) world from IMU that turns the specific force q (3,) up."""
+    """Return a rotation (3, 3) world from IMU that turns the specific force q (3,) up."""
     z = q / np.linalg.norm(q)
     helper = np.eye(3)[int(np.argmin(np.abs(z)))]
     x = helper - z * (helper @ z)
@@ -216,7 +265,7 @@ def upright(q: Array) -> Array:
 
 
 def at_rest(log: Log) -> tuple[Array | None, Array, int]:
-    """Mean gyro (3,) rad/s and specific force (3,) m/s^2 of the standstill, and the row after it.
+    """Return mean gyro (3,) rad/s and specific force (3,) m/s^2 of the standstill, and the row after it.
 
     Without a standstill of ten rows the gyro is None, the force that of the first row.
     """
@@ -226,18 +275,25 @@ def at_rest(log: Log) -> tuple[Array | None, Array, int]:
     return log.w[first:end].mean(axis=0), log.q[first:end].mean(axis=0), end
 
 
-def inekf(log: Log, noise: InekfNoise) -> tuple[Array, Array, Array, Array, Array]:
-    """Run over a log; see `run` for what is returned."""
-    cut = segments(log)
-    seen, touch = log.point_views(noise.points)
+def readings(log: Log, several: bool) -> Readings:
+    """Return the samples of a log, with `several` points of each foot or its centre alone."""
+    seen, touch = log.point_views(several)
+    return Readings(
+        log.w, log.q, np.ascontiguousarray(seen), np.ascontiguousarray(touch), 1e-9 * (log.foot_ns - log.stamp_ns[0])
+    )
+
+
+def inekf(log: Log, noise: InekfNoise) -> PeerTrack:
+    """Run over a log."""
+    cut, out = segments(log), new_track(len(log.stamp_ns))
     bias, sd_g = np.zeros(6), 0.02
     w, q, begin = at_rest(log)
     if w is not None:
         bias[:3], sd_g = w, noise.bias_g
     tilt = max(noise.bias_a / GRAVITY, 0.005)
-    p0 = np.repeat([tilt**2, 0.01**2, 1e-8, sd_g**2, noise.bias_a**2], 3)
-    p0[2] = 1e-8  # heading is by definition
-    return run(
-        *cut, log.w, log.q, seen, touch, int(np.searchsorted(cut.row, begin)), upright(q), bias, p0, noise.vector(),
-        float(GRAVITY),
-    )  # fmt: skip
+    variances = np.repeat([tilt**2, 0.01**2, 1e-8, sd_g**2, noise.bias_a**2], 3)
+    variances[2] = 1e-8  # heading is by definition
+    start = PeerStart(int(np.searchsorted(cut.row, begin)), upright(q), bias, variances)
+    seen = readings(log, noise.points)
+    run(cut, seen, start, _new_state(seen.seen.shape[1], start), InekfNoise(*map(float, noise[:-1])), out)
+    return out

@@ -10,7 +10,7 @@ beginning. State p, v, d_1..d_L (world axes); a = R q - g is an input. At each f
 A foot in the air gets 100 times the noise, as there.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,18 +18,16 @@ from numpy.typing import NDArray
 from surefoot.geometry.constants import GRAVITY
 from surefoot.kernels.jit import kernel
 
-from ..log import Log, segments
-from .inekf import at_rest, exp3, upright
+from ..log import Log, Segments, segments
+from .inekf import PeerStart, PeerTrack, Readings, at_rest, exp3, new_track, readings, upright
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
-SUSPECT = 100.0  # factor on the noise of a foot in the air
+SUSPECT = 100.0
+"""Factor on the noise of a foot in the air."""
 
 
-@dataclass(frozen=True)
-class LinearNoise:
+class LinearNoise(NamedTuple):
     """Standard deviations and gains."""
 
     sigma_a: float = 0.5  # m/s^2 per sample of 10 ms; most of it is the tilt's error
@@ -39,126 +37,137 @@ class LinearNoise:
     sigma_z: float = 0.01  # m, height of a standing foot
     kp: float = 0.1  # 1/s, attitude
 
-    def vector(self) -> Array:
-        """The numbers in the order of the kernel."""
-        return np.array([self.sigma_a, self.sigma_c, self.sigma_p, self.sigma_v, self.sigma_z, self.kp])
+
+class LinearState(NamedTuple):
+    """State of the filter with L feet, changed in place."""
+
+    x: Array  # (6 + 3 L,) position m, velocity m/s, feet m, world axes
+    cov: Array  # (6 + 3 L, 6 + 3 L)
+    rot: Array  # (3, 3) rot_world_from_imu
+    ground: Array  # (L,) m, height of each foot at touch-down
+    turned: Array  # (4,) rad and s, turn by the gyro since the last sample of the feet, and the time since
+
+
+def _new_state(feet: int, start: PeerStart) -> LinearState:
+    size = 6 + 3 * feet
+    cov = np.diag(np.concatenate([np.full(6, 1e-4), np.ones(3 * feet)]))
+    return LinearState(np.zeros(size), cov, start.rot.copy(), np.zeros(feet), np.zeros(4))
+
+
+@kernel
+def _predict(s: LinearState, w: Array, q: Array, dt: float, noise: LinearNoise) -> None:
+    """Carry attitude and state over `dt` s by the gyro w (3,) rad/s, bias removed, and q (3,) m/s^2, in place."""
+    up = np.array([0.0, 0.0, 1.0])
+    lean = np.cross(q / np.linalg.norm(q), np.ascontiguousarray(s.rot.T) @ up)
+    rate = w + noise.kp * lean
+    turn, _ = exp3(rate * dt)
+    half, _ = exp3(rate * (0.5 * dt))
+    push = s.rot @ half @ q - GRAVITY * up
+    s.rot[:] = s.rot @ turn
+    step = np.eye(s.x.size)
+    for i in range(3):
+        s.x[i] += s.x[3 + i] * dt + 0.5 * push[i] * dt * dt
+        s.x[3 + i] += push[i] * dt
+        step[i, 3 + i] = dt
+    s.cov[:] = step @ s.cov @ step.T
+    for i in range(3):
+        s.cov[3 + i, 3 + i] += noise.sigma_a**2 * 0.01 * dt
+        s.cov[i, i] += noise.sigma_a**2 * 0.01 * dt**3 / 3.0
+    s.turned[:3] += w * dt
+    s.turned[3] += dt
+
+
+@kernel
+def _take_foot(s: LinearState, f: int, log: Readings, j: int, before: int, noise: LinearNoise) -> None:
+    """Correct with foot f of sample j, in place; `before`: the sample before, -1 = none."""
+    seen, since = log.seen[j, f], s.turned[3]
+    down = log.touch[j, f] and np.isfinite(seen).all()
+    was = before >= 0 and log.touch[before, f]
+    lo = 6 + 3 * f
+    for i in range(3):
+        s.cov[lo + i, lo + i] += noise.sigma_c**2 * since * (1.0 if down else SUSPECT**2)
+    if not np.isfinite(seen).all():
+        return
+    y = s.rot @ seen
+    if (down and not was) or before < 0:
+        for i in range(3):
+            s.x[lo + i] = s.x[i] + y[i]
+        s.ground[f] = s.x[lo + 2]
+        s.cov[lo : lo + 3, :] = s.cov[0:3, :]
+        s.cov[:, lo : lo + 3] = s.cov[:, 0:3]
+        s.cov[lo : lo + 3, lo : lo + 3] = s.cov[0:3, 0:3]
+        for i in range(3):
+            s.cov[lo + i, lo + i] += noise.sigma_p**2
+    trust = 1.0 if down else SUSPECT
+    for i in range(3):
+        h = np.zeros(s.x.size)
+        h[i], h[lo + i] = 1.0, -1.0
+        _take(s, h, -y[i], (noise.sigma_p * trust) ** 2)
+    if down and was and since > 0.0:
+        last = log.seen[before, f]
+        mean, mid = s.turned[:3] / since, 0.5 * (seen + last)
+        speed = s.rot @ -((seen - last) / (log.seconds[j] - log.seconds[before]) + np.cross(mean, mid))
+        for i in range(3):
+            h = np.zeros(s.x.size)
+            h[3 + i] = 1.0
+            _take(s, h, speed[i], noise.sigma_v**2)
+    if down:
+        h = np.zeros(s.x.size)
+        h[lo + 2] = 1.0
+        _take(s, h, s.ground[f], noise.sigma_z**2)
+
+
+@kernel
+def _take(s: LinearState, h: Array, y: float, variance: float) -> None:
+    """Correct by one number y = h x + noise, in place."""
+    ph = s.cov @ h
+    inn = h @ ph + variance
+    s.x[:] = s.x + ph * ((y - h @ s.x) / inn)
+    for i in range(s.x.size):
+        for k in range(s.x.size):
+            s.cov[i, k] -= ph[i] * ph[k] / inn
 
 
 @kernel
 def run(
-    d: Array, row: Ints, feet: Ints, last: Flags, w: Array, q: Array, seen: Array, stamps: Array, touch: Flags,
-    begin: int, rot: Array, bias: Array, noise: Array, gravity: float,
-) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
-    """Walk along a log; arguments as in `inekf.run`, `stamps` of the foot samples in s, `bias` of the gyro.
+    cut: Segments, log: Readings, start: PeerStart, state: LinearState, noise: LinearNoise, track: PeerTrack
+) -> None:
+    """Walk along a log, and write the track, whose covariance is that of an exact attitude.
 
-    Returns:
-        v (n, 3) m/s IMU axes, g (n, 3), P of (g, v) (n, 6, 6) as if the attitude were exact, p (n, 3), rot (n, 3, 3).
+    Args:
+        cut: time of the log.
+        log: its samples.
+        start: its first segment and gyro bias are read.
+        state: at that segment, changed in place.
+        noise: the noises.
+        track: rows to write, in place.
     """
-    n, points = w.shape[0], seen.shape[1]
-    size = 6 + 3 * points
-    out_v, out_g, out_p = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 6, 6))
-    out_x, out_r = np.zeros((n, 3)), np.zeros((n, 3, 3))
-    up = np.array([0.0, 0.0, 1.0])
-    x, cov, ground = np.zeros(size), np.eye(size) * 1e-4, np.zeros(points)
-    for f in range(points):
-        for i in range(3):
-            cov[6 + 3 * f + i, 6 + 3 * f + i] = 1.0
-    mean_w, since, before = np.zeros(3), 0.0, -1
-    began = False
-    for s in range(d.size):
-        k, dt = row[s], d[s]
-        j = feet[s]
-        if s >= begin:
-            acc = np.ascontiguousarray(rot.T) @ up
-            lean = np.cross(q[k] / np.linalg.norm(q[k]), acc)
-            rate = w[k] - bias + noise[5] * lean
-            turn, _ = exp3(rate * dt)
-            half, _ = exp3(rate * (0.5 * dt))
-            push = rot @ half @ q[k] - gravity * up
-            rot = rot @ turn
+    up, before = np.array([0.0, 0.0, 1.0]), -1
+    for s in range(cut.d.size):
+        k, j = cut.row[s], cut.feet[s]
+        if s >= start.segment:
+            _predict(state, log.w[k] - start.bias, log.q[k], cut.d[s], noise)
+            if j >= 0:
+                for f in range(log.touch.shape[1]):
+                    _take_foot(state, f, log, j, before, noise)
+                before = j
+                state.turned[:] = 0.0
+        if cut.last[s]:
+            back = np.ascontiguousarray(state.rot.T)
+            track.v[k] = back @ state.x[3:6]
+            track.g[k] = GRAVITY * (back @ up)
+            track.x[k], track.rot[k] = state.x[:3], state.rot
+            track.p[k, 3:, 3:] = back @ np.ascontiguousarray(state.cov[3:6, 3:6]) @ state.rot
             for i in range(3):
-                x[i] += x[3 + i] * dt + 0.5 * push[i] * dt * dt
-                x[3 + i] += push[i] * dt
-            step = np.eye(size)
-            for i in range(3):
-                step[i, 3 + i] = dt
-            cov = step @ cov @ step.T
-            for i in range(3):
-                cov[3 + i, 3 + i] += noise[0] ** 2 * 0.01 * dt
-                cov[i, i] += noise[0] ** 2 * 0.01 * dt**3 / 3.0
-            mean_w += (w[k] - bias) * dt
-            since += dt
-        if j >= 0 and s >= begin:
-            for f in range(points):
-                down = touch[j, f] and np.isfinite(seen[j, f]).all()
-                was = before >= 0 and touch[before, f]
-                q_f = noise[1] ** 2 * since * (1.0 if down else SUSPECT**2)
-                for i in range(3):
-                    cov[6 + 3 * f + i, 6 + 3 * f + i] += q_f
-                if not np.isfinite(seen[j, f]).all():
-                    continue
-                y = rot @ seen[j, f]
-                if (down and not was) or not began:
-                    for i in range(3):
-                        x[6 + 3 * f + i] = x[i] + y[i]
-                    ground[f] = x[6 + 3 * f + 2]
-                    lo = 6 + 3 * f
-                    cov[lo : lo + 3, :] = cov[0:3, :]
-                    cov[:, lo : lo + 3] = cov[:, 0:3]
-                    cov[lo : lo + 3, lo : lo + 3] = cov[0:3, 0:3]
-                    for i in range(3):
-                        cov[lo + i, lo + i] += noise[2] ** 2
-                trust = 1.0 if down else SUSPECT
-                for i in range(3):
-                    h = np.zeros(size)
-                    h[i], h[6 + 3 * f + i] = 1.0, -1.0
-                    x, cov = _take(x, cov, h, -y[i], (noise[2] * trust) ** 2)
-                if down and was and since > 0.0:
-                    mean = mean_w / since
-                    mid = 0.5 * (seen[j, f] + seen[before, f])
-                    speed = -((seen[j, f] - seen[before, f]) / (stamps[j] - stamps[before]) + np.cross(mean, mid))
-                    speed = rot @ speed
-                    for i in range(3):
-                        h = np.zeros(size)
-                        h[3 + i] = 1.0
-                        x, cov = _take(x, cov, h, speed[i], noise[3] ** 2)
-                if down:
-                    h = np.zeros(size)
-                    h[6 + 3 * f + 2] = 1.0
-                    x, cov = _take(x, cov, h, ground[f], noise[4] ** 2)
-            began, before, since = True, j, 0.0
-            mean_w[:] = 0.0
-        if last[s]:
-            back = np.ascontiguousarray(rot.T)
-            out_v[k] = back @ x[3:6]
-            out_g[k] = gravity * (back @ up)
-            out_x[k], out_r[k] = x[:3], rot
-            out_p[k, 3:, 3:] = back @ np.ascontiguousarray(cov[3:6, 3:6]) @ rot
-            for i in range(3):
-                out_p[k, i, i] = 1e-2
-    return out_v, out_g, out_p, out_x, out_r
+                track.p[k, i, i] = 1e-2
 
 
-@kernel
-def _take(x: Array, cov: Array, h: Array, y: float, variance: float) -> tuple[Array, Array]:
-    """Correct by one number y = h x + noise."""
-    ph = cov @ h
-    s = h @ ph + variance
-    x_next = x + ph * ((y - h @ x) / s)
-    out = cov.copy()
-    for i in range(x.size):
-        for k in range(x.size):
-            out[i, k] -= ph[i] * ph[k] / s
-    return x_next, out
-
-
-def linear(log: Log, noise: LinearNoise) -> tuple[Array, Array, Array, Array, Array]:
-    """Run over a log; see `run` for what is returned."""
-    cut = segments(log)
+def linear(log: Log, noise: LinearNoise) -> PeerTrack:
+    """Run over a log."""
+    cut, out = segments(log), new_track(len(log.stamp_ns))
     bias, q, begin = at_rest(log)
-    seen, touch = np.ascontiguousarray(log.foot_position), np.ascontiguousarray(log.contact)
-    return run(
-        *cut, log.w, log.q, seen, 1e-9 * (log.foot_ns - log.stamp_ns[0]), touch,
-        int(np.searchsorted(cut.row, begin)), upright(q), np.zeros(3) if bias is None else bias,
-        noise.vector(), float(GRAVITY),
-    )  # fmt: skip
+    bias = np.zeros(3) if bias is None else bias
+    start = PeerStart(int(np.searchsorted(cut.row, begin)), upright(q), bias, np.zeros(15))
+    state = _new_state(log.feet_count, start)
+    run(cut, readings(log, False), start, state, LinearNoise(*map(float, noise)), out)
+    return out

@@ -1,4 +1,4 @@
-"""Contact points of a robot: where its feet can touch the ground.
+"""Contact points of a robot, at which its feet can touch the ground.
 
 A point foot has one. A flat sole has three: its orientation measures the turn of the trunk, and with it the gyro. They
 stand around the middle of the sole at the distance at which the noise of a point by the encoders, sigma_p, is as large
@@ -36,8 +36,17 @@ class ContactPoints(NamedTuple):
     switches: Array  # (L, S, 3) m, places of the switches of each foot, as `place`; S = 1: one for the whole foot
 
 
+class SeenPoints(NamedTuple):
+    """All contact points at one time."""
+
+    y: Array  # (K, 3) m, IMU axes
+    rot: Array  # (K, 3, 3) rot_imu_from_foot of each
+    contact: Array  # (K,) probability that each touches the ground, NaN = unknown
+    closed: NDArray[np.int64]  # (L,) closed switches of each foot, bit s for switch s
+
+
 class BestGeometry(NamedTuple):
-    """Where IMU and contact points are."""
+    """Places of IMU and contact points."""
 
     foot: NDArray[np.int64]  # (K,) foot of each contact point
     place: Array  # (K, 3) m, in the foot
@@ -48,13 +57,13 @@ class BestGeometry(NamedTuple):
 
 
 def point_feet(radius: Array) -> ContactPoints:
-    """One point for each foot; radius (L,) m, 0 = a foot that does not roll."""
+    """Return one point for each foot; radius (L,) m, 0 = a foot that does not roll."""
     count = len(radius)
     return ContactPoints(np.arange(count), np.zeros((count, 3)), radius.astype(np.float64), np.zeros((count, 1, 3)))
 
 
 def sole_feet(normals: Array, lever: float, switches: Array | None = None) -> ContactPoints:
-    """Three points for each foot.
+    """Return three points for each foot.
 
     Args:
         normals: of the soles, (L, 3), foot axes, upwards.
@@ -77,7 +86,7 @@ def sole_feet(normals: Array, lever: float, switches: Array | None = None) -> Co
 
 
 def contact_points(robot: Robot) -> ContactPoints:
-    """The points of a robot: soles where its feet have a sole (three spheres or more), else points."""
+    """Return the points of a robot: soles where its feet have a sole (three spheres or more), else points."""
     if any(len(leg.foot.points) < 3 for leg in robot.legs):
         return point_feet(np.array([leg.foot.radius for leg in robot.legs]))
     normals = np.array([_normal(np.asarray(leg.foot.points)) for leg in robot.legs])
@@ -92,7 +101,7 @@ def contact_points(robot: Robot) -> ContactPoints:
 
 
 def _normal(points: Array) -> Array:
-    """Unit normal (3,) of the sole through points (k, 3), foot axes, on the side of +z (of +x if it has no z)."""
+    """Return the unit normal (3,) of the sole through points (k, 3), foot axes, towards +z (+x if it has no z)."""
     normal = np.cross(points[1] - points[0], points[2] - points[0])
     normal = normal / math.sqrt(float(np.sum(normal * normal)))
     axis = 2 if abs(normal[2]) > 1e-6 else 0
@@ -116,7 +125,7 @@ def at_switches(contact: Array, count: int) -> Array:
 
 @kernel
 def probabilities(foot: NDArray[np.int64], contact: Array) -> Array:
-    """Probability of contact of each point, (K,), from that of its foot, (L,); NaN (unknown) stays."""
+    """Return the probability of contact of each point, (K,), from that of its foot, (L,); NaN (unknown) stays."""
     out = np.empty(foot.size)
     for k in range(foot.size):
         known = contact[foot[k]]
@@ -126,7 +135,7 @@ def probabilities(foot: NDArray[np.int64], contact: Array) -> Array:
 
 @kernel
 def points_of(foot: NDArray[np.int64], place: Array, position: Array, rot: Array) -> tuple[Array, Array]:
-    """Contact points seen from the IMU.
+    """Return the contact points seen from the IMU.
 
     Args:
         foot: the foot of each point, (K,).
@@ -156,7 +165,7 @@ def _height(rot: Array, y: Array) -> float:
 
 @kernel
 def by_height(rot: Array, y: Array, radius: Array, contact: Array) -> Array:
-    """Probabilities of contact (K,), those that are NaN by the height over the lowest point: feet have no sensors."""
+    """Return probabilities of contact (K,); of feet without a sensor (NaN) by the height over the lowest point."""
     lowest = math.inf
     for k in range(contact.size):
         lowest = min(lowest, _height(rot, y[k]) - radius[k])

@@ -1,4 +1,4 @@
-"""How far each foot slips over its stance, by the robot's own measurements.
+"""Slip of each foot over its stance, by the robot's own measurements.
 
 A foot that rolls without slipping moves its centre by phi x (r n), phi the rotation of its link between two samples, r
 the radius of the sphere, n the vertical. What the centre has moved beyond that, horizontally, is slip:
@@ -22,24 +22,25 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.geometry.linear_kernels import times, times_transposed, times_vector
 from surefoot.geometry.rotations import matrix_from_quat, rotvec_from_matrix
 from surefoot.kernels.jit import kernel
 
 from ..output import OdometryPose
-from .kinematics import FootMount, feet_in_imu
+from .mount import FootMount, feet_in_imu
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Counts = NDArray[np.int64]
 
 RISE = 0.008
-"""m: a foot whose switch is open and that is so much higher than at its last contact is in swing."""
+"""Rise over the height of the last contact from which a foot with an open switch is in swing, m."""
 LONGEST_OPEN = 5
-"""Samples with an open switch that end a stance wherever the foot is."""
+"""Samples with an open switch that end a stance, whatever the height of the foot."""
 OPEN_WEIGHT = 0.5
-"""w of a sample with an open switch."""
+"""Weight w of a sample with an open switch."""
 SIGMA = 0.0005
-"""m, way of a foot at rest by encoders of 0.3 deg and the odometry of one stance."""
+"""Way of a foot at rest by encoders of 0.3 deg and the odometry of one stance, m."""
 LEAST = 2
 """Samples with contact that make a stance: one may be a bump of the swing."""
 
@@ -50,11 +51,11 @@ class FinishedStance:
 
     leg: int
     slip: float
-    """m, largest way from where it began."""
+    """Largest way from where it began, m."""
     begin: tuple[float, float, float]
     """Foot centre at its begin, `odom`, m."""
     samples: int
-    """From its first contact to its last."""
+    """Samples from its first contact to its last."""
     since: int
     """Samples since its last contact."""
 
@@ -66,7 +67,7 @@ def feet_in_odom(mount: FootMount, q: Array, pose: OdometryPose, behind_s: float
         mount: of IMU and feet.
         q: joint angles, (nj,) rad.
         pose: of base_link in odom.
-        behind_s: by how much the joints are older than the pose, s: the trunk is taken back by its velocity.
+        behind_s: age of the joints against the pose, s: the trunk is taken back by its velocity.
     """
     position, rot = feet_in_imu(mount, q)
     begin = pose.position - behind_s * pose.velocity
@@ -77,50 +78,38 @@ def feet_in_odom(mount: FootMount, q: Array, pose: OdometryPose, behind_s: float
 def _turned(
     position: Array, rot: Array, quat_wxyz: Array, rot_imu_from_base: Array, imu_position: Array, begin: Array
 ) -> tuple[Array, Array]:
-    """Feet of the IMU's axes in `odom`, where base_link is at `begin`."""
+    """Return feet, seen from the IMU, in `odom`, where base_link is at `begin`."""
     base = matrix_from_quat(quat_wxyz)
-    turn, at = np.zeros((3, 3)), begin.copy()
-    for i in range(3):
-        lever = 0.0
-        for k in range(3):
-            lever += base[i, k] * imu_position[k]
-            for m in range(3):
-                turn[i, k] += base[i, m] * rot_imu_from_base[k, m]
-        at[i] += lever
-    centres, turned = np.zeros(position.shape), np.zeros(rot.shape)
+    turn, at = times_transposed(base, rot_imu_from_base), begin + times_vector(base, imu_position)
+    centres, turned = np.empty(position.shape), np.empty(rot.shape)
     for f in range(position.shape[0]):
-        for i in range(3):
-            for k in range(3):
-                centres[f, i] += position[f, k] * turn[i, k]
-                for m in range(3):
-                    turned[f, i, k] += turn[i, m] * rot[f, m, k]
-            centres[f, i] += at[i]
+        centres[f], turned[f] = times_vector(turn, position[f]) + at, times(turn, rot[f])
     return centres, turned
 
 
-class Feet(NamedTuple):
-    """What is kept of each foot from sample to sample."""
+class FootWays(NamedTuple):
+    """Way of each foot within its stance, from sample to sample."""
 
     slip: Array
-    """Of the present stance, (L,) m; 0 in swing."""
+    """Slip of the present stance, (L,) m; 0 in swing."""
     samples: Counts
-    """Since the stance began, (L,); 0 in swing."""
+    """Samples since the stance began, (L,); 0 in swing."""
     open: Counts
-    """Since the switch was closed last, (L,)."""
+    """Samples since the switch was closed last, (L,)."""
     last: Counts
-    """Samples from the begin to the last contact, (L,)."""
+    """Samples from the begin of the stance to the last contact, (L,)."""
     way: Array
     """x of the stance so far, (L, 2) m."""
     height: Array
-    """Of the foot at its last contact, (L,) m."""
+    """Height of the foot at its last contact, (L,) m, `odom`."""
     farthest: Array
     """Largest |x|, (L,) m."""
     begin: Array
-    """Where the stance began, (L, 3) m."""
+    """Foot centre where the stance began, (L, 3) m, `odom`."""
     centre: Array
-    """Of the sample before, (L, 3) m."""
+    """Foot centre at the sample before, (L, 3) m, `odom`."""
     rot: Array
-    """Of the sample before, (L, 3, 3)."""
+    """rot_odom_from_foot at the sample before, (L, 3, 3)."""
 
 
 @dataclass(eq=False)
@@ -135,7 +124,7 @@ class StanceSlip:
     legs: int
     radius: Array
     slip: Array = field(init=False)
-    """Of the present stance, (L,) m; 0 in swing."""
+    """Slip of the present stance, (L,) m; 0 in swing."""
 
     def __post_init__(self) -> None:
         n = self.legs
@@ -143,11 +132,11 @@ class StanceSlip:
         slip, height, farthest = np.zeros((3, n))
         begin, centre = np.zeros((2, n, 3))
         rot = np.tile(np.eye(3), (n, 1, 1))
-        self._feet = Feet(slip, samples, switched, last, np.zeros((n, 2)), height, farthest, begin, centre, rot)
+        self._feet = FootWays(slip, samples, switched, last, np.zeros((n, 2)), height, farthest, begin, centre, rot)
         self.slip = self._feet.slip
 
     def update(self, contact: Flags, centre: Array, rot_odom_from_foot: Array) -> list[FinishedStance]:
-        """Take one sample of all feet; returns the stances that have ended.
+        """Take one sample of all feet; return the stances that have ended.
 
         Args:
             contact: foot switches, (L,).
@@ -167,8 +156,8 @@ class StanceSlip:
 
 
 @kernel
-def _followed(feet: Feet, contact: Flags, centre: Array, rot: Array, radius: Array) -> Flags:
-    """Take one sample of all feet; return which stances have ended, (L,)."""
+def _followed(feet: FootWays, contact: Flags, centre: Array, rot: Array, radius: Array) -> Flags:
+    """Take one sample of all feet; return True for stances that have ended, (L,)."""
     ended = np.zeros(contact.size, dtype=np.bool_)
     for leg in range(contact.size):
         known = True
@@ -190,14 +179,9 @@ def _followed(feet: Feet, contact: Flags, centre: Array, rot: Array, radius: Arr
 
 
 @kernel
-def _step(feet: Feet, leg: int, contact: bool, centre: Array, rot: Array, radius: float) -> None:
+def _step(feet: FootWays, leg: int, contact: bool, centre: Array, rot: Array, radius: float) -> None:
     """Take the way since the last sample; it counts once contact is found again or was not lost."""
-    turn = np.zeros((3, 3))
-    for i in range(3):
-        for k in range(3):
-            for m in range(3):
-                turn[i, k] += rot[i, m] * feet.rot[leg, k, m]
-    phi = rotvec_from_matrix(turn)
+    phi = rotvec_from_matrix(times_transposed(rot, feet.rot[leg]))
     now, before = 1.0 if contact else OPEN_WEIGHT, 1.0 if feet.open[leg] == 0 else OPEN_WEIGHT
     weight = 0.5 * (now + before)
     feet.way[leg, 0] += weight * (centre[0] - feet.centre[leg, 0] - radius * phi[1])

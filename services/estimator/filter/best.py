@@ -10,25 +10,16 @@ from surefoot.kernels.jit import kernel
 
 from ..feet.contact import BestGeometry
 from ..health import Condition, flags_of, is_quiet
-from ..inputs.counted import InputJudge
+from ..inputs.counters import InputCheck
 from ..inputs.results import RESTART
 from ..output import express
-from .cell import (
-    Cell,
-    boxed,
-    new_clock,
-    put_feet,
-    put_imu,
-    restart,
-    take_feet,
-    take_imu,
-)
 from .hypotheses import modes_of
+from .intake import FilterParts, boxed, new_clock, restart, take_feet, take_imu
 from .log import LogInputs, LogRows, follow_log
-from .memory import bring_up, clear, new_memory
-from .start import BestLimits
-from .state import BestNoise, new_state
-from .summary import SLIDES, condition, summary
+from .noise import FIXED, BestLimits, BestNoise, BestSetting
+from .replay import bring_up, clear, new_replay
+from .state import new_state
+from .summary import QUAT, R, condition, summary
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -61,19 +52,20 @@ class BestOutput(NamedTuple):
 
 @kernel
 def report(
-    box: KernelBox[Cell],
+    box: KernelBox[FilterParts],
 ) -> tuple[Array, Array, Array, Array, Flags, Array, float, bool, bool, bool, tuple[bool, bool, bool]]:
     """Bring the state up to the newest inertial sample, in place.
 
     Returns:
-        What `summary` does; slipping, expressed, since_contact_s, standing, settled, quiet and flags of `BestOutput`.
+        The results of `summary`; slipping, expressed, since_contact_s, standing, settled, quiet, flags of `BestOutput`.
     """
-    cell = box.parts
-    bring_up(cell.memory, cell.state, cell.geometry, cell.noise, cell.limits)
-    geometry, w, feet = cell.geometry, cell.clock.w, cell.judge.feet.shape[0]
-    rows, more, covariance, pose = summary(cell.state, geometry, w, feet)
-    expressed = express(rows[0], rows[1], w - rows[4], geometry.rot_base_from_imu, geometry.imu_position)
-    slipping, c = more[4:] > SLIDES, condition(cell, rows, more, covariance)
+    parts = box.parts
+    bring_up(parts.replay, parts.state, parts.setting)
+    geometry, w, feet = parts.setting.geometry, parts.clock.w, parts.check.feet.shape[0]
+    rows, more, covariance, pose = summary(parts.state, geometry, w, feet)
+    rate = w - rows[R.gyro_bias]
+    expressed = express(rows[R.g], rows[R.v], rate, geometry.rot_base_from_imu, geometry.imu_position)
+    slipping, c = more[QUAT:] > FIXED.slides, condition(parts, rows, more, covariance)
     return (
         rows, more, covariance, pose, slipping, expressed, c.since_contact_s, c.standing, c.initialised, is_quiet(c),
         flags_of(c),
@@ -81,11 +73,12 @@ def report(
 
 
 @kernel
-def condition_now(box: KernelBox[Cell]) -> Condition:
+def condition_now(box: KernelBox[FilterParts]) -> Condition:
     """Return the condition of a state that has been brought up."""
-    cell = box.parts
-    rows, more, covariance, _ = summary(cell.state, cell.geometry, cell.clock.w, cell.judge.feet.shape[0])
-    return condition(cell, rows, more, covariance)
+    parts = box.parts
+    feet = parts.check.feet.shape[0]
+    rows, more, covariance, _ = summary(parts.state, parts.setting.geometry, parts.clock.w, feet)
+    return condition(parts, rows, more, covariance)
 
 
 class BestFilter:
@@ -95,46 +88,45 @@ class BestFilter:
         geometry: of the robot.
         noise: of the filter.
         limits: of start and rest.
-        judge: of the inputs.
+        check: of the inputs.
     """
 
-    def __init__(self, geometry: BestGeometry, noise: BestNoise, limits: BestLimits, judge: InputJudge) -> None:
-        feet, points = judge.state.feet.shape[0], len(geometry.foot)
+    def __init__(self, geometry: BestGeometry, noise: BestNoise, limits: BestLimits, check: InputCheck) -> None:
+        feet, points = check.state.feet.shape[0], len(geometry.foot)
         modes = modes_of(feet) if limits.hypotheses else 0
-        memory, state = new_memory(feet, points, modes), new_state(points, modes)
-        clear(memory, state)
-        self.__setstate__(
-            Cell(new_clock(), judge.state, judge.limits, judge.noisy, memory, state, geometry, noise, limits)
-        )
+        replay, state = new_replay(feet, points, modes), new_state(points, modes)
+        clear(replay, state)
+        setting = BestSetting(geometry, noise, limits)
+        self.__setstate__(FilterParts(new_clock(), check.state, check.limits, check.noisy, replay, state, setting))
 
-    def __getstate__(self) -> Cell:
-        return self.cell
+    def __getstate__(self) -> FilterParts:
+        return self.parts
 
-    def __setstate__(self, cell: Cell) -> None:
-        self.cell, self._box = cell, boxed(cell)  # the same arrays
+    def __setstate__(self, parts: FilterParts) -> None:
+        self.parts, self._box = parts, boxed(parts)  # the same arrays
         self.outdate()
 
     def outdate(self) -> None:
-        """Compute output and condition anew when they are asked for: a sample came, or was refused."""
+        """Compute output and condition anew at their next request, after a sample was taken or refused."""
         self._output: BestOutput | None = None
         self._condition: Condition | None = None
 
     def imu(self, stamp_ns: int, w: Array, q: Array, clipped: bool) -> int:
-        """Take an inertial sample, see `take_imu`."""
+        """Take an inertial sample and return the code of its result, see `take_imu`."""
         self.outdate()
-        code = take_imu(self._box, stamp_ns, w, q, clipped)
+        code = take_imu(self._box, stamp_ns, w, q, clipped, False)
         if code == RESTART:
             self._restart()
-            code = put_imu(self._box, stamp_ns, w, q, code)
+            code = take_imu(self._box, stamp_ns, w, q, clipped, True)
         return code
 
     def feet(self, stamp_ns: int, position: Array, rot: Array, contact: Array) -> int:
-        """Take a sample of the feet, see `take_feet`."""
+        """Take a sample of the feet and return the code of its result, see `take_feet`."""
         self.outdate()
-        code = take_feet(self._box, stamp_ns, position, rot, contact)
+        code = take_feet(self._box, stamp_ns, position, rot, contact, False)
         if code == RESTART:
             self._restart()
-            code = put_feet(self._box, stamp_ns, position, rot, contact, code)
+            code = take_feet(self._box, stamp_ns, position, rot, contact, True)
         return code
 
     def _restart(self) -> None:
@@ -153,11 +145,11 @@ class BestFilter:
             rows, more, covariance, pose, slipping, expressed, since, standing, settled, quiet, flags = report(
                 self._box
             )
-            g, v, position, v_odom, gyro_bias, acc_bias, turn, fit = rows
+            g, v, position, v_odom, gyro_bias, acc_bias, (yaw, _, _), fit = rows
             nis, excess, _ = fit.tolist()
             self._output = BestOutput(
-                g, v, covariance, position, more[:4], v_odom, pose, gyro_bias, acc_bias, more[4:], float(turn[0]), nis,
-                excess, since, standing, settled, slipping, expressed, flags, quiet,
+                g, v, covariance, position, more[:QUAT], v_odom, pose, gyro_bias, acc_bias, more[QUAT:], float(yaw),
+                nis, excess, since, standing, settled, slipping, expressed, flags, quiet,
             )  # fmt: skip
         return self._output
 

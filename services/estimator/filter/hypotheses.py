@@ -1,4 +1,4 @@
-"""Which feet slide: hypotheses that are carried through time, each with a state of its own.
+"""Hypotheses about which feet slide, carried through time, each with a state of its own.
 
 A foot that slides by 9 mm within a step moves by as much as the encoders err between two samples: a single sample
 hardly shows it, a disagreement with the inertial unit that lasts for several does. An interacting-multiple-model filter
@@ -10,7 +10,7 @@ sample of the feet the states are mixed by the probabilities T that a foot begin
 with d_s the distance of x_s from the mean; after it mu_t ~ mu_t^- L_t with the likelihood L_t of the sample. What is
 published is the same mean over all of them. Sets of little probability are left out, so that a robot that stands
 firmly runs one or two. With more than two feet the others show at once which of them slides: each point is then mixed
-by itself (`best_point.observe`).
+by itself (`point.observe`).
 """
 
 import math
@@ -18,53 +18,27 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.geometry.linear_kernels import times_transposed, turned
 from surefoot.geometry.rotations import rotvec_from_matrix
 from surefoot.kernels.jit import kernel
 
+from .layout import E, M, P, X
+from .noise import FIXED, BestNoise
 from .point import retract
-from .state import (
-    ACC_BIAS,
-    AGE,
-    DOWN,
-    E_ACC,
-    E_GYRO,
-    E_POINTS,
-    E_POS,
-    E_ROT,
-    E_VEL,
-    EXCESS,
-    GYRO_BIAS,
-    INNOVATION,
-    LAG,
-    LAST_GYRO,
-    PHASE,
-    POINTS,
-    POS,
-    REST,
-    SEEN,
-    SLIDE_PRODUCT,
-    SLIDE_SQUARE,
-    VEL,
-    BestNoise,
-    BestState,
-    rotation,
-    turned,
-)
+from .state import BestState, rotation
 
 Array = NDArray[np.float64]
 Feet = NDArray[np.int64]
 
-MOST_FEET = 2  # of a robot whose sets of sliding feet are hypotheses
-LEAST_PRIOR = 0.01  # a set that is less likely before a sample is left out
-LEAST = 0.01  # and after it
-NO_SHARE = 0.01  # of a mean: is left out of it
-OWN = (LAST_GYRO, LAST_GYRO + 1, LAST_GYRO + 2, PHASE, REST, AGE, SLIDE_PRODUCT, SLIDE_SQUARE)
-"""Parts of the memory that are the state's, not of its hypotheses."""
+OWN = (M.last_gyro, M.last_gyro + 1, M.last_gyro + 2, M.phase, M.rest, M.age, M.slide_product, M.slide_square)
+"""Numbers of the memory that belong to the state, not to its hypotheses."""
+MEAN = (M.excess, M.innovation, M.innovation + 1, M.innovation + 2, M.lag, M.lag + 1, M.lag + 2)
+"""Numbers of the memory whose mean over the hypotheses is taken; of the others that of the likeliest stays."""
 
 
 def modes_of(feet: int) -> int:
-    """Number of hypotheses of a robot with so many feet, 0 = its points are mixed one by one."""
-    return 1 << feet if feet <= MOST_FEET else 0
+    """Return the number of hypotheses of a robot with so many feet; 0: its points are mixed one by one."""
+    return 1 << feet if feet <= FIXED.most_feet else 0
 
 
 @kernel
@@ -89,25 +63,21 @@ def likeliest(state: BestState) -> int:
 @kernel
 def _distance(a: BestState, b: BestState, out: Array) -> None:
     """Write the error of `a` if `b` were true, (15 + 3 K,): taken out of `a` it gives `b`."""
-    rot_a, rot_b, rot = rotation(a.x), rotation(b.x), np.zeros((3, 3))
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                rot[i, j] += rot_a[i, k] * rot_b[j, k]
+    rot = times_transposed(rotation(a.x), rotation(b.x))
     out[:] = 0.0
-    out[E_ROT : E_ROT + 3] = rotvec_from_matrix(rot)
-    v = turned(rot, b.x[VEL : VEL + 3])
+    out[E.rot : E.rot + 3] = rotvec_from_matrix(rot)
+    v = turned(rot, b.x[X.vel : X.vel + 3])
     for i in range(3):
-        out[E_VEL + i] = a.x[VEL + i] - v[i]
-        out[E_GYRO + i] = a.x[GYRO_BIAS + i] - b.x[GYRO_BIAS + i]
-        out[E_ACC + i] = a.x[ACC_BIAS + i] - b.x[ACC_BIAS + i]
-        out[E_POS + i] = a.x[POS + i] - b.x[POS + i]
+        out[E.vel + i] = a.x[X.vel + i] - v[i]
+        out[E.gyro_bias + i] = a.x[X.gyro_bias + i] - b.x[X.gyro_bias + i]
+        out[E.acc_bias + i] = a.x[X.acc_bias + i] - b.x[X.acc_bias + i]
+        out[E.pos + i] = a.x[X.pos + i] - b.x[X.pos + i]
     for k in range(a.points.shape[0]):
-        if a.points[k, DOWN] > 0.0:
-            at = POINTS + 3 * k
+        if a.points[k, P.down] > 0.0:
+            at = X.points + 3 * k
             r = turned(rot, b.x[at : at + 3])
             for i in range(3):
-                out[E_POINTS + 3 * k + i] = a.x[at + i] - r[i]
+                out[E.points + 3 * k + i] = a.x[at + i] - r[i]
 
 
 @kernel
@@ -124,11 +94,11 @@ def mean_of(state: BestState, shares: Array, out: BestState) -> None:
         total += shares[h]
     first = mode(state, best)
     _copy(first, out)
-    if most >= (1.0 - NO_SHARE) * total:
+    if most >= (1.0 - FIXED.no_share) * total:
         return
     share, n = np.zeros(shares.size), out.cov.shape[0]
     for h in range(shares.size):
-        share[h] = shares[h] if shares[h] >= NO_SHARE * total else 0.0
+        share[h] = shares[h] if shares[h] >= FIXED.no_share * total else 0.0
     share /= np.sum(share)
     apart, mean = np.zeros((shares.size, n)), np.zeros(n)
     for h in range(shares.size):
@@ -137,7 +107,7 @@ def mean_of(state: BestState, shares: Array, out: BestState) -> None:
             for i in range(n):
                 mean[i] += share[h] * apart[h, i]
     out.cov[:] = 0.0
-    for i in (EXCESS, INNOVATION, INNOVATION + 1, INNOVATION + 2, LAG, LAG + 1, LAG + 2):
+    for i in MEAN:
         out.memory[i] = 0.0
     for h in range(shares.size):
         if share[h] == 0.0:
@@ -146,7 +116,7 @@ def mean_of(state: BestState, shares: Array, out: BestState) -> None:
         for i in range(n):
             for j in range(i + 1):
                 out.cov[i, j] += share[h] * (cov[i, j] + (apart[h, i] - mean[i]) * (apart[h, j] - mean[j]))
-        for i in (EXCESS, INNOVATION, INNOVATION + 1, INNOVATION + 2, LAG, LAG + 1, LAG + 2):
+        for i in MEAN:
             out.memory[i] += share[h] * memory[i]
     for i in range(n):
         for j in range(i):
@@ -168,7 +138,7 @@ def publish_mean(state: BestState, foot: Feet) -> None:
         for h in range(state.weight.size):
             if (h >> foot[k]) & 1:
                 seen += state.weight[h]
-        state.points[k, SEEN] = seen
+        state.points[k, P.seen] = seen
 
 
 @kernel
@@ -196,7 +166,7 @@ def mix(state: BestState, contact: Array, foot: Feet, noise: BestNoise) -> None:
     best = likeliest(state)
     for k in range(foot.size):
         now[foot[k]] = max(now[foot[k]], contact[k])
-        before[foot[k]] = max(before[foot[k]], state.mode_points[best, k, DOWN])
+        before[foot[k]] = max(before[foot[k]], state.mode_points[best, k, P.down])
     shares = np.zeros((count, count))  # [t, s]
     for t in range(count):
         for s in range(count):
@@ -219,9 +189,9 @@ def mix(state: BestState, contact: Array, foot: Feet, noise: BestNoise) -> None:
     most = np.max(prior)
     own = np.zeros(count, dtype=np.bool_)  # goes on as it is
     for t in range(count):
-        if prior[t] < LEAST_PRIOR and prior[t] < most:
+        if prior[t] < FIXED.least_prior and prior[t] < most:
             prior[t] = 0.0
-        own[t] = shares[t, t] >= (1.0 - NO_SHARE) * prior[t]
+        own[t] = shares[t, t] >= (1.0 - FIXED.no_share) * prior[t]
         if prior[t] > 0.0 and not own[t]:
             one = BestState(
                 x[t], cov[t], points[t], turn[t], memory[t], empty.mode_x, empty.mode_cov, empty.mode_points,
@@ -247,7 +217,7 @@ def weigh(state: BestState, likely: Array) -> None:
         total += weight[h]
     kept = 0.0
     for h in range(weight.size):
-        weight[h] = weight[h] / total if weight[h] >= LEAST * total else 0.0
+        weight[h] = weight[h] / total if weight[h] >= FIXED.least_weight * total else 0.0
         kept += weight[h]
     for h in range(weight.size):
         weight[h] /= kept

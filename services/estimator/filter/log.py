@@ -1,7 +1,6 @@
 """The `best` estimator over the rows of a log in their order of arrival, without the interpreter in between.
 
-The same kernels in the same order as `stream.Estimator` calls for one sample after the other: estimates are equal to
-the bit.
+It calls the kernels that `stream.Estimator` calls, in the same order: estimates are equal to the bit.
 """
 
 from typing import NamedTuple
@@ -14,11 +13,11 @@ from surefoot.kernels.box import KernelBox
 from surefoot.kernels.jit import inner_kernel, kernel
 
 from ..health import flags_of
-from ..inputs.judge import REFUSED
+from ..inputs.check import REFUSED
 from ..inputs.results import RESTART
-from .cell import Cell, put_feet, put_imu, restart, take_feet, take_imu
-from .memory import bring_up
-from .summary import condition, summary
+from .intake import FilterParts, restart, take_feet, take_imu
+from .replay import bring_up
+from .summary import QUAT, YAW, condition, summary
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -44,7 +43,7 @@ class LogInputs(NamedTuple):
 class LogRows(NamedTuple):
     """Estimates at n inertial rows."""
 
-    vectors: Array  # (n, 8, 3) as `best_summary.summary`
+    vectors: Array  # (n, 8, 3) see `summary.RowLayout`
     more: Array  # (n, 4 + L) quaternion of base_link in odom, probability of sliding of each foot
     covariance: Array  # (n, 6, 6) of (g, v)
     pose: Array  # (n, 4, 4) covariance of x, y, z, yaw
@@ -56,26 +55,26 @@ class LogRows(NamedTuple):
 def new_rows(n: int, feet: int) -> LogRows:
     """Return room for n rows of L feet."""
     return LogRows(
-        np.zeros((n, 8, 3)), np.zeros((n, 4 + feet)), np.zeros((n, 6, 6)), np.zeros((n, 4, 4)),
+        np.zeros((n, 8, 3)), np.zeros((n, QUAT + feet)), np.zeros((n, 6, 6)), np.zeros((n, 4, 4)),
         np.zeros(n), np.zeros((n, len(FLAGS)), dtype=np.bool_), np.zeros(n, dtype=np.int64),
     )  # fmt: skip
 
 
 @inner_kernel
-def _note_row(rows: LogRows, at: int, cell: Cell) -> None:
+def _note_row(rows: LogRows, at: int, parts: FilterParts) -> None:
     """Write the estimate into a row."""
-    clock, flags = cell.clock, rows.flags
-    vectors, more, covariance, pose = summary(cell.state, cell.geometry, clock.w, cell.judge.feet.shape[0])
+    clock, flags = parts.clock, rows.flags
+    vectors, more, covariance, pose = summary(parts.state, parts.setting.geometry, clock.w, parts.check.feet.shape[0])
     rows.vectors[at], rows.more[at], rows.covariance[at], rows.pose[at] = vectors, more, covariance, pose
-    clock.yaw[0] += wrap_angle(vectors[6, 0] - clock.yaw[0])
-    rows.yaw[at], rows.refused[at] = clock.yaw[0], cell.judge.marks[REFUSED]
-    c = condition(cell, vectors, more, covariance)
+    clock.yaw[0] += wrap_angle(vectors[YAW] - clock.yaw[0])
+    rows.yaw[at], rows.refused[at] = clock.yaw[0], parts.check.marks[REFUSED]
+    c = condition(parts, vectors, more, covariance)
     flags[at, 0], flags[at, 1] = c.initialised, c.standing
     flags[at, 2], flags[at, 3], flags[at, 4] = flags_of(c)
 
 
 @kernel
-def follow_log(order: Ints, log: LogInputs, rows: LogRows, first: int, box: KernelBox[Cell]) -> None:
+def follow_log(order: Ints, log: LogInputs, rows: LogRows, first: int, box: KernelBox[FilterParts]) -> None:
     """Take the inputs of a log, in place, and write the estimate after each inertial row and the feet that follow it.
 
     Args:
@@ -85,23 +84,24 @@ def follow_log(order: Ints, log: LogInputs, rows: LogRows, first: int, box: Kern
         first: see `rows`.
         box: of the filter.
     """
-    n, row, cell = log.stamp_ns.size, -1, box.parts
+    n, row, parts = log.stamp_ns.size, -1, box.parts
     for i in range(order.size):
         at = order[i]
         if at < n:
             stamp_ns, w, q = int(log.stamp_ns[at]), log.w[at], log.q[at]
-            if take_imu(box, stamp_ns, w, q, log.clipped[at]) == RESTART:  # pyright: ignore[reportArgumentType]
-                bring_up(cell.memory, cell.state, cell.geometry, cell.noise, cell.limits)
+            clipped = log.clipped[at]
+            if take_imu(box, stamp_ns, w, q, clipped, False) == RESTART:  # pyright: ignore[reportArgumentType]
+                bring_up(parts.replay, parts.state, parts.setting)
                 restart(box)
-                put_imu(box, stamp_ns, w, q, RESTART)
+                take_imu(box, stamp_ns, w, q, clipped, True)  # pyright: ignore[reportArgumentType]
             row = at - first
         else:
             m = at - n
             stamp_ns, position, rot, contact = int(log.foot_ns[m]), log.position[m], log.rot[m], log.contact[m]
-            if take_feet(box, stamp_ns, position, rot, contact) == RESTART:
-                bring_up(cell.memory, cell.state, cell.geometry, cell.noise, cell.limits)
+            if take_feet(box, stamp_ns, position, rot, contact, False) == RESTART:
+                bring_up(parts.replay, parts.state, parts.setting)
                 restart(box)
-                put_feet(box, stamp_ns, position, rot, contact, RESTART)
+                take_feet(box, stamp_ns, position, rot, contact, True)
         if row >= 0 and (i + 1 == order.size or order[i + 1] < n):
-            bring_up(cell.memory, cell.state, cell.geometry, cell.noise, cell.limits)
-            _note_row(rows, row, cell)
+            bring_up(parts.replay, parts.state, parts.setting)
+            _note_row(rows, row, parts)

@@ -1,83 +1,242 @@
-"""Noise of the `best` filter: what the sensors bring, and one set of rates for every robot and log."""
+"""All numbers of the `best` filter: what the sensors bring, what a robot states, and one set of rates for every robot.
+
+`BestNoise` and `BestLimits` depend on sensors and configuration, `FIXED` on nothing.
+"""
 
 import math
+from typing import NamedTuple
 
-import numpy as np
+from ..feet.contact import BestGeometry
+from ..params import GAP_PUSH, GAP_TURN, UNKNOWN_SPEED, EstimatorParams, StartPose
 
-from ..params import EstimatorParams, StartPose
-from .start import BestLimits
-from .state import BestNoise
 
-ACC_SHARE = 1.2  # noise of an accelerometer that walks over that of its data sheet
-POINT_SHARE = 1.3  # of a point of a foot that is believed to stay over that of one that is doubted at each sample
-STATED_SD = 1e-3  # m and rad, of a stated start pose
-LEVEL_SD = 0.01  # m, of a point over level ground, per sample of the feet
-LOST_SD = 1.0  # m and rad, of an unknown pose
+class BestNoise(NamedTuple):
+    """Noises and rates of the filter, SI; noises of sensors are densities, independent of the rate of a log."""
+
+    gyro: float
+    """Noise of the gyro, rad/s/sqrt(Hz)."""
+    acc: float
+    """Noise of the accelerometer, m/s^2/sqrt(Hz)."""
+    sample_gyro: float
+    """Noise of one gyro sample, rad/s."""
+    point: float
+    """Noise of a contact point by kinematics, m."""
+    gyro_bias: float = 2e-4
+    """Walk of the gyro bias about level axes, rad/s/sqrt(s)."""
+    turn_bias: float = 2e-5
+    """Walk of the gyro bias about the vertical, rad/s/sqrt(s): nothing but the feet's twist shows it, so it is slow."""
+    acc_bias: float = 3e-4
+    """Walk of the accelerometer bias, m/s^2/sqrt(s)."""
+    gyro_jerk: float = 0.15
+    """Share of the change between two gyro samples that is error: a trunk that shakes bends."""
+    stay: float = 0.0002
+    """Walk of a point that stays, m/sqrt(s)."""
+    slide: float = 0.04
+    """Speed of a point that slides, m/s."""
+    carry: float = 0.25
+    """Share of the latest sample in the velocity of a sliding foot."""
+    slip: float = 0.012
+    """Error of that velocity where hypotheses are carried through time, m/s."""
+    slip_begin: float = 0.003
+    """Probability per sample that a foot begins to slide, where hypotheses are carried through time."""
+    slip_landing: float = 0.05
+    """Probability that a foot slides when it comes down, where hypotheses are carried through time."""
+    begin_slide: float = 0.6
+    """Probability per sample that a point begins to slide: high, for a single point is corrected by both hypotheses."""
+    go_on: float = 0.98
+    """Probability per sample that a sliding point goes on."""
+    learn: float = 0.02
+    """Rate at which the excess of the inertial noise follows the innovations, per sample of the feet."""
+    drop: float = 0.2
+    """Correlation of successive innovations that is no sign of anything; below it the excess falls."""
+    twist: float = 0.05
+    """Turning of a standing sole about the vertical, rad/sqrt(s): friction holds it by a small lever only."""
+    rock: float = 0.5
+    """Turning of a sole that stands on an edge or a corner, rad/s."""
+    creep: float = 0.008
+    """Motion of that edge or corner, m/s."""
+    most_excess: float = 15.0
+    """Largest factor of the inertial noise."""
+    lag_s: float = 5.0
+    """Time over which corrections of the position are averaged, s."""
+
+
+class BestLimits(NamedTuple):
+    """Start and rest of the filter, SI."""
+
+    samples: int
+    """Inertial samples of a rest."""
+    gyro_variance: float
+    """Largest variance of a gyro axis at rest, (rad/s)^2."""
+    acc_variance: float
+    """Largest variance of an accelerometer axis at rest, (m/s^2)^2."""
+    travel: float
+    """Largest move of a foot within a rest, m."""
+    gyro_bias_sd: float
+    """Standard deviation of an unknown gyro bias, rad/s."""
+    acc_bias_sd: float
+    """Standard deviation of an unknown accelerometer bias, m/s^2."""
+    slope_sd: float
+    """Slope of the ground at the start, rad; infinite: unknown."""
+    start: StartPose
+    """Pose of base_link and height of the ground at the start."""
+    start_sd: float
+    """Standard deviation of that pose, m and rad."""
+    gap_s: float
+    """Step between inertial samples from which uncertainty is added, s."""
+    forget_s: float
+    """Step between inertial samples from which velocity and feet are unknown, s."""
+    max_speed: float
+    """Speed from which an estimate is an error, m/s."""
+    level_sd: float
+    """Standard deviation of a point over level ground, m per sample of the feet; infinite: any ground."""
+    hypotheses: bool
+    """False: no point slides."""
+    creep: float = 0.0025
+    """Rate at which a robot at rest may still turn, rad/s: servos settle under its weight."""
+    turn_creep: float = 0.0005
+    """Rate at which a robot at rest may still turn about the vertical, rad/s: its weight does not turn it."""
+
+
+class BestSetting(NamedTuple):
+    """Geometry, noises and limits of a filter."""
+
+    geometry: BestGeometry
+    noise: BestNoise
+    limits: BestLimits
+
+
+class FixedNumbers(NamedTuple):
+    """Numbers that are the same for every robot, log and configuration."""
+
+    acc_share: float = 1.2
+    """Noise of an accelerometer that walks over that of its data sheet."""
+    point_share: float = 1.3
+    """Noise of a point that stays by hypothesis over that of a point that may slide at each sample."""
+    stated_sd: float = 1e-3
+    """Standard deviation of a stated start pose, m and rad."""
+    lost_sd: float = 1.0
+    """Standard deviation of an unknown pose, m and rad."""
+    level_sd: float = 0.01
+    """Standard deviation of a point over level ground, m per sample: edges, dust and lifting feet repeat themselves."""
+    free: float = 1.0
+    """Variance of a point that touches nothing, m^2."""
+    # corrections by a point
+    vertical_slide: float = 0.25
+    """Share of the variance of sliding that is vertical."""
+    reported_begin: float = 0.01
+    """Probability per sample that a foot begins to slide, for the reported probability."""
+    reported_on: float = 0.9
+    """Probability per sample that a sliding foot goes on, for the reported probability."""
+    slides: float = 0.5
+    """Probability from which a foot is reported to slide."""
+    outlier: float = 16.0
+    """Largest chi^2 of 3 degrees of freedom (99.9 %): a larger innovation is an error even of a sliding point."""
+    most_misfits: int = 3
+    """Outliers in a row after which the point is somewhere else."""
+    # corrections by all feet
+    most_carried: float = 3.0
+    """Excess of the inertial noise beyond which the velocity of a slide is hardly learned."""
+    swing: float = 0.2
+    """Speed of a foot that may be in the air, m/s."""
+    longest_gap: float = 0.12
+    """Time without a sample of the feet after which any of them may have stepped, s."""
+    most_lag: float = 5.0
+    """Largest correction that counts as lag, noises of a point: a longer one is a mishap."""
+    slide_memory: float = 0.99
+    """Share per sample that stays of what is remembered about slides."""
+    slide_trust: float = 1e-4
+    """Weight of the assumption that slides persist, (m/s)^2."""
+    least_persistence: float = 0.3
+    """Correlation below which no slide is expected to go on."""
+    most_growth: float = 0.1
+    """Largest change of the logarithm of the excess by one pair of innovations."""
+    firm: int = 3
+    """Switches that hold a sole."""
+    # hypotheses about sliding feet
+    most_feet: int = 2
+    """Most feet of a robot whose sets of sliding feet are hypotheses; of more feet the others show which slides."""
+    least_prior: float = 0.01
+    """Probability before a sample below which a hypothesis is dropped."""
+    least_weight: float = 0.01
+    """Probability after a sample below which a hypothesis is dropped."""
+    no_share: float = 0.01
+    """Share of a mean below which a hypothesis is left out of it."""
+    # gaps and losses
+    gap_turn: float = GAP_TURN
+    """See `params.GAP_TURN`."""
+    gap_push: float = GAP_PUSH
+    """See `params.GAP_PUSH`."""
+    unknown_speed: float = UNKNOWN_SPEED
+    """See `params.UNKNOWN_SPEED`."""
+    lost_share: float = 0.2
+    """Variance of the mean of lost inertial samples, share of the squared changes of the samples around them."""
+    lost_memory: float = 1.0
+    """Time over which losses of the velocity are taken together, s."""
+    # start
+    good_tilt: float = 0.03
+    """Standard deviation of the tilt below which a start in motion has settled, rad."""
+    good_speed: float = 0.05
+    """Standard deviation of the velocity below which a start in motion has settled, m/s."""
+    good_age: float = 2.0
+    """Time after which a start in motion may have settled, s."""
+    moving_tilt: float = 0.52
+    """Standard deviation of the first tilt of a robot in motion, rad: 30 deg."""
+    contradiction: float = 4.0
+    """Standard deviations by which the accelerometer may differ from the stated slope."""
+    plane_point: float = 5e-4
+    """Distance of a foot of an assembled robot from its model, m."""
+    tilted: float = 0.7
+    """Mean horizontal acceleration during losses of the velocity that shows a wrong tilt, m/s^2: 4 deg."""
+    tilted_for: float = 0.1
+    """Least time over which that mean is taken, s."""
+    tilted_sd: float = 0.3
+    """Standard deviation of a tilt by the mean accelerometer of a robot in motion, rad."""
+    upright: float = 0.76
+    """Cosine of the tilt (40 deg) beyond which a robot has fallen, and lost its feet by that."""
+    falling: float = 0.1
+    """Share by which the mean specific force of a robot that stands may differ from gravity; in a fall it is less."""
+    length_sd: float = 0.01
+    """Standard deviation of the length of g, m/s^2, which the state takes as known."""
+
+
+FIXED = FixedNumbers()
 
 
 def best_noise(params: EstimatorParams, modes: bool = False) -> BestNoise:
-    """Noises of the filter; those of the sensors per square root of s, so that the rate of a log does not matter.
+    """Return the noises of the filter.
 
     Args:
         params: of sensors and geometry.
-        modes: hypotheses about sliding feet are carried through time (`best_modes`); else each sample is doubted.
+        modes: hypotheses about sliding feet are carried through time (`hypotheses`); else each sample is mixed.
     """
     root = math.sqrt(1e-9 * params.imu_period_ns)
     noise = BestNoise(
-        gyro=params.sigma_w * root,
-        acc=ACC_SHARE * params.sigma_q * root,
-        gyro_bias=2e-4,
-        turn_bias=2e-5,
-        acc_bias=3e-4,
-        gyro_jerk=0.15,
-        sample_gyro=params.sigma_w,
-        point=params.sigma_point,
-        stay=0.0002,
-        slide=0.04,
-        carry=0.25,
-        slip=0.012,
-        slip_begin=0.003,
-        slip_landing=0.05,
-        begin_slide=0.6,
-        go_on=0.98,
-        learn=0.02,
-        drop=0.2,
-        twist=0.05,
-        rock=0.5,
-        creep=0.008,
-        most_excess=15.0,
-        lag_s=5.0,
+        params.sigma_w * root, FIXED.acc_share * params.sigma_q * root, params.sigma_w, params.sigma_point
     )
     if modes:
         noise = noise._replace(
-            point=POINT_SHARE * params.sigma_point,
-            stay=0.0005,
-            gyro_bias=6e-5,
-            gyro_jerk=0.12,
-            learn=0.05,
-            drop=0.3,
-            go_on=0.95,
-        )
+            point=FIXED.point_share * params.sigma_point, stay=0.0005, gyro_bias=6e-5, gyro_jerk=0.12, learn=0.05,
+            drop=0.3, go_on=0.95,
+        )  # fmt: skip
     return noise
 
 
 def best_limits(params: EstimatorParams, start: StartPose, stated: bool, hypotheses: bool = True) -> BestLimits:
-    """Start and rest; `stated`: whether pose and slope at the start are known (again)."""
+    """Return start and rest; `stated`: pose and slope at the start are known."""
     return BestLimits(
         samples=params.standstill_samples,
         gyro_variance=params.standstill_gyro_sd**2,
         acc_variance=params.standstill_acc_sd**2,
         travel=params.standstill_travel,
         gyro_bias_sd=params.gyro_bias_sd,
-        creep=0.0025,
-        turn_creep=0.0005,
         acc_bias_sd=params.acc_bias_sd,
         slope_sd=params.start_slope_sd if stated else math.inf,
-        start=np.array([start.x, start.y, start.yaw, start.ground]),
-        start_sd=STATED_SD if stated else LOST_SD,
+        start=StartPose(*map(float, start)),
+        start_sd=FIXED.stated_sd if stated else FIXED.lost_sd,
         gap_s=params.gap_periods * 1e-9 * params.imu_period_ns,
         forget_s=1e-9 * params.reset_gap_ns,
         max_speed=params.max_speed,
-        level_sd=LEVEL_SD if params.level_ground and stated else math.inf,
+        level_sd=FIXED.level_sd if params.level_ground and stated else math.inf,
         hypotheses=hypotheses,
     )

@@ -9,7 +9,7 @@ probability of sliding pi,
 
 and the state becomes the mean of both corrections by w, its covariance that of the mixture. No sample is refused: a
 point that slides still bounds the velocity by the speed at which things slide. Where hypotheses are carried through
-time (`best_modes`), each of them is corrected by itself, `observe` without hypotheses, and L_0 is its likelihood.
+time (`hypotheses`), each of them is corrected by itself, `observe` without hypotheses, and L_0 is its likelihood.
 """
 
 import math
@@ -17,69 +17,33 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.geometry.linear_kernels import inverse3, times
+from surefoot.geometry.linear_kernels import inverse3, quadratic, times, turned
 from surefoot.kernels.jit import kernel
 
-from .state import (
-    ACC_BIAS,
-    ALONG,
-    DOWN,
-    E_ACC,
-    E_GYRO,
-    E_POINTS,
-    E_POS,
-    E_ROT,
-    E_VEL,
-    FREE,
-    GYRO_BIAS,
-    MISFIT,
-    NEW,
-    POINTS,
-    POS,
-    ROT,
-    SEEN,
-    SLIDE,
-    VEL,
-    BestNoise,
-    BestState,
-    rotation,
-    turn_matrix,
-    turned,
-)
+from .layout import E, P, X
+from .noise import FIXED, BestNoise
+from .state import BestState, isolate, rotation, set_rotation, turn_matrix
 
 Array = NDArray[np.float64]
-
-VERTICAL_SLIDE = 0.25  # share of the variance of sliding that is vertical
-SLIDES, SLIDES_ON = 0.01, 0.9  # probabilities per sample that a foot begins to slide, and goes on: what is reported
-OUTLIER = 16.0  # chi^2, 3 dof, 99.9 %: an innovation beyond it, even for a sliding point, is no honest sample
-MOST_MISFITS = 3  # such samples in a row: the point is somewhere else now
 
 
 @kernel
 def lift(state: BestState, k: int) -> None:
     """Forget a contact point, in place."""
-    row = E_POINTS + 3 * k
-    for i in range(row, row + 3):
-        for j in range(state.cov.shape[0]):
-            state.cov[i, j] = 0.0
-            state.cov[j, i] = 0.0
-        state.cov[i, i] = FREE
-    state.points[k, DOWN] = 0.0
-    state.points[k, SLIDE] = 0.0
-    state.points[k, MISFIT] = 0.0
-    state.points[k, SEEN] = 0.0
-    state.points[k, NEW] = state.points[k, ALONG] = state.points[k, ALONG + 1] = 0.0
+    isolate(state.cov, E.points + 3 * k, 3, FIXED.free)
+    for column in range(P.closed):
+        state.points[k, column] = 0.0
 
 
 @kernel
 def put_down(state: BestState, k: int, y: Array, noise: BestNoise) -> None:
-    """A point came to rest at y (3,) m, IMU axes, in place: only the kinematics know where, so nothing correlates."""
+    """Put a point down at y (3,) m, IMU axes, in place: only the kinematics know where, so nothing correlates."""
     lift(state, k)
     seen = turned(rotation(state.x), y)
     for i in range(3):
-        state.x[POINTS + 3 * k + i] = seen[i]
-        state.cov[E_POINTS + 3 * k + i, E_POINTS + 3 * k + i] = noise.point**2
-    state.points[k, DOWN], state.points[k, NEW] = 1.0, 1.0
+        state.x[X.points + 3 * k + i] = seen[i]
+        state.cov[E.points + 3 * k + i, E.points + 3 * k + i] = noise.point**2
+    state.points[k, P.down], state.points[k, P.new] = 1.0, 1.0
 
 
 @kernel
@@ -87,35 +51,25 @@ def retract(state: BestState, xi: Array) -> None:
     """Take the error xi (15 + 3 K,) out of the state, in place."""
     x, points, back = state.x, state.points, np.empty(3)
     for i in range(3):
-        back[i] = -xi[E_ROT + i]
+        back[i] = -xi[E.rot + i]
     turn = turn_matrix(back)
     rot = times(turn, rotation(x))
+    set_rotation(x, rot)
     for i in range(3):
-        for k in range(3):
-            x[ROT + 3 * i + k] = rot[i, k]
-        back[i] = x[VEL + i] - xi[E_VEL + i]
-        x[GYRO_BIAS + i] -= xi[E_GYRO + i]
-        x[ACC_BIAS + i] -= xi[E_ACC + i]
-        x[POS + i] -= xi[E_POS + i]
+        back[i] = x[X.vel + i] - xi[E.vel + i]
+        x[X.gyro_bias + i] -= xi[E.gyro_bias + i]
+        x[X.acc_bias + i] -= xi[E.acc_bias + i]
+        x[X.pos + i] -= xi[E.pos + i]
     v = turned(turn, back)
     for i in range(3):
-        x[VEL + i] = v[i]
+        x[X.vel + i] = v[i]
     for k in range(points.shape[0]):
-        if points[k, DOWN] > 0.0:
+        if points[k, P.down] > 0.0:
             for i in range(3):
-                back[i] = x[POINTS + 3 * k + i] - xi[E_POINTS + 3 * k + i]
+                back[i] = x[X.points + 3 * k + i] - xi[E.points + 3 * k + i]
             seen = turned(turn, back)
             for i in range(3):
-                x[POINTS + 3 * k + i] = seen[i]
-
-
-@kernel
-def quadratic(z: Array, inverse: Array) -> float:
-    total = 0.0
-    for i in range(3):
-        for k in range(3):
-            total += z[i] * inverse[i, k] * z[k]
-    return total
+                x[X.points + 3 * k + i] = seen[i]
 
 
 @kernel
@@ -136,7 +90,7 @@ def observe(
     Args:
         state: the state.
         k: the point.
-        y: where it is seen, (3,) m, IMU axes.
+        y: its place, (3,) m, IMU axes.
         contact: probability that it touches the ground.
         dt: time since the last sample, s.
         noise: the noises.
@@ -144,14 +98,13 @@ def observe(
 
     Returns:
         Normalised innovation squared of the point if it stays, 3 degrees of freedom, and the logarithm of the
-        likelihood of the sample up to a constant, for an outlier that of the largest honest innovation.
+        likelihood of the sample up to a constant; an outlier has that of the largest accepted innovation.
     """
-    x, cov = state.x, state.cov
-    row = E_POINTS + 3 * k
+    x, cov, row = state.x, state.cov, E.points + 3 * k
     z, shift = turned(rotation(x), y), np.empty(3)
     for i in range(3):
-        z[i] -= x[POINTS + 3 * k + i]
-        shift[i] = (noise.slide * dt) ** 2 * (1.0 if i < 2 else VERTICAL_SLIDE)
+        z[i] -= x[X.points + 3 * k + i]
+        shift[i] = (noise.slide * dt) ** 2 * (1.0 if i < 2 else FIXED.vertical_slide)
     stays, slides = np.empty((3, 3)), np.empty((3, 3))
     for i in range(3):
         for j in range(3):
@@ -160,37 +113,51 @@ def observe(
         slides[i, i] += noise.point**2 + shift[i]
     inverse_1 = inverse3(slides)[0]
     misfit = quadratic(z, inverse_1)
-    if misfit > OUTLIER:
-        state.points[k, MISFIT] = MOST_MISFITS if state.points[k, NEW] > 0.0 else state.points[k, MISFIT] + 1.0
-        if state.points[k, MISFIT] >= MOST_MISFITS:
-            return misfit, -0.5 * (OUTLIER + math.log(_determinant(stays)))
-        wider = (z[0] ** 2 + z[1] ** 2 + z[2] ** 2) / 3.0  # a sample like that says little
+    if misfit > FIXED.outlier:
+        new = state.points[k, P.new] > 0.0
+        state.points[k, P.misfit] = FIXED.most_misfits if new else state.points[k, P.misfit] + 1.0
+        if state.points[k, P.misfit] >= FIXED.most_misfits:
+            return misfit, -0.5 * (FIXED.outlier + math.log(_determinant(stays)))
+        wider = (z[0] ** 2 + z[1] ** 2 + z[2] ** 2) / 3.0  # an outlier holds little information
         for i in range(3):
             stays[i, i] += wider
             slides[i, i] += wider
         inverse_1 = inverse3(slides)[0]
     else:
-        state.points[k, MISFIT] = state.points[k, NEW] = 0.0
+        state.points[k, P.misfit] = state.points[k, P.new] = 0.0
     inverse_0 = inverse3(stays)[0]
-    nis, weight = quadratic(z, inverse_0), 0.0
-    likely = -0.5 * (min(nis, OUTLIER) + math.log(_determinant(stays)))
+    nis = quadratic(z, inverse_0)
+    likely = -0.5 * (min(nis, FIXED.outlier) + math.log(_determinant(stays)))
     if not hypotheses:
         _stay(state, row, z, inverse_0)
     else:
-        before = state.points[k, SLIDE]
-        prior = before * noise.go_on + (1.0 - before) * noise.begin_slide
-        prior = 1.0 - contact * (1.0 - prior)
         ratio = 0.5 * (nis - quadratic(z, inverse_1) + math.log(_determinant(stays) / _determinant(slides)))
-        odds = prior / max(1.0 - prior, 1e-9) * math.exp(min(ratio, 300.0))
-        weight = odds / (1.0 + odds)
-        seen = state.points[k, SEEN]
-        seen = 1.0 - contact * (1.0 - seen * SLIDES_ON - (1.0 - seen) * SLIDES)
-        odds = seen / max(1.0 - seen, 1e-9) * math.exp(min(ratio, 300.0))
-        state.points[k, SEEN] = odds / (1.0 + odds)
-        if state.points[k, MISFIT] == 0.0:
-            state.points[k, SLIDE] = weight
+        weight = _weigh_slide(state.points[k], contact, ratio, noise)
         _mix(state, row, z, inverse_0, inverse_1, shift, weight)
     return nis, likely
+
+
+@kernel
+def _weigh_slide(point: Array, contact: float, ratio: float, noise: BestNoise) -> float:
+    """Return the probability that a point slides by one sample, and keep it with the reported one, in place.
+
+    Args:
+        point: numbers of the point, see `PointLayout`.
+        contact: probability that it touches the ground.
+        ratio: logarithm of the likelihood of sliding over that of staying.
+        noise: the noises.
+    """
+    before, seen = point[P.slide], point[P.seen]
+    prior = before * noise.go_on + (1.0 - before) * noise.begin_slide
+    prior = 1.0 - contact * (1.0 - prior)
+    odds = prior / max(1.0 - prior, 1e-9) * math.exp(min(ratio, 300.0))
+    weight = odds / (1.0 + odds)
+    seen = 1.0 - contact * (1.0 - seen * FIXED.reported_on - (1.0 - seen) * FIXED.reported_begin)
+    odds = seen / max(1.0 - seen, 1e-9) * math.exp(min(ratio, 300.0))
+    point[P.seen] = odds / (1.0 + odds)
+    if point[P.misfit] == 0.0:
+        point[P.slide] = weight
+    return weight
 
 
 @kernel
@@ -217,7 +184,7 @@ def _stay(state: BestState, row: int, z: Array, inverse: Array) -> None:
 
 @kernel
 def _mix(state: BestState, row: int, z: Array, inverse_0: Array, inverse_1: Array, shift: Array, weight: float) -> None:
-    """Mean of the corrections of both hypotheses, `weight` = probability of the second, in place."""
+    """Apply the mean of the corrections of both hypotheses, `weight` = probability of the second, in place."""
     cov = state.cov
     n = cov.shape[0]
     seen_0, seen_1 = np.empty((n, 3)), np.empty((n, 3))  # cov H^T up to the sign

@@ -1,19 +1,20 @@
-"""How the soles of feet move without sliding: they twist, and rock about the edge or the corner on which they stand."""
+"""Motion of soles that do not slide: they twist, and rock about the edge or the corner on which they stand."""
 
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.geometry.linear_kernels import add_outer, turned
 from surefoot.kernels.jit import kernel
 
 from ..feet.contact import BestGeometry
-from .state import CLOSED, DOWN, E_POINTS, POINTS, BestState, turned
+from .layout import E, P, X
+from .noise import FIXED
+from .state import BestState
 
 Array = NDArray[np.float64]
 Feet = NDArray[np.int64]
-
-FIRM = 3  # switches that hold a sole
 
 
 @kernel
@@ -27,21 +28,20 @@ def twist_soles(state: BestState, foot: Feet, variance: float) -> None:
     for k in range(count):
         together = 0
         for m in range(count):
-            if foot[m] == foot[k] and points[m, DOWN] > 0.0:
+            if foot[m] == foot[k] and points[m, P.down] > 0.0:
                 together += 1
-                across[k, 0] += x[POINTS + 3 * m + 1]
-                across[k, 1] -= x[POINTS + 3 * m]
-        if points[k, DOWN] > 0.0 and together > 1:  # z x (r_k - centre)
-            across[k, 0] = across[k, 0] / together - x[POINTS + 3 * k + 1]
-            across[k, 1] = across[k, 1] / together + x[POINTS + 3 * k]
+                across[k, 0] += x[X.points + 3 * m + 1]
+                across[k, 1] -= x[X.points + 3 * m]
+        if points[k, P.down] > 0.0 and together > 1:  # z x (r_k - centre)
+            across[k, 0] = across[k, 0] / together - x[X.points + 3 * k + 1]
+            across[k, 1] = across[k, 1] / together + x[X.points + 3 * k]
         else:
             across[k, 0] = across[k, 1] = 0.0
+    push = variance * across
     for k in range(count):
         for m in range(count):
             if foot[m] == foot[k]:
-                for i in range(2):
-                    for j in range(2):
-                        cov[E_POINTS + 3 * k + i, E_POINTS + 3 * m + j] += variance * across[k, i] * across[m, j]
+                add_outer(cov, E.points + 3 * k, E.points + 3 * m, push[k], across[m])
 
 
 @kernel
@@ -59,17 +59,16 @@ def _turn_sole(state: BestState, geometry: BestGeometry, f: int, pivot: Array, a
     cov, points, foot = state.cov, state.points, geometry.foot
     way = np.zeros((foot.size, 3))
     for k in range(foot.size):
-        if foot[k] == f and points[k, DOWN] > 0.0:
+        if foot[k] == f and points[k, P.down] > 0.0:
             lever = turned(state.turn[k], geometry.place[k] - pivot)
             for i in range(3):
                 a, b = (i + 1) % 3, (i + 2) % 3
                 way[k, i] = axis[a] * lever[b] - axis[b] * lever[a]
+    push = variance * way
     for k in range(foot.size):
         for m in range(foot.size):
             if foot[k] == f and foot[m] == f:
-                for i in range(3):
-                    for j in range(3):
-                        cov[E_POINTS + 3 * k + i, E_POINTS + 3 * m + j] += variance * way[k, i] * way[m, j]
+                add_outer(cov, E.points + 3 * k, E.points + 3 * m, push[k], way[m])
 
 
 @kernel
@@ -93,9 +92,9 @@ def rock_soles(state: BestState, closed: Feet, geometry: BestGeometry, variance:
     points, foot, switches, rocking, last = state.points, geometry.foot, geometry.switches, 0, -1
     for k in range(foot.size):
         f = foot[k]
-        now, stayed = int(closed[f]), int(closed[f]) & int(points[k, CLOSED])
-        points[k, CLOSED] = now
-        if f == last or points[k, DOWN] == 0.0 or switches.shape[1] < FIRM:
+        now, stayed = int(closed[f]), int(closed[f]) & int(points[k, P.closed])
+        points[k, P.closed] = now
+        if f == last or points[k, P.down] == 0.0 or switches.shape[1] < FIXED.firm:
             continue
         last = f
         pivot, edge, count = np.zeros(3), np.zeros(3), 0
@@ -105,7 +104,7 @@ def rock_soles(state: BestState, closed: Feet, geometry: BestGeometry, variance:
                 for i in range(3):
                     pivot[i] += switches[f, s, i]
                     edge[i] = switches[f, s, i] - edge[i]
-        if count == 0 or (stayed > 0 and count >= FIRM):
+        if count == 0 or (stayed > 0 and count >= FIXED.firm):
             continue
         rocking |= 1 << f
         pivot /= count

@@ -1,89 +1,30 @@
 """Start of the `best` filter: at rest, or from one sample of a robot in motion."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.constants import GRAVITY
-from surefoot.geometry.linear_kernels import inverse3, times
+from surefoot.geometry.linear_kernels import inverse3, quadratic, times, turned
 from surefoot.kernels.jit import kernel
 
-from ..feet.contact import BestGeometry, points_of
-from ..inputs.timeline import after
+from ..feet.contact import points_of
+from .layout import DOUBTED, LONG_AGO, MOVING, NO_FEET, STARTED, E, M, X
+from .noise import FIXED, BestLimits, BestSetting
 from .point import lift
-from .state import (
-    ACC_BIAS,
-    AGE,
-    DOUBTED,
-    E_ACC,
-    E_GYRO,
-    E_POINTS,
-    E_POS,
-    E_VEL,
-    EXCESS,
-    GYRO_BIAS,
-    LAST_GYRO,
-    LONG_AGO,
-    LOST_FOR,
-    MOVING,
-    NO_FEET,
-    PHASE,
-    POS,
-    PUSH,
-    REST,
-    ROT,
-    SINCE,
-    STARTED,
-    VEL,
-    BestNoise,
-    BestState,
-    rotation,
-    turn_matrix,
-    turned,
-)
-from .update import UNKNOWN_SPEED
+from .samples import ROW_Q, ROW_W, SampleStore, after
+from .state import BestState, isolate, rotation, set_rotation, turn_matrix
 
 Array = NDArray[np.float64]
-Stamps = NDArray[np.int64]
 
-MOVING_TILT = 0.52  # rad, 30 deg: how wrong the first guess of a robot in motion may be
-CONTRADICTION = 4.0  # sigma by which the accelerometer may differ from the stated slope
-PLANE_POINT = 5e-4  # m, by which a foot of an assembled robot is beside its model
-TILTED = 0.7  # m/s^2, mean horizontal acceleration by the inertial unit while the velocity is lost again and again,
-TILTED_FOR = 0.1  # s at least, that shows a wrong tilt: 4 deg
-TILTED_SD = 0.3  # rad, tilt by the mean accelerometer of a robot in motion
-UPRIGHT = 0.76  # cosine of 40 deg: a robot that is tilted further has fallen, and lost its feet by that
-FALLING = 0.1  # share by which the mean specific force of one that stands may differ from gravity; in a fall it is less
-ROW_W, ROW_Q = 0, 3  # columns of an inertial row
-BLOCK = 16  # rows of which a rest is judged at a time
-
-
-class BestLimits(NamedTuple):
-    """Start and rest, SI."""
-
-    samples: int  # inertial samples of a rest
-    gyro_variance: float  # (rad/s)^2, largest of an axis at rest
-    acc_variance: float  # (m/s^2)^2
-    travel: float  # m, largest move of a foot in them
-    gyro_bias_sd: float  # rad/s, of an unknown bias
-    creep: float  # rad/s, by which a robot at rest may still turn
-    turn_creep: float  # rad/s, the same about the vertical
-    acc_bias_sd: float  # m/s^2
-    slope_sd: float  # rad, of the ground at the start, infinite = unknown
-    start: Array  # (4,) x, y, yaw of base_link and height of the ground under it, m and rad
-    start_sd: float  # m and rad
-    gap_s: float  # s between inertial samples: uncertainty is added
-    forget_s: float  # s: velocity and feet are unknown
-    max_speed: float  # m/s; a faster estimate is an error
-    level_sd: float  # m, of a point over level ground; infinite = the ground may have any shape
-    hypotheses: bool  # points may slide
+BLOCK = 16
+"""Rows of a rest that are checked at a time."""
 
 
 @kernel
 def _level(up: Array, rot_base_from_imu: Array, yaw: float) -> Array:
-    """rot_odom_from_imu (3, 3) with this up (3,), IMU axes, and base_link's x axis at `yaw`; y if x is vertical."""
+    """Return rot_odom_from_imu (3, 3) with this up (3,), IMU axes, and base_link's x (y if x is vertical) at `yaw`."""
     z = np.empty(3)
     for i in range(3):
         z[i] = 0.0
@@ -110,9 +51,9 @@ def _level(up: Array, rot_base_from_imu: Array, yaw: float) -> Array:
 
 
 @kernel
-def rests(rows: Array, stamps: Stamps, at: int, feet: Array, feet_stamps: Stamps, limits: BestLimits) -> bool:
-    """Whether inertial rows and feet (M, L, 3) of the window that ends with row `at` say that the robot rests."""
-    n = limits.samples
+def rests(samples: SampleStore, at: int, limits: BestLimits) -> bool:
+    """Return True if inertial samples and feet of the window that ends with inertial row `at` are those of a rest."""
+    n, rows, stamps, feet = limits.samples, samples.imu, samples.imu_stamps, samples.feet
     if at + 1 < n:
         return False
     mean, square, count = np.zeros(6), np.zeros(6), 0
@@ -132,7 +73,8 @@ def rests(rows: Array, stamps: Stamps, at: int, feet: Array, feet_stamps: Stamps
             if square[c] > n * (limits.gyro_variance if c < ROW_Q else limits.acc_variance):
                 return False
         count += some
-    first, last = after(feet_stamps, stamps[at + 1 - n] - 1), after(feet_stamps, stamps[at])
+    first = after(samples.feet_stamps, stamps[at + 1 - n] - 1)
+    last = after(samples.feet_stamps, stamps[at])
     for f in range(feet.shape[1]):
         for i in range(3):
             mean = 0.0
@@ -146,40 +88,43 @@ def rests(rows: Array, stamps: Stamps, at: int, feet: Array, feet_stamps: Stamps
 
 
 @kernel
-def _begin(state: BestState, rot: Array, geometry: BestGeometry, limits: BestLimits, foot: int, feet: Array,
-           foot_rots: Array, contact: Array) -> None:  # fmt: skip
-    """Set attitude and position, everything else to zero, with the covariance of a stated pose, in place."""
-    x, cov = state.x, state.cov
+def _begin(state: BestState, rot: Array, samples: SampleStore, foot: int, setting: BestSetting) -> None:
+    """Set attitude and position, everything else to zero, with the covariance of a stated pose, in place.
+
+    Args:
+        state: the state.
+        rot: rot_odom_from_imu, (3, 3).
+        samples: all samples.
+        foot: the row of the feet that shows the height over the ground; -1: none.
+        setting: of the filter.
+    """
+    x, geometry, limits = state.x, setting.geometry, setting.limits
     for k in range(state.points.shape[0]):
         lift(state, k)
-    for i in range(E_POINTS):
-        for j in range(cov.shape[0]):
-            cov[i, j] = 0.0
-            cov[j, i] = 0.0
+    isolate(state.cov, E.rot, E.points, 0.0)
+    set_rotation(x, rot)
     lever, height, standing = np.zeros(3), 0.0, 0
     for i in range(3):
         for k in range(3):
-            x[ROT + 3 * i + k] = rot[i, k]
             for m in range(3):
                 lever[i] += rot[i, k] * geometry.rot_base_from_imu[m, k] * geometry.imu_position[m]
-        x[VEL + i] = x[GYRO_BIAS + i] = x[ACC_BIAS + i] = 0.0
+        x[X.vel + i] = x[X.gyro_bias + i] = x[X.acc_bias + i] = 0.0
     if foot >= 0:
-        y, _ = points_of(geometry.foot, geometry.place, feet[foot], foot_rots[foot])
+        y, _ = points_of(geometry.foot, geometry.place, samples.feet[foot], samples.foot_rots[foot])
         for k in range(geometry.foot.size):
-            if contact[foot, k] >= 0.5:
+            if samples.contact[foot, k] >= 0.5:
                 height += geometry.radius[k] - turned(rot, y[k])[2]
                 standing += 1
-    x[POS], x[POS + 1] = limits.start[0] + lever[0], limits.start[1] + lever[1]
-    x[POS + 2] = limits.start[3] + (height / standing if standing else lever[2])
-    for i in range(3):
-        cov[E_POS + i, E_POS + i] = limits.start_sd**2
-    cov[2, 2] = limits.start_sd**2
-    state.memory[EXCESS], state.memory[SINCE], state.memory[AGE] = 1.0, NO_FEET, 0.0
+    x[X.pos], x[X.pos + 1] = limits.start.x + lever[0], limits.start.y + lever[1]
+    x[X.pos + 2] = limits.start.ground + (height / standing if standing else lever[2])
+    for i in (E.pos, E.pos + 1, E.pos + 2, E.rot + 2):
+        state.cov[i, i] = limits.start_sd**2
+    state.memory[M.excess], state.memory[M.since], state.memory[M.age] = 1.0, NO_FEET, 0.0
 
 
 @kernel
 def _plane(points: Array, used: Array, up: Array) -> tuple[Array, float]:
-    """Upward normal (3,) of the plane through used points (K, 3), and their least spread in it, m (0: no plane)."""
+    """Return the upward normal (3,) of the plane through used points (K, 3) and their spread in it, m (0: no plane)."""
     centre, n = np.zeros(3), 0
     for k in range(used.size):
         if used[k] >= 0.5:
@@ -206,11 +151,9 @@ def _plane(points: Array, used: Array, up: Array) -> tuple[Array, float]:
         size = math.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
         for i in range(3):
             normal[i] /= size
-    least, along = 0.0, 0.0
+    least, along = quadratic(normal, square), 0.0
     for i in range(3):
         along += normal[i] * up[i]
-        for j in range(3):
-            least += normal[i] * square[i, j] * normal[j]
     if along < 0.0:
         for i in range(3):
             normal[i] = -normal[i]
@@ -226,31 +169,29 @@ def _plane(points: Array, used: Array, up: Array) -> tuple[Array, float]:
 
 
 @kernel
-def start_at_rest(state: BestState, rows: Array, at: int, feet_stamps: Stamps, stamps: Stamps, feet: Array,
-                  foot_rots: Array, contact: Array, geometry: BestGeometry, noise: BestNoise,
-                  limits: BestLimits) -> None:  # fmt: skip
-    """Start with the means of a rest (equation (1) of Wawrzynski et al., and the biases), in place.
+def _up_at_rest(q: Array, samples: SampleStore, foot: int, setting: BestSetting) -> tuple[Array, float]:
+    """Return up (3,), IMU axes, and its standard deviation, rad, by accelerometer and plane of the feet.
 
-    The accelerometer cannot tell its bias b from a tilt: q = R^T G + b. A stated slope of the ground, 0 +- s rad, makes
-    the plane of the contact points a second witness of the vertical; both are weighted by their variances, unless they
-    contradict each other.
+    The accelerometer alone does not separate its bias b from a tilt: q = R^T G + b. A stated slope of the ground,
+    0 +- s rad, makes the plane of the contact points a second measurement of the vertical; both are weighted by their
+    variances, unless they contradict each other.
+
+    Args:
+        q: mean accelerometer of the rest, (3,) m/s^2.
+        samples: all samples.
+        foot: the last row of the feet; -1: none.
+        setting: of the filter.
     """
-    n = limits.samples
-    w, q = np.zeros(3), np.zeros(3)
-    for r in range(at + 1 - n, at + 1):
-        for i in range(3):
-            w[i] += rows[r, ROW_W + i] / n
-            q[i] += rows[r, ROW_Q + i] / n
+    geometry, limits = setting.geometry, setting.limits
     size = math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2)
-    foot = after(feet_stamps, stamps[at]) - 1
     up, tilt_sd = q / size, limits.acc_bias_sd / GRAVITY
     if foot >= 0 and math.isfinite(limits.slope_sd) and tilt_sd > 0.0:
-        y, _ = points_of(geometry.foot, geometry.place, feet[foot], foot_rots[foot])
-        normal, spread = _plane(y, contact[foot], up)
+        y, _ = points_of(geometry.foot, geometry.place, samples.feet[foot], samples.foot_rots[foot])
+        normal, spread = _plane(y, samples.contact[foot], up)
         if spread > 0.02:
-            sd = math.sqrt(limits.slope_sd**2 + (PLANE_POINT / spread) ** 2)
+            sd = math.sqrt(limits.slope_sd**2 + (FIXED.plane_point / spread) ** 2)
             apart = (normal[0] - up[0]) ** 2 + (normal[1] - up[1]) ** 2 + (normal[2] - up[2]) ** 2
-            if apart < CONTRADICTION**2 * (sd**2 + tilt_sd**2):
+            if apart < FIXED.contradiction**2 * (sd**2 + tilt_sd**2):
                 k = tilt_sd**2 / (tilt_sd**2 + sd**2)
                 for i in range(3):
                     up[i] += k * (normal[i] - up[i])
@@ -258,52 +199,75 @@ def start_at_rest(state: BestState, rows: Array, at: int, feet_stamps: Stamps, s
                 size_up = math.sqrt(up[0] ** 2 + up[1] ** 2 + up[2] ** 2)
                 for i in range(3):
                     up[i] /= size_up
-    rot = _level(up, geometry.rot_base_from_imu, limits.start[2])
-    _begin(state, rot, geometry, limits, foot, feet, foot_rots, contact)
+    return up, tilt_sd
+
+
+@kernel
+def start_at_rest(state: BestState, samples: SampleStore, at: int, setting: BestSetting) -> None:
+    """Start with the means of the rest that ends at inertial row `at` (equation (1) of Wawrzynski et al.), in place."""
+    limits, noise = setting.limits, setting.noise
+    n = limits.samples
+    w, q = np.zeros(3), np.zeros(3)
+    for r in range(at + 1 - n, at + 1):
+        for i in range(3):
+            w[i] += samples.imu[r, ROW_W + i] / n
+            q[i] += samples.imu[r, ROW_Q + i] / n
+    foot = after(samples.feet_stamps, samples.imu_stamps[at]) - 1
+    up, tilt_sd = _up_at_rest(q, samples, foot, setting)
+    rot = _level(up, setting.geometry.rot_base_from_imu, limits.start.yaw)
+    _begin(state, rot, samples, foot, setting)
     cov, bias_sd = state.cov, math.sqrt(noise.sample_gyro**2 / n + limits.creep**2)
     for i in range(3):
-        state.x[GYRO_BIAS + i], state.x[ACC_BIAS + i] = w[i], q[i] - GRAVITY * up[i]
-        cov[E_VEL + i, E_VEL + i] = 1e-4
-        cov[E_GYRO + i, E_GYRO + i] = bias_sd**2
-        cov[E_ACC + i, E_ACC + i] = limits.acc_bias_sd**2
+        state.x[X.gyro_bias + i], state.x[X.acc_bias + i] = w[i], q[i] - GRAVITY * up[i]
+        cov[E.vel + i, E.vel + i] = 1e-4
+        cov[E.gyro_bias + i, E.gyro_bias + i] = bias_sd**2
+        cov[E.acc_bias + i, E.acc_bias + i] = limits.acc_bias_sd**2
     # b = q - R^T G exactly: a tilt xi shows as the bias R db = -[G] xi
     for i in range(2):
         cov[i, i] = tilt_sd**2
     for i in range(3):
         east, north = -GRAVITY * rot[1, i] * tilt_sd**2, GRAVITY * rot[0, i] * tilt_sd**2
-        cov[E_ACC + i, 0] = cov[0, E_ACC + i] = east
-        cov[E_ACC + i, 1] = cov[1, E_ACC + i] = north
+        cov[E.acc_bias + i, 0] = cov[0, E.acc_bias + i] = east
+        cov[E.acc_bias + i, 1] = cov[1, E.acc_bias + i] = north
         for j in range(3):
             across = rot[0, i] * rot[0, j] + rot[1, i] * rot[1, j]
-            cov[E_ACC + i, E_ACC + j] = (
+            cov[E.acc_bias + i, E.acc_bias + j] = (
                 rot[2, i] * rot[2, j] * limits.acc_bias_sd**2 + across * (GRAVITY * tilt_sd) ** 2
             )
-        cov[E_ACC + i, E_ACC + i] += noise.acc**2 / (0.01 * n)
-    state.memory[PHASE] = STARTED
-    state.memory[REST] = 1.0  # its samples are taken: the next rest begins here
+        cov[E.acc_bias + i, E.acc_bias + i] += noise.acc**2 / (0.01 * n)
+    state.memory[M.phase] = STARTED
+    state.memory[M.rest] = 1.0  # its samples are taken: the next rest begins here
 
 
 @kernel
-def start_moving(state: BestState, q: Array, w: Array, foot: int, feet: Array, foot_rots: Array, contact: Array,
-                  geometry: BestGeometry, limits: BestLimits) -> None:  # fmt: skip
-    """Start with nothing but one sample: up by the accelerometer, 30 deg wrong, at an unknown speed, in place."""
+def start_moving(state: BestState, samples: SampleStore, at: int, foot: int, setting: BestSetting) -> None:
+    """Start with one sample only: up by the accelerometer, 30 deg wrong, at an unknown speed, in place.
+
+    Args:
+        state: the state.
+        samples: all samples.
+        at: the inertial row.
+        foot: the row of the feet.
+        setting: of the filter.
+    """
+    limits, q = setting.limits, samples.imu[at, ROW_Q : ROW_Q + 3]
     size = math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2)
     up = q / size if size > 0.1 * GRAVITY else np.array([0.0, 0.0, 1.0])
-    rot = _level(up, geometry.rot_base_from_imu, limits.start[2])
-    _begin(state, rot, geometry, limits, foot, feet, foot_rots, contact)
+    rot = _level(up, setting.geometry.rot_base_from_imu, limits.start.yaw)
+    _begin(state, rot, samples, foot, setting)
     for i in range(3):
         if i < 2:
-            state.cov[i, i] = MOVING_TILT**2
-        state.cov[E_VEL + i, E_VEL + i] = UNKNOWN_SPEED**2
-        state.cov[E_GYRO + i, E_GYRO + i] = limits.gyro_bias_sd**2
-        state.cov[E_ACC + i, E_ACC + i] = limits.acc_bias_sd**2
-        state.memory[LAST_GYRO + i] = w[i]
-    state.memory[PHASE], state.memory[REST] = MOVING, 0.0
+            state.cov[E.rot + i, E.rot + i] = FIXED.moving_tilt**2
+        state.cov[E.vel + i, E.vel + i] = FIXED.unknown_speed**2
+        state.cov[E.gyro_bias + i, E.gyro_bias + i] = limits.gyro_bias_sd**2
+        state.cov[E.acc_bias + i, E.acc_bias + i] = limits.acc_bias_sd**2
+        state.memory[M.last_gyro + i] = samples.imu[at, ROW_W + i]
+    state.memory[M.phase], state.memory[M.rest] = MOVING, 0.0
 
 
 @kernel
-def judge_tilt(state: BestState, limits: BestLimits) -> None:
-    """Doubt the tilt when the velocity is lost again and again, in place; to be called at each loss.
+def check_tilt(state: BestState, limits: BestLimits) -> None:
+    """Correct the tilt when the velocity is lost again and again, in place; to be called at each loss.
 
     With a tilt that is wrong by a, the velocity by the inertial unit runs away from the feet with 9.81 sin a m/s^2
     until it is lost, and again. The mean specific force in odom since the first loss points up, up to what a walk
@@ -311,33 +275,27 @@ def judge_tilt(state: BestState, limits: BestLimits) -> None:
     position and gyro bias stay. A robot that falls loses its velocity, too: its specific force is not that of one that
     stands, and its tilt by the gyro is right.
     """
-    memory, cov, n = state.memory, state.cov, state.cov.shape[0]
-    if memory[LOST_FOR] < 0.0:
-        memory[LOST_FOR] = 0.0
+    memory = state.memory
+    if memory[M.lost_for] < 0.0:
+        memory[M.lost_for] = 0.0
         for i in range(3):
-            memory[PUSH + i] = 0.0
+            memory[M.push + i] = 0.0
         return
-    ahead, side, up = memory[PUSH], memory[PUSH + 1], memory[PUSH + 2] + GRAVITY * memory[LOST_FOR]
+    ahead, side, up = memory[M.push], memory[M.push + 1], memory[M.push + 2] + GRAVITY * memory[M.lost_for]
     level = math.sqrt(ahead * ahead + side * side)
-    if memory[LOST_FOR] < TILTED_FOR or level < TILTED * memory[LOST_FOR]:
+    if memory[M.lost_for] < FIXED.tilted_for or level < FIXED.tilted * memory[M.lost_for]:
         return
-    force = math.sqrt(level * level + up * up) / memory[LOST_FOR]
-    if abs(force - GRAVITY) > FALLING * GRAVITY or rotation(state.x)[2, 2] < UPRIGHT:
+    force = math.sqrt(level * level + up * up) / memory[M.lost_for]
+    if abs(force - GRAVITY) > FIXED.falling * GRAVITY or rotation(state.x)[2, 2] < FIXED.upright:
         return
     angle = math.atan2(level, up)
     turn = turn_matrix(np.array([side / level * angle, -ahead / level * angle, 0.0]))
     rot = times(turn, rotation(state.x))
     for k in range(state.points.shape[0]):
         lift(state, k)
+    set_rotation(state.x, rot)
     for i in range(3):
-        for k in range(3):
-            state.x[ROT + 3 * i + k] = rot[i, k]
-        state.x[ACC_BIAS + i] = 0.0
-        for j in range(n):
-            cov[E_ACC + i, j] = cov[j, E_ACC + i] = 0.0
-            if i < 2:
-                cov[i, j] = cov[j, i] = 0.0
-        cov[E_ACC + i, E_ACC + i] = limits.acc_bias_sd**2
-        if i < 2:
-            cov[i, i] = TILTED_SD**2
-    memory[PHASE], memory[AGE], memory[EXCESS], memory[LOST_FOR] = DOUBTED, 0.0, 1.0, LONG_AGO
+        state.x[X.acc_bias + i] = 0.0
+    isolate(state.cov, E.acc_bias, 3, limits.acc_bias_sd**2)
+    isolate(state.cov, E.rot, 2, FIXED.tilted_sd**2)
+    memory[M.phase], memory[M.age], memory[M.excess], memory[M.lost_for] = DOUBTED, 0.0, 1.0, LONG_AGO

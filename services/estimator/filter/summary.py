@@ -1,59 +1,74 @@
-"""What the `best` filter reports of its state: velocity, tilt, pose, biases and covariances."""
+"""Report of the `best` filter from its state: velocity, tilt, pose, biases and covariances."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.constants import GRAVITY
-from surefoot.geometry.linear_kernels import times, times_transposed
+from surefoot.geometry.linear_kernels import congruence
 from surefoot.geometry.rotations import quat_from_matrix
 from surefoot.kernels.jit import kernel
 
 from ..feet.contact import BestGeometry
 from ..health import Condition
-from ..inputs.judge import faults_at
+from ..inputs.check import faults_at
 from ..output import healthy
-from .cell import CONTACT_NS, FEET_NS, NOW_NS, Cell
-from .run import settled
-from .state import (
-    ACC_BIAS,
-    DOWN,
-    E_POS,
-    EXCESS,
-    GYRO_BIAS,
-    LAG,
-    NIS,
-    POS,
-    REST,
-    SEEN,
-    VEL,
-    BestState,
-    rotation,
-)
+from .advance import settled
+from .intake import CONTACT_NS, FEET_NS, NOW_NS, FilterParts
+from .layout import E, M, P, X
+from .noise import FIXED
+from .state import BestState, rotation
 
 Array = NDArray[np.float64]
 
-SLIDES = 0.5  # probability from which a foot is said to slide
-LENGTH_SD = 0.01  # m/s^2, of the length of g, which the state takes as known
+
+class RowLayout(NamedTuple):
+    """Rows of the vectors of a report, (8, 3)."""
+
+    g: int = 0
+    """Specific force at rest, m/s^2, IMU axes, points up."""
+    v: int = 1
+    """Velocity of the IMU, m/s, IMU axes."""
+    position: int = 2
+    """Position of base_link in odom, m."""
+    v_odom: int = 3
+    """Velocity of base_link, m/s, odom axes."""
+    gyro_bias: int = 4
+    """rad/s, IMU axes."""
+    acc_bias: int = 5
+    """m/s^2, IMU axes."""
+    start: int = 6
+    """Heading of base_link in odom, rad; 1 if the start has settled, else 0; inertial samples at rest in a row."""
+    fit: int = 7
+    """Normalised innovation squared, 3 degrees of freedom; factor of the inertial noise; 0."""
+
+
+R = RowLayout()
+YAW, SETTLED, RESTING = (R.start, 0), (R.start, 1), (R.start, 2)
+NIS, EXCESS = (R.fit, 0), (R.fit, 1)
+"""Single numbers of the vectors, by row and column."""
+QUAT = 4
+"""Numbers of the quaternion, which come before the probabilities of sliding."""
 
 
 @kernel
 def _covariances(rot: Array, cov: Array) -> tuple[Array, Array]:
-    """Covariance of (g, v) in IMU axes (6, 6), and of x, y, z, yaw in odom (4, 4)."""
+    """Return the covariance of (g, v) in IMU axes (6, 6), and of x, y, z, yaw in odom (4, 4)."""
     by = np.zeros((6, 6))
     for i in range(3):
         by[i, 0], by[i, 1] = -GRAVITY * rot[1, i], GRAVITY * rot[0, i]
         for k in range(3):
             by[3 + i, 3 + k] = rot[k, i]
-    block, pose, index = np.empty((6, 6)), np.empty((4, 4)), np.array([E_POS, E_POS + 1, E_POS + 2, 2])
+    block, pose, index = np.empty((6, 6)), np.empty((4, 4)), np.array([E.pos, E.pos + 1, E.pos + 2, E.rot + 2])
     for i in range(6):
         for k in range(6):
             block[i, k] = cov[i, k]
-    out = times_transposed(times(by, block), by)
+    out = congruence(by, block)
     for i in range(3):
         for k in range(3):
-            out[i, k] += LENGTH_SD**2 * rot[2, i] * rot[2, k]
+            out[i, k] += FIXED.length_sd**2 * rot[2, i] * rot[2, k]
     for i in range(4):
         for k in range(4):
             pose[i, k] = cov[index[i], index[k]]
@@ -65,11 +80,10 @@ def _covariances(rot: Array, cov: Array) -> tuple[Array, Array]:
 
 @kernel
 def summary(state: BestState, geometry: BestGeometry, w: Array, feet: int) -> tuple[Array, Array, Array, Array]:
-    """Return what is known.
+    """Return vectors by rows (8, 3), see `RowLayout`; quaternion and probabilities of sliding; covariances.
 
-    Vectors by rows (8, 3): g, v, position and velocity of base_link in odom, biases, (yaw, settled, samples at rest),
-    (nis, excess, 0); its quaternion (4,) and the probability of sliding of each foot (L,) in one array; covariances as
-    `_covariances`.
+    The quaternion (4,) of base_link in odom and the probability that each foot slides (L,), NaN for a foot that does
+    not stand, are one array. For the covariances see `_covariances`.
 
     Args:
         state: the state.
@@ -78,12 +92,12 @@ def summary(state: BestState, geometry: BestGeometry, w: Array, feet: int) -> tu
         feet: their number L.
     """
     x, points = state.x, state.points
-    rot, rows, more = rotation(x), np.zeros((8, 3)), np.zeros(4 + feet)
+    rot, rows, more = rotation(x), np.zeros((8, 3)), np.zeros(QUAT + feet)
     base, arm, turn, v_imu = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros(3)
     for i in range(3):
         for k in range(3):
-            v_imu[i] += rot[k, i] * x[VEL + k]
-            turn[i] += rot[i, k] * (w[k] - x[GYRO_BIAS + k])
+            v_imu[i] += rot[k, i] * x[X.vel + k]
+            turn[i] += rot[i, k] * (w[k] - x[X.gyro_bias + k])
             for m in range(3):
                 base[i, k] += rot[i, m] * geometry.rot_base_from_imu[k, m]
     for i in range(3):
@@ -91,46 +105,46 @@ def summary(state: BestState, geometry: BestGeometry, w: Array, feet: int) -> tu
             arm[i] += base[i, k] * geometry.imu_position[k]
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        rows[0, i], rows[1, i] = GRAVITY * rot[2, i], v_imu[i] + state.memory[LAG + i]
-        rows[2, i] = x[POS + i] - arm[i]
-        rows[3, i] = x[VEL + i] - (turn[j] * arm[k] - turn[k] * arm[j])
+        rows[R.g, i], rows[R.v, i] = GRAVITY * rot[2, i], v_imu[i] + state.memory[M.lag + i]
+        rows[R.position, i] = x[X.pos + i] - arm[i]
+        rows[R.v_odom, i] = x[X.vel + i] - (turn[j] * arm[k] - turn[k] * arm[j])
         for m in range(3):
-            rows[3, i] += rot[i, m] * state.memory[LAG + m]
-        rows[4, i], rows[5, i] = x[GYRO_BIAS + i], x[ACC_BIAS + i]
-    rows[6, 0] = math.atan2(base[1, 0], base[0, 0])
-    rows[6, 1], rows[6, 2] = 1.0 if settled(state) else 0.0, state.memory[REST]
-    rows[7, 0], rows[7, 1] = state.memory[NIS], state.memory[EXCESS]
+            rows[R.v_odom, i] += rot[i, m] * state.memory[M.lag + m]
+        rows[R.gyro_bias, i], rows[R.acc_bias, i] = x[X.gyro_bias + i], x[X.acc_bias + i]
+    rows[YAW] = math.atan2(base[1, 0], base[0, 0])
+    rows[SETTLED], rows[RESTING] = 1.0 if settled(state) else 0.0, state.memory[M.rest]
+    rows[NIS], rows[EXCESS] = state.memory[M.nis], state.memory[M.excess]
     quat = quat_from_matrix(base)
-    for i in range(4):
+    for i in range(QUAT):
         more[i] = quat[i]
     count = np.zeros(feet)
     for k in range(points.shape[0]):
-        if points[k, DOWN] > 0.0:
-            more[4 + geometry.foot[k]] += points[k, SEEN]
+        if points[k, P.down] > 0.0:
+            more[QUAT + geometry.foot[k]] += points[k, P.seen]
             count[geometry.foot[k]] += 1.0
     for f in range(feet):
-        more[4 + f] = more[4 + f] / count[f] if count[f] > 0.0 else math.nan
+        more[QUAT + f] = more[QUAT + f] / count[f] if count[f] > 0.0 else math.nan
     covariance, pose = _covariances(rot, state.cov)
     return rows, more, covariance, pose
 
 
 @kernel
-def condition(cell: Cell, vectors: Array, more: Array, covariance: Array) -> Condition:
-    """Return what flags and words are made of.
+def condition(parts: FilterParts, vectors: Array, more: Array, covariance: Array) -> Condition:
+    """Return the numbers from which flags and reasons follow.
 
     Args:
-        cell: the filter with its judge.
-        vectors: of `summary`,
-        more: the same,
-        covariance: and its first covariance.
+        parts: of the filter.
+        vectors: first result of `summary`.
+        more: second result of `summary`.
+        covariance: of (g, v), third result of `summary`.
     """
-    slipping, stamps = False, cell.clock.stamps
-    for i in range(4, more.size):
-        slipping = slipping or more[i] > SLIDES
+    slipping, stamps = False, parts.clock.stamps
+    for i in range(QUAT, more.size):
+        slipping = slipping or more[i] > FIXED.slides
     now = stamps[NOW_NS]
     since_contact_s = 1e-9 * (now - stamps[CONTACT_NS])
     return Condition(
-        vectors[6, 1] > 0.0, vectors[6, 2] > 0.0, healthy(vectors[0], vectors[1], covariance), vectors[7, 0], slipping,
-        vectors[7, 1], faults_at(cell.judge, cell.judge_limits, cell.noisy, now), 1e-9 * (now - stamps[FEET_NS]),
-        since_contact_s, since_contact_s,
+        vectors[SETTLED] > 0.0, vectors[RESTING] > 0.0, healthy(vectors[R.g], vectors[R.v], covariance), vectors[NIS],
+        slipping, vectors[EXCESS], faults_at(parts.check, parts.check_limits, parts.noisy, now),
+        1e-9 * (now - stamps[FEET_NS]), since_contact_s, since_contact_s,
     )  # fmt: skip

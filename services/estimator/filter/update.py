@@ -5,50 +5,19 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.geometry.linear_kernels import inverse3, times
+from surefoot.geometry.linear_kernels import inverse3, quadratic, times, turned
 from surefoot.kernels.jit import kernel
 
-from ..feet.contact import SURE, BestGeometry, by_height
-from ..feet.kinematics import foot_turn
-from .point import MOST_MISFITS, lift, observe, put_down, quadratic
+from ..feet.contact import SURE, BestGeometry, SeenPoints, by_height
+from ..feet.mount import foot_turn
+from .layout import E, M, P, X
+from .noise import FIXED, BestNoise
+from .point import lift, observe, put_down
 from .sole import rock_soles, twist_soles
-from .state import (
-    ALONG,
-    DOWN,
-    E_POINTS,
-    EXCESS,
-    INNOVATION,
-    LAG,
-    LOSSES,
-    MISFIT,
-    NIS,
-    POINTS,
-    POS,
-    SEEN,
-    SINCE,
-    SLIDE,
-    SLIDE_PRODUCT,
-    SLIDE_SQUARE,
-    UNFIT,
-    BestNoise,
-    BestState,
-    forget_velocity,
-    rotation,
-    turned,
-)
+from .state import BestState, forget_velocity, rotation
 
 Array = NDArray[np.float64]
 Feet = NDArray[np.int64]
-
-MOST_CARRIED = 3.0  # excess of the inertial noise beyond which the velocity of a slide is hardly learned
-SWING = 0.2  # m/s, of a foot that may be in the air
-LONGEST = 0.12  # s without a sample of the feet, after which any of them may have stepped
-UNKNOWN_SPEED = 1.0  # m/s
-MOST_LAG = 5.0  # noises of a point: a longer correction is no lag, but a mishap
-KEEP = 0.99  # per sample, of what is remembered about slides
-TRUSTED = 1e-4  # (m/s)^2, weight of the assumption that slides persist
-LEAST_PERSISTENCE = 0.3  # below it no slide is expected to go on
-MOST_GROWTH = 0.1  # of the logarithm of the excess by one pair of innovations
 
 
 @kernel
@@ -63,29 +32,31 @@ def learn_excess(state: BestState, y: Array, noise: BestNoise) -> None:
     x, cov, points, memory = state.x, state.cov, state.points, state.memory
     z, s, count, rot = np.zeros(3), np.zeros((3, 3)), 0, rotation(x)
     for k in range(points.shape[0]):
-        if points[k, DOWN] > 0.0:
+        if points[k, P.down] > 0.0:
             seen = turned(rot, y[k])
             count += 1
             for i in range(3):
-                z[i] += seen[i] - x[POINTS + 3 * k + i]
+                z[i] += seen[i] - x[X.points + 3 * k + i]
                 s[i, i] += noise.point**2
             for m in range(points.shape[0]):
-                if points[m, DOWN] > 0.0:
+                if points[m, P.down] > 0.0:
                     for i in range(3):
                         for j in range(3):
-                            s[i, j] += cov[E_POINTS + 3 * k + i, E_POINTS + 3 * m + j]
+                            s[i, j] += cov[E.points + 3 * k + i, E.points + 3 * m + j]
     if count == 0:
         return
     inverse, evidence = inverse3(s)[0], 0.0
     for i in range(3):
         for j in range(3):
-            evidence += count * z[i] * inverse[i, j] * memory[INNOVATION + j] / 3.0
-    memory[NIS] = quadratic(z, inverse)
+            evidence += count * z[i] * inverse[i, j] * memory[M.innovation + j] / 3.0
+    memory[M.nis] = quadratic(z, inverse)
     for i in range(3):
-        memory[INNOVATION + i] = z[i] / count
-    most = MOST_GROWTH / noise.learn
+        memory[M.innovation + i] = z[i] / count
+    most = FIXED.most_growth / noise.learn
     evidence = min(max(evidence, -most), most)
-    memory[EXCESS] = min(max(memory[EXCESS] * math.exp(noise.learn * (evidence - noise.drop)), 1.0), noise.most_excess)
+    memory[M.excess] = min(
+        max(memory[M.excess] * math.exp(noise.learn * (evidence - noise.drop)), 1.0), noise.most_excess
+    )
 
 
 @kernel
@@ -102,15 +73,15 @@ def _loosen(state: BestState, contact: Array, foot: Feet, slides: int, slip: flo
     """
     cov, points = state.cov, state.points
     for k in range(points.shape[0]):
-        if points[k, DOWN] == 0.0:
+        if points[k, P.down] == 0.0:
             continue
-        row = E_POINTS + 3 * k
+        row = E.points + 3 * k
         for i in range(row, row + 3):
             cov[i, i] += max(SURE - contact[k], 0.0) * swing
         for m in range(points.shape[0]):
-            if (slides >> foot[k]) & 1 and foot[m] == foot[k] and points[m, DOWN] > 0.0:
+            if (slides >> foot[k]) & 1 and foot[m] == foot[k] and points[m, P.down] > 0.0:
                 for i in range(2):
-                    cov[row + i, E_POINTS + 3 * m + i] += slip
+                    cov[row + i, E.points + 3 * m + i] += slip
 
 
 @kernel
@@ -122,17 +93,17 @@ def follow(state: BestState, before: Array, noise: BestNoise) -> None:
 
         lag' = -lag/T + R^T sum_k delta_k/T,   v_out = v + R lag
 
-    with the correction delta_k of sample k, at most `MOST_LAG` points' noises long, and T = `lag_s`. The integral of
+    with the correction delta_k of sample k, at most `most_lag` points' noises long, and T = `lag_s`. The integral of
     v_out is the position.
     """
     rot, delta, length = rotation(state.x), np.empty(3), 0.0
     for i in range(3):
-        delta[i] = state.x[POS + i] - before[i]
+        delta[i] = state.x[X.pos + i] - before[i]
         length += delta[i] * delta[i]
-    share = min(1.0, MOST_LAG * noise.point / math.sqrt(max(length, 1e-30))) / noise.lag_s
+    share = min(1.0, FIXED.most_lag * noise.point / math.sqrt(max(length, 1e-30))) / noise.lag_s
     for i in range(3):
         for j in range(3):
-            state.memory[LAG + i] += share * rot[j, i] * delta[j]
+            state.memory[M.lag + i] += share * rot[j, i] * delta[j]
 
 
 @kernel
@@ -140,22 +111,22 @@ def persistence(memory: Array) -> float:
     """Return the share of the learned velocity s of a slide that is expected of the next sample, 0 to 1.
 
     A foot that is pushed slides on, one that rocks comes back. Over all samples of the feet, weighted by
-    `KEEP` to the power of their age in samples, with m (2,) m/s the velocity that a sample showed and s that learned
-    before it,
+    `slide_memory` to the power of their age in samples, with m (2,) m/s the velocity that a sample showed and s that
+    learned before it,
 
         rho = (sum m.s + p)/(sum s.s + p),   share = (rho - rho_0)/(1 - rho_0)
 
-    with p = `TRUSTED` and rho_0 = `LEAST_PERSISTENCE`; `memory` is that of `BestState`.
+    with p = `slide_trust` and rho_0 = `least_persistence`; `memory` is that of `BestState`.
     """
-    rho = (memory[SLIDE_PRODUCT] + TRUSTED) / (memory[SLIDE_SQUARE] + TRUSTED)
-    return float(min(max((rho - LEAST_PERSISTENCE) / (1.0 - LEAST_PERSISTENCE), 0.0), 1.0))
+    rho = (memory[M.slide_product] + FIXED.slide_trust) / (memory[M.slide_square] + FIXED.slide_trust)
+    return float(min(max((rho - FIXED.least_persistence) / (1.0 - FIXED.least_persistence), 0.0), 1.0))
 
 
 @kernel
 def remember_slides(state: BestState) -> None:
     """Add m.s and s.s of a sample, see `persistence`, of all hypotheses by their weights to the sums, in place."""
-    for i in (SLIDE_PRODUCT, SLIDE_SQUARE):
-        state.memory[i] *= KEEP
+    for i in (M.slide_product, M.slide_square):
+        state.memory[i] *= FIXED.slide_memory
         for h in range(state.weight.size):
             if state.weight[h] > 0.0:
                 state.memory[i] += state.weight[h] * state.mode_memory[h, i]
@@ -167,9 +138,9 @@ def _slide(state: BestState, foot: Feet, slides: int, dt: float, share: float) -
     before = np.empty((foot.size, 2))
     for k in range(foot.size):
         for i in range(2):
-            before[k, i] = state.x[POINTS + 3 * k + i]
-            if (slides >> foot[k]) & 1 and state.points[k, DOWN] > 0.0:
-                state.x[POINTS + 3 * k + i] += share * state.points[k, ALONG + i] * dt
+            before[k, i] = state.x[X.points + 3 * k + i]
+            if (slides >> foot[k]) & 1 and state.points[k, P.down] > 0.0:
+                state.x[X.points + 3 * k + i] += share * state.points[k, P.along + i] * dt
     return before
 
 
@@ -177,7 +148,7 @@ def _slide(state: BestState, foot: Feet, slides: int, dt: float, share: float) -
 def _learn_slide(state: BestState, foot: Feet, slides: int, before: Array, dt: float, gain: float) -> None:
     """Learn the velocity s (2,) m/s of each sliding foot from how a sample moved its points on average, in place.
 
-        s += g (delta/dt - s),   g = gain/(1 + (excess/`MOST_CARRIED`)^4)
+        s += g (delta/dt - s),   g = gain/(1 + (excess/`most_carried`)^4)
 
     The factor of `excess` reduces the gain where the inertial noise exceeds that of the sensor: its error looks like a
     slide. While two or more feet stand and all of them slide, s is zero: that is an error of the inertial unit. The
@@ -185,51 +156,91 @@ def _learn_slide(state: BestState, foot: Feet, slides: int, before: Array, dt: f
     """
     points, down, sliding, last = state.points, 0, 0, -1
     for k in range(foot.size):
-        if points[k, DOWN] > 0.0 and foot[k] != last:
+        if points[k, P.down] > 0.0 and foot[k] != last:
             last = foot[k]
             down += 1
             sliding += (slides >> last) & 1
-    gain /= 1.0 + (state.memory[EXCESS] / MOST_CARRIED) ** 4
+    gain /= 1.0 + (state.memory[M.excess] / FIXED.most_carried) ** 4
     for k in range(foot.size):
-        if points[k, DOWN] == 0.0:
+        if points[k, P.down] == 0.0:
             continue
         moved, count = np.zeros(2), 0
         for m in range(foot.size):
-            if foot[m] == foot[k] and points[m, DOWN] > 0.0:
+            if foot[m] == foot[k] and points[m, P.down] > 0.0:
                 count += 1
                 for i in range(2):
-                    moved[i] += state.x[POINTS + 3 * m + i] - before[m, i]
+                    moved[i] += state.x[X.points + 3 * m + i] - before[m, i]
         for i in range(2):
             if (slides >> foot[k]) & 1 and (down < 2 or sliding < down):
-                state.memory[SLIDE_PRODUCT] += moved[i] / (count * dt) * points[k, ALONG + i] / count
-                state.memory[SLIDE_SQUARE] += points[k, ALONG + i] ** 2 / count
-                points[k, ALONG + i] += gain * (moved[i] / (count * dt) - points[k, ALONG + i])
+                state.memory[M.slide_product] += moved[i] / (count * dt) * points[k, P.along + i] / count
+                state.memory[M.slide_square] += points[k, P.along + i] ** 2 / count
+                points[k, P.along + i] += gain * (moved[i] / (count * dt) - points[k, P.along + i])
             else:
-                points[k, ALONG + i] = 0.0
+                points[k, P.along + i] = 0.0
+
+
+@kernel
+def _roll(state: BestState, seen: SeenPoints, contact: Array, radius: Array, dt: float) -> None:
+    """Lift the points that may have stepped, and roll round feet on since the last sample `dt` s ago, in place."""
+    here = rotation(state.x)
+    for k in range(contact.size):
+        now = times(here, seen.rot[k])
+        if state.points[k, P.down] > 0.0 and (contact[k] < 0.5 or dt > FIXED.longest_gap or dt < 0.0):
+            lift(state, k)
+        if state.points[k, P.down] > 0.0 and radius[k] > 0.0:
+            turn = foot_turn(state.turn[k], now)
+            state.x[X.points + 3 * k] += turn[1] * radius[k]
+            state.x[X.points + 3 * k + 1] -= turn[0] * radius[k]
+        state.turn[k] = now
+
+
+@kernel
+def _observe_points(
+    state: BestState, y: Array, contact: Array, dt: float, noise: BestNoise, hypotheses: bool
+) -> tuple[float, bool]:
+    """Correct with all standing points in place; return the logarithm of the likelihood, and if none of them fitted."""
+    likely, standing, unfit = 0.0, 0, 0
+    for k in range(contact.size):
+        if state.points[k, P.down] > 0.0:
+            likely += observe(state, k, y[k], contact[k], dt, noise, hypotheses)[1]
+            standing += 1
+            unfit += state.points[k, P.misfit] > 0.0
+    return likely, 0 < standing == unfit
+
+
+@kernel
+def _put_down_points(state: BestState, y: Array, contact: Array, unfit: bool, noise: BestNoise) -> None:
+    """Put points down that touch the ground anew or do not fit any more, in place.
+
+    Where no point fits (`unfit`) for several samples, not the feet are somewhere else, but the velocity is wrong.
+    """
+    points, memory = state.points, state.memory
+    memory[M.unfit] = memory[M.unfit] + 1.0 if unfit else 0.0
+    lost = memory[M.unfit] >= FIXED.most_misfits
+    if lost:
+        forget_velocity(state, FIXED.unknown_speed)
+        memory[M.losses] += 1.0
+        memory[M.unfit] = 0.0
+    for k in range(contact.size):
+        misfit = points[k, P.misfit]
+        if points[k, P.down] > 0.0 and (misfit >= FIXED.most_misfits or (lost and misfit > 0.0)):
+            put_down(state, k, y[k], noise)
+            points[k, P.slide] = points[k, P.seen] = 1.0
+    for k in range(contact.size):
+        if contact[k] >= 0.5 and points[k, P.down] == 0.0:
+            put_down(state, k, y[k], noise)
 
 
 @kernel
 def take_points(
-    state: BestState,
-    y: Array,
-    rot: Array,
-    contact: Array,
-    closed: Feet,
-    geometry: BestGeometry,
-    noise: BestNoise,
-    hypotheses: bool,
-    slides: int,
+    state: BestState, seen: SeenPoints, geometry: BestGeometry, noise: BestNoise, hypotheses: bool, slides: int,
     share: float,
-) -> float:
+) -> float:  # fmt: skip
     """Take one sample of all contact points, in place: roll, twist, slide, correct, put down and lift.
 
     Args:
         state: the state at the stamp of the sample.
-        y: contact points, (K, 3) m, IMU axes.
-        rot: rot_imu_from_foot of each, (K, 3, 3).
-        contact: probability that each touches the ground, (K,); below one half it is lifted. NaN: unknown, see
-            `by_height`.
-        closed: switches of each foot that are closed, (L,), bit s for switch s.
+        seen: the points; one with a contact below one half is lifted, of an unknown contact `by_height` decides.
         geometry: of the robot.
         noise: the noises.
         hypotheses: see `observe`.
@@ -239,51 +250,21 @@ def take_points(
     Returns:
         Logarithm of the likelihood of the sample up to a constant.
     """
-    x, points, memory, foot, radius = state.x, state.points, state.memory, geometry.foot, geometry.radius
-    count, here = points.shape[0], rotation(state.x)
-    likely = 0.0
-    dt = memory[SINCE]
-    contact = by_height(here, y, radius, contact)
-    for k in range(count):
-        now = times(here, rot[k])
-        if points[k, DOWN] > 0.0 and (contact[k] < 0.5 or dt > LONGEST or dt < 0.0):
-            lift(state, k)
-        if points[k, DOWN] > 0.0 and radius[k] > 0.0:
-            turn = foot_turn(state.turn[k], now)
-            x[POINTS + 3 * k] += turn[1] * radius[k]
-            x[POINTS + 3 * k + 1] -= turn[0] * radius[k]
-        for i in range(3):
-            for j in range(3):
-                state.turn[k, i, j] = now[i, j]
+    foot, memory, dt = geometry.foot, state.memory, state.memory[M.since]
+    contact = by_height(rotation(state.x), seen.y, geometry.radius, seen.contact)
+    _roll(state, seen, contact, geometry.radius, dt)
     twist_soles(state, foot, noise.twist**2 * dt)
-    rocking = rock_soles(state, closed, geometry, (noise.rock * dt) ** 2)
+    rocking = rock_soles(state, seen.closed, geometry, (noise.rock * dt) ** 2)
     if not hypotheses:
-        _loosen(state, contact, foot, slides, (noise.slip * dt) ** 2, (SWING * dt) ** 2)
+        _loosen(state, contact, foot, slides, (noise.slip * dt) ** 2, (FIXED.swing * dt) ** 2)
         _loosen(state, contact, foot, rocking & ~slides, (noise.creep * dt) ** 2, 0.0)
     before = _slide(state, foot, slides, dt, share)
     if not hypotheses:
-        memory[SLIDE_PRODUCT] = memory[SLIDE_SQUARE] = 0.0
-    learn_excess(state, y, noise)
-    standing, unfit = 0, 0
-    for k in range(count):
-        if points[k, DOWN] > 0.0:
-            likely += observe(state, k, y[k], contact[k], dt, noise, hypotheses)[1]
-            standing += 1
-            unfit += points[k, MISFIT] > 0.0
+        memory[M.slide_product] = memory[M.slide_square] = 0.0
+    learn_excess(state, seen.y, noise)
+    likely, unfit = _observe_points(state, seen.y, contact, dt, noise, hypotheses)
     if not hypotheses and dt > 0.0:
         _learn_slide(state, foot, slides, before, dt, noise.carry)
-    memory[UNFIT] = memory[UNFIT] + 1.0 if 0 < standing == unfit else 0.0
-    lost = memory[UNFIT] >= MOST_MISFITS
-    if lost:  # not the feet are somewhere else, the velocity is wrong
-        forget_velocity(state, UNKNOWN_SPEED)
-        memory[LOSSES] += 1.0
-        memory[UNFIT] = 0.0
-    for k in range(count):
-        if points[k, DOWN] > 0.0 and (points[k, MISFIT] >= MOST_MISFITS or (lost and points[k, MISFIT] > 0.0)):
-            put_down(state, k, y[k], noise)
-            points[k, SLIDE] = points[k, SEEN] = 1.0
-    for k in range(count):
-        if contact[k] >= 0.5 and points[k, DOWN] == 0.0:
-            put_down(state, k, y[k], noise)
-    memory[SINCE] = 0.0
+    _put_down_points(state, seen.y, contact, unfit, noise)
+    memory[M.since] = 0.0
     return likely

@@ -1,10 +1,10 @@
-"""What became of an input."""
+"""Results of inputs: accepted, or refused with a reason."""
 
 from enum import StrEnum
 
 
 class InputResult(StrEnum):
-    """What became of an input; all but the first three are refusals."""
+    """Result of an input; all but the first three are refusals."""
 
     OK = "ok"
     GAP = "gap"  # accepted after missing samples
@@ -19,10 +19,10 @@ class InputResult(StrEnum):
 
     @property
     def accepted(self) -> bool:
-        """Whether the sample is used."""
+        """True if the sample is used."""
         return self in (InputResult.OK, InputResult.GAP, InputResult.RESTART)
 
 
 RESULTS = tuple(InputResult)
-"""By code, the number by which kernels name a result; those up to `RESTART` are accepted."""
+"""Results by their code in kernels; those up to `RESTART` are accepted."""
 OK, GAP, RESTART, NONFINITE, SHAPE, DUPLICATE, LATE, AHEAD, SATURATED, UNIT = range(len(RESULTS))

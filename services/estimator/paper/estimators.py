@@ -1,4 +1,4 @@
-"""The estimators behind one protocol, and the table of them: a new one (`best`) is one class and one row."""
+"""The estimators of the paper behind one protocol, and the table of them: a new one is one class and one row."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -6,15 +6,17 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..params import EstimatorParams
+from surefoot.geometry.constants import GRAVITY
+
+from ..params import UNKNOWN_SPEED, EstimatorParams
 from .ekf import PaperEkf
 from .inertial import predict, widened, without_velocity
 from .legs import LegVelocity
 
 Array = NDArray[np.float64]
 
-UNKNOWN_SPEED = 1.0  # m/s, standard deviation of an unmeasured velocity
-UNKNOWN_TILT = 0.5  # rad, the same of a direction
+UNKNOWN_TILT = 0.5
+"""Standard deviation of an unknown tilt, rad."""
 
 
 class VelocityEstimator(Protocol):
@@ -28,19 +30,19 @@ class VelocityEstimator(Protocol):
         ...
 
     def predict(self, w: Array, q: Array, d: float) -> None:
-        """One inertial sample, w (3,) rad/s and q (3,) m/s^2, over d s."""
+        """Carry the state over d s by an inertial sample, w (3,) rad/s and q (3,) m/s^2."""
         ...
 
     def correct(self, legs: LegVelocity) -> None:
-        """Velocities by the legs."""
+        """Correct with velocities by the legs."""
         ...
 
     def widen(self, sd_g: float, sd_v: float) -> None:
-        """Samples are missing: add these standard deviations, m/s^2 and m/s, to those of g and v."""
+        """Add these standard deviations, m/s^2 and m/s, to those of g and v: samples are missing."""
         ...
 
     def forget_velocity(self, sd: float) -> None:
-        """The velocity became unknown: 0 +- sd m/s."""
+        """Make the velocity unknown: 0 +- sd m/s."""
         ...
 
     @property
@@ -59,8 +61,8 @@ class VelocityEstimator(Protocol):
         ...
 
 
-class _Inertial:
-    """The IMU alone, (1)-(4): drifts, useless after seconds; its covariance says so."""
+class _InertialOnly:
+    """Estimate by the IMU alone, (1)-(4): it drifts and is useless after seconds, as its covariance shows."""
 
     name = "imu"
 
@@ -68,7 +70,7 @@ class _Inertial:
         self._noise = np.array([params.sigma_w, params.sigma_q])
         self._exact = params.exact_transition
         self.nis: float | None = None
-        self.reset(np.array([0.0, 0.0, 9.81]), np.eye(6))
+        self.reset(np.array([0.0, 0.0, GRAVITY]), np.eye(6))
 
     def reset(self, g: Array, p: Array) -> None:
         self._x, self.p = np.concatenate([g, np.zeros(3)]), p.copy()
@@ -97,7 +99,7 @@ class _Inertial:
         self.p = without_velocity(self.p, sd)
 
 
-class _Legs:
+class _LegsOnly:
     """Velocity by the legs as it comes, held between samples; g is not estimated."""
 
     name = "kinematics"
@@ -112,7 +114,7 @@ class _Legs:
         self.v = np.zeros(3)
         self._known = False
         self._since = 0.0
-        self._p = np.diag([(9.81 * UNKNOWN_TILT) ** 2] * 3 + [UNKNOWN_SPEED**2] * 3)
+        self._p = np.diag([(GRAVITY * UNKNOWN_TILT) ** 2] * 3 + [UNKNOWN_SPEED**2] * 3)
 
     def predict(self, w: Array, q: Array, d: float) -> None:
         self._since += d
@@ -141,7 +143,7 @@ class _Legs:
         return self._p
 
 
-class _LegsGyro(_Legs):
+class _LegsGyro(_LegsOnly):
     """Velocity by the legs and the gyro, (11)-(14)."""
 
     name = "kinematics_gyro"
@@ -155,9 +157,9 @@ class _LegsGyro(_Legs):
 
 
 ESTIMATORS: dict[str, Callable[[EstimatorParams], VelocityEstimator]] = {
-    "imu": _Inertial,
-    "kinematics": _Legs,
+    "imu": _InertialOnly,
+    "kinematics": _LegsOnly,
     "kinematics_gyro": _LegsGyro,
     "ekf": PaperEkf,
 }
-"""Name -> constructor. Names are those of the topics `state/velocity/<name>`."""
+"""Constructors by name, which is that of the topic `state/velocity/<name>`."""

@@ -13,7 +13,7 @@ ROWS = 128
 
 @kernel
 def _at(stamps: Stamps, values: Array, count: int, stamp_ns: int) -> Array:
-    """Linear interpolation, clamped to the oldest and the newest row."""
+    """Return the row at a stamp by linear interpolation, clamped to the oldest and the newest row."""
     rows = stamps.size
     stored = min(count, rows)
     newest = (count - 1) % rows
@@ -51,7 +51,7 @@ class History:
         self._count += 1
 
     def at(self, stamp_ns: int) -> Array:
-        """Row (width,) at a stamp."""
+        """Return the row (width,) at a stamp."""
         return _at(self._stamps, self._values, self._count, stamp_ns)
 
     def clear(self) -> None:

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.geometry.linear_kernels import times, times_transposed
+from surefoot.geometry.linear_kernels import congruence, times_transposed
 from surefoot.kernels.jit import kernel
 
 Array = NDArray[np.float64]
@@ -19,7 +19,7 @@ SMALL_ANGLE_SQUARED = 1e-16  # rad^2; below it the series is exact to machine pr
 
 @kernel
 def rotate_by(b: Array, x: Array) -> Array:
-    """f(b, x) = exp([b]) x, (3,): one active rotation about the vector b by |b| rad (Rodrigues' formula)."""
+    """Return f(b, x) = exp([b]) x, (3,): x turned about the vector b by |b| rad (Rodrigues' formula)."""
     angle_sq = b[0] * b[0] + b[1] * b[1] + b[2] * b[2]
     if angle_sq > SMALL_ANGLE_SQUARED:
         angle = math.sqrt(angle_sq)
@@ -38,7 +38,7 @@ def rotate_by(b: Array, x: Array) -> Array:
 
 @kernel
 def propagate(g: Array, v: Array, w: Array, q: Array, d: float) -> tuple[Array, Array]:
-    """Equations (2)-(4), also (28)-(30): half a turn of g, a turn and a push of v, half a turn of g.
+    """Integrate (2)-(4), also (28)-(30): half a turn of g, a turn and a push of v, half a turn of g.
 
     Returns:
         g (3,), v (3,) after the step.
@@ -54,7 +54,7 @@ def propagate(g: Array, v: Array, w: Array, q: Array, d: float) -> tuple[Array, 
 
 @kernel
 def turn_jacobian(x: Array) -> Array:
-    """J(x) = df(b, x)/db at b = 0 = -[x], (3, 3).
+    """Return J(x) = df(b, x)/db at b = 0, which is -[x], (3, 3).
 
     Equation (26) with the corrected sign (printed: +[x]). C enters P only as C C^T, where the sign cancels.
     """
@@ -67,7 +67,7 @@ def turn_jacobian(x: Array) -> Array:
 
 @kernel
 def transition(w: Array, d: float, exact: bool) -> Array:
-    """F, (6, 6): equation (24) [I 0; -d I I], or with the rotation it drops: [E 0; -d E_h E], E = exp(-[w] d)."""
+    """Return F, (6, 6): (24) [I 0; -d I I], or with the rotation it drops: [E 0; -d E_h E], E = exp(-[w] d)."""
     f = np.zeros((6, 6))
     axis, by_half, by_whole = np.zeros(3), np.empty(3), np.empty(3)
     for i in range(3):
@@ -86,7 +86,7 @@ def transition(w: Array, d: float, exact: bool) -> Array:
 
 @kernel
 def input_noise(g: Array, v: Array, d: float, sigma_w: float, sigma_q: float) -> Array:
-    """C of equation (25), (6, 6): columns = unit noise of gyro and accelerometer, g and v taken before the step."""
+    """Return C of equation (25), (6, 6): columns = unit noise of gyro and accelerometer, g and v before the step."""
     c = np.zeros((6, 6))
     jg, jv = turn_jacobian(g), turn_jacobian(v)
     for i in range(3):
@@ -99,14 +99,14 @@ def input_noise(g: Array, v: Array, d: float, sigma_w: float, sigma_q: float) ->
 
 @kernel
 def process_noise(g: Array, v: Array, d: float, sigma_w: float, sigma_q: float) -> Array:
-    """Q = C C^T of equation (31), (6, 6)."""
+    """Return Q = C C^T of equation (31), (6, 6)."""
     c = input_noise(g, v, d, sigma_w, sigma_q)
     return times_transposed(c, c)
 
 
 @kernel
 def propagate_covariance(p: Array, g: Array, v: Array, w: Array, d: float, noise: Array, exact: bool) -> Array:
-    """Equation (31): F P F^T + C C^T, symmetric, (6, 6); `noise` = (sigma_w, sigma_q)."""
+    """Return F P F^T + C C^T of equation (31), symmetric, (6, 6); `noise` = (sigma_w, sigma_q)."""
     out = _covariance(p, g, v, w, d, noise, exact)
     return 0.5 * (out + out.T)
 
@@ -114,7 +114,7 @@ def propagate_covariance(p: Array, g: Array, v: Array, w: Array, d: float, noise
 @kernel
 def _covariance(p: Array, g: Array, v: Array, w: Array, d: float, noise: Array, exact: bool) -> Array:
     f = transition(w, d, exact)
-    out, more = times_transposed(times(f, p), f), process_noise(g, v, d, noise[0], noise[1])
+    out, more = congruence(f, p), process_noise(g, v, d, noise[0], noise[1])
     for i in range(6):
         for k in range(6):
             out[i, k] += more[i, k]
@@ -125,7 +125,7 @@ def _covariance(p: Array, g: Array, v: Array, w: Array, d: float, noise: Array, 
 def predict(
     x: Array, p: Array, w: Array, q: Array, d: float, noise: Array, exact: bool, symmetric: bool
 ) -> tuple[Array, Array]:
-    """Equations (28)-(31): state x = (g, v) (6,) and covariance P (6, 6) after an inertial sample.
+    """Return state x = (g, v) (6,) and covariance P (6, 6) after an inertial sample, equations (28)-(31).
 
     `symmetric`: rounding is taken out of P at once, else that is left to the correction.
     """
@@ -143,12 +143,12 @@ def predict(
 
 
 def widened(p: Array, sd_g: float, sd_v: float) -> Array:
-    """P (6, 6) with these standard deviations added to those of g and v."""
+    """Return P (6, 6) with these standard deviations, m/s^2 and m/s, added to those of g and v."""
     return p + np.diag([sd_g**2] * 3 + [sd_v**2] * 3)
 
 
 def without_velocity(p: Array, sd: float) -> Array:
-    """P (6, 6) with v independent of g and of variance sd^2."""
+    """Return P (6, 6) with v independent of g and of variance sd^2, sd in m/s."""
     out = np.zeros((6, 6))
     out[:3, :3] = p[:3, :3]
     out[3:, 3:] = np.eye(3) * sd**2

@@ -1,4 +1,4 @@
-"""Standstill: when the robot is at rest, and what a rest shows of the sensors (equation (1)).
+"""Standstill of the robot, and the biases that it shows (equation (1)).
 
 At rest the gyro reads its bias and the accelerometer reads g plus its bias.
 """
@@ -29,7 +29,7 @@ def _push(
     """Write one IMU sample into the ring (n, 6).
 
     Returns:
-        the row it takes the place of (6,), the mean of the rows (6,), whether their variances are within the limits.
+        the row it takes the place of (6,), the mean of the rows (6,), True if their variances are within the limits.
     """
     n, row = ring.shape[0], count % ring.shape[0]
     oldest = ring[row].copy()
@@ -52,7 +52,7 @@ def _push(
 
 @kernel
 def _travel(position: Array, since: Array) -> float:
-    """Largest change of a coordinate of feet (L, 3); those that are NaN do not count."""
+    """Return the largest change of a coordinate of feet (L, 3), m; those that are NaN do not count."""
     most = 0.0
     for i in range(position.shape[0]):
         for k in range(3):
@@ -64,12 +64,12 @@ def _travel(position: Array, since: Array) -> float:
 
 @dataclass
 class Standstill:
-    """Tells rest from motion by the variances of the last `length` IMU samples and by the travel of the feet.
+    """Distinguishes rest from motion by the variances of the last `length` IMU samples and by the travel of the feet.
 
     Attributes:
         length: number of consecutive samples, 50 by the architecture.
         gyro_sd: largest standard deviation of an axis at rest, rad/s.
-        acc_sd: the same, m/s^2.
+        acc_sd: largest standard deviation of an accelerometer axis at rest, m/s^2.
         travel: largest move of a foot in the IMU frame within `length` IMU samples at rest, m.
 
     A slow turn of the trunk looks like rest at first. What may be learned from a rest is therefore `settled`: the
@@ -104,7 +104,7 @@ class Standstill:
         self.standing = False
 
     def on_imu(self, w: Array, q: Array) -> bool:
-        """Take a sample; returns whether the robot stands."""
+        """Take a sample; return True if the robot stands."""
         oldest, mean, quiet = _push(self._ring, self._count, w, q, self.gyro_sd**2, self.acc_sd**2)
         self._count += 1
         if self._count < self.length:
@@ -180,12 +180,12 @@ class GyroBias:
 
 
 def gravity_at_rest(mean_q: Array, up: Array | None, params: EstimatorParams) -> tuple[Array, float]:
-    """g at rest: equation (1), or blended with the normal of the ground under the feet.
+    """Return g at rest: equation (1), or blended with the normal of the ground under the feet.
 
-    The accelerometer alone cannot tell its bias from a tilt. If the slope of the start place is stated as 0 +- s rad,
-    the plane of the feet is a second witness. With b the sd of the bias of an axis, s' = 9.81 s and the weight
-    k = b^2/(b^2 + s'^2):  g = (1 - k) mean q + k 9.81 up, variance of its direction k s'^2.
-    Witnesses further apart than `DISAGREE` sigma contradict the statement: then the accelerometer alone counts.
+    The accelerometer alone does not separate its bias from a tilt. If the slope of the start place is stated as
+    0 +- s rad, the plane of the feet is a second measurement. With b the sd of the bias of an axis, s' = 9.81 s and
+    the weight k = b^2/(b^2 + s'^2):  g = (1 - k) mean q + k 9.81 up, variance of its direction k s'^2.
+    Measurements further apart than `DISAGREE` sigma contradict the statement: then the accelerometer alone counts.
 
     Args:
         mean_q: mean accelerometer, (3,) m/s^2.
@@ -206,7 +206,7 @@ def gravity_at_rest(mean_q: Array, up: Array | None, params: EstimatorParams) ->
 
 
 def plane_normal(points: Array, used: Flags, g: Array) -> Array | None:
-    """Unit normal (3,), on the side of g, of the plane through the used points (L, 3); None if they span no plane."""
+    """Return the unit normal (3,), on the side of g, of the plane through the used points (L, 3); None: no plane."""
     chosen = points[used]
     if len(chosen) < 3:
         return None

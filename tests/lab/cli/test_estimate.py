@@ -33,12 +33,12 @@ def test_json_and_files(capsys, log, tmp_path):
     told = json.loads(out)
     assert code == 0
     assert told["errors"]["rmse"] < 0.03
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
-        "estimates.csv",
-        "estimates.npz",
-        "estimates.svg",
-    ]
-    assert [Path(path).name for path in told["files"]] == ["estimates.npz", "estimates.svg", "estimates.csv"]
+    names = ["estimates.npz", "estimates.svg", "estimate.tum", "truth.tum", "estimates.csv"]
+    assert [Path(path).name for path in told["files"]] == names
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(names)
+    estimate, truth = (np.loadtxt(tmp_path / "out" / f"{name}.tum") for name in ("estimate", "truth"))
+    assert estimate.shape == truth.shape == (told["rows"], 8)
+    assert abs(estimate[-1, 1] - estimate[0, 1] - truth[-1, 1] + truth[0, 1]) < 0.05
 
 
 @pytest.mark.parametrize("name", ["paper", "kinematics_gyro", "imu"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from surefoot.lab.estimation.blind import blind_error
-from surefoot.lab.estimation.log import Log, Truth
+from surefoot.lab.estimation.log import Log, TrueMotion
 
 ROWS, SIGMA = 2000, 0.05
 
@@ -17,7 +17,7 @@ def standing():
     zero, up = np.zeros((ROWS, 3)), np.array([0.0, 0.0, 9.81])
     return Log(
         "standing", 10_000_000 * np.arange(ROWS), zero, zero + up, np.array([0]), np.zeros((1, 1, 3)),
-        np.eye(3)[None, None], np.ones((1, 1), dtype=bool), Truth(zero, rot, zero),
+        np.eye(3)[None, None], np.ones((1, 1), dtype=bool), TrueMotion(zero, rot, zero),
     )  # fmt: skip
 
 

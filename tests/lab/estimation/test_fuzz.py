@@ -8,7 +8,7 @@ import pytest
 
 from surefoot.lab.estimation import fuzz as fuzzing
 from surefoot.lab.estimation.fuzz import CORRUPTIONS, Inputs, feed, fuzz, inputs_of
-from surefoot.lab.estimation.track import Running
+from surefoot.lab.estimation.track import LogRunner
 from tests.lab.estimation.walks import noisy
 
 MILD = ("foot NaN", "gyro NaN", "stamp back", "feet twice", "leg frozen", "feet lost", "imu lost", "switch on")
@@ -59,7 +59,7 @@ def test_mild_corruptions_are_survived_and_noted(monkeypatch):
 @pytest.mark.parametrize("kind", ["gyro NaN", "imu spike", "stamp back", "feet late", "feet twice", "foot torn off"])
 def test_rows_by_the_kernel_are_rows_one_by_one(kind):
     log, rng, memory = noisy(), np.random.default_rng(0), {}
-    running = Running("best", log, {})
+    running = LogRunner("best", log, {})
     for x in inputs_of(log, range(500)):
         feed(running, x)
     inputs = list(inputs_of(log, range(500, 560)))
@@ -73,7 +73,7 @@ def test_rows_by_the_kernel_are_rows_one_by_one(kind):
     assert (one[1] <= rows[1]).all()  # gaps are a word for a tenth of a second only
 
 
-class Liar(Running):
+class Liar(LogRunner):
     """Twice the speed, no flag."""
 
     def estimate(self):
@@ -88,12 +88,12 @@ class Liar(Running):
 
 
 def test_a_lie_is_seen(monkeypatch):
-    monkeypatch.setattr(fuzzing, "Running", Liar)
+    monkeypatch.setattr(fuzzing, "LogRunner", Liar)
     found = fuzz("ekf", replace(noisy()), 4, 0)
     assert sum(found.silent.values()) + sum(found.broken.values()) == 4
 
 
-class Broken(Running):
+class Broken(LogRunner):
     """An estimate that is no number."""
 
     def estimate(self):
@@ -101,7 +101,7 @@ class Broken(Running):
 
 
 def test_what_must_never_be_is_seen(monkeypatch):
-    monkeypatch.setattr(fuzzing, "Running", Broken)
+    monkeypatch.setattr(fuzzing, "LogRunner", Broken)
     found = fuzz("ekf", noisy(), 3, 0)
     assert sum(found.broken.values()) == 3
     assert all("velocity not finite" in text for text in found.broken)

@@ -6,7 +6,7 @@ import pytest
 from surefoot.papers.wawrzynski import chain as legs
 from surefoot.papers.wawrzynski.synthetic import bioloid_chains
 from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.feet.kinematics import feet_in_imu, foot_mount
+from surefoot.services.estimator.feet.mount import feet_in_imu, foot_mount
 
 STENCIL = ((-2, 1.0 / 12.0), (-1, -8.0 / 12.0), (1, 8.0 / 12.0), (2, -1.0 / 12.0))
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from surefoot.services.estimator.filter.cell import take_feet, take_imu
+from surefoot.services.estimator.filter.intake import take_feet, take_imu
 from surefoot.services.estimator.inputs.results import InputResult
 from surefoot.services.estimator.stream import BEST
 from tests.services.estimator.test_stream import TICK, make, walk
@@ -36,7 +36,7 @@ def test_samples_may_come_as_anything_that_holds_their_numbers(form):
             compiled = compiled or [len(each.signatures) for each in (take_imu, take_feet)]
             other.feet(int(log.foot_ns[f]), form(log.foot_position[f]), form(log.foot_rot[f]), form(log.contact[f]))
     np.testing.assert_array_equal(plain.estimate().velocity, other.estimate().velocity)
-    assert other.judge.counts == plain.judge.counts
+    assert other.check.counts == plain.check.counts
     assert [len(each.signatures) for each in (take_imu, take_feet)] == compiled
 
 

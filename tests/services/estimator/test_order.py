@@ -34,7 +34,7 @@ def test_the_order_of_arrival_does_not_change_one_bit(seed):
     one, other = make(names=(BEST,)), make(names=(BEST,))
     e, pose = fed(log, ordered, one)
     f, place = fed(log, stirred(log, seed), other)
-    assert other.judge.refused == 0
+    assert other.check.refused == 0
     for a, b in ((e.velocity, f.velocity), (e.covariance, f.covariance), (pose.position, place.position)):
         np.testing.assert_array_equal(a, b)
 

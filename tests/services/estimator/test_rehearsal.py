@@ -7,8 +7,8 @@ from surefoot.kernels.compiling import COMPILING
 from surefoot.kernels.jit import loaded
 from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.config import EstimatorConfig
+from surefoot.services.estimator.inputs.clock import RESYNC_AFTER
 from surefoot.services.estimator.inputs.results import InputResult
-from surefoot.services.estimator.inputs.timeline import RESYNC_AFTER
 from surefoot.services.estimator.rehearsal import rehearse
 
 PERIOD = 10_000_000

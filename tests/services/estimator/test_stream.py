@@ -8,8 +8,8 @@ import pytest
 from surefoot.geometry.constants import GRAVITY
 from surefoot.papers.wawrzynski.synthetic import WalkParams, synthesize
 from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.feet import kinematics as feet_module
-from surefoot.services.estimator.feet.kinematics import bare_mount
+from surefoot.services.estimator.feet import mount as feet_module
+from surefoot.services.estimator.feet.mount import bare_mount
 from surefoot.services.estimator.inputs.results import InputResult
 from surefoot.services.estimator.paper.estimators import ESTIMATORS
 from surefoot.services.estimator.params import EstimatorParams, StartPose, paper_params
@@ -63,7 +63,7 @@ def test_two_to_eight_feet(feet):
         for name, found in others.items():
             found.append(estimator.estimate(name))
     assert estimator.initialised
-    assert estimator.judge.refused == 0
+    assert estimator.check.refused == 0
     assert rms(log, estimates) < 0.008
     assert rms(log, estimates) < rms(log, others["ekf"]) < rms(log, others["kinematics_gyro"])
     moved = log.position[-1] - log.position[100]
@@ -219,7 +219,7 @@ def test_faults_raise_flags_and_nothing_else(fault, flag, count):
     assert not all(getattr(e, flag) for e in estimates[300:])
     assert all(getattr(e, flag) for e in estimates[100:299])
     assert np.linalg.norm([e.velocity for e in estimates], axis=1).max() < 2.0
-    assert count is None or estimator.judge.counts[count] > 0
+    assert count is None or estimator.check.counts[count] > 0
 
 
 @pytest.mark.parametrize("fault", [nan_burst, clock_ahead, clock_back, saturated, hole, feet_nan])

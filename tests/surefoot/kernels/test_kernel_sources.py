@@ -8,7 +8,7 @@ from tests.processes import run_process
 
 INNER = "from surefoot.kernels.jit import kernel\n\n\n@kernel\ndef twice(x):\n    return 2.0 * x\n"
 OUTER = """
-from limbs.bones import inner
+from .bones import inner
 from limbs.size import SIZE
 from surefoot.kernels.jit import kernel
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.lab.estimation.log import Truth
+from surefoot.lab.estimation.log import TrueMotion
 from surefoot.lab.estimation.peers.inekf import InekfNoise, exp3, inekf
 from surefoot.lab.estimation.scores import nees, score
 from surefoot.lab.estimation.track import track
@@ -59,7 +59,7 @@ def test_consistent_on_walks_that_fit_its_model():
 def test_the_heading_of_the_world_changes_nothing():
     log = noisy()
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    other = replace(log, truth=Truth(log.position @ turn.T, turn @ log.rot, log.v_world @ turn.T))
+    other = replace(log, truth=TrueMotion(log.position @ turn.T, turn @ log.rot, log.v_world @ turn.T))
     a, b = (score(one, track("inekf", one)) for one in (log, other))
     assert a.rmse == pytest.approx(b.rmse)
     assert a.odometry == pytest.approx(b.odometry)

@@ -8,9 +8,8 @@ import pytest
 from surefoot.lab.estimation.scores import score
 from surefoot.lab.estimation.track import track
 from surefoot.papers.wawrzynski.synthetic import KINDS, synthesize
+from surefoot.services.estimator.feet.contact import SeenPoints
 from surefoot.services.estimator.filter.hypotheses import (
-    LEAST,
-    LEAST_PRIOR,
     collapse,
     likeliest,
     mean_of,
@@ -20,25 +19,11 @@ from surefoot.services.estimator.filter.hypotheses import (
     publish_mean,
     weigh,
 )
-from surefoot.services.estimator.filter.noise import best_noise
+from surefoot.services.estimator.filter.layout import E, M, P, X
+from surefoot.services.estimator.filter.noise import FIXED, best_noise
 from surefoot.services.estimator.filter.point import retract
-from surefoot.services.estimator.filter.state import (
-    ALONG,
-    DOWN,
-    E_VEL,
-    POS,
-    REST,
-    SEEN,
-    SINCE,
-    SLIDE_PRODUCT,
-    SLIDE_SQUARE,
-    VEL,
-    copy_state,
-    new_state,
-    rotation,
-    turn_matrix,
-)
-from surefoot.services.estimator.filter.update import KEEP, persistence, remember_slides, take_points
+from surefoot.services.estimator.filter.state import copy_state, new_state, rotation, turn_matrix
+from surefoot.services.estimator.filter.update import persistence, remember_slides, take_points
 from surefoot.services.estimator.params import EstimatorParams
 from tests.services.estimator.mounts import OPEN, balls
 
@@ -51,8 +36,8 @@ def standing(seed=0):
     """A biped on both point feet, with four hypotheses that differ at random."""
     rng, state = np.random.default_rng(seed), new_state(2, 4)
     state.x[12:] = rng.normal(size=state.x[12:].shape)
-    state.x[VEL : VEL + 3] = rng.normal(size=3)
-    state.points[:, DOWN] = 1.0
+    state.x[X.vel : X.vel + 3] = rng.normal(size=3)
+    state.points[:, P.down] = 1.0
     root = rng.normal(size=state.cov.shape) * 1e-2
     state.cov[...] = root @ root.T
     for h in range(4):
@@ -78,14 +63,14 @@ def test_the_mean_of_hypotheses_has_the_moments_of_their_mixture():
         state.mode_x[h, :9] = np.eye(3).ravel()
     out = new_state(2)
     mean_of(state, shares, out)
-    v = state.mode_x[:, VEL : VEL + 3]
+    v = state.mode_x[:, X.vel : X.vel + 3]
     mean = shares @ v
-    block = slice(E_VEL, E_VEL + 3)
+    block = slice(E.vel, E.vel + 3)
     cov = sum(
         w * (c[block, block] + np.outer(x - mean, x - mean)) for w, c, x in zip(shares, state.mode_cov, v, strict=True)
     )
-    np.testing.assert_allclose(out.x[VEL : VEL + 3], mean, atol=1e-12)
-    np.testing.assert_allclose(out.x[POS : POS + 3], shares @ state.mode_x[:, POS : POS + 3], atol=1e-12)
+    np.testing.assert_allclose(out.x[X.vel : X.vel + 3], mean, atol=1e-12)
+    np.testing.assert_allclose(out.x[X.pos : X.pos + 3], shares @ state.mode_x[:, X.pos : X.pos + 3], atol=1e-12)
     np.testing.assert_allclose(out.cov[block, block], cov, atol=1e-12)
     assert np.linalg.eigvalsh(out.cov).min() > 0.0
 
@@ -107,7 +92,7 @@ def test_weights_are_those_of_bayes_and_the_unlikely_are_left_out():
     likely = np.array([800.0, 801.0, 780.0, 900.0])
     weigh(state, likely)
     want = np.array([0.4, 0.1 * np.e, 0.5 * np.exp(-20.0)])
-    assert want[2] < LEAST * want.sum()
+    assert want[2] < FIXED.least_weight * want.sum()
     np.testing.assert_allclose(state.weight, [*(want[:2] / want[:2].sum()), 0.0, 0.0])
 
 
@@ -120,7 +105,7 @@ def test_probabilities_before_a_sample_follow_from_what_may_begin_or_end(before)
     slides = [sum(w for h, w in enumerate(before) if (h >> f) & 1) for f in (0, 1)]
     for f in (0, 1):
         found = sum(w for h, w in enumerate(state.weight) if (h >> f) & 1)
-        assert found == pytest.approx(go_on * slides[f] + begin * (1.0 - slides[f]), abs=3 * LEAST_PRIOR)
+        assert found == pytest.approx(go_on * slides[f] + begin * (1.0 - slides[f]), abs=3 * FIXED.least_prior)
 
 
 def test_a_foot_in_the_air_does_not_slide_and_one_that_lands_may():
@@ -129,7 +114,7 @@ def test_a_foot_in_the_air_does_not_slide_and_one_that_lands_may():
     mix(state, np.array([1.0, 0.0]), FOOT, NOISE)
     assert state.weight[2] == state.weight[3] == 0.0
     state = standing()
-    state.mode_points[:, 1, DOWN] = 0.0
+    state.mode_points[:, 1, P.down] = 0.0
     state.weight[:] = 1.0, 0.0, 0.0, 0.0
     mix(state, BOTH, FOOT, NOISE)
     assert state.weight[2] == pytest.approx(NOISE.slip_landing * (1.0 - NOISE.slip_begin))
@@ -138,10 +123,10 @@ def test_a_foot_in_the_air_does_not_slide_and_one_that_lands_may():
 def test_what_is_published_keeps_what_belongs_to_the_whole():
     state = standing()
     state.weight[:] = 0.6, 0.4, 0.0, 0.0
-    state.memory[REST] = 7.0
+    state.memory[M.rest] = 7.0
     publish_mean(state, FOOT)
-    assert state.memory[REST] == 7.0
-    assert state.points[:, SEEN].tolist() == [0.4, 0.0]
+    assert state.memory[M.rest] == 7.0
+    assert state.points[:, P.seen].tolist() == [0.4, 0.0]
     assert likeliest(state) == 0
     collapse(state, FOOT)
     assert likeliest(state) == -1
@@ -175,7 +160,7 @@ def test_sliding_feet_are_found_and_cost_less():
 def two_points():
     """A state of two standing feet, and where they are."""
     state = new_state(2, 4)
-    state.points[:, DOWN] = 1.0
+    state.points[:, P.down] = 1.0
     state.cov[...] = 1e-8 * np.eye(len(state.cov))
     place = np.array([[0.0, 0.1, -0.3], [0.0, -0.1, -0.3]])
     state.x[21:] = place.ravel()
@@ -184,8 +169,9 @@ def two_points():
 
 def show(state, y, slides):
     """Let the filter see the feet at y, `slides` those that slide, 33 ms after the last sample."""
-    state.memory[SINCE] = 0.033
-    take_points(state, y, np.tile(np.eye(3), (2, 1, 1)), BOTH, OPEN, balls(2), NOISE, False, slides, 1.0)
+    state.memory[M.since] = 0.033
+    seen = SeenPoints(y, np.tile(np.eye(3), (2, 1, 1)), BOTH, OPEN)
+    take_points(state, seen, balls(2), NOISE, False, slides, 1.0)
 
 
 def test_the_velocity_of_a_slide_is_learned_unless_all_feet_slide():
@@ -193,8 +179,8 @@ def test_the_velocity_of_a_slide_is_learned_unless_all_feet_slide():
         state, place = two_points()
         for step in range(1, 30):
             show(state, place + np.outer([1.0, 0.0], [0.02 * 0.033 * step, 0.0, 0.0]), slides)
-        assert (state.points[0, ALONG] == pytest.approx(0.02, rel=0.2)) == learns
-        assert state.points[1, ALONG] == 0.0
+        assert (state.points[0, P.along] == pytest.approx(0.02, rel=0.2)) == learns
+        assert state.points[1, P.along] == 0.0
 
 
 @pytest.mark.parametrize(("way", "goes_on"), [(lambda k: k, True), (lambda k: (k // 3) % 2, False)])
@@ -205,14 +191,15 @@ def test_a_slide_is_expected_to_go_on_where_slides_do(way, goes_on):
     whole.weight[1] = 0.5
     assert persistence(whole.memory) == 1.0
     for step in range(1, 60):
-        learned, start = state.points[0, ALONG : ALONG + 2].copy(), state.x[21:23].copy()
+        learned, start = state.points[0, P.along : P.along + 2].copy(), state.x[21:23].copy()
         show(state, place + np.outer([1.0, 0.0], [0.001 * way(step), 0.0, 0.0]), 1)
         seen = (state.x[21:23] - start) / 0.033
-        product, square = KEEP * product + 0.5 * seen @ learned, KEEP * square + 0.5 * learned @ learned
+        keep = FIXED.slide_memory
+        product, square = keep * product + 0.5 * seen @ learned, keep * square + 0.5 * learned @ learned
         whole.mode_memory[1] = state.memory
         remember_slides(whole)
         np.testing.assert_allclose(
-            whole.memory[[SLIDE_PRODUCT, SLIDE_SQUARE]], (product, square), rtol=1e-9, atol=1e-15
+            whole.memory[[M.slide_product, M.slide_square]], (product, square), rtol=1e-9, atol=1e-15
         )
     assert (persistence(whole.memory) > 0.9) == goes_on
     assert (persistence(whole.memory) == 0.0) == (not goes_on)

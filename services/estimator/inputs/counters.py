@@ -1,9 +1,9 @@
-"""What became of the inputs, by name: refusals counted, and what is wrong now."""
+"""Counters of refused inputs by name, and the present faults."""
 
 from collections import Counter
 
 from ..params import EstimatorParams
-from .judge import (
+from .check import (
     BAD_CODE,
     BAD_NS,
     BAD_SOURCE,
@@ -14,19 +14,21 @@ from .judge import (
     SOURCES,
     UNIT_WORDS,
     UNITS,
-    JudgeLimits,
-    new_judge,
-    note,
+    CheckLimits,
+    count_result,
+    new_check,
 )
+from .clock import bounded
 from .results import RESULTS, InputResult
-from .timeline import bounded
 
-FROZEN_NS = 250_000_000  # an inertial unit that repeats one sample for so long is no live one,
-FROZEN_ROWS = 20  # unless that is fewer samples: a coarse one at rest repeated 12
+FROZEN_NS = 250_000_000
+"""Time for which a live inertial unit never repeats one sample, ns."""
+FROZEN_ROWS = 20
+"""Equal samples in a row that a live inertial unit may show all the same: a coarse one at rest repeated 12."""
 
 
-class InputJudge:
-    """Limits and counters of the inputs of one estimator; kernels judge and count.
+class InputCheck:
+    """Limits and counters of the inputs of one estimator; kernels check and count.
 
     Args:
         params: limits.
@@ -36,13 +38,13 @@ class InputJudge:
 
     def __init__(self, params: EstimatorParams, feet: int, points: int) -> None:
         frozen = max(FROZEN_ROWS, round(FROZEN_NS / params.imu_period_ns))
-        self.limits = JudgeLimits(params.max_gyro, params.max_acc, params.gap_periods * params.imu_period_ns, frozen)
-        self.state = new_judge(feet, points)
+        self.limits = CheckLimits(params.max_gyro, params.max_acc, params.gap_periods * params.imu_period_ns, frozen)
+        self.state = new_check(feet, points)
         self.noisy = params.sigma_w > 0.0  # equal samples are no chance
 
-    def note(self, source: str, result: InputResult, stamp_ns: int) -> InputResult:
-        """Count what became of a sample of `source` and return it."""
-        note(self.state, SOURCES.index(source), RESULTS.index(result), bounded(stamp_ns))
+    def count(self, source: str, result: InputResult, stamp_ns: int) -> InputResult:
+        """Count the result of a sample of `source` and return it."""
+        count_result(self.state, SOURCES.index(source), RESULTS.index(result), bounded(stamp_ns))
         return result
 
     @property
@@ -61,11 +63,11 @@ class InputJudge:
 
     @property
     def unit(self) -> str:
-        """What is wrong with the unit or the sign of a sensor, in words; empty: nothing."""
+        """Text about the wrong unit or sign of a sensor; empty: all are right."""
         return UNIT_WORDS[self.state.marks[UNITS]]
 
     @property
     def last_bad(self) -> str:
-        """Name of the last refusal or gap, e.g. `imu_nonfinite`; empty: there was none."""
+        """Name of the last refusal or gap, e.g. `imu_nonfinite`; empty before the first."""
         marks = self.state.marks
         return "" if marks[BAD_NS] == NEVER else f"{SOURCES[marks[BAD_SOURCE]]}_{RESULTS[marks[BAD_CODE]]}"

@@ -7,32 +7,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
-from surefoot.services.estimator.feet.contact import points_of, sole_feet
-from surefoot.services.estimator.feet.kinematics import FootMount
-from surefoot.services.estimator.filter.noise import best_limits, best_noise
+from surefoot.services.estimator.feet.contact import SeenPoints, points_of, sole_feet
+from surefoot.services.estimator.feet.mount import FootMount
+from surefoot.services.estimator.filter.advance import learn_gyro_bias, stand_on_level
+from surefoot.services.estimator.filter.layout import E, M, P, X
+from surefoot.services.estimator.filter.noise import BestNoise, best_limits, best_noise
 from surefoot.services.estimator.filter.point import lift, observe, put_down, retract
-from surefoot.services.estimator.filter.run import learn_gyro_bias, stand_on_level
-from surefoot.services.estimator.filter.state import (
-    ACC_BIAS,
-    DOWN,
-    E_GYRO,
-    E_POINTS,
-    E_POS,
-    E_VEL,
-    EXCESS,
-    GYRO_BIAS,
-    LAG,
-    POINTS,
-    POS,
-    SLIDE,
-    VEL,
-    BestNoise,
-    copy_state,
-    forget_velocity,
-    new_state,
-    predict,
-    rotation,
-)
+from surefoot.services.estimator.filter.state import copy_state, forget_velocity, new_state, predict, rotation
 from surefoot.services.estimator.filter.update import follow, take_points
 from surefoot.services.estimator.params import EstimatorParams, StartPose
 from surefoot.services.estimator.stream import Estimator
@@ -50,11 +31,11 @@ G = np.array([0.0, 0.0, 9.81])
 def random_state(seed=0):
     rng, state = np.random.default_rng(seed), new_state(FEET)
     state.x[:9] = Rotation.from_rotvec(rng.normal(size=3)).as_matrix().ravel()
-    state.x[VEL:] = rng.normal(size=12 + 3 * FEET)
-    state.x[GYRO_BIAS:POS] *= 0.05
+    state.x[X.vel :] = rng.normal(size=12 + 3 * FEET)
+    state.x[X.gyro_bias : X.pos] *= 0.05
     root = rng.normal(size=state.cov.shape) * 0.01
     state.cov[...] = root @ root.T
-    state.points[:, DOWN] = 1.0
+    state.points[:, P.down] = 1.0
     return state, rng
 
 
@@ -72,11 +53,11 @@ def error(found, true):
     xi = np.zeros(len(found.cov))
     xi[:3] = turn.as_rotvec()
     rot = turn.as_matrix()
-    xi[E_VEL : E_VEL + 3] = found.x[VEL : VEL + 3] - rot @ true.x[VEL : VEL + 3]
-    xi[E_GYRO : E_POS + 3] = found.x[GYRO_BIAS : POS + 3] - true.x[GYRO_BIAS : POS + 3]
+    xi[E.vel : E.vel + 3] = found.x[X.vel : X.vel + 3] - rot @ true.x[X.vel : X.vel + 3]
+    xi[E.gyro_bias : E.pos + 3] = found.x[X.gyro_bias : X.pos + 3] - true.x[X.gyro_bias : X.pos + 3]
     for k in range(FEET):
-        at = slice(POINTS + 3 * k, POINTS + 3 * k + 3)
-        xi[E_POINTS + 3 * k : E_POINTS + 3 * k + 3] = found.x[at] - rot @ true.x[at]
+        at = slice(X.points + 3 * k, X.points + 3 * k + 3)
+        xi[E.points + 3 * k : E.points + 3 * k + 3] = found.x[at] - rot @ true.x[at]
     return xi
 
 
@@ -91,15 +72,15 @@ def test_prediction_follows_its_equations():
     x, w, q, d = state.x.copy(), rng.normal(size=3), G + rng.normal(size=3), 0.01
     rot = x[:9].reshape(3, 3)
     predict(state, w, q, d, NOISE, 0.0)
-    turn = (w - x[GYRO_BIAS : GYRO_BIAS + 3]) * d
+    turn = (w - x[X.gyro_bias : X.gyro_bias + 3]) * d
     np.testing.assert_allclose(rotation(state.x), rot @ Rotation.from_rotvec(turn).as_matrix(), atol=1e-14)
     middle = rot @ Rotation.from_rotvec(0.5 * turn).as_matrix()
-    v = x[VEL : VEL + 3] + d * (middle @ (q - x[ACC_BIAS : ACC_BIAS + 3]) - G)
-    np.testing.assert_allclose(state.x[VEL : VEL + 3], v, atol=1e-13)
-    moved = 0.5 * d * (v + x[VEL : VEL + 3])
-    np.testing.assert_allclose(state.x[POS : POS + 3], x[POS : POS + 3] + moved, atol=1e-14)
+    v = x[X.vel : X.vel + 3] + d * (middle @ (q - x[X.acc_bias : X.acc_bias + 3]) - G)
+    np.testing.assert_allclose(state.x[X.vel : X.vel + 3], v, atol=1e-13)
+    moved = 0.5 * d * (v + x[X.vel : X.vel + 3])
+    np.testing.assert_allclose(state.x[X.pos : X.pos + 3], x[X.pos : X.pos + 3] + moved, atol=1e-14)
     for k in range(FEET):
-        at = slice(POINTS + 3 * k, POINTS + 3 * k + 3)
+        at = slice(X.points + 3 * k, X.points + 3 * k + 3)
         np.testing.assert_allclose(state.x[at], x[at] - moved, atol=1e-14)
 
 
@@ -148,11 +129,11 @@ def test_a_point_that_stays_is_a_kalman_update():
     state, rng = random_state(3)
     before = new_state(FEET)
     copy_state(state, before)
-    seen = rotation(state.x).T @ (state.x[POINTS : POINTS + 3] + 1e-3 * rng.normal(size=3))
+    seen = rotation(state.x).T @ (state.x[X.points : X.points + 3] + 1e-3 * rng.normal(size=3))
     nis, likely = observe(state, 0, seen, 1.0, 0.033, NOISE, False)
     h = np.zeros((3, len(state.cov)))
-    h[:, E_POINTS : E_POINTS + 3] = -np.eye(3)
-    z = rotation(before.x) @ seen - before.x[POINTS : POINTS + 3]
+    h[:, E.points : E.points + 3] = -np.eye(3)
+    z = rotation(before.x) @ seen - before.x[X.points : X.points + 3]
     s = h @ before.cov @ h.T + NOISE.point**2 * np.eye(3)
     gain = before.cov @ h.T @ np.linalg.inv(s)
     assert nis == pytest.approx(z @ np.linalg.solve(s, z))
@@ -167,11 +148,11 @@ def test_the_mixture_of_both_hypotheses_by_its_definition():
     state.cov[...] *= 1e-3
     before, dt = new_state(FEET), 0.033
     copy_state(state, before)
-    seen = rotation(state.x).T @ (state.x[POINTS : POINTS + 3] + 1e-3 * rng.normal(size=3))
+    seen = rotation(state.x).T @ (state.x[X.points : X.points + 3] + 1e-3 * rng.normal(size=3))
     observe(state, 0, seen, 0.9, dt, NOISE, True)
     h = np.zeros((3, len(state.cov)))
-    h[:, E_POINTS : E_POINTS + 3] = -np.eye(3)
-    z = rotation(before.x) @ seen - before.x[POINTS : POINTS + 3]
+    h[:, E.points : E.points + 3] = -np.eye(3)
+    z = rotation(before.x) @ seen - before.x[X.points : X.points + 3]
     moved = np.diag((NOISE.slide * dt) ** 2 * np.array([1.0, 1.0, 0.25]))
     likelihood, means, covariances = [], [], []
     for q in (np.zeros((3, 3)), moved):
@@ -184,7 +165,7 @@ def test_the_mixture_of_both_hypotheses_by_its_definition():
     prior = 1.0 - 0.9 * (1.0 - NOISE.begin_slide)
     weight = prior * likelihood[1] / (prior * likelihood[1] + (1.0 - prior) * likelihood[0])
     assert 0.01 < weight < 0.99
-    assert state.points[0, SLIDE] == pytest.approx(weight, rel=1e-6)
+    assert state.points[0, P.slide] == pytest.approx(weight, rel=1e-6)
     mean = (1.0 - weight) * means[0] + weight * means[1]
     apart = means[0] - means[1]
     cov = (1.0 - weight) * covariances[0] + weight * covariances[1] + weight * (1.0 - weight) * np.outer(apart, apart)
@@ -195,24 +176,24 @@ def test_the_mixture_of_both_hypotheses_by_its_definition():
 def test_a_point_that_comes_down_is_known_by_the_kinematics_alone():
     state, _ = random_state(5)
     put_down(state, 1, np.array([0.1, -0.2, -0.3]), NOISE)
-    np.testing.assert_allclose(state.x[POINTS + 3 : POINTS + 6], rotation(state.x) @ [0.1, -0.2, -0.3])
-    at = slice(E_POINTS + 3, E_POINTS + 6)
+    np.testing.assert_allclose(state.x[X.points + 3 : X.points + 6], rotation(state.x) @ [0.1, -0.2, -0.3])
+    at = slice(E.points + 3, E.points + 6)
     np.testing.assert_allclose(state.cov[at, at], NOISE.point**2 * np.eye(3))
-    assert not state.cov[at, :E_POINTS].any()
+    assert not state.cov[at, : E.points].any()
     lift(state, 1)
-    assert state.points[1, DOWN] == 0.0
+    assert state.points[1, P.down] == 0.0
 
 
 def test_a_robot_at_rest_shows_the_gyro_bias():
     state, _ = random_state(6)
     limits = best_limits(EstimatorParams(), StartPose(), True)
-    state.cov[E_GYRO : E_GYRO + 3] = state.cov[:, E_GYRO : E_GYRO + 3] = 0.0
+    state.cov[E.gyro_bias : E.gyro_bias + 3] = state.cov[:, E.gyro_bias : E.gyro_bias + 3] = 0.0
     for i in range(3):
-        state.cov[E_GYRO + i, E_GYRO + i] = 0.05**2
+        state.cov[E.gyro_bias + i, E.gyro_bias + i] = 0.05**2
     bias = np.array([0.03, -0.02, 0.01])
     for _ in range(3000):
         learn_gyro_bias(state, bias, 1, NOISE, limits)
-    np.testing.assert_allclose(state.x[GYRO_BIAS : GYRO_BIAS + 3], bias, atol=1e-4)
+    np.testing.assert_allclose(state.x[X.gyro_bias : X.gyro_bias + 3], bias, atol=1e-4)
     assert np.linalg.eigvalsh(state.cov).min() > -1e-12
 
 
@@ -223,7 +204,7 @@ def test_rest_shows_the_bias_about_the_vertical_best():
     state.cov[...] = 0.05**2 * np.eye(len(state.cov))
     for _ in range(300):
         learn_gyro_bias(state, np.zeros(3), 1, NOISE, limits)
-    at, rot = slice(E_GYRO, E_GYRO + 3), rotation(state.x)
+    at, rot = slice(E.gyro_bias, E.gyro_bias + 3), rotation(state.x)
     creep = np.array([limits.creep, limits.creep, limits.turn_creep])
     sample = NOISE.sample_gyro**2 + limits.samples * creep**2
     expected = rot.T @ np.diag(1.0 / (1.0 / 0.05**2 + 300 / sample)) @ rot
@@ -270,18 +251,18 @@ def test_misfits_of_all_points_make_the_velocity_unknown_and_not_the_feet():
     state.cov[...] = 1e-8 * np.eye(len(state.cov))
     places = sole_feet(np.array([[0.0, 0.0, 1.0]]), 0.1)
     one = new_state(3)
-    one.x[VEL] = 1.0
+    one.x[X.vel] = 1.0
     one.cov[...] = 1e-8 * np.eye(len(one.cov))
     position, rot = np.array([[0.0, 0.0, -0.3]]), np.eye(3)[None]
     limits = np.ones(3)
     for _ in range(10):
         y, turn = points_of(places.foot, places.place, position, rot)
-        take_points(one, y, turn, limits, OPEN[:1], mounted(places), NOISE, True, 0, 1.0)
+        take_points(one, SeenPoints(y, turn, limits, OPEN[:1]), mounted(places), NOISE, True, 0, 1.0)
         for _ in range(3):
             predict(one, np.zeros(3), G, 0.011, NOISE, 0.0)
-    assert abs(one.x[VEL]) < 0.02
+    assert abs(one.x[X.vel]) < 0.02
     forget_velocity(one, 1.0)
-    assert one.cov[E_VEL, E_VEL] == 1.0
+    assert one.cov[E.vel, E.vel] == 1.0
 
 
 def test_the_excess_follows_errors_that_repeat_and_not_noise():
@@ -295,11 +276,11 @@ def test_the_excess_follows_errors_that_repeat_and_not_noise():
         for k in range(300):
             y, turn = points_of(places.foot, places.place, np.array([[0.0, 0.0, -0.3]]), np.eye(3)[None])
             y += sigma * rng.normal(size=y.shape)
-            take_points(state, y, turn, np.ones(3), OPEN[:1], mounted(places), NOISE, True, 0, 1.0)
+            take_points(state, SeenPoints(y, turn, np.ones(3), OPEN[:1]), mounted(places), NOISE, True, 0, 1.0)
             q = G + np.array([push * math.sin(0.3 * k), 0.0, 0.0])
             for _ in range(3):
                 predict(state, np.zeros(3), q, 0.011, NOISE, 0.0)
-        found[name] = state.memory[EXCESS]
+        found[name] = state.memory[M.excess]
     assert found["inertial"] > 3.0
     assert found["encoders"] < 1.2
 
@@ -310,17 +291,17 @@ def test_corrections_of_the_position_that_go_on_are_velocity():
     state.cov[...] = 1e-8 * np.eye(len(state.cov))
     step, missed = 0.033, np.array([0.016, -0.012, 0.0])
     for _ in range(3000):
-        before = state.x[POS : POS + 3].copy()
-        state.x[POS : POS + 3] += step * missed
+        before = state.x[X.pos : X.pos + 3].copy()
+        state.x[X.pos : X.pos + 3] += step * missed
         follow(state, before, NOISE)
-        rot, still = rotation(state.x), state.x[GYRO_BIAS : GYRO_BIAS + 3].copy()
-        predict(state, still, rot.T @ G + state.x[ACC_BIAS : ACC_BIAS + 3], step, NOISE, 0.0)
-    np.testing.assert_allclose(rot @ state.memory[LAG : LAG + 3], missed, rtol=0.01, atol=1e-5)
-    before = state.x[POS : POS + 3] - 1.0  # a mishap
+        rot, still = rotation(state.x), state.x[X.gyro_bias : X.gyro_bias + 3].copy()
+        predict(state, still, rot.T @ G + state.x[X.acc_bias : X.acc_bias + 3], step, NOISE, 0.0)
+    np.testing.assert_allclose(rot @ state.memory[M.lag : M.lag + 3], missed, rtol=0.01, atol=1e-5)
+    before = state.x[X.pos : X.pos + 3] - 1.0  # a mishap
     follow(state, before, NOISE)
-    assert np.abs(rot @ state.memory[LAG : LAG + 3] - missed).max() < 5.0 * NOISE.point / NOISE.lag_s
+    assert np.abs(rot @ state.memory[M.lag : M.lag + 3] - missed).max() < 5.0 * NOISE.point / NOISE.lag_s
     forget_velocity(state, 1.0)
-    assert not state.memory[LAG : LAG + 3].any()
+    assert not state.memory[M.lag : M.lag + 3].any()
 
 
 def test_level_ground_is_a_kalman_update_of_the_height_of_each_point():
@@ -328,13 +309,13 @@ def test_level_ground_is_a_kalman_update_of_the_height_of_each_point():
     state.cov[...] *= 1e-2
     before = new_state(FEET)
     copy_state(state, before)
-    state.points[1, DOWN] = before.points[1, DOWN] = 0.0
-    ground = float(before.x[POS + 2] + before.x[POINTS + 2]) - 0.03
+    state.points[1, P.down] = before.points[1, P.down] = 0.0
+    ground = float(before.x[X.pos + 2] + before.x[X.points + 2]) - 0.03
     stand_on_level(state, ground, np.array([0.01, 0.0]), 0.01)
     h, n = np.empty(len(before.cov)), len(before.cov)
     for i in range(n):  # by finite differences of the height of a disturbed state
         true = disturbed(before, 1e-6 * np.eye(n)[i])
-        h[i] = (before.x[POS + 2] + before.x[POINTS + 2] - true.x[POS + 2] - true.x[POINTS + 2]) / 1e-6
+        h[i] = (before.x[X.pos + 2] + before.x[X.points + 2] - true.x[X.pos + 2] - true.x[X.points + 2]) / 1e-6
     s = h @ before.cov @ h + 0.01**2
     gain = before.cov @ h / s
     np.testing.assert_allclose(state.cov, before.cov - np.outer(gain, h @ before.cov), atol=1e-9)
@@ -347,12 +328,12 @@ def test_one_wrong_sample_where_a_foot_comes_down_is_no_wrong_velocity():
     one.cov[...] = 1e-6 * np.eye(len(one.cov))
     true, off = np.array([[0.0, 0.0, -0.3]]), np.array([[0.02, 0.0, -0.3]])
     for y in (off, true, true, true):
-        take_points(one, y, np.eye(3)[None], np.ones(1), OPEN[:1], balls(1), NOISE, True, 0, 1.0)
+        take_points(one, SeenPoints(y, np.eye(3)[None], np.ones(1), OPEN[:1]), balls(1), NOISE, True, 0, 1.0)
         for _ in range(3):
             predict(one, np.zeros(3), G, 0.011, NOISE, 0.0)
-    assert np.linalg.norm(one.x[VEL : VEL + 3]) < 1e-3
-    assert one.cov[E_VEL, E_VEL] < 1e-3
-    np.testing.assert_allclose(one.x[POINTS : POINTS + 3], true[0], atol=1e-3)
+    assert np.linalg.norm(one.x[X.vel : X.vel + 3]) < 1e-3
+    assert one.cov[E.vel, E.vel] < 1e-3
+    np.testing.assert_allclose(one.x[X.points : X.points + 3], true[0], atol=1e-3)
 
 
 def test_a_foot_that_lifts_leaves_no_lost_velocity_behind():
@@ -363,8 +344,8 @@ def test_a_foot_that_lifts_leaves_no_lost_velocity_behind():
     both, second = np.ones(2), np.array([0.0, 1.0])
     samples = [(feet, both), (feet, both), (off, both), (off, both), (off, second), (off, second)]
     for y, contact in samples:
-        take_points(one, y, np.tile(np.eye(3), (2, 1, 1)), contact, OPEN, balls(2), NOISE, True, 0, 1.0)
+        take_points(one, SeenPoints(y, np.tile(np.eye(3), (2, 1, 1)), contact, OPEN), balls(2), NOISE, True, 0, 1.0)
         for _ in range(3):
             predict(one, np.zeros(3), G, 0.011, NOISE, 0.0)
-    assert one.cov[E_VEL, E_VEL] < 1e-3
-    assert one.x[POINTS + 3] == pytest.approx(0.02, abs=2e-3)
+    assert one.cov[E.vel, E.vel] < 1e-3
+    assert one.x[X.points + 3] == pytest.approx(0.02, abs=2e-3)

@@ -1,4 +1,4 @@
-"""The estimators of Wawrzynski et al. side by side: inertial, kinematic, kinematic with gyro, and their filter.
+"""Bank of the estimators of Wawrzynski et al.: inertial, kinematic, kinematic with gyro, and their filter.
 
 They take samples in the order of their arrival and start at the first standstill, equation (1). A sample of the joints
 is applied at the inertial sample after it, as in the paper; one that comes late is applied late.
@@ -15,10 +15,10 @@ from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear import norm
 from surefoot.kernels.jit import kernel
 
-from ..feet.kinematics import FootMount, FootSample
-from ..inputs.judge import peak
-from ..params import EstimatorParams
-from .estimators import ESTIMATORS, UNKNOWN_SPEED, UNKNOWN_TILT, VelocityEstimator
+from ..feet.mount import FootMount, FootSample
+from ..inputs.check import peak
+from ..params import GAP_PUSH, GAP_TURN, UNKNOWN_SPEED, EstimatorParams
+from .estimators import ESTIMATORS, UNKNOWN_TILT, VelocityEstimator
 from .history import History
 from .legs import LegTracker
 from .standstill import GyroBias, Standstill, gravity_at_rest, plane_normal
@@ -27,15 +27,13 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 THETA, G = slice(0, 3), slice(3, 6)  # columns of the history
-GAP_TURN = 0.1  # rad/s, unseen turning in a gap; rad in a long one
-GAP_PUSH = 1.0  # m/s^2, unseen acceleration in a gap
 NIS_MEMORY = 0.1  # weight of the last correction in the smoothed value
 MAX_LEG_SPEED = 3.0  # m/s; faster by the legs is no walk but a broken encoder
 LATE_NS = 100_000_000  # samples of the feet older than this are left out
 
 
 class PaperOutput(NamedTuple):
-    """One estimator at the newest inertial sample."""
+    """Output of one estimator at the newest inertial sample."""
 
     g: Array  # (3,) m/s^2, IMU axes, points up
     v: Array  # (3,) m/s, IMU axes
@@ -65,7 +63,7 @@ class PaperEstimators:
         self.reset()
 
     def reset(self, stated: bool = True) -> None:
-        """Drop all state; `stated`: whether the statement about the ground at the start holds (again)."""
+        """Drop all state; `stated`: the statement about the ground at the start holds."""
         p = self.params
         self._stated = stated
         self.standstill = Standstill(
@@ -90,7 +88,7 @@ class PaperEstimators:
             one.reset(np.array([0.0, 0.0, GRAVITY]), self._wide)
 
     def restart_clock(self) -> None:
-        """The stamps begin anew."""
+        """Forget feet and velocity, because the stamps begin anew."""
         self._history.clear()
         self._legs.reset()
         self._stamp_ns = self._feet_ns = self._velocity_ns = 0
@@ -165,7 +163,7 @@ class PaperEstimators:
                 self._velocity_ns = self._stamp_ns
 
     def _initialise(self) -> None:
-        """Equation (1) at the first standstill, with biases and P0."""
+        """Start at the first standstill, equation (1), with biases and P0."""
         p, mean = self.params, self.standstill.mean
         feet, up = self._legs.last, None
         if feet is not None and self._stated:
@@ -186,7 +184,7 @@ class PaperEstimators:
         return g if g is not None else self._leader.g  # type: ignore[return-value]
 
     def output(self, name: str) -> PaperOutput:
-        """The present estimate of one estimator; g of those that do not estimate it is the leader's.
+        """Return the present estimate of one estimator; g of those that do not estimate it is the leader's.
 
         An accelerometer bias looks like a tilt for ever: what P leaves out of that is `hidden`.
         """

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from surefoot.geometry.rotations import matrix_from_quat, matrix_from_rotvec
 from surefoot.robot import kinematics
 from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.feet.kinematics import foot_mount
+from surefoot.services.estimator.feet.mount import foot_mount
 from surefoot.services.estimator.feet.slip import (
     LONGEST_OPEN,
     OPEN_WEIGHT,

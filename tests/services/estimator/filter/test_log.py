@@ -63,8 +63,8 @@ def test_a_log_gives_the_bits_of_its_samples_one_by_one(kind):
             np.testing.assert_array_equal(a, b)
         compared += 1
     assert compared > 0.7 * n
-    assert whole.judge.counts == one.judge.counts
-    assert (kind == "damaged") == ("imu_restart" in one.judge.counts)
+    assert whole.check.counts == one.check.counts
+    assert (kind == "damaged") == ("imu_restart" in one.check.counts)
 
 
 @pytest.mark.parametrize("seconds", [0.05, 0.25])

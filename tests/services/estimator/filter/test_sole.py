@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from surefoot.services.estimator.feet.contact import at_switches, points_of, sole_feet, touch_rows
-from surefoot.services.estimator.feet.kinematics import FootMount
+from surefoot.services.estimator.feet.contact import SeenPoints, at_switches, points_of, sole_feet, touch_rows
+from surefoot.services.estimator.feet.mount import FootMount
+from surefoot.services.estimator.filter.layout import E, P, X
 from surefoot.services.estimator.filter.noise import best_noise
 from surefoot.services.estimator.filter.sole import rock_soles, twist_soles
-from surefoot.services.estimator.filter.state import CLOSED, DOWN, E_POINTS, POINTS, POS, VEL, new_state, predict
+from surefoot.services.estimator.filter.state import new_state, predict
 from surefoot.services.estimator.filter.update import take_points
 from surefoot.services.estimator.inputs.results import InputResult
 from surefoot.services.estimator.params import EstimatorParams
@@ -28,22 +29,22 @@ def test_a_twisting_sole_moves_its_points_about_its_middle(seed):
     rng = np.random.default_rng(seed)
     places = sole_feet(np.array([[0.0, 0.0, 1.0]] * 2), 0.1)
     state, feet = new_state(6), places.foot
-    state.x[POINTS:] = rng.normal(size=18)
-    state.points[:, DOWN] = 1.0
-    state.points[4:, DOWN] = 0.0  # one point alone turns about itself
+    state.x[X.points :] = rng.normal(size=18)
+    state.points[:, P.down] = 1.0
+    state.points[4:, P.down] = 0.0  # one point alone turns about itself
     before = state.cov.copy()
     twist_soles(state, feet, 0.01)
-    r = state.x[POINTS:].reshape(6, 3)
+    r = state.x[X.points :].reshape(6, 3)
     turn = np.zeros(len(state.cov))
     for k in range(3):
-        turn[E_POINTS + 3 * k : E_POINTS + 3 * k + 3] = np.cross([0.0, 0.0, 1.0], r[k] - r[:3].mean(axis=0))
+        turn[E.points + 3 * k : E.points + 3 * k + 3] = np.cross([0.0, 0.0, 1.0], r[k] - r[:3].mean(axis=0))
     np.testing.assert_allclose(state.cov - before, 0.01 * np.outer(turn, turn), atol=1e-14)
 
 
 def standing(before, seed=0):
     """Two standing soles, turned at random, of which those switches were closed; and their turns."""
     state, turns = new_state(6), Rotation.from_rotvec(0.3 * np.random.default_rng(seed).normal(size=(2, 3))).as_matrix()
-    state.points[:, DOWN], state.points[:, CLOSED] = 1.0, before
+    state.points[:, P.down], state.points[:, P.closed] = 1.0, before
     state.turn[:] = np.repeat(turns, 3, axis=0)
     return state, turns
 
@@ -52,7 +53,7 @@ def turned_about(turns, f, pivot, axis):
     """How the 6 points move, (33,), if sole f turns about an axis (3,), odom axes, through a place of the foot."""
     way = np.zeros(33)
     for k in range(3 * f, 3 * f + 3):
-        way[E_POINTS + 3 * k : E_POINTS + 3 * k + 3] = np.cross(axis, turns[f] @ (FEET.place[k] - pivot))
+        way[E.points + 3 * k : E.points + 3 * k + 3] = np.cross(axis, turns[f] @ (FEET.place[k] - pivot))
     return way
 
 
@@ -66,7 +67,7 @@ def turned_about(turns, f, pivot, axis):
 @pytest.mark.parametrize("f", [0, 1])
 def test_a_sole_rocks_about_what_stays_on_the_ground(before, now, held, f):
     state, turns = standing(before)
-    state.points[np.flatnonzero(FEET.foot != f), CLOSED] = ALL  # the other one stands firmly
+    state.points[np.flatnonzero(FEET.foot != f), P.closed] = ALL  # the other one stands firmly
     closed, old = np.array([ALL, ALL]), state.cov.copy()
     closed[f] = now
     assert rock_soles(state, closed, FEET, 0.01) == (0 if held is None else 1 << f)
@@ -78,15 +79,15 @@ def test_a_sole_rocks_about_what_stays_on_the_ground(before, now, held, f):
     ways = [turned_about(turns, f, pivot, axis) for axis in axes] if held is not None else []
     expected = sum((0.01 * np.outer(way, way) for way in ways), np.zeros_like(old))
     np.testing.assert_allclose(state.cov - old, expected, atol=1e-15)
-    assert (state.points[FEET.foot == f, CLOSED] == now).all()
+    assert (state.points[FEET.foot == f, P.closed] == now).all()
 
 
 def test_feet_in_the_air_and_feet_with_one_switch_do_not_rock():
     state, _ = standing(HEEL)
-    state.points[:3, DOWN] = 0.0
+    state.points[:3, P.down] = 0.0
     old = state.cov.copy()
     assert rock_soles(state, np.array([HEEL, ALL]), FEET, 0.01) == 0b10
-    assert (state.cov - old)[E_POINTS : E_POINTS + 9].any() == np.False_
+    assert (state.cov - old)[E.points : E.points + 9].any() == np.False_
     state, _ = standing(1)
     assert rock_soles(state, np.array([1, 1]), mounted(sole_feet(UP, 0.1)), 0.01) == 0
 
@@ -104,11 +105,11 @@ def test_a_foot_that_comes_down_flat_from_its_heel_does_not_lift_the_robot():
             centre = heel - tilt @ np.array([-0.05, 0.0, 0.0])
             y, turn = points_of(places.foot, places.place, centre[None], tilt[None])
             closed = np.array([HEEL if shown and k < 6 else ALL])
-            take_points(state, y, turn, np.ones(3), closed, places, NOISE, False, 0, 1.0)
+            take_points(state, SeenPoints(y, turn, np.ones(3), closed), places, NOISE, False, 0, 1.0)
             for _ in range(3):
                 predict(state, np.zeros(3), G, 0.011, NOISE, 0.0)
-        risen[name] = abs(float(state.x[POS + 2]))
-        assert abs(state.x[VEL + 2]) < 0.02
+        risen[name] = abs(float(state.x[X.pos + 2]))
+        assert abs(state.x[X.vel + 2]) < 0.02
     assert risen["switches"] < 3e-4
     assert risen["one flag"] > 1e-3
 

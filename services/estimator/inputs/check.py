@@ -1,4 +1,4 @@
-"""Kernels that judge inputs: ranges, clocks, frozen sensors, and units by gravity and by the feet.
+"""Check of the inputs: ranges, clocks, frozen sensors, and units by gravity and by the feet.
 
 The gyro is compared with the legs. Points that stand turn in IMU axes by -theta, theta the integral of the gyro between
 two samples of the joints: with c the points from their mean,
@@ -17,40 +17,34 @@ from numpy.typing import NDArray
 from surefoot.kernels.jit import kernel
 
 from ..feet.contact import points_of
-from .results import (
-    AHEAD,
-    GAP,
-    NONFINITE,
-    OK,
-    RESTART,
-    RESULTS,
-    SATURATED,
-    UNIT,
-)
-from .timeline import CLOCK, KNOWN, LARGEST_NS, NEWEST, judge_clock
+from .clock import CLOCK, KNOWN, LARGEST_NS, NEWEST, check_clock
+from .results import AHEAD, GAP, NONFINITE, OK, RESTART, RESULTS, SATURATED, UNIT
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-IMU, KINEMATICS = 0, 1  # sources
+IMU, KINEMATICS = 0, 1
+"""Sources."""
 SOURCES = ("imu", "kinematics")
-# parts of `Judge.marks`: samples in the mean of the accelerometer, samples of the feet with it on the wrong side, equal
-# rows and equal feet in a row, code of what is wrong with a unit, stamp of the last refusal or gap, of the last
-# saturation, of the last gyro sample in the turn, source and code of the last refusal or gap, refusals, stamp since
-# which the accelerometer shows no weight
+"""Names of the sources."""
 ROWS, WRONG_SIDE, EQUAL_ROWS, EQUAL_FEET, UNITS, BAD_NS, SATURATED_NS, TURN_NS, BAD_SOURCE = range(9)
 BAD_CODE, REFUSED, LIGHT_NS = range(9, 12)
-# parts of `Judge.numbers`: last gyro and accelerometer (6), mean of the accelerometer (3), turn by the gyro since the
-# last sample of the feet (3), and of the comparison with them: p.s, p.p, s.s, rad^2, and the path by the gyro, rad
+"""Parts of `CheckState.marks`: samples in the mean of the accelerometer; samples of the feet with it on the wrong side;
+equal rows, and equal feet, in a row; code of a wrong unit; stamp of the last refusal or gap, of the last saturation, of
+the last gyro sample in the turn; source and code of the last refusal or gap; number of refusals; stamp since which the
+accelerometer shows no weight."""
 LAST_W, LAST_Q, MEAN_Q, TURN, SHARED, PREDICTED, SEEN, PATH = 0, 3, 6, 9, 12, 13, 14, 15
+"""Parts of `CheckState.numbers`: last gyro (3) rad/s and accelerometer (3) m/s^2; mean of the accelerometer (3) m/s^2;
+turn by the gyro since the last sample of the feet (3) rad; of the comparison with them p.s, p.p and s.s, rad^2, and
+the path by the gyro, rad."""
 
 NEVER, FOR_EVER = -(2**62), 2**62  # ns
-BAD_MEMORY_NS = 100_000_000  # a refused input spoils `inputs_ok` so long
-LIGHT_FOR_NS = 100_000_000  # without weight for longer: a fall, or another unit
-STEADY_ROWS = 30  # 1 s of equal joint angles; a fault while the gyro says that the robot moves
+BAD_MEMORY_NS = 100_000_000  # time for which a refused input spoils `inputs_ok`
+LIGHT_FOR_NS = 100_000_000  # time without weight that shows a fall, or another unit
+STEADY_ROWS = 30  # equal joint angles in a row, 1 s, that are a fault while the robot moves by the gyro
 NO_WEIGHT = 3.0  # m/s^2, a shorter specific force is that of a fall, or in another unit
 MEAN_WEIGHT = 0.02  # of a sample in the mean of the accelerometer
-UNIT_ROWS = 100  # samples before its mean is judged
+UNIT_ROWS = 100  # samples before its mean is checked
 GRAVITIES = (0.5, 2.0)  # m/s^2, a mean between these is gravity in g: no robot falls for so long
 FORGET = 0.995  # of the comparison with the feet, per sample
 WHOLE_TURN = 2.0 * math.pi  # rad of turning by the gyro, without the feet turning: no robot that falls does so
@@ -62,56 +56,57 @@ OTHER_WAY = -0.4  # correlation below which the feet turn against the gyro
 SMALLEST = 1e-4  # m^2, spread of points that are compared
 
 GOOD, IN_G, ACC_SIGN, IN_DEG, GYRO_SIGN = range(5)
+"""Codes of what is wrong with the unit or the sign of a sensor."""
 UNIT_WORDS = (
     "", "the accelerometer measures in g: factor 9.81", "the accelerometer has the other sign: factor -1",
     "the gyro measures in deg/s: factor 0.0174533", "the gyro has the other sign: factor -1",
 )  # fmt: skip
-"""By code: what is wrong with the unit or the sign of a sensor."""
+"""Text of each of these codes."""
 
 
-class Judge(NamedTuple):
-    """All that the judging of inputs remembers; L feet, K contact points."""
+class CheckState(NamedTuple):
+    """All that the check of inputs remembers; L feet, K contact points."""
 
-    clocks: Ints  # (2, 6) of IMU and kinematics
+    clocks: Ints  # (2, 6) of IMU and kinematics, see `clock`
     counts: Ints  # (2, results) refusals and gaps
-    marks: Ints  # (12,)
-    numbers: Array  # (16,)
-    feet: Array  # (L, 3) last sample
-    points: Array  # (K, 4) last contact points from the IMU, m, and whether they stood
+    marks: Ints  # (12,) see `ROWS` and the names beside it
+    numbers: Array  # (16,) see `LAST_W` and the names beside it
+    feet: Array  # (L, 3) m, last sample, IMU axes
+    points: Array  # (K, 4) last contact points from the IMU, m, and 1 for those that stood
 
 
-class JudgeLimits(NamedTuple):
+class CheckLimits(NamedTuple):
     """Limits of inputs."""
 
     max_gyro: float  # rad/s
     max_acc: float  # m/s^2
     gap_ns: float  # ns between inertial samples that is a gap
-    frozen_rows: int  # equal inertial samples in a row that no live unit gives
+    frozen_rows: int  # equal inertial samples in a row that show a frozen sensor
 
 
 class Faults(NamedTuple):
-    """What is wrong with the inputs at a moment."""
+    """Faults of the inputs at a moment."""
 
-    refused: bool  # one of the last 100 ms, or there was a gap
+    refused: bool  # an input of the last 100 ms, or there was a gap
     saturated: bool  # the inertial unit was at the end of its range in the last 100 ms
     weightless: bool  # the accelerometer has shown no weight for a tenth of a second
     imu_frozen: bool  # the inertial unit repeats one sample
     feet_repeat: bool  # the encoders have repeated themselves for a second: a fault only where the robot moves
 
 
-def new_judge(feet: int, points: int) -> Judge:
-    """Return a judge that has seen nothing."""
+def new_check(feet: int, points: int) -> CheckState:
+    """Return the state of a check before the first sample."""
     marks, numbers = np.zeros(LIGHT_NS + 1, dtype=np.int64), np.zeros(PATH + 1)
     marks[BAD_NS] = marks[SATURATED_NS] = marks[TURN_NS] = NEVER
     marks[LIGHT_NS] = FOR_EVER
     numbers[LAST_W : LAST_Q + 3] = np.nan
     clocks, counts = np.zeros((2, CLOCK), dtype=np.int64), np.zeros((2, len(RESULTS)), dtype=np.int64)
-    return Judge(clocks, counts, marks, numbers, np.full((feet, 3), np.nan), np.zeros((points, 4)))
+    return CheckState(clocks, counts, marks, numbers, np.full((feet, 3), np.nan), np.zeros((points, 4)))
 
 
 @kernel
 def peak(x: Array) -> float:
-    """Largest absolute value, infinity if one is not finite."""
+    """Return the largest absolute value, infinity if a value is not finite."""
     most = 0.0
     for i in range(x.size):
         if not math.isfinite(x[i]):
@@ -121,9 +116,9 @@ def peak(x: Array) -> float:
 
 
 @kernel
-def faults_at(judge: Judge, limits: JudgeLimits, noisy: bool, now_ns: int) -> Faults:
-    """Return what is wrong at `now_ns`; `noisy`: equal inertial samples are no chance."""
-    marks = judge.marks
+def faults_at(check: CheckState, limits: CheckLimits, noisy: bool, now_ns: int) -> Faults:
+    """Return the faults at `now_ns`; `noisy`: equal inertial samples are a fault, not chance."""
+    marks = check.marks
     return Faults(
         0 <= now_ns - marks[BAD_NS] < BAD_MEMORY_NS,
         0 <= now_ns - marks[SATURATED_NS] < BAD_MEMORY_NS,
@@ -134,39 +129,39 @@ def faults_at(judge: Judge, limits: JudgeLimits, noisy: bool, now_ns: int) -> Fa
 
 
 @kernel
-def note(judge: Judge, source: int, code: int, stamp_ns: int) -> int:
-    """Count what became of a sample of a source, in place, and return it."""
-    marks = judge.marks
-    judge.counts[source, code] += 1
+def count_result(check: CheckState, source: int, code: int, stamp_ns: int) -> int:
+    """Count the result of a sample of a source, in place, and return its code."""
+    marks = check.marks
+    check.counts[source, code] += 1
     marks[BAD_SOURCE], marks[BAD_CODE] = source, code
     if code > RESTART:
         marks[REFUSED] += 1
-    marks[BAD_NS] = judge.clocks[IMU, NEWEST] if judge.clocks[IMU, KNOWN] > 0 else stamp_ns
+    marks[BAD_NS] = check.clocks[IMU, NEWEST] if check.clocks[IMU, KNOWN] > 0 else stamp_ns
     if code == SATURATED:
         marks[SATURATED_NS] = marks[BAD_NS]
     return code
 
 
 @kernel
-def _order(judge: Judge, source: int, stamp_ns: int) -> int:
-    """Judge the stamp of a sample."""
+def _order(check: CheckState, source: int, stamp_ns: int) -> int:
+    """Check the stamp of a sample, in place; return the code of the result."""
     if abs(stamp_ns) > LARGEST_NS:
-        return note(judge, source, AHEAD, stamp_ns)
-    clocks, newest, known = judge.clocks, stamp_ns, False
+        return count_result(check, source, AHEAD, stamp_ns)
+    clocks, newest, known = check.clocks, stamp_ns, False
     for i in range(2):
         if clocks[i, KNOWN] > 0:
             newest = max(newest, clocks[i, NEWEST]) if known else clocks[i, NEWEST]
             known = True
-    code = judge_clock(clocks[source], stamp_ns, newest)
+    code = check_clock(clocks[source], stamp_ns, newest)
     if code == RESTART:
         clocks[1 - source, KNOWN] = 0
-    return code if code == OK else note(judge, source, code, stamp_ns)
+    return code if code == OK else count_result(check, source, code, stamp_ns)
 
 
 @kernel
-def _wrong_unit(judge: Judge, stamp_ns: int, w: Array, q: Array) -> bool:
-    """Take a sample into the means; whether the unit or the sign of a sensor is wrong."""
-    marks, numbers = judge.marks, judge.numbers
+def _wrong_unit(check: CheckState, stamp_ns: int, w: Array, q: Array) -> bool:
+    """Take a sample into the means, in place; return True if the unit or the sign of a sensor is wrong."""
+    marks, numbers = check.marks, check.numbers
     d = stamp_ns - marks[TURN_NS]
     if 0 < d < LONGEST_TURN_NS:
         for i in range(3):
@@ -196,20 +191,20 @@ def _wrong_unit(judge: Judge, stamp_ns: int, w: Array, q: Array) -> bool:
 
 
 @kernel
-def judge_imu(judge: Judge, limits: JudgeLimits, stamp_ns: int, w: Array, q: Array) -> int:
-    """Judge an inertial sample, in place; w (3,) rad/s, q (3,) m/s^2. Returns the code of the result."""
+def check_imu(check: CheckState, limits: CheckLimits, stamp_ns: int, w: Array, q: Array) -> int:
+    """Check an inertial sample, w (3,) rad/s and q (3,) m/s^2, in place; return the code of the result."""
     peak_w, peak_q, same = peak(w), peak(q), 1
     if peak_w == np.inf or peak_q == np.inf:
-        return note(judge, IMU, NONFINITE, stamp_ns)
+        return count_result(check, IMU, NONFINITE, stamp_ns)
     if peak_w >= limits.max_gyro or peak_q >= limits.max_acc:
-        return note(judge, IMU, SATURATED, stamp_ns)
-    if _wrong_unit(judge, stamp_ns, w, q):
-        return note(judge, IMU, UNIT, stamp_ns)
-    known, before = judge.clocks[IMU, KNOWN], judge.clocks[IMU, NEWEST]
-    code = _order(judge, IMU, stamp_ns)
+        return count_result(check, IMU, SATURATED, stamp_ns)
+    if _wrong_unit(check, stamp_ns, w, q):
+        return count_result(check, IMU, UNIT, stamp_ns)
+    known, before = check.clocks[IMU, KNOWN], check.clocks[IMU, NEWEST]
+    code = _order(check, IMU, stamp_ns)
     if code > RESTART:
         return code
-    numbers, marks, square = judge.numbers, judge.marks, 0.0
+    numbers, marks, square = check.numbers, check.marks, 0.0
     for i in range(3):
         square += q[i] * q[i]
         if w[i] != numbers[LAST_W + i] or q[i] != numbers[LAST_Q + i]:
@@ -221,40 +216,40 @@ def judge_imu(judge: Judge, limits: JudgeLimits, stamp_ns: int, w: Array, q: Arr
     elif marks[LIGHT_NS] == FOR_EVER:
         marks[LIGHT_NS] = stamp_ns
     if code != RESTART and known > 0 and stamp_ns - before > limits.gap_ns:
-        return note(judge, IMU, GAP, stamp_ns)
+        return count_result(check, IMU, GAP, stamp_ns)
     return code
 
 
 @kernel
-def judge_feet(judge: Judge, stamp_ns: int, feet: Array) -> int:
-    """Judge feet (L, 3), in place; one that is not finite is left out elsewhere. Returns the code of the result."""
+def check_feet(check: CheckState, stamp_ns: int, feet: Array) -> int:
+    """Check feet (L, 3), in place; return the code of the result. A foot that is not finite is left out elsewhere."""
     some, every, same = False, True, True
     for i in range(feet.shape[0]):
         for k in range(3):
             finite = math.isfinite(feet[i, k])
-            some, every, same = some or finite, every and finite, same and feet[i, k] == judge.feet[i, k]
+            some, every, same = some or finite, every and finite, same and feet[i, k] == check.feet[i, k]
     if not some:
-        return note(judge, KINEMATICS, NONFINITE, stamp_ns)
-    code = _order(judge, KINEMATICS, stamp_ns)
+        return count_result(check, KINEMATICS, NONFINITE, stamp_ns)
+    code = _order(check, KINEMATICS, stamp_ns)
     if code > RESTART:
         return code
     if not every:
-        note(judge, KINEMATICS, NONFINITE, stamp_ns)
-    judge.marks[EQUAL_FEET] = judge.marks[EQUAL_FEET] + 1 if same else 0
+        count_result(check, KINEMATICS, NONFINITE, stamp_ns)
+    check.marks[EQUAL_FEET] = check.marks[EQUAL_FEET] + 1 if same else 0
     for i in range(feet.shape[0]):
         for k in range(3):
-            judge.feet[i, k] = feet[i, k]
+            check.feet[i, k] = feet[i, k]
     return code
 
 
 @kernel
-def judge_units(
-    judge: Judge, stamp_ns: int, position: Array, rot: Array, contact: Array, foot: Ints, place: Array
+def check_units(
+    check: CheckState, stamp_ns: int, position: Array, rot: Array, contact: Array, foot: Ints, place: Array
 ) -> None:
     """Compare the inertial unit with the feet, in place.
 
     Args:
-        judge: what is remembered.
+        check: state of the check.
         stamp_ns: of the feet; those that come late are not compared with the gyro, whose turn has gone on.
         position: of the feet, (L, 3) m, IMU axes.
         rot: rot_imu_from_foot, (L, 3, 3).
@@ -262,7 +257,7 @@ def judge_units(
         foot: of each contact point, (K,).
         place: of each in its foot, (K, 3) m.
     """
-    marks, numbers, last = judge.marks, judge.numbers, judge.points
+    marks, numbers, last = check.marks, check.numbers, check.points
     along = 0.0
     for f in range(contact.size):
         if contact[f] >= 0.5:

@@ -17,8 +17,8 @@ def test_a_sensor_in_another_unit_is_refused_with_the_factor(which, factor, word
 
     estimator = make()
     estimates = list(run(walk(), estimator, change))
-    assert estimator.judge.counts["imu_unit"] > 100
-    assert {"acc": "accelerometer", "gyro": "gyro"}[which] in estimator.judge.unit
+    assert estimator.check.counts["imu_unit"] > 100
+    assert {"acc": "accelerometer", "gyro": "gyro"}[which] in estimator.check.unit
     assert word in estimates[-1].reasons[0] or word in estimates[-1].reasons[1]
     assert not estimates[-1].inputs_ok
     assert all(finite(e) for e in estimates)
@@ -34,4 +34,4 @@ def test_a_robot_that_falls_over_is_no_reason_to_refuse_its_gyro():
         estimator.imu((k + 1) * TICK, turn + 1e-4 * np.sin(k), up + 1e-3 * np.sin(k + np.arange(3.0)))
         if k % 3 == 0:
             estimator.feet((k + 1) * TICK, feet.position + 1e-4 * np.sin(k), feet.rot, np.ones(2))
-    assert estimator.judge.unit == ""
+    assert estimator.check.unit == ""

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from surefoot.geometry.rotations import matrix_from_rotvec
-from surefoot.services.estimator.feet.kinematics import bare_mount
+from surefoot.services.estimator.feet.mount import bare_mount
 from surefoot.services.estimator.health import flags_of, reasons
-from surefoot.services.estimator.inputs.judge import faults_at
+from surefoot.services.estimator.inputs.check import faults_at
+from surefoot.services.estimator.inputs.clock import RESYNC_AFTER
 from surefoot.services.estimator.inputs.results import InputResult
-from surefoot.services.estimator.inputs.timeline import RESYNC_AFTER
 from surefoot.services.estimator.params import EstimatorParams
 from surefoot.services.estimator.stream import BEST, Estimator
 
@@ -29,12 +29,12 @@ def estimator():
 
 
 @pytest.fixture
-def judge(estimator):
-    return estimator.judge
+def check(estimator):
+    return estimator.check
 
 
-def faults(judge, now_ns):
-    return faults_at(judge.state, judge.limits, judge.noisy, now_ns)
+def faults(check, now_ns):
+    return faults_at(check.state, check.limits, check.noisy, now_ns)
 
 
 @pytest.mark.parametrize(
@@ -51,13 +51,13 @@ def faults(judge, now_ns):
         (2 * TICK, ZERO, 6.0 * G, InputResult.SATURATED),
     ],
 )
-def test_a_bad_sample_is_refused_counted_and_forgotten(estimator, judge, stamp, w, q, result):
+def test_a_bad_sample_is_refused_counted_and_forgotten(estimator, check, stamp, w, q, result):
     assert estimator.imu(stamp, w, q) is result
     assert not result.accepted
-    assert judge.counts == {f"imu_{result}": 1}
-    assert judge.refused == 1
-    assert faults(judge, TICK).refused
-    assert not faults(judge, 12 * TICK).refused
+    assert check.counts == {f"imu_{result}": 1}
+    assert check.refused == 1
+    assert faults(check, TICK).refused
+    assert not faults(check, 12 * TICK).refused
     assert estimator.imu(2 * TICK, ZERO, G) is InputResult.OK
 
 
@@ -77,10 +77,10 @@ def test_a_refusal_shows_in_the_very_next_estimate(estimator, refuse):
     assert any(reason.startswith("degraded input") for reason in after.reasons)
 
 
-def test_a_gap_is_accepted_and_counted(estimator, judge):
+def test_a_gap_is_accepted_and_counted(estimator, check):
     assert estimator.imu(7 * TICK + 1, ZERO, G) is InputResult.GAP
-    assert judge.refused == 0
-    assert judge.counts["imu_gap"] == 1
+    assert check.refused == 0
+    assert check.counts["imu_gap"] == 1
 
 
 def test_a_clock_that_restarted_is_followed(estimator):
@@ -105,24 +105,24 @@ def test_a_unit_that_repeats_one_sample_for_a_quarter_of_a_second_is_frozen(peri
     seen = []
     for k in range(1, round(0.3e9 / period_ns)):
         estimator.imu(k * period_ns, ZERO, G)
-        seen.append(faults(estimator.judge, estimator.stamp_ns).imu_frozen)
+        seen.append(faults(estimator.check, estimator.stamp_ns).imu_frozen)
     assert seen.index(True) == pytest.approx(0.25e9 / period_ns, abs=1.0)
     assert "the inertial unit repeats one sample" in estimator.estimate().reasons
     estimator.imu(round(0.4e9), ZERO + 1e-3, G)
-    assert not faults(estimator.judge, estimator.stamp_ns).imu_frozen
+    assert not faults(estimator.check, estimator.stamp_ns).imu_frozen
 
 
-def test_a_robot_without_weight_falls(estimator, judge):
+def test_a_robot_without_weight_falls(estimator, check):
     for k in range(2, 12):
         estimator.imu(k * TICK, ZERO + 1e-3 * k, 0.1 * G)
-    assert not faults(judge, 11 * TICK).weightless
+    assert not faults(check, 11 * TICK).weightless
     estimator.imu(12 * TICK, ZERO, 0.1 * G)
-    assert faults(judge, 12 * TICK).weightless
+    assert faults(check, 12 * TICK).weightless
     estimator.imu(13 * TICK, ZERO, G)
-    assert not faults(judge, 13 * TICK).weightless
+    assert not faults(check, 13 * TICK).weightless
 
 
-def test_kinematics(estimator, judge):
+def test_kinematics(estimator, check):
     feet = np.ones((2, 3))
     assert estimator.feet(TICK, feet, TURN) is InputResult.OK
     assert estimator.feet(TICK - 1, feet, TURN) is InputResult.OK  # within the window
@@ -131,15 +131,15 @@ def test_kinematics(estimator, judge):
     half = feet.copy()
     half[0] = np.nan
     assert estimator.feet(4 * TICK, half, TURN) is InputResult.OK
-    assert judge.counts["kinematics_nonfinite"] == 2
-    assert judge.last_bad == "kinematics_nonfinite"
+    assert check.counts["kinematics_nonfinite"] == 2
+    assert check.last_bad == "kinematics_nonfinite"
 
 
-def test_frozen_encoders_count_only_while_the_robot_moves(estimator, judge):
+def test_frozen_encoders_count_only_while_the_robot_moves(estimator, check):
     feet = np.ones((2, 3))
     for k in range(40):
         estimator.feet(k * TICK, feet.copy(), TURN)
-    assert faults(judge, 40 * TICK).feet_repeat
+    assert faults(check, 40 * TICK).feet_repeat
     assert not estimator.initialised
     moving = estimator._best.condition._replace(initialised=True, standing=False)
     assert not flags_of(moving)[2]
@@ -169,5 +169,5 @@ def test_the_gyro_is_compared_with_feet_that_stand(factor, word):
         if k % 3 == 0:
             seen = feet + 3e-4 * rng.normal(size=(3, 3))
             estimator.feet(k * TICK, seen, rot, one)
-    assert estimator.judge.unit == word
+    assert estimator.check.unit == word
     assert (result is InputResult.UNIT) == bool(word)

@@ -1,0 +1,115 @@
+"""Feet seen from the IMU: by joint angles, and with the unknown ones left out."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.linear_kernels import times, times_vector
+from surefoot.geometry.rotations import matrix_from_quat, rotvec_from_matrix
+from surefoot.kernels.jit import kernel
+from surefoot.robot.description import KinematicModel, Robot
+from surefoot.robot.kinematics import forward
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+class FootSample(NamedTuple):
+    """All feet at one time, IMU axes."""
+
+    stamp_ns: int
+    position: Array  # (L, 3) m
+    rot: Array  # (L, 3, 3) rot_imu_from_foot
+    contact: Flags  # (L,)
+
+
+class FootMount(NamedTuple):
+    """Parts of a robot description that locate the feet from the IMU."""
+
+    model: KinematicModel | None  # None: feet come as positions, there are no joints
+    rot_imu_from_base: Array  # (3, 3)
+    imu_position: Array  # (3,) in base_link, m
+    radius: Array  # (L,) m, radius of a round foot; 0 = a sole
+
+
+def foot_mount(robot: Robot) -> FootMount:
+    """Return the mounting of the IMU and the shape of the feet; a foot of several spheres is a sole."""
+    rot = np.ascontiguousarray(matrix_from_quat(robot.imu.quat_wxyz).T)
+    radius = np.array([leg.foot.radius if len(leg.foot.points) == 1 else 0.0 for leg in robot.legs])
+    return FootMount(robot.model, rot, np.ascontiguousarray(robot.imu.position, dtype=np.float64), radius)
+
+
+def bare_mount(feet: int) -> FootMount:
+    """Return a mount for logs of foot positions: the IMU in base_link, feet that do not roll."""
+    return FootMount(None, np.eye(3), np.zeros(3), np.zeros(feet))
+
+
+def feet_in_imu(mount: FootMount, q: Array) -> tuple[Array, Array]:
+    """Return foot centres (L, 3) m, IMU axes, and rot_imu_from_foot (L, 3, 3) from joint angles q (nj,) rad."""
+    assert mount.model is not None, "a bare mount has no joints"
+    return _feet_in_imu(mount.model, mount.rot_imu_from_base, mount.imu_position, q)
+
+
+@kernel
+def _feet_in_imu(model: KinematicModel, rot_imu_from_base: Array, imu_position: Array, q: Array) -> tuple[Array, Array]:
+    rot_base, pos_base = forward(model, q)
+    feet = model.foot_link.size
+    position, rot = np.empty((feet, 3)), np.empty((feet, 3, 3))
+    point = np.empty(3)
+    for f in range(feet):
+        link = model.foot_link[f]
+        for i in range(3):
+            point[i] = pos_base[link, i] - imu_position[i]
+            for k in range(3):
+                point[i] += rot_base[link, i, k] * model.foot_point[f, k]
+        position[f], rot[f] = times_vector(rot_imu_from_base, point), times(rot_imu_from_base, rot_base[link])
+    return position, rot
+
+
+@kernel
+def known_feet(position: Array, rot: Array, switches: Array) -> tuple[Array, Array, Array, Ints, bool]:
+    """Return the feet with those that are not finite (a dead encoder) lifted off the ground.
+
+    Args:
+        position: (L, 3) m, IMU axes.
+        rot: rot_imu_from_foot, (L, 3, 3).
+        switches: probability of contact at each switch, (L, S), NaN = unknown.
+
+    Returns:
+        Positions and rotations with zeros and unit matrices for unknown feet; probability of contact of each foot (L,),
+        0 for those, NaN = unknown; the switches that are closed (L,), bit s for switch s; True if a foot may stand.
+    """
+    position, rot, stands = position.copy(), rot.copy(), False
+    contact, closed = np.full(switches.shape[0], np.nan), np.zeros(switches.shape[0], dtype=np.int64)
+    for f in range(contact.size):
+        for s in range(switches.shape[1]):
+            if not contact[f] >= switches[f, s]:
+                contact[f] = switches[f, s] if not math.isnan(switches[f, s]) else contact[f]
+            if not switches[f, s] < 0.5:
+                closed[f] |= 1 << s
+        finite = True
+        for i in range(3):
+            finite = finite and math.isfinite(position[f, i])
+            for k in range(3):
+                finite = finite and math.isfinite(rot[f, i, k])
+        if not finite:
+            contact[f] = 0.0
+            for i in range(3):
+                position[f, i] = 0.0
+                for k in range(3):
+                    rot[f, i, k] = 1.0 if i == k else 0.0
+        stands = stands or not contact[f] < 0.5
+    return position, rot, contact, closed, stands
+
+
+@kernel
+def foot_turn(rot_0: Array, rot_1: Array) -> Array:
+    """Return the turn of a foot against the IMU between two samples, (3,) rad, IMU axes: log(rot_1 rot_0^T)."""
+    relative = np.empty((3, 3))
+    for i in range(3):
+        for k in range(3):
+            relative[i, k] = rot_1[i, 0] * rot_0[k, 0] + rot_1[i, 1] * rot_0[k, 1] + rot_1[i, 2] * rot_0[k, 2]
+    return rotvec_from_matrix(relative)

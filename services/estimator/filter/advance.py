@@ -1,0 +1,347 @@
+"""The `best` filter over rows of samples: rest, gaps, and the merge of inertial samples and feet by their stamps.
+
+One kernel serves a tick of a live robot, the replay of the last half second after a late sample, and a whole log.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import inner_kernel, kernel
+
+from ..feet.contact import SeenPoints, by_height, points_of
+from .hypotheses import collapse, likeliest, mix, mode, publish_mean, weigh
+from .layout import DOUBTED, NO_FEET, STARTED, WAITING, E, M, P, X
+from .noise import FIXED, BestLimits, BestNoise, BestSetting
+from .point import lift, retract
+from .samples import ROW_Q, ROW_W, SampleStore, after
+from .start import check_tilt, rests, start_at_rest, start_moving
+from .state import BestState, felt_variance, forget_velocity, predict, rotation
+from .update import follow, persistence, remember_slides, take_points
+
+Array = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+
+
+@kernel
+def stand_on_level(state: BestState, ground: float, radius: Array, sd: float) -> None:
+    """Correct with the height of the standing points over a ground that is level everywhere, in place.
+
+    p_z + r_z = ground + radius for each, with a standard deviation of `sd` m per sample; feet that are about to lift,
+    edges and dust repeat themselves, so it is to be several times what a foot is off.
+    """
+    cov, points = state.cov, state.points
+    n = cov.shape[0]
+    for k in range(points.shape[0]):
+        if points[k, P.down] == 0.0:
+            continue
+        row = E.points + 3 * k + 2
+        r = state.x[X.points + 3 * k : X.points + 3 * k + 3]
+        # r_hat - exp(xi_R) r = xi_k: the height also changes as r turns, xi_R x r
+        by = np.empty(n)
+        for j in range(n):
+            by[j] = cov[j, E.pos + 2] + cov[j, row] + r[1] * cov[j, E.rot] - r[0] * cov[j, E.rot + 1]
+        s = by[E.pos + 2] + by[row] + r[1] * by[E.rot] - r[0] * by[E.rot + 1] + sd * sd
+        z = state.x[X.pos + 2] + r[2] - ground - radius[k]
+        if z * z > FIXED.outlier * s:
+            continue
+        xi = np.empty(n)
+        for j in range(n):
+            gain = by[j] / s
+            xi[j] = gain * z
+            for m in range(n):
+                cov[j, m] -= gain * by[m]
+        retract(state, xi)
+
+
+@kernel
+def learn_gyro_bias(state: BestState, w: Array, count: int, noise: BestNoise, limits: BestLimits) -> None:
+    """Correct with the gyro of a robot at rest, about each axis u of odom, in place: u^T w = u^T b_w + noise.
+
+    Servos settle under the weight of the robot, which tilts it but does not turn it: the noise about the vertical is
+    smaller.
+
+    Args:
+        state: the state.
+        w: mean of the samples, (3,) rad/s, IMU axes.
+        count: number of the samples.
+        noise: the noises.
+        limits: of a rest.
+    """
+    cov, n, rot = state.cov, state.cov.shape[0], rotation(state.x)
+    for i in range(3):  # one axis after the other
+        creep = limits.creep if i < 2 else limits.turn_creep
+        xi, column, z, s = np.empty(n), np.empty(n), 0.0, (noise.sample_gyro**2 + limits.samples * creep**2) / count
+        for j in range(n):
+            column[j] = (
+                cov[j, E.gyro_bias] * rot[i, 0]
+                + cov[j, E.gyro_bias + 1] * rot[i, 1]
+                + cov[j, E.gyro_bias + 2] * rot[i, 2]
+            )
+        for j in range(3):
+            z += rot[i, j] * (w[j] - state.x[X.gyro_bias + j])
+            s += rot[i, j] * column[E.gyro_bias + j]
+        for j in range(n):
+            gain = column[j] / s
+            xi[j] = -gain * z
+            for m in range(n):
+                cov[j, m] -= gain * column[m]
+        retract(state, xi)
+
+
+@kernel
+def _learn_end_of_rest(state: BestState, rows: Array, at: int, noise: BestNoise, limits: BestLimits) -> None:
+    """Learn from what is left of a rest that ended before row `at`, in place.
+
+    While it lasts each sample waits until it is as old as the window of a rest; of those that wait when it ends the
+    last fifth may be of the first motion.
+    """
+    waiting = min(int(state.memory[M.rest]) - 1, limits.samples - 1)
+    count = waiting - limits.samples // 5
+    if count <= 0:
+        return
+    mean = np.zeros(3)
+    for r in range(at - waiting, at - waiting + count):
+        for i in range(3):
+            mean[i] += rows[r, ROW_W + i] / count
+    learn_gyro_bias(state, mean, count, noise, limits)
+
+
+@kernel
+def forget(state: BestState, d: float) -> None:
+    """Forget velocity and feet after a gap of d s, in which the robot may have gone anywhere, in place."""
+    cov = state.cov
+    for k in range(state.points.shape[0]):
+        lift(state, k)
+    for i in range(3):
+        cov[E.pos + i, E.pos + i] += (FIXED.unknown_speed * d) ** 2
+    forget_velocity(state, FIXED.unknown_speed)
+    state.memory[M.since] = NO_FEET
+
+
+@kernel
+def _cross_gap(state: BestState, d: float, limits: BestLimits) -> float:
+    """Widen the covariance over a gap of d s between inertial samples, in place; return the step to predict, s."""
+    cov = state.cov
+    if d <= limits.gap_s:
+        return d
+    for i in range(3):
+        cov[E.rot + i, E.rot + i] += (FIXED.gap_turn * min(d, 1.0)) ** 2
+        cov[E.vel + i, E.vel + i] += (FIXED.gap_push * min(d, 1.0)) ** 2
+    if d <= limits.forget_s:
+        return d
+    forget(state, d)
+    return 0.0
+
+
+@kernel
+def settled(state: BestState) -> bool:
+    """Return True if the estimate can be used: started at rest, or in motion and meanwhile certain."""
+    memory, cov = state.memory, state.cov
+    if memory[M.phase] == WAITING or memory[M.phase] == STARTED:
+        return bool(memory[M.phase] == STARTED)
+    tilt, speed = max(cov[0, 0], cov[1, 1]), max(cov[E.vel, E.vel], cov[E.vel + 1, E.vel + 1])
+    return bool(memory[M.age] > FIXED.good_age and tilt < FIXED.good_tilt**2 and speed < FIXED.good_speed**2)
+
+
+@kernel
+def _lost_until(stamps: Stamps, at: int) -> int:
+    """Stamp up to which inertial samples before row `at` are lost; that of the row before if there are none.
+
+    The period is the shorter of the two steps before.
+    """
+    if at < 3:
+        return stamps[max(at - 1, 0)]
+    period = min(stamps[at - 1] - stamps[at - 2], stamps[at - 2] - stamps[at - 3])
+    step = stamps[at] - stamps[at - 1]
+    return stamps[at] - period if 2 * step > 3 * period else stamps[at - 1]
+
+
+@kernel
+def _hidden(rows: Array, at: int) -> tuple[float, float]:
+    """Variances, (rad/s)^2 and (m/s^2)^2, of what inertial samples lost before row `at` may hide."""
+    turn, push = 0.0, 0.0
+    for i in range(3):
+        j = ROW_W + i
+        turn += (rows[at, j] - rows[at - 1, j]) ** 2 + (rows[at - 1, j] - rows[at - 2, j]) ** 2
+        j = ROW_Q + i
+        push += (rows[at, j] - rows[at - 1, j]) ** 2 + (rows[at - 1, j] - rows[at - 2, j]) ** 2
+    return FIXED.lost_share * turn, FIXED.lost_share * push
+
+
+@kernel
+def _correct(
+    state: BestState, seen: SeenPoints, setting: BestSetting, hypotheses: bool, slides: int, share: float
+) -> float:
+    """Correct one state with one sample of its points, in place; return the logarithm of its likelihood."""
+    before, limits = state.x[X.pos : X.pos + 3].copy(), setting.limits
+    likely = take_points(state, seen, setting.geometry, setting.noise, hypotheses, slides, share)
+    if math.isfinite(limits.level_sd):
+        stand_on_level(state, limits.start.ground, setting.geometry.radius, limits.level_sd)
+    if settled(state):
+        follow(state, before, setting.noise)
+    return likely
+
+
+@kernel
+def _take_feet(state: BestState, samples: SampleStore, row: int, setting: BestSetting) -> None:
+    """Correct with a row of the samples of the feet at the time of the state, in place."""
+    geometry, noise = setting.geometry, setting.noise
+    y, turn = points_of(geometry.foot, geometry.place, samples.feet[row], samples.foot_rots[row])
+    contact, closed = samples.contact[row], samples.closed[row]
+    at, losses = likeliest(state), state.memory[M.losses]
+    if at < 0 and (
+        state.weight.size == 0 or state.memory[M.rest] > 0.0 or state.memory[M.lost_for] >= 0.0 or not settled(state)
+    ):
+        _correct(state, SeenPoints(y, turn, contact, closed), setting, setting.limits.hypotheses, 0, 1.0)
+    else:
+        losses = losses if at < 0 else state.mode_memory[at, M.losses]
+        rot = rotation(state.x) if at < 0 else rotation(state.mode_x[at])
+        contact = by_height(rot, y, geometry.radius, contact)
+        seen = SeenPoints(y, turn, contact, closed)
+        mix(state, contact, geometry.foot, noise)
+        likely, share = np.zeros(state.weight.size), persistence(state.memory)
+        for h in range(state.weight.size):
+            if state.weight[h] > 0.0:
+                likely[h] = _correct(mode(state, h), seen, setting, False, h, share)
+        weigh(state, likely)
+        remember_slides(state)
+        if state.mode_memory[likeliest(state), M.losses] > losses:
+            collapse(state, geometry.foot)
+    if state.memory[M.losses] > losses:
+        check_tilt(state, setting.limits)
+
+
+@inner_kernel
+def _predict_one(
+    state: BestState, w: Array, q: Array, d: float, noise: BestNoise, felt: float, hidden: tuple[float, float]
+) -> None:
+    predict(state, w, q, d, noise, felt)
+    for i in range(3):
+        state.cov[E.rot + i, E.rot + i] += hidden[0] * d * d
+        state.cov[E.vel + i, E.vel + i] += hidden[1] * d * d
+
+
+@inner_kernel
+def _predict(
+    state: BestState, w: Array, q: Array, d: float, noise: BestNoise, felt: float, hidden: tuple[float, float]
+) -> None:
+    """Carry the state, or each of its hypotheses, over d s, in place; see `predict` and `_hidden`."""
+    if likeliest(state) < 0:
+        _predict_one(state, w, q, d, noise, felt, hidden)
+    for h in range(state.weight.size):
+        if state.weight[h] > 0.0:
+            _predict_one(mode(state, h), w, q, d, noise, felt, hidden)
+
+
+@kernel
+def _speed(x: Array, memory: Array) -> float:
+    """Return an upper bound of the speed that is published of a state, m/s, from two of its arrays."""
+    v, lag = 0.0, 0.0
+    for i in range(3):
+        v += x[X.vel + i] ** 2
+        lag += memory[M.lag + i] ** 2
+    return math.sqrt(v) + math.sqrt(lag)
+
+
+@inner_kernel
+def _limit_speed(state: BestState, foot: NDArray[np.int64], most: float) -> None:
+    """Forget a velocity that no robot has, in place."""
+    fastest = _speed(state.x, state.memory) if likeliest(state) < 0 else 0.0
+    for h in range(state.weight.size):
+        if state.weight[h] > 0.0:
+            fastest = max(fastest, _speed(state.mode_x[h], state.mode_memory[h]))
+    if fastest > most:
+        collapse(state, foot)
+        forget_velocity(state, FIXED.unknown_speed)
+
+
+@kernel
+def _step(state: BestState, samples: SampleStore, at: int, next_foot: int, setting: BestSetting) -> int:
+    """Carry the state to inertial row `at`, and take the feet up to its stamp, in place.
+
+    A sample of the feet is taken at its own stamp, between two parts of the inertial step in which it lies.
+
+    Returns:
+        The first row of the feet that is left.
+    """
+    stamps, rows, feet_stamps, noise = samples.imu_stamps, samples.imu, samples.feet_stamps, setting.noise
+    w, q = np.empty(3), np.empty(3)
+    for i in range(3):
+        w[i], q[i] = rows[at, ROW_W + i], rows[at, ROW_Q + i]
+    now = stamps[at - 1] if at > 0 else stamps[at]
+    felt = felt_variance(state.memory, w, noise)
+    gap = 1e-9 * (stamps[at] - now)
+    if gap > setting.limits.gap_s:
+        collapse(state, setting.geometry.foot)
+    if _cross_gap(state, gap, setting.limits) < gap:
+        now = stamps[at]
+    lost = _lost_until(stamps, at)
+    if lost > now:
+        for i in range(3):
+            w[i], q[i] = 0.5 * (w[i] + rows[at - 1, ROW_W + i]), 0.5 * (q[i] + rows[at - 1, ROW_Q + i])
+    while now < stamps[at] or (next_foot < feet_stamps.size and feet_stamps[next_foot] <= now):
+        if next_foot < feet_stamps.size and feet_stamps[next_foot] <= now:
+            _take_feet(state, samples, next_foot, setting)
+            next_foot += 1
+            continue
+        end = lost if now < lost else stamps[at]
+        if next_foot < feet_stamps.size:
+            end = min(end, feet_stamps[next_foot])
+        hidden = _hidden(rows, at) if now < lost else (0.0, 0.0)
+        _predict(state, w, q, 1e-9 * (end - now), noise, felt, hidden)
+        now = end
+        if now == lost:
+            for i in range(3):
+                w[i], q[i] = rows[at, ROW_W + i], rows[at, ROW_Q + i]
+    state.memory[M.age] += gap
+    return next_foot
+
+
+@kernel
+def _rest_or_start(state: BestState, samples: SampleStore, at: int, next_foot: int, setting: BestSetting) -> int:
+    """Learn from a rest at inertial row `at`, or start there, in place; return the first row of the feet that is left.
+
+    The feet up to the row are left out as long as nothing has started.
+    """
+    memory, limits, feet_stamps = state.memory, setting.limits, samples.feet_stamps
+    resting = rests(samples, at, limits)
+    if not resting and memory[M.phase] == STARTED:
+        _learn_end_of_rest(state, samples.imu, at, setting.noise, limits)
+    memory[M.rest] = memory[M.rest] + 1.0 if resting else 0.0
+    if resting:
+        collapse(state, setting.geometry.foot)
+        for i in range(M.lag, M.lag + 3):
+            memory[i] = 0.0
+    if resting and not settled(state) and memory[M.phase] != DOUBTED:
+        start_at_rest(state, samples, at, setting)
+    elif memory[M.phase] == WAITING:
+        while next_foot < feet_stamps.size and feet_stamps[next_foot] <= samples.imu_stamps[at]:
+            next_foot += 1
+        if next_foot > 0:
+            start_moving(state, samples, at, next_foot - 1, setting)
+    elif memory[M.rest] > limits.samples:
+        oldest = samples.imu[at + 1 - limits.samples, ROW_W:ROW_Q]
+        learn_gyro_bias(state, oldest, 1, setting.noise, limits)
+    return next_foot
+
+
+@kernel
+def advance(state: BestState, samples: SampleStore, begin: int, setting: BestSetting) -> None:
+    """Take the inertial rows from `begin` on, and the feet between them, in place.
+
+    Args:
+        state: as after row `begin` - 1.
+        samples: filled rows only.
+        begin: first inertial row to take.
+        setting: of the filter.
+    """
+    stamps, foot = samples.imu_stamps, setting.geometry.foot
+    next_foot = after(samples.feet_stamps, stamps[begin - 1]) if begin > 0 else 0
+    for at in range(begin, stamps.size):
+        if state.memory[M.phase] != WAITING:
+            next_foot = _step(state, samples, at, next_foot, setting)
+        _limit_speed(state, foot, setting.limits.max_speed)
+        next_foot = _rest_or_start(state, samples, at, next_foot, setting)
+    publish_mean(state, foot)

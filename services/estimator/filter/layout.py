@@ -1,0 +1,100 @@
+"""Places of the numbers in the arrays of `BestState`, by name; K contact points."""
+
+from typing import NamedTuple
+
+
+class StateLayout(NamedTuple):
+    """First index of each part of the state x, (21 + 3 K,)."""
+
+    rot: int = 0
+    """rot_odom_from_imu by rows, (9,)."""
+    vel: int = 9
+    """Velocity of the IMU, odom axes, (3,) m/s."""
+    gyro_bias: int = 12
+    """Bias of the gyro, IMU axes, (3,) rad/s."""
+    acc_bias: int = 15
+    """Bias of the accelerometer, IMU axes, (3,) m/s^2."""
+    pos: int = 18
+    """Position of the IMU in odom, (3,) m."""
+    points: int = 21
+    """Contact points from the IMU, odom axes, (3,) m each: point k begins at `points` + 3 k."""
+
+
+class ErrorLayout(NamedTuple):
+    """First row of each part of the error and of its covariance, (15 + 3 K,)."""
+
+    rot: int = 0
+    """Rotation of the attitude's error, odom axes, (3,) rad; the third is the heading's."""
+    vel: int = 3
+    """Error of the velocity, odom axes, (3,) m/s."""
+    gyro_bias: int = 6
+    """Error of the gyro bias, IMU axes, (3,) rad/s."""
+    acc_bias: int = 9
+    """Error of the accelerometer bias, IMU axes, (3,) m/s^2."""
+    pos: int = 12
+    """Error of the position, odom axes, (3,) m."""
+    points: int = 15
+    """Errors of the contact points, odom axes, (3,) m each: point k begins at `points` + 3 k."""
+
+
+class PointLayout(NamedTuple):
+    """Columns of `BestState.points`, (K, 8)."""
+
+    down: int = 0
+    """1 while the point stands, else 0."""
+    slide: int = 1
+    """Weight of the sliding hypothesis in its last correction, 0 to 1."""
+    misfit: int = 2
+    """Samples in a row that did not fit."""
+    seen: int = 3
+    """Probability that the point slides, as reported."""
+    new: int = 4
+    """1 until a second sample has confirmed its place."""
+    along: int = 5
+    """Velocity of its foot if that slides, odom axes, (2,) m/s."""
+    closed: int = 7
+    """Switches of its foot that were closed at the last sample, bit s for switch s."""
+
+
+class MemoryLayout(NamedTuple):
+    """First index of each part of `BestState.memory`, (23,)."""
+
+    excess: int = 0
+    """Factor of the inertial noise over the sensor's."""
+    innovation: int = 1
+    """Last innovation that all points have in common, odom axes, (3,) m."""
+    last_gyro: int = 4
+    """Last gyro sample, IMU axes, (3,) rad/s."""
+    since: int = 7
+    """Time since the last sample of the feet, s; `NO_FEET` before the first."""
+    nis: int = 8
+    """Normalised innovation squared of the last sample of the feet, 3 degrees of freedom."""
+    phase: int = 9
+    """Phase of the start: `WAITING`, `MOVING`, `STARTED` or `DOUBTED`."""
+    rest: int = 10
+    """Inertial samples at rest in a row."""
+    age: int = 11
+    """Time since the start, s."""
+    lag: int = 12
+    """Lag of the velocity, IMU axes, (3,) m/s; see `update.follow`."""
+    losses: int = 15
+    """Number of times that the velocity was lost."""
+    lost_for: int = 16
+    """Time since the velocity was lost, s; `LONG_AGO` when there is nothing to compare."""
+    push: int = 17
+    """Change of the velocity by the inertial unit since then, odom axes, (3,) m/s; see `start.check_tilt`."""
+    unfit: int = 20
+    """Samples of the feet in a row of which no point fitted."""
+    slide_product: int = 21
+    """Weighted sum of m.s, (m/s)^2; see `update.persistence`."""
+    slide_square: int = 22
+    """Weighted sum of s.s, (m/s)^2; see `update.persistence`."""
+
+
+X, E, P, M = StateLayout(), ErrorLayout(), PointLayout(), MemoryLayout()
+POINT_COLUMNS, MEMORY = P.closed + 1, M.slide_square + 1
+"""Number of columns of a point, and of numbers in the memory."""
+WAITING, MOVING, STARTED, DOUBTED = 0.0, 1.0, 2.0, 3.0
+"""Phases of the start: none yet, in motion, at rest, in motion after the tilt proved wrong."""
+NO_FEET = LONG_AGO = -1.0
+"""Times of events that have not happened, s."""

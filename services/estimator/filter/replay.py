@@ -1,0 +1,127 @@
+"""Replay of late samples: the state goes back to a snapshot before them and runs over all samples again."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import kernel
+
+from ..inputs.clock import WINDOW_NS
+from .advance import advance, forget
+from .noise import BestSetting
+from .samples import SampleStore, after, new_samples
+from .state import BestState, new_state
+
+Stamps = NDArray[np.int64]
+
+SNAPSHOT_NS = 50_000_000
+"""Inertial time between two snapshots, ns."""
+SNAPSHOTS = 3 + WINDOW_NS // SNAPSHOT_NS
+"""Snapshots that are kept: those of the window in which samples may be late."""
+NOTHING = 2**62
+"""`DIRTY_NS` without late samples."""
+IMU_END, FEET_END, DONE_NS, DIRTY_NS, FIRST, COUNT = range(6)
+"""Parts of `Replay.marks`: number of inertial samples and of samples of the feet; stamp of the last inertial sample in
+the state; oldest stamp of the samples that came after their time; first snapshot in the ring, and their number."""
+
+
+class Replay(NamedTuple):
+    """Samples of the last seconds, and the last S states."""
+
+    samples: SampleStore
+    marks: Stamps
+    """Counts and stamps, (6,), see `IMU_END` and the names beside it."""
+    snapshot_ns: Stamps
+    """Stamp of the last inertial sample in each snapshot, (S,) ns."""
+    snapshots: BestState
+    """Arrays of S states."""
+
+
+def new_replay(feet: int, points: int, modes: int = 0) -> Replay:
+    """Return an empty replay for states of so many points and hypotheses; `clear` makes its first snapshot."""
+    return Replay(
+        new_samples(feet, points), np.zeros(COUNT + 1, dtype=np.int64), np.zeros(SNAPSHOTS, dtype=np.int64),
+        BestState(*(np.stack([part] * SNAPSHOTS) for part in new_state(points, modes))),
+    )  # fmt: skip
+
+
+@kernel
+def _snap(replay: Replay, state: BestState) -> None:
+    """Keep the state as the newest snapshot; the oldest goes when the ring is full."""
+    marks, kept = replay.marks, replay.snapshots
+    if marks[COUNT] == SNAPSHOTS:
+        marks[FIRST] = (marks[FIRST] + 1) % SNAPSHOTS
+        marks[COUNT] -= 1
+    at = (marks[FIRST] + marks[COUNT]) % SNAPSHOTS
+    marks[COUNT] += 1
+    replay.snapshot_ns[at] = marks[DONE_NS]
+    kept.x[at], kept.cov[at], kept.points[at] = state.x, state.cov, state.points
+    kept.turn[at], kept.memory[at], kept.weight[at] = state.turn, state.memory, state.weight
+    kept.mode_x[at], kept.mode_cov[at], kept.mode_points[at] = state.mode_x, state.mode_cov, state.mode_points
+    kept.mode_turn[at], kept.mode_memory[at] = state.mode_turn, state.mode_memory
+
+
+@kernel
+def _go_back(replay: Replay, state: BestState) -> None:
+    """Take the state of the last snapshot before the oldest late sample, in place."""
+    marks, kept = replay.marks, replay.snapshots
+    last = (marks[FIRST] + marks[COUNT] - 1) % SNAPSHOTS
+    while marks[COUNT] > 1 and replay.snapshot_ns[last] >= marks[DIRTY_NS]:
+        marks[COUNT] -= 1
+        last = (marks[FIRST] + marks[COUNT] - 1) % SNAPSHOTS
+    marks[DONE_NS], marks[DIRTY_NS] = replay.snapshot_ns[last], NOTHING
+    state.x[:], state.cov[:], state.points[:] = kept.x[last], kept.cov[last], kept.points[last]
+    state.turn[:], state.memory[:], state.weight[:] = kept.turn[last], kept.memory[last], kept.weight[last]
+    state.mode_x[:], state.mode_cov[:] = kept.mode_x[last], kept.mode_cov[last]
+    state.mode_points[:], state.mode_turn[:] = kept.mode_points[last], kept.mode_turn[last]
+    state.mode_memory[:] = kept.mode_memory[last]
+
+
+@kernel
+def clear(replay: Replay, state: BestState) -> None:
+    """Forget all samples and snapshots but the state itself, in place."""
+    marks = replay.marks
+    marks[IMU_END] = marks[FEET_END] = marks[FIRST] = marks[COUNT] = 0
+    marks[DONE_NS], marks[DIRTY_NS] = -1, NOTHING
+    _snap(replay, state)
+
+
+@kernel
+def note_sample(replay: Replay, source: int, end: int, stamp_ns: int) -> None:
+    """Note that a sample of a source (`IMU_END` or `FEET_END`) was inserted, which has `end` samples then, in place."""
+    marks = replay.marks
+    marks[source] = end
+    if stamp_ns <= marks[DONE_NS]:
+        marks[DIRTY_NS] = min(marks[DIRTY_NS], stamp_ns)
+
+
+@kernel
+def bring_up(replay: Replay, state: BestState, setting: BestSetting) -> None:
+    """Bring the state up to the newest inertial sample, in place; late samples cost one replay of the window."""
+    marks, samples = replay.marks, replay.samples
+    if marks[DIRTY_NS] != NOTHING:
+        _go_back(replay, state)
+    count, m = marks[IMU_END], marks[FEET_END]
+    stamps = samples.imu_stamps[:count]
+    while count > 0 and marks[DONE_NS] < stamps[count - 1]:
+        last = (marks[FIRST] + marks[COUNT] - 1) % SNAPSHOTS
+        due = replay.snapshot_ns[last] + SNAPSHOT_NS
+        begin = after(stamps, marks[DONE_NS])  # pyright: ignore[reportArgumentType] - a number to the compiler
+        end = max(begin + 1, after(stamps, due))  # pyright: ignore[reportArgumentType] - likewise
+        part = SampleStore(
+            stamps[:end], samples.imu[:end], samples.feet_stamps[:m], samples.feet[:m], samples.foot_rots[:m],
+            samples.contact[:m], samples.closed[:m],
+        )  # fmt: skip
+        advance(state, part, begin, setting)
+        marks[DONE_NS] = stamps[end - 1]
+        if marks[DONE_NS] >= due:
+            _snap(replay, state)
+
+
+@kernel
+def restart_clock(replay: Replay, state: BestState) -> None:
+    """Keep what is known but for velocity and feet when stamps begin anew, in place."""
+    state.weight[:] = 0.0
+    forget(state, 1.0)
+    clear(replay, state)

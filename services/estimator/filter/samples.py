@@ -1,0 +1,147 @@
+"""Samples of the last seconds in the order of their stamps, wherever in it they arrive; L feet, K contact points."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import kernel
+
+Array = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+
+CAPACITY = 4096
+"""Samples of a source that are kept; at 1 kHz 4 s."""
+KEPT = CAPACITY // 2
+"""Samples that stay when there is room for no more."""
+ROW_W, ROW_Q = 0, 3
+"""First columns of gyro and accelerometer in an inertial row."""
+
+
+class SampleStore(NamedTuple):
+    """Samples of both sources by rising stamps; the first n and m of N rows are filled."""
+
+    imu_stamps: Stamps
+    """(N,) ns."""
+    imu: Array
+    """Gyro rad/s and accelerometer m/s^2, IMU axes, means up to their stamps, (N, 6)."""
+    feet_stamps: Stamps
+    """(N,) ns."""
+    feet: Array
+    """Positions of the feet, (N, L, 3) m, IMU axes."""
+    foot_rots: Array
+    """rot_imu_from_foot, (N, L, 3, 3)."""
+    contact: Array
+    """Probability of contact of each contact point, (N, K); NaN: unknown."""
+    closed: Stamps
+    """Closed switches of each foot, (N, L), bit s for switch s."""
+
+
+def new_samples(feet: int, points: int) -> SampleStore:
+    """Return room for samples of so many feet and contact points."""
+    n = CAPACITY
+    return SampleStore(
+        np.zeros(n, dtype=np.int64), np.zeros((n, 6)), np.zeros(n, dtype=np.int64), np.zeros((n, feet, 3)),
+        np.zeros((n, feet, 3, 3)), np.zeros((n, points)), np.zeros((n, feet), dtype=np.int64),
+    )  # fmt: skip
+
+
+@kernel
+def after(stamps: Stamps, stamp_ns: int) -> int:
+    """Return the index of the first of rising stamps (n,) that is later than a stamp."""
+    low, high = 0, stamps.size
+    while low < high:
+        middle = (low + high) // 2
+        if stamps[middle] <= stamp_ns:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@kernel
+def place_of(stamps: Stamps, stamp_ns: int) -> int:
+    """Return the index at which a stamp belongs among rising stamps (n,); -1: it is one of them."""
+    n = stamps.size
+    if n == 0 or stamp_ns > stamps[n - 1]:
+        return n
+    at = after(stamps, stamp_ns)
+    return -1 if at > 0 and stamps[at - 1] == stamp_ns else at
+
+
+@kernel
+def make_room(column: np.ndarray, at: int, end: int) -> None:
+    """Move the rows from `at` to before `end` of a column (N, ...) on by one, in place."""
+    for i in range(end, at, -1):
+        column[i] = column[i - 1]
+
+
+@kernel
+def keep_newest(column: np.ndarray, keep: int) -> None:
+    """Move the last `keep` rows of a full column (N, ...) to its beginning, in place."""
+    first = column.shape[0] - keep
+    for i in range(keep):
+        column[i] = column[first + i]
+
+
+@kernel
+def insert_imu(samples: SampleStore, end: int, stamp_ns: int, w: Array, q: Array) -> int:
+    """Insert an inertial sample, w (3,) rad/s and q (3,) m/s^2, among the first `end` rows, in place.
+
+    Returns:
+        The number of rows then; -1: there is a sample of this stamp.
+    """
+    stamps, rows = samples.imu_stamps, samples.imu
+    at = place_of(stamps[:end], stamp_ns)
+    if at < 0:
+        return -1
+    if end == CAPACITY:
+        keep_newest(stamps, KEPT)
+        keep_newest(rows, KEPT)
+        at, end = max(at - KEPT, 0), KEPT
+    make_room(stamps, at, end)
+    make_room(rows, at, end)
+    stamps[at] = stamp_ns
+    for i in range(3):
+        rows[at, ROW_W + i], rows[at, ROW_Q + i] = w[i], q[i]
+    return end + 1
+
+
+@kernel
+def insert_feet(
+    samples: SampleStore, end: int, stamp_ns: int, position: Array, rot: Array, contact: Array, closed: Stamps
+) -> int:
+    """Insert a sample of the feet among the first `end` rows, in place.
+
+    Args:
+        samples: all samples.
+        end: number of those of the feet.
+        stamp_ns: time of the sample, ns.
+        position: (L, 3) m, IMU axes.
+        rot: rot_imu_from_foot, (L, 3, 3).
+        contact: probability of contact of each point, (K,).
+        closed: closed switches of each foot, (L,), bit s for switch s.
+
+    Returns:
+        The number of rows then; -1: there is a sample of this stamp.
+    """
+    stamps = samples.feet_stamps
+    at = place_of(stamps[:end], stamp_ns)
+    if at < 0:
+        return -1
+    if end == CAPACITY:
+        keep_newest(stamps, KEPT)
+        keep_newest(samples.feet, KEPT)
+        keep_newest(samples.foot_rots, KEPT)
+        keep_newest(samples.contact, KEPT)
+        keep_newest(samples.closed, KEPT)
+        at, end = max(at - KEPT, 0), KEPT
+    make_room(stamps, at, end)
+    make_room(samples.feet, at, end)
+    make_room(samples.foot_rots, at, end)
+    make_room(samples.contact, at, end)
+    make_room(samples.closed, at, end)
+    stamps[at] = stamp_ns
+    samples.feet[at], samples.foot_rots[at], samples.contact[at] = position, rot, contact
+    samples.closed[at] = closed
+    return end + 1

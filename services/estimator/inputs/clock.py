@@ -1,0 +1,68 @@
+"""Clock of each source of samples: late stamps, stamps far ahead, and clocks that begin anew."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import kernel
+
+from .results import AHEAD, LATE, OK, RESTART
+
+Stamps = NDArray[np.int64]
+
+WINDOW_NS = 500_000_000
+"""Delay up to which a sample is still put in the order of its stamp, ns."""
+AHEAD_NS = 500_000_000
+"""Step of a source's stamps from which a stamp waits for the next to confirm it, ns."""
+RESYNC_AFTER = 20
+"""Older but rising stamps in a row from which the clock of a source counts as restarted."""
+LARGEST_NS = 2**62
+"""Largest stamp, ns."""
+NEWEST, KNOWN, OLDER, OLDER_LAST, FAR, FAR_KNOWN = range(6)
+"""Parts of a clock, (6,): newest stamp, ns; 1 if there is one; number of older stamps in a row; the last of them, ns;
+a stamp far ahead that nothing has confirmed yet, ns; 1 if there is one."""
+CLOCK = 6
+"""Numbers of a clock."""
+
+
+def bounded(stamp_ns: int) -> int:
+    """Return a stamp as far as a kernel can take it; larger ones are refused there."""
+    return min(max(stamp_ns, -2 * LARGEST_NS + 1), 2 * LARGEST_NS - 1)
+
+
+@kernel
+def _accept(clock: Stamps, stamp_ns: int) -> None:
+    clock[NEWEST], clock[KNOWN], clock[OLDER], clock[FAR_KNOWN] = stamp_ns, 1, 0, 0
+
+
+@kernel
+def check_clock(clock: Stamps, stamp_ns: int, now_ns: int) -> int:
+    """Check a stamp against those before it, and take it into the clock, in place.
+
+    Args:
+        clock: of the source, (6,), zeros at first.
+        stamp_ns: the stamp.
+        now_ns: newest stamp of all sources.
+
+    Returns:
+        Code of `ok`; `late`: older than the window; `ahead`: further ahead than a gap, unconfirmed; `restart`: the
+        source's clock began anew.
+    """
+    if clock[KNOWN] == 0:
+        _accept(clock, stamp_ns)
+        return OK
+    if stamp_ns > clock[NEWEST] + AHEAD_NS:
+        confirmed = clock[FAR_KNOWN] > 0 and 0 < stamp_ns - clock[FAR] < AHEAD_NS
+        if confirmed:
+            _accept(clock, stamp_ns)
+            return OK
+        clock[FAR], clock[FAR_KNOWN] = stamp_ns, 1
+        return AHEAD
+    if stamp_ns >= now_ns - WINDOW_NS:
+        _accept(clock, max(stamp_ns, clock[NEWEST]))
+        return OK
+    clock[OLDER] = clock[OLDER] + 1 if clock[OLDER] > 0 and stamp_ns > clock[OLDER_LAST] else 1
+    clock[OLDER_LAST] = stamp_ns
+    if clock[OLDER] < RESYNC_AFTER:
+        return LATE
+    _accept(clock, stamp_ns)
+    return RESTART
