@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
 from surefoot.services.navigator.policies import errors_of
-from surefoot.services.navigator.policy.params import Action, NavigationModel
+from surefoot.services.navigator.policy.params import ActionModel, NavigationModel
 
 from . import likelihood as lk
 from .counts import durations, matches
 from .events import Run
 from .result import Fitted, Interval
-from .search import Estimate, Likelihood, Parameter, estimate
+from .search import FittedParameter, Likelihood, Parameter, estimate
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ def fit(runs: Sequence[Run], model: NavigationModel, show: Callable[[str], None]
     return found
 
 
-def group_of(action: Action) -> int:
+def group_of(action: ActionModel) -> int:
     """Return the group of actions that share their noises."""
     if action.kind != "walk":
         return lk.ON_THE_SPOT
@@ -142,7 +142,7 @@ def _noises(runs: Sequence[Run], model: NavigationModel, found: Fitted, show: Ca
             found.values[key] = _number(model, key, item, best[item.index])
 
 
-def _number(model: NavigationModel, key: str, item: Parameter, value: Estimate) -> Interval:
+def _number(model: NavigationModel, key: str, item: Parameter, value: FittedParameter) -> Interval:
     """Return a parameter in the unit of its key; ways and turns are parts of what was commanded."""
     _, _, rest = key.partition("actions.")
     name, _, field = rest.partition(".")

@@ -54,7 +54,7 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class FittedParameter:
     """A parameter and its 95 % interval, SI units."""
 
     value: float
@@ -149,7 +149,7 @@ class _Surface:
 
 def estimate(
     likelihood: Likelihood, theta: Array, wanted: Sequence[Parameter], sightings: int
-) -> tuple[dict[int, Estimate], float]:
+) -> tuple[dict[int, FittedParameter], float]:
     """Return the likeliest parameters by index, and by how many nats they are likelier than theta.
 
     Intervals come from `deviations`. A noise that is not known within `FACTOR`, and a way or
@@ -165,7 +165,7 @@ def estimate(
         sightings: scale of -ln L, so that the line search takes sensible steps.
     """
     before = float(likelihood(theta[None])[0])
-    first, small, searched = theta.copy(), dict[int, Estimate](), list(wanted)
+    first, small, searched = theta.copy(), dict[int, FittedParameter](), list(wanted)
     theta = theta.copy()
     while True:
         surface = _Surface(likelihood, theta, searched)
@@ -179,7 +179,7 @@ def estimate(
             item = searched[k]
             end = _upper_end(surface, best, value, k, first[item.index]) if item.positive else None
             if end is not None:
-                small[item.index] = Estimate(CENTRE * end, 0.0, end)
+                small[item.index] = FittedParameter(CENTRE * end, 0.0, end)
             theta[item.index] = first[item.index] if end is None else CENTRE * end
         searched = [item for k, item in enumerate(searched) if k not in unknown]
         if not searched:
@@ -189,9 +189,9 @@ def estimate(
         x, half = float(best[k]), Z95 * float(sigmas[k])
         if item.positive:
             zero = _rise(surface, best, value, k, LOWEST) < ENOUGH
-            found[item.index] = Estimate(math.exp(x), 0.0 if zero else math.exp(x - half), math.exp(x + half))
+            found[item.index] = FittedParameter(math.exp(x), 0.0 if zero else math.exp(x - half), math.exp(x + half))
         else:
-            found[item.index] = Estimate(x, x - half, x + half)
+            found[item.index] = FittedParameter(x, x - half, x + half)
     return found, before - float(likelihood(theta[None])[0])
 
 

@@ -19,7 +19,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from surefoot.errors import SurefootError
-from surefoot.services.navigator.belief.landmarks import LandmarkMap
+from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 
 from .sightings import Sightings
 
@@ -64,7 +64,7 @@ class BuildOptions:
 class BuiltMap:
     """A map and how well it fits."""
 
-    world: LandmarkMap
+    world: FloorLandmarks
     """The landmarks, in the frame of the poses."""
     seen: Index
     """(n,): detections of each landmark."""
@@ -120,7 +120,7 @@ def build_map(seen: Sightings, options: BuildOptions | None = None, source: str 
     looks = np.zeros((len(kept), seen.looks.shape[1]))
     np.add.at(looks, new[track[used]], seen.looks[used])
     looks /= count[kept][:, None]
-    world = LandmarkMap(places[kept], looks, 1, source)
+    world = FloorLandmarks(places[kept], looks, 1, source)
     scale = np.stack((_relative(options, seen.ranges[used]), np.full(int(used.sum()), options.bearing_sd)))
     range_rms, bearing_rms = (float(v) for v in np.sqrt(np.mean((residual[used].T * scale) ** 2, axis=1)))
     shift = float(np.hypot(*(poses - seen.poses)[:, :2].T).max())

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from surefoot.services.navigator.belief import landmark_files
-from surefoot.services.navigator.belief.landmarks import LandmarkMap
+from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.planning import map_files
 from surefoot.services.navigator.planning.costs import Clearance, prepare
-from surefoot.services.navigator.planning.grid import FREE, UNKNOWN, Grid
+from surefoot.services.navigator.planning.grid import FREE, UNKNOWN, FloorGrid
 
 ALIKE = 0.15
 """Part of the median distance of two descriptors from which on two landmarks look alike."""
@@ -43,7 +43,7 @@ def summary_of(path: Path, radius: float = 0.15) -> Summary:
     return _landmarks(landmark_files.load(path))
 
 
-def _landmarks(world: LandmarkMap) -> Summary:
+def _landmarks(world: FloorLandmarks) -> Summary:
     x0, y0, x1, y1 = world.bounds
     area = (x1 - x0) * (y1 - y0)
     copies = copied(world)
@@ -60,7 +60,7 @@ def _landmarks(world: LandmarkMap) -> Summary:
     return Summary(facts, tuple(problems))
 
 
-def copied(world: LandmarkMap) -> int:
+def copied(world: FloorLandmarks) -> int:
     """Count the landmarks that look like another one of the map."""
     looks, n = world.descriptors, len(world)
     squares, count = (looks**2).sum(axis=1), 0
@@ -75,7 +75,7 @@ def copied(world: LandmarkMap) -> int:
     return count
 
 
-def _grid(grid: Grid, radius: float) -> Summary:
+def _grid(grid: FloorGrid, radius: float) -> Summary:
     costs = prepare(grid, Clearance(radius=radius, comfort=max(0.35, radius)))
     sizes = np.bincount(costs.region.ravel())[1:]
     largest = float(sizes.max()) / grid.cells.size if sizes.size else 0.0

@@ -21,7 +21,7 @@ from .belief.lost import (
 )
 from .belief.matching import DetectionError, Detections, SightNoise
 from .belief.relocalise import Glance, relocalise
-from .belief.tracker import Control, FrameResult, Motion, PoseTracker, Start
+from .belief.tracker import Control, FrameResult, Motion, PoseTracker, StartUncertainty
 from .belief.ukf import wrap
 from .config import NavigatorConfig
 from .goals import GaitView
@@ -65,7 +65,7 @@ class Localiser:
         standing = SightNoise(
             sight.range_sd * share, sight.range_sd_share * share, math.radians(sight.bearing_sd_deg) * share
         )
-        start = Start(
+        start = StartUncertainty(
             model.filter.position_sd,
             math.radians(model.filter.heading_sd_deg),
             math.radians(model.drift.known_sd_deg) * PER_10CM if config.control == "commands" else 0.05,

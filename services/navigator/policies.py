@@ -10,11 +10,11 @@ from .config import NavigatorConfig
 from .goals import Act
 from .policy.arrays import PER_10CM, arrays
 from .policy.library import find, known
-from .policy.params import Action, NavigationModel, load
+from .policy.params import ActionModel, NavigationModel, load
 from .policy.policies import Decider, Policy
 
 
-def act_of(name: str, action: Action) -> Act:
+def act_of(name: str, action: ActionModel) -> Act:
     """Return an action of the model as what is ordered and what becomes of it."""
     return Act(
         name,

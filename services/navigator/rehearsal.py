@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .belief.landmarks import LandmarkMap
+from .belief.landmarks import FloorLandmarks
 from .belief.matching import Detections
 from .belief.rehearsing import rehearse_belief
 from .belief.tracker import Motion
@@ -24,7 +24,7 @@ def rehearse(config: NavigatorConfig) -> None:
     tracker = Localiser(config, policies.model).tracker
     rng = np.random.default_rng(0)
     places, looks = rng.uniform(-1.0, 1.0, (40, 2)), rng.standard_normal((40, 8))
-    tracker.world = LandmarkMap(places, looks)
+    tracker.world = FloorLandmarks(places, looks)
     tracker.place((0.0, 0.0, 0.0))
     tracker.move(Motion(0.01, 0.0, 0.01, 0.01, 1e-6, 1e-6, 1e-6, 1e-6))
     ranges, bearings = np.hypot(places[:, 0], places[:, 1]), np.arctan2(places[:, 1], places[:, 0])

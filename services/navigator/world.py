@@ -9,11 +9,11 @@ from surefoot.schemas.terrain import HeightMapMessage
 from surefoot.schemas.terrain import LandmarkMap as LandmarkMapMessage
 
 from .belief.landmark_files import load as load_landmarks
-from .belief.landmarks import LandmarkMap, LandmarkMapError
+from .belief.landmarks import FloorLandmarks, LandmarkMapError
 from .config import NavigatorConfig
 from .planning import map_files
 from .planning.costs import Clearance, Costs, prepare
-from .planning.grid import Grid, GridError, grid_of
+from .planning.grid import FloorGrid, GridError, grid_of
 from .planning.route import RouteError, RouteLimits, plan
 
 Point = tuple[float, float]
@@ -42,8 +42,8 @@ class World:
 
     def reset(self) -> None:
         """Forget what came from the bus: a new epoch brings its own."""
-        self.landmarks: LandmarkMap | None = self._marked
-        self.grid: Grid | None = self._filed
+        self.landmarks: FloorLandmarks | None = self._marked
+        self.grid: FloorGrid | None = self._filed
         self._costs: Costs | None = None
         self._heights: HeightMapMessage | None = None
         self._marks: LandmarkMapMessage | None = None
@@ -61,7 +61,7 @@ class World:
         if marks is not None and marks is not self._marks and self._marked is None:
             self._marks = marks
             try:
-                self.landmarks = LandmarkMap.from_bytes(
+                self.landmarks = FloorLandmarks.from_bytes(
                     marks.data, marks.count, marks.descriptor_length, marks.version, marks.source
                 )
             except LandmarkMapError as error:

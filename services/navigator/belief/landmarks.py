@@ -40,7 +40,7 @@ class Buckets:
 
 
 @dataclass(frozen=True, eq=False)
-class LandmarkMap:
+class FloorLandmarks:
     """Landmarks on the floor, frame map; immutable.
 
     Raises:
@@ -99,7 +99,7 @@ class LandmarkMap:
         return np.hstack((self.positions, self.descriptors)).astype("<f4").tobytes()
 
     @classmethod
-    def from_bytes(cls, data: bytes, count: int, length: int, version: int = 0, source: str = "") -> "LandmarkMap":
+    def from_bytes(cls, data: bytes, count: int, length: int, version: int = 0, source: str = "") -> "FloorLandmarks":
         """Return the map of `to_bytes`.
 
         Args:

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 from surefoot.errors import Refusal
 
 from . import matching_kernel as kernel
-from .landmarks import LandmarkMap
+from .landmarks import FloorLandmarks
 from .matching import Detections, Matches, MatchLimits, SightNoise, known_elsewhere
 
 Shares = tuple[float, float, float]
@@ -162,7 +162,7 @@ class LostState:
         return f"{elsewhere} of about {total} landmarks seen of late belong elsewhere on the map"
 
 
-def in_view(world: LandmarkMap, pose: tuple[float, float, float], footprint: Footprint) -> int:
+def in_view(world: FloorLandmarks, pose: tuple[float, float, float], footprint: Footprint) -> int:
     """Count the landmarks of the map that a camera overlooks from a pose, x, y in m and heading in rad, frame map."""
     return kernel.in_view(
         world.positions, pose[0], pose[1], pose[2], footprint.nearest, footprint.farthest, footprint.half_angle
@@ -172,7 +172,7 @@ def in_view(world: LandmarkMap, pose: tuple[float, float, float], footprint: Foo
 def evidence_of(
     matches: Matches,
     seen: Detections,
-    world: LandmarkMap,
+    world: FloorLandmarks,
     noise: SightNoise,
     expected: float = 0.0,
     limits: MatchLimits | None = None,

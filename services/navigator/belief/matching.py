@@ -14,7 +14,7 @@ from surefoot.errors import Refusal
 
 from . import matching_kernel as kernel
 from .gate_kernel import FAR, UNLIKE
-from .landmarks import LandmarkMap
+from .landmarks import FloorLandmarks
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -163,7 +163,7 @@ def match(
     mean: Array,
     cov: Array,
     seen: Detections,
-    world: LandmarkMap,
+    world: FloorLandmarks,
     noise: SightNoise,
     limits: MatchLimits | None = None,
     seed: int = 0,
@@ -194,7 +194,7 @@ def match(
     return Matches(kept, landmark[kept], nis[kept], fate, dict(zip(FATES, counts, strict=True)))
 
 
-def check_length(seen: Detections, world: LandmarkMap) -> None:
+def check_length(seen: Detections, world: FloorLandmarks) -> None:
     """Refuse descriptors of another length than the map's (raises DetectionError); no detections have none."""
     if len(seen) and seen.looks.shape[1] != world.descriptor_length:
         text = f"the map's descriptors have {world.descriptor_length} numbers, got {seen.looks.shape[1]}"
@@ -202,7 +202,7 @@ def check_length(seen: Detections, world: LandmarkMap) -> None:
 
 
 def known_elsewhere(
-    matches: Matches, seen: Detections, world: LandmarkMap, noise: SightNoise, limits: MatchLimits | None = None
+    matches: Matches, seen: Detections, world: FloorLandmarks, noise: SightNoise, limits: MatchLimits | None = None
 ) -> int:
     """Count the detections that look like a landmark of the map, but like none where they were seen.
 

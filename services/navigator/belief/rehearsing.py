@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .landmarks import LandmarkMap
+from .landmarks import FloorLandmarks
 from .lost import Footprint, LostModel, LostState, evidence_of, in_view, observed
 from .matching import Detections, MatchLimits, SightNoise, match
 from .relocalise import Glance, relocalise
@@ -16,7 +16,7 @@ def rehearse_belief() -> None:
     rng = np.random.default_rng(1)
     positions = rng.uniform((0.4, -0.3), (1.0, 0.3), (COUNT, 2))
     looks = rng.standard_normal((COUNT, LENGTH))
-    world, noise = LandmarkMap(positions, looks), SightNoise()
+    world, noise = FloorLandmarks(positions, looks), SightNoise()
     seen = Detections(np.hypot(positions[:, 0], positions[:, 1]), np.arctan2(positions[:, 1], positions[:, 0]), looks)
     state, model, cov = LostState(), LostModel.of(noise, Footprint()), 1e-3 * np.eye(3)
     for mean in (np.zeros(3), np.array([5.0, 0.0, 1.0])):

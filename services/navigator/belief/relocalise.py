@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import relocalise_kernel as kernel
-from .landmarks import LandmarkMap
+from .landmarks import FloorLandmarks
 from .matching import Detections, MatchLimits, SightNoise, check_length
 
 Array = NDArray[np.float64]
@@ -82,7 +82,7 @@ class Relocation:
 
 
 def relocalise(
-    glances: Sequence[Glance], world: LandmarkMap, noise: SightNoise, limits: RelocaliseLimits | None = None
+    glances: Sequence[Glance], world: FloorLandmarks, noise: SightNoise, limits: RelocaliseLimits | None = None
 ) -> Relocation:
     """Find the pose from which the glances look as they did.
 
@@ -114,7 +114,7 @@ def relocalise(
 
 
 def _sightings(
-    glances: Sequence[Glance], world: LandmarkMap, noise: SightNoise, limits: RelocaliseLimits
+    glances: Sequence[Glance], world: FloorLandmarks, noise: SightNoise, limits: RelocaliseLimits
 ) -> tuple[Array, Array, Array, NDArray[np.int64], int]:
     """Place, covariance, descriptor and number of detections of each sighting, and the number of all detections."""
     k, parts = world.descriptor_length, [glance for glance in glances if len(glance.seen)]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import common, ukf
-from .landmarks import LandmarkMap
+from .landmarks import FloorLandmarks
 from .matching import Detections, Matches, MatchLimits, SightNoise, match
 
 Array = NDArray[np.float64]
@@ -50,7 +50,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Start:
+class StartUncertainty:
     """How well the start pose is known; standard deviations."""
 
     position: float = 0.05
@@ -127,7 +127,7 @@ class PoseTracker:
 
     def __init__(
         self,
-        start: Start,
+        start: StartUncertainty,
         noise: SightNoise,
         standing: SightNoise,
         shared: CommonErrors | None = None,
@@ -144,7 +144,7 @@ class PoseTracker:
         self._noise = np.zeros(4)
         self._sds, self._keeps = self.shared.array(), np.zeros(3)
         self._faded_at = 0.0
-        self.world: LandmarkMap | None = None
+        self.world: FloorLandmarks | None = None
         self.frames = 0
         self.place((0.0, 0.0, 0.0))
 
@@ -203,7 +203,7 @@ class PoseTracker:
 
     def _carry(self, mean: Array, cov: Array, m: Motion) -> None:
         self._noise[:] = m.along, m.across, m.heading, m.drifting
-        ukf.predict_with(mean, cov, m.forward, m.left, m.turn, m.walked, self._noise, self._work)
+        ukf.predict(mean, cov, m.forward, m.left, m.turn, m.walked, self._noise, self._work)
 
     def look(self, seen: Detections, time: float, *, standing: bool, trusted: bool = True) -> FrameResult:
         """Take in the landmarks of one frame.
@@ -231,9 +231,8 @@ class PoseTracker:
             x, y = self.world.positions[landmark]
             self._linearise(x, y)
             var_r = noise.range_sd**2 + (noise.range_share * r) ** 2
-            total += ukf.update_with(
-                self.mean, self.cov, x, y, r, a, var_r, noise.bearing_sd**2, self._gain, self._work
-            )
+            sighting = ukf.Sighting(x, y, r, a, var_r, noise.bearing_sd**2)
+            total += ukf.update(self.mean, self.cov, sighting, self._gain, self._work)
         count = len(found.detections)
         return FrameResult(len(seen), count, 0.5 * total / count if count else 0.0, found)
 

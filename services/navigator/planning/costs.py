@@ -12,7 +12,7 @@ from surefoot.errors import Refusal
 from . import astar_kernel as astar
 from . import costs_kernel as kernel
 from .astar_kernel import EVEN, HEAVIEST, UNIT
-from .grid import Grid
+from .grid import FloorGrid
 
 LARGE = 300_000
 """Free cells from which on marks pay: they take 16 bytes a cell, and a second or so to make for four million."""
@@ -56,7 +56,7 @@ class Clearance:
 class Costs:
     """A grid prepared for planning. Made once per map by `prepare`; arrays are padded by a frame of blocked cells."""
 
-    grid: Grid
+    grid: FloorGrid
     """The grid it was made of."""
     clearance: Clearance
     """And with what."""
@@ -88,7 +88,7 @@ class Costs:
         return max(0.0, min(self.clearance.comfort, cells * self.grid.cell))
 
 
-def prepare(grid: Grid, clearance: Clearance | None = None) -> Costs:
+def prepare(grid: FloorGrid, clearance: Clearance | None = None) -> Costs:
     """Return the costs of a grid.
 
     A cell whose centre is d m from the edge of the nearest obstacle may be entered if d >= radius, and then costs

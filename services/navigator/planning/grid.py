@@ -25,7 +25,7 @@ class GridError(Refusal):
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
+class FloorGrid:
     """Occupancy in frame `map`, as map_server publishes it; immutable.
 
     Raises:
@@ -88,14 +88,16 @@ class Grid:
     @classmethod
     def from_bytes(
         cls, data: bytes, rows: int, cols: int, cell: float, origin: tuple[float, float], source: str = ""
-    ) -> "Grid":
+    ) -> "FloorGrid":
         """Return the grid of `to_bytes` (raises GridError: another number of bytes, or content that is no grid)."""
         if rows < 1 or cols < 1 or len(data) != rows * cols:
             raise GridError("bad_grid", f"{rows} x {cols} cells need {rows * cols} bytes, got {len(data)}", "data")
         return cls(np.frombuffer(data, dtype=np.int8).reshape(rows, cols), cell, origin, source)
 
 
-def grid_of(ground: HeightMap, step: float = STEP, floor: float | None = None, source: str = "terrain/map") -> Grid:
+def grid_of(
+    ground: HeightMap, step: float = STEP, floor: float | None = None, source: str = "terrain/map"
+) -> FloorGrid:
     """Return the occupancy of a height map: ground more than `step` over or under the floor is occupied.
 
     Args:
@@ -119,4 +121,4 @@ def grid_of(ground: HeightMap, step: float = STEP, floor: float | None = None, s
     cells = np.full(z.shape, UNKNOWN, dtype=np.int8)
     cells[known] = np.where(np.abs(z[known] - floor) > step, OCCUPIED, FREE)
     half = 0.5 * ground.cell
-    return Grid(cells, ground.cell, (ground.origin[0] - half, ground.origin[1] - half), source)
+    return FloorGrid(cells, ground.cell, (ground.origin[0] - half, ground.origin[1] - half), source)

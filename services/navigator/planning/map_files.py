@@ -24,7 +24,7 @@ from PIL import Image
 
 from surefoot.errors import Refusal
 
-from .grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN, Grid
+from .grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN, FloorGrid
 
 Mode = Literal["trinary", "scale", "raw"]
 MODES: tuple[Mode, ...] = ("trinary", "scale", "raw")
@@ -61,7 +61,7 @@ class MapInfo:
     """How pixels become cells."""
 
 
-def load(path: str | Path) -> Grid:
+def load(path: str | Path) -> FloorGrid:
     """Read a map by the path of its YAML.
 
     Raises:
@@ -71,7 +71,7 @@ def load(path: str | Path) -> Grid:
     info = parse(_text(source), source)
     levels, opacity = _pixels(info.image)
     cells = occupancy(levels, opacity, info)
-    return Grid(cells[::-1], info.resolution, info.origin, source.name)
+    return FloorGrid(cells[::-1], info.resolution, info.origin, source.name)
 
 
 def parse(text: str, path: Path) -> MapInfo:
@@ -138,7 +138,7 @@ def occupancy(levels: NDArray[np.uint8], opacity: NDArray[np.uint8] | None, info
     return cells
 
 
-def save(grid: Grid, path: str | Path, mode: Mode = "trinary", image: Literal["pgm", "png"] = "pgm") -> Path:
+def save(grid: FloorGrid, path: str | Path, mode: Mode = "trinary", image: Literal["pgm", "png"] = "pgm") -> Path:
     """Write a YAML and its image beside it.
 
     Cells from 0 to 20 are written as free and cells from 65 as occupied in mode trinary; raw keeps every value.

@@ -5,7 +5,7 @@ import contextlib
 import numpy as np
 
 from .costs import prepare
-from .grid import OCCUPIED, Grid
+from .grid import OCCUPIED, FloorGrid
 from .route import RouteError, plan
 
 LARGE_SIDE = 560
@@ -21,7 +21,7 @@ def rehearse_planning(*, large: bool = False) -> None:
     for side in (LARGE_SIDE if large else 40,):
         cells = np.zeros((side, side), dtype=np.int8)
         cells[:-15, 20:22] = OCCUPIED
-        costs = prepare(Grid(cells, 0.05))
+        costs = prepare(FloorGrid(cells, 0.05))
         plan(costs, (0.4, 0.4), (1.7, 0.4))
         with contextlib.suppress(RouteError):
             plan(costs, (0.4, 0.4), (1.05, 0.4))

@@ -50,7 +50,7 @@ class RouteLimits:
 
 
 @dataclass(frozen=True, eq=False)
-class Route:
+class PlannedRoute:
     """A way to a goal."""
 
     start: Point
@@ -77,7 +77,7 @@ class Progress:
     """Waypoints not yet reached."""
 
 
-def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = None) -> Route:
+def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = None) -> PlannedRoute:
     """Return the cheapest route.
 
     Args:
@@ -116,10 +116,10 @@ def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = N
     least = int(path[int(np.argmin(costs.distance2[at]))])
     cost = (-int(g[last]) - 1) / (2 * astar.STRAIGHT * astar.UNIT) * costs.grid.cell
     clearance = costs.distance(least // wide - 1, least % wide - 1)
-    return Route(start, waypoints, length, cost, clearance)
+    return PlannedRoute(start, waypoints, length, cost, clearance)
 
 
-def progress(route: Route, following: int, x: float, y: float) -> Progress:
+def progress(route: PlannedRoute, following: int, x: float, y: float) -> Progress:
     """Return where a robot at (x, y) m, frame map, is on a route.
 
     Args:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from surefoot.services.navigator.belief.matching import SightNoise
-from surefoot.services.navigator.belief.tracker import Motion, PoseTracker, Start
+from surefoot.services.navigator.belief.tracker import Motion, PoseTracker, StartUncertainty
 from surefoot.services.navigator.goals import Act, Array, Goal, Point
 from surefoot.services.navigator.pilot import Pilot
 from tests.services.navigator.strollers import TICK_S, Stroller
@@ -53,7 +53,7 @@ class Run:
         self.walker = Stroller(early=early)
         self.pilot = Pilot(ACTS, commands=True)
         noise = SightNoise()
-        self.tracker = PoseTracker(Start(sd, sd, 0.0), noise, noise)
+        self.tracker = PoseTracker(StartUncertainty(sd, sd, 0.0), noise, noise)
         self.now = 0.0
         self.blocked = False
 
