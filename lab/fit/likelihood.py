@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.kernels.jit import free_kernel
-from surefoot.services.navigator.belief.common import ERRORS, fade, fill_gain
+from surefoot.services.navigator.belief.common_errors import ERRORS, fade, fill_gain
 from surefoot.services.navigator.belief.ukf import NUISANCE, Sighting, predict, update, wrap
 
 from .events import MOVE, SEE

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from surefoot.errors import Refusal
 
+from .gate import MapTables
+
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
@@ -83,6 +85,12 @@ class FloorLandmarks:
     def buckets(self) -> Buckets:
         """Index of places."""
         return _sorted_by_place(self.positions)
+
+    @cached_property
+    def tables(self) -> MapTables:
+        """Landmarks with their index of places, for kernels."""
+        at = self.buckets
+        return MapTables(self.positions, self.descriptors, at.grid, at.starts, at.members)
 
     @cached_property
     def columns(self) -> Array:

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 
 from surefoot.errors import Refusal
 
-from . import matching_kernel as kernel
+from . import association
 from .landmarks import FloorLandmarks
 from .matching import Detections, Matches, MatchLimits, SightNoise, known_elsewhere
 
@@ -164,7 +164,7 @@ class LostState:
 
 def in_view(world: FloorLandmarks, pose: tuple[float, float, float], footprint: Footprint) -> int:
     """Count the landmarks of the map that a camera overlooks from a pose, x, y in m and heading in rad, frame map."""
-    return kernel.in_view(
+    return association.in_view(
         world.positions, pose[0], pose[1], pose[2], footprint.nearest, footprint.farthest, footprint.half_angle
     )
 

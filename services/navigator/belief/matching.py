@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from surefoot.errors import Refusal
 
-from . import matching_kernel as kernel
-from .gate_kernel import FAR, UNLIKE
+from . import association
+from .gate import FAR, UNLIKE, FrameTables
 from .landmarks import FloorLandmarks
 
 Array = NDArray[np.float64]
@@ -142,6 +142,11 @@ class Detections:
     def __len__(self) -> int:
         return self.ranges.size
 
+    @property
+    def tables(self) -> FrameTables:
+        """Arrays for kernels."""
+        return FrameTables(self.ranges, self.bearings, self.looks)
+
 
 @dataclass(frozen=True, eq=False)
 class Matches:
@@ -184,14 +189,12 @@ def match(
     """
     limits = limits or MatchLimits()
     check_length(seen, world)
-    at = world.buckets
-    landmark, fate, nis, _, kept = kernel.match(
-        np.ascontiguousarray(mean, dtype=np.float64), np.ascontiguousarray(cov, dtype=np.float64),
-        seen.ranges, seen.bearings, seen.looks, world.positions, world.descriptors, at.grid, at.starts, at.members,
-        noise.array(), limits.array(noise, world.descriptor_length), seed,
+    fates, kept = association.match(
+        np.ascontiguousarray(mean, dtype=np.float64), np.ascontiguousarray(cov, dtype=np.float64), seen.tables,
+        world.tables, noise.array(), limits.array(noise, world.descriptor_length), seed,
     )  # fmt: skip
-    counts = np.bincount(fate, minlength=len(FATES)).tolist()
-    return Matches(kept, landmark[kept], nis[kept], fate, dict(zip(FATES, counts, strict=True)))
+    counts = np.bincount(fates.fate, minlength=len(FATES)).tolist()
+    return Matches(kept, fates.landmark[kept], fates.nis[kept], fates.fate, dict(zip(FATES, counts, strict=True)))
 
 
 def check_length(seen: Detections, world: FloorLandmarks) -> None:
@@ -219,7 +222,7 @@ def known_elsewhere(
     if not wanted.size:
         return 0
     look = (limits or MatchLimits()).look(noise, world.descriptor_length)
-    return kernel.known_anywhere(seen.looks, wanted, world.columns, look)
+    return association.known_anywhere(seen.looks, wanted, world.columns, look)
 
 
 def _floats(values: ArrayLike) -> Array:

@@ -1,7 +1,7 @@
 """Relocalisation: the pose of a standing robot anywhere in the map, by what its camera saw, or why there is none.
 
 Sightings that look alike in several places (copied textures) do no harm: every place that explains what was seen gets
-its evidence, and a pose is returned only if one place has nearly all of it; see `relocalise_kernel`.
+its evidence, and a pose is returned only if one place has nearly all of it; see `places`.
 """
 
 import math
@@ -12,9 +12,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from . import relocalise_kernel as kernel
 from .landmarks import FloorLandmarks
 from .matching import Detections, MatchLimits, SightNoise, check_length
+from .places import COV, EVIDENCE, EXPLAINED, Evidence, candidates, gather, search
 
 Array = NDArray[np.float64]
 Reason = Literal["", "unseen", "unknown", "ambiguous", "unsure"]
@@ -100,15 +100,17 @@ def relocalise(
         check_length(glance.seen, world)
     place, spread, looks, count, total = _sightings(glances, world, noise, limits)
     look = MatchLimits().look(noise, world.descriptor_length)
-    starts, members = kernel.candidates(looks, world.columns, look, limits.ratio, limits.candidates)
+    starts, members = candidates(looks, world.columns, look, limits.ratio, limits.candidates)
     known = np.flatnonzero(np.diff(starts) > 0)
     if known.size < 2:
         return Relocation(None, np.zeros((3, 3)), 0.0, 0.0, "unseen", int(known.size), 0)
     false = np.where(count > 1, limits.false, max(limits.false, min(0.9, limits.false * total / len(count))))
     x0, y0, x1, y1 = world.bounds
     area = max((x1 - x0) * (y1 - y0), limits.view)
-    places, tried = kernel.search(
-        place, spread, false, starts, members, world.positions, limits.view, area, limits.places, limits.tries
+    places, tried = search(
+        Evidence(place, spread, false, starts, members, world.positions, limits.view, area),
+        limits.places,
+        limits.tries,
     )
     return _decided(places, int(known.size), tried, noise, limits)
 
@@ -128,7 +130,7 @@ def _sightings(
     look = MatchLimits().look(noise, k)
     own = noise.array()
     own[3:] = 0.0  # what a frame has in common does not average out: below
-    place, spread, mean, count = kernel.gather(
+    place, spread, mean, count = gather(
         ranges[good], bearings[good], looks[good], poses[good], own, look, 4 * limits.sightings
     )
     order = np.argsort(-count, kind="stable")[: limits.sightings]
@@ -145,19 +147,19 @@ def _sightings(
 
 def _decided(places: Array, known: int, tried: int, noise: SightNoise, limits: RelocaliseLimits) -> Relocation:
     """Compare the places with each other and with chance."""
-    places = places[np.isfinite(places[:, kernel.EVIDENCE])]
+    places = places[np.isfinite(places[:, EVIDENCE])]
     if not len(places):
         return Relocation(None, np.zeros((3, 3)), 0.0, 0.0, "unknown", known, 0)
-    order = np.argsort(-places[:, kernel.EVIDENCE], kind="stable")
+    order = np.argsort(-places[:, EVIDENCE], kind="stable")
     places = places[order]
     chance = math.log(limits.elsewhere)
-    logs = [math.log1p(-limits.elsewhere) + float(value) for value in places[:, kernel.EVIDENCE]]
+    logs = [math.log1p(-limits.elsewhere) + float(value) for value in places[:, EVIDENCE]]
     top = max(chance, logs[0])
     weights = [math.exp(value - top) for value in logs]
     whole = sum(weights) + math.exp(chance - top)
     first, second = weights[0] / whole, weights[1] / whole if len(weights) > 1 else 0.0
     best = places[0]
-    cov = best[kernel.COV :].reshape(3, 3).copy()
+    cov = best[COV:].reshape(3, 3).copy()
     cov[0, 0] += noise.common_range_sd**2
     cov[1, 1] += noise.common_range_sd**2
     cov[2, 2] += noise.common_bearing_sd**2
@@ -165,8 +167,8 @@ def _decided(places: Array, known: int, tried: int, noise: SightNoise, limits: R
     reason: Reason = ""
     if tried >= limits.tries:
         reason = "ambiguous"
-    elif first < limits.sure or best[kernel.EXPLAINED] < limits.least or cov[2, 2] > limits.heading_sd**2:
+    elif first < limits.sure or best[EXPLAINED] < limits.least or cov[2, 2] > limits.heading_sd**2:
         none = math.exp(chance - top) / whole
         reason = "ambiguous" if second > 0.5 * (1.0 - first) else "unknown" if none > first else "unsure"
-    explained = int(best[kernel.EXPLAINED])
+    explained = int(best[EXPLAINED])
     return Relocation(None if reason else pose, cov, first, second, reason, known, explained, pose)

@@ -1,7 +1,7 @@
 """The pose of the robot in the map, estimated live: what it did predicts, landmarks correct.
 
-State (x, y, theta, b): pose in m and rad, frame map; b the drift in rad per m walked. A camera whose tilt is not known,
-and a body that sways beside its path add three more, errors that the landmarks of a frame have in common (`common`).
+State (x, y, theta, b): pose in m and rad, frame map; b the drift in rad per m walked. A camera with unknown tilt
+and a body that sways beside its path add three more, errors common to the landmarks of a frame (`common_errors`).
 """
 
 import math
@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from . import common, ukf
+from . import common_errors, ukf
 from .landmarks import FloorLandmarks
 from .matching import Detections, Matches, MatchLimits, SightNoise, match
 
@@ -63,7 +63,7 @@ class StartUncertainty:
 
 @dataclass(frozen=True)
 class CommonErrors:
-    """Errors that all landmarks of a frame share, see `common`."""
+    """Errors that all landmarks of a frame share, see `common_errors`."""
 
     tilt: float = 0.0
     """rad, standard deviation of pitch and of roll that the camera does not know; 0 = the tilt is known."""
@@ -137,7 +137,7 @@ class PoseTracker:
         self.start = start
         self.noise, self.standing = self.shared.widen(noise), self.shared.widen(standing)
         self.limits = limits or MatchLimits()
-        self.n = STATES + (common.ERRORS if self.shared.any else 0)
+        self.n = STATES + (common_errors.ERRORS if self.shared.any else 0)
         self.mean, self.cov = np.zeros(self.n), np.zeros((self.n, self.n))
         self._work = ukf.work_space(self.n)
         self._gain = np.zeros((2, self.n - STATES))
@@ -240,10 +240,10 @@ class PoseTracker:
         """Work out what the common errors do to a landmark at (x, y) m, where it is expected: what is seen is noisy."""
         dx, dy = x - float(self.mean[0]), y - float(self.mean[1])
         bearing = ukf.wrap(math.atan2(dy, dx) - float(self.mean[2]))
-        common.fill_gain(math.hypot(dx, dy), bearing, self.shared.height, self._gain)
+        common_errors.fill_gain(math.hypot(dx, dy), bearing, self.shared.height, self._gain)
 
     def _fade(self, time: float) -> None:
         if self.n > STATES:
             self._keeps[:] = self.shared.kept(max(0.0, time - self._faded_at))
             self._faded_at = time
-            common.fade(self.mean, self.cov, self._keeps, self._sds, self.shared.pitch)
+            common_errors.fade(self.mean, self.cov, self._keeps, self._sds, self.shared.pitch)

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from surefoot.errors import Refusal
 
-from . import astar_kernel as astar
-from . import costs_kernel as kernel
-from .costs import Costs
+from . import astar
+from .costs import Costs, nearest_free
 
 Array = NDArray[np.float64]
 Point = tuple[float, float]
@@ -65,18 +64,6 @@ class PlannedRoute:
     """m, least distance of a cell of the path to an obstacle; bounded by the comfortable one."""
 
 
-@dataclass(frozen=True)
-class Progress:
-    """Where a robot is on its route."""
-
-    remaining: float
-    """m, straight to the present waypoint and from there along the route."""
-    off: float
-    """m, distance from the present leg of the route."""
-    poses: int
-    """Waypoints not yet reached."""
-
-
 def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = None) -> PlannedRoute:
     """Return the cheapest route.
 
@@ -119,32 +106,6 @@ def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = N
     return PlannedRoute(start, waypoints, length, cost, clearance)
 
 
-def progress(route: PlannedRoute, following: int, x: float, y: float) -> Progress:
-    """Return where a robot at (x, y) m, frame map, is on a route.
-
-    Args:
-        route: that it follows.
-        following: index of the present waypoint.
-        x: m.
-        y: m.
-
-    Raises:
-        Refusal: there is no such waypoint.
-    """
-    n = len(route.waypoints)
-    if not 0 <= following < n:
-        raise Refusal("bad_waypoint", f"the route has waypoints 0 to {n - 1}, got {following!r}", "following")
-    points = route.waypoints.tolist()
-    bx, by = points[following]
-    ax, ay = points[following - 1] if following else route.start
-    remaining = math.hypot(bx - x, by - y)
-    remaining += sum(math.dist(points[i], points[i + 1]) for i in range(following, n - 1))
-    ux, uy = bx - ax, by - ay
-    length2 = ux * ux + uy * uy
-    part = 0.0 if length2 == 0.0 else min(1.0, max(0.0, ((x - ax) * ux + (y - ay) * uy) / length2))
-    return Progress(remaining, math.hypot(x - ax - part * ux, y - ay - part * uy), n - following)
-
-
 def _checked(point: Point, field: str) -> Point:
     if len(point) != 2 or not all(math.isfinite(value) and abs(value) <= FARTHEST for value in point):
         raise RouteError("bad_point", f"{field} is two finite coordinates within {FARTHEST:g} m, got {point!r}", field)
@@ -184,7 +145,7 @@ def _free(costs: Costs, point: Point, field: str) -> tuple[int, int]:
 
 def _nearest(costs: Costs, point: Point, region: int) -> Point | None:
     row, col = _padded(costs, point)
-    r, c, distance = kernel.nearest_free(costs.weight, costs.region, region, row - 0.5, col - 0.5)
+    r, c, distance = nearest_free(costs.weight, costs.region, region, row - 0.5, col - 0.5)
     return None if math.isinf(distance) else _centre(costs, r, c)
 
 

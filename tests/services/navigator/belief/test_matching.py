@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from surefoot.services.navigator.belief import gate_kernel as kernel
+from surefoot.services.navigator.belief import gate
 from surefoot.services.navigator.belief.landmarks import FloorLandmarks, LandmarkMapError
 from surefoot.services.navigator.belief.matching import (
     FATES,
@@ -50,7 +50,7 @@ def test_gate_is_the_quadratic_form_with_a_jacobian_by_finite_differences():
             jacobian[:, i] = -np.array([nu[0], wrap(nu[1])]) / 2e-6
         nu = innovation(mean, place, r, b)
         expected = nu @ np.linalg.inv(jacobian @ cov @ jacobian.T + np.diag([vr, vb])) @ nu
-        assert kernel.gated(mean, cov, *place, r, b, vr, vb) == pytest.approx(expected, rel=1e-6)
+        assert gate.gated(mean, cov, *place, r, b, vr, vb) == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("noise", [EASY, ROUGH])
@@ -58,27 +58,24 @@ def test_gate_is_the_quadratic_form_with_a_jacobian_by_finite_differences():
 def test_index_finds_what_a_search_of_the_whole_map_finds(noise, scale):
     rng, world = np.random.default_rng(2), floor(2, copied=0.3)
     eye, cov = Eye(world, noise, 3), COV * scale**2
-    at, limits = world.buckets, MANY.array(noise, LENGTH)
+    limits = MANY.array(noise, LENGTH)
     for _ in range(20):
         truth, mean = drawn(rng, cov)
         seen, _ = eye.look(truth)
         for r, b, look in zip(seen.ranges, seen.bearings, seen.looks, strict=True):
-            vr, vb = kernel.variances(r, noise.array())
-            nis = np.array([kernel.gated(mean, cov, *p, r, b, vr, vb) for p in world.positions])
+            vr, vb = gate.variances(r, noise.array())
+            nis = np.array([gate.gated(mean, cov, *p, r, b, vr, vb) for p in world.positions])
             inside = np.flatnonzero(nis < 9.21)
-            found, fate, _, gap = kernel.nearest_look(
-                mean, cov, r, b, look, world.positions, world.descriptors, at.grid, at.starts, at.members,
-                noise.array(), limits,
-            )  # fmt: skip
+            found, fate, _, gap = gate.nearest_look(mean, cov, r, b, look, world.tables, noise.array(), limits)
             gaps = np.sort(((world.descriptors[inside] - look) ** 2).sum(axis=1))
             if not inside.size:
-                assert fate == kernel.FAR
-            elif gaps[0] > limits[kernel.LOOK] ** 2:
-                assert fate == kernel.UNLIKE
+                assert fate == gate.FAR
+            elif gaps[0] > limits[gate.LOOK] ** 2:
+                assert fate == gate.UNLIKE
             elif gaps.size > 1 and gaps[0] > 0.64 * gaps[1]:
-                assert fate == kernel.AMBIGUOUS
+                assert fate == gate.AMBIGUOUS
             else:
-                assert (fate, gap) == (kernel.MATCHED, pytest.approx(gaps[0]))
+                assert (fate, gap) == (gate.MATCHED, pytest.approx(gaps[0]))
                 assert found in inside
 
 

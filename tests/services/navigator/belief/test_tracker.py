@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from surefoot.services.navigator.belief import common
+from surefoot.services.navigator.belief import common_errors
 from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.belief.matching import DetectionError, Detections, SightNoise
 from surefoot.services.navigator.belief.tracker import CommonErrors, Motion, PoseTracker, StartUncertainty
@@ -47,7 +47,7 @@ def walk(seed: int, tilted: CommonErrors, believed: CommonErrors, seconds: float
         seen = np.flatnonzero((r > 0.35) & (r < 1.18) & (np.abs(a) < 0.57) & (rng.random(480) < 0.1))
         ranges, bearings = [], []
         for i in seen:
-            common.fill_gain(r[i], a[i], tilted.height, gain)
+            common_errors.fill_gain(r[i], a[i], tilted.height, gain)
             ranges.append(r[i] * (1.0 + 0.03 * rng.standard_normal()) + float((gain[0] * error).sum()))
             bearings.append(a[i] + NOISE.bearing_sd * rng.standard_normal() + float((gain[1] * error).sum()))
         frame = Detections(

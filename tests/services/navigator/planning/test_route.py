@@ -9,12 +9,11 @@ from scipy import ndimage, sparse
 from scipy.sparse.csgraph import dijkstra
 
 from surefoot.errors import Refusal
-from surefoot.services.navigator.planning import astar_kernel as astar
+from surefoot.services.navigator.planning import astar
 from surefoot.services.navigator.planning import costs as costs_module
-from surefoot.services.navigator.planning import costs_kernel
 from surefoot.services.navigator.planning.costs import Clearance, prepare
 from surefoot.services.navigator.planning.grid import FloorGrid
-from surefoot.services.navigator.planning.route import RouteError, RouteLimits, plan, progress
+from surefoot.services.navigator.planning.route import RouteError, RouteLimits, plan
 
 TIGHT = Clearance(radius=0.0, comfort=0.3)
 
@@ -57,10 +56,10 @@ def graph(weight):
 @pytest.mark.parametrize("seed", range(3))
 def test_distances_are_those_of_scipy(seed):
     grid = random_grid(seed)
-    wall = costs_kernel.blocked(grid.cells, 65, False)
+    wall = costs_module.blocked(grid.cells, 65, False)
     expected = ndimage.distance_transform_edt(wall == 0)
     for most in (1, 5, 60):
-        found = np.sqrt(costs_kernel.squared_distance(wall, most))
+        found = np.sqrt(costs_module.squared_distance(wall, most))
         near = expected <= most
         assert found[near] == pytest.approx(expected[near])
         assert np.all(found[~near] > most)
@@ -197,19 +196,6 @@ def test_a_map_without_free_cells_refuses_everything():
     assert error.value.nearest is None
     unknown = FloorGrid(np.full((40, 40), -1, dtype=np.int8), 0.05)
     assert plan(prepare(unknown, Clearance(through_unknown=True)), (1, 1), (1, 1)).length == 0.0
-
-
-def test_progress_counts_what_is_left():
-    costs = prepare(FloorGrid(np.zeros((100, 100), dtype=np.int8), 0.05))
-    route = plan(costs, (1.0, 1.0), (4.0, 1.0), RouteLimits(leg=1.0))
-    assert route.waypoints == pytest.approx(np.array([[2.0, 1.0], [3.0, 1.0], [4.0, 1.0]]))
-    now = progress(route, 1, 2.5, 1.2)
-    assert now.remaining == pytest.approx(math.hypot(0.5, 0.2) + 1.0)
-    assert (now.off, now.poses) == (pytest.approx(0.2), 2)
-    assert progress(route, 0, 0.5, 1.0).off == pytest.approx(0.5)
-    for wrong in (-1, 3):
-        with pytest.raises(Refusal):
-            progress(route, wrong, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
