@@ -17,7 +17,7 @@ from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 
 from surefoot.kernels.jit import row_kernel
 from surefoot.lab.train.sarsa import Training
-from surefoot.services.navigator.belief.ukf import Sighting, predict, update, work_space, wrap
+from surefoot.services.navigator.belief.ukf import LandmarkSighting, predict, update, work_space, wrap
 from surefoot.services.navigator.environment.episodes import DECISIONS, run_episodes
 from surefoot.services.navigator.policy.arrays import GOAL_X, GOAL_Y, LAST, NO_ACTION, STATUS, ModelTables, arrays
 from surefoot.services.navigator.policy.choose import ChoiceRoom, PolicyTables, choose, room_to_choose
@@ -48,7 +48,7 @@ def row(what: str, value: str, target: str = "", ok: bool | None = None) -> None
 def _filter_steps(count: int, mean: Any, cov: Any, noise: Any, gain: Any, work: Any) -> None:
     for _ in range(count):
         predict(mean, cov, 0.1, 0.0, 0.0, 0.1, noise, work)
-        seen = Sighting(mean[0] + 0.5, mean[1] + 0.1, 0.51, 0.2, 0.0225, 0.03)
+        seen = LandmarkSighting(mean[0] + 0.5, mean[1] + 0.1, 0.51, 0.2, 0.0225, 0.03)
         update(mean, cov, seen, gain, work)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
-from surefoot.services.navigator.policies import errors_of
+from surefoot.services.navigator.catalogue import errors_of
 from surefoot.services.navigator.policy.params import ActionModel, NavigationModel
 
 from . import likelihood as lk

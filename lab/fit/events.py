@@ -13,10 +13,10 @@ from surefoot.record.recording import read_recording
 from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.belief.matching import DetectionError, SightNoise
 from surefoot.services.navigator.belief.tracker import Motion, PoseTracker, StartUncertainty
+from surefoot.services.navigator.catalogue import act_of, errors_of
 from surefoot.services.navigator.execution import Execution
 from surefoot.services.navigator.goals import Act
 from surefoot.services.navigator.localiser import detections
-from surefoot.services.navigator.policies import act_of, errors_of
 from surefoot.services.navigator.policy.params import NavigationModel
 
 Array = NDArray[np.float64]

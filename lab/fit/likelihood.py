@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from surefoot.kernels.jit import free_kernel
 from surefoot.services.navigator.belief.common_errors import ERRORS, fade, fill_gain
-from surefoot.services.navigator.belief.ukf import NUISANCE, Sighting, predict, update, wrap
+from surefoot.services.navigator.belief.ukf import NUISANCE, LandmarkSighting, predict, update, wrap
 
 from .events import MOVE, SEE
 
@@ -56,7 +56,7 @@ def _see(event: Array, theta: Array, height: float, mean: Array, cov: Array, gai
     var_b = (scale * theta[BEARING]) ** 2
     dx, dy = event[1] - mean[0], event[2] - mean[1]
     fill_gain(math.sqrt(dx * dx + dy * dy), wrap(math.atan2(dy, dx) - mean[2]), height, gain)
-    nis = update(mean, cov, Sighting(event[1], event[2], r, event[4], var_r, var_b), gain, work)
+    nis = update(mean, cov, LandmarkSighting(event[1], event[2], r, event[4], var_r, var_b), gain, work)
     s00, s01, s11 = 0.0, 0.0, 0.0  # of the sigma points, which the update left in rows n .. 2 n - 1
     for j in range(n, 2 * n):
         s00 += work[j, 0] * work[j, 0] + work[j, 2] * work[j, 2]

@@ -94,7 +94,7 @@ class Lessons(NamedTuple):
     """Time of each episode, s, (episodes,)."""
 
 
-class Traces(NamedTuple):
+class EligibilityTraces(NamedTuple):
     """Eligibility traces of one episode, and the points of the grid around its present state."""
 
     place_of: Ints
@@ -117,12 +117,12 @@ class LearningRoom(NamedTuple):
     choice: ChoiceRoom
     explore: Stream
     """Random stream of exploration, (4,)."""
-    traces: Traces
+    traces: EligibilityTraces
 
 
 def learning_room(world: Arrays, size: int) -> LearningRoom:
     """Return scratch for a model and a table of `size` numbers."""
-    traces = Traces(
+    traces = EligibilityTraces(
         np.full(size, -1, dtype=np.int64),
         np.zeros(size, dtype=np.int64),
         np.zeros(size),
@@ -144,7 +144,7 @@ def _explored(chosen: int, eps: float, status: Array, mask: Flags, explore: Stre
 
 
 @free_kernel
-def _credit(flat: Array, traces: Traces, count: int, step: float, decay: float) -> int:
+def _credit(flat: Array, traces: EligibilityTraces, count: int, step: float, decay: float) -> int:
     """Add step * trace to the cells that have one, and let the traces decay; return how many are left of `count`."""
     kept = 0
     for i in range(count):
@@ -161,7 +161,7 @@ def _credit(flat: Array, traces: Traces, count: int, step: float, decay: float) 
 
 
 @free_kernel
-def _mark(flat: Array, traces: Traces, own: int, count: int, accumulate: bool) -> tuple[float, int]:
+def _mark(flat: Array, traces: EligibilityTraces, own: int, count: int, accumulate: bool) -> tuple[float, int]:
     """Leave a trace of action `own` at the points around a state; return its value and the number of traces."""
     value = 0.0
     for c in range(8):

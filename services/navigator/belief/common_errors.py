@@ -10,20 +10,65 @@ up for it. Frames that share an error are so not taken for independent ones.
 """
 
 import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.kernels.jit import row_kernel
 
+from .matching import SightNoise
 from .ukf import NUISANCE
 
 Array = NDArray[np.float64]
 
+TYPICAL = 0.75
+"""Distance of a landmark, m."""
 ERRORS = 3
 """States of the errors: pitch, roll, sway."""
 NEAREST = 0.1
 """m, distances are taken to be at least this."""
+
+
+@dataclass(frozen=True)
+class CommonErrors:
+    """Errors that all landmarks of a frame share."""
+
+    tilt: float = 0.0
+    """Standard deviation of the unknown pitch and of the unknown roll of the camera, rad; 0 = the tilt is known."""
+    pitch: float = 0.0
+    """Mean error of pitch, rad: a walking robot leans."""
+    sway: float = 0.0
+    """Standard deviation of the body beside its path, m; 0 where it is measured."""
+    tilt_fade: float = 0.3
+    """Time constant of the tilt, s."""
+    sway_fade: float = 0.3
+    """Time constant of the sway, s."""
+    height: float = 0.45
+    """Height of the camera over the floor, m."""
+
+    @property
+    def any(self) -> bool:
+        """True if there are such errors."""
+        return self.tilt > 0.0 or self.sway > 0.0
+
+    def array(self) -> Array:
+        """Standard deviations in the order of the states, (3,)."""
+        return np.array([self.tilt, self.tilt, self.sway])
+
+    def kept(self, dt: float) -> tuple[float, float, float]:
+        """Return the shares of the errors that are left after dt s."""
+        tilt, sway = (math.exp(-dt / fade) if fade > 0.0 else 0.0 for fade in (self.tilt_fade, self.sway_fade))
+        return (tilt, tilt, sway)
+
+    def widen(self, noise: SightNoise) -> SightNoise:
+        """Return the noise for matching: with the errors common to a frame at `TYPICAL` distance."""
+        if not self.any:
+            return noise
+        h = self.height
+        along = self.tilt * (h * h + TYPICAL**2) / h
+        across = math.hypot(self.tilt * h / TYPICAL, self.sway / TYPICAL)
+        return replace(noise, common_range_sd=along, common_bearing_sd=across)
 
 
 @row_kernel

@@ -17,7 +17,7 @@ from .landmarks import (
 )
 
 SCHEMA = "surefoot.landmarks/1"
-MAX_FILE_BYTES = 256_000_000
+MAX_ARCHIVE_BYTES = 256_000_000
 MAX_UNPACKED_BYTES = 8 * MOST_LANDMARKS * (LONGEST_DESCRIPTOR + 3) + 100_000
 KEYS = ("schema", "positions", "descriptors", "version", "source")
 
@@ -43,8 +43,8 @@ def load(path: str | Path) -> FloorLandmarks:
     source = Path(path)
     try:
         size = source.stat().st_size
-        if size > MAX_FILE_BYTES:
-            raise _malformed(source, f"has {size} bytes, allowed are {MAX_FILE_BYTES}")
+        if size > MAX_ARCHIVE_BYTES:
+            raise _malformed(source, f"has {size} bytes, allowed are {MAX_ARCHIVE_BYTES}")
         if not zipfile.is_zipfile(source):
             raise _malformed(source, "is no .npz archive, or cut off")
         with source.open("rb") as file, np.load(file, allow_pickle=False) as archive:

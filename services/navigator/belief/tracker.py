@@ -5,13 +5,14 @@ and a body that sways beside its path add three more, errors common to the landm
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import common_errors, ukf
+from . import ukf
+from .common_errors import ERRORS, CommonErrors, fade, fill_gain
 from .landmarks import FloorLandmarks
 from .matching import Detections, Matches, MatchLimits, SightNoise, match
 
@@ -19,8 +20,6 @@ Array = NDArray[np.float64]
 Control = Literal["commands", "odometry"]
 
 STATES = 4
-TYPICAL = 0.75
-"""m, distance of a landmark."""
 
 
 @dataclass(frozen=True)
@@ -62,47 +61,6 @@ class StartUncertainty:
 
 
 @dataclass(frozen=True)
-class CommonErrors:
-    """Errors that all landmarks of a frame share, see `common_errors`."""
-
-    tilt: float = 0.0
-    """rad, standard deviation of pitch and of roll that the camera does not know; 0 = the tilt is known."""
-    pitch: float = 0.0
-    """rad, error of pitch in the mean: a walking robot leans."""
-    sway: float = 0.0
-    """m, of the body beside its path; 0 where it is measured."""
-    tilt_fade: float = 0.3
-    """s, time constant of the tilt,"""
-    sway_fade: float = 0.3
-    """s, and of the sway."""
-    height: float = 0.45
-    """m, of the camera over the floor."""
-
-    @property
-    def any(self) -> bool:
-        """Whether there are such errors."""
-        return self.tilt > 0.0 or self.sway > 0.0
-
-    def array(self) -> Array:
-        """Standard deviations in the order of the states, (3,)."""
-        return np.array([self.tilt, self.tilt, self.sway])
-
-    def kept(self, dt: float) -> tuple[float, float, float]:
-        """Return the shares of the errors that are left after dt s."""
-        tilt, sway = (math.exp(-dt / fade) if fade > 0.0 else 0.0 for fade in (self.tilt_fade, self.sway_fade))
-        return (tilt, tilt, sway)
-
-    def widen(self, noise: SightNoise) -> SightNoise:
-        """Return the noise with what the detections of a frame have in common, for matching; at `TYPICAL` distance."""
-        if not self.any:
-            return noise
-        h = self.height
-        along = self.tilt * (h * h + TYPICAL**2) / h
-        across = math.hypot(self.tilt * h / TYPICAL, self.sway / TYPICAL)
-        return replace(noise, common_range_sd=along, common_bearing_sd=across)
-
-
-@dataclass(frozen=True)
 class FrameResult:
     """What one frame of the camera did."""
 
@@ -137,7 +95,7 @@ class PoseTracker:
         self.start = start
         self.noise, self.standing = self.shared.widen(noise), self.shared.widen(standing)
         self.limits = limits or MatchLimits()
-        self.n = STATES + (common_errors.ERRORS if self.shared.any else 0)
+        self.n = STATES + (ERRORS if self.shared.any else 0)
         self.mean, self.cov = np.zeros(self.n), np.zeros((self.n, self.n))
         self._work = ukf.work_space(self.n)
         self._gain = np.zeros((2, self.n - STATES))
@@ -231,7 +189,7 @@ class PoseTracker:
             x, y = self.world.positions[landmark]
             self._linearise(x, y)
             var_r = noise.range_sd**2 + (noise.range_share * r) ** 2
-            sighting = ukf.Sighting(x, y, r, a, var_r, noise.bearing_sd**2)
+            sighting = ukf.LandmarkSighting(x, y, r, a, var_r, noise.bearing_sd**2)
             total += ukf.update(self.mean, self.cov, sighting, self._gain, self._work)
         count = len(found.detections)
         return FrameResult(len(seen), count, 0.5 * total / count if count else 0.0, found)
@@ -240,10 +198,10 @@ class PoseTracker:
         """Work out what the common errors do to a landmark at (x, y) m, where it is expected: what is seen is noisy."""
         dx, dy = x - float(self.mean[0]), y - float(self.mean[1])
         bearing = ukf.wrap(math.atan2(dy, dx) - float(self.mean[2]))
-        common_errors.fill_gain(math.hypot(dx, dy), bearing, self.shared.height, self._gain)
+        fill_gain(math.hypot(dx, dy), bearing, self.shared.height, self._gain)
 
     def _fade(self, time: float) -> None:
         if self.n > STATES:
             self._keeps[:] = self.shared.kept(max(0.0, time - self._faded_at))
             self._faded_at = time
-            common_errors.fade(self.mean, self.cov, self._keeps, self._sds, self.shared.pitch)
+            fade(self.mean, self.cov, self._keeps, self._sds, self.shared.pitch)

@@ -34,7 +34,7 @@ TURN = 2.0 * math.pi
 ENTROPY_OF_UNIT = 1.5 * math.log(2.0 * math.pi * math.e)  # nats, of three independent unit variances
 
 
-class Sighting(NamedTuple):
+class LandmarkSighting(NamedTuple):
     """A landmark of the map as a camera sees it."""
 
     x: float
@@ -167,7 +167,7 @@ def predict(
 
 @row_kernel
 def innovation(
-    mean: Array, cov: Array, seen: Sighting, gain: Array, work: Array
+    mean: Array, cov: Array, seen: LandmarkSighting, gain: Array, work: Array
 ) -> tuple[float, float, float, float, float]:
     """Return the innovation of range (m) and bearing (rad, wrapped), and its covariance s00, s01, s11.
 
@@ -220,7 +220,7 @@ def innovation(
 
 
 @row_kernel
-def update(mean: Array, cov: Array, seen: Sighting, gain: Array, work: Array) -> float:
+def update(mean: Array, cov: Array, seen: LandmarkSighting, gain: Array, work: Array) -> float:
     """Correct the belief with one landmark, in place.
 
     Args:

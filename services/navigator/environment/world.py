@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from surefoot.kernels.jit import row_kernel
 
-from ..belief.ukf import DRIFT, NUISANCE, THETA, Sighting, X, Y, predict, update, wrap
+from ..belief.ukf import DRIFT, NUISANCE, THETA, LandmarkSighting, X, Y, predict, update, wrap
 from ..policy.arrays import (
     BLOCKED,
     BOX_AT,
@@ -252,7 +252,7 @@ def look(scene: Array, action: Array, state: EpisodeState, room: EpisodeRoom) ->
             px, py = marks[k, 0] - mean[X], marks[k, 1] - mean[Y]  # at the predicted place: the one seen is noisy
             near = max(math.sqrt(px * px + py * py), action[RANGE_MIN])
             tilt_gain(near, math.atan2(py, px) - mean[THETA], scene[HEIGHT], gain)
-        seen = Sighting(marks[k, 0], marks[k, 1], seen_r, wrap(seen_b), var_r, action[SD_BEARING] ** 2)
+        seen = LandmarkSighting(marks[k, 0], marks[k, 1], seen_r, wrap(seen_b), var_r, action[SD_BEARING] ** 2)
         update(mean, state.cov, seen, gain, work)
     return used
 

@@ -266,7 +266,7 @@ def search(weight: Bytes, start: int, goal: int, marks: Ints, g: Ints) -> int:
             f += 1
             continue
         heads[slot] = next_of[entry]
-        cell, came = cell_of[entry] >> 4, cell_of[entry] & 15
+        cell, came = int(cell_of[entry] >> 4), int(cell_of[entry] & 15)
         next_of[entry] = spare
         spare = entry
         queued -= 1

@@ -7,13 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.errors import Refusal
-from surefoot.geometry.heightmap import HeightMap
+from surefoot.geometry.heightmap import MAX_CELLS, HeightMap
 
 Cells = NDArray[np.int8]
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
-MAX_CELLS = 16_000_000
-"""4000 x 4000, 40 000 m2 at 5 cm; larger is taken for a mistake."""
 LARGEST_CELL = 10.0
 """m, edge of a cell."""
 STEP = 0.04

@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from surefoot.errors import Refusal
+from surefoot.geometry.heightmap import MAX_CELLS
 
-from .grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN, FloorGrid
+from .grid import FREE, OCCUPIED, UNKNOWN, FloorGrid
 
 Mode = Literal["trinary", "scale", "raw"]
 MODES: tuple[Mode, ...] = ("trinary", "scale", "raw")

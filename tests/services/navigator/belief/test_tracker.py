@@ -7,9 +7,10 @@ import pytest
 from scipy.stats import chi2
 
 from surefoot.services.navigator.belief import common_errors
+from surefoot.services.navigator.belief.common_errors import CommonErrors
 from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.belief.matching import DetectionError, Detections, SightNoise
-from surefoot.services.navigator.belief.tracker import CommonErrors, Motion, PoseTracker, StartUncertainty
+from surefoot.services.navigator.belief.tracker import Motion, PoseTracker, StartUncertainty
 
 TILT = CommonErrors(math.radians(2.5), sway=0.02, tilt_fade=5.0, height=0.45)
 NOISE = SightNoise(0.0, 0.03, math.radians(1.5))

@@ -7,7 +7,15 @@ import pytest
 from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 from scipy.stats import chi2
 
-from surefoot.services.navigator.belief.ukf import Sighting, entropy, innovation, predict, update, work_space, wrap
+from surefoot.services.navigator.belief.ukf import (
+    LandmarkSighting,
+    entropy,
+    innovation,
+    predict,
+    update,
+    work_space,
+    wrap,
+)
 
 NOISE = np.array([0.02**2, 0.01**2, math.radians(5.0) ** 2, math.radians(0.5) ** 2])
 SR, SB = 0.06, math.radians(4.0)
@@ -103,7 +111,7 @@ def sight(truth, gain, rng):
     landmark = truth[0] + r * math.cos(a), truth[1] + r * math.sin(a)
     common = gain @ truth[4:] if truth.size > 4 else np.zeros(2)
     seen_r, seen_b = r + common[0] + SR * rng.normal(), wrap(a - truth[2] + common[1] + SB * rng.normal())
-    return Sighting(*landmark, seen_r, seen_b, SR**2, SB**2)
+    return LandmarkSighting(*landmark, seen_r, seen_b, SR**2, SB**2)
 
 
 MOTIONS = ((0.1, 0.0, 0.1), (0.0, 0.4, 0.0), (0.0, -0.4, 0.0), (0.1, 0.4, 0.1), (0.1, -0.2, 0.1), (0.0, 0.0, 0.0))
@@ -210,7 +218,7 @@ def test_heading_is_wrapped_and_an_innovation_across_pi_is_small():
     mean[2] = math.pi - 0.01
     carry(mean, cov, 0.0, 0.1, 0.0)
     assert mean[2] == pytest.approx(-math.pi + 0.09, abs=1e-9)
-    behind = Sighting(mean[0] - 1.0, mean[1], 1.0, wrap(math.pi - mean[2] + 0.01), SR**2, SB**2)
+    behind = LandmarkSighting(mean[0] - 1.0, mean[1], 1.0, wrap(math.pi - mean[2] + 0.01), SR**2, SB**2)
     v = innovation(mean, cov, behind, NO_GAIN, work_space(4))
     assert abs(v[1]) < 0.05
 

@@ -1,4 +1,4 @@
-"""What the navigator knows of the world: obstacles to plan routes around, and landmarks."""
+"""Maps of the navigator: obstacles to plan routes around, and landmarks."""
 
 import math
 
@@ -22,8 +22,8 @@ FARTHEST = 1e4
 """m, of a goal from the origin."""
 
 
-class World:
-    """Maps, from files of the configuration or from the bus.
+class Maps:
+    """Obstacles and landmarks, from files of the configuration or from the bus.
 
     Args:
         config: of the service.
@@ -41,7 +41,7 @@ class World:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what came from the bus: a new epoch brings its own."""
+        """Forget the maps from the bus: a new epoch brings its own."""
         self.landmarks: FloorLandmarks | None = self._marked
         self.grid: FloorGrid | None = self._filed
         self._costs: Costs | None = None
@@ -49,7 +49,7 @@ class World:
         self._marks: LandmarkMapMessage | None = None
 
     def take(self, heights: HeightMapMessage | None, marks: LandmarkMapMessage | None) -> list[str]:
-        """Take in the latched maps, unless files stand in for them; returns what is wrong with them."""
+        """Use the latched maps, unless files replace them; return a text for each map that cannot be used."""
         problems: list[str] = []
         if heights is not None and heights is not self._heights and self._filed is None:
             self._heights, self._costs = heights, None
