@@ -19,22 +19,23 @@ from .search import FittedParameter, Likelihood, Parameter, estimate
 Array = NDArray[np.float64]
 
 LEAST = 1e-3
-"""Standard deviations begin at this or more, m or rad: from zero no gradient leads away."""
+"""Least standard deviation at the begin of the search, m or rad: at zero there is no gradient."""
 DEG = math.degrees(1.0)
 LEAN = 0.3
-"""rad, the mean error of pitch is searched within this."""
+"""Bound of the searched mean error of pitch, rad."""
 
 
 def fit(runs: Sequence[Run], model: NavigationModel, show: Callable[[str], None] = lambda text: None) -> Fitted:
     """Return the numbers of the robot that made the recordings.
 
-    Noises that the recordings do not decide within a factor of 10 are left out, and so are ways and turns that they do
-    not tell from what was commanded. An action and its mirror image are one: the model asks for equal numbers.
+    Noises that the recordings do not decide within a factor of 10 are left out, and so are ways and turns that do not
+    differ from the commanded ones within their intervals. An action and its mirror image are one: the model asks for
+    equal numbers.
 
     Args:
         runs: recordings, see `events.read_run`.
-        model: where the search begins, and what is not fitted.
-        show: is called with progress.
+        model: begin of the search; its other numbers are not fitted.
+        show: called with a line of progress.
 
     Raises:
         SurefootError: no recordings.
@@ -80,7 +81,7 @@ def _begin(model: NavigationModel) -> Array:
 
 
 def _parameters(runs: Sequence[Run], model: NavigationModel) -> list[Parameter]:
-    """Return what is fitted: what the model has and the recordings can show."""
+    """Return the parameters to fit: those of the model that the recordings can show."""
     groups = _occurring(runs, model)
     stood = any((run.events[run.events[:, 0] == 2.0, 5] > 0.0).any() for run in runs)
     of = {g: [n for n, a in model.actions.items() if a.kind != "stand" and group_of(a) == g] for g in range(3)}

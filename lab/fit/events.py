@@ -31,7 +31,7 @@ SAME_WAY = 0.02
 STANDING = ("standing", "waiting", "hold")
 """States of the gait in which the robot stands on its feet."""
 GATE_WIDER = 1.5
-"""Noise is taken for so much larger than the model says while landmarks are matched: the model is what is wanted."""
+"""Factor on the noises of the model while landmarks are matched: the model is not known yet."""
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""What is in a map file, in numbers, and what speaks against using it."""
+"""Summary of a map file: its numbers, and problems of its use."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,7 @@ from surefoot.services.navigator.planning.grid import FREE, UNKNOWN, FloorGrid
 ALIKE = 0.15
 """Part of the median distance of two descriptors from which on two landmarks look alike."""
 FEW = 5.0
-"""Landmarks per m2; with fewer a robot that stands seldom sees enough to know where it is."""
+"""Least density, landmarks per m^2; with fewer a standing robot seldom sees enough to find its pose."""
 
 
 @dataclass(frozen=True)
@@ -23,13 +23,13 @@ class Summary:
     """A map file."""
 
     facts: dict[str, Any]
-    """By name."""
+    """Facts by name."""
     problems: tuple[str, ...]
-    """In words, why the map is of little use; empty = nothing found."""
+    """Problems of the map, in words; empty = none found."""
 
 
 def summary_of(path: Path, radius: float = 0.15) -> Summary:
-    """Return what is in a landmark map (`.npz`) or in a map_server map (its YAML).
+    """Return the summary of a landmark map (`.npz`) or in a map_server map (its YAML).
 
     Args:
         path: the file.
@@ -61,7 +61,7 @@ def _landmarks(world: FloorLandmarks) -> Summary:
 
 
 def copied(world: FloorLandmarks) -> int:
-    """Count the landmarks that look like another one of the map."""
+    """Return the number of landmarks that look like another one of the map."""
     looks, n = world.descriptors, len(world)
     squares, count = (looks**2).sum(axis=1), 0
     sample = looks[:: max(1, n // 500)]

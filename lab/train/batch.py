@@ -37,7 +37,7 @@ Flags = NDArray[np.bool_]
 
 OBSERVATION = 6
 THREADED = 512
-"""Episodes from which on more than one thread pays."""
+"""Least number of episodes for which more than one thread pays."""
 
 
 class BatchRoom(NamedTuple):
@@ -137,11 +137,11 @@ class EpisodeBatch:
         count: number of episodes at a time, 1 to 100000.
 
     Attributes:
-        observation: what is observed, (count, OBSERVATION).
-        reward: of the last action, (count,).
-        terminated: the goal was reached, (count,).
-        truncated: out of time, (count,).
-        mask: the actions that are allowed, (count, A).
+        observation: (count, OBSERVATION).
+        reward: reward of the last action, (count,).
+        terminated: true where the goal was reached, (count,).
+        truncated: true where the time is out, (count,).
+        mask: actions that are allowed, (count, A).
     """
 
     def __init__(self, model: NavigationModel, count: int) -> None:

@@ -1,4 +1,4 @@
-"""How good a policy is: whole episodes on all cores, and what they say with how much certainty."""
+"""Evaluation of policies: whole episodes on all cores, and their statistics."""
 
 import math
 import os
@@ -50,7 +50,7 @@ def episodes(world: Arrays, policy: Policy, seeds: Seeds, *, knows: bool = False
 
     Args:
         world: the model's arrays.
-        policy: who decides.
+        policy: the policy.
         seeds: of the episodes; two policies with the same seeds get the same floors, drifts and starts.
         knows: true pose and drift are given to the policy.
         stream: which stream of random numbers.

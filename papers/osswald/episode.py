@@ -1,4 +1,4 @@
-"""One episode in the paper's world, step by step: true pose, belief, features of the state, actions.
+"""Episode in the paper's world, step by step: true pose, belief, features of the state, actions.
 
 The kernels are those of training and evaluation, so an episode here is the one that they count, bit for bit.
 """
@@ -44,7 +44,7 @@ class Episode:
     Attributes:
         time: s, (k + 1,).
         truth: x, y (m) and heading (rad) in the map, (k + 1, 3).
-        mean: the same as estimated, (k + 1, 3).
+        mean: estimated x, y (m) and heading (rad), (k + 1, 3).
         cov: covariance of the estimate, (k + 1, 3, 3).
         features: d (m), phi (rad) and h (nats) of equations (4) to (6), (k + 1, 3).
         blocked: a wall is close ahead, (k + 1,).

@@ -1,4 +1,4 @@
-"""What section VI says about runs, as numbers of episodes."""
+"""Measures of section VI about runs, computed from episodes."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -127,6 +127,6 @@ def difference(a: Array, b: Array) -> tuple[float, float, float]:
 
 
 def welch_of(mean_a: float, sd_a: float, mean_b: float, sd_b: float, n: int) -> float:
-    """Return the same of printed means and standard deviations of n values each."""
+    """Return p of Welch's two-sided t-test for printed means and standard deviations of n values each."""
     test: Any = stats.ttest_ind_from_stats(mean_a, sd_a, n, mean_b, sd_b, n, equal_var=False)
     return float(test.pvalue)

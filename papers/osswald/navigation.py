@@ -243,7 +243,7 @@ def reproduce(
 
     Args:
         out: folder of the figures, or None.
-        tell: called with a line of progress.
+        tell: callback that gets a line of progress.
         live: results of the live benchmark, or None.
     """
     robot = [] if live is None else live_runs.findings(live)

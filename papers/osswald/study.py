@@ -1,4 +1,4 @@
-"""The experiments of section VI in simulation: tuning, trainings, 100 + 100 episodes, and what the text claims.
+"""Experiments of section VI in simulation: tuning, trainings, 100 + 100 episodes, and the claims of the text.
 
 Nothing here is chosen by the episodes that are reported: the hand controller's entropy threshold, and which of ten
 trainings stands for the paper's one, are chosen on random streams of their own.

@@ -27,7 +27,7 @@ TYPICAL = 0.75
 ERRORS = 3
 """States of the errors: pitch, roll, sway."""
 NEAREST = 0.1
-"""m, distances are taken to be at least this."""
+"""Least distance, m; nearer landmarks count as this far."""
 
 
 @dataclass(frozen=True)
@@ -73,14 +73,14 @@ class CommonErrors:
 
 @row_kernel
 def fade(mean: Array, cov: Array, keeps: Array, sds: Array, pitch: float) -> None:
-    """Let a share of each error stay and add noise so that their standard deviations tend to sds, in place.
+    """Keep a share of each error and add noise so that their standard deviations tend to sds, in place.
 
     Args:
         mean: state, (n,), n > 4.
         cov: covariance, (n, n).
         keeps: shares, (3,), 0 to 1.
-        sds: (3,) rad, rad, m.
-        pitch: rad, what the error of pitch is in the mean; the others are 0.
+        sds: standard deviations, (3,), rad, rad, m.
+        pitch: mean error of pitch, rad; the others are 0 in the mean.
     """
     n = mean.size
     for i in range(NUISANCE, n):
@@ -95,11 +95,11 @@ def fade(mean: Array, cov: Array, keeps: Array, sds: Array, pitch: float) -> Non
 
 @row_kernel
 def fill_gain(range_: float, bearing: float, height: float, gain: Array) -> None:
-    """Write what the errors add to range (row 0) and bearing (row 1), (2, 3); (2, 0) stays empty.
+    """Write the effect of the errors on range (row 0) and bearing (row 1), (2, 3); (2, 0) stays empty.
 
     Args:
         range_: distance of the landmark, m.
-        bearing: direction of it, rad.
+        bearing: direction of the landmark, rad.
         height: of the camera, m.
         gain: result.
     """

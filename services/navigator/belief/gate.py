@@ -154,14 +154,7 @@ def _cells(grid: Array, x: float, y: float, reach: float) -> tuple[int, int, int
 
 @row_kernel
 def nearest_look(
-    mean: Array,
-    cov: Array,
-    distance: float,
-    bearing: float,
-    look: Array,
-    world: MapTables,
-    noise: Array,
-    limits: Array,
+    mean: Array, cov: Array, distance: float, bearing: float, look: Array, world: MapTables, noise: Array, limits: Array
 ) -> tuple[int, int, float, float]:
     """Return the landmark in the gate of one detection that looks most like it.
 

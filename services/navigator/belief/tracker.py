@@ -1,4 +1,4 @@
-"""The pose of the robot in the map, estimated live: what it did predicts, landmarks correct.
+"""Tracking of the robot's pose in the map: motions predict, landmarks correct.
 
 State (x, y, theta, b): pose in m and rad, frame map; b the drift in rad per m walked. A camera with unknown tilt
 and a body that sways beside its path add three more, errors common to the landmarks of a frame (`common_errors`).
@@ -24,24 +24,24 @@ STATES = 4
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion of the body and how well it is known."""
+    """Motion of the body with its variances."""
 
     forward: float = 0.0
-    """m ahead, along the heading half-way through the turn."""
+    """Way ahead, along the heading half-way through the turn, m."""
     left: float = 0.0
-    """m to the left, likewise."""
+    """Way to the left of that heading, m."""
     turn: float = 0.0
-    """rad, left positive."""
+    """Turn, rad, left positive."""
     walked: float = 0.0
-    """m over which the drift acts."""
+    """Way over which the drift acts, m."""
     along: float = 0.0
-    """m^2, variance along the heading,"""
+    """Variance along the heading, m^2."""
     across: float = 0.0
-    """m^2, and across;"""
+    """Variance across the heading, m^2."""
     heading: float = 0.0
-    """rad^2, of the heading,"""
+    """Variance of the heading, rad^2."""
     drifting: float = 0.0
-    """rad^2 per m^2, and of the drift."""
+    """Variance of the drift, rad^2 per m^2."""
 
     def part(self, share: float) -> "Motion":
         """Return the first part of the motion; variances grow in proportion."""
@@ -50,26 +50,28 @@ class Motion:
 
 @dataclass(frozen=True)
 class StartUncertainty:
-    """How well the start pose is known; standard deviations."""
+    """Standard deviations of the start pose."""
 
     position: float = 0.05
-    """m."""
+    """x and y each, m."""
     heading: float = math.radians(5.0)
-    """rad."""
+    """Heading, rad."""
     drift: float = 0.76
-    """rad per m."""
+    """Drift, rad per m."""
 
 
 @dataclass(frozen=True)
 class FrameResult:
-    """What one frame of the camera did."""
+    """Result of one frame of the camera."""
 
     seen: int
+    """Number of detections."""
     matched: int
+    """Number of matched detections."""
     nis: float
     """Mean over the matched landmarks of the normalised innovation squared per degree of freedom; 0 for none."""
     matches: Matches | None = None
-    """What became of each detection; None without a map or detections."""
+    """Match of each detection; None without a map or detections."""
 
 
 class PoseTracker:
@@ -78,7 +80,7 @@ class PoseTracker:
     Args:
         start: uncertainty of a stated pose.
         noise: of the camera while walking.
-        standing: the same while the robot stands.
+        standing: noise of the camera while the robot stands.
         shared: errors that the landmarks of a frame have in common.
         limits: of matching.
     """
@@ -112,7 +114,7 @@ class PoseTracker:
         Args:
             pose: x, y in m, heading in rad, frame map.
             cov: its covariance, (3, 3); None = as in `start`.
-            keep_drift: the drift is what it was: the robot is the same, only the place is another.
+            keep_drift: the drift stays: the robot is the same at another place.
         """
         drift, variance = float(self.mean[3]), float(self.cov[3, 3])
         self.mean[:], self.cov[:] = 0.0, 0.0
@@ -131,7 +133,7 @@ class PoseTracker:
 
     @property
     def pose(self) -> tuple[float, float, float]:
-        """x, y in m and heading in rad, frame map."""
+        """Believed x, y in m and heading in rad, frame map."""
         return (float(self.mean[0]), float(self.mean[1]), float(self.mean[2]))
 
     def body_covariance(self) -> Array:
@@ -146,15 +148,15 @@ class PoseTracker:
 
     @property
     def entropy(self) -> float:
-        """nats, of the pose in m and rad."""
+        """Differential entropy of the pose in m and rad, nats."""
         return float(ukf.entropy(self.cov))
 
     def move(self, motion: Motion) -> None:
-        """Take in a motion of the body."""
+        """Predict the belief over a motion of the body."""
         self._carry(self.mean, self.cov, motion)
 
     def after(self, motion: Motion) -> tuple[Array, Array]:
-        """Return mean (4,) and covariance (4, 4) as they would be after a motion, without taking it in."""
+        """Return mean (4,) and covariance (4, 4) after a motion; the belief stays."""
         mean, cov = self.mean.copy(), self.cov.copy()
         self._carry(mean, cov, motion)
         return mean[:STATES], cov[:STATES, :STATES].copy()
@@ -164,7 +166,7 @@ class PoseTracker:
         ukf.predict(mean, cov, m.forward, m.left, m.turn, m.walked, self._noise, self._work)
 
     def look(self, seen: Detections, time: float, *, standing: bool, trusted: bool = True) -> FrameResult:
-        """Take in the landmarks of one frame.
+        """Correct the belief with the landmarks of one frame.
 
         Args:
             seen: detections.
@@ -195,7 +197,7 @@ class PoseTracker:
         return FrameResult(len(seen), count, 0.5 * total / count if count else 0.0, found)
 
     def _linearise(self, x: float, y: float) -> None:
-        """Work out what the common errors do to a landmark at (x, y) m, where it is expected: what is seen is noisy."""
+        """Write the effect of the common errors on a landmark at (x, y) m; the bearing seen is noisy and not used."""
         dx, dy = x - float(self.mean[0]), y - float(self.mean[1])
         bearing = ukf.wrap(math.atan2(dy, dx) - float(self.mean[2]))
         fill_gain(math.hypot(dx, dy), bearing, self.shared.height, self._gain)

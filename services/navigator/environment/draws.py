@@ -1,6 +1,6 @@
 """Seeded random numbers inside kernels: the same bits on every processor, one stream per purpose.
 
-xoshiro256+ (Blackman and Vigna), its state filled by splitmix64 from three integers, say seed, episode and purpose.
+xoshiro256+ (Blackman and Vigna), its state filled by splitmix64 from three integers: seed, episode, purpose.
 Streams for the floor, the start and each step are separate, so episodes of one seed differ by the actions alone.
 """
 

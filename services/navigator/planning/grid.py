@@ -1,4 +1,4 @@
-"""Occupancy of the floor on a regular grid: what routes are planned on."""
+"""Occupancy of the floor on a regular grid, for planning routes."""
 
 import math
 from dataclasses import dataclass
@@ -13,9 +13,9 @@ Cells = NDArray[np.int8]
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 LARGEST_CELL = 10.0
-"""m, edge of a cell."""
+"""Largest edge of a cell, m."""
 STEP = 0.04
-"""m over or under the floor from which ground is an obstacle: a biped that walks on flat ground lifts its feet less."""
+"""Height over or depth under the floor from which ground is an obstacle, m: feet of a biped are lifted less."""
 
 
 class GridError(Refusal):
@@ -31,13 +31,13 @@ class FloorGrid:
     """
 
     cells: Cells
-    """(rows, cols), row 0 = y-min: 0 free to 100 occupied, -1 unknown."""
+    """Occupancy, (rows, cols), row 0 = y-min: 0 free to 100 occupied, -1 unknown."""
     cell: float
     """Edge of a cell, m."""
     origin: tuple[float, float] = (0.0, 0.0)
     """x, y of the lower-left corner of cell [0, 0], m, frame map."""
     source: str = ""
-    """Where it comes from."""
+    """Origin of the grid, in words."""
 
     def __post_init__(self) -> None:
         cells = np.array(self.cells, dtype=np.int8, order="C", copy=True)
@@ -57,12 +57,12 @@ class FloorGrid:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(rows, cols): rows along y, columns along x."""
+        """Number of rows (along y) and columns (along x)."""
         return (self.cells.shape[0], self.cells.shape[1])
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
-        """x_min, y_min, x_max, y_max of the grid's edges, m, frame map."""
+        """Edges of the grid: x_min, y_min, x_max, y_max, m, frame map."""
         rows, cols = self.shape
         x, y = self.origin
         return (x, y, x + cols * self.cell, y + rows * self.cell)
@@ -80,7 +80,7 @@ class FloorGrid:
         return (self.origin[0] + (col + 0.5) * self.cell, self.origin[1] + (row + 0.5) * self.cell)
 
     def to_bytes(self) -> bytes:
-        """Cells as int8, row by row from y-min."""
+        """Return the cells as int8, row by row from y-min."""
         return self.cells.tobytes()
 
     @classmethod

@@ -16,30 +16,30 @@ Array = NDArray[np.float64]
 Point = tuple[float, float]
 
 FARTHEST = 1e6
-"""m, of a coordinate."""
+"""Largest coordinate, m."""
 
 
 class RouteError(Refusal):
-    """There is no route; the code says why: `bad_point`, `outside`, `blocked` or `unreachable`."""
+    """Refusal of a route with the code `bad_point`, `outside`, `blocked` or `unreachable`."""
 
     def __init__(self, code: str, message: str, field: str, nearest: Point | None = None) -> None:
         super().__init__(code, message, field)
         self.nearest = nearest
-        """Centre of the free cell nearest to the point that the robot could go to, m, frame map; None = none."""
+        """Centre of the nearest free cell, m, frame map; None = there is none."""
 
 
 @dataclass(frozen=True)
 class RouteLimits:
-    """What a route looks like.
+    """Limits of a route.
 
     Raises:
         Refusal: a number that cannot be; names the field.
     """
 
     leg: float = 1.0
-    """m, largest distance of two waypoints: viewing distance."""
+    """Largest distance of two waypoints, m: the viewing distance."""
     slack: float = 0.3
-    """m, how far from a free cell a route may begin: a robot beside a wall may go away from it."""
+    """Largest distance of the start from a free cell, m: a robot beside a wall may go away from it."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.leg) and self.leg > 0.0):
@@ -53,15 +53,15 @@ class PlannedRoute:
     """A way to a goal."""
 
     start: Point
-    """m, frame map."""
+    """Begin of the route, m, frame map."""
     waypoints: Array
-    """(n, 2) m, frame map: where to walk, one after the other; the last one is the goal."""
+    """Places to walk to in order, (n, 2) m, frame map; the last one is the goal."""
     length: float
-    """m, from the start over all waypoints."""
+    """Length from the start over all waypoints, m."""
     cost: float
-    """m, of the path of cells, each step weighted by how near obstacles are (1 = far)."""
+    """Cost of the path of cells, m, each step weighted by the nearness of obstacles (1 = far)."""
     clearance: float
-    """m, least distance of a cell of the path to an obstacle; bounded by the comfortable one."""
+    """Least distance of a cell of the path to an obstacle, m; bounded by the comfortable one."""
 
 
 def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = None) -> PlannedRoute:
@@ -113,7 +113,7 @@ def _checked(point: Point, field: str) -> Point:
 
 
 def _entry(costs: Costs, start: Point, limits: RouteLimits) -> tuple[tuple[int, int], Point]:
-    """Padded cell and place where the path begins: at the start, or at a free cell close to it."""
+    """Return padded cell and place of the path's begin: the start, or a free cell close to it."""
     try:
         return _free(costs, start, "start"), start
     except RouteError as error:
@@ -125,7 +125,7 @@ def _entry(costs: Costs, start: Point, limits: RouteLimits) -> tuple[tuple[int, 
 
 
 def _free(costs: Costs, point: Point, field: str) -> tuple[int, int]:
-    """Padded cell that holds a point."""
+    """Return the padded cell that holds a point."""
     grid = costs.grid
     row, col = grid.index(*point)
     if not grid.inside(row, col):
@@ -154,13 +154,13 @@ def _hint(near: Point | None) -> str:
 
 
 def _padded(costs: Costs, point: Point) -> tuple[float, float]:
-    """Row and column of a point in padded cells, cell i reaching from i to i + 1."""
+    """Return row and column of a point in padded cells, cell i reaching from i to i + 1."""
     (x0, y0), cell = costs.grid.origin, costs.grid.cell
     return (point[1] - y0) / cell + 1.0, (point[0] - x0) / cell + 1.0
 
 
 def _centre(costs: Costs, row: int, col: int) -> Point:
-    """Centre of a padded cell, m, frame map."""
+    """Return the centre of a padded cell, m, frame map."""
     return costs.grid.centre(row - 1, col - 1)
 
 
@@ -169,7 +169,7 @@ def _shown(point: Point) -> str:
 
 
 def _legs(points: list[Point], leg: float) -> tuple[Array, float]:
-    """Waypoints at most `leg` m apart on the lines through points, without the first, and the length of the lines."""
+    """Return waypoints at most `leg` m apart on the lines through points, without the first, and the lines' length."""
     out: list[Point] = []
     total = 0.0
     for (ax, ay), (bx, by) in pairwise(points):

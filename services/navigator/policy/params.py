@@ -1,7 +1,7 @@
-"""The model of a robot that navigates: scene, actions, drift, sight, filter and task, in one frozen, versioned object.
+"""Model of a robot that navigates: scene, actions, drift, sight, filter and task, in one frozen, versioned object.
 
-It is loaded from TOML (`params/*.toml` ship) and each value can be changed by `key=value`. Everything that simulates,
-plans, learns or filters takes its numbers from here, so a policy can name what it was made for by one hash.
+It is loaded from TOML (`params/*.toml` ship) and each value can be changed by `key=value`. Simulation, planning,
+learning and filter take their numbers from here, so one hash identifies the model that a policy was made for.
 """
 
 import hashlib
@@ -74,7 +74,7 @@ class Drift(_ModelPart):
 
 
 class SightModel(_ModelPart):
-    """What a frame shows; an action may override its footprint and probability."""
+    """Sight of a frame; an action may override its footprint and probability."""
 
     range_min: NotNegative = Field(default=0.15, description="m, nearest landmark in view")
     range_max: Positive = Field(default=0.95, description="m, farthest")
@@ -88,13 +88,13 @@ class SightModel(_ModelPart):
     tilt_sd_deg: NotNegative = Field(default=0.0, description="deg, roll and pitch error common to a frame; 0 = none")
     pitch_deg: float = Field(default=0.0, ge=-20, le=20, description="deg, error of pitch in the mean, downwards")
     tilt_keep: Share = Field(default=0.0, description="share of the tilt error that the next frame of 0.1 s has again")
-    sway_sd: NotNegative = Field(default=0.0, description="m, sway of the body beside the path that commands tell of")
+    sway_sd: NotNegative = Field(default=0.0, description="m, sway of the body beside the commanded path")
     sway_keep: Share = Field(default=0.72, description="share of the sway that the next frame of 0.1 s has again")
     camera_height: Positive = Field(default=0.45, description="m above the floor")
 
 
 class ActionModel(_ModelPart):
-    """One thing the robot can be asked to do."""
+    """One action of the robot."""
 
     kind: Kind = Field(description="stand, turn on the spot, or walk (straight or on an arc)")
     forward: float = Field(default=0.0, ge=0, le=1, description="m")
@@ -112,7 +112,7 @@ class ActionModel(_ModelPart):
 
 
 class Filter(_ModelPart):
-    """The belief at the start, and its states."""
+    """Belief at the start, and number of its states."""
 
     states: Literal[3, 4] = Field(default=4, description="3: drift is noise (paper), 4: drift is estimated")
     position_sd: NotNegative = Field(default=0.05, description="m, at the start, of x and of y")
@@ -120,7 +120,7 @@ class Filter(_ModelPart):
 
 
 class Guards(_ModelPart):
-    """What ends a run of the same decision, whatever the policy says."""
+    """Limits of runs of the same decision, for every policy."""
 
     stands: int = Field(default=15, ge=1, description="stands in a row, then the robot must move")
     turns: int = Field(
@@ -139,8 +139,8 @@ class NavigationModel(_ModelPart):
     """All numbers of a navigating robot."""
 
     version: Literal[1] = Field(default=1, description="of this format")
-    name: str = Field(default="", max_length=64, description="what this describes")
-    extends: str = Field(default="", max_length=256, description="model or file that gives what is not said here")
+    name: str = Field(default="", max_length=64, description="name of the robot or study")
+    extends: str = Field(default="", max_length=256, description="model or file that gives all other values")
     scene: Scene = Scene()
     drift: Drift = Drift()
     sight: SightModel = SightModel()

@@ -1,4 +1,4 @@
-"""Value iteration over what a robot with a drift must do to reach a goal, its pose and drift known.
+"""Value iteration for a robot with a drift on its way to a goal, pose and drift known.
 
 V(d, phi, b) = max_a { -dt_a + mean_k [s'_k not in the goal] V(s'_k) }, s'_k the state after action a with noise sample
 k; d and phi as in (4) and (5), b the drift. V is kept for each kind of last action that makes a difference, because
@@ -145,7 +145,7 @@ def _sweep(v: Array, q: Array, actions: Array, switching: Array, room: PlanRoom)
 
 
 def grid_of(world: Arrays, d_max: float, drift_max: float) -> Array:
-    """Return the axes of a planner's table: distances to d_max m, layers of drift 0 to drift_max rad per m."""
+    """Return the axes of a planner's table, (GRID,): distances to d_max m, layers of drift 0 to drift_max rad per m."""
     grid = np.zeros(GRID)
     grid[[D_MIN, D_MAX, LAYER_MIN, LAYER_MAX, MIRRORED, PER_M]] = 0.0, d_max, 0.0, drift_max, 1.0, -_per_m(world)
     return grid
@@ -174,7 +174,7 @@ def plan(
         shape: number of drifts from 0 on, of distances, of bearings.
         samples: of the motion noise.
         tolerance: s, change of a value in a sweep that is small enough.
-        most: sweeps after which it ends in any case.
+        most: largest number of sweeps.
     """
     nb, nd, nphi = shape
     v = np.zeros((int(world.groups.max()) + 1, nb, nd, nphi))
@@ -241,7 +241,7 @@ def shown_by_standing(world: Arrays) -> Array:
 
 
 def _inverse(m: Array) -> Array:
-    """Inverse of a symmetric 3x3 matrix, every sum in index order."""
+    """Return the inverse of a symmetric 3x3 matrix, every sum in index order."""
     from surefoot.geometry.linear_kernels import inverse3
 
     return inverse3(m)[0]

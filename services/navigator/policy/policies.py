@@ -1,4 +1,4 @@
-"""Policies by name, as arrays for kernels and as one object that decides and says why."""
+"""Policies as arrays for kernels, and a decider that gives its reasons."""
 
 import math
 from collections.abc import Mapping
@@ -50,7 +50,7 @@ KIND_NAMES = {HAND: "hand", STEER: "steer", PLANNER: "planner", SARSA: "sarsa"}
 
 PAPER_TURN_DEG = 35.0  # deg, threshold of the paper's controller
 PAPER_STAND_ABOVE = -2.0  # nats; least time at full success with PAPER_TURN_DEG on stream 1, normal and blurred
-PAPER_STAND_ABOVE_3 = -3.0  # the same with a filter of three states, as in the paper
+PAPER_STAND_ABOVE_3 = -3.0  # as above with a filter of three states, as in the paper
 TUNED_TURN_DEG = 18.5  # deg; least time on stream 1, 4000 episodes, of 11 .. 28 deg
 TUNED_STAND_ABOVE = -2.5  # nats at the goal
 TUNED_STAND_SLOPE = 0.2  # nats per m; least time blurred; normal vision has no preference
@@ -64,14 +64,14 @@ class Policy:
     """A policy as arrays.
 
     Attributes:
-        name: what it is called.
+        name: of the policy.
         kind: HAND, STEER, PLANNER or SARSA.
         actions: names of the actions, in the order of the table.
         numbers: its parameters, (NUMBERS,).
         table: action values, (layers, nd, nphi, A).
         grid: axes of the table, (GRID,).
         shown: covariance of a pose seen from one stand, (3, 3), robot axes, m and rad.
-        provenance: where it comes from: model, hash, seed, version.
+        provenance: its origin: model, hash, seed, version.
         sha256: of the file; empty = from no file.
     """
 
@@ -107,7 +107,7 @@ class PolicyDecision:
 
 
 class Decider:
-    """Decides with one policy, and keeps what a decision needs of the ones before.
+    """Decider by one policy, with the status that a decision needs of the ones before.
 
     Args:
         world: the model's arrays; the action names must be the policy's.
@@ -120,7 +120,7 @@ class Decider:
         self.begin()
 
     def begin(self) -> None:
-        """Forget the actions so far: a new goal."""
+        """Forget the actions so far, for a new goal."""
         self.status = np.zeros(STATUS)
         self.status[LAST] = NO_ACTION
 
@@ -144,7 +144,7 @@ class Decider:
         return decision
 
     def did(self, index: int) -> None:
-        """Note that an action was done; `decide` does so for the one it returns."""
+        """Record that an action was done; `decide` does so for the one it returns."""
         kind, status = self.world.actions[index, KIND], self.status
         status[LAST] = index
         status[STANDS] = status[STANDS] + 1.0 if kind == STAND else 0.0
@@ -233,10 +233,10 @@ def by_rule(name: str, world: Arrays) -> Policy | None:
 def planner_numbers(world: Arrays) -> Array:
     """Return the planner's numbers, chosen on stream 1 with the paper's robot, drift 0 to 8 deg, normal and blurred.
 
-    How far the belief is spread when values are averaged (shares of its standard deviations), and the weight of what a
-    stand would show. Averaging over the full belief turns too late, for each value supposes that the pose will be known
-    after one action. What a look shows serves more than the next decision: more so on arcs, and most where switching
-    makes looks rare.
+    They are the shares of the belief's standard deviations over which values are averaged, and the weight of the sight
+    of a stand. Averaging over the full belief turns too late, because each value supposes that the pose will be known
+    after one action. A look serves more than the next decision: more so on arcs, and most where switching makes looks
+    rare.
     """
     numbers = np.zeros(NUMBERS)
     numbers[[SPREAD_XY, SPREAD_HEADING, SPREAD_DRIFT, SIGHT_SHARE]] = 0.5, 0.4, 0.6, 2.0
