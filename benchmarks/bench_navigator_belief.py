@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmarks.bench_navigator_study import STEER_COSTLY_ABOVE
 from benchmarks.peers.belief_search import rollouts, scratch_of, tree
-from surefoot.lab.train.evaluation import interval
+from surefoot.lab.statistics import interval
 from surefoot.services.navigator.environment.episodes import SECONDS_TAKEN, run_episodes
 from surefoot.services.navigator.environment.model import episode_room, episode_state
 from surefoot.services.navigator.environment.world import act, begin

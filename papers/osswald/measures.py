@@ -44,11 +44,6 @@ def first_near_the_end(seconds: Array) -> int:
     return int(np.argmax(np.abs(moving_mean(seconds) - end) <= SETTLED * end))
 
 
-def features_at_stands(episodes: Iterable[Episode]) -> Array:
-    """Return d, phi, h at all decisions to stand, (k, 3)."""
-    return np.concatenate([e.features[:-1][e.stands] for e in episodes])
-
-
 def stops(e: Episode) -> NDArray[np.int64]:
     """Return the actions at which the robot comes to stand: stands in a row are one stop."""
     return np.flatnonzero(e.stands & ~np.concatenate(([False], e.stands[:-1])))
@@ -110,12 +105,6 @@ def typical(episodes: Sequence[Episode]) -> Episode:
     spread = rows.std(axis=0)
     off = np.abs(rows - rows.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
     return episodes[int(np.argmin(off.sum(axis=1)))]
-
-
-def welch(a: Array, b: Array) -> float:
-    """Return p of Welch's two-sided t-test for equal means."""
-    test: Any = stats.ttest_ind(a, b, equal_var=False)
-    return float(test.pvalue)
 
 
 def difference(a: Array, b: Array) -> tuple[float, float, float]:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.lab.report.findings import Finding, Reproduction, at_most, near, told
+from surefoot.lab.statistics import welch
 from surefoot.lab.train.evaluation import paired, summary
 from surefoot.services.navigator.environment.episodes import SECONDS_TAKEN
 from surefoot.services.navigator.policy.policies import PAPER_TURN_DEG, TUNED_TURN_DEG
@@ -24,7 +25,6 @@ from .measures import (
     spread_of_intervals,
     stand_rates,
     turns_against_drift,
-    welch,
     welch_of,
 )
 from .study import PRINTED_GAMMA, NavigationStudy, Vision, study

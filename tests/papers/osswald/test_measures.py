@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from surefoot.lab.statistics import welch
 from surefoot.papers.osswald.episode import Episode, drift_of, follow_all
 from surefoot.papers.osswald.measures import (
     converged,
@@ -19,7 +20,6 @@ from surefoot.papers.osswald.measures import (
     stops,
     turns_against_drift,
     typical,
-    welch,
     welch_of,
 )
 from surefoot.services.navigator.environment.draws import seed
