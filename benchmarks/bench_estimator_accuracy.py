@@ -22,7 +22,7 @@ import numpy as np
 
 from surefoot.lab.estimation.scores import Score
 from surefoot.lab.estimation.track import PEERS, names
-from surefoot.lab.train.evaluation import interval
+from surefoot.lab.statistics import interval
 from surefoot.papers.wawrzynski.compare import (
     Comparison,
     ablation,

@@ -17,14 +17,13 @@ from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 
 from surefoot.kernels.jit import row_kernel
 from surefoot.lab.train.sarsa import Training
-from surefoot.services.navigator.belief.ukf import predict_with, update_with, work_space, wrap
+from surefoot.services.navigator.belief.ukf import LandmarkSighting, predict, update, work_space, wrap
 from surefoot.services.navigator.environment.episodes import DECISIONS, run_episodes
-from surefoot.services.navigator.policy.arrays import GOAL_X, GOAL_Y, LAST, NO_ACTION, STATUS, arrays
-from surefoot.services.navigator.policy.choose import choose, work_space_to_choose
+from surefoot.services.navigator.policy.arrays import GOAL_X, GOAL_Y, LAST, NO_ACTION, STATUS, ModelTables, arrays
+from surefoot.services.navigator.policy.choose import ChoiceRoom, PolicyTables, choose, room_to_choose
 from surefoot.services.navigator.policy.library import find
 from surefoot.services.navigator.policy.params import load
 from surefoot.services.navigator.policy.planner import plan
-from surefoot.services.navigator.policy.policies import Policy
 
 ROUNDS = 5
 
@@ -48,8 +47,9 @@ def row(what: str, value: str, target: str = "", ok: bool | None = None) -> None
 @row_kernel
 def _filter_steps(count: int, mean: Any, cov: Any, noise: Any, gain: Any, work: Any) -> None:
     for _ in range(count):
-        predict_with(mean, cov, 0.1, 0.0, 0.0, 0.1, noise, work)
-        update_with(mean, cov, mean[0] + 0.5, mean[1] + 0.1, 0.51, 0.2, 0.0225, 0.03, gain, work)
+        predict(mean, cov, 0.1, 0.0, 0.0, 0.1, noise, work)
+        seen = LandmarkSighting(mean[0] + 0.5, mean[1] + 0.1, 0.51, 0.2, 0.0225, 0.03)
+        update(mean, cov, seen, gain, work)
 
 
 def filters() -> None:
@@ -102,77 +102,19 @@ def decision(use: str) -> None:
     """Time a decision of the planner in the kernel, by many of them at different beliefs."""
     model = load("paper", [f"use={use!r}"])
     world, policy = arrays(model), find("planner", model)
-    rng, a = np.random.default_rng(0), len(world.names)
-    status, values, mask, work = np.zeros(STATUS), np.zeros(a), np.zeros(a, dtype=np.bool_), work_space_to_choose(4, a)
+    rng, status, room = np.random.default_rng(0), np.zeros(STATUS), room_to_choose(4, len(world.names))
     status[LAST] = NO_ACTION
     means, cov = rng.normal(size=(2000, 4)), np.diag([0.01, 0.01, 0.02, 0.1])
-    seconds = best(lambda: _decisions(means, cov, policy, world, status, values, mask, work))
+    seconds = best(lambda: _decide_all(policy.tables, world.tables, means, cov, status, room))
     one = seconds / len(means)
     row(f"decision of the planner, {use}", f"{one * 1e6:.1f} us", "<= 20 us", one <= 20e-6)
 
 
-def _decisions(
-    means: Any, cov: Any, policy: Policy, world: Any, status: Any, values: Any, mask: Any, work: Any
-) -> None:
-    _decide_all(
-        policy.kind,
-        policy.numbers,
-        policy.table,
-        policy.grid,
-        policy.shown,
-        world.actions,
-        world.scene,
-        world.switching,
-        means,
-        cov,
-        world.scene[GOAL_X],
-        world.scene[GOAL_Y],
-        status,
-        values,
-        mask,
-        work,
-    )
-
-
 @row_kernel
-def _decide_all(
-    kind: int,
-    numbers: Any,
-    table: Any,
-    grid: Any,
-    shown: Any,
-    actions: Any,
-    scene: Any,
-    switching: Any,
-    means: Any,
-    cov: Any,
-    gx: float,
-    gy: float,
-    status: Any,
-    values: Any,
-    mask: Any,
-    work: Any,
-) -> int:
+def _decide_all(policy: PolicyTables, model: ModelTables, means: Any, cov: Any, status: Any, room: ChoiceRoom) -> int:
     total = 0
     for i in range(means.shape[0]):
-        total += choose(
-            kind,
-            numbers,
-            table,
-            grid,
-            shown,
-            actions,
-            scene,
-            switching,
-            means[i],
-            cov,
-            gx,
-            gy,
-            status,
-            values,
-            mask,
-            work,
-        )
+        total += choose(policy, model, means[i], cov, model.scene[GOAL_X], model.scene[GOAL_Y], status, room)
     return total
 
 

@@ -20,13 +20,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks.bench_navigator_study import STEER_COSTLY_ABOVE
-from benchmarks.peers.belief_search import rollouts, scratch_of, tables_of, tree
-from surefoot.lab.train.evaluation import interval
-from surefoot.services.navigator.environment.draws import stream
+from benchmarks.peers.belief_search import rollouts, scratch_of, tree
+from surefoot.lab.statistics import interval
 from surefoot.services.navigator.environment.episodes import SECONDS_TAKEN, run_episodes
-from surefoot.services.navigator.environment.world import act, begin, cells, room_for, work_space_of
-from surefoot.services.navigator.policy.arrays import KIND, OUTCOME, RUNNING, STAND, STATUS, TIME, Arrays, arrays
-from surefoot.services.navigator.policy.choose import work_space_to_choose
+from surefoot.services.navigator.environment.model import episode_room, episode_state
+from surefoot.services.navigator.environment.world import act, begin
+from surefoot.services.navigator.policy.arrays import KIND, OUTCOME, RUNNING, STAND, TIME, Arrays, arrays
+from surefoot.services.navigator.policy.choose import room_to_choose
 from surefoot.services.navigator.policy.library import find
 from surefoot.services.navigator.policy.params import load
 from surefoot.services.navigator.policy.policies import STEER_SHARE, STEER_TURN_DEG, Policy, choose_with, hand
@@ -52,20 +52,20 @@ class Peer:
 
     def __post_init__(self) -> None:
         a = len(self.world.names)
-        self._parts = (self.world.actions, self.world.scene, self.world.switching)
-        self._scratch, self._values = scratch_of(self.world), np.zeros(a)
-        self._mask, self._work = np.zeros(a, dtype=np.bool_), work_space_to_choose(4, a)
+        self._parts, self._scratch = self.world.tables, scratch_of(self.world)
+        self._room = room_to_choose(4, a)
+        self._values, self._mask = self._room.values, self._room.mask
         self._costs = np.zeros((a, self.sims))
 
     def _by(self, policy: Policy, mean: Any, cov: Any, status: Any) -> int:
         goal = (5.0, 0.0)
-        return choose_with(policy, self.world, mean, cov, goal, status, self._values, self._mask, self._work)
+        return choose_with(policy, self.world, mean, cov, goal, status, self._room)
 
     def decide(self, floor: Any, run: int, mean: Any, cov: Any, status: Any) -> int:
         """Return the action for a belief."""
         if self.kind == "tree":
             tree(
-                tables_of(self.planner), self._parts, floor, run, mean, cov, status, self._scratch, self.sims,
+                self.planner.tables, self._parts, floor, run, mean, cov, status, self._scratch, self.sims,
                 self.depth, self.explore, self._values,
             )  # fmt: skip
             return int(self._values.argmax())
@@ -77,7 +77,7 @@ class Peer:
         tried |= (self.world.actions[:, KIND] == STAND) & self._mask
         if tried.sum() == 1:
             return own
-        rollouts(tables_of(self.base), self._parts, floor, run, mean, cov, status, tried, self._scratch, self._costs)
+        rollouts(self.base.tables, self._parts, floor, run, mean, cov, status, tried, self._scratch, self._costs)
         gains = self._costs[own] - self._costs
         best, least = own, 0.0
         for a in np.flatnonzero(tried):
@@ -90,12 +90,9 @@ class Peer:
 def walk(peer: Peer, episode: int) -> tuple[float, int, int, float]:
     """Return the seconds, decisions, stands and the mean s of a decision of one episode of stream 0."""
     world = peer.world
-    nx, ny = cells(world.scene)
-    rng, truth, mean, cov = stream(), np.zeros(6), np.zeros(4), np.zeros((4, 4))
-    floor = (np.zeros((room_for(world.scene), 2)), np.zeros(nx * ny + 1, dtype=np.int64))
-    ahead, ahead_cov, status, noise = np.zeros(4), np.zeros((4, 4)), np.zeros(STATUS), np.zeros(4)
-    gain, work = np.zeros((2, 0)), work_space_of(4)
-    begin(world.scene, 0, episode, rng, *floor, truth, mean, cov, ahead, ahead_cov, status)
+    state, room = episode_state(world), episode_room(4)
+    floor, ahead, ahead_cov, status = (state.marks, state.first), state.ahead_mean, state.ahead_cov, state.status
+    begin(world.scene, 0, episode, state)
     spent, decisions, stands = 0.0, 0, 0
     while status[OUTCOME] == RUNNING:
         began = time.process_time()
@@ -103,10 +100,7 @@ def walk(peer: Peer, episode: int) -> tuple[float, int, int, float]:
         spent += time.process_time() - began
         decisions += 1
         stands += bool(world.actions[chosen, KIND] == STAND)
-        act(
-            world.scene, world.actions, world.switching, 0, episode, chosen, rng, *floor, truth, mean, cov, ahead,
-            ahead_cov, status, noise, gain, work,
-        )  # fmt: skip
+        act(world.tables, 0, episode, chosen, state, room)
     return float(status[TIME]), decisions, stands, spent / decisions
 
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.navigator.belief.landmarks import LandmarkMap
+from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.belief.lost import (
     Footprint,
     LostModel,
@@ -62,7 +62,7 @@ def spread(values: Array) -> dict[str, float]:
     return dict(zip(("median", "95 %", "max"), found, strict=True))
 
 
-def corridor(seed: int, density: float, copied: float, copies: int = 10) -> LandmarkMap:
+def corridor(seed: int, density: float, copied: float, copies: int = 10) -> FloorLandmarks:
     """Landmarks at random; a share of them in groups that look the same."""
     rng = np.random.default_rng(seed)
     n = rng.poisson(density * (HIGH[0] - LOW[0]) * (HIGH[1] - LOW[1]))
@@ -70,7 +70,7 @@ def corridor(seed: int, density: float, copied: float, copies: int = 10) -> Land
     looks /= np.linalg.norm(looks, axis=1, keepdims=True)
     many = int(copied * n)
     looks[:many] = looks[np.arange(many) // copies * copies]
-    return LandmarkMap(rng.uniform(LOW, HIGH, (n, 2)), looks)
+    return FloorLandmarks(rng.uniform(LOW, HIGH, (n, 2)), looks)
 
 
 @dataclass
@@ -84,7 +84,7 @@ class Robot:
         false: share of detections with the look of another landmark.
     """
 
-    world: LandmarkMap
+    world: FloorLandmarks
     noise: SightNoise
     seed: int
     false: float = 0.1

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.bench_navigator_lost import EASY, ROUGH, Robot, corridor
-from surefoot.services.navigator.belief.landmarks import LandmarkMap
+from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.belief.matching import Detections, known_elsewhere, match
 from surefoot.services.navigator.belief.relocalise import Glance, relocalise
 from surefoot.services.navigator.planning.costs import prepare
-from surefoot.services.navigator.planning.grid import Grid
+from surefoot.services.navigator.planning.grid import FloorGrid
 from surefoot.services.navigator.planning.route import plan
 
 CELLS = 2000
@@ -100,7 +100,7 @@ def routes(times: int) -> None:
         ("meander 3 m", meander(60), (1.5, 1.5), (98.0, 98.5)),
         ("trap", trap(), (50.0, 50.0), (99.0, 50.0)),
     ):
-        grid = Grid(cells, CELL)
+        grid = FloorGrid(cells, CELL)
         prepared = timed(lambda grid=grid: prepare(grid), 1)
         costs = prepare(grid)
         found = plan(costs, start, goal)
@@ -112,7 +112,7 @@ def frames(times: int) -> None:
     """Print the times of a frame of 20 detections against 6000 landmarks, and of a relocalisation from ten frames."""
     rng = np.random.default_rng(1)
     looks = rng.standard_normal((6000, 8))
-    world = LandmarkMap(rng.uniform(-5, 5, (6000, 2)), looks / np.linalg.norm(looks, axis=1, keepdims=True))
+    world = FloorLandmarks(rng.uniform(-5, 5, (6000, 2)), looks / np.linalg.norm(looks, axis=1, keepdims=True))
     cov = np.diag([0.03**2, 0.03**2, math.radians(3) ** 2])
     for name, noise in (("easy", EASY), ("rough", ROUGH)):
         robot = Robot(world, noise, 1)

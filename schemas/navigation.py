@@ -1,4 +1,4 @@
-"""Navigation: where the robot is in the map and how sure that is, goals, what was decided and why, results."""
+"""Navigation: believed pose with its uncertainty, goals, decisions with their reasons, results."""
 
 from typing import Annotated, Literal
 
@@ -21,7 +21,7 @@ GoalError = Literal[
 
 
 class PoseBelief(Message):
-    """The pose of the robot in the map: estimate, covariance, drift, and whether to believe it."""
+    """The pose of the robot in the map: estimate, covariance, drift, and a check of the estimate."""
 
     pose: FloorPose
     covariance: Covariance3
@@ -29,17 +29,17 @@ class PoseBelief(Message):
     drift: float = Field(description="rad per m, estimated turn of the robot per way walked that no command asked for")
     drift_sd: float = Field(ge=0, description="rad per m, its standard deviation")
     map_from_odom: FloorPose = Field(description="pose of the odom frame in map, by this estimate")
-    initialised: bool = Field(description="the estimator is calibrated: goals are taken")
-    control: Literal["commands", "odometry"] = Field(description="what the prediction follows")
+    initialised: bool = Field(description="the estimator is calibrated: goals are accepted")
+    control: Literal["commands", "odometry"] = Field(description="input of the prediction")
     matched: int = Field(ge=0, description="landmarks of the last frame that were matched with the map")
     nis: float | None = Field(default=None, description="normalised innovation squared per degree of freedom, smoothed")
-    lost: bool = Field(default=False, description="the estimate is not to be trusted")
-    lost_probability: float = Field(default=0.0, ge=0, le=1, description="probability that it is wrong")
-    lost_reason: str = Field(default="", description="in words")
+    lost: bool = Field(default=False, description="the estimate is wrong")
+    lost_probability: float = Field(default=0.0, ge=0, le=1, description="probability that the estimate is wrong")
+    lost_reason: str = Field(default="", description="why the estimate counts as wrong, in words")
 
 
 class MotionOrder(Message):
-    """What the navigator wants the walker to do; a new number is a new command."""
+    """Order of the navigator to the walker; a new number is a new command."""
 
     number: int = Field(ge=0, description="number of the order in this epoch, 0 = none yet")
     command: WalkCommand | None = Field(default=None, description="null as long as number is 0")
@@ -50,39 +50,39 @@ class Decision(Wire):
 
     number: int = Field(ge=0, description="counts the decisions of this epoch")
     action: str = Field(description="name of the chosen action")
-    reason: str = Field(description="in words")
+    reason: str = Field(description="why it was chosen, in words")
     values: dict[str, float] = Field(
         default_factory=dict, description="s or return: value of each action that could be chosen, larger is better"
     )
     distance: float = Field(ge=0, description="m to the present waypoint, by the estimate")
     bearing: float = Field(description="rad, of the waypoint against the heading, left positive")
-    entropy: float = Field(description="nats, when it was decided")
+    entropy: float = Field(description="nats, entropy of the pose at the decision")
 
 
 class NavigationFeedback(Message):
-    """Progress of the present goal, or of the last one; names as Nav2's users know them."""
+    """Progress of the present goal, or of the last one; names as in Nav2."""
 
-    state: GoalState = Field(description="of the goal")
-    goal_id: str = Field(default="", description="of the present or last goal, empty = none yet")
+    state: GoalState = Field(description="state of the goal")
+    goal_id: str = Field(default="", description="name of the present or last goal, empty = none yet")
     policy: str = Field(default="", description="name of the policy")
     goal_pose: Vec2 | None = Field(default=None, description="m, the last pose of the goal, frame map")
     current_pose: FloorPose
     navigation_time: float = Field(default=0.0, ge=0, description="s since the goal was accepted")
     estimated_time_remaining: float | None = Field(default=None, description="s; null = not known")
-    number_of_recoveries: int = Field(default=0, ge=0, description="since the goal was accepted")
-    recoveries: dict[str, int] = Field(default_factory=dict, description="the same by name")
+    number_of_recoveries: int = Field(default=0, ge=0, description="number since the goal was accepted")
+    recoveries: dict[str, int] = Field(default_factory=dict, description="number of recoveries by name")
     distance_remaining: float = Field(default=0.0, ge=0, description="m along the route")
     number_of_poses_remaining: int = Field(default=0, ge=0, description="waypoints not yet reached")
     position_tracking_error: float = Field(default=0.0, description="m, distance from the route")
     heading_tracking_error: float = Field(default=0.0, description="rad, bearing of the present waypoint")
-    decision: Decision | None = Field(default=None, description="the last one of this goal")
+    decision: Decision | None = Field(default=None, description="last decision of this goal")
     missed_waypoints: tuple[int, ...] = Field(default=(), description="indices of waypoints that were given up")
     error_code: GoalError = Field(default="", description="why the goal failed; empty = it has not")
-    error_msg: str = Field(default="", description="the same in words")
+    error_msg: str = Field(default="", description="why the goal failed, in words")
 
 
 class GotoRequest(Request):
-    """Sends the robot to a place. A new goal replaces the present one without a halt."""
+    """Send the robot to a place. A new goal replaces the present one without a halt."""
 
     position: Vec2 = Field(description="m, frame map")
     yaw: float | None = Field(default=None, description="rad, heading at the end; null = any")
@@ -95,7 +95,7 @@ class GotoRequest(Request):
 
 
 class WaypointsRequest(Request):
-    """Sends the robot to several places, one after the other."""
+    """Send the robot to several places, one after the other."""
 
     positions: Annotated[tuple[Vec2, ...], Field(min_length=1, max_length=MAX_WAYPOINTS)] = Field(
         description="m, frame map"
@@ -108,7 +108,7 @@ class WaypointsRequest(Request):
 
 
 class GoalReply(Reply):
-    """Whether a goal was accepted; progress is in navigator/feedback."""
+    """Acceptance of a goal; progress is in navigator/feedback."""
 
     accepted: bool = Field(description="false: nothing changes")
     goal_id: str = Field(default="", description="name of the goal")
@@ -117,7 +117,7 @@ class GoalReply(Reply):
 
 
 class CancelRequest(Request):
-    """Ends the present goal; the robot comes to stand on both feet."""
+    """End the present goal; the robot comes to stand on both feet."""
 
     goal_id: str | None = Field(default=None, max_length=64, description="only if this is the goal; null = any")
     at_tick: int | None = Field(
@@ -126,7 +126,7 @@ class CancelRequest(Request):
 
 
 class SetPoseRequest(Request):
-    """States where the robot is."""
+    """Set the pose of the robot."""
 
     pose: FloorPose
     covariance: Covariance3 | None = Field(default=None, description="null = 5 cm, 5 cm, 5 deg")
@@ -136,14 +136,14 @@ class SetPoseRequest(Request):
 
 
 class NavigatorReply(Reply):
-    """Whether a request was obeyed."""
+    """Acceptance of a request."""
 
     accepted: bool = Field(description="false: nothing changes")
-    reason: str = Field(default="", description="in words")
+    reason: str = Field(default="", description="why not, in words")
 
 
 class NavigatorMapRequest(Request):
-    """Asks for the map that routes are planned on."""
+    """Request the map that routes are planned on."""
 
 
 class OccupancyGrid(Bulk):
@@ -157,13 +157,13 @@ class OccupancyGrid(Bulk):
 
 
 class PolicyRequest(Request):
-    """Asks which policies there are, or chooses another default."""
+    """Request the names of the policies, or choose another default."""
 
-    use: str | None = Field(default=None, max_length=256, description="name or file of the policy; null = only ask")
+    use: str | None = Field(default=None, max_length=256, description="name or file of the policy; null = no change")
 
 
 class PolicyReply(Reply):
-    """The policy in use and where it comes from."""
+    """The default policy and its provenance."""
 
     policy: str = Field(description="name of the default policy")
     known: tuple[str, ...] = Field(description="names that ship")

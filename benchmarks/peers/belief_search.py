@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from surefoot.kernels.jit import free_kernel
 from surefoot.services.navigator.belief.ukf import spread
 from surefoot.services.navigator.environment.draws import below, normal_pair, seed, stream
-from surefoot.services.navigator.environment.world import act, copy_belief, work_space_of
+from surefoot.services.navigator.environment.model import EpisodeState, episode_room
+from surefoot.services.navigator.environment.world import act, copy_belief
 from surefoot.services.navigator.policy.arrays import (
     GOAL_RADIUS,
     GOAL_X,
@@ -26,8 +27,7 @@ from surefoot.services.navigator.policy.arrays import (
     TIME,
     Arrays,
 )
-from surefoot.services.navigator.policy.choose import allow, choose, work_space_to_choose
-from surefoot.services.navigator.policy.policies import Policy
+from surefoot.services.navigator.policy.choose import allow, choose, room_to_choose
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -43,16 +43,15 @@ CHILDREN = 64
 
 def scratch_of(world: Arrays) -> tuple[Any, ...]:
     """Return the arrays that the kernels here overwrite."""
-    n, a = 4, len(world.names)
+    n = 4
     return (
-        stream(), np.zeros(n), np.zeros((n, n)), np.zeros(4), np.zeros((2, 0)), work_space_of(n), np.zeros(a),
-        np.zeros(a, dtype=np.bool_), work_space_to_choose(n, a), np.zeros((n, n)),
-    )  # fmt: skip
-
-
-def tables_of(policy: Policy) -> tuple[Any, ...]:
-    """Return a policy as the kernels here take it."""
-    return policy.kind, policy.numbers, policy.table, policy.grid, policy.shown
+        stream(),
+        np.zeros(n),
+        np.zeros((n, n)),
+        episode_room(n),
+        room_to_choose(n, len(world.names)),
+        np.zeros((n, n)),
+    )
 
 
 @free_kernel
@@ -71,13 +70,7 @@ def _draw(scene: Array, mean: Array, cov: Array, rng: Any, low: Array, truth: Ar
 
 @free_kernel
 def _decide(policy: Any, world: Any, mean: Array, cov: Array, status: Array, scratch: Any) -> int:
-    kind, numbers, table, grid, shown = policy
-    actions, scene, switching = world
-    values, mask, work = scratch[6], scratch[7], scratch[8]
-    return choose(
-        kind, numbers, table, grid, shown, actions, scene, switching, mean, cov, scene[GOAL_X], scene[GOAL_Y], status,
-        values, mask, work,
-    )  # fmt: skip
+    return choose(policy, world, mean, cov, world.scene[GOAL_X], world.scene[GOAL_Y], status, scratch[4])
 
 
 @free_kernel
@@ -85,12 +78,8 @@ def _act(
     world: Any, floor: Any, run: int, sample: int, chosen: int, truth: Array, mean: Array, cov: Array, status: Array,
     scratch: Any,
 ) -> None:  # fmt: skip
-    actions, scene, switching = world
-    rng, ahead, ahead_cov, noise, gain, work = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4], scratch[5]
-    act(
-        scene, actions, switching, run, sample, chosen, rng, floor[0], floor[1], truth, mean, cov, ahead, ahead_cov,
-        status, noise, gain, work,
-    )  # fmt: skip
+    state = EpisodeState(scratch[0], floor[0], floor[1], truth, mean, cov, scratch[1], scratch[2], status)
+    act(world, run, sample, chosen, state, scratch[3])
 
 
 @free_kernel
@@ -101,8 +90,8 @@ def rollouts(
     """Write the seconds to the goal of each action and sample, (A, samples): the action first, then the base policy.
 
     Args:
-        policy: the base policy, see `tables_of`.
-        world: actions, scene, switching.
+        policy: the base policy, see `PolicyTables`.
+        world: see `ModelTables`.
         floor: landmarks and where those of a square begin.
         run: seed of the simulated episodes, of no other use.
         mean: belief, (4,).
@@ -115,7 +104,7 @@ def rollouts(
     truth, drawn, m, c, own = np.zeros(6), np.zeros(6), np.zeros(4), np.zeros((4, 4)), np.zeros(STATUS)
     for k in range(costs.shape[1]):
         seed(scratch[0], run, k, DRAW)
-        _draw(world[1], mean, cov, scratch[0], scratch[9], drawn)
+        _draw(world.scene, mean, cov, scratch[0], scratch[5], drawn)
         for a in range(costs.shape[0]):
             if not tried[a]:
                 continue
@@ -139,7 +128,7 @@ def tree(
 
     Args:
         policy: the planner; its values at a leaf are what is left.
-        world: actions, scene, switching.
+        world: see `ModelTables`.
         floor: landmarks and where those of a square begin.
         run: seed of the search.
         mean: belief, (4,).
@@ -158,7 +147,7 @@ def tree(
     open_ = np.zeros((size, count), dtype=np.bool_)
     truth, nodes, taken = np.zeros(6), np.zeros(depth + 1, dtype=np.int64), np.zeros(depth + 1, dtype=np.int64)
     means[0], covs[0], states[0] = mean, cov, status
-    allow(world[0], world[1], states[0], open_[0])
+    allow(world, states[0], open_[0])
     used = 1
     for s in range(sims):
         node, level, cost = 0, 0, 0.0
@@ -182,11 +171,11 @@ def tree(
             have = born[node, chosen]
             seed(scratch[0], run, s * (depth + 1) + level, DRAW)
             if have < CHILDREN and have < WIDEN * (tries[node, chosen] + 1.0) ** POWER:
-                _draw(world[1], means[node], covs[node], scratch[0], scratch[9], truth)
+                _draw(world.scene, means[node], covs[node], scratch[0], scratch[5], truth)
                 copy_belief(means[node], covs[node], means[used], covs[used])
                 states[used] = states[node]
                 _act(world, floor, run, used, chosen, truth, means[used], covs[used], states[used], scratch)
-                allow(world[0], world[1], states[used], open_[used])
+                allow(world, states[used], open_[used])
                 child[node, chosen, have] = used
                 born[node, chosen] = have + 1
                 node = used
@@ -206,4 +195,4 @@ def tree(
 def _worth(policy: Any, world: Any, mean: Array, cov: Array, status: Array, scratch: Any) -> float:
     """Return the planner's value of a belief, s (negative)."""
     chosen = _decide(policy, world, mean, cov, status, scratch)
-    return min(0.0, scratch[6][chosen])
+    return min(0.0, scratch[4].values[chosen])

@@ -17,7 +17,7 @@ from .result import Z95, Fitted, Interval
 Array = NDArray[np.float64]
 
 FULL = 0.99
-"""Frames hold at most this part of what they have room for; a share that fills all of them is not known."""
+"""Largest filling of the frames; a probability that fills all of them is not known."""
 
 
 def twins(model: NavigationModel) -> list[tuple[str, ...]]:
@@ -29,7 +29,7 @@ def twins(model: NavigationModel) -> list[tuple[str, ...]]:
 
 
 def durations(runs: Sequence[Run], model: NavigationModel, found: Fitted) -> None:
-    """Write times of actions in a chain, what switching between kinds adds, and frames of an action.
+    """Write times of actions in a chain, extra times of switching between kinds, and frames of an action.
 
     Args:
         runs: recordings.
@@ -95,7 +95,7 @@ def _mean(samples: Sequence[float]) -> Interval:
 def matches(runs: Sequence[Run], model: NavigationModel, found: Fitted) -> None:
     """Write the probability that a landmark in view is matched, by action; intervals count runs, not landmarks.
 
-    A frame hands on `sight.most` landmarks at most, so the share of the matched is less than that probability where
+    A frame holds `sight.most` landmarks at most, so the share of the matched is less than that probability where
     many are matched. The probability p is the one at which as many as were matched are expected:
     sum over frames of E min(Binomial(in view, p), most).
 

@@ -7,34 +7,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
-from surefoot.services.navigator.policies import errors_of
-from surefoot.services.navigator.policy.params import Action, NavigationModel
+from surefoot.services.navigator.catalogue import errors_of
+from surefoot.services.navigator.policy.params import ActionModel, NavigationModel
 
 from . import likelihood as lk
 from .counts import durations, matches
 from .events import Run
 from .result import Fitted, Interval
-from .search import Estimate, Likelihood, Parameter, estimate
+from .search import FittedParameter, Likelihood, Parameter, estimate
 
 Array = NDArray[np.float64]
 
 LEAST = 1e-3
-"""Standard deviations begin at this or more, m or rad: from zero no gradient leads away."""
+"""Least standard deviation at the begin of the search, m or rad: at zero there is no gradient."""
 DEG = math.degrees(1.0)
 LEAN = 0.3
-"""rad, the mean error of pitch is searched within this."""
+"""Bound of the searched mean error of pitch, rad."""
 
 
 def fit(runs: Sequence[Run], model: NavigationModel, show: Callable[[str], None] = lambda text: None) -> Fitted:
     """Return the numbers of the robot that made the recordings.
 
-    Noises that the recordings do not decide within a factor of 10 are left out, and so are ways and turns that they do
-    not tell from what was commanded. An action and its mirror image are one: the model asks for equal numbers.
+    Noises that the recordings do not decide within a factor of 10 are left out, and so are ways and turns that do not
+    differ from the commanded ones within their intervals. An action and its mirror image are one: the model asks for
+    equal numbers.
 
     Args:
         runs: recordings, see `events.read_run`.
-        model: where the search begins, and what is not fitted.
-        show: is called with progress.
+        model: begin of the search; its other numbers are not fitted.
+        show: called with a line of progress.
 
     Raises:
         SurefootError: no recordings.
@@ -48,7 +49,7 @@ def fit(runs: Sequence[Run], model: NavigationModel, show: Callable[[str], None]
     return found
 
 
-def group_of(action: Action) -> int:
+def group_of(action: ActionModel) -> int:
     """Return the group of actions that share their noises."""
     if action.kind != "walk":
         return lk.ON_THE_SPOT
@@ -80,7 +81,7 @@ def _begin(model: NavigationModel) -> Array:
 
 
 def _parameters(runs: Sequence[Run], model: NavigationModel) -> list[Parameter]:
-    """Return what is fitted: what the model has and the recordings can show."""
+    """Return the parameters to fit: those of the model that the recordings can show."""
     groups = _occurring(runs, model)
     stood = any((run.events[run.events[:, 0] == 2.0, 5] > 0.0).any() for run in runs)
     of = {g: [n for n, a in model.actions.items() if a.kind != "stand" and group_of(a) == g] for g in range(3)}
@@ -142,7 +143,7 @@ def _noises(runs: Sequence[Run], model: NavigationModel, found: Fitted, show: Ca
             found.values[key] = _number(model, key, item, best[item.index])
 
 
-def _number(model: NavigationModel, key: str, item: Parameter, value: Estimate) -> Interval:
+def _number(model: NavigationModel, key: str, item: Parameter, value: FittedParameter) -> Interval:
     """Return a parameter in the unit of its key; ways and turns are parts of what was commanded."""
     _, _, rest = key.partition("actions.")
     name, _, field = rest.partition(".")

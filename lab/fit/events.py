@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
 from surefoot.record.recording import read_recording
-from surefoot.services.navigator.belief.landmarks import LandmarkMap
+from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.belief.matching import DetectionError, SightNoise
-from surefoot.services.navigator.belief.tracker import Motion, PoseTracker, Start
+from surefoot.services.navigator.belief.tracker import Motion, PoseTracker, StartUncertainty
+from surefoot.services.navigator.catalogue import act_of, errors_of
 from surefoot.services.navigator.execution import Execution
 from surefoot.services.navigator.goals import Act
 from surefoot.services.navigator.localiser import detections
-from surefoot.services.navigator.policies import act_of, errors_of
 from surefoot.services.navigator.policy.params import NavigationModel
 
 Array = NDArray[np.float64]
@@ -31,7 +31,7 @@ SAME_WAY = 0.02
 STANDING = ("standing", "waiting", "hold")
 """States of the gait in which the robot stands on its feet."""
 GATE_WIDER = 1.5
-"""Noise is taken for so much larger than the model says while landmarks are matched: the model is what is wanted."""
+"""Factor on the noises of the model while landmarks are matched: the model is not known yet."""
 
 
 @dataclass
@@ -72,10 +72,10 @@ def read_run(path: Path, model: NavigationModel) -> Run:
             raise SurefootError(
                 "invalid", f"{path} has no {key}; fit needs recordings of a goal with a camera and a landmark map", key
             )
-    return _Reader(path, model).read(messages)
+    return _RunReader(path, model).read(messages)
 
 
-class _Reader:
+class _RunReader:
     def __init__(self, path: Path, model: NavigationModel) -> None:
         self.run, self.model = Run(path), model
         self.acts = [act_of(name, action) for name, action in model.actions.items()]
@@ -83,7 +83,7 @@ class _Reader:
         noise = SightNoise(sight.range_sd, sight.range_sd_share, math.radians(sight.bearing_sd_deg)).wider(GATE_WIDER)
         shared = errors_of(model, sway=True)
         drift = math.radians(model.drift.known_sd_deg) * 10.0
-        start = Start(model.filter.position_sd, math.radians(model.filter.heading_sd_deg), drift)
+        start = StartUncertainty(model.filter.position_sd, math.radians(model.filter.heading_sd_deg), drift)
         self.tracker = PoseTracker(start, noise, noise, shared)
         self.execution = Execution()
         self.events: list[tuple[float, ...]] = []
@@ -104,7 +104,7 @@ class _Reader:
         decoded.sort(key=lambda pair: (pair[1].tick, rank.get(pair[0], 9)))
         for key, message in decoded:
             if key == "terrain/landmarks":
-                self.tracker.world = LandmarkMap.from_bytes(message.data, message.count, message.descriptor_length)
+                self.tracker.world = FloorLandmarks.from_bytes(message.data, message.count, message.descriptor_length)
             elif key == "state/pose" and not self.started:
                 self.started, self.run.start = True, message.pose
                 self.tracker.place(message.pose)
@@ -220,7 +220,7 @@ class _Reader:
         return self.acts[self._piece(pieces[0].motion)[0]].name if pieces else ""
 
 
-def in_view(mean: Array, world: LandmarkMap, model: NavigationModel) -> int:
+def in_view(mean: Array, world: FloorLandmarks, model: NavigationModel) -> int:
     """Return how many landmarks lie in the footprint of the camera for a pose."""
     sight = model.sight
     away = world.positions - mean[:2]

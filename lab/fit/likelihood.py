@@ -1,9 +1,9 @@
-"""How likely a run is under given noises: the product of the densities of the filter's innovations.
+"""Likelihood of a run under given noises: the product of the densities of the filter's innovations.
 
 -2 ln L = sum over sightings of nu^T S^-1 nu + ln det S + 2 ln 2 pi, nu the innovation of range and bearing and S its
-covariance, both by the unscented filter that the navigator runs (prediction error decomposition; Harvey 1989). What a
-tilt does is taken at the predicted place of a landmark: at the place seen, whose noise a mean tilt scales, the noise of
-ranges would come out 12 % too small for 2 deg.
+covariance, both by the unscented filter that the navigator runs (prediction error decomposition; Harvey 1989). The
+effect of a tilt is computed at the predicted place of a landmark: at the place seen, whose noise a mean tilt scales,
+the noise of ranges would come out 12 % too small for 2 deg.
 """
 
 import math
@@ -12,86 +12,98 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.kernels.jit import free_kernel
-from surefoot.services.navigator.belief.common import fade, fill_gain
-from surefoot.services.navigator.belief.ukf import predict_with, update_with, wrap
+from surefoot.services.navigator.belief.common_errors import ERRORS, fade, fill_gain
+from surefoot.services.navigator.belief.ukf import NUISANCE, LandmarkSighting, predict, update, wrap
+
+from .events import MOVE, SEE
 
 Array = NDArray[np.float64]
 
 ALONG, ACROSS, HEADING, TURN_PLACE, TURN_HEADING = 0, 1, 2, 3, 4  # sd of a whole action, m and rad
 RANGE, SHARE, BEARING, STANDING, TILT, DRIFT, WANDER = 5, 6, 7, 8, 9, 10, 11
-FORWARD, TURNED = 12, 13  # what becomes of a commanded way and turn, 1 = what was commanded
+FORWARD, TURNED = 12, 13  # way and turn as parts of the commanded ones
 SWAY, PITCH = 14, 15  # m; rad, mean of the tilt
-ARC_ALONG, ARC_ACROSS, ARC_HEADING, ARC_FORWARD, ARC_TURNED = 16, 17, 18, 19, 20  # the same of arcs
+ARC_ALONG, ARC_ACROSS, ARC_HEADING, ARC_FORWARD, ARC_TURNED = 16, 17, 18, 19, 20  # as above, of arcs
 PARAMETERS = 21
 ON_THE_SPOT, STRAIGHT, ARC = 0, 1, 2  # groups of actions
 LOG_2PI = math.log(2.0 * math.pi)
 
 
 @free_kernel
+def _move(event: Array, actions: Array, theta: Array, mean: Array, cov: Array, noise: Array, work: Array) -> None:
+    """Carry the belief over a share of an action, in place."""
+    a, share = int(event[1]), event[2]
+    forward, turn, group = actions[a, 0], actions[a, 1], int(actions[a, 2])
+    if group == ON_THE_SPOT:
+        noise[0] = noise[1] = theta[TURN_PLACE] ** 2 * share
+        noise[2], noise[3] = theta[TURN_HEADING] ** 2 * share, 0.0
+        turn *= theta[TURNED]
+    else:
+        first = ARC_ALONG if group == ARC else ALONG
+        noise[0], noise[1] = theta[first] ** 2 * share, theta[first + 1] ** 2 * share
+        noise[2], noise[3] = theta[first + 2] ** 2 * share, theta[WANDER] ** 2 * share
+        forward *= theta[ARC_FORWARD] if group == ARC else theta[FORWARD]
+        turn *= theta[ARC_TURNED] if group == ARC else 1.0
+    predict(mean, cov, forward * share, 0.0, turn * share, actions[a, 0] * share, noise, work)
+
+
+@free_kernel
+def _see(event: Array, theta: Array, height: float, mean: Array, cov: Array, gain: Array, work: Array) -> float:
+    """Correct the belief with a sighting, in place; return -ln of its density."""
+    n, r = mean.size, event[3]
+    scale = theta[STANDING] if event[5] > 0.0 else 1.0
+    var_r = scale * scale * (theta[RANGE] ** 2 + (theta[SHARE] * r) ** 2)
+    var_b = (scale * theta[BEARING]) ** 2
+    dx, dy = event[1] - mean[0], event[2] - mean[1]
+    fill_gain(math.sqrt(dx * dx + dy * dy), wrap(math.atan2(dy, dx) - mean[2]), height, gain)
+    nis = update(mean, cov, LandmarkSighting(event[1], event[2], r, event[4], var_r, var_b), gain, work)
+    s00, s01, s11 = 0.0, 0.0, 0.0  # of the sigma points, which the update left in rows n .. 2 n - 1
+    for j in range(n, 2 * n):
+        s00 += work[j, 0] * work[j, 0] + work[j, 2] * work[j, 2]
+        s01 += work[j, 0] * work[j, 1] + work[j, 2] * work[j, 3]
+        s11 += work[j, 1] * work[j, 1] + work[j, 3] * work[j, 3]
+    s00, s01, s11 = s00 / (2.0 * n) + var_r, s01 / (2.0 * n), s11 / (2.0 * n) + var_b
+    return 0.5 * (nis + math.log(s00 * s11 - s01 * s01)) + LOG_2PI
+
+
+@free_kernel
 def minus_log_likelihood(
     events: Array, actions: Array, start: Array, sd_start: Array, theta: Array, height: float, fades: Array
 ) -> float:
-    """Return -ln L of one run.
+    """Return -ln L of one run, nats.
 
     Args:
         events: (n, 6), see `events`.
         actions: forward (m), turn (rad) and group (`ON_THE_SPOT`, `STRAIGHT` or `ARC`) of each action, (A, 3).
-        start: x, y, yaw, (3,).
+        start: x, y (m) and yaw (rad) at the start, (3,).
         sd_start: standard deviations of position (m) and heading (rad) at the start, (2,).
         theta: parameters, (PARAMETERS,).
         height: of the camera, m.
         fades: time constants of tilt and sway, s, (2,); 0 = independent from frame to frame.
     """
-    n = 7 if theta[TILT] > 0.0 or theta[SWAY] > 0.0 else 4
-    mean, cov, gain, noise = np.zeros(n), np.zeros((n, n)), np.zeros((2, n - 4)), np.zeros(4)
+    n = NUISANCE + ERRORS if theta[TILT] > 0.0 or theta[SWAY] > 0.0 else NUISANCE
+    mean, cov, gain, noise = np.zeros(n), np.zeros((n, n)), np.zeros((2, n - NUISANCE)), np.zeros(4)
     sds = np.array([theta[TILT], theta[TILT], theta[SWAY]])
     work, keeps = np.zeros((3 * n, max(n, 4))), np.zeros(3)
     mean[:3] = start
     cov[0, 0] = cov[1, 1] = sd_start[0] ** 2
     cov[2, 2] = sd_start[1] ** 2
     cov[3, 3] = theta[DRIFT] ** 2
-    if n > 4:
-        mean[4] = theta[PITCH]
-    for i in range(4, n):
-        cov[i, i] = sds[i - 4] ** 2
+    if n > NUISANCE:
+        mean[NUISANCE] = theta[PITCH]
+    for i in range(NUISANCE, n):
+        cov[i, i] = sds[i - NUISANCE] ** 2
     total = 0.0
     for k in range(events.shape[0]):
         kind = events[k, 0]
-        if kind == 0.0:
-            a, share = int(events[k, 1]), events[k, 2]
-            forward, turn, group = actions[a, 0], actions[a, 1], int(actions[a, 2])
-            if group == ON_THE_SPOT:
-                noise[0] = noise[1] = theta[TURN_PLACE] ** 2 * share
-                noise[2], noise[3] = theta[TURN_HEADING] ** 2 * share, 0.0
-                turn *= theta[TURNED]
-            else:
-                first = ARC_ALONG if group == ARC else ALONG
-                noise[0], noise[1] = theta[first] ** 2 * share, theta[first + 1] ** 2 * share
-                noise[2], noise[3] = theta[first + 2] ** 2 * share, theta[WANDER] ** 2 * share
-                forward *= theta[ARC_FORWARD] if group == ARC else theta[FORWARD]
-                turn *= theta[ARC_TURNED] if group == ARC else 1.0
-            walked = actions[a, 0] * share
-            predict_with(mean, cov, forward * share, 0.0, turn * share, walked, noise, work)
-        elif kind == 1.0:
-            if n > 4:
-                keeps[0] = keeps[1] = math.exp(-events[k, 1] / fades[0]) if fades[0] > 0.0 else 0.0
-                keeps[2] = math.exp(-events[k, 1] / fades[1]) if fades[1] > 0.0 else 0.0
-                fade(mean, cov, keeps, sds, theta[PITCH])
-        else:
-            r, b = events[k, 3], events[k, 4]
-            scale = theta[STANDING] if events[k, 5] > 0.0 else 1.0
-            var_r = scale * scale * (theta[RANGE] ** 2 + (theta[SHARE] * r) ** 2)
-            var_b = (scale * theta[BEARING]) ** 2
-            dx, dy = events[k, 1] - mean[0], events[k, 2] - mean[1]
-            fill_gain(math.sqrt(dx * dx + dy * dy), wrap(math.atan2(dy, dx) - mean[2]), height, gain)
-            nis = update_with(mean, cov, events[k, 1], events[k, 2], r, b, var_r, var_b, gain, work)
-            s00, s01, s11 = 0.0, 0.0, 0.0  # of the sigma points, which the update left in rows n .. 2 n - 1
-            for j in range(n, 2 * n):
-                s00 += work[j, 0] * work[j, 0] + work[j, 2] * work[j, 2]
-                s01 += work[j, 0] * work[j, 1] + work[j, 2] * work[j, 3]
-                s11 += work[j, 1] * work[j, 1] + work[j, 3] * work[j, 3]
-            s00, s01, s11 = s00 / (2.0 * n) + var_r, s01 / (2.0 * n), s11 / (2.0 * n) + var_b
-            total += 0.5 * (nis + math.log(s00 * s11 - s01 * s01)) + LOG_2PI
+        if kind == MOVE:
+            _move(events[k], actions, theta, mean, cov, noise, work)
+        elif kind == SEE:
+            total += _see(events[k], theta, height, mean, cov, gain, work)
+        elif n > NUISANCE:
+            keeps[0] = keeps[1] = math.exp(-events[k, 1] / fades[0]) if fades[0] > 0.0 else 0.0
+            keeps[2] = math.exp(-events[k, 1] / fades[1]) if fades[1] > 0.0 else 0.0
+            fade(mean, cov, keeps, sds, theta[PITCH])
     return total
 
 

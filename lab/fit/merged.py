@@ -1,4 +1,4 @@
-"""Fewer events that say the same: motions between two sightings as one, frames without a sighting as time."""
+"""Fewer events of the same content: motions between two sightings as one, frames without a sighting as time."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""What a fit found: numbers with their intervals, by dotted key of the model."""
+"""Result of a fit: numbers with their intervals, by dotted key of the model."""
 
 from dataclasses import dataclass, field
 
@@ -14,20 +14,20 @@ class Interval:
     low: float
     high: float
     count: int = 0
-    """Samples it comes from; 0 where all recordings together decide."""
+    """Number of samples; 0 where all recordings together decide."""
 
 
 @dataclass
 class Fitted:
-    """What recordings say about a robot."""
+    """Numbers of a robot from recordings."""
 
     values: dict[str, Interval] = field(default_factory=dict[str, Interval])
     """Numbers by dotted key of the model."""
     undecided: list[str] = field(default_factory=list[str])
-    """Keys of which the recordings say too little; the model to begin with keeps its numbers."""
+    """Keys that the recordings do not decide; they keep the numbers of the first model."""
     runs: int = 0
-    """Recordings used."""
+    """Number of recordings."""
     sightings: int = 0
-    """Landmarks matched in all."""
+    """Number of matched landmarks."""
     improvement: float = 0.0
-    """nats by which the recordings became likelier against the model to begin with."""
+    """Gain of the log-likelihood over the first model, nats."""

@@ -1,4 +1,4 @@
-"""The search for the likeliest parameters, and how well they are known."""
+"""Search for the likeliest parameters, with their intervals."""
 
 import math
 import os
@@ -19,13 +19,13 @@ from .result import Z95
 Array = NDArray[np.float64]
 
 STEP = 1e-3
-"""Of the differences that make gradient and curvature."""
+"""Step of the differences for gradient and curvature."""
 IMPOSSIBLE = 1e12
-"""Of parameters under which the filter breaks down."""
+"""Value of parameters under which the filter breaks down."""
 LOWEST, HIGHEST = math.log(1e-5), 3.0
 """ln of the standard deviations that are tried, m or rad."""
 FACTOR = 10.0
-"""A number that is not known within this factor up and down is not known."""
+"""Largest factor, up and down, of the interval of a number that counts as known."""
 ENOUGH = 0.5 * Z95**2
 """nats that the likelihood falls by at the ends of a 95 % interval."""
 CENTRE = 0.41
@@ -37,24 +37,24 @@ class Parameter:
     """One parameter of the likelihood."""
 
     index: int
-    """Of `likelihood`."""
+    """Index in `likelihood`."""
     keys: tuple[str, ...]
-    """Of the model, dotted."""
+    """Dotted keys of the model."""
     factor: float = 1.0
-    """From SI to the unit of the model."""
+    """Factor from SI to the unit of the model."""
     bounds: tuple[float, float] | None = None
-    """None: the parameter is positive, its logarithm is searched."""
+    """Bounds of the search; None = the parameter is positive, its logarithm is searched."""
     as_commanded: float | None = None
-    """What it is if the robot does what was commanded."""
+    """Value of a robot that moves as commanded; None = there is none."""
 
     @property
     def positive(self) -> bool:
-        """Whether its logarithm is searched."""
+        """True if its logarithm is searched."""
         return self.bounds is None
 
 
 @dataclass(frozen=True)
-class Estimate:
+class FittedParameter:
     """A parameter and its 95 % interval, SI units."""
 
     value: float
@@ -149,23 +149,22 @@ class _Surface:
 
 def estimate(
     likelihood: Likelihood, theta: Array, wanted: Sequence[Parameter], sightings: int
-) -> tuple[dict[int, Estimate], float]:
+) -> tuple[dict[int, FittedParameter], float]:
     """Return the likeliest parameters by index, and by how many nats they are likelier than theta.
 
-    Intervals come from `deviations`. A noise that is not known within `FACTOR`, and a way or
-    turn that is not told from what was commanded, gets the value of theta again, the rest is searched anew, and it is
-    left out of the result. A noise that is not told from zero
-    begins there; one without a likeliest value, but smaller than theta says, ends where the likelihood has fallen by
-    `ENOUGH`.
+    Intervals come from `deviations`. A noise that is not known within `FACTOR`, and a way or turn that does not differ
+    from the commanded one, get the value of theta again and are left out of the result, the rest is searched anew. The
+    interval of a noise that does not differ from zero begins at zero. A noise without a likeliest value, but smaller
+    than in theta, has an interval that ends where the likelihood has fallen by `ENOUGH`.
 
     Args:
         likelihood: of the recordings.
-        theta: where to begin, (PARAMETERS,).
-        wanted: what is searched; the others stay as in theta.
+        theta: begin of the search, (PARAMETERS,).
+        wanted: parameters that are searched; the others stay as in theta.
         sightings: scale of -ln L, so that the line search takes sensible steps.
     """
     before = float(likelihood(theta[None])[0])
-    first, small, searched = theta.copy(), dict[int, Estimate](), list(wanted)
+    first, small, searched = theta.copy(), dict[int, FittedParameter](), list(wanted)
     theta = theta.copy()
     while True:
         surface = _Surface(likelihood, theta, searched)
@@ -179,7 +178,7 @@ def estimate(
             item = searched[k]
             end = _upper_end(surface, best, value, k, first[item.index]) if item.positive else None
             if end is not None:
-                small[item.index] = Estimate(CENTRE * end, 0.0, end)
+                small[item.index] = FittedParameter(CENTRE * end, 0.0, end)
             theta[item.index] = first[item.index] if end is None else CENTRE * end
         searched = [item for k, item in enumerate(searched) if k not in unknown]
         if not searched:
@@ -189,9 +188,9 @@ def estimate(
         x, half = float(best[k]), Z95 * float(sigmas[k])
         if item.positive:
             zero = _rise(surface, best, value, k, LOWEST) < ENOUGH
-            found[item.index] = Estimate(math.exp(x), 0.0 if zero else math.exp(x - half), math.exp(x + half))
+            found[item.index] = FittedParameter(math.exp(x), 0.0 if zero else math.exp(x - half), math.exp(x + half))
         else:
-            found[item.index] = Estimate(x, x - half, x + half)
+            found[item.index] = FittedParameter(x, x - half, x + half)
     return found, before - float(likelihood(theta[None])[0])
 
 
@@ -209,7 +208,7 @@ def _minimum(surface: _Surface, scale: int) -> tuple[Array, float]:
 
 
 def _known(item: Parameter, x: float, sigma: float) -> bool:
-    """Return whether a coordinate says more than the model: see `estimate`."""
+    """Return whether a coordinate is known better than in the model, see `estimate`."""
     if item.bounds is None:
         return Z95 * sigma <= math.log(FACTOR) and x > LOWEST + STEP
     low, high = item.bounds
@@ -240,9 +239,9 @@ def _upper_end(surface: _Surface, best: Array, value: float, k: int, first: floa
 def deviations(curvature: Array, slopes: Array) -> Array:
     """Return the standard deviations of the likeliest parameters, (P,), the larger of two estimates.
 
-    H^-1, right if the model is, and R / (R - 1) H^-1 (sum_r g_r g_r^T) H^-1, which also counts what differs between
-    the recordings in a way that the model does not know (White 1982; clusters are recordings). Directions that
-    nothing is known of get 5.
+    H^-1, right if the model is right, and R / (R - 1) H^-1 (sum_r g_r g_r^T) H^-1, which also counts differences
+    between the recordings that the model does not describe (White 1982; clusters are recordings). Unknown directions
+    get 5.
 
     Args:
         curvature: H, of -ln L, (P, P).

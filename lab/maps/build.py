@@ -1,9 +1,9 @@
-"""A landmark map from what a robot saw on its way: association by look, then all places and poses at once.
+"""Landmark map from a recording: association by look, then all places and poses at once.
 
 Unknown are the poses x_f = (t_f, theta_f) of the frames and the places l_j of the landmarks. The sum of the squares of
 
     (r - |l_j - t_f|)/sigma_r,  wrap(phi - atan2(l_j - t_f) + theta_f)/sigma_phi                     of every detection,
-    (R(theta_f)^T (t_f+1 - t_f) - same by odometry)/sigma_t,  (theta_f+1 - theta_f - same)/sigma_theta   between frames
+    (R(theta_f)^T (t_f+1 - t_f) - that by odometry)/sigma_t,  (theta_f+1 - theta_f - that)/sigma_theta   between frames
 
 is made least by the method of Gauss and Newton, weights of large residuals reduced (Huber, 1964); the first pose is
 held. Detections that do not fit in the end are left out, and landmarks with too few.
@@ -19,7 +19,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from surefoot.errors import SurefootError
-from surefoot.services.navigator.belief.landmarks import LandmarkMap
+from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 
 from .sightings import Sightings
 
@@ -29,12 +29,12 @@ Index = NDArray[np.int64]
 HUBER = 2.0
 """Standard deviations from which a residual counts linearly."""
 OUTLIER = 9.21
-"""chi^2_2(.99), of a detection that is left out in the end."""
+"""Squared residual of a detection that is left out in the end, chi^2_2(.99)."""
 
 
 @dataclass(frozen=True)
 class BuildOptions:
-    """Noise of sensors and when a landmark is kept."""
+    """Noise of the sensors, and conditions for keeping a landmark."""
 
     range_share: float = 0.03
     """Standard deviation of a range, part of it."""
@@ -51,35 +51,35 @@ class BuildOptions:
     still_m: float = 0.0005
     """m, error of odometry from frame to frame of a robot that stands."""
     still_rad: float = 0.0005
-    """rad, likewise."""
+    """rad, error of the heading from frame to frame of a robot that stands."""
     look_sd: float | None = None
     """Noise of each number of a descriptor; None = estimated from the recording."""
     least: int = 3
-    """Detections of a landmark that is kept."""
+    """Least number of detections of a landmark that is kept."""
     rounds: int = 12
-    """Steps of least squares, at most."""
+    """Largest number of steps of least squares."""
 
 
 @dataclass(frozen=True, eq=False)
 class BuiltMap:
-    """A map and how well it fits."""
+    """Map with the residuals of its fit."""
 
-    world: LandmarkMap
+    world: FloorLandmarks
     """The landmarks, in the frame of the poses."""
     seen: Index
-    """(n,): detections of each landmark."""
+    """Number of detections of each landmark, (n,)."""
     sd: Array
-    """(n,) m: standard deviation of each place along one axis by its detections, poses taken for known."""
+    """Standard deviation of each place along one axis by its detections, for known poses, (n,) m."""
     poses: Array
-    """(f, 3): corrected poses of the frames, m and rad."""
+    """Corrected poses of the frames, x, y (m) and heading (rad), (f, 3)."""
     shift: float
-    """m, largest correction of a pose."""
+    """Largest correction of a pose, m."""
     range_rms: float
     """Root mean square of the ranges' residuals, parts of the range."""
     bearing_rms: float
-    """rad, of the bearings' residuals."""
+    """Root mean square of the bearings' residuals, rad."""
     look_sd: float
-    """Noise of the descriptors that was used or estimated."""
+    """Noise of the descriptors, given or estimated."""
     detections: int
     """Detections in the recording."""
     used: int
@@ -89,7 +89,7 @@ class BuiltMap:
 
 
 def build_map(seen: Sightings, options: BuildOptions | None = None, source: str = "") -> BuiltMap:
-    """Return a map of what was seen.
+    """Return a map of the landmarks of a recording.
 
     Args:
         seen: detections and odometry.
@@ -120,7 +120,7 @@ def build_map(seen: Sightings, options: BuildOptions | None = None, source: str 
     looks = np.zeros((len(kept), seen.looks.shape[1]))
     np.add.at(looks, new[track[used]], seen.looks[used])
     looks /= count[kept][:, None]
-    world = LandmarkMap(places[kept], looks, 1, source)
+    world = FloorLandmarks(places[kept], looks, 1, source)
     scale = np.stack((_relative(options, seen.ranges[used]), np.full(int(used.sum()), options.bearing_sd)))
     range_rms, bearing_rms = (float(v) for v in np.sqrt(np.mean((residual[used].T * scale) ** 2, axis=1)))
     shift = float(np.hypot(*(poses - seen.poses)[:, :2].T).max())
@@ -132,7 +132,7 @@ def build_map(seen: Sightings, options: BuildOptions | None = None, source: str 
 
 
 def estimated_look_noise(seen: Sightings) -> float:
-    """Estimate the noise of a descriptor's numbers: from detections in frames that follow each other and look alike."""
+    """Return the noise of a descriptor's elements, from alike detections in frames that follow each other."""
     frames = np.split(np.arange(len(seen.frame)), np.flatnonzero(np.diff(seen.frame)) + 1)
     near: list[Array] = []
     for a, b in pairwise(frames):
@@ -196,7 +196,7 @@ def _first_places(seen: Sightings, track: Index) -> Array:
 
 
 def _relative(options: BuildOptions, ranges: Array) -> Array:
-    """Standard deviation of ranges, parts of them."""
+    """Return the standard deviations of ranges, parts of them."""
     return np.hypot(options.range_share, options.range_sd / ranges)
 
 
@@ -205,7 +205,7 @@ def _wrapped(angle: Array) -> Array:
 
 
 def _geometry(seen: Sightings, track: Index, poses: Array, places: Array) -> tuple[Array, Array, Array]:
-    """Offsets of the landmarks from the robot (m, 2), their length (m,), and residuals of range and bearing (m, 2)."""
+    """Return offsets of the landmarks (m, 2), their length (m,), and residuals of range and bearing (m, 2)."""
     d = places[track] - poses[seen.frame, :2]
     q = np.maximum(np.hypot(d[:, 0], d[:, 1]), 1e-6)
     bearing = _wrapped(seen.bearings - np.arctan2(d[:, 1], d[:, 0]) + poses[seen.frame, 2])
@@ -213,13 +213,13 @@ def _geometry(seen: Sightings, track: Index, poses: Array, places: Array) -> tup
 
 
 def _residuals(seen: Sightings, track: Index, poses: Array, places: Array, options: BuildOptions) -> Array:
-    """Residuals of range and bearing in standard deviations, (m, 2)."""
+    """Return the residuals of range and bearing in standard deviations, (m, 2)."""
     _, q, nu = _geometry(seen, track, poses, places)
     return nu / np.stack((_relative(options, q) * q, np.full(len(q), options.bearing_sd)), axis=1)
 
 
 def _improve(seen: Sightings, track: Index, poses: Array, places: Array, options: BuildOptions) -> float:
-    """One step of Gauss and Newton, in place; return the largest correction of a place, m."""
+    """Take one step of Gauss and Newton, in place; return the largest correction of a place, m."""
     m, f, n = len(track), len(poses), len(places)
     d, q, nu = _geometry(seen, track, poses, places)
     sd_r, sd_b = _relative(options, q) * q, np.full(m, options.bearing_sd)
@@ -266,7 +266,7 @@ def _improve(seen: Sightings, track: Index, poses: Array, places: Array, options
 
 
 def _between(poses: Array) -> Array:
-    """Motion from each pose to the next in the axes of the first, (f - 1, 3)."""
+    """Return the motion from each pose to the next in the axes of the first, (f - 1, 3)."""
     d = np.diff(poses, axis=0)
     c, s = np.cos(poses[:-1, 2]), np.sin(poses[:-1, 2])
     return np.stack((c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0], d[:, 2]), axis=1)
@@ -281,7 +281,7 @@ def _place_sd(
     places: Array,
     options: BuildOptions,
 ) -> Array:
-    """Standard deviation of the kept places by their detections alone, (k,) m."""
+    """Return the standard deviation of the kept places by their detections alone, (k,) m."""
     d, q, _ = _geometry(seen, track, poses, places)
     u = d / q[:, None]
     along, across = 1.0 / (_relative(options, q) * q) ** 2, 1.0 / (options.bearing_sd * q) ** 2

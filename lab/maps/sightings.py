@@ -1,4 +1,4 @@
-"""What a recording tells of the landmarks on the floor: detections, and where the robot believed to be."""
+"""Sightings of a recording: detections of landmarks, and the believed poses of the robot."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,15 +19,15 @@ class Sightings:
     """Detections of a run with the poses they were made from; n frames, m detections."""
 
     poses: Array
-    """(n, 3): x, y in m and heading in rad (not wrapped) of base_link by odometry, frame odom or map."""
+    """Pose of base_link, x, y in m and heading in rad (not wrapped), frame odom or map, (n, 3)."""
     frame: NDArray[np.int64]
-    """(m,): frame of each detection."""
+    """Frame of each detection, (m,)."""
     ranges: Array
-    """(m,) m."""
+    """Distances, m, (m,)."""
     bearings: Array
-    """(m,) rad."""
+    """Directions, rad, left positive, (m,)."""
     looks: Array
-    """(m, k) descriptors."""
+    """Descriptors, (m, k)."""
     source: str
     """Key of the poses."""
 

@@ -1,4 +1,4 @@
-"""What is in a map file, in numbers, and what speaks against using it."""
+"""Summary of a map file: its numbers, and problems of its use."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 
 from surefoot.services.navigator.belief import landmark_files
-from surefoot.services.navigator.belief.landmarks import LandmarkMap
+from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.planning import map_files
 from surefoot.services.navigator.planning.costs import Clearance, prepare
-from surefoot.services.navigator.planning.grid import FREE, UNKNOWN, Grid
+from surefoot.services.navigator.planning.grid import FREE, UNKNOWN, FloorGrid
 
 ALIKE = 0.15
 """Part of the median distance of two descriptors from which on two landmarks look alike."""
 FEW = 5.0
-"""Landmarks per m2; with fewer a robot that stands seldom sees enough to know where it is."""
+"""Least density, landmarks per m^2; with fewer a standing robot seldom sees enough to find its pose."""
 
 
 @dataclass(frozen=True)
@@ -23,13 +23,13 @@ class Summary:
     """A map file."""
 
     facts: dict[str, Any]
-    """By name."""
+    """Facts by name."""
     problems: tuple[str, ...]
-    """In words, why the map is of little use; empty = nothing found."""
+    """Problems of the map, in words; empty = none found."""
 
 
 def summary_of(path: Path, radius: float = 0.15) -> Summary:
-    """Return what is in a landmark map (`.npz`) or in a map_server map (its YAML).
+    """Return the summary of a landmark map (`.npz`) or in a map_server map (its YAML).
 
     Args:
         path: the file.
@@ -43,7 +43,7 @@ def summary_of(path: Path, radius: float = 0.15) -> Summary:
     return _landmarks(landmark_files.load(path))
 
 
-def _landmarks(world: LandmarkMap) -> Summary:
+def _landmarks(world: FloorLandmarks) -> Summary:
     x0, y0, x1, y1 = world.bounds
     area = (x1 - x0) * (y1 - y0)
     copies = copied(world)
@@ -60,8 +60,8 @@ def _landmarks(world: LandmarkMap) -> Summary:
     return Summary(facts, tuple(problems))
 
 
-def copied(world: LandmarkMap) -> int:
-    """Count the landmarks that look like another one of the map."""
+def copied(world: FloorLandmarks) -> int:
+    """Return the number of landmarks that look like another one of the map."""
     looks, n = world.descriptors, len(world)
     squares, count = (looks**2).sum(axis=1), 0
     sample = looks[:: max(1, n // 500)]
@@ -75,7 +75,7 @@ def copied(world: LandmarkMap) -> int:
     return count
 
 
-def _grid(grid: Grid, radius: float) -> Summary:
+def _grid(grid: FloorGrid, radius: float) -> Summary:
     costs = prepare(grid, Clearance(radius=radius, comfort=max(0.35, radius)))
     sizes = np.bincount(costs.region.ravel())[1:]
     largest = float(sizes.max()) / grid.cells.size if sizes.size else 0.0

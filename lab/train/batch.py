@@ -1,16 +1,19 @@
-"""Many episodes side by side, one action in each per call; what the Gymnasium environments are made of."""
+"""Many episodes side by side, one action in each per call; base of the Gymnasium environments."""
 
 import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
 from surefoot.kernels.jit import free_kernel
-from surefoot.services.navigator.environment.world import act, begin, cells, room_for, work_space_of
+from surefoot.services.navigator.belief.ukf import DRIFT
+from surefoot.services.navigator.environment.model import EpisodeRoom, EpisodeState, episode_room, episode_state
+from surefoot.services.navigator.environment.world import act, begin
 from surefoot.services.navigator.policy.arrays import (
     BLOCKED,
     CUT_OFF,
@@ -19,10 +22,10 @@ from surefoot.services.navigator.policy.arrays import (
     KIND,
     OUTCOME,
     REACHED,
-    STATUS,
     TIME,
     TURNING,
     WALK,
+    ModelTables,
     arrays,
 )
 from surefoot.services.navigator.policy.choose import allow, features
@@ -34,108 +37,99 @@ Flags = NDArray[np.bool_]
 
 OBSERVATION = 6
 THREADED = 512
-"""Episodes from which on more than one thread pays."""
+"""Least number of episodes for which more than one thread pays."""
+
+
+class BatchRoom(NamedTuple):
+    """Inputs and results of a step of many episodes; one row per episode."""
+
+    episodes: Ints
+    """Number of the episode that begins next, (count,)."""
+    chosen: Ints
+    """Action of each, (count,)."""
+    renew: Flags
+    """Episodes that begin anew instead of acting, (count,)."""
+    observation: Array
+    """(count, OBSERVATION)."""
+    mask: Flags
+    """Actions that are allowed, (count, A)."""
+    reward: Array
+    """Reward of the last action, (count,)."""
+    terminated: Flags
+    """The goal was reached, (count,)."""
+    truncated: Flags
+    """The episode is out of time, (count,)."""
 
 
 @free_kernel
-def _observe(
-    scene: Array, actions: Array, mean: Array, cov: Array, status: Array, observation: Array, mask: Flags
-) -> None:
-    d, phi, h = features(mean, cov, scene[GOAL_X], scene[GOAL_Y])
-    observation[0] = min(d, 100.0)
-    observation[1], observation[2] = math.sin(phi), math.cos(phi)
-    observation[3] = min(max(h, -50.0), 50.0)
-    observation[4] = min(max(mean[3], -50.0), 50.0) if mean.size > 3 else 0.0
-    observation[5] = status[BLOCKED]
-    allow(actions, scene, status, mask)
+def _one_of(states: EpisodeState, e: int) -> EpisodeState:
+    """Return the arrays of episode e of a batch."""
+    return EpisodeState(
+        states.rng[e],
+        states.marks[e],
+        states.first[e],
+        states.truth[e],
+        states.mean[e],
+        states.cov[e],
+        states.ahead_mean[e],
+        states.ahead_cov[e],
+        states.status[e],
+    )
+
+
+@free_kernel
+def _observe(model: ModelTables, state: EpisodeState, e: int, batch: BatchRoom) -> None:
+    """Write row e of observation, mask and ends."""
+    mean, status, row = state.ahead_mean, state.status, batch.observation[e]
+    d, phi, h = features(mean, state.ahead_cov, model.scene[GOAL_X], model.scene[GOAL_Y])
+    row[0] = min(d, 100.0)
+    row[1], row[2] = math.sin(phi), math.cos(phi)
+    row[3] = min(max(h, -50.0), 50.0)
+    row[4] = min(max(mean[DRIFT], -50.0), 50.0) if mean.size > DRIFT else 0.0
+    row[5] = status[BLOCKED]
+    batch.terminated[e] = status[OUTCOME] == REACHED
+    batch.truncated[e] = status[OUTCOME] == CUT_OFF
+    allow(model, status, batch.mask[e])
+
+
+@free_kernel
+def _allowed(model: ModelTables, batch: BatchRoom, e: int, blocked: bool) -> int:
+    """Return the chosen action of an episode, or the first turn or walk in place of one that is not allowed."""
+    if not batch.mask[e, batch.chosen[e]]:
+        wanted = TURNING if blocked else WALK
+        for a in range(model.actions.shape[0]):
+            if model.actions[a, KIND] == wanted:
+                return a
+    return batch.chosen[e]
 
 
 @free_kernel
 def _step(
-    scene: Array,
-    actions: Array,
-    switching: Array,
+    model: ModelTables,
     run: int,
-    start: int,
-    end: int,
-    renew: Flags,
+    part: tuple[int, int],
     only_renew: bool,
-    chosen: Ints,
-    episodes: Ints,
-    stride: int,
-    rng: NDArray[np.uint64],
-    marks: Array,
-    first: Ints,
-    truth: Array,
-    mean: Array,
-    cov: Array,
-    ahead_mean: Array,
-    ahead_cov: Array,
-    status: Array,
-    noise: Array,
-    gain: Array,
-    work: Array,
-    observation: Array,
-    mask: Flags,
-    reward: Array,
-    terminated: Flags,
-    truncated: Flags,
+    states: EpisodeState,
+    batch: BatchRoom,
+    room: EpisodeRoom,
 ) -> None:
-    """Begin or act in episodes start .. end - 1; noise, gain and work are scratch of the caller."""
-    for e in range(start, end):
-        if renew[e]:
-            begin(
-                scene,
-                run,
-                episodes[e],
-                rng[e],
-                marks[e],
-                first[e],
-                truth[e],
-                mean[e],
-                cov[e],
-                ahead_mean[e],
-                ahead_cov[e],
-                status[e],
-            )
-            episodes[e] += stride
-            reward[e] = 0.0
+    """Begin or act in the episodes of a part (first, end), in place."""
+    stride = batch.episodes.size
+    for e in range(part[0], part[1]):
+        state = _one_of(states, e)
+        if batch.renew[e]:
+            begin(model.scene, run, batch.episodes[e], state)
+            batch.episodes[e] += stride
+            batch.reward[e] = 0.0
         elif only_renew:
             continue
         else:
-            action = chosen[e]
-            if not mask[e, action]:
-                wanted = TURNING if status[e, BLOCKED] > 0.0 else WALK
-                for a in range(actions.shape[0]):
-                    if actions[a, KIND] == wanted:
-                        action = a
-                        break
-            reward[e] = act(
-                scene,
-                actions,
-                switching,
-                run,
-                episodes[e] - stride,
-                action,
-                rng[e],
-                marks[e],
-                first[e],
-                truth[e],
-                mean[e],
-                cov[e],
-                ahead_mean[e],
-                ahead_cov[e],
-                status[e],
-                noise,
-                gain,
-                work,
-            )
-        terminated[e] = status[e, OUTCOME] == REACHED
-        truncated[e] = status[e, OUTCOME] == CUT_OFF
-        _observe(scene, actions, ahead_mean[e], ahead_cov[e], status[e], observation[e], mask[e])
+            action = _allowed(model, batch, e, state.status[BLOCKED] > 0.0)
+            batch.reward[e] = act(model, run, batch.episodes[e] - stride, action, state, room)
+        _observe(model, state, e, batch)
 
 
-class Batch:
+class EpisodeBatch:
     """Episodes side by side.
 
     Args:
@@ -143,79 +137,71 @@ class Batch:
         count: number of episodes at a time, 1 to 100000.
 
     Attributes:
-        observation: what is observed, (count, OBSERVATION).
-        reward: of the last action, (count,).
-        terminated: the goal was reached, (count,).
-        truncated: out of time, (count,).
-        mask: the actions that are allowed, (count, A).
+        observation: (count, OBSERVATION).
+        reward: reward of the last action, (count,).
+        terminated: true where the goal was reached, (count,).
+        truncated: true where the time is out, (count,).
+        mask: actions that are allowed, (count, A).
     """
 
     def __init__(self, model: NavigationModel, count: int) -> None:
         if not 1 <= count <= 100_000:
             raise SurefootError("invalid", f"got {count}, allowed are 1 to 100000 episodes at a time", "num_envs")
         self.world, self.count = arrays(model), count
-        n, a, (nx, ny) = self.world.states, len(self.world.names), cells(self.world.scene)
-        self.observation, self.reward = np.zeros((count, OBSERVATION)), np.zeros(count)
-        self.terminated, self.truncated = np.zeros(count, dtype=np.bool_), np.zeros(count, dtype=np.bool_)
-        self.mask = np.ones((count, a), dtype=np.bool_)
-        self._status = np.zeros((count, STATUS))
-        self._state = (
-            np.zeros((count, 4), dtype=np.uint64),
-            np.zeros((count, room_for(self.world.scene), 2)),
-            np.zeros((count, nx * ny + 1), dtype=np.int64),
-            np.zeros((count, 6)),
-            np.zeros((count, n)),
-            np.zeros((count, n, n)),
-            np.zeros((count, n)),
-            np.zeros((count, n, n)),
-            self._status,
+        self._states, n = episode_state(self.world, count), self.world.states
+        self._room = BatchRoom(
+            np.arange(count, dtype=np.int64),
+            np.zeros(count, dtype=np.int64),
+            np.zeros(count, dtype=np.bool_),
+            np.zeros((count, OBSERVATION)),
+            np.ones((count, len(self.world.names)), dtype=np.bool_),
+            np.zeros(count),
+            np.zeros(count, dtype=np.bool_),
+            np.zeros(count, dtype=np.bool_),
         )
-        self._out = self.observation, self.mask, self.reward, self.terminated, self.truncated
-        self._none = np.zeros(count, dtype=np.bool_)
-        self._chosen = np.zeros(count, dtype=np.int64)
+        *_, self.observation, self.mask, self.reward, self.terminated, self.truncated = self._room
         threads = min(os.cpu_count() or 1, max(1, count // THREADED))
-        edges = [count * i // threads for i in range(threads + 1)]
-        self._parts = list(pairwise(edges))
-        self._rooms = [(np.zeros(4), np.zeros((2, max(0, n - 4))), work_space_of(n)) for _ in range(threads)]
+        self._parts = list(pairwise(count * i // threads for i in range(threads + 1)))
+        self._rooms = [episode_room(n) for _ in range(threads)]
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
         self.reseed(0)
 
     def reseed(self, seed: int) -> None:
-        """Let the next episodes be those of a seed (>= 0), from the first on."""
+        """Begin the next episodes with those of a seed (>= 0), from the first on."""
         if seed < 0:
             raise SurefootError("invalid", f"got {seed}, allowed is a seed >= 0", "seed")
         self._run = (seed % (1 << 62)) + 1
-        self._episodes = np.arange(self.count, dtype=np.int64)
+        self._room.episodes[:] = range(self.count)
 
     @property
     def seconds(self) -> Array:
         """Time of each episode so far, s, (count,)."""
-        return self._status[:, TIME]
+        return self._states.status[:, TIME]
 
     def begin(self, which: Flags) -> None:
-        """Begin a new episode where `which` (count,) says so."""
-        self._call(which, self._chosen, only=True)
+        """Begin a new episode where `which` (count,) is true."""
+        self._room.renew[:] = which
+        self._call(only_renew=True)
 
     def act(self, chosen: Ints) -> None:
         """Do one action in each episode."""
-        self.step(chosen, self._none)
+        self.step(chosen, np.zeros(self.count, dtype=np.bool_))
 
     def step(self, chosen: Ints, renew: Flags) -> None:
-        """Do one action in each episode, or begin a new one where `renew` says so."""
+        """Do one action in each episode, or begin a new one where `renew` is true."""
         count = len(self.world.names)
         if chosen.shape != (self.count,) or chosen.min() < 0 or chosen.max() >= count:
             raise SurefootError(
                 "invalid", f"got actions {chosen!r}, allowed are {self.count} of 0 to {count - 1}", "action"
             )
-        self._call(renew, chosen, only=False)
+        self._room.chosen[:], self._room.renew[:] = chosen, renew
+        self._call(only_renew=False)
 
-    def _call(self, renew: Flags, chosen: Ints, *, only: bool) -> None:
+    def _call(self, *, only_renew: bool) -> None:
+        def part(bounds: tuple[int, int], room: EpisodeRoom) -> None:
+            _step(self.world.tables, self._run, bounds, only_renew, self._states, self._room, room)
+
         if self._pool is None:
-            self._part(0, renew, chosen, only)
+            part(self._parts[0], self._rooms[0])
         else:
-            list(self._pool.map(lambda i: self._part(i, renew, chosen, only), range(len(self._parts))))
-
-    def _part(self, i: int, renew: Flags, chosen: Ints, only: bool) -> None:
-        w, (start, end) = self.world, self._parts[i]
-        constants = w.scene, w.actions, w.switching, self._run, start, end
-        _step(*constants, renew, only, chosen, self._episodes, self.count, *self._state, *self._rooms[i], *self._out)
+            list(self._pool.map(part, self._parts, self._rooms))

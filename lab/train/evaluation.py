@@ -1,6 +1,5 @@
-"""How good a policy is: whole episodes on all cores, and what they say with how much certainty."""
+"""Evaluation of policies: whole episodes on all cores, and their statistics."""
 
-import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -22,6 +21,8 @@ from surefoot.services.navigator.environment.episodes import (
 )
 from surefoot.services.navigator.policy.arrays import REACHED, Arrays
 from surefoot.services.navigator.policy.policies import Policy
+
+from .. import statistics
 
 Array = NDArray[np.float64]
 
@@ -50,7 +51,7 @@ def episodes(world: Arrays, policy: Policy, seeds: Seeds, *, knows: bool = False
 
     Args:
         world: the model's arrays.
-        policy: who decides.
+        policy: the policy.
         seeds: of the episodes; two policies with the same seeds get the same floors, drifts and starts.
         knows: true pose and drift are given to the policy.
         stream: which stream of random numbers.
@@ -64,28 +65,21 @@ def episodes(world: Arrays, policy: Policy, seeds: Seeds, *, knows: bool = False
         return np.concatenate(list(pool.map(part, starts)))
 
 
-def interval(values: Array) -> tuple[float, float]:
-    """Return the 95 % interval of the mean by Student's t."""
-    half = float(stats.t.ppf(0.975, values.size - 1) * values.std(ddof=1) / math.sqrt(values.size))
-    mean = float(values.mean())
-    return mean - half, mean + half
-
-
 def summary(results: Array) -> dict[str, Any]:
     """Return mean, spread, success and consistency of episodes; times of failed episodes count as they are."""
     seconds, n = results[:, SECONDS_TAKEN], results.shape[0]
     reached = int((results[:, ENDED_AS] == REACHED).sum())
-    low, high = chi_band(n)
+    low, high = statistics.chi_band(n)
     return {
         "episodes": n,
         "mean_s": float(seconds.mean()),
-        "mean_ci95_s": interval(seconds),
+        "mean_ci95_s": statistics.interval(seconds),
         "sd_s": float(seconds.std(ddof=1)),
         "median_s": float(np.median(seconds)),
         "p95_s": float(np.quantile(seconds, 0.95)),
         "worst_s": float(seconds.max()),
         "success": reached / n,
-        "success_at_least": success_bound(reached, n),
+        "success_at_least": statistics.success_bound(reached, n),
         "stands": float(results[:, STANDS_MADE].mean()),
         "turns": float(results[:, TURNS_MADE].mean()),
         "nees": float(results[:, NEES_SUM].sum() / results[:, DECISIONS].sum()),
@@ -95,31 +89,15 @@ def summary(results: Array) -> dict[str, Any]:
     }
 
 
-def chi_band(n: int) -> tuple[float, float]:
-    """Return the band that the mean of n NEES of 3 degrees of freedom lies in with 95 % if the belief is consistent."""
-    return float(stats.chi2.ppf(0.025, 3 * n) / n), float(stats.chi2.ppf(0.975, 3 * n) / n)
-
-
-def success_bound(successes: int, n: int) -> float:
-    """Return the success rate that is exceeded with 95 % confidence (Clopper and Pearson)."""
-    return float(stats.beta.ppf(0.05, successes, n - successes + 1)) if successes else 0.0
-
-
 def paired(ours: Array, others: Array) -> dict[str, Any]:
     """Return the mean difference of times, ours - others, of the same seeds, with its 95 % interval and p-value."""
     a, b = ours[:, SECONDS_TAKEN], others[:, SECONDS_TAKEN]
-    low, high = interval(a - b)
-    base = float(b.mean())
-    differ = bool((a != b).any())
+    found, base = statistics.paired(a, b), float(b.mean())
     return {
-        "difference_s": float((a - b).mean()),
-        "difference_ci95_s": (low, high),
-        "difference_percent": 100.0 * float((a - b).mean()) / base,
-        "difference_ci95_percent": (100.0 * low / base, 100.0 * high / base),
-        "p_paired_t": _p_value(stats.ttest_rel(a, b)) if differ else 1.0,
-        "p_welch": _p_value(stats.ttest_ind(a, b, equal_var=False)) if differ else 1.0,
+        "difference_s": found.mean,
+        "difference_ci95_s": (found.low, found.high),
+        "difference_percent": 100.0 * found.mean / base,
+        "difference_ci95_percent": (100.0 * found.low / base, 100.0 * found.high / base),
+        "p_paired_t": found.p_paired,
+        "p_welch": found.p_welch,
     }
-
-
-def _p_value(result: Any) -> float:
-    return float(result.pvalue)

@@ -1,4 +1,4 @@
-"""The navigation environment for learners that speak Gymnasium: one episode at a time, or many at once.
+"""The navigation environment in the interface of Gymnasium: one episode at a time, or many at once.
 
 Needs the extra `surefoot[gym]`. Observation (6,): distance of the goal by the estimate (m), sine and cosine of its
 bearing, entropy (nats), estimated drift (rad per m), 1 while blocked. Action: index into the model's actions. Reward
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from surefoot.services.navigator.policy.params import NavigationModel, load
 
-from .batch import OBSERVATION, Batch
+from .batch import OBSERVATION, EpisodeBatch
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ class NavigatorEnv(gym.Env[Array, np.int64]):
 
     def __init__(self, model: NavigationModel | str = "paper", render_mode: str | None = None) -> None:
         self.model = load(model) if isinstance(model, str) else model
-        self._batch = Batch(self.model, 1)
+        self._batch = EpisodeBatch(self.model, 1)
         self.render_mode = render_mode
         self.action_space = gym.spaces.Discrete(len(self._batch.world.names))
         self.observation_space = gym.spaces.Box(LOW, HIGH, (OBSERVATION,), np.float64)
@@ -71,7 +71,7 @@ class NavigatorVectorEnv(gym.vector.VectorEnv[Array, NDArray[np.int64], NDArray[
 
     def __init__(self, num_envs: int, model: NavigationModel | str = "paper") -> None:
         self.model = load(model) if isinstance(model, str) else model
-        self._batch = Batch(self.model, num_envs)
+        self._batch = EpisodeBatch(self.model, num_envs)
         self.num_envs, self.render_mode = num_envs, None
         self.single_action_space = gym.spaces.Discrete(len(self._batch.world.names))
         self.single_observation_space = gym.spaces.Box(LOW, HIGH, (OBSERVATION,), np.float64)

@@ -2,25 +2,46 @@
 
 delta = r + gamma Q(s', a') - Q(s, a), Q(s', .) = 0 at the goal; E[c, a] = max(E[c, a], w_c) (replacing traces);
 T += alpha delta E; E *= gamma lambda; equation (3) and section V-B. Corrected: the greedy action is taken with
-probability 1 - eps, not eps. Being cut off after 700 s is no terminal state: the last value is estimated as ever.
+probability 1 - eps, not eps. An episode that is cut off after 700 s ends in no terminal state: its last value is
+estimated like all others.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.kernels.jit import free_kernel
-from surefoot.services.navigator.environment.draws import below, seed, uniform
+from surefoot.services.navigator.environment.draws import Stream, below, seed, stream, uniform
+from surefoot.services.navigator.environment.model import EpisodeRoom, EpisodeState, episode_room, episode_state
 from surefoot.services.navigator.environment.world import act, begin
-from surefoot.services.navigator.policy.arrays import BLOCKED, GAMMA, GOAL_X, GOAL_Y, MIRROR, OUTCOME, REACHED, RUNNING
-from surefoot.services.navigator.policy.arrays import TIME as TIME_AT
-from surefoot.services.navigator.policy.choose import SARSA, choose, features
+from surefoot.services.navigator.policy.arrays import (
+    BLOCKED,
+    GAMMA,
+    GOAL_X,
+    GOAL_Y,
+    MIRROR,
+    OUTCOME,
+    REACHED,
+    RUNNING,
+    TIME,
+    Arrays,
+    ModelTables,
+)
+from surefoot.services.navigator.policy.choose import (
+    NUMBERS,
+    SARSA,
+    ChoiceRoom,
+    PolicyTables,
+    choose,
+    features,
+    room_to_choose,
+)
 from surefoot.services.navigator.policy.grids import D_MAX, D_MIN, LAYER_MAX, LAYER_MIN, MIRRORED, place
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-State = NDArray[np.uint64]
 Flags = NDArray[np.bool_]
 
 ALPHA_FIRST, ALPHA_LAST, EPS_FIRST, EPS_LAST, LAMBDA, ACCUMULATE, AVERAGE_FROM = 0, 1, 2, 3, 4, 5, 6
@@ -58,145 +79,160 @@ def corners(table: Array, grid: Array, d: float, phi: float, h: float, cells: In
     return 1.0 if flip else 0.0
 
 
-@free_kernel
-def learn(
-    table: Array,
-    mean_table: Array,
-    grid: Array,
-    settings: Array,
-    actions: Array,
-    scene: Array,
-    switching: Array,
-    run: int,
-    start: int,
-    end: int,
-    whole: int,
-    seconds: Array,
-    rng: State,
-    explore: State,
-    marks: Array,
-    first: Ints,
-    truth: Array,
-    mean: Array,
-    cov: Array,
-    ahead_mean: Array,
-    ahead_cov: Array,
-    status: Array,
-    noise: Array,
-    gain: Array,
-    work: Array,
-    values: Array,
-    mask: Flags,
-    work_choose: Array,
-    numbers: Array,
-    shown: Array,
-    place_of: Ints,
-    active: Ints,
-    traces: Array,
-) -> None:
-    """Learn from episodes start .. end - 1 of `whole`, in place.
+class Lessons(NamedTuple):
+    """Tables that a training fills, with its settings and times."""
 
-    table becomes the values, mean_table the sum of the tables that are averaged, seconds (whole,) the time of each
-    episode, s; what follows explore is scratch.
-    """
-    flat, na = table.reshape(-1), table.shape[3]
-    cells, weights = np.empty(8, dtype=np.int64), np.empty(8)
-    gamma = scene[GAMMA]
+    table: Array
+    """Action values, (layers, nd, nphi, A)."""
+    mean_table: Array
+    """Sum of the tables that are averaged, of the same shape."""
+    grid: Array
+    """Axes of the table, (GRID,), see `grids`."""
+    settings: Array
+    """(SETTINGS,)."""
+    seconds: Array
+    """Time of each episode, s, (episodes,)."""
+
+
+class EligibilityTraces(NamedTuple):
+    """Eligibility traces of one episode, and the points of the grid around its present state."""
+
+    place_of: Ints
+    """Place of each cell of the flat table in the list, -1 = it has no trace, (cells,)."""
+    active: Ints
+    """Cells that have a trace, (cells,)."""
+    eligibility: Array
+    """Trace of each of them, (cells,)."""
+    cells: Ints
+    """Cells of action 0 at the 8 points around the state, (8,)."""
+    weights: Array
+    """Weights of these points, (8,)."""
+
+
+class LearningRoom(NamedTuple):
+    """Scratch of `learn`."""
+
+    state: EpisodeState
+    room: EpisodeRoom
+    choice: ChoiceRoom
+    explore: Stream
+    """Random stream of exploration, (4,)."""
+    traces: EligibilityTraces
+
+
+def learning_room(world: Arrays, size: int) -> LearningRoom:
+    """Return scratch for a model and a table of `size` numbers."""
+    traces = EligibilityTraces(
+        np.full(size, -1, dtype=np.int64),
+        np.zeros(size, dtype=np.int64),
+        np.zeros(size),
+        np.zeros(8, dtype=np.int64),
+        np.zeros(8),
+    )
+    choice = room_to_choose(world.states, len(world.names))
+    return LearningRoom(episode_state(world), episode_room(world.states), choice, stream(), traces)
+
+
+@free_kernel
+def _explored(chosen: int, eps: float, status: Array, mask: Flags, explore: Stream) -> int:
+    """Return the chosen action, or with probability eps an allowed one at random."""
+    if uniform(explore) < eps and status[BLOCKED] == 0.0:
+        chosen = below(explore, mask.size)
+        while not mask[chosen]:
+            chosen = below(explore, mask.size)
+    return chosen
+
+
+@free_kernel
+def _credit(flat: Array, traces: EligibilityTraces, count: int, step: float, decay: float) -> int:
+    """Add step * trace to the cells that have one, and let the traces decay; return how many are left of `count`."""
+    kept = 0
+    for i in range(count):
+        cell = traces.active[i]
+        flat[cell] += step * traces.eligibility[i]
+        left = traces.eligibility[i] * decay
+        if left > LEAST_TRACE:
+            traces.active[kept], traces.eligibility[kept] = cell, left
+            traces.place_of[cell] = kept
+            kept += 1
+        else:
+            traces.place_of[cell] = -1
+    return kept
+
+
+@free_kernel
+def _mark(flat: Array, traces: EligibilityTraces, own: int, count: int, accumulate: bool) -> tuple[float, int]:
+    """Leave a trace of action `own` at the points around a state; return its value and the number of traces."""
+    value = 0.0
+    for c in range(8):
+        cell, w = traces.cells[c] + own, traces.weights[c]
+        value += w * flat[cell]
+        if w > LEAST_TRACE:
+            at = traces.place_of[cell]
+            if at < 0:
+                traces.place_of[cell] = count
+                traces.active[count], traces.eligibility[count] = cell, w
+                count += 1
+            elif accumulate:
+                traces.eligibility[at] += w
+            else:
+                traces.eligibility[at] = max(traces.eligibility[at], w)
+    return value, count
+
+
+@free_kernel
+def _learn_episode(
+    lessons: Lessons, policy: PolicyTables, model: ModelTables, run: int, e: int, part: float, room: LearningRoom
+) -> None:
+    """Learn from episode e, in place; `part` is the share of the training that lies before it."""
+    scene, settings, state, traces = model.scene, lessons.settings, room.state, room.traces
+    status, values, gx, gy = state.status, room.choice.values, scene[GOAL_X], scene[GOAL_Y]
+    flat, gamma = lessons.table.reshape(-1), scene[GAMMA]
     decay = gamma * settings[LAMBDA]
+    alpha = settings[ALPHA_FIRST] * (settings[ALPHA_LAST] / settings[ALPHA_FIRST]) ** part
+    eps = settings[EPS_FIRST] * (settings[EPS_LAST] / settings[EPS_FIRST]) ** part
+    begin(scene, run, e, state)
+    seed(room.explore, run, e, EXPLORE)
+    count, reward, value, started = 0, 0.0, 0.0, False
+    while True:
+        chosen, following = 0, 0.0
+        if status[OUTCOME] != REACHED:
+            chosen = choose(policy, model, state.ahead_mean, state.ahead_cov, gx, gy, status, room.choice)
+            chosen = _explored(chosen, eps, status, room.choice.mask, room.explore)
+            following = values[chosen]
+        if started:
+            delta = reward + gamma * following - value
+            count = _credit(flat, traces, count, alpha * delta, decay)
+        if status[OUTCOME] != RUNNING:
+            break
+        started = True
+        d, phi, h = features(state.ahead_mean, state.ahead_cov, gx, gy)
+        flip = corners(lessons.table, lessons.grid, d, phi, h, traces.cells, traces.weights)
+        own = int(model.actions[chosen, MIRROR]) if flip > 0.0 else chosen
+        value, count = _mark(flat, traces, own, count, settings[ACCUMULATE] > 0.0)
+        reward = act(model, run, e, chosen, state, room.room)
+    for i in range(count):
+        traces.place_of[traces.active[i]] = -1
+    lessons.seconds[e] = status[TIME]
+
+
+@free_kernel
+def learn(lessons: Lessons, model: ModelTables, run: int, start: int, end: int, room: LearningRoom) -> None:
+    """Learn from episodes start .. end - 1, in place.
+
+    Args:
+        lessons: what is learned; `seconds` has an element for each episode of the whole training.
+        model: actions and scene.
+        run: seed of the training.
+        start: number of the first episode.
+        end: number of the last episode + 1.
+        room: scratch.
+    """
+    policy = PolicyTables(SARSA, np.zeros(NUMBERS), lessons.table, lessons.grid, np.eye(3))
+    table, mean_table = lessons.table.reshape(-1), lessons.mean_table.reshape(-1)
     for e in range(start, end):
-        part = e / max(1, whole - 1)
-        alpha = settings[ALPHA_FIRST] * (settings[ALPHA_LAST] / settings[ALPHA_FIRST]) ** part
-        eps = settings[EPS_FIRST] * (settings[EPS_LAST] / settings[EPS_FIRST]) ** part
-        begin(scene, run, e, rng, marks, first, truth, mean, cov, ahead_mean, ahead_cov, status)
-        seed(explore, run, e, EXPLORE)
-        count, reward, value, started = 0, 0.0, 0.0, False
-        while True:
-            reached = status[OUTCOME] == REACHED
-            chosen, following = 0, 0.0
-            if not reached:
-                chosen = choose(
-                    SARSA,
-                    numbers,
-                    table,
-                    grid,
-                    shown,
-                    actions,
-                    scene,
-                    switching,
-                    ahead_mean,
-                    ahead_cov,
-                    scene[GOAL_X],
-                    scene[GOAL_Y],
-                    status,
-                    values,
-                    mask,
-                    work_choose,
-                )
-                if uniform(explore) < eps and status[BLOCKED] == 0.0:
-                    pick = below(explore, na)
-                    while not mask[pick]:
-                        pick = below(explore, na)
-                    chosen = pick
-                following = values[chosen]
-            if started:
-                delta = reward + gamma * following - value
-                step = alpha * delta
-                kept = 0
-                for i in range(count):
-                    cell = active[i]
-                    flat[cell] += step * traces[i]
-                    left = traces[i] * decay
-                    if left > LEAST_TRACE:
-                        active[kept], traces[kept] = cell, left
-                        place_of[cell] = kept
-                        kept += 1
-                    else:
-                        place_of[cell] = -1
-                count = kept
-            if status[OUTCOME] != RUNNING:
-                break
-            started = True
-            d, phi, h = features(ahead_mean, ahead_cov, scene[GOAL_X], scene[GOAL_Y])
-            flip = corners(table, grid, d, phi, h, cells, weights)
-            own = int(actions[chosen, MIRROR]) if flip > 0.0 else chosen
-            value = 0.0
-            for c in range(8):
-                cell, w = cells[c] + own, weights[c]
-                value += w * flat[cell]
-                if w > LEAST_TRACE:
-                    at = place_of[cell]
-                    if at < 0:
-                        place_of[cell] = count
-                        active[count], traces[count] = cell, w
-                        count += 1
-                    elif settings[ACCUMULATE] > 0.0:
-                        traces[at] += w
-                    else:
-                        traces[at] = max(traces[at], w)
-            reward = act(
-                scene,
-                actions,
-                switching,
-                run,
-                e,
-                chosen,
-                rng,
-                marks,
-                first,
-                truth,
-                mean,
-                cov,
-                ahead_mean,
-                ahead_cov,
-                status,
-                noise,
-                gain,
-                work,
-            )
-        for i in range(count):
-            place_of[active[i]] = -1
-        seconds[e] = status[TIME_AT]
-        if part >= settings[AVERAGE_FROM]:
-            into = mean_table.reshape(-1)
-            for i in range(flat.size):
-                into[i] += flat[i]
+        part = e / max(1, lessons.seconds.size - 1)
+        _learn_episode(lessons, policy, model, run, e, part, room)
+        if part >= lessons.settings[AVERAGE_FROM]:
+            for i in range(table.size):
+                mean_table[i] += table[i]

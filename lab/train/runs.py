@@ -1,4 +1,4 @@
-"""Several trainings at once, and the choice of one."""
+"""Several trainings at once, and selection of the best."""
 
 import os
 import threading
@@ -55,7 +55,7 @@ def make_sarsa(
         runs: number of trainings.
         out: policy file; checkpoints are kept beside it and removed at the end.
         resume: go on from checkpoints that are there.
-        tell: is called with a line of progress.
+        tell: called with a line of progress.
     """
     lock, world = threading.Lock(), arrays(model)
 

@@ -1,4 +1,4 @@
-"""Training of a Sarsa(lambda) policy, in pieces that can be kept and taken up again."""
+"""Training of a Sarsa(lambda) policy in pieces, with checkpoints."""
 
 import hashlib
 import io
@@ -6,17 +6,14 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
-from surefoot.services.navigator.environment.draws import stream
-from surefoot.services.navigator.environment.world import cells, room_for, work_space_of
-from surefoot.services.navigator.policy.arrays import STATUS, Arrays, arrays
-from surefoot.services.navigator.policy.choose import NUMBERS, SARSA, work_space_to_choose
-from surefoot.services.navigator.policy.grids import D_MAX, D_MIN, GRID, LAYER_MAX, LAYER_MIN, MIRRORED
+from surefoot.services.navigator.policy.arrays import Arrays, arrays
+from surefoot.services.navigator.policy.choose import NUMBERS, SARSA
+from surefoot.services.navigator.policy.grids import D_MAX, GRID, LAYER_MAX, LAYER_MIN, MIRRORED
 from surefoot.services.navigator.policy.library import provenance_of
 from surefoot.services.navigator.policy.params import NavigationModel
 from surefoot.services.navigator.policy.policies import Policy
@@ -30,7 +27,9 @@ from .learning import (
     EPS_LAST,
     LAMBDA,
     SETTINGS,
+    Lessons,
     learn,
+    learning_room,
 )
 
 Array = NDArray[np.float64]
@@ -42,19 +41,19 @@ PIECE = 100  # episodes between two notes of progress
 class Schedule:
     """Settings of a training; the defaults were chosen by 20 trainings each, seeds 100 to 119, normal and blurred.
 
-    Points of phi 18 deg apart are what matters most: with 15 deg the mean of 20 trainings is 1.2 s longer and single
-    ones 5 s, with 13 deg 4 s and 13 s.
+    The distance of the points of phi, 18 deg, matters most: with 15 deg the mean of 20 trainings is 1.2 s longer and
+    single ones 5 s, with 13 deg 4 s and 13 s.
 
     Attributes:
         episodes: number of them, 1500 in the paper.
         alpha: step size at the first and the last episode.
-        eps: share of exploring actions, likewise.
+        eps: share of exploring actions at the first and the last episode.
         trace: lambda.
         accumulate: traces add up instead of being replaced.
         shape: points of h, d and phi.
         d_max: m, last distance of the grid.
         h_range: nats, first and last entropy of the grid.
-        mirrored: left and right share what is learned.
+        mirrored: left and right share their values.
         average_from: share of the episodes after which the tables are averaged; 1 = the last one is kept.
     """
 
@@ -76,7 +75,7 @@ class Schedule:
 
 @dataclass
 class Training:
-    """A training under way: what a checkpoint holds."""
+    """A training under way; a checkpoint holds its state."""
 
     model: NavigationModel
     seed: int
@@ -89,32 +88,18 @@ class Training:
         self.table = np.zeros((*self.schedule.shape, count))
         self.mean_table = np.zeros_like(self.table)
         self.seconds = np.full(self.schedule.episodes, np.nan)
-        self._rooms = _rooms(self.world, self.table.size)
         s, self.settings = self.schedule, np.zeros(SETTINGS)
         self.settings[[ALPHA_FIRST, ALPHA_LAST, EPS_FIRST, EPS_LAST]] = *s.alpha, *s.eps
         self.settings[[LAMBDA, ACCUMULATE, AVERAGE_FROM]] = s.trace, s.accumulate, s.average_from
         self.grid = np.zeros(GRID)
         self.grid[[D_MAX, LAYER_MIN, LAYER_MAX, MIRRORED]] = s.d_max, *s.h_range, -1.0 if s.mirrored else 0.0
-        self.grid[D_MIN] = 0.0
+        self._lessons = Lessons(self.table, self.mean_table, self.grid, self.settings, self.seconds)
+        self._room = learning_room(self.world, self.table.size)
 
     def advance(self, episodes: int) -> None:
         """Learn from the next episodes."""
-        end, w = min(self.done + episodes, self.schedule.episodes), self.world
-        learn(
-            self.table,
-            self.mean_table,
-            self.grid,
-            self.settings,
-            w.actions,
-            w.scene,
-            w.switching,
-            self.seed + 1,
-            self.done,
-            end,
-            self.schedule.episodes,
-            self.seconds,
-            *self._rooms,
-        )
+        end = min(self.done + episodes, self.schedule.episodes)
+        learn(self._lessons, self.world.tables, self.seed + 1, self.done, end, self._room)
         self.done = end
 
     def policy(self) -> Policy:
@@ -134,7 +119,7 @@ class Training:
         return Policy("sarsa", SARSA, self.world.names, np.zeros(NUMBERS), table, self.grid, np.eye(3), about)
 
     def identity(self) -> str:
-        """Return what a checkpoint must be of to be taken up."""
+        """Return the hash of model, schedule and seed that a checkpoint must have."""
         return hashlib.sha256(f"{self.model.sha256()} {self.schedule.sha256()} {self.seed}".encode()).hexdigest()
 
     def keep(self, path: Path) -> None:
@@ -181,32 +166,3 @@ def train(training: Training, checkpoint: Path | None, note: Callable[[Training]
             training.keep(checkpoint)
         note(training)
     return training.policy()
-
-
-def _rooms(world: Arrays, size: int) -> tuple[Any, ...]:
-    """Return the arrays that `learn` works in, in its order, from rng on."""
-    n, a = world.states, len(world.names)
-    nx, ny = cells(world.scene)
-    return (
-        stream(),
-        stream(),
-        np.zeros((room_for(world.scene), 2)),
-        np.zeros(nx * ny + 1, dtype=np.int64),
-        np.zeros(6),
-        np.zeros(n),
-        np.zeros((n, n)),
-        np.zeros(n),
-        np.zeros((n, n)),
-        np.zeros(STATUS),
-        np.zeros(4),
-        np.zeros((2, max(0, n - 4))),
-        work_space_of(n),
-        np.zeros(a),
-        np.zeros(a, dtype=np.bool_),
-        work_space_to_choose(max(n, 4), a),
-        np.zeros(NUMBERS),
-        np.eye(3),
-        np.full(size, -1, dtype=np.int64),
-        np.zeros(size, dtype=np.int64),
-        np.zeros(size),
-    )

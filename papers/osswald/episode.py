@@ -1,4 +1,4 @@
-"""One episode in the paper's world, step by step: true pose, belief, features of the state, actions.
+"""Episode in the paper's world, step by step: true pose, belief, features of the state, actions.
 
 The kernels are those of training and evaluation, so an episode here is the one that they count, bit for bit.
 """
@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.lab.train.evaluation import EVALUATION
-from surefoot.services.navigator.environment.draws import stream
-from surefoot.services.navigator.environment.world import act, begin, cells, room_for, work_space_of
+from surefoot.services.navigator.belief.ukf import DRIFT
+from surefoot.services.navigator.environment.model import EpisodeState, episode_room, episode_state
+from surefoot.services.navigator.environment.world import act, begin
 from surefoot.services.navigator.policy.arrays import (
     BLOCKED,
     GOAL_X,
@@ -21,13 +22,12 @@ from surefoot.services.navigator.policy.arrays import (
     REACHED,
     RUNNING,
     STAND,
-    STATUS,
     TIME,
     TURN,
     TURNING,
     Arrays,
 )
-from surefoot.services.navigator.policy.choose import features, work_space_to_choose
+from surefoot.services.navigator.policy.choose import features, room_to_choose
 from surefoot.services.navigator.policy.policies import Policy, choose_with
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ class Episode:
     Attributes:
         time: s, (k + 1,).
         truth: x, y (m) and heading (rad) in the map, (k + 1, 3).
-        mean: the same as estimated, (k + 1, 3).
+        mean: estimated x, y (m) and heading (rad), (k + 1, 3).
         cov: covariance of the estimate, (k + 1, 3, 3).
         features: d (m), phi (rad) and h (nats) of equations (4) to (6), (k + 1, 3).
         blocked: a wall is close ahead, (k + 1,).
@@ -83,12 +83,11 @@ class Episode:
 def follow(world: Arrays, decide: Decide, run: int, episode: int) -> Episode:
     """Return episode `episode` of seed `run` with the actions that `decide` returns.
 
-    It is called once more at the end, with the last reward, and what it then returns is not done.
+    It is called once more at the end, with the last reward; that action is not done.
     """
-    n, scene = world.states, world.scene
-    room = np.zeros(4), np.zeros((2, max(0, n - 4))), work_space_of(n)
-    floor, truth, belief, status = _begun(world, run, episode)
-    mean, cov = belief[2:]
+    scene, room = world.scene, episode_room(world.states)
+    state = _begun(world, run, episode)
+    truth, mean, cov, status = state.truth, state.ahead_mean, state.ahead_cov, state.status
     rows: list[tuple[Array, Array, Array, tuple[float, float, float], float, bool]] = []
     actions: list[int] = []
     reward = 0.0
@@ -101,7 +100,7 @@ def follow(world: Arrays, decide: Decide, run: int, episode: int) -> Episode:
         if status[OUTCOME] != RUNNING:
             break
         actions.append(chosen)
-        reward = act(scene, world.actions, world.switching, run, episode, chosen, *floor, truth, *belief, status, *room)
+        reward = act(world.tables, run, episode, chosen, state, room)
     done = np.array(actions, dtype=np.int64)
     kinds, turn = world.actions[done, KIND], world.actions[done, TURN]
     true, estimate, spread, seen_all, time, blocked = zip(*rows, strict=True)
@@ -115,38 +114,31 @@ def follow(world: Arrays, decide: Decide, run: int, episode: int) -> Episode:
         done,
         kinds == STAND,
         np.where(kinds == TURNING, np.sign(turn), 0.0).astype(np.int64),
-        float(truth[3]),
-        floor[1][: floor[2][-1]].copy(),
+        float(truth[DRIFT]),
+        state.marks[: state.first[-1]].copy(),
         status[OUTCOME] == REACHED,
     )
 
 
 def drift_of(world: Arrays, episode: int, run: int = EVALUATION) -> float:
     """Return the drift of an episode, rad per m, left positive."""
-    return float(_begun(world, run, episode)[1][3])
+    return float(_begun(world, run, episode).truth[DRIFT])
 
 
-def _begun(
-    world: Arrays, run: int, episode: int
-) -> tuple[tuple[NDArray[np.uint64], Array, NDArray[np.int64]], Array, tuple[Array, Array, Array, Array], Array]:
-    """Return (random stream, landmarks, their index by square), truth, belief and status at the start."""
-    n, (nx, ny), scene = world.states, cells(world.scene), world.scene
-    floor = stream(), np.zeros((room_for(scene), 2)), np.zeros(nx * ny + 1, dtype=np.int64)
-    truth, status = np.zeros(6), np.zeros(STATUS)
-    belief = np.zeros(n), np.zeros((n, n)), np.zeros(n), np.zeros((n, n))
-    begin(scene, run, episode, *floor, truth, *belief, status)
-    return floor, truth, belief, status
+def _begun(world: Arrays, run: int, episode: int) -> EpisodeState:
+    """Return the arrays of an episode at its start."""
+    state = episode_state(world)
+    begin(world.scene, run, episode, state)
+    return state
 
 
 def deciding(world: Arrays, policy: Policy) -> Decide:
-    """Return what `follow` needs to follow a policy."""
-    count = len(world.names)
-    values, mask = np.zeros(count), np.zeros(count, dtype=np.bool_)
-    work = work_space_to_choose(max(world.states, 4), count)
+    """Return the function by which `follow` follows a policy."""
+    room = room_to_choose(world.states, len(world.names))
     goal = float(world.scene[GOAL_X]), float(world.scene[GOAL_Y])
 
     def decide(mean: Array, cov: Array, status: Array, reward: float) -> int:
-        return choose_with(policy, world, mean, cov, goal, status, values, mask, work)
+        return choose_with(policy, world, mean, cov, goal, status, room)
 
     return decide
 

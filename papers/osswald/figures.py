@@ -18,7 +18,7 @@ from surefoot.services.navigator.policy.params import Scene
 
 from .episode import Episode
 from .measures import WINDOW, moving_mean, typical
-from .study import Study
+from .study import NavigationStudy
 
 Array = NDArray[np.float64]
 
@@ -26,10 +26,10 @@ CHI2 = 5.991  # 95 % of 2 degrees of freedom
 ELLIPSE_EVERY = 8  # actions
 
 
-def draw(study: Study, out: Path) -> tuple[Path, ...]:
+def draw(study: NavigationStudy, out: Path) -> tuple[Path, ...]:
     """Write all figures into a folder, which is made."""
     out.mkdir(parents=True, exist_ok=True)
-    plots: dict[str, Callable[[Study], Figure]] = {
+    plots: dict[str, Callable[[NavigationStudy], Figure]] = {
         "fig3-training-paths": _figure_3,
         "fig4-training-times": _figure_4,
         "fig5-trajectory": _figure_5,
@@ -58,7 +58,7 @@ def _corridor(figure: Figure, scene: Scene, title: str) -> Axes:
     return axes
 
 
-def _figure_3(s: Study) -> Figure:
+def _figure_3(s: NavigationStudy) -> Figure:
     figure = new_figure(8.4, 3.6)
     axes = _corridor(figure, s.normal.model.scene, "Fig. 3: true paths of every 10th training episode")
     last = s.paths[-1][0]
@@ -71,7 +71,7 @@ def _figure_3(s: Study) -> Figure:
     return figure
 
 
-def _figure_4(s: Study) -> Figure:
+def _figure_4(s: NavigationStudy) -> Figure:
     figure = new_figure(7.6, 3.8)
     axes = figure.add_subplot(1, 1, 1)
     axes.set_title("Fig. 4: time of the training episodes", loc="left", fontsize=10)
@@ -93,7 +93,7 @@ def _figure_4(s: Study) -> Figure:
     return figure
 
 
-def _figure_5(s: Study) -> Figure:
+def _figure_5(s: NavigationStudy) -> Figure:
     figure = new_figure(8.4, 3.4)
     e = typical(s.normal.learned_walks)
     side = "left" if e.drift > 0.0 else "right"
@@ -120,7 +120,7 @@ def _ellipse(mean: Array, cov: Array) -> Ellipse:
     return Ellipse((float(mean[0]), float(mean[1])), width, height, angle=angle, fill=False, edgecolor=BLUE, lw=0.5)
 
 
-def _figure_6(s: Study) -> Figure:
+def _figure_6(s: NavigationStudy) -> Figure:
     figure = new_figure(9.0, 5.6)
     v = s.blur
     pair = ((typical(v.hand_walks), "hand controller"), (typical(v.learned_walks), "learned policy"))

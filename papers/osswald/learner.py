@@ -1,4 +1,4 @@
-"""Sarsa(lambda) of section V-B once more, in plain Python: it shows how a training walks, and checks the kernel.
+"""Sarsa(lambda) of section V-B in plain Python: it shows the path of a training, and checks the kernel.
 
     delta = r + gamma Q(s', a') - Q(s, a),  Q(s', .) = 0 at the goal
     E[c, a] = max(E[c, a], w_c),  T += alpha delta E,  E *= gamma lambda
@@ -24,7 +24,7 @@ from surefoot.lab.train.learning import (
 from surefoot.lab.train.sarsa import Training
 from surefoot.services.navigator.environment.draws import below, seed, stream, uniform
 from surefoot.services.navigator.policy.arrays import BLOCKED, GAMMA, GOAL_X, GOAL_Y, MIRROR, OUTCOME, REACHED
-from surefoot.services.navigator.policy.choose import NUMBERS, SARSA, choose, features, work_space_to_choose
+from surefoot.services.navigator.policy.choose import NUMBERS, SARSA, PolicyTables, choose, features, room_to_choose
 
 from .episode import Episode, follow
 
@@ -48,8 +48,8 @@ class Learner:
         self._alpha = s[ALPHA_FIRST] * (s[ALPHA_LAST] / s[ALPHA_FIRST]) ** part
         self._eps = s[EPS_FIRST] * (s[EPS_LAST] / s[EPS_FIRST]) ** part
         self._decay = w.scene[GAMMA] * s[LAMBDA]
-        self._values, self._mask = np.zeros(count), np.zeros(count, dtype=np.bool_)
-        self._work = work_space_to_choose(max(w.states, 4), count)
+        self._room = room_to_choose(w.states, count)
+        self._policy = PolicyTables(SARSA, np.zeros(NUMBERS), self.table, training.grid, np.eye(3))
         self._cells, self._weights = np.zeros(8, dtype=np.int64), np.zeros(8)
         self._traces: dict[int, float] = {}
         self._value, self._started = 0.0, False
@@ -65,7 +65,7 @@ class Learner:
         chosen, following = 0, 0.0
         if status[OUTCOME] != REACHED:
             chosen = self._choose(mean, cov, status)
-            following = self._values[chosen]
+            following = self._room.values[chosen]
         flat = self.table.reshape(-1)
         if self._started:
             step = self._alpha * (reward + self.training.world.scene[GAMMA] * following - self._value)
@@ -77,16 +77,13 @@ class Learner:
         return chosen
 
     def _choose(self, mean: Array, cov: Array, status: Array) -> int:
-        w, t = self.training.world, self.training
+        w, mask = self.training.world, self._room.mask
         goal = float(w.scene[GOAL_X]), float(w.scene[GOAL_Y])
-        numbers, shown = np.zeros(NUMBERS), np.eye(3)
-        tables = SARSA, numbers, self.table, t.grid, shown
-        model = w.actions, w.scene, w.switching
-        chosen = choose(*tables, *model, mean, cov, *goal, status, self._values, self._mask, self._work)
+        chosen = choose(self._policy, w.tables, mean, cov, *goal, status, self._room)
         if uniform(self._explore) < self._eps and status[BLOCKED] == 0.0:
-            chosen = below(self._explore, self._mask.size)
-            while not self._mask[chosen]:
-                chosen = below(self._explore, self._mask.size)
+            chosen = below(self._explore, mask.size)
+            while not mask[chosen]:
+                chosen = below(self._explore, mask.size)
         return chosen
 
     def _mark(self, mean: Array, cov: Array, chosen: int) -> None:

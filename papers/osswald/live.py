@@ -8,8 +8,7 @@ import numpy as np
 
 from surefoot.errors import SurefootError
 from surefoot.lab.report.findings import Finding, told
-
-from .measures import welch
+from surefoot.lab.statistics import welch
 
 COMMAND = "python -m benchmarks.bench_navigator_live --seeds 100:120 --arms hand,sarsa --results FILE"
 ARMS = {"hand": "93.16 +- 10.14", "sarsa": "86.53 +- 8.60"}

@@ -1,4 +1,4 @@
-"""What section VI says about runs, as numbers of episodes."""
+"""Measures of section VI about runs, computed from episodes."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -42,11 +42,6 @@ def first_near_the_end(seconds: Array) -> int:
     """
     end = float(seconds[-seconds.size // 3 :].mean())
     return int(np.argmax(np.abs(moving_mean(seconds) - end) <= SETTLED * end))
-
-
-def features_at_stands(episodes: Iterable[Episode]) -> Array:
-    """Return d, phi, h at all decisions to stand, (k, 3)."""
-    return np.concatenate([e.features[:-1][e.stands] for e in episodes])
 
 
 def stops(e: Episode) -> NDArray[np.int64]:
@@ -112,12 +107,6 @@ def typical(episodes: Sequence[Episode]) -> Episode:
     return episodes[int(np.argmin(off.sum(axis=1)))]
 
 
-def welch(a: Array, b: Array) -> float:
-    """Return p of Welch's two-sided t-test for equal means."""
-    test: Any = stats.ttest_ind(a, b, equal_var=False)
-    return float(test.pvalue)
-
-
 def difference(a: Array, b: Array) -> tuple[float, float, float]:
     """Return the difference of the means, a - b, in per cent of b's, and its 95 % interval by Welch."""
     test: Any = stats.ttest_ind(a, b, equal_var=False)
@@ -127,6 +116,6 @@ def difference(a: Array, b: Array) -> tuple[float, float, float]:
 
 
 def welch_of(mean_a: float, sd_a: float, mean_b: float, sd_b: float, n: int) -> float:
-    """Return the same of printed means and standard deviations of n values each."""
+    """Return p of Welch's two-sided t-test for printed means and standard deviations of n values each."""
     test: Any = stats.ttest_ind_from_stats(mean_a, sd_a, n, mean_b, sd_b, n, equal_var=False)
     return float(test.pvalue)

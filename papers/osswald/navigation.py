@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.lab.report.findings import Finding, Reproduction, at_most, near, told
+from surefoot.lab.statistics import welch
 from surefoot.lab.train.evaluation import paired, summary
 from surefoot.services.navigator.environment.episodes import SECONDS_TAKEN
 from surefoot.services.navigator.policy.policies import PAPER_TURN_DEG, TUNED_TURN_DEG
@@ -24,10 +25,9 @@ from .measures import (
     spread_of_intervals,
     stand_rates,
     turns_against_drift,
-    welch,
     welch_of,
 )
-from .study import PRINTED_GAMMA, Study, Vision, study
+from .study import PRINTED_GAMMA, NavigationStudy, Vision, study
 
 Array = NDArray[np.float64]
 
@@ -59,12 +59,12 @@ NOTES = (
 LIVE_NOTE = f"VI-C, the robot: `{live_runs.COMMAND}`, then `surefoot reproduce osswald --live FILE` compares its runs."
 
 
-def findings(s: Study, live: Iterable[Finding] = ()) -> tuple[Finding, ...]:
+def findings(s: NavigationStudy, live: Iterable[Finding] = ()) -> tuple[Finding, ...]:
     """Return every number and conclusion of the section in its order; `live` are the rows of the simulated Nao."""
     return (*_errata(s), *_training(s), *_normal(s), *_turning(s), *live, *_robot(s), *_blur(s))
 
 
-def _errata(s: Study) -> list[Finding]:
+def _errata(s: NavigationStudy) -> list[Finding]:
     model = s.normal.model
     walk, stand = model.actions["walk"], model.actions["stand"]
     g, last = PRINTED_GAMMA, 57  # the 58th action reaches a goal at 5 m, turns included
@@ -79,7 +79,7 @@ def _errata(s: Study) -> list[Finding]:
     ]  # fmt: skip
 
 
-def _training(s: Study) -> list[Finding]:
+def _training(s: NavigationStudy) -> list[Finding]:
     v = s.normal
     seconds = v.trained[v.chosen]
     cut = seconds >= CUT_OFF
@@ -135,14 +135,14 @@ def _trainings(where: str, what: str, v: Vision, results: Array, *, judged: bool
                 "all faster, all at 100 %" if judged else "")  # fmt: skip
 
 
-def _normal(s: Study) -> list[Finding]:
+def _normal(s: NavigationStudy) -> list[Finding]:
     rows = _against("VI-B", s.normal, ("117.18 +- 8.41", "106.66 +- 10.05", "9.0"), GAIN)
     p = welch_of(117.18, 8.41, 106.66, 10.05, 100)
     rows.insert(4, told("VI-B", "p of the printed means and deviations", "< 0.05", f"{p:.1e}", p < LEVEL, "< 0.05"))
     return rows
 
 
-def _turning(s: Study) -> list[Finding]:
+def _turning(s: NavigationStudy) -> list[Finding]:
     v, paper = s.normal, PAPER_TURN_DEG
     times = {deg: float(r[:, SECONDS_TAKEN].mean()) for deg, (r, _) in s.turning.items()}
     swings = {deg: float(np.mean([reversals(e) for e in walks])) for deg, (_, walks) in s.turning.items()}
@@ -164,7 +164,7 @@ def _turning(s: Study) -> list[Finding]:
     ]  # fmt: skip
 
 
-def _robot(s: Study) -> list[Finding]:
+def _robot(s: NavigationStudy) -> list[Finding]:
     v = s.normal
     hand, learned = v.hand_walks, v.learned_walks
     runs = _least_runs(93.16, 10.14, 86.53, 8.60)
@@ -191,7 +191,7 @@ def _robot(s: Study) -> list[Finding]:
     ]  # fmt: skip
 
 
-def _blur(s: Study) -> list[Finding]:
+def _blur(s: NavigationStudy) -> list[Finding]:
     v = s.blur
     hand, learned = v.hand_walks, v.learned_walks
     rows = [near("VI-D", "features matched per frame while moving", BLUR_SHARE * MATCHES,
@@ -243,7 +243,7 @@ def reproduce(
 
     Args:
         out: folder of the figures, or None.
-        tell: called with a line of progress.
+        tell: callback that gets a line of progress.
         live: results of the live benchmark, or None.
     """
     robot = [] if live is None else live_runs.findings(live)

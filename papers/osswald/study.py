@@ -1,4 +1,4 @@
-"""The experiments of section VI in simulation: tuning, trainings, 100 + 100 episodes, and what the text claims.
+"""Experiments of section VI in simulation: tuning, trainings, 100 + 100 episodes, and the claims of the text.
 
 Nothing here is chosen by the episodes that are reported: the hand controller's entropy threshold, and which of ten
 trainings stands for the paper's one, are chosen on random streams of their own.
@@ -88,7 +88,7 @@ class Vision:
 
 
 @dataclass(frozen=True)
-class Study:
+class NavigationStudy:
     """All of section VI.
 
     Attributes:
@@ -181,7 +181,7 @@ def with_printed_gamma() -> tuple[str, Array]:
     return refusal, episodes(arrays(free), training.policy(), Seeds(PAIRED_EPISODES.first, PAIRED_EPISODES.first + 100))
 
 
-def study(tell: Callable[[str], None] = lambda text: None) -> Study:
+def study(tell: Callable[[str], None] = lambda text: None) -> NavigationStudy:
     """Compute everything: about half a minute."""
     normal, blur = (load(name, (THREE_STATES,)) for name in ("paper", "paper-blur"))
     tell("trainings and 100 + 100 episodes, moderate blur")
@@ -200,4 +200,4 @@ def study(tell: Callable[[str], None] = lambda text: None) -> Study:
     refusal, printed = with_printed_gamma()
     mostly_random = Schedule(alpha=(0.2, 0.2), eps=(0.9, 0.9), average_from=1.0, episodes=BRIEF)
     reversed_eps = train(normal, TRAININGS[0], mostly_random).seconds
-    return Study(seen, blurred, drawn, turning, refusal, printed, reversed_eps)
+    return NavigationStudy(seen, blurred, drawn, turning, refusal, printed, reversed_eps)

@@ -13,7 +13,7 @@ from surefoot.lab.estimation.faults import FAULTS, LATE, STARTS
 from surefoot.lab.estimation.scores import Score, nees, score
 from surefoot.lab.estimation.track import ABLATIONS, Track, track
 from surefoot.lab.estimation.walks import walk
-from surefoot.lab.train.evaluation import interval
+from surefoot.lab.statistics import interval
 
 from .sets import LogSet, synthetic_sets, tuned
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from surefoot.lab.report.findings import Finding, Reproduction, told
-from surefoot.lab.train.evaluation import interval
+from surefoot.lab.statistics import interval
 
 from .study import BRIEF, LOST, PAPER, Experiment, errata, run
 

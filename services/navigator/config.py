@@ -8,13 +8,13 @@ from surefoot.lockstep.config import ServiceConfig
 
 
 class NavigatorConfig(ServiceConfig):
-    """Where the robot starts, what it knows of the world, how it decides."""
+    """Start, maps and policy of the navigator."""
 
     params: str = Field(default="nao", max_length=256, description="model of the robot: a shipped name or a .toml file")
     policy: str = Field(default="planner", max_length=256, description="name or file of the default policy")
     actions: str = Field(default="", max_length=64, description="action set of the model; empty = the model's own")
     control: Literal["commands", "odometry"] = Field(
-        default="odometry", description="what the belief follows between observations; without odometry: commands"
+        default="odometry", description="input of the belief between observations; without odometry: commands"
     )
     use_landmarks: bool = Field(default=True, description="correct the pose with hw/landmarks")
     start_x: float = Field(default=0.0, description="m, start pose in map")

@@ -1,6 +1,6 @@
-"""What the walker makes of the ordered actions, as motions in time: the control of a robot without odometry.
+"""Execution of the ordered actions by the walker, as motions in time: the control of a robot without odometry.
 
-An action's way is taken to be walked evenly from the landing of the last step before it to the landing of its own last
+The way of an action counts as walked evenly from the landing of the last step before it to the landing of its own last
 step; both times come from `state/gait`. The trunk follows the feet by `LAG_S`.
 """
 
@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from .belief.tracker import Motion
 
 LAG_S = 0.6
-"""A walking trunk is so far behind its feet: 42 mm of 10 cm, 6 of 23 deg at a landing (`benchmarks.bench_actions`)."""
+"""Delay between a foot's landing and the trunk reaching its place, s: 42 mm of 10 cm and 6 of 23 deg are left at a
+landing (`benchmarks.bench_actions`)."""
 
 
 @dataclass
@@ -17,11 +18,13 @@ class Piece:
     """One action under way."""
 
     motion: Motion
+    """Motion of the whole action."""
     start: float
-    """s, simulated time."""
+    """Simulated time of its begin, s."""
     end: float
+    """Simulated time of its end, s."""
     done: float = 0.0
-    """Share that has been handed out."""
+    """Share that `advance` has returned."""
 
 
 class Execution:
@@ -32,17 +35,17 @@ class Execution:
 
     @property
     def empty(self) -> bool:
-        """Whether nothing is under way."""
+        """True if nothing is under way."""
         return not self.pieces
 
     def begin(self, motion: Motion, duration: float, now: float, ends_in: float | None) -> None:
-        """Take in that the walker has taken up an action.
+        """Record that the walker started an action.
 
         Args:
             motion: of the whole action.
             duration: of its steps, s.
             now: s.
-            ends_in: s until its last step lands; None = the gait cannot say: `duration` is believed.
+            ends_in: time until its last step lands, s; None = not published, `duration` counts.
         """
         end = now + (duration if ends_in is None else ends_in)
         last = self.pieces[-1].end - LAG_S if self.pieces else now
@@ -50,7 +53,7 @@ class Execution:
         self.pieces.append(Piece(motion, start + LAG_S, end + LAG_S))
 
     def correct(self, now: float, ends_in: float | None) -> None:
-        """Take in when the walker now expects the last step to land; a slowed step moves the end."""
+        """Record the present forecast of the last landing; a slowed step moves the end."""
         if self.pieces and ends_in is not None:
             last = self.pieces[-1]
             last.end = max(now + ends_in + LAG_S, last.start + 1e-3)
@@ -67,9 +70,9 @@ class Execution:
         return moved
 
     def rest(self) -> list[Motion]:
-        """Return what is still to come of the actions under way."""
+        """Return the remaining motions of the actions under way."""
         return [piece.motion.part(1.0 - piece.done) for piece in self.pieces]
 
     def stop(self) -> None:
-        """Forget what is under way: the robot halts, or somebody else commands it."""
+        """Drop the actions under way: the robot halts, or another client commands it."""
         self.pieces.clear()

@@ -1,78 +1,54 @@
-"""Goals, actions and orders: what the pilot works with."""
+"""Goals, actions and the state of the walker, as the pilot takes them."""
 
 import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
+from surefoot.schemas.navigation import GoalState
+from surefoot.schemas.state import GaitState
 
 from .belief.tracker import Motion
 
-Array = NDArray[np.float64]
 Point = tuple[float, float]
-State = Literal["idle", "navigating", "stopping", "succeeded", "failed", "cancelled"]
-End = tuple[State, str, str]
-"""State in which a goal ends, error, and what happened in words."""
+End = tuple[GoalState, str, str]
+"""State in which a goal ends, error code, message."""
 
 
 @dataclass(frozen=True)
 class GaitView:
-    """What the walker says."""
+    """State of the walker."""
 
     state: str
+    """As in `state/gait`."""
     walk_id: int = 0
+    """Number of its present command, of any client."""
     order: int = 0
-    """Number of the last order it took up."""
+    """Number of the last order that it took up."""
     refused: str = ""
-    """Why it refused that order."""
+    """Reason why it refused that order; empty = it did not."""
     ends_in: float | None = None
-    """s until the last planned step lands."""
+    """Time until the last planned step lands, s."""
     reason: str = ""
+    """Reason of a refused state."""
+
+    @classmethod
+    def of(cls, gait: GaitState) -> "GaitView":
+        """Return the view of a message."""
+        return cls(gait.state, gait.walk_id, gait.order, gait.order_refused, gait.ends_in_s, gait.reason)
 
 
 @dataclass(frozen=True)
 class Act:
-    """One action the robot offers: what is ordered, and what becomes of it."""
+    """One action of the robot, with the motion that is expected of it."""
 
     name: str
     kind: Literal["stand", "turn", "walk"]
     motion: Motion
-    """Of the whole action; forward and turn are what is ordered."""
+    """Motion of the whole action; its forward and turn are ordered."""
     duration: float
-    """s, of its steps; of a stand, of standing."""
-
-
-@dataclass(frozen=True)
-class Order:
-    """A command to the walker."""
-
-    action: Literal["walk", "turn", "stop"]
-    distance: float | None = None
-    """m."""
-    angle: float | None = None
-    """rad."""
-
-
-class Choice(Protocol):
-    """What a policy decided."""
-
-    @property
-    def index(self) -> int:
-        """Of the action."""
-        ...
-
-    @property
-    def values(self) -> tuple[float, ...]:
-        """Per action, larger is better; NaN for those that were not allowed."""
-        ...
-
-    @property
-    def reason(self) -> str:
-        """In words."""
-        ...
+    """Duration of its steps, or of standing, s."""
 
 
 @dataclass
@@ -80,45 +56,40 @@ class Searching:
     """A search for the pose of a lost robot."""
 
     until: float
-    """s, when this look ends; inf: it has not begun."""
+    """End of the present look, s; inf = it has not begun."""
     turns: int = 0
-
-
-class Policy(Protocol):
-    """Chooses the next action."""
-
-    def decide(self, mean: Array, cov: Array, goal: Point, *, blocked: bool) -> Choice:
-        """Return the next action for a belief (4,), (4, 4) as it will be when that action begins."""
-        ...
-
-    def begin(self) -> None:
-        """Forget the run of actions so far: a new goal."""
-        ...
+    """Turns so far."""
 
 
 @dataclass
-class Goal:
-    """One goal and how it went."""
+class NavigationGoal:
+    """One goal and its progress."""
 
     id: str
     route: tuple[Point, ...]
+    """Waypoints, m, frame map."""
     policy: str
+    """Name of the policy."""
     began: float
-    """s."""
+    """Simulated time of its begin, s."""
     yaw: float | None = None
+    """Heading at the end, rad, frame map; None = any."""
     index: int = 0
-    """Present waypoint."""
+    """Index of the present waypoint; the length of the route behind the last one."""
     missed: list[int] = field(default_factory=list[int])
+    """Indices of waypoints that were given up."""
     recoveries: Counter[str] = field(default_factory=Counter[str])
+    """Number of recoveries by name."""
     nearest: float = math.inf
-    """m, to the present waypoint so far,"""
+    """Least distance to the present waypoint so far, m."""
     nearest_at: float = 0.0
-    """s, and since when."""
+    """Simulated time at which it was reached, s."""
     looks: int = 0
+    """Looks at the present waypoint so far."""
     start: Point | None = None
-    """Where the robot was when the goal began, m."""
+    """Place of the robot when the goal began, m, frame map."""
     asked: str | None = None
-    """Name or file that finds the policy again; None: the default."""
+    """Name or file that finds the policy again; None = the default."""
 
     def off_route(self, x: float, y: float) -> float:
         """Return the distance of a place from the present leg of the route, m."""
@@ -130,7 +101,7 @@ class Goal:
         return math.hypot(x - begin[0] - along * dx, y - begin[1] - along * dy)
 
     @classmethod
-    def restored(cls, kept: Mapping[str, Any]) -> "Goal":
+    def restored(cls, kept: Mapping[str, Any]) -> "NavigationGoal":
         """Return a goal from the fields that `kept` returned, also after JSON has made lists of tuples."""
         start, route = kept["start"], tuple((float(x), float(y)) for x, y in kept["route"])
         found = {"route": route, "start": start and (start[0], start[1]), "recoveries": Counter(kept["recoveries"])}
@@ -140,8 +111,13 @@ class Goal:
         return goal
 
     def kept(self) -> dict[str, Any]:
-        """Return the fields as plain values of JSON; an infinite distance begins anew."""
+        """Return the fields as plain values of JSON; an infinite distance becomes 1e9 m."""
         return {**asdict(self), "nearest": min(self.nearest, 1e9), "recoveries": dict(self.recoveries)}
+
+    def go_on(self, now: float) -> None:
+        """Make the next waypoint the present one."""
+        self.index += 1
+        self.nearest, self.nearest_at, self.looks = math.inf, now, 0
 
     @property
     def waypoint(self) -> Point:
@@ -155,16 +131,3 @@ class Goal:
             total += math.hypot(px - x, py - y)
             x, y = px, py
         return total
-
-
-@dataclass(frozen=True)
-class Decided:
-    """A decision as it is published."""
-
-    number: int
-    action: str
-    reason: str
-    values: dict[str, float]
-    distance: float
-    bearing: float
-    entropy: float

@@ -1,4 +1,4 @@
-"""Where the robot is in the map: odometry and frames of the camera go into the tracker, and it is watched."""
+"""Localisation in the map: odometry and frames of the camera feed the tracker, whose belief is checked."""
 
 import math
 from collections import Counter
@@ -21,38 +21,36 @@ from .belief.lost import (
 )
 from .belief.matching import DetectionError, Detections, SightNoise
 from .belief.relocalise import Glance, relocalise
-from .belief.tracker import Control, FrameResult, Motion, PoseTracker, Start
+from .belief.tracker import Control, FrameResult, Motion, PoseTracker, StartUncertainty
 from .belief.ukf import wrap
+from .catalogue import errors_of
 from .config import NavigatorConfig
 from .goals import GaitView
 from .messages import LostView, Pose, between, placed, pose_message
-from .policies import errors_of
 from .policy.arrays import PER_10CM
 from .policy.params import NavigationModel
 
 Array = NDArray[np.float64]
 
 ODOMETRY_S = 0.1
-"""Odometry is taken in at least so often; more often it would only cost time."""
+"""Longest time between two uses of odometry, s; more often would only cost time."""
 ODOMETRY_ALONG, ODOMETRY_TURN = 0.03, 0.05
 """Standard deviations of odometry: part of the way, and rad per root of a metre walked."""
 ODOMETRY_STILL = (1e-3, 5e-4)
-"""m and rad per root of a second, of a robot that stands."""
+"""Standard deviations of odometry of a standing robot: m and rad per root of a second."""
 SMOOTH = 0.1
 """Weight of a new NIS in its running mean."""
 RESTART_SD = (0.10, 0.15)
-"""m and rad, added to what was known before a restart."""
-
-
+"""Standard deviations added to the covariance after a restart: m and rad."""
 GLANCES = 5
 """Frames between two searches for a lost pose."""
 LATE_S, AHEAD_S = 0.2, 0.02
-"""A frame older than the one, two periods of the camera, shows where the robot no longer is; one of the future, beyond
-the slack of two ticks, would hold up the clock of the belief. Both are refused."""
+"""Largest ages of a frame that is used, s: older ones (two periods of the camera) show another place; frames of the
+future, beyond two ticks, would stop the clock of the belief."""
 
 
 class Localiser:
-    """Belief of the pose, fed with what comes from the bus.
+    """Belief of the pose, fed with messages from the bus.
 
     Args:
         config: of the service.
@@ -65,7 +63,7 @@ class Localiser:
         standing = SightNoise(
             sight.range_sd * share, sight.range_sd_share * share, math.radians(sight.bearing_sd_deg) * share
         )
-        start = Start(
+        start = StartUncertainty(
             model.filter.position_sd,
             math.radians(model.filter.heading_sd_deg),
             math.radians(model.drift.known_sd_deg) * PER_10CM if config.control == "commands" else 0.05,
@@ -75,12 +73,12 @@ class Localiser:
         self.tracker.place((config.start_x, config.start_y, config.start_yaw))
         self.control: Control = config.control
         self.odom: Pose | None = None
-        """Odometry as it came last, m and rad."""
+        """Last odometry, x, y (m) and yaw (rad), frame odom."""
         self._taken: Pose | None = None
         self._taken_at = 0.0
         self.matched, self.nis = 0, None
         self.refused = Counter[str]()
-        """Frames that could not be used, by reason."""
+        """Number of frames that could not be used, by code."""
         self._seen_at = -math.inf
         self.lost = LostView()
         self.footprint = Footprint(sight.range_min, sight.range_max, math.radians(sight.half_angle_deg))
@@ -89,10 +87,10 @@ class Localiser:
         self._shares = (_share(model, "walk"), _share(model, "stand"))
         self._glances: list[tuple[Detections, Pose]] = []
         self.relocated = 0
-        """Times that the pose was found again."""
+        """Number of times that the pose was found again."""
 
     def place(self, pose: Pose, cov: Array | None = None) -> None:
-        """Begin anew at a stated pose; the drift stays what it was."""
+        """Begin anew at a stated pose; the drift stays."""
         self._take_odometry(self._taken_at, force=True)
         self.tracker.place(pose, cov, keep_drift=True)
         self._trust()
@@ -108,7 +106,7 @@ class Localiser:
         return (0.0, 0.0, 0.0) if self.odom is None else between(self.tracker.pose, self.odom)
 
     def resume(self, pose: Pose, cov: Array, odom: Pose | None, now: Pose | None) -> None:
-        """Take up what was known before a restart, carried along by what the odometry has seen since."""
+        """Continue from the belief before a restart, moved by the odometry since."""
         if odom is not None and now is not None:
             pose = placed(between(pose, odom), now)
         self.odom = self._taken = now
@@ -118,7 +116,7 @@ class Localiser:
     # -- odometry ----------------------------------------------------------------------------------------------
 
     def odometry(self, x: float, y: float, yaw: float, now: float) -> None:
-        """Take in a pose in odom, m and rad (not wrapped), of time `now`, s."""
+        """Use a pose in odom, m and rad (not wrapped), of time `now`, s."""
         self.odom = (x, y, yaw)
         if self._taken is None:
             self._taken, self._taken_at = self.odom, now
@@ -150,10 +148,10 @@ class Localiser:
     # -- sight -------------------------------------------------------------------------------------------------
 
     def look(self, frame: LandmarkDetections, gait: GaitView, now: float) -> None:
-        """Take in a frame of the camera.
+        """Use a frame of the camera.
 
         Args:
-            frame: what was recognised; its stamp is the end of the exposure.
+            frame: landmarks; its stamp is the end of the exposure.
             gait: of this tick.
             now: simulated time, s.
 
@@ -163,7 +161,7 @@ class Localiser:
         """
         time, standing = frame.stamp_ns * 1e-9, gait.state == "standing"
         try:
-            self._judge_time(time, now)
+            self._check_time(time, now)
             self._take_odometry(time)
             seen = detections(frame)
             found = self.tracker.look(seen, time, standing=standing, trusted=not self.lost.lost)
@@ -173,10 +171,10 @@ class Localiser:
         self.matched = found.matched
         if found.matched:
             self.nis = found.nis if self.nis is None else self.nis + SMOOTH * (found.nis - self.nis)
-        self._doubt(seen, found, time, standing=standing)
+        self._check(seen, found, time, standing=standing)
 
-    def _judge_time(self, time: float, now: float) -> None:
-        """Refuse a frame that is not of now, or that was taken in before."""
+    def _check_time(self, time: float, now: float) -> None:
+        """Refuse a frame that is not of now, or that was used before."""
         if time > now + AHEAD_S:
             raise DetectionError("future", f"a frame of {time:.3f} s came at {now:.3f} s", "stamp_ns")
         if time < now - LATE_S:
@@ -186,8 +184,8 @@ class Localiser:
             raise DetectionError("repeated", f"the frame of {time:.3f} s came again", "stamp_ns")
         self._seen_at = time
 
-    def _doubt(self, seen: Detections, found: FrameResult, time: float, *, standing: bool) -> None:
-        """Judge by a frame whether the belief is wrong; if it is, look for the pose while the robot stands."""
+    def _check(self, seen: Detections, found: FrameResult, time: float, *, standing: bool) -> None:
+        """Check the belief by a frame; if it is wrong, search for the pose while the robot stands."""
         world = self.tracker.world
         if world is None:
             return
@@ -222,7 +220,7 @@ class Localiser:
             self.relocated += 1
 
     def message(self, *, ready: bool) -> PoseBelief:
-        """Return the belief as a message; `ready`: the estimator is calibrated, goals are taken."""
+        """Return the belief as a message; `ready` = the estimator is calibrated, goals are accepted."""
         return pose_message(self.tracker, self.odom, self.control, self.matched, self.nis, self.lost, ready)
 
 
@@ -232,7 +230,7 @@ def _share(model: NavigationModel, kind: str) -> float:
 
 
 def _relative(pose: Pose, here: Pose) -> Pose:
-    """Return a pose as it is seen from another, m and rad."""
+    """Return a pose in the axes of another, m and rad."""
     c, s = math.cos(here[2]), math.sin(here[2])
     dx, dy = pose[0] - here[0], pose[1] - here[1]
     return (c * dx + s * dy, c * dy - s * dx, float(wrap(pose[2] - here[2])))

@@ -1,6 +1,6 @@
-"""The last goal, kept in a file, so that a navigator that was killed and started again goes on with it.
+"""Memory of the last goal in a file, so that a navigator that was killed and started again goes on with it.
 
-The file belongs to one run (its folder); what is of another epoch, or of a later tick than now, is not taken up.
+The file belongs to one run (its folder); contents of another epoch, or of a later tick than now, are ignored.
 """
 
 import json
@@ -9,34 +9,36 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast, get_args
 
-from .goals import End, Goal, State
+from surefoot.schemas.navigation import GoalState
+
+from .goals import End, NavigationGoal
 
 
 @dataclass(frozen=True)
 class Kept:
-    """What a navigator must know to go on."""
+    """State that a navigator needs to go on."""
 
     number: int
-    """Of the last order."""
+    """Number of the last order."""
     pose: tuple[float, float, float]
-    """m and rad, map."""
+    """Believed x, y (m) and heading (rad), frame map."""
     covariance: tuple[float, ...]
-    """(9,) of it."""
+    """Covariance of the pose, (9,), row by row."""
     odom: tuple[float, float, float] | None
-    """Odometry of the same moment, m and rad."""
-    goal: Goal | None
-    """The last one; None = there was none."""
-    state: State = "idle"
+    """Odometry of the same moment, x, y (m) and heading (rad); None = there is none."""
+    goal: NavigationGoal | None
+    """Last goal; None = there was none."""
+    state: GoalState = "idle"
     """State of the pilot."""
     end: End = ("idle", "", "")
-    """How the goal ends or has ended; of one under way, its present state."""
+    """End of the goal, coming or past; of one under way, its present state."""
     ended: float = 0.0
     """Simulated time at which the last goal ended, s."""
-    planned: tuple[tuple[int, Goal], ...] = ()
+    planned: tuple[tuple[int, NavigationGoal], ...] = ()
     """Goals that wait for their tick."""
 
 
-class Memory:
+class GoalMemory:
     """One file.
 
     Args:
@@ -48,7 +50,7 @@ class Memory:
         self.problem = ""
 
     def keep(self, epoch: int, tick: int, kept: Kept) -> None:
-        """Replace what is kept; a disk that fails costs the memory, not the goal."""
+        """Replace the contents; a disk that fails costs the memory, not the goal."""
         if self.path is None:
             return
         fresh = self.path.with_suffix(".new")
@@ -62,14 +64,14 @@ class Memory:
             self.path = None
 
     def forget(self) -> None:
-        """Remove what an earlier run has left."""
+        """Remove the file of an earlier run."""
         if self.path is not None:
             self.path.unlink(missing_ok=True)
 
     def recall(self, epoch: int, tick: int) -> Kept | None:
-        """Return what was kept in this epoch, not after this tick, or None.
+        """Return the state that was kept in this epoch, not after this tick, or None.
 
-        A navigator may be killed between keeping a tick and sending it: its successor does that tick again.
+        A navigator may be killed between keeping a tick and publishing it: its successor does that tick again.
         """
         if self.path is None or not self.path.exists():
             return None
@@ -77,12 +79,12 @@ class Memory:
             found = json.loads(self.path.read_text(encoding="utf-8"))
             if found["epoch"] != epoch or found["tick"] > tick:
                 return None
-            odom = found["odom"]
+            odom, goal = found["odom"], found["goal"]
             return Kept(
                 int(found["number"]), _pose(found["pose"]), _covariance(found["covariance"]),
-                None if odom is None else _pose(odom), None if found["goal"] is None else Goal.restored(found["goal"]),
+                None if odom is None else _pose(odom), goal and NavigationGoal.restored(goal),
                 _state(found["state"]), _end(*found["end"]), float(found["ended"]),
-                tuple((int(tick), Goal.restored(fields)) for tick, fields in found["planned"]),
+                tuple((int(tick), NavigationGoal.restored(fields)) for tick, fields in found["planned"]),
             )  # fmt: skip
         except (OSError, ValueError, KeyError, TypeError) as error:
             self.problem = f"the kept goal cannot be read: {error}"
@@ -101,10 +103,10 @@ def _covariance(values: Any) -> tuple[float, ...]:
     return numbers
 
 
-def _state(value: Any) -> State:
-    if value not in get_args(State):
-        raise ValueError(f"state is {value!r}, allowed are {', '.join(get_args(State))}")
-    return cast(State, value)
+def _state(value: Any) -> GoalState:
+    if value not in get_args(GoalState):
+        raise ValueError(f"state is {value!r}, allowed are {', '.join(get_args(GoalState))}")
+    return cast(GoalState, value)
 
 
 def _end(state: Any, error: Any, message: Any) -> End:

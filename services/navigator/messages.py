@@ -1,9 +1,9 @@
-"""Messages of the navigator, from what it knows."""
+"""Messages of the navigator, from its state."""
 
 import math
+from dataclasses import dataclass
 
-from surefoot.schemas.cmd import WalkCommand
-from surefoot.schemas.navigation import Decision, MotionOrder, NavigationFeedback, PoseBelief
+from surefoot.schemas.navigation import MotionOrder, NavigationFeedback, PoseBelief
 
 from .belief.tracker import Control, PoseTracker
 from .belief.ukf import wrap
@@ -12,13 +12,21 @@ from .pilot import Pilot
 Pose = tuple[float, float, float]
 
 
+@dataclass(frozen=True)
+class LostView:
+    """Check of the belief against the landmarks seen."""
+
+    lost: bool = False
+    """True if the belief is wrong."""
+    probability: float = 0.0
+    """Probability of that, 0 to 1."""
+    reason: str = ""
+    """Reason in words; empty = none."""
+
+
 def order_message(pilot: Pilot) -> MotionOrder:
-    """Return the present order; the walker takes each number once."""
-    order = pilot.order
-    if order is None:
-        return MotionOrder(number=0)
-    command = WalkCommand(action=order.action, distance=order.distance, angle=order.angle)
-    return MotionOrder(number=pilot.number, command=command)
+    """Return the present order; the walker obeys each number once."""
+    return MotionOrder(number=0 if pilot.order is None else pilot.number, command=pilot.order)
 
 
 def pose_message(
@@ -27,7 +35,7 @@ def pose_message(
     control: Control,
     matched: int,
     nis: float | None,
-    lost: "LostView",
+    lost: LostView,
     ready: bool,
 ) -> PoseBelief:
     """Return the belief of the pose.
@@ -35,11 +43,11 @@ def pose_message(
     Args:
         tracker: the belief.
         odom: pose of base_link in odom, m and rad; None = there is no odometry.
-        control: what the prediction follows.
+        control: input of the prediction.
         matched: landmarks of the last frame that were matched.
         nis: smoothed normalised innovation squared per degree of freedom.
-        lost: whether the belief is to be trusted.
-        ready: the estimator is calibrated, goals are taken.
+        lost: check of the belief.
+        ready: the estimator is calibrated, goals are accepted.
     """
     cov = tracker.body_covariance()
     return PoseBelief(
@@ -54,16 +62,9 @@ def pose_message(
         matched=matched,
         nis=nis,
         lost=lost.lost,
-        lost_probability=lost.probability,
+        lost_probability=min(1.0, max(0.0, lost.probability)),
         lost_reason=lost.reason,
     )
-
-
-class LostView:
-    """Whether the belief is to be trusted."""
-
-    def __init__(self, lost: bool = False, probability: float = 0.0, reason: str = "") -> None:
-        self.lost, self.probability, self.reason = lost, min(1.0, max(0.0, probability)), reason
 
 
 def feedback_message(pilot: Pilot, pose: Pose, now: float) -> NavigationFeedback:
@@ -75,7 +76,6 @@ def feedback_message(pilot: Pilot, pose: Pose, now: float) -> NavigationFeedback
     elapsed = max(0.0, (now if under_way else pilot.ended or now) - goal.began)
     left = goal.left(pose[0], pose[1]) if under_way else 0.0
     whole = goal.left(*goal.start) if goal.start is not None else left
-    decided = pilot.decision
     walked = max(0.0, math.hypot(whole - left, 0.0))
     remaining = elapsed * left / walked if under_way and walked > 0.2 and elapsed > 0.0 else None
     return NavigationFeedback(
@@ -92,12 +92,7 @@ def feedback_message(pilot: Pilot, pose: Pose, now: float) -> NavigationFeedback
         number_of_poses_remaining=max(0, len(goal.route) - goal.index),
         position_tracking_error=goal.off_route(pose[0], pose[1]),
         heading_tracking_error=_bearing(goal.waypoint, pose),
-        decision=None
-        if decided is None
-        else Decision(
-            number=decided.number, action=decided.action, reason=decided.reason, values=decided.values,
-            distance=decided.distance, bearing=decided.bearing, entropy=max(decided.entropy, -1e3),
-        ),
+        decision=pilot.decision,
         missed_waypoints=tuple(goal.missed),
         error_code=pilot.error,  # pyright: ignore[reportArgumentType] - one of the literals, set in the pilot
         error_msg=pilot.message if pilot.error else "",
@@ -116,7 +111,7 @@ def between(pose: Pose, odom: Pose) -> Pose:
 
 
 def placed(frame: Pose, pose: Pose) -> Pose:
-    """Return a pose that is known in a frame, in the frame that `frame` is known in, m and rad."""
+    """Return a pose given in a frame, in the parent of that frame; `frame` is its pose there, m and rad."""
     c, s = math.cos(frame[2]), math.sin(frame[2])
     return (
         frame[0] + c * pose[0] - s * pose[1],

@@ -1,34 +1,73 @@
-"""A dry run of the navigator with made-up landmarks, a frame of them and one decision."""
+"""Dry run of the navigator on a made-up floor: calls every kernel, so that none is loaded or compiled in a tick."""
+
+import contextlib
 
 import numpy as np
 
-from .belief.landmarks import LandmarkMap
-from .belief.matching import Detections
-from .belief.rehearsing import rehearse_belief
+from .belief.landmarks import FloorLandmarks
+from .belief.lost import Footprint, LostModel, LostState, evidence_of, in_view, observed
+from .belief.matching import Detections, MatchLimits, SightNoise, match
+from .belief.relocalise import Glance, relocalise
 from .belief.tracker import Motion
+from .catalogue import Catalogue
 from .config import NavigatorConfig
 from .localiser import Localiser
-from .planning.rehearsing import rehearse_planning
-from .policies import Policies
+from .planning.costs import prepare
+from .planning.grid import OCCUPIED, FloorGrid
+from .planning.route import RouteError, plan
+
+LARGE_SIDE = 560
+"""Cells; from about this size on a map gets marks, see `costs.LARGE`."""
 
 
 def rehearse(config: NavigatorConfig) -> None:
-    """Predict, match, correct, decide and report once, so that every kernel is loaded.
+    """Predict, match, correct, relocalise, plan, decide and report once.
 
     Args:
         config: of the service.
     """
     rehearse_belief()
-    rehearse_planning()
-    policies = Policies(config)
-    tracker = Localiser(config, policies.model).tracker
-    rng = np.random.default_rng(0)
-    places, looks = rng.uniform(-1.0, 1.0, (40, 2)), rng.standard_normal((40, 8))
-    tracker.world = LandmarkMap(places, looks)
+    rehearse_planning(40)
+    catalogue = Catalogue(config)
+    tracker, world = Localiser(config, catalogue.model).tracker, _floor((-1.0, -1.0), (1.0, 1.0), 40)
+    tracker.world = world
     tracker.place((0.0, 0.0, 0.0))
     tracker.move(Motion(0.01, 0.0, 0.01, 0.01, 1e-6, 1e-6, 1e-6, 1e-6))
-    ranges, bearings = np.hypot(places[:, 0], places[:, 1]), np.arctan2(places[:, 1], places[:, 0])
-    tracker.look(Detections(ranges[:12], bearings[:12], looks[:12]), 0.1, standing=False)
+    tracker.look(_frame(world, 12), 0.1, standing=False)
     mean, cov = tracker.after(Motion())
-    policies.decider(None).decide(mean, cov, (1.0, 0.0), blocked=False)
+    catalogue.decider(None).decide(mean, cov, (1.0, 0.0), blocked=False)
     _ = tracker.entropy
+
+
+def rehearse_belief() -> None:
+    """Match a frame from a right and from a wrong pose, check both, and relocalise."""
+    world, noise = _floor((0.4, -0.3), (1.0, 0.3), 24), SightNoise()
+    seen, state, model, cov = _frame(world, 24), LostState(), LostModel.of(noise, Footprint()), 1e-3 * np.eye(3)
+    for mean in (np.zeros(3), np.array([5.0, 0.0, 1.0])):
+        for limits in (MatchLimits(), MatchLimits(pairs=10)):
+            found = match(mean, cov, seen, world, noise, limits)
+        expected = 0.1 * in_view(world, (0.0, 0.0, 0.0), Footprint())
+        state = observed(state, evidence_of(found, seen, world, noise, expected), model)
+    relocalise([Glance(seen)], world, noise)
+
+
+def rehearse_planning(side: int) -> None:
+    """Plan a route around a wall, and one into the wall, on a floor of side * side cells."""
+    cells = np.zeros((side, side), dtype=np.int8)
+    cells[:-15, 20:22] = OCCUPIED
+    costs = prepare(FloorGrid(cells, 0.05))
+    plan(costs, (0.4, 0.4), (1.7, 0.4))
+    with contextlib.suppress(RouteError):
+        plan(costs, (0.4, 0.4), (1.05, 0.4))
+
+
+def _floor(low: tuple[float, float], high: tuple[float, float], count: int) -> FloorLandmarks:
+    """Return landmarks between two corners, m, frame map."""
+    rng = np.random.default_rng(1)
+    return FloorLandmarks(rng.uniform(low, high, (count, 2)), rng.standard_normal((count, 8)))
+
+
+def _frame(world: FloorLandmarks, count: int) -> Detections:
+    """Return the first landmarks as they are seen from the origin."""
+    x, y = world.positions[:count].T
+    return Detections(np.hypot(x, y), np.arctan2(y, x), world.descriptors[:count])

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from benchmarks.bench_navigator_belief import Peer
-from surefoot.services.navigator.environment.draws import seed, stream
-from surefoot.services.navigator.environment.world import cells, room_for, scatter
+from surefoot.services.navigator.environment.draws import seed
+from surefoot.services.navigator.environment.model import episode_state
+from surefoot.services.navigator.environment.world import scatter
 from surefoot.services.navigator.policy.arrays import LAST, STATUS, arrays
 from surefoot.services.navigator.policy.library import find
 from surefoot.services.navigator.policy.params import load
@@ -16,11 +17,10 @@ COV = np.diag([0.01, 0.01, 0.01, 0.01]) ** 2
 
 
 def floor():
-    nx, ny = cells(WORLD.scene)
-    found, rng = (np.zeros((room_for(WORLD.scene), 2)), np.zeros(nx * ny + 1, dtype=np.int64)), stream()
-    seed(rng, 1, 2, 3)
-    scatter(WORLD.scene, rng, *found)
-    return found
+    state = episode_state(WORLD)
+    seed(state.rng, 1, 2, 3)
+    scatter(WORLD.scene, state.rng, state.marks, state.first)
+    return state.marks, state.first
 
 
 @pytest.mark.parametrize(("kind", "sims"), [("rollouts", 16), ("tree", 400)])

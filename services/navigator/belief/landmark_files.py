@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 from .landmarks import (
     LONGEST_DESCRIPTOR,
     MOST_LANDMARKS,
-    LandmarkMap,
+    FloorLandmarks,
     LandmarkMapError,
 )
 
 SCHEMA = "surefoot.landmarks/1"
-MAX_FILE_BYTES = 256_000_000
+MAX_ARCHIVE_BYTES = 256_000_000
 MAX_UNPACKED_BYTES = 8 * MOST_LANDMARKS * (LONGEST_DESCRIPTOR + 3) + 100_000
 KEYS = ("schema", "positions", "descriptors", "version", "source")
 
 
-def save(world: LandmarkMap, path: str | Path) -> Path:
+def save(world: FloorLandmarks, path: str | Path) -> Path:
     """Write a landmark map; return the path, which ends in `.npz`."""
     target = Path(path).with_suffix(".npz")
     with target.open("wb") as file:
@@ -33,18 +33,18 @@ def save(world: LandmarkMap, path: str | Path) -> Path:
     return target
 
 
-def load(path: str | Path) -> LandmarkMap:
+def load(path: str | Path) -> FloorLandmarks:
     """Read a landmark map.
 
     Raises:
         LandmarkMapError: the file is missing, no landmark map, of another version, damaged, too large, or holds pickled
-            objects; or what it holds is no map (see `LandmarkMap`).
+            objects; or what it holds is no map (see `FloorLandmarks`).
     """
     source = Path(path)
     try:
         size = source.stat().st_size
-        if size > MAX_FILE_BYTES:
-            raise _malformed(source, f"has {size} bytes, allowed are {MAX_FILE_BYTES}")
+        if size > MAX_ARCHIVE_BYTES:
+            raise _malformed(source, f"has {size} bytes, allowed are {MAX_ARCHIVE_BYTES}")
         if not zipfile.is_zipfile(source):
             raise _malformed(source, "is no .npz archive, or cut off")
         with source.open("rb") as file, np.load(file, allow_pickle=False) as archive:
@@ -75,7 +75,7 @@ def load(path: str | Path) -> LandmarkMap:
         raise LandmarkMapError(
             "malformed", f"{source.name}: version is an integer, got {arrays['version']!r:.80}", "version"
         )
-    return LandmarkMap(arrays["positions"], arrays["descriptors"], int(arrays["version"]), str(arrays["source"]))
+    return FloorLandmarks(arrays["positions"], arrays["descriptors"], int(arrays["version"]), str(arrays["source"]))
 
 
 def _malformed(path: Path, text: str) -> LandmarkMapError:

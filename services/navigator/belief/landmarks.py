@@ -1,4 +1,4 @@
-"""A map of landmarks on the floor: where each is, what it looks like, and an index of places."""
+"""Map of landmarks on the floor: place and look of each, and an index of places."""
 
 import hashlib
 import math
@@ -10,17 +10,19 @@ from numpy.typing import NDArray
 
 from surefoot.errors import Refusal
 
+from .gate import MapTables
+
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 MOST_LANDMARKS = 100_000
 LONGEST_DESCRIPTOR = 256
 FARTHEST = 1e5
-"""m, of a landmark from the origin; beyond it float32 no longer resolves a centimetre."""
+"""Largest coordinate of a landmark, m; beyond it float32 no longer resolves a centimetre."""
 SMALLEST_SPREAD = 0.01
-"""m, least extent of a map: landmarks in one point say nothing about a heading."""
+"""Least extent of a map, m: landmarks in one point do not determine a heading."""
 PER_BUCKET = 4.0
-"""Landmarks a bucket of the index holds in the mean."""
+"""Mean number of landmarks in a bucket of the index."""
 
 
 class LandmarkMapError(Refusal):
@@ -32,15 +34,15 @@ class Buckets:
     """Landmarks sorted by square cells of the floor."""
 
     grid: Array
-    """(5,): x and y of the lower-left corner of cell [0, 0] in m (frame map), edge of a cell in m, rows, columns."""
+    """x and y of the lower-left corner of cell [0, 0] in m (frame map), edge of a cell in m, rows, columns, (5,)."""
     starts: Index
-    """(rows * columns + 1,): members of cell c are `members[starts[c]:starts[c + 1]]`."""
+    """First member of each cell, (rows * columns + 1,): cell c holds `members[starts[c]:starts[c + 1]]`."""
     members: Index
-    """(n,): landmarks, by cell and then by number."""
+    """Landmarks by cell and then by number, (n,)."""
 
 
 @dataclass(frozen=True, eq=False)
-class LandmarkMap:
+class FloorLandmarks:
     """Landmarks on the floor, frame map; immutable.
 
     Raises:
@@ -49,13 +51,13 @@ class LandmarkMap:
     """
 
     positions: Array
-    """(n, 2) m, frame map."""
+    """Places, (n, 2) m, frame map."""
     descriptors: Array
-    """(n, k), what each looks like."""
+    """Looks, (n, k)."""
     version: int = 0
-    """Rises with every change of content."""
+    """Number that rises with every change of content."""
     source: str = ""
-    """How the map was made."""
+    """Origin of the map, in words."""
 
     def __post_init__(self) -> None:
         positions = np.array(self.positions, dtype=np.float64, order="C", copy=True)
@@ -70,12 +72,12 @@ class LandmarkMap:
 
     @property
     def descriptor_length(self) -> int:
-        """Numbers in a descriptor."""
+        """Number of elements of a descriptor."""
         return self.descriptors.shape[1]
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
-        """x_min, y_min, x_max, y_max of the landmarks, m, frame map."""
+        """Extent of the landmarks: x_min, y_min, x_max, y_max, m, frame map."""
         low, high = self.positions.min(axis=0), self.positions.max(axis=0)
         return (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
 
@@ -83,6 +85,12 @@ class LandmarkMap:
     def buckets(self) -> Buckets:
         """Index of places."""
         return _sorted_by_place(self.positions)
+
+    @cached_property
+    def tables(self) -> MapTables:
+        """Landmarks with their index of places, for kernels."""
+        at = self.buckets
+        return MapTables(self.positions, self.descriptors, at.grid, at.starts, at.members)
 
     @cached_property
     def columns(self) -> Array:
@@ -95,19 +103,19 @@ class LandmarkMap:
         return hashlib.sha256(f"{self.descriptors.shape} ".encode() + self.to_bytes()).hexdigest()
 
     def to_bytes(self) -> bytes:
-        """Rows (x, y, descriptor) as little-endian float32, C order; 4 n (2 + k) bytes."""
+        """Return rows (x, y, descriptor) as little-endian float32, C order; 4 n (2 + k) bytes."""
         return np.hstack((self.positions, self.descriptors)).astype("<f4").tobytes()
 
     @classmethod
-    def from_bytes(cls, data: bytes, count: int, length: int, version: int = 0, source: str = "") -> "LandmarkMap":
+    def from_bytes(cls, data: bytes, count: int, length: int, version: int = 0, source: str = "") -> "FloorLandmarks":
         """Return the map of `to_bytes`.
 
         Args:
             data: the rows.
             count: number of landmarks.
-            length: numbers in a descriptor.
+            length: elements of a descriptor.
             version: of the map.
-            source: how it was made.
+            source: origin of the map, in words.
 
         Raises:
             LandmarkMapError: another number of bytes, or content that is no map.

@@ -1,16 +1,17 @@
-"""Whether the believed pose is wrong: a filter over four hypotheses, fed with what becomes of the detections.
+"""Check of the believed pose: a filter over four hypotheses, fed with the fates of the detections.
 
 The robot is where it is believed to be ("right"), elsewhere on the map ("displaced"), where the map does not reach
-("off_map"), or it sees nothing ("blind": a dark camera, or a place without landmarks). Of every detection one of three
-things is seen: it belongs *here* (a landmark in its gate looks like it), *elsewhere* (only landmarks out of its gate
+("off_map"), or it sees nothing ("blind": a dark camera, or a place without landmarks). Every detection is one of three:
+it belongs *here* (a landmark in its gate looks like it), *elsewhere* (only landmarks out of its gate
 do), or it is *strange* (no landmark does). The hypotheses give them different shares; a frame multiplies their
 probabilities by the likelihood of its counts,
 
     p_h <- p_h prod_c share_h[c]^n_c prod_matches f_h(nis),    and p <- p exp(rates dt) between frames.
 
 f_right is an exponential density (chi^2_2 with `scale`), f of the others uniform over the gate. A frame's likelihood
-ratio is bounded, because errors are common to a frame. The number of detections tells only "blind" from the others: a
-displaced robot sees as many. With E landmarks expected to be recognised, P(none) = exp(-E `trust`) unless it is blind.
+ratio is bounded, because errors are common to a frame. The number of detections separates only "blind" from the
+others: a displaced robot sees as many. With E landmarks expected to be recognised, P(none) = exp(-E `trust`) unless
+the robot is blind.
 """
 
 import math
@@ -18,40 +19,40 @@ from dataclasses import dataclass, field, replace
 
 from surefoot.errors import Refusal
 
-from . import matching_kernel as kernel
-from .landmarks import LandmarkMap
+from . import association
+from .landmarks import FloorLandmarks
 from .matching import Detections, Matches, MatchLimits, SightNoise, known_elsewhere
 
 Shares = tuple[float, float, float]
-"""Of detections here, elsewhere, strange."""
+"""Shares of detections here, elsewhere, strange; they add up to 1."""
 
 
 @dataclass(frozen=True)
 class FrameEvidence:
-    """What became of the detections of one frame."""
+    """Fates of the detections of one frame, counted."""
 
     here: int = 0
-    """A landmark in the gate looks like it."""
+    """Detections that a landmark in the gate looks like."""
     elsewhere: int = 0
-    """Only landmarks out of the gate look like it."""
+    """Detections that only landmarks out of the gate look like."""
     strange: int = 0
-    """No landmark looks like it."""
+    """Detections that no landmark looks like."""
     nis: tuple[float, ...] = ()
     """Normalised innovation squared of the matched ones, 2 degrees of freedom."""
     expected: float = 0.0
-    """Landmarks that should be recognised in this frame if the pose is right; 0 = not known."""
+    """Expected number of recognised landmarks if the pose is right; 0 = not known."""
 
 
 @dataclass(frozen=True)
 class Footprint:
-    """What a camera overlooks of the floor: a sector about the heading of base_link."""
+    """Footprint of a camera on the floor: a sector about the heading of base_link."""
 
     nearest: float = 0.35
-    """m, from base_link."""
+    """Least distance from base_link, m."""
     farthest: float = 1.18
-    """m, from base_link."""
+    """Largest distance from base_link, m."""
     half_angle: float = math.radians(33.0)
-    """rad, to either side."""
+    """Angle to either side, rad."""
 
 
 @dataclass(frozen=True)
@@ -63,31 +64,31 @@ class LostModel:
     """
 
     right: Shares = (0.72, 0.20, 0.08)
-    """With twice the false detections that are expected: a map grows old."""
+    """Shares if the pose is right, with twice the expected false detections: a map grows old."""
     displaced: Shares = (0.10, 0.80, 0.10)
-    """A wrong landmark in the gate looks right now and then; see `of`."""
+    """Shares if the robot is elsewhere on the map: a wrong landmark in the gate looks right now and then; see `of`."""
     off_map: Shares = (0.03, 0.12, 0.85)
-    """Floors look alike somewhere."""
+    """Shares if the robot is off the map: floors look alike somewhere."""
     displacement_rate: float = 1e-3
-    """1/s, that a pose which is right becomes wrong."""
+    """Rate at which a right pose becomes wrong, 1/s."""
     leaving_rate: float = 3e-5
-    """1/s, that the robot leaves the map."""
+    """Rate at which the robot leaves the map, 1/s."""
     blinding_rate: float = 1e-3
-    """1/s, that it no longer sees anything."""
+    """Rate at which the robot stops seeing anything, 1/s."""
     trust: float = 0.5
-    """In the number of landmarks that should be recognised: part of it that is counted on."""
+    """Part of the expected number of recognised landmarks that counts."""
     recovery_rate: float = 1e-3
-    """1/s, that a wrong pose becomes right by itself."""
+    """Rate at which a wrong pose becomes right by itself, 1/s."""
     gate: float = 9.21
-    """Of the matches' normalised innovation squared."""
+    """Gate of the normalised innovation squared of a match."""
     scale: float = 1.5
-    """Mean of the normalised innovation squared over 2 that is still right."""
+    """Mean of half the normalised innovation squared of a right pose."""
     most: float = 4.0
-    """Largest logarithm of a likelihood ratio that a frame contributes."""
+    """Largest logarithm of the likelihood ratio of one frame, nats."""
     threshold: float = 0.9
     """Probability from which the pose counts as lost."""
     memory_s: float = 3.0
-    """s, of the counts that the reason names."""
+    """Time constant of the counts in the reason, s."""
 
     @classmethod
     def of(cls, noise: SightNoise, footprint: Footprint) -> "LostModel":
@@ -123,34 +124,34 @@ class LostModel:
 
 @dataclass(frozen=True)
 class LostState:
-    """Probabilities of the hypotheses, and what they were fed with of late."""
+    """Probabilities of the hypotheses, and recent counts of detections."""
 
     right: float = 1.0
-    """The robot is where it is believed to be."""
+    """Probability that the robot is at its believed place."""
     displaced: float = 0.0
-    """It is elsewhere on the map."""
+    """Probability that it is elsewhere on the map."""
     off_map: float = 0.0
-    """It is off the map."""
+    """Probability that it is off the map."""
     blind: float = 0.0
-    """Nothing is seen where landmarks should be: a dark camera, or a wrong pose."""
+    """Probability that nothing is seen where landmarks should be: a dark camera, or a wrong pose."""
     recent: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0))
     """Detections here, elsewhere, strange, older ones counted less."""
 
     missed: float = 0.0
-    """Landmarks that should have been recognised of late and were not."""
+    """Landmarks that were expected of late and not recognised."""
 
     @property
     def probability(self) -> float:
-        """That the believed pose is wrong and landmarks show it."""
+        """Probability that the believed pose is wrong and landmarks show it."""
         return self.displaced + self.off_map
 
     @property
     def doubt(self) -> float:
-        """Probability that the pose is wrong or that nothing is seen: reason enough to stand and look around."""
+        """Probability that the pose is wrong or that nothing is seen."""
         return self.displaced + self.off_map + self.blind
 
     def reason(self, model: LostModel) -> str:
-        """Return in words why the pose is in doubt; empty if it is not."""
+        """Return the reason why the pose is uncertain, in words; empty if it is not."""
         if self.doubt < model.threshold:
             return ""
         here, elsewhere, strange = (round(value) for value in self.recent)
@@ -162,9 +163,9 @@ class LostState:
         return f"{elsewhere} of about {total} landmarks seen of late belong elsewhere on the map"
 
 
-def in_view(world: LandmarkMap, pose: tuple[float, float, float], footprint: Footprint) -> int:
-    """Count the landmarks of the map that a camera overlooks from a pose, x, y in m and heading in rad, frame map."""
-    return kernel.in_view(
+def in_view(world: FloorLandmarks, pose: tuple[float, float, float], footprint: Footprint) -> int:
+    """Return the number of landmarks in the footprint at a pose, x, y in m and heading in rad, frame map."""
+    return association.in_view(
         world.positions, pose[0], pose[1], pose[2], footprint.nearest, footprint.farthest, footprint.half_angle
     )
 
@@ -172,15 +173,15 @@ def in_view(world: LandmarkMap, pose: tuple[float, float, float], footprint: Foo
 def evidence_of(
     matches: Matches,
     seen: Detections,
-    world: LandmarkMap,
+    world: FloorLandmarks,
     noise: SightNoise,
     expected: float = 0.0,
     limits: MatchLimits | None = None,
 ) -> FrameEvidence:
-    """Return what a frame says about whether the pose is wrong.
+    """Return the evidence of a frame for and against the believed pose.
 
-    A detection with several alike landmarks in its gate belongs here, too; one that no rigid motion explains counts
-    for nothing.
+    A detection with several alike landmarks in its gate counts as here; one that no rigid motion explains does not
+    count.
 
     Args:
         matches: of the frame at the believed pose.
@@ -198,7 +199,7 @@ def evidence_of(
 
 
 def passed(state: LostState, dt: float, model: LostModel) -> LostState:
-    """Return the state dt s later when nothing was seen: probabilities follow the rates, counts fade.
+    """Return the state dt s later without a frame: probabilities follow the rates, counts fade.
 
     Raises:
         Refusal: dt is negative or not finite.
@@ -239,7 +240,7 @@ def _log_likelihood(shares: Shares, frame: FrameEvidence) -> float:
 
 
 def _nis_ratio(nis: float, model: LostModel) -> float:
-    """Logarithm of the density of a match's nis under a right pose over that under a wrong one, at most ln 3."""
+    """Return the log density ratio of a match's nis under a right pose and a wrong one, within +- ln 3."""
     s = 2.0 * model.scale
     inside = 1.0 - math.exp(-model.gate / s)
     ratio = math.log(model.gate / (s * inside)) - nis / s

@@ -1,4 +1,4 @@
-"""Data association: which landmark of the map each detection of a frame is.
+"""Data association: the landmark of the map that each detection of a frame shows.
 
 Gate by the covariance of the pose, nearest descriptor with ratio test within the gate, two-point rigid motions
 (RANSAC), a maximum per frame (Osswald et al., section III; their sizes are not printed, these are ours).
@@ -12,18 +12,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from surefoot.errors import Refusal
 
-from . import matching_kernel as kernel
-from .gate_kernel import FAR, UNLIKE
-from .landmarks import LandmarkMap
+from . import association
+from .gate import FAR, UNLIKE, FrameTables
+from .landmarks import FloorLandmarks
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 MOST_DETECTIONS = 256
 FATES = ("matched", "invalid", "far", "unlike", "ambiguous", "doubled", "outlier", "surplus")
-"""What becomes of a detection, in the order of the kernel's numbers: matched; range or bearing that cannot be; no
-landmark in the gate; none there looks like it; two there look like it; its landmark is taken by another detection;
-no rigid motion of the others explains it; beyond the maximum per frame."""
+"""Fates of a detection, in the order of the numbers in `gate`: matched; impossible range or bearing; no landmark in the
+gate; none there looks like it; two there look like it; its landmark is matched by another detection; no rigid motion of
+the others explains it; beyond the maximum per frame."""
 
 
 class DetectionError(Refusal):
@@ -39,17 +39,17 @@ class SightNoise:
     """
 
     range_sd: float = 0.0
-    """m, of a range, whatever it is."""
+    """Constant part of the range noise, m."""
     range_share: float = 0.03
-    """Part of the range that is added to it."""
+    """Proportional part of the range noise, part of the range."""
     bearing_sd: float = math.radians(1.5)
-    """rad."""
+    """Noise of the bearing, rad."""
     common_range_sd: float = 0.0
-    """m, error that all detections of a frame have in common, as by a tilt that is not known."""
+    """Range error common to all detections of a frame, m, such as by an unknown tilt."""
     common_bearing_sd: float = 0.0
-    """rad, likewise."""
+    """Bearing error common to all detections of a frame, rad."""
     look_sd: float = 0.05
-    """Of each number of a descriptor."""
+    """Noise of each element of a descriptor."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -60,7 +60,7 @@ class SightNoise:
             raise DetectionError("bad_noise", f"{text}, got {vars(self)}", "bearing_sd")
 
     def array(self) -> Array:
-        """The numbers in the order of the kernel, (5,)."""
+        """Return the numbers in the order of `gate`, (5,)."""
         return np.array(
             [self.range_sd, self.range_share, self.bearing_sd, self.common_range_sd, self.common_bearing_sd]
         )
@@ -79,27 +79,27 @@ class SightNoise:
 
 @dataclass(frozen=True)
 class MatchLimits:
-    """What counts as a match."""
+    """Limits of a match."""
 
     gate: float = 9.21
-    """Normalised innovation squared, chi^2_2(.99)."""
+    """Largest normalised innovation squared, chi^2_2(.99)."""
     look_sds: float = 2.0
     """Descriptors of one landmark differ by less than this many times look_sd sqrt(k); 2 sqrt(8) passes 99.99 %."""
     ratio: float = 0.8
     """Largest distance to the nearest descriptor over that to the second nearest in the gate."""
     shortest: float = 0.02
-    """m, nearer detections are refused as invalid."""
+    """Least range, m; nearer detections are invalid."""
     longest: float = 50.0
-    """m, farther detections are refused as invalid."""
+    """Largest range, m; farther detections are invalid."""
     spread: float = 1.3
     """Variance of a residual at the refined motion over that of a detection."""
     pairs: int = 190
-    """Motions that are tried: all pairs of up to 20 matches."""
+    """Number of motions that are tried: all pairs of up to 20 matches."""
     most: int = 10
-    """Matches of a frame that are used."""
+    """Largest number of matches of a frame."""
 
     def array(self, noise: SightNoise, length: int) -> Array:
-        """The numbers in the order of the kernel, (8,), for descriptors of `length` numbers."""
+        """Return the numbers in the order of `gate`, (8,), for descriptors of `length` elements."""
         look = self.look(noise, length)
         return np.array(
             [self.gate, look, self.ratio, self.shortest, self.longest, self.spread, self.pairs, self.most],
@@ -107,24 +107,24 @@ class MatchLimits:
         )
 
     def look(self, noise: SightNoise, length: int) -> float:
-        """Largest distance of two descriptors of one landmark."""
+        """Return the largest distance of two descriptors of one landmark."""
         return self.look_sds * noise.look_sd * math.sqrt(length)
 
 
 @dataclass(frozen=True, eq=False)
 class Detections:
-    """What a camera recognised in one frame, seen from base_link in heading axes.
+    """Landmarks that a camera recognised in one frame, seen from base_link in heading axes.
 
     Raises:
         DetectionError: shapes that do not fit each other, or more than 256 detections.
     """
 
     ranges: Array
-    """(m,) m, along the floor."""
+    """Distances along the floor, m, (m,)."""
     bearings: Array
-    """(m,) rad, left positive."""
+    """Directions, rad, left positive, (m,)."""
     looks: Array
-    """(m, k) descriptors."""
+    """Descriptors, (m, k)."""
 
     def __post_init__(self) -> None:
         ranges, bearings = _floats(self.ranges), _floats(self.bearings)
@@ -142,28 +142,33 @@ class Detections:
     def __len__(self) -> int:
         return self.ranges.size
 
+    @property
+    def tables(self) -> FrameTables:
+        """Arrays for kernels."""
+        return FrameTables(self.ranges, self.bearings, self.looks)
+
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """Which landmark each detection is."""
+    """Result of matching a frame."""
 
     detections: Index
-    """(k,): matched detections, those first that look most like their landmark."""
+    """Matched detections, those first that look most like their landmark, (k,)."""
     landmarks: Index
-    """(k,): the landmark of each."""
+    """Landmark of each matched detection, (k,)."""
     nis: Array
-    """(k,): normalised innovation squared of each against the gate's covariance, 2 degrees of freedom."""
+    """Normalised innovation squared of each match by the gate's covariance, 2 degrees of freedom, (k,)."""
     fates: Index
-    """(m,): what became of every detection, index of `FATES`."""
+    """Fate of every detection, index of `FATES`, (m,)."""
     counts: dict[str, int] = field(default_factory=dict[str, int])
-    """Detections by what became of them."""
+    """Number of detections by fate."""
 
 
 def match(
     mean: Array,
     cov: Array,
     seen: Detections,
-    world: LandmarkMap,
+    world: FloorLandmarks,
     noise: SightNoise,
     limits: MatchLimits | None = None,
     seed: int = 0,
@@ -184,17 +189,15 @@ def match(
     """
     limits = limits or MatchLimits()
     check_length(seen, world)
-    at = world.buckets
-    landmark, fate, nis, _, kept = kernel.match(
-        np.ascontiguousarray(mean, dtype=np.float64), np.ascontiguousarray(cov, dtype=np.float64),
-        seen.ranges, seen.bearings, seen.looks, world.positions, world.descriptors, at.grid, at.starts, at.members,
-        noise.array(), limits.array(noise, world.descriptor_length), seed,
+    fates, kept = association.match(
+        np.ascontiguousarray(mean, dtype=np.float64), np.ascontiguousarray(cov, dtype=np.float64), seen.tables,
+        world.tables, noise.array(), limits.array(noise, world.descriptor_length), seed,
     )  # fmt: skip
-    counts = np.bincount(fate, minlength=len(FATES)).tolist()
-    return Matches(kept, landmark[kept], nis[kept], fate, dict(zip(FATES, counts, strict=True)))
+    counts = np.bincount(fates.fate, minlength=len(FATES)).tolist()
+    return Matches(kept, fates.landmark[kept], fates.nis[kept], fates.fate, dict(zip(FATES, counts, strict=True)))
 
 
-def check_length(seen: Detections, world: LandmarkMap) -> None:
+def check_length(seen: Detections, world: FloorLandmarks) -> None:
     """Refuse descriptors of another length than the map's (raises DetectionError); no detections have none."""
     if len(seen) and seen.looks.shape[1] != world.descriptor_length:
         text = f"the map's descriptors have {world.descriptor_length} numbers, got {seen.looks.shape[1]}"
@@ -202,11 +205,11 @@ def check_length(seen: Detections, world: LandmarkMap) -> None:
 
 
 def known_elsewhere(
-    matches: Matches, seen: Detections, world: LandmarkMap, noise: SightNoise, limits: MatchLimits | None = None
+    matches: Matches, seen: Detections, world: FloorLandmarks, noise: SightNoise, limits: MatchLimits | None = None
 ) -> int:
-    """Count the detections that look like a landmark of the map, but like none where they were seen.
+    """Return the number of detections that look like a landmark of the map, but like none where they were seen.
 
-    Few if the pose is right: a wrong detection now and then. Nearly all if it is wrong.
+    These are few if the pose is right, wrong detections, and nearly all if it is wrong.
 
     Args:
         matches: of the frame at the believed pose.
@@ -219,7 +222,7 @@ def known_elsewhere(
     if not wanted.size:
         return 0
     look = (limits or MatchLimits()).look(noise, world.descriptor_length)
-    return kernel.known_anywhere(seen.looks, wanted, world.columns, look)
+    return association.known_anywhere(seen.looks, wanted, world.columns, look)
 
 
 def _floats(values: ArrayLike) -> Array:

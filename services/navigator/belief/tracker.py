@@ -1,48 +1,47 @@
-"""The pose of the robot in the map, estimated live: what it did predicts, landmarks correct.
+"""Tracking of the robot's pose in the map: motions predict, landmarks correct.
 
-State (x, y, theta, b): pose in m and rad, frame map; b the drift in rad per m walked. A camera whose tilt is not known,
-and a body that sways beside its path add three more, errors that the landmarks of a frame have in common (`common`).
+State (x, y, theta, b): pose in m and rad, frame map; b the drift in rad per m walked. A camera with unknown tilt
+and a body that sways beside its path add three more, errors common to the landmarks of a frame (`common_errors`).
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import common, ukf
-from .landmarks import LandmarkMap
+from . import ukf
+from .common_errors import ERRORS, CommonErrors, fade, fill_gain
+from .landmarks import FloorLandmarks
 from .matching import Detections, Matches, MatchLimits, SightNoise, match
 
 Array = NDArray[np.float64]
 Control = Literal["commands", "odometry"]
 
 STATES = 4
-TYPICAL = 0.75
-"""m, distance of a landmark."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion of the body and how well it is known."""
+    """Motion of the body with its variances."""
 
     forward: float = 0.0
-    """m ahead, along the heading half-way through the turn."""
+    """Way ahead, along the heading half-way through the turn, m."""
     left: float = 0.0
-    """m to the left, likewise."""
+    """Way to the left of that heading, m."""
     turn: float = 0.0
-    """rad, left positive."""
+    """Turn, rad, left positive."""
     walked: float = 0.0
-    """m over which the drift acts."""
+    """Way over which the drift acts, m."""
     along: float = 0.0
-    """m^2, variance along the heading,"""
+    """Variance along the heading, m^2."""
     across: float = 0.0
-    """m^2, and across;"""
+    """Variance across the heading, m^2."""
     heading: float = 0.0
-    """rad^2, of the heading,"""
+    """Variance of the heading, rad^2."""
     drifting: float = 0.0
-    """rad^2 per m^2, and of the drift."""
+    """Variance of the drift, rad^2 per m^2."""
 
     def part(self, share: float) -> "Motion":
         """Return the first part of the motion; variances grow in proportion."""
@@ -50,68 +49,29 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Start:
-    """How well the start pose is known; standard deviations."""
+class StartUncertainty:
+    """Standard deviations of the start pose."""
 
     position: float = 0.05
-    """m."""
+    """x and y each, m."""
     heading: float = math.radians(5.0)
-    """rad."""
+    """Heading, rad."""
     drift: float = 0.76
-    """rad per m."""
-
-
-@dataclass(frozen=True)
-class CommonErrors:
-    """Errors that all landmarks of a frame share, see `common`."""
-
-    tilt: float = 0.0
-    """rad, standard deviation of pitch and of roll that the camera does not know; 0 = the tilt is known."""
-    pitch: float = 0.0
-    """rad, error of pitch in the mean: a walking robot leans."""
-    sway: float = 0.0
-    """m, of the body beside its path; 0 where it is measured."""
-    tilt_fade: float = 0.3
-    """s, time constant of the tilt,"""
-    sway_fade: float = 0.3
-    """s, and of the sway."""
-    height: float = 0.45
-    """m, of the camera over the floor."""
-
-    @property
-    def any(self) -> bool:
-        """Whether there are such errors."""
-        return self.tilt > 0.0 or self.sway > 0.0
-
-    def array(self) -> Array:
-        """Standard deviations in the order of the states, (3,)."""
-        return np.array([self.tilt, self.tilt, self.sway])
-
-    def kept(self, dt: float) -> tuple[float, float, float]:
-        """Return the shares of the errors that are left after dt s."""
-        tilt, sway = (math.exp(-dt / fade) if fade > 0.0 else 0.0 for fade in (self.tilt_fade, self.sway_fade))
-        return (tilt, tilt, sway)
-
-    def widen(self, noise: SightNoise) -> SightNoise:
-        """Return the noise with what the detections of a frame have in common, for matching; at `TYPICAL` distance."""
-        if not self.any:
-            return noise
-        h = self.height
-        along = self.tilt * (h * h + TYPICAL**2) / h
-        across = math.hypot(self.tilt * h / TYPICAL, self.sway / TYPICAL)
-        return replace(noise, common_range_sd=along, common_bearing_sd=across)
+    """Drift, rad per m."""
 
 
 @dataclass(frozen=True)
 class FrameResult:
-    """What one frame of the camera did."""
+    """Result of one frame of the camera."""
 
     seen: int
+    """Number of detections."""
     matched: int
+    """Number of matched detections."""
     nis: float
     """Mean over the matched landmarks of the normalised innovation squared per degree of freedom; 0 for none."""
     matches: Matches | None = None
-    """What became of each detection; None without a map or detections."""
+    """Match of each detection; None without a map or detections."""
 
 
 class PoseTracker:
@@ -120,14 +80,14 @@ class PoseTracker:
     Args:
         start: uncertainty of a stated pose.
         noise: of the camera while walking.
-        standing: the same while the robot stands.
+        standing: noise of the camera while the robot stands.
         shared: errors that the landmarks of a frame have in common.
         limits: of matching.
     """
 
     def __init__(
         self,
-        start: Start,
+        start: StartUncertainty,
         noise: SightNoise,
         standing: SightNoise,
         shared: CommonErrors | None = None,
@@ -137,14 +97,14 @@ class PoseTracker:
         self.start = start
         self.noise, self.standing = self.shared.widen(noise), self.shared.widen(standing)
         self.limits = limits or MatchLimits()
-        self.n = STATES + (common.ERRORS if self.shared.any else 0)
+        self.n = STATES + (ERRORS if self.shared.any else 0)
         self.mean, self.cov = np.zeros(self.n), np.zeros((self.n, self.n))
         self._work = ukf.work_space(self.n)
         self._gain = np.zeros((2, self.n - STATES))
         self._noise = np.zeros(4)
         self._sds, self._keeps = self.shared.array(), np.zeros(3)
         self._faded_at = 0.0
-        self.world: LandmarkMap | None = None
+        self.world: FloorLandmarks | None = None
         self.frames = 0
         self.place((0.0, 0.0, 0.0))
 
@@ -154,7 +114,7 @@ class PoseTracker:
         Args:
             pose: x, y in m, heading in rad, frame map.
             cov: its covariance, (3, 3); None = as in `start`.
-            keep_drift: the drift is what it was: the robot is the same, only the place is another.
+            keep_drift: the drift stays: the robot is the same at another place.
         """
         drift, variance = float(self.mean[3]), float(self.cov[3, 3])
         self.mean[:], self.cov[:] = 0.0, 0.0
@@ -173,7 +133,7 @@ class PoseTracker:
 
     @property
     def pose(self) -> tuple[float, float, float]:
-        """x, y in m and heading in rad, frame map."""
+        """Believed x, y in m and heading in rad, frame map."""
         return (float(self.mean[0]), float(self.mean[1]), float(self.mean[2]))
 
     def body_covariance(self) -> Array:
@@ -188,25 +148,25 @@ class PoseTracker:
 
     @property
     def entropy(self) -> float:
-        """nats, of the pose in m and rad."""
+        """Differential entropy of the pose in m and rad, nats."""
         return float(ukf.entropy(self.cov))
 
     def move(self, motion: Motion) -> None:
-        """Take in a motion of the body."""
+        """Predict the belief over a motion of the body."""
         self._carry(self.mean, self.cov, motion)
 
     def after(self, motion: Motion) -> tuple[Array, Array]:
-        """Return mean (4,) and covariance (4, 4) as they would be after a motion, without taking it in."""
+        """Return mean (4,) and covariance (4, 4) after a motion; the belief stays."""
         mean, cov = self.mean.copy(), self.cov.copy()
         self._carry(mean, cov, motion)
         return mean[:STATES], cov[:STATES, :STATES].copy()
 
     def _carry(self, mean: Array, cov: Array, m: Motion) -> None:
         self._noise[:] = m.along, m.across, m.heading, m.drifting
-        ukf.predict_with(mean, cov, m.forward, m.left, m.turn, m.walked, self._noise, self._work)
+        ukf.predict(mean, cov, m.forward, m.left, m.turn, m.walked, self._noise, self._work)
 
     def look(self, seen: Detections, time: float, *, standing: bool, trusted: bool = True) -> FrameResult:
-        """Take in the landmarks of one frame.
+        """Correct the belief with the landmarks of one frame.
 
         Args:
             seen: detections.
@@ -231,20 +191,19 @@ class PoseTracker:
             x, y = self.world.positions[landmark]
             self._linearise(x, y)
             var_r = noise.range_sd**2 + (noise.range_share * r) ** 2
-            total += ukf.update_with(
-                self.mean, self.cov, x, y, r, a, var_r, noise.bearing_sd**2, self._gain, self._work
-            )
+            sighting = ukf.LandmarkSighting(x, y, r, a, var_r, noise.bearing_sd**2)
+            total += ukf.update(self.mean, self.cov, sighting, self._gain, self._work)
         count = len(found.detections)
         return FrameResult(len(seen), count, 0.5 * total / count if count else 0.0, found)
 
     def _linearise(self, x: float, y: float) -> None:
-        """Work out what the common errors do to a landmark at (x, y) m, where it is expected: what is seen is noisy."""
+        """Write the effect of the common errors on a landmark at (x, y) m; the bearing seen is noisy and not used."""
         dx, dy = x - float(self.mean[0]), y - float(self.mean[1])
         bearing = ukf.wrap(math.atan2(dy, dx) - float(self.mean[2]))
-        common.fill_gain(math.hypot(dx, dy), bearing, self.shared.height, self._gain)
+        fill_gain(math.hypot(dx, dy), bearing, self.shared.height, self._gain)
 
     def _fade(self, time: float) -> None:
         if self.n > STATES:
             self._keeps[:] = self.shared.kept(max(0.0, time - self._faded_at))
             self._faded_at = time
-            common.fade(self.mean, self.cov, self._keeps, self._sds, self.shared.pitch)
+            fade(self.mean, self.cov, self._keeps, self._sds, self.shared.pitch)

@@ -1,15 +1,25 @@
 """Unscented Kalman filter of a pose in the map, as kernels on arrays that are changed in place.
 
-State mean (n,): x, y in m and heading theta in rad, frame map; from n = 4 on also the drift b in rad per m walked; what
-follows the fourth state are nuisances, errors that observations have in common (an unknown tilt of the camera, say).
-cov (n, n) is its covariance. Sigma points are Julier's with kappa 0: L L^T = n cov, mean + and - each column of L, all
-of weight 1 / (2 n); they are drawn anew for every prediction and every landmark. L is a lower triangle, so only its
-first two columns move the position: five positions stand for all 2 n points of a landmark.
+State mean (n,): x, y in m and heading theta in rad, frame map; from n = 4 on also the drift b in rad per m walked. The
+states behind the fourth are nuisances, errors that observations have in common (an unknown tilt of the camera, for
+example). cov (n, n) is its covariance. Sigma points are Julier's with kappa 0: L L^T = n cov, mean + and - each column
+of L, all of weight 1 / (2 n); they are drawn anew for every prediction and every landmark. L is a lower triangle, so
+only its first two columns move the position: five positions stand for all 2 n points of a landmark.
+
+A motion carries the state over:
+
+    theta' = theta + turn + b walked
+    (x, y)' = (x, y) + R(theta + (turn + b walked) / 2) (forward, left)
+
+and a landmark at l is seen, with z the nuisances, at
+
+    r = |l - (x, y)| + gain[0] z,    phi = wrap(atan2(l_y - y, l_x - x) - theta + gain[1] z)
 
 Equal to filterpy's UnscentedKalmanFilter with JulierSigmaPoints(n, kappa=0), Q = 0 and the noise added by hand.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +34,26 @@ TURN = 2.0 * math.pi
 ENTROPY_OF_UNIT = 1.5 * math.log(2.0 * math.pi * math.e)  # nats, of three independent unit variances
 
 
+class LandmarkSighting(NamedTuple):
+    """A landmark of the map as a camera sees it."""
+
+    x: float
+    """x of the landmark, m, frame map."""
+    y: float
+    """y of the landmark, m, frame map."""
+    range: float
+    """Distance seen, m."""
+    bearing: float
+    """Direction seen, rad, left of the heading positive."""
+    var_range: float
+    """Variance of the range, m^2."""
+    var_bearing: float
+    """Variance of the bearing, rad^2."""
+
+
 @row_kernel
 def wrap(angle: float) -> float:
-    """Return an angle in [-pi, pi)."""
+    """Return the same angle in [-pi, pi), rad."""
     return angle - TURN * math.floor((angle + math.pi) / TURN)
 
 
@@ -55,30 +82,18 @@ def spread(cov: Array, low: Array) -> None:
 
 
 @row_kernel
-def predict_with(
-    mean: Array, cov: Array, forward: float, left: float, turn: float, walked: float, noise: Array, work: Array
-) -> None:
-    """Carry the belief over a motion, in place: `predict` without allocation, for motions that may also go sideways.
+def _displace(
+    mean: Array, change: float, forward: float, left: float, walked: float, work: Array
+) -> tuple[float, float]:
+    """Return the mean displacement of x and y over a motion; the displacements of the points stay in work.
 
-    Args:
-        mean: state, (n,).
-        cov: covariance, (n, n).
-        forward: way ahead, m, along the heading half-way through the turn.
-        left: way to the left, m, likewise.
-        turn: commanded or measured change of heading, rad.
-        walked: way over which the drift acts, m.
-        noise: variances (4,) of the way along (m^2) and across (m^2) that heading, of the heading (rad^2) and of the
-            drift (rad^2 per m^2), added after the transform.
-        work: scratch of `work_space(n)`.
+    Rows n .. 2 n - 1 of work hold those of mean + column and rows 2 n .. 3 n - 1 those of mean - column: the new x and
+    y less their old means. The first n rows stay the columns of L, moved in theta.
     """
     n = mean.size
-    spread(cov, work)
     drifts = n > DRIFT
-    change = turn + (mean[DRIFT] * walked if drifts else 0.0)
     middle = mean[THETA] + 0.5 * change
     cos_m, sin_m = math.cos(middle), math.sin(middle)
-    # Displacements of the points from the mean state: rows n .. 2 n - 1 for mean + column, 2 n .. 3 n - 1 for mean -
-    # column; in each the new x, y, theta less their old means. What the motion leaves as it is stays the column.
     mean_x, mean_y = 0.0, 0.0
     for j in range(n):
         d_theta = work[THETA, j]
@@ -93,26 +108,47 @@ def predict_with(
             mean_x += work[row, X]
             mean_y += work[row, Y]
         work[THETA, j] += d_change
-    mean_x /= 2.0 * n
-    mean_y /= 2.0 * n
+    return mean_x / (2.0 * n), mean_y / (2.0 * n)
+
+
+@row_kernel
+def _offsets(work: Array, n: int, i: int, j: int, mean: float) -> tuple[float, float]:
+    """Return how far state i of the two points of column j lies from its mean, which is `mean` for x and y."""
+    if i < THETA:
+        return work[n + j, i] - mean, work[2 * n + j, i] - mean
+    return work[i, j], -work[i, j]
+
+
+@row_kernel
+def predict(
+    mean: Array, cov: Array, forward: float, left: float, turn: float, walked: float, noise: Array, work: Array
+) -> None:
+    """Carry the belief over a motion, in place.
+
+    Args:
+        mean: state, (n,).
+        cov: covariance, (n, n).
+        forward: way ahead, m, along the heading half-way through the turn.
+        left: way to the left of that heading, m.
+        turn: commanded or measured change of heading, rad.
+        walked: way over which the drift acts, m; 0 where the heading is measured.
+        noise: variances (4,) of the way along (m^2) and across (m^2) the heading half-way, of the heading (rad^2) and
+            of the drift (rad^2 per m^2), added after the transform.
+        work: scratch of `work_space(n)`.
+    """
+    n = mean.size
+    spread(cov, work)
+    drifts = n > DRIFT
+    change = turn + (mean[DRIFT] * walked if drifts else 0.0)
+    middle = mean[THETA] + 0.5 * change
+    cos_m, sin_m = math.cos(middle), math.sin(middle)
+    mean_x, mean_y = _displace(mean, change, forward, left, walked, work)
     for i in range(n):
         for k in range(i + 1):
             total = 0.0
             for j in range(n):
-                if i < THETA:
-                    above_i, below_i = work[n + j, i], work[2 * n + j, i]
-                    above_i -= mean_x if i == X else mean_y
-                    below_i -= mean_x if i == X else mean_y
-                else:
-                    above_i = work[i, j]
-                    below_i = -above_i
-                if k < THETA:
-                    above_k, below_k = work[n + j, k], work[2 * n + j, k]
-                    above_k -= mean_x if k == X else mean_y
-                    below_k -= mean_x if k == X else mean_y
-                else:
-                    above_k = work[k, j]
-                    below_k = -above_k
+                above_i, below_i = _offsets(work, n, i, j, mean_x if i == X else mean_y)
+                above_k, below_k = _offsets(work, n, k, j, mean_x if k == X else mean_y)
                 total += above_i * above_k + below_i * below_k
             cov[i, k] = total / (2.0 * n)
     cov[X, X] += noise[ALONG] * cos_m * cos_m + noise[ACROSS] * sin_m * sin_m
@@ -130,44 +166,17 @@ def predict_with(
 
 
 @row_kernel
-def predict(mean: Array, cov: Array, forward: float, turn: float, walked: float, noise: Array) -> None:
-    """Carry the belief over a motion, in place.
-
-    theta' = theta + turn + b walked; (x, y)' = (x, y) + forward (cos, sin)(theta + (turn + b walked) / 2).
-
-    Args:
-        mean: state, (n,).
-        cov: covariance, (n, n).
-        forward: way ahead, m.
-        turn: commanded or measured change of heading, rad.
-        walked: way over which the drift acts, m; 0 where the heading is measured.
-        noise: variances (4,) of the way along (m^2) and across (m^2) the heading half-way, of the heading (rad^2) and
-            of the drift (rad^2 per m^2), added after the transform.
-    """
-    predict_with(mean, cov, forward, 0.0, turn, walked, noise, np.empty((3 * mean.size, max(mean.size, 4))))
-
-
-@row_kernel
-def _observe(
-    mean: Array,
-    cov: Array,
-    lx: float,
-    ly: float,
-    range_: float,
-    bearing: float,
-    var_range: float,
-    var_bearing: float,
-    gain: Array,
-    work: Array,
+def innovation(
+    mean: Array, cov: Array, seen: LandmarkSighting, gain: Array, work: Array
 ) -> tuple[float, float, float, float, float]:
-    """Return innovation (2) and its covariance s00, s01, s11; the points' range and bearing stay in work.
+    """Return the innovation of range (m) and bearing (rad, wrapped), and its covariance s00, s01, s11.
 
     Rows n .. 2 n - 1 of work hold range and bearing of mean + column less their means (0, 1), then those of
-    mean - column (2, 3).
+    mean - column (2, 3). Arguments as of `update`; the belief stays as it is.
     """
     n = mean.size
     spread(cov, work)
-    dx, dy = lx - mean[X], ly - mean[Y]
+    dx, dy = seen.x - mean[X], seen.y - mean[Y]
     r_mean, a_mean = math.sqrt(dx * dx + dy * dy), math.atan2(dy, dx)
     sum_r, sum_a = 0.0, 0.0  # of the points, range less that of the mean, bearing less that of the mean
     for j in range(n):
@@ -200,32 +209,32 @@ def _observe(
             s00 += r * r
             s01 += r * a
             s11 += a * a
-    s00 = s00 / (2.0 * n) + var_range
+    s00 = s00 / (2.0 * n) + seen.var_range
     s01 = s01 / (2.0 * n)
-    s11 = s11 / (2.0 * n) + var_bearing
+    s11 = s11 / (2.0 * n) + seen.var_bearing
     r, a = r_mean + sum_r, a_mean - mean[THETA] + sum_a
     for m in range(n - NUISANCE):
         r += gain[0, m] * mean[NUISANCE + m]
         a += gain[1, m] * mean[NUISANCE + m]
-    return range_ - r, wrap(bearing - a), s00, s01, s11
+    return seen.range - r, wrap(seen.bearing - a), s00, s01, s11
 
 
 @row_kernel
-def update_with(
-    mean: Array,
-    cov: Array,
-    lx: float,
-    ly: float,
-    range_: float,
-    bearing: float,
-    var_range: float,
-    var_bearing: float,
-    gain: Array,
-    work: Array,
-) -> float:
-    """Correct the belief with one landmark, in place: `update` without allocation, work = `work_space(n)`."""
+def update(mean: Array, cov: Array, seen: LandmarkSighting, gain: Array, work: Array) -> float:
+    """Correct the belief with one landmark, in place.
+
+    Args:
+        mean: state, (n,).
+        cov: covariance, (n, n).
+        seen: the landmark and its measurement.
+        gain: change of range (row 0) and bearing (row 1) by each nuisance, (2, n - 4), or (2, 0).
+        work: scratch of `work_space(n)`.
+
+    Returns:
+        Normalised innovation squared before the correction, 2 degrees of freedom.
+    """
     n = mean.size
-    v0, v1, s00, s01, s11 = _observe(mean, cov, lx, ly, range_, bearing, var_range, var_bearing, gain, work)
+    v0, v1, s00, s01, s11 = innovation(mean, cov, seen, gain, work)
     det = s00 * s11 - s01 * s01
     i00, i01, i11 = s11 / det, -s01 / det, s00 / det
     for i in range(n):
@@ -246,61 +255,6 @@ def update_with(
             cov[k, i] = cov[i, k]
     mean[THETA] = wrap(mean[THETA])
     return v0 * (i00 * v0 + i01 * v1) + v1 * (i01 * v0 + i11 * v1)
-
-
-@row_kernel
-def update(
-    mean: Array,
-    cov: Array,
-    lx: float,
-    ly: float,
-    range_: float,
-    bearing: float,
-    var_range: float,
-    var_bearing: float,
-    gain: Array,
-) -> float:
-    """Correct the belief with one landmark seen, in place.
-
-    Predicted: r = |l - (x, y)| + gain[0] z, phi = wrap(atan2(ly - y, lx - x) - theta + gain[1] z), z = mean[4:].
-
-    Args:
-        mean: state, (n,).
-        cov: covariance, (n, n).
-        lx: x of the landmark in the map, m.
-        ly: y of it, m.
-        range_: distance seen, m.
-        bearing: direction seen, rad, left of the heading positive.
-        var_range: variance of the range, m^2.
-        var_bearing: variance of the bearing, rad^2.
-        gain: change of range (row 0) and bearing (row 1) by each nuisance, (2, n - 4), or (2, 0).
-
-    Returns:
-        Normalised innovation squared before the correction, 2 degrees of freedom.
-    """
-    work = np.empty((3 * mean.size, max(mean.size, 4)))
-    return update_with(mean, cov, lx, ly, range_, bearing, var_range, var_bearing, gain, work)
-
-
-@row_kernel
-def innovation(
-    mean: Array,
-    cov: Array,
-    lx: float,
-    ly: float,
-    range_: float,
-    bearing: float,
-    var_range: float,
-    var_bearing: float,
-    gain: Array,
-) -> tuple[float, float, float, float, float]:
-    """Return what a landmark would correct, without correcting; arguments as of `update`.
-
-    Returns:
-        Innovation of the range (m) and of the bearing (rad, wrapped), and their covariance s00, s01, s11.
-    """
-    work = np.empty((3 * mean.size, max(mean.size, 4)))
-    return _observe(mean, cov, lx, ly, range_, bearing, var_range, var_bearing, gain, work)
 
 
 @row_kernel

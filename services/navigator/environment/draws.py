@@ -1,6 +1,6 @@
 """Seeded random numbers inside kernels: the same bits on every processor, one stream per purpose.
 
-xoshiro256+ (Blackman and Vigna), its state filled by splitmix64 from three integers, say seed, episode and purpose.
+xoshiro256+ (Blackman and Vigna), its state filled by splitmix64 from three integers: seed, episode, purpose.
 Streams for the floor, the start and each step are separate, so episodes of one seed differ by the actions alone.
 """
 
@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from surefoot.kernels.jit import row_kernel
 
-State = NDArray[np.uint64]
+Stream = NDArray[np.uint64]
 
 UNIT = 2.0**-53
 
 
-def stream() -> State:
+def stream() -> Stream:
     """Return an array for the state of one stream, (4,)."""
     return np.zeros(4, dtype=np.uint64)
 
@@ -29,7 +29,7 @@ def _mixed(z: np.uint64) -> np.uint64:
 
 
 @row_kernel
-def seed(state: State, a: int, b: int, c: int) -> None:
+def seed(state: Stream, a: int, b: int, c: int) -> None:
     """Begin the stream of three integers, in place."""
     z = _mixed(np.uint64(a) + np.uint64(0x9E3779B97F4A7C15))
     z = _mixed((z ^ np.uint64(b)) + np.uint64(0x9E3779B97F4A7C15))
@@ -40,7 +40,7 @@ def seed(state: State, a: int, b: int, c: int) -> None:
 
 
 @row_kernel
-def uniform(state: State) -> float:
+def uniform(state: Stream) -> float:
     """Draw from [0, 1)."""
     s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
     out = s0 + s3
@@ -56,7 +56,7 @@ def uniform(state: State) -> float:
 
 
 @row_kernel
-def normal_pair(state: State) -> tuple[float, float]:
+def normal_pair(state: Stream) -> tuple[float, float]:
     """Draw two independent standard normal numbers (polar method)."""
     while True:
         u, v = 2.0 * uniform(state) - 1.0, 2.0 * uniform(state) - 1.0
@@ -67,6 +67,6 @@ def normal_pair(state: State) -> tuple[float, float]:
 
 
 @row_kernel
-def below(state: State, n: int) -> int:
+def below(state: Stream, n: int) -> int:
     """Draw from 0 .. n - 1."""
     return int(uniform(state) * n)

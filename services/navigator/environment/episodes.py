@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from surefoot.kernels.jit import free_kernel
 
-from ..belief.ukf import wrap
+from ..belief.ukf import THETA, X, Y, wrap
 from ..policy.arrays import (
     GOAL_X,
     GOAL_Y,
@@ -15,21 +15,18 @@ from ..policy.arrays import (
     OUTCOME,
     RUNNING,
     STAND,
-    STATUS,
     STEPS,
     TIME,
     TURNING,
     Arrays,
+    ModelTables,
 )
-from ..policy.choose import choose, work_space_to_choose
+from ..policy.choose import ChoiceRoom, PolicyTables, choose, room_to_choose
 from ..policy.policies import Policy
-from .draws import stream
-from .world import act, begin, cells, room_for, work_space_of
+from .model import EpisodeRoom, EpisodeState, episode_room, episode_state
+from .world import act, begin
 
 Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-State = NDArray[np.uint64]
-Flags = NDArray[np.bool_]
 
 SECONDS_TAKEN, ENDED_AS, DECISIONS, STANDS_MADE, TURNS_MADE, ERROR, NEES_SUM, NEES_AT = 0, 1, 2, 3, 4, 5, 6, 7
 RESULTS = 8
@@ -41,7 +38,7 @@ the estimate in m, sum over decisions of the NEES of the pose (3 degrees of free
 @free_kernel
 def nees(truth: Array, mean: Array, cov: Array) -> float:
     """Return e^T P^-1 e of the pose, e = truth - mean with the heading wrapped, P the 3x3 marginal."""
-    e0, e1, e2 = truth[0] - mean[0], truth[1] - mean[1], wrap(truth[2] - mean[2])
+    e0, e1, e2 = truth[X] - mean[X], truth[Y] - mean[Y], wrap(truth[THETA] - mean[THETA])
     l00 = math.sqrt(cov[0, 0])
     l10, l20 = cov[1, 0] / l00, cov[2, 0] / l00
     l11 = math.sqrt(cov[1, 1] - l10 * l10)
@@ -55,93 +52,37 @@ def nees(truth: Array, mean: Array, cov: Array) -> float:
 
 @free_kernel
 def _run(
-    kind: int,
-    numbers: Array,
-    table: Array,
-    grid: Array,
-    shown: Array,
+    policy: PolicyTables,
     knows: bool,
-    actions: Array,
-    scene: Array,
-    switching: Array,
+    model: ModelTables,
     run: int,
     start: int,
+    state: EpisodeState,
+    rooms: tuple[EpisodeRoom, ChoiceRoom],
     results: Array,
-    rng: State,
-    marks: Array,
-    first: Ints,
-    truth: Array,
-    mean: Array,
-    cov: Array,
-    ahead_mean: Array,
-    ahead_cov: Array,
-    status: Array,
-    noise: Array,
-    gain: Array,
-    work: Array,
-    values: Array,
-    mask: Flags,
-    work_choose: Array,
-    sure: Array,
 ) -> None:
+    """Walk episodes one after the other and write their results, (count, RESULTS); arguments as of `run_episodes`."""
+    room, choice = rooms
+    scene, status, truth, sure = model.scene, state.status, state.truth, np.zeros((4, 4))
     for e in range(results.shape[0]):
-        begin(scene, run, start + e, rng, marks, first, truth, mean, cov, ahead_mean, ahead_cov, status)
+        begin(scene, run, start + e, state)
         stands, turns, total = 0, 0, 0.0
         while status[OUTCOME] == RUNNING:
             if knows:
                 for i in range(4):
-                    ahead_mean[i] = truth[i]
-            chosen = choose(
-                kind,
-                numbers,
-                table,
-                grid,
-                shown,
-                actions,
-                scene,
-                switching,
-                ahead_mean,
-                sure if knows else ahead_cov,
-                scene[GOAL_X],
-                scene[GOAL_Y],
-                status,
-                values,
-                mask,
-                work_choose,
-            )
-            act(
-                scene,
-                actions,
-                switching,
-                run,
-                start + e,
-                chosen,
-                rng,
-                marks,
-                first,
-                truth,
-                mean,
-                cov,
-                ahead_mean,
-                ahead_cov,
-                status,
-                noise,
-                gain,
-                work,
-            )
-            stands += actions[chosen, KIND] == STAND
-            turns += actions[chosen, KIND] == TURNING
-            error = nees(truth, mean, cov)
+                    state.ahead_mean[i] = truth[i]
+            cov = sure if knows else state.ahead_cov
+            chosen = choose(policy, model, state.ahead_mean, cov, scene[GOAL_X], scene[GOAL_Y], status, choice)
+            act(model, run, start + e, chosen, state, room)
+            stands += model.actions[chosen, KIND] == STAND
+            turns += model.actions[chosen, KIND] == TURNING
+            error = nees(truth, state.mean, state.cov)
             total += error
             if status[STEPS] == NEES_DECISION:
                 results[e, NEES_AT] = error
-        results[e, SECONDS_TAKEN], results[e, ENDED_AS], results[e, DECISIONS] = (
-            status[TIME],
-            status[OUTCOME],
-            status[STEPS],
-        )
-        results[e, STANDS_MADE], results[e, TURNS_MADE] = stands, turns
-        results[e, ERROR] = math.sqrt((truth[0] - mean[0]) ** 2 + (truth[1] - mean[1]) ** 2)
+        results[e, SECONDS_TAKEN], results[e, ENDED_AS] = status[TIME], status[OUTCOME]
+        results[e, DECISIONS], results[e, STANDS_MADE], results[e, TURNS_MADE] = status[STEPS], stands, turns
+        results[e, ERROR] = math.sqrt((truth[X] - state.mean[X]) ** 2 + (truth[Y] - state.mean[Y]) ** 2)
         results[e, NEES_SUM] = total
 
 
@@ -149,44 +90,16 @@ def run_episodes(world: Arrays, policy: Policy, run: int, start: int, count: int
     """Return the results (count, RESULTS) of episodes start .. start + count - 1 of seed `run`.
 
     Args:
-        world: the model.
-        policy: who decides.
-        run: seed; the same seed and episode have the same floor, drift and start whatever the policy.
+        world: arrays of the model.
+        policy: the policy.
+        run: seed; equal seeds and episodes have equal floors, drifts and starts, whatever the policy.
         start: number of the first episode.
         count: number of episodes.
-        knows: the policy gets true pose and drift instead of the belief: the limit that no filter can beat.
+        knows: the policy gets true pose and drift instead of the belief, a limit that no filter can beat.
     """
-    n, a = world.states, len(world.names)
-    nx, ny = cells(world.scene)
-    results = np.zeros((count, RESULTS))
-    _run(
-        policy.kind,
-        policy.numbers,
-        policy.table,
-        policy.grid,
-        policy.shown,
-        knows,
-        world.actions,
-        world.scene,
-        world.switching,
-        run,
-        start,
-        results,
-        stream(),
-        np.zeros((room_for(world.scene), 2)),
-        np.zeros(nx * ny + 1, dtype=np.int64),
-        np.zeros(6),
-        np.zeros(n),
-        np.zeros((n, n)),
-        np.zeros(max(n, 4) if knows else n),
-        np.zeros((n, n)),
-        np.zeros(STATUS),
-        np.zeros(4),
-        np.zeros((2, max(0, n - 4))),
-        work_space_of(n),
-        np.zeros(a),
-        np.zeros(a, dtype=np.bool_),
-        work_space_to_choose(max(n, 4), a),
-        np.zeros((4, 4)),
-    )
+    n, state = world.states, episode_state(world)
+    if knows:
+        state = state._replace(ahead_mean=np.zeros(max(n, 4)))
+    rooms, results = (episode_room(n), room_to_choose(n, len(world.names))), np.zeros((count, RESULTS))
+    _run(policy.tables, knows, world.tables, run, start, state, rooms, results)
     return results

@@ -1,8 +1,7 @@
 """The world of an episode as kernels: floor of landmarks, motion with drift and noise, frames, walls, goal, belief.
 
-All arrays belong to one episode and are changed in place. truth (6,): x, y, heading, drift (rad per m), roll and pitch
-error of the camera in the last frame. The policy sees the belief and whether the robot is blocked; the truth decides
-about walls, about what is in view, and whether the goal is reached, as in the paper.
+The arrays of an episode are changed in place. The policy sees the belief and whether the robot is blocked; the truth
+decides about walls, landmarks in view and the arrival at the goal, as in the paper.
 """
 
 import math
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from surefoot.kernels.jit import row_kernel
 
-from ..belief.ukf import NUISANCE, predict_with, update_with, wrap
+from ..belief.ukf import DRIFT, NUISANCE, THETA, LandmarkSighting, X, Y, predict, update, wrap
 from ..policy.arrays import (
     BLOCKED,
     BOX_AT,
@@ -72,37 +71,19 @@ from ..policy.arrays import (
     X_MIN,
     Y_MAX,
     Y_MIN,
+    ModelTables,
 )
-from .draws import below, normal_pair, seed, uniform
+from .draws import Stream, below, normal_pair, seed, uniform
+from .model import CELL, IN_VIEW, PITCH, ROLL, EpisodeRoom, EpisodeState
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-State = NDArray[np.uint64]
 
-CELL = 0.25  # m, edge of the squares by which landmarks are found
 FLOOR, BEGIN, STEP = 1, 2, 3  # purposes of random streams
-IN_VIEW = 128  # landmarks of one frame that are looked at before `most` are drawn of them
-
-
-def cells(scene: Array) -> tuple[int, int]:
-    """Return the numbers of squares along x and y."""
-    return math.ceil((scene[X_MAX] - scene[X_MIN]) / CELL), math.ceil((scene[Y_MAX] - scene[Y_MIN]) / CELL)
-
-
-def work_space_of(states: int) -> Array:
-    """Return the scratch array of the kernels here: that of the filter, and a column for the landmarks in view."""
-    return np.zeros((max(3 * states, IN_VIEW), max(states, 4) + 1))
-
-
-def room_for(scene: Array) -> int:
-    """Return how many landmarks an episode needs room for (mean and ten standard deviations)."""
-    nx, ny = cells(scene)
-    mean = nx * ny * CELL * CELL * scene[DENSITY]
-    return int(mean + 10.0 * math.sqrt(mean)) + 16
 
 
 @row_kernel
-def scatter(scene: Array, rng: State, marks: Array, first: Ints) -> None:
+def scatter(scene: Array, rng: Stream, marks: Array, first: Ints) -> None:
     """Draw the landmarks of a floor, in place.
 
     Args:
@@ -130,62 +111,56 @@ def scatter(scene: Array, rng: State, marks: Array, first: Ints) -> None:
 @row_kernel
 def is_blocked(scene: Array, truth: Array) -> float:
     """Return 1.0 where a wall is closer ahead than the robot's radius and the look-ahead, else 0.0."""
-    x = truth[0] + scene[LOOK_AHEAD] * math.cos(truth[2])
-    y = truth[1] + scene[LOOK_AHEAD] * math.sin(truth[2])
+    x = truth[X] + scene[LOOK_AHEAD] * math.cos(truth[THETA])
+    y = truth[Y] + scene[LOOK_AHEAD] * math.sin(truth[THETA])
     r = scene[RADIUS]
     free = scene[X_MIN] + r <= x <= scene[X_MAX] - r and scene[Y_MIN] + r <= y <= scene[Y_MAX] - r
     return 0.0 if free else 1.0
 
 
 @row_kernel
-def begin(
-    scene: Array,
-    run: int,
-    episode: int,
-    rng: State,
-    marks: Array,
-    first: Ints,
-    truth: Array,
-    mean: Array,
-    cov: Array,
-    ahead_mean: Array,
-    ahead_cov: Array,
-    status: Array,
-) -> None:
-    """Begin episode `episode` of seed `run`: floor, drift and true start are drawn, the belief is that of the start."""
-    n = mean.size
+def begin(scene: Array, run: int, episode: int, state: EpisodeState) -> None:
+    """Begin an episode, in place: floor, drift and true start are drawn, the belief is that of the start.
+
+    Args:
+        scene: elements of the scene.
+        run: seed of a series of episodes.
+        episode: number of the episode; seed and number determine all draws.
+        state: of the episode.
+    """
+    truth, mean, cov, rng, n = state.truth, state.mean, state.cov, state.rng, state.mean.size
     seed(rng, run, episode, FLOOR)
-    scatter(scene, rng, marks, first)
+    scatter(scene, rng, state.marks, state.first)
     seed(rng, run, episode, BEGIN)
-    mean[0], mean[1], mean[2] = scene[START_X], scene[START_Y], scene[START_YAW]
+    mean[X], mean[Y], mean[THETA] = scene[START_X], scene[START_Y], scene[START_YAW]
     for i in range(n):
-        if i > 2:
+        if i > THETA:
             mean[i] = 0.0
         for j in range(n):
             cov[i, j] = 0.0
-    cov[0, 0] = cov[1, 1] = scene[START_SD] ** 2
-    cov[2, 2] = scene[START_YAW_SD] ** 2
-    if n > 3:
-        cov[3, 3] = scene[DRIFT_KNOWN] ** 2
+    cov[X, X] = cov[Y, Y] = scene[START_SD] ** 2
+    cov[THETA, THETA] = scene[START_YAW_SD] ** 2
+    if n > DRIFT:
+        cov[DRIFT, DRIFT] = scene[DRIFT_KNOWN] ** 2
     for i in range(NUISANCE, n):
         cov[i, i] = scene[TILT_SD] ** 2
     ex, ey = normal_pair(rng)
     eh, ed = normal_pair(rng)
     r = scene[RADIUS]
-    truth[0] = min(max(mean[0] + scene[START_SD] * ex, scene[X_MIN] + r), scene[X_MAX] - r)
-    truth[1] = min(max(mean[1] + scene[START_SD] * ey, scene[Y_MIN] + r), scene[Y_MAX] - r)
-    truth[2] = wrap(mean[2] + scene[START_YAW_SD] * eh)
+    truth[X] = min(max(mean[X] + scene[START_SD] * ex, scene[X_MIN] + r), scene[X_MAX] - r)
+    truth[Y] = min(max(mean[Y] + scene[START_SD] * ey, scene[Y_MIN] + r), scene[Y_MAX] - r)
+    truth[THETA] = wrap(mean[THETA] + scene[START_YAW_SD] * eh)
     if scene[DRIFT_NORMAL] > 0.0:
-        truth[3] = scene[DRIFT_SIZE] * ed
+        truth[DRIFT] = scene[DRIFT_SIZE] * ed
     else:
-        truth[3] = scene[DRIFT_SIZE] if ed > 0.0 else -scene[DRIFT_SIZE]
+        truth[DRIFT] = scene[DRIFT_SIZE] if ed > 0.0 else -scene[DRIFT_SIZE]
     tilt_a, tilt_b = normal_pair(rng)
-    truth[4], truth[5] = scene[TILT_SD] * tilt_a, scene[TILT_SD] * tilt_b
-    for i in range(status.size):
-        status[i] = 0.0
-    status[LAST] = NO_ACTION
-    status[BLOCKED] = is_blocked(scene, truth)
-    copy_belief(mean, cov, ahead_mean, ahead_cov)
+    truth[ROLL], truth[PITCH] = scene[TILT_SD] * tilt_a, scene[TILT_SD] * tilt_b
+    for i in range(state.status.size):
+        state.status[i] = 0.0
+    state.status[LAST] = NO_ACTION
+    state.status[BLOCKED] = is_blocked(scene, truth)
+    copy_belief(mean, cov, state.ahead_mean, state.ahead_cov)
 
 
 @row_kernel
@@ -223,24 +198,13 @@ def age_nuisances(mean: Array, cov: Array, keep: float, variance: float) -> None
 
 
 @row_kernel
-def look(
-    scene: Array,
-    action: Array,
-    rng: State,
-    marks: Array,
-    first: Ints,
-    truth: Array,
-    mean: Array,
-    cov: Array,
-    gain: Array,
-    work: Array,
-) -> int:
-    """Take one frame and correct the belief with each landmark that is recognised; return their number."""
-    n = mean.size
+def _recognised(scene: Array, action: Array, state: EpisodeState, work: Array) -> int:
+    """Write the landmarks that a frame recognises into the last column of work; return their number."""
+    truth, marks, first = state.truth, state.marks, state.first
     nx = math.ceil((scene[X_MAX] - scene[X_MIN]) / CELL)
     ny = math.ceil((scene[Y_MAX] - scene[Y_MIN]) / CELL)
-    c, s = math.cos(truth[2]), math.sin(truth[2])
-    at_x, at_y, half = truth[0] + action[BOX_AT] * c, truth[1] + action[BOX_AT] * s, action[BOX_HALF]
+    c, s = math.cos(truth[THETA]), math.sin(truth[THETA])
+    at_x, at_y, half = truth[X] + action[BOX_AT] * c, truth[Y] + action[BOX_AT] * s, action[BOX_HALF]
     ix0 = max(math.floor((at_x - half - scene[X_MIN]) / CELL), 0)
     ix1 = min(math.floor((at_x + half - scene[X_MIN]) / CELL), nx - 1)
     iy0 = max(math.floor((at_y - half - scene[Y_MIN]) / CELL), 0)
@@ -251,12 +215,21 @@ def look(
         return 0
     for ix in range(ix0, ix1 + 1):
         for k in range(first[ix * ny + iy0], first[ix * ny + iy1 + 1]):
-            dx, dy = marks[k, 0] - truth[0], marks[k, 1] - truth[1]
+            dx, dy = marks[k, 0] - truth[X], marks[k, 1] - truth[Y]
             r2 = dx * dx + dy * dy
             inside = near2 <= r2 <= far2 and c * dx + s * dy >= cos_half * math.sqrt(r2)
-            if inside and found < IN_VIEW and uniform(rng) < action[MATCH]:
+            if inside and found < IN_VIEW and uniform(state.rng) < action[MATCH]:
                 work[found, column] = k
                 found += 1
+    return found
+
+
+@row_kernel
+def look(scene: Array, action: Array, state: EpisodeState, room: EpisodeRoom) -> int:
+    """Take one frame and correct the belief with each landmark that is recognised; return their number."""
+    truth, mean, marks, rng = state.truth, state.mean, state.marks, state.rng
+    gain, work, n = room.gain, room.work, state.mean.size
+    found, column = _recognised(scene, action, state, work), work.shape[1] - 1
     used = min(found, int(scene[MOST]))
     for i in range(used):
         if found > used:  # a random choice of them
@@ -265,105 +238,100 @@ def look(
             work[i, column] = work[j, column]
             work[j, column] = swap
         k = int(work[i, column])
-        dx, dy = marks[k, 0] - truth[0], marks[k, 1] - truth[1]
-        r, b = math.sqrt(dx * dx + dy * dy), wrap(math.atan2(dy, dx) - truth[2])
+        dx, dy = marks[k, 0] - truth[X], marks[k, 1] - truth[Y]
+        r, b = math.sqrt(dx * dx + dy * dy), wrap(math.atan2(dy, dx) - truth[THETA])
         er, eb = normal_pair(rng)
         var_r = action[SD_RANGE] ** 2 + (action[SD_SHARE] * r) ** 2
         seen_r, seen_b = r + math.sqrt(var_r) * er, b + action[SD_BEARING] * eb
         if n > NUISANCE:
             tilt_gain(r, b, scene[HEIGHT], gain)
-            seen_r += gain[0, 0] * truth[4] + gain[0, 1] * truth[5]
-            seen_b += gain[1, 0] * truth[4] + gain[1, 1] * truth[5]
+            seen_r += gain[0, 0] * truth[ROLL] + gain[0, 1] * truth[PITCH]
+            seen_b += gain[1, 0] * truth[ROLL] + gain[1, 1] * truth[PITCH]
         seen_r = max(seen_r, 0.01)
         if n > NUISANCE:
-            px, py = marks[k, 0] - mean[0], marks[k, 1] - mean[1]  # as predicted: what is seen is noisy
+            px, py = marks[k, 0] - mean[X], marks[k, 1] - mean[Y]  # at the predicted place: the one seen is noisy
             near = max(math.sqrt(px * px + py * py), action[RANGE_MIN])
-            tilt_gain(near, math.atan2(py, px) - mean[2], scene[HEIGHT], gain)
-        update_with(
-            mean, cov, marks[k, 0], marks[k, 1], seen_r, wrap(seen_b), var_r, action[SD_BEARING] ** 2, gain, work
-        )
+            tilt_gain(near, math.atan2(py, px) - mean[THETA], scene[HEIGHT], gain)
+        seen = LandmarkSighting(marks[k, 0], marks[k, 1], seen_r, wrap(seen_b), var_r, action[SD_BEARING] ** 2)
+        update(mean, state.cov, seen, gain, work)
     return used
 
 
 @row_kernel
-def move(scene: Array, action: Array, share: float, rng: State, truth: Array) -> None:
+def move(scene: Array, action: Array, share: float, rng: Stream, truth: Array) -> None:
     """Carry the truth over a share of an action, in place; a wall stops it."""
     along_e, across_e = normal_pair(rng)
     heading_e, _ = normal_pair(rng)
-    change = share * (action[TURN] + truth[3] * action[FORWARD])
-    middle = truth[2] + 0.5 * change
+    change = share * (action[TURN] + truth[DRIFT] * action[FORWARD])
+    middle = truth[THETA] + 0.5 * change
     along = share * action[FORWARD] + math.sqrt(share * action[VAR_ALONG]) * along_e
     across = math.sqrt(share * action[VAR_ACROSS]) * across_e
     c, s, r = math.cos(middle), math.sin(middle), scene[RADIUS]
-    truth[0] = min(max(truth[0] + along * c - across * s, scene[X_MIN] + r), scene[X_MAX] - r)
-    truth[1] = min(max(truth[1] + along * s + across * c, scene[Y_MIN] + r), scene[Y_MAX] - r)
-    truth[2] = wrap(truth[2] + change + math.sqrt(share * action[VAR_HEADING]) * heading_e)
+    truth[X] = min(max(truth[X] + along * c - across * s, scene[X_MIN] + r), scene[X_MAX] - r)
+    truth[Y] = min(max(truth[Y] + along * s + across * c, scene[Y_MIN] + r), scene[Y_MAX] - r)
+    truth[THETA] = wrap(truth[THETA] + change + math.sqrt(share * action[VAR_HEADING]) * heading_e)
 
 
 @row_kernel
-def act(
-    scene: Array,
-    actions: Array,
-    switching: Array,
-    run: int,
-    episode: int,
-    chosen: int,
-    rng: State,
-    marks: Array,
-    first: Ints,
-    truth: Array,
-    mean: Array,
-    cov: Array,
-    ahead_mean: Array,
-    ahead_cov: Array,
-    status: Array,
-    noise: Array,
-    gain: Array,
-    work: Array,
-) -> float:
-    """Do one action: truth, frames, belief, status; return the reward (7): -seconds, or the bonus at the goal.
+def _frames_of(scene: Array, action: Array, state: EpisodeState, room: EpisodeRoom) -> None:
+    """Do an action frame by frame: truth and belief, and ahead the belief at the next decision.
 
-    The belief at the next decision, ahead, lacks the frames of the last `decision_delay` s: it is predicted instead.
+    That one lacks the frames of the last `decision_delay` s: it is predicted instead.
     """
-    action = actions[chosen]
-    seed(rng, run, episode, STEP + int(status[STEPS]))
     frames, late = int(action[FRAMES]), int(action[LATE])
-    share = 1.0 / frames
+    share, noise = 1.0 / frames, room.noise
     noise[0], noise[1] = share * action[VAR_ALONG], share * action[VAR_ACROSS]
     noise[2], noise[3] = share * action[FILTER_HEADING], share * action[VAR_DRIFT]
-    still = action[KIND] == STAND
+    still, mean, cov, truth = action[KIND] == STAND, state.mean, state.cov, state.truth
     for f in range(frames):
         if late > 0 and f == frames - late:
-            copy_belief(mean, cov, ahead_mean, ahead_cov)
+            copy_belief(mean, cov, state.ahead_mean, state.ahead_cov)
         if not still:
-            move(scene, action, share, rng, truth)
+            move(scene, action, share, state.rng, truth)
             way = share * action[FORWARD]
-            predict_with(mean, cov, way, 0.0, share * action[TURN], way, noise, work)
+            predict(mean, cov, way, 0.0, share * action[TURN], way, noise, room.work)
         if mean.size > NUISANCE:
             keep = action[TILT_KEEP]
-            ea, eb = normal_pair(rng)
+            ea, eb = normal_pair(state.rng)
             fresh = math.sqrt(1.0 - keep * keep) * scene[TILT_SD]
-            truth[4], truth[5] = keep * truth[4] + fresh * ea, keep * truth[5] + fresh * eb
+            truth[ROLL], truth[PITCH] = keep * truth[ROLL] + fresh * ea, keep * truth[PITCH] + fresh * eb
             age_nuisances(mean, cov, keep, scene[TILT_SD] ** 2)
-        look(scene, action, rng, marks, first, truth, mean, cov, gain, work)
+        look(scene, action, state, room)
     if late == 0:
-        copy_belief(mean, cov, ahead_mean, ahead_cov)
+        copy_belief(mean, cov, state.ahead_mean, state.ahead_cov)
     elif not still:
         for i in range(4):
             noise[i] *= late
-        way = late * share * action[FORWARD]
-        predict_with(ahead_mean, ahead_cov, way, 0.0, late * share * action[TURN], way, noise, work)
+        way, turn = late * share * action[FORWARD], late * share * action[TURN]
+        predict(state.ahead_mean, state.ahead_cov, way, 0.0, turn, way, noise, room.work)
+
+
+@row_kernel
+def act(model: ModelTables, run: int, episode: int, chosen: int, state: EpisodeState, room: EpisodeRoom) -> float:
+    """Do one action, in place; return the reward (7): -seconds, or the bonus at the goal.
+
+    Args:
+        model: actions and scene.
+        run: seed of the series of episodes.
+        episode: number of the episode.
+        chosen: index of the action.
+        state: of the episode; truth, belief and status are carried over the action.
+        room: scratch.
+    """
+    scene, action, status = model.scene, model.actions[chosen], state.status
+    seed(state.rng, run, episode, STEP + int(status[STEPS]))
+    _frames_of(scene, action, state, room)
     kind, last = int(action[KIND]), int(status[LAST])
-    before = STAND if last < 0 else int(actions[last, KIND])
-    seconds = action[SECONDS] + switching[before, kind]
+    before = STAND if last < 0 else int(model.actions[last, KIND])
+    seconds = action[SECONDS] + model.switching[before, kind]
     status[TIME] += seconds
     status[WAY] += action[FORWARD]
     status[LAST] = chosen
     status[STEPS] += 1.0
     status[STANDS] = status[STANDS] + 1.0 if kind == STAND else 0.0
     status[TURNS] = status[TURNS] + 1.0 if kind == TURNING else 0.0
-    status[BLOCKED] = is_blocked(scene, truth)
-    dx, dy = scene[GOAL_X] - truth[0], scene[GOAL_Y] - truth[1]
+    status[BLOCKED] = is_blocked(scene, state.truth)
+    dx, dy = scene[GOAL_X] - state.truth[X], scene[GOAL_Y] - state.truth[Y]
     if dx * dx + dy * dy < scene[GOAL_RADIUS] ** 2:
         status[OUTCOME] = REACHED
         return scene[GOAL_REWARD]

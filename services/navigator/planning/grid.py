@@ -1,4 +1,4 @@
-"""Occupancy of the floor on a regular grid: what routes are planned on."""
+"""Occupancy of the floor on a regular grid, for planning routes."""
 
 import math
 from dataclasses import dataclass
@@ -7,17 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.errors import Refusal
-from surefoot.geometry.heightmap import HeightMap
+from surefoot.geometry.heightmap import MAX_CELLS, HeightMap
 
 Cells = NDArray[np.int8]
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
-MAX_CELLS = 16_000_000
-"""4000 x 4000, 40 000 m2 at 5 cm; larger is taken for a mistake."""
 LARGEST_CELL = 10.0
-"""m, edge of a cell."""
+"""Largest edge of a cell, m."""
 STEP = 0.04
-"""m over or under the floor from which ground is an obstacle: a biped that walks on flat ground lifts its feet less."""
+"""Height over or depth under the floor from which ground is an obstacle, m: feet of a biped are lifted less."""
 
 
 class GridError(Refusal):
@@ -25,7 +23,7 @@ class GridError(Refusal):
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
+class FloorGrid:
     """Occupancy in frame `map`, as map_server publishes it; immutable.
 
     Raises:
@@ -33,13 +31,13 @@ class Grid:
     """
 
     cells: Cells
-    """(rows, cols), row 0 = y-min: 0 free to 100 occupied, -1 unknown."""
+    """Occupancy, (rows, cols), row 0 = y-min: 0 free to 100 occupied, -1 unknown."""
     cell: float
     """Edge of a cell, m."""
     origin: tuple[float, float] = (0.0, 0.0)
     """x, y of the lower-left corner of cell [0, 0], m, frame map."""
     source: str = ""
-    """Where it comes from."""
+    """Origin of the grid, in words."""
 
     def __post_init__(self) -> None:
         cells = np.array(self.cells, dtype=np.int8, order="C", copy=True)
@@ -59,12 +57,12 @@ class Grid:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(rows, cols): rows along y, columns along x."""
+        """Number of rows (along y) and columns (along x)."""
         return (self.cells.shape[0], self.cells.shape[1])
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
-        """x_min, y_min, x_max, y_max of the grid's edges, m, frame map."""
+        """Edges of the grid: x_min, y_min, x_max, y_max, m, frame map."""
         rows, cols = self.shape
         x, y = self.origin
         return (x, y, x + cols * self.cell, y + rows * self.cell)
@@ -82,20 +80,22 @@ class Grid:
         return (self.origin[0] + (col + 0.5) * self.cell, self.origin[1] + (row + 0.5) * self.cell)
 
     def to_bytes(self) -> bytes:
-        """Cells as int8, row by row from y-min."""
+        """Return the cells as int8, row by row from y-min."""
         return self.cells.tobytes()
 
     @classmethod
     def from_bytes(
         cls, data: bytes, rows: int, cols: int, cell: float, origin: tuple[float, float], source: str = ""
-    ) -> "Grid":
+    ) -> "FloorGrid":
         """Return the grid of `to_bytes` (raises GridError: another number of bytes, or content that is no grid)."""
         if rows < 1 or cols < 1 or len(data) != rows * cols:
             raise GridError("bad_grid", f"{rows} x {cols} cells need {rows * cols} bytes, got {len(data)}", "data")
         return cls(np.frombuffer(data, dtype=np.int8).reshape(rows, cols), cell, origin, source)
 
 
-def grid_of(ground: HeightMap, step: float = STEP, floor: float | None = None, source: str = "terrain/map") -> Grid:
+def grid_of(
+    ground: HeightMap, step: float = STEP, floor: float | None = None, source: str = "terrain/map"
+) -> FloorGrid:
     """Return the occupancy of a height map: ground more than `step` over or under the floor is occupied.
 
     Args:
@@ -119,4 +119,4 @@ def grid_of(ground: HeightMap, step: float = STEP, floor: float | None = None, s
     cells = np.full(z.shape, UNKNOWN, dtype=np.int8)
     cells[known] = np.where(np.abs(z[known] - floor) > step, OCCUPIED, FREE)
     half = 0.5 * ground.cell
-    return Grid(cells, ground.cell, (ground.origin[0] - half, ground.origin[1] - half), source)
+    return FloorGrid(cells, ground.cell, (ground.origin[0] - half, ground.origin[1] - half), source)

@@ -4,7 +4,7 @@ Of a pixel with brightness s in 0 to 1 (mean of its colours; in mode trinary of 
 image has any) and occ = 1 - s, or s with `negate`:
 
     trinary   100 if occ > occupied_thresh, 0 if occ < free_thresh, else -1
-    scale     the same, but between the thresholds 100 (occ - free)/(occupied - free) rounded to even, and -1 where
+    scale     as trinary, but between the thresholds 100 (occ - free)/(occupied - free) rounded to even, and -1 where
               the pixel is not opaque
     raw       round(255 s) where that is 0 to 100, else -1; neither thresholds nor negate matter
 
@@ -23,17 +23,18 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from surefoot.errors import Refusal
+from surefoot.geometry.heightmap import MAX_CELLS
 
-from .grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN, Grid
+from .grid import FREE, OCCUPIED, UNKNOWN, FloorGrid
 
 Mode = Literal["trinary", "scale", "raw"]
 MODES: tuple[Mode, ...] = ("trinary", "scale", "raw")
 MAX_SIDE = 20_000
-"""Pixels; wider images are refused by their header, before anything is decoded."""
+"""Largest side of an image, pixels; larger ones are refused by their header, before anything is decoded."""
 MAX_YAML_BYTES = 64 * 1024
 MAX_IMAGE_BYTES = 128_000_000
 OCCUPIED_THRESH, FREE_THRESH = 0.65, 0.196
-"""What `save` writes; with 0.25, which newer map_savers write, its own grey 205 would be read as free."""
+"""Thresholds that `save` writes; with 0.25, as newer map_savers write, its grey 205 would be read as free."""
 PNG_MAGIC, PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
 
 
@@ -43,25 +44,25 @@ class MapFileError(Refusal):
 
 @dataclass(frozen=True)
 class MapInfo:
-    """What the YAML of a map says."""
+    """Contents of the YAML of a map."""
 
     image: Path
-    """The image, an existing path below the folder of the YAML or not: `load` checks it."""
+    """Path of the image; `load` checks that it exists."""
     resolution: float
-    """m per pixel."""
+    """Edge of a pixel, m."""
     origin: tuple[float, float]
-    """x, y of the lower-left corner of the lower-left pixel, m, frame map."""
+    """Lower-left corner of the lower-left pixel, x and y in m, frame map."""
     occupied_thresh: float = OCCUPIED_THRESH
-    """Occupancy above it is occupied."""
+    """Occupancy above which a pixel is occupied, 0 to 1."""
     free_thresh: float = FREE_THRESH
-    """Occupancy below it is free."""
+    """Occupancy below which a pixel is free, 0 to 1."""
     negate: bool = False
-    """Bright pixels are occupied."""
+    """True if bright pixels are occupied."""
     mode: Mode = "trinary"
-    """How pixels become cells."""
+    """Rule that makes cells of pixels."""
 
 
-def load(path: str | Path) -> Grid:
+def load(path: str | Path) -> FloorGrid:
     """Read a map by the path of its YAML.
 
     Raises:
@@ -71,11 +72,11 @@ def load(path: str | Path) -> Grid:
     info = parse(_text(source), source)
     levels, opacity = _pixels(info.image)
     cells = occupancy(levels, opacity, info)
-    return Grid(cells[::-1], info.resolution, info.origin, source.name)
+    return FloorGrid(cells[::-1], info.resolution, info.origin, source.name)
 
 
 def parse(text: str, path: Path) -> MapInfo:
-    """Return what the text of a YAML says; the image is looked for beside `path`.
+    """Return the contents of a YAML; the image is searched beside `path`.
 
     Raises:
         MapFileError: it is no YAML of a map, uses anchors or aliases, or names an image outside of its folder.
@@ -84,12 +85,12 @@ def parse(text: str, path: Path) -> MapInfo:
         for event in yaml.parse(text, Loader=yaml.SafeLoader):
             if getattr(event, "anchor", None) is not None:
                 raise MapFileError("malformed", f"{path.name}: anchors and aliases are not allowed in a map", "yaml")
-        told: Any = yaml.safe_load(text)
+        read: Any = yaml.safe_load(text)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         raise MapFileError("malformed", f"{path.name} is no YAML: {str(error)[:200]}", "yaml") from None
-    if not isinstance(told, dict):
-        raise MapFileError("malformed", f"{path.name}: a map is a table of keys, got {str(told)[:80]!r}", "yaml")
-    table = cast("dict[str, Any]", told)
+    if not isinstance(read, dict):
+        raise MapFileError("malformed", f"{path.name}: a map is a table of keys, got {str(read)[:80]!r}", "yaml")
+    table = cast("dict[str, Any]", read)
     occupied = _number(table, "occupied_thresh", 0.0, 1.0)
     free = _number(table, "free_thresh", 0.0, 1.0)
     if free >= occupied:
@@ -138,7 +139,7 @@ def occupancy(levels: NDArray[np.uint8], opacity: NDArray[np.uint8] | None, info
     return cells
 
 
-def save(grid: Grid, path: str | Path, mode: Mode = "trinary", image: Literal["pgm", "png"] = "pgm") -> Path:
+def save(grid: FloorGrid, path: str | Path, mode: Mode = "trinary", image: Literal["pgm", "png"] = "pgm") -> Path:
     """Write a YAML and its image beside it.
 
     Cells from 0 to 20 are written as free and cells from 65 as occupied in mode trinary; raw keeps every value.
@@ -247,7 +248,7 @@ def _image(table: dict[str, Any], path: Path) -> Path:
 
 
 def _pixels(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
-    """Grey or colours, and opacity where there is one; checked by the header before it is decoded."""
+    """Return grey or colours, and opacity where there is one; the header is checked before decoding."""
     try:
         size = path.stat().st_size
         if size > MAX_IMAGE_BYTES:
@@ -278,7 +279,7 @@ def _pixels(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
 
 
 def _png_head(head: bytes, path: Path) -> tuple[int, int, int]:
-    """Width, height and largest value of a PNG."""
+    """Return width, height and largest value of a PNG."""
     if len(head) < 33 or head[12:16] != b"IHDR":
         raise MapFileError("malformed", f"{path.name} is cut off in its header", "image")
     width, height, bits = struct.unpack_from(">IIB", head, 16)
@@ -286,7 +287,7 @@ def _png_head(head: bytes, path: Path) -> tuple[int, int, int]:
 
 
 def _pgm_head(head: bytes, path: Path) -> tuple[int, int, int]:
-    """Width, height and largest value of a PGM."""
+    """Return width, height and largest value of a PGM."""
     if head[:2] not in (b"P2", b"P5"):
         raise MapFileError(
             "malformed", f"{path.name} must be a PGM (P2, P5) or PNG, it begins with {head[:8]!r}", "image"

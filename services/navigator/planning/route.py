@@ -9,38 +9,37 @@ from numpy.typing import NDArray
 
 from surefoot.errors import Refusal
 
-from . import astar_kernel as astar
-from . import costs_kernel as kernel
-from .costs import Costs
+from . import astar
+from .costs import Costs, nearest_free
 
 Array = NDArray[np.float64]
 Point = tuple[float, float]
 
 FARTHEST = 1e6
-"""m, of a coordinate."""
+"""Largest coordinate, m."""
 
 
 class RouteError(Refusal):
-    """There is no route; the code says why: `bad_point`, `outside`, `blocked` or `unreachable`."""
+    """Refusal of a route with the code `bad_point`, `outside`, `blocked` or `unreachable`."""
 
     def __init__(self, code: str, message: str, field: str, nearest: Point | None = None) -> None:
         super().__init__(code, message, field)
         self.nearest = nearest
-        """Centre of the free cell nearest to the point that the robot could go to, m, frame map; None = none."""
+        """Centre of the nearest free cell, m, frame map; None = there is none."""
 
 
 @dataclass(frozen=True)
 class RouteLimits:
-    """What a route looks like.
+    """Limits of a route.
 
     Raises:
         Refusal: a number that cannot be; names the field.
     """
 
     leg: float = 1.0
-    """m, largest distance of two waypoints: viewing distance."""
+    """Largest distance of two waypoints, m: the viewing distance."""
     slack: float = 0.3
-    """m, how far from a free cell a route may begin: a robot beside a wall may go away from it."""
+    """Largest distance of the start from a free cell, m: a robot beside a wall may go away from it."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.leg) and self.leg > 0.0):
@@ -50,34 +49,22 @@ class RouteLimits:
 
 
 @dataclass(frozen=True, eq=False)
-class Route:
+class PlannedRoute:
     """A way to a goal."""
 
     start: Point
-    """m, frame map."""
+    """Begin of the route, m, frame map."""
     waypoints: Array
-    """(n, 2) m, frame map: where to walk, one after the other; the last one is the goal."""
+    """Places to walk to in order, (n, 2) m, frame map; the last one is the goal."""
     length: float
-    """m, from the start over all waypoints."""
+    """Length from the start over all waypoints, m."""
     cost: float
-    """m, of the path of cells, each step weighted by how near obstacles are (1 = far)."""
+    """Cost of the path of cells, m, each step weighted by the nearness of obstacles (1 = far)."""
     clearance: float
-    """m, least distance of a cell of the path to an obstacle; bounded by the comfortable one."""
+    """Least distance of a cell of the path to an obstacle, m; bounded by the comfortable one."""
 
 
-@dataclass(frozen=True)
-class Progress:
-    """Where a robot is on its route."""
-
-    remaining: float
-    """m, straight to the present waypoint and from there along the route."""
-    off: float
-    """m, distance from the present leg of the route."""
-    poses: int
-    """Waypoints not yet reached."""
-
-
-def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = None) -> Route:
+def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = None) -> PlannedRoute:
     """Return the cheapest route.
 
     Args:
@@ -116,33 +103,7 @@ def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = N
     least = int(path[int(np.argmin(costs.distance2[at]))])
     cost = (-int(g[last]) - 1) / (2 * astar.STRAIGHT * astar.UNIT) * costs.grid.cell
     clearance = costs.distance(least // wide - 1, least % wide - 1)
-    return Route(start, waypoints, length, cost, clearance)
-
-
-def progress(route: Route, following: int, x: float, y: float) -> Progress:
-    """Return where a robot at (x, y) m, frame map, is on a route.
-
-    Args:
-        route: that it follows.
-        following: index of the present waypoint.
-        x: m.
-        y: m.
-
-    Raises:
-        Refusal: there is no such waypoint.
-    """
-    n = len(route.waypoints)
-    if not 0 <= following < n:
-        raise Refusal("bad_waypoint", f"the route has waypoints 0 to {n - 1}, got {following!r}", "following")
-    points = route.waypoints.tolist()
-    bx, by = points[following]
-    ax, ay = points[following - 1] if following else route.start
-    remaining = math.hypot(bx - x, by - y)
-    remaining += sum(math.dist(points[i], points[i + 1]) for i in range(following, n - 1))
-    ux, uy = bx - ax, by - ay
-    length2 = ux * ux + uy * uy
-    part = 0.0 if length2 == 0.0 else min(1.0, max(0.0, ((x - ax) * ux + (y - ay) * uy) / length2))
-    return Progress(remaining, math.hypot(x - ax - part * ux, y - ay - part * uy), n - following)
+    return PlannedRoute(start, waypoints, length, cost, clearance)
 
 
 def _checked(point: Point, field: str) -> Point:
@@ -152,7 +113,7 @@ def _checked(point: Point, field: str) -> Point:
 
 
 def _entry(costs: Costs, start: Point, limits: RouteLimits) -> tuple[tuple[int, int], Point]:
-    """Padded cell and place where the path begins: at the start, or at a free cell close to it."""
+    """Return padded cell and place of the path's begin: the start, or a free cell close to it."""
     try:
         return _free(costs, start, "start"), start
     except RouteError as error:
@@ -164,7 +125,7 @@ def _entry(costs: Costs, start: Point, limits: RouteLimits) -> tuple[tuple[int, 
 
 
 def _free(costs: Costs, point: Point, field: str) -> tuple[int, int]:
-    """Padded cell that holds a point."""
+    """Return the padded cell that holds a point."""
     grid = costs.grid
     row, col = grid.index(*point)
     if not grid.inside(row, col):
@@ -184,7 +145,7 @@ def _free(costs: Costs, point: Point, field: str) -> tuple[int, int]:
 
 def _nearest(costs: Costs, point: Point, region: int) -> Point | None:
     row, col = _padded(costs, point)
-    r, c, distance = kernel.nearest_free(costs.weight, costs.region, region, row - 0.5, col - 0.5)
+    r, c, distance = nearest_free(costs.weight, costs.region, region, row - 0.5, col - 0.5)
     return None if math.isinf(distance) else _centre(costs, r, c)
 
 
@@ -193,13 +154,13 @@ def _hint(near: Point | None) -> str:
 
 
 def _padded(costs: Costs, point: Point) -> tuple[float, float]:
-    """Row and column of a point in padded cells, cell i reaching from i to i + 1."""
+    """Return row and column of a point in padded cells, cell i reaching from i to i + 1."""
     (x0, y0), cell = costs.grid.origin, costs.grid.cell
     return (point[1] - y0) / cell + 1.0, (point[0] - x0) / cell + 1.0
 
 
 def _centre(costs: Costs, row: int, col: int) -> Point:
-    """Centre of a padded cell, m, frame map."""
+    """Return the centre of a padded cell, m, frame map."""
     return costs.grid.centre(row - 1, col - 1)
 
 
@@ -208,7 +169,7 @@ def _shown(point: Point) -> str:
 
 
 def _legs(points: list[Point], leg: float) -> tuple[Array, float]:
-    """Waypoints at most `leg` m apart on the lines through points, without the first, and the length of the lines."""
+    """Return waypoints at most `leg` m apart on the lines through points, without the first, and the lines' length."""
     out: list[Point] = []
     total = 0.0
     for (ax, ay), (bx, by) in pairwise(points):

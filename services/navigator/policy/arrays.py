@@ -1,12 +1,13 @@
-"""The navigation model as plain arrays, which is what kernels take: one row per action, columns named here."""
+"""The navigation model as plain arrays for kernels: one row per action, columns named here."""
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .params import KINDS, Action, NavigationModel, mirror_of
+from .params import KINDS, ActionModel, NavigationModel, mirror_of
 
 Array = NDArray[np.float64]
 
@@ -36,25 +37,44 @@ NO_ACTION = -1
 PER_10CM = 10.0  # 1/m: from "per 10 cm" to "per m"
 
 
-@dataclass(frozen=True)
-class Arrays:
-    """What kernels need of a `NavigationModel`.
-
-    Attributes:
-        actions: (A, COLUMNS), SI units, angles in rad.
-        scene: (ELEMENTS,).
-        switching: s, extra time of an action of kind j after kind i, (3, 3), order STAND, TURNING, WALK.
-        groups: index of the rows of `switching` that are alike, (3,): what a planner must remember of the last action.
-        states: states of the filter, nuisances included.
-        names: of the actions.
-    """
+class ModelTables(NamedTuple):
+    """Arrays of a navigation model that kernels read."""
 
     actions: Array
+    """(A, COLUMNS), one row per action, SI units, angles in rad."""
     scene: Array
+    """(ELEMENTS,): floor, start, goal, noises and guards; m, rad, s."""
     switching: Array
+    """s, extra time of an action of kind j after kind i, (3, 3), order STAND, TURNING, WALK."""
+
+
+@dataclass(frozen=True)
+class Arrays:
+    """A `NavigationModel` as arrays, with names and sizes."""
+
+    tables: ModelTables
+    """Arrays that kernels read."""
     groups: NDArray[np.int64]
+    """Index of the rows of `switching` that are alike, (3,): the part of the last action that a planner remembers."""
     states: int
+    """Number of states of the filter, nuisances included."""
     names: tuple[str, ...]
+    """Names of the actions, (A,)."""
+
+    @property
+    def actions(self) -> Array:
+        """Actions, (A, COLUMNS)."""
+        return self.tables.actions
+
+    @property
+    def scene(self) -> Array:
+        """Elements of the scene, (ELEMENTS,)."""
+        return self.tables.scene
+
+    @property
+    def switching(self) -> Array:
+        """Extra time of an action of kind j after kind i, s, (3, 3)."""
+        return self.tables.switching
 
 
 def arrays(model: NavigationModel) -> Arrays:
@@ -81,10 +101,10 @@ def arrays(model: NavigationModel) -> Arrays:
     table[:, MIRROR] = [names.index(mirror_of(model, name, names)) for name in names]
     states = model.filter.states if sight.tilt_sd_deg == 0 else 6
     groups = np.array([distinct.index(row) for row in rows], dtype=np.int64)
-    return Arrays(table, values, switching, groups, states, names)
+    return Arrays(ModelTables(table, values, switching), groups, states, names)
 
 
-def _row(model: NavigationModel, action: Action) -> Array:
+def _row(model: NavigationModel, action: ActionModel) -> Array:
     sight, row = model.sight, np.zeros(COLUMNS)
     moving = action.kind != "stand"
     row[[KIND, FORWARD, TURN]] = KINDS.index(action.kind), action.forward, math.radians(action.turn_deg)

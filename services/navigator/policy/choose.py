@@ -1,10 +1,11 @@
-"""Decisions as kernels on arrays; the same ones serve training, evaluation and the live navigator.
+"""Decisions as kernels on arrays, shared by training, evaluation and the live navigator.
 
-A policy is a kind, its numbers (parameters), a table of action values with its grid, and what standing shows. All of
-them get the belief (mean, cov), the goal, and the status: last action, stands and turns in a row, blocked.
+Every kind of policy decides by the belief (mean, cov), the goal and the status: last action, number of stands and of
+turns in a row, blocked.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ from .arrays import (
     TURN,
     TURNING,
     TURNS,
+    ModelTables,
 )
 from .grids import add_values
 
@@ -43,15 +45,42 @@ NUMBERS = 8
 POINTS = 8  # sigma points of (x, y, heading, drift)
 
 
-def work_space_to_choose(states: int, actions: int) -> Array:
-    """Return the scratch array that `choose` needs."""
-    return np.zeros((40 + 2 * states, max(states, 4, actions)))
+class PolicyTables(NamedTuple):
+    """Arrays of a policy that kernels read."""
+
+    kind: int
+    """HAND, STEER, PLANNER or SARSA."""
+    numbers: Array
+    """Parameters, (NUMBERS,)."""
+    table: Array
+    """Action values, (layers, nd, nphi, A), see `grids`."""
+    grid: Array
+    """Axes of the table, (GRID,)."""
+    shown: Array
+    """Covariance of a pose seen from one stand, (3, 3), robot axes, m and rad."""
+
+
+class ChoiceRoom(NamedTuple):
+    """Results of `choose` and its scratch."""
+
+    values: Array
+    """Value of each action, (A,), larger is better."""
+    mask: Flags
+    """Actions that are allowed, (A,)."""
+    work: Array
+    """Scratch, (40 + 2 n, max(n, 4, A)) for n states."""
+
+
+def room_to_choose(states: int, actions: int) -> ChoiceRoom:
+    """Return the arrays that `choose` writes, for a filter of `states` and a number of actions."""
+    n = max(states, 4)
+    return ChoiceRoom(np.zeros(actions), np.zeros(actions, dtype=np.bool_), np.zeros((40 + 2 * n, max(n, actions))))
 
 
 @row_kernel
-def allow(actions: Array, scene: Array, status: Array, mask: Flags) -> None:
-    """Mark the actions that may be chosen: turns only while blocked; not too many stands or turns in a row."""
-    blocked = status[BLOCKED] > 0.0
+def allow(model: ModelTables, status: Array, mask: Flags) -> None:
+    """Mark the allowed actions: only turns while blocked, limited numbers of stands and of turns in a row."""
+    actions, scene, blocked = model.actions, model.scene, status[BLOCKED] > 0.0
     for a in range(actions.shape[0]):
         kind = actions[a, KIND]
         if blocked:
@@ -82,14 +111,13 @@ def features(mean: Array, cov: Array, gx: float, gy: float) -> tuple[float, floa
 
 
 @row_kernel
-def _by_hand(
-    kind: int, numbers: Array, actions: Array, d: float, phi: float, h: float, drift: float, mask: Flags, values: Array
-) -> None:
-    """Dual-mode controller: stand when unsure, else turn to the goal when it is far aside, else walk.
+def _by_hand(policy: PolicyTables, actions: Array, d: float, phi: float, h: float, drift: float, values: Array) -> None:
+    """Write the values of the dual-mode controller: it stands when unsure, turns to a goal far aside, else walks.
 
-    Values are 1 for the choice of the rules and less for the others, in the order the rules would come to them. steer
-    takes the arc that comes nearest to STEER_GAIN phi, what the drift will turn left out.
+    The choice of the rules has value 1, the other actions have less, in the order of the rules. The kind STEER takes
+    the arc that comes nearest to STEER_GAIN phi after the turn by the drift.
     """
+    numbers = policy.numbers
     unsure = h > numbers[STAND_ABOVE] + numbers[STAND_SLOPE] * d
     aside = abs(phi) > numbers[TURN_BEYOND]
     for a in range(actions.shape[0]):
@@ -99,7 +127,7 @@ def _by_hand(
         elif what == TURNING:
             towards = turn * phi > 0.0
             values[a] = (0.9 if aside else -0.5) if towards else -0.8
-        elif kind == STEER:
+        elif policy.kind == STEER:
             off = abs(turn + drift * actions[a, FORWARD] - numbers[STEER_GAIN] * phi)
             values[a] = 0.5 - 0.05 * off
         else:
@@ -107,35 +135,26 @@ def _by_hand(
 
 
 @row_kernel
-def _at(
-    table: Array, grid: Array, actions: Array, x: Array, gx: float, gy: float, radius: float, weight: float, out: Array
-) -> None:
-    """Add weight * values of a known state x (4,) to out (A,)."""
+def _values_at(policy: PolicyTables, model: ModelTables, x: Array, gx: float, gy: float, out: Array) -> None:
+    """Write the action values of a known state x (4,) to out (A,)."""
+    for a in range(out.size):
+        out[a] = 0.0
     dx, dy = gx - x[0], gy - x[1]
-    d = max(math.sqrt(dx * dx + dy * dy), radius)
-    add_values(table, grid, actions, d, wrap(math.atan2(dy, dx) - x[2]), x[3], weight, out)
+    d = max(math.sqrt(dx * dx + dy * dy), model.scene[GOAL_RADIUS])
+    add_values(policy.table, policy.grid, model.actions, d, wrap(math.atan2(dy, dx) - x[2]), x[3], 1.0, out)
 
 
 @row_kernel
 def _average(
-    numbers: Array,
-    table: Array,
-    grid: Array,
-    actions: Array,
-    mean: Array,
-    low: Array,
-    gx: float,
-    gy: float,
-    radius: float,
-    out: Array,
+    policy: PolicyTables, model: ModelTables, mean: Array, low: Array, gx: float, gy: float, out: Array
 ) -> None:
-    """Average the table over the 8 sigma points mean +- column of low (4, 4), into out (A,).
+    """Write the average of the table over the 8 sigma points mean +- column of low (4, 4) to out (A,).
 
-    A point inside the goal is moved to its edge: the goal has not been reached, or nothing would be decided.
+    A point inside the goal is moved to its edge, where the values differ: the goal has not been reached.
     """
     for a in range(out.size):
         out[a] = 0.0
-    drift = mean[3] if mean.size > 3 else 0.0
+    numbers, drift = policy.numbers, mean[3] if mean.size > 3 else 0.0
     for j in range(4):
         for half in range(2):
             sign = 1.0 - 2.0 * half
@@ -145,7 +164,7 @@ def _average(
             d = math.sqrt(dx * dx + dy * dy)
             phi = wrap(math.atan2(dy, dx) - theta)
             b = drift + sign * low[3, j] * numbers[SPREAD_DRIFT]
-            add_values(table, grid, actions, max(d, radius), phi, b, 0.125, out)
+            add_values(policy.table, policy.grid, model.actions, max(d, model.scene[GOAL_RADIUS]), phi, b, 0.125, out)
 
 
 @row_kernel
@@ -159,7 +178,7 @@ def _top4(mean: Array, cov: Array, work: Array) -> None:
 
 @row_kernel
 def after_sight(heading: float, shown: Array, work: Array) -> None:
-    """Split the covariance P (rows 0 .. 3 of work) by what a stand would show.
+    """Split the covariance P (rows 0 .. 3 of work) into the parts that a stand removes and leaves.
 
     shown (3, 3) is the covariance of a pose seen from the frames of one stand, x ahead. With S = P33 + shown, turned
     into the map, P - P+ = P[:, :3] S^-1 P[:3, :] is how far the mean will move (rows 8 .. 11), P+ is left (4 .. 7).
@@ -193,141 +212,107 @@ def after_sight(heading: float, shown: Array, work: Array) -> None:
 
 
 @row_kernel
+def _gain_of_sight(
+    policy: PolicyTables, model: ModelTables, mean: Array, gx: float, gy: float, room: ChoiceRoom
+) -> float:
+    """Return the seconds that deciding after a stand saves, >= 0; > 0 where the sight can change the choice.
+
+    That is the mean, over the places where the estimate may then be, of the best value there, less the best of the
+    actions' means over the same places. Rows 0 .. 3 of the scratch hold the covariance.
+    """
+    na, work = model.actions.shape[0], room.work
+    moved, average, there, single = work[24:28], work[30, 0:na], work[31, 0:4], work[32, 0:na]
+    after_sight(mean[2], policy.shown, work)
+    spread(work[8:12], moved)
+    chosen_later = 0.0
+    for a in range(na):
+        average[a] = 0.0
+    for j in range(4):
+        for half in range(2):
+            sign = 1.0 - 2.0 * half
+            for i in range(4):
+                there[i] = (mean[i] if i < mean.size else 0.0) + sign * moved[i, j]
+            _values_at(policy, model, there, gx, gy, single)
+            top = -math.inf
+            for a in range(na):
+                kind = int(model.actions[a, KIND])
+                if kind != STAND:
+                    value = single[a] - model.switching[STAND, kind]
+                    average[a] += 0.125 * value
+                    top = max(top, value)
+            chosen_later += 0.125 * top
+    chosen_now = -math.inf
+    for a in range(na):
+        if int(model.actions[a, KIND]) != STAND:
+            chosen_now = max(chosen_now, average[a])
+    return chosen_later - chosen_now
+
+
+@row_kernel
 def _planned(
-    numbers: Array,
-    table: Array,
-    grid: Array,
-    shown: Array,
-    actions: Array,
-    switching: Array,
-    mean: Array,
-    cov: Array,
-    gx: float,
-    gy: float,
-    radius: float,
-    last: int,
-    values: Array,
-    work: Array,
+    policy: PolicyTables, model: ModelTables, mean: Array, cov: Array, gx: float, gy: float, last: int, room: ChoiceRoom
 ) -> None:
     """Write the values of all actions, s (negative): the table averaged over a share of the belief's spread.
 
-    Value of a stand: -its seconds, -what stopping and starting cost, + SIGHT_SHARE * gain + the best value of going on
-    after it. The gain is that of deciding after the look: the mean over where the estimate may then be of the best
-    value there, less the best of the actions' means over the same places; it is >= 0, and > 0 where what is seen can
-    change the choice.
+    Value of a stand: -its seconds, -the time that stopping and starting cost, + SIGHT_SHARE * the gain of its sight +
+    the best value of going on after it. `last` is the kind of the last action.
     """
-    na = actions.shape[0]
-    left4, moved4, average, there, single = work[20:24], work[24:28], work[30, 0:na], work[31, 0:4], work[32, 0:na]
-    _top4(mean, cov, work)
-    spread(work[0:4], left4)
-    _average(numbers, table, grid, actions, mean, left4, gx, gy, radius, values)
+    values, low = room.values, room.work[20:24]
+    _top4(mean, cov, room.work)
+    spread(room.work[0:4], low)
+    _average(policy, model, mean, low, gx, gy, values)
     can_stand, later = -1, -math.inf  # value of going on after a stand
-    for a in range(na):
-        kind = int(actions[a, KIND])
+    for a in range(values.size):
+        kind = int(model.actions[a, KIND])
         if kind == STAND:
             can_stand = a
         else:
-            later = max(later, values[a] - switching[STAND, kind])
-        values[a] -= switching[last, kind]
+            later = max(later, values[a] - model.switching[STAND, kind])
+        values[a] -= model.switching[last, kind]
     if can_stand < 0:
         return
-    stand = later - actions[can_stand, SECONDS] - switching[last, STAND]
-    if numbers[SIGHT_SHARE] > 0.0:
-        after_sight(mean[2], shown, work)
-        spread(work[8:12], moved4)
-        chosen_later = 0.0
-        for a in range(na):
-            average[a] = 0.0
-        for j in range(4):
-            for half in range(2):
-                sign = 1.0 - 2.0 * half
-                for i in range(4):
-                    there[i] = (mean[i] if i < mean.size else 0.0) + sign * moved4[i, j]
-                for a in range(na):
-                    single[a] = 0.0
-                _at(table, grid, actions, there, gx, gy, radius, 1.0, single)
-                top = -math.inf
-                for a in range(na):
-                    if int(actions[a, KIND]) != STAND:
-                        value = single[a] - switching[STAND, int(actions[a, KIND])]
-                        average[a] += 0.125 * value
-                        top = max(top, value)
-                chosen_later += 0.125 * top
-        chosen_now = -math.inf
-        for a in range(na):
-            if int(actions[a, KIND]) != STAND:
-                chosen_now = max(chosen_now, average[a])
-        stand += numbers[SIGHT_SHARE] * (chosen_later - chosen_now)
+    stand = later - model.actions[can_stand, SECONDS] - model.switching[last, STAND]
+    if policy.numbers[SIGHT_SHARE] > 0.0:
+        stand += policy.numbers[SIGHT_SHARE] * _gain_of_sight(policy, model, mean, gx, gy, room)
     values[can_stand] = stand
 
 
 @row_kernel
 def choose(
-    kind: int,
-    numbers: Array,
-    table: Array,
-    grid: Array,
-    shown: Array,
-    actions: Array,
-    scene: Array,
-    switching: Array,
+    policy: PolicyTables,
+    model: ModelTables,
     mean: Array,
     cov: Array,
     gx: float,
     gy: float,
     status: Array,
-    values: Array,
-    mask: Flags,
-    work: Array,
+    room: ChoiceRoom,
 ) -> int:
-    """Return the chosen action, and write the values of all (A,) and which are allowed (A,).
+    """Return the chosen action; values and mask of `room` are written.
 
     Args:
-        kind: HAND, STEER, PLANNER or SARSA.
-        numbers: parameters of the policy, (NUMBERS,).
-        table: action values, (layers, nd, nphi, A), see `grids`.
-        grid: its axes, (GRID,).
-        shown: covariance of a pose seen from one stand, robot axes, (3, 3).
-        actions: (A, COLUMNS).
-        scene: (ELEMENTS,); goal radius and guards are read.
-        switching: s, (3, 3).
-        mean: belief, (n,).
+        policy: the policy.
+        model: actions and scene; goal radius and guards are read.
+        mean: belief, (n,): x, y in m and heading in rad, frame map, then the drift in rad per m.
         cov: its covariance, (n, n).
-        gx: goal in the map, m.
-        gy: m.
+        gx: x of the goal, m, frame map.
+        gy: y of the goal, m, frame map.
         status: (STATUS,); last action, stands, turns and blocked are read.
-        values: result, (A,).
-        mask: result, (A,).
-        work: scratch of `work_space_to_choose`.
+        room: results and scratch.
     """
-    allow(actions, scene, status, mask)
+    allow(model, status, room.mask)
     last = int(status[LAST])
-    last_kind = STAND if last < 0 else int(actions[last, KIND])
+    last_kind = STAND if last < 0 else int(model.actions[last, KIND])
     d, phi, h = features(mean, cov, gx, gy)
-    if kind == PLANNER:
-        _planned(
-            numbers,
-            table,
-            grid,
-            shown,
-            actions,
-            switching,
-            mean,
-            cov,
-            gx,
-            gy,
-            scene[GOAL_RADIUS],
-            last_kind,
-            values,
-            work,
-        )
-    elif kind == SARSA:
-        for a in range(values.size):
-            values[a] = 0.0
-        add_values(table, grid, actions, d, phi, h, 1.0, values)
+    if policy.kind == PLANNER:
+        _planned(policy, model, mean, cov, gx, gy, last_kind, room)
+    elif policy.kind == SARSA:
+        for a in range(room.values.size):
+            room.values[a] = 0.0
+        add_values(policy.table, policy.grid, model.actions, d, phi, h, 1.0, room.values)
     else:
         drift = mean[3] if mean.size > 3 else 0.0
-        _by_hand(kind, numbers, actions, d, phi, h, drift, mask, values)
+        _by_hand(policy, model.actions, d, phi, h, drift, room.values)
     if status[BLOCKED] > 0.0 and last_kind == TURNING:
-        return last  # turn on: to and fro would never lead away from the wall
-    return best(values, mask)
+        return last  # the same turn again: turns to and fro would never lead away from the wall
+    return best(room.values, room.mask)

@@ -1,4 +1,4 @@
-"""Policy files: arrays and provenance in one .npz without pickles; whatever is not as it should be is refused."""
+"""Policy files: arrays and provenance in one .npz without pickles, checked when read."""
 
 import hashlib
 import io
@@ -18,7 +18,7 @@ from .grids import GRID
 from .policies import KIND_NAMES, Policy
 
 VERSION = 1
-"""Of the format; other versions are refused."""
+"""Version of the format; others are refused."""
 MAX_BYTES = 64 * 1024 * 1024
 MEMBERS = ("version", "kind", "actions", "numbers", "table", "grid", "shown", "provenance")
 KINDS_BY_NAME = {name: kind for kind, name in KIND_NAMES.items()}

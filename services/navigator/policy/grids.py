@@ -1,4 +1,4 @@
-"""Tables of action values on a grid, and how they are read between the grid's points.
+"""Tables of action values on a grid, with interpolation between its points.
 
 table (layers, nd, nphi, A): layer = drift of the planner or entropy of the learner; d = distance of the goal, 0 to
 d_max, clamped; phi = its bearing, periodic, row 0 at -pi. Weights are multilinear hats: not negative, of sum 1.
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 D_MIN, D_MAX, LAYER_MIN, LAYER_MAX, MIRRORED, PER_M = 0, 1, 2, 3, 4, 5
 """Elements of a grid: d of the first and last row (m), value of the first and last layer, 1 = layers mirror (-1:
-bearings do), and what each m beyond the last row adds to all values."""
+bearings do), and the value that each m beyond the last row adds."""
 GRID = 6
 
 

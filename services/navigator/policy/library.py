@@ -1,4 +1,4 @@
-"""Where policies come from: rules, files that ship, other files, or a table that is computed now."""
+"""Policies by name: rules, files that ship, other files, or a table that is computed now."""
 
 from pathlib import Path
 
@@ -27,7 +27,7 @@ def find(name: str, model: NavigationModel, world: Arrays | None = None) -> Poli
         name: `hand` (35 deg), `tuned`, `steer`, `planner` (computed for the model, about 1 s, if no file for it ships),
             `sarsa` (a file for these actions that ships), the name of a shipped file, or a path that ends in .npz.
         model: the robot.
-        world: its arrays, if at hand.
+        world: its arrays; None = they are made.
 
     Raises:
         Refusal: no such policy, a file that cannot be used, or one for other actions.
@@ -65,7 +65,7 @@ def _if_for(path: Path, actions: tuple[str, ...]) -> Policy | None:
 
 
 def provenance_of(model: NavigationModel, name: str, **more: str) -> dict[str, str]:
-    """Return where a policy for a model comes from."""
+    """Return the provenance of a policy for a model."""
     return {
         "name": name,
         "model": model.name,

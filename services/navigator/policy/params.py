@@ -1,7 +1,7 @@
-"""The model of a robot that navigates: scene, actions, drift, sight, filter and task, in one frozen, versioned object.
+"""Model of a robot that navigates: scene, actions, drift, sight, filter and task, in one frozen, versioned object.
 
-It is loaded from TOML (`params/*.toml` ship) and each value can be changed by `key=value`. Everything that simulates,
-plans, learns or filters takes its numbers from here, so a policy can name what it was made for by one hash.
+It is loaded from TOML (`params/*.toml` ship) and each value can be changed by `key=value`. Simulation, planning,
+learning and filter take their numbers from here, so one hash identifies the model that a policy was made for.
 """
 
 import hashlib
@@ -30,11 +30,11 @@ DETOUR = 1.16
 MIRRORED = {"left": "right", "right": "left"}
 
 
-class _Part(Strict):
+class _ModelPart(Strict):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class Scene(_Part):
+class Scene(_ModelPart):
     """The corridor, start and goal of an episode."""
 
     x_min: float = Field(default=-1.0, description="m, wall behind the start")
@@ -61,7 +61,7 @@ class Scene(_Part):
         return self
 
 
-class Drift(_Part):
+class Drift(_ModelPart):
     """Turning that no command asked for, in proportion to the way walked."""
 
     kind: Literal["sign", "normal"] = Field(
@@ -73,8 +73,8 @@ class Drift(_Part):
     )
 
 
-class Sight(_Part):
-    """What a frame shows; an action may override its footprint and probability."""
+class SightModel(_ModelPart):
+    """Sight of a frame; an action may override its footprint and probability."""
 
     range_min: NotNegative = Field(default=0.15, description="m, nearest landmark in view")
     range_max: Positive = Field(default=0.95, description="m, farthest")
@@ -88,13 +88,13 @@ class Sight(_Part):
     tilt_sd_deg: NotNegative = Field(default=0.0, description="deg, roll and pitch error common to a frame; 0 = none")
     pitch_deg: float = Field(default=0.0, ge=-20, le=20, description="deg, error of pitch in the mean, downwards")
     tilt_keep: Share = Field(default=0.0, description="share of the tilt error that the next frame of 0.1 s has again")
-    sway_sd: NotNegative = Field(default=0.0, description="m, sway of the body beside the path that commands tell of")
+    sway_sd: NotNegative = Field(default=0.0, description="m, sway of the body beside the commanded path")
     sway_keep: Share = Field(default=0.72, description="share of the sway that the next frame of 0.1 s has again")
     camera_height: Positive = Field(default=0.45, description="m above the floor")
 
 
-class Action(_Part):
-    """One thing the robot can be asked to do."""
+class ActionModel(_ModelPart):
+    """One action of the robot."""
 
     kind: Kind = Field(description="stand, turn on the spot, or walk (straight or on an arc)")
     forward: float = Field(default=0.0, ge=0, le=1, description="m")
@@ -111,16 +111,16 @@ class Action(_Part):
     half_angle_deg: float | None = Field(default=None, gt=0, le=180, description="deg, likewise")
 
 
-class Filter(_Part):
-    """The belief at the start, and its states."""
+class Filter(_ModelPart):
+    """Belief at the start, and number of its states."""
 
     states: Literal[3, 4] = Field(default=4, description="3: drift is noise (paper), 4: drift is estimated")
     position_sd: NotNegative = Field(default=0.05, description="m, at the start, of x and of y")
     heading_sd_deg: NotNegative = Field(default=5.0, description="deg, at the start")
 
 
-class Guards(_Part):
-    """What ends a run of the same decision, whatever the policy says."""
+class Guards(_ModelPart):
+    """Limits of runs of the same decision, for every policy."""
 
     stands: int = Field(default=15, ge=1, description="stands in a row, then the robot must move")
     turns: int = Field(
@@ -128,22 +128,22 @@ class Guards(_Part):
     )
 
 
-class Reward(_Part):
+class Reward(_ModelPart):
     """Return of an episode: minus the seconds, plus a bonus at the goal (7)."""
 
     goal: NotNegative = Field(default=200.0, description="for the step that reaches the goal")
     gamma: float = Field(default=0.99, gt=0, le=1, description="discount per action")
 
 
-class NavigationModel(_Part):
+class NavigationModel(_ModelPart):
     """All numbers of a navigating robot."""
 
     version: Literal[1] = Field(default=1, description="of this format")
-    name: str = Field(default="", max_length=64, description="what this describes")
-    extends: str = Field(default="", max_length=256, description="model or file that gives what is not said here")
+    name: str = Field(default="", max_length=64, description="name of the robot or study")
+    extends: str = Field(default="", max_length=256, description="model or file that gives all other values")
     scene: Scene = Scene()
     drift: Drift = Drift()
-    sight: Sight = Sight()
+    sight: SightModel = SightModel()
     filter: Filter = Filter()
     guards: Guards = Guards()
     reward: Reward = Reward()
@@ -153,7 +153,7 @@ class NavigationModel(_Part):
     switching: dict[Kind, dict[Kind, NotNegative]] = Field(
         default_factory=dict, description="s, extra time of an action (second key) after one of another kind (first)"
     )
-    actions: Annotated[dict[str, Action], Field(min_length=1, max_length=32)]
+    actions: Annotated[dict[str, ActionModel], Field(min_length=1, max_length=32)]
     action_sets: Annotated[dict[str, tuple[str, ...]], Field(min_length=1)]
     use: str = Field(default="four", description="action set in use")
 
@@ -185,7 +185,7 @@ class NavigationModel(_Part):
         return self.action_sets[self.use]
 
     @property
-    def used(self) -> tuple[Action, ...]:
+    def used(self) -> tuple[ActionModel, ...]:
         """The actions in use."""
         return tuple(self.actions[name] for name in self.names)
 
@@ -195,7 +195,7 @@ class NavigationModel(_Part):
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def _contradiction(action: Action) -> str:
+def _contradiction(action: ActionModel) -> str:
     if action.kind == "walk" and action.forward <= 0:
         return f"got forward {action.forward}, a walk needs > 0"
     if action.kind != "walk" and action.forward > 0:

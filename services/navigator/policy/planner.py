@@ -1,4 +1,4 @@
-"""Value iteration over what a robot with a drift must do to reach a goal, its pose and drift known.
+"""Value iteration for a robot with a drift on its way to a goal, pose and drift known.
 
 V(d, phi, b) = max_a { -dt_a + mean_k [s'_k not in the goal] V(s'_k) }, s'_k the state after action a with noise sample
 k; d and phi as in (4) and (5), b the drift. V is kept for each kind of last action that makes a difference, because
@@ -7,6 +7,7 @@ stopping and starting take time. Only b >= 0 is computed: (d, phi, b) and (d, -p
 
 import math
 from statistics import NormalDist
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,72 +61,91 @@ def noise_samples(count: int) -> Array:
     return both / np.sqrt((both**2).mean(axis=0))
 
 
+class PlanRoom(NamedTuple):
+    """Constants of a value iteration."""
+
+    groups: Ints
+    """Index of the values by kind of the last action, (3,)."""
+    samples: Array
+    """Standard normal samples of the motion noise: along, across, heading, (k, 3)."""
+    drifts: Array
+    """Layers of drift, rad per m, (nb,)."""
+    radius: float
+    """Radius of the goal, m."""
+    d_max: float
+    """Largest distance of the table, m."""
+    per_m: float
+    """Seconds that a metre beyond it takes."""
+
+
 @free_kernel
-def _sweep(
-    v: Array,
-    q: Array,
-    actions: Array,
-    switching: Array,
-    groups: Ints,
-    samples: Array,
-    radius: float,
-    d_max: float,
-    drifts: Array,
-    per_m: float,
-) -> float:
+def _motions(actions: Array, drift: float, samples: Array, moved: Array) -> None:
+    """Write forward and left (m) and turn (rad) of each action and sample into moved (A, k, 3)."""
+    for a in range(actions.shape[0]):
+        change = actions[a, TURN] + drift * actions[a, FORWARD]
+        c, s = math.cos(0.5 * change), math.sin(0.5 * change)
+        for k in range(samples.shape[0]):
+            along = actions[a, FORWARD] + math.sqrt(actions[a, VAR_ALONG]) * samples[k, 0]
+            across = math.sqrt(actions[a, VAR_ACROSS]) * samples[k, 1]
+            moved[a, k, 0] = along * c - across * s
+            moved[a, k, 1] = along * s + across * c
+            moved[a, k, 2] = change + math.sqrt(actions[a, VAR_HEADING]) * samples[k, 2]
+
+
+@free_kernel
+def _mean_after(v: Array, gx: float, gy: float, moved: Array, room: PlanRoom) -> float:
+    """Return the mean value after an action, its samples (k, 3), from a goal at (gx, gy) m; v (nd, nphi) is read."""
+    (nd, nphi), total = v.shape, 0.0
+    dx_step, phi_step = room.d_max / (nd - 1), 2.0 * math.pi / nphi
+    for k in range(moved.shape[0]):
+        x, y = gx - moved[k, 0], gy - moved[k, 1]
+        far = math.sqrt(x * x + y * y)
+        if far < room.radius:
+            continue
+        u = min(far, room.d_max) / dx_step
+        j0 = min(int(u), nd - 2)
+        wd = u - j0
+        t = (math.atan2(y, x) - moved[k, 2] + math.pi) / phi_step
+        whole = math.floor(t)
+        wp = t - whole
+        k0 = int(whole) % nphi
+        k1 = k0 + 1 if k0 + 1 < nphi else 0
+        near = (1.0 - wp) * v[j0, k0] + wp * v[j0, k1]
+        beyond = (1.0 - wp) * v[j0 + 1, k0] + wp * v[j0 + 1, k1]
+        total += (1.0 - wd) * near + wd * beyond - room.per_m * max(0.0, far - room.d_max)
+    return total / moved.shape[0]
+
+
+@free_kernel
+def _sweep(v: Array, q: Array, actions: Array, switching: Array, room: PlanRoom) -> float:
     """Update V (groups, nb, nd, nphi) and Q (nb, nd, nphi, A) in place, near goals first; return the largest change."""
     nb, nd, nphi = v.shape[1], v.shape[2], v.shape[3]
     na, worst = actions.shape[0], 0.0
-    dx_step, phi_step = d_max / (nd - 1), 2.0 * math.pi / nphi
-    moved = np.empty((na, samples.shape[0], 3))
+    moved = np.empty((na, room.samples.shape[0], 3))
     for ib in range(nb):
-        for a in range(na):
-            change = actions[a, TURN] + drifts[ib] * actions[a, FORWARD]
-            c, s = math.cos(0.5 * change), math.sin(0.5 * change)
-            for k in range(samples.shape[0]):
-                along = actions[a, FORWARD] + math.sqrt(actions[a, VAR_ALONG]) * samples[k, 0]
-                across = math.sqrt(actions[a, VAR_ACROSS]) * samples[k, 1]
-                moved[a, k, 0] = along * c - across * s
-                moved[a, k, 1] = along * s + across * c
-                moved[a, k, 2] = change + math.sqrt(actions[a, VAR_HEADING]) * samples[k, 2]
+        _motions(actions, room.drifts[ib], room.samples, moved)
         for jd in range(nd):
-            d = jd * dx_step
+            d = jd * (room.d_max / (nd - 1))
             for kp in range(nphi):
-                phi = -math.pi + kp * phi_step
+                phi = -math.pi + kp * (2.0 * math.pi / nphi)
                 gx, gy = d * math.cos(phi), d * math.sin(phi)
                 for a in range(na):
                     if actions[a, KIND] == STAND:
                         q[ib, jd, kp, a] = NOTHING
                         continue
-                    after, total = groups[int(actions[a, KIND])], 0.0
-                    for k in range(samples.shape[0]):
-                        x, y = gx - moved[a, k, 0], gy - moved[a, k, 1]
-                        far = math.sqrt(x * x + y * y)
-                        if far < radius:
-                            continue
-                        u = min(far, d_max) / dx_step
-                        j0 = min(int(u), nd - 2)
-                        wd = u - j0
-                        t = (math.atan2(y, x) - moved[a, k, 2] + math.pi) / phi_step
-                        whole = math.floor(t)
-                        wp = t - whole
-                        k0 = int(whole) % nphi
-                        k1 = k0 + 1 if k0 + 1 < nphi else 0
-                        near = (1.0 - wp) * v[after, ib, j0, k0] + wp * v[after, ib, j0, k1]
-                        beyond = (1.0 - wp) * v[after, ib, j0 + 1, k0] + wp * v[after, ib, j0 + 1, k1]
-                        total += (1.0 - wd) * near + wd * beyond - per_m * max(0.0, far - d_max)
-                    q[ib, jd, kp, a] = total / samples.shape[0] - actions[a, SECONDS]
+                    after = room.groups[int(actions[a, KIND])]
+                    q[ib, jd, kp, a] = _mean_after(v[after, ib], gx, gy, moved[a], room) - actions[a, SECONDS]
                 for kind in range(3):
                     top = NOTHING
                     for a in range(na):
                         top = max(top, q[ib, jd, kp, a] - switching[kind, int(actions[a, KIND])])
-                    worst = max(worst, abs(top - v[groups[kind], ib, jd, kp]))
-                    v[groups[kind], ib, jd, kp] = top
+                    worst = max(worst, abs(top - v[room.groups[kind], ib, jd, kp]))
+                    v[room.groups[kind], ib, jd, kp] = top
     return worst
 
 
 def grid_of(world: Arrays, d_max: float, drift_max: float) -> Array:
-    """Return the axes of a planner's table: distances to d_max m, layers of drift 0 to drift_max rad per m."""
+    """Return the axes of a planner's table, (GRID,): distances to d_max m, layers of drift 0 to drift_max rad per m."""
     grid = np.zeros(GRID)
     grid[[D_MIN, D_MAX, LAYER_MIN, LAYER_MAX, MIRRORED, PER_M]] = 0.0, d_max, 0.0, drift_max, 1.0, -_per_m(world)
     return grid
@@ -154,18 +174,18 @@ def plan(
         shape: number of drifts from 0 on, of distances, of bearings.
         samples: of the motion noise.
         tolerance: s, change of a value in a sweep that is small enough.
-        most: sweeps after which it ends in any case.
+        most: largest number of sweeps.
     """
     nb, nd, nphi = shape
     v = np.zeros((int(world.groups.max()) + 1, nb, nd, nphi))
     v += _guess(world, np.linspace(0.0, d_max, nd), nphi)
     q = np.zeros((nb, nd, nphi, len(world.names)))
-    grid, drifts, noise = grid_of(world, d_max, drift_max), np.linspace(0.0, drift_max, nb), noise_samples(samples)
-    per_m, radius, sweeps, worst = _per_m(world), float(world.scene[GOAL_RADIUS]), 0, math.inf
-    priced = _priced(world.actions)
+    grid, drifts, radius = grid_of(world, d_max, drift_max), np.linspace(0.0, drift_max, nb), world.scene[GOAL_RADIUS]
+    room = PlanRoom(world.groups, noise_samples(samples), drifts, float(radius), d_max, _per_m(world))
+    priced, sweeps, worst = _priced(world.actions), 0, math.inf
     while worst > tolerance and sweeps < most:
         sweeps += 1
-        worst = _sweep(v, q, priced, world.switching, world.groups, noise, radius, d_max, drifts, per_m)
+        worst = _sweep(v, q, priced, world.switching, room)
     return q, grid, sweeps
 
 
@@ -221,7 +241,7 @@ def shown_by_standing(world: Arrays) -> Array:
 
 
 def _inverse(m: Array) -> Array:
-    """Inverse of a symmetric 3x3 matrix, every sum in index order."""
+    """Return the inverse of a symmetric 3x3 matrix, every sum in index order."""
     from surefoot.geometry.linear_kernels import inverse3
 
     return inverse3(m)[0]

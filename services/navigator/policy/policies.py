@@ -1,4 +1,4 @@
-"""Policies by name, as arrays for kernels and as one object that decides and says why."""
+"""Policies as arrays for kernels, and a decider that gives its reasons."""
 
 import math
 from collections.abc import Mapping
@@ -36,9 +36,11 @@ from .choose import (
     STEER,
     STEER_GAIN,
     TURN_BEYOND,
+    ChoiceRoom,
+    PolicyTables,
     choose,
     features,
-    work_space_to_choose,
+    room_to_choose,
 )
 from .grids import GRID
 
@@ -48,7 +50,7 @@ KIND_NAMES = {HAND: "hand", STEER: "steer", PLANNER: "planner", SARSA: "sarsa"}
 
 PAPER_TURN_DEG = 35.0  # deg, threshold of the paper's controller
 PAPER_STAND_ABOVE = -2.0  # nats; least time at full success with PAPER_TURN_DEG on stream 1, normal and blurred
-PAPER_STAND_ABOVE_3 = -3.0  # the same with a filter of three states, as in the paper
+PAPER_STAND_ABOVE_3 = -3.0  # as above with a filter of three states, as in the paper
 TUNED_TURN_DEG = 18.5  # deg; least time on stream 1, 4000 episodes, of 11 .. 28 deg
 TUNED_STAND_ABOVE = -2.5  # nats at the goal
 TUNED_STAND_SLOPE = 0.2  # nats per m; least time blurred; normal vision has no preference
@@ -62,14 +64,14 @@ class Policy:
     """A policy as arrays.
 
     Attributes:
-        name: what it is called.
+        name: of the policy.
         kind: HAND, STEER, PLANNER or SARSA.
         actions: names of the actions, in the order of the table.
         numbers: its parameters, (NUMBERS,).
         table: action values, (layers, nd, nphi, A).
         grid: axes of the table, (GRID,).
         shown: covariance of a pose seen from one stand, (3, 3), robot axes, m and rad.
-        provenance: where it comes from: model, hash, seed, version.
+        provenance: its origin: model, hash, seed, version.
         sha256: of the file; empty = from no file.
     """
 
@@ -83,10 +85,15 @@ class Policy:
     provenance: Mapping[str, str] = field(default_factory=dict[str, str])
     sha256: str = ""
 
+    @property
+    def tables(self) -> PolicyTables:
+        """Arrays that kernels read."""
+        return PolicyTables(self.kind, self.numbers, self.table, self.grid, self.shown)
+
 
 @dataclass(frozen=True)
-class Verdict:
-    """One decision.
+class PolicyDecision:
+    """One decision of a policy.
 
     Attributes:
         index: of the chosen action.
@@ -100,7 +107,7 @@ class Verdict:
 
 
 class Decider:
-    """Decides with one policy, and keeps what a decision needs of the ones before.
+    """Decider by one policy, with the status that a decision needs of the ones before.
 
     Args:
         world: the model's arrays; the action names must be the policy's.
@@ -109,17 +116,15 @@ class Decider:
 
     def __init__(self, world: Arrays, policy: Policy) -> None:
         self.world, self.policy = world, policy
-        count = len(world.names)
-        self._values, self._mask = np.zeros(count), np.zeros(count, dtype=np.bool_)
-        self._work = work_space_to_choose(8, count)
+        self._room = room_to_choose(8, len(world.names))
         self.begin()
 
     def begin(self) -> None:
-        """Forget the actions so far: a new goal."""
+        """Forget the actions so far, for a new goal."""
         self.status = np.zeros(STATUS)
         self.status[LAST] = NO_ACTION
 
-    def decide(self, mean: Array, cov: Array, goal: tuple[float, float], *, blocked: bool) -> Verdict:
+    def decide(self, mean: Array, cov: Array, goal: tuple[float, float], *, blocked: bool) -> PolicyDecision:
         """Return the next action for a belief mean (n,), cov (n, n) as it will be when the action begins.
 
         Args:
@@ -129,40 +134,40 @@ class Decider:
             blocked: a wall is close ahead, only turns are allowed.
         """
         self.status[BLOCKED] = float(blocked)
-        index = choose_with(self.policy, self.world, mean, cov, goal, self.status, self._values, self._mask, self._work)
-        verdict = Verdict(
+        index, room = choose_with(self.policy, self.world, mean, cov, goal, self.status, self._room), self._room
+        decision = PolicyDecision(
             index,
-            tuple(float(v) if ok else math.nan for v, ok in zip(self._values, self._mask, strict=True)),
+            tuple(float(v) if ok else math.nan for v, ok in zip(room.values, room.mask, strict=True)),
             self._reason(index, mean, cov, goal, blocked),
         )
         self.did(index)
-        return verdict
+        return decision
 
     def did(self, index: int) -> None:
-        """Note that an action was done; `decide` does so for the one it returns."""
+        """Record that an action was done; `decide` does so for the one it returns."""
         kind, status = self.world.actions[index, KIND], self.status
         status[LAST] = index
         status[STANDS] = status[STANDS] + 1.0 if kind == STAND else 0.0
         status[TURNS] = status[TURNS] + 1.0 if kind == TURNING else 0.0
 
     def _reason(self, index: int, mean: Array, cov: Array, goal: tuple[float, float], blocked: bool) -> str:
-        name, policy = self.world.names[index], self.policy
+        name, policy, values = self.world.names[index], self.policy, self._room.values
         if blocked:
             return f"a wall is close ahead, only turns are allowed: {name}"
         d, phi, h = features(mean, cov, goal[0], goal[1])
         if policy.kind in (HAND, STEER):
             return _rule(policy, name, self.world.actions[index], d, math.degrees(phi), h)
-        others = [i for i in range(len(self._values)) if i != index and self._mask[i]]
+        others = [i for i in range(len(values)) if i != index and self._room.mask[i]]
         if not others:
             return f"{name} is the only action allowed"
-        second = max(others, key=lambda i: self._values[i])
-        ahead = self._values[index] - self._values[second]
+        second = max(others, key=lambda i: values[i])
+        ahead = values[index] - values[second]
         if policy.kind == SARSA:
-            return f"{name}: return {self._values[index]:.1f}, {ahead:.1f} more than {self.world.names[second]}"
+            return f"{name}: return {values[index]:.1f}, {ahead:.1f} more than {self.world.names[second]}"
         if self.world.actions[index, KIND] == STAND:
             cost = self.world.actions[index, SECONDS]
             return f"{name}: a look of {cost:.1f} s may change the way and saves {ahead:.2f} s on average (h {h:.1f})"
-        return f"{name}: {-self._values[index]:.1f} s to the goal, {ahead:.2f} s less than {self.world.names[second]}"
+        return f"{name}: {-values[index]:.1f} s to the goal, {ahead:.2f} s less than {self.world.names[second]}"
 
 
 def _rule(policy: Policy, name: str, action: Array, d: float, phi_deg: float, h: float) -> str:
@@ -181,31 +186,11 @@ def choose_with(
     cov: Array,
     goal: tuple[float, float],
     status: Array,
-    values: Array,
-    mask: NDArray[np.bool_],
-    work: Array,
+    room: ChoiceRoom,
 ) -> int:
     """Return the chosen action and write values and mask: `choose` with the arrays of a policy and a model."""
-    return int(
-        choose(
-            policy.kind,
-            policy.numbers,
-            policy.table,
-            policy.grid,
-            policy.shown,
-            world.actions,
-            world.scene,
-            world.switching,
-            mean,
-            cov,
-            float(goal[0]),
-            float(goal[1]),
-            status,
-            values,
-            mask,
-            work,
-        )
-    )
+    x, y = float(goal[0]), float(goal[1])
+    return int(choose(policy.tables, world.tables, mean, cov, x, y, status, room))
 
 
 def hand(
@@ -248,10 +233,10 @@ def by_rule(name: str, world: Arrays) -> Policy | None:
 def planner_numbers(world: Arrays) -> Array:
     """Return the planner's numbers, chosen on stream 1 with the paper's robot, drift 0 to 8 deg, normal and blurred.
 
-    How far the belief is spread when values are averaged (shares of its standard deviations), and the weight of what a
-    stand would show. Averaging over the full belief turns too late, for each value supposes that the pose will be known
-    after one action. What a look shows serves more than the next decision: more so on arcs, and most where switching
-    makes looks rare.
+    They are the shares of the belief's standard deviations over which values are averaged, and the weight of the sight
+    of a stand. Averaging over the full belief turns too late, because each value supposes that the pose will be known
+    after one action. A look serves more than the next decision: more so on arcs, and most where switching makes looks
+    rare.
     """
     numbers = np.zeros(NUMBERS)
     numbers[[SPREAD_XY, SPREAD_HEADING, SPREAD_DRIFT, SIGHT_SHARE]] = 0.5, 0.4, 0.6, 2.0

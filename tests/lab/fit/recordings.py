@@ -15,7 +15,7 @@ from surefoot.schemas.navigation import MotionOrder, PoseBelief
 from surefoot.schemas.state import GaitState
 from surefoot.schemas.terrain import LandmarkMap as MapMessage
 from surefoot.schemas.topics import TOPICS
-from surefoot.services.navigator.belief.landmarks import LandmarkMap
+from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 
 State = Literal["standing", "walking", "stopping", "turning"]
 TICK_NS = 10_000_000
@@ -38,7 +38,7 @@ class Story:
         self.rows = {topic.key: topic for topic in TOPICS}
         self.writer = RecordingWriter(path, {"robot": "nao"})
         self.rng = np.random.default_rng(4)
-        self.world = LandmarkMap(self.rng.uniform((-1, -1), (4, 1), (400, 2)), self.rng.normal(size=(400, 8)))
+        self.world = FloorLandmarks(self.rng.uniform((-1, -1), (4, 1), (400, 2)), self.rng.normal(size=(400, 8)))
         self.tick, self.number, self.pose = 0, 0, (0.0, 0.0, 0.0)
         self._put("terrain/landmarks", MapMessage(data=self.world.to_bytes(), count=400, descriptor_length=8))
         cov = tuple(np.diag([1e-3, 1e-3, 1e-3]).ravel())

@@ -14,9 +14,9 @@ from surefoot.lab.maps.sightings import Sightings, read_sightings
 from surefoot.lab.maps.summary import copied
 from surefoot.record.recording import RecordingWriter
 from surefoot.services.navigator.belief.landmark_files import load, save
-from surefoot.services.navigator.belief.landmarks import LandmarkMap
+from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.planning import map_files
-from surefoot.services.navigator.planning.grid import Grid
+from surefoot.services.navigator.planning.grid import FloorGrid
 from tests.services.navigator.belief.floors import EASY, LENGTH, Eye, floor
 
 
@@ -140,7 +140,7 @@ def test_the_command_line_shows_and_checks_maps(tmp_path, capsys):
     assert code == 0
     assert json.loads(out.out)["landmarks"] == len(floor(8))
     assert run(capsys, "map", "check", str(good))[0] == 0
-    same = save(LandmarkMap(floor(9).positions, np.ones((len(floor(9)), 3))), tmp_path / "same")
+    same = save(FloorLandmarks(floor(9).positions, np.ones((len(floor(9)), 3))), tmp_path / "same")
     code, out = run(capsys, "map", "check", str(same), "--json")
     assert (code, json.loads(out.out)["ok"]) == (1, False)
     (tmp_path / "torn.npz").write_bytes(good.read_bytes()[:100])
@@ -149,7 +149,7 @@ def test_the_command_line_shows_and_checks_maps(tmp_path, capsys):
     assert run(capsys, "map", "show", str(tmp_path / "none.npz"))[0] == 1
     cells = np.zeros((40, 60), dtype=np.int8)
     cells[:, 28:32] = 100
-    yaml = map_files.save(Grid(cells, 0.05), tmp_path / "split")
+    yaml = map_files.save(FloorGrid(cells, 0.05), tmp_path / "split")
     code, out = run(capsys, "map", "show", str(yaml), "--json")
     assert (code, json.loads(out.out)["regions"]) == (0, 2)
     code, out = run(capsys, "map", "check", str(yaml), "--radius", "2")
@@ -204,7 +204,7 @@ def test_a_run_of_the_nao_makes_a_map_of_its_floor(tmp_path: Path, capsys):
     assert code == 0
     assert json.loads(printed.out)["landmarks"] > 40
     true = scatter(3, *FIELD, 60.0)
-    aligned, plain, which = errors(load(out), LandmarkMap(true.position, true.descriptor))
+    aligned, plain, which = errors(load(out), FloorLandmarks(true.position, true.descriptor))
     assert len(set(which.tolist())) == len(which)
     assert np.sqrt(np.mean(aligned**2)) < 0.03
     assert np.sqrt(np.mean(plain**2)) < 0.05

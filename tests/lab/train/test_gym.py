@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from surefoot.lab.train.batch import Batch
+from surefoot.lab.train.batch import EpisodeBatch
 from surefoot.services.navigator.policy.params import load
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning", "ignore::DeprecationWarning")
@@ -17,7 +17,7 @@ needs_gym = pytest.mark.skipif(gymnasium is None, reason="gymnasium is not insta
 
 def test_each_of_many_is_as_if_it_were_alone():
     model = load("paper", ["scene.time_limit=60"])
-    many = Batch(model, 5)
+    many = EpisodeBatch(model, 5)
     many.begin(np.ones(5, dtype=np.bool_))
     actions = np.random.default_rng(0).integers(0, 4, size=(30, 5))
     trace = []
@@ -25,7 +25,7 @@ def test_each_of_many_is_as_if_it_were_alone():
         many.act(row)
         trace.append((many.observation.copy(), many.reward.copy()))
     for e in range(5):
-        alone = Batch(model, 1)
+        alone = EpisodeBatch(model, 1)
         for _ in range(e + 1):
             alone.begin(np.ones(1, dtype=np.bool_))
         for row, (seen, reward) in zip(actions, trace, strict=True):
@@ -36,7 +36,7 @@ def test_each_of_many_is_as_if_it_were_alone():
 
 def test_threads_change_nothing():
     model = load("paper")
-    few, many = Batch(model, 10), Batch(model, 2000)
+    few, many = EpisodeBatch(model, 10), EpisodeBatch(model, 2000)
     for b in (few, many):
         b.reseed(3)
         b.begin(np.ones(b.count, dtype=np.bool_))

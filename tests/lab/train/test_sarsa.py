@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from surefoot.errors import SurefootError
-from surefoot.lab.train.evaluation import Seeds, episodes, paired, success_bound, summary
+from surefoot.lab.statistics import success_bound
+from surefoot.lab.train.evaluation import Seeds, episodes, paired, summary
 from surefoot.lab.train.learning import corners
 from surefoot.lab.train.runs import make_sarsa
 from surefoot.lab.train.sarsa import Schedule, Training

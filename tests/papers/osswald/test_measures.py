@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from surefoot.lab.statistics import welch
 from surefoot.papers.osswald.episode import Episode, drift_of, follow_all
 from surefoot.papers.osswald.measures import (
     converged,
@@ -19,11 +20,11 @@ from surefoot.papers.osswald.measures import (
     stops,
     turns_against_drift,
     typical,
-    welch,
     welch_of,
 )
-from surefoot.services.navigator.environment.draws import seed, stream
-from surefoot.services.navigator.environment.world import CELL, cells, look, work_space_of
+from surefoot.services.navigator.environment.draws import seed
+from surefoot.services.navigator.environment.model import CELL, episode_room, episode_state, squares
+from surefoot.services.navigator.environment.world import look
 from surefoot.services.navigator.policy.arrays import X_MIN, Y_MIN, arrays
 from surefoot.services.navigator.policy.params import load
 from surefoot.services.navigator.policy.policies import hand
@@ -109,20 +110,18 @@ def test_t_tests():
 def test_expected_matches_are_those_of_the_kernel_on_average(params):
     world = arrays(load(params, ("filter.states=3",)))
     walks = follow_all(world, hand(world), 5, 0, 3)
-    counts, rng = [], stream()
-    nx, ny = cells(world.scene)
+    counts, state, room = [], episode_state(world), episode_room(3)
+    nx, ny = squares(world.scene)
     for e in walks:
         square = ((e.marks - world.scene[[X_MIN, Y_MIN]]) // CELL).astype(int) @ [ny, 1]
-        first = np.searchsorted(square, np.arange(nx * ny + 1))
+        state = state._replace(marks=e.marks, first=np.searchsorted(square, np.arange(nx * ny + 1)))
         for i, (pose, index) in enumerate(zip(e.truth[1:], e.actions, strict=True)):
             if e.stands[i]:
                 continue
             for again in range(20):
-                seed(rng, 77, i, again)
-                room = e.mean[i].copy(), e.cov[i].copy(), np.zeros((2, 0)), work_space_of(3)
-                counts.append(
-                    look(world.scene, world.actions[index], rng, e.marks, first, np.append(pose, [0.0] * 3), *room)
-                )
+                seed(state.rng, 77, i, again)
+                state.truth[:3], state.mean[:], state.cov[:] = pose, e.mean[i], e.cov[i]
+                counts.append(look(world.scene, world.actions[index], state, room))
     assert len(counts) > 2000
     assert matches_expected(world, walks) == pytest.approx(np.mean(counts), abs=5 * np.std(counts) / len(counts) ** 0.5)
 

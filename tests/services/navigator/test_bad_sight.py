@@ -32,7 +32,7 @@ def test_frames_that_are_not_of_now_are_refused_and_change_nothing(code: str, of
     plain, dark.seen = journey.frame, False
     journey.frame = lambda: plain().model_copy(update={"stamp_ns": plain().stamp_ns + off})  # type: ignore[method-assign]
     for each in (journey, dark):
-        each.service.goto(GotoRequest(position=(0.5, 0.0)))
+        each.service.requests.goto(GotoRequest(position=(0.5, 0.0)))
         each.until_ended()
         assert each.feedback().state == "succeeded"
     assert journey.stage.said[STATE_POSE.key].pose == dark.stage.said[STATE_POSE.key].pose
@@ -61,7 +61,7 @@ def test_one_frame_of_the_future_does_not_stop_the_clock_of_the_belief() -> None
     journey.step(10)
     journey.frame = plain  # type: ignore[method-assign]
     journey.seen = False
-    journey.service.goto(GotoRequest(position=(0.5, 0.0)))
+    journey.service.requests.goto(GotoRequest(position=(0.5, 0.0)))
     journey.until_ended()
     assert journey.feedback().state == "succeeded"
     assert error_of(journey)[0] < 0.05
@@ -85,7 +85,7 @@ def test_frames_of_256_with_nonsense_and_range_zero_are_survived() -> None:
         return frame.model_copy(update={"landmarks": frame.landmarks + false})
 
     journey.frame = lambda: crowded() if journey.tick % 300 == 0 else plain()  # type: ignore[method-assign]
-    journey.service.goto(GotoRequest(position=(0.8, 0.2)))
+    journey.service.requests.goto(GotoRequest(position=(0.8, 0.2)))
     journey.until_ended()
     assert journey.feedback().state == "succeeded"
     assert journey.feedback().recoveries == {}
@@ -102,7 +102,7 @@ def test_frames_of_256_with_nonsense_and_range_zero_are_survived() -> None:
 
 def test_a_camera_that_is_gone_in_mid_walk_leaves_a_belief_that_grows() -> None:
     journey = ready()
-    journey.service.goto(GotoRequest(position=(1.2, 0.2)))
+    journey.service.requests.goto(GotoRequest(position=(1.2, 0.2)))
     journey.step(400)
     before, journey.seen = journey.stage.said[STATE_POSE.key].entropy, False
     journey.until_ended()
@@ -116,7 +116,7 @@ def test_a_ranger_stuck_at_its_shortest_ends_the_goal_as_stuck(monkeypatch: pyte
     journey = ready()
     journey.distance = 0.25
     journey.step(10)
-    journey.service.goto(GotoRequest(position=(1.0, 0.0)))
+    journey.service.requests.goto(GotoRequest(position=(1.0, 0.0)))
     journey.until_ended()
     end = journey.feedback()
     assert (end.state, end.error_code) == ("failed", "stuck")
@@ -135,7 +135,7 @@ def test_a_goal_while_lost_begins_with_finding_the_pose() -> None:
     journey.odom = True
     journey.service.localiser._taken = (w.x, w.y, w.yaw)  # its own count goes on as if nothing had happened
     assert journey.service.localiser.tracker.pose[:2] == pytest.approx((0.0, 0.0), abs=0.1)  # not yet found
-    assert journey.service.goto(GotoRequest(position=(1.0, 0.5))).accepted
+    assert journey.service.requests.goto(GotoRequest(position=(1.0, 0.5))).accepted
     journey.step(2)
     assert journey.pilot.order is None  # no step before it knows where it is
     journey.until_ended()
@@ -160,7 +160,7 @@ def test_a_landmark_map_that_cannot_be_is_refused_and_the_goal_reached_by_odomet
     good = journey.maps[TERRAIN_LANDMARKS.key]
     assert isinstance(good, LandmarkMapMessage)
     journey.maps[TERRAIN_LANDMARKS.key] = good.model_copy(update={**change, "version": 2})
-    journey.service.goto(GotoRequest(position=(0.5, 0.0)))
+    journey.service.requests.goto(GotoRequest(position=(0.5, 0.0)))
     journey.until_ended()
     assert journey.feedback().state == "succeeded"
     assert sum("terrain/landmarks refused" in line for line in journey.stage.logged) == 1

@@ -3,15 +3,15 @@
 import json
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from surefoot.services.navigator.belief.matching import SightNoise
-from surefoot.services.navigator.belief.tracker import Motion, PoseTracker, Start
-from surefoot.services.navigator.goals import Act, Array, Goal, Point
+from surefoot.services.navigator.belief.tracker import Motion, PoseTracker, StartUncertainty
+from surefoot.services.navigator.goals import Act, NavigationGoal, Point
 from surefoot.services.navigator.pilot import Pilot
+from surefoot.services.navigator.policy.policies import PolicyDecision
 from tests.services.navigator.strollers import TICK_S, Stroller
 
 TURN = math.radians(23.0)
@@ -23,27 +23,18 @@ ACTS = (
 )
 
 
-@dataclass(frozen=True)
-class Picked:
-    """A choice."""
-
-    index: int
-    values: tuple[float, ...]
-    reason: str
-
-
 class TowardsGoal:
     """Turns to the goal, then walks."""
 
     def begin(self) -> None:
         """Forget nothing."""
 
-    def decide(self, mean: Array, cov: Array, goal: Point, *, blocked: bool) -> Picked:
+    def decide(self, mean: np.ndarray, cov: np.ndarray, goal: Point, *, blocked: bool) -> PolicyDecision:
         """Return a turn when the goal is aside, else a walk."""
         phi = math.remainder(math.atan2(goal[1] - mean[1], goal[0] - mean[0]) - mean[2], 2.0 * math.pi)
         if abs(phi) > TURN or blocked:
-            return Picked(1 if phi > 0.0 else 2, (0.0, 1.0, 1.0, math.nan), "aside")
-        return Picked(0, (1.0, 0.0, 0.0, math.nan), "ahead")
+            return PolicyDecision(1 if phi > 0.0 else 2, (0.0, 1.0, 1.0, math.nan), "aside")
+        return PolicyDecision(0, (1.0, 0.0, 0.0, math.nan), "ahead")
 
 
 class Run:
@@ -53,13 +44,13 @@ class Run:
         self.walker = Stroller(early=early)
         self.pilot = Pilot(ACTS, commands=True)
         noise = SightNoise()
-        self.tracker = PoseTracker(Start(sd, sd, 0.0), noise, noise)
+        self.tracker = PoseTracker(StartUncertainty(sd, sd, 0.0), noise, noise)
         self.now = 0.0
         self.blocked = False
 
-    def goal(self, *route: Point, yaw: float | None = None) -> Goal:
+    def goal(self, *route: Point, yaw: float | None = None) -> NavigationGoal:
         """Begin a goal."""
-        goal = Goal("g", route, "towards", self.now, yaw, start=self.tracker.pose[:2])
+        goal = NavigationGoal("g", route, "towards", self.now, yaw, start=self.tracker.pose[:2])
         self.pilot.begin(goal, TowardsGoal())
         return goal
 
@@ -208,7 +199,7 @@ def test_the_belief_at_the_end_of_an_action_is_what_decides() -> None:
 def test_a_goal_taken_up_late_is_not_given_up_for_the_time_before() -> None:
     run = Run()
     run.now = 500.0
-    goal = Goal("g", ((1.0, 0.0),), "towards", 10.0, start=(-9.0, 0.0), nearest=1.0, nearest_at=495.0)
+    goal = NavigationGoal("g", ((1.0, 0.0),), "towards", 10.0, start=(-9.0, 0.0), nearest=1.0, nearest_at=495.0)
     run.pilot.resume(goal, TowardsGoal(), "navigating", ("navigating", "", ""))
     run.until(run.ended)
     assert run.pilot.state == "succeeded"
@@ -216,11 +207,12 @@ def test_a_goal_taken_up_late_is_not_given_up_for_the_time_before() -> None:
 
 
 def test_a_goal_that_was_kept_goes_on_counting_its_recoveries() -> None:
-    goal = Goal("g", ((1.0, 0.0), (2.0, 0.5)), "steer", 3.0, start=(0.1, 0.2), missed=[0], index=1)
+    goal = NavigationGoal("g", ((1.0, 0.0), (2.0, 0.5)), "steer", 3.0, start=(0.1, 0.2), missed=[0], index=1)
     goal.recoveries["look"] += 2
-    again = Goal.restored(json.loads(json.dumps(goal.kept())))
+    again = NavigationGoal.restored(json.loads(json.dumps(goal.kept())))
     again.nearest = goal.nearest
     assert again == goal
     again.recoveries["stand_and_look"] += 1
     assert again.recoveries == {"look": 2, "stand_and_look": 1}
-    assert Goal.restored(json.loads(json.dumps(Goal("g", ((1.0, 0.0),), "steer", 0.0).kept()))).start is None
+    fresh = NavigationGoal("g", ((1.0, 0.0),), "steer", 0.0)
+    assert NavigationGoal.restored(json.loads(json.dumps(fresh.kept()))).start is None

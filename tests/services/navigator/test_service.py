@@ -14,7 +14,6 @@ from surefoot.schemas.hw import Landmark
 from surefoot.schemas.navigation import (
     CancelRequest,
     GotoRequest,
-    NavigatorMapRequest,
     PolicyRequest,
     SetPoseRequest,
     WaypointsRequest,
@@ -24,14 +23,14 @@ from surefoot.schemas.topics import (
     STATE_POSE,
 )
 from surefoot.services.navigator.policy.files import shipped
-from surefoot.services.navigator.service import is_covariance
+from surefoot.services.navigator.requests import is_covariance
 from tests.services.navigator.journeys import Journey, ready
 
 
 @pytest.mark.parametrize("control", ["odometry", "commands"])
 def test_reaches_a_goal_and_reports_what_users_of_nav2_expect(control: str) -> None:
     journey = ready(control=control)
-    reply = journey.service.goto(GotoRequest(position=(1.2, 0.3)))
+    reply = journey.service.requests.goto(GotoRequest(position=(1.2, 0.3)))
     assert reply.accepted
     assert reply.length == pytest.approx(math.hypot(1.2, 0.3), abs=0.1)
     journey.step(300)
@@ -56,26 +55,26 @@ def test_reaches_a_goal_and_reports_what_users_of_nav2_expect(control: str) -> N
 def test_first_order_comes_in_the_tick_after_the_goal() -> None:
     journey = ready()
     assert journey.stage.said[NAVIGATOR_ORDER.key].number == 0
-    journey.service.goto(GotoRequest(position=(1.0, 0.0)))
+    journey.service.requests.goto(GotoRequest(position=(1.0, 0.0)))
     journey.step()
     assert journey.stage.said[NAVIGATOR_ORDER.key].number == 1
 
 
 def test_at_tick_is_kept() -> None:
     journey = ready()
-    journey.service.goto(GotoRequest(position=(1.0, 0.0), at_tick=40))
+    journey.service.requests.goto(GotoRequest(position=(1.0, 0.0), at_tick=40))
     journey.step(20)
     assert journey.pilot.state == "idle"
     journey.step()
     assert journey.pilot.state == "navigating"
     with pytest.raises(Refusal) as caught:
-        journey.service.goto(GotoRequest(position=(1.0, 0.0), at_tick=3))
+        journey.service.requests.goto(GotoRequest(position=(1.0, 0.0), at_tick=3))
     assert (caught.value.code, caught.value.field) == ("late", "at_tick")
 
 
 def test_routes_lead_around_obstacles() -> None:
     journey = ready()
-    reply = journey.service.goto(GotoRequest(position=(2.6, 0.75)))
+    reply = journey.service.requests.goto(GotoRequest(position=(2.6, 0.75)))
     assert len(reply.route) > 1
     assert reply.length > math.hypot(2.6, 0.75)
 
@@ -94,7 +93,7 @@ BAD = [
 def test_a_goal_that_cannot_be_is_refused(request_: GotoRequest, code: str, field: str) -> None:
     journey = ready()
     with pytest.raises(Refusal) as caught:
-        journey.service.goto(request_)
+        journey.service.requests.goto(request_)
     assert (caught.value.code, caught.value.field) == (code, field)
     journey.step(5)
     assert journey.pilot.state == "idle"
@@ -103,9 +102,9 @@ def test_a_goal_that_cannot_be_is_refused(request_: GotoRequest, code: str, fiel
 def test_waypoints_name_the_one_that_is_wrong_and_take_the_same_twice() -> None:
     journey = ready()
     with pytest.raises(Refusal) as caught:
-        journey.service.waypoints(WaypointsRequest(positions=((0.5, 0.0), (0.0, 1.05))))
+        journey.service.requests.waypoints(WaypointsRequest(positions=((0.5, 0.0), (0.0, 1.05))))
     assert caught.value.field == "positions.1"
-    reply = journey.service.waypoints(WaypointsRequest(positions=((0.5, 0.0), (0.5, 0.0), (0.8, 0.3))))
+    reply = journey.service.requests.waypoints(WaypointsRequest(positions=((0.5, 0.0), (0.5, 0.0), (0.8, 0.3))))
     assert len(reply.route) == 2
     journey.until_ended()
     assert journey.feedback().state == "succeeded"
@@ -115,7 +114,7 @@ def test_a_goal_in_odom_is_placed_in_the_map() -> None:
     journey = ready(start_x=0.5, start_y=0.1)
     journey.walker.x, journey.walker.y = 0.0, 0.0
     journey.seen = False
-    reply = journey.service.goto(GotoRequest(position=(0.5, 0.0), frame="odom"))
+    reply = journey.service.requests.goto(GotoRequest(position=(0.5, 0.0), frame="odom"))
     assert reply.route[-1] == pytest.approx((1.0, 0.1), abs=0.02)
 
 
@@ -125,17 +124,17 @@ def test_a_robot_that_cannot_walk_takes_no_goal(state: str, code: str) -> None:
     journey.walker.state = state
     journey.step()
     with pytest.raises(Refusal) as caught:
-        journey.service.goto(GotoRequest(position=(1.0, 0.0)))
+        journey.service.requests.goto(GotoRequest(position=(1.0, 0.0)))
     assert caught.value.code == code
 
 
 def test_cancel() -> None:
     journey = ready()
-    assert not journey.service.cancel(CancelRequest()).accepted
-    journey.service.goto(GotoRequest(position=(1.5, 0.0), goal_id="far"))
+    assert not journey.service.requests.cancel(CancelRequest()).accepted
+    journey.service.requests.goto(GotoRequest(position=(1.5, 0.0), goal_id="far"))
     journey.step(400)
-    assert not journey.service.cancel(CancelRequest(goal_id="near")).accepted
-    assert journey.service.cancel(CancelRequest(goal_id="far")).accepted
+    assert not journey.service.requests.cancel(CancelRequest(goal_id="near")).accepted
+    assert journey.service.requests.cancel(CancelRequest(goal_id="far")).accepted
     journey.until_ended(300)
     assert journey.feedback().state == "cancelled"
     assert journey.feedback().error_code == "cancelled"
@@ -151,10 +150,10 @@ def test_set_pose_is_judged() -> None:
         (SetPoseRequest(pose=(0.0, 0.0, 0.0), covariance=(-1.0, *((0.0,) * 8))), "covariance"),
     ):
         with pytest.raises(Refusal) as caught:
-            journey.service.set_pose(request)
+            journey.service.requests.set_pose(request)
         assert caught.value.field == field
     journey.seen = False
-    assert journey.service.set_pose(SetPoseRequest(pose=(1.0, 0.2, 0.3))).accepted
+    assert journey.service.requests.set_pose(SetPoseRequest(pose=(1.0, 0.2, 0.3))).accepted
     journey.step(11)
     assert journey.stage.said[STATE_POSE.key].pose == pytest.approx((1.0, 0.2, 0.3), abs=0.02)
 
@@ -170,21 +169,21 @@ def test_covariances() -> None:
 
 def test_map_and_policies_are_told() -> None:
     journey = ready()
-    grid = journey.service.map(NavigatorMapRequest())
+    grid = journey.service.maps.message()
     assert (grid.rows, grid.cols) == (44, 84)
     assert len(grid.data) == 44 * 84
-    reply = journey.service.policy(PolicyRequest(use="hand"))
+    reply = journey.service.requests.policy(PolicyRequest(use="hand"))
     assert reply.policy == "hand"
     assert {"hand", "planner", "steer"} <= set(reply.known)
     with pytest.raises(Refusal):
-        journey.service.policy(PolicyRequest(use="nothing.npz"))
+        journey.service.requests.policy(PolicyRequest(use="nothing.npz"))
 
 
 def test_blocked_ahead_it_only_turns() -> None:
     journey = ready()
     journey.distance = 0.25
     journey.step(10)
-    journey.service.goto(GotoRequest(position=(1.0, 0.0)))
+    journey.service.requests.goto(GotoRequest(position=(1.0, 0.0)))
     journey.step(400)
     order = journey.stage.said[NAVIGATOR_ORDER.key]
     assert order.command.action == "turn"
@@ -194,7 +193,7 @@ def test_blocked_ahead_it_only_turns() -> None:
 @pytest.mark.parametrize("length", [4, 256])
 def test_descriptors_of_another_length_are_refused_and_the_walk_goes_on(length: int) -> None:
     journey = ready()
-    journey.service.goto(GotoRequest(position=(0.5, 0.0)))
+    journey.service.requests.goto(GotoRequest(position=(0.5, 0.0)))
     odd, plain = (Landmark(range=0.5, bearing=0.0, descriptor=(0.1,) * length),), journey.frame
     journey.frame = lambda: plain().model_copy(update={"landmarks": odd})  # type: ignore[method-assign]
     journey.until_ended()
@@ -206,7 +205,7 @@ def test_descriptors_of_another_length_are_refused_and_the_walk_goes_on(length: 
 @pytest.mark.parametrize("camera", ["dark", "frozen"])
 def test_without_a_camera_the_belief_grows_and_the_goal_is_reached_by_odometry(camera: str) -> None:
     journey = ready()
-    journey.service.goto(GotoRequest(position=(0.8, 0.0)))
+    journey.service.requests.goto(GotoRequest(position=(0.8, 0.0)))
     before = journey.stage.said[STATE_POSE.key].entropy
     frame = journey.frame()
     if camera == "dark":
@@ -225,7 +224,7 @@ def test_without_a_camera_the_belief_grows_and_the_goal_is_reached_by_odometry(c
 
 def test_moved_robots_are_found_again() -> None:
     journey = ready()
-    journey.service.goto(GotoRequest(position=(2.4, 0.0)))
+    journey.service.requests.goto(GotoRequest(position=(2.4, 0.0)))
     journey.step(900)
     w = journey.walker
     w.x, w.y, w.yaw = w.x - 0.3, w.y + 0.6, w.yaw - 0.5 * math.pi
@@ -243,7 +242,7 @@ def test_moved_robots_are_found_again() -> None:
 def test_a_navigator_that_is_started_again_goes_on_with_its_goal(tmp_path: Path) -> None:
     memory = str(tmp_path / "navigator.json")
     first = ready(memory=memory)
-    first.service.goto(GotoRequest(position=(1.5, 0.0), goal_id="kept"))
+    first.service.requests.goto(GotoRequest(position=(1.5, 0.0), goal_id="kept"))
     first.step(600)
     second = Journey(tick=first.tick + 50, memory=memory)
     second.walker, second.places, second.looks = first.walker, first.places, first.looks
@@ -261,7 +260,7 @@ def test_a_navigator_that_is_started_again_goes_on_with_its_goal(tmp_path: Path)
 def test_a_navigator_killed_before_its_tick_was_sent_does_that_tick_again(tmp_path: Path, order_lost: bool) -> None:
     memory = str(tmp_path / "navigator.json")
     first = ready(memory=memory)
-    first.service.goto(GotoRequest(position=(0.8, 0.0), goal_id="kept"))
+    first.service.requests.goto(GotoRequest(position=(0.8, 0.0), goal_id="kept"))
     first.step(101 - first.tick % 100)  # a hundredth tick is kept whatever happens
     if order_lost:  # kept, but the walker never saw it
         number = first.pilot.number
@@ -281,7 +280,7 @@ def test_a_navigator_killed_before_its_tick_was_sent_does_that_tick_again(tmp_pa
 def test_a_navigator_killed_at_the_end_of_its_goal_reports_that_end(tmp_path: Path, killed_when: str) -> None:
     memory = str(tmp_path / "navigator.json")
     first = ready(memory=memory)
-    first.service.goto(GotoRequest(position=(0.5, 0.0), goal_id="kept"))
+    first.service.requests.goto(GotoRequest(position=(0.5, 0.0), goal_id="kept"))
     while first.pilot.state != killed_when:
         first.step()
     second = Journey(tick=first.tick - 1, memory=memory)
@@ -297,9 +296,9 @@ def test_a_navigator_killed_at_the_end_of_its_goal_reports_that_end(tmp_path: Pa
 def test_a_goal_that_was_cancelled_is_not_walked_on_by_the_next_navigator(tmp_path: Path) -> None:
     memory = str(tmp_path / "navigator.json")
     first = ready(memory=memory)
-    first.service.goto(GotoRequest(position=(1.5, 0.0)))
+    first.service.requests.goto(GotoRequest(position=(1.5, 0.0)))
     first.step(300)
-    first.service.cancel(CancelRequest())
+    first.service.requests.cancel(CancelRequest())
     first.step()
     second = Journey(tick=first.tick - 1, memory=memory)  # the order to stop was never sent
     second.walker = first.walker
@@ -312,7 +311,7 @@ def test_a_goal_that_was_cancelled_is_not_walked_on_by_the_next_navigator(tmp_pa
 def test_an_accepted_goal_outlives_a_navigator_killed_before_it_begins(tmp_path: Path) -> None:
     memory = str(tmp_path / "navigator.json")
     first = ready(memory=memory)
-    first.service.goto(GotoRequest(position=(0.8, 0.0), goal_id="planned", at_tick=first.tick + 40))
+    first.service.requests.goto(GotoRequest(position=(0.8, 0.0), goal_id="planned", at_tick=first.tick + 40))
     second = Journey(tick=first.tick, memory=memory)
     second.walker = first.walker
     second.step(39)
@@ -329,7 +328,7 @@ def test_a_goal_by_a_policy_file_goes_on_by_that_file_or_logs_that_it_has_gone(t
     memory, file = str(tmp_path / "navigator.json"), tmp_path / "mine.npz"
     journey = ready(memory=memory)
     shutil.copy(shipped()["planner-nao-arcs"], file)
-    journey.service.goto(GotoRequest(position=(0.8, 0.0), policy=str(file)))
+    journey.service.requests.goto(GotoRequest(position=(0.8, 0.0), policy=str(file)))
     journey.step(100)
     again = Journey(tick=journey.tick, memory=memory)
     again.walker = journey.walker
@@ -355,7 +354,7 @@ def test_a_goal_by_a_policy_file_goes_on_by_that_file_or_logs_that_it_has_gone(t
 def test_a_damaged_memory_is_left_in_words(tmp_path: Path, field: str, value: Any) -> None:
     path = tmp_path / "navigator.json"
     first = ready(memory=str(path))
-    first.service.goto(GotoRequest(position=(0.8, 0.0)))
+    first.service.requests.goto(GotoRequest(position=(0.8, 0.0)))
     first.step(5)
     path.write_text(json.dumps({**json.loads(path.read_text()), field: value}))
     journey = Journey(tick=first.tick, memory=str(path))

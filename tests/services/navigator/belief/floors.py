@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from surefoot.services.navigator.belief.landmarks import LandmarkMap
+from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.belief.matching import Detections, SightNoise
 
 NEAR, FAR, HALF = 0.35, 1.18, math.radians(33.0)
@@ -28,7 +28,7 @@ def floor(seed, density=40.0, low=(-1.0, -1.0), high=(6.5, 1.0), copied=0.0, cop
     looks = unit(rng.standard_normal((n, LENGTH)))
     many = int(copied * n)
     looks[:many] = looks[np.arange(many) // copies * copies]
-    return LandmarkMap(rng.uniform(low, high, (n, 2)), looks)
+    return FloorLandmarks(rng.uniform(low, high, (n, 2)), looks)
 
 
 @dataclass
@@ -45,7 +45,7 @@ class Eye:
         most: detections of a frame.
     """
 
-    world: LandmarkMap
+    world: FloorLandmarks
     noise: SightNoise
     seed: int
     recognised: float = 0.45

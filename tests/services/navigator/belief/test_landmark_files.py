@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from surefoot.services.navigator.belief.landmark_files import SCHEMA, load, save
-from surefoot.services.navigator.belief.landmarks import LandmarkMap, LandmarkMapError
+from surefoot.services.navigator.belief.landmarks import FloorLandmarks, LandmarkMapError
 from tests.services.navigator.belief.floors import floor
 
 WORLD = floor(1)
@@ -18,7 +18,7 @@ GOOD = {
 
 
 def test_what_is_saved_is_loaded(tmp_path):
-    world = LandmarkMap(WORLD.positions, WORLD.descriptors, 5, "a run")
+    world = FloorLandmarks(WORLD.positions, WORLD.descriptors, 5, "a run")
     there = load(save(world, tmp_path / "floor"))
     assert np.array_equal(there.positions, world.positions)
     assert np.array_equal(there.descriptors, world.descriptors)

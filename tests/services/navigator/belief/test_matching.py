@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from surefoot.services.navigator.belief import gate_kernel as kernel
-from surefoot.services.navigator.belief.landmarks import LandmarkMap, LandmarkMapError
+from surefoot.services.navigator.belief import gate
+from surefoot.services.navigator.belief.landmarks import FloorLandmarks, LandmarkMapError
 from surefoot.services.navigator.belief.matching import (
     FATES,
     DetectionError,
@@ -50,7 +50,7 @@ def test_gate_is_the_quadratic_form_with_a_jacobian_by_finite_differences():
             jacobian[:, i] = -np.array([nu[0], wrap(nu[1])]) / 2e-6
         nu = innovation(mean, place, r, b)
         expected = nu @ np.linalg.inv(jacobian @ cov @ jacobian.T + np.diag([vr, vb])) @ nu
-        assert kernel.gated(mean, cov, *place, r, b, vr, vb) == pytest.approx(expected, rel=1e-6)
+        assert gate.gated(mean, cov, *place, r, b, vr, vb) == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("noise", [EASY, ROUGH])
@@ -58,27 +58,24 @@ def test_gate_is_the_quadratic_form_with_a_jacobian_by_finite_differences():
 def test_index_finds_what_a_search_of_the_whole_map_finds(noise, scale):
     rng, world = np.random.default_rng(2), floor(2, copied=0.3)
     eye, cov = Eye(world, noise, 3), COV * scale**2
-    at, limits = world.buckets, MANY.array(noise, LENGTH)
+    limits = MANY.array(noise, LENGTH)
     for _ in range(20):
         truth, mean = drawn(rng, cov)
         seen, _ = eye.look(truth)
         for r, b, look in zip(seen.ranges, seen.bearings, seen.looks, strict=True):
-            vr, vb = kernel.variances(r, noise.array())
-            nis = np.array([kernel.gated(mean, cov, *p, r, b, vr, vb) for p in world.positions])
+            vr, vb = gate.variances(r, noise.array())
+            nis = np.array([gate.gated(mean, cov, *p, r, b, vr, vb) for p in world.positions])
             inside = np.flatnonzero(nis < 9.21)
-            found, fate, _, gap = kernel.nearest_look(
-                mean, cov, r, b, look, world.positions, world.descriptors, at.grid, at.starts, at.members,
-                noise.array(), limits,
-            )  # fmt: skip
+            found, fate, _, gap = gate.nearest_look(mean, cov, r, b, look, world.tables, noise.array(), limits)
             gaps = np.sort(((world.descriptors[inside] - look) ** 2).sum(axis=1))
             if not inside.size:
-                assert fate == kernel.FAR
-            elif gaps[0] > limits[kernel.LOOK] ** 2:
-                assert fate == kernel.UNLIKE
+                assert fate == gate.FAR
+            elif gaps[0] > limits[gate.LOOK] ** 2:
+                assert fate == gate.UNLIKE
             elif gaps.size > 1 and gaps[0] > 0.64 * gaps[1]:
-                assert fate == kernel.AMBIGUOUS
+                assert fate == gate.AMBIGUOUS
             else:
-                assert (fate, gap) == (kernel.MATCHED, pytest.approx(gaps[0]))
+                assert (fate, gap) == (gate.MATCHED, pytest.approx(gaps[0]))
                 assert found in inside
 
 
@@ -139,7 +136,7 @@ def test_copies_within_a_gate_are_ambiguous_and_others_are_not():
     look = unit(np.random.default_rng(1).standard_normal((4, LENGTH)))
     looks = look[[0, 0, 1, 2, 2]]
     positions = np.array([[0.6, 0.0], [0.65, 0.02], [0.7, 0.1], [0.6, -0.1], [3.0, 0.0]])
-    world = LandmarkMap(positions, looks)
+    world = FloorLandmarks(positions, looks)
     seen = Detections(np.hypot(*positions[[0, 3]].T), np.arctan2(*positions[[0, 3]].T[::-1]), looks[[0, 3]])
     found = match(np.zeros(3), COV, seen, world, EASY)
     assert [FATES[f] for f in found.fates] == ["ambiguous", "matched"]
@@ -165,7 +162,7 @@ def test_moving_map_and_belief_together_changes_nothing():
     rng, world = np.random.default_rng(12), floor(12)
     eye, turn, shift = Eye(world, EASY, 13, false=0.1), 2.0, np.array([3.0, -4.0])
     rot = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
-    moved = LandmarkMap(world.positions @ rot.T + shift, world.descriptors)
+    moved = FloorLandmarks(world.positions @ rot.T + shift, world.descriptors)
     cov = np.eye(3)
     cov[:2, :2] = rot @ COV[:2, :2] @ rot.T
     cov[2, 2] = COV[2, 2]
@@ -283,21 +280,21 @@ def test_an_error_common_to_a_frame_is_allowed_for():
 )
 def test_maps_that_cannot_be_are_refused(positions, looks, field):
     with pytest.raises(LandmarkMapError) as error:
-        LandmarkMap(positions, looks)
+        FloorLandmarks(positions, looks)
     assert error.value.field == field
 
 
 def test_a_map_survives_the_wire():
     world = floor(24)
-    there = LandmarkMap.from_bytes(world.to_bytes(), len(world), LENGTH, 3, "test")
+    there = FloorLandmarks.from_bytes(world.to_bytes(), len(world), LENGTH, 3, "test")
     assert there.positions == pytest.approx(world.positions, abs=1e-6)
     assert there.to_bytes() == world.to_bytes()
     assert (there.version, there.source) == (3, "test")
     with pytest.raises(LandmarkMapError):
-        LandmarkMap.from_bytes(world.to_bytes()[:-1], len(world), LENGTH)
+        FloorLandmarks.from_bytes(world.to_bytes()[:-1], len(world), LENGTH)
 
 
 def test_two_far_apart_landmarks_make_no_large_index():
-    world = LandmarkMap(np.array([[0.0, 0.0], [1e4, 1e4], [0.1, 0.0]]), np.eye(3))
+    world = FloorLandmarks(np.array([[0.0, 0.0], [1e4, 1e4], [0.1, 0.0]]), np.eye(3))
     assert world.buckets.starts.size < 100
     assert sorted(world.buckets.members.tolist()) == [0, 1, 2]

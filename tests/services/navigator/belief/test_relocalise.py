@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from surefoot.services.navigator.belief.landmarks import LandmarkMap
+from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.belief.matching import DetectionError, Detections
 from surefoot.services.navigator.belief.relocalise import Glance, RelocaliseLimits, relocalise
 from tests.services.navigator.belief.floors import EASY, LENGTH, ROUGH, Eye, floor
@@ -64,7 +64,7 @@ def test_turning_on_the_spot_finds_what_standing_does_not():
 
 def test_a_patch_that_is_there_twice_is_ambiguous():
     one = floor(3, 40.0, (-1.0, -1.0), (2.0, 1.0))
-    twice = LandmarkMap(
+    twice = FloorLandmarks(
         np.vstack((one.positions, one.positions + np.array([10.0, 0.0]))), np.vstack((one.descriptors, one.descriptors))
     )
     eye = Eye(one, EASY, 4)
@@ -99,7 +99,7 @@ def test_looks_of_this_floor_in_random_places_are_no_pose(noise):
 def test_moving_the_map_moves_the_pose():
     world, turn, shift = floor(5), 2.0, np.array([3.0, -4.0])
     rot = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
-    moved = LandmarkMap(world.positions @ rot.T + shift, world.descriptors)
+    moved = FloorLandmarks(world.positions @ rot.T + shift, world.descriptors)
     seen = glances(Eye(world, EASY, 6), np.array([1.0, 0.2, 0.3]), 5)
     one, other = relocalise(seen, world, EASY), relocalise(seen, moved, EASY)
     expected = np.array([*(rot @ one.pose[:2] + shift), one.pose[2] + turn])
@@ -131,7 +131,7 @@ def test_nonsense_is_left_out_and_other_descriptors_are_refused():
 
 def test_a_map_that_looks_everywhere_the_same_ends_in_time_without_a_pose():
     rng = np.random.default_rng(11)
-    world = LandmarkMap(rng.uniform(-2, 2, (400, 2)), np.tile(np.eye(LENGTH)[:4], (100, 1)))
+    world = FloorLandmarks(rng.uniform(-2, 2, (400, 2)), np.tile(np.eye(LENGTH)[:4], (100, 1)))
     seen = glances(Eye(world, EASY, 12), np.zeros(3), 5)
     assert relocalise(seen, world, EASY).pose is None
     many = RelocaliseLimits(candidates=200, tries=2000)

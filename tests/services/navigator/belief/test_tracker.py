@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from surefoot.services.navigator.belief import common
-from surefoot.services.navigator.belief.landmarks import LandmarkMap
+from surefoot.services.navigator.belief import common_errors
+from surefoot.services.navigator.belief.common_errors import CommonErrors
+from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.belief.matching import DetectionError, Detections, SightNoise
-from surefoot.services.navigator.belief.tracker import CommonErrors, Motion, PoseTracker, Start
+from surefoot.services.navigator.belief.tracker import Motion, PoseTracker, StartUncertainty
 
 TILT = CommonErrors(math.radians(2.5), sway=0.02, tilt_fade=5.0, height=0.45)
 NOISE = SightNoise(0.0, 0.03, math.radians(1.5))
@@ -23,8 +24,8 @@ def walk(seed: int, tilted: CommonErrors, believed: CommonErrors, seconds: float
     rng = np.random.default_rng(seed)
     places, looks = rng.uniform((-1.0, -1.5), (3.0, 1.5), (480, 2)), rng.standard_normal((480, 8))
     looks /= np.linalg.norm(looks, axis=1, keepdims=True)
-    tracker = PoseTracker(Start(0.05, math.radians(5.0), 0.4), NOISE, NOISE, believed)
-    tracker.world = LandmarkMap(places, looks)
+    tracker = PoseTracker(StartUncertainty(0.05, math.radians(5.0), 0.4), NOISE, NOISE, believed)
+    tracker.world = FloorLandmarks(places, looks)
     x, y, theta = 0.05 * rng.standard_normal(), 0.05 * rng.standard_normal(), math.radians(5.0) * rng.standard_normal()
     drift, error, keep = (
         0.4 * rng.standard_normal(),
@@ -47,7 +48,7 @@ def walk(seed: int, tilted: CommonErrors, believed: CommonErrors, seconds: float
         seen = np.flatnonzero((r > 0.35) & (r < 1.18) & (np.abs(a) < 0.57) & (rng.random(480) < 0.1))
         ranges, bearings = [], []
         for i in seen:
-            common.fill_gain(r[i], a[i], tilted.height, gain)
+            common_errors.fill_gain(r[i], a[i], tilted.height, gain)
             ranges.append(r[i] * (1.0 + 0.03 * rng.standard_normal()) + float((gain[0] * error).sum()))
             bearings.append(a[i] + NOISE.bearing_sd * rng.standard_normal() + float((gain[1] * error).sum()))
         frame = Detections(
@@ -87,7 +88,7 @@ def test_shared_errors_that_are_ignored_make_it_far_too_sure() -> None:
 
 
 def test_place_keeps_the_drift_only_when_told() -> None:
-    tracker = PoseTracker(Start(), NOISE, NOISE)
+    tracker = PoseTracker(StartUncertainty(), NOISE, NOISE)
     tracker.mean[3], tracker.cov[3, 3] = 0.3, 0.01
     tracker.place((1.0, 2.0, 0.5), keep_drift=True)
     assert tracker.mean[3] == 0.3
@@ -98,7 +99,7 @@ def test_place_keeps_the_drift_only_when_told() -> None:
 
 
 def test_after_changes_nothing() -> None:
-    tracker = PoseTracker(Start(), NOISE, NOISE, TILT)
+    tracker = PoseTracker(StartUncertainty(), NOISE, NOISE, TILT)
     before = (tracker.mean.copy(), tracker.cov.copy())
     mean, cov = tracker.after(STEP)
     np.testing.assert_array_equal(tracker.mean, before[0])
@@ -108,8 +109,8 @@ def test_after_changes_nothing() -> None:
 
 
 def test_descriptors_of_another_length_are_refused() -> None:
-    tracker = PoseTracker(Start(), NOISE, NOISE)
+    tracker = PoseTracker(StartUncertainty(), NOISE, NOISE)
     rng = np.random.default_rng(0)
-    tracker.world = LandmarkMap(rng.uniform(-1, 1, (20, 2)), rng.standard_normal((20, 8)))
+    tracker.world = FloorLandmarks(rng.uniform(-1, 1, (20, 2)), rng.standard_normal((20, 8)))
     with pytest.raises(DetectionError, match="8 numbers, got 4"):
         tracker.look(Detections(np.array([0.5]), np.array([0.0]), np.ones((1, 4))), 0.1, standing=True)

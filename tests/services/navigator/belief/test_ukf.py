@@ -8,12 +8,11 @@ from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 from scipy.stats import chi2
 
 from surefoot.services.navigator.belief.ukf import (
+    LandmarkSighting,
     entropy,
     innovation,
     predict,
-    predict_with,
     update,
-    update_with,
     work_space,
     wrap,
 )
@@ -21,6 +20,10 @@ from surefoot.services.navigator.belief.ukf import (
 NOISE = np.array([0.02**2, 0.01**2, math.radians(5.0) ** 2, math.radians(0.5) ** 2])
 SR, SB = 0.06, math.radians(4.0)
 NO_GAIN = np.zeros((2, 0))
+
+
+def carry(mean, cov, forward, turn, walked, noise=NOISE):
+    predict(mean, cov, forward, 0.0, turn, walked, noise, work_space(mean.size))
 
 
 def gains(n, rng):
@@ -103,11 +106,12 @@ def move(truth, forward, turn, walked, rng):
 
 
 def sight(truth, gain, rng):
-    """Return a landmark ahead of the truth and what is seen of it."""
+    """Return the sighting of a landmark ahead of the truth."""
     r, a = rng.uniform(0.3, 1.0), truth[2] + rng.uniform(-0.6, 0.6)
     landmark = truth[0] + r * math.cos(a), truth[1] + r * math.sin(a)
     common = gain @ truth[4:] if truth.size > 4 else np.zeros(2)
-    return landmark, r + common[0] + SR * rng.normal(), wrap(a - truth[2] + common[1] + SB * rng.normal())
+    seen_r, seen_b = r + common[0] + SR * rng.normal(), wrap(a - truth[2] + common[1] + SB * rng.normal())
+    return LandmarkSighting(*landmark, seen_r, seen_b, SR**2, SB**2)
 
 
 MOTIONS = ((0.1, 0.0, 0.1), (0.0, 0.4, 0.0), (0.0, -0.4, 0.0), (0.1, 0.4, 0.1), (0.1, -0.2, 0.1), (0.0, 0.0, 0.0))
@@ -122,16 +126,16 @@ def test_equals_filterpy_over_long_runs(n):
     for _ in range(1500):
         motion = MOTIONS[rng.integers(len(MOTIONS))]
         move(truth, *motion, rng)
-        predict(mean, cov, *motion, NOISE)
+        carry(mean, cov, *motion)
         referee.predict(*motion)
         for _ in range(rng.integers(0, 4)):
-            landmark, r, b = sight(truth, gain, rng)
+            seen = sight(truth, gain, rng)
             before = mean.copy(), cov.copy()
-            v0, v1, s00, s01, s11 = innovation(mean, cov, *landmark, r, b, SR**2, SB**2, gain)
+            v0, v1, s00, s01, s11 = innovation(mean, cov, seen, gain, work_space(n))
             assert np.array_equal(before[0], mean)
             assert np.array_equal(before[1], cov)
-            nis = update(mean, cov, *landmark, r, b, SR**2, SB**2, gain)
-            referee.update(landmark, (r, b), gain)
+            nis = update(mean, cov, seen, gain, work_space(n))
+            referee.update(seen[:2], seen[2:4], gain)
             assert np.allclose([v0, v1], referee.f.y, atol=1e-9)
             assert np.allclose([[s00, s01], [s01, s11]], referee.f.S, atol=1e-9)
             assert nis == pytest.approx(referee.f.y @ np.linalg.solve(referee.f.S, referee.f.y), abs=1e-9)
@@ -154,10 +158,10 @@ def test_errors_and_innovations_are_as_large_as_claimed(n):
         for _ in range(12):
             motion = MOTIONS[rng.integers(len(MOTIONS))]
             move(truth, *motion, rng)
-            predict(mean, cov, *motion, NOISE)
+            carry(mean, cov, *motion)
             for _ in range(3):
-                landmark, r, b = sight(truth, gain, rng)
-                nis += update(mean, cov, *landmark, r, b, SR**2, SB**2, gain)
+                seen = sight(truth, gain, rng)
+                nis += update(mean, cov, seen, gain, work_space(n))
                 sights += 1
         error = truth - mean
         error[2] = wrap(error[2])
@@ -180,9 +184,9 @@ def test_prediction_commutes_with_moving_the_map():
         return rot @ m + [*shift, angle, 0.0], rot @ p @ rot.T
 
     m1, p1 = mean.copy(), cov.copy()
-    predict(m1, p1, 0.1, 0.3, 0.1, NOISE)
+    carry(m1, p1, 0.1, 0.3, 0.1)
     m2, p2 = moved(mean, cov)
-    predict(m2, p2, 0.1, 0.3, 0.1, NOISE)
+    carry(m2, p2, 0.1, 0.3, 0.1)
     want_m, want_p = moved(m1, p1)
     off = m2 - want_m
     off[2] = wrap(off[2])
@@ -193,7 +197,7 @@ def test_prediction_commutes_with_moving_the_map():
 
 def test_without_uncertainty_the_mean_moves_on_the_arc():
     mean, cov, noise = np.array([1.0, 2.0, 0.5, 0.3]), np.zeros((4, 4)), np.zeros(4)
-    predict(mean, cov, 0.1, 0.2, 0.1, noise)
+    carry(mean, cov, 0.1, 0.2, 0.1, noise)
     half = 0.5 + (0.2 + 0.03) / 2
     assert mean == pytest.approx([1 + 0.1 * math.cos(half), 2 + 0.1 * math.sin(half), 0.73, 0.3], abs=1e-12)
     assert not cov.any()
@@ -202,9 +206,9 @@ def test_without_uncertainty_the_mean_moves_on_the_arc():
 def test_sideways_is_forward_turned_by_a_right_angle():
     a, cov_a = start(4)
     b, cov_b = start(4)
-    predict_with(a, cov_a, 0.0, 0.1, 0.0, 0.0, np.zeros(4), work_space(4))
+    predict(a, cov_a, 0.0, 0.1, 0.0, 0.0, np.zeros(4), work_space(4))
     b[2] = math.pi / 2
-    predict_with(b, cov_b, 0.1, 0.0, 0.0, 0.0, np.zeros(4), work_space(4))
+    predict(b, cov_b, 0.1, 0.0, 0.0, 0.0, np.zeros(4), work_space(4))
     assert a[:2] == pytest.approx(b[:2], abs=1e-12)
     assert cov_a == pytest.approx(cov_b, abs=1e-12)
 
@@ -212,10 +216,10 @@ def test_sideways_is_forward_turned_by_a_right_angle():
 def test_heading_is_wrapped_and_an_innovation_across_pi_is_small():
     mean, cov = start(4)
     mean[2] = math.pi - 0.01
-    predict(mean, cov, 0.0, 0.1, 0.0, NOISE)
+    carry(mean, cov, 0.0, 0.1, 0.0)
     assert mean[2] == pytest.approx(-math.pi + 0.09, abs=1e-9)
-    behind = mean[0] - 1.0, mean[1]
-    v = innovation(mean, cov, *behind, 1.0, wrap(math.pi - mean[2] + 0.01), SR**2, SB**2, NO_GAIN)
+    behind = LandmarkSighting(mean[0] - 1.0, mean[1], 1.0, wrap(math.pi - mean[2] + 0.01), SR**2, SB**2)
+    v = innovation(mean, cov, behind, NO_GAIN, work_space(4))
     assert abs(v[1]) < 0.05
 
 
@@ -224,10 +228,10 @@ def test_covariance_stays_symmetric_and_positive():
     mean, cov = start(6)
     gain, work, truth = gains(6, rng), work_space(6), np.zeros(6)
     for _ in range(2000):
-        predict_with(mean, cov, *(m := MOTIONS[rng.integers(6)])[:1], 0.0, *m[1:], NOISE, work)
+        predict(mean, cov, *(m := MOTIONS[rng.integers(6)])[:1], 0.0, *m[1:], NOISE, work)
         move(truth, *m, rng)
-        landmark, r, b = sight(truth, gain, rng)
-        update_with(mean, cov, *landmark, r, b, 1e-6, 1e-6, gain, work)
+        seen = sight(truth, gain, rng)
+        update(mean, cov, seen._replace(var_range=1e-6, var_bearing=1e-6), gain, work)
         assert np.array_equal(cov, cov.T)
         assert np.linalg.eigvalsh(cov).min() > 0
 

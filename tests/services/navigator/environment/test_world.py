@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from surefoot.services.navigator.belief.ukf import wrap
-from surefoot.services.navigator.environment.draws import seed, stream
+from surefoot.services.navigator.environment.draws import seed
 from surefoot.services.navigator.environment.episodes import (
     DECISIONS,
     ENDED_AS,
@@ -16,7 +16,8 @@ from surefoot.services.navigator.environment.episodes import (
     STANDS_MADE,
     run_episodes,
 )
-from surefoot.services.navigator.environment.world import act, begin, cells, look, room_for, scatter, work_space_of
+from surefoot.services.navigator.environment.model import episode_room, episode_state
+from surefoot.services.navigator.environment.world import act, begin, look, scatter
 from surefoot.services.navigator.policy.arrays import (
     BLOCKED,
     CUT_OFF,
@@ -24,7 +25,6 @@ from surefoot.services.navigator.policy.arrays import (
     OUTCOME,
     REACHED,
     RUNNING,
-    STATUS,
     TIME,
     arrays,
 )
@@ -38,24 +38,19 @@ class Episode:
 
     def __init__(self, model, run=3, number=0):
         self.world, self.run, self.number = arrays(model), run, number
-        n, (nx, ny) = self.world.states, cells(self.world.scene)
-        self.rng, self.marks = stream(), np.zeros((room_for(self.world.scene), 2))
-        self.first = np.zeros(nx * ny + 1, dtype=np.int64)
-        self.truth, self.mean, self.cov = np.zeros(6), np.zeros(n), np.zeros((n, n))
-        self.ahead_mean, self.ahead_cov, self.status = np.zeros(n), np.zeros((n, n)), np.zeros(STATUS)
-        self.noise, self.gain, self.work = np.zeros(4), np.zeros((2, max(0, n - 4))), work_space_of(n)
-        begin(self.world.scene, run, number, *self._state())
+        self.state, self.room = episode_state(self.world), episode_room(self.world.states)
+        begin(self.world.scene, run, number, self.state)
 
-    def _state(self):
-        belief = self.mean, self.cov, self.ahead_mean, self.ahead_cov
-        return self.rng, self.marks, self.first, self.truth, *belief, self.status
+    def __getattr__(self, name):
+        return getattr(self.state, name)
 
     def act(self, name):
-        w = self.world
-        index = w.names.index(name)
-        state = self._state()
-        rest = self.noise, self.gain, self.work
-        return act(w.scene, w.actions, w.switching, self.run, self.number, index, *state, *rest)
+        return act(self.world.tables, self.run, self.number, self.world.names.index(name), self.state, self.room)
+
+    def look(self):
+        """Return the number of landmarks in a frame of the first action; the belief stays as it is."""
+        state = self.state._replace(mean=self.mean.copy(), cov=self.cov.copy())
+        return look(self.world.scene, self.world.actions[0], state, self.room)
 
 
 STILL = [
@@ -68,14 +63,12 @@ STILL = [
 
 def test_the_floor_has_the_density_that_was_asked_for():
     world = arrays(load("paper"))
-    nx, ny = cells(world.scene)
-    counts, first = [], np.zeros(nx * ny + 1, dtype=np.int64)
+    counts, e = [], episode_state(world)
     for k in range(300):
-        rng, marks = stream(), np.zeros((room_for(world.scene), 2))
-        seed(rng, k, 0, 1)
-        scatter(world.scene, rng, marks, first)
-        counts.append(first[-1])
-        inside = marks[: first[-1]]
+        seed(e.rng, k, 0, 1)
+        scatter(world.scene, e.rng, e.marks, e.first)
+        counts.append(e.first[-1])
+        inside = e.marks[: e.first[-1]]
         assert (inside >= [-1.0, -1.0]).all()
         assert (inside <= [6.5, 1.0]).all()
     mean = 40 * 7.5 * 2
@@ -87,7 +80,6 @@ def test_a_frame_uses_the_landmarks_that_a_plain_search_finds():
     """With match probability 1 and no limit the number of corrections is the number of landmarks in the sector."""
     e = Episode(load("paper", ["sight.most=64", "actions.walk.match=1"]))
     rng = np.random.default_rng(1)
-    action = e.world.actions[0]
     for _ in range(200):
         e.truth[:3] = rng.uniform([-0.85, -0.85, -3.14], [6.35, 0.85, 3.14])
         marks = e.marks[: e.first[-1]]
@@ -95,9 +87,7 @@ def test_a_frame_uses_the_landmarks_that_a_plain_search_finds():
         r = np.hypot(*d.T)
         off = np.abs([wrap(a) for a in np.arctan2(d[:, 1], d[:, 0]) - e.truth[2]])
         want = int(((r >= 0.15) & (r <= 0.95) & (off <= math.radians(23))).sum())
-        mean, cov = e.mean.copy(), e.cov.copy()
-        used = look(e.world.scene, action, e.rng, e.marks, e.first, e.truth, mean, cov, e.gain, e.work)
-        assert used == min(want, 64)
+        assert e.look() == min(want, 64)
 
 
 def test_walking_frames_show_as_many_features_as_the_paper_says():
@@ -107,12 +97,8 @@ def test_walking_frames_show_as_many_features_as_the_paper_says():
         e = Episode(model, number=number)
         for _ in range(10):
             e.act("walk")
-            seen.append(look(e.world.scene, e.world.actions[0], *(e.rng, e.marks, e.first, e.truth), *_copy(e)))
+            seen.append(e.look())
     assert np.mean(seen) == pytest.approx(3.25, abs=0.35)
-
-
-def _copy(e):
-    return e.mean.copy(), e.cov.copy(), e.gain, e.work
 
 
 def test_without_noise_it_goes_where_it_was_sent():

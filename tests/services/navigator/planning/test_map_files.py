@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from surefoot.geometry.heightmap import HeightMap
-from surefoot.services.navigator.planning.grid import Grid, GridError, grid_of
+from surefoot.services.navigator.planning.grid import FloorGrid, GridError, grid_of
 from surefoot.services.navigator.planning.map_files import MODES, MapFileError, MapInfo, load, occupancy, save
 
 YAML = "image: {image}\nresolution: 0.05\norigin: [-1.0, -2.0, 0.0]\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
@@ -91,8 +91,8 @@ def test_every_format_shows_the_same_floor(tmp_path, kind):
 @pytest.mark.parametrize("image", ["pgm", "png"])
 def test_what_is_saved_is_loaded(tmp_path, image):
     rng = np.random.default_rng(1)
-    trinary = Grid(rng.choice([-1, 0, 100], (7, 11)).astype(np.int8), 0.025, (-0.1, 3.7))
-    raw = Grid(rng.integers(-1, 101, (7, 11)).astype(np.int8), 1 / 3, (1e-7, -12345.678901))
+    trinary = FloorGrid(rng.choice([-1, 0, 100], (7, 11)).astype(np.int8), 0.025, (-0.1, 3.7))
+    raw = FloorGrid(rng.integers(-1, 101, (7, 11)).astype(np.int8), 1 / 3, (1e-7, -12345.678901))
     for grid, mode in ((trinary, "trinary"), (raw, "raw")):
         there = load(save(grid, tmp_path / mode, mode, image))
         assert there.cells.tolist() == grid.cells.tolist()
@@ -221,7 +221,7 @@ def test_sixteen_bits_cut_off_pngs_and_missing_files_are_refused(tmp_path):
 
 
 def test_other_modes_and_formats_are_not_written(tmp_path):
-    grid = Grid(np.zeros((1, 1), dtype=np.int8), 0.1)
+    grid = FloorGrid(np.zeros((1, 1), dtype=np.int8), 0.1)
     for wrong in ({"mode": "scale"}, {"image": "bmp"}):
         with pytest.raises(MapFileError):
             save(grid, tmp_path / "x", **wrong)
@@ -258,7 +258,7 @@ def test_ground_off_the_floor_is_occupied_and_unknown_stays_unknown():
 )
 def test_grids_that_cannot_be_are_refused(cells, cell, origin, field):
     with pytest.raises(GridError) as error:
-        Grid(cells, cell, origin)
+        FloorGrid(cells, cell, origin)
     assert error.value.field == field
     with pytest.raises(GridError):
-        Grid.from_bytes(bytes(3), 2, 2, 0.1, (0.0, 0.0))
+        FloorGrid.from_bytes(bytes(3), 2, 2, 0.1, (0.0, 0.0))

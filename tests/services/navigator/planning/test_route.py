@@ -9,12 +9,11 @@ from scipy import ndimage, sparse
 from scipy.sparse.csgraph import dijkstra
 
 from surefoot.errors import Refusal
-from surefoot.services.navigator.planning import astar_kernel as astar
+from surefoot.services.navigator.planning import astar
 from surefoot.services.navigator.planning import costs as costs_module
-from surefoot.services.navigator.planning import costs_kernel
 from surefoot.services.navigator.planning.costs import Clearance, prepare
-from surefoot.services.navigator.planning.grid import Grid
-from surefoot.services.navigator.planning.route import RouteError, RouteLimits, plan, progress
+from surefoot.services.navigator.planning.grid import FloorGrid
+from surefoot.services.navigator.planning.route import RouteError, RouteLimits, plan
 
 TIGHT = Clearance(radius=0.0, comfort=0.3)
 
@@ -25,7 +24,7 @@ def random_grid(seed, rows=40, cols=60, share=0.1, cell=0.05):
     for _ in range(int(share * rows * cols / 12)):
         r, c, h, w = rng.integers(rows), rng.integers(cols), rng.integers(1, 6), rng.integers(1, 6)
         cells[r : r + h, c : c + w] = 100
-    return Grid(cells, cell, (-1.0, 2.0))
+    return FloorGrid(cells, cell, (-1.0, 2.0))
 
 
 def free_pair(costs, rng):
@@ -57,10 +56,10 @@ def graph(weight):
 @pytest.mark.parametrize("seed", range(3))
 def test_distances_are_those_of_scipy(seed):
     grid = random_grid(seed)
-    wall = costs_kernel.blocked(grid.cells, 65, False)
+    wall = costs_module.blocked(grid.cells, 65, False)
     expected = ndimage.distance_transform_edt(wall == 0)
     for most in (1, 5, 60):
-        found = np.sqrt(costs_kernel.squared_distance(wall, most))
+        found = np.sqrt(costs_module.squared_distance(wall, most))
         near = expected <= most
         assert found[near] == pytest.approx(expected[near])
         assert np.all(found[~near] > most)
@@ -116,7 +115,7 @@ def test_every_leg_is_clear_and_within_viewing_distance():
 
 
 def test_in_the_open_the_route_is_straight():
-    costs = prepare(Grid(np.zeros((200, 200), dtype=np.int8), 0.05))
+    costs = prepare(FloorGrid(np.zeros((200, 200), dtype=np.int8), 0.05))
     route = plan(costs, (1.0, 1.0), (8.7, 5.3), RouteLimits(leg=100.0))
     assert route.waypoints.tolist() == [[8.7, 5.3]]
     assert route.length == pytest.approx(math.hypot(7.7, 4.3))
@@ -130,10 +129,10 @@ def test_a_wide_way_is_preferred_to_a_narrow_one():
     cells[:, 48:52] = 100
     cells[26:35, 48:52] = 0  # 0.45 m wide, on the straight line
     cells[40:57, 48:52] = 0  # 0.85 m wide, a little aside
-    costs = prepare(Grid(cells, 0.05))
+    costs = prepare(FloorGrid(cells, 0.05))
     through = [y for x, y in plan(costs, (1.5, 1.5), (3.5, 1.5), RouteLimits(leg=0.1)).waypoints if 2.4 < x < 2.6]
     assert min(through) > 2.0
-    short = prepare(Grid(cells, 0.05), Clearance(dearest=1.0))
+    short = prepare(FloorGrid(cells, 0.05), Clearance(dearest=1.0))
     through = [y for x, y in plan(short, (1.5, 1.5), (3.5, 1.5), RouteLimits(leg=0.1)).waypoints if 2.4 < x < 2.6]
     assert max(through) < 1.8
 
@@ -152,7 +151,7 @@ def corridor():
     cells = np.zeros((40, 100), dtype=np.int8)
     cells[:, 60:64] = 100
     cells[35:, 80:] = -1
-    return prepare(Grid(cells, 0.05))
+    return prepare(FloorGrid(cells, 0.05))
 
 
 @pytest.mark.parametrize(
@@ -191,29 +190,12 @@ def test_a_robot_beside_a_wall_may_walk_away_from_it():
 
 
 def test_a_map_without_free_cells_refuses_everything():
-    costs = prepare(Grid(np.full((10, 10), -1, dtype=np.int8), 0.05))
+    costs = prepare(FloorGrid(np.full((10, 10), -1, dtype=np.int8), 0.05))
     with pytest.raises(RouteError) as error:
         plan(costs, (0.2, 0.2), (0.3, 0.3))
     assert error.value.nearest is None
-    assert (
-        plan(
-            prepare(Grid(np.full((40, 40), -1, dtype=np.int8), 0.05), Clearance(through_unknown=True)), (1, 1), (1, 1)
-        ).length
-        == 0.0
-    )
-
-
-def test_progress_counts_what_is_left():
-    costs = prepare(Grid(np.zeros((100, 100), dtype=np.int8), 0.05))
-    route = plan(costs, (1.0, 1.0), (4.0, 1.0), RouteLimits(leg=1.0))
-    assert route.waypoints == pytest.approx(np.array([[2.0, 1.0], [3.0, 1.0], [4.0, 1.0]]))
-    now = progress(route, 1, 2.5, 1.2)
-    assert now.remaining == pytest.approx(math.hypot(0.5, 0.2) + 1.0)
-    assert (now.off, now.poses) == (pytest.approx(0.2), 2)
-    assert progress(route, 0, 0.5, 1.0).off == pytest.approx(0.5)
-    for wrong in (-1, 3):
-        with pytest.raises(Refusal):
-            progress(route, wrong, 0.0, 0.0)
+    unknown = FloorGrid(np.full((40, 40), -1, dtype=np.int8), 0.05)
+    assert plan(prepare(unknown, Clearance(through_unknown=True)), (1, 1), (1, 1)).length == 0.0
 
 
 @pytest.mark.parametrize(
@@ -230,7 +212,7 @@ def test_clearances_that_cannot_be_are_refused(bad):
 
 def test_other_settings_that_cannot_be_are_refused():
     with pytest.raises(Refusal):
-        prepare(Grid(np.zeros((10, 10), dtype=np.int8), 0.001))
+        prepare(FloorGrid(np.zeros((10, 10), dtype=np.int8), 0.001))
     for bad in ({"leg": 0.0}, {"leg": math.nan}, {"slack": -1.0}):
         with pytest.raises(Refusal):
             RouteLimits(**bad)

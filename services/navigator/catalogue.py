@@ -1,21 +1,22 @@
-"""The model of the robot, its actions and its policies, as one configuration of the service names them."""
+"""Model of the robot, its actions and its policies, by the names of one configuration of the service."""
 
 import math
 
 from surefoot.lockstep.ages import PERIODS
 from surefoot.schemas.navigation import PolicyReply
 
-from .belief.tracker import CommonErrors, Motion
+from .belief.common_errors import CommonErrors
+from .belief.tracker import Motion
 from .config import NavigatorConfig
 from .goals import Act
 from .policy.arrays import PER_10CM, arrays
 from .policy.library import find, known
-from .policy.params import Action, NavigationModel, load
+from .policy.params import ActionModel, NavigationModel, load
 from .policy.policies import Decider, Policy
 
 
-def act_of(name: str, action: Action) -> Act:
-    """Return an action of the model as what is ordered and what becomes of it."""
+def act_of(name: str, action: ActionModel) -> Act:
+    """Return an action of the model as the pilot orders and predicts it."""
     return Act(
         name,
         action.kind,
@@ -30,7 +31,7 @@ def act_of(name: str, action: Action) -> Act:
 
 
 def errors_of(model: NavigationModel, *, sway: bool) -> CommonErrors:
-    """Return the errors that the landmarks of a frame share; `sway`: nothing measures that of the body."""
+    """Return the errors that the landmarks of a frame share, with the sway of the body unless it is measured."""
     sight = model.sight
     return CommonErrors(
         math.radians(sight.tilt_sd_deg), math.radians(sight.pitch_deg), sight.sway_sd if sway else 0.0,
@@ -39,18 +40,18 @@ def errors_of(model: NavigationModel, *, sway: bool) -> CommonErrors:
 
 
 def fade_of(keep: float) -> float:
-    """Return the time constant, s, of an error of which the next frame, 0.1 s later, has the share `keep` again."""
+    """Return the time constant, s, of an error that keeps the share `keep` from one frame to the next, 0.1 s later."""
     return math.inf if keep >= 1.0 else -0.1 / math.log(keep) if keep > 0.0 else 0.0
 
 
 def longest_blind_ns(model: NavigationModel) -> int:
-    """Return the time without a frame of the camera after which it is silent, ns: three times between two frames."""
+    """Return the time without a frame after which the camera counts as silent, ns: three times between two frames."""
     apart = max(action.duration / action.frames for action in model.actions.values())
     return round(PERIODS * 1e9 * apart)
 
 
-class Policies:
-    """The policies of one configuration.
+class Catalogue:
+    """Model, actions and policies of one configuration.
 
     Args:
         config: of the service.
@@ -77,7 +78,7 @@ class Policies:
         return self._found[name]
 
     def decider(self, name: str | None) -> Decider:
-        """Return a policy at work (raises Refusal)."""
+        """Return a decider for a policy, None = the default (raises Refusal)."""
         return Decider(self.world, self.find(name))
 
     def choose(self, name: str) -> None:

@@ -1,4 +1,4 @@
-"""What the navigator knows of the world: obstacles to plan routes around, and landmarks."""
+"""Maps of the navigator: obstacles to plan routes around, and landmarks."""
 
 import math
 
@@ -9,11 +9,11 @@ from surefoot.schemas.terrain import HeightMapMessage
 from surefoot.schemas.terrain import LandmarkMap as LandmarkMapMessage
 
 from .belief.landmark_files import load as load_landmarks
-from .belief.landmarks import LandmarkMap, LandmarkMapError
+from .belief.landmarks import FloorLandmarks, LandmarkMapError
 from .config import NavigatorConfig
 from .planning import map_files
 from .planning.costs import Clearance, Costs, prepare
-from .planning.grid import Grid, GridError, grid_of
+from .planning.grid import FloorGrid, GridError, grid_of
 from .planning.route import RouteError, RouteLimits, plan
 
 Point = tuple[float, float]
@@ -22,8 +22,8 @@ FARTHEST = 1e4
 """m, of a goal from the origin."""
 
 
-class World:
-    """Maps, from files of the configuration or from the bus.
+class Maps:
+    """Obstacles and landmarks, from files of the configuration or from the bus.
 
     Args:
         config: of the service.
@@ -41,15 +41,15 @@ class World:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what came from the bus: a new epoch brings its own."""
-        self.landmarks: LandmarkMap | None = self._marked
-        self.grid: Grid | None = self._filed
+        """Forget the maps from the bus: a new epoch brings its own."""
+        self.landmarks: FloorLandmarks | None = self._marked
+        self.grid: FloorGrid | None = self._filed
         self._costs: Costs | None = None
         self._heights: HeightMapMessage | None = None
         self._marks: LandmarkMapMessage | None = None
 
     def take(self, heights: HeightMapMessage | None, marks: LandmarkMapMessage | None) -> list[str]:
-        """Take in the latched maps, unless files stand in for them; returns what is wrong with them."""
+        """Use the latched maps, unless files replace them; return a text for each map that cannot be used."""
         problems: list[str] = []
         if heights is not None and heights is not self._heights and self._filed is None:
             self._heights, self._costs = heights, None
@@ -61,7 +61,7 @@ class World:
         if marks is not None and marks is not self._marks and self._marked is None:
             self._marks = marks
             try:
-                self.landmarks = LandmarkMap.from_bytes(
+                self.landmarks = FloorLandmarks.from_bytes(
                     marks.data, marks.count, marks.descriptor_length, marks.version, marks.source
                 )
             except LandmarkMapError as error:

@@ -1,8 +1,9 @@
-"""Kernels of relocalisation: sightings from several frames, poses by pairs of them, the evidence for each place.
+"""Places of a map from which sightings would look as they did; kernels of relocalisation.
 
-A sighting i is a landmark-like thing at a_i (reference frame of the robot) with covariance C_i. At a pose (t, theta) it
-is explained by one of its candidates l in the map with density N(R(theta)^T (l - t); a_i, C_i), and otherwise false:
-uniform over the A m^2 that the camera overlooks. With eps_i the share of false sightings,
+Sightings come from several frames, poses from pairs of sightings, and every pose gets the evidence for it. A sighting i
+lies at a_i (reference frame of the robot) with covariance C_i. At a pose (t, theta) it is explained by one of its
+candidates l in the map with density N(R(theta)^T (l - t); a_i, C_i), and otherwise false: uniform over the A m^2 that
+the camera overlooks. With eps_i the share of false sightings,
 
     L(t, theta) = sum_i ln(eps_i + (1 - eps_i) A max_l N(...))
     evidence of a place = exp(L) (2 pi)^(3/2) sqrt(det Sigma) / (2 pi area of the map)
@@ -11,6 +12,7 @@ against 1 for "everything is false". Sigma is the covariance of the pose by the 
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +20,9 @@ from numpy.typing import NDArray
 from surefoot.geometry.linear_kernels import inverse3
 from surefoot.kernels.jit import row_kernel
 
-from .gate_kernel import apart2, variances, wrapped
-from .matching_kernel import likeness, sort_by
+from .association import likeness, sort_by
+from .gate import apart2, variances
+from .ukf import wrap
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -27,9 +30,50 @@ Index = NDArray[np.int64]
 WIDE = 13.8  # chi^2_2(.999): a candidate farther from its sighting does not explain it
 
 BESIDE = 0.3  # m and rad, of a pose from a place that the same pair led to
+SAME = 16.0  # squared standard deviations that coordinates of one place differ by at most
 
-# columns of a place
+# columns of a place; COV is the first of nine, row by row
 X, Y, HEADING, EVIDENCE, EXPLAINED, COV = 0, 1, 2, 3, 4, 5
+PLACE = 14
+
+
+class Evidence(NamedTuple):
+    """Sightings and the landmarks that may explain them."""
+
+    place: Array
+    """Sightings in the reference frame of the robot, (s, 2) m."""
+    spread: Array
+    """Their covariances (xx, xy, yy), (s, 3) m^2."""
+    false: Array
+    """Share of false ones among such sightings, (s,)."""
+    starts: Index
+    """First candidate of each sighting, (s + 1,)."""
+    members: Index
+    """Candidates: landmarks."""
+    positions: Array
+    """Landmarks, (n, 2) m, frame map."""
+    overlooked: float
+    """Area that the camera overlooks, m^2."""
+    area: float
+    """Area of the map, m^2."""
+
+
+class Assignment(NamedTuple):
+    """Landmarks that explain the sightings at one pose."""
+
+    chosen: Index
+    """Landmark of each sighting, -1 = none, (s,)."""
+    far: Array
+    """Squared residual of each over the variances, (s,)."""
+
+
+class PlaceList(NamedTuple):
+    """The best places found so far."""
+
+    places: Array
+    """x, y (m), heading (rad), logarithm of the evidence, explained sightings, covariance, (p, PLACE)."""
+    chosen: Index
+    """Landmark of each sighting at each place, -1 = none, (p, s)."""
 
 
 @row_kernel
@@ -45,7 +89,7 @@ def gather(
         bearings: rad, (m,).
         looks: descriptors, (m, k).
         poses: of base_link when each was taken, reference frame, x, y in m and heading in rad, (m, 3).
-        noise: see the indices in `gate_kernel`, (5,).
+        noise: see the indices in `gate`, (5,).
         look: largest distance of two descriptors of one landmark.
         most: sightings that are kept.
 
@@ -90,7 +134,7 @@ def gather(
 
 @row_kernel
 def candidates(looks: Array, columns: Array, look: float, ratio: float, most: int) -> tuple[Index, Index]:
-    """Landmarks that each sighting may be: those about as alike as the one most alike; none if they are too many.
+    """Return the candidates of each sighting: landmarks about as alike as the most alike one; none if too many.
 
     Args:
         looks: mean descriptors, (s, k).
@@ -122,71 +166,57 @@ def candidates(looks: Array, columns: Array, look: float, ratio: float, most: in
 
 
 @row_kernel
-def associate(
-    pose: Array,
-    loose: float,
-    wide: float,
-    place: Array,
-    spread: Array,
-    starts: Index,
-    members: Index,
-    positions: Array,
-    chosen: Index,
-    far: Array,
-) -> int:
-    """Choose the nearest candidate of each sighting at a pose; return how many sightings are explained.
+def associate(pose: Array, loose: float, wide: float, seen: Evidence, to: Assignment) -> int:
+    """Choose the nearest candidate of each sighting at a pose; return the number of explained sightings.
 
     Args:
         pose: of the reference frame in the map, (3,).
         loose: variance of its heading, rad^2, beside `wide`.
         wide: factor of every covariance.
-        place: of the sightings, (s, 2) m.
-        spread: their covariances, (s, 3) m^2.
-        starts: of the candidates.
-        members: candidates.
-        positions: of the landmarks, (n, 2) m, frame map.
-        chosen: landmark of each or -1, (s,), written.
-        far: squared residual over the variances, (s,), written.
+        seen: sightings.
+        to: the choice, written.
     """
-    c, s, explained = math.cos(pose[2]), math.sin(pose[2]), 0
-    for i in range(place.shape[0]):
-        x, y = place[i, 0], place[i, 1]
+    c, s, explained = math.cos(pose[HEADING]), math.sin(pose[HEADING]), 0
+    chosen, far = to
+    for i in range(chosen.size):
+        x, y, spread = seen.place[i, 0], seen.place[i, 1], seen.spread
         xx, xy, yy = wide * spread[i, 0], wide * spread[i, 1], wide * spread[i, 2]
         if loose > 0.0:
             xx, xy, yy = xx + loose * y * y, xy - loose * x * y, yy + loose * x * x
         det = xx * yy - xy * xy
         chosen[i], far[i] = -1, WIDE
-        mx, my = pose[0] + c * x - s * y, pose[1] + s * x + c * y
-        for at in range(starts[i], starts[i + 1]):
-            vx, vy = positions[members[at], 0] - mx, positions[members[at], 1] - my
+        mx, my = pose[X] + c * x - s * y, pose[Y] + s * x + c * y
+        for at in range(seen.starts[i], seen.starts[i + 1]):
+            mark = seen.members[at]
+            vx, vy = seen.positions[mark, 0] - mx, seen.positions[mark, 1] - my
             ex, ey = c * vx + s * vy, c * vy - s * vx
             m = (yy * ex * ex - 2.0 * xy * ex * ey + xx * ey * ey) / det
             if m < far[i]:
-                chosen[i], far[i] = members[at], m
+                chosen[i], far[i] = mark, m
         for j in range(i):  # a landmark explains the sighting nearest to it
             if chosen[i] >= 0 and chosen[j] == chosen[i]:
                 loser = i if far[i] >= far[j] else j
                 chosen[loser], far[loser] = -1, WIDE
-    for i in range(place.shape[0]):
+    for i in range(chosen.size):
         explained += chosen[i] >= 0
     return explained
 
 
 @row_kernel
-def improve(pose: Array, place: Array, spread: Array, chosen: Index, positions: Array) -> tuple[Array, float]:
-    """One step of least squares over the explained sightings, in place.
+def improve(pose: Array, seen: Evidence, chosen: Index) -> tuple[Array, float]:
+    """Take one step of least squares over the explained sightings, in place.
 
     Returns:
         Covariance of the pose (3, 3), and the logarithm of its determinant (inf: it does not follow from these).
     """
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    a, v, jx, jy = np.zeros((3, 3)), np.zeros(3), np.empty(3), np.empty(3)
-    for i in range(place.shape[0]):
+    c, s = math.cos(pose[HEADING]), math.sin(pose[HEADING])
+    a, v, jx, jy, spread = np.zeros((3, 3)), np.zeros(3), np.empty(3), np.empty(3), seen.spread
+    for i in range(chosen.size):
         if chosen[i] < 0:
             continue
-        dx, dy = positions[chosen[i], 0] - pose[0], positions[chosen[i], 1] - pose[1]
+        dx, dy = seen.positions[chosen[i], 0] - pose[X], seen.positions[chosen[i], 1] - pose[Y]
         ax, ay = c * dx + s * dy, c * dy - s * dx
-        ex, ey = ax - place[i, 0], ay - place[i, 1]
+        ex, ey = ax - seen.place[i, 0], ay - seen.place[i, 1]
         det = spread[i, 0] * spread[i, 2] - spread[i, 1] * spread[i, 1]
         wxx, wxy, wyy = spread[i, 2] / det, -spread[i, 1] / det, spread[i, 0] / det
         jx[0], jx[1], jx[2] = -c, -s, ay  # of ex by the pose
@@ -201,7 +231,7 @@ def improve(pose: Array, place: Array, spread: Array, chosen: Index, positions: 
         return cov, math.inf
     for p in range(3):
         pose[p] += cov[p, 0] * v[0] + cov[p, 1] * v[1] + cov[p, 2] * v[2]
-    pose[2] = wrapped(pose[2])
+    pose[HEADING] = wrap(pose[HEADING])
     det = cov[0, 0] * (cov[1, 1] * cov[2, 2] - cov[1, 2] * cov[2, 1])
     det -= cov[0, 1] * (cov[1, 0] * cov[2, 2] - cov[1, 2] * cov[2, 0])
     det += cov[0, 2] * (cov[1, 0] * cov[2, 1] - cov[1, 1] * cov[2, 0])
@@ -209,37 +239,39 @@ def improve(pose: Array, place: Array, spread: Array, chosen: Index, positions: 
 
 
 @row_kernel
-def evidence(spread: Array, chosen: Index, far: Array, false: Array, view: float) -> float:
-    """Return L, see the module: of sightings with their nearest candidates; false (s,), view m^2."""
+def evidence(seen: Evidence, to: Assignment) -> float:
+    """Return L of the sightings with their nearest candidates, see the module, nats."""
     total = 0.0
-    for i in range(chosen.size):
+    for i in range(to.chosen.size):
         p = 0.0
-        if chosen[i] >= 0:
-            det = spread[i, 0] * spread[i, 2] - spread[i, 1] * spread[i, 1]
-            p = view * math.exp(-0.5 * far[i]) / (2.0 * math.pi * math.sqrt(det))
-        total += math.log(false[i] + (1.0 - false[i]) * p)
+        if to.chosen[i] >= 0:
+            det = seen.spread[i, 0] * seen.spread[i, 2] - seen.spread[i, 1] * seen.spread[i, 1]
+            p = seen.overlooked * math.exp(-0.5 * to.far[i]) / (2.0 * math.pi * math.sqrt(det))
+        total += math.log(seen.false[i] + (1.0 - seen.false[i]) * p)
     return total
 
 
 @row_kernel
 def agree(one: Array, other: Array) -> bool:
-    """Whether two places (14,) are one within their covariances: no coordinate differs by 4 standard deviations."""
+    """Return whether two places (PLACE,) are one within their covariances: no coordinate is 4 deviations off."""
     for k in range(3):
-        d = one[k] - other[k] if k < 2 else wrapped(one[k] - other[k])
-        if d * d > 16.0 * (one[COV + 4 * k] + other[COV + 4 * k]):
+        d = one[k] - other[k] if k < 2 else wrap(one[k] - other[k])
+        if d * d > SAME * (one[COV + 4 * k] + other[COV + 4 * k]):
             return False
     return True
 
 
 @row_kernel
-def keep(places: Array, chosen_of: Index, filled: int, row: Array, chosen: Index) -> int:
-    """Enter a place into the list of the best (p, 14); one that explains half of its sightings alike and
-    lies within the covariances is the same."""
-    same = -1
+def keep(found: PlaceList, filled: int, row: Array, chosen: Index) -> int:
+    """Enter a place into the list of the best; return how many are filled.
+
+    A place that explains half of its sightings by the landmarks of another, within the covariances, is the same place.
+    """
+    places, same = found.places, -1
     for p in range(filled):
         shared = 0
         for i in range(chosen.size):
-            shared += chosen[i] >= 0 and chosen[i] == chosen_of[p, i]
+            shared += chosen[i] >= 0 and chosen[i] == found.chosen[p, i]
         if 2 * shared > min(row[EXPLAINED], places[p, EXPLAINED]) and agree(row, places[p]):
             if places[p, EVIDENCE] >= row[EVIDENCE]:
                 return filled
@@ -261,50 +293,82 @@ def keep(places: Array, chosen_of: Index, filled: int, row: Array, chosen: Index
     for k in range(row.size):
         places[same, k] = row[k]
     for i in range(chosen.size):
-        chosen_of[same, i] = chosen[i]
+        found.chosen[same, i] = chosen[i]
     return filled
 
 
 @row_kernel
-def search(
-    place: Array,
-    spread: Array,
-    false: Array,
-    starts: Index,
-    members: Index,
-    positions: Array,
-    view: float,
-    area: float,
-    most: int,
-    tries: int,
-) -> tuple[Array, int]:
-    """Find the places of a map from which the sightings would look like this.
+def _pose_of_pair(seen: Evidence, i: int, j: int, p: int, q: int, pose: Array) -> None:
+    """Write the pose (3,) at which sightings i and j are landmarks p and q."""
+    place, positions = seen.place, seen.positions
+    ux, uy = place[j, 0] - place[i, 0], place[j, 1] - place[i, 1]
+    wx, wy = positions[q, 0] - positions[p, 0], positions[q, 1] - positions[p, 1]
+    heading = wrap(math.atan2(wy, wx) - math.atan2(uy, ux))
+    c, s = math.cos(heading), math.sin(heading)
+    mx, my = 0.5 * (place[i, 0] + place[j, 0]), 0.5 * (place[i, 1] + place[j, 1])
+    pose[X] = 0.5 * (positions[p, 0] + positions[q, 0]) - c * mx + s * my
+    pose[Y] = 0.5 * (positions[p, 1] + positions[q, 1]) - s * mx - c * my
+    pose[HEADING] = heading
 
-    Args:
-        place: of the sightings in the reference frame, (s, 2) m.
-        spread: their covariances (xx, xy, yy), (s, 3) m^2.
-        false: share of false ones among such sightings, (s,).
-        starts: of the candidates of each sighting, (s + 1,).
-        members: candidates.
-        positions: of the landmarks, (n, 2) m, frame map.
-        view: area that the camera overlooks, m^2.
-        area: of the map, m^2.
-        most: places that are returned.
-        tries: poses that are looked at.
 
-    Returns:
-        Places (p, 14): x, y (m), heading (rad), logarithm of the evidence, explained sightings, covariance row by row;
-        and the number of poses that were looked at.
-    """
-    n = place.shape[0]
-    places, chosen_of = np.zeros((most, 14)), np.full((most, n), -1)
-    filled, tried = 0, 0
-    pose, chosen, far = np.zeros(3), np.full(n, -1), np.zeros(n)
-    row, cov = np.zeros(14), np.zeros((3, 3))
+@row_kernel
+def _found_already(found: PlaceList, filled: int, pose: Array, i: int, j: int, p: int, q: int) -> bool:
+    """Return whether a place close to a pose explains sightings i and j by landmarks p and q."""
+    for r in range(filled):
+        if found.chosen[r, i] == p and found.chosen[r, j] == q:
+            beside = abs(wrap(pose[HEADING] - found.places[r, HEADING])) < BESIDE
+            if beside and abs(pose[X] - found.places[r, X]) + abs(pose[Y] - found.places[r, Y]) < BESIDE:
+                return True
+    return False
+
+
+@row_kernel
+def _settle(seen: Evidence, pose: Array, loose: float, to: Assignment, row: Array) -> bool:
+    """Refine a pose by all sightings and write its place (PLACE,); return whether they determine one."""
+    explained, log_det, cov = 0, 0.0, np.zeros((3, 3))
+    for step in range(4):
+        explained = associate(pose, loose if step == 0 else 0.0, 2.0 if step == 0 else 1.0, seen, to)
+        if explained < 2 or log_det == math.inf:
+            break
+        cov, log_det = improve(pose, seen, to.chosen)
+    if explained < 2 or log_det == math.inf:
+        return False
+    row[X], row[Y], row[HEADING] = pose[X], pose[Y], pose[HEADING]
+    row[EVIDENCE] = evidence(seen, to)
+    row[EVIDENCE] += min(0.0, 0.5 * (log_det + math.log(2.0 * math.pi)) - math.log(seen.area))
+    row[EXPLAINED] = explained
+    for k in range(9):
+        row[COV + k] = cov[k // 3, k % 3]
+    return True
+
+
+@row_kernel
+def _few_first(starts: Index) -> Index:
+    """Return the sightings sorted by their number of candidates."""
+    n = starts.size - 1
     few, count = np.empty(n, dtype=np.int64), np.empty(n)
     for i in range(n):
         few[i], count[i] = i, starts[i + 1] - starts[i]
-    sort_by(few, count, starts)  # those with few candidates first
+    sort_by(few, count, starts)
+    return few
+
+
+@row_kernel
+def search(seen: Evidence, most: int, tries: int) -> tuple[Array, int]:
+    """Find the places of a map from which the sightings would look as they did.
+
+    Args:
+        seen: sightings and their candidates.
+        most: number of places that are returned at most.
+        tries: number of poses that are tried at most.
+
+    Returns:
+        Places, see `PlaceList`, and the number of poses that were tried.
+    """
+    n, place, spread, positions = seen.place.shape[0], seen.place, seen.spread, seen.positions
+    found = PlaceList(np.zeros((most, PLACE)), np.full((most, n), -1))
+    filled, tried, few = 0, 0, _few_first(seen.starts)
+    pose, to, row = np.zeros(3), Assignment(np.full(n, -1), np.zeros(n)), np.zeros(PLACE)
     for second in range(1, n):
         for first in range(second):
             i, j = few[first], few[second]
@@ -315,44 +379,19 @@ def search(
                 continue
             length = math.sqrt(length2)
             slack = 3.0 * math.sqrt(largest)
-            for a in range(starts[i], starts[i + 1]):
-                for b in range(starts[j], starts[j + 1]):
-                    p, q = members[a], members[b]
+            for a in range(seen.starts[i], seen.starts[i + 1]):
+                for b in range(seen.starts[j], seen.starts[j + 1]):
+                    p, q = seen.members[a], seen.members[b]
                     wx, wy = positions[q, 0] - positions[p, 0], positions[q, 1] - positions[p, 1]
                     reach2 = wx * wx + wy * wy
                     if p == q or reach2 > (length + slack) ** 2 or reach2 < max(0.0, length - slack) ** 2:
                         continue
-                    heading = wrapped(math.atan2(wy, wx) - math.atan2(uy, ux))
-                    c, s = math.cos(heading), math.sin(heading)
-                    mx, my = 0.5 * (place[i, 0] + place[j, 0]), 0.5 * (place[i, 1] + place[j, 1])
-                    pose[0] = 0.5 * (positions[p, 0] + positions[q, 0]) - c * mx + s * my
-                    pose[1] = 0.5 * (positions[p, 1] + positions[q, 1]) - s * mx - c * my
-                    pose[2] = heading
-                    known = False
-                    for r in range(filled):  # a place close by that explains both alike is found already
-                        if chosen_of[r, i] == p and chosen_of[r, j] == q:
-                            beside = abs(wrapped(heading - places[r, HEADING])) < BESIDE
-                            beside = beside and abs(pose[0] - places[r, X]) + abs(pose[1] - places[r, Y]) < BESIDE
-                            known = known or beside
-                    if known:
+                    _pose_of_pair(seen, i, j, p, q, pose)
+                    if _found_already(found, filled, pose, i, j, p, q):
                         continue
                     if tried == tries:
-                        return places[:filled], tried
+                        return found.places[:filled], tried
                     tried += 1
-                    explained, log_det = 0, 0.0
-                    for step in range(4):
-                        loose, wide = (0.5 * largest / length2, 2.0) if step == 0 else (0.0, 1.0)
-                        explained = associate(pose, loose, wide, place, spread, starts, members, positions, chosen, far)
-                        if explained < 2 or log_det == math.inf:
-                            break
-                        cov, log_det = improve(pose, place, spread, chosen, positions)
-                    if explained < 2 or log_det == math.inf:
-                        continue
-                    row[X], row[Y], row[HEADING] = pose[0], pose[1], pose[2]
-                    row[EVIDENCE] = evidence(spread, chosen, far, false, view)
-                    row[EVIDENCE] += min(0.0, 0.5 * (log_det + math.log(2.0 * math.pi)) - math.log(area))
-                    row[EXPLAINED] = explained
-                    for k in range(9):
-                        row[COV + k] = cov[k // 3, k % 3]
-                    filled = keep(places, chosen_of, filled, row, chosen)
-    return places[:filled], tried
+                    if _settle(seen, pose, 0.5 * largest / length2, to, row):
+                        filled = keep(found, filled, row, to.chosen)
+    return found.places[:filled], tried

@@ -1,4 +1,4 @@
-"""Kernel of the route search: A* over cells with integer costs and a queue of buckets.
+"""Route search: A* over cells with integer costs and a queue of buckets, as kernels on arrays.
 
 A step between cells of weights v and w costs STRAIGHT (v + w) over an edge and DIAGONAL (v + w) over a corner (17/12 is
 sqrt 2 but for 0.2 %), and over a corner only if both cells beside it are free. Bounds of the cost to the goal:
@@ -11,19 +11,22 @@ by less than BUCKETS from a cell to its neighbour: a ring of that many buckets i
 comes first.
 
 Where a cell and its eight neighbours weigh the same (EVEN), only the steps onward are taken: straight on after a step
-over an edge; straight on and along both its parts after one over a corner. What is left out costs no more by a way
+over an edge; straight on and along both its parts after one over a corner. The other neighbours cost no more by a way
 around the cell, over the corner first (canonical orders, as in jump point search; Harabor & Grastien 2011).
 A run of EVEN cells straight on has one successor each, so only its end enters the queue, after RUN cells at the latest;
 the cells of a run are seen, not settled, and a cheaper way to one of them runs on over the rest.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.kernels.jit import row_kernel
+from surefoot.kernels.jit import inner_kernel, row_kernel
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int32]
+Longs = NDArray[np.int64]
 
 STRAIGHT, DIAGONAL = 12, 17
 UNIT = 4
@@ -35,11 +38,11 @@ RUN = 32
 BUCKETS = 8192
 """A power of two > 4 DIAGONAL HEAVIEST + 4 STRAIGHT UNIT RUN, twice the dearest step and run."""
 NOWHERE = -1
-"""As a goal: settle everything."""
+"""Goal of a search that settles everything."""
 EVEN = 128
 """Bit of a weight: the cell and its eight neighbours weigh the same."""
 FACTOR = 127
-"""Bits of a weight that are its value."""
+"""Bits of the value of a weight."""
 ANY = 8
 """Direction of a cell that was reached by no step."""
 UNSEEN = 2**31 - 1
@@ -103,6 +106,131 @@ def doubled(entries: Ints) -> Ints:
     return out
 
 
+class SearchMap(NamedTuple):
+    """Constants of one search."""
+
+    weight: Bytes
+    """Cost factors with the bit EVEN, padded and flattened, (cells,)."""
+    wide: int
+    """Cells of a padded row."""
+    marks: Ints
+    """Costs between marks and cells, (cells, marks)."""
+    goal: int
+    """Index of the goal, or NOWHERE."""
+    goal_row: int
+    goal_col: int
+    offsets: Longs
+    """Offset of the neighbour in each direction, cells, (8,): edges first, then corners."""
+    row_of: Longs
+    """Offset along rows, (8,)."""
+    col_of: Longs
+    """Offset along columns, (8,)."""
+    onward: Longs
+    """Directions after each, (8, 3)."""
+
+
+class Successors(NamedTuple):
+    """Ends of the steps from one cell."""
+
+    entry: Longs
+    """Cell << 4 | direction, (8,)."""
+    f: Longs
+    """Cost and bound, (8,)."""
+    h: Longs
+    """Bound, (8,)."""
+
+
+@row_kernel
+def _map_of(weight: Bytes, goal: int, marks: Ints) -> SearchMap:
+    """Return the constants of a search over padded weights (rows + 2, cols + 2)."""
+    wide = weight.shape[1]
+    return SearchMap(
+        weight.ravel(),
+        wide,
+        marks,
+        goal,
+        goal // wide,
+        goal % wide,
+        np.array([1, wide, -1, -wide, wide + 1, wide - 1, -wide - 1, -wide + 1]),
+        np.array([0, 1, 0, -1, 1, 1, -1, -1]),
+        np.array([1, 0, -1, 0, 1, -1, -1, 1]),
+        np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [4, 0, 1], [5, 1, 2], [6, 2, 3], [7, 3, 0]]),
+    )
+
+
+@row_kernel
+def _run(floor: SearchMap, g: Ints, n: int, step: int, cost: int) -> tuple[int, int, int]:
+    """Follow a straight run of EVEN cells from n, reached at `cost`, in place.
+
+    Returns:
+        End of the run, cost there, length in cells; length 0 where a cell of the run was reached as cheaply before.
+    """
+    length, each = 1, int(2 * STRAIGHT * (floor.weight[n] & FACTOR))
+    while floor.weight[n] >= EVEN and n != floor.goal and length < RUN:
+        cost += each
+        if cost >= g[n + step]:
+            return n, cost, 0
+        n += step
+        g[n] = cost
+        length += 1
+    return n, cost, length
+
+
+@inner_kernel
+def _expand(floor: SearchMap, g: Ints, cell: int, came: int, here: int, out: Successors) -> int:
+    """Write the ends of the steps from a cell that become cheaper; return their number.
+
+    Args:
+        floor: constants of the search.
+        g: costs, (cells,), written.
+        cell: index of the cell.
+        came: direction of the step to it, or ANY.
+        here: its cost.
+        out: result.
+    """
+    r, c = cell // floor.wide, cell % floor.wide
+    even, own = floor.weight[cell] >= EVEN and came < ANY, floor.weight[cell] & FACTOR
+    steps, count, closed = 8, 0, 0  # closed: bits of the edges that are not free
+    if even:
+        steps = 1 if came < 4 else 3
+    for i in range(steps):
+        k = floor.onward[came, i] if even else i
+        n = cell + floor.offsets[k]
+        factor = floor.weight[n] & FACTOR
+        if not even:
+            if factor == 0:
+                closed |= 1 << k
+                continue
+            if k >= 4 and closed & (1 << floor.onward[k, 1] | 1 << floor.onward[k, 2]):
+                continue
+        cost, length = int(here + (STRAIGHT if k < 4 else DIAGONAL) * (own + factor)), 1
+        if cost >= g[n]:
+            continue
+        g[n] = cost
+        if k < 4:
+            n, cost, length = _run(floor, g, n, floor.offsets[k], cost)
+            if length == 0:
+                continue  # its only successor has been reached as cheaply
+        h = 0
+        if floor.goal != NOWHERE:
+            row, col = r + length * floor.row_of[k], c + length * floor.col_of[k]
+            h = bound(row - floor.goal_row, col - floor.goal_col, floor.marks, n, floor.goal)
+        out.entry[count], out.f[count], out.h[count] = n << 4 | k, cost + h, h
+        count += 1
+    return count
+
+
+@row_kernel
+def _settle_rest(g: Ints) -> int:
+    """Settle the cells that were seen only; return their number."""
+    count = 0
+    for n in range(g.size):
+        if 0 <= g[n] < UNSEEN:
+            g[n] = -g[n] - 1
+            count += 1
+    return count
+
+
 @row_kernel
 def search(weight: Bytes, start: int, goal: int, marks: Ints, g: Ints) -> int:
     """Settle cells from the start on until the goal is.
@@ -110,7 +238,7 @@ def search(weight: Bytes, start: int, goal: int, marks: Ints, g: Ints) -> int:
     Args:
         weight: cost factors with the bit EVEN, padded by a frame of zeros, (rows + 2, cols + 2).
         start: index of a free cell in the flattened array.
-        goal: likewise, in the region of the start; or NOWHERE.
+        goal: index of a cell in the region of the start; or NOWHERE.
         marks: costs between marks and cells of that region, (cells, marks); (cells, 0) = none.
         g: cost from the start, flattened, written: settled cells as -g - 1, seen ones as g, others as UNSEEN. The cells
             inside of a run stay seen; where the search ends because nothing is left, they are settled, too.
@@ -118,26 +246,19 @@ def search(weight: Bytes, start: int, goal: int, marks: Ints, g: Ints) -> int:
     Returns:
         Number of settled cells.
     """
-    wide = weight.shape[1]
-    w = weight.ravel()
+    floor = _map_of(weight, goal, marks)
     g[:] = UNSEEN
-    goal_r, goal_c = goal // wide, goal % wide
-    heads = np.full(BUCKETS, -1, dtype=np.int32)
+    heads, ends = np.full(BUCKETS, -1, dtype=np.int32), np.zeros((3, 8), dtype=np.int64)
+    out = Successors(ends[0], ends[1], ends[2])
     cell_of, next_of = np.empty(GROWTH, dtype=np.int32), np.empty(GROWTH, dtype=np.int32)
     spare, used, queued, settled = -1, 1, 1, 0
     g[start] = 0
     f = 0
     if goal != NOWHERE:
-        f = bound(start // wide - goal_r, start % wide - goal_c, marks, start, goal)
+        row, col = start // floor.wide - floor.goal_row, start % floor.wide - floor.goal_col
+        f = bound(row, col, marks, start, goal)
     cell_of[0], next_of[0] = start << 4 | ANY, -1
     heads[f & (BUCKETS - 1)] = 0
-    offsets = np.array([1, wide, -1, -wide, wide + 1, wide - 1, -wide - 1, -wide + 1])
-    row_of = np.array([0, 1, 0, -1, 1, 1, -1, -1])
-    col_of = np.array([1, 0, -1, 0, 1, -1, -1, 1])
-    onward = np.array(  # directions after each
-        [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [4, 0, 1], [5, 1, 2], [6, 2, 3], [7, 3, 0]]
-    )
-    open_edge = np.zeros(4, dtype=np.bool_)
     while queued > 0:
         slot = f & (BUCKETS - 1)
         entry = heads[slot]
@@ -145,7 +266,7 @@ def search(weight: Bytes, start: int, goal: int, marks: Ints, g: Ints) -> int:
             f += 1
             continue
         heads[slot] = next_of[entry]
-        cell, came = cell_of[entry] >> 4, cell_of[entry] & 15
+        cell, came = int(cell_of[entry] >> 4), int(cell_of[entry] & 15)
         next_of[entry] = spare
         spare = entry
         queued -= 1
@@ -156,61 +277,18 @@ def search(weight: Bytes, start: int, goal: int, marks: Ints, g: Ints) -> int:
         settled += 1
         if cell == goal:
             return settled
-        r, c = cell // wide, cell % wide
-        even, own = w[cell] >= EVEN and came < ANY, w[cell] & FACTOR
         if used + 8 > cell_of.size:
             cell_of, next_of = doubled(cell_of), doubled(next_of)
-        held, held_f, held_h, steps = -1, 0, 0, 8
-        if even:
-            steps = 1 if came < 4 else 3
-        for i in range(steps):
-            k = onward[came, i] if even else i
-            n = cell + offsets[k]
-            factor = w[n] & FACTOR
-            if not even:
-                if k < 4:
-                    open_edge[k] = factor > 0
-                elif not (open_edge[onward[k, 1]] and open_edge[onward[k, 2]]):
-                    continue
-                if factor == 0:
-                    continue
-            cost = int(here + (STRAIGHT if k < 4 else DIAGONAL) * (own + factor))
-            if cost >= g[n]:
-                continue
-            g[n] = cost
-            length, onto = 1, True
-            if k < 4:
-                each = int(2 * STRAIGHT * factor)
-                while w[n] >= EVEN and n != goal and length < RUN:
-                    cost += each
-                    onto = cost < g[n + offsets[k]]
-                    if not onto:
-                        break
-                    n += offsets[k]
-                    g[n] = cost
-                    length += 1
-            if not onto:
-                continue  # its only successor has been reached as cheaply
-            h = 0
-            if goal != NOWHERE:
-                h = bound(r + length * row_of[k] - goal_r, c + length * col_of[k] - goal_c, marks, n, goal)
-            this, this_f, this_h = n << 4 | k, cost + h, h
-            if held >= 0:  # the most promising neighbour enters the queue last, to be taken first
-                if this_f < held_f or (this_f == held_f and this_h < held_h):
-                    this, held, this_f, held_f, held_h = held, this, held_f, this_f, this_h
-            else:
-                held, held_f, held_h = this, this_f, this_h
-                continue
-            spare, used = enter(this, this_f, heads, cell_of, next_of, spare, used)
-            queued += 1
-        if held >= 0:
-            spare, used = enter(held, held_f, heads, cell_of, next_of, spare, used)
-            queued += 1
-    for n in range(g.size):
-        if 0 <= g[n] < UNSEEN:
-            g[n] = -g[n] - 1
-            settled += 1
-    return settled
+        count, held = _expand(floor, g, cell, came, here, out), 0
+        for i in range(1, count):  # the most promising neighbour enters the queue last, to be taken first
+            this = i
+            if out.f[i] < out.f[held] or (out.f[i] == out.f[held] and out.h[i] < out.h[held]):
+                this, held = held, i
+            spare, used = enter(out.entry[this], out.f[this], heads, cell_of, next_of, spare, used)
+        if count > 0:
+            spare, used = enter(out.entry[held], out.f[held], heads, cell_of, next_of, spare, used)
+        queued += count
+    return settled + _settle_rest(g)
 
 
 @row_kernel
@@ -221,7 +299,7 @@ def cost_of(entry: int) -> int:
 
 @row_kernel
 def trace(weight: Bytes, start: int, goal: int, g: Ints) -> Ints:
-    """Cells of the path from start to goal, flattened indices (n,), from what `search` has written."""
+    """Return the cells of the path from start to goal, flattened indices (n,), by the costs that `search` wrote."""
     wide = weight.shape[1]
     w = weight.ravel()
     offsets = np.array([1, wide, -1, -wide, wide + 1, wide - 1, -wide - 1, -wide + 1])
@@ -253,7 +331,7 @@ def trace(weight: Bytes, start: int, goal: int, g: Ints) -> Ints:
 
 @row_kernel
 def line_cost(weight: Bytes, r0: float, c0: float, r1: float, c1: float) -> float:
-    """Cost of a straight line, 2 STRAIGHT times length (cells) times weight, -1 if it touches a cell that is not free.
+    """Return the cost of a straight line, 2 STRAIGHT * length (cells) * weight; -1 if it touches a blocked cell.
 
     Args:
         weight: cost factors, padded.
@@ -296,7 +374,7 @@ def line_cost(weight: Bytes, r0: float, c0: float, r1: float, c1: float) -> floa
 
 @row_kernel
 def pull(weight: Bytes, path: Ints, r_start: float, c_start: float, r_goal: float, c_goal: float) -> Ints:
-    """Positions in a path (n,) of the corners that remain when straight lines replace what they do not make dearer.
+    """Return the positions in a path (n,) of its corners after straight lines replaced parts that they make no dearer.
 
     From each corner the farthest cell is sought whose line is free and costs no more than the path, by doubling and
     halving the way. The first corner is the start, at (r_start, c_start), the last one the goal.

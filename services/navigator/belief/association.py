@@ -1,0 +1,175 @@
+"""Association of the detections of one frame with the landmarks of a map; kernels on arrays."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import row_kernel
+
+from .consensus import consensus, matched_of
+from .gate import (
+    DOUBLED,
+    INVALID,
+    LONGEST,
+    MATCHED,
+    MOST,
+    OUTLIER,
+    SHORTEST,
+    SURPLUS,
+    FrameTables,
+    MapTables,
+    nearest_look,
+)
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+class Fates(NamedTuple):
+    """Results of matching, one element per detection."""
+
+    landmark: Index
+    """Landmark, -1 = none, (m,)."""
+    fate: Index
+    """MATCHED or another fate of `gate`, (m,)."""
+    nis: Array
+    """Normalised innovation squared against the landmark that looks most like it, 2 degrees of freedom, (m,)."""
+    gap: Array
+    """Squared distance of the descriptors, (m,)."""
+
+
+@row_kernel
+def sort_by(chosen: Index, keys: Array, ties: Index) -> None:
+    """Sort indices (n,) in place by their keys, equal keys by tie."""
+    for i in range(1, chosen.size):  # by insertion: n is a few dozen
+        this, j = chosen[i], i
+        while j > 0:
+            before = chosen[j - 1]
+            if keys[before] < keys[this] or (keys[before] == keys[this] and ties[before] <= ties[this]):
+                break
+            chosen[j] = before
+            j -= 1
+        chosen[j] = this
+
+
+@row_kernel
+def _nearest(
+    mean: Array, cov: Array, frame: FrameTables, world: MapTables, noise: Array, limits: Array, fates: Fates
+) -> Index:
+    """Write landmark and fate of each detection by itself; return the detections that match a landmark."""
+    m, (ranges, bearings, looks) = frame.ranges.size, frame
+    chosen, kept = np.empty(m, dtype=np.int64), 0
+    for d in range(m):
+        finite = math.isfinite(ranges[d]) and math.isfinite(bearings[d])
+        for i in range(looks.shape[1]):
+            finite = finite and math.isfinite(looks[d, i])
+        if finite and limits[SHORTEST] <= ranges[d] <= limits[LONGEST]:
+            fates.landmark[d], fates.fate[d], fates.nis[d], fates.gap[d] = nearest_look(
+                mean, cov, ranges[d], bearings[d], looks[d], world, noise, limits
+            )
+            if fates.fate[d] == MATCHED:
+                chosen[kept] = d
+                kept += 1
+    return chosen[:kept]
+
+
+@row_kernel
+def _one_each(chosen: Index, fates: Fates) -> Index:
+    """Return the detections that are left when each landmark keeps the one that looks most like it, that first."""
+    sort_by(chosen, fates.gap, fates.landmark)
+    kept = 0
+    for a in range(chosen.size):
+        d = chosen[a]
+        for b in range(kept):
+            if fates.landmark[chosen[b]] == fates.landmark[d]:
+                fates.fate[d] = DOUBLED
+        if fates.fate[d] == MATCHED:
+            chosen[kept] = d
+            kept += 1
+    return chosen[:kept]
+
+
+@row_kernel
+def match(
+    mean: Array, cov: Array, frame: FrameTables, world: MapTables, noise: Array, limits: Array, seed: int
+) -> tuple[Fates, Index]:
+    """Associate the detections of one frame with landmarks.
+
+    Args:
+        mean: believed x, y (m, frame map) and heading (rad), (3,) or longer.
+        cov: its covariance, (3, 3) or larger.
+        frame: detections.
+        world: landmarks.
+        noise: see the indices in `gate`, (5,).
+        limits: see the indices in `gate`, (8,).
+        seed: of the random pairs.
+
+    Returns:
+        Fates of all detections, and the matched detections, those first that look most like their landmark.
+    """
+    m = frame.ranges.size
+    fates = Fates(np.full(m, -1), np.full(m, INVALID), np.zeros(m), np.zeros(m))
+    chosen = _one_each(_nearest(mean, cov, frame, world, noise, limits, fates), fates)
+    found = matched_of(chosen, fates.landmark, frame, world.positions)
+    inlier = consensus(mean, cov, found, noise, limits, seed)
+    most, kept = int(limits[MOST]), 0
+    for a in range(chosen.size):
+        d = chosen[a]
+        if not inlier[a]:
+            fates.fate[d] = OUTLIER
+        elif kept >= most:
+            fates.fate[d] = SURPLUS
+        else:
+            chosen[kept] = d
+            kept += 1
+    for d in range(m):
+        if fates.fate[d] != MATCHED:
+            fates.landmark[d] = -1
+    return fates, chosen[:kept]
+
+
+@row_kernel
+def likeness(look: Array, columns: Array, out: Array) -> None:
+    """Write the squared distances of a descriptor (k,) to those of a map (k, n) to out (n,), summed in index order."""
+    for i in range(out.size):
+        out[i] = 0.0
+    for j in range(look.size):
+        for i in range(out.size):
+            d = columns[j, i] - look[j]
+            out[i] += d * d
+
+
+@row_kernel
+def known_anywhere(looks: Array, wanted: Index, columns: Array, look: float) -> int:
+    """Return the number of wanted detections that look like some landmark of the map.
+
+    Args:
+        looks: descriptors of the detections, (m, k).
+        wanted: detections to look up, (w,).
+        columns: descriptors of the landmarks, (k, n).
+        look: largest distance of two descriptors of one landmark.
+    """
+    found, gap = 0, np.empty(columns.shape[1])
+    for w in wanted:
+        likeness(looks[w], columns, gap)
+        for i in range(gap.size):
+            if gap[i] < look * look:
+                found += 1
+                break
+    return found
+
+
+@row_kernel
+def in_view(
+    positions: Array, x: float, y: float, heading: float, nearest: float, farthest: float, half_angle: float
+) -> int:
+    """Return the number of landmarks (n, 2) between two distances (m) and within an angle (rad) of a heading."""
+    c, s, limit, count = math.cos(heading), math.sin(heading), math.cos(half_angle), 0
+    for i in range(positions.shape[0]):
+        dx, dy = positions[i, 0] - x, positions[i, 1] - y
+        q2 = dx * dx + dy * dy
+        if nearest * nearest <= q2 <= farthest * farthest and c * dx + s * dy >= limit * math.sqrt(q2):
+            count += 1
+    return count

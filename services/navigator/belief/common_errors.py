@@ -1,0 +1,112 @@
+"""Errors that all landmarks of a frame have in common and that fade from frame to frame: tilt and sway.
+
+Three states behind the drift: errors p of pitch and q of roll that the camera does not know, rad, and w, how far to the
+left of its path the body sways, m. A landmark at distance r and bearing a, seen from height h, is taken for one at
+
+    r + (h^2 + r^2)/h (p cos a + q sin a) - w sin a   and   a + h/r (q cos a - p sin a) - w cos a / r,
+
+to first order. Each is first-order Gauss-Markov: after a time t the share exp(-t / fade) is left of it, and noise makes
+up for it. Frames that share an error are so not taken for independent ones.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import row_kernel
+
+from .matching import SightNoise
+from .ukf import NUISANCE
+
+Array = NDArray[np.float64]
+
+TYPICAL = 0.75
+"""Distance of a landmark, m."""
+ERRORS = 3
+"""States of the errors: pitch, roll, sway."""
+NEAREST = 0.1
+"""Least distance, m; nearer landmarks count as this far."""
+
+
+@dataclass(frozen=True)
+class CommonErrors:
+    """Errors that all landmarks of a frame share."""
+
+    tilt: float = 0.0
+    """Standard deviation of the unknown pitch and of the unknown roll of the camera, rad; 0 = the tilt is known."""
+    pitch: float = 0.0
+    """Mean error of pitch, rad: a walking robot leans."""
+    sway: float = 0.0
+    """Standard deviation of the body beside its path, m; 0 where it is measured."""
+    tilt_fade: float = 0.3
+    """Time constant of the tilt, s."""
+    sway_fade: float = 0.3
+    """Time constant of the sway, s."""
+    height: float = 0.45
+    """Height of the camera over the floor, m."""
+
+    @property
+    def any(self) -> bool:
+        """True if there are such errors."""
+        return self.tilt > 0.0 or self.sway > 0.0
+
+    def array(self) -> Array:
+        """Standard deviations in the order of the states, (3,)."""
+        return np.array([self.tilt, self.tilt, self.sway])
+
+    def kept(self, dt: float) -> tuple[float, float, float]:
+        """Return the shares of the errors that are left after dt s."""
+        tilt, sway = (math.exp(-dt / fade) if fade > 0.0 else 0.0 for fade in (self.tilt_fade, self.sway_fade))
+        return (tilt, tilt, sway)
+
+    def widen(self, noise: SightNoise) -> SightNoise:
+        """Return the noise for matching: with the errors common to a frame at `TYPICAL` distance."""
+        if not self.any:
+            return noise
+        h = self.height
+        along = self.tilt * (h * h + TYPICAL**2) / h
+        across = math.hypot(self.tilt * h / TYPICAL, self.sway / TYPICAL)
+        return replace(noise, common_range_sd=along, common_bearing_sd=across)
+
+
+@row_kernel
+def fade(mean: Array, cov: Array, keeps: Array, sds: Array, pitch: float) -> None:
+    """Keep a share of each error and add noise so that their standard deviations tend to sds, in place.
+
+    Args:
+        mean: state, (n,), n > 4.
+        cov: covariance, (n, n).
+        keeps: shares, (3,), 0 to 1.
+        sds: standard deviations, (3,), rad, rad, m.
+        pitch: mean error of pitch, rad; the others are 0 in the mean.
+    """
+    n = mean.size
+    for i in range(NUISANCE, n):
+        centre, keep = (pitch if i == NUISANCE else 0.0), keeps[i - NUISANCE]
+        mean[i] = centre + keep * (mean[i] - centre)
+        for j in range(n):
+            cov[i, j] *= keep
+        for j in range(n):
+            cov[j, i] *= keep
+        cov[i, i] += (1.0 - keep * keep) * sds[i - NUISANCE] ** 2
+
+
+@row_kernel
+def fill_gain(range_: float, bearing: float, height: float, gain: Array) -> None:
+    """Write the effect of the errors on range (row 0) and bearing (row 1), (2, 3); (2, 0) stays empty.
+
+    Args:
+        range_: distance of the landmark, m.
+        bearing: direction of the landmark, rad.
+        height: of the camera, m.
+        gain: result.
+    """
+    if gain.shape[1] == 0:
+        return
+    far = max(range_, NEAREST)
+    stretch, swing = (height * height + range_ * range_) / height, height / far
+    c, s = math.cos(bearing), math.sin(bearing)
+    gain[0, 0], gain[0, 1], gain[0, 2] = stretch * c, stretch * s, -s
+    gain[1, 0], gain[1, 1], gain[1, 2] = -swing * s, swing * c, -c / far

@@ -1,0 +1,203 @@
+"""Consensus of the matches of a frame on one rigid motion of the robot; kernels of data association."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.linear_kernels import inverse3, solve3
+from surefoot.kernels.jit import row_kernel
+
+from .gate import GATE, PAIRS, SPREAD, FrameTables, variances
+from .ukf import THETA, X, Y, wrap
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+DISTANCE, COS, SIN, BEARING = 0, 1, 2, 3  # columns of a ray
+
+
+class Matched(NamedTuple):
+    """Matches of a frame."""
+
+    places: Array
+    """Places of the landmarks, (k, 2) m, frame map."""
+    rays: Array
+    """Distance (m), cosine and sine of the bearing, bearing (rad) of the detections, (k, 4)."""
+
+
+@row_kernel
+def draw(state: int, n: int) -> tuple[int, int]:
+    """Return the next state of a linear congruential generator (modulo 2^31) and a number below n."""
+    state = (1103515245 * state + 12345) % 2147483648
+    return state, (state >> 8) % n
+
+
+@row_kernel
+def matched_of(chosen: Index, landmark: Index, frame: FrameTables, positions: Array) -> Matched:
+    """Return the chosen detections (k,) with the places of their landmarks."""
+    k = chosen.size
+    found = Matched(np.empty((k, 2)), np.empty((k, 4)))
+    for m in range(k):
+        d = int(chosen[m])
+        found.places[m] = positions[landmark[d]]
+        found.rays[m, DISTANCE], found.rays[m, COS] = frame.ranges[d], math.cos(frame.bearings[d])
+        found.rays[m, SIN], found.rays[m, BEARING] = math.sin(frame.bearings[d]), frame.bearings[d]
+    return found
+
+
+@row_kernel
+def misfit(x: float, y: float, c: float, s: float, place: Array, ray: Array, r: float, b: float) -> float:
+    """Return the squared residual of a detection at an assumed pose over its variances, 2 degrees of freedom.
+
+    Radial and tangential part of the vector from the detection to the landmark, in heading axes: no angles, no roots.
+
+    Args:
+        x: x of the pose, m, frame map.
+        y: y of the pose, m, frame map.
+        c: cosine of its heading.
+        s: sine of its heading.
+        place: of the landmark, (2,) m, frame map.
+        ray: row of `Matched.rays`, (4,).
+        r: variance of the range, m^2.
+        b: variance of the bearing, rad^2.
+    """
+    dx, dy = place[0] - x, place[1] - y
+    ax, ay = c * dx + s * dy, c * dy - s * dx
+    radial = ray[COS] * ax + ray[SIN] * ay - ray[DISTANCE]
+    tangential = ray[COS] * ay - ray[SIN] * ax
+    return radial * radial / r + tangential * tangential / (b * ray[DISTANCE] * ray[DISTANCE])
+
+
+@row_kernel
+def motion_of(
+    mean: Array, cov: Array, i: int, j: int, found: Matched, noise: Array
+) -> tuple[float, float, float, float]:
+    """Return the pose by matches i and j, x and y in m and heading in rad, and the variance of its heading, rad^2.
+
+    The heading is the mean of the one that two points give and the believed one, weighted by their variances: two
+    points close together determine it poorly.
+    """
+    one, other, places = found.rays[i], found.rays[j], found.places
+    ax, ay = one[DISTANCE] * one[COS], one[DISTANCE] * one[SIN]
+    bx, by = other[DISTANCE] * other[COS], other[DISTANCE] * other[SIN]
+    ux, uy = places[j, 0] - places[i, 0], places[j, 1] - places[i, 1]
+    length2 = max(ux * ux + uy * uy, 1e-12)
+    ra, ba = variances(one[DISTANCE], noise)
+    rb, bb = variances(other[DISTANCE], noise)
+    blur = 0.5 * (ra + rb + ba * one[DISTANCE] * one[DISTANCE] + bb * other[DISTANCE] * other[DISTANCE])
+    of_pair = blur / length2
+    turn = wrap(math.atan2(uy, ux) - math.atan2(by - ay, bx - ax) - mean[THETA])
+    weight = cov[THETA, THETA] / (cov[THETA, THETA] + of_pair) if of_pair < math.inf else 0.0
+    heading = mean[THETA] + weight * turn
+    c, s = math.cos(heading), math.sin(heading)
+    mx, my = 0.5 * (ax + bx), 0.5 * (ay + by)
+    x = 0.5 * (places[i, 0] + places[j, 0]) - c * mx + s * my
+    y = 0.5 * (places[i, 1] + places[j, 1]) - s * mx - c * my
+    return x, y, heading, weight * of_pair
+
+
+@row_kernel
+def agreeing(inlier: Flags, pose: Array, found: Matched, noise: Array, wide: float, v: float, gate: float) -> None:
+    """Mark the matches that agree with a pose (3,), for `wide` times their variances and v rad^2 more of bearing."""
+    c, s = math.cos(pose[THETA]), math.sin(pose[THETA])
+    for m in range(inlier.size):
+        r, b = variances(found.rays[m, DISTANCE], noise)
+        off = misfit(pose[X], pose[Y], c, s, found.places[m], found.rays[m], wide * r, wide * b + v)
+        inlier[m] = off < gate
+
+
+@row_kernel
+def refined(pose: Array, mean: Array, information: Array, inlier: Flags, found: Matched, noise: Array) -> Array:
+    """Return the pose (3,) of least squares by the inliers and the belief: three steps of Gauss and Newton.
+
+    Args:
+        pose: where the steps begin, x and y in m and heading in rad.
+        mean: believed pose, (3,) or longer.
+        information: inverse of its covariance, (3, 3).
+        inlier: matches that count, (k,).
+        found: matches.
+        noise: see `gate`, (5,).
+    """
+    for _ in range(3):
+        a, v = information.copy(), np.zeros(3)
+        turn = wrap(mean[THETA] - pose[THETA])
+        for i in range(3):
+            v[i] = information[i, 0] * (mean[X] - pose[X]) + information[i, 1] * (mean[Y] - pose[Y])
+            v[i] += information[i, 2] * turn
+        for m in range(inlier.size):
+            if not inlier[m]:
+                continue
+            distance, bearing = found.rays[m, DISTANCE], found.rays[m, BEARING]
+            dx, dy = found.places[m, 0] - pose[X], found.places[m, 1] - pose[Y]
+            q2 = max(dx * dx + dy * dy, 1e-12)
+            q = math.sqrt(q2)
+            r, b = variances(distance, noise)
+            h = np.array([[-dx / q, -dy / q, 0.0], [dy / q2, -dx / q2, -1.0]])
+            nu = (distance - q, wrap(bearing - math.atan2(dy, dx) + pose[THETA]))
+            for k in range(2):
+                w = 1.0 / r if k == 0 else 1.0 / b
+                for i in range(3):
+                    v[i] += w * h[k, i] * nu[k]
+                    for j in range(3):
+                        a[i, j] += w * h[k, i] * h[k, j]
+        pose = pose + solve3(a, v)
+    return pose
+
+
+@row_kernel
+def _best_motion(
+    mean: Array, cov: Array, found: Matched, noise: Array, limits: Array, seed: int
+) -> tuple[Array, float]:
+    """Return the pose (3,) of the best motion through two matches, and the variance of its heading, rad^2."""
+    k = found.places.shape[0]
+    pairs, most, gate = k * (k - 1) // 2, int(limits[PAIRS]), limits[GATE]
+    every = pairs <= most
+    best, state, i, j = math.inf, seed % 2147483648, 0, 0
+    pose, loose = np.zeros(3), 0.0
+    for _ in range(pairs if every else most):
+        if every:
+            j += 1
+            if j == k:
+                i += 1
+                j = i + 1
+        else:
+            state, i = draw(state, k)
+            state, j = draw(state, k - 1)
+            j += 1 if j >= i else 0
+        x, y, heading, v = motion_of(mean, cov, i, j, found, noise)
+        total, c, s = 0.0, math.cos(heading), math.sin(heading)
+        looseness = math.log1p(v / (2.0 * variances(0.0, noise)[1]))
+        for m in range(k):
+            r, b = variances(found.rays[m, DISTANCE], noise)
+            off = misfit(x, y, c, s, found.places[m], found.rays[m], 2.0 * r, 2.0 * b + v)
+            total += min(gate, off + looseness)
+            if total >= best:
+                break
+        if total < best:
+            best, loose = total, v
+            pose[X], pose[Y], pose[THETA] = x, y, heading
+    return pose, loose
+
+
+@row_kernel
+def consensus(mean: Array, cov: Array, found: Matched, noise: Array, limits: Array, seed: int) -> Flags:
+    """Return the matches (k,) that agree with the best rigid motion through two of them.
+
+    The best motion has the least sum over all matches of min(misfit, gate) + ln(b'/b) (MSAC; b' is the variance of the
+    bearing with that of the motion's heading: a loose motion explains everything). It is refined by least squares over
+    its inliers and the belief; matches that then differ by less than limits[SPREAD] times the variances stay. All pairs
+    are tried if they are at most limits[PAIRS], else as many drawn at random.
+    """
+    inlier = np.ones(found.places.shape[0], dtype=np.bool_)
+    if inlier.size < 2:
+        return inlier
+    pose, loose = _best_motion(mean, cov, found, noise, limits, seed)
+    agreeing(inlier, pose, found, noise, 2.0, loose, limits[GATE])
+    information = inverse3(cov)[0]  # of the pose: it reads the first three rows and columns
+    for _ in range(2):
+        pose = refined(pose, mean, information, inlier, found, noise)
+        agreeing(inlier, pose, found, noise, limits[SPREAD], 0.0, limits[GATE])
+    return inlier

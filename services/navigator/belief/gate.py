@@ -1,0 +1,210 @@
+"""Gate of a detection, and the landmark in it that looks most like the detection; kernels of data association.
+
+A detection z = (range r, bearing phi) from pose (x, y, theta) of a landmark at l has
+
+    q = |l - (x, y)|,  H = [-(l_x - x)/q, -(l_y - y)/q, 0; (l_y - y)/q^2, -(l_x - x)/q^2, -1]
+    nu = (r - q, wrap(phi - atan2(l_y - y, l_x - x) + theta)),  S = H Sigma H^T + R
+
+and passes the gate if nu^T S^-1 nu < 9.21 = chi^2_2(.99). R holds the noise of one detection and the error that all
+detections of a frame have in common, caused by an unknown tilt of the trunk.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import row_kernel
+
+from .ukf import THETA, X, Y, wrap
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+# fates of a detection
+MATCHED, INVALID, FAR, UNLIKE, AMBIGUOUS, DOUBLED, OUTLIER, SURPLUS = 0, 1, 2, 3, 4, 5, 6, 7
+
+# indices of the noise vector
+RANGE_SD, RANGE_SHARE, BEARING_SD, COMMON_RANGE_SD, COMMON_BEARING_SD = 0, 1, 2, 3, 4
+
+# indices of the limits vector
+GATE, LOOK, RATIO, SHORTEST, LONGEST, SPREAD, PAIRS, MOST = 0, 1, 2, 3, 4, 5, 6, 7
+
+
+class FrameTables(NamedTuple):
+    """Detections of one frame, seen from base_link in heading axes."""
+
+    ranges: Array
+    """Distance along the floor, m, (m,)."""
+    bearings: Array
+    """Direction, rad, left positive, (m,)."""
+    looks: Array
+    """Descriptors, (m, k)."""
+
+
+class MapTables(NamedTuple):
+    """Landmarks of a map with an index of places."""
+
+    positions: Array
+    """(n, 2) m, frame map."""
+    looks: Array
+    """Descriptors, (n, k)."""
+    grid: Array
+    """Cells of the index, (5,), see `landmarks.Buckets`."""
+    starts: Index
+    """First member of each cell, (cells + 1,)."""
+    members: Index
+    """Landmarks by cell, (n,)."""
+
+
+@row_kernel
+def variances(distance: float, noise: Array) -> tuple[float, float]:
+    """Return the variances of range (m^2) and bearing (rad^2) of a detection at `distance` m, with common errors."""
+    own = noise[RANGE_SD] * noise[RANGE_SD] + (noise[RANGE_SHARE] * distance) ** 2
+    return own + noise[COMMON_RANGE_SD] ** 2, noise[BEARING_SD] ** 2 + noise[COMMON_BEARING_SD] ** 2
+
+
+@row_kernel
+def gated(
+    mean: Array, cov: Array, place_x: float, place_y: float, distance: float, bearing: float, r: float, b: float
+) -> float:
+    """Return the normalised innovation squared of a detection against a landmark, 2 degrees of freedom.
+
+    It is inf where the robot stands on the landmark.
+
+    Args:
+        mean: x, y in m, heading in rad, (3,) or longer.
+        cov: its covariance, (3, 3) or larger.
+        place_x: of the landmark, m, frame map.
+        place_y: of the landmark, m, frame map.
+        distance: detected, m.
+        bearing: detected, rad.
+        r: variance of the range, m^2.
+        b: variance of the bearing, rad^2.
+    """
+    dx, dy = place_x - mean[X], place_y - mean[Y]
+    q2 = dx * dx + dy * dy
+    if q2 < 1e-12:
+        return math.inf
+    q = math.sqrt(q2)
+    nr = distance - q
+    nb = wrap(bearing - math.atan2(dy, dx) + mean[THETA])
+    ax, ay, bx, by = -dx / q, -dy / q, dy / q2, -dx / q2
+    srr = ax * ax * cov[X, X] + 2.0 * ax * ay * cov[X, Y] + ay * ay * cov[Y, Y] + r
+    sbb = bx * bx * cov[X, X] + 2.0 * bx * by * cov[X, Y] + by * by * cov[Y, Y]
+    sbb += cov[THETA, THETA] - 2.0 * (bx * cov[X, THETA] + by * cov[Y, THETA]) + b
+    srb = ax * bx * cov[X, X] + (ax * by + ay * bx) * cov[X, Y] + ay * by * cov[Y, Y]
+    srb -= ax * cov[X, THETA] + ay * cov[Y, THETA]
+    det = srr * sbb - srb * srb
+    if det <= 0.0:
+        return math.inf
+    return (nr * nr * sbb - 2.0 * nr * nb * srb + nb * nb * srr) / det
+
+
+@row_kernel
+def largest_variance(cov: Array) -> float:
+    """Return the larger eigenvalue of the covariance of x and y, m^2; cov (3, 3) or larger."""
+    half, apart = 0.5 * (cov[X, X] + cov[Y, Y]), 0.5 * (cov[X, X] - cov[Y, Y])
+    return half + math.sqrt(apart * apart + cov[X, Y] * cov[X, Y])
+
+
+@row_kernel
+def reach_of(mean: Array, cov: Array, distance: float, r: float, b: float, gate: float) -> float:
+    """Return the radius, m, of the circle around a detection that holds every landmark in its gate.
+
+    |nu_r| < g sqrt(S_rr) and |nu_phi| < g sqrt(S_phiphi), g^2 = gate; the variance of the position is at most the
+    larger eigenvalue of its block of Sigma.
+    """
+    largest, g = largest_variance(cov), math.sqrt(gate)
+    along = g * math.sqrt(r + largest)
+    nearest = distance - along
+    if nearest < 0.05:
+        return along + 2.0 * distance
+    turn = math.sqrt(cov[THETA, THETA]) + math.sqrt(largest) / nearest
+    angle = min(math.pi, g * math.sqrt(b + turn * turn))
+    return along + 2.0 * distance * math.sin(0.5 * angle)
+
+
+@row_kernel
+def apart2(a: Array, b: Array, enough: float) -> float:
+    """Return the squared distance of two descriptors (k,), or a part of it that is >= `enough`."""
+    total = 0.0
+    for i in range(a.size):
+        d = a[i] - b[i]
+        total += d * d
+        if total >= enough:
+            return total
+    return total
+
+
+@row_kernel
+def _cells(grid: Array, x: float, y: float, reach: float) -> tuple[int, int, int, int]:
+    """Return first and last column, first and last row of the index within `reach` m of a place; empty if last < first.
+
+    The limits apply before the numbers become whole ones: a wide belief reaches beyond any index.
+    """
+    edge, rows, cols = grid[2], int(grid[3]), int(grid[4])
+    low_c = int(min(max(math.floor((x - reach - grid[0]) / edge), 0.0), cols + 0.0))
+    high_c = int(max(min(math.floor((x + reach - grid[0]) / edge), cols - 1.0), -1.0))
+    low_r = int(min(max(math.floor((y - reach - grid[1]) / edge), 0.0), rows + 0.0))
+    high_r = int(max(min(math.floor((y + reach - grid[1]) / edge), rows - 1.0), -1.0))
+    return low_c, high_c, low_r, high_r
+
+
+@row_kernel
+def nearest_look(
+    mean: Array, cov: Array, distance: float, bearing: float, look: Array, world: MapTables, noise: Array, limits: Array
+) -> tuple[int, int, float, float]:
+    """Return the landmark in the gate of one detection that looks most like it.
+
+    Args:
+        mean: believed x, y (m, frame map) and heading (rad), (3,) or longer.
+        cov: its covariance, (3, 3) or larger.
+        distance: detected, m.
+        bearing: detected, rad.
+        look: descriptor of the detection, (k,).
+        world: landmarks.
+        noise: indexed by RANGE_SD and the others, (5,).
+        limits: indexed by GATE and the others, (8,).
+
+    Returns:
+        Landmark or -1, its fate (MATCHED, FAR, UNLIKE or AMBIGUOUS), normalised innovation squared, square of the
+        distance of the descriptors.
+    """
+    r, b = variances(distance, noise)
+    gate = limits[GATE]
+    reach = reach_of(mean, cov, distance, r, b, gate)
+    at_x = mean[X] + distance * math.cos(mean[THETA] + bearing)
+    at_y = mean[Y] + distance * math.sin(mean[THETA] + bearing)
+    low_c, high_c, low_r, high_r = _cells(world.grid, at_x, at_y, reach)
+    cols, starts, positions = int(world.grid[4]), world.starts, world.positions
+    best, best_nis, first, second = -1, 0.0, math.inf, math.inf
+    reach2 = reach * reach
+    along = math.sqrt(gate * (r + largest_variance(cov)))  # nu^T S^-1 nu >= nu_r^2/S_rr: cheaper, checked first
+    nearest2, farthest2 = max(0.0, distance - along) ** 2, (distance + along) ** 2
+    for row in range(low_r, high_r + 1):
+        for at in range(starts[row * cols + low_c], starts[row * cols + high_c + 1]) if low_c <= high_c else range(0):
+            i = world.members[at]
+            dx, dy = positions[i, 0] - at_x, positions[i, 1] - at_y
+            if dx * dx + dy * dy > reach2:
+                continue
+            dx, dy = positions[i, 0] - mean[X], positions[i, 1] - mean[Y]
+            if not nearest2 <= dx * dx + dy * dy <= farthest2:
+                continue
+            nis = gated(mean, cov, positions[i, 0], positions[i, 1], distance, bearing, r, b)
+            if not nis < gate:
+                continue
+            gap = apart2(look, world.looks[i], second)
+            if gap < first or (gap == first and best >= 0 and i < best):
+                second = first
+                best, best_nis, first = i, nis, gap
+            elif gap < second:
+                second = gap
+    if best < 0:
+        return -1, FAR, 0.0, 0.0
+    if first > limits[LOOK] * limits[LOOK]:
+        return -1, UNLIKE, best_nis, first
+    if second < math.inf and first >= limits[RATIO] * limits[RATIO] * second:
+        return -1, AMBIGUOUS, best_nis, first
+    return best, MATCHED, best_nis, first

@@ -1,0 +1,87 @@
+"""Arrays of one simulated episode, as the kernels of training, evaluation and reproduction take them."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..belief.ukf import NUISANCE
+from ..policy.arrays import DENSITY, STATUS, X_MAX, X_MIN, Y_MAX, Y_MIN, Arrays
+from .draws import Stream
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+CELL = 0.25  # m, edge of the squares by which landmarks are found
+IN_VIEW = 128  # landmarks of one frame that are considered before `most` are drawn of them
+ROLL, PITCH = 4, 5  # elements of the truth behind X, Y, THETA, DRIFT of `ukf`
+TRUTH = 6
+
+
+class EpisodeState(NamedTuple):
+    """One episode under way; a batch of episodes has one more axis in front of every array."""
+
+    rng: Stream
+    """State of the random stream, (4,)."""
+    marks: Array
+    """x and y of the landmarks, (M, 2), m, frame map, square by square."""
+    first: Ints
+    """Index of the first landmark of each square, and their number at the end, (squares + 1,)."""
+    truth: Array
+    """True x, y (m), heading (rad), drift (rad per m), roll and pitch error of the camera (rad), (TRUTH,)."""
+    mean: Array
+    """Belief after the last frame, (n,), see `ukf`."""
+    cov: Array
+    """Its covariance, (n, n)."""
+    ahead_mean: Array
+    """Belief at the next decision, which may come before the last frames of an action, (n,)."""
+    ahead_cov: Array
+    """Its covariance, (n, n)."""
+    status: Array
+    """(STATUS,), see `arrays`."""
+
+
+class EpisodeRoom(NamedTuple):
+    """Scratch of the kernels of an episode; nothing in it outlives a call."""
+
+    noise: Array
+    """Variances of a motion, (4,), see `ukf.predict`."""
+    gain: Array
+    """Effect of the nuisances on a sighting, (2, n - 4)."""
+    work: Array
+    """Scratch of the filter, with one column more for the landmarks in view."""
+
+
+def squares(scene: Array) -> tuple[int, int]:
+    """Return the numbers of squares along x and y."""
+    return math.ceil((scene[X_MAX] - scene[X_MIN]) / CELL), math.ceil((scene[Y_MAX] - scene[Y_MIN]) / CELL)
+
+
+def most_landmarks(scene: Array) -> int:
+    """Return the number of landmarks that an episode has room for: mean and ten standard deviations."""
+    nx, ny = squares(scene)
+    mean = nx * ny * CELL * CELL * scene[DENSITY]
+    return int(mean + 10.0 * math.sqrt(mean)) + 16
+
+
+def episode_state(world: Arrays, *count: int) -> EpisodeState:
+    """Return the arrays of one episode, or of a batch of `count` episodes."""
+    n, (nx, ny) = world.states, squares(world.scene)
+    return EpisodeState(
+        np.zeros((*count, 4), dtype=np.uint64),
+        np.zeros((*count, most_landmarks(world.scene), 2)),
+        np.zeros((*count, nx * ny + 1), dtype=np.int64),
+        np.zeros((*count, TRUTH)),
+        np.zeros((*count, n)),
+        np.zeros((*count, n, n)),
+        np.zeros((*count, n)),
+        np.zeros((*count, n, n)),
+        np.zeros((*count, STATUS)),
+    )
+
+
+def episode_room(states: int) -> EpisodeRoom:
+    """Return scratch for a filter of a number of states."""
+    work = np.zeros((max(3 * states, IN_VIEW), max(states, 4) + 1))
+    return EpisodeRoom(np.zeros(4), np.zeros((2, max(0, states - NUISANCE))), work)

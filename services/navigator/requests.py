@@ -1,0 +1,180 @@
+"""Requests of clients: checked when they arrive, carried out in a tick."""
+
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from surefoot.errors import Refusal
+from surefoot.schemas import navigation as nav
+from surefoot.schemas.state import Odometry
+
+from .catalogue import Catalogue
+from .goals import GaitView, NavigationGoal
+from .localiser import Localiser
+from .maps import Maps
+from .memory import Kept
+from .messages import placed
+from .pilot import Pilot
+from .policy.policies import Decider
+
+Log = Callable[[str, str], None]
+
+
+class Requests:
+    """Requests of one epoch.
+
+    Args:
+        catalogue: policies by name.
+        maps: obstacles that routes go around.
+        localiser: belief of the pose.
+        pilot: conducts the goals.
+        log: writes a line of a level and a text.
+        keep: writes the memory, called for every goal that is accepted.
+    """
+
+    def __init__(
+        self, catalogue: Catalogue, maps: Maps, localiser: Localiser, pilot: Pilot, log: Log, keep: Callable[[], None]
+    ) -> None:
+        self.catalogue, self.maps, self.localiser, self.pilot = catalogue, maps, localiser, pilot
+        self.log, self._keep = log, keep
+        self.tick, self.now = -1, 0.0
+        """Number of the last tick, and its simulated time, s."""
+        self.gait = GaitView("waiting")
+        self.planned: list[tuple[int, NavigationGoal]] = []
+        """Goals that wait, with the tick that they begin in."""
+        self._later: list[tuple[int, Callable[[], object]]] = []
+        self._names = itertools.count(1)
+
+    def goto(self, request: nav.GotoRequest) -> nav.GoalReply:
+        """Accept or refuse a goal; it begins in the next tick, or at `at_tick`."""
+        place = (*request.position, 0.0 if request.yaw is None else request.yaw)
+        if request.frame == "odom":
+            place = placed(self.localiser.map_from_odom, place)
+        elif request.frame != "map":
+            raise Refusal("unknown_frame", f"frame must be map or odom, got {request.frame!r}", "frame")
+        return self._accept(request, (place[:2],), "position", None if request.yaw is None else place[2])
+
+    def waypoints(self, request: nav.WaypointsRequest) -> nav.GoalReply:
+        """Accept or refuse a list of places."""
+        return self._accept(request, request.positions, "positions", None)
+
+    def _accept(
+        self, request: nav.GotoRequest | nav.WaypointsRequest, places: tuple[nav.Vec2, ...], field: str,
+        yaw: float | None,
+    ) -> nav.GoalReply:  # fmt: skip
+        self._refuse_late(request.at_tick)
+        if request.at_tick is None:
+            self._refuse_unable()
+        policy = self.catalogue.find(request.policy)
+        here = self.localiser.tracker.pose[:2]
+        route = self.maps.route(here, places, field)
+        name, asked = request.goal_id or f"goal-{next(self._names)}", request.policy or self.catalogue.default
+        goal = NavigationGoal(name, route, policy.name, self.now, yaw, start=here, asked=asked)
+        self.plan(self.tick + 1 if request.at_tick is None else request.at_tick, goal)
+        self._keep()
+        return nav.GoalReply(accepted=True, goal_id=goal.id, route=route, length=goal.left(*here))
+
+    def plan(self, tick: int, goal: NavigationGoal) -> None:
+        """Begin a goal in a tick."""
+        self.planned.append((tick, goal))
+        self._schedule(tick, lambda: self._begin(goal))
+
+    def _begin(self, goal: NavigationGoal) -> None:
+        self.planned = [item for item in self.planned if item[1] is not goal]
+        goal.began, goal.start = self.now, self.localiser.tracker.pose[:2]
+        self.pilot.begin(goal, self.decider(goal))
+        self.log("info", f"goal {goal.id}: {len(goal.route)} waypoints, policy {goal.policy}")
+
+    def decider(self, goal: NavigationGoal) -> Decider:
+        """Return the decider of a goal; by the default policy if the file of its own has gone since it was kept."""
+        try:
+            return self.catalogue.decider(goal.asked)
+        except Refusal as refusal:
+            goal.asked, goal.policy = None, self.catalogue.find(None).name
+            self.log("warning", f"goal {goal.id} goes on by the default policy {goal.policy}: {refusal.message}")
+            return self.catalogue.decider(None)
+
+    def cancel(self, request: nav.CancelRequest) -> nav.NavigatorReply:
+        """End the present goal on both feet."""
+        self._refuse_late(request.at_tick)
+        goal = self.pilot.goal
+        if request.at_tick is None and (goal is None or self.pilot.state != "navigating"):
+            return nav.NavigatorReply(accepted=False, reason="no goal is under way")
+        if request.goal_id is not None and goal is not None and request.goal_id != goal.id:
+            return nav.NavigatorReply(accepted=False, reason=f"the goal is {goal.id!r}, not {request.goal_id!r}")
+        self._schedule(request.at_tick, self.pilot.cancel)
+        return nav.NavigatorReply(accepted=True)
+
+    def set_pose(self, request: nav.SetPoseRequest) -> nav.NavigatorReply:
+        """Begin anew at a stated pose."""
+        self._refuse_late(request.at_tick)
+        cov = None
+        if request.covariance is not None:
+            cov = np.array(request.covariance).reshape(3, 3)
+            if not is_covariance(cov):
+                text = f"covariance must be symmetric with no negative variance, got {request.covariance}"
+                raise Refusal("invalid", text, "covariance")
+        self.maps.refuse_blocked(request.pose[:2], "pose")
+        self._schedule(request.at_tick, lambda: self.localiser.place(request.pose, cov))
+        return nav.NavigatorReply(accepted=True)
+
+    def policy(self, request: nav.PolicyRequest) -> nav.PolicyReply:
+        """Return the default policy and the names of the others; make another the default."""
+        if request.use is not None:
+            self.catalogue.choose(request.use)
+        return self.catalogue.message()
+
+    def kept(self) -> Kept:
+        """Return the state that a restarted navigator needs."""
+        t, pilot = self.localiser.tracker, self.pilot
+        return Kept(
+            pilot.number, t.pose, tuple(t.cov[:3, :3].ravel().tolist()), self.localiser.odom, pilot.goal, pilot.state,
+            pilot.end, pilot.ended, tuple(self.planned),
+        )  # fmt: skip
+
+    def resume(self, kept: Kept, odometry: Odometry | None) -> None:
+        """Continue from the state of a navigator before."""
+        pilot, pose = self.pilot, None
+        if odometry is not None:
+            pose = (odometry.position[0], odometry.position[1], odometry.yaw)
+        self.localiser.resume(kept.pose, np.array(kept.covariance).reshape(3, 3), kept.odom, pose)
+        pilot.number = max(kept.number, self.gait.order)
+        if kept.goal is not None:
+            pilot.resume(kept.goal, self.decider(kept.goal), kept.state, kept.end)
+            pilot.ended = kept.ended
+        for tick, goal in kept.planned:
+            self.plan(tick, goal)
+        what = "goes on with its goal" if pilot.state in ("navigating", "stopping") else "no goal under way"
+        self.log("info", f"started again in tick {self.tick}: {what}")
+
+    def carry_out(self) -> None:
+        """Carry out the requests that are due in this tick."""
+        for item in [item for item in self._later if item[0] <= self.tick]:
+            self._later.remove(item)
+            item[1]()
+
+    def _schedule(self, at_tick: int | None, action: Callable[[], object]) -> None:
+        self._later.append((self.tick + 1 if at_tick is None else at_tick, action))
+
+    def _refuse_late(self, at_tick: int | None) -> None:
+        if at_tick is not None and at_tick <= self.tick:
+            text = f"at_tick {at_tick} has passed; the next tick is {self.tick + 1}"
+            raise Refusal("late", text, "at_tick")
+
+    def _refuse_unable(self) -> None:
+        if self.gait.state == "waiting":
+            raise Refusal("not_initialised", "the estimator has not finished its standstill calibration")
+        if self.gait.state == "refused":
+            raise Refusal("fallen", self.gait.reason or "the robot has fallen")
+
+
+def is_covariance(cov: np.ndarray[Any, Any]) -> bool:
+    """Return whether a (3, 3) matrix can be a covariance: symmetric, its leading minors not negative."""
+    if not np.allclose(cov, cov.T, atol=1e-12):
+        return False
+    a, b, c, d, e, f = cov[0, 0], cov[0, 1], cov[0, 2], cov[1, 1], cov[1, 2], cov[2, 2]
+    det = a * (d * f - e * e) - b * (b * f - e * c) + c * (b * e - d * c)
+    pairs = (a * d - b * b, a * f - c * c, d * f - e * e)
+    return bool(min(a, d, f) >= 0.0 and min(pairs) >= -1e-15 and det >= -1e-15)
