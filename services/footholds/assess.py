@@ -5,12 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from surefoot.geometry.heightmap_kernels import patch
+from surefoot.geometry.heightmap_cells import patch
 
 from .features import Features, Layer, distance, map_features, window_features
 from .ground import FootholdGround
-from .masks import REASONS, Limits, Placement, count_reasons, mask_window
+from .masks import REASONS, Placement, count_reasons, mask_window
 from .models.protocol import SlipModel
+from .select import SelectParams
 
 LAYERS = ("z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask")
 
@@ -53,8 +54,7 @@ def assess(
     nominal: tuple[float, float] | None,
     stroke: Sequence[float],
     names: Sequence[str],
-    limits: Limits,
-    distance_weight: float | None,
+    params: SelectParams,
     placement: Placement | None = None,
 ) -> Assessment:
     """Score every cell of a window.
@@ -66,15 +66,14 @@ def assess(
         nominal: zero of K4, map frame, m; None: K4 = 0 everywhere, so q = p.
         stroke: movement of the foot relative to the body in stance, map axes, (3,) m.
         names: layers wanted, of `LAYERS`.
-        limits: what a foothold must keep.
-        distance_weight: k of Q = P + k K4, 1/m; None = that of the model.
+        params: limits of a foothold, and k of Q = P + k K4.
         placement: the leg for the reach and collision tests; None tests the ground alone.
     """
     surface = ground.surface
     push = np.asarray(stroke, dtype=np.float64)
     features = _features(surface.z, window, push, surface.cell)
     slip = model.predict(features, surface.cell)
-    mask = mask_window(ground, window.row, window.col, slip, limits, placement)
+    mask = mask_window(ground, window.row, window.col, slip, params.limits, placement)
     counts = np.zeros(len(REASONS) + 1, dtype=np.int64)
     count_reasons(mask, counts)
     away = np.zeros(slip.shape, dtype=np.float32)
@@ -91,7 +90,7 @@ def assess(
         elif name == "p":
             out[k] = slip
         elif name == "q":
-            out[k] = slip + np.float32(model.distance_weight if distance_weight is None else distance_weight) * away
+            out[k] = slip + np.float32(params.weight(model)) * away
         elif name == "k4":
             out[k] = away
         elif name == "mask":

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 
-from surefoot.geometry.heightmap_kernels import patch
+from surefoot.geometry.heightmap_cells import patch
 
 from .features import window_features
 from .ground import FootholdGround
-from .learning.samples import PATCH, Sample
+from .learning.samples import PATCH, StanceSample
 
 UNKNOWN_UM = -(2**31)
 
@@ -22,7 +22,7 @@ def sample_at(
     name: tuple[str, int, int],
     displacement: float | None = None,
     load: float = math.nan,
-) -> Sample:
+) -> StanceSample:
     """Return the sample of a stance; robot, friction and source are left to the caller.
 
     Args:
@@ -42,7 +42,7 @@ def sample_at(
     patch(surface.z, row - PATCH // 2, col - PATCH // 2, around)
     rise = 1e6 * (around.astype(np.float64) - float(around[PATCH // 2, PATCH // 2]))
     trial, leg, step = name
-    return Sample(
+    return StanceSample(
         trial=trial, leg=leg, step=step,
         k1=float(found.k1[0, 0]), k2=float(found.k2[0, 0]), cos_k3=float(found.cos_k3[0, 0]),
         k4=math.sqrt(sum((a - b) ** 2 for a, b in zip(planned, nominal, strict=True))),

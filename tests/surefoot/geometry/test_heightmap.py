@@ -1,4 +1,4 @@
-"""The height map: orientation, heights, dilation, swept corridors, wire."""
+"""The height map: orientation, heights, dilation, median filter, wire."""
 
 import json
 import math
@@ -139,42 +139,6 @@ def test_median_filters_spikes_keeps_edges_and_fills_drop_outs() -> None:
     assert got[1:3, 5] == pytest.approx(0.03)
     assert np.isnan(got[5:7, 7]).all()
     assert np.isnan(HeightMap(z=z, cell=CELL).smoothed(min_known=9).z[6, 2])
-
-
-@given(POINT, POINT, st.floats(0.0, 0.02), st.integers(0, 5), st.floats(0, 1), st.floats(-1, 1))
-def test_no_point_of_the_corridor_is_higher(
-    p0: tuple[float, float], p1: tuple[float, float], halfwidth: float, seed: int, along: float, across: float
-) -> None:
-    ground = bumpy(seed=seed)
-    best = ground.max_in_path(p0, p1, halfwidth)
-    dx, dy = p1[0] - p0[0], p1[1] - p0[1]
-    length = math.hypot(dx, dy)
-    normal = (-dy / length, dx / length) if length > 1e-9 else (0.6, 0.8)
-    side = 0.999 * across * halfwidth
-    height = ground.height_at(p0[0] + along * dx + side * normal[0], p0[1] + along * dy + side * normal[1])
-    assert math.isnan(height) or height <= best + 1e-7
-
-
-@given(st.integers(0, 14), st.integers(0, 20), POINT, POINT, st.floats(0.0, 0.02))
-def test_corridor_looks_no_further_than_a_cell_beyond_its_edge(
-    row: int, col: int, p0: tuple[float, float], p1: tuple[float, float], halfwidth: float
-) -> None:
-    z = np.zeros((15, 21), dtype=np.float32)
-    z[row, col] = 1.0
-    ground = HeightMap(z=z, cell=CELL)
-    x, y = ground.centre(row, col)
-    t = np.linspace(0.0, 1.0, 400)
-    gap = np.hypot(p0[0] + t * (p1[0] - p0[0]) - x, p0[1] + t * (p1[1] - p0[1]) - y).min()
-    if gap > halfwidth + math.sqrt(2.0) * CELL + 1e-4:
-        best = ground.max_in_path(p0, p1, halfwidth)
-        assert math.isnan(best) or best == 0.0
-
-
-def test_corridor_over_unknown_ground() -> None:
-    ground = HeightMap(z=np.full((4, 4), np.nan, dtype=np.float32), cell=CELL)
-    assert math.isnan(ground.max_in_path((0.0, 0.0), (0.01, 0.01), 0.01))
-    assert math.isnan(bumpy().max_in_path((NAN, 0.0), (0.01, 0.01), 0.01))
-    assert math.isnan(bumpy().max_in_path((5.0, 5.0), (6.0, 6.0), 0.01))
 
 
 @pytest.mark.parametrize(

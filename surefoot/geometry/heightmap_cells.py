@@ -1,4 +1,7 @@
-"""Compiled inner loops of the height map; z is (ny, nx) float32, x0 and y0 the centre of cell [0, 0]."""
+"""Compiled loops over the cells of a height map.
+
+Throughout z is (ny, nx) float32 in m, `cell` the edge of a cell and (x0, y0) the centre of cell [0, 0], m.
+"""
 
 import math
 
@@ -8,11 +11,20 @@ from numpy.typing import NDArray
 from surefoot.kernels.jit import kernel, row_kernel
 
 Heights = NDArray[np.float32]
+Part = tuple[int, int, int, int]
+"""First row, end of the rows, first column, end of the columns; the ends are left out."""
+
+
+Ball = tuple[NDArray[np.int64], NDArray[np.int64], Heights]
+"""Cells within a sphere about a cell: row offsets, column offsets, and the sphere's height over its middle there, m."""
 
 
 @kernel
 def bilinear(z: Heights, cell: float, x0: float, y0: float, x: float, y: float) -> float:
-    """Bilinear height; the outermost half cell continues the border; NaN outside or where a used cell is NaN."""
+    """Return the bilinear height at (x, y), m; NaN outside the map, or where a cell that counts is NaN.
+
+    The outermost half cell continues the border value.
+    """
     ny, nx = z.shape
     u = (x - x0) / cell
     v = (y - y0) / cell
@@ -36,16 +48,10 @@ def bilinear(z: Heights, cell: float, x0: float, y0: float, x: float, y: float) 
 
 @kernel
 def heights(
-    z: Heights,
-    cell: float,
-    x0: float,
-    y0: float,
-    xs: NDArray[np.float64],
-    ys: NDArray[np.float64],
-    smooth: bool,
+    z: Heights, cell: float, x0: float, y0: float, xs: NDArray[np.float64], ys: NDArray[np.float64], smooth: bool,
     out: NDArray[np.float64],
-) -> None:
-    """Height of every point (xs[k], ys[k]) into out[k]."""
+) -> None:  # fmt: skip
+    """Write the height at every point (xs[k], ys[k]) into out[k]; `smooth` interpolates between the cells."""
     ny, nx = z.shape
     for k in range(xs.shape[0]):
         if smooth:
@@ -60,7 +66,7 @@ def heights(
 
 @kernel
 def patch(z: Heights, row: int, col: int, out: Heights) -> None:
-    """Copy the window that starts at (row, col) into out; NaN outside the map."""
+    """Copy the window that starts at cell (row, col) into `out`, with NaN outside the map."""
     ny, nx = z.shape
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
@@ -72,8 +78,13 @@ def patch(z: Heights, row: int, col: int, out: Heights) -> None:
                 out[i, j] = math.nan
 
 
-def ball(radius: float, cell: float) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]:
-    """Neighbours within a sphere: row offsets (k,), column offsets (k,), lift sqrt(radius^2 - d^2) (k,) in m."""
+def ball(radius: float, cell: float) -> Ball:
+    """Return the cells within a sphere.
+
+    Args:
+        radius: of the sphere, m.
+        cell: edge of a cell, m.
+    """
     reach = int(radius / cell + 1e-9)
     rows, cols = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     rest = radius**2 - cell**2 * (rows**2 + cols**2)
@@ -84,21 +95,20 @@ def ball(radius: float, cell: float) -> tuple[NDArray[np.int64], NDArray[np.int6
 
 @row_kernel
 def _raise(source: Heights, lift: np.float32, target: Heights) -> None:
-    """target = max(target, source + lift), a NaN of the source left out; rows of equal length."""
+    """Set target = max(target, source + lift) for rows of equal length; a NaN of the source is left out."""
     for j in range(target.shape[0]):
         value = source[j] + lift
         target[j] = value if value > target[j] else target[j]
 
 
 @row_kernel
-def dilate(
-    z: Heights, rows: NDArray[np.int64], cols: NDArray[np.int64], lift: NDArray[np.float32], out: Heights, row0: int,
-    row1: int, col0: int, col1: int,
-) -> None:  # fmt: skip
-    """out[i, j] = max over k of z[i + rows[k], j + cols[k]] + lift[k]; NaN neighbours left out, NaN cells stay.
+def dilate(z: Heights, ball: Ball, part: Part, out: Heights) -> None:
+    """Write max over k of z[i + rows[k], j + cols[k]] + lift[k] into out[i, j] for the cells of a part.
 
-    Only the rows from row0 to row1 and the columns from col0 to col1 are written, the ends left out.
+    NaN neighbours are left out, and a cell that is NaN stays NaN.
     """
+    row0, row1, col0, col1 = part
+    rows, cols, lift = ball
     ny, nx = z.shape
     lowest, unknown = np.float32(-np.inf), np.float32(np.nan)
     for i in range(row0, row1):
@@ -118,7 +128,7 @@ def dilate(
 
 @row_kernel
 def _columns(up: Heights, mid: Heights, down: Heights, low: Heights, middle: Heights, high: Heights) -> None:
-    """Sort three rows cell by cell; NaN and infinities spoil the cells they are in."""
+    """Sort three rows cell by cell; a NaN or infinity makes the middle of its cell NaN."""
     for j in range(mid.shape[0]):
         a, b, c = up[j], mid[j], down[j]
         small, large = min(a, b), max(a, b)
@@ -128,7 +138,7 @@ def _columns(up: Heights, mid: Heights, down: Heights, low: Heights, middle: Hei
 
 @row_kernel
 def _medians(low: Heights, middle: Heights, high: Heights, out: Heights) -> None:
-    """Median of nine from three sorted columns: that of the largest low, the median middle and the smallest high."""
+    """Write the median of nine cells: that of the largest low, the median middle and the smallest high of 3 columns."""
     for j in range(out.shape[0]):
         a = max(max(low[j], low[j + 1]), low[j + 2])
         c = min(min(high[j], high[j + 1]), high[j + 2])
@@ -139,12 +149,13 @@ def _medians(low: Heights, middle: Heights, high: Heights, out: Heights) -> None
 
 
 @row_kernel
-def median3(z: Heights, min_known: int, out: Heights, row0: int, row1: int, col0: int, col1: int) -> None:
-    """Median of the known heights in each 3 x 3 window; an unknown cell needs `min_known` known neighbours.
+def median3(z: Heights, min_known: int, part: Part, out: Heights) -> None:
+    """Write the median of the known heights in each 3 x 3 window into `out` for the cells of a part.
 
-    Windows that are known and inside the map are done row by row, three sorted columns shared by three windows; the
-    others cell by cell. Only rows from row0 to row1 and columns from col0 to col1 are written, the ends left out.
+    An unknown cell needs `min_known` known neighbours, otherwise it stays NaN. Windows that are known and inside the
+    map are done row by row, three sorted columns shared by three windows; the others cell by cell.
     """
+    row0, row1, col0, col1 = part
     ny, nx = z.shape
     window = np.empty(9, dtype=np.float32)
     first, last = max(col0, 1), min(col1, nx - 1)
@@ -171,7 +182,7 @@ def median3(z: Heights, min_known: int, out: Heights, row0: int, row1: int, col0
 
 @row_kernel
 def _median_of(z: Heights, i: int, j: int, min_known: int, window: Heights) -> np.float32:
-    """Median of the known heights about one cell."""
+    """Return the median of the known heights in the 3 x 3 window of one cell, by insertion into `window` (9,)."""
     ny, nx = z.shape
     n = 0
     for r in range(max(0, i - 1), min(ny, i + 2)):
@@ -188,76 +199,3 @@ def _median_of(z: Heights, i: int, j: int, min_known: int, window: Heights) -> n
     if n == 0 or (np.isnan(z[i, j]) and n < min_known):
         return np.float32(np.nan)
     return np.float32(0.5) * (window[(n - 1) // 2] + window[n // 2])
-
-
-@kernel
-def _point_to_segment(px: float, py: float, ax: float, ay: float, dx: float, dy: float, length2: float) -> float:
-    """Squared distance of a point from the segment (ax, ay) + t (dx, dy), 0 <= t <= 1."""
-    t = 0.0
-    if length2 > 0.0:
-        t = min(max(((px - ax) * dx + (py - ay) * dy) / length2, 0.0), 1.0)
-    ex = ax + t * dx - px
-    ey = ay + t * dy - py
-    return ex * ex + ey * ey
-
-
-@kernel
-def _crosses(px: float, py: float, half: float, ax: float, ay: float, dx: float, dy: float) -> bool:
-    """Whether the segment meets the open square of half edge `half` about (px, py) (slab test)."""
-    low = 0.0
-    high = 1.0
-    for axis in range(2):
-        start = ax - px if axis == 0 else ay - py
-        step = dx if axis == 0 else dy
-        if step == 0.0:
-            if abs(start) >= half:
-                return False
-        else:
-            t0 = (-half - start) / step
-            t1 = (half - start) / step
-            low = max(low, min(t0, t1))
-            high = min(high, max(t0, t1))
-    return low < high or (low == high and dx == 0.0 and dy == 0.0)
-
-
-@kernel
-def path_max(
-    z: Heights, cell: float, x0: float, y0: float, ax: float, ay: float, bx: float, by: float, halfwidth: float
-) -> float:
-    """Largest height among the cells whose bilinear support, a square of half edge `cell`, meets the corridor."""
-    ny, nx = z.shape
-    best = -math.inf
-    total = ax + ay + bx + by + halfwidth
-    if not math.isfinite(total) or halfwidth < 0.0:
-        return math.nan
-    dx = bx - ax
-    dy = by - ay
-    length2 = dx * dx + dy * dy
-    margin = halfwidth + cell
-    row0 = max(0, math.floor((min(ay, by) - margin - y0) / cell))
-    row1 = min(ny - 1, math.ceil((max(ay, by) + margin - y0) / cell))
-    col0 = max(0, math.floor((min(ax, bx) - margin - x0) / cell))
-    col1 = min(nx - 1, math.ceil((max(ax, bx) + margin - x0) / cell))
-    near2 = halfwidth * halfwidth
-    for row in range(row0, row1 + 1):
-        py = y0 + row * cell
-        for col in range(col0, col1 + 1):
-            value = z[row, col]
-            if not value > best:  # lower than what is known already, or NaN
-                continue
-            px = x0 + col * cell
-            hit = _crosses(px, py, cell, ax, ay, dx, dy)
-            if not hit and halfwidth > 0.0:
-                ex = max(abs(ax - px) - cell, 0.0)  # ends of the segment against the square
-                ey = max(abs(ay - py) - cell, 0.0)
-                fx = max(abs(bx - px) - cell, 0.0)
-                fy = max(abs(by - py) - cell, 0.0)
-                gap = min(ex * ex + ey * ey, fx * fx + fy * fy)
-                for corner in range(4):  # corners of the square against the segment
-                    qx = px + (cell if corner % 2 else -cell)
-                    qy = py + (cell if corner // 2 else -cell)
-                    gap = min(gap, _point_to_segment(qx, qy, ax, ay, dx, dy, length2))
-                hit = gap < near2
-            if hit:
-                best = value
-    return best if best > -math.inf else math.nan
