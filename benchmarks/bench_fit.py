@@ -19,7 +19,7 @@ import numpy as np
 from surefoot.services.footholds.learning.evolution import evolve
 from surefoot.services.footholds.learning.solve import cost, weights
 from surefoot.services.footholds.learning.swarm import swarm
-from surefoot.services.footholds.learning.varpro import RIDGE, Bounds, Found, random_start, refine
+from surefoot.services.footholds.learning.varpro import RIDGE, Bounds, RefinedTerms, random_start, refine
 from surefoot.services.footholds.models.bases import Basis, Warp, warped
 
 Array = np.ndarray
@@ -49,7 +49,7 @@ def scaled(x: Array, warp: Warp) -> Array:
     return warped(x, (warp,) * 3, np.ones(3))
 
 
-def best_start(u: Array, y: Array, warp: Warp, m: int, starts: int, seed: int, evaluations: int = 300) -> Found:
+def best_start(u: Array, y: Array, warp: Warp, m: int, starts: int, seed: int, evaluations: int = 300) -> RefinedTerms:
     """The Gaussians of the smallest cost on these points, of several starts."""
     rng = np.random.default_rng(seed)
     centres, widths = STARTS[warp]

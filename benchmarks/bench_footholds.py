@@ -27,7 +27,6 @@ from surefoot.services.footholds.features import (
 from surefoot.services.footholds.ground import FootholdGround, build_ground, updated_ground
 from surefoot.services.footholds.learning.fit import fit_terms
 from surefoot.services.footholds.learning.merge import candidate_of
-from surefoot.services.footholds.masks import Limits
 from surefoot.services.footholds.models import score
 from surefoot.services.footholds.models.files import load, shipped
 from surefoot.services.footholds.models.learned import LearnedModel
@@ -95,7 +94,7 @@ def ratios(heights: HeightMap, landings: list[Landing], base: TrunkPose, rounds:
             "build": lambda: build_ground(heights, robot.foot_radius),
             "update": update,
             "tile": lambda: tile_alone(versions[1], state["ground"], edge),
-            "scored": lambda: assess(ground, hand, whole_map(ground), None, STROKE, ("p", "mask"), Limits(), 8.0),
+            "scored": lambda: assess(ground, hand, whole_map(ground), None, STROKE, ("p", "mask"), SelectParams()),
         },
         rounds,
     )
@@ -178,7 +177,7 @@ def main() -> None:
     ground = build_ground(heights, robot.foot_radius)
     built = best_of(lambda: build_ground(heights, robot.foot_radius), repeats=3)
     scored = best_of(
-        lambda: assess(ground, model, whole_map(ground), None, STROKE, ("p", "mask"), Limits(), 8.0), repeats=3
+        lambda: assess(ground, model, whole_map(ground), None, STROKE, ("p", "mask"), SelectParams()), repeats=3
     )
     for name, seconds in (
         ("K1 K2 cosK3, row kernel", fast),

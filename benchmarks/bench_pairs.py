@@ -25,7 +25,7 @@ from surefoot.lab.footholds.campaign import append, sample_of
 from surefoot.lab.footholds.pairs import State, gap_share, paired_steps, trimmed
 from surefoot.lab.footholds.rules import nominal_rule, random_rule
 from surefoot.lab.footholds.walks import Rule
-from surefoot.services.footholds.learning.samples import Sample
+from surefoot.services.footholds.learning.samples import StanceSample
 
 Array = NDArray[np.float64]
 RANDOM = "random-"
@@ -34,7 +34,7 @@ BRANCHES = 1000
 Job = tuple[str, int, tuple[str, ...], int, int, str, str, str]
 
 
-def pairs_of(job: Job) -> tuple[Job, list[dict[str, Any]], list[Sample]]:
+def pairs_of(job: Job) -> tuple[Job, list[dict[str, Any]], list[StanceSample]]:
     """Return the states of one walk, a line each, and their samples."""
     ground, seed, names, draws, every, legs, model, robot = job
     setting = replace(GROUNDS[ground], robot=robot)

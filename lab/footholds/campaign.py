@@ -14,7 +14,7 @@ from pathlib import Path
 
 from surefoot.errors import SurefootError
 from surefoot.services.footholds.ground import FootholdGround
-from surefoot.services.footholds.learning.samples import Sample, read_lines, trial_lines
+from surefoot.services.footholds.learning.samples import StanceSample, read_lines, trial_lines
 from surefoot.services.footholds.models.files import load
 from surefoot.services.footholds.outcomes import sample_at
 from surefoot.services.footholds.select import SelectParams
@@ -56,7 +56,7 @@ def planned(
     ]
 
 
-def walked(trial: Trial) -> list[Sample]:
+def walked(trial: Trial) -> list[StanceSample]:
     """Walk a trial and return its samples."""
     rule = random_rule(trial.seed)
     if trial.model:
@@ -71,7 +71,7 @@ def walked(trial: Trial) -> list[Sample]:
     return [replace(each, friction=s.friction, robot=robot.name, robot_hash=robot.hash, source=source) for each in made]
 
 
-def sample_of(stance: Stance, ground: FootholdGround, trial: str) -> Sample:
+def sample_of(stance: Stance, ground: FootholdGround, trial: str) -> StanceSample:
     """Return the sample of a stance: the coefficients of the cell that was chosen, on the map as the chooser saw it."""
     return sample_at(
         ground, stance.planned, stance.nominal, stance.stroke, stance.sliding, (trial, stance.leg, stance.step),
@@ -79,7 +79,7 @@ def sample_of(stance: Stance, ground: FootholdGround, trial: str) -> Sample:
     )  # fmt: skip
 
 
-def read(path: Path) -> tuple[list[Sample], dict[str, int], int]:
+def read(path: Path) -> tuple[list[StanceSample], dict[str, int], int]:
     """Read a sample file: samples of complete trials, their numbers by trial, lines that could not be read.
 
     Raises:
@@ -92,7 +92,7 @@ def read(path: Path) -> tuple[list[Sample], dict[str, int], int]:
         raise SurefootError("unreadable", f"{str(path)!r} cannot be read: {error.strerror}", "samples") from None
 
 
-def append(path: Path, trial: str = "", samples: Sequence[Sample] = ()) -> None:
+def append(path: Path, trial: str = "", samples: Sequence[StanceSample] = ()) -> None:
     """Append a complete trial to a file, or nothing; a torn line before it stays a line of its own.
 
     Raises:
@@ -128,7 +128,7 @@ def collect(
     return len(missing)
 
 
-def _walks(trials: Sequence[Trial], jobs: int) -> Iterator[tuple[Trial, list[Sample]]]:
+def _walks(trials: Sequence[Trial], jobs: int) -> Iterator[tuple[Trial, list[StanceSample]]]:
     """Yield the samples of trials as they finish; a pool that has lost a worker is made anew."""
     if jobs <= 1:
         for trial in trials:

@@ -22,7 +22,7 @@ from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
 from surefoot.schemas.sim import ExperimentReply, ExperimentRequest, Primitive, PrimitiveTrial, TrialOutcome
 from surefoot.services.footholds.ground import build_ground
-from surefoot.services.footholds.learning.samples import Sample
+from surefoot.services.footholds.learning.samples import StanceSample
 from surefoot.services.footholds.outcomes import sample_at
 from surefoot.services.simulator.experiment import outcome_of, primitive_ground
 
@@ -85,12 +85,12 @@ def paper_trials(
     return out
 
 
-def samples_of(job: PrimitiveJob, outcome: TrialOutcome, smooth: bool = True) -> list[Sample]:
+def samples_of(job: PrimitiveJob, outcome: TrialOutcome, smooth: bool = True) -> list[StanceSample]:
     """Return one sample for each stance foot: the coefficients under it, on the map as the service would see it."""
     robot, trial = job.robot, job.trial
     feet = kinematics.foot_positions(robot.model, robot.neutral)[:, :2]
     ground = build_ground(primitive_ground(feet, trial).map, robot.foot_radius, smooth)
-    out: list[Sample] = []
+    out: list[StanceSample] = []
     for each in outcome.feet:
         leg = robot.leg_names.index(each.leg)
         at, middle = (each.contact[0], each.contact[1]), (float(feet[leg, 0]), float(feet[leg, 1]))

@@ -13,7 +13,7 @@ from surefoot.robot.description import Robot
 from surefoot.schemas.footholds import LegFoothold, LegRequest, StanceOutcome
 from surefoot.services.footholds.ground import FootholdGround
 from surefoot.services.footholds.learning.fit import Candidate, LearnOptions, learn
-from surefoot.services.footholds.learning.samples import Sample, SampleSet, gather
+from surefoot.services.footholds.learning.samples import SampleSet, StanceSample, gather
 from surefoot.services.footholds.models.lattice import inputs
 from surefoot.services.footholds.models.learned import LearnedModel
 from surefoot.services.footholds.outcomes import sample_at
@@ -28,7 +28,7 @@ WITHHELD = 0.3
 """K2 / (8 cell) from which ground is withheld: edges and slopes of more than about 20 deg."""
 
 
-def rough(sample: Sample) -> bool:
+def rough(sample: StanceSample) -> bool:
     """Whether a stance was on ground that is withheld."""
     return sample.k2 / (8.0 * sample.cell) >= WITHHELD
 
@@ -45,7 +45,7 @@ class Start:
     """Stances of other walks."""
 
 
-def start(samples: Sequence[Sample], candidate: Candidate, share: float = 0.25, seed: int = 0) -> Start:
+def start(samples: Sequence[StanceSample], candidate: Candidate, share: float = 0.25, seed: int = 0) -> Start:
     """Return both models of a sample set, a share of its trials held back."""
     names = sorted({each.trial for each in samples})
     np.random.default_rng(seed).shuffle(names)
@@ -74,7 +74,9 @@ def closed(model: LearnedModel, begin: Start) -> tuple[float, float]:
     return (first - new) / (first - full), float(np.sqrt(old / first_old))
 
 
-def explored(seed: int, setting: Setting, model: LearnedModel, share: float) -> tuple[list[Sample], list[Sample]]:
+def explored(
+    seed: int, setting: Setting, model: LearnedModel, share: float
+) -> tuple[list[StanceSample], list[StanceSample]]:
     """Walk with a model that explores a share of its choices; returns its outcomes by own slip and by truth."""
     own, true = Outcomes(), Outcomes()
     rule = exploring_rule(seed, share, model_rule(model, SelectParams()))
@@ -112,7 +114,7 @@ def _told(rule: Rule, listeners: Sequence[Outcomes]) -> Rule:
     return chosen
 
 
-def _sample(outcome: StanceOutcome, ground: FootholdGround, robot: Robot, trial: str, number: int) -> Sample:
+def _sample(outcome: StanceOutcome, ground: FootholdGround, robot: Robot, trial: str, number: int) -> StanceSample:
     name = (trial, robot.leg_names.index(outcome.leg), number)
     sample = sample_at(ground, outcome.foothold, outcome.nominal, outcome.stroke, outcome.slip, name)
     return replace(sample, robot=robot.name, robot_hash=robot.hash, source="exploring walks")

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.services.footholds.features import window_features
-from surefoot.services.footholds.learning.samples import PATCH, Sample, SampleSet, gather
+from surefoot.services.footholds.learning.samples import PATCH, SampleSet, StanceSample, gather
 from surefoot.services.footholds.models.lattice import inputs
 from surefoot.services.footholds.models.learned import LearnedModel
 from surefoot.services.footholds.outcomes import UNKNOWN_UM
@@ -43,7 +43,7 @@ class Statistics:
     on these stances; 1 where no two inputs are equal."""
 
 
-def judged(model: LearnedModel, samples: Sequence[Sample]) -> Statistics:
+def judged(model: LearnedModel, samples: Sequence[StanceSample]) -> Statistics:
     """Compare a model with stances of other trials than those it was made of."""
     from scipy.stats import spearmanr
 

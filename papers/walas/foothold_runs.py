@@ -19,7 +19,7 @@ from surefoot.lab.footholds.primitives import own_worker, paper_trials, run_tria
 from surefoot.lab.footholds.rules import model_rule, random_rule
 from surefoot.lab.footholds.walks import JoinedWalk, Rule, Setting
 from surefoot.robot.reader import load_robot
-from surefoot.services.footholds.learning.samples import Sample
+from surefoot.services.footholds.learning.samples import StanceSample
 from surefoot.services.footholds.models.files import load
 from surefoot.services.footholds.select import SelectParams
 
@@ -58,7 +58,7 @@ class WalkResult:
     fell: bool
     rows: tuple[tuple[int, float, float], ...]
     """Of each stance: step, r = sliding / |f|, and the paper's d / |f|."""
-    samples: tuple[Sample, ...]
+    samples: tuple[StanceSample, ...]
 
     def accumulated(self, steps: int, column: int = 1) -> np.ndarray:
         """Return S(n) = sum of r over all stances of the steps up to n, (steps,)."""
@@ -115,7 +115,7 @@ class Runs:
             tell(f"walk {number} of {len(missing)}: {found['case']}, seed {found['seed']}")
         return [_result(self._done[key.case, key.seed]) for key in keys]
 
-    def primitives(self, seeds: Sequence[int], noise: float, tell: Callable[[str], None]) -> list[Sample]:
+    def primitives(self, seeds: Sequence[int], noise: float, tell: Callable[[str], None]) -> list[StanceSample]:
         """Return the outcomes of all primitives: without noise once, else once for each seed."""
         robot, out = load_robot(ROBOT), self.folder / "primitives.jsonl"
         trials = paper_trials(noise=noise, seeds=seeds)
@@ -136,7 +136,7 @@ class Runs:
 
 def _result(found: dict[str, Any]) -> WalkResult:
     samples = tuple(
-        Sample(**{**each, "stroke": tuple(each["stroke"]), "heights_um": tuple(each["heights_um"])})
+        StanceSample(**{**each, "stroke": tuple(each["stroke"]), "heights_um": tuple(each["heights_um"])})
         for each in found["samples"]
     )
     rows = tuple((int(a), float(b), float(c)) for a, b, c in found["rows"])

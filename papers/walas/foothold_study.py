@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.footholds.learning.samples import Sample
+from surefoot.services.footholds.learning.samples import StanceSample
 from surefoot.services.footholds.models.learned import LearnedModel
 
 from .foothold_runs import WalkResult
@@ -17,8 +17,8 @@ Array = NDArray[np.float64]
 class FootholdStudy:
     """Everything the figures need."""
 
-    exact: list[Sample]
-    noisy: list[Sample]
+    exact: list[StanceSample]
+    noisy: list[StanceSample]
     models: dict[str, LearnedModel]
     walks: dict[str, list[WalkResult]]
     window: tuple[Array, Array, Array]

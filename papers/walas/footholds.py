@@ -16,11 +16,12 @@ from surefoot.services.footholds.assess import assess, window_about
 from surefoot.services.footholds.ground import build_ground
 from surefoot.services.footholds.learning.fit import Candidate, LearnOptions, learn
 from surefoot.services.footholds.learning.relearn import relearned
-from surefoot.services.footholds.learning.samples import Sample, gather
-from surefoot.services.footholds.masks import REASONS, Limits
+from surefoot.services.footholds.learning.samples import StanceSample, gather
+from surefoot.services.footholds.masks import REASONS
 from surefoot.services.footholds.models.files import save
 from surefoot.services.footholds.models.lattice import filled, inputs
 from surefoot.services.footholds.models.learned import LearnedModel
+from surefoot.services.footholds.select import SelectParams
 from surefoot.services.simulator.ground.terrain import make_terrain
 
 from .foothold_runs import FLAT, NOISE, Runs, WalkKey, WalkResult
@@ -89,7 +90,7 @@ def study(folder: Path, seeds: int, tell: Callable[[str], None], jobs: int | Non
 
 
 def _relearning(
-    runs: Runs, walked: Sequence[Sample], numbers: Sequence[int], tell: Callable[[str], None]
+    runs: Runs, walked: Sequence[StanceSample], numbers: Sequence[int], tell: Callable[[str], None]
 ) -> dict[str, list[WalkResult]]:
     """Fig. 12: no edges, walk, re-learn with c = 1, walk, re-learn with c = .5, walk."""
     model = _learned("no edges", [s for s in walked if s.k2 / (8.0 * s.cell) < EDGE], WALKED)
@@ -103,7 +104,7 @@ def _relearning(
     return out
 
 
-def _learned(title: str, samples: Sequence[Sample], candidate: Candidate) -> LearnedModel:
+def _learned(title: str, samples: Sequence[StanceSample], candidate: Candidate) -> LearnedModel:
     options = LearnOptions(title=title, candidates=(candidate,), folds=3, distance_weight=WEIGHT, landing_error=0.0)
     return learn(gather(samples), options)
 
@@ -117,7 +118,7 @@ def _window(model: LearnedModel) -> tuple[Array, Array, Array]:
     ground = build_ground(make_terrain("mixed", seed=WALKS).map, model.conditions.foot_radius)
     at = (0.45, 0.1)
     found = assess(
-        ground, model, window_about(ground, *at, 15), at, (-0.025, 0.0, 0.0), ("z", "q", "mask"), Limits(), None
+        ground, model, window_about(ground, *at, 15), at, (-0.025, 0.0, 0.0), ("z", "q", "mask"), SelectParams()
     )
     z, q, mask = (layer.astype(np.float64) for layer in found.layers)
     return z, q, mask

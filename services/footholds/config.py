@@ -7,9 +7,9 @@ from pydantic import Field
 
 from surefoot.lockstep.config import ServiceConfig
 
+from .learning.relearner import Relearner, RelearnParams
 from .masks import Limits
 from .models.score import HandScore
-from .relearner import Relearner, RelearnParams
 from .select import SelectParams
 
 _LIMITS, _SCORE, _SELECT = Limits(), HandScore(), SelectParams()

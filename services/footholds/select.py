@@ -60,6 +60,10 @@ class SelectParams:
     """Largest change of trunk height that is proposed, m."""
     limits: Limits = field(default_factory=Limits)
 
+    def weight(self, model: SlipModel) -> float:
+        """Return k of Q = P + k K4, 1/m."""
+        return model.distance_weight if self.distance_weight is None else self.distance_weight
+
 
 @dataclass(frozen=True, slots=True)
 class TrunkPose:
@@ -141,9 +145,10 @@ def select_leg(
     features = window_features(surface.z, row - border, col - border, wide, wide, placed.stroke, surface.cell)
     around = model.predict(features, surface.cell)
     slip = around if border == 0 else np.ascontiguousarray(around[border:-border, border:-border])
-    weight = model.distance_weight if params.distance_weight is None else params.distance_weight
+    weight = params.weight(model)
     block = params.robust and border == 0
-    shift_x, shift_y = surface.origin[0] + col * surface.cell - x0, surface.origin[1] + row * surface.cell - y0
+    x, y = surface.centre(row, col)
+    offset = (surface.cell, x - x0, y - y0)
     counts = np.zeros(len(REASONS) + 1, dtype=np.int64)
     first: tuple[int, ...] = ()
     steps = round(params.trunk_range / params.trunk_step) if params.trunk_step > 0.0 else 0
@@ -156,10 +161,10 @@ def select_leg(
             count_reasons(mask, counts)
             first = tuple(int(value) for value in counts)
         if params.seed is None:
-            index = choose(mask, slip, around, blur, surface.cell, shift_x, shift_y, weight, block, best)
+            index = choose(mask, slip, around, blur, offset, weight, block, best)
         else:
             index = draw(mask, (params.seed, landing.leg))
-            away = (shift_x + index % n * surface.cell, shift_y + index // n * surface.cell)
+            away = (offset[1] + index % n * surface.cell, offset[2] + index // n * surface.cell)
             best[1] = slip.flat[index] + weight * math.sqrt(away[0] ** 2 + away[1] ** 2)
         if index >= 0:
             found = (row + index // n, col + index % n)
@@ -182,23 +187,21 @@ def placement(robot: Robot, leg: int, base: TrunkPose, stroke: Sequence[float]) 
 
 @kernel
 def choose(
-    mask: Mask, slip: Layer, around: Layer, blur: Array, cell: float, shift_x: float, shift_y: float, weight: float,
-    block: bool, best: Array,
-) -> int:  # fmt: skip
-    """Index of the best free cell (row by row), -1 if there is none.
+    mask: Mask, slip: Layer, around: Layer, blur: Array, offset: Point, weight: float, block: bool, best: Array
+) -> int:
+    """Return the index of the best free cell (row by row), -1 if there is none.
 
     Args:
         mask: reasons per cell, (n, n); 0 = free.
         slip: P per cell, (n, n).
         around: P of the window and a border of b cells, (n + 2 b, n + 2 b).
         blur: weights of the landings about a cell, (2 b + 1, 2 b + 1); P of a cell is the mean over them, where known.
-        cell: edge of a cell, m.
-        shift_x: x of the first column's centre minus x of the nominal foothold, m.
-        shift_y: y of the first row's centre minus y of the nominal foothold, m.
+        offset: edge of a cell, and x and y of the first cell's centre minus those of the nominal foothold, (3,) m.
         weight: k, 1/m.
         block: mean of Q over the free cells of the 3 x 3 block instead of Q.
         best: receives the value that decided and Q of the cell, (2,).
     """
+    cell, shift_x, shift_y = offset
     rows, cols = mask.shape
     size = blur.shape[0]
     away = np.empty((rows, cols))  # K4

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.bases import DECAY, MAX_POWER, POWER, SINE, Basis, Elementary, Gaussians
-from .search import Cost, Searched
+from .solve import Cost, Searched
 
 Array = NDArray[np.float64]
 POPULATION = 30

@@ -151,9 +151,8 @@ def learn(samples: SampleSet, options: LearnOptions, report: Report = lambda sha
     best = int(np.argmin(errors))
     bins = filled(options.lattice, samples.x, samples.r)
     u = inputs(samples.x)
-    sources = sources_of(samples)
-    low, high = u.min(axis=0).tolist(), u.max(axis=0).tolist()
-    return built(options, conditions, bins, low, high, options.candidates[best], errors[best], sources)
+    ranges = tuple(zip(u.min(axis=0).tolist(), u.max(axis=0).tolist(), strict=True))
+    return built(options, conditions, bins, ranges, options.candidates[best], errors[best], sources_of(samples))
 
 
 def sources_of(samples: SampleSet) -> list[str]:
@@ -166,7 +165,7 @@ def sources_of(samples: SampleSet) -> list[str]:
 
 
 def built(
-    options: LearnOptions, conditions: Conditions, bins: Bins, low: Sequence[float], high: Sequence[float],
+    options: LearnOptions, conditions: Conditions, bins: Bins, ranges: tuple[tuple[float, float], ...],
     candidate: Candidate, error: float, sources: Sequence[str],
 ) -> LearnedModel:  # fmt: skip
     """Return the model of bins with one candidate's terms."""
@@ -176,7 +175,7 @@ def built(
         terms=fit_terms(options.lattice, bins, candidate, options.seed),
         lattice=options.lattice,
         bins=dict(bins),
-        ranges=tuple((float(a), float(b)) for a, b in zip(low, high, strict=True)),
+        ranges=ranges,
         distance_weight=options.distance_weight,
         landing_error=options.landing_error,
         support=options.support,
@@ -248,8 +247,7 @@ def _blind(basis: Basis) -> Basis:
 
 def _conditions(samples: SampleSet) -> Conditions:
     if not len(samples):
-        refused = ", ".join(f"{name} {n}" for name, n in sorted(samples.refused.items())) or "none came"
-        raise LearnError("no_samples", f"there is no sample to learn from ({refused})")
+        raise LearnError("no_samples", f"there is no sample to learn from ({samples.why_refused})")
     found = {(s.cell, s.smooth, s.foot_radius, s.robot, s.robot_hash) for s in samples.kept}
     if len(found) > 1:
         described = " and ".join(f"{robot}, cell {cell:g} m" for cell, _, _, robot, _ in sorted(found)[:2])

@@ -19,7 +19,7 @@ LARGEST_SLIP = 20.0
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class StanceSample:
     """One stance."""
 
     trial: str
@@ -90,18 +90,23 @@ class SampleSet:
     """Slip, (n,)."""
     trial: NDArray[np.int64]
     """Number of each sample's trial, (n,)."""
-    kept: tuple[Sample, ...]
+    kept: tuple[StanceSample, ...]
     refused: dict[str, int]
     """Samples left out, by reason: not_finite, no_stroke, negative, huge, twice."""
 
     def __len__(self) -> int:
         return len(self.r)
 
+    @property
+    def why_refused(self) -> str:
+        """Reasons and numbers of the samples left out, in words."""
+        return ", ".join(f"{name} {n}" for name, n in sorted(self.refused.items())) or "none came"
 
-def gather(samples: Iterable[Sample]) -> SampleSet:
+
+def gather(samples: Iterable[StanceSample]) -> SampleSet:
     """Return the samples that can be learned from, each stance once, in an order that does not depend on theirs."""
     refused: dict[str, int] = {}
-    found: dict[tuple[str, int, int], Sample] = {}
+    found: dict[tuple[str, int, int], StanceSample] = {}
     for each in samples:
         key, problem = (each.trial, each.leg, each.step), each.problem
         if not problem and key in found:
@@ -125,10 +130,10 @@ def gather(samples: Iterable[Sample]) -> SampleSet:
 
 # --- lines of a file --------------------------------------------------------------------------------------------------
 
-_NAMES = tuple(each.name for each in fields(Sample))
+_NAMES = tuple(each.name for each in fields(StanceSample))
 
 
-def line_of(sample: Sample) -> str:
+def line_of(sample: StanceSample) -> str:
     """Return a sample as a line without its end."""
     return json.dumps({"sample": asdict(sample)})
 
@@ -138,13 +143,13 @@ def end_of(trial: str, count: int) -> str:
     return json.dumps({"end": trial, "samples": count})
 
 
-def read_lines(lines: Iterable[str]) -> tuple[list[Sample], dict[str, int], int]:
+def read_lines(lines: Iterable[str]) -> tuple[list[StanceSample], dict[str, int], int]:
     """Return the samples of all complete trials, their numbers by trial, and how many lines could not be read.
 
     A trial that a worker left unfinished has no end and does not count; one that stands there twice counts once.
     """
-    waiting: dict[str, list[Sample]] = {}
-    complete: dict[str, list[Sample]] = {}
+    waiting: dict[str, list[StanceSample]] = {}
+    complete: dict[str, list[StanceSample]] = {}
     bad = 0
     for text in lines:
         if not text.strip():
@@ -167,7 +172,7 @@ def read_lines(lines: Iterable[str]) -> tuple[list[Sample], dict[str, int], int]
     return samples, {trial: len(found) for trial, found in complete.items()}, bad
 
 
-def trial_lines(trial: str, samples: Iterable[Sample]) -> Iterator[str]:
+def trial_lines(trial: str, samples: Iterable[StanceSample]) -> Iterator[str]:
     """Return the lines of a complete trial."""
     count = 0
     for count, each in enumerate(samples, 1):  # noqa: B007 - the last number is written
@@ -175,7 +180,7 @@ def trial_lines(trial: str, samples: Iterable[Sample]) -> Iterator[str]:
     yield end_of(trial, count)
 
 
-def _sample(entry: dict[str, Any]) -> Sample:
+def _sample(entry: dict[str, Any]) -> StanceSample:
     entry = dict(entry)
     stroke = tuple(float(value) for value in entry["stroke"])
     if len(stroke) != 3 or set(entry) != set(_NAMES):
@@ -183,4 +188,4 @@ def _sample(entry: dict[str, Any]) -> Sample:
     numbers = ("k1", "k2", "cos_k3", "k4", "sliding", "displacement", "load", "friction", "cell", "foot_radius")
     entry |= {name: float(entry[name]) for name in numbers}
     entry |= {"leg": int(entry["leg"]), "step": int(entry["step"]), "stroke": stroke}
-    return Sample(**{**entry, "heights_um": tuple(int(value) for value in entry["heights_um"])})
+    return StanceSample(**{**entry, "heights_um": tuple(int(value) for value in entry["heights_um"])})

@@ -1,9 +1,27 @@
 """The weights of the terms: least squares with a ridge, never by the inverse of the Gram matrix."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from ..models.bases import Basis
+
 Array = NDArray[np.float64]
+Cost = Callable[[Basis], float]
+"""Returns the weighted residual norm of a basis with its best weights."""
+
+
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """Best basis of a search without derivatives."""
+
+    basis: Basis
+    cost: float
+    """Weighted residual norm of the basis."""
+    evaluations: int
+    """Number of costs that were computed."""
 
 
 def weights(columns: Array, y: Array, w: Array, ridge: float) -> Array:

@@ -7,7 +7,7 @@ that leaves the bounds stops there.
 import numpy as np
 
 from ..models.bases import Gaussians
-from .search import Cost, Searched
+from .solve import Cost, Searched
 
 PARTICLES = 30
 INERTIA = 0.729

@@ -32,7 +32,7 @@ class Bounds:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class RefinedTerms:
     """A fitted set of Gaussians."""
 
     basis: Gaussians
@@ -45,7 +45,7 @@ class Found:
 
 def refine(
     start: Gaussians, u: Array, y: Array, w: Array, bounds: Bounds, ridge: float = RIDGE, evaluations: int = 200
-) -> Found:
+) -> RefinedTerms:
     """Return the Gaussians at a minimum of the cost near a start.
 
     Args:
@@ -72,7 +72,7 @@ def refine(
     )  # fmt: skip
     basis = problem.basis(found.x)
     problem.residual(found.x)
-    return Found(basis, problem.c, 2.0 * float(found.cost), int(found.nfev))
+    return RefinedTerms(basis, problem.c, 2.0 * float(found.cost), int(found.nfev))
 
 
 class _Problem:

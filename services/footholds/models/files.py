@@ -29,16 +29,16 @@ class ModelError(SurefootError):
     """A model file that cannot be used."""
 
 
-class _Part(BaseModel):
+class _FilePart(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
 
-class _Lattice(_Part):
+class _LatticePart(_FilePart):
     origin: Triple
     width: Triple
 
 
-class _Terms(_Part):
+class _TermsPart(_FilePart):
     family: Literal["gaussian", "elementary"]
     scales: tuple[Annotated[Finite, Field(gt=0)], Annotated[Finite, Field(gt=0)], Annotated[Finite, Field(gt=0)]]
     warps: tuple[Literal["identity", "log", "asinh"], Literal["identity", "log", "asinh"], Literal["identity", "asinh"]]
@@ -49,7 +49,7 @@ class _Terms(_Part):
     weights: Annotated[list[Finite], Field(max_length=MAX_TERMS + 1)]
 
 
-class _File(_Part):
+class _ModelFile(_FilePart):
     schema_: Literal["surefoot.slip/1"] = Field(alias="schema")
     title: Annotated[str, Field(min_length=1, max_length=64)]
     robot: str
@@ -63,9 +63,9 @@ class _File(_Part):
     landing_error: Annotated[Finite, Field(ge=0, le=0.1)]
     support: Annotated[int, Field(ge=0)]
     seed: Annotated[int, Field(ge=0)]
-    lattice: _Lattice
+    lattice: _LatticePart
     ranges: tuple[tuple[Finite, Finite], tuple[Finite, Finite], tuple[Finite, Finite]]
-    terms: _Terms
+    terms: _TermsPart
     choice: dict[str, Finite]
     provenance: Annotated[list[str], Field(max_length=1000)]
     bins: Annotated[list[tuple[int, int, int, Annotated[Finite, Field(gt=0)], int, int]], Field(max_length=MAX_BINS)]
@@ -118,7 +118,7 @@ def decode(data: bytes, source: str = "model") -> LearnedModel:
     if schema != SCHEMA:
         raise ModelError("schema", f"{source} must be {SCHEMA!r}, got {schema!r}", "schema")
     try:
-        told = _File.model_validate_json(data)
+        told = _ModelFile.model_validate_json(data)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(part) for part in first["loc"])
@@ -196,7 +196,7 @@ def save(model: LearnedModel, path: str | Path) -> Path:
     return target
 
 
-def _basis(terms: _Terms, source: str) -> Basis:
+def _basis(terms: _TermsPart, source: str) -> Basis:
     m = len(terms.centres)
     wanted = m + (terms.constant and terms.family == "gaussian")
     if len(terms.rates) != m or len(terms.weights) != wanted or wanted == 0:

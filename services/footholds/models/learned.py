@@ -30,6 +30,13 @@ LEAST_RANGE = 1e-3
 """Of an axis of the table: samples that are all alike still make one."""
 
 
+Table = tuple[Layer, Layer, Layer]
+"""P at the nodes, `NODES`; first value and steps per unit of each axis, (3, 2); ranges of the model, (3, 2)."""
+Support = tuple[NDArray[np.int32], NDArray[np.int64], Layer, int]
+"""Samples of each bin, (a, b, c); key of its element [0, 0, 0], (3,); origin of the lattice and bins per unit of each
+axis, (3, 2); samples that a bin needs, 0 = none."""
+
+
 @dataclass(frozen=True)
 class Conditions:
     """Where a model was learned."""
@@ -117,13 +124,9 @@ class LearnedModel:
 
     def predict(self, features: Features, cell: float) -> Layer:
         """P of every cell, (ny, nx) float32, not below 0; `UNLEARNED` outside the ranges or without support."""
-        out = np.empty(features.k1.shape, dtype=np.float32)
-        table, axes = self.table
-        counts, first = self._support
-        _interpolated(
-            features.k1, features.k2, features.cos_k3, np.float32(0.125 / cell), table, axes,
-            np.array(self.ranges, dtype=np.float32), counts, first, self._lattice_axes, self.support, out,
-        )  # fmt: skip
+        k1, k2, cos_k3 = features
+        out = np.empty(k1.shape, dtype=np.float32)
+        _interpolated(k1, k2, cos_k3, np.float32(0.125 / cell), self.table, self._support, out)
         return out
 
     def spread(self, features: Features, cell: float) -> Layer:
@@ -141,15 +144,16 @@ class LearnedModel:
         return out
 
     @cached_property
-    def table(self) -> tuple[Layer, Layer]:
-        """P at the nodes, `NODES`, and first value and steps per unit of each axis, (3, 2)."""
+    def table(self) -> Table:
+        """Values that predictions are interpolated in."""
         axes = self._nodes()
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         low, high = np.array(self.ranges).T
         values = self.terms.values(np.clip(inputs(points), low, high)).reshape(NODES)
         steps = [[axis[0], (len(axis) - 1) / (axis[-1] - axis[0])] for axis in axes]
         with np.errstate(over="ignore"):
-            return np.maximum(values, 0.0).astype(np.float32), np.array(steps, dtype=np.float32)
+            found = np.maximum(values, 0.0).astype(np.float32)
+        return found, np.array(steps, dtype=np.float32), np.array(self.ranges, dtype=np.float32)
 
     def table_error(self, count: int = 2000, seed: int = 0) -> float:
         """Return the largest error of the table at random points within the ranges, as P."""
@@ -179,32 +183,28 @@ class LearnedModel:
         )
 
     @cached_property
-    def _support(self) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-        """Samples per bin as an array, and the key of its first element."""
+    def _support(self) -> Support:
+        pairs = zip(self.lattice.origin, self.lattice.width, strict=True)
+        axes = np.array([[origin, 1.0 / width] for origin, width in pairs], dtype=np.float32)
         keys = np.array(list(self.bins), dtype=np.int64).reshape(-1, 3)
         if not len(keys):
-            return np.zeros((1, 1, 1), dtype=np.int32), np.zeros(3, dtype=np.int64)
+            return np.zeros((1, 1, 1), dtype=np.int32), np.zeros(3, dtype=np.int64), axes, self.support
         first, last = keys.min(axis=0), keys.max(axis=0)
         counts = np.zeros(tuple(last - first + 1), dtype=np.int32)
         for key, each in self.bins.items():
             counts[tuple(np.array(key) - first)] = min(int(each.count), 2**31 - 1)
-        return counts, first
-
-    @cached_property
-    def _lattice_axes(self) -> Layer:
-        """Origin and bins per unit of the lattice, (3, 2)."""
-        pairs = zip(self.lattice.origin, self.lattice.width, strict=True)
-        return np.array([[origin, 1.0 / width] for origin, width in pairs], dtype=np.float32)
+        return counts, first, axes, self.support
 
 
 @row_kernel
 def _interpolated(
-    k1: Layer, k2: Layer, cos_k3: Layer, scale: np.float32, table: Layer, axes: Layer, ranges: Layer,
-    counts: NDArray[np.int32], first: NDArray[np.int64], lattice: Layer, support: int, out: Layer,
-) -> None:  # fmt: skip
-    """Trilinear P of every cell; `scale` turns K1 and K2 into their scaled inputs."""
+    k1: Layer, k2: Layer, cos_k3: Layer, scale: np.float32, table: Table, held: Support, out: Layer
+) -> None:
+    """Write the trilinear P of every cell, (ny, nx); `scale` is 1 / (8 cell), 1/m."""
+    values, axes, ranges = table
+    counts, first, lattice, support = held
     zero, one, flat, unlearned = np.float32(0.0), np.float32(1.0), np.float32(FLAT), np.float32(UNLEARNED)
-    nt, nb, nc = table.shape
+    nt, nb, nc = values.shape
     t0, ts, b0, bs, c0, cs = axes[0, 0], axes[0, 1], axes[1, 0], axes[1, 1], axes[2, 0], axes[2, 1]
     low1, high1, low2, high2, low3, high3 = (
         ranges[0, 0], ranges[0, 1], ranges[1, 0], ranges[1, 1], ranges[2, 0], ranges[2, 1]
@@ -225,9 +225,9 @@ def _interpolated(
                 x = math.floor((t - lattice[0, 0]) * lattice[0, 1]) - first[0]
                 y = math.floor((b - lattice[1, 0]) * lattice[1, 1]) - first[1]
                 z = math.floor((c - lattice[2, 0]) * lattice[2, 1]) - first[2]
-                held = x >= 0 and y >= 0 and z >= 0
-                held = held and x < counts.shape[0] and y < counts.shape[1] and z < counts.shape[2]
-                if not held or counts[x, y, z] < support:
+                within = x >= 0 and y >= 0 and z >= 0
+                within = within and x < counts.shape[0] and y < counts.shape[1] and z < counts.shape[2]
+                if not within or counts[x, y, z] < support:
                     target[j] = unlearned
                     continue
             u = min(max((t - t0) * ts, zero), last_t)
@@ -235,8 +235,8 @@ def _interpolated(
             w = min(max((c - c0) * cs, zero), last_c)
             p, q, r = min(int(u), nt - 2), min(int(v), nb - 2), min(int(w), nc - 2)
             u, v, w = u - np.float32(p), v - np.float32(q), w - np.float32(r)
-            e00 = table[p, q, r] * (one - w) + table[p, q, r + 1] * w
-            e01 = table[p, q + 1, r] * (one - w) + table[p, q + 1, r + 1] * w
-            e10 = table[p + 1, q, r] * (one - w) + table[p + 1, q, r + 1] * w
-            e11 = table[p + 1, q + 1, r] * (one - w) + table[p + 1, q + 1, r + 1] * w
+            e00 = values[p, q, r] * (one - w) + values[p, q, r + 1] * w
+            e01 = values[p, q + 1, r] * (one - w) + values[p, q + 1, r + 1] * w
+            e10 = values[p + 1, q, r] * (one - w) + values[p + 1, q, r + 1] * w
+            e11 = values[p + 1, q + 1, r] * (one - w) + values[p + 1, q + 1, r + 1] * w
             target[j] = (e00 * (one - v) + e01 * v) * (one - u) + (e10 * (one - v) + e11 * v) * u

@@ -73,7 +73,7 @@ class HandScore:
 
     def predict(self, features: Features, cell: float) -> Layer:
         """P of every cell, (ny, nx) float32 in [0, 1], NaN where the coefficients are; holds for any cell size."""
-        k1, k2, cos_k3 = features.k1, features.k2, features.cos_k3
+        k1, k2, cos_k3 = features
         out = np.empty(k1.shape, dtype=np.float32)
         _predict(k1, k2, cos_k3, _weights(self), np.float32(0.125 / cell), out)
         return out
@@ -86,6 +86,7 @@ def _weights(score: HandScore) -> Layer:
 
 @row_kernel
 def _predict(k1: Layer, k2: Layer, cos_k3: Layer, weights: Layer, scale: np.float32, out: Layer) -> None:
+    """Write P of every cell, (ny, nx); `weights` are the fields of `HandScore`, `scale` is 1 / (8 cell), 1/m."""
     zero, one = np.float32(0.0), np.float32(1.0)
     flat, peak, hole, face = weights[0], weights[1], weights[2], weights[3]
     lean, rough, dead = weights[4], weights[5], weights[6]

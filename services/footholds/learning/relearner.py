@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 
 from surefoot.errors import SurefootError
 
-from .learning.relearn import Form, relearned
-from .learning.samples import Sample
-from .models.files import save
-from .models.learned import LearnedModel
+from ..models.files import save
+from ..models.learned import LearnedModel
+from .relearn import Form, relearned
+from .samples import StanceSample
 
 MOST = 100_000
 """Outcomes that wait for a round at most: there is none while no learned model is in force."""
@@ -45,13 +45,13 @@ class Relearner:
     """Outcomes taken in."""
     refused: dict[str, int] = field(default_factory=dict)
     """Outcomes left out, and rounds that failed, by reason."""
-    _waiting: list[Sample] = field(default_factory=list)
+    _waiting: list[StanceSample] = field(default_factory=list)
     _due: int = 0
     _thread: threading.Thread | None = None
     _made: LearnedModel | None = None
     _problems: list[tuple[str, str]] = field(default_factory=list)
 
-    def take(self, samples: Sequence[Sample]) -> None:
+    def take(self, samples: Sequence[StanceSample]) -> None:
         """Take outcomes; those that cannot be learned from are counted."""
         for each in samples:
             problem = each.problem or ("too_many" if len(self._waiting) >= MOST else "")
@@ -96,7 +96,7 @@ class Relearner:
         self._problems.clear()
         return made
 
-    def _run(self, model: LearnedModel, batch: Sequence[Sample]) -> None:
+    def _run(self, model: LearnedModel, batch: Sequence[StanceSample]) -> None:
         p = self.params
         try:
             made = relearned(model, batch, p.form, p.weight)

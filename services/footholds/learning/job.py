@@ -7,10 +7,10 @@ from pathlib import Path
 from surefoot.errors import Refusal, SurefootError
 from surefoot.schemas.footholds import LearnReply, LearnRequest
 
-from .learning.fit import LearnOptions, candidates, learn
-from .learning.samples import SampleSet, gather, read_lines
-from .models.files import save
-from .models.learned import LearnedModel
+from ..models.files import save
+from ..models.learned import LearnedModel
+from .fit import LearnOptions, candidates, learn
+from .samples import SampleSet, gather, read_lines
 
 MAX_BYTES = 2_000_000_000  # of a file of samples
 
