@@ -11,14 +11,8 @@ from . import (
     bag,
     chaos,
     doctor,
-    estimate,
-    evaluate,
-    fit,
-    footholds,
     graph,
-    map,
     report,
-    reproduce,
     robot,
     run,
     schema,
@@ -27,10 +21,10 @@ from . import (
     stop,
     system,
     topic,
-    train,
     warm,
 )
 from .output import EXIT_CHECK, EXIT_INTERRUPT, EXIT_USAGE, fail, misused, state
+from .rooms import room_commands
 
 app = typer.Typer(
     name="surefoot",
@@ -49,9 +43,7 @@ app.command("status")(system.status)
 app.command("logs")(system.logs)
 app.command("health")(system.health)
 app.command("supervise")(system.supervise)
-app.command("estimate")(estimate.estimate)
 app.command("report")(report.report)
-app.command("reproduce")(reproduce.reproduce)
 app.command("warm")(warm.warm)
 app.command("chaos")(chaos.chaos)
 app.command("call")(service.call)
@@ -62,12 +54,9 @@ app.add_typer(service.app, name="service")
 app.add_typer(schema.app, name="schema")
 app.add_typer(bag.app, name="bag")
 app.add_typer(robot.app, name="robot")
-app.add_typer(train.train, name="train")
-app.add_typer(evaluate.evaluate, name="evaluate")
-app.add_typer(fit.app, name="fit")
-app.add_typer(footholds.app, name="footholds")
-app.add_typer(map.app, name="map")
 app.add_typer(sim.app, name="sim")
+for room in room_commands():
+    app.add_typer(room)
 
 
 def _version(wanted: bool) -> None:

@@ -11,6 +11,8 @@ from typing import Annotated, Any
 import typer
 
 EXIT_OK, EXIT_CHECK, EXIT_USAGE, EXIT_INTERRUPT = 0, 1, 2, 130
+USAGE = ("unknown_topic", "unknown_query", "malformed", "invalid", "unknown_key", "not_installed")
+"""Codes of errors in the user's own words or files, which end with `EXIT_USAGE`."""
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
 Connect = Annotated[
@@ -158,6 +160,13 @@ def _write_error(code: str, message: str, field: str | None) -> None:
 
 def _is_usage(error: Exception) -> bool:
     """Tell whether the user's own words or files are at fault, not the system."""
-    if getattr(error, "code", "") in ("unknown_topic", "unknown_query", "malformed", "invalid", "unknown_key"):
+    if getattr(error, "code", "") in (
+        "unknown_topic",
+        "unknown_query",
+        "malformed",
+        "invalid",
+        "unknown_key",
+        "not_installed",
+    ):
         return True
     return any(kind.__name__ in ("TableError", "ConfigError") for kind in type(error).__mro__)

@@ -53,7 +53,8 @@ def commands(app, prefix=()):
     for command in app.registered_commands:
         yield (*prefix, command.name or command.callback.__name__.replace("_", "-"))
     for group in app.registered_groups:
-        yield from commands(group.typer_instance, (*prefix, group.name))
+        name = group.name or group.typer_instance.info.name  # without a name the commands are those of the group above
+        yield from commands(group.typer_instance, (*prefix, name) if isinstance(name, str) else prefix)
 
 
 @pytest.mark.parametrize("words", sorted(commands(cli.app)), ids=" ".join)

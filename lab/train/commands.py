@@ -1,16 +1,20 @@
-"""`surefoot train`."""
+"""`surefoot train` and `surefoot evaluate`."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .output import Json, near, tell, use_json, write_json, write_table
+from ..cli.output import Json, near, tell, use_json, write_json, write_table
+from .evaluate import evaluate, model_of
 
 if TYPE_CHECKING:
-    from ..train.runs import Trained
+    from .runs import Trained
 
-train = typer.Typer(help="Make policies.", no_args_is_help=True)
+train = typer.Typer(name="train", help="Make policies.", no_args_is_help=True)
+app = typer.Typer()
+app.add_typer(train)
+app.add_typer(evaluate)
 
 
 @train.callback()
@@ -39,9 +43,8 @@ def navigator(
     from surefoot.errors import SurefootError
     from surefoot.services.navigator.policy.files import save
 
-    from ..train.runs import make_planner, make_sarsa
-    from ..train.sarsa import Schedule
-    from .evaluate import model_of
+    from .runs import make_planner, make_sarsa
+    from .sarsa import Schedule
 
     use_json(json)
     if policy not in ("planner", "sarsa"):

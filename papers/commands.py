@@ -5,22 +5,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .output import EXIT_CHECK, Json, tell, use_json, write, write_json, write_table
+from surefoot.lab.cli.output import EXIT_CHECK, Json, tell, use_json, write, write_json, write_table
 
 if TYPE_CHECKING:
-    from ..report.findings import Reproduction
+    from surefoot.lab.report.findings import Reproduction
 
 PAPERS = {
-    "osswald": "surefoot.papers.osswald.navigation",
-    "walas-footholds": "surefoot.papers.walas.footholds",
-    "walas-stability": "surefoot.papers.walas.stability",
-    "wawrzynski": "surefoot.papers.wawrzynski.velocity",
+    "osswald": ".osswald.navigation",
+    "walas-footholds": ".walas.footholds",
+    "walas-stability": ".walas.stability",
+    "wawrzynski": ".wawrzynski.velocity",
 }
 """Name: module with `reproduce(folder, tell)`, and with `SYSTEM = None` if no system's kernels are needed."""
 WITH_LIVE = ("osswald",)
 """Papers whose `reproduce` also takes `live`, a file of results."""
 
+app = typer.Typer()
 
+
+@app.command()
 def reproduce(
     paper: Annotated[str, typer.Argument(help=f"What to reproduce: {', '.join(PAPERS)}.")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the figures [runs/<paper>].")] = None,
@@ -34,9 +37,8 @@ def reproduce(
     import importlib
 
     from surefoot.errors import SurefootError
+    from surefoot.lab.cli.warming import DEFAULT_SYSTEM, systems_of, warm_if_cold
     from surefoot.nearest import did_you_mean
-
-    from .warming import DEFAULT_SYSTEM, systems_of, warm_if_cold
 
     use_json(json)
     if paper not in PAPERS:
@@ -45,7 +47,7 @@ def reproduce(
         raise SurefootError("invalid", f"got {paper!r}{hint}; known are {known}", "paper")
     if live is not None and paper not in WITH_LIVE:
         raise SurefootError("invalid", f"got {paper!r}, which takes no live runs; {', '.join(WITH_LIVE)} does", "live")
-    module = importlib.import_module(PAPERS[paper])
+    module = importlib.import_module(PAPERS[paper], __package__)
     if getattr(module, "SYSTEM", DEFAULT_SYSTEM) is not None:
         warm_if_cold(systems_of([DEFAULT_SYSTEM])[0], tell)
     more = {} if live is None else {"live": live}

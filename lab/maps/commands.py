@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .output import EXIT_CHECK, Json, use_json, write, write_json, write_table
+from ..cli.output import EXIT_CHECK, Json, use_json, write, write_json, write_table
 
 if TYPE_CHECKING:
-    from ..maps.build import BuiltMap
+    from .build import BuiltMap
 
-app = typer.Typer(help="Maps: landmarks from a recording, occupancy of map_server.", no_args_is_help=True)
+app = typer.Typer(name="map", help="Maps: landmarks from a recording, occupancy of map_server.", no_args_is_help=True)
 File = Annotated[Path, typer.Argument(help="Landmark map (.npz), or the YAML of a map_server map.")]
 Radius = Annotated[float, typer.Option(min=0.0, help="Radius of the robot, m, for occupancy.")]
 
@@ -25,8 +25,8 @@ def build(
     """Make a map of the landmarks that a robot saw, from its detections and its odometry; truth is not read."""
     from surefoot.services.navigator.belief.landmark_files import save
 
-    from ..maps.build import BuildOptions, build_map
-    from ..maps.sightings import read_sightings
+    from .build import BuildOptions, build_map
+    from .sightings import read_sightings
 
     use_json(json)
     seen = read_sightings(recording)
@@ -43,7 +43,7 @@ def build(
 @app.command()
 def show(file: File, radius: Radius = 0.15, json: Json = False) -> None:
     """Show what is in a map file."""
-    from ..maps.summary import summary_of
+    from .summary import summary_of
 
     use_json(json)
     found = summary_of(file, radius)
@@ -56,7 +56,7 @@ def show(file: File, radius: Radius = 0.15, json: Json = False) -> None:
 @app.command()
 def check(file: File, radius: Radius = 0.15, json: Json = False) -> None:
     """Read a map file and look for what makes it useless. Exit code 1: something was found; 2: it is no map."""
-    from ..maps.summary import summary_of
+    from .summary import summary_of
 
     use_json(json)
     found = summary_of(file, radius)

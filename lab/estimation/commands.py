@@ -5,12 +5,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .output import Json, use_json, write, write_json, write_table
+from ..cli.output import Json, use_json, write, write_json, write_table
 
 if TYPE_CHECKING:
-    from ..estimation.scores import Score
+    from .scores import Score
+
+app = typer.Typer()
 
 
+@app.command()
 def estimate(
     log: Annotated[Path, typer.Argument(help="Recording (.mcap), or a log of others (.csv, .npz); docs/estimate.md.")],
     estimator: Annotated[str | None, typer.Option(help="Estimator: best, ekf, paper, imu, kinematics ...")] = None,
@@ -25,10 +28,10 @@ def estimate(
     """Estimate velocity, tilt and path from a log, with covariance and flags; errors where the log has truth."""
     from surefoot.tables import did_you_mean
 
-    from ..estimation.files import open_log
-    from ..estimation.results import Scratch, pack, write_csv
-    from ..estimation.results import estimate as run
-    from ..estimation.track import default, names
+    from .files import open_log
+    from .results import Scratch, pack, write_csv
+    from .results import estimate as run
+    from .track import default, names
 
     use_json(json)
     chosen = estimator or default()
@@ -45,7 +48,7 @@ def estimate(
     with Scratch(out) as folder:
         result = run(opened.log, chosen, folder)
         if out is not None:
-            from ..estimation.plots import draw
+            from .plots import draw
 
             files.append(draw(result, out / "estimates.svg"))
             if csv:

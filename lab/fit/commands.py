@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .output import Json, tell, use_json, write, write_json, write_table
+from ..cli.output import Json, tell, use_json, write, write_json, write_table
 
 if TYPE_CHECKING:
-    from ..fit.result import Fitted
+    from .result import Fitted
 
-app = typer.Typer(help="Numbers of a robot from recordings of it.", no_args_is_help=True)
+app = typer.Typer(name="fit", help="Numbers of a robot from recordings of it.", no_args_is_help=True)
 
 
 @app.command("navigator")
@@ -25,9 +25,9 @@ def navigator(
     """Fit motion noise, drift, durations, match probabilities and sight of a robot. The truth is not read."""
     from surefoot.services.navigator.policy.params import load
 
-    from ..fit.estimate import fit
-    from ..fit.events import read_run
-    from ..fit.output import check_out, write_model
+    from .estimate import fit
+    from .events import read_run
+    from .output import check_out, write_model
 
     use_json(json)
     check_out(out, params)

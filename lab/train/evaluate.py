@@ -6,14 +6,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .output import Json, use_json, write_json, write_table
+from ..cli.output import Json, use_json, write_json, write_table
 
 if TYPE_CHECKING:
     from surefoot.services.navigator.policy.params import NavigationModel
 
-    from ..train.evaluation import Seeds
+    from .evaluation import Seeds
 
-evaluate = typer.Typer(help="Measure how good something is that was trained or fitted.", no_args_is_help=True)
+evaluate = typer.Typer(
+    name="evaluate", help="Measure how good something is that was trained or fitted.", no_args_is_help=True
+)
 
 MAX_EPISODES = 1_000_000
 
@@ -27,7 +29,7 @@ def seeds_of(text: str) -> "Seeds":
     """Return the episodes of `A:B` (SurefootError: not of that form)."""
     from surefoot.errors import SurefootError
 
-    from ..train.evaluation import Seeds
+    from .evaluation import Seeds
 
     match = re.fullmatch(r"(\d{1,12}):(\d{1,12})", text)
     if match is None or not 1 < int(match[2]) - int(match[1]) <= MAX_EPISODES:
@@ -61,7 +63,7 @@ def navigator(
     json: Json = False,
 ) -> None:
     """Walk a policy through simulated episodes; the policy `limit` is a planner that knows true pose and drift."""
-    from ..train.evaluation import paired, summary
+    from .evaluation import paired, summary
 
     use_json(json)
     chosen = seeds_of(seeds)
@@ -89,7 +91,7 @@ def _measured(model: "NavigationModel", name: str, seeds: "Seeds") -> tuple[Any,
     from surefoot.services.navigator.policy.arrays import arrays
     from surefoot.services.navigator.policy.library import find
 
-    from ..train.evaluation import episodes
+    from .evaluation import episodes
 
     world = arrays(model)
     knows = name == "limit"

@@ -5,12 +5,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .output import Json, tell, use_json, write, write_json, write_table
+from ..cli.output import Json, tell, use_json, write, write_json, write_table
 
 if TYPE_CHECKING:
-    from ..footholds.walks import Setting
+    from .walks import Setting
 
-app = typer.Typer(help="Slip models: collect stances, learn from them, look at what was learned.", no_args_is_help=True)
+app = typer.Typer(
+    name="footholds",
+    help="Slip models: collect stances, learn from them, look at what was learned.",
+    no_args_is_help=True,
+)
 Model = Annotated[str, typer.Option("--model", "-m", help="Model file, or the name of a robot with a shipped one.")]
 Grounds = Annotated[
     list[str], typer.Option("--ground", help="KIND or KIND:HEIGHT (m) of the simulator; more than one is possible.")
@@ -36,8 +40,8 @@ def collect(
     json: Json = False,
 ) -> None:
     """Walk with random footholds in the simulator and append the outcome of every stance to a file."""
-    from ..footholds.campaign import Trial, planned
-    from ..footholds.campaign import collect as campaign
+    from .campaign import Trial, planned
+    from .campaign import collect as campaign
 
     use_json(json)
     trials = planned(
@@ -78,8 +82,8 @@ def primitives(
     from surefoot.errors import SurefootError
     from surefoot.robot.reader import load_robot
 
-    from ..footholds.primitives import own_worker, paper_trials, run_trials
-    from ..footholds.workers import remote_workers
+    from .primitives import own_worker, paper_trials, run_trials
+    from .workers import remote_workers
 
     use_json(json)
     if stance not in ("six", "tripod"):
@@ -124,7 +128,7 @@ def learn(
     from surefoot.services.footholds.learning.samples import gather
     from surefoot.services.footholds.models.files import save
 
-    from ..footholds.campaign import read
+    from .campaign import read
 
     use_json(json)
     found = [read(path) for path in samples]
@@ -169,7 +173,7 @@ def tune(
 
     from surefoot.services.footholds.models.files import load, save
 
-    from ..footholds.tuning import best_of, try_weights
+    from .tuning import best_of, try_weights
 
     use_json(json)
     loaded = load(model)
@@ -224,7 +228,7 @@ def show(
         "table_error": found.table_error(), **found.choice,
     }  # fmt: skip
     if picture is not None:
-        from ..footholds.picture import draw
+        from .picture import draw
 
         draw(found, picture)
     if json:
@@ -248,8 +252,8 @@ def judge(
     """Say how well a model predicts stances: rank correlation, AUC of slips over twice flat, its 80 % intervals."""
     from surefoot.errors import SurefootError
 
-    from ..footholds.campaign import read
-    from ..footholds.statistics import judged
+    from .campaign import read
+    from .statistics import judged
 
     use_json(json)
     found = [each for path in samples for each in read(path)[0]]
@@ -279,7 +283,7 @@ def score(
 
     from surefoot.services.footholds.masks import REASONS
 
-    from ..footholds.scored import read_map, save_scored, score_map
+    from .scored import read_map, save_scored, score_map
 
     use_json(json)
     found, heights = _load(model), read_map(map)
@@ -303,7 +307,7 @@ def _ground(text: str, robot: str, friction: float, distance: float) -> "Setting
     from surefoot.errors import SurefootError
     from surefoot.services.simulator.ground.terrain import KINDS
 
-    from ..footholds.walks import Setting
+    from .walks import Setting
 
     kind, _, height = text.partition(":")
     if kind not in KINDS:

@@ -1,0 +1,40 @@
+"""Commands of the rooms of the lab and of the papers: each room defines its own in `commands.py`."""
+
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+
+import typer
+
+import surefoot
+
+HOME = Path(surefoot.__file__).parent
+"""The package; in a checkout its floors are links to the folders beside it."""
+INSTALL_PAPERS = "pip install ./papers"
+"""Command, in a checkout, that adds the papers to an installation without them."""
+
+
+def room_commands(home: Path = HOME) -> Iterator[typer.Typer]:
+    """Yield the `app` of each `commands.py` below `lab`, and that of the papers or what stands for it."""
+    for path in sorted(home.glob("lab/*/commands.py")):
+        yield import_module(f"{surefoot.__name__}.lab.{path.parent.name}.commands").app
+    if (home / "papers" / "commands.py").is_file():
+        yield import_module(f"{surefoot.__name__}.papers.commands").app
+    else:
+        yield without_papers
+
+
+without_papers = typer.Typer()
+
+
+@without_papers.command("reproduce", context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+def reproduce(context: typer.Context) -> None:
+    """Compute the figures and numbers of a paper again (not installed)."""
+    from surefoot.errors import SurefootError
+
+    from .output import use_json
+
+    use_json("--json" in context.args)
+    raise SurefootError(
+        "not_installed", f"the papers are not installed; in a checkout of surefoot: {INSTALL_PAPERS}", "reproduce"
+    )
