@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from benchmarks.walk_rules import GROUNDS, RESAMPLINGS, rule_of
 from surefoot.lab.footholds.campaign import append, sample_of
-from surefoot.lab.footholds.pairs import State, gap_share, paired_steps, trimmed
+from surefoot.lab.footholds.pairs import PairedState, gap_share, paired_steps, trimmed
 from surefoot.lab.footholds.rules import nominal_rule, random_rule
 from surefoot.lab.footholds.walks import Rule
 from surefoot.services.footholds.learning.samples import StanceSample
@@ -45,7 +45,7 @@ def pairs_of(job: Job) -> tuple[Job, list[dict[str, Any]], list[StanceSample]]:
     lines = [_line(ground, seed, legs, state) for state in states]
     samples = [
         replace(
-            sample_of(stance, joined.recorder.ground, trial), step=state.step * BRANCHES + number,
+            sample_of(stance, joined.selector.ground, trial), step=state.step * BRANCHES + number,
             friction=setting.friction, robot=robot, robot_hash=joined.robot.hash, source=f"pairs {ground}",
         )
         for state in states for number, arm in enumerate(state.arms) for stance in arm.stances
@@ -53,7 +53,7 @@ def pairs_of(job: Job) -> tuple[Job, list[dict[str, Any]], list[StanceSample]]:
     return job, lines, samples
 
 
-def _line(ground: str, seed: int, legs: str, state: State) -> dict[str, Any]:
+def _line(ground: str, seed: int, legs: str, state: PairedState) -> dict[str, Any]:
     return {
         "ground": ground, "seed": seed, "legs": legs, "step": state.step, "in_question": state.legs,
         "arms": {arm.name: round(state.sliding(arm), 4) for arm in state.arms},

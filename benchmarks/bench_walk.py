@@ -27,19 +27,19 @@ from benchmarks.joined import costs_us
 from benchmarks.walk_rules import GROUNDS, TAUGHT, kept, table, walk_missing
 from benchmarks.walk_targets import over_flat, verdicts
 from surefoot.lab.footholds.rules import model_rule
-from surefoot.lab.footholds.walks import Setting, Walk, walk
+from surefoot.lab.footholds.walks import Setting, WalkVerdict, walk
 from surefoot.services.footholds.models.score import HandScore
 from surefoot.services.footholds.select import SelectParams
 
 __all__ = ["Setting", "foothold_walk", "walk"]
 
 
-def foothold_walk(seed: int, setting: Setting, footholds: bool = True) -> Walk:
+def foothold_walk(seed: int, setting: Setting, footholds: bool = True) -> WalkVerdict:
     """A walk with the hand-made score, or on nominal landings."""
     return walk(seed, setting, model_rule(HandScore(), SelectParams()) if footholds else None)
 
 
-def summary(walks: list[Walk]) -> str:
+def summary(walks: list[WalkVerdict]) -> str:
     """One line for a table."""
     good = [w for w in walks if w.reached]
 
@@ -97,7 +97,7 @@ def main() -> None:
         terrain=args.terrain, distance=args.distance, amplitude=args.amplitude, friction=args.friction,
         robot=args.robot, profile=args.profile, params=params,
     )  # fmt: skip
-    walks: list[Walk] = []
+    walks: list[WalkVerdict] = []
     with ProcessPoolExecutor(args.jobs) as pool:
         for one in pool.map(partial(foothold_walk, setting=setting, footholds=not args.nominal), range(first, end)):
             walks.append(one)

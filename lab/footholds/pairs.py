@@ -1,8 +1,8 @@
-"""The same step from one state with several footholds: the sharpest comparison of footholds there is.
+"""Comparison of footholds from one state: the same step with several candidates.
 
-At every n-th question of a walk the process forks once for each candidate. A child is the whole state of world,
-estimator and walker as it was, takes its candidate, walks on by the rule of the walk until the stances of the legs in
-question are over, and reports them; the parent then goes on as if nothing had been asked. Children run one at a time.
+At every n-th request of a walk the process forks once for each candidate. A child holds the whole state of world,
+estimator and walker, takes its candidate, walks on by the rule of the walk until the stances of the legs in question
+are over, and reports them; the parent then goes on with its own choice. Children run one at a time.
 """
 
 import os
@@ -19,29 +19,29 @@ from surefoot.robot.description import Robot
 from surefoot.services.footholds.ground import FootholdGround
 from surefoot.services.footholds.select import Foothold, Landing, TrunkPose
 
-from .walks import JoinedWalk, Rule, Setting, Stance
+from .walks import ChosenStance, JoinedWalk, Rule, Setting
 
 Array = NDArray[np.float64]
 PATIENCE_TICKS = 400
-"""A child whose stances are not over by then reports those that are."""
+"""Ticks after which a child reports the stances that are over."""
 
 
 @dataclass(frozen=True)
 class Arm:
-    """What came of one candidate."""
+    """Outcome of one candidate."""
 
     name: str
-    stances: tuple[Stance, ...]
-    """Of the legs in question; fewer than these when the walker refused the step or the robot fell."""
+    stances: tuple[ChosenStance, ...]
+    """Stances of the legs in question; fewer than legs when the walker refused the step or the robot fell."""
     fallen: bool = False
 
 
 @dataclass(frozen=True)
-class State:
-    """All candidates from one state."""
+class PairedState:
+    """Outcomes of all candidates from one state."""
 
     step: int
-    """Number of the question in the walk."""
+    """Number of the request in the walk."""
     legs: tuple[int, ...]
     """Legs whose footholds differ between the candidates."""
     arms: tuple[Arm, ...]
@@ -55,12 +55,12 @@ class State:
 
 @dataclass(eq=False)
 class Branching:
-    """The rule of a walk that forks at some of its questions.
+    """Rule of a walk that forks at some of its requests.
 
     Args:
         rule: the rule of the walk.
         candidates: rules by name.
-        every: a state at every n-th question; odd, or a tripod gait leaves one group of legs out.
+        every: a state at every n-th request; odd, or a tripod gait leaves one group of legs out.
         alone: candidates differ in one leg, drawn at random; otherwise in all legs that land.
         seed: of the draw of the leg.
     """
@@ -70,11 +70,11 @@ class Branching:
     every: int = 3
     alone: bool = True
     seed: int = 0
-    states: list[State] = field(default_factory=list)
+    states: list[PairedState] = field(default_factory=list)
     legs: tuple[int, ...] = ()
-    """In a child: the legs in question."""
+    """Legs in question, in a child."""
     _write: int = -1
-    """In a child: the end of the pipe to its parent."""
+    """Pipe to the parent, in a child; -1 in the parent."""
     _step: int = 0
     _landing: tuple[int, ...] = ()
 
@@ -85,7 +85,7 @@ class Branching:
         landing = tuple(each.leg for each in landings)
         if self.child:
             if step == self._step + 1 and landing == self._landing:
-                self.end([], fallen=False)  # the walker refused the step and asks again
+                self.end([], fallen=False)  # the walker refused the step and requests another one
             return own
         if step % self.every or any(each.status != "ok" for each in own):
             return own
@@ -106,21 +106,21 @@ class Branching:
                     return answer
                 arms[key] = found_arm
             named.append(replace(arms[key], name=name))
-        self.states.append(State(step, legs, tuple(named)))
+        self.states.append(PairedState(step, legs, tuple(named)))
         return own
 
     @property
     def child(self) -> bool:
-        """Whether this process walks a candidate."""
+        """True in a process that walks a candidate."""
         return self._write >= 0
 
-    def end(self, stances: Sequence[Stance], fallen: bool) -> NoReturn:
+    def end(self, stances: Sequence[ChosenStance], fallen: bool) -> NoReturn:
         """End a child and report its stances."""
         with os.fdopen(self._write, "wb") as stream:
             pickle.dump((tuple(stances), fallen), stream)
         os._exit(0)
 
-    def finished(self, stances: Sequence[Stance]) -> list[Stance]:
+    def finished(self, stances: Sequence[ChosenStance]) -> list[ChosenStance]:
         """Return those of a child's stances that were in question."""
         return [each for each in stances if each.step == self._step and each.leg in self.legs]
 
@@ -148,8 +148,8 @@ class Branching:
 
 def paired_steps(
     seed: int, setting: Setting, rule: Rule, candidates: Mapping[str, Rule], every: int = 3, alone: bool = True
-) -> tuple[JoinedWalk, list[State]]:
-    """Walk by `rule` and compare the candidates at every n-th question; returns the walk and its states."""
+) -> tuple[JoinedWalk, list[PairedState]]:
+    """Walk by a rule and compare the candidates at every n-th request; returns the walk and its states."""
     branching = Branching(rule, candidates, every, alone, seed)
     joined = JoinedWalk(seed, setting, branching)
     try:
@@ -157,11 +157,11 @@ def paired_steps(
         while joined.tick():
             if branching.child:
                 ticks += 1
-                found = branching.finished(joined.judge.found)
+                found = branching.finished(joined.stances.found)
                 if len(found) == len(branching.legs) or ticks > PATIENCE_TICKS:
                     branching.end(found, fallen=False)
         if branching.child:
-            branching.end(branching.finished(joined.judge.found), bool(joined.world.truth().fallen))
+            branching.end(branching.finished(joined.stances.found), bool(joined.world.truth().fallen))
     except BaseException:
         if not branching.child:
             raise

@@ -1,7 +1,7 @@
-"""Re-learning judged: edges withheld from a first model, then walks that explore, their outcomes learned from.
+"""Evaluation of re-learning: edges are withheld from a first model, and exploring walks bring their outcomes.
 
-The gap is the mean square error on withheld ground of the first model over that of a model of all training data; a
-re-learned model closes the share of it that its own error lacks. Judged on stances of walks that no model was made of.
+The gap is the mean square error on withheld ground of the first model minus that of a model of all training data; a
+re-learned model closes a share of it. Errors are those on stances of walks that no model was made of.
 """
 
 from collections.abc import Sequence
@@ -29,30 +29,30 @@ WITHHELD = 0.3
 
 
 def rough(sample: StanceSample) -> bool:
-    """Whether a stance was on ground that is withheld."""
+    """Return whether a stance was on ground that is withheld."""
     return sample.k2 / (8.0 * sample.cell) >= WITHHELD
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
-    """Where re-learning starts, and what it is judged by."""
+class HeldOutModels:
+    """Both ends of the gap, and the stances that errors are taken on."""
 
     first: LearnedModel
-    """Of training data without withheld ground."""
+    """Model of the training data without withheld ground."""
     full: LearnedModel
-    """Of all training data."""
+    """Model of all training data."""
     held: SampleSet
-    """Stances of other walks."""
+    """Stances of walks that neither model was made of."""
 
 
-def start(samples: Sequence[StanceSample], candidate: Candidate, share: float = 0.25, seed: int = 0) -> Start:
-    """Return both models of a sample set, a share of its trials held back."""
+def start(samples: Sequence[StanceSample], candidate: Candidate, share: float = 0.25, seed: int = 0) -> HeldOutModels:
+    """Return both models of a sample set; a share of its trials is held back for the errors."""
     names = sorted({each.trial for each in samples})
     np.random.default_rng(seed).shuffle(names)
     held = set(names[: round(share * len(names))])
     training = [each for each in samples if each.trial not in held]
     options = LearnOptions(title="walked", candidates=(candidate,), distance_weight=0.5)
-    return Start(
+    return HeldOutModels(
         learn(gather(each for each in training if not rough(each)), options), learn(gather(training), options),
         gather(each for each in samples if each.trial in held),
     )  # fmt: skip
@@ -67,7 +67,7 @@ def squared_errors(model: LearnedModel, held: SampleSet) -> tuple[float, float]:
     return float(np.mean(away[new] ** 2)), float(np.mean(away[~new] ** 2))
 
 
-def closed(model: LearnedModel, begin: Start) -> tuple[float, float]:
+def closed(model: LearnedModel, begin: HeldOutModels) -> tuple[float, float]:
     """Return the share of the gap that a model closes, and its error on old ground over that of the first model."""
     (new, old), (first, first_old) = squared_errors(model, begin.held), squared_errors(begin.first, begin.held)
     full, _ = squared_errors(begin.full, begin.held)
@@ -80,7 +80,7 @@ def explored(
     """Walk with a model that explores a share of its choices; returns its outcomes by own slip and by truth."""
     own, true = Outcomes(), Outcomes()
     rule = exploring_rule(seed, share, model_rule(model, SelectParams()))
-    joined = JoinedWalk(seed, setting, _told(rule, (own, true)))
+    joined = JoinedWalk(seed, setting, _reported(rule, (own, true)))
     follower, names = SlipFollower(joined), joined.robot.leg_names
     measured: list[StanceOutcome] = []
     exact: list[StanceOutcome] = []
@@ -90,15 +90,15 @@ def explored(
             true.ended(names[each.leg], each.whole)
             measured += own.take()
             exact += true.take()
-    ground, trial = joined.recorder.ground, f"{setting.terrain} {seed}"
+    ground, trial = joined.selector.ground, f"{setting.terrain} {seed}"
     return (
         [_sample(each, ground, joined.robot, trial, k) for k, each in enumerate(measured)],
         [_sample(each, ground, joined.robot, trial, k) for k, each in enumerate(exact)],
     )
 
 
-def _told(rule: Rule, listeners: Sequence[Outcomes]) -> Rule:
-    """Return the rule, whose choices are handed to listeners as the walker service does."""
+def _reported(rule: Rule, listeners: Sequence[Outcomes]) -> Rule:
+    """Return the rule with its choices reported to listeners, as the walker service does."""
 
     def chosen(
         ground: FootholdGround, robot: Robot, base: TrunkPose, landings: Sequence[Landing], step: int

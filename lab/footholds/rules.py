@@ -1,4 +1,4 @@
-"""Rules that choose footholds: the service's own choice under any slip model, random ones, and two of other people."""
+"""Rules that choose footholds: those of the service under any slip model, random draws, two from the literature."""
 
 import math
 from collections.abc import Sequence
@@ -16,20 +16,20 @@ from surefoot.services.footholds.select import Foothold, Landing, SelectParams, 
 from .walks import Rule
 
 DRAWS = 100_003
-"""Steps of one walk that have a seed of their own."""
+"""Distance of the seeds of two walks: steps of a walk count up from its seed times this."""
 
 
-class _Roughness:
-    """What the rules of other people have in common: they hold anywhere, know no spread and no landing error."""
+class _AnywhereModel:
+    """Common part of rules from the literature: they hold anywhere, without spread or landing error."""
 
     @property
     def distance_weight(self) -> float:
-        """k of Q = P + k K4, 1/m: none of its own, so a walk states one."""
+        """Weight k of Q = P + k K4, 1/m: 0, a walk states its own."""
         return 0.0
 
     @property
     def landing_error(self) -> float:
-        """0: the choice takes the mean over the free cells of the 3 x 3 block."""
+        """Landing error, m: 0, the choice takes the mean over the free cells of the 3 x 3 block."""
         return 0.0
 
     def unfit(self, cell: float, smooth: bool, foot_radius: float) -> str:
@@ -42,8 +42,8 @@ class _Roughness:
 
 
 @dataclass(frozen=True, slots=True)
-class MinK2(_Roughness):
-    """P grows with K2 alone: the flattest cell, K2 / (8 cell) as rise per way."""
+class MinK2(_AnywhereModel):
+    """Rule of the flattest cell: P is K2 / (8 cell), the mean rise per way."""
 
     @property
     def name(self) -> str:
@@ -51,13 +51,13 @@ class MinK2(_Roughness):
         return "min-k2"
 
     def predict(self, features: Features, cell: float) -> Layer:
-        """Mean roughness of each cell, at most 1, (ny, nx)."""
+        """Return the mean roughness of each cell, at most 1, (ny, nx)."""
         return np.minimum(features.k2 / np.float32(8.0 * cell), np.float32(1.0))
 
 
 @dataclass(frozen=True, slots=True)
-class GridMapRule(_Roughness):
-    """The traversability of grid_map's example filters: 1 - [.5 (1 - slope / .6) + .5 (1 - roughness / .1)].
+class GridMapRule(_AnywhereModel):
+    """Rule of grid_map's example filters, traversability 1 - [.5 (1 - slope / .6) + .5 (1 - roughness / .1)].
 
     The slope is in rad. Only K1 and K2 are at hand: the slope of a plane is K2 / (7 cell) within 15 % in any
     direction, and half the mean deviation of the centre from its neighbours stands for the roughness in m.
@@ -69,7 +69,7 @@ class GridMapRule(_Roughness):
         return "grid-map"
 
     def predict(self, features: Features, cell: float) -> Layer:
-        """One minus the traversability of each cell, 0 to 1, (ny, nx)."""
+        """Return one minus the traversability of each cell, 0 to 1, (ny, nx)."""
         slope = np.arctan((features.k2 - np.abs(features.k1)) / np.float32(7.0 * cell))
         rough = np.abs(features.k1) / np.float32(16.0)
         free = 0.5 * np.maximum(1.0 - slope / 0.6, 0.0) + 0.5 * np.maximum(1.0 - rough / 0.1, 0.0)

@@ -1,4 +1,4 @@
-"""The slip that the robot measures itself beside the truth, stance by stance."""
+"""Slip as the robot measures it beside the true one, stance by stance."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,26 +13,27 @@ from .walks import JoinedWalk
 
 Array = NDArray[np.float64]
 LIFTED_TICKS = 5
-"""After the last sample with contact a foot may still slide for so long."""
+"""Time after the last sample with contact in which a foot may still slide, ticks."""
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredStance:
-    """One stance by both."""
+    """Slip of one stance, measured and true."""
 
     leg: int
+    """Index in the robot description."""
     own: float
-    """Slip that the robot has measured, m."""
+    """Slip as the robot measured it, m."""
     inside: float
     """True sliding between its first and its last sample with contact, m."""
     whole: float
-    """True sliding since the stance before, m: also what a foot too light for its switch has slid."""
+    """True sliding since the stance before, m; it includes that of a foot too light for its switch."""
     begin: tuple[float, float, float]
-    """Foot centre at its begin, `odom`, m."""
+    """Foot centre at the begin of the stance, frame `odom`, m."""
 
 
 class SlipFollower:
-    """Measures slip in a walk as the estimator service does, and reads the truth beside it."""
+    """Meter of slip in a walk, as in the estimator service, with the truth beside it."""
 
     def __init__(self, joined: JoinedWalk) -> None:
         self.joined = joined
@@ -44,12 +45,12 @@ class SlipFollower:
         self._rows: list[Array] = []
         """True way of each foot so far, at each sample of the joints, (L,) m."""
         self._trail: list[Array] = []
-        """The same at each tick."""
+        """True way of each foot so far, at each tick, (L,) m."""
         self._ticks: list[int] = []
         self._counted = np.zeros(n)
 
     def look(self) -> list[MeasuredStance]:
-        """Take the tick that has passed; returns the stances that have ended."""
+        """Read the tick that has passed; returns the stances that have ended."""
         world, estimator = self.joined.world, self.joined.estimator
         sliding = world.tracker.feet.sliding.copy()
         self._total += np.where(sliding >= self._before, sliding - self._before, sliding)
@@ -82,11 +83,13 @@ class SlipFollower:
 
 
 def auc(score: Array, positive: NDArray[np.bool_]) -> float:
-    """Return the area under the receiver operating curve: how often a positive has the higher score; ties count half.
+    """Return the area under the receiver operating curve: share of pairs in which the positive scores higher.
+
+    Ties count half.
 
     Args:
-        score: (n,).
-        positive: (n,); NaN is returned if all or none are.
+        score: value of each item, (n,).
+        positive: class of each item, (n,); NaN is returned if all or none are positive.
     """
     from scipy.stats import rankdata
 

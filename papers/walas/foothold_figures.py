@@ -22,7 +22,7 @@ MM = 1e3
 
 
 def draw(study: FootholdStudy, out: Path) -> tuple[Path, ...]:
-    """Write all figures into a folder."""
+    """Write all figures into a folder; returns their paths."""
     plots: dict[str, Callable[[], Figure]] = {
         "fig07-data": lambda: _cloud(study.exact, study.models["primitives K1, K2"], "Fig. 7: stances and bin means"),
         "fig08-elementary": lambda: _surface(

@@ -50,7 +50,7 @@ def test_outcomes_are_the_judges(stances: list[StanceSample]) -> None:
     joined = JoinedWalk(3, SHORT, campaign.random_rule(3))
     while joined.tick():
         pass
-    slid = sorted(joined.judge.sliding)
+    slid = sorted(joined.stances.sliding)
     assert {each.sliding for each in stances} <= set(slid)
     assert sum(each.sliding for each in stances) <= sum(slid) + 1e-12
     assert [each.sliding for each in walked(Trial(3, SHORT))] == [each.sliding for each in stances]

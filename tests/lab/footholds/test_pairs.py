@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.lab.footholds.pairs import Arm, State, gap_share, paired_steps, trimmed
+from surefoot.lab.footholds.pairs import Arm, PairedState, gap_share, paired_steps, trimmed
 from surefoot.lab.footholds.rules import model_rule, nominal_rule, random_rule
 from surefoot.lab.footholds.walks import JoinedWalk, Rule, Setting
 from surefoot.services.footholds.models.score import HandScore
@@ -30,25 +30,25 @@ def candidates() -> dict[str, Rule]:
 
 
 @pytest.fixture(scope="module", params=[True, False], ids=["one", "all"])
-def compared(request: pytest.FixtureRequest) -> tuple[bool, JoinedWalk, list[State]]:
+def compared(request: pytest.FixtureRequest) -> tuple[bool, JoinedWalk, list[PairedState]]:
     return request.param, *paired_steps(4, SHORT, nominal_rule(), candidates(), every=5, alone=request.param)
 
 
-def test_the_walk_goes_on_as_if_nothing_had_been_asked(compared: tuple[bool, JoinedWalk, list[State]]) -> None:
+def test_the_walk_goes_on_as_if_nothing_had_been_asked(compared: tuple[bool, JoinedWalk, list[PairedState]]) -> None:
     _, joined, _ = compared
     plain = JoinedWalk(4, SHORT, nominal_rule())
     while plain.tick():
         pass
-    assert joined.judge.sliding == plain.judge.sliding
+    assert joined.stances.sliding == plain.stances.sliding
     assert joined.world.tick == plain.world.tick
 
 
-def test_an_arm_with_the_own_choice_is_the_walk_itself(compared: tuple[bool, JoinedWalk, list[State]]) -> None:
+def test_an_arm_with_the_own_choice_is_the_walk_itself(compared: tuple[bool, JoinedWalk, list[PairedState]]) -> None:
     alone, joined, states = compared
     whole = 0
     for state in states:
         assert len(state.legs) == (1 if alone else 3)
-        own = {s.leg: s for s in joined.judge.found if s.step == state.step and s.leg in state.legs}
+        own = {s.leg: s for s in joined.stances.found if s.step == state.step and s.leg in state.legs}
         arms = {arm.name: arm for arm in state.arms}
         assert arms["nominal"].stances == arms["again"].stances
         for stance in arms["nominal"].stances:
@@ -80,7 +80,7 @@ def test_an_error_in_a_child_is_one_of_the_comparison(capfd: pytest.CaptureFixtu
 
 
 def test_states_without_an_outcome_are_not_a_number() -> None:
-    state = State(3, (1,), (Arm("a", ()),))
+    state = PairedState(3, (1,), (Arm("a", ()),))
     assert np.isnan(state.sliding(state.arms[0]))
 
 

@@ -27,4 +27,4 @@ def test_a_walk_on_flat_ground_slips_little_and_the_robot_knows() -> None:
     assert rms([each.own - each.inside for each in follower.found]) < 0.001
     assert all(0.0 <= each.inside <= each.whole for each in follower.found)
     total = sum(each.whole for each in follower.found)
-    assert total == pytest.approx(sum(joined.judge.sliding), rel=0.5)
+    assert total == pytest.approx(sum(joined.stances.sliding), rel=0.5)

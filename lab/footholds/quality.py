@@ -1,4 +1,4 @@
-"""How well a slip model predicts stances it was not made of: order, warnings, and how honest its spread is."""
+"""Quality of a slip model on stances it was not made of: order, warnings, and share within its intervals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,17 +19,17 @@ Array = NDArray[np.float64]
 FLAT = 0.05
 """K2 / (8 cell) below which ground counts as flat."""
 LEAST = 0.003
-"""Least slip of a stance in strokes, on flat ground too: contacts creep. 99 % of 3363 stances (seeds 1100 to 1107) slid
-more."""
+"""Least slip of a stance per stroke: contacts creep on flat ground, too. 99 % of 3363 stances (seeds 1100 to 1107)
+slid more."""
 SHARE = 0.8
-"""Of the stances, that an interval should hold."""
+"""Share of the stances that an interval should hold."""
 BROAD = 10
-"""Samples from which the spread of a bin alone is used; with fewer the spread of all bins of like P joins in."""
+"""Weight, in samples, of the spread of all bins beside that of one bin."""
 
 
 @dataclass(frozen=True, slots=True)
-class Statistics:
-    """Of one model on one set of stances."""
+class PredictionQuality:
+    """Figures of one model on one set of stances."""
 
     stances: int
     spearman: float
@@ -39,31 +39,31 @@ class Statistics:
     held: float
     """Share of slips within the interval that should hold `SHARE` of them."""
     ceiling: float
-    """Rank correlation of the mean slip of stances with equal inputs and slip: what no model of these inputs can beat
-    on these stances; 1 where no two inputs are equal."""
+    """Rank correlation of slip and the mean slip of stances with equal inputs: the best that any model of these inputs
+    can reach on these stances; 1 where no two inputs are equal."""
 
 
-def judged(model: LearnedModel, samples: Sequence[StanceSample]) -> Statistics:
-    """Compare a model with stances of other trials than those it was made of."""
+def prediction_quality(model: LearnedModel, samples: Sequence[StanceSample]) -> PredictionQuality:
+    """Return the quality of a model on stances of other trials than those it was made of."""
     from scipy.stats import spearmanr
 
     found = gather(samples)
     p = expected(model, found)
     flat = found.r[found.x[:, 1] < FLAT]
     limit = 2.0 * float(flat.mean()) if len(flat) else 2.0 * float(np.quantile(found.r, 0.1))
-    a, b = interval(p, spread(model, found.x, p))
+    a, b = slip_interval(p, spread(model, found.x, p))
     inside = (found.r >= a) & (found.r <= b)
     rank = spearmanr(p, found.r).statistic  # pyright: ignore[reportAttributeAccessIssue] - scipy has no types
     _, place = np.unique(np.round(found.x, 3), axis=0, return_inverse=True)
     alike = (np.bincount(place, weights=found.r) / np.bincount(place))[place]
     most = spearmanr(alike, found.r).statistic  # pyright: ignore[reportAttributeAccessIssue] - scipy has no types
-    return Statistics(len(found), float(rank), auc(p, found.r > limit), float(inside.mean()), float(most))
+    return PredictionQuality(len(found), float(rank), auc(p, found.r > limit), float(inside.mean()), float(most))
 
 
 def expected(model: LearnedModel, found: SampleSet) -> Array:
     """Return the slip that the model expects of each stance, (n,): the mean of P over where the foot may land.
 
-    As in the choice of a foothold the cells about the chosen one have the weights of the landing error, and cells
+    As in the choice of a foothold, the cells about the chosen one have the weights of the landing error, and cells
     without P stay out; a stance without heights, or without any P, counts with P of its cell, brought into the ranges.
     """
     low, high = np.array(model.ranges).T
@@ -85,7 +85,9 @@ def expected(model: LearnedModel, found: SampleSet) -> Array:
 
 
 def spread(model: LearnedModel, x: Array, p: Array) -> Array:
-    """Standard deviation of single stances at points on the lattice's axes, (n,); few samples lean on like bins.
+    """Return the standard deviation of single stances at points on the lattice's axes, (n,).
+
+    Bins with few samples lean on the spread of all bins:
 
     sd^2 = (M2 + m (c P)^2) / (n - 1 + m),   m = `BROAD`,   c^2 = sum M2 / sum (n - 1) mean^2 over all bins
     """
@@ -100,7 +102,7 @@ def spread(model: LearnedModel, x: Array, p: Array) -> Array:
     return out
 
 
-def interval(mean: Array, sd: Array, share: float = SHARE, least: float = LEAST) -> tuple[Array, Array]:
+def slip_interval(mean: Array, sd: Array, share: float = SHARE, least: float = LEAST) -> tuple[Array, Array]:
     """Return the middle interval of gamma distributions above `least` with these means and deviations, (n,) each.
 
     Slips are never negative, most are small and a few are large: a normal distribution would be wrong on both sides.

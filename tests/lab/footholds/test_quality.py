@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from surefoot.lab.footholds.statistics import expected, interval, judged
+from surefoot.lab.footholds.quality import expected, prediction_quality, slip_interval
 from surefoot.services.footholds.learning.fit import Candidate, LearnOptions, learn
 from surefoot.services.footholds.learning.samples import PATCH, gather
 from surefoot.services.footholds.outcomes import UNKNOWN_UM
@@ -18,7 +18,7 @@ def drawn(count: int, seed: int) -> list:
 
 def test_a_model_of_the_law_orders_warns_and_knows_its_spread() -> None:
     model = learn(gather(drawn(4000, 1)), LearnOptions(candidates=(Candidate(15, 0.1, 1e-6),)))
-    found = judged(model, drawn(1500, 2))
+    found = prediction_quality(model, drawn(1500, 2))
     assert found.stances == 1500
     assert found.spearman > 0.7
     assert found.warned > 0.85
@@ -26,15 +26,15 @@ def test_a_model_of_the_law_orders_warns_and_knows_its_spread() -> None:
     others = drawn(1500, 2)
     order = np.random.default_rng(0).permutation(len(others))
     shuffled = [spoiled(s, sliding=others[j].sliding) for s, j in zip(others, order, strict=True)]
-    assert abs(judged(model, shuffled).spearman) < 0.1
+    assert abs(prediction_quality(model, shuffled).spearman) < 0.1
 
 
 def test_the_interval_holds_its_share_of_a_gamma_distribution() -> None:
     rng = np.random.default_rng(3)
     draws = rng.gamma(1.5, 0.02, 20_000)
-    low, high = interval(np.full(len(draws), 0.03), np.full(len(draws), 0.02 * np.sqrt(1.5)), least=0.0)
+    low, high = slip_interval(np.full(len(draws), 0.03), np.full(len(draws), 0.02 * np.sqrt(1.5)), least=0.0)
     assert np.mean((draws >= low) & (draws <= high)) == pytest.approx(0.8, abs=0.01)
-    low, high = interval(np.full(len(draws), 0.04), np.full(len(draws), 0.02 * np.sqrt(1.5)), least=0.01)
+    low, high = slip_interval(np.full(len(draws), 0.04), np.full(len(draws), 0.02 * np.sqrt(1.5)), least=0.01)
     assert np.mean((draws + 0.01 >= low) & (draws + 0.01 <= high)) == pytest.approx(0.8, abs=0.01)
 
 
