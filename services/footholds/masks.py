@@ -112,8 +112,9 @@ def mask_window(
     surface = ground.surface
     grid = (surface.cell, surface.origin[0], surface.origin[1], ground.foot_radius)
     numbers = (limits.slip, limits.slope, limits.wedge * ground.foot_radius, limits.reach_margin, limits.leg_radius)
-    leg = tuple(NO_LEG if placement is None else placement)
-    _mask(surface.z, ground.centres.z, grid, (row, col), slip, (*numbers, placement is not None), leg, out)
+    leg, base, rot, stroke = NO_LEG if placement is None else placement
+    placed = (leg, base, rot, stroke)
+    _mask(surface.z, ground.centres.z, grid, (row, col), slip, (*numbers, placement is not None), placed, out)
     return out
 
 
