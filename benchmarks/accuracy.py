@@ -147,7 +147,6 @@ def tables(
 
     Args:
         parts: what to print.
-        seeds: count, or first:end.
         sets: names of sets, by commas; default: all of the parts.
         estimators: names, by commas.
         references: referees, by commas.

@@ -237,14 +237,6 @@ class Run:
         }  # fmt: skip
 
 
-def walked(seed: int, setting: dict[str, Any], code: str) -> Line:
-    """Run one setting on one seed; `code` is the digest of what the run depends on."""
-    run = Run(seed, Setting(**setting))
-    while run.tick():
-        pass
-    return run.line()
-
-
 def capture_point(world: PhysicsWorld, foot: int) -> Capture:
     """Return where the linear inverted pendulum would come to rest, c + c' sqrt(z/g) (Pratt et al. 2006), by truth.
 
@@ -281,16 +273,20 @@ def _wrap(angle: float) -> float:
     return math.atan2(math.sin(angle), math.cos(angle))
 
 
+def walked(seed: int, setting: dict[str, Any], code: str) -> Line:
+    """Run one setting on one seed; `code` is the digest of what the run depends on."""
+    run = Run(seed, Setting(**setting))
+    while run.tick():
+        pass
+    return run.line()
+
+
 @cache
 def code_version() -> str:
     """Return a digest of everything a run depends on."""
     root = Path(__file__).parents[1]
-    names = sorted(
-        path
-        for folder in ("surefoot", "services/simulator", "services/estimator", "services/walker")
-        for kind in ("*.py", "*.toml")
-        for path in (root / folder).rglob(kind)
-    )
+    folders = ("surefoot", "services/simulator", "services/estimator", "services/walker")
+    names = sorted(path for name in folders for kind in ("*.py", "*.toml") for path in (root / name).rglob(kind))
     digest = hashlib.sha256()
     for path in (*names, Path(__file__), root / "lab/runs/joined.py"):
         digest.update(path.read_bytes())
@@ -304,16 +300,16 @@ def summary(lines: Sequence[Line], distance: float) -> list[tuple[str, object]]:
     def mean(name: str) -> float:
         return float(np.mean([line[name] for line in good])) if good else math.nan
 
-    speed = [100.0 * line["x"] / line["walk_s"] for line in good if line["walk_s"] > 0]
-    yaw = [line["yaw_deg"] / max(0.01, abs(distance)) for line in good]
+    speed = [100.0 * line["x"] / line["walk_s"] for line in good if line["walk_s"] > 0] or [math.nan]
+    yaw = [line["yaw_deg"] / max(0.01, abs(distance)) for line in good] or [math.nan]
     return [
         ("good", f"{len(good)} of {len(lines)}"),
         ("fell", sum(line["fallen"] for line in lines)),
         ("x, m", mean("x")),
         ("|y|, m", float(np.mean([abs(line["y"]) for line in good] or [math.nan]))),
-        ("speed, start and closing step included, cm/s", float(np.mean(speed or [math.nan]))),
+        ("speed, start and closing step included, cm/s", float(np.mean(speed))),
         ("yaw, deg", mean("yaw_deg")),
-        ("sigma of the yaw, deg/m", float(np.std(yaw or [math.nan]))),
+        ("sigma of the yaw, deg/m", float(np.std(yaw))),
         ("tilt, deg", mean("tilt_deg")),
         ("largest tilt of all runs, deg", max(line["tilt_deg"] for line in lines)),
         ("twist of a foot, deg", mean("twist_deg")),
@@ -375,9 +371,6 @@ def walks(
         setting: conditions of the walks.
         push: 8 directions x 4 phases of each force, 0.1 s long.
         forces: N, by commas.
-        seeds: count, or first:end.
-        processes: at a time.
-        results: file to continue with, one line a run.
         show: every run.
     """
     chosen = [(seed, replace(setting, robot=robot)) for seed in seeds_of(seeds)]

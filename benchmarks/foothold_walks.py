@@ -234,11 +234,8 @@ def rules(
     Args:
         rules: by commas, see `rule_of`.
         grounds: by commas, see `GROUNDS`.
-        seeds: count, or first:end.
         model: a model file, or shipped.
         robot: name.
-        results: file to continue with, one line a walk.
-        processes: at a time.
         report: walk nothing, print what the results file holds.
     """
     names, places = words_of(rules), words_of(grounds)
@@ -295,8 +292,6 @@ def scores(terrain: str = "demo", /, *, course: Course, seeds: str = "0:10", pro
     Args:
         terrain: kind of ground.
         course: conditions of the walks.
-        seeds: count, or first:end.
-        processes: at a time.
     """
     jobs = [{"seed": seed} for seed in seeds_of(seeds)]
     lines = study(partial(scored, terrain=terrain, course=course), jobs, processes=processes)
@@ -356,9 +351,6 @@ def slip(*, seeds: str = "0:12", processes: int = 2, results: Path | None = None
     were set on seeds 700 to 705.
 
     Args:
-        seeds: count, or first:end.
-        processes: at a time.
-        results: file to continue with, one line a walk.
         relearn: file of samples (`surefoot footholds collect`); report re-learning in place of the measure, see below.
     """
     if relearn is not None:

@@ -107,12 +107,9 @@ def policies(
     t-test; arcs at least 15 %; every goal reached with a true error of at most 0.2 m, no wall touched, no fall.
 
     Args:
-        seeds: count, or first:end.
         world: hard: drift of 2 deg per 10 cm, the paper's camera, commands as control; easy: own camera and odometry.
         arms: policies, by commas; the first is what the others are compared with.
-        results: file to continue with, one line a run.
         record: folder for the recordings, for `surefoot fit` and `goals transfer`; default: none are kept.
-        processes: at a time; default: one for each core.
     """
     names, more = words_of(arms), {} if record is None else {"record": str(record)}
     jobs = [{"arm": arm, "world": world, "seed": seed, **more} for seed in seeds_of(seeds) for arm in names]
@@ -197,10 +194,7 @@ def journeys(
     one run), no fall.
 
     Args:
-        seeds: count, or first:end.
         journeys: names, by commas.
-        results: file to continue with, one line a run.
-        processes: at a time; default: one for each core.
     """
     names = words_of(journeys)
     jobs = [{"journey": name, "seed": seed} for seed in seeds_of(seeds) for name in names]

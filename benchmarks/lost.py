@@ -302,7 +302,6 @@ def displacements(*, displacements: int = 100, hours: float = 1.0, world: World,
         displacements: number of robots.
         hours: of undisturbed walking.
         world: conditions.
-        processes: at a time.
     """
     seeds = range(world.first, world.first + displacements)
     lines = study(partial(displaced, world=world), [{"seed": seed} for seed in seeds], processes=processes)

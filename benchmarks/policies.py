@@ -221,7 +221,6 @@ def trainings(seeds: str = "2000:2020", /, *, evaluation: str = "20000:21000", r
     Args:
         seeds: of the trainings, first:end.
         evaluation: episodes, first:end.
-        results: file to continue with, one line a training.
     """
     span = seeds_of(evaluation)
     on = Seeds(span.start, span.stop)

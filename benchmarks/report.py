@@ -1,7 +1,7 @@
 """Command line, tables and clocks that all benchmarks share.
 
 A benchmark file makes one `Bench` and registers its parts, functions whose parameters are the options: parameters
-before ``/`` are arguments by position, the others ``--options``; the "Args:" of the docstring are their help.
+before ``/`` are arguments by position, the others ``--options``; "Args:" of the docstring and `COMMON` are their help.
 """
 
 import argparse
@@ -16,6 +16,12 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 
+COMMON = {
+    "seeds": "count, or first:end",
+    "results": "file to continue with, one line a run; runs that it holds are not repeated",
+    "processes": "runs at a time",
+}
+"""Help of options that mean the same in every part."""
 F = TypeVar("F", bound=Callable[..., Any])
 Call = Callable[[], object]
 
@@ -91,8 +97,8 @@ def first_line(docstring: str | None) -> str:
 
 def parser_of(program: str, run: Callable[..., Any]) -> tuple[argparse.ArgumentParser, list[inspect.Parameter]]:
     """Return the parser of a function's parameters, and these; fields of a dataclass are options of their own."""
-    text = inspect.getdoc(run) or ""
-    head, helps = described(text, "Args")
+    head, helps = described(inspect.getdoc(run) or "", "Args")
+    helps = COMMON | helps
     parser = argparse.ArgumentParser(program, description=head, formatter_class=argparse.RawDescriptionHelpFormatter)
     parameters = list(inspect.signature(run).parameters.values())
     for p in parameters:

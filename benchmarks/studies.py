@@ -65,9 +65,6 @@ def scenarios(
 
     Args:
         scenario: name or path; default: rough-terrain, flat and rough-terrain-high.
-        seeds: count, or first:end.
-        results: file to continue with, one line a run.
-        processes: at a time; default: one for each core.
     """
     for name in (scenario,) if scenario else SCENARIOS:
         jobs = [{"scenario": name, "seed": seed} for seed in seeds_of(seeds)]
@@ -141,8 +138,6 @@ def chaos(*what: str, results: Path | None = None, processes: int = 1) -> None:
 
     Args:
         what: pairs of toys, ragno, bioloid or nao, and first:end; default: 1700 seeds of toys and 100 of each robot.
-        results: file to continue with, one line a run.
-        processes: at a time.
     """
     rows: list[tuple[object, ...]] = []
     for name, seeds in zip(what[::2], what[1::2], strict=True) if what else CHAOS.items():
@@ -215,10 +210,7 @@ def landmarks(
     Osswald et al. matched 3.25 features a frame on a slowly walking Nao and far more on a standing one.
 
     Args:
-        seeds: count, or first:end.
         distance: of the walk, m.
-        results: file to continue with, one line a run.
-        processes: at a time; default: one for each core.
     """
     jobs = [{"seed": seed, "distance": distance} for seed in seeds_of(seeds)]
     lines = study(watched, jobs, results, processes=processes)

@@ -244,10 +244,7 @@ def pairs(
 
     Args:
         grounds: by commas, see `foothold_walks.GROUNDS`.
-        seeds: count, or first:end.
         how: conditions.
-        processes: at a time.
-        results: file to continue with, one line a walk.
         samples: file that the stances are appended to, to learn from.
         show: walk nothing, print what the results file holds.
     """

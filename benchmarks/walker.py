@@ -162,12 +162,9 @@ def orders(
     from there at every moment.
 
     Args:
-        seeds: count, or first:end.
         level: of the perturbation.
         ticks: before the landing, by commas.
         pairs: command under way and command that comes, as left:right,walk:stop.
-        processes: at a time.
-        results: file to continue with, one line for each pair of a seed.
     """
     chosen = [pair.split(":") for pair in words_of(pairs)]
     jobs = [{"seed": seed, "before": a, "after": b} for seed in seeds_of(seeds) for a, b in chosen]
@@ -316,14 +313,11 @@ def actions(
     base_link at the landing of an action's last step.
 
     Args:
-        seeds: count, or first:end.
         level: of the perturbation.
         drift: of the world, deg per 10 cm.
         actions: names, by commas; each in a chain of its own.
         count: actions of a chain.
         mixed: all actions in one chain, in random order.
-        processes: at a time.
-        results: file to continue with, one line a chain.
     """
     names, jobs = words_of(actions), list[dict[str, Any]]()
     for seed in seeds_of(seeds):
@@ -387,7 +381,6 @@ def held(*robots: str, seeds: str = "0:4", every: int = 5) -> None:
 
     Args:
         robots: names; default: bioloid, nao and ragno.
-        seeds: count, or first:end.
         every: ticks between two moments.
     """
     rows: list[tuple[object, ...]] = []

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.walk_rules import rule_of
+from benchmarks.foothold_walks import rule_of
 from surefoot.lab.footholds.rules import GridMapRule, MinK2, exploring_rule, model_rule, random_rule
 from surefoot.services.footholds.features import Features
 from surefoot.services.footholds.models.score import HandScore

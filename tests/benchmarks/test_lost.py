@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.bench_navigator_lost import EASY, ROUGH, alarms, displacement
+from benchmarks.lost import EASY, ROUGH, alarms, displacement
 
 
 @pytest.mark.parametrize("noise", [EASY, ROUGH])

@@ -1,9 +1,9 @@
-"""What the transfer benchmark makes of live results."""
+"""Transfer of a fit to live runs: errors, ranking, failed runs."""
 
 import pytest
 
-from benchmarks import bench_navigator_transfer as bench
-from benchmarks.bench_navigator_transfer import Compared, compare, wrong_pairs
+from benchmarks import goals as bench
+from benchmarks.goals import Compared, compare, wrong_pairs
 from surefoot.services.navigator.policy.params import load
 
 

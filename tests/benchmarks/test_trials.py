@@ -1,15 +1,13 @@
 """Shares of selectors over made-up states."""
 
-import json
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from benchmarks import bench_pairs
-from benchmarks.bench_pairs import BRANCHES, complete, interval, kept, pairs_of, report, shares
+from benchmarks import trials
+from benchmarks.trials import BRANCHES, Branching, complete, pairs_of, report, share_interval, shares
 from surefoot.lab.footholds.walks import Setting
 from surefoot.services.footholds.learning.samples import gather
 
@@ -40,14 +38,14 @@ def test_shares_and_intervals() -> None:
     assert shares(lines, "hand") == (pytest.approx(0.5), pytest.approx(0.5))
     for line in lines:
         line["arms"]["hand"] += rng.uniform(-0.3, 0.3)
-    low, high = interval(lines, "hand")
+    low, high = share_interval(lines, "hand")
     assert low < shares(lines, "hand")[0] < high
     assert 0.3 < low < high < 0.7
 
 
 def test_stances_of_all_arms_are_samples_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(bench_pairs.GROUNDS, "short", Setting("rough", 0.15, 0.04, 0.5, profile="exact"))
-    _, lines, found = pairs_of(("short", 3, ("nominal", "hand"), 2, 3, "all", "shipped", "ragno"))
+    monkeypatch.setitem(trials.GROUNDS, "short", Setting("rough", 0.15, 0.04, 0.5, profile="exact"))
+    lines, found = pairs_of("short", 3, Branching("nominal,hand", draws=2, legs="all"))
     assert lines
     whole = [line for line in lines if all(np.isfinite(list(line["arms"].values())))]
     assert len(found) >= 3 * 2 * len(whole) > 0  # three legs of at least two different arms
@@ -59,13 +57,8 @@ def test_stances_of_all_arms_are_samples_of_their_own(monkeypatch: pytest.Monkey
     assert line["arms"]["nominal"] == pytest.approx(1e3 * np.mean(mine), abs=1e-4)
 
 
-def test_a_torn_file_and_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "pairs.jsonl"
-    lines = [state(seed, 1.0, 0.5, 2.0, 1.0) for seed in range(4)]
-    path.write_text("".join(f"{json.dumps(line)}\n" for line in lines) + '{"ground": "rou')
-    assert kept(path) == lines
-    assert kept(tmp_path / "none") == []
-    report(kept(path), NAMES)
+def test_the_table(capsys: pytest.CaptureFixture[str]) -> None:
+    report([state(seed, 1.0, 0.5, 2.0, 1.0) for seed in range(4)], NAMES)
     text = capsys.readouterr().out
     assert "4 states" in text
     assert "100 %" in text
