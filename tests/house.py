@@ -1,13 +1,15 @@
 """Rules of the house, measured on the sources: `python -m tests.house [folder ...]` prints what breaks them.
 
-Each rule is a function from sources to findings, so that tests and the command read the same.
+Each rule is a function from sources to findings, so that tests and the command read the same. Findings that are allowed
+for now are counted per file in `tests/contract/house_allowed.json`; `python -m tests.house --allow` writes it anew.
 """
 
 import ast
+import json
 import re
 import sys
 import tokenize
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +17,7 @@ from io import StringIO
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
+ALLOWED = ROOT / "tests" / "contract" / "house_allowed.json"
 PRODUCT = ("schemas", "surefoot", "services", "lab", "papers")
 """Folders that a wheel holds, and whose names a user meets."""
 MOST_LINES, MOST_PARAMETERS, MOST_SHELL = 60, 8, 150
@@ -195,18 +198,62 @@ def _words(name: str, line: int, text: str) -> Iterator[Finding]:
                 yield Finding(name, line + offset, f"{what} {found.group(0)!r}: {row.strip()}")
 
 
-RULES = (long_functions, many_parameters, long_shells, classes_twice, numbers_twice, helpers_twice, prose)
+def pages(_: Iterable[Source] = ()) -> list[Finding]:
+    """Return lines of README, changelog and pages with words of talk; code between backticks is left out."""
+    out: list[Finding] = []
+    for path in (ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))):
+        text = re.sub(
+            r"^```.*?^```$", lambda m: "\n" * m[0].count("\n"), path.read_text(), flags=re.DOTALL | re.MULTILINE
+        )
+        out += _words(str(path.relative_to(ROOT)), 1, text)
+    return out
+
+
+def climbing_names(files: Iterable[Source]) -> list[Finding]:
+    """Return absolute imports of a module's own service or own top folder: inside a room imports are relative."""
+    out: list[Finding] = []
+    for file in files:
+        parts = Path(file.name).parts
+        if parts[0] == "surefoot":
+            continue
+        room = ".".join(("surefoot", *parts[: 2 if parts[0] == "services" else 1]))
+        for node in ast.walk(file.tree):
+            if isinstance(node, ast.ImportFrom) and not node.level and f"{node.module}.".startswith(f"{room}."):
+                out.append(Finding(file.name, node.lineno, f"from {node.module} import ...: make it relative"))
+    return out
+
+
+RULES = (
+    long_functions,
+    many_parameters,
+    long_shells,
+    classes_twice,
+    numbers_twice,
+    helpers_twice,
+    climbing_names,
+    prose,
+    pages,
+)
+
+
+def counted(files: list[Source]) -> dict[str, dict[str, int]]:
+    """Return the number of findings by rule and file."""
+    return {rule.__name__: dict(sorted(Counter(each.path for each in rule(files)).items())) for rule in RULES}
 
 
 def _write(line: str) -> None:
     sys.stdout.write(line + "\n")
 
 
-def main(folders: list[str]) -> None:
+def main(words: list[str]) -> None:
     """Print what breaks the rules below folders; names and numbers are compared with the whole product."""
-    everything, wanted = sources(), {file.name for file in sources(folders or PRODUCT)}
+    everything = sources()
+    if "--allow" in words:
+        ALLOWED.write_text(json.dumps(counted(everything), indent=1) + "\n")
+        return
+    wanted = {file.name for file in sources(words)}
     for rule in RULES:
-        found = [each for each in rule(everything) if each.path in wanted]
+        found = [each for each in rule(everything) if not words or each.path in wanted]
         _write(f"-- {rule.__name__}: {len(found)}")
         for each in found:
             _write(f"   {each}")

@@ -1,11 +1,14 @@
 """`surefoot graph`: the dataflow as the services declare it."""
 
 from enum import StrEnum
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from .output import Json, use_json, write, write_json, write_table
+
+if TYPE_CHECKING:
+    from surefoot.lockstep.graph import Edge
 
 
 class Form(StrEnum):
@@ -16,41 +19,68 @@ class Form(StrEnum):
     DOT = "dot"
 
 
+MOST_SOURCES = 3
+"""A service that reads topics of more services than these observes the whole system: drawn with one arrow."""
+
+
 def graph(
     form: Annotated[Form, typer.Option("--format", help="How to write it.")] = Form.TEXT,
     json: Json = False,
 ) -> None:
     """Print who needs what from whom, from the declarations of the services."""
-    from surefoot.lockstep.discover import service_class, service_names
-    from surefoot.lockstep.graph import edges, order
-
     use_json(json)
-    services = [service_class(name) for name in service_names()]
-    found = sorted(edges(services), key=lambda edge: (edge.source, edge.target, edge.key))
+    order, found = declared()
     if json:
-        write_json({"order": order(services), "edges": found})
+        write_json({"order": order, "edges": found})
     elif form is Form.TEXT:
-        write("order within a tick: " + " -> ".join(order(services)))
+        write("order within a tick: " + " -> ".join(order))
         rows = [(e.source, e.target, e.key, e.kind + (", one tick late" if e.delayed else "")) for e in found]
         write_table(("from", "to", "key", "kind"), rows)
     else:
-        arrows: dict[tuple[str, str, bool], list[str]] = {}
-        for edge in found:
-            arrows.setdefault((edge.source, edge.target, edge.delayed), []).append(edge.key)
-        write(_mermaid(arrows) if form is Form.MERMAID else _dot(arrows))
+        write(mermaid(found) if form is Form.MERMAID else _dot(found))
 
 
-def _mermaid(arrows: dict[tuple[str, str, bool], list[str]]) -> str:
+def declared() -> "tuple[list[str], list[Edge]]":
+    """Return the order of the services within a tick, and every arrow between them."""
+    from surefoot.lockstep.discover import service_class, service_names
+    from surefoot.lockstep.graph import edges, order
+
+    services = [service_class(name) for name in service_names()]
+    return order(services), sorted(edges(services), key=lambda edge: (edge.source, edge.target, edge.key))
+
+
+def mermaid(edges: "list[Edge]") -> str:
+    """Return the figure of docs/architecture.md.
+
+    Solid arrows are topics of the same tick, dotted ones topics that arrive one tick late, thick ones requests, drawn
+    from the caller to the service that answers. A service that reads nearly everything gets one arrow from all others.
+    """
+    topics = [edge for edge in edges if edge.kind == "topic"]
+    sources = {edge.target: {e.source for e in topics if e.target == edge.target} for edge in topics}
+    readers = sorted(name for name, found in sources.items() if len(found) > MOST_SOURCES)
+    readers = [name for name in readers if not any(edge.source == name for edge in topics)]
     lines = ["flowchart LR"]
-    for (source, target, delayed), keys in arrows.items():
-        lines.append(f'  {source} {"-.->" if delayed else "-->"}|"{"<br/>".join(keys)}"| {target}')
+    for source, target, arrow, keys in _arrows([edge for edge in topics if edge.target not in readers]):
+        lines.append(f'  {source} {arrow}|"{"<br/>".join(keys)}"| {target}')
+    for owner, caller, _, keys in _arrows([edge for edge in edges if edge.kind == "query"]):
+        lines.append(f'  {caller} ==>|"{"<br/>".join(keys)}"| {owner}')
+    publishers = sorted({edge.source for edge in topics if edge.target in readers})
+    lines.append(f"  {' & '.join(publishers)} -->|all topics| {' & '.join(readers)}")
     return "\n".join(lines)
 
 
-def _dot(arrows: dict[tuple[str, str, bool], list[str]]) -> str:
+def _arrows(edges: "list[Edge]") -> list[tuple[str, str, str, list[str]]]:
+    """Return edges between the same two services with the same arrow as one row: source, target, arrow, keys."""
+    found: dict[tuple[str, str, str], list[str]] = {}
+    for edge in edges:
+        found.setdefault((edge.source, edge.target, "-.->" if edge.delayed else "-->"), []).append(edge.key)
+    return [(*ends, keys) for ends, keys in found.items()]
+
+
+def _dot(edges: "list[Edge]") -> str:
     lines = ["digraph surefoot {", "  rankdir=LR; node [shape=box];"]
-    for (source, target, delayed), keys in arrows.items():
-        style = "dashed" if delayed else "solid"
+    for source, target, arrow, keys in _arrows(edges):
+        style = "dashed" if arrow == "-.->" else "solid"
         label = "\\n".join(keys)
         lines.append(f'  "{source}" -> "{target}" [label="{label}", style={style}];')
     return "\n".join([*lines, "}"])

@@ -13,8 +13,6 @@ from surefoot.services.footholds.models.learned import LearnedModel
 from surefoot.services.footholds.outcomes import UNKNOWN_UM
 from surefoot.services.footholds.select import landing_weights
 
-from .slip import auc
-
 Array = NDArray[np.float64]
 FLAT = 0.05
 """K2 / (8 cell) below which ground counts as flat."""
@@ -114,3 +112,21 @@ def slip_interval(mean: Array, sd: Array, share: float = SHARE, least: float = L
     scale = mean / shape
     low, high = (gamma.ppf(0.5 + side * 0.5 * share, shape, scale=scale) for side in (-1.0, 1.0))
     return least + low, least + high
+
+
+def auc(score: Array, positive: NDArray[np.bool_]) -> float:
+    """Return the area under the receiver operating curve: share of pairs in which the positive scores higher.
+
+    Ties count half.
+
+    Args:
+        score: value of each item, (n,).
+        positive: class of each item, (n,); NaN is returned if all or none are positive.
+    """
+    from scipy.stats import rankdata
+
+    n = int(positive.sum())
+    if n in (0, len(positive)):
+        return float("nan")
+    ranks = rankdata(score)
+    return float((ranks[positive].sum() - n * (n + 1) / 2) / (n * (len(positive) - n)))

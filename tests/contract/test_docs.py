@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from surefoot.lab.cli.graph import declared, mermaid
 from surefoot.lab.topics_page import page
 
 ROOT = Path(__file__).parents[2]
@@ -116,6 +117,11 @@ def test_targets_of_make_exist(path: Path) -> None:
 def test_page_of_topics_is_the_generated_one() -> None:
     path = ROOT / "docs" / "topics.md"
     assert path.read_text(encoding="utf-8") == page(), "python -m surefoot.lab.topics_page > docs/topics.md"
+
+
+def test_the_picture_of_the_architecture_is_the_declared_dataflow() -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    assert f"```mermaid\n{mermaid(declared()[1])}\n```" in text, "surefoot graph --format mermaid"
 
 
 def test_nothing_cites_what_a_reader_does_not_have() -> None:

@@ -108,11 +108,3 @@ class _Problem:
         rows = np.concatenate((by_centre.reshape(-1, m * d), by_width.reshape(-1, m * d)), axis=1)
         full = np.vstack((rows, np.zeros((m + self.constant, 2 * m * d))))
         return self._q @ (self._q.T @ full) - full
-
-
-def random_start(
-    rng: np.random.Generator, m: int, d: int, centres: tuple[float, float], widths: tuple[float, float],
-    constant: bool = False,
-) -> Gaussians:  # fmt: skip
-    """Return Gaussians with evenly drawn centres and widths."""
-    return Gaussians(rng.uniform(*centres, (m, d)), rng.uniform(*widths, (m, d)), constant)

@@ -13,9 +13,9 @@ from surefoot.errors import SurefootError
 from surefoot.lab.footholds import campaign
 from surefoot.lab.footholds.campaign import Trial, append, collect, planned, read, walked
 from surefoot.lab.footholds.walks import JoinedWalk, Setting
-from surefoot.services.footholds.features import map_features_numpy
 from surefoot.services.footholds.learning.samples import PATCH, StanceSample, line_of
 from tests.services.footholds.learning.made import samples
+from tests.services.footholds.numpy_features import map_features_numpy
 
 SHORT = Setting("rough", 0.3, 0.04, 0.5, profile="noise")
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from surefoot.lab.footholds.quality import expected, prediction_quality, slip_interval
+from surefoot.lab.footholds.quality import auc, expected, prediction_quality, slip_interval
 from surefoot.services.footholds.learning.fit import Candidate, LearnOptions, learn
 from surefoot.services.footholds.learning.samples import PATCH, gather
 from surefoot.services.footholds.outcomes import UNKNOWN_UM
@@ -51,3 +51,11 @@ def test_what_is_expected_is_the_mean_over_where_the_foot_may_land() -> None:
     assert beside > 1.2 * open_
     assert alone == pytest.approx(expected(model, gather([spoiled(flat, heights_um=())]))[0])
     assert open_ == pytest.approx(alone, rel=0.1)
+
+
+def test_the_area_is_the_share_of_pairs_in_order() -> None:
+    rng = np.random.default_rng(0)
+    score, positive = np.round(rng.normal(size=40), 1), rng.random(40) < 0.3
+    pairs = [(a > b) + 0.5 * (a == b) for a in score[positive] for b in score[~positive]]
+    assert auc(score, positive) == pytest.approx(float(np.mean(pairs)))
+    assert np.isnan(auc(score, np.zeros(40, dtype=np.bool_)))

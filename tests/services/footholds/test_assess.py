@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from surefoot.services.footholds.assess import LAYERS, Window, assess, whole_map, window_about
-from surefoot.services.footholds.features import map_features_numpy
 from surefoot.services.footholds.masks import Reason
 from surefoot.services.footholds.models.score import HandScore
 from surefoot.services.footholds.select import SelectParams, placement
 from tests.services.footholds.grounds import CELL, STROKE, flat, ground_of, neutral, ragno, standing
+from tests.services.footholds.numpy_features import map_features_numpy
 
 MODEL = HandScore()
 

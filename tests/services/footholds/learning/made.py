@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from surefoot.services.footholds.learning.samples import StanceSample
+from surefoot.services.footholds.models.bases import Gaussians
 
 CELL = 0.005
 FOOT = 0.008
@@ -35,3 +36,11 @@ def samples(count: int, seed: int = 0, trials: int = 10, noise: float = 0.0) -> 
 def spoiled(sample: StanceSample, **changes: object) -> StanceSample:
     """The sample with other values."""
     return replace(sample, **changes)  # type: ignore[arg-type]
+
+
+def random_start(
+    rng: np.random.Generator, m: int, d: int, centres: tuple[float, float], widths: tuple[float, float],
+    constant: bool = False,
+) -> Gaussians:  # fmt: skip
+    """Return Gaussians with evenly drawn centres and widths."""
+    return Gaussians(rng.uniform(*centres, (m, d)), rng.uniform(*widths, (m, d)), constant)
