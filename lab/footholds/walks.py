@@ -113,7 +113,7 @@ class WalkVerdict:
     """Sliding of every finished stance, mm."""
 
 
-class _Choice(NamedTuple):
+class _PendingChoice(NamedTuple):
     """A choice that waits for its stance."""
 
     step: int
@@ -135,14 +135,14 @@ class StanceObserver:
         """Finished stances that a choice began."""
         self._stances = world.truth().stances.copy()
         n = len(self._stances)
-        self._chosen: list[_Choice | None] = [None] * n
-        self._standing: list[_Choice | None] = [None] * n
+        self._chosen: list[_PendingChoice | None] = [None] * n
+        self._standing: list[_PendingChoice | None] = [None] * n
         self._start = np.zeros((n, 2))
         self._load, self._ticks, self._swung = np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.bool_)
 
     def chose(self, step: int, request: FootholdRequest, planned: tuple[float, float]) -> None:
         """Record a choice; it belongs to the next stance of its leg."""
-        self._chosen[request.leg] = _Choice(step, request, planned)
+        self._chosen[request.leg] = _PendingChoice(step, request, planned)
 
     def look(self, world: PhysicsWorld) -> bool:
         """Read the state after a tick; returns whether the robot has fallen."""

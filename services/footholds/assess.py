@@ -1,4 +1,4 @@
-"""The scored ground, layer by layer: what the choice of footholds sees, for people and planners."""
+"""Layers of the scored ground, as the choice of footholds uses them: for people and planners."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,32 +18,34 @@ LAYERS = ("z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask")
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """A rectangle of cells; may reach beyond the map."""
+    """Rectangle of cells; may reach beyond the map."""
 
     row: int
+    """First row; may lie outside the map."""
     col: int
+    """First column; may lie outside the map."""
     rows: int
     cols: int
 
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """Layers of one window."""
+    """Layers of one window, and counts of its cells."""
 
     layers: Layer
-    """(number of layers, rows, cols) float32, in the order asked."""
+    """Layers in the order of the request, (number of layers, rows, cols) float32."""
     counts: tuple[int, ...]
     """Cells excluded per reason, then free cells."""
 
 
 def window_about(ground: FootholdGround, x: float, y: float, size: int) -> Window:
-    """The window of size x size cells about the cell that holds the point."""
+    """Return the window of size x size cells about the cell that holds a point, map frame, m."""
     row, col = ground.surface.index(x, y)
     return Window(row - size // 2, col - size // 2, size, size)
 
 
 def whole_map(ground: FootholdGround) -> Window:
-    """All cells of the map."""
+    """Return the window of all cells of the map."""
     return Window(0, 0, *ground.surface.shape)
 
 
@@ -57,12 +59,12 @@ def assess(
     params: SelectParams,
     placement: Placement | None = None,
 ) -> Assessment:
-    """Score every cell of a window.
+    """Return the score of every cell of a window.
 
     Args:
         ground: the prepared map.
-        model: predicts the slip.
-        window: which cells.
+        model: the slip model.
+        window: cells to score.
         nominal: zero of K4, map frame, m; None: K4 = 0 everywhere, so q = p.
         stroke: movement of the foot relative to the body in stance, map axes, (3,) m.
         names: layers wanted, of `LAYERS`.

@@ -81,7 +81,7 @@ class _Rows(NamedTuple):
     """Row on the other side."""
 
 
-class _Push(NamedTuple):
+class _PushTerms(NamedTuple):
     """Direction of the push, and products of it."""
 
     fx: np.float32
@@ -101,7 +101,7 @@ class _Push(NamedTuple):
 
 
 @row_kernel
-def _row(rows: _Rows, push: _Push, k1: Layer, k2: Layer, cos_k3: Layer) -> None:
+def _row(rows: _Rows, push: _PushTerms, k1: Layer, k2: Layer, cos_k3: Layer) -> None:
     """Write one row of coefficients, (nx,) each, without the first and the last cell."""
     up, mid, down, near, far = rows
     fx, fy, n_z, lift, ahead, sx, sy = push
@@ -140,7 +140,7 @@ def coefficients(z: Layer, push: Layer, cell: np.float32, k1: Layer, k2: Layer, 
     sx = one if ahead else -one
     sy = one if left else -one
     n_z = np.float32(4.0) * cell
-    turned = _Push(fx, fy, n_z, n_z * fz, ahead, sx, sy)
+    turned = _PushTerms(fx, fy, n_z, n_z * fz, ahead, sx, sy)
     unknown = np.float32(np.nan)
     for i in range(ny):
         if i == 0 or i == ny - 1 or nx < 3:

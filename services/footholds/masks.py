@@ -62,7 +62,7 @@ class Limits:
     """Radius of the leg about its centre line, m; kept off the ground."""
 
 
-class _Ground(NamedTuple):
+class _HeightGrid(NamedTuple):
     """A map of heights for kernels."""
 
     z: Layer
@@ -147,7 +147,7 @@ def gradient(z: Layer, cell: float, row: int, col: int) -> tuple[float, float]:
 
 
 @row_kernel
-def _cuts(ground: _Ground, a: Vector, b: Vector, first: float, radius: float) -> bool:
+def _cuts(ground: _HeightGrid, a: Vector, b: Vector, first: float, radius: float) -> bool:
     """Return whether the segment a-b comes closer to the ground than a radius, m; checked once a cell or more often.
 
     Args:
@@ -179,7 +179,7 @@ def _cuts(ground: _Ground, a: Vector, b: Vector, first: float, radius: float) ->
 
 @row_kernel
 def _leg_bits(
-    ground: _Ground, leg: LegTable, base: Vector, rot: Rotation, foot: Vector, keep: tuple[float, float, float]
+    ground: _HeightGrid, leg: LegTable, base: Vector, rot: Rotation, foot: Vector, keep: tuple[float, float, float]
 ) -> int:
     """Return the bits of reach and collision of a leg.
 
@@ -215,7 +215,7 @@ def _leg_bits(
 
 @row_kernel
 def _highest(
-    ground: _Ground, corner: tuple[int, int], shape: tuple[int, int], leg: LegTable, base: Array, rot: Array,
+    ground: _HeightGrid, corner: tuple[int, int], shape: tuple[int, int], leg: LegTable, base: Array, rot: Array,
     stroke: Array,
 ) -> float:  # fmt: skip
     """Return the highest known ground under any pose of the leg, m: over the window and a knee's reach about the hip.
@@ -263,7 +263,7 @@ def _mask(
     """
     slip_limit, slope_limit, wedge, margin, leg_radius, test_leg = limits
     cell, x0, y0, foot_radius = grid
-    ground = _Ground(z, cell, x0, y0)
+    ground = _HeightGrid(z, cell, x0, y0)
     leg, base, rot, stroke = placement
     row0, col0 = corner
     ny, nx = z.shape

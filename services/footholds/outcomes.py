@@ -1,4 +1,4 @@
-"""What came of a stance as a sample to learn from: the coefficients of the chosen cell, on the map as it was chosen."""
+"""Samples of stances: the coefficients of the chosen cell on the map of the choice, and how far the foot slid."""
 
 import math
 
@@ -11,6 +11,7 @@ from .ground import FootholdGround
 from .learning.samples import PATCH, StanceSample
 
 UNKNOWN_UM = -(2**31)
+"""Height of an unknown cell in a sample, micrometres."""
 
 
 def sample_at(
@@ -26,11 +27,11 @@ def sample_at(
     """Return the sample of a stance; robot, friction and source are left to the caller.
 
     Args:
-        ground: the map as the chooser saw it.
+        ground: map that the choice was made on.
         planned: x, y of the foothold that was chosen, map frame, m.
         nominal: x, y of the nominal foothold, m.
-        stroke: f, map axes, m.
-        sliding: way of the contact point, m.
+        stroke: f, movement of the foot relative to the body, map axes, m.
+        sliding: way of the contact point in the stance, m.
         name: trial, leg and step, which name the stance.
         displacement: horizontal way of the foot centre, m; None = not known, the sliding stands for it.
         load: mean normal force, N; NaN = not known.

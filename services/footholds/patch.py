@@ -42,17 +42,10 @@ class PatchFoothold:
 
 
 def choose_on_patch(
-    z: NDArray[np.floating],
-    cell: float,
-    nominal: tuple[float, float],
-    model: SlipModel,
-    stroke: Sequence[float],
-    foot_radius: float,
-    limits: Limits | None = None,
-    allowed: NDArray[np.bool_] | None = None,
-    smooth: bool = True,
+    z: NDArray[np.floating], cell: float, nominal: tuple[float, float], model: SlipModel, stroke: Sequence[float],
+    foot_radius: float, limits: Limits | None = None, allowed: NDArray[np.bool_] | None = None, smooth: bool = True,
     distance_weight: float | None = None,
-) -> PatchFoothold:
+) -> PatchFoothold:  # fmt: skip
     """Return the best foothold on a patch whose middle is the origin of its frame.
 
     Args:

@@ -22,7 +22,7 @@ Log = Callable[[str, str], None]
 
 
 class SlipModels:
-    """Finds, checks and replaces the slip model of a service."""
+    """Store of the slip models of a service."""
 
     def __init__(self, config: FootholdsConfig, robot: Robot, log: Log) -> None:
         self.config, self.robot, self.log = config, robot, log
@@ -120,7 +120,7 @@ class SlipModels:
         return model
 
     def _kept(self) -> SlipModel | None:
-        """Return the model that re-learning has kept, None if there is none that can be used."""
+        """Return the model that re-learning has kept, None without a usable one."""
         if self.learner is None or not self.config.relearn_file or not Path(self.config.relearn_file).exists():
             return None
         try:
@@ -131,7 +131,7 @@ class SlipModels:
             return None
 
     def _sample(self, outcome: StanceOutcome, ground: FootholdGround) -> StanceSample | str:
-        """Return the sample of an outcome, or why it cannot be one."""
+        """Return the sample of an outcome, or the reason why it cannot be one."""
         if outcome.leg not in self.robot.leg_names:
             return "unknown_leg"
         if not ground.near(*outcome.foothold):

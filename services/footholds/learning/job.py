@@ -1,4 +1,4 @@
-"""Learning on a thread of its own, while ticks and requests go on; one job at a time."""
+"""Learning of a model on a thread of its own, while ticks and requests go on; one job at a time."""
 
 import threading
 from dataclasses import dataclass, field, replace
@@ -12,12 +12,13 @@ from ..models.learned import LearnedModel
 from .fit import LearnOptions, candidates, learn
 from .samples import SampleSet, gather, read_lines
 
-MAX_BYTES = 2_000_000_000  # of a file of samples
+MAX_SAMPLE_BYTES = 2_000_000_000
+"""Largest file of samples, bytes."""
 
 
 @dataclass(eq=False)
 class LearnJob:
-    """The job of a service: started, watched and cancelled from its thread, run on another."""
+    """Learning job of a service: started, read and cancelled from its thread, run on another."""
 
     number: int = 0
     state: LearnReply = field(default_factory=lambda: LearnReply(state="idle"))
@@ -29,7 +30,7 @@ class LearnJob:
     """Number of the last job whose model is no longer wanted in force."""
 
     def answer(self, request: LearnRequest) -> LearnReply:
-        """Do what a request wants and return the state of the job.
+        """Start or cancel the job if the request does so; returns the state of the job.
 
         Raises:
             Refusal: start while a job runs, without a file of samples; cancel of nothing.
@@ -49,13 +50,13 @@ class LearnJob:
             return self.state
 
     def take(self) -> LearnedModel | None:
-        """Return a model that was learned to be put in force, once."""
+        """Return the model that is to be put in force, once; None if there is none."""
         with self._lock:
             found, self._finished = self._finished, None
         return found
 
     def forget(self) -> None:
-        """Let a job that runs or has ended write its file, but put nothing in force: its epoch is over."""
+        """Keep models of jobs up to now out of force, as their epoch is over; they still write their files."""
         with self._lock:
             self._past, self._finished = self.number, None
 
@@ -105,7 +106,7 @@ class LearnJob:
         except SurefootError as error:
             ended = "cancelled" if error.code == "cancelled" else "failed"
             self._set(state=ended, code=error.code, reason=error.message)
-        except Exception as error:  # whatever it was, the job has an end and the service goes on
+        except Exception as error:  # any other error ends the job, not the service
             self._set(state="failed", code="internal", reason=repr(error))
 
 
@@ -117,9 +118,9 @@ def read_samples(path: Path) -> SampleSet:
     """
     try:
         size = path.stat().st_size
-        if size > MAX_BYTES:
+        if size > MAX_SAMPLE_BYTES:
             raise SurefootError(
-                "too_large", f"{path.name} has {size} bytes, at most {MAX_BYTES} are allowed", "samples"
+                "too_large", f"{path.name} has {size} bytes, at most {MAX_SAMPLE_BYTES} are allowed", "samples"
             )
         with path.open(encoding="utf-8", errors="replace") as stream:
             found, _, bad = read_lines(stream)

@@ -15,7 +15,7 @@ def merge(a: LearnedModel, b: LearnedModel, weight: float = 1.0) -> LearnedModel
 
     Args:
         a: the first, or old, model.
-        b: the second, or new, one: of the same lattice, cell, filter, foot and robot.
+        b: the second, or new, model, of the same lattice, cell, filter, foot and robot.
         weight: c of the counted form, 0 to 1.
 
     Raises:

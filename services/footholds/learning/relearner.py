@@ -1,8 +1,8 @@
-"""Re-learning while the robot walks: outcomes of stances in, a new model at a choice that is fixed beforehand.
+"""Re-learning while the robot walks: a round of outcomes makes a new model, in force from a choice fixed beforehand.
 
 A round begins at the choice whose outcomes complete it and runs on a thread. Its model is in force from the `LAG`-th
-choice after that, however long the fit took: a choice that comes sooner than the fit waits for it. So equal requests
-get equal replies at any speed of the machine.
+choice after that, however long the fit took: a choice that comes before the fit has ended waits for it. So equal
+requests get equal replies at any speed of the machine.
 """
 
 import threading
@@ -17,34 +17,34 @@ from .relearn import Form, relearned
 from .samples import StanceSample
 
 MOST = 100_000
-"""Outcomes that wait for a round at most: there is none while no learned model is in force."""
+"""Largest number of outcomes that wait for a round: none begins while no learned model is in force."""
 LAG = 4
-"""Choices between the begin of a round and the first with its model: two seconds of a tripod gait."""
+"""Number of choices from the begin of a round to the first with its model: two seconds of a tripod gait."""
 
 
 @dataclass(frozen=True, slots=True)
 class RelearnParams:
-    """How a model is learned again."""
+    """Parameters of re-learning."""
 
     form: Form = "counted"
     weight: float = 1.0
-    """c."""
+    """Weight c of new outcomes, 0 to 1."""
     every: int = 60
-    """Outcomes of a round."""
+    """Number of outcomes of a round."""
     path: str = ""
-    """File that keeps the model; empty = none."""
+    """Path of the file that keeps the model; empty = none."""
 
 
 @dataclass(eq=False)
 class Relearner:
-    """Collects outcomes and makes models of them."""
+    """Collector of outcomes that makes models of them."""
 
     params: RelearnParams
     log: Callable[[str], None]
     taken: int = 0
-    """Outcomes taken in."""
+    """Number of outcomes taken."""
     refused: dict[str, int] = field(default_factory=dict)
-    """Outcomes left out, and rounds that failed, by reason."""
+    """Number of outcomes left out and of rounds that failed, by reason."""
     _waiting: list[StanceSample] = field(default_factory=list)
     _due: int = 0
     _thread: threading.Thread | None = None
@@ -69,7 +69,7 @@ class Relearner:
         """Count a choice; returns the model that is in force from this choice on, None if that does not change.
 
         Args:
-            model: in force; None: it is none that can be learned again.
+            model: model in force; None: it cannot be learned again.
         """
         if self._thread is not None:
             self._due -= 1
@@ -82,7 +82,7 @@ class Relearner:
         return None
 
     def close(self) -> LearnedModel | None:
-        """End a round that is under way, outcomes that wait for one are dropped; returns its model."""
+        """End a round that is under way and drop waiting outcomes; returns the model of the round, or None."""
         self._waiting.clear()
         return None if self._thread is None else self._finish()
 
@@ -100,11 +100,11 @@ class Relearner:
         p = self.params
         try:
             made = relearned(model, batch, p.form, p.weight)
-            _ = made.table  # here, not in the first choice
+            _ = made.table  # computed on this thread, not in the first choice
             self._made = made
             if p.path:
                 save(made, p.path)
         except SurefootError as error:
             self._problems.append((error.code, f"re-learning: {error.message}"))
-        except Exception as error:  # whatever it was, the old model stays and the service goes on
+        except Exception as error:  # after any other error the old model stays
             self._problems.append(("internal", f"re-learning: {error!r}"))

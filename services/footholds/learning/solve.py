@@ -1,4 +1,4 @@
-"""The weights of the terms: least squares with a ridge, never by the inverse of the Gram matrix."""
+"""Weights of terms by least squares with a ridge, without the Gram matrix."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ def weights(columns: Array, y: Array, w: Array, ridge: float) -> Array:
 
     Args:
         columns: V, (n, m).
-        y: what is to be met, (n,).
+        y: target, (n,).
         w: diagonal of W, (n,).
         ridge: rho, >= 0.
     """

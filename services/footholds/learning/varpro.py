@@ -16,30 +16,30 @@ from .solve import stack
 
 Array = NDArray[np.float64]
 RIDGE = 1e-12
-"""Keeps two terms that have become equal from ending the search."""
+"""Ridge that keeps two terms that have become equal from ending the search."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Where centres and widths may go."""
+    """Bounds of centres and widths in a search."""
 
     low: float = -3.0
-    """Smallest centre, in scaled inputs."""
+    """Smallest centre a, in scaled inputs."""
     high: float = 3.0
-    """Largest centre."""
+    """Largest centre a, in scaled inputs."""
     width: float = 10.0
-    """Largest lambda; the smallest is 0: below it a term grows outside the data."""
+    """Largest rate lambda; the smallest is 0, below which a term grows outside the data."""
 
 
 @dataclass(frozen=True, eq=False)
 class RefinedTerms:
-    """A fitted set of Gaussians."""
+    """Gaussians at a minimum of the cost."""
 
     basis: Gaussians
     weights: Array
-    """c, (m,) or (m + 1,)."""
+    """Weights c, (m,) or (m + 1,)."""
     cost: float
-    """|W (V c - y)|^2 + rho |c|^2."""
+    """Cost |W (V c - y)|^2 + rho |c|^2."""
     evaluations: int
 
 
@@ -49,13 +49,13 @@ def refine(
     """Return the Gaussians at a minimum of the cost near a start.
 
     Args:
-        start: where to begin; centres and widths are cut to the bounds.
+        start: first Gaussians; centres and widths are cut to the bounds.
         u: inputs, (n, d).
-        y: (n,).
+        y: target, (n,).
         w: diagonal of W, (n,).
-        bounds: of centres and widths.
+        bounds: bounds of centres and widths.
         ridge: rho.
-        evaluations: of the residual at most.
+        evaluations: largest number of evaluations of the residual.
     """
     from scipy.optimize import least_squares
 

@@ -1,4 +1,4 @@
-"""A slip model learned from stances: terms over the scaled coefficients, evaluated by a table, and bins for its spread.
+"""Slip model learned from stances: terms over the scaled coefficients, evaluated by a table, and bins for its spread.
 
 P is computed once at the nodes of a table over (K1 / K2, K2 / (8 cell), cos K3) and interpolated linearly between
 them, so a prediction costs the same whatever the family and number of the terms.
@@ -21,13 +21,13 @@ from .protocol import UNLEARNED
 
 Array = NDArray[np.float64]
 NODES = (17, 65, 33)
-"""Of the table along K1 / K2, K2 / (8 cell), cos K3."""
+"""Number of nodes of the table along K1 / K2, K2 / (8 cell), cos K3."""
 CELL_TOLERANCE = 0.01
-"""Of the cell and the foot radius: another map or foot is refused beyond it."""
+"""Largest relative difference of cell and foot radius at which a model still holds."""
 ROUNDS = "rounds"
-"""Of re-learning: an entry of `LearnedModel.choice`."""
+"""Entry of `LearnedModel.choice` that counts rounds of re-learning."""
 LEAST_RANGE = 1e-3
-"""Of an axis of the table: samples that are all alike still make one."""
+"""Least range of an axis of the table, for samples that are all alike."""
 
 
 Table = tuple[Layer, Layer, Layer]
@@ -39,39 +39,39 @@ axis, (3, 2); samples that a bin needs, 0 = none."""
 
 @dataclass(frozen=True)
 class Conditions:
-    """Where a model was learned."""
+    """Map, foot and robot that a model was learned with."""
 
     cell: float
-    """m."""
+    """Edge of a cell, m."""
     smooth: bool
-    """Whether the map went through the 3 x 3 median."""
+    """True if the map went through the 3 x 3 median."""
     foot_radius: float
-    """m."""
+    """Radius of the foot sphere, m."""
     robot: str = ""
     robot_hash: str = ""
 
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """P(u) = sum_q c_q phi_q(u) over warped inputs."""
+    """Weighted sum P(u) = sum_q c_q phi_q(u) over warped inputs."""
 
     basis: Basis
     weights: Array
-    """c, (m,)."""
+    """Weights c, (m,)."""
     warps: tuple[Warp, ...]
-    """One per input K1 / (8 cell), K2 / (8 cell), cos K3."""
+    """Map of each input K1 / (8 cell), K2 / (8 cell), cos K3."""
     scales: Array
     """Divisors of the inputs, (3,)."""
 
     def values(self, u: Array) -> Array:
         """Return P of inputs (n, 3), (n,)."""
-        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is no prediction: see `files.check`
+        with np.errstate(over="ignore", invalid="ignore"):  # an overflow is no prediction: see `files.check`
             return (self.basis.columns(warped(u, self.warps, self.scales)) * self.weights).sum(axis=1)
 
 
 @dataclass(frozen=True, eq=False)
 class LearnedModel:
-    """A learned slip model."""
+    """Slip model learned from stances of one robot."""
 
     title: str
     """Name without the version."""
@@ -84,12 +84,12 @@ class LearnedModel:
     distance_weight: float
     landing_error: float
     support: int = 0
-    """Least samples of a cell's bin; 0: only the ranges count."""
+    """Number of samples that a cell's bin needs; 0: only the ranges count."""
     seed: int = 0
     choice: dict[str, float] = field(default_factory=dict)
-    """What the fit was chosen by: terms, ridge, error of the folds."""
+    """Numbers of the fit: terms, ridge, error of the folds."""
     provenance: tuple[str, ...] = ()
-    """One line per source of samples."""
+    """Sources of the samples, one line each."""
 
     @property
     def name(self) -> str:
@@ -112,8 +112,8 @@ class LearnedModel:
     def scaled(self, factor: float) -> Self:
         """Return the model for a robot of `factor` times the size, on cells of `factor` times the edge.
 
-        Its inputs have no unit and slip is per stroke, so the terms stay: ground of the same shape in feet slips a
-        foot by the same share of its stroke. That is an assumption about weight and friction, not a measurement.
+        Inputs and slip have no unit, so the terms stay: on ground of the same shape, measured in feet, a foot slides
+        by the same share of its stroke. That is an assumption about weight and friction, not a measurement.
         """
         c = self.conditions
         larger = replace(c, cell=factor * c.cell, foot_radius=factor * c.foot_radius, robot="", robot_hash="")
@@ -123,7 +123,7 @@ class LearnedModel:
         )  # fmt: skip
 
     def predict(self, features: Features, cell: float) -> Layer:
-        """P of every cell, (ny, nx) float32, not below 0; `UNLEARNED` outside the ranges or without support."""
+        """Return P of every cell, (ny, nx) float32, >= 0; `UNLEARNED` outside the ranges or without support."""
         k1, k2, cos_k3 = features
         out = np.empty(k1.shape, dtype=np.float32)
         _interpolated(k1, k2, cos_k3, np.float32(0.125 / cell), self.table, self._support, out)
