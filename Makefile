@@ -48,7 +48,7 @@ test-processors: warm ## numeric tests under other processor settings (3 min eac
 	$(BIN)/python -m tests.processors
 
 bench: warm ## the long studies and side-by-side timings
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks all
 
 lock: ## pin the newest allowed packages
 	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header --no-annotate pyproject.toml -o requirements.lock

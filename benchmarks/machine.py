@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -34,7 +35,7 @@ class Machine:
         return subprocess.run([*ENTRY, *words], env=self.environment, capture_output=True, text=True, check=False)
 
     def status(self) -> dict[str, Any]:
-        """Return what `surefoot status` shows of the system."""
+        """Return the report of `surefoot status` on the system."""
         return json.loads(self.surefoot("status", "--json").stdout)[self.system]
 
     def pids(self) -> dict[str, int]:
@@ -44,9 +45,32 @@ class Machine:
         assert keeper is not None
         return {**found, "supervisor": keeper.pid}
 
+    def restart(self, name: str) -> float:
+        """Kill a service and wait until all are healthy again; return the time of the monotonic clock, s."""
+        pid = self.pids()[name]
+        os.kill(pid, signal.SIGKILL)
+        deadline = time.monotonic() + 60.0
+        while self.pids().get(name, pid) == pid:
+            if time.monotonic() > deadline:
+                raise RuntimeError(f"{name} is not started again: {self.status()['services']}")
+            time.sleep(0.05)
+        self.wait_until_healthy()
+        return time.monotonic()
+
+    def wait_until_healthy(self) -> None:
+        """Wait until every service is healthy and visible."""
+        deadline = time.monotonic() + 300.0
+        while True:
+            rows = self.status()["services"]
+            if all(row["state"] == "healthy" and not row["detail"] for row in rows):
+                return
+            if time.monotonic() > deadline:
+                raise RuntimeError(f"not healthy again: {rows}")
+            time.sleep(0.5)
+
     @contextmanager
     def session(self) -> Iterator[zenoh.Session]:
-        """Join the network as a stranger."""
+        """Join the network as a client."""
         settings = {"mode": "client", "connect": {"endpoints": [self.address]}}
         with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as session:
             yield session
@@ -78,11 +102,11 @@ class Ticks:
             self.seen.append((json.loads(payload)["tick"], time.monotonic()))
 
     def between(self, begin: float, end: float) -> list[tuple[int, float]]:
-        """Return what came in a span of the monotonic clock."""
+        """Return the ticks that came in a span of the monotonic clock."""
         return [item for item in list(self.seen) if begin <= item[1] < end]
 
     def rate(self, begin: float, end: float) -> float:
-        """Return simulated ticks per s of wall time in a span, by the ticks' own numbers."""
+        """Return simulated ticks per s of wall time in a span, by the numbers of the ticks."""
         found = self.between(begin, end)
         return (found[-1][0] - found[0][0]) / (found[-1][1] - found[0][1]) if len(found) > 1 else 0.0
 
@@ -100,7 +124,7 @@ def resident_mb(pid: int, *, peak: bool = False) -> float:
 
 
 def forget_peak(pid: int) -> None:
-    """Let the peak of a process begin anew."""
+    """Reset the peak memory of a process."""
     Path(f"/proc/{pid}/clear_refs").write_text("5")
 
 

@@ -1,7 +1,7 @@
-"""Questions to the foothold service: where to step, and how good the ground is.
+"""Requests to the foothold service: footholds, scored ground, slip models.
 
-Points named ``foot centre`` are centres of the foot sphere: what inverse kinematics takes. ``contact`` is the point of
-the ground under it, one foot radius below along the normal.
+Points named ``foot centre`` are centres of the foot sphere, the input of inverse kinematics. ``contact`` is the point
+of the ground under it, one foot radius below along the normal.
 """
 
 from typing import Annotated, ClassVar, Literal
@@ -36,7 +36,7 @@ class LegRequest(Request):
 
 
 class StanceOutcome(Request):
-    """What came of an earlier foothold: what a model is learned from again."""
+    """Outcome of an earlier foothold, from which a model is learned again."""
 
     leg: str = Field(min_length=1, max_length=32, description="name of the leg in the robot description")
     foothold: Vec2 = Field(description="x, y of the foothold that was chosen, frame map, m")
@@ -46,9 +46,9 @@ class StanceOutcome(Request):
 
 
 class SelectRequest(TickRequest):
-    """Asks for the footholds of all legs that land together.
+    """Request of the footholds of all legs that land together.
 
-    With ``tick`` the answer rests on the map of that tick, whatever arrives first: the way to reproducible runs.
+    With ``tick`` the reply rests on the map of that tick, whatever arrives first, so that runs repeat.
     """
 
     schema_version: ClassVar[str] = "1.2"
@@ -70,7 +70,7 @@ class SelectRequest(TickRequest):
 
 
 class MaskCounts(Reply):
-    """How many cells of the window each reason excludes; a cell may have several reasons."""
+    """Number of cells of the window that each reason excludes; a cell may have several reasons."""
 
     reach: int = Field(default=0, ge=0, description="cells the leg cannot reach with margin, at landing or lift-off")
     collision: int = Field(default=0, ge=0, description="cells where the foot wedges or the leg cuts the ground")
@@ -122,7 +122,7 @@ class SelectReply(Reply):
 
 
 class AssessRequest(TickRequest):
-    """Asks for the scored ground: a window, or the whole map."""
+    """Request of the scored ground: a window, or the whole map."""
 
     centre: Vec2 | None = Field(
         default=None, description="x, y of the window's centre and K4's zero, frame map, m; null = the whole map"
@@ -159,7 +159,7 @@ class AssessReply(Bulk):
 
 
 class ModelRequest(TickRequest):
-    """Asks for the slip model in force, or puts another one in its place."""
+    """Request of the slip model in force, or of another one in its place."""
 
     use: str = Field(
         default="",
@@ -188,7 +188,7 @@ class ModelReply(Reply):
 
 
 class LearnRequest(Request):
-    """Starts, watches or ends the learning of a slip model from a file of samples; one job at a time."""
+    """Request to start, read or cancel the learning of a slip model from a file of samples; one job at a time."""
 
     schema_version: ClassVar[str] = "1.1"
     action: Literal["status", "start", "cancel"] = Field(default="status", description="what to do; result: see status")

@@ -1,7 +1,7 @@
 """Campaigns of walks with random footholds, whose stances become samples in an append-only file.
 
 One process writes, any number walk: a worker that dies costs no trial, as a trial counts only with its last line.
-A campaign that is started again with the same file goes on with the trials it lacks.
+A campaign that is started again with the same file does the trials it lacks.
 """
 
 import itertools
@@ -14,16 +14,16 @@ from pathlib import Path
 
 from surefoot.errors import SurefootError
 from surefoot.services.footholds.ground import FootholdGround
-from surefoot.services.footholds.learning.samples import Sample, read_lines, trial_lines
+from surefoot.services.footholds.learning.samples import StanceSample, read_lines, trial_lines
 from surefoot.services.footholds.models.files import load
 from surefoot.services.footholds.outcomes import sample_at
 from surefoot.services.footholds.select import SelectParams
 
 from .rules import exploring_rule, model_rule, random_rule
-from .walks import JoinedWalk, Setting, Stance
+from .walks import ChosenStance, JoinedWalk, Setting
 
 RESTARTS = 3
-"""How often a pool whose worker has died is made anew."""
+"""Number of times that a pool whose worker has died is replaced."""
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,11 @@ class Trial:
     model: str = ""
     """Path of the model that chooses; empty = every foothold is drawn at random."""
     explore: float = 1.0
-    """Share of the steps with random footholds."""
+    """Share of the steps with random footholds, where a model chooses."""
 
     @property
     def name(self) -> str:
-        """Names the trial in the file: equal names are equal walks."""
+        """Name of the trial in the file: equal names are equal walks."""
         s = self.setting
         amplitude = "" if s.amplitude is None else f"-{s.amplitude:g}"
         rule = "" if not self.model else f"-{Path(self.model).stem}-{self.explore:g}"
@@ -56,30 +56,28 @@ def planned(
     ]
 
 
-def walked(trial: Trial) -> list[Sample]:
+def walked(trial: Trial) -> list[StanceSample]:
     """Walk a trial and return its samples."""
     rule = random_rule(trial.seed)
     if trial.model:
         rule = exploring_rule(trial.seed, trial.explore, model_rule(load(trial.model), SelectParams()))
-    joined = JoinedWalk(trial.seed, trial.setting, rule)
-    while joined.tick():
-        pass
-    ground, robot = joined.recorder.ground, joined.robot
+    joined = JoinedWalk(trial.seed, trial.setting, rule).run()
+    ground, robot = joined.selector.ground, joined.robot
     s = trial.setting
     source = f"{'random' if not trial.model else 'explore'} {s.terrain} {s.profile}"
-    made = (sample_of(stance, ground, trial.name) for stance in joined.judge.found)
+    made = (sample_of(stance, ground, trial.name) for stance in joined.stances.found)
     return [replace(each, friction=s.friction, robot=robot.name, robot_hash=robot.hash, source=source) for each in made]
 
 
-def sample_of(stance: Stance, ground: FootholdGround, trial: str) -> Sample:
-    """Return the sample of a stance: the coefficients of the cell that was chosen, on the map as the chooser saw it."""
+def sample_of(stance: ChosenStance, ground: FootholdGround, trial: str) -> StanceSample:
+    """Return the sample of a stance: coefficients of the chosen cell, on the map that the choice was made on."""
     return sample_at(
         ground, stance.planned, stance.nominal, stance.stroke, stance.sliding, (trial, stance.leg, stance.step),
         stance.displacement, stance.load,
     )  # fmt: skip
 
 
-def read(path: Path) -> tuple[list[Sample], dict[str, int], int]:
+def read(path: Path) -> tuple[list[StanceSample], dict[str, int], int]:
     """Read a sample file: samples of complete trials, their numbers by trial, lines that could not be read.
 
     Raises:
@@ -92,7 +90,7 @@ def read(path: Path) -> tuple[list[Sample], dict[str, int], int]:
         raise SurefootError("unreadable", f"{str(path)!r} cannot be read: {error.strerror}", "samples") from None
 
 
-def append(path: Path, trial: str = "", samples: Sequence[Sample] = ()) -> None:
+def append(path: Path, trial: str = "", samples: Sequence[StanceSample] = ()) -> None:
     """Append a complete trial to a file, or nothing; a torn line before it stays a line of its own.
 
     Raises:
@@ -114,10 +112,10 @@ def collect(
     """Walk the trials that a file lacks and append their samples; returns how many trials were walked.
 
     Args:
-        trials: of the campaign.
+        trials: all trials of the campaign.
         out: the file.
         jobs: walks at a time, a process each.
-        show: takes each trial that is done and its number of samples.
+        show: called with each trial that is done and its number of samples.
     """
     done = read(out)[1] if out.exists() else {}
     missing = [trial for trial in trials if trial.name not in done]
@@ -128,8 +126,8 @@ def collect(
     return len(missing)
 
 
-def _walks(trials: Sequence[Trial], jobs: int) -> Iterator[tuple[Trial, list[Sample]]]:
-    """Yield the samples of trials as they finish; a pool that has lost a worker is made anew."""
+def _walks(trials: Sequence[Trial], jobs: int) -> Iterator[tuple[Trial, list[StanceSample]]]:
+    """Yield the samples of trials as they finish; a pool that has lost a worker is replaced."""
     if jobs <= 1:
         for trial in trials:
             yield trial, walked(trial)

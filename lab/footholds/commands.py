@@ -40,25 +40,16 @@ def collect(
     json: Json = False,
 ) -> None:
     """Walk with random footholds in the simulator and append the outcome of every stance to a file."""
-    from .campaign import Trial, planned
     from .campaign import collect as campaign
+    from .campaign import planned
 
     use_json(json)
     trials = planned(
         [_ground(each, robot, friction, distance) for each in ground], profile, _seeds(seeds), model, explore
     )
-    total = {"samples": 0, "done": 0}
-
-    def show(trial: Trial, count: int) -> None:
-        total["samples"] += count
-        total["done"] += 1
-        tell(f"{total['done']} of at most {len(trials)}: {trial.name}, {count} stances")
-
-    walked = campaign(trials, out, jobs, show)
-    if json:
-        write_json({"out": str(out), "trials": len(trials), "walked": walked, "samples": total["samples"]})
-    else:
-        write(f"{out}: {walked} of {len(trials)} trials walked, {total['samples']} samples added")
+    count = _Count(len(trials))
+    walked = campaign(trials, out, jobs, lambda trial, stances: count.show(trial.name, stances))
+    count.write(out, {"walked": walked}, json)
 
 
 @app.command()
@@ -90,19 +81,10 @@ def primitives(
         raise SurefootError("invalid", f"must be six or tripod, got {stance!r}", "stance")
     described = load_robot(robot)
     trials = paper_trials(friction, noise, list(_seeds(seeds)), offset, stance)
-    total = {"samples": 0, "done": 0}
-
-    def show(name: str, count: int) -> None:
-        total["samples"] += count
-        total["done"] += 1
-        tell(f"{total['done']} of at most {len(trials)}: {name}, {count} stances")
-
+    count = _Count(len(trials))
     with remote_workers(worker) if worker else nullcontext([own_worker(described)]) as workers:
-        done = run_trials(described, trials, out, workers, show)
-    if json:
-        write_json({"out": str(out), "trials": len(trials), "done": done, "samples": total["samples"]})
-    else:
-        write(f"{out}: {done} of {len(trials)} trials done, {total['samples']} samples added")
+        done = run_trials(described, trials, out, workers, count.show)
+    count.write(out, {"done": done}, json)
 
 
 @app.command()
@@ -138,14 +120,9 @@ def learn(
             raise SurefootError("invalid", f"must be {' or '.join(known)}, got {value!r}", field)
     tried = fit.candidates(family, search, terms, evaluations, refined)  # type: ignore[arg-type]
     options = fit.LearnOptions(
-        candidates=tried,
-        title=title,
-        folds=folds,
-        seed=seed,
-        distance_weight=weight,
-        landing_error=landing_error,
+        candidates=tried, title=title, folds=folds, seed=seed, distance_weight=weight, landing_error=landing_error,
         support=support,
-    )
+    )  # fmt: skip
     model = fit.learn(gathered, options)
     save(model, out)
     facts = {"out": str(out), "model": model.name, "refused": gathered.refused, "choice": model.choice}
@@ -249,17 +226,17 @@ def judge(
     samples: Annotated[list[Path], typer.Argument(help="Samples of trials that the model was not made of.")],
     json: Json = False,
 ) -> None:
-    """Say how well a model predicts stances: rank correlation, AUC of slips over twice flat, its 80 % intervals."""
+    """Report how well a model predicts stances: rank correlation, AUC of slips over twice flat, its 80 % intervals."""
     from surefoot.errors import SurefootError
 
     from .campaign import read
-    from .statistics import judged
+    from .quality import prediction_quality
 
     use_json(json)
     found = [each for path in samples for each in read(path)[0]]
     if not found:
-        raise SurefootError("no_samples", "there is no stance to judge by", "samples")
-    result = judged(_load(model), found)
+        raise SurefootError("no_samples", "the files hold no stance of a complete trial", "samples")
+    result = prediction_quality(_load(model), found)
     facts = {
         "stances": result.stances, "spearman": result.spearman, "auc": result.warned, "held": result.held,
         "ceiling": result.ceiling,
@@ -295,6 +272,26 @@ def score(
         write_json({"out": str(out), "model": found.name, "cells": counts})
     else:
         write_table(("cells", "number"), [(name, str(count)) for name, count in counts.items()], found.name, right=(1,))
+
+
+class _Count:
+    """Progress of a campaign, and the line at its end."""
+
+    def __init__(self, trials: int) -> None:
+        self.trials, self.done, self.samples = trials, 0, 0
+
+    def show(self, name: str, stances: int) -> None:
+        """Report a trial that is done."""
+        self.done, self.samples = self.done + 1, self.samples + stances
+        tell(f"{self.done} of at most {self.trials}: {name}, {stances} stances")
+
+    def write(self, out: Path, did: dict[str, int], json: bool) -> None:
+        """Write the number of trials that were done, under the verb of the campaign, and of samples."""
+        if json:
+            write_json({"out": str(out), "trials": self.trials, **did, "samples": self.samples})
+            return
+        ((verb, number),) = did.items()
+        write(f"{out}: {number} of {self.trials} trials {verb}, {self.samples} samples added")
 
 
 def _load(name: str):

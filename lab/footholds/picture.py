@@ -1,4 +1,4 @@
-"""What a slip model predicts, drawn: P over (K1, K2), its support, where its samples came from."""
+"""Drawing of a slip model: P over (K1, K2), and the samples of its bins."""
 
 from pathlib import Path
 

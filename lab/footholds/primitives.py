@@ -1,8 +1,8 @@
 """Campaigns of ground primitives (Walas & Belter 2011, section 3.1), shared among simulators on the network.
 
-Every trial goes to whichever worker is free. One that fails to answer costs no trial: its batch goes to another, and
-the worker is left out. Only this process writes the file, whole trials only, so none counts twice. Trials are pure
-functions of their names: the bins do not depend on who did what.
+Every trial goes to whichever worker is free. The batch of a worker that
+fails goes to another one, and the worker is left out. Only this process writes the file, whole trials only, so none
+counts twice. Trials are pure functions of their names: the bins do not depend on which worker did which trial.
 """
 
 import itertools
@@ -22,7 +22,7 @@ from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
 from surefoot.schemas.sim import ExperimentReply, ExperimentRequest, Primitive, PrimitiveTrial, TrialOutcome
 from surefoot.services.footholds.ground import build_ground
-from surefoot.services.footholds.learning.samples import Sample
+from surefoot.services.footholds.learning.samples import StanceSample
 from surefoot.services.footholds.outcomes import sample_at
 from surefoot.services.simulator.experiment import outcome_of, primitive_ground
 
@@ -30,14 +30,14 @@ from .campaign import append, read
 
 PRIMITIVES: tuple[Primitive, ...] = get_args(Primitive)
 HEIGHTS = (0.01, 0.02, 0.03, 0.04)
-"""m (paper 3.1); a primitive of no height is flat ground."""
+"""Heights of the primitives, m (paper 3.1); flat ground is tried once."""
 YAW_STEP = math.radians(45.0)
 SYMMETRY: dict[Primitive, int] = {"flat": 1, "slope": 8, "edge": 8, "hill": 1, "ridge": 4, "hole": 1, "groove": 4}
-"""Headings of 45 deg that differ."""
+"""Number of headings, 45 deg apart, that differ for each primitive."""
 BATCH = 4
-"""Trials of a request: a second of work, which is what a dead worker costs."""
+"""Trials of a request: a second of work, which is lost when a worker dies."""
 Worker = Callable[[ExperimentRequest], ExperimentReply]
-"""Answers trials; raises SurefootError when it does not."""
+"""Returns the outcomes of trials; raises SurefootError when it fails."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class PrimitiveJob:
 
     @cached_property
     def name(self) -> str:
-        """Names the trial in the file: equal names are equal trials."""
+        """Name of the trial in the file: equal names are equal trials."""
         t = self.trial
         where = f"{t.primitive}-{t.height:g}-{math.degrees(t.yaw):.0f}-{t.offset:g}-{math.degrees(t.offset_yaw):.0f}"
         return f"{self.robot.name}-{where}-{t.friction:g}-{t.noise:g}-{t.stance}-{t.stroke:g}-{t.seed}"
@@ -66,9 +66,9 @@ def paper_trials(
     """Return the trials of the paper: seven primitives, four heights, every 45 deg that differs; 105 per set.
 
     Args:
-        frictions: of the ground, a set each.
+        frictions: coefficients of friction of the ground, a set of trials each.
         noise: standard deviation of the heights, m.
-        seeds: of noise and direction of the offset, a set each.
+        seeds: seeds of noise and direction of the offset, a set of trials each.
         offset: feet off the middle of the primitive, m.
         stance: six or tripod.
     """
@@ -85,12 +85,12 @@ def paper_trials(
     return out
 
 
-def samples_of(job: PrimitiveJob, outcome: TrialOutcome, smooth: bool = True) -> list[Sample]:
-    """Return one sample for each stance foot: the coefficients under it, on the map as the service would see it."""
+def samples_of(job: PrimitiveJob, outcome: TrialOutcome, smooth: bool = True) -> list[StanceSample]:
+    """Return one sample for each stance foot: the coefficients under it, on the map as the service prepares it."""
     robot, trial = job.robot, job.trial
     feet = kinematics.foot_positions(robot.model, robot.neutral)[:, :2]
     ground = build_ground(primitive_ground(feet, trial).map, robot.foot_radius, smooth)
-    out: list[Sample] = []
+    out: list[StanceSample] = []
     for each in outcome.feet:
         leg = robot.leg_names.index(each.leg)
         at, middle = (each.contact[0], each.contact[1]), (float(feet[leg, 0]), float(feet[leg, 1]))
@@ -120,14 +120,14 @@ def run_trials(
     """Append the samples of all trials that a file lacks; returns how many trials were done.
 
     Args:
-        robot: what every worker must simulate.
-        trials: of the campaign.
-        out: the file.
-        workers: a thread each.
-        show: takes each trial that is done and its number of samples.
+        robot: robot that every worker must simulate.
+        trials: all trials of the campaign.
+        out: file of samples.
+        workers: simulators, served by a thread each.
+        show: called with the name of each trial that is done and its number of samples.
 
     Raises:
-        SurefootError: `no_worker` when none is left, with why the last one went; `unwritable`.
+        SurefootError: `no_worker` when none is left, with the reason of the last one; `unwritable`.
     """
     done = read(out)[1] if out.exists() else {}
     jobs = {job.name: job for job in (PrimitiveJob(robot, trial) for trial in trials) if job.name not in done}

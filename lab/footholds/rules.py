@@ -1,13 +1,11 @@
-"""Rules that choose footholds: the service's own choice under any slip model, random ones, and two of other people."""
+"""Rules that choose footholds: the choice of the service under any slip model, and random draws."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from surefoot.robot.description import Robot
-from surefoot.services.footholds.features import Features, Layer
 from surefoot.services.footholds.ground import FootholdGround
 from surefoot.services.footholds.models.protocol import SlipModel
 from surefoot.services.footholds.models.score import HandScore
@@ -16,64 +14,7 @@ from surefoot.services.footholds.select import Foothold, Landing, SelectParams, 
 from .walks import Rule
 
 DRAWS = 100_003
-"""Steps of one walk that have a seed of their own."""
-
-
-class _Roughness:
-    """What the rules of other people have in common: they hold anywhere, know no spread and no landing error."""
-
-    @property
-    def distance_weight(self) -> float:
-        """k of Q = P + k K4, 1/m: none of its own, so a walk states one."""
-        return 0.0
-
-    @property
-    def landing_error(self) -> float:
-        """0: the choice takes the mean over the free cells of the 3 x 3 block."""
-        return 0.0
-
-    def unfit(self, cell: float, smooth: bool, foot_radius: float) -> str:
-        """Return nothing: the rule holds for any cell, filter and foot."""
-        return ""
-
-    def spread(self, features: Features, cell: float) -> Layer:
-        """Return NaN for every cell, (ny, nx) float32."""
-        return np.full(features.k1.shape, np.nan, dtype=np.float32)
-
-
-@dataclass(frozen=True, slots=True)
-class MinK2(_Roughness):
-    """P grows with K2 alone: the flattest cell, K2 / (8 cell) as rise per way."""
-
-    @property
-    def name(self) -> str:
-        """Name of the rule."""
-        return "min-k2"
-
-    def predict(self, features: Features, cell: float) -> Layer:
-        """Mean roughness of each cell, at most 1, (ny, nx)."""
-        return np.minimum(features.k2 / np.float32(8.0 * cell), np.float32(1.0))
-
-
-@dataclass(frozen=True, slots=True)
-class GridMapRule(_Roughness):
-    """The traversability of grid_map's example filters: 1 - [.5 (1 - slope / .6) + .5 (1 - roughness / .1)].
-
-    The slope is in rad. Only K1 and K2 are at hand: the slope of a plane is K2 / (7 cell) within 15 % in any
-    direction, and half the mean deviation of the centre from its neighbours stands for the roughness in m.
-    """
-
-    @property
-    def name(self) -> str:
-        """Name of the rule."""
-        return "grid-map"
-
-    def predict(self, features: Features, cell: float) -> Layer:
-        """One minus the traversability of each cell, 0 to 1, (ny, nx)."""
-        slope = np.arctan((features.k2 - np.abs(features.k1)) / np.float32(7.0 * cell))
-        rough = np.abs(features.k1) / np.float32(16.0)
-        free = 0.5 * np.maximum(1.0 - slope / 0.6, 0.0) + 0.5 * np.maximum(1.0 - rough / 0.1, 0.0)
-        return (1.0 - free).astype(np.float32)
+"""Distance of the seeds of two walks: steps of a walk count up from its seed times this."""
 
 
 def model_rule(model: SlipModel, params: SelectParams) -> Rule:
@@ -83,17 +24,6 @@ def model_rule(model: SlipModel, params: SelectParams) -> Rule:
         ground: FootholdGround, robot: Robot, base: TrunkPose, landings: Sequence[Landing], step: int
     ) -> Sequence[Foothold]:
         return select(ground, robot, model, base, landings, params)
-
-    return rule
-
-
-def nominal_rule() -> Rule:
-    """Return the rule that lands every leg on its nominal foothold, at the height of the map."""
-
-    def rule(
-        ground: FootholdGround, robot: Robot, base: TrunkPose, landings: Sequence[Landing], step: int
-    ) -> Sequence[Foothold]:
-        return [Foothold("ok", foothold=each.nominal) for each in landings]
 
     return rule
 

@@ -9,8 +9,9 @@ from surefoot.geometry.heightmap import HeightMap, HeightMapError
 from surefoot.geometry.heightmap_exchange import load_any
 from surefoot.services.footholds.assess import Assessment, assess, whole_map
 from surefoot.services.footholds.ground import build_ground
-from surefoot.services.footholds.masks import REASONS, Limits
+from surefoot.services.footholds.masks import REASONS
 from surefoot.services.footholds.models.protocol import SlipModel
+from surefoot.services.footholds.select import SelectParams
 
 LAYERS = ("z", "k1", "k2", "cos_k3", "p", "mask")
 
@@ -39,7 +40,7 @@ def score_map(
     if unfit:
         raise SurefootError("unfit", f"{model.name}: {unfit}", "model")
     ground = build_ground(heights, foot_radius, smooth)
-    return assess(ground, model, whole_map(ground), None, stroke, LAYERS, Limits(), None)
+    return assess(ground, model, whole_map(ground), None, stroke, LAYERS, SelectParams())
 
 
 def save_scored(found: Assessment, heights: HeightMap, model: SlipModel, path: Path) -> None:

@@ -15,7 +15,7 @@ from .walks import Setting, walk
 
 @dataclass(frozen=True)
 class Tried:
-    """One weight on all grounds and seeds."""
+    """Walks under one weight on all grounds and seeds."""
 
     weight: float
     """k, 1/m."""
@@ -34,7 +34,7 @@ def try_weights(
     model: LearnedModel, grounds: Sequence[Setting], seeds: Iterable[int], weights: Sequence[float], jobs: int = 1,
     show: Callable[[Tried], None] = lambda tried: None,
 ) -> list[Tried]:  # fmt: skip
-    """Walk every ground and seed under every weight; seeds must be of training, not those that judge."""
+    """Walk every ground and seed under every weight; seeds must not be those of a comparison."""
     wanted = list(seeds)
     out: list[Tried] = []
     with ProcessPoolExecutor(jobs) as pool:

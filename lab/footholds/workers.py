@@ -12,11 +12,11 @@ from surefoot.schemas.topics import SIM_EXPERIMENT
 from .primitives import Worker
 
 PATIENCE_S = 30.0
-"""Without a reply to a batch for so long a worker is taken for dead: ten times what a batch costs."""
+"""Longest wait for the reply to a batch, s: ten times the usual one."""
 
 
 def remote_worker(client: Client, patience_s: float = PATIENCE_S) -> Worker:
-    """Return the simulator that a client reaches as a worker; it answers beside whatever it runs."""
+    """Return a worker that sends its trials to the simulator of a client, which may run a scenario meanwhile."""
 
     def answer(request: ExperimentRequest) -> ExperimentReply:
         return client.call(SIM_EXPERIMENT, patience_s, **dict(request))
@@ -29,11 +29,11 @@ def remote_workers(places: Sequence[str], patience_s: float = PATIENCE_S) -> Ite
     """Connect to simulators.
 
     Args:
-        places: one each, `namespace@endpoint`, e.g. `surefoot/ragno@tcp/127.0.0.1:7447`.
-        patience_s: see `PATIENCE_S`.
+        places: `namespace@endpoint` of each simulator, e.g. `surefoot/ragno@tcp/127.0.0.1:7447`.
+        patience_s: longest wait for a reply, s.
 
     Raises:
-        SurefootError: not of that form.
+        SurefootError: a place is not of that form.
         BusError: no router answers there.
     """
     with ExitStack() as stack:

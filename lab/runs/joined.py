@@ -1,30 +1,74 @@
 """World, estimator and walker joined by function calls, in the order of a control tick: a walk without a bus."""
 
+import time
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from surefoot.schemas.topics import TICK_S
 from surefoot.services.estimator.feet.contact import touch_rows
 from surefoot.services.estimator.stream import Estimator
 from surefoot.services.simulator.world import PhysicsWorld
-from surefoot.services.walker.interface import WalkerInputs
+from surefoot.services.walker.gait import Gait
+from surefoot.services.walker.interface import WalkerInputs, WalkerOutputs
 
 
-def sense(world: PhysicsWorld, estimator: Estimator) -> tuple[WalkerInputs, Any]:
-    """Return what the walker gets in this tick, and the estimate it comes from; the truth stays in the world."""
+def feed(world: PhysicsWorld, estimator: Estimator) -> None:
+    """Hand the samples of a tick to an estimator; the truth stays in the world."""
     samples = world.samples
     imu, joints, contacts = samples.imu, samples.joints, samples.contacts
     if imu is not None:
         estimator.imu(imu.stamp_ns, imu.gyro, imu.acc)
-    touch = None if contacts is None else np.array([any(foot) for foot in contacts.touch])
     if joints is not None and contacts is not None:
         estimator.joints(joints.stamp_ns, joints.position, touch_rows(contacts.touch))
+
+
+def sense(world: PhysicsWorld, estimator: Estimator) -> tuple[WalkerInputs, Any]:
+    """Feed the samples of a tick to an estimator; returns the inputs of the walker and the estimate in them."""
+    feed(world, estimator)
+    joints, contacts = world.samples.joints, world.samples.contacts
     estimate, pose = estimator.estimate(), estimator.pose()
     inputs = WalkerInputs(
         stamp=TICK_S * world.tick, roll=estimate.roll, pitch=estimate.pitch,
         rate=tuple(estimate.angular_velocity.tolist()), x=float(pose.position[0]), y=float(pose.position[1]),
         yaw=pose.yaw, estimate_stamp=1e-9 * estimate.stamp_ns, initialised=estimate.initialised,
-        joints=None if joints is None else joints.position, contacts=touch,
+        joints=None if joints is None else joints.position,
+        contacts=None if contacts is None else np.array([any(foot) for foot in contacts.touch]),
     )  # fmt: skip
     return inputs, estimate
+
+
+class JoinedLoop:
+    """Control loop of one run, with the actuation delay of bus servos.
+
+    A tick is `decide`, then whatever the caller reads or commands, then `act`.
+
+    Args:
+        world: the simulated robot.
+        walker: gait that moves the robot.
+        delay: actuation delay, ticks.
+    """
+
+    def __init__(self, world: PhysicsWorld, walker: Gait, delay: int = 1) -> None:
+        self.world, self.walker = world, walker
+        self.estimator = Estimator.for_robot(world.robot)
+        self.out: WalkerOutputs | None = None
+        """Outputs of the walker in this tick."""
+        self.costs_us: list[float] = []
+        """Wall time of the walker in each tick, us."""
+        self._pending: list[NDArray[np.float64]] = [world.command.copy()] * delay
+
+    def decide(self) -> WalkerOutputs:
+        """Return what the walker makes of the samples of this tick."""
+        inputs, _ = sense(self.world, self.estimator)
+        began = time.perf_counter()
+        out = self.out = self.walker.step(inputs)
+        self.costs_us.append(1e6 * (time.perf_counter() - began))
+        return out
+
+    def act(self) -> None:
+        """Advance the world by a tick under the command that is due."""
+        command = None if self.out is None else self.out.command
+        self._pending.append(self.world.command if command is None else command)
+        self.world.step_tick(self._pending.pop(0))

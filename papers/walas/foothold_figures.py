@@ -10,7 +10,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from surefoot.lab.report.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, STYLE
-from surefoot.services.footholds.learning.samples import Sample, gather
+from surefoot.services.footholds.learning.samples import StanceSample, gather
 from surefoot.services.footholds.models.lattice import filled, inputs
 from surefoot.services.footholds.models.learned import LearnedModel
 
@@ -22,7 +22,7 @@ MM = 1e3
 
 
 def draw(study: FootholdStudy, out: Path) -> tuple[Path, ...]:
-    """Write all figures into a folder."""
+    """Write all figures into a folder; returns their paths."""
     plots: dict[str, Callable[[], Figure]] = {
         "fig07-data": lambda: _cloud(study.exact, study.models["primitives K1, K2"], "Fig. 7: stances and bin means"),
         "fig08-elementary": lambda: _surface(
@@ -53,7 +53,7 @@ def _new(title: str, columns: int = 1) -> tuple[Figure, list[Axes]]:
     return figure, axes
 
 
-def _cloud(samples: Sequence[Sample], model: LearnedModel, title: str) -> Figure:
+def _cloud(samples: Sequence[StanceSample], model: LearnedModel, title: str) -> Figure:
     figure, (left, right) = _new(title, 2)
     found = gather(samples)
     u = inputs(found.x)
@@ -70,7 +70,7 @@ def _cloud(samples: Sequence[Sample], model: LearnedModel, title: str) -> Figure
     return figure
 
 
-def _surface(model: LearnedModel, samples: Sequence[Sample], title: str) -> Figure:
+def _surface(model: LearnedModel, samples: Sequence[StanceSample], title: str) -> Figure:
     figure, (axes,) = _new(title)
     b = np.linspace(0.0, min(1.0, model.ranges[1][1]), 60)
     a = np.linspace(-b[-1], b[-1], 121)

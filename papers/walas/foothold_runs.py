@@ -1,4 +1,4 @@
-"""Trials and walks behind Figs. 7 to 12 of Walas & Belter (2011), kept in a folder so that a study can be gone on with.
+"""Trials and walks behind Figs. 7 to 12 of Walas & Belter (2011), kept in a folder so that a study can be continued.
 
 Walks are tripod walks of 0.9 m at friction 0.5 over the ground of section 3.4 (`mixed`: flagstones, hills, depressions,
 stones; +8.7 to -0.35 cm) with its exact map. Seeds of collection and of walks differ.
@@ -19,7 +19,7 @@ from surefoot.lab.footholds.primitives import own_worker, paper_trials, run_tria
 from surefoot.lab.footholds.rules import model_rule, random_rule
 from surefoot.lab.footholds.walks import JoinedWalk, Rule, Setting
 from surefoot.robot.reader import load_robot
-from surefoot.services.footholds.learning.samples import Sample
+from surefoot.services.footholds.learning.samples import StanceSample
 from surefoot.services.footholds.models.files import load
 from surefoot.services.footholds.select import SelectParams
 
@@ -27,7 +27,7 @@ ROBOT = "ragno"
 GROUND = Setting("mixed", 0.9, None, 0.5, profile="exact")
 FLAT = replace(GROUND, terrain="flat")
 NOISE = 0.003
-"""m, of the noise-augmented primitives (Fig. 9)."""
+"""Deviation of the heights of the primitives of Fig. 9, m."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class WalkKey:
     """k of Q = P + k K4, 1/m; None = that of the model."""
 
     def rule(self) -> Rule | None:
-        """The rule of the walk: the paper's choice, the least Q of single cells."""
+        """Return the rule of the walk: the paper's choice (least Q of single cells), random, or None for nominal."""
         if self.model:
             return model_rule(load(self.model), SelectParams(robust=False, distance_weight=self.weight))
         return random_rule(self.seed) if self.case.startswith("random") else None
@@ -51,14 +51,14 @@ class WalkKey:
 
 @dataclass(frozen=True)
 class WalkResult:
-    """What came of it."""
+    """Outcome of one walk."""
 
     case: str
     seed: int
     fell: bool
     rows: tuple[tuple[int, float, float], ...]
-    """Of each stance: step, r = sliding / |f|, and the paper's d / |f|."""
-    samples: tuple[Sample, ...]
+    """Step, r = sliding / |f| and d / |f| of the paper for each stance."""
+    samples: tuple[StanceSample, ...]
 
     def accumulated(self, steps: int, column: int = 1) -> np.ndarray:
         """Return S(n) = sum of r over all stances of the steps up to n, (steps,)."""
@@ -75,15 +75,13 @@ class WalkResult:
 
 
 def walked(key: WalkKey) -> dict[str, Any]:
-    """Walk; returns plain values, as they stand in the folder."""
-    joined = JoinedWalk(key.seed, key.setting, key.rule())
-    while joined.tick():
-        pass
-    robot, ground = joined.robot, joined.recorder.ground
-    told = {"friction": key.setting.friction, "robot": robot.name, "robot_hash": robot.hash, "source": f"{key.case}"}
-    found = [s for s in joined.judge.found if float(np.hypot(*s.stroke[:2])) > 1e-3]
+    """Do one walk; returns its outcome as plain values, as the folder keeps them."""
+    joined = JoinedWalk(key.seed, key.setting, key.rule()).run()
+    robot, ground = joined.robot, joined.selector.ground
+    facts = {"friction": key.setting.friction, "robot": robot.name, "robot_hash": robot.hash, "source": f"{key.case}"}
+    found = [s for s in joined.stances.found if float(np.hypot(*s.stroke[:2])) > 1e-3]
     rows = [(s.step, *(v / float(np.hypot(*s.stroke[:2])) for v in (s.sliding, s.displacement))) for s in found]
-    samples = [replace(sample_of(s, ground, f"{key.case} {key.seed}"), **told) for s in found]
+    samples = [replace(sample_of(s, ground, f"{key.case} {key.seed}"), **facts) for s in found]
     return {
         "case": key.case, "seed": key.seed, "fell": joined.verdict().fallen, "rows": rows,
         "samples": [asdict(each) for each in samples if not each.problem],
@@ -91,7 +89,7 @@ def walked(key: WalkKey) -> dict[str, Any]:
 
 
 class Runs:
-    """Walks and trials of a study; those of the folder are not done again."""
+    """Walks and trials of a study; a folder keeps those that are done."""
 
     def __init__(self, folder: Path, jobs: int | None = None) -> None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -115,7 +113,7 @@ class Runs:
             tell(f"walk {number} of {len(missing)}: {found['case']}, seed {found['seed']}")
         return [_result(self._done[key.case, key.seed]) for key in keys]
 
-    def primitives(self, seeds: Sequence[int], noise: float, tell: Callable[[str], None]) -> list[Sample]:
+    def primitives(self, seeds: Sequence[int], noise: float, tell: Callable[[str], None]) -> list[StanceSample]:
         """Return the outcomes of all primitives: without noise once, else once for each seed."""
         robot, out = load_robot(ROBOT), self.folder / "primitives.jsonl"
         trials = paper_trials(noise=noise, seeds=seeds)
@@ -136,7 +134,7 @@ class Runs:
 
 def _result(found: dict[str, Any]) -> WalkResult:
     samples = tuple(
-        Sample(**{**each, "stroke": tuple(each["stroke"]), "heights_um": tuple(each["heights_um"])})
+        StanceSample(**{**each, "stroke": tuple(each["stroke"]), "heights_um": tuple(each["heights_um"])})
         for each in found["samples"]
     )
     rows = tuple((int(a), float(b), float(c)) for a, b, c in found["rows"])

@@ -1,11 +1,11 @@
-"""What the figures and findings of Walas & Belter (2011), section 3, are made from."""
+"""Data behind the figures and findings of Walas & Belter (2011), section 3."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.services.footholds.learning.samples import Sample
+from surefoot.services.footholds.learning.samples import StanceSample
 from surefoot.services.footholds.models.learned import LearnedModel
 
 from .foothold_runs import WalkResult
@@ -15,18 +15,22 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FootholdStudy:
-    """Everything the figures need."""
+    """Trials, models and walks of the section."""
 
-    exact: list[Sample]
-    noisy: list[Sample]
+    exact: list[StanceSample]
+    """Stances on exact primitives."""
+    noisy: list[StanceSample]
+    """Stances on primitives with noise."""
     models: dict[str, LearnedModel]
     walks: dict[str, list[WalkResult]]
+    """Walks of each case of Fig. 11."""
     window: tuple[Array, Array, Array]
     """Heights (m), Q and mask of a 15 x 15 window, (15, 15) each."""
     relearned: dict[str, list[WalkResult]]
+    """Walks of each case of Fig. 12."""
 
 
 def predicted(model: LearnedModel, a: float, b: float) -> float:
-    """P of scaled coefficients K1 / (8 cell), K2 / (8 cell) at cos K3 = 0, cut to what was learned."""
+    """Return P of K1 / (8 cell), K2 / (8 cell) at cos K3 = 0, cut to the ranges that were learned."""
     low, high = np.array(model.ranges).T
     return float(model.terms.values(np.clip(np.array([[a, b, 0.0]]), low, high))[0])

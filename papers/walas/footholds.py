@@ -1,6 +1,6 @@
 """Walas & Belter (2011), section 3: learning where to step, Figs. 7 to 12 again.
 
-What the paper prints are orders, not numbers: each is checked over seeds with 95 % intervals of 2000 resamplings.
+The paper prints orders, not numbers: each is checked over seeds with 95 % intervals of 2000 resamplings.
 """
 
 import tempfile
@@ -12,15 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.lab.report.findings import Finding, Reproduction, told
+from surefoot.lab.statistics import resampled_mean
 from surefoot.services.footholds.assess import assess, window_about
 from surefoot.services.footholds.ground import build_ground
 from surefoot.services.footholds.learning.fit import Candidate, LearnOptions, learn
 from surefoot.services.footholds.learning.relearn import relearned
-from surefoot.services.footholds.learning.samples import Sample, gather
-from surefoot.services.footholds.masks import REASONS, Limits
+from surefoot.services.footholds.learning.samples import StanceSample, gather
+from surefoot.services.footholds.masks import REASONS
 from surefoot.services.footholds.models.files import save
 from surefoot.services.footholds.models.lattice import filled, inputs
 from surefoot.services.footholds.models.learned import LearnedModel
+from surefoot.services.footholds.select import SelectParams
 from surefoot.services.simulator.ground.terrain import make_terrain
 
 from .foothold_runs import FLAT, NOISE, Runs, WalkKey, WalkResult
@@ -31,12 +33,13 @@ TITLE = "Walas & Belter (2011), section 3: adaptive foothold selection"
 SYSTEM = None
 SEEDS = 10
 COLLECTION, WALKS = 900, 950
-"""First seeds of the walks that collect, and of those that judge."""
+"""First seed of the walks that collect, and of those that are compared."""
 EDGE = 0.3
-"""K2 / (8 cell) of a cliff edge, withheld in Fig. 12."""
+"""K2 / (8 cell) from which ground counts as an edge and is withheld in Fig. 12."""
 WEIGHT = 0.5
-"""k of the learned models, 1/m; the printed 8 walks beside it."""
+"""k of Q = P + k K4 for the learned models, 1/m."""
 PRINTED_WEIGHT = 8.0
+"""k as printed in the paper, 1/m: one case walks with it."""
 TERMS = 12
 ELEMENTARY = Candidate(TERMS, 0.0, 1e-5, family="elementary", search="evolution", evaluations=1500)
 GAUSSIANS = Candidate(TERMS, 0.0, 1e-5, search="swarm", evaluations=1500)
@@ -59,7 +62,7 @@ NOTES = (
 
 
 def study(folder: Path, seeds: int, tell: Callable[[str], None], jobs: int | None = None) -> FootholdStudy:
-    """Do or go on with all trials and walks."""
+    """Do the trials and walks that a folder lacks; returns everything the figures need."""
     runs = Runs(folder, jobs)
     exact = runs.primitives([0], 0.0, tell)
     noisy = runs.primitives(range(1, seeds + 1), NOISE, tell)
@@ -89,9 +92,9 @@ def study(folder: Path, seeds: int, tell: Callable[[str], None], jobs: int | Non
 
 
 def _relearning(
-    runs: Runs, walked: Sequence[Sample], numbers: Sequence[int], tell: Callable[[str], None]
+    runs: Runs, walked: Sequence[StanceSample], numbers: Sequence[int], tell: Callable[[str], None]
 ) -> dict[str, list[WalkResult]]:
-    """Fig. 12: no edges, walk, re-learn with c = 1, walk, re-learn with c = .5, walk."""
+    """Return the walks of Fig. 12: without edges, re-learned with c = 1, and again with c = .5."""
     model = _learned("no edges", [s for s in walked if s.k2 / (8.0 * s.cell) < EDGE], WALKED)
     out: dict[str, list[WalkResult]] = {}
     for name, weight in (("without edges", None), ("re-learned, c = 1", 1.0), ("re-learned, c = 0.5", 0.5)):
@@ -103,7 +106,7 @@ def _relearning(
     return out
 
 
-def _learned(title: str, samples: Sequence[Sample], candidate: Candidate) -> LearnedModel:
+def _learned(title: str, samples: Sequence[StanceSample], candidate: Candidate) -> LearnedModel:
     options = LearnOptions(title=title, candidates=(candidate,), folds=3, distance_weight=WEIGHT, landing_error=0.0)
     return learn(gather(samples), options)
 
@@ -113,26 +116,18 @@ def _plain(name: str) -> str:
 
 
 def _window(model: LearnedModel) -> tuple[Array, Array, Array]:
-    """Fig. 10: a window of the ground of 3.4, about a place with all kinds of cells."""
+    """Return heights, Q and mask of Fig. 10: ground of 3.4 about a place with all kinds of cells."""
     ground = build_ground(make_terrain("mixed", seed=WALKS).map, model.conditions.foot_radius)
     at = (0.45, 0.1)
     found = assess(
-        ground, model, window_about(ground, *at, 15), at, (-0.025, 0.0, 0.0), ("z", "q", "mask"), Limits(), None
+        ground, model, window_about(ground, *at, 15), at, (-0.025, 0.0, 0.0), ("z", "q", "mask"), SelectParams()
     )
     z, q, mask = (layer.astype(np.float64) for layer in found.layers)
     return z, q, mask
 
 
-def interval(values: Sequence[float] | Array) -> tuple[float, float, float]:
-    """Return mean and 95 % interval by resampling."""
-    data = np.asarray(values, dtype=np.float64)
-    rng = np.random.default_rng(0)
-    means = data[rng.integers(0, len(data), (2000, len(data)))].mean(axis=1)
-    return float(data.mean()), float(np.percentile(means, 2.5)), float(np.percentile(means, 97.5))
-
-
 def findings(s: FootholdStudy) -> tuple[Finding, ...]:
-    """Each claim of the section in its order."""
+    """Return each claim of the section in its order, with what came out here."""
     return (*_figure_7(s), *_figures_8_9(s), *_figure_10(s), *_figure_11(s), *_figure_12(s))
 
 
@@ -195,7 +190,7 @@ def _figure_10(s: FootholdStudy) -> list[Finding]:
 
 
 def _ratio(s: dict[str, list[WalkResult]], one: str, other: str) -> tuple[float, float, float]:
-    """Ratio of S at the last common step: mean and interval of the paired logarithms; NaN if a walk took no step."""
+    """Return the geometric mean of paired ratios of S at the last common step, and its interval; NaN without steps."""
     steps = min(each.steps for name in (one, other) for each in s[name])
     if steps == 0:
         return float("nan"), float("nan"), float("nan")
@@ -203,7 +198,7 @@ def _ratio(s: dict[str, list[WalkResult]], one: str, other: str) -> tuple[float,
         float(np.log((a.accumulated(steps)[-1] + 1e-9) / (b.accumulated(steps)[-1] + 1e-9)))
         for a, b in zip(s[one], s[other], strict=True)
     ]
-    mean, low, high = interval(logs)
+    mean, low, high = resampled_mean(logs)
     return float(np.exp(mean)), float(np.exp(low)), float(np.exp(high))
 
 
@@ -223,7 +218,7 @@ def _figure_11(s: FootholdStudy) -> list[Finding]:
     ]
     for name, some in w.items():
         steps = max(1, min(each.steps for each in some))
-        mean, low, high = interval([each.accumulated(steps)[-1] / steps for each in some])
+        mean, low, high = resampled_mean([each.accumulated(steps)[-1] / steps for each in some])
         d = float(np.mean([each.accumulated(steps, 2)[-1] / steps for each in some]))
         rows.append(
             told("3.4, Fig. 11", f"{name}: S / step, sliding (95 %); d as printed", "", f"{mean:.3f} ({low:.3f} to "

@@ -1,48 +1,51 @@
-"""The scored ground, layer by layer: what the choice of footholds sees, for people and planners."""
+"""Layers of the scored ground, as the choice of footholds uses them: for people and planners."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from surefoot.geometry.heightmap_kernels import patch
+from surefoot.geometry.heightmap_cells import patch
 
 from .features import Features, Layer, distance, map_features, window_features
 from .ground import FootholdGround
-from .masks import REASONS, Limits, Placement, count_reasons, mask_window
+from .masks import REASONS, Placement, count_reasons, mask_window
 from .models.protocol import SlipModel
+from .select import SelectParams
 
 LAYERS = ("z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask")
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """A rectangle of cells; may reach beyond the map."""
+    """Rectangle of cells; may reach beyond the map."""
 
     row: int
+    """First row; may lie outside the map."""
     col: int
+    """First column; may lie outside the map."""
     rows: int
     cols: int
 
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """Layers of one window."""
+    """Layers of one window, and counts of its cells."""
 
     layers: Layer
-    """(number of layers, rows, cols) float32, in the order asked."""
+    """Layers in the order of the request, (number of layers, rows, cols) float32."""
     counts: tuple[int, ...]
     """Cells excluded per reason, then free cells."""
 
 
 def window_about(ground: FootholdGround, x: float, y: float, size: int) -> Window:
-    """The window of size x size cells about the cell that holds the point."""
+    """Return the window of size x size cells about the cell that holds a point, map frame, m."""
     row, col = ground.surface.index(x, y)
     return Window(row - size // 2, col - size // 2, size, size)
 
 
 def whole_map(ground: FootholdGround) -> Window:
-    """All cells of the map."""
+    """Return the window of all cells of the map."""
     return Window(0, 0, *ground.surface.shape)
 
 
@@ -53,28 +56,26 @@ def assess(
     nominal: tuple[float, float] | None,
     stroke: Sequence[float],
     names: Sequence[str],
-    limits: Limits,
-    distance_weight: float | None,
+    params: SelectParams,
     placement: Placement | None = None,
 ) -> Assessment:
-    """Score every cell of a window.
+    """Return the score of every cell of a window.
 
     Args:
         ground: the prepared map.
-        model: predicts the slip.
-        window: which cells.
+        model: the slip model.
+        window: cells to score.
         nominal: zero of K4, map frame, m; None: K4 = 0 everywhere, so q = p.
         stroke: movement of the foot relative to the body in stance, map axes, (3,) m.
         names: layers wanted, of `LAYERS`.
-        limits: what a foothold must keep.
-        distance_weight: k of Q = P + k K4, 1/m; None = that of the model.
+        params: limits of a foothold, and k of Q = P + k K4.
         placement: the leg for the reach and collision tests; None tests the ground alone.
     """
     surface = ground.surface
     push = np.asarray(stroke, dtype=np.float64)
     features = _features(surface.z, window, push, surface.cell)
     slip = model.predict(features, surface.cell)
-    mask = mask_window(ground, window.row, window.col, slip, limits, placement)
+    mask = mask_window(ground, window.row, window.col, slip, params.limits, placement)
     counts = np.zeros(len(REASONS) + 1, dtype=np.int64)
     count_reasons(mask, counts)
     away = np.zeros(slip.shape, dtype=np.float32)
@@ -91,7 +92,7 @@ def assess(
         elif name == "p":
             out[k] = slip
         elif name == "q":
-            out[k] = slip + np.float32(model.distance_weight if distance_weight is None else distance_weight) * away
+            out[k] = slip + np.float32(params.weight(model)) * away
         elif name == "k4":
             out[k] = away
         elif name == "mask":

@@ -1,22 +1,23 @@
 """Configuration of the foothold service."""
 
 from collections.abc import Callable
+from dataclasses import fields
 from typing import Literal
 
 from pydantic import Field
 
 from surefoot.lockstep.config import ServiceConfig
 
+from .learning.relearner import Relearner, RelearnParams
 from .masks import Limits
 from .models.score import HandScore
-from .relearner import Relearner, RelearnParams
 from .select import SelectParams
 
 _LIMITS, _SCORE, _SELECT = Limits(), HandScore(), SelectParams()
 
 
 class FootholdsConfig(ServiceConfig):
-    """How footholds are chosen; the classes the defaults come from say why each has its value."""
+    """Configuration of the service; the classes that the defaults come from give the reason of each value."""
 
     smooth: bool = Field(default=True, description="3x3 median over the map: for maps with noise")
     window_cells: int = Field(default=_SELECT.size, ge=1, le=61, description="edge of the window, made odd")
@@ -35,12 +36,12 @@ class FootholdsConfig(ServiceConfig):
     relearn_weight: float = Field(default=1.0, ge=0, le=1, description="c of re-learning, the weight of new outcomes")
     relearn_every: int = Field(default=60, ge=1, le=100_000, description="outcomes of a round of re-learning")
     relearn_file: str = Field(
-        default="", max_length=4096, description="keeps the model over restarts; where it exists it is the model"
+        default="", max_length=4096, description="file that keeps the re-learned model over restarts; empty = none"
     )
     explore: float = Field(
         default=0.0, ge=0, le=1, description="share of choices drawn at random, from cells within reach, to learn from"
     )
-    explore_seed: int = Field(default=0, ge=0, lt=2**63, description="of these choices")
+    explore_seed: int = Field(default=0, ge=0, lt=2**63, description="seed of choices drawn at random")
     trunk_step_m: float = Field(default=_SELECT.trunk_step, gt=0, le=0.1, description="step of proposed heights, m")
     trunk_range_m: float = Field(default=_SELECT.trunk_range, ge=0, le=0.2, description="largest proposed change, m")
     slip_limit: float = Field(default=_LIMITS.slip, ge=0, le=1, description="largest predicted slip, way per stroke")
@@ -59,25 +60,17 @@ class FootholdsConfig(ServiceConfig):
     score_dead: float = Field(default=_SCORE.dead, ge=0, le=10, description="convexity and roughness held for noise")
 
     def hand_made(self) -> HandScore:
-        """The hand-made slip model."""
-        return HandScore(
-            flat=self.score_flat,
-            peak=self.score_peak,
-            hole=self.score_hole,
-            face=self.score_face,
-            lean=self.score_lean,
-            rough=self.score_rough,
-            dead=self.score_dead,
-        )
+        """Return the hand-made slip model."""
+        return HandScore(**{each.name: getattr(self, f"score_{each.name}") for each in fields(HandScore)})
 
     def relearner(self, log: Callable[[str], None]) -> Relearner | None:
-        """What learns again, None if it is off."""
+        """Return the re-learner, None if re-learning is off."""
         if self.relearn == "off":
             return None
         return Relearner(RelearnParams(self.relearn, self.relearn_weight, self.relearn_every, self.relearn_file), log)
 
     def params(self) -> SelectParams:
-        """The parameters of the choice."""
+        """Return the parameters of the choice."""
         return SelectParams(
             size=self.window_cells | 1,
             distance_weight=self.distance_weight,

@@ -5,32 +5,31 @@ the cell's own. A cell whose 3 x 3 window touches an unknown cell or the border 
 """
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.geometry.heightmap_kernels import patch
+from surefoot.geometry.heightmap_cells import patch
 from surefoot.kernels.jit import row_kernel
 
 Layer = NDArray[np.float32]
 Vector = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Features:
+class Features(NamedTuple):
     """Coefficients of the cells of a window or map."""
 
     k1: Layer
-    """(ny, nx) m: top edge > 0, hole < 0, any plane 0."""
+    """K1, (ny, nx) m: > 0 on a top edge, < 0 in a hole, 0 on any plane."""
     k2: Layer
-    """(ny, nx) m: steepness and roughness, |k1| <= k2."""
+    """K2, (ny, nx) m: steepness and roughness, |K1| <= K2."""
     cos_k3: Layer
-    """(ny, nx): cosine of the angle between the ground normal and the push; < 0 faces the push, > 0 slips."""
+    """Cosine of the angle between ground normal and push, (ny, nx): < 0 faces the push, > 0 slips."""
 
 
 def push_direction(stroke: Vector) -> tuple[float, float, float]:
-    """Unit vector of the stroke f, normalised in float64; zero or non-finite strokes give (0, 0, 0)."""
+    """Return the unit vector of the stroke f, (3,) m; a zero or non-finite stroke gives (0, 0, 0)."""
     fx, fy, fz = float(stroke[0]), float(stroke[1]), float(stroke[2])
     length = math.sqrt(fx * fx + fy * fy + fz * fz)
     if not (math.isfinite(length) and length > 1e-12):
@@ -39,7 +38,7 @@ def push_direction(stroke: Vector) -> tuple[float, float, float]:
 
 
 def map_features(z: Layer, stroke: Vector, cell: float) -> Features:
-    """Coefficients of every cell of a map.
+    """Return the coefficients of every cell of a map.
 
     Args:
         z: heights, (ny, nx) m, NaN = unknown.
@@ -52,50 +51,60 @@ def map_features(z: Layer, stroke: Vector, cell: float) -> Features:
 
 
 def window_features(z: Layer, row: int, col: int, rows: int, cols: int, stroke: Vector, cell: float) -> Features:
-    """Coefficients of the window that starts at cell (row, col); a window of n x n cells reads n + 2 x n + 2."""
+    """Return the coefficients of the window of rows x cols cells that starts at cell (row, col).
+
+    The window may reach beyond the map; its coefficients are NaN there. `z`, `stroke` and `cell`: see `map_features`.
+    """
     local = np.empty((rows + 2, cols + 2), dtype=np.float32)
     patch(z, row - 1, col - 1, local)
     whole = map_features(local, stroke, cell)
     return Features(whole.k1[1:-1, 1:-1], whole.k2[1:-1, 1:-1], whole.cos_k3[1:-1, 1:-1])
 
 
-def map_features_numpy(z: Layer, stroke: Vector, cell: float) -> Features:
-    """The same as `map_features` in numpy slices and float64: the reference.
-
-    (1) K1 = sum (z_c - z_n), (2) K2 = sum |z_c - z_n| over the 8 neighbours,
-    (3) n = res (sx [dz(-sx,sy) - dz(sx,sy) - 2 dz(sx,0)], sy [dz(sx,-sy) - dz(sx,sy) - 2 dz(0,sy)], 4 res),
-    the sum of the cross products of the five neighbours within 90 deg of the quadrant (sx, sy) of the push,
-    (4) cos K3 = n.f / (|n| |f|).
-    """
-    fx, fy, fz = push_direction(stroke)
-    sx, sy = (1 if fx >= 0.0 else -1), (1 if fy >= 0.0 else -1)
-    padded = np.pad(z.astype(np.float64), 1, constant_values=np.nan)
-    ny, nx = z.shape
-
-    def dz(p: int, q: int) -> Vector:
-        return padded[1 + q : 1 + q + ny, 1 + p : 1 + p + nx] - padded[1:-1, 1:-1]
-
-    ring = np.stack([dz(p, q) for q in (-1, 0, 1) for p in (-1, 0, 1) if (p, q) != (0, 0)])
-    k1, k2 = -ring.sum(axis=0), np.abs(ring).sum(axis=0)
-    n_x = sx * (dz(-sx, sy) - dz(sx, sy) - 2.0 * dz(sx, 0))
-    n_y = sy * (dz(sx, -sy) - dz(sx, sy) - 2.0 * dz(0, sy))
-    n_z = 4.0 * cell
-    cos_k3 = (n_x * fx + n_y * fy + n_z * fz) / np.sqrt(n_x**2 + n_y**2 + n_z**2)
-    cos_k3[np.isnan(k2)] = np.nan
-    return Features(k1.astype(np.float32), k2.astype(np.float32), cos_k3.astype(np.float32))
-
-
 def distance(xs: Vector, ys: Vector, x0: float, y0: float) -> Vector:
-    """(5) K4 = hypot(x - x0, y - y0), m: planar distance of columns xs and rows ys from the nominal foothold."""
+    """Return K4 = hypot(x - x0, y - y0) (5) of columns xs and rows ys from the nominal foothold, (ny, nx) m."""
     return np.hypot(xs[None, :] - x0, ys[:, None] - y0)
 
 
+class _Rows(NamedTuple):
+    """Heights that one row of coefficients is made of, (nx,) m each."""
+
+    up: Layer
+    """Row y - 1."""
+    mid: Layer
+    """Row y."""
+    down: Layer
+    """Row y + 1."""
+    near: Layer
+    """Row on the side that the push points to."""
+    far: Layer
+    """Row on the other side."""
+
+
+class _PushTerms(NamedTuple):
+    """Direction of the push, and products of it."""
+
+    fx: np.float32
+    """x of the unit vector, map axes."""
+    fy: np.float32
+    """y of the unit vector."""
+    n_z: np.float32
+    """z of the ground normal as in (3) over the edge of a cell: four edges, m."""
+    lift: np.float32
+    """n_z times z of the unit vector, m."""
+    ahead: bool
+    """The push points to +x."""
+    sx: np.float32
+    """1 or -1, sign of fx."""
+    sy: np.float32
+    """1 or -1, sign of fy."""
+
+
 @row_kernel
-def _row(
-    up: Layer, mid: Layer, down: Layer, near: Layer, far: Layer, fx: np.float32, fy: np.float32, n_z: np.float32,
-    lift: np.float32, ahead: bool, sx: np.float32, sy: np.float32, k1: Layer, k2: Layer, cos_k3: Layer,
-) -> None:  # fmt: skip
-    """One row of coefficients; `near` and `far` are the rows sy and -sy away, `ahead` tells sx > 0."""
+def _row(rows: _Rows, push: _PushTerms, k1: Layer, k2: Layer, cos_k3: Layer) -> None:
+    """Write one row of coefficients, (nx,) each, without the first and the last cell."""
+    up, mid, down, near, far = rows
+    fx, fy, n_z, lift, ahead, sx, sy = push
     n = mid.shape[0] - 2
     half = np.float32(2.0)
     front, back = (2, 0) if ahead else (0, 2)
@@ -123,7 +132,7 @@ def _row(
 
 @row_kernel
 def coefficients(z: Layer, push: Layer, cell: np.float32, k1: Layer, k2: Layer, cos_k3: Layer) -> None:
-    """K1, K2, cos K3 of all cells in one pass over the rows, float32; `push` is a unit vector or zero, (3,)."""
+    """Write K1, K2, cos K3 of all cells in one pass over the rows; `push` is a unit vector or zero, (3,)."""
     ny, nx = z.shape
     fx, fy, fz = push[0], push[1], push[2]
     one = np.float32(1.0)
@@ -131,7 +140,7 @@ def coefficients(z: Layer, push: Layer, cell: np.float32, k1: Layer, k2: Layer, 
     sx = one if ahead else -one
     sy = one if left else -one
     n_z = np.float32(4.0) * cell
-    lift = n_z * fz
+    turned = _PushTerms(fx, fy, n_z, n_z * fz, ahead, sx, sy)
     unknown = np.float32(np.nan)
     for i in range(ny):
         if i == 0 or i == ny - 1 or nx < 3:
@@ -146,6 +155,4 @@ def coefficients(z: Layer, push: Layer, cell: np.float32, k1: Layer, k2: Layer, 
             cos_k3[i, j] = unknown
         near = z[i + 1] if left else z[i - 1]
         far = z[i - 1] if left else z[i + 1]
-        _row(
-            z[i - 1], z[i], z[i + 1], near, far, fx, fy, n_z, lift, ahead, sx, sy, k1[i], k2[i], cos_k3[i]
-        )  # fmt: skip
+        _row(_Rows(z[i - 1], z[i], z[i + 1], near, far), turned, k1[i], k2[i], cos_k3[i])

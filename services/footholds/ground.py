@@ -1,4 +1,4 @@
-"""The terrain map as the foothold functions look at it: prepared once per map version."""
+"""Terrain map prepared for the choice of footholds, once per version of the map."""
 
 from dataclasses import dataclass, replace
 
@@ -10,39 +10,39 @@ from surefoot.kernels.jit import row_kernel
 
 Layer = NDArray[np.float32]
 MOST_CHANGED = 0.5
-"""Share of the map in the changed rectangle above which all of it is made anew."""
+"""Share of the map in the changed rectangle above which all layers are made again."""
 
 
 @dataclass(frozen=True, eq=False)
 class FootholdGround:
-    """Layers over one grid."""
+    """Layers over one grid, map frame."""
 
     surface: HeightMap
-    """Ground heights, filtered."""
+    """Heights of the ground, filtered, m."""
     centres: HeightMap
-    """Heights of a foot CENTRE whose sphere rests on the surface: what a foot is sent to."""
+    """Heights of a foot CENTRE whose sphere rests on the surface, m; a foot is sent there."""
     foot_radius: float
-    """m."""
+    """Radius of the foot sphere, m."""
     smooth: bool = True
-    """Whether the surface went through the 3 x 3 median."""
+    """True if the surface went through the 3 x 3 median."""
 
     @property
     def version(self) -> int:
-        """Version of the map the layers come from."""
+        """Version of the map that the layers come from."""
         return self.surface.version
 
     def near(self, x: float, y: float) -> bool:
-        """Whether a point is finite and near enough to the map to have a cell number."""
+        """Return whether a point, m, is finite and near enough to the map to have a cell number."""
         far = 1e6 * self.surface.cell
         x0, y0 = self.surface.origin
         return abs(x - x0) <= far and abs(y - y0) <= far
 
 
 def updated_ground(ground: FootholdGround, raw: HeightMap, heights: HeightMap) -> FootholdGround:
-    """Return the layers of a new version of a map, made anew only where it differs; the old layers are used up.
+    """Return the layers of a new version of a map, computed again only where it differs.
 
     Args:
-        ground: of `raw`; its arrays are overwritten and must not be used any more.
+        ground: layers of `raw`; its arrays are overwritten and must not be used any more.
         raw: the map as received before.
         heights: the map as received now.
     """
@@ -100,7 +100,7 @@ def build_ground(heights: HeightMap, foot_radius: float, smooth: bool = True) ->
         heights: the map as received.
         foot_radius: radius of the foot sphere, m.
         smooth: 3 x 3 median. 3 mm of noise per cell give K1 a deviation of 25 mm on flat ground, as much as a real
-            edge; the filter leaves 7 mm, and straight edges stay. Switch it off for exact maps.
+            edge; the filter leaves 7 mm, and straight edges stay. False suits exact maps.
     """
     surface = heights.smoothed() if smooth else heights
     return FootholdGround(surface=surface, centres=surface.dilated(foot_radius), foot_radius=foot_radius, smooth=smooth)

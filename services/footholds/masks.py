@@ -1,4 +1,4 @@
-"""Why a cell is no foothold: one bit per reason, several may be set."""
+"""Reasons why a cell is no foothold: one bit per reason, several may be set."""
 
 import math
 from dataclasses import dataclass
@@ -17,7 +17,9 @@ from .reach import LEG_NUMBERS, LegTable, solve
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.uint8]
+Vector = tuple[float, float, float]
 Rotation = tuple[float, float, float, float, float, float, float, float, float]
+"""rot_map_from_base row by row: kernels handle numbers faster than arrays."""
 
 
 class Reason(IntFlag):
@@ -45,10 +47,10 @@ _REACH, _COLLISION, _UNKNOWN, _STEEP, _SLIP, _UNLEARNED = (int(reason) for reaso
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What a foothold must keep."""
+    """Limits that a foothold must keep."""
 
     slip: float = 0.4
-    """Largest predicted slip, way per stroke (footholds note 2.4, unverified)."""
+    """Largest predicted slip, way per stroke; a guess, not measured."""
     slope: float = 0.9
     """Largest slope, rise per way; 42 deg. Above the friction angle of most ground (mu 0.35 to 0.7) on a plane; a
     foot that faces the push still stands. A vertical step of 10 mm has slope 1 in 5 mm cells."""
@@ -60,23 +62,40 @@ class Limits:
     """Radius of the leg about its centre line, m; kept off the ground."""
 
 
-class Placement(NamedTuple):
-    """A leg about to land: everything the reach and collision tests need; in the map frame unless said otherwise."""
+class _HeightGrid(NamedTuple):
+    """A map of heights for kernels."""
 
-    leg: LegTable  # table of the leg, see reach.leg_table
-    base: Array  # (3,) position of base_link at landing, m
-    rot: Array  # (3, 3) rot_map_from_base at landing
-    stroke: Array  # (3,) movement of the foot relative to the body in stance, m
+    z: Layer
+    """Ground heights, (ny, nx) m."""
+    cell: float
+    """Edge of a cell, m."""
+    x0: float
+    """x of the centre of cell [0, 0], map frame, m."""
+    y0: float
+    """y of the centre of cell [0, 0], map frame, m."""
+
+
+class Placement(NamedTuple):
+    """A leg about to land, for the reach and collision tests."""
+
+    leg: LegTable
+    """Table of the leg, see `reach.leg_table`."""
+    base: Array
+    """Position of base_link at landing, map frame, (3,) m."""
+    rot: Array
+    """rot_map_from_base at landing, (3, 3)."""
+    stroke: Array
+    """Movement of the foot relative to the body in stance, map axes, (3,) m."""
 
 
 NO_LEG = Placement((math.nan,) * LEG_NUMBERS, np.zeros(3), np.eye(3), np.zeros(3))
-"""Stands for "no leg": neither reach nor the leg's collisions are tested."""
+"""Placement without a leg: neither reach nor the leg's collisions are tested."""
 
 
 def mask_window(
     ground: FootholdGround, row: int, col: int, slip: Layer, limits: Limits, placement: Placement | None
 ) -> Mask:
-    """Reasons against each cell of the window that starts at (row, col).
+    """Return the reasons against each cell of the window that starts at (row, col).
 
     Args:
         ground: the prepared map.
@@ -91,18 +110,17 @@ def mask_window(
     """
     out = np.empty(slip.shape, dtype=np.uint8)
     surface = ground.surface
+    grid = (surface.cell, surface.origin[0], surface.origin[1], ground.foot_radius)
     numbers = (limits.slip, limits.slope, limits.wedge * ground.foot_radius, limits.reach_margin, limits.leg_radius)
     leg, base, rot, stroke = NO_LEG if placement is None else placement
-    grid = (surface.cell, surface.origin[0], surface.origin[1], ground.foot_radius)
-    _mask(
-        surface.z, ground.centres.z, grid, row, col, slip, numbers, placement is not None, leg, base, rot, stroke, out
-    )
+    placed = (leg, base, rot, stroke)
+    _mask(surface.z, ground.centres.z, grid, (row, col), slip, (*numbers, placement is not None), placed, out)
     return out
 
 
 @kernel
 def count_reasons(mask: Mask, counts: NDArray[np.int64]) -> None:
-    """Cells per bit into counts[0..5], free cells into counts[6]."""
+    """Count the cells of each bit into counts[0..5] and the free cells into counts[6]."""
     counts[:] = 0
     for i in range(mask.shape[0]):
         for j in range(mask.shape[1]):
@@ -116,7 +134,7 @@ def count_reasons(mask: Mask, counts: NDArray[np.int64]) -> None:
 
 @row_kernel
 def gradient(z: Layer, cell: float, row: int, col: int) -> tuple[float, float]:
-    """Slope of the plane fitted to the 3 x 3 window (rise per way along x and y); NaN where it is not fully known."""
+    """Return the slope along x and y of the plane through a 3 x 3 window, rise per way; NaN where a cell is unknown."""
     ny, nx = z.shape
     if row < 1 or col < 1 or row >= ny - 1 or col >= nx - 1:
         return math.nan, math.nan
@@ -129,15 +147,20 @@ def gradient(z: Layer, cell: float, row: int, col: int) -> tuple[float, float]:
 
 
 @row_kernel
-def _cuts(
-    z: Layer, grid: tuple[float, float, float, float], ax: float, ay: float, az: float, bx: float, by: float, bz: float,
-    first: float, radius: float,
-) -> bool:  # fmt: skip
-    """Whether the segment a-b from the share `first` of its way on comes closer to the ground than radius.
+def _cuts(ground: _HeightGrid, a: Vector, b: Vector, first: float, radius: float) -> bool:
+    """Return whether the segment a-b comes closer to the ground than a radius, m; checked once a cell or more often.
 
-    Looked at in steps of at most a cell.
+    Args:
+        ground: the map.
+        a: one end, map frame, m.
+        b: the other end, m.
+        first: share of the way from a to b that is left out.
+        radius: of the leg, m.
     """
-    per_cell, x0, y0 = 1.0 / grid[0], grid[1], grid[2]
+    ax, ay, az = a
+    bx, by, bz = b
+    z = ground.z
+    per_cell, x0, y0 = 1.0 / ground.cell, ground.x0, ground.y0
     ny, nx = z.shape
     du, dv, dh = (bx - ax) * per_cell, (by - ay) * per_cell, bz - az
     steps = int((1.0 - first) * max(abs(du), abs(dv))) + 2
@@ -156,10 +179,21 @@ def _cuts(
 
 @row_kernel
 def _leg_bits(
-    z: Layer, grid: tuple[float, float, float, float], leg: LegTable, bx: float, by: float, bz: float, rot: Rotation,
-    x: float, y: float, height: float, margin: float, leg_radius: float, top: float,
-) -> int:  # fmt: skip
-    """Reach and collision of the leg with its foot centre at (x, y, height) and the base at (bx, by, bz)."""
+    ground: _HeightGrid, leg: LegTable, base: Vector, rot: Rotation, foot: Vector, keep: tuple[float, float, float]
+) -> int:
+    """Return the bits of reach and collision of a leg.
+
+    Args:
+        ground: the map.
+        leg: table of the leg.
+        base: position of base_link, map frame, m.
+        rot: rot_map_from_base.
+        foot: centre of the foot, map frame, m.
+        keep: reach margin, radius of the leg and highest ground under it, m.
+    """
+    bx, by, bz = base
+    x, y, height = foot
+    margin, leg_radius, top = keep
     dx, dy, dz = x - bx, y - by, height - bz
     xx, xy, xz, yx, yy, yz, zx, zy, zz = rot
     reached, jx, jy, jz, nx, ny, nz = solve(
@@ -171,26 +205,31 @@ def _leg_bits(
     kx, ky, kz = bx + xx * nx + xy * ny + xz * nz, by + yx * nx + yy * ny + yz * nz, bz + zx * nx + zy * ny + zz * nz
     # the foot's own end is left out: the sphere rests on the dilated map there; most legs pass above all ground
     low = height + 0.2 * (kz - height)
-    if min(low, kz) < top + leg_radius and _cuts(z, grid, x, y, height, kx, ky, kz, 0.2, leg_radius):
+    if min(low, kz) < top + leg_radius and _cuts(ground, foot, (kx, ky, kz), 0.2, leg_radius):
         return _COLLISION
     low = kz + 0.25 * (hz - kz)
-    if min(low, hz) < top + leg_radius and _cuts(z, grid, kx, ky, kz, hx, hy, hz, 0.25, leg_radius):
+    if min(low, hz) < top + leg_radius and _cuts(ground, (kx, ky, kz), (hx, hy, hz), 0.25, leg_radius):
         return _COLLISION
     return 0
 
 
 @row_kernel
 def _highest(
-    z: Layer, grid: tuple[float, float, float, float], row0: int, col0: int, shape: tuple[int, int], leg: LegTable,
-    base: Array, rot: Array, stroke: Array,
+    ground: _HeightGrid, corner: tuple[int, int], shape: tuple[int, int], leg: LegTable, base: Array, rot: Array,
+    stroke: Array,
 ) -> float:  # fmt: skip
-    """Highest known ground under any pose of the leg: over the window and a knee's reach about the hip, m."""
-    cell, x0, y0, _ = grid
+    """Return the highest known ground under any pose of the leg, m: over the window and a knee's reach about the hip.
+
+    NaN is returned for a leg without closed form, which reaches nothing. `corner` is the first row and column of the
+    window and `shape` its size; the other arguments are those of `Placement`.
+    """
+    z, cell, x0, y0 = ground.z, ground.cell, ground.x0, ground.y0
+    row0, col0 = corner
     ny, nx = z.shape
     hx = base[0] + rot[0, 0] * leg[0] + rot[0, 1] * leg[1] + rot[0, 2] * leg[2]
     hy = base[1] + rot[1, 0] * leg[0] + rot[1, 1] * leg[1] + rot[1, 2] * leg[2]
     knee = leg[5] + leg[6]
-    if not abs(hx) + abs(hy) + knee < 1e6:  # no closed form: nothing is reached
+    if not abs(hx) + abs(hy) + knee < 1e6:
         return math.nan
     rows, cols = shape
     first_row = max(0, min(row0, math.floor((hy - knee - max(stroke[1], 0.0) - y0) / cell)))
@@ -207,17 +246,32 @@ def _highest(
 
 @row_kernel
 def _mask(
-    z: Layer, centres: Layer, grid: tuple[float, float, float, float], row0: int, col0: int, slip: Layer,
-    limits: tuple[float, float, float, float, float], test_leg: bool, leg: LegTable, base: Array, rot: Array,
-    stroke: Array, out: Mask,
+    z: Layer, centres: Layer, grid: tuple[float, float, float, float], corner: tuple[int, int], slip: Layer,
+    limits: tuple[float, float, float, float, float, bool], placement: tuple[LegTable, Array, Array, Array], out: Mask,
 ) -> None:  # fmt: skip
-    slip_limit, slope_limit, wedge, margin, leg_radius = limits
+    """Write the reasons against the cells of a window, (rows, cols).
+
+    Args:
+        z: ground heights, (ny, nx) m.
+        centres: heights of foot centres, (ny, nx) m.
+        grid: edge of a cell, x and y of the centre of cell [0, 0] and radius of the foot, m.
+        corner: first row and column of the window.
+        slip: P of the cells, (rows, cols).
+        limits: slip, slope, wedge (m), reach margin (m) and leg radius (m) of `Limits`, and whether there is a leg.
+        placement: fields of `Placement`. A plain tuple: it crosses into a kernel in a third of the time.
+        out: receives the bits, (rows, cols).
+    """
+    slip_limit, slope_limit, wedge, margin, leg_radius, test_leg = limits
     cell, x0, y0, foot_radius = grid
+    ground = _HeightGrid(z, cell, x0, y0)
+    leg, base, rot, stroke = placement
+    row0, col0 = corner
     ny, nx = z.shape
     bx, by, bz = base[0], base[1], base[2]
     turn = (rot[0, 0], rot[0, 1], rot[0, 2], rot[1, 0], rot[1, 1], rot[1, 2], rot[2, 0], rot[2, 1], rot[2, 2])
     ex, ey, ez = bx - stroke[0], by - stroke[1], bz - stroke[2]  # the base at lift-off
-    top = _highest(z, grid, row0, col0, out.shape, leg, base, rot, stroke) if test_leg else math.nan
+    top = _highest(ground, corner, out.shape, leg, base, rot, stroke) if test_leg else math.nan
+    keep = (margin, leg_radius, top)
     moves = stroke[0] != 0.0 or stroke[1] != 0.0 or stroke[2] != 0.0
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
@@ -237,15 +291,15 @@ def _mask(
             gx, gy = gradient(z, cell, row, col)
             if gx * gx + gy * gy > slope_limit * slope_limit:
                 bits |= _STEEP
-            if math.isnan(height):  # neither reach nor collision can be told: unknown is said already
+            if math.isnan(height):  # `unknown` is set; reach and collision need a height
                 out[i, j] = bits
                 continue
             if height - (float(z[row, col]) + foot_radius) > wedge:
                 bits |= _COLLISION
             if test_leg:
                 x, y = x0 + col * cell, y0 + row * cell
-                hit = _leg_bits(z, grid, leg, bx, by, bz, turn, x, y, height, margin, leg_radius, top)
+                hit = _leg_bits(ground, leg, (bx, by, bz), turn, (x, y, height), keep)
                 if moves and hit != _REACH:
-                    hit |= _leg_bits(z, grid, leg, ex, ey, ez, turn, x, y, height, margin, leg_radius, top)
+                    hit |= _leg_bits(ground, leg, (ex, ey, ez), turn, (x, y, height), keep)
                 bits |= hit
             out[i, j] = bits

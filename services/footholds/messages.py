@@ -1,60 +1,115 @@
-"""Between the messages of `surefoot.schemas.footholds` and the dataclasses of the choice."""
+"""Conversion between the messages of `surefoot.schemas.footholds` and the dataclasses of the choice."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
+import numpy as np
+
+from surefoot.errors import Refusal
+from surefoot.schemas.footholds import (
+    AssessReply,
+    AssessRequest,
+    LegFoothold,
+    LegRequest,
+    MaskCounts,
+    ModelReply,
+    SelectRequest,
+)
 from surefoot.schemas.footholds import BasePose as BaseMessage
-from surefoot.schemas.footholds import LegFoothold, LegRequest, MaskCounts, ModelReply
 
+from .assess import Assessment, Window, whole_map, window_about
+from .ground import FootholdGround
+from .learning.relearner import Relearner
 from .masks import REASONS
 from .models.learned import LearnedModel
 from .models.protocol import SlipModel
-from .relearner import Relearner
-from .select import Foothold, TrunkPose
+from .select import Foothold, SelectParams, TrunkPose
 
 
 def base_pose(message: BaseMessage) -> TrunkPose:
-    """The pose of a request."""
+    """Return the pose of a request."""
     return TrunkPose(message.position, message.quat_wxyz)
 
 
-def mask_bits() -> dict[str, int]:
-    """Value of each reason in a mask."""
-    return {name: 1 << bit for bit, name in enumerate(REASONS)}
+def asked_window(request: AssessRequest, ground: FootholdGround) -> Window:
+    """Return the window of a request, or that of the whole map.
+
+    Raises:
+        Refusal: an even size, or a centre far from the map.
+    """
+    if request.size % 2 == 0:
+        raise Refusal("invalid", f"size must be odd, got {request.size}", "size")
+    if request.centre is None:
+        return whole_map(ground)
+    if not ground.near(*request.centre):
+        raise Refusal("invalid", f"centre must lie near the map, got {request.centre}", "centre")
+    return window_about(ground, *request.centre, request.size)
 
 
-def mask_counts(counts: tuple[int, ...]) -> MaskCounts:
-    """Cells per reason, then free cells."""
+def select_params(
+    request: SelectRequest, params: SelectParams, explore: float, draw: tuple[int, int]
+) -> tuple[SelectParams, bool]:
+    """Return the parameters of a choice, and whether it is drawn at random to learn from it.
+
+    Args:
+        request: with the mode, and the seed of mode `random`.
+        params: of the configuration.
+        explore: share of the choices in mode `robust` that are drawn at random.
+        draw: seed of that draw, and number of the choice.
+
+    Raises:
+        Refusal: mode `random` without a seed.
+    """
+    if request.mode == "robust":
+        draws = np.random.default_rng(draw) if explore > 0.0 else None
+        if draws is None or draws.random() >= explore:
+            return params, False
+        return replace(params, seed=int(draws.integers(2**62))), True
+    if request.mode == "random" and request.seed is None:
+        raise Refusal("invalid", "mode random needs a seed", "seed")
+    return replace(params, robust=False, seed=request.seed if request.mode == "random" else None), False
+
+
+def assess_reply(
+    layers: Sequence[str], ground: FootholdGround, window: Window, found: Assessment, model: str
+) -> AssessReply:
+    """Return the reply with the layers of a window."""
+    surface = ground.surface
+    return AssessReply(
+        layers=tuple(layers), rows=window.rows, cols=window.cols, cell=surface.cell,
+        origin=surface.centre(window.row, window.col),
+        mask_bits={name: 1 << bit for bit, name in enumerate(REASONS)}, counts=_mask_counts(found.counts),
+        map_version=ground.version, model=model, data=np.ascontiguousarray(found.layers, dtype="<f4").tobytes(),
+    )  # fmt: skip
+
+
+def _mask_counts(counts: tuple[int, ...]) -> MaskCounts:
+    """Return cells per reason, and free cells, as a message."""
     return MaskCounts(**dict(zip((*REASONS, "free"), counts, strict=True)))
 
 
 def model_reply(
     model: SlipModel, weight: float | None, unfit: str, learner: Relearner | None, refused: Mapping[str, int]
 ) -> ModelReply:
-    """The slip model in force, what re-learning has taken in, and what was refused, by reason."""
-    shared = ModelReply(
-        model=model.name,
-        distance_weight=model.distance_weight if weight is None else weight,
-        landing_error=model.landing_error,
-        unfit=unfit,
-        outcomes=0 if learner is None else learner.taken,
-        refused={**refused, **({} if learner is None else learner.refused)},
-    )
-    if not isinstance(model, LearnedModel):
-        return shared
-    told = {
-        "robot": model.conditions.robot,
-        "cell": model.conditions.cell,
-        "terms": len(model.terms.weights),
-        "samples": round(sum(each.count for each in model.bins.values())),
-        "error": model.choice.get("error"),
-        "provenance": model.provenance,
-    }
-    return shared.model_copy(update=told)
+    """Return the slip model in force, the outcomes that re-learning has taken, and what was refused, by reason."""
+    facts: dict[str, Any] = {}
+    if isinstance(model, LearnedModel):
+        facts = {
+            "robot": model.conditions.robot, "cell": model.conditions.cell, "terms": len(model.terms.weights),
+            "samples": round(sum(each.count for each in model.bins.values())), "error": model.choice.get("error"),
+            "provenance": model.provenance,
+        }  # fmt: skip
+    return ModelReply(
+        model=model.name, distance_weight=model.distance_weight if weight is None else weight,
+        landing_error=model.landing_error, unfit=unfit, outcomes=0 if learner is None else learner.taken,
+        refused={**refused, **({} if learner is None else learner.refused)}, **facts,
+    )  # fmt: skip
 
 
 def leg_foothold(asked: LegRequest, found: Foothold) -> LegFoothold:
-    """The reply for one leg; numbers that do not exist become null."""
+    """Return the reply for one leg; numbers that do not exist become null."""
     point = found.foothold
     return LegFoothold(
         leg=asked.leg,
@@ -67,6 +122,6 @@ def leg_foothold(asked: LegRequest, found: Foothold) -> LegFoothold:
         slip=None if math.isnan(found.slip) else found.slip,
         spread=None if math.isnan(found.spread) else found.spread,
         offset=None if point is None else (point[0] - asked.nominal[0], point[1] - asked.nominal[1]),
-        counts=mask_counts(found.counts),
+        counts=_mask_counts(found.counts),
         reason=found.reason,
     )

@@ -1,16 +1,17 @@
-"""What came of a stance as a sample to learn from: the coefficients of the chosen cell, on the map as it was chosen."""
+"""Samples of stances: the coefficients of the chosen cell on the map of the choice, and how far the foot slid."""
 
 import math
 
 import numpy as np
 
-from surefoot.geometry.heightmap_kernels import patch
+from surefoot.geometry.heightmap_cells import patch
 
 from .features import window_features
 from .ground import FootholdGround
-from .learning.samples import PATCH, Sample
+from .learning.samples import PATCH, StanceSample
 
 UNKNOWN_UM = -(2**31)
+"""Height of an unknown cell in a sample, micrometres."""
 
 
 def sample_at(
@@ -22,15 +23,15 @@ def sample_at(
     name: tuple[str, int, int],
     displacement: float | None = None,
     load: float = math.nan,
-) -> Sample:
+) -> StanceSample:
     """Return the sample of a stance; robot, friction and source are left to the caller.
 
     Args:
-        ground: the map as the chooser saw it.
+        ground: map that the choice was made on.
         planned: x, y of the foothold that was chosen, map frame, m.
         nominal: x, y of the nominal foothold, m.
-        stroke: f, map axes, m.
-        sliding: way of the contact point, m.
+        stroke: f, movement of the foot relative to the body, map axes, m.
+        sliding: way of the contact point in the stance, m.
         name: trial, leg and step, which name the stance.
         displacement: horizontal way of the foot centre, m; None = not known, the sliding stands for it.
         load: mean normal force, N; NaN = not known.
@@ -42,7 +43,7 @@ def sample_at(
     patch(surface.z, row - PATCH // 2, col - PATCH // 2, around)
     rise = 1e6 * (around.astype(np.float64) - float(around[PATCH // 2, PATCH // 2]))
     trial, leg, step = name
-    return Sample(
+    return StanceSample(
         trial=trial, leg=leg, step=step,
         k1=float(found.k1[0, 0]), k2=float(found.k2[0, 0]), cos_k3=float(found.cos_k3[0, 0]),
         k4=math.sqrt(sum((a - b) ** 2 for a, b in zip(planned, nominal, strict=True))),

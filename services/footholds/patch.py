@@ -1,4 +1,4 @@
-"""The choice for other people's robots: from a patch of heights to a foothold, without leg, map or service.
+"""Choice of a foothold on a patch of heights, for any robot: without leg, map or service.
 
 model = load(shipped("ragno")).scaled(2.5)
 found = choose_on_patch(z, 0.0125, (0.0, 0.0), model, stroke=(-0.06, 0.0, 0.0), foot_radius=0.02)
@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from surefoot.errors import SurefootError
 from surefoot.geometry.heightmap import HeightMap, HeightMapError
 
-from .features import window_features
+from .features import Layer, window_features
 from .ground import build_ground
 from .masks import REASONS, Limits, count_reasons, mask_window
 from .models.protocol import SlipModel
 from .select import ALONE, choose, landing_weights
 
-MAX_CELLS = 301
+MAX_SIDE = 301
+"""Largest number of cells along an edge of a patch."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,17 +42,10 @@ class PatchFoothold:
 
 
 def choose_on_patch(
-    z: NDArray[np.floating],
-    cell: float,
-    nominal: tuple[float, float],
-    model: SlipModel,
-    stroke: Sequence[float],
-    foot_radius: float,
-    limits: Limits | None = None,
-    allowed: NDArray[np.bool_] | None = None,
-    smooth: bool = True,
+    z: NDArray[np.floating], cell: float, nominal: tuple[float, float], model: SlipModel, stroke: Sequence[float],
+    foot_radius: float, limits: Limits | None = None, allowed: NDArray[np.bool_] | None = None, smooth: bool = True,
     distance_weight: float | None = None,
-) -> PatchFoothold:
+) -> PatchFoothold:  # fmt: skip
     """Return the best foothold on a patch whose middle is the origin of its frame.
 
     Args:
@@ -60,7 +54,7 @@ def choose_on_patch(
         nominal: where the foot would land without a choice, x and y from the middle of the patch, m.
         model: the slip model; `LearnedModel.scaled` makes one for a robot of another size.
         stroke: movement of the foot relative to the body in the coming stance, (3,) m, axes of the patch.
-        foot_radius: of the foot sphere, m.
+        foot_radius: radius of the foot sphere, m.
         limits: slope, slip and how deep a foot may wedge; None = the usual ones.
         allowed: cells that the leg can reach, (ny, nx); None = all.
         smooth: 3 x 3 median over the heights first.
@@ -70,42 +64,29 @@ def choose_on_patch(
         SurefootError: heights, sizes or numbers that cannot be, or a model of another cell, filter or foot.
     """
     heights = np.asarray(z, dtype=np.float32)
-    if heights.ndim != 2 or not all(3 <= n <= MAX_CELLS for n in heights.shape):
-        raise SurefootError("invalid", f"z must have 3 to {MAX_CELLS} cells a side, got shape {heights.shape}", "z")
-    if not (math.isfinite(foot_radius) and foot_radius > 0.0):
-        raise SurefootError("invalid", f"must be > 0 m, got {foot_radius!r}", "foot_radius")
-    if len(stroke) != 3 or not all(map(math.isfinite, (*stroke, *nominal))):
-        raise SurefootError("invalid", f"must be finite, got {tuple(stroke)!r} and {nominal!r}", "stroke, nominal")
-    if distance_weight is not None and not (math.isfinite(distance_weight) and distance_weight >= 0.0):
-        raise SurefootError("invalid", f"must be >= 0, got {distance_weight!r}", "distance_weight")
-    if allowed is not None and allowed.shape != heights.shape:
-        raise SurefootError("invalid", f"must have the shape of z {heights.shape}, got {allowed.shape}", "allowed")
-    (ny, nx), limits = heights.shape, limits or Limits()
-    try:
-        surface = HeightMap(z=heights, cell=cell, origin=(-0.5 * (nx - 1) * cell, -0.5 * (ny - 1) * cell))
-    except HeightMapError as error:
-        raise SurefootError("invalid", str(error), error.field) from None
+    _check_arguments(heights, nominal, stroke, foot_radius, allowed, distance_weight)
+    surface = _surface(heights, cell)
     unfit = model.unfit(cell, smooth, foot_radius)
     if unfit:
         raise SurefootError("unfit", f"{model.name}: {unfit}", "model")
     ground = build_ground(surface, foot_radius, smooth)
-    blur = landing_weights(model.landing_error, cell)
+    (ny, nx), blur = heights.shape, landing_weights(model.landing_error, cell)
     b = blur.shape[0] // 2
     push = np.array(stroke, dtype=np.float64)
     features = window_features(ground.surface.z, -b, -b, ny + 2 * b, nx + 2 * b, push, cell)
     around = model.predict(features, cell)
     slip = np.ascontiguousarray(around[b : b + ny, b : b + nx])
-    mask = mask_window(ground, 0, 0, slip, limits, None)
+    mask = mask_window(ground, 0, 0, slip, limits or Limits(), None)
     if allowed is not None:
         mask[~allowed] |= 1
     counts = np.zeros(len(REASONS) + 1, dtype=np.int64)
     count_reasons(mask, counts)
-    told = dict(zip((*REASONS, "free"), counts.tolist(), strict=True))
-    x0, y0 = surface.origin
+    cells = dict(zip((*REASONS, "free"), counts.tolist(), strict=True))
+    offset = (cell, surface.origin[0] - nominal[0], surface.origin[1] - nominal[1])
     weight = model.distance_weight if distance_weight is None else distance_weight
-    at = choose(mask, slip, around, blur, cell, x0 - nominal[0], y0 - nominal[1], weight, blur is ALONE, np.zeros(2))
+    at = choose(mask, slip, around, blur, offset, weight, blur is ALONE, np.zeros(2))
     if at < 0:
-        return PatchFoothold(None, math.nan, math.nan, None, told)
+        return PatchFoothold(None, math.nan, math.nan, None, cells)
     row, col = divmod(at, nx)
     x, y = surface.centre(row, col)
     lone = window_features(ground.surface.z, row, col, 1, 1, push, cell)
@@ -114,17 +95,43 @@ def choose_on_patch(
         slip=float(slip[row, col]),
         spread=float(model.spread(lone, cell)[0, 0]),
         rectangle=_metres(surface, largest_rectangle(mask == 0, row, col)),
-        counts=told,
+        counts=cells,
     )
+
+
+def _check_arguments(
+    z: Layer, nominal: tuple[float, float], stroke: Sequence[float], foot_radius: float,
+    allowed: NDArray[np.bool_] | None, distance_weight: float | None,
+) -> None:  # fmt: skip
+    """Raise SurefootError where an argument of `choose_on_patch` cannot be."""
+    if z.ndim != 2 or not all(3 <= n <= MAX_SIDE for n in z.shape):
+        raise SurefootError("invalid", f"z must have 3 to {MAX_SIDE} cells a side, got shape {z.shape}", "z")
+    if not (math.isfinite(foot_radius) and foot_radius > 0.0):
+        raise SurefootError("invalid", f"must be > 0 m, got {foot_radius!r}", "foot_radius")
+    if len(stroke) != 3 or not all(map(math.isfinite, (*stroke, *nominal))):
+        raise SurefootError("invalid", f"must be finite, got {tuple(stroke)!r} and {nominal!r}", "stroke, nominal")
+    if distance_weight is not None and not (math.isfinite(distance_weight) and distance_weight >= 0.0):
+        raise SurefootError("invalid", f"must be >= 0, got {distance_weight!r}", "distance_weight")
+    if allowed is not None and allowed.shape != z.shape:
+        raise SurefootError("invalid", f"must have the shape of z {z.shape}, got {allowed.shape}", "allowed")
+
+
+def _surface(z: Layer, cell: float) -> HeightMap:
+    """Return the patch as a map whose middle is the origin of its frame."""
+    ny, nx = z.shape
+    try:
+        return HeightMap(z=z, cell=cell, origin=(-0.5 * (nx - 1) * cell, -0.5 * (ny - 1) * cell))
+    except HeightMapError as error:
+        raise SurefootError("invalid", str(error), error.field) from None
 
 
 def largest_rectangle(free: NDArray[np.bool_], row: int, col: int) -> tuple[int, int, int, int]:
     """Return first and last row, first and last column of the largest rectangle of free cells that holds a free cell.
 
     Args:
-        free: (ny, nx).
-        row: of the cell.
-        col: of the cell.
+        free: cells that may be stepped on, (ny, nx).
+        row: row of the cell that the rectangle holds.
+        col: column of that cell.
     """
     best, area = (row, row, col, col), 0
     above = free[row].copy()
@@ -146,6 +153,6 @@ def largest_rectangle(free: NDArray[np.bool_], row: int, col: int) -> tuple[int,
 
 
 def _metres(surface: HeightMap, cells: tuple[int, int, int, int]) -> tuple[float, float, float, float]:
-    """Edges of a rectangle of cells, between their centres, m."""
+    """Return the edges of a rectangle of cells, between the centres of the outermost cells, m."""
     top, bottom, left, right = cells
     return (*surface.centre(top, left), *surface.centre(bottom, right))

@@ -1,7 +1,7 @@
-"""How far inside the workspace of a three-joint leg a foot point lies, without a trigonometric function per point.
+"""Reach margin of a foot point in the workspace of a three-joint leg, without a trigonometric function per point.
 
-The same closed form as `surefoot.robot.kinematics.leg_ik` (yaw-pitch-pitch, knee up), turned round: instead of joint
-angles it gives the distance from the point to the nearest edge of the workspace, which is the reach margin in metres.
+The closed form is that of `surefoot.robot.kinematics.leg_ik` (yaw-pitch-pitch, knee up); in place of joint angles it
+gives the distance from the point to the nearest edge of the workspace, m.
 """
 
 import math
@@ -14,14 +14,15 @@ from surefoot.robot.description import KinematicModel
 LegTable = tuple[float, ...]
 """One leg as numbers, see `leg_table`: a tuple, as kernels handle numbers faster than arrays."""
 LEG_NUMBERS = 21
+"""Length of a `LegTable`."""
 OUTSIDE = -1.0
-"""Margin of a point that cannot be reached."""
+"""Margin of a point that cannot be reached, m."""
 SLACK = 1e-9
-"""m and 1: a point on the edge counts as inside, as in the closed-form solution."""
+"""Tolerance in m and in cosines: a point on the edge counts as inside, as in the closed-form solution."""
 
 
 def leg_table(model: KinematicModel, leg: int) -> LegTable:
-    """The leg as numbers for the kernels, (LEG_NUMBERS,).
+    """Return a leg as numbers for the kernels, (LEG_NUMBERS,).
 
     0-2 hip, 3-4 cos and sin of the heading, 5-7 coxa, femur, tibia; 8-11 cos, sin of the coxa's lower and upper
     limit; 12 whether the coxa's range exceeds 180 deg; 13-16 the same for the femur, 17 its flag; 18-19 smallest and
@@ -50,7 +51,7 @@ def leg_table(model: KinematicModel, leg: int) -> LegTable:
 
 @row_kernel
 def _sector(x: float, y: float, cos_low: float, sin_low: float, cos_high: float, sin_high: float, wide: float) -> float:
-    """Signed distance of (x, y) from the two rays that bound a sector of angles; > 0 inside."""
+    """Return the signed distance of (x, y) from the two rays that bound a sector, m; > 0 inside."""
     low = cos_low * y - sin_low * x
     high = sin_high * x - cos_high * y
     return max(low, high) if wide > 0.5 else min(low, high)
@@ -58,7 +59,7 @@ def _sector(x: float, y: float, cos_low: float, sin_low: float, cos_high: float,
 
 @row_kernel
 def _arc(r: float, z: float, cos: float, sin: float, femur: float, tibia: float) -> float:
-    """Distance of (r, z) from the arc the foot draws with the femur held at one limit; inf beyond the arc."""
+    """Return the distance of (r, z) from the arc of the foot with the femur at one limit, m; inf beyond its ends."""
     ex, ez = r - femur * cos, z - femur * sin
     if cos * ez - sin * ex > 0.0:  # the nearest point of the circle has its knee down
         return math.inf
@@ -67,13 +68,13 @@ def _arc(r: float, z: float, cos: float, sin: float, femur: float, tibia: float)
 
 @row_kernel
 def solve(leg: LegTable, px: float, py: float, pz: float) -> tuple[float, float, float, float, float, float, float]:
-    """Reach margin of a foot centre in base_link, and the two inner joints.
+    """Return the reach margin of a foot centre in base_link, and the two inner joints.
 
     Args:
         leg: table of the leg.
         px: x of the foot centre, base_link, m.
-        py: y of it.
-        pz: z of it.
+        py: y of the foot centre, m.
+        pz: z of the foot centre, m.
 
     Returns:
         Distance to the nearest edge of the workspace, m (never more than the true one), or OUTSIDE; then x, y, z of
@@ -89,7 +90,7 @@ def solve(leg: LegTable, px: float, py: float, pz: float) -> tuple[float, float,
     d2 = r * r + z * z
     d = math.sqrt(d2)
     ring = min(d - leg[18], leg[19] - d)
-    # the comparisons also refuse NaN
+    # the comparisons are false for NaN, too
     if not (yaw_margin >= -SLACK and ring >= -SLACK and leg[20] > 0.5 and d > 1e-9):
         return OUTSIDE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     cos_femur = min(1.0, max(-1.0, (femur * femur + d2 - tibia * tibia) / (2.0 * femur * d)))

@@ -1,4 +1,4 @@
-"""What the foothold service is asked in a dry run: choices and assessments on a flat map with a stone and a hole."""
+"""Requests of a dry run: choices and assessments on a flat map with a stone and a hole."""
 
 import numpy as np
 
@@ -7,24 +7,24 @@ from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions
 from surefoot.schemas.footholds import AssessRequest, BasePose, LegRequest, SelectRequest
 
-CELL = 0.005
-"""m."""
+MAP_CELL = 0.005
+"""Edge of a cell, m."""
 HEIGHT = 0.1
-"""m, base_link over the ground."""
+"""Height of base_link over the ground, m."""
 STROKE = (-0.03, 0.0, 0.0)
-"""m."""
+"""Movement of the feet relative to the body in stance, m."""
 
 
 def made_up_map(robot: Robot) -> HeightMap:
     """Return a map under the neutral stance of a robot."""
-    half = int(np.abs(foot_positions(robot.model, robot.neutral)[:, :2]).max() / CELL) + 12
+    half = int(np.abs(foot_positions(robot.model, robot.neutral)[:, :2]).max() / MAP_CELL) + 12
     z = np.zeros((2 * half + 1, 2 * half + 1), dtype=np.float32)
     z[half, half], z[half + 3, half + 3] = 0.02, np.nan
-    return HeightMap(z=z, cell=CELL, origin=(-half * CELL, -half * CELL))
+    return HeightMap(z=z, cell=MAP_CELL, origin=(-half * MAP_CELL, -half * MAP_CELL))
 
 
 def made_up_requests(robot: Robot) -> tuple[list[SelectRequest], list[AssessRequest]]:
-    """Return requests that take every way through the service."""
+    """Return requests that together run every branch of the service."""
     feet = foot_positions(robot.model, robot.neutral)
     places = [(float(foot[0]), float(foot[1]), robot.foot_radius) for foot in feet]
     base = BasePose(position=(0.0, 0.0, HEIGHT), quat_wxyz=(1.0, 0.0, 0.0, 0.0))

@@ -1,7 +1,7 @@
 """Choice of a foothold for each landing leg (Walas & Belter 2011, sections 2.3, 3.3, 3.4).
 
-Two points per foothold, never to be mixed up: `foothold` is the foot CENTRE, taken from the map dilated by the foot
-sphere, and is what the leg is sent to; `contact` is the point of the ground, one foot radius below along the normal.
+A foothold has two points: `foothold` is the foot CENTRE, taken from the map dilated by the foot sphere, to which the
+leg is sent; `contact` is the point of the ground, one foot radius below along the normal.
 """
 
 import math
@@ -36,38 +36,43 @@ Array = NDArray[np.float64]
 Point = tuple[float, float, float]
 Status = Literal["ok", "raise_trunk", "infeasible"]
 BY_MODEL = np.uint8(Reason.SLIP | Reason.UNLEARNED)
-"""Bits of a mask that come from the slip model alone."""
+"""Bits of a mask that the slip model alone sets."""
 MAX_BORDER = 6
-"""Cells on each side over which P is averaged at most."""
+"""Largest number of cells on each side over which P is averaged."""
 
 
 @dataclass(frozen=True, slots=True)
 class SelectParams:
-    """How footholds are chosen."""
+    """Parameters of the choice of footholds."""
 
     size: int = 15
-    """Cells along an edge of the window, odd (paper 3.4)."""
+    """Number of cells along an edge of the window, odd (paper 3.4)."""
     distance_weight: float | None = None
-    """k of Q = P + k K4, 1/m (paper 3.3, Eq. 18); None = that of the model."""
+    """Weight k of Q = P + k K4, 1/m (paper 3.3, Eq. 18); None = that of the model."""
     robust: bool = True
-    """P averaged over the model's landing error, or over the free cells of the 3 x 3 block; False: as in the paper."""
+    """Average over the model's landing error, or over the free cells of 3 x 3; False: single cells, as in the paper."""
     seed: int | None = None
-    """Given: every leg gets a cell at random, equal seeds the same: walks that collect samples. What the slip model
-    says of a cell does not count, or nothing could be learned where it is wrong; all other reasons do."""
+    """Seed of a random cell for every leg, to collect samples; None = the best cell. Masks by the slip model do not
+    count then, or nothing could be learned where it is wrong; all others do."""
     trunk_step: float = 0.005
     """Step of the search for a trunk height that makes a cell reachable, m."""
     trunk_range: float = 0.040
     """Largest change of trunk height that is proposed, m."""
     limits: Limits = field(default_factory=Limits)
 
+    def weight(self, model: SlipModel) -> float:
+        """Return k of Q = P + k K4, 1/m."""
+        return model.distance_weight if self.distance_weight is None else self.distance_weight
+
 
 @dataclass(frozen=True, slots=True)
 class TrunkPose:
-    """base_link when the feet land, map frame."""
+    """Pose of base_link when the feet land, map frame."""
 
     position: Point
-    """m."""
+    """Origin of base_link, m."""
     quat_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    """Rotation from base_link to map."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,27 +89,27 @@ class Landing:
 
 @dataclass(frozen=True, slots=True)
 class Foothold:
-    """The answer for one leg."""
+    """Foothold of one leg, or the reason why there is none."""
 
     status: Status
     foothold: Point | None = None
-    """Foot centre, map frame, m."""
+    """Centre of the foot on landing, map frame, m; None = infeasible."""
     contact: Point | None = None
     """Contact point on the ground, map frame, m."""
     normal: Point | None = None
     """Unit normal of the ground, map axes."""
     trunk_shift: float = 0.0
-    """Signed change of trunk height, m."""
+    """Signed change of trunk height that makes the foothold reachable, m."""
     score: float = math.nan
-    """Q of the chosen cell."""
+    """Q of the chosen cell, no unit."""
     slip: float = math.nan
-    """P of the chosen cell."""
+    """P of the chosen cell, slip per stroke."""
     spread: float = math.nan
-    """Standard deviation of the slip of single stances there; NaN = not known."""
+    """Standard deviation of the slip of single stances there, per stroke; NaN = not known."""
     counts: tuple[int, ...] = (0,) * (len(REASONS) + 1)
     """Cells excluded per reason, then free cells."""
     reason: str = ""
-    """Why the status is not ok."""
+    """Reason why the status is not ok, in words."""
 
 
 def select(
@@ -115,14 +120,14 @@ def select(
     landings: Sequence[Landing],
     params: SelectParams = SelectParams(),
 ) -> tuple[Foothold, ...]:
-    """Footholds of all legs that land together, in the order asked; never an exception for what the numbers hold."""
+    """Return the footholds of all legs that land together, in their order; wrong numbers are infeasible, not raised."""
     return tuple(select_leg(ground, robot, model, base, landing, params) for landing in landings)
 
 
 def select_leg(
     ground: FootholdGround, robot: Robot, model: SlipModel, base: TrunkPose, landing: Landing, params: SelectParams
 ) -> Foothold:
-    """Foothold of one leg: `ok`, `raise_trunk` with the change of trunk height, or `infeasible` with the reason."""
+    """Return the foothold of one leg: ok, raise_trunk with the change of height, or infeasible with the reason."""
     finite = (*base.position, *base.quat_wxyz, *landing.nominal[:2], *landing.stroke)
     if not all(math.isfinite(value) for value in finite):
         return Foothold("infeasible", reason="base, nominal or stroke holds a number that is not finite")
@@ -141,9 +146,10 @@ def select_leg(
     features = window_features(surface.z, row - border, col - border, wide, wide, placed.stroke, surface.cell)
     around = model.predict(features, surface.cell)
     slip = around if border == 0 else np.ascontiguousarray(around[border:-border, border:-border])
-    weight = model.distance_weight if params.distance_weight is None else params.distance_weight
+    weight = params.weight(model)
     block = params.robust and border == 0
-    shift_x, shift_y = surface.origin[0] + col * surface.cell - x0, surface.origin[1] + row * surface.cell - y0
+    x, y = surface.centre(row, col)
+    offset = (surface.cell, x - x0, y - y0)
     counts = np.zeros(len(REASONS) + 1, dtype=np.int64)
     first: tuple[int, ...] = ()
     steps = round(params.trunk_range / params.trunk_step) if params.trunk_step > 0.0 else 0
@@ -156,21 +162,21 @@ def select_leg(
             count_reasons(mask, counts)
             first = tuple(int(value) for value in counts)
         if params.seed is None:
-            index = choose(mask, slip, around, blur, surface.cell, shift_x, shift_y, weight, block, best)
+            index = choose(mask, slip, around, blur, offset, weight, block, best)
         else:
             index = draw(mask, (params.seed, landing.leg))
-            away = (shift_x + index % n * surface.cell, shift_y + index // n * surface.cell)
+            away = (offset[1] + index % n * surface.cell, offset[2] + index // n * surface.cell)
             best[1] = slip.flat[index] + weight * math.sqrt(away[0] ** 2 + away[1] ** 2)
         if index >= 0:
             found = (row + index // n, col + index % n)
             return _answer(ground, landing, found, shift, model, float(slip.flat[index]), best, first)
         if not _hopeful(mask):
-            break  # no trunk height mends what the ground itself excludes
+            break  # no trunk height frees a cell that the ground itself excludes
     return Foothold("infeasible", counts=first, reason=_why(first, params))
 
 
 def placement(robot: Robot, leg: int, base: TrunkPose, stroke: Sequence[float]) -> Placement | None:
-    """The leg and its base as arrays; None if the quaternion is no rotation."""
+    """Return a leg and its base as arrays; None if the quaternion is no rotation."""
     norm = math.sqrt(sum(value * value for value in base.quat_wxyz))
     if not (norm > 1e-6 and math.isfinite(norm)):
         return None
@@ -182,23 +188,21 @@ def placement(robot: Robot, leg: int, base: TrunkPose, stroke: Sequence[float]) 
 
 @kernel
 def choose(
-    mask: Mask, slip: Layer, around: Layer, blur: Array, cell: float, shift_x: float, shift_y: float, weight: float,
-    block: bool, best: Array,
-) -> int:  # fmt: skip
-    """Index of the best free cell (row by row), -1 if there is none.
+    mask: Mask, slip: Layer, around: Layer, blur: Array, offset: Point, weight: float, block: bool, best: Array
+) -> int:
+    """Return the index of the best free cell (row by row), -1 if there is none.
 
     Args:
         mask: reasons per cell, (n, n); 0 = free.
         slip: P per cell, (n, n).
         around: P of the window and a border of b cells, (n + 2 b, n + 2 b).
-        blur: weights of the landings about a cell, (2 b + 1, 2 b + 1); P of a cell is the mean over them, where known.
-        cell: edge of a cell, m.
-        shift_x: x of the first column's centre minus x of the nominal foothold, m.
-        shift_y: y of the first row's centre minus y of the nominal foothold, m.
+        blur: weights of the landings about a cell, (2 b + 1, 2 b + 1); P of a cell is their mean where known.
+        offset: edge of a cell, and x and y of the first cell's centre minus those of the nominal foothold, (3,) m.
         weight: k, 1/m.
         block: mean of Q over the free cells of the 3 x 3 block instead of Q.
         best: receives the value that decided and Q of the cell, (2,).
     """
+    cell, shift_x, shift_y = offset
     rows, cols = mask.shape
     size = blur.shape[0]
     away = np.empty((rows, cols))  # K4
@@ -242,7 +246,7 @@ def choose(
 
 
 ALONE = np.ones((1, 1))
-"""Weights of landings without error."""
+"""Weights of landings without error, (1, 1)."""
 
 
 @lru_cache(maxsize=64)
@@ -267,12 +271,12 @@ def draw(mask: Mask, seed: Sequence[int]) -> int:
 
 
 def _changes(steps: int) -> list[int]:
-    """0, then the changes of trunk height in steps by size, upwards first: 0 1 -1 2 -2 ..."""
+    """Return changes of trunk height in steps, by size and upwards first: 0 1 -1 2 -2 ..."""
     return [0, *(sign * k for k in range(1, steps + 1) for sign in (1, -1))]
 
 
 def _hopeful(mask: Mask) -> bool:
-    """Whether some cell is excluded only by what depends on the trunk height: reach and collision."""
+    """Return whether another trunk height may free a cell: one that only reach and collision exclude."""
     return bool((mask < 4).any())
 
 
@@ -308,11 +312,11 @@ def _answer(
 
 def _why(counts: tuple[int, ...], params: SelectParams) -> str:
     cells = params.size**2
-    told = ", ".join(f"{name} {count}" for name, count in zip(REASONS, counts, strict=False) if count)
+    listed = ", ".join(f"{name} {count}" for name, count in zip(REASONS, counts, strict=False) if count)
     if counts[REASONS.index("unknown")] == cells:
         return f"all {cells} cells are unknown or outside the map"
     span = f"{1e3 * params.trunk_range:.0f} mm"
-    return f"none of {cells} cells is free, nor with the trunk moved by up to +-{span}; excluded by: {told}"
+    return f"none of {cells} cells is free, nor with the trunk moved by up to +-{span}; excluded by: {listed}"
 
 
 @lru_cache(maxsize=64)

@@ -16,14 +16,15 @@ from typing import Any, Literal, Self, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from surefoot.geometry import heightmap_kernels as kernels
+from surefoot.geometry import heightmap_cells as cells
 
 FRAME = "map"
-MAX_CELLS = 16_000_000  # 4000 x 4000 cells, 64 MB: larger is taken for a mistake
+MAX_CELLS = 16_000_000
+"""Largest number of cells, 4000 x 4000 or 64 MB: a larger map is taken for a mistake."""
 
 
 class HeightMapError(ValueError):
-    """A height map that cannot be: `field` names what is wrong."""
+    """Content that makes no height map; `field` names the wrong part."""
 
     def __init__(self, field: str, message: str) -> None:
         super().__init__(f"{field}: {message}")
@@ -67,34 +68,34 @@ class HeightMap:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(ny, nx): rows along y, columns along x."""
+        """Number of rows (along y) and columns (along x), (ny, nx)."""
         return (self.z.shape[0], self.z.shape[1])
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
-        """x_min, y_min, x_max, y_max of the outermost cell CENTRES, m."""
+        """Corners x_min, y_min, x_max, y_max of the outermost cell CENTRES, m."""
         ny, nx = self.shape
         x0, y0 = self.origin
         return (x0, y0, x0 + (nx - 1) * self.cell, y0 + (ny - 1) * self.cell)
 
     def index(self, x: float, y: float) -> tuple[int, int]:
-        """(row, col) of the cell that holds the point; may lie outside the map (see `inside`)."""
+        """Return (row, col) of the cell that holds a point, m; it may lie outside the map (see `inside`)."""
         return (self._nearest(y, self.origin[1]), self._nearest(x, self.origin[0]))
 
     def inside(self, row: int, col: int) -> bool:
-        """Whether the cell belongs to the map."""
+        """Return whether a cell belongs to the map."""
         return 0 <= row < self.z.shape[0] and 0 <= col < self.z.shape[1]
 
     def centre(self, row: int, col: int) -> tuple[float, float]:
-        """x, y of a cell's centre, m; the cell may lie outside the map."""
+        """Return x, y of a cell's centre, m; the cell may lie outside the map."""
         return (self.origin[0] + col * self.cell, self.origin[1] + row * self.cell)
 
     def xs(self) -> NDArray[np.float64]:
-        """x of the columns' centres, (nx,), m."""
+        """Return x of the columns' centres, (nx,) m."""
         return self.origin[0] + self.cell * np.arange(self.z.shape[1], dtype=np.float64)
 
     def ys(self) -> NDArray[np.float64]:
-        """y of the rows' centres, (ny,), m."""
+        """Return y of the rows' centres, (ny,) m."""
         return self.origin[1] + self.cell * np.arange(self.z.shape[0], dtype=np.float64)
 
     def _nearest(self, value: float, start: float) -> int:
@@ -105,7 +106,7 @@ class HeightMap:
     def height(
         self, x: ArrayLike, y: ArrayLike, method: Literal["bilinear", "nearest"] = "bilinear"
     ) -> NDArray[np.float64]:
-        """Heights at points, m: NaN outside the map, or where a cell that counts is unknown.
+        """Return heights at points, m: NaN outside the map, or where a cell that counts is unknown.
 
         Args:
             x: x of the points, any shape that broadcasts with y, m, frame `map`.
@@ -117,24 +118,24 @@ class HeightMap:
         """
         xs, ys = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
         out = np.empty(xs.shape, dtype=np.float64)
-        kernels.heights(self.z, self.cell, *self.origin, xs.ravel(), ys.ravel(), method == "bilinear", out.reshape(-1))
+        cells.heights(self.z, self.cell, *self.origin, xs.ravel(), ys.ravel(), method == "bilinear", out.reshape(-1))
         return out
 
     def height_at(self, x: float, y: float) -> float:
-        """Bilinear height at one point, m (the quick path of `height`)."""
-        return kernels.bilinear(self.z, self.cell, self.origin[0], self.origin[1], float(x), float(y))
+        """Return the bilinear height at one point, m (the quick path of `height`)."""
+        return cells.bilinear(self.z, self.cell, self.origin[0], self.origin[1], float(x), float(y))
 
     def patch(self, x: float, y: float, n: int) -> NDArray[np.float32]:
-        """The n x n cells about the cell that holds (x, y), n odd; NaN outside the map. (n, n), a copy."""
+        """Return a copy of the n x n cells about the cell that holds (x, y) m, n odd; NaN outside the map."""
         if n < 1 or n % 2 == 0:
             raise HeightMapError("n", f"a patch has an odd number of cells, got {n!r}")
         out = np.empty((n, n), dtype=np.float32)
         row, col = self.index(x, y) if math.isfinite(x) and math.isfinite(y) else (-n - 1, -n - 1)
-        kernels.patch(self.z, row - n // 2, col - n // 2, out)
+        cells.patch(self.z, row - n // 2, col - n // 2, out)
         return out
 
     def dilated(self, radius: float) -> "HeightMap":
-        """The map of foot CENTRES: how high the centre of a sphere is when the sphere rests on the ground.
+        """Return the map of foot CENTRES: the height of a sphere's centre when the sphere rests on the ground, m.
 
         c[i, j] = max over cells n within `radius` of z_n + sqrt(radius^2 - d_n^2). Subtract `radius` for the lowest
         point of that sphere. Unknown neighbours are left out; a cell is NaN when it is itself unknown.
@@ -142,29 +143,33 @@ class HeightMap:
         if not (math.isfinite(radius) and radius >= 0.0):
             raise HeightMapError("radius", f"must be finite and >= 0 m, got {radius!r}")
         out = np.empty_like(self.z)
-        kernels.dilate(self.z, *kernels.ball(radius, self.cell), out, 0, self.z.shape[0], 0, self.z.shape[1])
+        self.dilate_part(radius, out, *self._whole)
         return self.derived(out)
 
     def smoothed(self, min_known: int = 6) -> "HeightMap":
-        """The map with the noise of single cells filtered: the median of the known cells in each 3 x 3 window.
+        """Return the map with the noise of single cells filtered: the median of the known cells of 3 x 3 windows.
 
         Straight edges stay where they are. An unknown cell is filled when at least `min_known` of its 8 neighbours
         are known (a drop-out of the sensor); 9 fills none.
         """
         out = np.empty_like(self.z)
-        kernels.median3(self.z, min_known, out, 0, self.z.shape[0], 0, self.z.shape[1])
+        cells.median3(self.z, min_known, self._whole, out)
         return self.derived(out)
 
     def smooth_part(self, out: NDArray[np.float32], row0: int, row1: int, col0: int, col1: int) -> None:
         """Write `smoothed` of some rows and columns into an array of the map's shape, the ends left out."""
-        kernels.median3(self.z, 6, out, row0, row1, col0, col1)
+        cells.median3(self.z, 6, (row0, row1, col0, col1), out)
 
     def dilate_part(self, radius: float, out: NDArray[np.float32], row0: int, row1: int, col0: int, col1: int) -> None:
         """Write `dilated` of some rows and columns into an array of the map's shape, the ends left out."""
-        kernels.dilate(self.z, *kernels.ball(radius, self.cell), out, row0, row1, col0, col1)
+        cells.dilate(self.z, cells.ball(radius, self.cell), (row0, row1, col0, col1), out)
+
+    @property
+    def _whole(self) -> cells.Part:
+        return (0, self.z.shape[0], 0, self.z.shape[1])
 
     def derived(self, z: NDArray[np.float32]) -> "HeightMap":
-        """The same grid and version with heights that were computed from it: neither copied nor checked again."""
+        """Return a map of this grid and version with heights computed from it, neither copied nor checked."""
         made = object.__new__(HeightMap)
         z.flags.writeable = False
         for name, value in (("z", z), ("cell", self.cell), ("origin", self.origin), ("version", self.version)):
@@ -172,7 +177,7 @@ class HeightMap:
         return made
 
     def with_z(self, z: NDArray[np.float32], version: int | None = None) -> "HeightMap":
-        """The same grid with other heights."""
+        """Return a map of this grid with other heights, (ny, nx) m; None keeps the version."""
         if z.shape != self.z.shape:
             raise HeightMapError("z", f"must keep the shape {self.z.shape}, got {z.shape}")
         return replace(self, z=z, version=self.version if version is None else version)
@@ -186,7 +191,7 @@ class HeightMap:
         return hashlib.sha256(head.encode() + self.to_bytes()).hexdigest()
 
     def header(self) -> dict[str, Any]:
-        """What a receiver needs beside the heights, as plain JSON values."""
+        """Return frame, shape, cell, origin and version as plain JSON values: the header of the payload."""
         ny, nx = self.shape
         return {
             "frame": FRAME,
@@ -198,12 +203,12 @@ class HeightMap:
         }
 
     def to_bytes(self) -> bytes:
-        """Heights as little-endian float32, row by row from y-min, NaN = unknown; 4 ny nx bytes."""
+        """Return the heights as little-endian float32, row by row from y-min, NaN = unknown; 4 ny nx bytes."""
         return self.z.astype("<f4", copy=False).tobytes()
 
     @classmethod
     def from_wire(cls, header: Mapping[str, Any], payload: bytes | bytearray | memoryview) -> Self:
-        """A map from its header and its float32 payload.
+        """Return the map of a header and its float32 payload.
 
         Raises:
             HeightMapError: a header field is absent or wrong, or the payload has another length.

@@ -11,7 +11,7 @@ from surefoot.geometry.heightmap import HeightMap, HeightMapError
 from surefoot.geometry.heightmap_files import load, load_png
 
 KEY = "surefoot.heightmap"
-"""Of the text in a PNG that holds cell, origin, version and the heights of black and white."""
+"""Name of the text in a PNG that holds cell, origin, version and the heights of black and white."""
 UNKNOWN = 0
 """Value of an unknown cell in a PNG; known heights are 1 to 65535."""
 
@@ -30,8 +30,8 @@ def save_png(heights: HeightMap, path: str | Path) -> Path:
         rise = heights.z[known].astype(np.float64) - low
         pixels[known] = 1 + (np.rint(rise / step) if step > 0.0 else np.zeros_like(rise)).astype(np.uint16)
     note = PngInfo()
-    told = {"cell": heights.cell, "origin": heights.origin, "version": heights.version, "z_low": low, "z_high": high}
-    note.add_text(KEY, json.dumps(told))
+    scale = {"cell": heights.cell, "origin": heights.origin, "version": heights.version, "z_low": low, "z_high": high}
+    note.add_text(KEY, json.dumps(scale))
     target = Path(path)
     Image.fromarray(np.ascontiguousarray(pixels[::-1])).save(target, pnginfo=note)
     return target
@@ -64,9 +64,9 @@ def load_own_png(path: str | Path) -> HeightMap:
 
 
 def load_any(path: str | Path) -> HeightMap:
-    """Read a map of any format: `.npz`, `.asc`, or a `.png` of `save_png` or of somebody else.
+    """Read a map of any format: `.npz`, `.asc`, or a `.png` of `save_png` or of another program.
 
-    The PNG of somebody else has its scale in a `.json` file of the same name: `cell`, `z_low` and `z_high`, the
+    The PNG of another program has its scale in a `.json` file of the same name: `cell`, `z_low` and `z_high`, the
     heights of black and white, in m, and optionally `origin`, the centre of the lower left pixel, and `version`.
 
     Raises:
@@ -84,7 +84,7 @@ def load_any(path: str | Path) -> HeightMap:
 
 
 class _Scale(NamedTuple):
-    """Of a PNG: edge of a pixel, heights of black and white, centre of the lower left pixel, all in m."""
+    """Scale of a PNG: edge of a pixel, heights of black and white, centre of the lower left pixel, all in m."""
 
     cell: float
     z_low: float
@@ -95,13 +95,13 @@ class _Scale(NamedTuple):
 
 def _scale(text: str, source: str) -> _Scale:
     try:
-        told: Any = json.loads(text)
-        numbers = [float(told[name]) for name in ("cell", "z_low", "z_high")]
-        numbers += [float(value) for value in told.get("origin", (0.0, 0.0))]
-        version = int(told.get("version", 0))
+        entries: Any = json.loads(text)
+        numbers = [float(entries[name]) for name in ("cell", "z_low", "z_high")]
+        numbers += [float(value) for value in entries.get("origin", (0.0, 0.0))]
+        version = int(entries.get("version", 0))
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise HeightMapError("file", f"{source} cannot be read: {error!r}") from error
     if not all(map(math.isfinite, numbers)) or len(numbers) != 5:
-        raise HeightMapError("file", f"{source} must hold finite numbers, got {told!r}")
+        raise HeightMapError("file", f"{source} must hold finite numbers, got {entries!r}")
     cell, low, high, x0, y0 = numbers
     return _Scale(cell, low, high, (x0, y0), version)

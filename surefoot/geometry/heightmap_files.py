@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from surefoot.geometry.heightmap import FRAME, HeightMap, HeightMapError
 
 SCHEMA = "surefoot.geometry.heightmap/1"
-MAX_FILE_BYTES = 256_000_000  # a file beyond this is refused before it is read
+MAX_FILE_BYTES = 256_000_000
+"""Largest file that is read, bytes; also the limit of what a `.npz` may unpack to."""
 
 
 def save(heightmap: HeightMap, path: str | Path, **extra: str | int | float) -> Path:
@@ -117,13 +118,9 @@ def load_asc(path: str | Path, version: int = 0) -> HeightMap:
 
 
 def load_png(
-    path: str | Path,
-    cell: float,
-    z_low: float,
-    z_high: float,
-    origin: tuple[float, float] = (0.0, 0.0),
+    path: str | Path, cell: float, z_low: float, z_high: float, origin: tuple[float, float] = (0.0, 0.0),
     version: int = 0,
-) -> HeightMap:
+) -> HeightMap:  # fmt: skip
     """Read a grey PNG of 8 or 16 bits: black is `z_low`, white is `z_high`, the top row is y-max.
 
     Args:
@@ -161,15 +158,15 @@ def _check_size(source: Path) -> None:
 
 def _check_sidecar(source: Path, sidecar: Path) -> None:
     try:
-        told: Any = json.loads(sidecar.read_text(encoding="utf-8"))
-        schema, digest = str(told["schema"]), str(told["sha256"])
+        entries: Any = json.loads(sidecar.read_text(encoding="utf-8"))
+        schema, digest = str(entries["schema"]), str(entries["sha256"])
     except (ValueError, KeyError, TypeError) as error:
         raise HeightMapError("sidecar", f"{sidecar.name} is no height-map sidecar: {error!r}") from error
     if schema != SCHEMA:
         raise HeightMapError("schema", f"must be {SCHEMA!r}, got {schema!r}")
     found = hashlib.sha256(source.read_bytes()).hexdigest()
     if found != digest:
-        raise HeightMapError("sha256", f"{source.name} has {found}, its sidecar says {digest}")
+        raise HeightMapError("sha256", f"{source.name} has {found}, its sidecar names {digest}")
 
 
 def _number(word: str, field: str) -> float:

@@ -90,9 +90,3 @@ def test_a_torn_line_of_the_folder_is_done_again(quick: list[WalkKey], tmp_path:
     again = Runs(tmp_path, 1).walks(keys, lambda text: None)
     assert [key.seed for key in quick] == [2]
     assert [each.seed for each in again] == [1, 2]
-
-
-def test_the_interval_holds_the_mean() -> None:
-    mean, low, high = footholds.interval([1.0, 2.0, 3.0, 4.0])
-    assert low < mean == 2.5 < high
-    assert footholds.interval([2.0] * 5) == (2.0, 2.0, 2.0)

@@ -1,6 +1,6 @@
-"""The evolutionary search of Walas & Belter (2011), section 3.2: a gene is one term of the sum.
+"""Evolutionary search of Walas & Belter (2011), section 3.2: a gene is one term of the sum.
 
-Mutation draws the terms of one gene anew, crossover exchanges the genes between two points, and the best half of
+Mutation draws the terms of one gene again, crossover exchanges the genes between two points, and the best half of
 parents and children goes on. The paper selects by the sum of distances and solves for the weights by least squares;
 here both use the same norm.
 """
@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.bases import DECAY, MAX_POWER, POWER, SINE, Basis, Elementary, Gaussians
-from .search import Cost, Searched
+from .solve import Cost, Searched
 
 Array = NDArray[np.float64]
 POPULATION = 30
-CROSSED = 0.7  # of the children; the others are mutated copies
-NEAR = 0.5  # of the mutations move a gene a little instead of drawing it anew
+CROSSED = 0.7
+"""Share of children of two parents; the others are mutated copies."""
+NEAR = 0.5
+"""Share of mutations that move a gene a little; the others draw it again."""
 
 
 def evolve(
@@ -24,13 +26,13 @@ def evolve(
     """Return the best basis found within a number of evaluations.
 
     Args:
-        cost: of a basis.
+        cost: cost of a basis.
         family: `gaussian` or `elementary`.
-        m: terms.
-        d: inputs.
-        centres: between which a is drawn.
-        rates: between which lambda is drawn.
-        evaluations: budget, at least one population.
+        m: number of terms.
+        d: number of inputs.
+        centres: smallest and largest a that is drawn.
+        rates: smallest and largest lambda that is drawn.
+        evaluations: number of costs to compute, at least one population.
         seed: equal seeds give equal results.
     """
     rng = np.random.default_rng(seed)
@@ -86,7 +88,7 @@ def _tournament(rng: np.random.Generator, costs: list[float]) -> int:
 def _mutate(
     rng: np.random.Generator, genes: Array, family: str, centres: tuple[float, float], rates: tuple[float, float]
 ) -> None:
-    """Change one gene in place: move it a little, or draw it anew."""
+    """Change one gene in place: move it a little, or draw it again."""
     m, _, d = genes.shape
     gene = int(rng.integers(m))
     if rng.random() < NEAR:

@@ -21,11 +21,11 @@ from .varpro import Bounds, refine
 
 Array = NDArray[np.float64]
 Report = Callable[[float], bool]
-"""Takes the share that is done; returns whether to go on."""
+"""Receives the share of the work that is done; returns whether to continue."""
 
 
 class LearnError(SurefootError):
-    """Samples that no model can be learned from, or a job that was cancelled."""
+    """No model can be learned from the samples, or the job was cancelled."""
 
 
 Family = Literal["gaussian", "elementary"]
@@ -38,25 +38,25 @@ WIDEST = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One size of a fit."""
+    """Size and search of one fit."""
 
     terms: int
-    """Of the sum."""
+    """Number of terms of the sum."""
     width: float
-    """lambda of Gaussians that are drawn, on inputs divided by their deviation."""
+    """Rate lambda of Gaussians that are drawn, on inputs divided by their deviation."""
     ridge: float
-    """rho per sample."""
+    """Ridge rho per sample."""
     warp: Warp = "identity"
-    """Of the inputs."""
+    """Map of the inputs."""
     refined: int = 0
-    """Evaluations of variable projection after the start (Gaussians); 0 = centres and widths stay as found."""
+    """Number of evaluations of variable projection after the start (Gaussians); 0 = none."""
     family: Family = "gaussian"
     search: Search = "drawn"
-    """Where the terms come from: Gaussians about bins drawn at random, a swarm (Gaussians), or the evolution."""
+    """Origin of the terms: Gaussians about bins drawn at random, a swarm (Gaussians), or the evolution."""
     evaluations: int = 0
-    """Budget of swarm and evolution."""
+    """Budget of swarm and evolution, computed costs."""
     blind: bool = False
-    """cos K3 is left out, as in Fig. 8 of Walas & Belter."""
+    """True leaves cos K3 out, as in Fig. 8 of Walas & Belter."""
 
     def __post_init__(self) -> None:
         if self.family == "elementary" and (self.search != "evolution" or self.refined):
@@ -80,14 +80,14 @@ def candidates(
     family: Family = "gaussian", search: Search = "drawn", terms: int | None = None, evaluations: int = 2000,
     refined: int = 0,
 ) -> tuple[Candidate, ...]:  # fmt: skip
-    """Return what is tried for a family and a search; the folds choose among it.
+    """Return the candidates of a family and a search; the folds choose among them.
 
     Args:
-        family: of the terms.
-        search: see `Candidate`.
-        terms: of the sum; None = several sizes.
+        family: family of the terms.
+        search: origin of the terms, see `Candidate`.
+        terms: number of terms; None = several sizes.
         evaluations: budget of swarm and evolution, for each fit.
-        refined: evaluations of variable projection after them; with a search: a hybrid.
+        refined: evaluations of variable projection after the search.
 
     Raises:
         LearnError: family and search do not go together.
@@ -104,27 +104,29 @@ def candidates(
 
 @dataclass(frozen=True, slots=True)
 class LearnOptions:
-    """How a model is learned."""
+    """Options of learning, and facts that the model keeps."""
 
     title: str = "learned"
     candidates: Sequence[Candidate] = CANDIDATES
     folds: int = 5
+    """Number of folds, of whole trials each."""
     seed: int = 0
     distance_weight: float = 2.0
-    """k, 1/m; chosen by whole walks, not by the fit."""
+    """Weight k of Q = P + k K4, 1/m; chosen by whole walks, not by the fit."""
     landing_error: float = 0.005
-    """m."""
+    """Standard deviation of landings, m."""
     support: int = 0
+    """Number of samples that a cell's bin needs; 0: only the ranges count."""
     lattice: Lattice = field(default_factory=Lattice)
 
 
 def learn(samples: SampleSet, options: LearnOptions, report: Report = lambda share: True) -> LearnedModel:
-    """Return the model that fits best on trials that it was not fitted to, fitted to all.
+    """Return the model of the candidate that fits best on trials held back, fitted to all samples.
 
     Args:
-        samples: of one robot, cell, filter and foot.
-        options: what is tried.
-        report: asked between fits whether to go on.
+        samples: samples of one robot, cell, filter and foot.
+        options: candidates, folds and facts of the model.
+        report: called between fits; False cancels.
 
     Raises:
         LearnError: no samples, samples of different conditions, all alike, fewer trials than folds, or cancelled.
@@ -151,13 +153,12 @@ def learn(samples: SampleSet, options: LearnOptions, report: Report = lambda sha
     best = int(np.argmin(errors))
     bins = filled(options.lattice, samples.x, samples.r)
     u = inputs(samples.x)
-    sources = sources_of(samples)
-    low, high = u.min(axis=0).tolist(), u.max(axis=0).tolist()
-    return built(options, conditions, bins, low, high, options.candidates[best], errors[best], sources)
+    ranges = tuple(zip(u.min(axis=0).tolist(), u.max(axis=0).tolist(), strict=True))
+    return built(options, conditions, bins, ranges, options.candidates[best], errors[best], sources_of(samples))
 
 
 def sources_of(samples: SampleSet) -> list[str]:
-    """Return one line per source: what it is, samples, trials, the first and the last of them."""
+    """Return one line per source: its name, numbers of samples and trials, the first and the last trial."""
     by_source: dict[str, list[str]] = {}
     for each in samples.kept:
         by_source.setdefault(f"{each.source}, friction {each.friction:g}", []).append(each.trial)
@@ -166,17 +167,17 @@ def sources_of(samples: SampleSet) -> list[str]:
 
 
 def built(
-    options: LearnOptions, conditions: Conditions, bins: Bins, low: Sequence[float], high: Sequence[float],
+    options: LearnOptions, conditions: Conditions, bins: Bins, ranges: tuple[tuple[float, float], ...],
     candidate: Candidate, error: float, sources: Sequence[str],
 ) -> LearnedModel:  # fmt: skip
-    """Return the model of bins with one candidate's terms."""
+    """Return the model of bins with the terms of one candidate."""
     return LearnedModel(
         title=options.title,
         conditions=conditions,
         terms=fit_terms(options.lattice, bins, candidate, options.seed),
         lattice=options.lattice,
         bins=dict(bins),
-        ranges=tuple((float(a), float(b)) for a, b in zip(low, high, strict=True)),
+        ranges=ranges,
         distance_weight=options.distance_weight,
         landing_error=options.landing_error,
         support=options.support,
@@ -200,7 +201,7 @@ def searched_by(candidate: Candidate) -> dict[str, float]:
 
 
 def fit_terms(lattice: Lattice, bins: Bins, candidate: Candidate, seed: int) -> Terms:
-    """Return the terms of a candidate, their weights by least squares over all bins, each as heavy as its count."""
+    """Return the terms of a candidate, fitted to bins by least squares; a bin weighs as much as its count."""
     u = inputs(lattice.centres(bins))
     y = np.array([each.mean for each in bins.values()])
     count = np.array([each.count for each in bins.values()])
@@ -248,8 +249,7 @@ def _blind(basis: Basis) -> Basis:
 
 def _conditions(samples: SampleSet) -> Conditions:
     if not len(samples):
-        refused = ", ".join(f"{name} {n}" for name, n in sorted(samples.refused.items())) or "none came"
-        raise LearnError("no_samples", f"there is no sample to learn from ({refused})")
+        raise LearnError("no_samples", f"there is no sample to learn from ({samples.why_refused})")
     found = {(s.cell, s.smooth, s.foot_radius, s.robot, s.robot_hash) for s in samples.kept}
     if len(found) > 1:
         described = " and ".join(f"{robot}, cell {cell:g} m" for cell, _, _, robot, _ in sorted(found)[:2])

@@ -17,46 +17,36 @@ from typing import Literal
 
 from ..models.lattice import faded, filled, inputs, merged
 from ..models.learned import ROUNDS, LearnedModel
-from .fit import LearnError, LearnOptions, built
-from .merge import candidate_of
-from .samples import Sample, SampleSet, gather
+from .fit import LearnError
+from .merge import check_weight, refitted
+from .samples import SampleSet, StanceSample, gather
 
 Form = Literal["counted", "paper"]
 
 
 def relearned(
-    model: LearnedModel, samples: Sequence[Sample], form: Form = "counted", weight: float = 1.0
+    model: LearnedModel, samples: Sequence[StanceSample], form: Form = "counted", weight: float = 1.0
 ) -> LearnedModel:
     """Return the model after these outcomes; k, landing error, lattice and size of fit stay.
 
     Args:
-        model: the old one.
+        model: the old model.
         samples: of the same cell, filter, foot and robot; those that cannot be learned from are left out.
-        form: see above.
+        form: `counted` or `paper`, as in the module's equations.
         weight: c, 0 to 1.
 
     Raises:
         LearnError: no sample is left, or samples and model do not go together.
     """
-    if not 0.0 <= weight <= 1.0:
-        raise LearnError("invalid", f"weight must be between 0 and 1, got {weight!r}", "weight")
+    check_weight(weight)
     found = gather(samples)
     if not len(found):
-        refused = ", ".join(f"{name} {n}" for name, n in sorted(found.refused.items())) or "none came"
-        raise LearnError("no_samples", f"there is no outcome to learn from ({refused})")
+        raise LearnError("no_samples", f"there is no outcome to learn from ({found.why_refused})")
     _check(model, found)
     fresh, u = filled(model.lattice, found.x, found.r), inputs(found.x)
     bins = merged(model.bins, fresh, weight) if form == "counted" else faded(model.bins, fresh, weight)
-    options = LearnOptions(
-        title=model.title, seed=model.seed, distance_weight=model.distance_weight, landing_error=model.landing_error,
-        support=model.support, lattice=model.lattice,
-    )  # fmt: skip
-    low = [min(a, b) for (a, _), b in zip(model.ranges, u.min(axis=0).tolist(), strict=True)]
-    high = [max(a, b) for (_, a), b in zip(model.ranges, u.max(axis=0).tolist(), strict=True)]
-    sources = _with(model.provenance, f"re-learned ({form}, c = {weight:g})", found)
-    out = built(
-        options, model.conditions, bins, low, high, candidate_of(model), model.choice.get("error", 0.0), sources
-    )
+    ranges = tuple(zip(u.min(axis=0).tolist(), u.max(axis=0).tolist(), strict=True))
+    out = refitted(model, bins, ranges, _with(model.provenance, f"re-learned ({form}, c = {weight:g})", found))
     return replace(out, choice=out.choice | {ROUNDS: model.choice.get(ROUNDS, 0.0) + 1.0})
 
 

@@ -1,4 +1,4 @@
-"""What came of stances: one sample each, as arrays for learning and as lines of an append-only file."""
+"""Samples of stances, as arrays for learning and as lines of an append-only file."""
 
 import json
 import math
@@ -13,63 +13,64 @@ from ..models.lattice import coordinates
 
 Array = NDArray[np.float64]
 PATCH = 7
-"""Cells along an edge of the heights that a sample keeps."""
+"""Number of cells along an edge of the heights that a sample keeps."""
 LARGEST_SLIP = 20.0
-"""A foot that slides farther than this many strokes was carried, not placed: such a sample is refused."""
+"""Largest slip of a sample, in strokes: a foot that slides farther was carried, not placed."""
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
-    """One stance."""
+class StanceSample:
+    """Ground, choice and slip of one stance."""
 
     trial: str
-    """Names the walk or trial; folds of the cross-validation are made of whole trials."""
+    """Name of the walk or trial; folds of the cross-validation are made of whole trials."""
     leg: int
     step: int
     """Number of the choice in the trial; trial, leg and step together name the stance."""
     k1: float
-    """Coefficients of the chosen cell on the map as the chooser saw it, m."""
+    """Coefficient K1 of the chosen cell on the map of the choice, m."""
     k2: float
-    """m."""
+    """Coefficient K2, m."""
     cos_k3: float
+    """Cosine of K3."""
     k4: float
     """Distance from the nominal foothold, m."""
     stroke: tuple[float, float, float]
-    """f, map axes, m."""
+    """Movement f of the foot relative to the body in stance, map axes, m."""
     sliding: float
     """Way of the contact point in the ground plane, m."""
     displacement: float
-    """Horizontal way of the foot centre, m: the d of the paper."""
+    """Horizontal way of the foot centre, m; d in the paper."""
     load: float
     """Mean normal force, N; NaN = not known."""
     friction: float
-    """In simulation; NaN = not known."""
+    """Coefficient of friction, in simulation; NaN = not known."""
     cell: float
-    """m."""
+    """Edge of a cell, m."""
     smooth: bool
-    """The map went through the 3 x 3 median."""
+    """True if the map went through the 3 x 3 median."""
     foot_radius: float
-    """m."""
+    """Radius of the foot sphere, m."""
     robot: str
     robot_hash: str
     source: str
-    """How the sample came to be: ground, map, rule."""
+    """Origin of the sample: ground, map, rule."""
     heights_um: tuple[int, ...] = ()
     """Heights about the chosen cell relative to it, `PATCH` x `PATCH` row by row, micrometres; -2^31 = unknown."""
 
     @property
     def length(self) -> float:
-        """|f|, m."""
+        """Length of the stroke |f|, m."""
         return math.sqrt(sum(value * value for value in self.stroke))
 
     @property
     def slip(self) -> float:
-        """r = sliding / |f|."""
+        """Slip r = sliding / |f|."""
         return self.sliding / self.length
 
     @property
     def problem(self) -> str:
-        """Why it cannot be learned from, empty if it can."""
+        """Reason why the sample cannot be learned from, empty if it can."""
         numbers = (self.k1, self.k2, self.cos_k3, self.k4, *self.stroke, self.sliding, self.displacement)
         if not all(math.isfinite(value) for value in numbers):
             return "not_finite"
@@ -85,23 +86,28 @@ class SampleSet:
     """Samples as arrays."""
 
     x: Array
-    """Coordinates of the lattice, (n, 3)."""
+    """Points on the axes of the lattice, (n, 3)."""
     r: Array
-    """Slip, (n,)."""
+    """Slip per stroke, (n,)."""
     trial: NDArray[np.int64]
     """Number of each sample's trial, (n,)."""
-    kept: tuple[Sample, ...]
+    kept: tuple[StanceSample, ...]
     refused: dict[str, int]
-    """Samples left out, by reason: not_finite, no_stroke, negative, huge, twice."""
+    """Number of samples left out, by reason: not_finite, no_stroke, negative, huge, twice."""
 
     def __len__(self) -> int:
         return len(self.r)
 
+    @property
+    def why_refused(self) -> str:
+        """Reasons and numbers of the samples left out, in words."""
+        return ", ".join(f"{name} {n}" for name, n in sorted(self.refused.items())) or "none came"
 
-def gather(samples: Iterable[Sample]) -> SampleSet:
+
+def gather(samples: Iterable[StanceSample]) -> SampleSet:
     """Return the samples that can be learned from, each stance once, in an order that does not depend on theirs."""
     refused: dict[str, int] = {}
-    found: dict[tuple[str, int, int], Sample] = {}
+    found: dict[tuple[str, int, int], StanceSample] = {}
     for each in samples:
         key, problem = (each.trial, each.leg, each.step), each.problem
         if not problem and key in found:
@@ -125,10 +131,10 @@ def gather(samples: Iterable[Sample]) -> SampleSet:
 
 # --- lines of a file --------------------------------------------------------------------------------------------------
 
-_NAMES = tuple(each.name for each in fields(Sample))
+_NAMES = tuple(each.name for each in fields(StanceSample))
 
 
-def line_of(sample: Sample) -> str:
+def line_of(sample: StanceSample) -> str:
     """Return a sample as a line without its end."""
     return json.dumps({"sample": asdict(sample)})
 
@@ -138,13 +144,13 @@ def end_of(trial: str, count: int) -> str:
     return json.dumps({"end": trial, "samples": count})
 
 
-def read_lines(lines: Iterable[str]) -> tuple[list[Sample], dict[str, int], int]:
+def read_lines(lines: Iterable[str]) -> tuple[list[StanceSample], dict[str, int], int]:
     """Return the samples of all complete trials, their numbers by trial, and how many lines could not be read.
 
-    A trial that a worker left unfinished has no end and does not count; one that stands there twice counts once.
+    A trial that a worker left unfinished has no end and does not count; one that is given twice counts once.
     """
-    waiting: dict[str, list[Sample]] = {}
-    complete: dict[str, list[Sample]] = {}
+    waiting: dict[str, list[StanceSample]] = {}
+    complete: dict[str, list[StanceSample]] = {}
     bad = 0
     for text in lines:
         if not text.strip():
@@ -167,7 +173,7 @@ def read_lines(lines: Iterable[str]) -> tuple[list[Sample], dict[str, int], int]
     return samples, {trial: len(found) for trial, found in complete.items()}, bad
 
 
-def trial_lines(trial: str, samples: Iterable[Sample]) -> Iterator[str]:
+def trial_lines(trial: str, samples: Iterable[StanceSample]) -> Iterator[str]:
     """Return the lines of a complete trial."""
     count = 0
     for count, each in enumerate(samples, 1):  # noqa: B007 - the last number is written
@@ -175,7 +181,7 @@ def trial_lines(trial: str, samples: Iterable[Sample]) -> Iterator[str]:
     yield end_of(trial, count)
 
 
-def _sample(entry: dict[str, Any]) -> Sample:
+def _sample(entry: dict[str, Any]) -> StanceSample:
     entry = dict(entry)
     stroke = tuple(float(value) for value in entry["stroke"])
     if len(stroke) != 3 or set(entry) != set(_NAMES):
@@ -183,4 +189,4 @@ def _sample(entry: dict[str, Any]) -> Sample:
     numbers = ("k1", "k2", "cos_k3", "k4", "sliding", "displacement", "load", "friction", "cell", "foot_radius")
     entry |= {name: float(entry[name]) for name in numbers}
     entry |= {"leg": int(entry["leg"]), "step": int(entry["step"]), "stroke": stroke}
-    return Sample(**{**entry, "heights_um": tuple(int(value) for value in entry["heights_um"])})
+    return StanceSample(**{**entry, "heights_um": tuple(int(value) for value in entry["heights_um"])})

@@ -1,9 +1,27 @@
-"""The weights of the terms: least squares with a ridge, never by the inverse of the Gram matrix."""
+"""Weights of terms by least squares with a ridge, without the Gram matrix."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..models.bases import Basis
+
 Array = NDArray[np.float64]
+Cost = Callable[[Basis], float]
+"""Returns the weighted residual norm of a basis with its best weights."""
+
+
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """Best basis of a search without derivatives."""
+
+    basis: Basis
+    cost: float
+    """Weighted residual norm of the basis."""
+    evaluations: int
+    """Number of costs that were computed."""
 
 
 def weights(columns: Array, y: Array, w: Array, ridge: float) -> Array:
@@ -14,7 +32,7 @@ def weights(columns: Array, y: Array, w: Array, ridge: float) -> Array:
 
     Args:
         columns: V, (n, m).
-        y: what is to be met, (n,).
+        y: target, (n,).
         w: diagonal of W, (n,).
         ridge: rho, >= 0.
     """

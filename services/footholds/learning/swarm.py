@@ -7,11 +7,12 @@ that leaves the bounds stops there.
 import numpy as np
 
 from ..models.bases import Gaussians
-from .search import Cost, Searched
+from .solve import Cost, Searched
 
 PARTICLES = 30
 INERTIA = 0.729
-PULL = 1.49  # towards either best place
+PULL = 1.49
+"""Factor c1 = c2 of the pull towards either best place."""
 
 
 def swarm(
@@ -20,12 +21,12 @@ def swarm(
     """Return the best Gaussians found within a number of evaluations.
 
     Args:
-        cost: of a basis.
-        m: terms.
-        d: inputs.
+        cost: cost of a basis.
+        m: number of terms.
+        d: number of inputs.
         centres: bounds of a.
         widths: bounds of lambda, >= 0.
-        evaluations: budget, at least one swarm.
+        evaluations: number of costs to compute, at least one swarm.
         seed: equal seeds give equal results.
     """
     rng = np.random.default_rng(seed)

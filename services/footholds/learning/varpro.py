@@ -16,46 +16,46 @@ from .solve import stack
 
 Array = NDArray[np.float64]
 RIDGE = 1e-12
-"""Keeps two terms that have become equal from ending the search."""
+"""Ridge that keeps two terms that have become equal from ending the search."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Where centres and widths may go."""
+    """Bounds of centres and widths in a search."""
 
     low: float = -3.0
-    """Smallest centre, in scaled inputs."""
+    """Smallest centre a, in scaled inputs."""
     high: float = 3.0
-    """Largest centre."""
+    """Largest centre a, in scaled inputs."""
     width: float = 10.0
-    """Largest lambda; the smallest is 0: below it a term grows outside the data."""
+    """Largest rate lambda; the smallest is 0, below which a term grows outside the data."""
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """A fitted set of Gaussians."""
+class RefinedTerms:
+    """Gaussians at a minimum of the cost."""
 
     basis: Gaussians
     weights: Array
-    """c, (m,) or (m + 1,)."""
+    """Weights c, (m,) or (m + 1,)."""
     cost: float
-    """|W (V c - y)|^2 + rho |c|^2."""
+    """Cost |W (V c - y)|^2 + rho |c|^2."""
     evaluations: int
 
 
 def refine(
     start: Gaussians, u: Array, y: Array, w: Array, bounds: Bounds, ridge: float = RIDGE, evaluations: int = 200
-) -> Found:
+) -> RefinedTerms:
     """Return the Gaussians at a minimum of the cost near a start.
 
     Args:
-        start: where to begin; centres and widths are cut to the bounds.
+        start: first Gaussians; centres and widths are cut to the bounds.
         u: inputs, (n, d).
-        y: (n,).
+        y: target, (n,).
         w: diagonal of W, (n,).
-        bounds: of centres and widths.
+        bounds: bounds of centres and widths.
         ridge: rho.
-        evaluations: of the residual at most.
+        evaluations: largest number of evaluations of the residual.
     """
     from scipy.optimize import least_squares
 
@@ -72,7 +72,7 @@ def refine(
     )  # fmt: skip
     basis = problem.basis(found.x)
     problem.residual(found.x)
-    return Found(basis, problem.c, 2.0 * float(found.cost), int(found.nfev))
+    return RefinedTerms(basis, problem.c, 2.0 * float(found.cost), int(found.nfev))
 
 
 class _Problem:
@@ -108,11 +108,3 @@ class _Problem:
         rows = np.concatenate((by_centre.reshape(-1, m * d), by_width.reshape(-1, m * d)), axis=1)
         full = np.vstack((rows, np.zeros((m + self.constant, 2 * m * d))))
         return self._q @ (self._q.T @ full) - full
-
-
-def random_start(
-    rng: np.random.Generator, m: int, d: int, centres: tuple[float, float], widths: tuple[float, float],
-    constant: bool = False,
-) -> Gaussians:  # fmt: skip
-    """Return Gaussians with evenly drawn centres and widths."""
-    return Gaussians(rng.uniform(*centres, (m, d)), rng.uniform(*widths, (m, d)), constant)

@@ -17,13 +17,13 @@ Ints = NDArray[np.int64]
 
 POWER, SINE, DECAY = 0, 1, 2
 MAX_POWER = 4
-"""Largest n of (11): a negative one has a pole, a large one no use on scaled inputs."""
+"""Largest n of (11), on scaled inputs."""
 LARGEST = 1e12
-"""Values of a term beyond this are cut: a power far outside of its data must not end a search."""
+"""Largest value of a term: a power far outside its data is cut, so that it does not end a search."""
 
 
 class Basis(Protocol):
-    """Terms phi_q with their parameters."""
+    """Terms phi_q with their parameters, as functions of the inputs."""
 
     def columns(self, u: Array) -> Array:
         """Return phi_q(u_b), (n, m)."""
@@ -32,14 +32,14 @@ class Basis(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Gaussians:
-    """(15): phi_q = exp(-sum_i lambda_iq (u_i - a_iq)^2), and a constant term if wanted."""
+    """Gaussian terms (15): phi_q = exp(-sum_i lambda_iq (u_i - a_iq)^2), and a constant term if wanted."""
 
     centres: Array
-    """a, (m, d)."""
+    """Centres a, (m, d)."""
     widths: Array
-    """lambda, (m, d), >= 0; 0 takes an input out of a term."""
+    """Rates lambda >= 0, (m, d); 0 takes an input out of a term."""
     constant: bool = False
-    """A last column of ones."""
+    """True adds a last column of ones."""
 
     def columns(self, u: Array) -> Array:
         """Return phi_q(u_b), (n, m) or (n, m + 1)."""
@@ -50,17 +50,18 @@ class Gaussians:
 
 @dataclass(frozen=True, eq=False)
 class Elementary:
-    """(10): phi_q = prod_i f_iq(u_i), f one of (u - a)^round(lambda), sin(lambda u - a), exp(-lambda u).
+    """Elementary terms (10): phi_q = prod_i f_iq(u_i).
 
-    a of the sine is a phase, not a centre; in the exponential it would only scale c, so it is left out.
+    f is one of (u - a)^round(lambda), sin(lambda u - a), exp(-lambda u). a of the sine is a phase, not a centre; in the
+    exponential it would only scale c, so it is left out.
     """
 
     kinds: Ints
-    """`POWER`, `SINE` or `DECAY`, (m, d)."""
+    """Kind of each function, `POWER`, `SINE` or `DECAY`, (m, d)."""
     centres: Array
-    """a, (m, d)."""
+    """Centres a, (m, d)."""
     rates: Array
-    """lambda, (m, d)."""
+    """Rates lambda, (m, d)."""
 
     def columns(self, u: Array) -> Array:
         """Return phi_q(u_b), (n, m)."""
@@ -83,7 +84,7 @@ def warped(u: Array, warps: tuple[Warp, ...], scales: Array) -> Array:
 
     Args:
         u: inputs, (n, d).
-        warps: one per input.
+        warps: map of each input.
         scales: s, (d,), > 0.
 
     Raises:

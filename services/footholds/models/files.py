@@ -1,4 +1,4 @@
-"""Learned slip models in files: versioned JSON, refused by name where anything is not as it must be."""
+"""Files of learned slip models: versioned JSON; a refusal names the wrong field."""
 
 import json
 import math
@@ -15,10 +15,12 @@ from .lattice import Bin, Key, Lattice, LatticeError
 from .learned import Conditions, LearnedModel, Terms
 
 SCHEMA = "surefoot.slip/1"
-MAX_BYTES = 16_000_000  # a larger file is refused before it is read
+MAX_BYTES = 16_000_000
+"""Largest file that is read, bytes."""
 MAX_TERMS = 1000
 MAX_BINS = 200_000
-DIGITS = 10  # of every number of a fit that is written
+DIGITS = 10
+"""Digits of every number of a fit that is written."""
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Triple = tuple[Finite, Finite, Finite]
@@ -29,16 +31,16 @@ class ModelError(SurefootError):
     """A model file that cannot be used."""
 
 
-class _Part(BaseModel):
+class _FilePart(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
 
-class _Lattice(_Part):
+class _LatticePart(_FilePart):
     origin: Triple
     width: Triple
 
 
-class _Terms(_Part):
+class _TermsPart(_FilePart):
     family: Literal["gaussian", "elementary"]
     scales: tuple[Annotated[Finite, Field(gt=0)], Annotated[Finite, Field(gt=0)], Annotated[Finite, Field(gt=0)]]
     warps: tuple[Literal["identity", "log", "asinh"], Literal["identity", "log", "asinh"], Literal["identity", "asinh"]]
@@ -49,7 +51,7 @@ class _Terms(_Part):
     weights: Annotated[list[Finite], Field(max_length=MAX_TERMS + 1)]
 
 
-class _File(_Part):
+class _ModelFile(_FilePart):
     schema_: Literal["surefoot.slip/1"] = Field(alias="schema")
     title: Annotated[str, Field(min_length=1, max_length=64)]
     robot: str
@@ -63,9 +65,9 @@ class _File(_Part):
     landing_error: Annotated[Finite, Field(ge=0, le=0.1)]
     support: Annotated[int, Field(ge=0)]
     seed: Annotated[int, Field(ge=0)]
-    lattice: _Lattice
+    lattice: _LatticePart
     ranges: tuple[tuple[Finite, Finite], tuple[Finite, Finite], tuple[Finite, Finite]]
-    terms: _Terms
+    terms: _TermsPart
     choice: dict[str, Finite]
     provenance: Annotated[list[str], Field(max_length=1000)]
     bins: Annotated[list[tuple[int, int, int, Annotated[Finite, Field(gt=0)], int, int]], Field(max_length=MAX_BINS)]
@@ -106,7 +108,7 @@ def decode(data: bytes, source: str = "model") -> LearnedModel:
     """Return the model of a file's bytes.
 
     Raises:
-        ModelError: what is wrong, with the field.
+        ModelError: the bytes are no model; it names the field.
     """
     if len(data) > MAX_BYTES:
         raise ModelError("too_large", f"{source} has {len(data)} bytes, at most {MAX_BYTES} are allowed")
@@ -118,37 +120,37 @@ def decode(data: bytes, source: str = "model") -> LearnedModel:
     if schema != SCHEMA:
         raise ModelError("schema", f"{source} must be {SCHEMA!r}, got {schema!r}", "schema")
     try:
-        told = _File.model_validate_json(data)
+        entries = _ModelFile.model_validate_json(data)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(part) for part in first["loc"])
         raise ModelError("invalid", f"{source}: {where}: {first['msg']}, got {first['input']!r:.80}", where) from None
-    for (low, high), axis in zip(told.ranges, ("K1", "K2", "cos K3"), strict=True):
+    for (low, high), axis in zip(entries.ranges, ("K1", "K2", "cos K3"), strict=True):
         if not low <= high:
             raise ModelError("invalid", f"{source}: the range of {axis} is empty: {low} to {high}", "ranges")
     try:
-        lattice = Lattice(told.lattice.origin, told.lattice.width)
+        lattice = Lattice(entries.lattice.origin, entries.lattice.width)
     except LatticeError as error:
         raise ModelError("invalid", f"{source}: {error}", error.field) from None
-    bins: dict[Key, Bin] = {(i, j, k): Bin(count, total, squares) for i, j, k, count, total, squares in told.bins}
-    if len(bins) != len(told.bins):
-        raise ModelError("invalid", f"{source}: a bin stands there twice", "bins")
-    scales, warps = np.array(told.terms.scales), tuple(told.terms.warps)
-    terms = Terms(_basis(told.terms, source), np.array(told.terms.weights), warps, scales)
+    bins: dict[Key, Bin] = {(i, j, k): Bin(count, total, squares) for i, j, k, count, total, squares in entries.bins}
+    if len(bins) != len(entries.bins):
+        raise ModelError("invalid", f"{source}: a bin is given twice", "bins")
+    scales, warps = np.array(entries.terms.scales), tuple(entries.terms.warps)
+    terms = Terms(_basis(entries.terms, source), np.array(entries.terms.weights), warps, scales)
     model = LearnedModel(
-        title=told.title,
-        conditions=Conditions(told.cell, told.smooth, told.foot_radius, told.robot, told.robot_hash),
+        title=entries.title,
+        conditions=Conditions(entries.cell, entries.smooth, entries.foot_radius, entries.robot, entries.robot_hash),
         terms=terms,
-        lattice=lattice, bins=bins, ranges=told.ranges, distance_weight=told.distance_weight,
-        landing_error=told.landing_error, support=told.support, seed=told.seed, choice=told.choice,
-        provenance=tuple(told.provenance),
+        lattice=lattice, bins=bins, ranges=entries.ranges, distance_weight=entries.distance_weight,
+        landing_error=entries.landing_error, support=entries.support, seed=entries.seed, choice=entries.choice,
+        provenance=tuple(entries.provenance),
     )  # fmt: skip
     check(model, source)
     return model
 
 
 def check(model: LearnedModel, source: str = "model") -> None:
-    """Refuse a model that predicts nothing that can be used.
+    """Raise ModelError for a model without any usable prediction.
 
     Raises:
         ModelError: all predictions are NaN or beyond 1.
@@ -196,7 +198,7 @@ def save(model: LearnedModel, path: str | Path) -> Path:
     return target
 
 
-def _basis(terms: _Terms, source: str) -> Basis:
+def _basis(terms: _TermsPart, source: str) -> Basis:
     m = len(terms.centres)
     wanted = m + (terms.constant and terms.family == "gaussian")
     if len(terms.rates) != m or len(terms.weights) != wanted or wanted == 0:

@@ -15,15 +15,15 @@ Array = NDArray[np.float64]
 Key = tuple[int, int, int]
 
 UNIT = 1e-9
-"""Of the sums; the sums of squares are in UNIT squared."""
+"""Unit of the sums, in strokes; the sums of squares are in UNIT squared."""
 FLAT = 1e-6
-"""K2 / (8 cell) below this is flat ground: K1 / K2 is 0 there."""
+"""Value of K2 / (8 cell) below which ground is flat: K1 / K2 is 0 there."""
 ROUGHEST = 4.0
-"""Inputs are cut here: K2 / (8 cell) of a cliff has no upper end."""
+"""Largest K2 / (8 cell) of a sample; that of a cliff has no upper end and is cut."""
 
 
 class LatticeError(ValueError):
-    """Bins that cannot be joined: `field` names what is wrong."""
+    """Lattice that cannot be; `field` names the wrong part."""
 
     def __init__(self, field: str, message: str) -> None:
         super().__init__(f"{field}: {message}")
@@ -32,7 +32,7 @@ class LatticeError(ValueError):
 
 @dataclass(frozen=True)
 class Lattice:
-    """A fixed lattice; bins are indexed by floor((x - origin) / width), so it has no edge."""
+    """Fixed lattice without edges; bins are indexed by floor((x - origin) / width)."""
 
     origin: tuple[float, float, float] = (-1.1, 0.0, -1.05)
     width: tuple[float, float, float] = (0.2, 0.05, 0.1)
@@ -55,15 +55,15 @@ class Bin:
     """Outcomes of one bin."""
 
     count: float
-    """Samples; a weighted re-learning makes it a fraction."""
+    """Number of samples; a weighted re-learning makes it a fraction."""
     total: int
-    """Sum of r, in UNIT."""
+    """Sum of the slips r, in UNIT."""
     squares: int
     """Sum of r^2, in UNIT^2."""
 
     @property
     def mean(self) -> float:
-        """Mean of r."""
+        """Mean slip, per stroke."""
         return self.total * UNIT / self.count
 
     @property
@@ -73,7 +73,7 @@ class Bin:
 
     @property
     def sd(self) -> float:
-        """Standard deviation of r, NaN for one sample."""
+        """Standard deviation of the slip, NaN for one sample."""
         return float(np.sqrt(self.m2 / (self.count - 1.0))) if self.count > 1.0 else float("nan")
 
 
@@ -81,14 +81,14 @@ Bins = Mapping[Key, Bin]
 
 
 def coordinates(k1: Array, k2: Array, cos_k3: Array, cell: float) -> Array:
-    """Return K1 / K2, K2 / (8 cell), cos K3 of coefficients (n,), (n, 3)."""
+    """Return the points K1 / K2, K2 / (8 cell), cos K3, (n, 3), of coefficients (n,)."""
     b = k2 / (8.0 * cell)
     ratio = np.where(b < FLAT, 0.0, k1 / np.where(k2 == 0.0, 1.0, k2))
     return np.column_stack((np.clip(ratio, -1.0, 1.0), np.clip(b, 0.0, ROUGHEST), np.clip(cos_k3, -1.0, 1.0)))
 
 
 def inputs(x: Array) -> Array:
-    """Return K1 / (8 cell), K2 / (8 cell), cos K3 of points on the lattice's axes, (n, 3): what terms are made of."""
+    """Return the inputs of terms K1 / (8 cell), K2 / (8 cell), cos K3 of points on the lattice's axes, (n, 3)."""
     return np.column_stack((x[:, 0] * x[:, 1], x[:, 1], x[:, 2]))
 
 
@@ -96,9 +96,9 @@ def filled(lattice: Lattice, x: Array, r: Array) -> dict[Key, Bin]:
     """Return the bins of samples, in the order of their keys.
 
     Args:
-        lattice: where the bins are.
-        x: points on its axes, (n, 3).
-        r: slip, (n,).
+        lattice: axes of the bins.
+        x: points on the axes, (n, 3).
+        r: slip per stroke, (n,).
     """
     found: dict[Key, list[int]] = {}
     for key, value in zip(lattice.keys(x).tolist(), r.tolist(), strict=True):
@@ -119,7 +119,7 @@ def merged(a: Bins, b: Bins, weight: float = 1.0) -> dict[Key, Bin]:
 
     Args:
         a: the old bins.
-        b: the new ones, on the same lattice.
+        b: the new bins, on the same lattice.
         weight: c, 0 to 1.
     """
     out = dict(a)
@@ -140,7 +140,7 @@ def faded(a: Bins, b: Bins, c: float) -> dict[Key, Bin]:
 
     Args:
         a: the old bins.
-        b: the new ones, on the same lattice.
+        b: the new bins, on the same lattice.
         c: 0 to 1.
     """
     out = dict(a)

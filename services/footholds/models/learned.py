@@ -1,4 +1,4 @@
-"""A slip model learned from stances: terms over the scaled coefficients, evaluated by a table, and bins for its spread.
+"""Slip model learned from stances: terms over the scaled coefficients, evaluated by a table, and bins for its spread.
 
 P is computed once at the nodes of a table over (K1 / K2, K2 / (8 cell), cos K3) and interpolated linearly between
 them, so a prediction costs the same whatever the family and number of the terms.
@@ -21,50 +21,57 @@ from .protocol import UNLEARNED
 
 Array = NDArray[np.float64]
 NODES = (17, 65, 33)
-"""Of the table along K1 / K2, K2 / (8 cell), cos K3."""
+"""Number of nodes of the table along K1 / K2, K2 / (8 cell), cos K3."""
 CELL_TOLERANCE = 0.01
-"""Of the cell and the foot radius: another map or foot is refused beyond it."""
+"""Largest relative difference of cell and foot radius at which a model still holds."""
 ROUNDS = "rounds"
-"""Of re-learning: an entry of `LearnedModel.choice`."""
+"""Entry of `LearnedModel.choice` that counts rounds of re-learning."""
 LEAST_RANGE = 1e-3
-"""Of an axis of the table: samples that are all alike still make one."""
+"""Least range of an axis of the table, for samples that are all alike."""
+
+
+Table = tuple[Layer, Layer, Layer]
+"""P at the nodes, `NODES`; first value and steps per unit of each axis, (3, 2); ranges of the model, (3, 2)."""
+Support = tuple[NDArray[np.int32], NDArray[np.int64], Layer, int]
+"""Samples of each bin, (a, b, c); key of its element [0, 0, 0], (3,); origin of the lattice and bins per unit of each
+axis, (3, 2); samples that a bin needs, 0 = none."""
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """Where a model was learned."""
+    """Map, foot and robot that a model was learned with."""
 
     cell: float
-    """m."""
+    """Edge of a cell, m."""
     smooth: bool
-    """Whether the map went through the 3 x 3 median."""
+    """True if the map went through the 3 x 3 median."""
     foot_radius: float
-    """m."""
+    """Radius of the foot sphere, m."""
     robot: str = ""
     robot_hash: str = ""
 
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """P(u) = sum_q c_q phi_q(u) over warped inputs."""
+    """Weighted sum P(u) = sum_q c_q phi_q(u) over warped inputs."""
 
     basis: Basis
     weights: Array
-    """c, (m,)."""
+    """Weights c, (m,)."""
     warps: tuple[Warp, ...]
-    """One per input K1 / (8 cell), K2 / (8 cell), cos K3."""
+    """Map of each input K1 / (8 cell), K2 / (8 cell), cos K3."""
     scales: Array
     """Divisors of the inputs, (3,)."""
 
     def values(self, u: Array) -> Array:
         """Return P of inputs (n, 3), (n,)."""
-        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is no prediction: see `files.check`
+        with np.errstate(over="ignore", invalid="ignore"):  # an overflow is no prediction: see `files.check`
             return (self.basis.columns(warped(u, self.warps, self.scales)) * self.weights).sum(axis=1)
 
 
 @dataclass(frozen=True, eq=False)
 class LearnedModel:
-    """A learned slip model."""
+    """Slip model learned from stances of one robot."""
 
     title: str
     """Name without the version."""
@@ -77,12 +84,12 @@ class LearnedModel:
     distance_weight: float
     landing_error: float
     support: int = 0
-    """Least samples of a cell's bin; 0: only the ranges count."""
+    """Number of samples that a cell's bin needs; 0: only the ranges count."""
     seed: int = 0
     choice: dict[str, float] = field(default_factory=dict)
-    """What the fit was chosen by: terms, ridge, error of the folds."""
+    """Numbers of the fit: terms, ridge, error of the folds."""
     provenance: tuple[str, ...] = ()
-    """One line per source of samples."""
+    """Sources of the samples, one line each."""
 
     @property
     def name(self) -> str:
@@ -105,8 +112,8 @@ class LearnedModel:
     def scaled(self, factor: float) -> Self:
         """Return the model for a robot of `factor` times the size, on cells of `factor` times the edge.
 
-        Its inputs have no unit and slip is per stroke, so the terms stay: ground of the same shape in feet slips a
-        foot by the same share of its stroke. That is an assumption about weight and friction, not a measurement.
+        Inputs and slip have no unit, so the terms stay: on ground of the same shape, measured in feet, a foot slides
+        by the same share of its stroke. That is an assumption about weight and friction, not a measurement.
         """
         c = self.conditions
         larger = replace(c, cell=factor * c.cell, foot_radius=factor * c.foot_radius, robot="", robot_hash="")
@@ -116,14 +123,10 @@ class LearnedModel:
         )  # fmt: skip
 
     def predict(self, features: Features, cell: float) -> Layer:
-        """P of every cell, (ny, nx) float32, not below 0; `UNLEARNED` outside the ranges or without support."""
-        out = np.empty(features.k1.shape, dtype=np.float32)
-        table, axes = self.table
-        counts, first = self._support
-        _interpolated(
-            features.k1, features.k2, features.cos_k3, np.float32(0.125 / cell), table, axes,
-            np.array(self.ranges, dtype=np.float32), counts, first, self._lattice_axes, self.support, out,
-        )  # fmt: skip
+        """Return P of every cell, (ny, nx) float32, >= 0; `UNLEARNED` outside the ranges or without support."""
+        k1, k2, cos_k3 = features
+        out = np.empty(k1.shape, dtype=np.float32)
+        _interpolated(k1, k2, cos_k3, np.float32(0.125 / cell), self.table, self._support, out)
         return out
 
     def spread(self, features: Features, cell: float) -> Layer:
@@ -141,15 +144,16 @@ class LearnedModel:
         return out
 
     @cached_property
-    def table(self) -> tuple[Layer, Layer]:
-        """P at the nodes, `NODES`, and first value and steps per unit of each axis, (3, 2)."""
+    def table(self) -> Table:
+        """Values that predictions are interpolated in."""
         axes = self._nodes()
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         low, high = np.array(self.ranges).T
         values = self.terms.values(np.clip(inputs(points), low, high)).reshape(NODES)
         steps = [[axis[0], (len(axis) - 1) / (axis[-1] - axis[0])] for axis in axes]
         with np.errstate(over="ignore"):
-            return np.maximum(values, 0.0).astype(np.float32), np.array(steps, dtype=np.float32)
+            found = np.maximum(values, 0.0).astype(np.float32)
+        return found, np.array(steps, dtype=np.float32), np.array(self.ranges, dtype=np.float32)
 
     def table_error(self, count: int = 2000, seed: int = 0) -> float:
         """Return the largest error of the table at random points within the ranges, as P."""
@@ -179,32 +183,28 @@ class LearnedModel:
         )
 
     @cached_property
-    def _support(self) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-        """Samples per bin as an array, and the key of its first element."""
+    def _support(self) -> Support:
+        pairs = zip(self.lattice.origin, self.lattice.width, strict=True)
+        axes = np.array([[origin, 1.0 / width] for origin, width in pairs], dtype=np.float32)
         keys = np.array(list(self.bins), dtype=np.int64).reshape(-1, 3)
         if not len(keys):
-            return np.zeros((1, 1, 1), dtype=np.int32), np.zeros(3, dtype=np.int64)
+            return np.zeros((1, 1, 1), dtype=np.int32), np.zeros(3, dtype=np.int64), axes, self.support
         first, last = keys.min(axis=0), keys.max(axis=0)
         counts = np.zeros(tuple(last - first + 1), dtype=np.int32)
         for key, each in self.bins.items():
             counts[tuple(np.array(key) - first)] = min(int(each.count), 2**31 - 1)
-        return counts, first
-
-    @cached_property
-    def _lattice_axes(self) -> Layer:
-        """Origin and bins per unit of the lattice, (3, 2)."""
-        pairs = zip(self.lattice.origin, self.lattice.width, strict=True)
-        return np.array([[origin, 1.0 / width] for origin, width in pairs], dtype=np.float32)
+        return counts, first, axes, self.support
 
 
 @row_kernel
 def _interpolated(
-    k1: Layer, k2: Layer, cos_k3: Layer, scale: np.float32, table: Layer, axes: Layer, ranges: Layer,
-    counts: NDArray[np.int32], first: NDArray[np.int64], lattice: Layer, support: int, out: Layer,
-) -> None:  # fmt: skip
-    """Trilinear P of every cell; `scale` turns K1 and K2 into their scaled inputs."""
+    k1: Layer, k2: Layer, cos_k3: Layer, scale: np.float32, table: Table, held: Support, out: Layer
+) -> None:
+    """Write the trilinear P of every cell, (ny, nx); `scale` is 1 / (8 cell), 1/m."""
+    values, axes, ranges = table
+    counts, first, lattice, support = held
     zero, one, flat, unlearned = np.float32(0.0), np.float32(1.0), np.float32(FLAT), np.float32(UNLEARNED)
-    nt, nb, nc = table.shape
+    nt, nb, nc = values.shape
     t0, ts, b0, bs, c0, cs = axes[0, 0], axes[0, 1], axes[1, 0], axes[1, 1], axes[2, 0], axes[2, 1]
     low1, high1, low2, high2, low3, high3 = (
         ranges[0, 0], ranges[0, 1], ranges[1, 0], ranges[1, 1], ranges[2, 0], ranges[2, 1]
@@ -225,9 +225,9 @@ def _interpolated(
                 x = math.floor((t - lattice[0, 0]) * lattice[0, 1]) - first[0]
                 y = math.floor((b - lattice[1, 0]) * lattice[1, 1]) - first[1]
                 z = math.floor((c - lattice[2, 0]) * lattice[2, 1]) - first[2]
-                held = x >= 0 and y >= 0 and z >= 0
-                held = held and x < counts.shape[0] and y < counts.shape[1] and z < counts.shape[2]
-                if not held or counts[x, y, z] < support:
+                within = x >= 0 and y >= 0 and z >= 0
+                within = within and x < counts.shape[0] and y < counts.shape[1] and z < counts.shape[2]
+                if not within or counts[x, y, z] < support:
                     target[j] = unlearned
                     continue
             u = min(max((t - t0) * ts, zero), last_t)
@@ -235,8 +235,8 @@ def _interpolated(
             w = min(max((c - c0) * cs, zero), last_c)
             p, q, r = min(int(u), nt - 2), min(int(v), nb - 2), min(int(w), nc - 2)
             u, v, w = u - np.float32(p), v - np.float32(q), w - np.float32(r)
-            e00 = table[p, q, r] * (one - w) + table[p, q, r + 1] * w
-            e01 = table[p, q + 1, r] * (one - w) + table[p, q + 1, r + 1] * w
-            e10 = table[p + 1, q, r] * (one - w) + table[p + 1, q, r + 1] * w
-            e11 = table[p + 1, q + 1, r] * (one - w) + table[p + 1, q + 1, r + 1] * w
+            e00 = values[p, q, r] * (one - w) + values[p, q, r + 1] * w
+            e01 = values[p, q + 1, r] * (one - w) + values[p, q + 1, r + 1] * w
+            e10 = values[p + 1, q, r] * (one - w) + values[p + 1, q, r + 1] * w
+            e11 = values[p + 1, q + 1, r] * (one - w) + values[p + 1, q + 1, r + 1] * w
             target[j] = (e00 * (one - v) + e01 * v) * (one - u) + (e10 * (one - v) + e11 * v) * u

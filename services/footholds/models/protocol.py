@@ -1,53 +1,53 @@
-"""What a slip model must offer; the hand-made score and every learned model look like this to the rest."""
+"""Interface of slip models: the hand-made score and the learned ones."""
 
 from typing import Protocol
 
 from ..features import Features, Layer
 
 UNLEARNED = -1.0
-"""P of a cell that lies outside what a model has learned; other values outside [0, 1] are artefacts of a fit."""
+"""P of a cell outside the inputs that a model has learned; other values outside [0, 1] are artefacts of a fit."""
 
 
 class SlipModel(Protocol):
-    """Predicts the slip r of a foothold, way of the contact point per stroke, from its ground coefficients."""
+    """Predictor of the slip r of a foothold, way of the contact point per stroke, from its ground coefficients."""
 
     @property
     def name(self) -> str:
-        """Name and version; every reply carries it."""
+        """Name and version, as in every reply."""
         ...
 
     @property
     def distance_weight(self) -> float:
-        """k of Q = P + k K4 that goes with this model, 1/m."""
+        """Weight k of Q = P + k K4 that belongs to this model, 1/m."""
         ...
 
     @property
     def landing_error(self) -> float:
-        """Standard deviation of landings about the chosen cell, m: P is averaged over it.
+        """Standard deviation of landings about the chosen cell, m.
 
-        0: the choice takes the mean over the free cells of the 3 x 3 block.
+        P is averaged over it; with 0 over the free cells of the 3 x 3 block.
         """
         ...
 
     def unfit(self, cell: float, smooth: bool, foot_radius: float) -> str:
-        """Return why the model does not hold on a map, empty if it does.
+        """Return the reason why the model does not hold on a map, empty if it does.
 
         Args:
             cell: edge of a cell, m. K1 and K2 scale with it.
-            smooth: whether the map goes through the 3 x 3 median.
-            foot_radius: m.
+            smooth: True if the map goes through the 3 x 3 median.
+            foot_radius: radius of the foot sphere, m.
         """
         ...
 
     def predict(self, features: Features, cell: float) -> Layer:
-        """P(K1, K2, cos K3) of every cell of a map that the model is fit for.
+        """Return P(K1, K2, cos K3) of every cell of a map that the model holds on.
 
         Args:
             features: coefficients, (ny, nx) each.
             cell: edge of a cell, m.
 
         Returns:
-            Predicted slip, (ny, nx) float32. NaN where the coefficients are, `UNLEARNED` outside what was learned;
+            Predicted slip, (ny, nx) float32. NaN where the coefficients are, `UNLEARNED` outside the learned inputs;
             another value outside [0, 1] is an artefact of a fit and makes the cell unknown.
         """
         ...

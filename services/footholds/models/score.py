@@ -1,4 +1,4 @@
-"""A transparent hand-made slip model: seven numbers, each with its reason.
+"""Hand-made slip model: seven numbers, each with its reason.
 
 With the mean convexity a = K1 / (8 cell) and the mean roughness b = K2 / (8 cell) (heights over the neighbours per
 cell, no unit), s(x) = x / (1 + x), c = cos K3 and (x)+ = max(x, 0),
@@ -29,19 +29,21 @@ class HandScore:
     flat: float = 0.04
     """Slip on flat ground: servo and body errors drag a foot by about 4 % of a stroke (single-foot trials, mu 0.4)."""
     peak: float = 0.70
-    """A peak or top edge holds on one side only. A top edge of 10 mm in 5 mm cells costs 0.26, six cells of way;
-    one of 25 mm passes the slip limit."""
+    """Weight of peaks and top edges, which hold on one side only. A top edge of 10 mm in 5 mm cells costs 0.26, six
+    cells of way; one of 25 mm exceeds the slip limit."""
     hole: float = 0.05
-    """A hole or the foot of a wall holds on all sides. Small: no more than the flat slip can be gained, and in a
-    walk, other than under a single foot, holes were not better than flat ground (walls, closed chains)."""
+    """Gain of a hole or the foot of a wall, which hold on all sides. Small: no more than the flat slip can be
+    gained, and in a walk, other than under a single foot, holes were not better than flat ground."""
     face: float = 0.30
-    """Ground that falls away from the push slips: 30 deg cost 0.15."""
+    """Weight of ground that falls away from the push and slips: 30 deg cost 0.15."""
     lean: float = 0.10
-    """Ground that faces the push gains a third of that: it slips less than other slopes, yet more than flat ground."""
+    """Gain of ground that faces the push, a third of `face`: it slips less than other slopes, more than flat ground."""
     rough: float = 0.70
-    """Slopes of any direction and broken ground: stances on the steepest fourth slid twice as far as on the flat."""
+    """Weight of slopes of any direction and broken ground: stances on the steepest fourth slid twice
+    as far as on the flat."""
     dead: float = 0.15
-    """Noise of the map that is not ground: 3 mm per cell leave about this much of a and b behind the filter."""
+    """Convexity and roughness taken for noise of the map: 3 mm per cell leave about this much of a and b
+    behind the filter."""
 
     def __post_init__(self) -> None:
         for field, value in zip(fields(self), astuple(self), strict=True):
@@ -55,12 +57,12 @@ class HandScore:
 
     @property
     def distance_weight(self) -> float:
-        """k of Q = P + k K4, 1/m (paper 3.3, Eq. 18)."""
+        """Weight k of Q = P + k K4, 1/m (paper 3.3, Eq. 18)."""
         return 8.0
 
     @property
     def landing_error(self) -> float:
-        """0: the choice takes the mean over the free cells of the 3 x 3 block."""
+        """Landing error, m: 0, the choice takes the mean over the free cells of the 3 x 3 block."""
         return 0.0
 
     def unfit(self, cell: float, smooth: bool, foot_radius: float) -> str:
@@ -72,8 +74,8 @@ class HandScore:
         return np.full(features.k1.shape, np.nan, dtype=np.float32)
 
     def predict(self, features: Features, cell: float) -> Layer:
-        """P of every cell, (ny, nx) float32 in [0, 1], NaN where the coefficients are; holds for any cell size."""
-        k1, k2, cos_k3 = features.k1, features.k2, features.cos_k3
+        """Return P of every cell, (ny, nx) float32 in [0, 1], NaN where the coefficients are; any cell size."""
+        k1, k2, cos_k3 = features
         out = np.empty(k1.shape, dtype=np.float32)
         _predict(k1, k2, cos_k3, _weights(self), np.float32(0.125 / cell), out)
         return out
@@ -86,6 +88,7 @@ def _weights(score: HandScore) -> Layer:
 
 @row_kernel
 def _predict(k1: Layer, k2: Layer, cos_k3: Layer, weights: Layer, scale: np.float32, out: Layer) -> None:
+    """Write P of every cell, (ny, nx); `weights` are the fields of `HandScore`, `scale` is 1 / (8 cell), 1/m."""
     zero, one = np.float32(0.0), np.float32(1.0)
     flat, peak, hole, face = weights[0], weights[1], weights[2], weights[3]
     lean, rough, dead = weights[4], weights[5], weights[6]
@@ -96,5 +99,5 @@ def _predict(k1: Layer, k2: Layer, cos_k3: Layer, weights: Layer, scale: np.floa
             up, low, edge = max(a - dead, zero), max(-a - dead, zero), max(b - abs(a) - dead, zero)
             value = flat + peak * up / (one + up) - hole * low / (one + low) + rough * edge / (one + edge)
             value += face * max(c, zero) + lean * min(c, zero)
-            # b + c carries a NaN of the coefficients past max and min
+            # b + c keeps a NaN of the coefficients, which max and min drop
             target[j] = min(max(value, zero), one) + zero * (b + c)

@@ -13,23 +13,23 @@ from surefoot.errors import SurefootError
 from surefoot.lab.footholds import campaign
 from surefoot.lab.footholds.campaign import Trial, append, collect, planned, read, walked
 from surefoot.lab.footholds.walks import JoinedWalk, Setting
-from surefoot.services.footholds.features import map_features_numpy
-from surefoot.services.footholds.learning.samples import PATCH, Sample, line_of
+from surefoot.services.footholds.learning.samples import PATCH, StanceSample, line_of
 from tests.services.footholds.learning.made import samples
+from tests.services.footholds.numpy_features import map_features_numpy
 
 SHORT = Setting("rough", 0.3, 0.04, 0.5, profile="noise")
 
 
-def made(trial: Trial) -> list[Sample]:
+def made(trial: Trial) -> list[StanceSample]:
     return [replace(each, trial=trial.name) for each in samples(5, seed=trial.seed)]
 
 
 @pytest.fixture(scope="module")
-def stances() -> list[Sample]:
+def stances() -> list[StanceSample]:
     return walked(Trial(3, SHORT))
 
 
-def test_a_walk_gives_the_stances_of_its_choices(stances: list[Sample]) -> None:
+def test_a_walk_gives_the_stances_of_its_choices(stances: list[StanceSample]) -> None:
     assert len(stances) > 15
     assert len({(each.leg, each.step) for each in stances}) == len(stances)
     assert {each.leg for each in stances} == set(range(6))
@@ -46,11 +46,11 @@ def test_a_walk_gives_the_stances_of_its_choices(stances: list[Sample]) -> None:
         assert float(found.k2[1, 1]) == pytest.approx(each.k2, abs=1e-5)
 
 
-def test_outcomes_are_the_judges(stances: list[Sample]) -> None:
+def test_outcomes_are_the_judges(stances: list[StanceSample]) -> None:
     joined = JoinedWalk(3, SHORT, campaign.random_rule(3))
     while joined.tick():
         pass
-    slid = sorted(joined.judge.sliding)
+    slid = sorted(joined.stances.sliding)
     assert {each.sliding for each in stances} <= set(slid)
     assert sum(each.sliding for each in stances) <= sum(slid) + 1e-12
     assert [each.sliding for each in walked(Trial(3, SHORT))] == [each.sliding for each in stances]
@@ -59,7 +59,7 @@ def test_outcomes_are_the_judges(stances: list[Sample]) -> None:
 def test_a_campaign_goes_on_where_it_was_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     walks: list[str] = []
 
-    def walk(trial: Trial) -> list[Sample]:
+    def walk(trial: Trial) -> list[StanceSample]:
         walks.append(trial.name)
         return made(trial)
 
@@ -79,7 +79,7 @@ def test_a_campaign_goes_on_where_it_was_ended(tmp_path: Path, monkeypatch: pyte
     assert collect(trials, out) == 0
 
 
-def _dies_once(trial: Trial) -> list[Sample]:
+def _dies_once(trial: Trial) -> list[StanceSample]:
     flag = Path(trial.model)
     if trial.seed == 2 and not flag.exists():
         flag.touch()

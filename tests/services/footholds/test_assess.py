@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 
 from surefoot.services.footholds.assess import LAYERS, Window, assess, whole_map, window_about
-from surefoot.services.footholds.features import map_features_numpy
-from surefoot.services.footholds.masks import Limits, Reason
+from surefoot.services.footholds.masks import Reason
 from surefoot.services.footholds.models.score import HandScore
-from surefoot.services.footholds.select import placement
+from surefoot.services.footholds.select import SelectParams, placement
 from tests.services.footholds.grounds import CELL, STROKE, flat, ground_of, neutral, ragno, standing
+from tests.services.footholds.numpy_features import map_features_numpy
 
 MODEL = HandScore()
 
 
 def layers(z: np.ndarray, window: Window, nominal: tuple[float, float] | None) -> dict[str, np.ndarray]:
-    found = assess(ground_of(z), MODEL, window, nominal, STROKE, LAYERS, Limits(), 8.0)
+    found = assess(ground_of(z), MODEL, window, nominal, STROKE, LAYERS, SelectParams(distance_weight=8.0))
     return dict(zip(LAYERS, found.layers, strict=True))
 
 
@@ -53,6 +53,6 @@ def test_leg_adds_reach() -> None:
     ground, foot = ground_of(flat()), neutral(0)
     window = window_about(ground, float(foot[0]), float(foot[1]), 61)
     placed = placement(ragno(), 0, standing(), STROKE)
-    found = assess(ground, MODEL, window, None, STROKE, ("mask",), Limits(), 8.0, placed)
+    found = assess(ground, MODEL, window, None, STROKE, ("mask",), SelectParams(), placed)
     assert 0 < found.counts[0] < 61 * 61
     assert found.counts[0] == np.count_nonzero(found.layers[0].astype(int) & Reason.REACH)

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from surefoot.services.footholds.features import (
     distance,
     map_features,
-    map_features_numpy,
     push_direction,
     window_features,
 )
+from tests.services.footholds.numpy_features import map_features_numpy
 
 CELL = 0.005
 # the eight neighbours (p along x, q along y), counter-clockwise from +x

@@ -120,7 +120,7 @@ def test_a_model_of_another_cell_filter_or_foot_is_not_used(
 def test_a_job_of_a_past_epoch_writes_its_file_and_changes_nothing(
     service: Footholds, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from surefoot.services.footholds import job
+    from surefoot.services.footholds.learning import job
 
     entered, released = threading.Event(), threading.Event()
 
@@ -134,13 +134,13 @@ def test_a_job_of_a_past_epoch_writes_its_file_and_changes_nothing(
     file, out = written(tmp_path / "samples.jsonl"), tmp_path / "learned.json"
     before = service.select(asked("lf")).model
     request = LearnRequest(action="start", samples=str(file), out=str(out), use=True)
-    service.job.answer(request)
+    service.models.job.answer(request)
     assert entered.wait(20.0)
     service.on_reset()
     give(service, message(flat()))
     released.set()
-    service.job.wait()
-    assert service.job.answer(LearnRequest()).state == "done"
+    service.models.job.wait()
+    assert service.models.job.answer(LearnRequest()).state == "done"
     assert out.exists()
     assert service.select(asked("lf")).model == before
     assert finished(service, request).state == "done"  # a job of this epoch is put in force
@@ -170,15 +170,15 @@ def test_random_footholds_need_a_seed_and_repeat_with_it(service: Footholds) -> 
 
 
 def finished(service: Footholds, request: LearnRequest) -> LearnReply:
-    service.job.answer(request)
-    service.job.wait()
-    return service.job.answer(LearnRequest())
+    service.models.job.answer(request)
+    service.models.job.wait()
+    return service.models.job.answer(LearnRequest())
 
 
 def test_a_job_learns_writes_and_puts_in_force(service: Footholds, tmp_path: Path) -> None:
     give(service, message(flat()))
     file, out = written(tmp_path / "samples.jsonl"), tmp_path / "learned.json"
-    assert service.job.answer(LearnRequest()).state == "idle"
+    assert service.models.job.answer(LearnRequest()).state == "idle"
     done = finished(service, LearnRequest(action="start", samples=str(file), out=str(out), title="mine", use=True))
     assert (done.state, done.model, done.samples) == ("done", "mine/400", 400)
     assert done.error is not None
@@ -205,7 +205,7 @@ def test_a_job_that_fails_leaves_the_model(
 
 
 def test_start_while_learning_and_cancel(service: Footholds, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from surefoot.services.footholds import job
+    from surefoot.services.footholds.learning import job
 
     entered, released = threading.Event(), threading.Event()
 
@@ -217,18 +217,18 @@ def test_start_while_learning_and_cancel(service: Footholds, tmp_path: Path, mon
     monkeypatch.setattr(job, "learn", slow)
     file = written(tmp_path / "samples.jsonl")
     with pytest.raises(Refusal) as error:
-        service.job.answer(LearnRequest(action="cancel"))
+        service.models.job.answer(LearnRequest(action="cancel"))
     assert error.value.code == "nothing_to_cancel"
     with pytest.raises(Refusal):
-        service.job.answer(LearnRequest(action="start"))
-    service.job.answer(LearnRequest(action="start", samples=str(file)))
+        service.models.job.answer(LearnRequest(action="start"))
+    service.models.job.answer(LearnRequest(action="start", samples=str(file)))
     assert entered.wait(20.0)
     give(service, message(flat()))  # ticks and questions go on
     assert service.select(asked("lf")).legs[0].status == "ok"
     with pytest.raises(Refusal) as error:
-        service.job.answer(LearnRequest(action="start", samples=str(file)))
+        service.models.job.answer(LearnRequest(action="start", samples=str(file)))
     assert error.value.code == "busy"
-    service.job.answer(LearnRequest(action="cancel"))
+    service.models.job.answer(LearnRequest(action="cancel"))
     released.set()
-    service.job.wait()
-    assert service.job.answer(LearnRequest()).state == "cancelled"
+    service.models.job.wait()
+    assert service.models.job.answer(LearnRequest()).state == "cancelled"

@@ -9,9 +9,9 @@ from surefoot.lockstep.local import LocalSystem
 from surefoot.schemas.footholds import ModelRequest, SelectReply, StanceOutcome
 from surefoot.services.footholds.config import FootholdsConfig
 from surefoot.services.footholds.learning.fit import Candidate, LearnOptions, learn
+from surefoot.services.footholds.learning.relearner import LAG
 from surefoot.services.footholds.learning.samples import gather
 from surefoot.services.footholds.models.files import encode, load, save
-from surefoot.services.footholds.relearner import LAG
 from surefoot.services.footholds.service import Footholds
 from tests.services.footholds.grounds import STROKE, neutral
 from tests.services.footholds.learning.made import samples

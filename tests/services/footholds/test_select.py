@@ -128,18 +128,18 @@ def test_choice_equals_plain_loops(seed: int, robust: bool, share: float) -> Non
     mask = (rng.random((15, 15)) < share).astype(np.uint8)
     slip = rng.uniform(0.0, 0.5, (15, 15)).astype(np.float32)
     sx, sy = rng.uniform(-8 * CELL, -6 * CELL, 2)
-    got = choose(mask, slip, slip, ALONE, CELL, sx, sy, 8.0, robust, np.zeros(2))
+    got = choose(mask, slip, slip, ALONE, (CELL, sx, sy), 8.0, robust, np.zeros(2))
     assert got == reference(mask, slip, sx, sy, 8.0, robust)
 
 
 def test_equal_cells_go_to_the_nearer_then_to_the_first() -> None:
     slip, mask = np.zeros((15, 15), dtype=np.float32), np.zeros((15, 15), dtype=np.uint8)
     best = np.zeros(2)
-    middle = -7 * CELL
-    assert choose(mask, slip, slip, ALONE, CELL, middle, middle, 0.0, False, best) == 7 * 15 + 7  # K4, though k = 0
+    offset = (CELL, -7 * CELL, -7 * CELL)
+    assert choose(mask, slip, slip, ALONE, offset, 0.0, False, best) == 7 * 15 + 7  # K4, though k = 0
     mask[7, 7] = 1
-    assert choose(mask, slip, slip, ALONE, CELL, middle, middle, 0.0, False, best) == 6 * 15 + 7
-    assert choose(np.ones_like(mask), slip, slip, ALONE, CELL, middle, middle, 0.0, True, best) == -1
+    assert choose(mask, slip, slip, ALONE, offset, 0.0, False, best) == 6 * 15 + 7
+    assert choose(np.ones_like(mask), slip, slip, ALONE, offset, 0.0, True, best) == -1
 
 
 @pytest.mark.parametrize(("error", "border"), [(0.0, 0), (0.002, 0), (0.003, 1), (0.005, 2), (1.0, 6)])
@@ -169,7 +169,7 @@ def test_choice_over_landings_equals_plain_loops(seed: int, share: float) -> Non
         part = around[i : i + 5, j : j + 5].astype(np.float64)
         known = part >= 0.0
         means[i, j] = (blur * np.minimum(part, 1.0))[known].sum() / blur[known].sum()
-    got = choose(mask, slip, around, blur, CELL, sx, sy, 2.0, False, np.zeros(2))
+    got = choose(mask, slip, around, blur, (CELL, sx, sy), 2.0, False, np.zeros(2))
     assert got == reference(mask, means, sx, sy, 2.0, False)
 
 

@@ -1,4 +1,4 @@
-"""The height map: orientation, heights, dilation, swept corridors, wire."""
+"""The height map: orientation, heights, dilation, median filter, wire."""
 
 import json
 import math

@@ -6,8 +6,9 @@ import pytest
 from surefoot.services.footholds.learning.evolution import evolve
 from surefoot.services.footholds.learning.solve import cost, weights
 from surefoot.services.footholds.learning.swarm import swarm
-from surefoot.services.footholds.learning.varpro import Bounds, _Problem, random_start, refine
+from surefoot.services.footholds.learning.varpro import Bounds, _Problem, refine
 from surefoot.services.footholds.models.bases import DECAY, POWER, SINE, Basis, Elementary, Gaussians, warped
+from tests.services.footholds.learning.made import random_start
 
 BOX = (-1.0, 1.0)
 

@@ -1,0 +1,188 @@
+"""Comparison of footholds from one state: the same step with several candidates.
+
+At every n-th request of a walk the process forks once for each candidate. A child holds the whole state of world,
+estimator and walker, takes its candidate, walks on by the rule of the walk until the stances of the legs in question
+are over, and reports them; the parent then goes on with its own choice. Children run one at a time.
+"""
+
+import os
+import pickle
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.lab.footholds.walks import ChosenStance, JoinedWalk, Rule, Setting
+from surefoot.robot.description import Robot
+from surefoot.services.footholds.ground import FootholdGround
+from surefoot.services.footholds.select import Foothold, Landing, TrunkPose
+
+Array = NDArray[np.float64]
+PATIENCE_TICKS = 400
+"""Ticks after which a child reports the stances that are over."""
+
+
+@dataclass(frozen=True)
+class Arm:
+    """Outcome of one candidate."""
+
+    name: str
+    stances: tuple[ChosenStance, ...]
+    """Stances of the legs in question; fewer than legs when the walker refused the step or the robot fell."""
+    fallen: bool = False
+
+
+@dataclass(frozen=True)
+class PairedState:
+    """Outcomes of all candidates from one state."""
+
+    step: int
+    """Number of the request in the walk."""
+    legs: tuple[int, ...]
+    """Legs whose footholds differ between the candidates."""
+    arms: tuple[Arm, ...]
+
+    def sliding(self, arm: Arm) -> float:
+        """Return the mean sliding of an arm's stances, mm; NaN where one is missing."""
+        if len(arm.stances) < len(self.legs):
+            return float("nan")
+        return 1e3 * float(np.mean([stance.sliding for stance in arm.stances]))
+
+
+@dataclass(eq=False)
+class Branching:
+    """Rule of a walk that forks at some of its requests.
+
+    Args:
+        rule: the rule of the walk.
+        candidates: rules by name.
+        every: a state at every n-th request; odd, or a tripod gait leaves one group of legs out.
+        alone: candidates differ in one leg, drawn at random; otherwise in all legs that land.
+        seed: of the draw of the leg.
+    """
+
+    rule: Rule
+    candidates: Mapping[str, Rule]
+    every: int = 3
+    alone: bool = True
+    seed: int = 0
+    states: list[PairedState] = field(default_factory=list)
+    legs: tuple[int, ...] = ()
+    """Legs in question, in a child."""
+    _write: int = -1
+    """Pipe to the parent, in a child; -1 in the parent."""
+    _step: int = 0
+    _landing: tuple[int, ...] = ()
+
+    def __call__(
+        self, ground: FootholdGround, robot: Robot, base: TrunkPose, landings: Sequence[Landing], step: int
+    ) -> Sequence[Foothold]:
+        own = self.rule(ground, robot, base, landings, step)
+        landing = tuple(each.leg for each in landings)
+        if self.child:
+            if step == self._step + 1 and landing == self._landing:
+                self.end([], fallen=False)  # the walker refused the step and requests another one
+            return own
+        if step % self.every or any(each.status != "ok" for each in own):
+            return own
+        picked = int(np.random.default_rng((self.seed, step)).integers(len(landings)))
+        places = (picked,) if self.alone else tuple(range(len(landings)))
+        answers: dict[str, Sequence[Foothold]] = {}
+        for name, rule in self.candidates.items():
+            found = rule(ground, robot, base, landings, step)
+            if all(found[k].status == "ok" for k in places):
+                answers[name] = [found[k] if k in places else own[k] for k in range(len(own))]
+        legs, arms = tuple(landing[k] for k in places), dict[tuple[object, ...], Arm]()
+        named: list[Arm] = []
+        for name, answer in answers.items():
+            key = tuple(each.foothold for each in answer)
+            if key not in arms:
+                found_arm = self._fork(step, legs, landing)
+                if found_arm is None:
+                    return answer
+                arms[key] = found_arm
+            named.append(replace(arms[key], name=name))
+        self.states.append(PairedState(step, legs, tuple(named)))
+        return own
+
+    @property
+    def child(self) -> bool:
+        """True in a process that walks a candidate."""
+        return self._write >= 0
+
+    def end(self, stances: Sequence[ChosenStance], fallen: bool) -> NoReturn:
+        """End a child and report its stances."""
+        with os.fdopen(self._write, "wb") as stream:
+            pickle.dump((tuple(stances), fallen), stream)
+        os._exit(0)
+
+    def finished(self, stances: Sequence[ChosenStance]) -> list[ChosenStance]:
+        """Return those of a child's stances that were in question."""
+        return [each for each in stances if each.step == self._step and each.leg in self.legs]
+
+    def _fork(self, step: int, legs: tuple[int, ...], landing: tuple[int, ...]) -> Arm | None:
+        """Return what a child reports; None in the child.
+
+        Raises:
+            RuntimeError: the child ended without a report.
+        """
+        read, write = os.pipe()
+        child = os.fork()
+        if child == 0:
+            os.close(read)
+            self._write, self._step, self.legs, self._landing = write, step, legs, landing
+            return None
+        os.close(write)
+        with os.fdopen(read, "rb") as stream:
+            report = stream.read()
+        os.waitpid(child, 0)
+        if not report:
+            raise RuntimeError(f"a candidate of step {step} ended without a report; its error stands above")
+        stances, fallen = pickle.loads(report)
+        return Arm("", stances, fallen)
+
+
+def paired_steps(
+    seed: int, setting: Setting, rule: Rule, candidates: Mapping[str, Rule], every: int = 3, alone: bool = True
+) -> tuple[JoinedWalk, list[PairedState]]:
+    """Walk by a rule and compare the candidates at every n-th request; returns the walk and its states."""
+    branching = Branching(rule, candidates, every, alone, seed)
+    joined = JoinedWalk(seed, setting, branching)
+    try:
+        ticks = 0
+        while joined.tick():
+            if branching.child:
+                ticks += 1
+                found = branching.finished(joined.stances.found)
+                if len(found) == len(branching.legs) or ticks > PATIENCE_TICKS:
+                    branching.end(found, fallen=False)
+        if branching.child:
+            branching.end(branching.finished(joined.stances.found), bool(joined.world.truth().fallen))
+    except BaseException:
+        if not branching.child:
+            raise
+        traceback.print_exc()
+        os._exit(1)
+    return joined, branching.states
+
+
+def gap_share(random: Sequence[Array], chosen: Array, best: Array, mean: Callable[[Array], float] = np.mean) -> float:
+    """Return (random - chosen) / (random - best) of the means over states.
+
+    Args:
+        random: sliding of the random candidates of each state, (n,) arrays.
+        chosen: sliding of the selector's candidate, (n,).
+        best: least sliding of all candidates of the state, (n,).
+        mean: over states.
+    """
+    drawn = mean(np.array([each.mean() for each in random]))
+    return float((drawn - mean(chosen)) / (drawn - mean(best)))
+
+
+def trimmed(values: Array, share: float = 0.05) -> float:
+    """Return the mean without a share of the values at each end."""
+    cut = int(share * len(values))
+    return float(np.sort(values)[cut : len(values) - cut].mean())

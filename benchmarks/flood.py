@@ -1,0 +1,197 @@
+"""Unfriendly participants: floods on each key and query, readers that never read, clients that come and go.
+
+Every figure beside another is a ratio of neighbours: the machine may be busy with other work.
+"""
+
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+from benchmarks.machine import Machine, Ticks, forget_peak, resident_mb, up
+from benchmarks.report import Bench, table
+from surefoot.lab.statistics import middle_and_ends
+from surefoot.lockstep.discover import service_class
+from surefoot.record.recording import read_recording
+from surefoot.schemas.topics import QUERIES, TOPICS
+from tests.processes import running
+
+BENCH = Bench("flood")
+
+SERVICES = ("simulator", "estimator", "walker", "stability", "footholds", "recorder", "supervisor")
+FLOOD_HZ = 50_000
+SPAN_S = 3.0
+ROUNDS, READERS, CLIENTS = 5, 8, 200
+OUTPUTS = ("state/velocity", "state/gait", "cmd/joints")
+"""One output of every tick of the services that take part in each tick."""
+
+FLOODER = """
+import json, sys, time, zenoh
+address, verb, key, payload, rate, span = *sys.argv[1:5], float(sys.argv[5]), float(sys.argv[6])
+config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [address]}}))
+with zenoh.open(config) as session:
+    publisher = session.declare_publisher(key)
+    asker = session.declare_querier(key, timeout=0.5)
+    began = time.monotonic()
+    count, now = 0, began
+    while now - began < span:
+        for _ in range(min(50, int(rate))):
+            if verb == "put":
+                publisher.put(payload)
+            else:
+                asker.get(handler=zenoh.handlers.RingChannel(1), payload=payload)
+        count += min(50, int(rate))
+        ahead = began + count / rate - time.monotonic()
+        if ahead > 0.0:
+            time.sleep(ahead)
+        now = time.monotonic()
+    print(count / (now - began), flush=True)
+"""
+READER = """
+import json, sys, time, zenoh
+config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [sys.argv[1]]}}))
+session = zenoh.open(config)
+subscriber = session.declare_subscriber("**", zenoh.handlers.FifoChannel(1))
+print("subscribed", flush=True)
+time.sleep(600)
+"""
+VISITOR = """
+import json, sys, time, zenoh
+config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [sys.argv[1]]}}))
+for _ in range(int(sys.argv[2])):
+    with zenoh.open(config) as session:
+        subscriber = session.declare_subscriber(sys.argv[3] + "/state/velocity", zenoh.handlers.RingChannel(1))
+"""
+
+
+def keys() -> list[tuple[str, str, str]]:
+    """Return verb, key and payload of each flood.
+
+    A request that acts is malformed, the others ask for their defaults: those are worked out.
+    """
+    services = [service_class(name) for name in SERVICES]
+    observed = {topic.key for service in services for topic in service.observes}
+    served = [query for query in QUERIES if any(query in service.serves for service in services)]
+    return [
+        *(("put", topic.key.replace("*", "walker"), "{") for topic in TOPICS if topic.key in observed),
+        *(("get", query.key, "{" if query.acts else "{}") for query in served),
+        ("get", "health/walker", "{}"),
+        ("put", "of/nobody", "{"),
+    ]
+
+
+@BENCH.part("--only of/nobody")
+def floods(*, only: str = "") -> None:
+    """Floods on each observed key, each served query and a key that no service knows, up to 50 000 times a second.
+
+    `surefoot up ragno --rtf 1 --record`, and a process that publishes or requests. Printed are messages per s that it
+    got rid of, ticks per s before, during and in the first second after, ticks that a service left out during the flood
+    by the recording, and the most that any process grew.
+
+    Args:
+        only: keys that contain this text.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        bag = folder / "run.mcap"
+        spans: list[tuple[str, int, int]] = []
+        with up(folder, "--rtf", "1", "--record", str(bag)) as machine, machine.session() as session:
+            ticks = Ticks(session, machine.namespace)
+            time.sleep(SPAN_S)
+            for verb, key, payload in keys():
+                if only in key:
+                    spans.append((f"{verb} {key}", *_flood(machine, ticks, verb, key, payload)))
+            spans.append(("no flood", *_flood(machine, ticks, "put", "of/nobody", "{", rate=1.0)))
+            print(f"restarts: { {row['service']: row['restarts'] for row in machine.status()['services']} }")
+        numbers: dict[str, set[int]] = {key: set() for key in ("hw/tick", *OUTPUTS)}
+        for item in read_recording(bag, tuple(numbers)):
+            numbers[item.key].add(item.message().tick)
+        for what, first, last in spans:
+            released = {tick for tick in numbers["hw/tick"] if first <= tick <= last}
+            left = {key: len(released - numbers[key]) for key in OUTPUTS}
+            print(f"{what}: {last - first + 1 - len(released)} of {last - first + 1} ticks lost, left out {left}")
+
+
+def _flood(
+    machine: Machine, ticks: Ticks, verb: str, key: str, payload: str, rate: float = FLOOD_HZ
+) -> tuple[int, int]:
+    """Return the first and the last tick during a flood."""
+    pids = machine.pids()
+    for pid in pids.values():
+        forget_peak(pid)
+    held = {name: resident_mb(pid) for name, pid in pids.items()}
+    before = time.monotonic()
+    time.sleep(SPAN_S)
+    began = time.monotonic()
+    words = [machine.address, verb, f"{machine.namespace}/{key}", payload, str(rate), str(SPAN_S)]
+    done = subprocess.run([sys.executable, "-c", FLOODER, *words], capture_output=True, text=True, check=True)
+    ended = time.monotonic()
+    time.sleep(1.5)
+    base, during, after = (ticks.rate(*span) for span in ((before, began), (began, ended), (ended + 0.5, ended + 1.5)))
+    gone = [name for name, pid in pids.items() if not Path(f"/proc/{pid}").exists()]
+    grown = {name: resident_mb(pid, peak=True) - held[name] for name, pid in pids.items() if name not in gone}
+    worst = max(grown, key=lambda name: grown[name])
+    print(
+        f"{verb} {key}: {float(done.stdout):.0f}/s for {SPAN_S:g} s; ticks/s {base:.1f} before, {during:.1f} during "
+        f"({during / base:.2f}), {after:.1f} after; longest gap {max(ticks.gaps(began, ended)):.3f} s "
+        f"(before {max(ticks.gaps(before, began)):.3f}); {worst} + {grown[worst]:.1f} MB; "
+        f"ended: {', '.join(gone) or 'none'}",
+        flush=True,
+    )
+    found = ticks.between(began, ended)
+    return found[0][0], found[-1][0]
+
+
+@BENCH.part()
+def readers() -> None:
+    """Times between two ticks in lockstep, with and without readers that never read and clients that come and go.
+
+    The system runs as fast as it goes, in turns without and with eight readers of `**` and with 200 clients in all, as
+    a client gets the ticks.
+    """
+    with tempfile.TemporaryDirectory() as name, up(Path(name)) as machine, machine.session() as session:
+        _in_lockstep(machine)
+        ticks = Ticks(session, machine.namespace)
+        found: dict[str, list[tuple[float, float, float]]] = {"alone": [], "readers": [], "visitors": []}
+        time.sleep(SPAN_S)
+        for _ in range(ROUNDS):
+            found["alone"].append(_span(ticks))
+            with ExitStack() as stack:
+                for _ in range(READERS):
+                    command = [sys.executable, "-c", READER, machine.address]
+                    reader = stack.enter_context(running(command, stdout=subprocess.PIPE, text=True))
+                    assert reader.stdout is not None
+                    reader.stdout.readline()
+                found["readers"].append(_span(ticks))
+            visits = [sys.executable, "-c", VISITOR, machine.address, str(CLIENTS // ROUNDS), machine.namespace]
+            with running(visits) as visitor:
+                found["visitors"].append(_span(ticks))
+                visitor.wait(60.0)
+        shown: list[tuple[object, ...]] = []
+        for what, rows in found.items():
+            p99 = [row[1] / base[1] for row, base in zip(rows, found["alone"], strict=True)]
+            shown.append(
+                (
+                    what, statistics.median(row[0] for row in rows), 1e3 * statistics.median(row[1] for row in rows),
+                    middle_and_ends(p99, 2), max(row[2] for row in rows),
+                )
+            )  # fmt: skip
+        table("ticks", ("beside", "ticks/s", "p99 ms", "p99 of its neighbour alone", "longest gap s"), shown)
+
+
+def _span(ticks: Ticks) -> tuple[float, float, float]:
+    """Return ticks per s, p99 and the most of the times between two ticks, s."""
+    began = time.monotonic()
+    time.sleep(SPAN_S)
+    now = time.monotonic()
+    gaps = ticks.gaps(began, now)
+    return ticks.rate(began, now), gaps[int(0.99 * len(gaps))], gaps[-1]
+
+
+def _in_lockstep(machine: Machine) -> None:
+    """Begin a run in lockstep without end, as fast as it goes."""
+    done = machine.surefoot("call", "sim/reset", '{"keep": true, "mode": "lockstep"}')
+    assert done.returncode == 0, done.stderr

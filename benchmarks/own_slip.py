@@ -1,0 +1,196 @@
+"""Slip as the robot measures it beside the true one, and evaluation of learning again from it.
+
+Edges are withheld from a first model, and exploring walks bring their outcomes. The gap is the mean square error on
+withheld ground of the first model minus that of a model of all training data; a re-learned model closes a share of it.
+Errors are those on stances of walks that no model was made of.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.lab.footholds.rules import exploring_rule, model_rule
+from surefoot.lab.footholds.walks import JoinedWalk, Rule, Setting
+from surefoot.robot.description import Robot
+from surefoot.schemas.footholds import LegFoothold, LegRequest, StanceOutcome
+from surefoot.services.estimator.feet.kinematics import foot_mount
+from surefoot.services.estimator.feet.slip import FinishedStance, StanceSlip, feet_in_odom
+from surefoot.services.footholds.ground import FootholdGround
+from surefoot.services.footholds.learning.fit import Candidate, LearnOptions, learn
+from surefoot.services.footholds.learning.samples import SampleSet, StanceSample, gather
+from surefoot.services.footholds.models.lattice import inputs
+from surefoot.services.footholds.models.learned import LearnedModel
+from surefoot.services.footholds.outcomes import sample_at
+from surefoot.services.footholds.select import Foothold, Landing, SelectParams, TrunkPose
+from surefoot.services.walker.outcomes import Outcomes
+
+Array = NDArray[np.float64]
+WITHHELD = 0.3
+"""K2 / (8 cell) from which ground is withheld: edges and slopes of more than about 20 deg."""
+LIFTED_TICKS = 5
+"""Time after the last sample with contact in which a foot may still slide, ticks."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredStance:
+    """Slip of one stance, measured and true."""
+
+    leg: int
+    """Index in the robot description."""
+    own: float
+    """Slip as the robot measured it, m."""
+    inside: float
+    """True sliding between its first and its last sample with contact, m."""
+    whole: float
+    """True sliding since the stance before, m; it includes that of a foot too light for its switch."""
+    begin: tuple[float, float, float]
+    """Foot centre at the begin of the stance, frame `odom`, m."""
+
+
+class SlipFollower:
+    """Meter of slip in a walk, as in the estimator service, with the truth beside it."""
+
+    def __init__(self, joined: JoinedWalk) -> None:
+        self.joined = joined
+        self.mount = foot_mount(joined.robot)
+        n = joined.robot.nlegs
+        self.meter = StanceSlip(n, self.mount.radius)
+        self.found: list[MeasuredStance] = []
+        self._total, self._before = np.zeros(n), np.zeros(n)
+        self._rows: list[Array] = []
+        """True way of each foot so far, at each sample of the joints, (L,) m."""
+        self._trail: list[Array] = []
+        """True way of each foot so far, at each tick, (L,) m."""
+        self._ticks: list[int] = []
+        self._counted = np.zeros(n)
+
+    def look(self) -> list[MeasuredStance]:
+        """Read the tick that has passed; returns the stances that have ended."""
+        world, estimator = self.joined.world, self.joined.estimator
+        sliding = world.tracker.feet.sliding.copy()
+        self._total += np.where(sliding >= self._before, sliding - self._before, sliding)
+        self._before = sliding
+        self._trail.append(self._total.copy())
+        joints, contacts = world.samples.joints, world.samples.contacts
+        if joints is None or contacts is None or not estimator.initialised:
+            return []
+        touch = np.array([any(foot) for foot in contacts.touch])
+        behind_s = 1e-9 * (estimator.stamp_ns - joints.stamp_ns)
+        feet = feet_in_odom(self.mount, joints.position, estimator.pose(), behind_s)
+        self._rows.append(self._total.copy())
+        self._ticks.append(len(self._trail) - 1)
+        ended = [self._beside(each) for each in self.meter.update(touch, *feet)]
+        self.found += ended
+        return ended
+
+    def _beside(self, stance: FinishedStance) -> MeasuredStance:
+        leg, row = stance.leg, len(self._rows) - 1
+        last = row - stance.since
+        first = last - stance.samples + 1
+        until = min(self._ticks[last] + LIFTED_TICKS, len(self._trail) - 1)
+        whole = float(self._trail[until][leg])
+        out = MeasuredStance(
+            leg, stance.slip, float(self._rows[last][leg] - self._rows[first][leg]),
+            whole - float(self._counted[leg]), stance.begin,
+        )  # fmt: skip
+        self._counted[leg] = whole
+        return out
+
+
+def rms(values: Sequence[float] | Array) -> float:
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def rough(sample: StanceSample) -> bool:
+    """Return whether a stance was on ground that is withheld."""
+    return sample.k2 / (8.0 * sample.cell) >= WITHHELD
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutModels:
+    """Both ends of the gap, and the stances that errors are taken on."""
+
+    first: LearnedModel
+    """Model of the training data without withheld ground."""
+    full: LearnedModel
+    """Model of all training data."""
+    held: SampleSet
+    """Stances of walks that neither model was made of."""
+
+
+def start(samples: Sequence[StanceSample], candidate: Candidate, share: float = 0.25, seed: int = 0) -> HeldOutModels:
+    """Return both models of a sample set; a share of its trials is held back for the errors."""
+    names = sorted({each.trial for each in samples})
+    np.random.default_rng(seed).shuffle(names)
+    held = set(names[: round(share * len(names))])
+    training = [each for each in samples if each.trial not in held]
+    options = LearnOptions(title="walked", candidates=(candidate,), distance_weight=0.5)
+    return HeldOutModels(
+        learn(gather(each for each in training if not rough(each)), options), learn(gather(training), options),
+        gather(each for each in samples if each.trial in held),
+    )  # fmt: skip
+
+
+def squared_errors(model: LearnedModel, held: SampleSet) -> tuple[float, float]:
+    """Return the mean square errors on withheld ground and on the other; slips over 1 count as 1."""
+    u = inputs(held.x)
+    low, high = np.array(model.ranges).T
+    away = np.clip(model.terms.values(np.clip(u, low, high)), 0.0, 1.0) - np.minimum(held.r, 1.0)
+    new = held.x[:, 1] >= WITHHELD
+    return float(np.mean(away[new] ** 2)), float(np.mean(away[~new] ** 2))
+
+
+def closed(model: LearnedModel, begin: HeldOutModels) -> tuple[float, float]:
+    """Return the share of the gap that a model closes, and its error on old ground over that of the first model."""
+    (new, old), (first, first_old) = squared_errors(model, begin.held), squared_errors(begin.first, begin.held)
+    full, _ = squared_errors(begin.full, begin.held)
+    return (first - new) / (first - full), float(np.sqrt(old / first_old))
+
+
+def explored(
+    seed: int, setting: Setting, model: LearnedModel, share: float
+) -> tuple[list[StanceSample], list[StanceSample]]:
+    """Walk with a model that explores a share of its choices; returns its outcomes by own slip and by truth."""
+    own, true = Outcomes(), Outcomes()
+    rule = exploring_rule(seed, share, model_rule(model, SelectParams()))
+    joined = JoinedWalk(seed, setting, _reported(rule, (own, true)))
+    follower, names = SlipFollower(joined), joined.robot.leg_names
+    measured: list[StanceOutcome] = []
+    exact: list[StanceOutcome] = []
+    while joined.tick():
+        for each in follower.look():
+            own.ended(names[each.leg], each.own)
+            true.ended(names[each.leg], each.whole)
+            measured += own.take()
+            exact += true.take()
+    ground, trial = joined.selector.ground, f"{setting.terrain} {seed}"
+    return (
+        [_sample(each, ground, joined.robot, trial, k) for k, each in enumerate(measured)],
+        [_sample(each, ground, joined.robot, trial, k) for k, each in enumerate(exact)],
+    )
+
+
+def _reported(rule: Rule, listeners: Sequence[Outcomes]) -> Rule:
+    """Return the rule with its choices reported to listeners, as the walker service does."""
+
+    def chosen(
+        ground: FootholdGround, robot: Robot, base: TrunkPose, landings: Sequence[Landing], step: int
+    ) -> Sequence[Foothold]:
+        found = rule(ground, robot, base, landings, step)
+        for landing, each in zip(landings, found, strict=True):
+            leg = robot.leg_names[landing.leg]
+            asked = LegRequest(leg=leg, nominal=landing.nominal, stroke=landing.stroke)
+            for listener in listeners:
+                listener.chose(asked, LegFoothold(leg=leg, status=each.status, foothold=each.foothold))
+        return found
+
+    return chosen
+
+
+def _sample(outcome: StanceOutcome, ground: FootholdGround, robot: Robot, trial: str, number: int) -> StanceSample:
+    name = (trial, robot.leg_names.index(outcome.leg), number)
+    sample = sample_at(ground, outcome.foothold, outcome.nominal, outcome.stroke, outcome.slip, name)
+    return replace(sample, robot=robot.name, robot_hash=robot.hash, source="exploring walks")

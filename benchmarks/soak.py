@@ -1,0 +1,228 @@
+"""A system under load: busy processes, emergency stops, faults, restarts, floods, readers that never read.
+
+Every figure beside another is a ratio of neighbours: the machine may be busy with other work.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+from benchmarks.machine import ENTRY, SPIN, Machine, descriptors, resident_mb, up
+from benchmarks.report import Bench, of_children, table
+from surefoot.lab.statistics import middle_and_ends
+from surefoot.services.supervisor.processes.reconcile import STABLE_S
+from tests.processes import running
+
+BENCH = Bench("soak")
+
+BARE = """
+import json, queue, sys, zenoh
+heard = queue.SimpleQueue()
+config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [sys.argv[1]]}}))
+with zenoh.open(config) as session:
+    reader = session.declare_subscriber(sys.argv[2] + "/sim/status", lambda s: heard.put(s.payload.to_bytes()))
+    while True:
+        session.put(sys.argv[2] + "/cmd/estop", b'{"reason": "bare"}')
+        try:
+            if json.loads(heard.get(timeout=0.1))["stopped"]:
+                break
+        except queue.Empty:
+            continue
+"""
+"""Program that stops a robot and waits for `sim/status`, by Zenoh alone."""
+
+
+@contextmanager
+def busy(count: int, nice: int = 0) -> Iterator[None]:
+    """Run processes that compute, with a nice value."""
+    with ExitStack() as stack:
+        for _ in range(count):
+            _set_nice(stack.enter_context(running([sys.executable, "-c", SPIN])).pid, nice)
+        yield
+
+
+def _set_nice(pid: int, nice: int) -> None:
+    for thread in Path(f"/proc/{pid}/task").iterdir():
+        os.setpriority(os.PRIO_PROCESS, int(thread.name), nice)
+
+
+@contextmanager
+def system(*words: str) -> Iterator[Machine]:
+    """Start the hexapod's system in a folder of its own."""
+    with tempfile.TemporaryDirectory() as folder, up(Path(folder), *words) as machine:
+        yield machine
+
+
+@BENCH.part("--seconds 3 --rtf 0")
+def restarts(*, rtf: str = "1,0", seconds: float = 1800.0, nice: int = 0, processes: int = 12) -> None:
+    """Restarts and pace of `surefoot up ragno` beside processes that compute.
+
+    Args:
+        rtf: real-time factors, by commas; 0 = as fast as it goes.
+        seconds: of each.
+        nice: value of everything, system and busy processes, once the system is up: harder for both, kinder to others.
+        processes: that compute.
+    """
+    rows: list[tuple[object, ...]] = []
+    for pace in rtf.split(","):
+        with system("--rtf", pace) as machine:
+            for pid in machine.pids().values():
+                _set_nice(pid, nice)
+            paces: list[float] = []
+            worst, found = 0, machine.status()
+            with busy(processes, nice):
+                began = time.monotonic()
+                while time.monotonic() < began + seconds:
+                    time.sleep(min(10.0, seconds / 10))
+                    found = machine.status()
+                    paces.append(found.get("time", {}).get("rtf", 0.0))
+                    worst = max(worst, sum(row["restarts"] for row in found["services"]))
+                spent, load = time.monotonic() - began, os.getloadavg()[0]
+            words = found.get("time", {}).get("words")
+            rows.append((f"rtf {pace}", worst, f"{spent:.0f} s", f"{load:.0f}", middle_and_ends(paces), words))
+    header = ("run", "restarts", "in", "load", "pace", "status")
+    table(f"{processes} busy processes, nice {nice}", header, rows)
+
+
+def _timed(machine: Machine, commands: Sequence[str]) -> tuple[float, float, bool]:
+    """Run a command; return wall time, s, processor time, s, and whether it succeeded."""
+    codes: list[int] = []
+
+    def run() -> None:
+        done = subprocess.run(commands, env=machine.environment, capture_output=True, check=False)
+        codes.append(done.returncode)
+
+    spent, wall = of_children(run)
+    return wall, spent, codes == [0]
+
+
+@BENCH.part("--count 1")
+def stops(*, count: int = 100) -> None:
+    """Emergency stops without and beside four busy processes, in turns with a bare Zenoh client.
+
+    Each is timed from the start of the process to its end; the client stops the robot and waits for `sim/status`.
+
+    Args:
+        count: stops of each kind.
+    """
+    with system() as machine:
+        bare = [sys.executable, "-c", BARE, machine.address, machine.namespace]
+        for processes in (0, 4):
+            rows: dict[str, list[tuple[float, float, bool]]] = {"surefoot stop": [], "bare client": []}
+            with busy(processes):
+                for _ in range(count):
+                    rows["surefoot stop"].append(_timed(machine, [*ENTRY, "stop"]))
+                    rows["bare client"].append(_timed(machine, bare))
+            ratios = [a[0] / b[0] for a, b in zip(*rows.values(), strict=True)]
+            shown = [
+                (name, f"{sum(row[2] for row in found)} of {count}", middle_and_ends([row[0] for row in found]),
+                 middle_and_ends([row[1] for row in found])) for name, found in rows.items()
+            ]  # fmt: skip
+            load = os.getloadavg()[0]
+            what = f"{processes} busy processes, load {load:.0f}: wall of neighbours {middle_and_ends(ratios)}"
+            table(what, ("command", "confirmed", "wall s", "processor s"), shown)
+
+
+@BENCH.part("--count 1")
+def commands(*, count: int = 7) -> None:
+    """Processor time of the commands that look at a system.
+
+    Args:
+        count: runs of each.
+    """
+    rows: list[tuple[object, ...]] = []
+    with system() as machine:
+        for words in (("call", "recorder/status"), ("topic", "echo", "state/velocity", "-n", "1"), ("status",)):
+            found = [_timed(machine, [*ENTRY, *words]) for _ in range(count)]
+            good = f"{sum(row[2] for row in found)} of {count}"
+            rows.append((f"surefoot {' '.join(words)}", good, middle_and_ends([row[1] for row in found])))
+    table("commands", ("command", "succeeded", "processor s"), rows)
+
+
+def _restarts_of(machine: Machine) -> int:
+    return sum(row["restarts"] for row in machine.status()["services"])
+
+
+@BENCH.part()
+def faults(*, count: int = 5) -> None:
+    """How soon a crash and a freeze are noticed, and what a pause of 1 s costs.
+
+    A crash is noticed by the network (its liveliness token is gone) and by the supervisor (the process is reaped).
+
+    Args:
+        count: faults of each kind.
+    """
+    with system() as machine, machine.session() as session:
+        gone: dict[str, float] = {}
+
+        def on_life(sample: Any) -> None:
+            gone[str(sample.key_expr).split("/")[-2]] = time.monotonic()
+
+        watching = session.liveliness().declare_subscriber(f"{machine.namespace}/alive/*/*", on_life)
+        found: dict[str, list[float]] = {"crash": [], "crash, by the supervisor": [], "freeze": []}
+        for number in range(2 * count):
+            what, sent = (("crash", signal.SIGKILL), ("freeze", signal.SIGSTOP))[number % 2]
+            pid = machine.pids()["footholds"]
+            gone.pop("footholds", None)
+            began = time.monotonic()
+            os.kill(pid, sent)
+            reaped = 0.0
+            while ("footholds" not in gone or (not reaped and what == "crash")) and time.monotonic() - began < 30.0:
+                reaped = reaped or (0.0 if Path(f"/proc/{pid}").exists() else time.monotonic())
+                time.sleep(0.0005)
+            if what == "crash":
+                found["crash, by the supervisor"].append((reaped or began + 30.0) - began)
+            found[what].append(gone.get("footholds", began + 30.0) - began)
+            if sent == signal.SIGSTOP:
+                os.kill(pid, signal.SIGCONT)
+            machine.wait_until_healthy()
+        rows = [(what, middle_and_ends([1e3 * s for s in times], 0)) for what, times in found.items()]
+        table("noticed after", ("fault", "ms"), rows)
+        before = _restarts_of(machine)
+        pids = {name: pid for name, pid in machine.pids().items() if name != "supervisor"}
+        for pid in pids.values():
+            os.kill(pid, signal.SIGSTOP)
+            time.sleep(1.0)
+            os.kill(pid, signal.SIGCONT)
+            time.sleep(1.0)
+        machine.wait_until_healthy()
+        print(f"pause of 1 s of each of {len(pids)}: {_restarts_of(machine) - before} restarts", flush=True)
+        del watching
+
+
+@BENCH.part()
+def peers(*, count: int = 100, seconds: float = 1800.0) -> None:
+    """Growth of processes while others are killed and started again.
+
+    Half of the services are killed in turn, then the other half; memory and descriptors are of those that live on.
+
+    Args:
+        count: restarts of each service.
+        seconds: no round begins so long after the first.
+    """
+    with system() as machine:
+        names = [name for name in machine.pids() if name != "supervisor"]
+        for half in (names[::2], names[1::2]):
+            # the first restart of all is not counted; then when each has been healthy again
+            well = {name: machine.restart(name) for name in half}
+            pids = {name: pid for name, pid in machine.pids().items() if name not in half}
+            before = {name: (resident_mb(pid), descriptors(pid)) for name, pid in pids.items()}
+            began, rounds = time.monotonic(), 0
+            while rounds < count and time.monotonic() - began < seconds:
+                rounds += 1
+                for name in half:
+                    time.sleep(max(0.0, well[name] + STABLE_S + 1.0 - time.monotonic()))  # else it is given up
+                    well[name] = machine.restart(name)
+            if {name: machine.pids().get(name) for name in pids} != pids:
+                raise RuntimeError(f"others than {half} were restarted: {machine.status()['services']}")
+            rows = [(name, resident_mb(pid) - before[name][0], descriptors(pid) - before[name][1])
+                    for name, pid in pids.items()]  # fmt: skip
+            what = f"{rounds} restarts of each of {', '.join(half)} in {time.monotonic() - began:.0f} s"
+            table(what, ("process", "growth MB", "descriptors"), rows)

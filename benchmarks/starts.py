@@ -1,0 +1,135 @@
+"""Starts of the whole system: in random order, one hash, and cold kernels."""
+
+import os
+import random
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from benchmarks.report import Bench, of_children, table, words_of
+from surefoot.lab.runs.local import run_local
+from surefoot.record.recording import read_recording
+from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
+from tests.e2e.live import RUN_S, SERVICES, Live, wait_until
+from tests.e2e.test_live import declared
+
+BENCH = Bench("starts")
+
+HERE = Path(__file__).resolve().parents[1]
+TICKS = 15
+SCENARIO = "rough-terrain"
+
+
+def shuffled(number: int) -> list[str]:
+    """Return the start order of a start."""
+    return random.Random(number).sample(SERVICES, len(SERVICES))
+
+
+def start_once(folder: Path, number: int) -> tuple[float, int, list[str]]:
+    """Return s from the first process to the last tick of a short run, ticks sent again, and what was wrong."""
+    wrong: list[str] = []
+    again = 0
+    with Live(folder, record=True) as live:
+        began = time.monotonic()
+        live.start(shuffled(number))
+        live.reset(seed=number, max_ticks=TICKS)
+        wait_until(lambda: live.supervisor.ended.is_set(), RUN_S, f"start {number} ends")
+        seconds = time.monotonic() - began
+        last = live.supervisor.ticks - 1
+        for name in SERVICES:
+            wait_until(lambda name=name: live.health(name).tick == last, RUN_S, f"{name} did the last tick")
+            health = live.health(name)
+            refused = {reason: n for reason, n in health.refused.items() if not reason.startswith("join_")}
+            again += refused.pop("resent_ticks", 0)
+            if refused:
+                wrong.append(f"{name} refused {refused}")
+    assert live.bag is not None
+    first: dict[str, int] = {}
+    for recorded in read_recording(live.bag):
+        if recorded.model is not None:
+            first.setdefault(recorded.key, recorded.message().seq)
+    wrong += [f"{key} begins with seq {seq}" for key, seq in first.items() if seq != 0]
+    wrong += [f"{key} was not received" for key in sorted(declared() - set(first))]
+    return seconds, again, wrong
+
+
+@BENCH.part()
+def shuffled_starts(starts: int = 100, /) -> None:
+    """Starts of the whole system over Zenoh in random order: no first message lost.
+
+    Each start: a new router, one process per service in an order drawn by the number of the start, all links proved, a
+    run of a few ticks. A service does tick 0 only with every input that is due in it, so a service that reached the
+    last tick received seq 0 of every topic it declares; nothing may have been refused on the way. The recording shows
+    seq 0 of every declared topic once more, from outside the services. Ticks that were sent again after 0.25 s of
+    silence are counted apart: a busy machine is silent, too.
+
+    Args:
+        starts: number of starts.
+    """
+    subprocess.run([sys.executable, "-m", "surefoot.lab.cli.main", "warm"], check=True, stdout=subprocess.DEVNULL)
+    times: list[float] = []
+    faulty = repeated = 0
+    for number in range(starts):
+        with tempfile.TemporaryDirectory() as name:
+            seconds, again, wrong = start_once(Path(name), number)
+        times.append(seconds)
+        faulty += bool(wrong)
+        repeated += again > 0
+        for text in wrong:
+            print(f"  start {number} ({' '.join(shuffled(number))}): {text}")
+    print(
+        f"{starts} starts in random order: {starts - faulty} with seq 0 of every declared topic in every service; "
+        f"first process to tick {TICKS - 1}: median {statistics.median(times):.2f} s, longest {max(times):.2f} s; "
+        f"in {repeated} starts ticks were sent again"
+    )
+
+
+@BENCH.part()
+def hashes(runs: int = 5, /) -> None:
+    """Demo several times with processes newly started in another order: one hash; and another seed, another hash.
+
+    Args:
+        runs: of the demo.
+    """
+    scenario = load_scenario(find_scenario(SCENARIO))
+    found: list[str] = []
+    for number in range(runs):
+        with tempfile.TemporaryDirectory() as name, Live(Path(name)) as live:
+            live.start(shuffled(1000 + number))
+            found.append(live.conduct(scenario).run_hash)
+    print(f"{SCENARIO}, {runs} Zenoh runs in shuffled start order: {len(set(found))} hash, {found[0][:16]}")
+    same = run_local(scenario).run_hash == found[0]
+    print(f"  in-memory bus: {'the same' if same else 'ANOTHER'}")
+    other = run_local(scenario, scenario.seed + 1).run_hash
+    print(f"  seed {scenario.seed + 1}: {'another, ' + other[:16] if other != found[0] else 'THE SAME'}")
+
+
+def cold(checkout: Path, words: tuple[str, ...]) -> tuple[float, float]:
+    """Return processor and wall seconds of `surefoot warm --force` and `words`, without anything compiled before."""
+    with tempfile.TemporaryDirectory() as empty:
+        environment = os.environ | {"NUMBA_CACHE_DIR": f"{empty}/numba", "XDG_CACHE_HOME": f"{empty}/cache"}
+        command = [checkout / ".venv/bin/surefoot", "warm", "--force", *words]
+        return of_children(
+            lambda: subprocess.run(command, cwd=checkout, env=environment, check=True, capture_output=True)
+        )
+
+
+@BENCH.part()
+def warm(*, against: str = "", rounds: int = 1) -> None:
+    """Processor time of a cold `surefoot warm`, beside that of other checkouts, in turn, with empty caches.
+
+    Args:
+        against: other checkouts, by commas, each set up with a .venv of its own.
+        rounds: of all.
+    """
+    cases = [(Path(name).resolve(), ()) for name in words_of(against)] + [(HERE, ()), (HERE, ("--all",))]
+    took: dict[tuple[Path, tuple[str, ...]], list[tuple[float, float]]] = {case: [] for case in cases}
+    for _ in range(rounds):
+        for case in cases:
+            took[case].append(cold(*case))
+    rows = [(f"{path} {' '.join(words)}", *(statistics.median(pair[i] for pair in pairs) for i in (0, 1)))
+            for (path, words), pairs in took.items()]  # fmt: skip
+    table("cold kernels", ("checkout", "processor s", "wall s"), rows)

@@ -1,0 +1,225 @@
+"""Scenarios over many seeds, the real services of a seed in one process on the in-memory bus.
+
+Every part takes ``--results FILE``: each finished run is a line of that file, and runs that it holds are not repeated.
+Results belong to one state of the code: begin a new file after a change.
+"""
+
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.report import Bench, table
+from surefoot.lab.runs.chaos import run_chaos
+from surefoot.lab.runs.local import run_local
+from surefoot.lab.statistics import wilson
+from surefoot.lab.studies import Line, metrics, passed, run_scenario, seeds_of, study
+from surefoot.record.recording import read_recording
+from surefoot.schemas.topics import HW_LANDMARKS, HW_RANGE, STATE_GAIT
+from surefoot.services.supervisor.scenarios.scenario import Scenario, find_scenario, load_scenario, parse_scenario
+from tests.surefoot.lockstep.test_chaos import MESSAGES, TICKS, Found, reference
+from tests.surefoot.lockstep.test_chaos import run as run_toys
+
+BENCH = Bench("studies")
+
+SCENARIOS = ("rough-terrain", "flat", "rough-terrain-high")
+HIGH_M = 0.087
+"""Height of the hills of `rough-terrain-high`, m."""
+SHOWN = (
+    "distance_m", "max_tilt_deg", "mean_slip_mm", "velocity_rmse_mps", "odometry_error_percent", "min_margin_m",
+    "duration_s",
+)  # fmt: skip
+"""Metrics of a walk in the table."""
+
+
+def named(name: str) -> Scenario:
+    """Return a scenario by name or path; `rough-terrain-high` is the demo's with higher hills."""
+    if name != "rough-terrain-high":
+        return load_scenario(find_scenario(name))
+    text = find_scenario("rough-terrain").read_text().replace("[world]", f"[world]\namplitude = {HIGH_M}")
+    return parse_scenario(text, Path("rough-terrain-high.toml"))
+
+
+def walked(scenario: str, seed: int) -> Line:
+    """Run a scenario on one seed; return its line."""
+    return run_scenario(named(scenario), seed)
+
+
+def failures(line: Line) -> None:
+    """Print what failed in a run."""
+    if line["failed"] or line["problems"]:
+        what = " ".join(str(line[key]) for key in ("scenario", "arm", "journey") if key in line)
+        print(f"  {what} seed {line['seed']}: failed {line['failed']} {line['problems']}", flush=True)
+
+
+@BENCH.part("flat 0:1")
+def scenarios(
+    scenario: str = "", seeds: str = "100", /, *, results: Path | None = None, processes: int | None = None
+) -> None:
+    """Walking scenarios: rate of good verdicts, median and extremes of each metric.
+
+    Goals: rough-terrain 95 of 100 reach the end without a fall; flat 100 of 100 with contact sliding of at most 0.5 mm
+    per stance in the mean (gate 0.5 N). Hills of 8.7 cm are reported without a goal.
+
+    Args:
+        scenario: name or path; default: rough-terrain, flat and rough-terrain-high.
+    """
+    for name in (scenario,) if scenario else SCENARIOS:
+        jobs = [{"scenario": name, "seed": seed} for seed in seeds_of(seeds)]
+        lines = study(walked, jobs, results, processes=processes, show=failures)
+        rate = passed(lines)
+        table(
+            f"{name}: {rate.good} of {rate.count} passed (95 %: {100 * rate.low:.0f} to {100 * rate.high:.0f} %)",
+            ("metric", "median", "least", "seed", "most", "seed"),
+            metrics(lines, SHOWN),
+        )
+
+
+CHAOS = {"toys": "0:1700", "ragno": "0:100", "bioloid": "0:100", "nao": "0:100"}
+"""Seeds of each system of the faults."""
+EVENTS = 5
+WAYS = {"ragno": (0.1, 300), "bioloid": (0.1, 600), "nao": (0.1, 400)}
+"""Way, m, and ticks over which the events are spread, by robot."""
+SHORT_WALK = """
+description = "a short walk while things go wrong"
+compose = "{robot}"
+max_duration_s = 40.0
+[world]
+terrain = "flat"
+map_profile = "exact"
+[[step]]
+when = "ready"
+do = "walk"
+distance = {distance}
+[limits]
+no_fall = true
+"""
+
+
+def spoilt(what: str, seed: int) -> Line:
+    """Run the toys, or a short walk of a robot, under the faults of a seed; return what was bad."""
+    began = time.process_time()
+    if what == "toys":
+        line = _toys(seed)
+    else:
+        distance, ticks = WAYS[what]
+        scenario = parse_scenario(SHORT_WALK.format(robot=what, distance=distance), Path(f"{what}.toml"))
+        run = run_chaos(scenario, seed, EVENTS, ticks=ticks, paced=seed % 2 == 1)
+        slowest = max((o.recovered - o.began for o in run.outcomes if o.recovered is not None), default=0.0)
+        line = {"bad": list(run.violations), "events": len(run.outcomes), "ticks": run.ticks, "recovered_s": slowest,
+                "unbound": run.unbound}  # fmt: skip
+    return line | {"cpu_s": round(time.process_time() - began, 3)}
+
+
+def _toys(seed: int) -> Line:
+    kinds: dict[str, Any] = {} if seed % 2 else {"kinds": MESSAGES}
+    try:
+        history, system = run_toys(seed, **kinds)
+    except Found as found:
+        return {"bad": [str(found)], "events": 0, "ticks": 0}
+    bad = [] if seed % 2 or history == reference() else ["another run than that without faults"]
+    return {"bad": bad, "events": len(system.outcomes), "ticks": TICKS}
+
+
+def _bad(line: Line) -> None:
+    if line["bad"]:
+        print(f"  {line['what']} seed {line['seed']}: {'; '.join(line['bad'])}", flush=True)
+
+
+@BENCH.part("toys 0:4")
+def chaos(*what: str, results: Path | None = None, processes: int = 1) -> None:
+    """Faults from 2,000 seeds: toys and short walks of three robots.
+
+    Even seeds run in lockstep, where time waits for whoever is missing; odd ones in paced time, where it continues. The
+    toys run in lockstep: with even seeds only messages are spoilt and the run must be that without faults to the bit,
+    with odd seeds services are killed and frozen, too, and all must recover.
+
+    Args:
+        what: pairs of toys, ragno, bioloid or nao, and first:end; default: 1700 seeds of toys and 100 of each robot.
+    """
+    rows: list[tuple[object, ...]] = []
+    for name, seeds in zip(what[::2], what[1::2], strict=True) if what else CHAOS.items():
+        jobs = [{"what": name, "seed": seed} for seed in seeds_of(seeds)]
+        lines = study(spoilt, jobs, results, processes=processes, show=_bad)
+        bad = [line["seed"] for line in lines if line["bad"]]
+        rows.append(
+            (
+                name, len(lines), sum(line["events"] for line in lines), len(bad),
+                f"{100 * wilson(len(bad), len(lines))[1]:.1f} %",
+                sum(line["cpu_s"] for line in lines) / max(1, len(lines)),
+                max((line.get("recovered_s", 0.0) for line in lines), default=0.0), ", ".join(map(str, bad[:20])),
+            )
+        )  # fmt: skip
+    header = ("system", "seeds", "events", "bad", "below (95 %)", "processor s a seed", "slowest recovery s", "which")
+    table("faults", header, rows)
+
+
+LANDMARKS = """
+description = "Nao stands, then walks on a floor with landmarks and a goal, towards a wall"
+compose = "nao"
+max_duration_s = 40.0
+[world]
+terrain = "room"
+map_profile = "exact"
+perturbation = 1.0
+goal = [0.9, 0.0]
+[[step]]
+when = "ready"
+do = "stand"
+duration = 3.0
+[[step]]
+when = "ready"
+after_s = 3.0
+do = "walk"
+distance = {distance}
+"""
+
+
+def watched(seed: int, distance: float) -> Line:
+    """Run a Nao that stands for 3 s and walks some metres; return what its camera and ultrasound recognise.
+
+    Returns:
+        Landmarks of each frame by the gait's state, frames with the goal marker, distances of the ultrasound in m.
+    """
+    frames: dict[str, list[int]] = {}
+    goals, echoes, state = 0, list[float | None](), ""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "run.mcap"
+        run_local(parse_scenario(LANDMARKS.format(distance=distance)), seed, recording=path)
+        for item in read_recording(path, (HW_LANDMARKS.key, HW_RANGE.key, STATE_GAIT.key)):
+            message: Any = item.message()
+            match item.key:
+                case STATE_GAIT.key:
+                    state = message.state
+                case HW_RANGE.key:
+                    echoes.append(message.distance)
+                case _:
+                    frames.setdefault(state, []).append(len(message.landmarks))
+                    goals += message.goal is not None
+    return {"frames": frames, "goals": goals, "echoes": echoes}
+
+
+@BENCH.part()
+def landmarks(
+    *, seeds: str = "0:5", distance: float = 0.7, results: Path | None = None, processes: int | None = None
+) -> None:
+    """Landmarks that a Nao recognises in one image, standing and walking, read from a recording without truth.
+
+    Osswald et al. matched 3.25 features a frame on a slowly walking Nao and far more on a standing one.
+
+    Args:
+        distance: of the walk, m.
+    """
+    jobs = [{"seed": seed, "distance": distance} for seed in seeds_of(seeds)]
+    lines = study(watched, jobs, results, processes=processes)
+    rows: list[tuple[object, ...]] = []
+    for name in ("standing", "walking"):
+        means = [float(np.mean(line["frames"][name])) for line in lines]
+        count = sum(len(line["frames"][name]) for line in lines)
+        rows.append((name, count, float(np.mean(means)), min(means), max(means)))
+    table(f"landmarks a frame, seeds {seeds}", ("gait", "frames", "mean of seeds", "least", "most"), rows)
+    seen = [[echo for echo in line["echoes"] if echo is not None] for line in lines]
+    rows = [(line["seed"], line["goals"], far[0], far[-1]) for line, far in zip(lines, seen, strict=True)]
+    table("goal and wall", ("seed", "frames with the goal", "wall at first m", "at last m"), rows)

@@ -1,0 +1,110 @@
+"""Re-learning while the robot walks: a round of outcomes makes a new model, in force from a choice fixed beforehand.
+
+A round begins at the choice whose outcomes complete it and runs on a thread. Its model is in force from the `LAG`-th
+choice after that, however long the fit took: a choice that comes before the fit has ended waits for it. So equal
+requests get equal replies at any speed of the machine.
+"""
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from surefoot.errors import SurefootError
+
+from ..models.files import save
+from ..models.learned import LearnedModel
+from .relearn import Form, relearned
+from .samples import StanceSample
+
+MOST = 100_000
+"""Largest number of outcomes that wait for a round: none begins while no learned model is in force."""
+LAG = 4
+"""Number of choices from the begin of a round to the first with its model: two seconds of a tripod gait."""
+
+
+@dataclass(frozen=True, slots=True)
+class RelearnParams:
+    """Parameters of re-learning."""
+
+    form: Form = "counted"
+    weight: float = 1.0
+    """Weight c of new outcomes, 0 to 1."""
+    every: int = 60
+    """Number of outcomes of a round."""
+    path: str = ""
+    """Path of the file that keeps the model; empty = none."""
+
+
+@dataclass(eq=False)
+class Relearner:
+    """Collector of outcomes that makes models of them."""
+
+    params: RelearnParams
+    log: Callable[[str], None]
+    taken: int = 0
+    """Number of outcomes taken."""
+    refused: dict[str, int] = field(default_factory=dict)
+    """Number of outcomes left out and of rounds that failed, by reason."""
+    _waiting: list[StanceSample] = field(default_factory=list)
+    _due: int = 0
+    _thread: threading.Thread | None = None
+    _made: LearnedModel | None = None
+    _problems: list[tuple[str, str]] = field(default_factory=list)
+
+    def take(self, samples: Sequence[StanceSample]) -> None:
+        """Take outcomes; those that cannot be learned from are counted."""
+        for each in samples:
+            problem = each.problem or ("too_many" if len(self._waiting) >= MOST else "")
+            if problem:
+                self.refuse(problem)
+            else:
+                self._waiting.append(each)
+                self.taken += 1
+
+    def refuse(self, reason: str) -> None:
+        """Count an outcome that is left out."""
+        self.refused[reason] = self.refused.get(reason, 0) + 1
+
+    def chosen(self, model: LearnedModel | None) -> LearnedModel | None:
+        """Count a choice; returns the model that is in force from this choice on, None if that does not change.
+
+        Args:
+            model: model in force; None: it cannot be learned again.
+        """
+        if self._thread is not None:
+            self._due -= 1
+            return self._finish() if self._due <= 0 else None
+        if model is not None and len(self._waiting) >= self.params.every:
+            batch, self._waiting = self._waiting, []
+            self._due = LAG
+            self._thread = threading.Thread(target=self._run, args=(model, batch), name="relearn", daemon=True)
+            self._thread.start()
+        return None
+
+    def close(self) -> LearnedModel | None:
+        """End a round that is under way and drop waiting outcomes; returns the model of the round, or None."""
+        self._waiting.clear()
+        return None if self._thread is None else self._finish()
+
+    def _finish(self) -> LearnedModel | None:
+        assert self._thread is not None
+        self._thread.join()
+        self._thread, made, self._made = None, self._made, None
+        for code, text in self._problems:
+            self.refuse(code)
+            self.log(text)
+        self._problems.clear()
+        return made
+
+    def _run(self, model: LearnedModel, batch: Sequence[StanceSample]) -> None:
+        p = self.params
+        try:
+            made = relearned(model, batch, p.form, p.weight)
+            _ = made.table  # computed on this thread, not in the first choice
+            self._made = made
+            if p.path:
+                save(made, p.path)
+        except SurefootError as error:
+            self._problems.append((error.code, f"re-learning: {error.message}"))
+        except Exception as error:  # after any other error the old model stays
+            self._problems.append(("internal", f"re-learning: {error!r}"))

@@ -1,0 +1,77 @@
+"""Every benchmark is imported, lists its options, and its smallest run works."""
+
+import importlib
+from pathlib import Path
+
+import pytest
+
+import benchmarks
+from benchmarks import __main__ as command
+from benchmarks.report import Bench, goal, parser_of, table
+
+FOLDER = Path(benchmarks.__file__).parent
+HELPERS = {"__init__", "__main__", "branches", "core_system", "machine", "own_slip", "report", "rivals"}
+"""Modules without parts."""
+SLOW = {
+    "biped walks", "estimator speed", "foothold_walks scores", "goals policies", "lost standing", "navigator filters",
+    "policies trainings", "queries stability", "soak commands", "soak restarts", "soak stops", "flood floods",
+    "stability adaptive", "studies scenarios", "walker actions", "walker held",
+}  # fmt: skip
+"""Smallest runs of more than 3 s; those that start processes are in no quick test."""
+
+
+def bench(name: str) -> Bench:
+    return importlib.import_module(f"benchmarks.{name}").BENCH
+
+
+PARTS = [(name, part) for name in command.NAMES for part in bench(name).parts]
+QUICK = [
+    pytest.param(name, part, marks=[pytest.mark.slow] * (f"{name} {part}" in SLOW), id=f"{name} {part}")
+    for name, part in PARTS if bench(name).parts[part].quick is not None
+]  # fmt: skip
+
+
+def test_every_module_is_listed() -> None:
+    assert {path.stem for path in FOLDER.glob("*.py")} - HELPERS == set(command.NAMES)
+    assert all(bench(name).name == name for name in command.NAMES)
+    assert {f"{name} {part}" for name, part in PARTS} >= SLOW
+
+
+def test_files_are_short() -> None:
+    assert [path.name for path in FOLDER.glob("*.py") if len(path.read_text().splitlines()) > 400] == []
+
+
+def test_a_list_of_names_without_importing_them(capsys: pytest.CaptureFixture[str]) -> None:
+    assert command.main([]) == 0
+    shown = capsys.readouterr().out
+    assert all(f"\n{name} " in f"\n{shown}" for name in command.NAMES)
+    assert command.main(["none"]) == 2
+    assert "studies" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("name", "part"), PARTS)
+def test_every_option_has_help(name: str, part: str) -> None:
+    run = bench(name).parts[part].run
+    parser, _ = parser_of(name, run)
+    assert run.__doc__
+    assert [action.dest for action in parser._actions if not action.help] == []
+    parser.format_help()
+
+
+@pytest.mark.parametrize(("name", "part"), QUICK)
+def test_the_smallest_run_works(
+    name: str, part: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    bench(name).main([part, "--quick"])
+    assert len(capsys.readouterr().out.splitlines()) >= 1
+
+
+def test_tables_and_goals(capsys: pytest.CaptureFixture[str]) -> None:
+    table("walks", ("ground", "mm"), [("rough", 1.23456), ("flat", None)])
+    goal("ratio", 0.5, "<=", 0.4)
+    goal("speed", 2.0, ">=", 1.0, "m/s")
+    assert capsys.readouterr().out.splitlines() == [
+        "walks", "  ground     mm", "  rough   1.235", "  flat",
+        f"{'ratio':52}          0.5    goal <= 0.4: MISSED", f"{'speed':52}            2 m/s   goal >= 1: met",
+    ]  # fmt: skip

@@ -1,0 +1,45 @@
+"""Studies in several sittings: runs that are kept are not repeated, and the lines are those of all jobs."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from surefoot.lab import studies
+from surefoot.lab.report.judge import Row, Verdict
+from surefoot.lab.studies import finished, metrics, passed, seeds_of, study, verdict_line
+
+
+@pytest.mark.parametrize(("text", "seeds"), [("3", [0, 1, 2]), ("20:22", [20, 21]), ("5:5", [])])
+def test_seeds(text: str, seeds: list[int]) -> None:
+    assert list(seeds_of(text)) == seeds
+
+
+def walked(scenario: str, seed: int) -> dict[str, Any]:
+    rows = (Row("distance_m", 1.5 if seed != 2 else 0.2, ok=seed != 2), Row("min_margin_m", None))
+    return verdict_line(Verdict(rows), ("min_margin_m",))
+
+
+def test_continues_where_it_stopped(tmp_path: Path) -> None:
+    ran: list[int] = []
+    file = tmp_path / "study.jsonl"
+
+    def run(scenario: str, count: int, **options: Any) -> list[studies.Line]:
+        jobs = [{"scenario": scenario, "seed": seed} for seed in range(count)]
+        return study(walked, jobs, file, processes=1, show=lambda line: ran.append(line["seed"]), **options)
+
+    run("flat", 3)
+    file.write_text(file.read_text() + '{"scenario": "flat", "se')  # a study that was ended while it wrote
+    lines = run("flat", 5, threads=True)
+    assert ran == [0, 1, 2, 3, 4]
+    assert run("flat", 5) == lines
+    assert ran == [0, 1, 2, 3, 4]
+    assert [line["seed"] for line in lines] == [0, 1, 2, 3, 4]
+    assert lines[2]["failed"] == ["distance_m"]
+    assert lines[2]["values"] == {"distance_m": 0.2, "min_margin_m": None}
+    assert passed(lines)[:2] == (4, 5)
+    assert metrics(lines, ("distance_m", "min_margin_m")) == [("distance_m", 1.5, 0.2, 2, 1.5, 4)]
+    run("stand", 1)
+    assert ran == [0, 1, 2, 3, 4, 0]
+    assert [line["scenario"] for line in finished(file, seed=0)] == ["flat", "stand"]
+    assert finished(tmp_path / "none") == []
