@@ -335,7 +335,7 @@ def show_pushes(lines: Sequence[Line]) -> None:
         for way in sorted({tuple(push[1:]) for line, push in here if not line["ok"]}):
             same = [line for line, push in here if tuple(push[1:]) == way]
             at = [Capture(*line["capture"]) for line in same if not line["ok"] and line["capture"] is not None]
-            where = [float(np.mean([point[k] for point in at])) for k in range(3)] if at else [None] * 3
+            where = np.array([point[:3] for point in at]).mean(axis=0).tolist() if at else [None] * 3
             edges = "/".join(sorted({point.edge for point in at}))
             ok = sum(line["ok"] for line in same)
             rows.append((f"{force:g} N, {way[0]:.0f} deg, phase {way[1]:.2f}", ok, len(same), *where, edges))

@@ -83,7 +83,9 @@ class Ground:
 
     def score(self) -> None:
         """Compute P and masks of all cells without a leg."""
-        assess(self.ground, HandScore(), whole_map(self.ground), None, STROKE, ("p", "mask"), Limits(), 8.0)
+        assess(
+            self.ground, HandScore(), whole_map(self.ground), None, tuple(STROKE.tolist()), ("p", "mask"), Limits(), 8.0
+        )
 
 
 def _tile(ground: FootholdGround, heights: HeightMap, edge: int, full: Any) -> None:
@@ -148,7 +150,7 @@ def _loops(z: Any) -> None:
     for i in range(1, 41):
         for j in range(1, 41):
             ring = [part[i][j] - part[i + a][j + b] for a in (-1, 0, 1) for b in (-1, 0, 1)]
-            sum(ring), sum(map(abs, ring))
+            _ = sum(ring), sum(map(abs, ring))
 
 
 @BENCH.part("--cells 100")

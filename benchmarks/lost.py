@@ -292,7 +292,7 @@ def undisturbed(seed: int, world: World) -> Line:
 
 @BENCH.part("--displacements 2 --hours 0")
 def displacements(*, displacements: int = 100, hours: float = 1.0, world: World, processes: int = 1) -> None:
-    """How soon a displaced robot notices and recovers, how often it does so wrongly, and false alarms.
+    """Times until a displaced robot notices and recovers, wrong recoveries, and false alarms.
 
     A made-up robot walks up and down a corridor with landmarks (half of their looks copied tenfold, a tenth of the
     detections false), 10 frames a second. Its belief is an extended Kalman filter over x, y, heading. Displaced by

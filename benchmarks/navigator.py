@@ -126,8 +126,8 @@ def training() -> None:
     if importlib.util.find_spec("stable_baselines3") is None or importlib.util.find_spec("gymnasium") is None:
         print("stable_baselines3 is not installed: no comparison with PPO")
         return
-    import torch
-    from stable_baselines3 import PPO
+    import torch  # pyright: ignore[reportMissingImports] - optional
+    from stable_baselines3 import PPO  # pyright: ignore[reportMissingImports] - optional
 
     from surefoot.lab.train.gym import NavigatorEnv
 

@@ -92,7 +92,7 @@ class Hpp:
 def cvxpy_region() -> tuple[Call | None, str]:
     """Return (23) with one cone a contact, compiled once per set, the direction a parameter, by clarabel."""
     try:
-        import cvxpy as cp
+        import cvxpy as cp  # pyright: ignore[reportMissingImports] - optional
     except ImportError:
         return None, "not installed"
 
@@ -117,7 +117,7 @@ def cvxpy_region() -> tuple[Call | None, str]:
 def pypoman_region(method: str, edges: int = 8) -> tuple[Call | None, str]:
     """Return the projection of the linearised constraints on the CoM plane."""
     try:
-        import pypoman
+        import pypoman  # pyright: ignore[reportMissingImports] - optional
     except ImportError:
         return None, "not installed"
     angle = 2.0 * np.pi * np.arange(edges) / edges

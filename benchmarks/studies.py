@@ -71,7 +71,7 @@ def scenarios(
         lines = study(walked, jobs, results, processes=processes, show=failures)
         rate = passed(lines)
         table(
-            f"{name}: {rate.good} of {rate.count} passed (95 %: {100 * rate.low:.0f} to {100 * rate.high:.0f} %)",
+            f"{name}: {rate.good} of {rate.runs} passed (95 %: {100 * rate.low:.0f} to {100 * rate.high:.0f} %)",
             ("metric", "median", "least", "seed", "most", "seed"),
             metrics(lines, SHOWN),
         )
