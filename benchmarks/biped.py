@@ -303,25 +303,18 @@ def summary(lines: Sequence[Line], distance: float) -> list[tuple[str, object]]:
     speed = [100.0 * line["x"] / line["walk_s"] for line in good if line["walk_s"] > 0] or [math.nan]
     yaw = [line["yaw_deg"] / max(0.01, abs(distance)) for line in good] or [math.nan]
     return [
-        ("good", f"{len(good)} of {len(lines)}"),
-        ("fell", sum(line["fallen"] for line in lines)),
-        ("x, m", mean("x")),
-        ("|y|, m", float(np.mean([abs(line["y"]) for line in good] or [math.nan]))),
-        ("speed, start and closing step included, cm/s", float(np.mean(speed))),
-        ("yaw, deg", mean("yaw_deg")),
-        ("sigma of the yaw, deg/m", float(np.std(yaw))),
-        ("tilt, deg", mean("tilt_deg")),
+        ("good", f"{len(good)} of {len(lines)}"), ("fell", sum(line["fallen"] for line in lines)),
+        ("x, m", mean("x")), ("|y|, m", float(np.mean([abs(line["y"]) for line in good] or [math.nan]))),
+        ("speed, start and closing step included, cm/s", float(np.mean(speed))), ("yaw, deg", mean("yaw_deg")),
+        ("sigma of the yaw, deg/m", float(np.std(yaw))), ("tilt, deg", mean("tilt_deg")),
         ("largest tilt of all runs, deg", max(line["tilt_deg"] for line in lines)),
-        ("twist of a foot, deg", mean("twist_deg")),
-        ("slip of a foot, mm", mean("slip_mm")),
-        ("odometry error, mm", mean("odometry_mm")),
-        ("heading error, deg", mean("heading_error_deg")),
-        ("most steps to stop", max(line["stop_steps"] for line in lines)),
-        ("adjusted steps", mean("adjusted")),
+        ("twist of a foot, deg", mean("twist_deg")), ("slip of a foot, mm", mean("slip_mm")),
+        ("odometry error, mm", mean("odometry_mm")), ("heading error, deg", mean("heading_error_deg")),
+        ("most steps to stop", max(line["stop_steps"] for line in lines)), ("adjusted steps", mean("adjusted")),
         ("ticks with a saturated servo, %", 100 * mean("saturated")),
         ("walker, us a tick, median", mean("walker_us")),
         ("walker, us a tick, 99th percentile", mean("walker_p99_us")),
-    ]
+    ]  # fmt: skip
 
 
 def show_pushes(lines: Sequence[Line]) -> None:
@@ -353,17 +346,9 @@ def show_pushes(lines: Sequence[Line]) -> None:
 
 @BENCH.part("bioloid --seeds 0:1 --distance 0.1 --results /dev/null")
 def walks(
-    robot: str = "bioloid",
-    /,
-    *,
-    setting: Setting,
-    push: bool = False,
-    forces: str = "4,6,8,10,12",
-    seeds: str = "0:10",
-    processes: int = 2,
-    results: Path = KEPT,
-    show: bool = False,
-) -> None:
+    robot: str = "bioloid", /, *, setting: Setting, push: bool = False, forces: str = "4,6,8,10,12",
+    seeds: str = "0:10", processes: int = 2, results: Path = KEPT, show: bool = False,
+) -> None:  # fmt: skip
     """Walks, turns and pushes of a biped: falls, speed, yaw, what the walker costs.
 
     Args:

@@ -217,16 +217,9 @@ def over_flat(lines: Lines) -> list[tuple[object, ...]]:
 
 @BENCH.part()
 def rules(
-    *,
-    rules: str = "learned,hand",
-    grounds: str = ",".join(TAUGHT),
-    seeds: str = "0:10",
-    model: str = "shipped",
-    robot: str = "ragno",
-    results: Path | None = None,
-    processes: int = 2,
-    report: bool = False,
-) -> None:
+    *, rules: str = "learned,hand", grounds: str = ",".join(TAUGHT), seeds: str = "0:10", model: str = "shipped",
+    robot: str = "ragno", results: Path | None = None, processes: int = 2, report: bool = False,
+) -> None:  # fmt: skip
     """Learned footholds beside other rules: ratios of mean contact sliding per stance, paired over seeds, and targets.
 
     Intervals are 95 % of 4000 resamplings of the seeds. ``--rules learned:0.3,learned:0.8`` compares weights of the

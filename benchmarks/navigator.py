@@ -42,14 +42,11 @@ def filters() -> None:
     ours = best_of(lambda: _filter_steps(count, mean, cov, noise, gain, work_space(n))) / count
     points = JulierSigmaPoints(n, kappa=0.0)
     f = UnscentedKalmanFilter(
-        n,
-        2,
-        1.0,
+        n, 2, 1.0,
         hx=lambda x: np.array([math.hypot(0.5 - x[0], 0.1 - x[1]), math.atan2(0.1 - x[1], 0.5 - x[0]) - x[2]]),
         fx=lambda x, dt: x + np.array([0.1 * math.cos(x[2] + 0.05 * x[3]), 0.1 * math.sin(x[2]), 0.1 * x[3], 0.0]),
-        points=points,
-        residual_z=lambda a, b: np.array([a[0] - b[0], wrap(a[1] - b[1])]),
-    )
+        points=points, residual_z=lambda a, b: np.array([a[0] - b[0], wrap(a[1] - b[1])]),
+    )  # fmt: skip
 
     def theirs() -> None:
         for _ in range(100):
