@@ -38,22 +38,8 @@ from surefoot.papers.wawrzynski.synthetic import KINDS, synthesize
 BENCH = Bench("accuracy")
 
 COLUMNS = (
-    "",
-    "rmse",
-    "+-",
-    "0.5 s",
-    "+-",
-    "|avg|",
-    "worst",
-    "drift",
-    "NEES",
-    "tilt",
-    "odo",
-    "worst",
-    "z mm",
-    "yaw",
-    "int",
-)
+    "", "rmse", "+-", "0.5 s", "+-", "|avg|", "worst", "drift", "NEES", "tilt", "odo", "worst", "z mm", "yaw", "int",
+)  # fmt: skip
 MEASURES = ("rmse", "smooth")
 
 
@@ -135,14 +121,9 @@ def checked(chosen: str, known: Sequence[str]) -> tuple[str, ...]:
 
 @BENCH.part()
 def tables(
-    *,
-    parts: Parts,
-    seeds: str = "10",
-    sets: str = "",
-    estimators: str = "best,ekf",
-    references: str = ",".join(REFERENCES),
-    json_: Path | None = None,
-) -> None:
+    *, parts: Parts, seeds: str = "10", sets: str = "", estimators: str = "best,ekf",
+    references: str = ",".join(REFERENCES), json_: Path | None = None,
+) -> None:  # fmt: skip
     """Errors of the estimators on sets of logs.
 
     Args:

@@ -230,7 +230,7 @@ class Run:
             "slip_mm": round(1e3 * feet.slip, 2),
             "odometry_mm": round(1e3 * float(np.hypot(*(np.array(pose.position[:2]) - truth.position[:2]))), 1),
             "heading_error_deg": round(math.degrees(_wrap(pose.yaw - yaw1)), 2),
-            "adjusted": self.walker.state.adjusted, "unreachable": self.unreachable,
+            "unreachable": self.unreachable,
             "saturated": round(self.saturated / max(1, self.world.tick - self.began), 4), "walker_us": median_us,
             "walker_p99_us": p99_us, "sha256": self.digest.hexdigest()[:16],
             "capture": None if self.capture is None else list(self.capture),
@@ -245,7 +245,7 @@ def capture_point(world: PhysicsWorld, foot: int) -> Capture:
         foot: whose sole it is seen from.
     """
     mujoco.mj_subtreeVel(world.model, world.data)  # derived quantities only: the run stays the same
-    trunk, body, truth = world.address.trunk, world.tracker.bodies[foot], world.truth()
+    trunk, body, truth = world.address.trunk, world.address.foot_bodies[foot], world.truth()
     height = truth.com[2] - truth.foot_position[foot, 2]
     point = truth.com[:2] + world.data.subtree_linvel[trunk][:2] * math.sqrt(height / GRAVITY)
     rot = world.data.xmat[body].reshape(3, 3)
@@ -303,25 +303,18 @@ def summary(lines: Sequence[Line], distance: float) -> list[tuple[str, object]]:
     speed = [100.0 * line["x"] / line["walk_s"] for line in good if line["walk_s"] > 0] or [math.nan]
     yaw = [line["yaw_deg"] / max(0.01, abs(distance)) for line in good] or [math.nan]
     return [
-        ("good", f"{len(good)} of {len(lines)}"),
-        ("fell", sum(line["fallen"] for line in lines)),
-        ("x, m", mean("x")),
-        ("|y|, m", float(np.mean([abs(line["y"]) for line in good] or [math.nan]))),
-        ("speed, start and closing step included, cm/s", float(np.mean(speed))),
-        ("yaw, deg", mean("yaw_deg")),
-        ("sigma of the yaw, deg/m", float(np.std(yaw))),
-        ("tilt, deg", mean("tilt_deg")),
+        ("good", f"{len(good)} of {len(lines)}"), ("fell", sum(line["fallen"] for line in lines)),
+        ("x, m", mean("x")), ("|y|, m", float(np.mean([abs(line["y"]) for line in good] or [math.nan]))),
+        ("speed, start and closing step included, cm/s", float(np.mean(speed))), ("yaw, deg", mean("yaw_deg")),
+        ("sigma of the yaw, deg/m", float(np.std(yaw))), ("tilt, deg", mean("tilt_deg")),
         ("largest tilt of all runs, deg", max(line["tilt_deg"] for line in lines)),
-        ("twist of a foot, deg", mean("twist_deg")),
-        ("slip of a foot, mm", mean("slip_mm")),
-        ("odometry error, mm", mean("odometry_mm")),
-        ("heading error, deg", mean("heading_error_deg")),
-        ("most steps to stop", max(line["stop_steps"] for line in lines)),
-        ("adjusted steps", mean("adjusted")),
+        ("twist of a foot, deg", mean("twist_deg")), ("slip of a foot, mm", mean("slip_mm")),
+        ("odometry error, mm", mean("odometry_mm")), ("heading error, deg", mean("heading_error_deg")),
+        ("most steps to stop", max(line["stop_steps"] for line in lines)), ("adjusted steps", mean("adjusted")),
         ("ticks with a saturated servo, %", 100 * mean("saturated")),
         ("walker, us a tick, median", mean("walker_us")),
         ("walker, us a tick, 99th percentile", mean("walker_p99_us")),
-    ]
+    ]  # fmt: skip
 
 
 def show_pushes(lines: Sequence[Line]) -> None:
@@ -335,7 +328,7 @@ def show_pushes(lines: Sequence[Line]) -> None:
         for way in sorted({tuple(push[1:]) for line, push in here if not line["ok"]}):
             same = [line for line, push in here if tuple(push[1:]) == way]
             at = [Capture(*line["capture"]) for line in same if not line["ok"] and line["capture"] is not None]
-            where = [float(np.mean([point[k] for point in at])) for k in range(3)] if at else [None] * 3
+            where = np.array([point[:3] for point in at]).mean(axis=0).tolist() if at else [None] * 3
             edges = "/".join(sorted({point.edge for point in at}))
             ok = sum(line["ok"] for line in same)
             rows.append((f"{force:g} N, {way[0]:.0f} deg, phase {way[1]:.2f}", ok, len(same), *where, edges))
@@ -353,17 +346,9 @@ def show_pushes(lines: Sequence[Line]) -> None:
 
 @BENCH.part("bioloid --seeds 0:1 --distance 0.1 --results /dev/null")
 def walks(
-    robot: str = "bioloid",
-    /,
-    *,
-    setting: Setting,
-    push: bool = False,
-    forces: str = "4,6,8,10,12",
-    seeds: str = "0:10",
-    processes: int = 2,
-    results: Path = KEPT,
-    show: bool = False,
-) -> None:
+    robot: str = "bioloid", /, *, setting: Setting, push: bool = False, forces: str = "4,6,8,10,12",
+    seeds: str = "0:10", processes: int = 2, results: Path = KEPT, show: bool = False,
+) -> None:  # fmt: skip
     """Walks, turns and pushes of a biped: falls, speed, yaw, what the walker costs.
 
     Args:

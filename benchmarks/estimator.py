@@ -116,7 +116,7 @@ def late_ms(name: str, log: Log, seconds: float = 0.3) -> tuple[float, float]:
     running, costs = Running(name, log, {}), []
     late = replace(log, foot_ns=log.foot_ns + round(1e9 * seconds))
     for k, x in enumerate(inputs_of(late, range(len(log.stamp_ns)))):
-        x.feet = [(stamp - round(1e9 * seconds), *rest) for stamp, *rest in x.feet]
+        x.feet = [(stamp - round(1e9 * seconds), *rest) for stamp, *rest in x.feet]  # type: ignore
         began = time.thread_time()
         feed(running, x)
         running.estimate()
@@ -295,7 +295,7 @@ class Echo(Service[ServiceConfig]):
 def latencies(ticks: int, folder: Path) -> dict[str, list[float]]:
     """Return the times from release to arrival, s, by topic."""
     port = free_address()
-    np.savez(folder / "samples.npz", **samples())
+    np.savez(folder / "samples.npz", **samples())  # pyright: ignore[reportArgumentType] - names of arrays
     here = [sys.executable, "-m", "benchmarks.estimator"]
     link = ["--connect", port, "--namespace", NAMESPACE]
     environment = os.environ | {

@@ -25,8 +25,9 @@ from surefoot.lab.footholds.walks import JoinedWalk, Rule, Setting, walk
 from surefoot.lab.statistics import Ranged, mean_ratio, ratio, resampled
 from surefoot.lab.studies import Line, finished, seeds_of, study
 from surefoot.services.footholds.learning.merge import candidate_of
-from surefoot.services.footholds.learning.relearn import relearned
+from surefoot.services.footholds.learning.relearn import Form, relearned
 from surefoot.services.footholds.models.files import load, shipped
+from surefoot.services.footholds.models.learned import LearnedModel
 from surefoot.services.footholds.models.protocol import SlipModel
 from surefoot.services.footholds.models.score import HandScore
 from surefoot.services.footholds.select import SelectParams
@@ -217,16 +218,9 @@ def over_flat(lines: Lines) -> list[tuple[object, ...]]:
 
 @BENCH.part()
 def rules(
-    *,
-    rules: str = "learned,hand",
-    grounds: str = ",".join(TAUGHT),
-    seeds: str = "0:10",
-    model: str = "shipped",
-    robot: str = "ragno",
-    results: Path | None = None,
-    processes: int = 2,
-    report: bool = False,
-) -> None:
+    *, rules: str = "learned,hand", grounds: str = ",".join(TAUGHT), seeds: str = "0:10", model: str = "shipped",
+    robot: str = "ragno", results: Path | None = None, processes: int = 2, report: bool = False,
+) -> None:  # fmt: skip
     """Learned footholds beside other rules: ratios of mean contact sliding per stance, paired over seeds, and targets.
 
     Intervals are 95 % of 4000 resamplings of the seeds. ``--rules learned:0.3,learned:0.8`` compares weights of the
@@ -242,8 +236,8 @@ def rules(
     names, places = words_of(rules), words_of(grounds)
     jobs = [{"ground": ground, "rule": rule, "seed": seed}
             for ground in places for seed in seeds_of(seeds) for rule in names]  # fmt: skip
-    if not report:
-        done = study(partial(walked, model=model, robot=robot), jobs, results, processes=processes)
+    function = partial(walked, model=model, robot=robot)
+    done = [] if report else study(function, jobs, results, processes=processes)
     found = finished(results) if results is not None else done
     lines = {(line["ground"], line["rule"], line["seed"]): line for line in found}
     header = ("ground", "rule", "sliding mm", "reached", "fell", "learned / it", "from", "to", "seeds")
@@ -379,7 +373,8 @@ def show_relearning(path: Path, seeds: Sequence[int], share: float = 0.5) -> Non
     (c = 1) and in that of the paper (c = 1, then 0.5). The walks are those of the model of own slip.
     """
     begin = start(read(path)[0], candidate_of(load(shipped("ragno") or "")))
-    models = {(form, slip): begin.first for form in ("counted", "paper") for slip in ("own", "truth")}
+    forms: tuple[Form, ...] = ("counted", "paper")
+    models: dict[tuple[Form, str], LearnedModel] = {(f, slip): begin.first for f in forms for slip in ("own", "truth")}
     for number, part in enumerate((seeds[: len(seeds) // 2], seeds[len(seeds) // 2 :])):
         found = [explored(seed, SLIP, models["counted", "own"], share) for seed in part]
         batches = {"own": [s for own, _ in found for s in own], "truth": [s for _, true in found for s in true]}

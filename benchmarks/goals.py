@@ -32,13 +32,9 @@ from surefoot.services.supervisor.scenarios.scenario import Scenario, Step
 BENCH = Bench("goals")
 
 ARMS = {
-    "hand": ("hand", "four"),
-    "tuned": ("tuned", "four"),
-    "planner": ("planner", "four"),
-    "sarsa": ("sarsa", "four"),
-    "steer arcs": ("steer", "arcs"),
-    "planner arcs": ("planner", "arcs"),
-}
+    "hand": ("hand", "four"), "tuned": ("tuned", "four"), "planner": ("planner", "four"), "sarsa": ("sarsa", "four"),
+    "steer arcs": ("steer", "arcs"), "planner arcs": ("planner", "arcs"),
+}  # fmt: skip
 """Policy and action set by name; the others are compared with the first."""
 LONGEST_S = 600.0
 """Simulated time limit of a run with a goal, s: longer than any run that arrives."""
@@ -93,14 +89,9 @@ def to_goal_recorded(arm: str, world: World, seed: int, record: str) -> Line:
 
 @BENCH.part()
 def policies(
-    *,
-    seeds: str = "100:102",
-    world: World = "hard",
-    arms: str = ",".join(ARMS),
-    results: Path | None = None,
-    record: Path | None = None,
-    processes: int | None = None,
-) -> None:
+    *, seeds: str = "100:102", world: World = "hard", arms: str = ",".join(ARMS), results: Path | None = None,
+    record: Path | None = None, processes: int | None = None,
+) -> None:  # fmt: skip
     """Nao walks 5 m to a goal with every policy, no truth in the loop; runs of a seed are pairs.
 
     Goals: with four actions the planner at least 9 % faster than the 35 deg controller, the learner faster by a paired
@@ -165,15 +156,10 @@ def moved_right() -> Scenario:
 
 
 JOURNEYS: dict[str, Callable[[], Scenario]] = {
-    "corner": lambda: named("nao-corner"),
-    "lost": lambda: named("nao-lost"),
-    "lost-right": moved_right,
-    "behind": lambda: corridor(to(-0.6, 0.3), easy=True),
-    "behind-hard": lambda: corridor(to(-0.6, 0.3)),
-    "dark": lambda: dark(easy=True),
-    "dark-hard": lambda: dark(easy=False),
-    "hexapod": lambda: named("ragno-goal"),
-}
+    "corner": lambda: named("nao-corner"), "lost": lambda: named("nao-lost"), "lost-right": moved_right,
+    "behind": lambda: corridor(to(-0.6, 0.3), easy=True), "behind-hard": lambda: corridor(to(-0.6, 0.3)),
+    "dark": lambda: dark(easy=True), "dark-hard": lambda: dark(easy=False), "hexapod": lambda: named("ragno-goal"),
+}  # fmt: skip
 """Scenarios with a goal besides the straight corridor, which begins at x = -1 m."""
 
 
@@ -302,13 +288,9 @@ def wrong_pairs(rows: list[Compared]) -> tuple[list[tuple[str, str]], int]:
 
 @BENCH.part()
 def transfer(
-    *recordings: str,
-    live: Path | None = None,
-    world: World = "hard",
-    params: str = "",
-    model: str = "",
+    *recordings: str, live: Path | None = None, world: World = "hard", params: str = "", model: str = "",
     episodes: int = 2000,
-) -> None:
+) -> None:  # fmt: skip
     """Mean time to the goal and ranking of the policies as a fit of recordings predicts them, beside live runs.
 
     The recordings are runs of other seeds than the live ones (`surefoot run nao-corridor --seed N`). Their fit makes an

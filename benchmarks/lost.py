@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from benchmarks.report import Bench, goal, seconds_of, table
 from surefoot.lab.studies import Line, study
-from surefoot.services.navigator.belief.landmarks import LandmarkMap
+from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.belief.lost import (
     Footprint,
     LostModel,
@@ -53,7 +53,7 @@ def wrapped(angle: float) -> float:
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
-def corridor(seed: int, density: float, copied: float, copies: int = 10) -> LandmarkMap:
+def corridor(seed: int, density: float, copied: float, copies: int = 10) -> FloorLandmarks:
     """Return landmarks at random; a share of them in groups that look the same."""
     rng = np.random.default_rng(seed)
     n = rng.poisson(density * (HIGH[0] - LOW[0]) * (HIGH[1] - LOW[1]))
@@ -292,7 +292,7 @@ def undisturbed(seed: int, world: World) -> Line:
 
 @BENCH.part("--displacements 2 --hours 0")
 def displacements(*, displacements: int = 100, hours: float = 1.0, world: World, processes: int = 1) -> None:
-    """How soon a displaced robot notices and recovers, how often it does so wrongly, and false alarms.
+    """Times until a displaced robot notices and recovers, wrong recoveries, and false alarms.
 
     A made-up robot walks up and down a corridor with landmarks (half of their looks copied tenfold, a tenth of the
     detections false), 10 frames a second. Its belief is an extended Kalman filter over x, y, heading. Displaced by
@@ -365,7 +365,7 @@ def frames(*, times: int = 500) -> None:
     """
     rng = np.random.default_rng(1)
     looks = rng.standard_normal((6000, 8))
-    world = LandmarkMap(rng.uniform(-5, 5, (6000, 2)), looks / np.linalg.norm(looks, axis=1, keepdims=True))
+    world = FloorLandmarks(rng.uniform(-5, 5, (6000, 2)), looks / np.linalg.norm(looks, axis=1, keepdims=True))
     cov = np.diag([0.03**2, 0.03**2, math.radians(3) ** 2])
     for name, noise in (("easy", EASY), ("rough", ROUGH)):
         robot = Robot(world, noise, 1)

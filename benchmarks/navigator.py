@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from benchmarks.report import Bench, best_of, goal, seconds_of, table
 from surefoot.kernels.jit import free_kernel, row_kernel
 from surefoot.lab.train.sarsa import Training
-from surefoot.services.navigator.belief.ukf import predict_with, update_with, work_space, wrap
+from surefoot.services.navigator.belief.ukf import LandmarkSighting, predict, update, work_space, wrap
 from surefoot.services.navigator.environment.episodes import DECISIONS, run_episodes
 from surefoot.services.navigator.planning.costs import prepare
-from surefoot.services.navigator.planning.grid import Grid
+from surefoot.services.navigator.planning.grid import FloorGrid
 from surefoot.services.navigator.planning.route import plan as plan_route
-from surefoot.services.navigator.policy.arrays import GOAL_X, GOAL_Y, LAST, NO_ACTION, STATUS, arrays
-from surefoot.services.navigator.policy.choose import choose, work_space_to_choose
+from surefoot.services.navigator.policy.arrays import GOAL_X, GOAL_Y, LAST, NO_ACTION, STATUS, ModelTables, arrays
+from surefoot.services.navigator.policy.choose import ChoiceRoom, PolicyTables, choose, room_to_choose
 from surefoot.services.navigator.policy.library import find
 from surefoot.services.navigator.policy.params import load
 from surefoot.services.navigator.policy.planner import plan
@@ -30,8 +30,9 @@ BENCH = Bench("navigator")
 @row_kernel
 def _filter_steps(count: int, mean: Any, cov: Any, noise: Any, gain: Any, work: Any) -> None:
     for _ in range(count):
-        predict_with(mean, cov, 0.1, 0.0, 0.0, 0.1, noise, work)
-        update_with(mean, cov, mean[0] + 0.5, mean[1] + 0.1, 0.51, 0.2, 0.0225, 0.03, gain, work)
+        predict(mean, cov, 0.1, 0.0, 0.0, 0.1, noise, work)
+        seen = LandmarkSighting(mean[0] + 0.5, mean[1] + 0.1, 0.51, 0.2, 0.0225, 0.03)
+        update(mean, cov, seen, gain, work)
 
 
 @BENCH.part("")
@@ -42,14 +43,11 @@ def filters() -> None:
     ours = best_of(lambda: _filter_steps(count, mean, cov, noise, gain, work_space(n))) / count
     points = JulierSigmaPoints(n, kappa=0.0)
     f = UnscentedKalmanFilter(
-        n,
-        2,
-        1.0,
+        n, 2, 1.0,
         hx=lambda x: np.array([math.hypot(0.5 - x[0], 0.1 - x[1]), math.atan2(0.1 - x[1], 0.5 - x[0]) - x[2]]),
         fx=lambda x, dt: x + np.array([0.1 * math.cos(x[2] + 0.05 * x[3]), 0.1 * math.sin(x[2]), 0.1 * x[3], 0.0]),
-        points=points,
-        residual_z=lambda a, b: np.array([a[0] - b[0], wrap(a[1] - b[1])]),
-    )
+        points=points, residual_z=lambda a, b: np.array([a[0] - b[0], wrap(a[1] - b[1])]),
+    )  # fmt: skip
 
     def theirs() -> None:
         for _ in range(100):
@@ -78,26 +76,17 @@ def decisions() -> None:
     for use in ("four", "arcs"):
         model = load("paper", [f"use={use!r}"])
         world, policy = arrays(model), find("planner", model)
-        status, a = np.zeros(STATUS), len(world.names)
+        status, room = np.zeros(STATUS), room_to_choose(4, len(world.names))
         status[LAST] = NO_ACTION
-        space = (np.zeros(a), np.zeros(a, dtype=np.bool_), work_space_to_choose(4, a))
-        tables = (policy.kind, policy.numbers, policy.table, policy.grid, policy.shown)
-        parts = (world.actions, world.scene, world.switching)
-        seconds = best_of(lambda c=(tables, parts, status, space): _decide_all(means, cov, *c))
+        seconds = best_of(lambda c=(policy.tables, world.tables, status, room): _decide_all(means, cov, *c))
         goal(f"decision of the planner, {use}", 1e6 * seconds / len(means), "<=", 20, "us")
 
 
 @free_kernel
-def _decide_all(means: Any, cov: Any, tables: Any, parts: Any, status: Any, space: Any) -> int:
-    kind, numbers, table, grid, shown = tables
-    actions, scene, switching = parts
-    values, mask, work = space
+def _decide_all(means: Any, cov: Any, policy: PolicyTables, model: ModelTables, status: Any, room: ChoiceRoom) -> int:
     total = 0
     for i in range(means.shape[0]):
-        total += choose(
-            kind, numbers, table, grid, shown, actions, scene, switching, means[i], cov, scene[GOAL_X], scene[GOAL_Y],
-            status, values, mask, work,
-        )  # fmt: skip
+        total += choose(policy, model, means[i], cov, model.scene[GOAL_X], model.scene[GOAL_Y], status, room)
     return total
 
 
@@ -126,8 +115,8 @@ def training() -> None:
     if importlib.util.find_spec("stable_baselines3") is None or importlib.util.find_spec("gymnasium") is None:
         print("stable_baselines3 is not installed: no comparison with PPO")
         return
-    import torch
-    from stable_baselines3 import PPO
+    import torch  # pyright: ignore[reportMissingImports] - optional
+    from stable_baselines3 import PPO  # pyright: ignore[reportMissingImports] - optional
 
     from surefoot.lab.train.gym import NavigatorEnv
 
@@ -245,7 +234,7 @@ def routes(*, times: int = 5) -> None:
         ("meander 3 m", meander(60), (1.5, 1.5), (98.0, 98.5)),
         ("trap", trap(), (50.0, 50.0), (99.0, 50.0)),
     ):
-        grid = Grid(cells, CELL)
+        grid = FloorGrid(cells, CELL)
         costs = prepare(grid)
         prepared = seconds_of(lambda grid=grid: prepare(grid), time.process_time)
         found = plan_route(costs, start, end)

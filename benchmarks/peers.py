@@ -22,7 +22,8 @@ from benchmarks.report import Bench, best_of, table
 from benchmarks.stability import SIXTEEN, stance
 from surefoot.robot.reader import load_robot
 from surefoot.services.stability.programs.contacts import ContactSet
-from surefoot.services.stability.programs.oracle import Oracle
+from surefoot.services.stability.programs.reduced import reduce
+from surefoot.services.stability.regions.careful import Oracle
 from surefoot.services.stability.regions.margin import extent
 from surefoot.services.stability.regions.region import region
 from surefoot.services.stability.rehearsal import rehearse
@@ -92,7 +93,7 @@ class Hpp:
 def cvxpy_region() -> tuple[Call | None, str]:
     """Return (23) with one cone a contact, compiled once per set, the direction a parameter, by clarabel."""
     try:
-        import cvxpy as cp
+        import cvxpy as cp  # pyright: ignore[reportMissingImports] - optional
     except ImportError:
         return None, "not installed"
 
@@ -117,7 +118,7 @@ def cvxpy_region() -> tuple[Call | None, str]:
 def pypoman_region(method: str, edges: int = 8) -> tuple[Call | None, str]:
     """Return the projection of the linearised constraints on the CoM plane."""
     try:
-        import pypoman
+        import pypoman  # pyright: ignore[reportMissingImports] - optional
     except ImportError:
         return None, "not installed"
     angle = 2.0 * np.pi * np.arange(edges) / edges
@@ -167,8 +168,8 @@ def peers() -> tuple[dict[str, tuple[Call, int]], dict[str, str]]:
 
 MINE: dict[str, tuple[Call, int]] = {
     "region, 16 directions": (lambda s: region(s, SIXTEEN), 5),
-    "  kernel alone": (lambda s: Oracle(s).fan(SIXTEEN, 16), 5),
-    "one direction": (lambda s: Oracle(s).fan(SIXTEEN[1:2], 1), 5),
+    "  kernel alone": (lambda s: Oracle(s, *reduce(s)).fan(SIXTEEN, 16), 5),
+    "one direction": (lambda s: Oracle(s, *reduce(s)).fan(SIXTEEN[1:2], 1), 5),
 }
 
 

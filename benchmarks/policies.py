@@ -53,12 +53,9 @@ class Study:
             chosen = hand(world, policy, turn_deg=STEER_TURN_DEG, stand_above=STEER_COSTLY_ABOVE, steer=STEER_SHARE)
         elif policy.startswith("tuned-"):
             chosen = hand(
-                world,
-                policy,
-                turn_deg=float(policy.removeprefix("tuned-")),
-                stand_above=TUNED_STAND_ABOVE,
+                world, policy, turn_deg=float(policy.removeprefix("tuned-")), stand_above=TUNED_STAND_ABOVE,
                 slope=TUNED_STAND_SLOPE,
-            )
+            )  # fmt: skip
         else:
             chosen = find("planner" if policy == "limit" else policy, model, world)
         results = episodes(world, chosen, seeds or self.seeds, knows=policy == "limit")

@@ -14,6 +14,9 @@ from typing import Any
 
 import numpy as np
 import zenoh
+from surefoot.services.stability.queries.answers import whatif_reply
+from surefoot.services.stability.queries.check_query import check_reply
+from surefoot.services.stability.queries.messages import region_reply
 
 from benchmarks.report import Bench, goal, table
 from surefoot.bus.codec import encode
@@ -23,9 +26,6 @@ from surefoot.schemas.base import Request
 from surefoot.schemas.stability import CheckRequest, Contact, RegionRequest
 from surefoot.schemas.topics import STABILITY_CHECK, STABILITY_REGION, STABILITY_WHATIF, Query
 from surefoot.schemas.whatif import WhatifRequest
-from surefoot.services.stability.queries.answers import whatif_reply
-from surefoot.services.stability.queries.check_query import check_reply
-from surefoot.services.stability.queries.messages import region_of, region_reply
 from tests.ports import free_address
 
 BENCH = Bench("queries")

@@ -71,10 +71,12 @@ class Bench:
             print(
                 f"\npython -m benchmarks {self.name} PART --help lists the options of a part; without one all are run"
             )
-        elif words[0] in self.parts:
-            self._run(words[0], words[1:])
         else:
-            self._run(next(iter(self.parts)), words)
+            self._run(*self.chosen(words))
+
+    def chosen(self, words: Sequence[str]) -> tuple[str, Sequence[str]]:
+        """Return the part that the first word names, else the first part, and the words that are left."""
+        return (words[0], words[1:]) if words and words[0] in self.parts else (next(iter(self.parts)), words)
 
     def _run(self, name: str, words: Sequence[str]) -> None:
         part = self.parts[name]

@@ -1,5 +1,7 @@
 """CPU time of the simulator against a bare mj_step loop."""
 
+# mujoco has no type stubs for its compiled modules:
+# pyright: reportAttributeAccessIssue=false
 import json
 import os
 import statistics

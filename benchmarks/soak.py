@@ -152,7 +152,7 @@ def _restarts_of(machine: Machine) -> int:
 
 @BENCH.part()
 def faults(*, count: int = 5) -> None:
-    """How soon a crash and a freeze are noticed, and what a pause of 1 s costs.
+    """Times until a crash and a freeze are noticed, and restarts after a pause of 1 s.
 
     A crash is noticed by the network (its liveliness token is gone) and by the supervisor (the process is reaped).
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.report import Bench, table
-from surefoot.lab.runs.chaos import run_chaos
+from surefoot.lab.chaos.run import run_chaos
 from surefoot.lab.runs.local import run_local
 from surefoot.lab.statistics import wilson
 from surefoot.lab.studies import Line, metrics, passed, run_scenario, seeds_of, study
@@ -71,7 +71,7 @@ def scenarios(
         lines = study(walked, jobs, results, processes=processes, show=failures)
         rate = passed(lines)
         table(
-            f"{name}: {rate.good} of {rate.count} passed (95 %: {100 * rate.low:.0f} to {100 * rate.high:.0f} %)",
+            f"{name}: {rate.good} of {rate.runs} passed (95 %: {100 * rate.low:.0f} to {100 * rate.high:.0f} %)",
             ("metric", "median", "least", "seed", "most", "seed"),
             metrics(lines, SHOWN),
         )

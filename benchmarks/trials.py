@@ -228,15 +228,9 @@ def report(lines: list[Line], names: tuple[str, ...]) -> None:
 
 @BENCH.part()
 def pairs(
-    *,
-    grounds: str = "rough,mixed-0.4,elevation",
-    seeds: str = "300:304",
-    how: Branching,
-    processes: int = 1,
-    results: Path | None = None,
-    samples: Path | None = None,
-    show: bool = False,
-) -> None:
+    *, grounds: str = "rough,mixed-0.4,elevation", seeds: str = "300:304", how: Branching, processes: int = 1,
+    results: Path | None = None, samples: Path | None = None, show: bool = False,
+) -> None:  # fmt: skip
     """Footholds compared from one state: the share that each selector gains of what could be gained.
 
     From every third step of a walk with nominal footholds, each selector and some random footholds take the same step

@@ -34,21 +34,17 @@ WIDE, TIGHT = math.radians(11.5), math.radians(23.0)
 LONG, SHORT = 0.6, 0.2
 """Ways of commands, m."""
 ORDERS = {
-    "walk": MotionCommand("walk", distance=LONG),
-    "back": MotionCommand("walk", distance=-LONG),
-    "left": MotionCommand("turn", angle=8 * TIGHT),
-    "right": MotionCommand("turn", angle=-8 * TIGHT),
+    "walk": MotionCommand("walk", distance=LONG), "back": MotionCommand("walk", distance=-LONG),
+    "left": MotionCommand("turn", angle=8 * TIGHT), "right": MotionCommand("turn", angle=-8 * TIGHT),
     "arc_left": MotionCommand("walk", distance=LONG, angle=6 * TIGHT),
     "arc_right": MotionCommand("walk", distance=LONG, angle=-6 * TIGHT),
     "bend_left": MotionCommand("walk", distance=LONG, angle=6 * WIDE),
-    "bend_right": MotionCommand("walk", distance=LONG, angle=-6 * WIDE),
-    "stop": MotionCommand("stop"),
-    "walk_end": MotionCommand("walk", distance=SHORT),
-    "left_end": MotionCommand("turn", angle=2 * TIGHT),
+    "bend_right": MotionCommand("walk", distance=LONG, angle=-6 * WIDE), "stop": MotionCommand("stop"),
+    "walk_end": MotionCommand("walk", distance=SHORT), "left_end": MotionCommand("turn", angle=2 * TIGHT),
     "right_end": MotionCommand("turn", angle=-2 * TIGHT),
     "arc_left_end": MotionCommand("walk", distance=SHORT, angle=2 * TIGHT),
     "arc_right_end": MotionCommand("walk", distance=SHORT, angle=-2 * TIGHT),
-}
+}  # fmt: skip
 """Commands that are under way or come; of those with `_end` the fourth step is the last, the fifth closes."""
 PAIRS = (
     "left:right,right:left,walk:left,walk:right,left:walk,right:walk,arc_left:arc_right,arc_right:arc_left,"
@@ -148,14 +144,9 @@ def interrupted(seed: int, before: str, after: str, level: float, ticks: tuple[i
 
 @BENCH.part()
 def orders(
-    *,
-    seeds: str = "0:5",
-    level: float = 1.0,
-    ticks: str = MOMENTS,
-    pairs: str = PAIRS,
-    processes: int = 1,
+    *, seeds: str = "0:5", level: float = 1.0, ticks: str = MOMENTS, pairs: str = PAIRS, processes: int = 1,
     results: Path | None = None,
-) -> None:
+) -> None:  # fmt: skip
     """Commands at any moment of a step of a Nao: falls and largest tilt.
 
     Of each seed and each command under way the state at the begin of a step is kept, and every other command is tried
@@ -297,16 +288,9 @@ def _row(name: str, by_seed: Sequence[Sequence[Done]]) -> tuple[object, ...]:
 
 @BENCH.part("--seeds 0:1 --actions walk --count 2")
 def actions(
-    *,
-    seeds: str = "0:4",
-    level: float = 1.0,
-    drift: float = 0.0,
-    actions: str = ",".join(ACTIONS),
-    count: int = 8,
-    mixed: bool = False,
-    processes: int = 1,
-    results: Path | None = None,
-) -> None:
+    *, seeds: str = "0:4", level: float = 1.0, drift: float = 0.0, actions: str = ",".join(ACTIONS), count: int = 8,
+    mixed: bool = False, processes: int = 1, results: Path | None = None,
+) -> None:  # fmt: skip
     """Actions of a navigator on a Nao: time, way and turn of each, one chained to the other.
 
     Each command is given 0.3 s before the end of the one before, as `ends_in_s` reports it. Poses are those of

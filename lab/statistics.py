@@ -63,12 +63,13 @@ def half_width(values: ArrayLike) -> float:
 
 def deviation(values: ArrayLike) -> float:
     """Return the standard deviation of a sample, with n - 1; NaN for fewer than two values."""
-    return float(np.std(values, ddof=1)) if np.size(values) > 1 else math.nan
+    x = np.asarray(values, dtype=np.float64)
+    return float(x.std(ddof=1)) if x.size > 1 else math.nan
 
 
 def plus_minus(values: ArrayLike, digits: int = 2) -> str:
     """Return the mean and half of its 95 % interval as text, `1.23 +- 0.04`."""
-    return f"{np.mean(values):.{digits}f} +- {half_width(values):.{digits}f}"
+    return f"{np.asarray(values, dtype=np.float64).mean():.{digits}f} +- {half_width(values):.{digits}f}"
 
 
 def middle_and_ends(values: ArrayLike, digits: int = 3, unit: str = "") -> str:

@@ -26,7 +26,7 @@ Job = Mapping[str, Any]
 Line = dict[str, Any]
 
 
-class Metric(NamedTuple):
+class MetricSummary(NamedTuple):
     """One measured value over the seeds of a study."""
 
     name: str
@@ -43,7 +43,7 @@ class Passed(NamedTuple):
     """Rate of good verdicts."""
 
     good: int
-    count: int
+    runs: int
     low: float
     """Lower end of the 95 % interval of the rate."""
     high: float
@@ -141,12 +141,12 @@ def passed(lines: Sequence[Line]) -> Passed:
     return Passed(good, len(lines), *wilson(good, len(lines)))
 
 
-def metrics(lines: Sequence[Line], names: Iterable[str]) -> list[Metric]:
+def metrics(lines: Sequence[Line], names: Iterable[str]) -> list[MetricSummary]:
     """Return median and extremes, with their seeds, of each metric that a line has a value of."""
-    found: list[Metric] = []
+    found: list[MetricSummary] = []
     for name in names:
         values = sorted((line["values"][name], line["seed"]) for line in lines if line["values"].get(name) is not None)
         if values:
             median = middle.median(value for value, _ in values)
-            found.append(Metric(name, median, *values[0], *values[-1]))
+            found.append(MetricSummary(name, median, *values[0], *values[-1]))
     return found

@@ -1,12 +1,10 @@
 """A scenario inside one process, on the in-memory bus: the same services, the same lockstep, the same verdict and hash.
 
-For studies over many seeds: every seed is a process of its own, without ports, as many at a time as there are cores.
+Studies over many seeds are built on it, see `surefoot.lab.studies`.
 """
 
-import os
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +12,6 @@ from typing import Any
 from surefoot.lockstep.config import ServiceConfig, load_config
 from surefoot.lockstep.discover import service_class
 from surefoot.lockstep.driver import DriverNode
-from surefoot.lockstep.launch import spare_collector
 from surefoot.lockstep.local import LocalSystem
 from surefoot.lockstep.service import Service
 from surefoot.schemas.sim import ResetRequest
@@ -23,7 +20,7 @@ from surefoot.schemas.topics import RECORDER_STATUS, SIM_RESET, TICK_S
 from surefoot.services.supervisor.processes.compose import Compose
 from surefoot.services.supervisor.processes.startable import system_of
 from surefoot.services.supervisor.scenarios.director import Director
-from surefoot.services.supervisor.scenarios.scenario import Scenario, find_scenario, load_scenario
+from surefoot.services.supervisor.scenarios.scenario import Scenario
 from surefoot.services.supervisor.service import Supervisor
 
 from ..report.judge import RunVerdict, judge
@@ -123,26 +120,3 @@ def run_local(
         return LocalRun(seed, verdict, run_hash, leader.tick + 1, wall_s)
     finally:
         system.close()
-
-
-def _job(name: str, seed: int, strict: bool) -> LocalRun:
-    spare_collector()
-    return run_local(load_scenario(find_scenario(name)), seed, strict=strict, without=("recorder",))
-
-
-def study(
-    name: str,
-    seeds: Iterable[int],
-    *,
-    strict: bool = False,
-    processes: int | None = None,
-    show: Callable[[LocalRun], None] = lambda run: None,
-) -> Iterator[LocalRun]:
-    """Runs a scenario over many seeds, a process for each core; yields the runs as they finish."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    with ProcessPoolExecutor(processes or os.cpu_count() or 1) as pool:
-        jobs = [pool.submit(_job, name, seed, strict) for seed in seeds]
-        for job in as_completed(jobs):
-            run = job.result()
-            show(run)
-            yield run

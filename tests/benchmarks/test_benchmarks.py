@@ -1,6 +1,8 @@
 """Every benchmark is imported, lists its options, and its smallest run works."""
 
 import importlib
+import re
+import shlex
 from pathlib import Path
 
 import pytest
@@ -13,7 +15,7 @@ FOLDER = Path(benchmarks.__file__).parent
 HELPERS = {"__init__", "__main__", "branches", "core_system", "machine", "own_slip", "report", "rivals"}
 """Modules without parts."""
 SLOW = {
-    "biped walks", "estimator speed", "foothold_walks scores", "goals policies", "lost standing", "navigator filters",
+    "biped walks", "estimator speed", "foothold_walks scores", "footholds times", "lost standing", "navigator filters",
     "policies trainings", "queries stability", "soak commands", "soak restarts", "soak stops", "flood floods",
     "stability adaptive", "studies scenarios", "walker actions", "walker held",
 }  # fmt: skip
@@ -56,6 +58,32 @@ def test_every_option_has_help(name: str, part: str) -> None:
     assert run.__doc__
     assert [action.dest for action in parser._actions if not action.help] == []
     parser.format_help()
+
+
+PAGES = [*(FOLDER.parent / "docs").rglob("*.md"), FOLDER.parent / "README.md"]
+STAND_ALONE = re.compile(rf"`({'|'.join(command.NAMES)})((?: [^`]*)?)`")
+"""Commands of docs/measured.md without `python -m benchmarks`."""
+
+
+def commands() -> set[tuple[str, str]]:
+    found: set[tuple[str, str]] = set()
+    for page in PAGES:
+        text = page.read_text()
+        found |= set(re.findall(r"python -m benchmarks (\w+)([^`\n#]*)", text))
+        found |= set(STAND_ALONE.findall(text)) if page.name == "measured.md" else set()
+    return {(name, words) for name, words in found if "..." not in words and name != "all"}
+
+
+def test_pages_name_many_commands() -> None:
+    assert len(commands()) > 50
+
+
+@pytest.mark.parametrize(("name", "words"), sorted(commands()))
+def test_commands_of_the_pages_are_understood(name: str, words: str) -> None:
+    assert name in command.NAMES
+    part, rest = bench(name).chosen(shlex.split(words))
+    parser, _ = parser_of(name, bench(name).parts[part].run)
+    parser.parse_args([word for word in rest if word != "--quick"])
 
 
 @pytest.mark.parametrize(("name", "part"), QUICK)

@@ -41,6 +41,6 @@ def test_failed_runs_are_counted_and_not_averaged(monkeypatch):
     monkeypatch.setattr(bench, "predicted", lambda *_: {"mean_s": 99.0, "success": 1.0})
     lines = [line("hand", 1, 100.0), line("hand", 2, 104.0), line("hand", 3, None), line("hand", 4, 50.0, ["fell"])]
     base = load("nao-paper")
-    (hand,) = compare([*lines, line("planner", 1, 90.0)], base, base, 10)  # one run of a policy says too little
+    (hand,) = compare([*lines, line("planner", 1, 90.0)], base, base, 10)  # one run of a policy is too few
     assert (hand.arm, hand.live, hand.failed) == ("hand", 102.0, 2)
     assert hand.predicted == pytest.approx(99.0 + base.switching["walk"]["stand"])
