@@ -1,4 +1,4 @@
-"""What is wrong with a start and can be said before anything starts: the terrain, the environment's values."""
+"""Checks of a start before anything starts: the terrain and the environment's values."""
 
 import os
 from collections.abc import Mapping

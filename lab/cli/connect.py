@@ -1,4 +1,4 @@
-"""Finding the running system a command speaks to."""
+"""Finding the running system that a command addresses."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +13,7 @@ def client(connect: str | None = None, namespace: str | None = None) -> Iterator
     """Join the system as a client: the one named, else the one that runs here, else the default endpoint.
 
     Raises:
-        BusError: nobody answers there.
+        BusError: no system answers there.
     """
     from surefoot.bus.zenoh import ZenohBus, ZenohOptions
     from surefoot.client import Client
@@ -25,10 +25,10 @@ def client(connect: str | None = None, namespace: str | None = None) -> Iterator
 
 
 def endpoint(connect: str | None = None, namespace: str | None = None) -> tuple[str, str]:
-    """Return (endpoint, namespace): as told, else of the system that runs here, else where one would listen.
+    """Return (endpoint, namespace): as given, else of the system that runs here, else where one would listen.
 
     Raises:
-        ConfigError: what was told is no endpoint, or several systems run and none was named.
+        ConfigError: the value given is no endpoint, or several systems run and none was named.
     """
     from .running import only_one, systems
 
@@ -37,7 +37,7 @@ def endpoint(connect: str | None = None, namespace: str | None = None) -> tuple[
 
 
 def _knock(where: str) -> None:
-    """Fail at once when nobody listens, instead of after Zenoh's patience."""
+    """Fail at once when no process listens, instead of after Zenoh's patience."""
     from surefoot.errors import BusError
 
     from .running import RunningSystem

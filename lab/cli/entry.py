@@ -21,7 +21,7 @@ def main(arguments: list[str] | None = None) -> None:
             reason, timeout_s = options.get("--reason", REASON), float(options.get("--timeout", TIMEOUT_S))
             sys.exit(report(stop_all(found, reason, timeout_s), json="--json" in options))
         except SurefootError:
-            pass  # told as every other command tells it
+            pass  # reported as by every other command
         except KeyboardInterrupt:
             sys.exit(130)
     from . import main as everything

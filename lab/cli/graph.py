@@ -9,7 +9,7 @@ from .output import Json, use_json, write, write_json, write_table
 
 
 class Form(StrEnum):
-    """How the graph is written."""
+    """Format of the printed graph."""
 
     TEXT = "text"
     MERMAID = "mermaid"

@@ -68,7 +68,7 @@ class RunOutcome:
     seed: int
     verdict: RunVerdict
     report: Path | None
-    """None where it could not be written; a note of the verdict says why."""
+    """None where it could not be written; a note of the verdict gives the reason."""
     recording: Path | None
     start_s: float
     """Wall time from the command to tick 0."""
@@ -94,7 +94,7 @@ def run_scenario(
     show: Callable[[RunProgress], None] = lambda progress: None,
     meddle: Callable[[Session], Beside] | None = None,
 ) -> RunOutcome:
-    """Start the system, conduct the scenario, judge it, write the report, stop everything.
+    """Start the system, conduct the scenario, check its limits, write the report, stop everything.
 
     Args:
         scenario: what to do.
@@ -105,7 +105,7 @@ def run_scenario(
 
     Raises:
         FileError: the compose file cannot be used.
-        BusError: the system could not be brought up. A run that stalls or is interrupted is judged and reported.
+        BusError: the system could not be brought up. A stalled or interrupted run has a report, too.
     """
     began = time.monotonic()
     compose = system_of(scenario)

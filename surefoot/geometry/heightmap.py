@@ -82,7 +82,7 @@ class HeightMap:
         return (self._nearest(y, self.origin[1]), self._nearest(x, self.origin[0]))
 
     def inside(self, row: int, col: int) -> bool:
-        """Whether the cell belongs to the map."""
+        """Return whether the cell belongs to the map."""
         return 0 <= row < self.z.shape[0] and 0 <= col < self.z.shape[1]
 
     def centre(self, row: int, col: int) -> tuple[float, float]:
@@ -186,7 +186,7 @@ class HeightMap:
         return hashlib.sha256(head.encode() + self.to_bytes()).hexdigest()
 
     def header(self) -> dict[str, Any]:
-        """What a receiver needs beside the heights, as plain JSON values."""
+        """Data that a receiver needs beside the heights, as plain JSON values."""
         ny, nx = self.shape
         return {
             "frame": FRAME,

@@ -1,4 +1,4 @@
-"""What a driver releases in a tick."""
+"""Samples that a driver releases in a tick."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,6 +14,6 @@ class DueSample:
 
     topic: Topic[Any]
     message: Message | Callable[[], Message]
-    """Or, of a ``judging`` topic, what makes it when it is told."""
+    """Message, or a factory called at publication (for ``judging`` topics)."""
     stamp_ns: int
     seq: int
