@@ -310,7 +310,7 @@ def summary(lines: Sequence[Line], distance: float) -> list[tuple[str, object]]:
         ("largest tilt of all runs, deg", max(line["tilt_deg"] for line in lines)),
         ("twist of a foot, deg", mean("twist_deg")), ("slip of a foot, mm", mean("slip_mm")),
         ("odometry error, mm", mean("odometry_mm")), ("heading error, deg", mean("heading_error_deg")),
-        ("most steps to stop", max(line["stop_steps"] for line in lines)), ("adjusted steps", mean("adjusted")),
+        ("most steps to stop", max(line["stop_steps"] for line in lines)),
         ("ticks with a saturated servo, %", 100 * mean("saturated")),
         ("walker, us a tick, median", mean("walker_us")),
         ("walker, us a tick, 99th percentile", mean("walker_p99_us")),

@@ -66,7 +66,8 @@ def costs(s: ContactSet) -> list[float]:
     c = s.position[:, :2].mean(axis=0)
     return [
         us(lambda: region(s, SIXTEEN)), us(lambda: region(s, tolerance=1e-9, limit=16)), us(lambda: region(s)),
-        us(lambda: oracle.fan(SIXTEEN, 16)), us(lambda: Oracle(s, *reduce(s)).fan(SIXTEEN[1:2], 1)), us(lambda: margin(found, c)),
+        us(lambda: oracle.fan(SIXTEEN, 16)), us(lambda: Oracle(s, *reduce(s)).fan(SIXTEEN[1:2], 1)),
+        us(lambda: margin(found, c)),
         us(lambda: extent(found, c, SIXTEEN[3])),
         us(lambda: [reference.solve(oracle.reduced.h @ a) for a in SIXTEEN], 1),
         us(lambda: [literal_support(s, a, tolerance=1e-8) for a in SIXTEEN[:4]], 1, 1) * 4.0,

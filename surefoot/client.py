@@ -94,7 +94,7 @@ class Client:
                 yield message
 
     def latest(self, topic: Topic[M] | str, timeout_s: float = 5.0) -> M:
-        """The next message of a topic (raises CallError when none comes; it says so when simulated time is paused)."""
+        """The next message of a topic (raises CallError when none comes; its message names paused simulated time)."""
         topic = topic_named(topic) if isinstance(topic, str) else topic
         for message in self.messages(topic, timeout_s):
             return message
@@ -129,7 +129,7 @@ def connect(robot: str = "ragno", endpoint: str | None = None, fleet: str = "sur
 
     Raises:
         BusError: no router answers.
-        ConfigError: what was told is no endpoint.
+        ConfigError: the value given is no endpoint.
     """
     where = checked("endpoint", endpoint) if endpoint else to_connect()
     return Client(ZenohBus(ZenohOptions(mode="client", connect=(where,), namespace=f"{fleet}/{robot}")))

@@ -1,4 +1,4 @@
-"""Failures with a name: every one says what came, what was allowed, and which field it was."""
+"""Failures with a code: each names the received value, the allowed ones and the field."""
 
 from typing import TYPE_CHECKING
 
@@ -16,14 +16,14 @@ class SurefootError(Exception):
         self.field = field
 
     def reply(self) -> "ErrorReply":
-        """The error as it travels."""
+        """Return the error as a reply on the wire."""
         from surefoot.schemas.base import ErrorReply  # here: whoever only raises needs no models
 
         return ErrorReply(code=self.code, message=self.message[:2000], field=self.field)
 
 
 class Refusal(SurefootError):
-    """A bad input: counted under its code, answered or logged, and the service goes on."""
+    """Bad input: counted under its code, answered or logged; the service goes on."""
 
 
 class CallError(SurefootError):

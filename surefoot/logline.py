@@ -45,6 +45,6 @@ def sendable(text: str) -> str:
 
 
 def said(line: str) -> str:
-    """What a line says, without when and who."""
+    """Text of a line without time and source."""
     found = read_log_line(line)
     return line if found is None else found.text

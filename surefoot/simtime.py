@@ -1,4 +1,4 @@
-"""How simulated time runs, in words for people."""
+"""State of simulated time, in words for people."""
 
 from surefoot.schemas.sim import SimStatus
 

@@ -63,7 +63,7 @@ def run_live(
     tell: Callable[[str], None] = lambda text: None,
     show: Callable[[RunProgress], None] = lambda progress: None,
 ) -> LiveRun:
-    """Start the system, let the events happen while it conducts the scenario, judge it, stop everything.
+    """Start the system, let the events happen while it conducts the scenario, check its limits, stop everything.
 
     Args:
         scenario: what to do.
@@ -72,7 +72,7 @@ def run_live(
         options: as of a run.
         kinds: to draw from.
         ticks: of the run over which the events are spread, None = half of the scenario's longest duration.
-        tell: gets what the system does, in words.
+        tell: called with each message on what the system does.
         show: gets how far the run is.
     """
     made: list[Chaos] = []
@@ -167,7 +167,7 @@ class Chaos:
         return tuple(_words(outcome) for outcome in self.outcomes)
 
     def fell_at(self) -> int | None:
-        """Return the first tick in which the truth says that the robot lies."""
+        """Return the first tick in which the robot lies by the truth."""
         kept = self.session.supervisor.kept
         truths = (cast(Truth, delivery.message()) for delivery in kept if delivery.topic.key == SIM_TRUTH.key)
         return next((truth.tick for truth in truths if truth.fallen), None)
@@ -175,7 +175,7 @@ class Chaos:
     # -- what is noticed -----------------------------------------------------------------------------------------------
 
     def sign(self, who: str, text: str) -> None:
-        """Note what somebody says; any thread may do so."""
+        """Record a sign of a participant; callable from any thread."""
         self._signs.append((time.monotonic(), who, text))
 
     def _on_log(self, message: Message) -> None:
@@ -183,7 +183,7 @@ class Chaos:
             self.sign(message.source, message.text)
 
     def _look(self, service: str, before: SimStatus | None) -> None:
-        """Note what the supervisor's table and the driver's status say of a service."""
+        """Record the signs of a service in the supervisor's table and in the driver's status."""
         for row in self.session.rows():
             if row.pid is not None:
                 self.processes.add((row.service, row.pid))

@@ -1,4 +1,4 @@
-"""Recording as an onlooker, and playing a recording back onto the bus."""
+"""Recording as an observer, and playing a recording back onto the bus."""
 
 import os
 import time
@@ -76,7 +76,7 @@ def play_bag(
 
     Raises:
         SurefootError: the file cannot be read, or has none of the keys.
-        BusError: the port is taken or nobody answers.
+        BusError: the port is taken or no system answers.
     """
     info = recording_info(file)
     begin = int(info["start_ns"])

@@ -1,4 +1,4 @@
-"""What `surefoot doctor` looks at. Each check is one function; a check that breaks is itself a finding."""
+"""Checks of `surefoot doctor`. Each check is one function; a check that breaks is itself a finding."""
 
 import os
 import platform
@@ -35,7 +35,7 @@ def examine() -> list[Diagnosis]:
     for check in CHECKS:
         try:
             findings.append(check())
-        except Exception as error:  # whatever is wrong with this machine is what we are here to tell
+        except Exception as error:  # any fault of this machine is a finding
             name = check.__name__.strip("_").replace("_", " ")
             findings.append(Diagnosis("FAIL", name, f"{type(error).__name__}: {error}", "see the message"))
     return findings

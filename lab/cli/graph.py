@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class Form(StrEnum):
-    """How the graph is written."""
+    """Format of the printed graph."""
 
     TEXT = "text"
     MERMAID = "mermaid"

@@ -1,4 +1,4 @@
-"""What all commands share: exit codes, JSON or tables, one sentence for an error."""
+"""Parts that all commands share: exit codes, JSON or tables, one sentence for an error."""
 
 import errno
 import json
@@ -28,12 +28,12 @@ Listen = Annotated[
 
 @dataclass
 class OutputState:
-    """What the whole command line remembers."""
+    """Settings of the whole command line."""
 
     debug: bool = False
     json: bool = False
     log: bool = False
-    """What is told goes to a log: every line with its time."""
+    """Messages go to a log, each line with its time."""
 
 
 state = OutputState()
@@ -143,7 +143,7 @@ def fail(error: Exception) -> int:
 
 
 def misused(error: Any, *, json: bool) -> int:
-    """Write what typer says of wrong words, with the command's usage or as one JSON object; return the exit code."""
+    """Write typer's message on wrong words, with the command's usage or as one JSON object; return the exit code."""
     if json:
         _write_error("usage", error.format_message(), getattr(getattr(error, "param", None), "name", None))
     else:
@@ -159,7 +159,7 @@ def _write_error(code: str, message: str, field: str | None) -> None:
 
 
 def _is_usage(error: Exception) -> bool:
-    """Tell whether the user's own words or files are at fault, not the system."""
+    """Return whether the user's own words or files are at fault, not the system."""
     if getattr(error, "code", "") in (
         "unknown_topic",
         "unknown_query",

@@ -71,7 +71,7 @@ def call(
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
-    """Call a query and print its reply as JSON. Exit code 1: it was not accepted, or nobody answered."""
+    """Call a query and print its reply as JSON. Exit code 1: it was not accepted, or no service answered."""
     from surefoot.client import query_named
 
     use_json(json)

@@ -44,14 +44,14 @@ class Job:
 
     @property
     def stamp(self) -> Path:
-        """The file that says it is done; of this version of the sources."""
+        """File that marks the job as done for this version of the sources."""
         robot = hashlib.sha256(self.robot.encode()).hexdigest()[:12]
         return _stamps() / f"{signature()}-{self.service}-{robot}{'-rare' * self.rare}"
 
 
 @dataclass(frozen=True, slots=True)
 class Warmed:
-    """What a service uses, and what it took to compile that."""
+    """Kernels that a service uses, and the effort to compile them."""
 
     service: str
     robot: str

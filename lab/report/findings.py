@@ -44,7 +44,7 @@ class Reproduction:
 
     @property
     def ok(self) -> bool:
-        """Whether every number with a limit is within it."""
+        """True if every number with a limit is within it."""
         return all(finding.ok is not False for finding in self.findings)
 
 

@@ -61,7 +61,7 @@ class Row:
 
     Attributes:
         name: key of `METRICS`.
-        value: None when the run says nothing about it.
+        value: None when the run has no data on it.
         limits: (side, limit) pairs the value was held against.
         ok: None without a limit; a limit on a value that is missing is not met.
     """
@@ -106,7 +106,7 @@ class RunVerdict:
 
     @property
     def ok(self) -> bool:
-        """Whether every limit is met and nothing else went wrong."""
+        """True if every limit is met and nothing else went wrong."""
         return not self.problems and all(row.ok is not False for row in self.rows)
 
     def value(self, name: str) -> float | None:
@@ -153,7 +153,7 @@ def _meets(value: float | None, held: tuple[tuple[Side, float], ...]) -> bool:
 
 
 def measure(traces: Traces, wall_s: float | None = None) -> dict[str, float]:
-    """Return every metric the traces say something about, by key of `METRICS`."""
+    """Return every metric that the traces have data on, by key of `METRICS`."""
     values: dict[str, float] = {}
     truth = traces.series("sim/truth")
     if len(truth):

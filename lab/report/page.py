@@ -12,7 +12,7 @@ from .traces import Traces
 
 @dataclass(frozen=True)
 class About:
-    """What the report says about the run besides its numbers.
+    """Facts on a run that the report shows besides its numbers.
 
     Attributes:
         scenario: name of the scenario.

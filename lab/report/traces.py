@@ -1,4 +1,4 @@
-"""What a run was like, as time series: messages in, one at a time, live or from a recording; arrays out."""
+"""Time series of a run: messages in, one at a time, live or from a recording; arrays out."""
 
 import math
 from collections.abc import Iterable
@@ -27,7 +27,7 @@ KEYS = (
     "state/pose",
     "navigator/feedback",
 )
-"""Keys that say something about a run; others are ignored."""
+"""Keys with data on a run; others are ignored."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class DecisionTrace:
 
 @dataclass(frozen=True)
 class GoalEnd:
-    """How a goal ended: when (s), its state and place (m), and what the navigator counted."""
+    """End of a goal: time (s), state, place (m), and the counts of the navigator."""
 
     time: float
     state: str
@@ -96,7 +96,7 @@ class Traces:
     _goal: tuple[str, str] = ("", "")
 
     def feed(self, key: str, message: Any) -> None:
-        """Take a message of any key; keys that say nothing about the run are ignored."""
+        """Take a message of any key; keys without data on the run are ignored."""
         reader = _READERS.get(key)
         if reader is None or message.epoch < self.epoch:
             return

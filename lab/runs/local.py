@@ -29,7 +29,7 @@ from ..report.traces import read_traces
 
 @dataclass(frozen=True)
 class LocalRun:
-    """What came of a run in one process."""
+    """Result of a run in one process."""
 
     seed: int
     verdict: RunVerdict

@@ -53,7 +53,7 @@ class Recorder(Service[RecorderConfig]):
         self._hash, self._finished, self._failed = RunHash(), False, False
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
-        if isinstance(message, HeightMapMessage | LandmarkMap):  # told again to every newcomer: kept once
+        if isinstance(message, HeightMapMessage | LandmarkMap):  # published again for every new participant: kept once
             identity = (topic.key, message.epoch, message.version)
             if identity in self._known:
                 return
@@ -82,7 +82,7 @@ class Recorder(Service[RecorderConfig]):
         self._close()
 
     def status(self, request: RecorderRequest) -> RecorderReply:
-        """How far the recording is."""
+        """Progress of the recording."""
         return RecorderReply(
             path=sendable(self._path), epoch=self._epoch, tick=self._tick, finished=self._finished,
             messages=sum(self._hash.counts.values()), run_hash=self._hash.hexdigest() if self._finished else "",

@@ -87,10 +87,10 @@ def refusal_of(error: ValidationError, what: str) -> Refusal:
 
 
 def first_complaint(error: ValidationError) -> ErrorDetails:
-    """The first complaint, ``loc`` without pydantic's names of a union's members, which nobody sent.
+    """The first complaint, ``loc`` without pydantic's names of a union's members, which no sender used.
 
     Of several complaints about one union (a number or a list of directions) it is that of the member that was
-    understood furthest: who sends a list hears of its third row, not that it is no number.
+    understood furthest: the sender of a list gets the error of its third row, not that it is no number.
     """
     found = [(_sent(one), one) for one in error.errors(include_url=False, include_context=False)]
     loc, first = found[0]

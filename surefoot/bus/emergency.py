@@ -15,7 +15,7 @@ FIRST_S, MOST_S = 0.005, 0.1
 
 
 class Confirmed(NamedTuple):
-    """What the driver reported.
+    """Report of the driver on a stop.
 
     Attributes:
         driver: service that drives.
@@ -56,7 +56,7 @@ class Stopper:
         )
 
     def stop(self, reason: str, timeout_s: float) -> Confirmed | None:
-        """Ask for a stop until the driver says that one is in force; None when it did not within ``timeout_s``."""
+        """Request a stop until the driver reports that one is in force; None when it did not within ``timeout_s``."""
         payload = json.dumps({"source": "operator", "reason": reason})
         began = time.monotonic()
         wait = FIRST_S

@@ -15,7 +15,7 @@ _SOURCE = re.compile(r",?\s+at /\S+\.rs:\d+")
 def checked(source: str, endpoint: str, *, any_port: bool = False) -> str:
     """The endpoint itself (raises ConfigError naming ``source``, what came and the form expected).
 
-    ``any_port``: port 0 will do, for who listens where nobody has to find them.
+    ``any_port``: port 0 will do, for a listener that no other process has to find.
     """
     match = _FORM.fullmatch(endpoint)
     if match is None or not (0 if any_port else 1) <= int(match.group(2)) <= 65535:

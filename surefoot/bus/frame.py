@@ -1,4 +1,4 @@
-"""A frame: everything a service says in one tick, or in a few, as one message.
+"""Frames: everything a service publishes in one tick, or in a few, as one message.
 
 Payload: the JSON array of its messages, so that any tool can read it. Attachment: the publishing process (its instance,
 the word of its liveliness token), then the index, one ``<key>,<length>,<tick>,<epoch>,<stamp_ns>,<seq>`` per message,
@@ -44,7 +44,7 @@ class Frame:
         self._payload = payload
         instance, _, self._index = index.partition(b";")
         self.instance = instance.decode("ascii", "replace")
-        """The process that published it, as it says itself."""
+        """Process that published it, as written in the frame."""
         self.size = len(payload)
 
     def deliveries(self) -> list[Delivery]:

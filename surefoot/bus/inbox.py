@@ -1,4 +1,4 @@
-"""What has arrived for a node, from whatever thread, and when it is worth waking the node for it.
+"""Arrivals for a node from any thread, and the moment at which it is worth waking the node for them.
 
 Three queues, each bounded by count and bytes: what a tick needs (frames, commands, life, queries of participants),
 queries of others, and what is only observed. A full queue refuses what comes; what was refused is counted by key.
@@ -34,7 +34,7 @@ class Lane:
 
     def __init__(self, items: int, size: int) -> None:
         self.items: deque[Any] = deque()
-        """What waits; empty or not is asked for each message of a tick."""
+        """Waiting arrivals; tested for emptiness with each message of a tick."""
         self._most, self._most_bytes = items, size
         self._few = min(FEW, items)
         self._put = self._taken = 0

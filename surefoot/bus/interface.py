@@ -1,7 +1,7 @@
-"""What a bus offers, whatever carries it: Zenoh between processes, or plain calls inside one.
+"""Interface of every bus: Zenoh between processes, or plain calls inside one.
 
-Participants of lockstep exchange *frames*: everything a service says in a tick travels to its peers as one message,
-for each message costs its sender and every reader a wake-up, however small it is. Onlookers subscribe to the topics
+Participants of lockstep exchange *frames*: all messages of a service in a tick travel to its peers as one message,
+for each message costs its sender and every reader a wake-up, however small it is. Observers subscribe to the topics
 themselves, which are published as well as soon as somebody listens.
 """
 
@@ -32,7 +32,7 @@ class Raw(NamedTuple):
 
 
 class Stamp(NamedTuple):
-    """The header of a message as the index of its frame tells it."""
+    """The header of a message as the index of its frame holds it."""
 
     tick: int
     epoch: int
@@ -148,7 +148,7 @@ class Publisher(Protocol, Generic[M_contra]):
 
     @property
     def watched(self) -> bool:
-        """Whether somebody beside the participants listens to this very key."""
+        """True if an observer, not only participants, listens to this key."""
         ...
 
     def put(self, message: M_contra) -> Any:
@@ -186,7 +186,7 @@ class Bus(Protocol):
         Args:
             topics: rows with one owner each.
             sink: called from any thread.
-            batched: some ticks in one frame, for those whom nobody waits for.
+            batched: some ticks in one frame, for owners that no participant waits for.
         """
         ...
 
@@ -230,7 +230,7 @@ class Bus(Protocol):
         ...
 
     def probe(self, query: Query[Any, Any], *, participant: bool = False) -> bool:
-        """Whether the server of a query answers at all, on the way of ``participant`` or the common one."""
+        """Return whether the server of a query answers, on the way of ``participant`` or the common one."""
         ...
 
     def announce(self, service: str, instance: str) -> None:

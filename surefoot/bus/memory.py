@@ -117,7 +117,7 @@ class MemoryBus:
         self._servers[query.key] = (sink, participants or sink)
 
     def pump_with(self, query: Query[Any, Any], pump: Callable[[], bool]) -> None:
-        """Tells how to make the server of ``query`` work; returns whether it did anything."""
+        """Set the function that makes the server of ``query`` work and returns whether it did anything."""
         self._pumps[query.key] = pump
 
     def call(
@@ -149,7 +149,7 @@ class MemoryBus:
             watcher(life)
 
     def depart(self, service: str) -> None:
-        """What the loss of a process looks like; for tests of faults."""
+        """Withdraw the token of a process, as its loss does; for tests of faults."""
         for life in [life for life in self._alive if life.service == service]:
             self._alive.remove(life)
             for watcher in self._watchers:

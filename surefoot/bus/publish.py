@@ -1,4 +1,4 @@
-"""Publishers over Zenoh: a key by itself for onlookers, and everything an owner says in frames for participants."""
+"""Publishers over Zenoh: a key by itself for observers, and everything of an owner in frames for participants."""
 # pyright: reportUnknownMemberType=false
 
 from typing import Any, Generic, TypeVar
@@ -79,7 +79,7 @@ class ZenohPublisher(Generic[M]):
 
 
 class Framer:
-    """Collects what one owner says and publishes it, by the tick and by the batch."""
+    """Collect the messages of one owner and publish them, by the tick and by the batch."""
 
     def __init__(self, session: zenoh.Session, owner: str, instance: str) -> None:
         self.corked = False
@@ -104,7 +104,7 @@ class Framer:
 
 
 class FramedPublisher(Generic[M]):
-    """A key whose messages travel in frames, and by themselves for onlookers."""
+    """A key whose messages travel in frames, and by themselves for observers."""
 
     def __init__(self, session: zenoh.Session, framer: Framer, topic: Topic[M]) -> None:
         self.topic = topic
@@ -112,7 +112,7 @@ class FramedPublisher(Generic[M]):
         self._publisher = _declare(session, topic.key, encoding_of(topic.model), *_QOS[topic.kind])
         self.watched = False
         self._listener = self._publisher.declare_matching_listener(self._on_match)
-        status: Any = self._publisher.matching_status  # the stubs say bool
+        status: Any = self._publisher.matching_status  # typed bool in the stubs
         self._on_match(status)
 
     def _on_match(self, status: Any) -> None:

@@ -41,7 +41,7 @@ PROBE = b"probe"
 CLOSE_S = 1.0  # s, how long a reader that works may delay the end
 PROBE_S = 0.2
 LIVE = "alive"
-_TIMEOUT = b"Timeout"  # what Zenoh itself puts into the error reply of a query that nobody ended in time
+_TIMEOUT = b"Timeout"  # what Zenoh itself puts into the error reply of a query that was not ended in time
 
 _BLOCK = zenoh.CongestionControl.BLOCK
 
@@ -141,7 +141,7 @@ class ZenohIncoming:
             try:
                 send(asked)
             except zenoh.ZError:
-                return  # the asker is gone; nobody is left to tell
+                return  # the asker is gone
 
 
 class ZenohBus:
@@ -162,7 +162,7 @@ class ZenohBus:
     def publisher(
         self, topic: Topic[M], instance: str = "", *, framed: bool = True
     ) -> ZenohPublisher[M] | FramedPublisher[M]:
-        """See ``Bus``; without ``framed`` only for onlookers, as a recording is played."""
+        """See ``Bus``; without ``framed`` only for observers, as a recording is played."""
         if not (framed and topic.framed):
             return ZenohPublisher(self.session, topic)
         framer = self._framers.get(topic.owner)
@@ -223,7 +223,7 @@ class ZenohBus:
         querier = self._querier(query, timeout, participant)
         reply = _ask(querier, timeout, encoding_of(query.request), *encode(request))
         if reply is None:
-            status: Any = querier.matching_status  # the stubs say bool
+            status: Any = querier.matching_status  # typed bool in the stubs
             if not status.matching:
                 raise CallError("absent", f"nobody serves {query.key!r} in {self.endpoint.namespace!r}")
             raise CallError("timeout", f"{query.key!r} did not answer within {timeout:g} s")

@@ -1,4 +1,4 @@
-"""What the compiler of kernels does: noted by `surefoot.kernels.jit`, read by the runtime. Imports no compiler."""
+"""State of the compiler of kernels: noted by `surefoot.kernels.jit`, read by the runtime. Imports no compiler."""
 
 from collections import Counter
 from collections.abc import Callable, Generator
@@ -46,7 +46,7 @@ class Compiling:
 
     @contextmanager
     def told(self, listener: Callable[[str], None]) -> Generator[None]:
-        """Meanwhile `listener` hears the name of each kernel before it is compiled."""
+        """Call `listener` with the name of each kernel before it is compiled, inside the context."""
         self._listeners.append(listener)
         try:
             yield

@@ -1,5 +1,5 @@
 # pyright: basic, reportPrivateUsage=false, reportAttributeAccessIssue=false
-"""How compiled kernels are put together: each piece of code is optimised and turned into machine code once.
+"""Linker of compiled kernels: each piece of code is optimised and turned into machine code once.
 
 numba makes a library of every function it compiles, optimises it, emits machine code with a wrapper for Python, and
 then links the library into every caller, where all of that is done again. Here a function is lowered once and kept as

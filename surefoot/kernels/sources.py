@@ -1,4 +1,4 @@
-"""What compiled code is made of: the source of a kernel, and of every module of ours that it can reach.
+"""Sources of compiled code: the file of a kernel, and of every module of ours that it can reach.
 
 numba keeps machine code until the file of the kernel itself changes; what it calls, and the constants it was compiled
 with, may come from other files, and would live on in the old code when only these change.

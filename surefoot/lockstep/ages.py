@@ -1,4 +1,4 @@
-"""How old each input of a service is, and which are too old: silent sensors and services are named, not averaged over.
+"""Ages of the inputs of a service, and limits on them: silent sensors and services are named, not averaged over.
 
 Ages are simulated time, from the stamp of the newest sample to the stamp of the tick; a paused run ages nothing.
 """

@@ -1,4 +1,4 @@
-"""How a query ends: with its handler's reply, a typed error, or later, with what another thread worked out."""
+"""Ends of queries: with the handler's reply, a typed error, or later, with the result of another thread."""
 
 import time
 from collections.abc import Callable
@@ -62,7 +62,7 @@ class Answers:
             incoming.fail(Refusal("not_ready", f"{name} has not seen tick {request.tick} of epoch {request.epoch}"))
 
     def request(self, incoming: Incoming) -> Request | None:
-        """What is asked; None where that is answered already: a probe, or nothing that can be read."""
+        """Return the request; None if it is answered already: a probe, or a payload that cannot be read."""
         if incoming.probe:
             incoming.accept_probe()
             return None

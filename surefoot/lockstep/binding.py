@@ -1,4 +1,4 @@
-"""Which process speaks for each service: frames of any other are refused."""
+"""Bindings of services to processes: frames of any other process are refused."""
 
 from surefoot.bus.interface import Delivery, Life
 from surefoot.errors import Refusal
@@ -16,7 +16,7 @@ class Bindings:
     def __init__(self) -> None:
         self._visible: dict[str, set[str]] = {}
         self.bound: dict[str, str] = {}
-        """The process that speaks for each service that has proved its links."""
+        """Process of each service that has proved its links."""
 
     def on_life(self, life: Life) -> None:
         """Note that a process appeared or went out of sight."""

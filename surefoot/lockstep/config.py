@@ -21,7 +21,7 @@ PREFIX = "SUREFOOT_"
 
 
 class ServiceConfig(Strict):
-    """What every service can be told."""
+    """Configuration that every service has."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 

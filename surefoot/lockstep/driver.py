@@ -49,7 +49,7 @@ class Driver(Service[C]):
     def reveal(self, tick: int) -> list[DueSample]:
         """Samples of ``observers_only`` topics that go with ``tick``, asked for when the tick's frame is on its way.
 
-        They are told with the next batch, or at once while somebody watches.
+        They are published with the next batch, or at once while somebody watches.
         """
         return []
 
@@ -107,7 +107,7 @@ class DriverNode(Node):
         self.driver.on_begin()
 
     def _subscriptions(self) -> list[Topic[Any]]:
-        return []  # the driver proves no links: participants do, and say so
+        return []  # the driver proves no links: participants do, and report it
 
     def begin(self, expect: tuple[str, ...], mode: str, rtf: float, delay: int, policy: str, seed: int) -> int:
         """Starts a new epoch: everybody proves their links anew, then tick 0 comes. Returns the epoch."""
@@ -136,7 +136,7 @@ class DriverNode(Node):
         return tick
 
     def resume(self, ticks: int | None) -> None:
-        """Goes on after a pause, for so many ticks or until told."""
+        """Go on after a pause, for so many ticks or until the next request."""
         leader = self.leader
         if leader.state not in ("paused", "running"):
             raise Refusal("refused", f"the simulation is {leader.state}; only a paused one can go on")
@@ -329,7 +329,7 @@ class DriverNode(Node):
         self._since, self._resends = self.clock(), 0
 
     def _reveal(self) -> None:
-        """Tells what judges are to know of the last ticks."""
+        """Publish the ``judging`` samples of the last ticks."""
         for tick, sample in self._unrevealed:
             self._outbox.setdefault((self.leader.epoch, tick), []).append(self._tell(sample, tick))
         self._unrevealed.clear()

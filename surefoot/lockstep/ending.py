@@ -14,7 +14,7 @@ ENDS = (signal.SIGTERM, signal.SIGINT)
 
 
 class Ending:
-    """What is done when the process is asked to end: at first it ends at once, with exit code 0."""
+    """Reaction to a request to end the process: at first it ends at once, with exit code 0."""
 
     def __init__(self) -> None:
         self._stop: Callable[[], None] | None = None

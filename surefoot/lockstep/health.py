@@ -1,4 +1,4 @@
-"""How a service does: its state, its times, what it waits for."""
+"""Health of a service: its state, its times, the inputs it waits for."""
 
 import os
 import resource
@@ -16,7 +16,7 @@ from surefoot.version import VERSION
 
 
 class Patient(Protocol):
-    """What of a node is told."""
+    """Node attributes that a health message reports."""
 
     service: Service[Any]
     name: str
@@ -31,7 +31,7 @@ class Patient(Protocol):
 
 
 def kernels(state: str) -> Literal["warm", "compiling", "none"]:
-    """Whether the compiled kernels are there, for a service in that state."""
+    """Return whether the compiled kernels are there, for a service in that state."""
     if COMPILING.busy or state == "compiling":
         return "compiling"
     return "warm" if COMPILING.used and state != "starting" else "none"

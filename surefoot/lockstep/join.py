@@ -1,4 +1,4 @@
-"""Which inputs belong to a tick, and whether they are all there: the participant's half of lockstep, without a bus.
+"""Join of the inputs of a tick: the participant's half of lockstep, without a bus.
 
 A service is a function of its own named inputs per tick. Inputs are joined by the tick in their header, never by the
 order of their arrival, so every run with the same seed sees the same inputs.
@@ -33,7 +33,7 @@ BACKLOG_TICKS = 8
 tick would lack each other's messages in the others, and do so for ever."""
 
 BATCH_PATIENCE_TICKS, BATCH_BACKLOG_TICKS = 30, 1000
-"""The same for services that get ten ticks at a time: the batches of a tick come apart, and nobody waits for them."""
+"""Patience and backlog, ticks, of services that get ten ticks at a time: their batches come apart."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Join:
         self._latched_keys = {topic.key for topic in self.latched}
         self.owners = {topic.key: topic.owner for topic in (*self.same_tick, *self.delayed, *self.latched)}
         self.absent: set[str] = set()
-        """Keys that nobody will ever tell: the driver has no such sensor."""
+        """Keys that will never be published: the driver has no such sensor."""
         self.epoch = -1
         self.last = -1
         self.on_roster = False
@@ -103,7 +103,7 @@ class Join:
         self._cycle = math.lcm(*(max(1, topic.period_ticks) for topic in self.same_tick))
         self._wanted_of: dict[tuple[tuple[str, ...], tuple[str, ...], int], list[str]] = {}
         self._lacking: set[str] | None = None
-        """What tick ``last + 1`` still waits for; None = not worked out yet. Kept, for every message asks."""
+        """Inputs that tick ``last + 1`` still waits for; None = not computed yet."""
 
     def offer(self, topic: Topic[Any], message: Header, value: Any = None) -> str | None:
         """Takes an input; returns the reason when it is refused.
@@ -180,7 +180,7 @@ class Join:
             return "replay"
         if not self.on_roster:
             self.on_roster = True
-            self.last = tick.tick - 1  # a newcomer begins with the first tick whose roster names it
+            self.last = tick.tick - 1  # a new participant begins with the first tick whose roster names it
             self._previous_roster = ()  # what was published while it was away is not awaited
         elif tick.mode == "lockstep" and tick.tick > self.last + MAX_AHEAD:
             return "too_far_ahead"

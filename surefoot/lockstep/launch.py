@@ -25,7 +25,7 @@ one the demo runs a third faster. Not for a router: what it forwards to a slow r
 
 
 def main(service: type[Service[Any]], arguments: list[str] | None = None) -> NoReturn:
-    """Runs a service until it is told to stop; ends the process.
+    """Run a service until it is stopped; ends the process.
 
     Everything of ours is closed by then. Taking down the interpreter with compiled kernels and a compiler in it takes
     up to seconds on a busy machine, and two are promised from SIGTERM to exit: so it is left out.
@@ -35,7 +35,7 @@ def main(service: type[Service[Any]], arguments: list[str] | None = None) -> NoR
     gc.enable()  # who starts a service may have switched it off until here
     try:
         code = run(service, arguments)
-    except SystemExit as end:  # --help, or told to stop while starting
+    except SystemExit as end:  # --help, or stopped while starting
         code = end.code if isinstance(end.code, int) else 0
     sys.stdout.flush()
     sys.stderr.flush()
@@ -56,7 +56,7 @@ def run(service: type[Service[Any]], arguments: list[str] | None = None) -> int:
     except SurefootError as error:
         sys.stderr.write(log_line("error", service.name, error.message) + "\n")
         return EXIT_USAGE
-    except TableError as error:  # a robot or another file that the service was told to use
+    except TableError as error:  # a robot or another file that the configuration names
         sys.stderr.write(log_line("error", service.name, str(error)) + "\n")
         return EXIT_USAGE
     except Exception as error:

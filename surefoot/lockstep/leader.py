@@ -1,7 +1,7 @@
 """The driver's half of lockstep, without a bus or a clock: who is on the roster, and when the next tick may come.
 
 Protocol (a Kahn network with a bounded lag): the driver publishes tick k, goes on when it has the command of tick
-k - ``delay`` and nobody on the roster lags more than ``window`` ticks. Only the driver changes the roster, only between
+k - ``delay`` and no member of the roster lags more than ``window`` ticks. Only the driver changes the roster, between
 two ticks.
 """
 
@@ -14,7 +14,7 @@ from surefoot.schemas.topics import CMD_JOINTS
 State = Literal["idle", "joining", "running", "paused", "holding", "ended"]
 
 WINDOW_TICKS = 20
-"""How far the slowest member may lag."""
+"""Lag that the slowest member may have, ticks."""
 
 KEEP_TICKS = WINDOW_TICKS + 2
 """Members keep their outputs of so many ticks, to send them again when the driver repeats a tick. The slowest one may
@@ -64,7 +64,7 @@ class Leader:
     _manifests: dict[int, Tick] = field(default_factory=dict[int, Tick])
 
     def begin(self, epoch: int) -> None:
-        """A new run: nobody is ready until they prove their links anew."""
+        """Begin a new run: no service is ready until it proves its links anew."""
         self.epoch, self.tick, self.state = epoch, -1, "joining"
         self.members.clear()
         self.ready.clear()
@@ -142,7 +142,7 @@ class Leader:
     # -- progress ----------------------------------------------------------------------------------------------
 
     def missing(self) -> tuple[str, ...]:
-        """Who is awaited."""
+        """Services that are awaited."""
         if self.state == "joining":
             return tuple(name for name in self.expect if name not in self.ready)
         if self.state == "holding":
@@ -206,14 +206,14 @@ class Leader:
         return range(first, self.tick + 1)
 
     def prime(self, roster: tuple[str, ...], due: tuple[str, ...]) -> Tick:
-        """The manifest before tick 0, and before a newcomer's first: it asks a roster to prove its links."""
+        """Return the manifest before tick 0 or a new participant's first: its roster shall prove its links."""
         return Tick(
             tick=-1, epoch=self.epoch, source="driver", roster=roster, roster_version=self.roster_version, due=due,
             mode=self.mode, seed=self.seed,
         )  # fmt: skip
 
     def advance(self, stamp_ns: int, due: tuple[str, ...], *, held: bool = False) -> Tick:
-        """The manifest of the next tick; newcomers are admitted here and nowhere else."""
+        """The manifest of the next tick; new participants are admitted here and nowhere else."""
         if self.state == "running":
             self._admit()
         self.tick += 1

@@ -12,7 +12,7 @@ Row = Topic[Any] | Query[Any, Any]
 
 
 class Links:
-    """Which of its links a service has proved."""
+    """Links that a service has proved."""
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus

@@ -231,7 +231,7 @@ class Node:
                     self._on_delivery(delivery)
 
     def _speaks(self, owner: str, instance: str, last: Delivery) -> bool:
-        """Whether a process speaks for a service: it is the one that proved its links, or does so now."""
+        """Return whether a process is bound to a service: it proved its links, or does so now."""
         before = self._bound.get(owner, "")
         if before == instance or owner == "*":
             return True
@@ -396,5 +396,5 @@ class Node:
             publisher.put(LogRecord(source=self.name, level=level, text=sendable(text[:2000])))  # pyright: ignore[reportArgumentType]
 
     def health(self) -> Health:
-        """How the service does."""
+        """Return the health of the service."""
         return health_of(self, (*self.links.unproved, *self.join.missing()))

@@ -1,4 +1,4 @@
-"""What a service declares and overrides. The runtime around it is ``surefoot.lockstep.node``."""
+"""Base class of services. The runtime around it is ``surefoot.lockstep.node``."""
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
@@ -16,7 +16,7 @@ Rep = TypeVar("Rep", bound=Wire)
 
 
 class Runtime(Protocol):
-    """What a service may ask of the runtime."""
+    """Interface of the runtime to a service."""
 
     def publish(self, topic: Topic[Any], message: Message, stamp_ns: int | None) -> None:
         """Publishes under the header of the present tick."""
@@ -47,7 +47,7 @@ class Service(Generic[C]):
     observes: ClassVar[tuple[Topic[Any], ...]] = ()
     """Topics outside lockstep (health, logs): delivered to ``on_message`` as they come."""
     batched: ClassVar[bool] = False
-    """Its ticks may come some at a time: for those whose output nobody awaits within a tick."""
+    """Its ticks may come some at a time: for services whose output no participant awaits within a tick."""
     limits: Mapping[str, int] = {}
     """Ages beyond which an input is late, ns of simulated time, by key, 0 = never; the others: three of its periods,
     at least 100 ms (``surefoot.lockstep.ages``). Read at the begin of each epoch. ``TickInputs.late`` names the late
@@ -111,7 +111,7 @@ class Service(Generic[C]):
         self.handlers[query.key] = handler
 
     def publish(self, topic: Topic[M], message: M, stamp_ns: int | None = None) -> None:
-        """Publishes a declared output; ``stamp_ns`` is the time of the sample it speaks of, default the tick's."""
+        """Publishes a declared output; ``stamp_ns`` is the time of the sample, default the tick's."""
         self.runtime.publish(topic, message, stamp_ns)
 
     def call(self, query: Query[Req, Rep], request: Req, timeout_s: float | None = None) -> Rep:

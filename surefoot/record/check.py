@@ -2,7 +2,7 @@
 
 A reader by index trusts the summary at the end, which a file that was cut off does not have. Here records are walked
 from the front, every chunk is unpacked and its checksum compared; where a record is nonsense, the summary (if there is
-one) tells where the next chunk begins. Format: MCAP specification, version 0.
+one) gives the place of the next chunk. Format: MCAP specification, version 0.
 """
 
 import struct
@@ -23,7 +23,7 @@ from zstandard import ZstdError
 from surefoot.record.chunks import MAGIC
 
 BROKEN = (McapError, ZstdError, struct.error, ValueError, EOFError, MemoryError)
-"""What reading a torn file raises: its records, their compression and their texts may each be damaged."""
+"""Errors of reading a torn file: its records, their compression and their texts may each be damaged."""
 
 _HEAD = struct.Struct("<BQ")
 _OPCODES = frozenset(int(code) for code in Opcode)
@@ -31,7 +31,7 @@ _OPCODES = frozenset(int(code) for code in Opcode)
 
 @dataclass
 class Findings:
-    """What is in a file."""
+    """Content of a file."""
 
     chunks: int = 0
     damaged: int = 0
@@ -41,7 +41,7 @@ class Findings:
     lost: int = 0
     """Messages that cannot; the least number when ``uncounted``."""
     uncounted: bool = False
-    """There is no summary: nobody knows what came after the last byte."""
+    """There is no summary: messages after the last byte are unknown."""
     problems: list[str] = field(default_factory=list[str])
 
     @property
@@ -63,7 +63,7 @@ class _FileCheck:
         self.names: dict[int, str] = {}
         self.counts: Counter[int] = Counter()
         self.index: dict[int, list[tuple[int, int]]] | None = {}
-        """Of the last chunk, per channel; None when it could not be read: what follows tells how much was in it."""
+        """Of the last chunk, per channel; None when it could not be read: the index after it counts its messages."""
         self.starts: list[int] = []
         self.total = self._summary()
 
@@ -141,7 +141,7 @@ class _FileCheck:
             found.problems.append(f"the {what} at byte {place} cannot be read: {why or type(error).__name__}")
 
     def _unpack(self, chunk: Chunk) -> dict[int, list[tuple[int, int]]]:
-        """The index of a chunk as its messages say: per channel time and offset of each."""
+        """Index of a chunk by its messages: per channel time and offset of each."""
         stream, size = get_chunk_data_stream(chunk, validate_crc=True)
         index: dict[int, list[tuple[int, int]]] = {}
         while (offset := stream.count) < size:

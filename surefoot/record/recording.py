@@ -124,7 +124,7 @@ def _unreadable(path: Path, error: OSError) -> SurefootError:
 
 
 def _broken(path: Path, why: str) -> SurefootError:
-    """What is wrong with a file that cannot be read as a recording."""
+    """Return the fault of a file that cannot be read as a recording."""
     with path.open("rb") as file:
         head, size = file.read(len(MAGIC)), path.stat().st_size
         file.seek(max(0, size - len(MAGIC)))

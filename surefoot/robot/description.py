@@ -1,6 +1,6 @@
 """Robot description: one `robots/<name>/robot.toml` read into frozen dataclasses, validated and hashed.
 
-All angles in rad, all positions in m. Frame of everything not said otherwise: `base_link`, the trunk frame.
+All angles in rad, all positions in m. Frame of everything without another frame: `base_link`, the trunk frame.
 Arrays are C-contiguous float64; treat them as read-only (kernels are compiled for plain arrays).
 """
 
