@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.report import Bench, table, words_of
-from surefoot.lab.estimation.fuzz import Found, fuzz
+from surefoot.lab.estimation.fuzz import FuzzCounts, fuzz
 from surefoot.lab.estimation.scores import Score
 from surefoot.lab.estimation.track import PEERS, default, names
 from surefoot.lab.statistics import half_width
@@ -212,9 +212,9 @@ def corrupted(name: str, kind: str, seed: int, trials: int) -> dict[str, Any]:
     return {"found": fuzz(name, synthesize(KINDS[kind], seed), trials, seed)}
 
 
-def merged(parts: list[Found]) -> Found:
+def merged(parts: list[FuzzCounts]) -> FuzzCounts:
     """Return all trials together."""
-    out = Found()
+    out = FuzzCounts()
     for part in parts:
         out.trials, out.samples = out.trials + part.trials, out.samples + part.samples
         out.fastest = max(out.fastest, part.fastest)

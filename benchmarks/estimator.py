@@ -18,10 +18,10 @@ from surefoot.bus.frame import Frame
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.lab.estimation.fuzz import feed, inputs_of
 from surefoot.lab.estimation.log import Log
-from surefoot.lab.estimation.track import Running, default, track
+from surefoot.lab.estimation.track import LogRunner, default, track
 from surefoot.lab.estimation.walks import walk
 from surefoot.lockstep.config import ServiceConfig
-from surefoot.lockstep.driver import Driver, Sample
+from surefoot.lockstep.driver import Driver, DueSample
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.launch import main as serve
 from surefoot.lockstep.service import Service
@@ -101,7 +101,7 @@ def step_us(name: str, log: Log) -> float:
 
 def live_us(name: str, log: Log) -> float:
     """Return the time of a row given sample by sample from Python, with flags and reasons, us."""
-    running, inputs = Running(name, log, {}), list(inputs_of(log, range(len(log.stamp_ns))))
+    running, inputs = LogRunner(name, log, {}), list(inputs_of(log, range(len(log.stamp_ns))))
     began = 0.0
     for k, x in enumerate(inputs):
         if k == WARM:
@@ -113,7 +113,7 @@ def live_us(name: str, log: Log) -> float:
 
 def late_ms(name: str, log: Log, seconds: float = 0.3) -> tuple[float, float]:
     """Return median and largest time of a tick in which a foot sample comes so much late, ms."""
-    running, costs = Running(name, log, {}), []
+    running, costs = LogRunner(name, log, {}), []
     late = replace(log, foot_ns=log.foot_ns + round(1e9 * seconds))
     for k, x in enumerate(inputs_of(late, range(len(log.stamp_ns)))):
         x.feet = [(stamp - round(1e9 * seconds), *rest) for stamp, *rest in x.feet]  # type: ignore
@@ -258,7 +258,7 @@ class Recorded(Driver[ServiceConfig]):
             if not delivery.prime:
                 self.seen[delivery.topic.key].setdefault(delivery.header().tick, now)
 
-    def release(self, tick: int) -> list[Sample]:
+    def release(self, tick: int) -> list[DueSample]:
         log = self.log_of
         if tick == self.last:
             found = {
@@ -267,13 +267,13 @@ class Recorded(Driver[ServiceConfig]):
             Path(os.environ[TIMES]).write_text(json.dumps(found))
         k = min(tick, self.last)
         stamp = int(log["stamp_ns"][k])
-        out = [Sample(HW_IMU, Imu(gyro=tuple(log["w"][k]), acc=tuple(log["q"][k])), stamp, tick)]
+        out = [DueSample(HW_IMU, Imu(gyro=tuple(log["w"][k]), acc=tuple(log["q"][k])), stamp, tick)]
         if self._foot < len(log["foot_ns"]) and log["foot_ns"][self._foot] <= stamp:
             f, at = self._foot, int(log["foot_ns"][self._foot])
             touch = tuple((bool(x),) for x in log["contact"][f])
             feet = FootContacts(touch=touch, normal_force_n=(None,) * len(touch))
-            out += [Sample(HW_JOINTS, JointState(position=tuple(log["joints"][f])), at, f)]
-            out += [Sample(HW_CONTACTS, feet, at, f)]
+            out += [DueSample(HW_JOINTS, JointState(position=tuple(log["joints"][f])), at, f)]
+            out += [DueSample(HW_CONTACTS, feet, at, f)]
             self._foot += 1
         self.sent[tick] = time.perf_counter()
         return out

@@ -82,7 +82,7 @@ class Ground:
 
     def score(self) -> None:
         """Compute P and masks of all cells without a leg."""
-        assess(self.ground, HandScore(), whole_map(self.ground), None, STROKE, ("p", "mask"), SelectParams())
+        assess(self.ground, HandScore(), whole_map(self.ground), None, STROKE.tolist(), ("p", "mask"), SelectParams())
 
 
 def _tile(ground: FootholdGround, heights: HeightMap, edge: int, full: Any) -> None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from surefoot.services.estimator.feet.kinematics import foot_mount
+from surefoot.services.estimator.feet.mount import foot_mount
 
 from surefoot.lab.footholds.rules import exploring_rule, model_rule
 from surefoot.lab.footholds.walks import JoinedWalk, Rule, Setting

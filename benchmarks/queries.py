@@ -14,9 +14,7 @@ from typing import Any
 
 import numpy as np
 import zenoh
-from surefoot.services.stability.queries.answers import whatif_reply
-from surefoot.services.stability.queries.check_query import check_reply
-from surefoot.services.stability.queries.messages import region_reply
+from surefoot.services.stability.answers import check_reply, region_reply, whatif_reply
 
 from benchmarks.report import Bench, goal, table
 from surefoot.bus.codec import encode

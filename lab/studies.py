@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 from surefoot.lockstep.launch import spare_collector
 from surefoot.services.supervisor.scenarios.scenario import Scenario, find_scenario, load_scenario
 
-from .report.judge import Verdict
+from .report.judge import RunVerdict
 from .runs.local import run_local
 from .statistics import wilson
 
@@ -118,7 +118,7 @@ def _key(line: Job, fields: Iterable[str]) -> str:
     return json.dumps({field: line.get(field) for field in fields}, sort_keys=True)
 
 
-def verdict_line(verdict: Verdict, names: Iterable[str] = ()) -> Line:
+def verdict_line(verdict: RunVerdict, names: Iterable[str] = ()) -> Line:
     """Return the line of a verdict: what failed, problems, and its values; those of `names` even if they are None."""
     values = {row.name: float(row.value) for row in verdict.rows if row.value is not None}
     return {

@@ -295,5 +295,6 @@ def inekf(log: Log, noise: InekfNoise) -> PeerTrack:
     variances[2] = 1e-8  # heading is by definition
     start = PeerStart(int(np.searchsorted(cut.row, begin)), upright(q), bias, variances)
     seen = readings(log, noise.points)
-    run(cut, seen, start, _new_state(seen.seen.shape[1], start), InekfNoise(*map(float, noise[:-1])), out)
+    floats = InekfNoise(*map(float, noise[:-1]))  # pyright: ignore[reportArgumentType] - `points` keeps its default
+    run(cut, seen, start, _new_state(seen.seen.shape[1], start), floats, out)
     return out
