@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from surefoot.services.estimator.feet.mount import foot_mount
 
 from surefoot.lab.footholds.rules import exploring_rule, model_rule
 from surefoot.lab.footholds.walks import JoinedWalk, Rule, Setting
 from surefoot.robot.description import Robot
 from surefoot.schemas.footholds import LegFoothold, LegRequest, StanceOutcome
+from surefoot.services.estimator.feet.mount import foot_mount
 from surefoot.services.estimator.feet.slip import FinishedStance, StanceSlip, feet_in_odom
 from surefoot.services.footholds.ground import FootholdGround
 from surefoot.services.footholds.learning.fit import Candidate, LearnOptions, learn

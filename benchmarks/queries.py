@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import zenoh
-from surefoot.services.stability.answers import check_reply, region_reply, whatif_reply
 
 from benchmarks.report import Bench, goal, table
 from surefoot.bus.codec import encode
@@ -24,6 +23,7 @@ from surefoot.schemas.base import Request
 from surefoot.schemas.stability import CheckRequest, Contact, RegionRequest
 from surefoot.schemas.topics import STABILITY_CHECK, STABILITY_REGION, STABILITY_WHATIF, Query
 from surefoot.schemas.whatif import WhatifRequest
+from surefoot.services.stability.answers import check_reply, region_reply, whatif_reply
 from tests.ports import free_address
 
 BENCH = Bench("queries")
