@@ -25,7 +25,7 @@ NAME = re.compile(r"surefoot(\.\w+)+")
 PLACEHOLDER = re.compile(r"<[^>]*>")
 ENDING = re.compile(r"\.(py|md|toml|yaml|json|png|cff)$")
 DECISION = re.compile(r"^\*\*(.+?)\*\*", re.MULTILINE)
-ROW = re.compile(r"^\| (.+) \| \[.+\]\((.+)\) \|$", re.MULTILINE)
+ROW = re.compile(r"^\| (.+) \| \d{4}-\d\d-\d\d \| (?:in force|rejected) \| \[.+\]\((.+)\) \|$", re.MULTILINE)
 FAULT = re.compile(r"^\| ((?!fault |---)[^|]+?) \| [^|]+ \| [^|]+ \| ([^|]+) \|$", re.MULTILINE)
 FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir() and not path.name.startswith(".")}
 
