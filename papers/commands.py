@@ -1,4 +1,4 @@
-"""`surefoot reproduce`."""
+"""Command `surefoot reproduce`: recomputes the results of the papers."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -29,7 +29,7 @@ def reproduce(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the figures [runs/<paper>].")] = None,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")] = True,
     live: Annotated[
-        Path | None, typer.Option("--live", help="Results of benchmarks.bench_navigator_live to compare (osswald).")
+        Path | None, typer.Option("--live", help="Results of python -m benchmarks goals to compare (osswald).")
     ] = None,
     json: Json = False,
 ) -> None:

@@ -89,7 +89,9 @@ class World(Request):
     map_profile: Literal["exact", "noise", "shifted"] = Field(
         default="noise", description="how good the robot's map is"
     )
-    friction: float | None = Field(default=None, gt=0, le=10, description="friction coefficient; null = the kind's own")
+    friction: float | None = Field(
+        default=None, gt=0, le=10, description="friction coefficient of the ground; null = that of the simulator, 0.7"
+    )
     imu_profile: str | None = Field(default=None, max_length=64, description="sensor profile; null = the robot's own")
     torque_per_ampere: float | None = Field(
         default=None, gt=0, le=100, description="Nm/A, true constant of the servo motors; null = as described"

@@ -1,4 +1,4 @@
-"""The command `surefoot`: verbs and nouns, one file each; heavy libraries are imported by the command."""
+"""The command `surefoot`: verbs and nouns, one file each; a heavy library is imported by the verb that needs it."""
 
 import os
 import sys

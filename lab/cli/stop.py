@@ -5,12 +5,13 @@ from typing import Annotated
 import typer
 
 from .output import Connect, Json, Namespace, use_json
+from .stopping import REASON, TIMEOUT_S, report, stop_all
 
 
 def stop(
     system: Annotated[str | None, typer.Argument(help="Name of a system [every system that runs].")] = None,
-    reason: Annotated[str, typer.Option(help="Reason; logs and the report show it.")] = "surefoot stop",
-    timeout: Annotated[float, typer.Option(min=0.1, help="Repeat it so many s until the driver confirms.")] = 3.0,
+    reason: Annotated[str, typer.Option(help="Reason; logs and the report show it.")] = REASON,
+    timeout: Annotated[float, typer.Option(min=0.1, help="Repeat it so many s until the driver confirms.")] = TIMEOUT_S,
     connect: Connect = None,
     namespace: Namespace = None,
     json: Json = False,
@@ -18,7 +19,6 @@ def stop(
     """Emergency stop of every system that runs, or of one: the robot holds its joints until the next reset. Exit code
     1: a driver did not confirm."""
     from .running import systems
-    from .stopping import report, stop_all
 
     use_json(json)
     code = report(stop_all(systems(connect, namespace, system), reason, timeout), json=json)

@@ -259,7 +259,7 @@ def _linear(log: Log, options: Mapping[str, Any]) -> Track:
 
 
 PEERS: dict[str, Callable[[Log, Mapping[str, Any]], Track]] = {"inekf": _inekf, "linear": _linear}
-"""Referees: contact-aided InEKF, MIT-style linear filter."""
+"""Reference estimators by name: contact-aided invariant EKF, linear filter in the style of MIT's."""
 
 ABLATIONS: dict[str, dict[str, dict[str, Any]]] = {
     "best": {"slip hypothesis": {"hypotheses": False}, "points of a sole": {"soles": False}}

@@ -91,7 +91,7 @@ class _RunReader:
         self.taken = 0
         """Number of the last order that the walker took up."""
         self.under_way: list[tuple[Motion, int, float]] = []
-        """Motion of each piece of the execution, its action, and how much of that action it is."""
+        """Pieces of the execution: motion, index of the action, share of that action, 0..1."""
         self.now, self.frame_at = 0.0, 0.0
         self.standing, self.started, self.unknown = True, False, False
         self.landing: tuple[str, float] | None = None

@@ -14,7 +14,7 @@ class Interval:
     low: float
     high: float
     count: int = 0
-    """Number of samples; 0 where all recordings together decide."""
+    """Number of samples; 0 = fitted to all recordings at once, not counted."""
 
 
 @dataclass

@@ -145,7 +145,7 @@ class StanceObserver:
         self._chosen[request.leg] = _PendingChoice(step, request, planned)
 
     def look(self, world: PhysicsWorld) -> bool:
-        """Read the state after a tick; returns whether the robot has fallen."""
+        """Read the state after a tick; return whether the robot has fallen."""
         truth, feet = world.truth(), world.tracker.feet
         self.tilt = max(self.tilt, truth.tilt)
         for foot in np.flatnonzero(truth.stances > self._stances):

@@ -39,7 +39,7 @@ class StanceTrace:
     sliding: float
     place: tuple[float, float]
     twist: float | None = None
-    """Turn of the sole, rad; None for a point foot."""
+    """Turn of the sole about the vertical during the stance, rad; None for a point foot."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Runs of the simulated Nao, section VI-C, read from the results of `benchmarks.bench_navigator_live`."""
+"""Runs of the simulated Nao, section VI-C, read from the results of `python -m benchmarks goals`."""
 
 import json
 from pathlib import Path
@@ -10,7 +10,7 @@ from surefoot.errors import SurefootError
 from surefoot.lab.report.findings import Finding, told
 from surefoot.lab.statistics import welch
 
-COMMAND = "python -m benchmarks.bench_navigator_live --seeds 100:120 --arms hand,sarsa --results FILE"
+COMMAND = "python -m benchmarks goals --seeds 100:120 --arms hand,sarsa --results FILE"
 ARMS = {"hand": "93.16 +- 10.14", "sarsa": "86.53 +- 8.60"}
 """Controller: s, on the real robot."""
 

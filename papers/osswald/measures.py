@@ -1,4 +1,4 @@
-"""Measures of section VI about runs, computed from episodes."""
+"""Measures of runs as in Osswald et al., section VI, computed from episodes."""
 
 import math
 from collections.abc import Iterable, Sequence

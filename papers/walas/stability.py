@@ -33,7 +33,7 @@ NOTES = (
 
 
 def study(tell: Callable[[str], None] = lambda text: None) -> StabilityStudy:
-    """Compute and simulate everything: about half a minute."""
+    """Recompute the stability results of Walas & Belter; takes about half a minute."""
     ragno, messor = load_robot("ragno"), load_robot("messor")
     tell("Ragno: displacement of the CoM, slope")
     postures = walas_ragno.postures(ragno)

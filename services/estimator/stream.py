@@ -89,7 +89,7 @@ class Estimator:
         names: Iterable[str] = (BEST, *ESTIMATORS),
         **changes: object,
     ) -> "Estimator":
-        """Return an estimator with the sensors and the feet of a robot; `changes` of `EstimatorParams`."""
+        """Return an estimator with sensors and feet of a robot; `changes` replace fields of `EstimatorParams`."""
         params = EstimatorParams.from_robot(robot, **changes)
         return cls(foot_mount(robot), params, start, names, contact_points(robot) if params.soles else None)
 

@@ -103,7 +103,7 @@ def _check_arguments(
     z: Layer, nominal: tuple[float, float], stroke: Sequence[float], foot_radius: float,
     allowed: NDArray[np.bool_] | None, distance_weight: float | None,
 ) -> None:  # fmt: skip
-    """Raise SurefootError where an argument of `choose_on_patch` cannot be."""
+    """Raise SurefootError if an argument of `choose_on_patch` is out of range or has the wrong shape."""
     if z.ndim != 2 or not all(3 <= n <= MAX_SIDE for n in z.shape):
         raise SurefootError("invalid", f"z must have 3 to {MAX_SIDE} cells a side, got shape {z.shape}", "z")
     if not (math.isfinite(foot_radius) and foot_radius > 0.0):

@@ -61,7 +61,7 @@ class SelectParams:
     limits: Limits = field(default_factory=Limits)
 
     def weight(self, model: SlipModel) -> float:
-        """Return k of Q = P + k K4, 1/m."""
+        """Return the weight k, 1/m, of the distance K4 from the nominal foothold in the cost Q = P + k K4."""
         return model.distance_weight if self.distance_weight is None else self.distance_weight
 
 

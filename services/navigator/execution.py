@@ -10,7 +10,7 @@ from .belief.tracker import Motion
 
 LAG_S = 0.6
 """Delay between a foot's landing and the trunk reaching its place, s: 42 mm of 10 cm and 6 of 23 deg are left at a
-landing (`benchmarks.bench_actions`)."""
+landing (`python -m benchmarks walker actions`)."""
 
 
 @dataclass

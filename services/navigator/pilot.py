@@ -34,7 +34,7 @@ LOOKS, LOOK_FOR_S = 3, 2.0
 STUCK_S, PROGRESS_M = 120.0, 0.10
 """A waypoint is given up after this time, s, without coming nearer by this distance, m."""
 ALIGNED = math.radians(8.0)
-"""Largest error of the heading at the end, rad."""
+"""Largest error of the heading at the last waypoint that is not corrected by another turn, rad."""
 REMIND_S = 1.0
 """Time after which an order is repeated that a standing walker has not taken up, s."""
 LOOK_S = 3.0

@@ -65,7 +65,7 @@ class Supervisor(Service[ServiceConfig]):
         self._feedback: Delivery | None = None
         """Latest progress of a goal."""
         self.kept: list[Delivery] = []
-        """Every message of `JUDGED` since the start of the run, as it came."""
+        """Messages of the topics `JUDGED`, which the verdict reads, since the start of the run, not yet decoded."""
         self.notes: list[tuple[float, str]] = []
         """Steps of the scenario, each with its simulated time, s."""
 
@@ -109,7 +109,7 @@ class Supervisor(Service[ServiceConfig]):
             self.ended.set()
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
-        """Pass heartbeats to the reconciler; the own heartbeat also paces the supervisor's status."""
+        """Pass the heartbeats of other services on; publish the supervisor's status at each of its own."""
         if isinstance(message, SimStatus):
             self.status = message
             self.late = message if message.late else self.late
@@ -118,7 +118,7 @@ class Supervisor(Service[ServiceConfig]):
         self.health[message.service] = message
         if message.service == self.name:
             self.publish(SUPERVISOR_STATUS, self._status())
-        elif self.watched is not None and message.state != "stopping":  # an end shows by itself
+        elif self.watched is not None and message.state != "stopping":  # the end of the process is seen anyway
             self.watched.heard(message.service, message.pid, well=message.state in WELL)
 
     def _send(self, director: Director, order: TimedOrder, time_s: float) -> None:

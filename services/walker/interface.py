@@ -111,7 +111,7 @@ class CommandReply:
     """not_initialised, unknown_gait, unsupported, bad_value, missing_field, conflict, too_fast, too_tight, fallen;
     empty when accepted."""
     field: str | None = None
-    """Name of the field that is to blame; None = the state of the robot is."""
+    """Name of the field that was refused; None = the state of the robot is the cause."""
     reason: str = ""
     """Reason in words."""
 

@@ -55,7 +55,7 @@ class Delivery:
     ) -> None:
         self.topic = topic
         self.sender = sender
-        """The process that published it, empty when the bus does not know."""
+        """Process that published the message; empty = the bus does not know."""
         self._message = message
         self._raw = raw
         self._stamp = stamp

@@ -79,7 +79,7 @@ def patch(z: Heights, row: int, col: int, out: Heights) -> None:
 
 
 def ball(radius: float, cell: float) -> Ball:
-    """Return the cells within a sphere.
+    """Return the cells under a sphere around a cell: row and column offsets, height of the sphere above its centre, m.
 
     Args:
         radius: of the sphere, m.

@@ -149,7 +149,7 @@ def read_imu_profile(name: str) -> r.ImuProfile:
     """Read an inertial unit by name, in SI units.
 
     Raises:
-        RobotError: unknown name, or a number that cannot be.
+        RobotError: unknown name, or a number out of range.
     """
     return imu_profile(read_profile(ImuFile, name, "profile")[0])
 

@@ -54,7 +54,7 @@ def robot_names() -> tuple[str, ...]:
 
 
 def canonical(value: object) -> object:
-    """Content that changes behaviour: tables without sources and texts for people, all numbers as float."""
+    """Return the content that changes behaviour: without sources and texts for people, numbers as float."""
     if isinstance(value, dict):
         return {k: canonical(v) for k, v in cast("dict[str, object]", value).items() if k not in _NOT_HASHED}
     if isinstance(value, list):

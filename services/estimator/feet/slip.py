@@ -12,7 +12,7 @@ the way that encoders and odometry make of a foot at rest.
 
 Light feet slide with open switches, farthest on slopes: a stance ends when the foot rises, not when its switch opens. A
 step d_k between two open samples may be free fall as well, so w_k is the mean of 1 (closed) and 1/2 (open).
-`benchmarks.bench_slip` compares with truth.
+`python -m benchmarks foothold_walks slip` compares with truth.
 """
 
 import math

@@ -51,7 +51,7 @@ class RelocaliseLimits:
     ratio: float = 0.7
     """Distance of the descriptors to the most alike landmark over that to another candidate."""
     candidates: int = 24
-    """Largest number of candidates of a sighting; one that looks like more landmarks is left out."""
+    """Largest number of landmarks that a sighting may be; one that looks like more is left out."""
     sightings: int = 64
     """Largest number of sightings; those seen most often are used."""
     tries: int = 20_000

@@ -34,7 +34,7 @@ UNIT = 4
 HEAVIEST = 16
 """Largest weight."""
 RUN = 32
-"""Cells of a straight run that are taken in one step of the search."""
+"""Largest number of cells of a straight run that one step of the search takes."""
 BUCKETS = 8192
 """A power of two > 4 DIAGONAL HEAVIEST + 4 STRAIGHT UNIT RUN, twice the dearest step and run."""
 NOWHERE = -1
@@ -327,92 +327,3 @@ def trace(weight: Bytes, start: int, goal: int, g: Ints) -> Ints:
         path[n] = cell
         n += 1
     return path[:n][::-1].copy()
-
-
-@row_kernel
-def line_cost(weight: Bytes, r0: float, c0: float, r1: float, c1: float) -> float:
-    """Return the cost of a straight line, 2 STRAIGHT * length (cells) * weight; -1 if it touches a blocked cell.
-
-    Args:
-        weight: cost factors, padded.
-        r0: row of the beginning in padded cells, cell i reaches from i to i + 1.
-        c0: its column.
-        r1: row of the end.
-        c1: its column.
-    """
-    r, c, last_r, last_c = int(r0), int(c0), int(r1), int(c1)
-    dr, dc = r1 - r0, c1 - c0
-    length = np.sqrt(dr * dr + dc * dc)
-    if weight[r, c] == 0:
-        return -1.0
-    if length == 0.0:
-        return 0.0
-    step_r, step_c = (1 if dr > 0.0 else -1), (1 if dc > 0.0 else -1)
-    each_r, each_c = 1.0 / max(abs(dr), 1e-12), 1.0 / max(abs(dc), 1e-12)  # of the line per row and column
-    next_r = ((r + 1 - r0) if dr > 0.0 else (r0 - r)) * each_r
-    next_c = ((c + 1 - c0) if dc > 0.0 else (c0 - c)) * each_c
-    at, total = 0.0, 0.0
-    for _ in range(abs(last_r - r) + abs(last_c - c) + 2):
-        to = min(1.0, min(next_r, next_c))
-        total += (to - at) * (weight[r, c] & FACTOR)
-        at = to
-        if at >= 1.0 or (r == last_r and c == last_c):
-            break
-        if abs(next_r - next_c) < 1e-9:  # through a corner: both cells beside it have to be free
-            if weight[r + step_r, c] == 0 or weight[r, c + step_c] == 0:
-                return -1.0
-            r, c = r + step_r, c + step_c
-            next_r, next_c = next_r + each_r, next_c + each_c
-        elif next_r < next_c:
-            r, next_r = r + step_r, next_r + each_r
-        else:
-            c, next_c = c + step_c, next_c + each_c
-        if weight[r, c] == 0:
-            return -1.0
-    return 2.0 * STRAIGHT * length * total
-
-
-@row_kernel
-def pull(weight: Bytes, path: Ints, r_start: float, c_start: float, r_goal: float, c_goal: float) -> Ints:
-    """Return the positions in a path (n,) of its corners after straight lines replaced parts that they make no dearer.
-
-    From each corner the farthest cell is sought whose line is free and costs no more than the path, by doubling and
-    halving the way. The first corner is the start, at (r_start, c_start), the last one the goal.
-    """
-    wide, n = weight.shape[1], path.size
-    w = weight.ravel()
-    rows, cols = path // wide + 0.5, path % wide + 0.5
-    rows[0], cols[0], rows[n - 1], cols[n - 1] = r_start, c_start, r_goal, c_goal
-    spent = np.zeros(n)
-    for i in range(1, n):
-        over_edge = (path[i] // wide == path[i - 1] // wide) or (path[i] % wide == path[i - 1] % wide)
-        both = (w[path[i]] & FACTOR) + (w[path[i - 1]] & FACTOR)
-        spent[i] = spent[i - 1] + (STRAIGHT if over_edge else DIAGONAL) * both
-    corners, count, at = np.empty(n, dtype=np.int32), 1, 0
-    corners[0] = 0
-    slack = STRAIGHT * HEAVIEST  # of the cells at both ends a line counts what it crosses
-    while at < n - 1:
-        good, step, bad = at + 1, 2, n
-        while at + step < bad:
-            j = at + step
-            cost = line_cost(weight, rows[at], cols[at], rows[j], cols[j])
-            if 0.0 <= cost <= spent[j] - spent[at] + slack:
-                good = j
-                if j == n - 1:
-                    break
-                step = min(2 * step, n - 1 - at)
-            else:
-                bad = j
-        while bad - good > 1:
-            j = (good + bad) // 2
-            if j >= n:
-                break
-            cost = line_cost(weight, rows[at], cols[at], rows[j], cols[j])
-            if 0.0 <= cost <= spent[j] - spent[at] + slack:
-                good = j
-            else:
-                bad = j
-        corners[count] = good
-        count += 1
-        at = good
-    return corners[:count]

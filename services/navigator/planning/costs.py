@@ -33,7 +33,7 @@ class Clearance:
     """Distances that routes keep from obstacles.
 
     Raises:
-        Refusal: a number that cannot be; names the field.
+        Refusal: a number is out of range; `field` names it.
     """
 
     radius: float = 0.15

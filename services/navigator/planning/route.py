@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from surefoot.errors import Refusal
 
-from . import astar
+from . import astar, straighten
 from .costs import Costs, nearest_free
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ class RouteLimits:
     """Limits of a route.
 
     Raises:
-        Refusal: a number that cannot be; names the field.
+        Refusal: a number is out of range; `field` names it.
     """
 
     leg: float = 1.0
@@ -91,7 +91,7 @@ def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = N
     astar.search(costs.weight, first, last, costs.marks_of(region), g)
     path = astar.trace(costs.weight, first, last, g)
     (r0, c0), (r1, c1) = _padded(costs, entry), _padded(costs, goal)
-    corners = path[astar.pull(costs.weight, path, r0, c0, r1, c1)]
+    corners = path[straighten.pull(costs.weight, path, r0, c0, r1, c1)]
     points = [_centre(costs, int(cell) // wide, int(cell) % wide) for cell in corners]
     points[0], points[-1] = entry, goal
     if len(corners) == 1:  # start and goal share a cell

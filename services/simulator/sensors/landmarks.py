@@ -94,7 +94,7 @@ def read_camera(name: str) -> Camera:
     """Read `robots/cameras/<name>.toml`.
 
     Raises:
-        RobotError: unknown name, or a number that cannot be; names the field.
+        RobotError: unknown name, or a number is out of range; `field` names it.
     """
     file, _ = read_profile(CameraFile, name, "camera")
     return Camera(

@@ -42,7 +42,7 @@ def read_ranger(name: str) -> Ranger:
     """Read `robots/rangers/<name>.toml`.
 
     Raises:
-        RobotError: unknown name, or a number that cannot be; names the field.
+        RobotError: unknown name, or a number is out of range; `field` names it.
     """
     file, _ = read_profile(RangerFile, name, "ranger")
     return Ranger(

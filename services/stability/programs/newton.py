@@ -307,7 +307,7 @@ def subtract_combination(w: Array, o: int, v: int, g: Array, y: int, unknowns: i
 
 @row_kernel
 def add_gram(w: Array, o: int, g: Array, unknowns: int, lanes: int) -> None:
-    """MATRIX += A_i'A_i of the scaled columns of a block."""
+    """Add A_i'A_i, A_i the scaled columns of a block, to the matrix in `g` that begins at `MATRIX`."""
     if unknowns != 4:
         for j in range(unknowns):
             for i in range(j + 1):

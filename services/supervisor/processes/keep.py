@@ -41,7 +41,7 @@ class StartOrder:
     record: Path | None = None
 
     def arguments(self) -> list[str]:
-        """Return it as options of `surefoot up`."""
+        """Return the order as options of `surefoot up`."""
         words = ["--terrain", self.world.terrain, "--seed", str(self.seed), "--rtf", str(self.rtf)]
         return [*words, "--record", str(self.record.resolve()), "--force"] if self.record is not None else words
 

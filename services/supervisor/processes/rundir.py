@@ -101,7 +101,7 @@ class RunFolder:
         return {service: self.path / name for service, name in MEMORIES.items()}
 
     def release(self) -> None:
-        """Leave the system: no process, no endpoint, logs stay."""
+        """Remove the files that describe the running system and release its lock; logs stay."""
         if self._lock is None:
             return
         for name in FILES:

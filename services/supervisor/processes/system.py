@@ -28,7 +28,7 @@ from .rundir import RunFolder
 SELF = "supervisor"  # listed in the compose file for container engines; here it is this very process
 STEP_S = 0.02  # s, how often processes are looked at
 LAST_LINES = 50  # of a log, among which its last words are looked for
-PAUSE_S = 1.0  # s; a longer gap between two looks means that the machine slept
+PAUSE_S = 1.0  # s; a longer gap between two looks means that the machine was suspended
 
 
 class Process(Protocol):

@@ -56,7 +56,7 @@ class BipedParams:
     lag_limit: float = 6.0
     """Joint rate up to which the lag is led, rad/s."""
     gyro_s: float = 0.05
-    """Ankle set-point against the trunk's rate, rad per rad/s."""
+    """Gain from the trunk's rate to the ankle's set-point, rad per rad/s."""
     gyro_smooth: float = 0.5
     """Part of the last rate that its smoothing keeps in each tick, 0..1."""
     slow_from_rad: float = math.radians(3.0)

@@ -66,7 +66,7 @@ class BipedState:
     body: Array = field(default_factory=lambda: np.zeros(3))
     """Body pose that the feet belong to, (3,) x, y, yaw."""
     x: Array = field(default_factory=lambda: np.zeros((3, 2)))
-    """CoM of the plan, (3, 2): position, velocity, acceleration in x and y, SI."""
+    """Planned CoM in odom, (3, 2), rows in m, m/s, m/s^2: position, velocity, acceleration in x and y, SI."""
     error: Array = field(default_factory=lambda: np.zeros(2))
     """Sums of the ZMP error in x and y, (2,) m."""
     ref: Array = field(default_factory=lambda: np.zeros((1, 2)))

@@ -90,7 +90,7 @@ class WalkerState:
     """Group of the gait that swings next."""
     attempts: int = 0
     scale: float = 1.0
-    """Factor on the next step after a refused plan, 0..1."""
+    """Factor on the length of the next step after a refused plan, 0..1."""
     trunk_shift: float = 0.0
     """Change of trunk height asked for by the foothold service, m."""
     adjusting: bool = False

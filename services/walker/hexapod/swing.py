@@ -37,7 +37,7 @@ WINDOWS = ((0.10, 0.66), (0.15, 0.60), (0.20, 0.56), (0.25, 0.52))
 
 @kernel
 def smooth(a: float) -> float:
-    """3 a^2 - 2 a^3, clipped: from 0 to 1 with level ends."""
+    """Return 3 a^2 - 2 a^3 with `a` clipped to 0..1: rises from 0 to 1 with zero slope at both ends."""
     a = min(1.0, max(0.0, a))
     return a * a * (3.0 - 2.0 * a)
 

@@ -1,4 +1,4 @@
-"""The walker in the simulated world, with the real estimator; short walks, more in benchmarks/bench_walk.py."""
+"""The walker in the simulated world, with the real estimator; short walks, more in benchmarks/foothold_walks.py."""
 
 import numpy as np
 import pytest
