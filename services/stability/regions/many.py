@@ -34,7 +34,8 @@ from ..programs.interior import NO_PRIMAL
 from ..programs.lanes import LANES
 from ..programs.outline import edge_normals, explore
 from ..programs.reduced import RANK, SMALL_MU, Reduced, matrices
-from .careful import MARGIN_DIRECTIONS, POINT, WIDE, along, flat_ends, holds, line_of
+from ..programs.reference import MARGIN_DIRECTIONS
+from .careful import POINT, WIDE, along, flat_ends, holds, line_of
 from .margin import MARGIN_TOLERANCE, ON_EDGE, margin
 from .model import RegionStatus
 from .region import plane, region

@@ -24,6 +24,7 @@ from .region import region
 MET = 1e-9  # m, how far points and segments may lie apart and be met
 BY_CORNERS: tuple[RegionStatus, ...] = ("infeasible", "point", "segment", "ok")
 SIDES = 8  # directions to which gravity may lean
+UPRIGHT = np.eye(3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,19 +88,12 @@ def region_in(mode: Mode, contacts: ContactSet, wanted: Refinement) -> Region:
     """
     if isinstance(mode, Actuated):
         return actuated_region(contacts, mode.legs, wanted.directions)
-    given, adaptive, tolerance, limit, proofs = wanted
-    if isinstance(mode, AtRest):
-        return region(contacts, given, adaptive=adaptive, tolerance=tolerance, limit=limit)
     seen = leanings(mode, contacts)
-    # a plane cuts lengths of the frame up to 1 / cosine of the lean
-    tolerance *= math.cos(mode.angle) if isinstance(mode, Tilted) else seen[0].rot[2, 2]
-    found: list[Region] = []
-    for each in seen:
-        turned = None if given is None else each.directions(given)
-        found.append(region(each.contacts, turned, adaptive=adaptive, tolerance=tolerance, limit=limit))
-    if isinstance(mode, Tilted):
-        return _in_common(seen, found, mode.height)
-    return seen[0].level(found[0], mode.height, proofs)
+    if isinstance(mode, Tilted):  # a plane cuts lengths of the frame up to 1 / cosine of the lean
+        wanted = wanted._replace(adaptive=None, tolerance=wanted.tolerance * math.cos(mode.angle))
+        return _in_common(seen, [each.region(wanted) for each in seen], mode.height)
+    found = seen[0].region(wanted._replace(tolerance=wanted.tolerance * seen[0].rot[2, 2]))
+    return found if isinstance(mode, AtRest) else seen[0].level(found, mode.height, wanted.proofs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +113,16 @@ class Leaning:
             return given
         turned = given @ self.to_world()
         return np.ascontiguousarray(turned / np.hypot(turned[:, 0], turned[:, 1])[:, None])
+
+    def region(self, wanted: Refinement) -> Region:
+        """Region in the leaning frame, in directions of a horizontal plane of the world."""
+        return region(
+            self.contacts,
+            self.directions(wanted.directions),
+            adaptive=wanted.adaptive,
+            tolerance=wanted.tolerance,
+            limit=wanted.limit,
+        )
 
     def at_height(self, points: Array, height: float) -> Array:
         """Points (k, 2) of the leaning frame cut by the plane z = height of the world, (k, 2) world x, y."""
@@ -204,12 +208,14 @@ def lean(contacts: ContactSet, up: Array) -> Leaning:
     return Leaning(turned, rot, strength)
 
 
-def leanings(mode: Moving | Tilted, contacts: ContactSet) -> list[Leaning]:
+def leanings(mode: AtRest | Moving | Tilted, contacts: ContactSet) -> list[Leaning]:
     """Return the contact set under every gravity of a mode: leaning to the sides, then upright.
 
     Raises:
         StabilityError: with this acceleration the robot would fly.
     """
+    if isinstance(mode, AtRest):
+        return [Leaning(contacts, UPRIGHT, GRAVITY)]
     sides = np.empty((0, 3))
     if isinstance(mode, Tilted):
         phi = 2.0 * np.pi * np.arange(SIDES) / SIDES
