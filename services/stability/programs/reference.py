@@ -91,8 +91,10 @@ def approach(r: Reduced, fan: Fan, count: int, goal: FanGoal) -> tuple[Outlook, 
     """Approach with clarabel, one direction at a time."""
     reference, pick = Reference(r.a, r.c), np.empty((LANES, 2))
     fan = with_room(fan, count, count + MARGIN_DIRECTIONS)
-    wanted, outlook = near_arcs(fan, count, goal, pick, 1)
-    while wanted and count < len(fan.value):
+    while True:
+        wanted, outlook = near_arcs(fan, count, goal, pick, 1)
+        if not wanted or count == len(fan.value):
+            break
         answer = reference.solve(r.h @ pick[0])
         if answer.status != SOLVED:
             break
@@ -101,7 +103,6 @@ def approach(r: Reduced, fan: Fan, count: int, goal: FanGoal) -> tuple[Outlook, 
         fan.point[count], fan.error[count] = np.einsum("iqd,iq->d", r.h, answer.force), answer.error
         insert(fan, count, count + 1)
         count += 1
-        wanted, outlook = near_arcs(fan, count, goal, pick, 1)
     if not settled(fan, count, outlook):
         raise StabilityError("no_convergence", "contacts", "neither solver found the nearest edge of this region")
     return outlook, fan

@@ -23,13 +23,14 @@ from ..programs.fan import (
     FEW_AT_ONCE,
     Fan,
     FanGoal,
+    enclose,
+    explore,
     insert,
     new_fan,
     wide,
 )
 from ..programs.interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED
 from ..programs.lanes import LANES
-from ..programs.outline import enclose, explore
 from ..programs.reduced import CONE, THIN, Reduced, Subspace
 from ..programs.reference import Reference
 from .model import Region, Solved, Support, SupportStatus
@@ -170,22 +171,24 @@ def careful(oracle: Oracle, first: Array, goal: FanGoal, limit: int, skip: int) 
         return infeasible(contacts, first[skip:], oracle.moved(oracle.subspace.sinking, np.zeros(2)))
     fan, count = oracle.fan(first, limit if refine else len(first)), len(first)
     status = fan.status[:count]
+    solved = bool(np.all(status == SOLVED))
+    has_area = solved and wide(fan, count)[0]
     drifting = np.abs(oracle.drift(first)).max(initial=0.0) > FLAT
     if np.any(status == NO_PRIMAL):
         k = int(np.flatnonzero(status == NO_PRIMAL)[0])
         twist = oracle.twist(fan.unknown[k], np.zeros(2))
         return infeasible(contacts, first[skip:], oracle.moved(twist, np.zeros(2)))
-    if drifting or np.any(status != SOLVED):
+    if drifting or not solved:
         if oracle.sinking is not None:
             return infeasible(contacts, first[skip:], oracle.moved(oracle.sinking, np.zeros(2)))
         support = oracle.support(fan, np.arange(skip, count))
         everything = oracle.support(fan, np.arange(count))
         found = everything.point[np.array([s == "ok" for s in everything.status])]
-        solved = Solved(r, fan, count, oracle.anchor, None if oracle.subspace is None else oracle.subspace.drift)
+        programs = Solved(r, fan, count, oracle.anchor, None if oracle.subspace is None else oracle.subspace.drift)
         return Region(
-            contacts, "unbounded", hull(found), np.empty((0, 2)), support, math.nan, False, count, None, solved
+            contacts, "unbounded", hull(found), np.empty((0, 2)), support, math.nan, False, count, None, programs
         )
-    if not wide(fan, count)[0]:
+    if not has_area:
         ends = _ends(oracle, fan, count)
         if ends is not None:
             polygon = oracle.anchor + r.length * ends

@@ -29,10 +29,10 @@ from ..programs.contacts import (
     contact_set,
     within,
 )
-from ..programs.fan import ANSWER, APPROACH, FanGoal, new_fan, settled, wide
+from ..programs.fan import ANSWER, APPROACH, FanGoal, explore, new_fan, settled, wide
 from ..programs.interior import NO_PRIMAL
 from ..programs.lanes import LANES
-from ..programs.outline import edge_normals, explore
+from ..programs.outline import edge_normals
 from ..programs.reduced import RANK, SMALL_MU, Reduced, matrices
 from ..programs.reference import MARGIN_DIRECTIONS
 from .careful import POINT, WIDE, along, flat_ends, holds, line_of

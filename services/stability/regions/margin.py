@@ -10,10 +10,9 @@ from surefoot.geometry.linear import dot, product
 from surefoot.geometry.polygon import ray, signed_distance
 
 from ..programs.contacts import Array
-from ..programs.fan import APPROACH, FanGoal, insert, settled, with_room
+from ..programs.fan import APPROACH, FanGoal, explore, insert, settled, with_room
 from ..programs.interior import NO_DUAL, NO_PRIMAL
 from ..programs.lanes import LANES
-from ..programs.outline import explore
 from ..programs.reference import MARGIN_DIRECTIONS, approach, solve_one
 from .careful import FLAT
 from .model import Region, Solved
@@ -92,6 +91,20 @@ def margin(region: Region, point: Array, plane: Plane | None = None) -> Margin:
     inner = region.inner if plane is None else region.inner @ plane.matrix.T + plane.zero
     value = float(signed_distance(inner, float(point[0]), float(point[1])))
     return Margin(0.0 if abs(value) < ON_EDGE else value)
+
+
+def nearest_edge(polygon: Array, point: Array) -> Array:
+    """Unit direction from a point to the nearest edge inside, from the polygon's nearest point outside."""
+    along = np.roll(polygon, -1, axis=0) - polygon
+    out = np.column_stack((along[:, 1], -along[:, 0])) / np.hypot(along[:, 0], along[:, 1])[:, None]
+    slack = np.einsum("ij,ij->i", out, polygon - point)
+    if slack.min() >= 0.0:
+        return out[int(slack.argmin())]
+    share = np.clip(np.einsum("ij,ij->i", point - polygon, along) / np.einsum("ij,ij->i", along, along), 0.0, 1.0)
+    away = point - (polygon + share[:, None] * along)
+    length = np.hypot(away[:, 0], away[:, 1])
+    k = int(length.argmin())
+    return away[k] / length[k]
 
 
 def extent(region: Region, point: Array, direction: Array, plane: Plane | None = None) -> Extent:

@@ -89,11 +89,16 @@ def region_in(mode: Mode, contacts: ContactSet, wanted: Refinement) -> Region:
     if isinstance(mode, Actuated):
         return actuated_region(contacts, mode.legs, wanted.directions)
     seen = leanings(mode, contacts)
-    if isinstance(mode, Tilted):  # a plane cuts lengths of the frame up to 1 / cosine of the lean
-        wanted = wanted._replace(adaptive=None, tolerance=wanted.tolerance * math.cos(mode.angle))
-        return _in_common(seen, [each.region(wanted) for each in seen], mode.height)
-    found = seen[0].region(wanted._replace(tolerance=wanted.tolerance * seen[0].rot[2, 2]))
-    return found if isinstance(mode, AtRest) else seen[0].level(found, mode.height, wanted.proofs)
+    # a plane cuts lengths of the frame up to 1 / cosine of the lean
+    cosine = math.cos(mode.angle) if isinstance(mode, Tilted) else seen[0].rot[2, 2]
+    finer, found = wanted._replace(tolerance=wanted.tolerance * cosine), list[Region]()
+    if isinstance(mode, Tilted):  # no directions to choose
+        finer = finer._replace(adaptive=None)
+    for each in seen:
+        found.append(seen_region(each, finer))
+    if isinstance(mode, Tilted):
+        return _in_common(seen, found, mode.height)
+    return found[0] if isinstance(mode, AtRest) else seen[0].level(found[0], mode.height, wanted.proofs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,16 +118,6 @@ class Leaning:
             return given
         turned = given @ self.to_world()
         return np.ascontiguousarray(turned / np.hypot(turned[:, 0], turned[:, 1])[:, None])
-
-    def region(self, wanted: Refinement) -> Region:
-        """Region in the leaning frame, in directions of a horizontal plane of the world."""
-        return region(
-            self.contacts,
-            self.directions(wanted.directions),
-            adaptive=wanted.adaptive,
-            tolerance=wanted.tolerance,
-            limit=wanted.limit,
-        )
 
     def at_height(self, points: Array, height: float) -> Array:
         """Points (k, 2) of the leaning frame cut by the plane z = height of the world, (k, 2) world x, y."""
@@ -177,6 +172,12 @@ class Leaning:
         """(v, Om) (6,) in the world from (v, w_z) (4,) of the leaning frame and a direction (2,)."""
         spin = np.array([-a[1], a[0], twist[3]])
         return np.concatenate((self.rot.T @ twist[:3], self.rot.T @ spin))
+
+
+def seen_region(seen: Leaning, wanted: Refinement) -> Region:
+    """Region in a leaning frame, in directions of a horizontal plane of the world."""
+    contacts, given = seen.contacts, seen.directions(wanted.directions)
+    return region(contacts, given, adaptive=wanted.adaptive, tolerance=wanted.tolerance, limit=wanted.limit)
 
 
 def upward(acceleration: Array, g: float = GRAVITY) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from ..programs.contacts import Array, ContactSet
 from .margin import Extent, Margin, Plane, extent, margin
 from .model import Region
-from .modes import Actuated, Mode, Moving, Refinement, Tilted, leanings, region_in
+from .modes import Actuated, Mode, Moving, Refinement, Tilted, leanings, region_in, seen_region
 from .robust import RobustGradient, Uncertainty, margin_gradient, robust_margin
 
 STILL = 1e-12  # m; a shorter horizontal movement has no direction
@@ -137,8 +137,9 @@ def check_movement(asked: Movement) -> CheckedMovement:
     if isinstance(mode, Moving | Tilted):
         checks: list[Check] = []
         for seen in leanings(mode, asked.contacts):
-            each = seen.region(asked.wanted._replace(directions=None, adaptive=None))
-            checks.append(check(each, asked.com, way, shift, seen.plane(mode.height)))
+            each = seen_region(seen, asked.wanted._replace(directions=None, adaptive=None))
+            plane = seen.plane(mode.height)
+            checks.append(check(each, asked.com, way, shift, plane))
             if each.status == "infeasible":
                 return CheckedMovement(found, checks[-1])
         return CheckedMovement(found, worst(checks))
