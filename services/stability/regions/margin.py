@@ -135,11 +135,11 @@ def _edge(s: Solved, point: Array, a: Array) -> Extent:
     """
     r, across = s.reduced, np.array([-a[1], a[0]])
     start = (point - s.anchor) / r.length
-    drifting = False
+    gains = brakes = np.empty(0)
     if s.drift is not None:
         gains, brakes = (a[None] @ s.drift.T)[0], (across[None] @ s.drift.T)[0]
-        slowed = np.abs(brakes).max(initial=0.0) > FLAT
-        drifting = bool(slowed or np.abs(gains).max(initial=0.0) > FLAT)
+    slowed = bool(np.abs(brakes).max(initial=0.0) > FLAT)
+    drifting = slowed or bool(np.abs(gains).max(initial=0.0) > FLAT)
     if drifting:
         if not slowed:
             return Extent(None, "unbounded")
