@@ -15,22 +15,19 @@ from surefoot.schemas.stability import (
     ComRequest,
     EquilibriumReply,
     EquilibriumRequest,
-    MarginGradient,
     RegionReply,
     RegionRequest,
     StabilityStatus,
-    SupportPoint,
 )
 from surefoot.schemas.whatif import BatchReply, BatchRequest, Variant, WhatifReply, WhatifRequest
 
-from .programs.contacts import Array, StabilityError, contacts_of, within
+from .messages import gradient_message, pairs, region_fields, triples
+from .programs.contacts import StabilityError, contacts_of, within
 from .regions.equilibrium import equilibrium, least_forces, least_friction
 from .regions.many import STATUSES, Variants, batch, what_if
 from .regions.margin import Extent
-from .regions.model import Region, Support
 from .regions.modes import region_in
 from .regions.movement import check_movement
-from .regions.robust import RobustGradient
 from .requests import (
     check_question,
     equilibrium_question,
@@ -48,7 +45,7 @@ def region_reply(request: RegionRequest, own: Robot) -> RegionReply:
     """Answer `stability/region`; `own` is the robot when the request names none."""
     asked = region_question(request, own)
     found = region_in(asked.mode, asked.contacts, asked.wanted)
-    return RegionReply(**_region(found, request.certificates, polygons=True))
+    return RegionReply(**region_fields(found, request.certificates, polygons=True))
 
 
 def check_reply(request: CheckRequest, own: Robot) -> CheckReply:
@@ -57,12 +54,12 @@ def check_reply(request: CheckRequest, own: Robot) -> CheckReply:
     found = check_movement(asked.movement)
     check, (x, y), after, shift = found.check, asked.movement.com.tolist(), found.check.com_after, asked.movement.shift
     return CheckReply(
-        **_region(found.region, request.certificates, request.polygons),
+        **region_fields(found.region, request.certificates, request.polygons),
         stable=check.stable,
         margin=check.margin.value,
         margin_now=check.margin_now.value,
         margin_robust=found.robust,
-        gradient=None if found.gradient is None else _gradient(found.gradient),
+        gradient=None if found.gradient is None else gradient_message(found.gradient),
         extent=_length(check.extent),
         gsm=_length(check.gsm),
         extent_status=None if check.extent is None else check.extent.status,
@@ -197,55 +194,6 @@ def no_status(legs: int, mu: float) -> StabilityStatus:
     )
 
 
-def _region(found: Region, proofs: bool, polygons: bool) -> dict[str, Any]:
-    """Fields of a RegionReply."""
-    sinking = None if found.sinking is None else tuple(found.sinking.tolist())
-    level = sinking is not None and len(sinking) == 4
-    return {
-        "status": found.status,
-        "inner": pairs(found.inner) if polygons else (),
-        "outer": pairs(found.outer) if polygons else (),
-        "support": _support(found.support, proofs) if polygons else (),
-        "gap": found.gap if math.isfinite(found.gap) else None,
-        "area": found.area,
-        "area_outer": found.area_outer,
-        "certificate": sinking if level else None,
-        "twist": None if level else sinking,
-    }
-
-
-def _support(support: Support, proofs: bool) -> tuple[SupportPoint, ...]:
-    """Support values with their proofs: certificate at rest, twist with an acceleration, torques with limits."""
-    direction, value, point = pairs(support.direction), support.value.tolist(), pairs(support.point)
-    gap, name = support.gap.tolist(), {4: "certificate", 6: "twist", 0: ""}[support.twist.shape[1]]
-    out: list[SupportPoint] = []
-    for i, status in enumerate(support.status):
-        ok = status == "ok"
-        proof: dict[str, Any] = {}
-        if proofs and ok and name:
-            proof[name] = tuple(support.twist[i].tolist())
-        if proofs and status != "infeasible":
-            proof["forces"] = triples(support.force[i])
-            if support.torque is not None:
-                proof["torques"] = triples(support.torque[i])
-        out.append(
-            SupportPoint(
-                direction=direction[i],
-                value=value[i] if ok else None,
-                point=point[i] if ok else None,
-                status=status,
-                gap=max(0.0, gap[i]) if ok else None,
-                **proof,
-            )
-        )
-    return tuple(out)
-
-
-def _gradient(slope: RobustGradient) -> MarginGradient:
-    x, y = slope.com.tolist()
-    return MarginGradient(com=(x, y), mu=tuple(slope.mu.tolist()), position=triples(slope.position))
-
-
 def _length(extent: Extent | None) -> float | None:
     return None if extent is None else extent.value
 
@@ -257,13 +205,3 @@ def variants(found: Variants) -> tuple[Variant, ...]:
         Variant(status=STATUSES[s], margin=None if m != m else m, stable=ok)
         for s, m, ok in zip(status, margin, stable, strict=True)
     )
-
-
-def pairs(points: Array) -> tuple[tuple[float, float], ...]:
-    """Rows of two numbers as tuples."""
-    return tuple(map(tuple, points.tolist()))  # pyright: ignore[reportReturnType] - rows of two
-
-
-def triples(rows: Array) -> tuple[tuple[float, float, float], ...]:
-    """Rows of three numbers as tuples."""
-    return tuple(map(tuple, rows.tolist()))  # pyright: ignore[reportReturnType] - rows of three

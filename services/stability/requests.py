@@ -16,7 +16,6 @@ from surefoot.schemas.stability import (
     BasePose,
     CheckRequest,
     Contact,
-    Doubt,
     EquilibriumRequest,
     RegionFields,
     RegionRequest,
@@ -66,14 +65,17 @@ def region_question(request: RegionRequest, own: Robot) -> RegionQuestion:
         StabilityError: a field that cannot be used.
     """
     if (actuation := request.actuation) is None:
-        return RegionQuestion(_mode(request), contacts_of(request.contacts), _refinement(request))
-    refuse(any(request.acceleration), "acceleration", "actuation")
-    refuse(request.tilt_rad > 0.0, "tilt_rad", "actuation")
-    refuse(request.adaptive is True, "adaptive", "actuation")
-    contacts = contacts_of(request.contacts)
-    stands, legs, limit = _servos(actuation, request.contacts, contacts, own)
-    wanted = Refinement(directions_of(request.directions))
-    return RegionQuestion(Actuated(stands.servo_legs(legs, limit)), contacts, wanted)
+        mode, contacts = _mode(request), contacts_of(request.contacts)
+    else:
+        refuse(any(request.acceleration), "acceleration", "actuation")
+        refuse(request.tilt_rad > 0.0, "tilt_rad", "actuation")
+        refuse(request.adaptive is True, "adaptive", "actuation")
+        contacts = contacts_of(request.contacts)
+        stands, legs, limit = _servos(actuation, request.contacts, contacts, own)
+        mode = Actuated(stands.servo_legs(legs, limit))
+    given = directions_of(request.directions)
+    wanted = Refinement(given, request.adaptive, request.tolerance_m, request.max_directions, request.certificates)
+    return RegionQuestion(mode, contacts, wanted)
 
 
 def check_question(request: CheckRequest, own: Robot) -> CheckQuestion:
@@ -102,18 +104,19 @@ def check_question(request: CheckRequest, own: Robot) -> CheckQuestion:
             now = (x, y)
     if now is None:
         raise StabilityError("missing", "com", "neither com nor joints are given; one of them is needed")
-    com, doubt, mode = within(now, "com"), request.doubt, _mode(request)
-    movement = Movement(
-        contacts,
-        mode,
-        mode,
-        _refinement(request),
-        com,
-        way,
-        shift,
-        None if doubt is None else _uncertainty(doubt, len(contacts)),
-        request.gradient,
-    )
+    com, mode = within(now, "com"), _mode(request)
+    given, doubt = directions_of(request.directions), request.doubt
+    wanted = Refinement(given, request.adaptive, request.tolerance_m, request.max_directions, request.certificates)
+    unknown: Uncertainty | None = None
+    if doubt is not None:
+        unknown = Uncertainty(
+            com=doubt.com_sd_m**2 * np.eye(2),
+            foot=np.tile(doubt.foot_sd_m**2 * np.eye(3), (len(contacts), 1, 1)),
+            friction=doubt.friction,
+            normal=doubt.normal_rad,
+            kappa=doubt.kappa,
+        )
+    movement = Movement(contacts, mode, mode, wanted, com, way, shift, unknown, request.gradient)
     return CheckQuestion(movement, legs, reachable)
 
 
@@ -152,13 +155,6 @@ def _mode(request: RegionFields) -> Mode:
     return Tilted(request.tilt_rad, push, request.com_height_m) if tilted else Moving(push, request.com_height_m)
 
 
-def _refinement(request: RegionFields) -> Refinement:
-    """Read the directions of a request without torque limits; with a tilt there are none to choose."""
-    given = directions_of(request.directions)
-    adaptive = None if request.tilt_rad > 0.0 else request.adaptive
-    return Refinement(given, adaptive, request.tolerance_m, request.max_directions, request.certificates)
-
-
 @lru_cache(maxsize=16)
 def named_robot(name: str, field: str = "robot") -> Robot:
     """Robot description by name (not by path: a request must not read files of its own choice).
@@ -183,16 +179,6 @@ def _servos(
     stands = posed(robot, asked.joints, asked.base.quat_wxyz, base, "actuation.")
     limit = torque_limits(robot, asked.max_torque_nm)
     return stands, stands.loaded_legs(contacts, tuple(c.leg for c in given)), limit
-
-
-def _uncertainty(doubt: Doubt, contacts: int) -> Uncertainty:
-    return Uncertainty(
-        com=doubt.com_sd_m**2 * np.eye(2),
-        foot=np.tile(doubt.foot_sd_m**2 * np.eye(3), (contacts, 1, 1)),
-        friction=doubt.friction,
-        normal=doubt.normal_rad,
-        kappa=doubt.kappa,
-    )
 
 
 def packed_sets(request: BatchRequest) -> PackedSets:

@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.geometry.polygon import area, hull
+from surefoot.geometry.polygon import area, half_planes, hull
 from surefoot.kernels.jit import row_kernel
 
+from .chords import beyond_chords
 from .interior import FAILED, SOLVED, solve_lanes
 from .lanes import LANES
 from .reduced import THIN, Reduced
@@ -318,6 +319,76 @@ def settled(fan: Fan, count: int, outlook: Outlook) -> bool:
     for k in range(count):
         size = max(size, abs(fan.value[k]))
     return outlook.best - outlook.bound <= UNSETTLED * size
+
+
+@row_kernel
+def explore(
+    r: Reduced, fan: Fan, solved: int, count: int, goal: FanGoal, limit: int, batch: int
+) -> tuple[int, bool, Outlook]:
+    """Solve for the directions given, then for those that a goal asks for. The only kernel that contains the solver.
+
+    Args:
+        r: programs of the contact set.
+        fan: the first `solved` directions have answers and an order, those up to `count` are to be answered.
+        solved: how many are.
+        count: how many there are.
+        goal: what to refine for.
+        limit: at most so many directions in the end, <= capacity of the fan.
+        batch: at most so many at once, <= 8: fewer use what the last ones showed, more are quicker.
+
+    Returns:
+        Number of directions that have an answer, whether all given ones are solved, and what is known about the goal.
+    """
+    pick, fine, outlook = np.empty((LANES, 2)), False, Outlook(math.inf, -math.inf, 0)
+    while True:
+        if count > solved:
+            if not evaluate(r, fan, solved, count):
+                break  # later than at first it is numerically at the end: what was there stays valid
+            insert(fan, solved, count)
+        solved, fine = count, True
+        room = min(batch, limit - count)
+        if goal.kind == ANSWER:
+            break
+        if goal.kind == ENCLOSE:
+            wanted, outlook = wide_triangles(fan, count, goal, pick, room)
+        else:
+            wanted, outlook = near_arcs(fan, count, goal, pick, room)
+        if wanted == 0:
+            break
+        for k in range(wanted):
+            fan.direction[count + k, 0], fan.direction[count + k, 1] = pick[k, 0], pick[k, 1]
+        count += wanted
+    return solved, fine, outlook
+
+
+@row_kernel
+def enclose(
+    r: Reduced, fan: Fan, solved: int, count: int, goal: FanGoal, limit: int, batch: int
+) -> tuple[int, bool, float, Array, Array]:
+    """Explore with the goal ENCLOSE or ANSWER, arguments as for `explore`, then draw the polygons.
+
+    With ENCLOSE points between the directions are added to the inner polygon where the directions did not suffice.
+
+    Returns:
+        Number of answers, True if the region has an area, largest height of a triangle between the polygons, inner and
+        outer polygon; scaled frame.
+    """
+    count, fine, outlook = explore(r, fan, solved, count, goal, limit, batch)
+    if not fine:
+        return count, False, outlook.best, fan.point[:0], fan.point[:0]
+    over = heights(fan, count)
+    fine, inner, size = wide(fan, count)
+    if not fine:
+        return count, False, outlook.best, inner, inner
+    if goal.kind == ENCLOSE:
+        more = beyond_chords(r, fan.order, fan.point, fan.force, over, goal.tolerance, area(inner))
+        if more.shape[0] > 0:
+            inner = hull(np.concatenate((inner, more)))
+    far = 0.0
+    for k in range(count):
+        far = max(far, abs(fan.value[k]))
+    outer = hull(half_planes(fan.direction[:count], fan.value[:count], 8.0 * (size + far)))
+    return count, True, outlook.best, inner, outer
 
 
 def with_room(fan: Fan, count: int, capacity: int) -> Fan:

@@ -3,13 +3,9 @@
 `Oracle` returns support values of one contact set, with proof, in the frame of the request. It is the one place where
 statuses are decided: kernel first, clarabel where the kernel gives up, and a set is called unbounded only if it can
 carry the weight at all.
-
-clarabel minimises q'z subject to A z + s = b, s in cones. Here z = (v, w_z), A = -stacked a_i, b = -stacked h_i(a):
-only b depends on the direction, so one solver serves all directions of a set.
 """
 
 import math
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -19,7 +15,6 @@ from surefoot.geometry.linear import combined, dot, product
 from surefoot.geometry.polygon import gap, hull
 from surefoot.kernels.jit import row_kernel
 
-from ..programs.clarabel_tools import clarabel_and_sparse
 from ..programs.contacts import Array, ContactSet, StabilityError
 from ..programs.fan import (
     ASKED,
@@ -28,95 +23,25 @@ from ..programs.fan import (
     FEW_AT_ONCE,
     Fan,
     FanGoal,
-    Outlook,
+    enclose,
+    explore,
     insert,
-    near_arcs,
     new_fan,
-    settled,
     wide,
-    with_room,
 )
-from ..programs.interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED, solve_lanes
+from ..programs.interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED
 from ..programs.lanes import LANES
-from ..programs.outline import enclose, explore
 from ..programs.reduced import CONE, THIN, Reduced, Subspace
+from ..programs.reference import Reference
 from .model import Region, Solved, Support, SupportStatus
 
 Ints = NDArray[np.int64]
 
 STATUS: dict[int, SupportStatus] = {SOLVED: "ok", NO_DUAL: "unbounded", NO_PRIMAL: "infeasible"}
 FLAT = 1e-9  # of a direction's effect on free forces; below it they do not carry the CoM
-LOOSE = 1e-6  # residual, relative to max(1, value), above which an "almost solved" answer is refused
 LINE, LEVEL = 1e-9, 1e-6  # of the length of a line: how far contacts may lie off it, and how steep it may be
-MARGIN_DIRECTIONS = 160  # more change nothing: each round narrows the arc by a factor of nine
 WIDE, POINT, SEGMENT = 0, 1, 2
 """Shapes of a region that `flat_ends` returns."""
-
-
-@dataclass(frozen=True, slots=True)
-class ReferenceAnswer:
-    """One solved program, in the scaled frame of `reduced`."""
-
-    status: int
-    value: float
-    unknown: Array  # (m,)
-    force: Array  # (n, 3) cone coordinates
-    error: float
-
-
-class Reference:
-    """clarabel on the cones of one contact set."""
-
-    def __init__(self, a: Array, c: Array, tolerance: float = 1e-11) -> None:
-        clarabel, sparse = clarabel_and_sparse()
-
-        n, _, m = a.shape
-        self._a, self._c, self._shape = a, c, (n, 3)
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        settings.presolve_enable = False
-        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-        settings.tol_infeas_abs = settings.tol_infeas_rel = 1e-9
-        matrix = sparse.csc_matrix(-a.reshape(3 * n, m))
-        empty = sparse.csc_matrix((m, m))
-        cones = [clarabel.SecondOrderConeT(3)] * n
-        self._solver = clarabel.DefaultSolver(empty, self._c, matrix, np.zeros(3 * n), cones, settings)
-
-    def solve(self, rhs: Array) -> ReferenceAnswer:
-        """Solve for right-hand sides h_i(a), (n, 3)."""
-        self._solver.update(b=-np.ascontiguousarray(rhs).ravel())
-        solution = self._solver.solve()
-        z, x = np.array(solution.x), np.array(solution.z).reshape(self._shape)
-        name, cost, gain = str(solution.status), float(self._c @ z), float(np.sum(rhs * x))
-        if name in ("Solved", "AlmostSolved", "InsufficientProgress", "MaxIterations"):
-            error = self._error(z, x, rhs)
-            return ReferenceAnswer(SOLVED if error <= LOOSE else FAILED, cost, z, x, error)
-        if "DualInfeasible" in name and cost < 0.0:  # of clarabel's primal = our twist: no forces exist
-            return ReferenceAnswer(NO_PRIMAL, -np.inf, z / -cost, x, 0.0)
-        if "PrimalInfeasible" in name and gain > 0.0:
-            return ReferenceAnswer(NO_DUAL, np.inf, z, x / gain, 0.0)
-        return ReferenceAnswer(FAILED, np.nan, z, x, np.inf)
-
-    def _error(self, z: Array, x: Array, rhs: Array) -> float:
-        s = self._a @ z - rhs  # (n, 3)
-        outside = max(np.max(np.hypot(v[:, 1], v[:, 2]) - v[:, 0], initial=0.0) for v in (s, x))
-        balance = np.abs(np.einsum("iqj,iq->j", self._a, x) - self._c).max(initial=0.0)
-        cost = float(self._c @ z)
-        return float(max(outside, balance, abs(cost - np.sum(rhs * x))) / max(1.0, abs(cost)))
-
-
-def solve_one(a: Array, rhs: Array, c: Array) -> tuple[int, float, Array, Array, float]:
-    """One program of m unknowns: status, c'lam, lam (m,), x (n, 3), error; clarabel when the kernel gives up."""
-    n, m = a.shape[0], a.shape[2]
-    lam, x = np.empty((m, 1)), np.empty((n, 3, 1))
-    error, status = np.empty(1), np.empty(1, dtype=np.int64)
-    solve_lanes(a, np.ascontiguousarray(rhs[:, :, None]), c, lam, x, error, status, 0.0)
-    if status[0] == FAILED:
-        answer = Reference(a, c).solve(rhs)
-        if answer.status == FAILED:
-            raise StabilityError("no_convergence", "contacts", "neither solver found an answer for this contact set")
-        return answer.status, answer.value, answer.unknown, answer.force, answer.error
-    return int(status[0]), dot(c, lam[:, 0]), lam[:, 0].copy(), x[:, :, 0].copy(), float(error[0])
 
 
 class Oracle:
@@ -246,19 +171,24 @@ def careful(oracle: Oracle, first: Array, goal: FanGoal, limit: int, skip: int) 
         return infeasible(contacts, first[skip:], oracle.moved(oracle.subspace.sinking, np.zeros(2)))
     fan, count = oracle.fan(first, limit if refine else len(first)), len(first)
     status = fan.status[:count]
+    solved = bool(np.all(status == SOLVED))
+    has_area = solved and wide(fan, count)[0]
     drifting = np.abs(oracle.drift(first)).max(initial=0.0) > FLAT
     if np.any(status == NO_PRIMAL):
         k = int(np.flatnonzero(status == NO_PRIMAL)[0])
         twist = oracle.twist(fan.unknown[k], np.zeros(2))
         return infeasible(contacts, first[skip:], oracle.moved(twist, np.zeros(2)))
-    if drifting or np.any(status != SOLVED):
+    if drifting or not solved:
         if oracle.sinking is not None:
             return infeasible(contacts, first[skip:], oracle.moved(oracle.sinking, np.zeros(2)))
         support = oracle.support(fan, np.arange(skip, count))
         everything = oracle.support(fan, np.arange(count))
         found = everything.point[np.array([s == "ok" for s in everything.status])]
-        return Region(contacts, "unbounded", hull(found), np.empty((0, 2)), support, math.nan, False, count, None)
-    if not wide(fan, count)[0]:
+        programs = Solved(r, fan, count, oracle.anchor, None if oracle.subspace is None else oracle.subspace.drift)
+        return Region(
+            contacts, "unbounded", hull(found), np.empty((0, 2)), support, math.nan, False, count, None, programs
+        )
+    if not has_area:
         ends = _ends(oracle, fan, count)
         if ends is not None:
             polygon = oracle.anchor + r.length * ends
@@ -373,23 +303,3 @@ def flat_ends(probe: Fan) -> tuple[int, Array]:
     if probe.value[0] + probe.value[1] <= THIN:
         return POINT, 0.5 * (probe.point[:1] + probe.point[1:2])
     return SEGMENT, probe.point[:2].copy()
-
-
-def approach(r: Reduced, fan: Fan, count: int, goal: FanGoal) -> tuple[Outlook, Fan]:
-    """Approach with clarabel, one direction at a time."""
-    reference, pick = Reference(r.a, r.c), np.empty((LANES, 2))
-    fan = with_room(fan, count, count + MARGIN_DIRECTIONS)
-    wanted, outlook = near_arcs(fan, count, goal, pick, 1)
-    while wanted and count < len(fan.value):
-        answer = reference.solve(r.h @ pick[0])
-        if answer.status != SOLVED:
-            break
-        fan.direction[count], fan.status[count] = pick[0], SOLVED
-        fan.value[count], fan.unknown[count], fan.force[count] = answer.value, answer.unknown, answer.force
-        fan.point[count], fan.error[count] = np.einsum("iqd,iq->d", r.h, answer.force), answer.error
-        insert(fan, count, count + 1)
-        count += 1
-        wanted, outlook = near_arcs(fan, count, goal, pick, 1)
-    if not settled(fan, count, outlook):
-        raise StabilityError("no_convergence", "contacts", "neither solver found the nearest edge of this region")
-    return outlook, fan

@@ -9,7 +9,7 @@ from ..programs.clarabel_tools import clarabel_and_sparse
 from ..programs.contacts import Array, ContactSet, StabilityError
 from ..programs.interior import NO_PRIMAL, SOLVED
 from ..programs.reduced import SMALL_MU, SPOT, matrices
-from .careful import solve_one
+from ..programs.reference import solve_one
 
 FELT = 1e-8  # relative; twists that contacts feel less are not felt, and a smaller part of the load is none
 CLOSE = 1e-9  # to that the least share of friction is found

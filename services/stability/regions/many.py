@@ -29,12 +29,13 @@ from ..programs.contacts import (
     contact_set,
     within,
 )
-from ..programs.fan import ANSWER, APPROACH, FanGoal, new_fan, settled, wide
+from ..programs.fan import ANSWER, APPROACH, FanGoal, explore, new_fan, settled, wide
 from ..programs.interior import NO_PRIMAL
 from ..programs.lanes import LANES
-from ..programs.outline import edge_normals, explore
+from ..programs.outline import edge_normals
 from ..programs.reduced import RANK, SMALL_MU, Reduced, matrices
-from .careful import MARGIN_DIRECTIONS, POINT, WIDE, along, flat_ends, holds, line_of
+from ..programs.reference import MARGIN_DIRECTIONS
+from .careful import POINT, WIDE, along, flat_ends, holds, line_of
 from .margin import MARGIN_TOLERANCE, ON_EDGE, margin
 from .model import RegionStatus
 from .region import plane, region

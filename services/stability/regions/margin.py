@@ -10,12 +10,11 @@ from surefoot.geometry.linear import dot, product
 from surefoot.geometry.polygon import ray, signed_distance
 
 from ..programs.contacts import Array
-from ..programs.fan import APPROACH, FanGoal, insert, settled, with_room
+from ..programs.fan import APPROACH, FanGoal, explore, insert, settled, with_room
 from ..programs.interior import NO_DUAL, NO_PRIMAL
 from ..programs.lanes import LANES
-from ..programs.outline import explore
-from ..programs.reduced import Reduced, reduce
-from .careful import FLAT, MARGIN_DIRECTIONS, Oracle, approach, solve_one
+from ..programs.reference import MARGIN_DIRECTIONS, approach, solve_one
+from .careful import FLAT
 from .model import Region, Solved
 
 ExtentStatus = Literal["ok", "unbounded", "infeasible", "missed"]
@@ -79,19 +78,33 @@ def margin(region: Region, point: Array, plane: Plane | None = None) -> Margin:
     """
     if region.status in ("infeasible", "unbounded"):
         return Margin(None)
-    if region.exact or region.solved is None:
-        inner = region.inner if plane is None else region.inner @ plane.matrix.T + plane.zero
-        value = float(signed_distance(inner, float(point[0]), float(point[1])))
-        return Margin(0.0 if abs(value) < ON_EDGE else value)
-    s = region.solved if plane is None else plane.solved(region.solved)
-    x, y = (point - s.anchor) / s.reduced.length
-    capacity = s.count + MARGIN_DIRECTIONS
-    fan = with_room(s.fan, s.count, capacity)
-    goal = FanGoal(APPROACH, MARGIN_TOLERANCE, float(x), float(y))
-    count, _, outlook = explore(s.reduced, fan, s.count, s.count, goal, capacity, LANES)
-    if not settled(fan, count, outlook):
-        outlook, fan = approach(s.reduced, fan, count, goal)
-    return Margin(outlook.best * s.reduced.length, fan.direction[outlook.arg].copy())
+    if region.solved is not None:
+        s = region.solved if plane is None else plane.solved(region.solved)
+        x, y = (point - s.anchor) / s.reduced.length
+        capacity = s.count + MARGIN_DIRECTIONS
+        fan = with_room(s.fan, s.count, capacity)
+        goal = FanGoal(APPROACH, MARGIN_TOLERANCE, float(x), float(y))
+        count, _, outlook = explore(s.reduced, fan, s.count, s.count, goal, capacity, LANES)
+        if not settled(fan, count, outlook):
+            outlook, fan = approach(s.reduced, fan, count, goal)
+        return Margin(outlook.best * s.reduced.length, fan.direction[outlook.arg].copy())
+    inner = region.inner if plane is None else region.inner @ plane.matrix.T + plane.zero
+    value = float(signed_distance(inner, float(point[0]), float(point[1])))
+    return Margin(0.0 if abs(value) < ON_EDGE else value)
+
+
+def nearest_edge(polygon: Array, point: Array) -> Array:
+    """Unit direction from a point to the nearest edge inside, from the polygon's nearest point outside."""
+    along = np.roll(polygon, -1, axis=0) - polygon
+    out = np.column_stack((along[:, 1], -along[:, 0])) / np.hypot(along[:, 0], along[:, 1])[:, None]
+    slack = np.einsum("ij,ij->i", out, polygon - point)
+    if slack.min() >= 0.0:
+        return out[int(slack.argmin())]
+    share = np.clip(np.einsum("ij,ij->i", point - polygon, along) / np.einsum("ij,ij->i", along, along), 0.0, 1.0)
+    away = point - (polygon + share[:, None] * along)
+    length = np.hypot(away[:, 0], away[:, 1])
+    k = int(length.argmin())
+    return away[k] / length[k]
 
 
 def extent(region: Region, point: Array, direction: Array, plane: Plane | None = None) -> Extent:
@@ -100,51 +113,47 @@ def extent(region: Region, point: Array, direction: Array, plane: Plane | None =
     One equality more than the support program (b = a turned by 90 degrees): sum h_i(b)'x_i = b'c0; its dual has one
     unknown nu more: min lam_3 + nu b'c0 - a'c0 s.t. A_i lam + nu h_i(b) - h_i(a) in Q. With a plane the ray lies in it.
     """
+    size = 1.0
     if plane is not None:
         along = plane.back(direction + plane.zero)
         size = math.hypot(along[0], along[1])
-        found = extent(region, plane.back(point), along / size)
-        return found if found.value is None else Extent(found.value / size, found.status)
+        point, direction = plane.back(point), along / size
     if region.status == "infeasible":
         return Extent(None, "infeasible")
-    if region.exact:
-        _, t = ray(region.inner, float(point[0]), float(point[1]), float(direction[0]), float(direction[1]))
-        return Extent(None, "missed") if math.isnan(t) else Extent(float(t), "ok")
     if region.solved is not None:
-        s = region.solved
-        return _solve(s.reduced, (point - s.anchor) / s.reduced.length, direction)
-    oracle = Oracle(region.contacts, *reduce(region.contacts))
-    r = oracle.reduced
-    start, a = (point - oracle.anchor) / r.length, direction
-    across = np.array([-a[1], a[0]])
-    gains, brakes = oracle.drift(a[None])[0], oracle.drift(across[None])[0]
-    if np.abs(gains).max(initial=0.0) > FLAT or np.abs(brakes).max(initial=0.0) > FLAT:
-        return _drifting(oracle, start, a, across, gains, brakes)
-    return _solve(r, start, a)
+        found = _edge(region.solved, point, direction)
+    else:
+        _, t = ray(region.inner, float(point[0]), float(point[1]), float(direction[0]), float(direction[1]))
+        found = Extent(None, "missed") if math.isnan(t) else Extent(float(t), "ok")
+    return found if plane is None or found.value is None else Extent(found.value / size, found.status)
 
 
-def _solve(r: Reduced, start: Array, direction: Array) -> Extent:
-    across = np.array([-direction[1], direction[0]])
-    wide = np.concatenate((r.a, product(r.h, across)[:, :, None]), axis=2)
-    status, value, _, _, _ = solve_one(wide, product(r.h, direction), np.append(r.c, dot(across, start)))
+def _edge(s: Solved, point: Array, a: Array) -> Extent:
+    """Extent by one program.
+
+    Free forces move the CoM along a line: only directions d = a - nu b that they leave alone have an edge.
+    """
+    r, across = s.reduced, np.array([-a[1], a[0]])
+    start = (point - s.anchor) / r.length
+    gains = brakes = np.empty(0)
+    if s.drift is not None:
+        gains, brakes = (a[None] @ s.drift.T)[0], (across[None] @ s.drift.T)[0]
+    slowed = bool(np.abs(brakes).max(initial=0.0) > FLAT)
+    drifting = slowed or bool(np.abs(gains).max(initial=0.0) > FLAT)
+    if drifting:
+        if not slowed:
+            return Extent(None, "unbounded")
+        nu = float(gains @ brakes / (brakes @ brakes))
+        if np.abs(gains - nu * brakes).max() > FLAT:
+            return Extent(None, "unbounded")
+        d = a - nu * across
+        columns, gain, cost, passed = r.a, r.h @ d, r.c, float(d @ start)
+    else:
+        columns = np.concatenate((r.a, product(r.h, across)[:, :, None]), axis=2)
+        gain, cost, passed = product(r.h, a), np.append(r.c, dot(across, start)), dot(a, start)
+    status, value, _, _, _ = solve_one(columns, gain, cost)
     if status == NO_PRIMAL:
-        return Extent(None, "missed")
+        return Extent(None, "infeasible" if drifting else "missed")
     if status == NO_DUAL:
         return Extent(None, "unbounded")
-    return Extent((value - dot(direction, start)) * r.length, "ok")
-
-
-def _drifting(oracle: Oracle, start: Array, a: Array, across: Array, gains: Array, brakes: Array) -> Extent:
-    """Free forces move the CoM along a line: only directions d = a - nu b that they leave alone have an edge."""
-    if np.abs(brakes).max(initial=0.0) <= FLAT:
-        return Extent(None, "unbounded")
-    nu = float(gains @ brakes / (brakes @ brakes))
-    if np.abs(gains - nu * brakes).max() > FLAT:
-        return Extent(None, "unbounded")
-    d, r = a - nu * across, oracle.reduced
-    status, value, _, _, _ = solve_one(r.a, r.h @ d, r.c)
-    if status == NO_DUAL:
-        return Extent(None, "unbounded")
-    if status == NO_PRIMAL:
-        return Extent(None, "infeasible")
-    return Extent((value - float(d @ start)) * r.length, "ok")
+    return Extent((value - passed) * r.length, "ok")

@@ -38,7 +38,7 @@ class Support:
 
 @dataclass(frozen=True, slots=True)
 class Solved:
-    """Fan behind a region with an inside, for margins."""
+    """Programs and fan behind a region with an inside."""
 
     reduced: Reduced
     """Programs of the contacts, scaled frame."""
@@ -48,6 +48,8 @@ class Solved:
     """Number of answers."""
     anchor: Array
     """(2,) m: position = anchor + length * scaled."""
+    drift: Array | None = None
+    """(k, 2) gain of free tangential forces per direction, of an unbounded region; None if there are none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +76,7 @@ class Region:
     """(4,) twist (v m, w_z) with v_z < 0, or (6,) (v m, Om) with an acceleration, about the origin of the frame, that
     proves infeasibility."""
     solved: Solved | None = None
-    """Fan for margins, where the region is neither exact nor empty."""
+    """Programs and fan for margins and extents, where the region is neither exact nor empty."""
 
     @property
     def area(self) -> float:

@@ -24,6 +24,7 @@ from .region import region
 MET = 1e-9  # m, how far points and segments may lie apart and be met
 BY_CORNERS: tuple[RegionStatus, ...] = ("infeasible", "point", "segment", "ok")
 SIDES = 8  # directions to which gravity may lean
+UPRIGHT = np.eye(3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,19 +88,17 @@ def region_in(mode: Mode, contacts: ContactSet, wanted: Refinement) -> Region:
     """
     if isinstance(mode, Actuated):
         return actuated_region(contacts, mode.legs, wanted.directions)
-    given, adaptive, tolerance, limit, proofs = wanted
-    if isinstance(mode, AtRest):
-        return region(contacts, given, adaptive=adaptive, tolerance=tolerance, limit=limit)
     seen = leanings(mode, contacts)
     # a plane cuts lengths of the frame up to 1 / cosine of the lean
-    tolerance *= math.cos(mode.angle) if isinstance(mode, Tilted) else seen[0].rot[2, 2]
-    found: list[Region] = []
+    cosine = math.cos(mode.angle) if isinstance(mode, Tilted) else seen[0].rot[2, 2]
+    finer, found = wanted._replace(tolerance=wanted.tolerance * cosine), list[Region]()
+    if isinstance(mode, Tilted):  # no directions to choose
+        finer = finer._replace(adaptive=None)
     for each in seen:
-        turned = None if given is None else each.directions(given)
-        found.append(region(each.contacts, turned, adaptive=adaptive, tolerance=tolerance, limit=limit))
+        found.append(seen_region(each, finer))
     if isinstance(mode, Tilted):
         return _in_common(seen, found, mode.height)
-    return seen[0].level(found[0], mode.height, proofs)
+    return found[0] if isinstance(mode, AtRest) else seen[0].level(found[0], mode.height, wanted.proofs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,6 +174,12 @@ class Leaning:
         return np.concatenate((self.rot.T @ twist[:3], self.rot.T @ spin))
 
 
+def seen_region(seen: Leaning, wanted: Refinement) -> Region:
+    """Region in a leaning frame, in directions of a horizontal plane of the world."""
+    contacts, given = seen.contacts, seen.directions(wanted.directions)
+    return region(contacts, given, adaptive=wanted.adaptive, tolerance=wanted.tolerance, limit=wanted.limit)
+
+
 def upward(acceleration: Array, g: float = GRAVITY) -> Array:
     """-g_eff = g e_z + a for an acceleration (3,) m/s2 of the CoM in the world."""
     return np.array([acceleration[0], acceleration[1], g + acceleration[2]])
@@ -204,12 +209,14 @@ def lean(contacts: ContactSet, up: Array) -> Leaning:
     return Leaning(turned, rot, strength)
 
 
-def leanings(mode: Moving | Tilted, contacts: ContactSet) -> list[Leaning]:
+def leanings(mode: AtRest | Moving | Tilted, contacts: ContactSet) -> list[Leaning]:
     """Return the contact set under every gravity of a mode: leaning to the sides, then upright.
 
     Raises:
         StabilityError: with this acceleration the robot would fly.
     """
+    if isinstance(mode, AtRest):
+        return [Leaning(contacts, UPRIGHT, GRAVITY)]
     sides = np.empty((0, 3))
     if isinstance(mode, Tilted):
         phi = 2.0 * np.pi * np.arange(SIDES) / SIDES

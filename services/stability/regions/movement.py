@@ -9,8 +9,7 @@ import numpy as np
 from ..programs.contacts import Array, ContactSet
 from .margin import Extent, Margin, Plane, extent, margin
 from .model import Region
-from .modes import Actuated, Mode, Moving, Refinement, Tilted, leanings, region_in
-from .region import region
+from .modes import Actuated, Mode, Moving, Refinement, Tilted, leanings, region_in, seen_region
 from .robust import RobustGradient, Uncertainty, margin_gradient, robust_margin
 
 STILL = 1e-12  # m; a shorter horizontal movement has no direction
@@ -133,16 +132,17 @@ def check_movement(asked: Movement) -> CheckedMovement:
     """
     mode, way, shift = asked.mode, asked.way, asked.shift
     found = here = region_in(mode, asked.contacts, asked.wanted)
+    if asked.after is not mode:
+        found = region_in(asked.after, asked.contacts, asked.wanted)
     if isinstance(mode, Moving | Tilted):
         checks: list[Check] = []
         for seen in leanings(mode, asked.contacts):
-            each = region(seen.contacts, tolerance=asked.wanted.tolerance, limit=asked.wanted.limit)
-            checks.append(check(each, asked.com, way, shift, seen.plane(mode.height)))
+            each = seen_region(seen, asked.wanted._replace(directions=None, adaptive=None))
+            plane = seen.plane(mode.height)
+            checks.append(check(each, asked.com, way, shift, plane))
             if each.status == "infeasible":
                 return CheckedMovement(found, checks[-1])
         return CheckedMovement(found, worst(checks))
-    if asked.after is not mode:
-        found = region_in(asked.after, asked.contacts, asked.wanted)
     then = check(found, asked.com, way, shift)
     if isinstance(mode, Actuated):
         now = then if found is here else check(here, asked.com, way, shift)

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..programs.contacts import Array, ContactSet
 from .equilibrium import equilibrium
-from .margin import margin
+from .margin import margin, nearest_edge
 from .model import Support
 from .region import region
 
@@ -81,7 +81,7 @@ def margin_gradient(contacts: ContactSet, com: Array) -> RobustGradient | None:
     here = margin(found, com)
     if here.value is None or found.status != "ok":
         return None
-    a = _nearest(found.inner, com) if here.direction is None else here.direction
+    a = nearest_edge(found.inner, com) if here.direction is None else here.direction
     answer = region(contacts, a[None]).support
     if answer.status[-1] != "ok":
         return None
@@ -92,20 +92,6 @@ def margin_gradient(contacts: ContactSet, com: Array) -> RobustGradient | None:
         return None
     slope = _slope(contacts, answer.twist[-1], held.force, a)
     return RobustGradient(here.value, -a, slope.mu, slope.position)
-
-
-def _nearest(polygon: Array, point: Array) -> Array:
-    """Unit direction from a point to the nearest edge inside, from the polygon's nearest point outside."""
-    along = np.roll(polygon, -1, axis=0) - polygon
-    out = np.column_stack((along[:, 1], -along[:, 0])) / np.hypot(along[:, 0], along[:, 1])[:, None]
-    slack = np.einsum("ij,ij->i", out, polygon - point)
-    if slack.min() >= 0.0:
-        return out[int(slack.argmin())]
-    share = np.clip(np.einsum("ij,ij->i", point - polygon, along) / np.einsum("ij,ij->i", along, along), 0.0, 1.0)
-    away = point - (polygon + share[:, None] * along)
-    length = np.hypot(away[:, 0], away[:, 1])
-    k = int(length.argmin())
-    return away[k] / length[k]
 
 
 def shrunk(contacts: ContactSet, friction: float, normal: float) -> ContactSet:

@@ -8,7 +8,8 @@ from surefoot.services.stability.programs.fan import Fan
 from surefoot.services.stability.programs.interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED, solve_lanes
 from surefoot.services.stability.programs.newton import factor, solve
 from surefoot.services.stability.programs.reduced import reduce
-from surefoot.services.stability.regions.careful import Oracle, Reference, solve_one
+from surefoot.services.stability.programs.reference import Reference, solve_one
+from surefoot.services.stability.regions.careful import Oracle
 from tests.services.stability.certificate import balance, force_violation, twist_violation
 from tests.services.stability.oracles import literal_support, pyramid_support
 from tests.services.stability.sets import feasible_sets, random_set

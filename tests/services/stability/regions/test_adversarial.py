@@ -19,8 +19,9 @@ from surefoot.services.stability.programs.contacts import (
 from surefoot.services.stability.programs.interior import FAILED
 from surefoot.services.stability.programs.outline import corner_normals, edge_normals
 from surefoot.services.stability.programs.reduced import reduce
+from surefoot.services.stability.programs.reference import Reference, ReferenceAnswer
 from surefoot.services.stability.regions import margin as margins
-from surefoot.services.stability.regions.careful import Oracle, Reference, ReferenceAnswer
+from surefoot.services.stability.regions.careful import Oracle
 from surefoot.services.stability.regions.equilibrium import equilibrium, least_forces
 from surefoot.services.stability.regions.many import STATUSES, assess
 from surefoot.services.stability.regions.margin import margin
