@@ -54,6 +54,12 @@ class Run:
         self.pilot.begin(goal, TowardsGoal())
         return goal
 
+    def under_way(self, x: float, past: float) -> "Run":
+        """Begin a goal at (x, 0) and walk beyond a part of the way, m."""
+        self.goal((x, 0.0))
+        self.until(lambda: self.walker.x > past)
+        return self
+
     def until(self, done: Callable[[], bool], most_s: float = 400.0) -> None:
         """Let time pass until something is so."""
         end = self.now + most_s
@@ -92,9 +98,7 @@ def test_actions_follow_without_a_halt_where_the_walker_says_when_it_ends() -> N
 
 
 def test_a_new_goal_replaces_the_old_one_without_a_halt() -> None:
-    run = Run()
-    run.goal((2.0, 0.0))
-    run.until(lambda: run.walker.x > 0.5)
+    run = Run().under_way(2.0, 0.5)
     run.goal((0.8, 0.8))
     run.until(run.ended)
     assert run.walker.halts == 1
@@ -102,22 +106,17 @@ def test_a_new_goal_replaces_the_old_one_without_a_halt() -> None:
 
 
 def test_cancel_ends_on_both_feet_within_two_steps() -> None:
-    run = Run()
-    run.goal((2.0, 0.0))
-    run.until(lambda: run.walker.x > 0.5)
+    run = Run().under_way(2.0, 0.5)
     began = run.now
     assert run.pilot.cancel()
     run.until(run.ended)
-    assert run.pilot.state == "cancelled"
-    assert run.walker.state == "standing"
+    assert (run.pilot.state, run.walker.state) == ("cancelled", "standing")
     assert run.now - began < 1.9
     assert not run.pilot.cancel()
 
 
 def test_another_client_takes_over() -> None:
-    run = Run()
-    run.goal((2.0, 0.0))
-    run.until(lambda: run.walker.x > 0.3)
+    run = Run().under_way(2.0, 0.3)
     run.walker.walk_id += 1
     number = run.pilot.number
     run.until(run.ended)
@@ -127,30 +126,22 @@ def test_another_client_takes_over() -> None:
 
 
 @pytest.mark.parametrize(
-    ("refusal", "error"), [("an emergency stop is in force (x)", "stopped"), ("too_fast", "walker_refused")]
+    ("reported", "value", "error"),
+    [
+        pytest.param("refused", "an emergency stop is in force (x)", "stopped", id="order refused by a stop"),
+        pytest.param("refused", "too_fast", "walker_refused", id="order refused"),
+        pytest.param("state", "refused", "fallen", id="fall"),
+    ],
 )
-def test_a_refused_order_ends_the_goal(refusal: str, error: str) -> None:
-    run = Run()
-    run.goal((2.0, 0.0))
-    run.until(lambda: run.walker.x > 0.3)
-    run.walker.refused = refusal
+def test_a_refused_order_or_a_fall_ends_the_goal(reported: str, value: str, error: str) -> None:
+    run = Run().under_way(2.0, 0.3)
+    setattr(run.walker, reported, value)
     run.until(run.ended)
     assert (run.pilot.state, run.pilot.error) == ("failed", error)
 
 
-def test_a_fall_ends_the_goal() -> None:
-    run = Run()
-    run.goal((2.0, 0.0))
-    run.until(lambda: run.walker.x > 0.3)
-    run.walker.state = "refused"
-    run.until(run.ended)
-    assert (run.pilot.state, run.pilot.error) == ("failed", "fallen")
-
-
 def test_a_walker_that_was_started_again_gets_its_order_again() -> None:
-    run = Run()
-    run.goal((1.0, 0.0))
-    run.until(lambda: run.walker.x > 0.3)
+    run = Run().under_way(1.0, 0.3)
     run.walker = Stroller(run.walker.x, run.walker.y, run.walker.yaw, order=0)
     asked = run.pilot.number
     original = run.walker.take
@@ -165,8 +156,7 @@ def test_waypoints_in_turn_and_the_last_heading() -> None:
     goal = run.goal((0.6, 0.0), (0.6, 0.6), yaw=math.pi)
     run.until(run.ended)
     assert run.pilot.state == "succeeded"
-    assert goal.index == 2
-    assert goal.missed == []
+    assert (goal.index, goal.missed) == (2, [])
     assert abs(math.remainder(run.walker.yaw - math.pi, 2.0 * math.pi)) < math.radians(9.0)
 
 
@@ -202,8 +192,7 @@ def test_a_goal_taken_up_late_is_not_given_up_for_the_time_before() -> None:
     goal = NavigationGoal("g", ((1.0, 0.0),), "towards", 10.0, start=(-9.0, 0.0), nearest=1.0, nearest_at=495.0)
     run.pilot.resume(goal, TowardsGoal(), "navigating", ("navigating", "", ""))
     run.until(run.ended)
-    assert run.pilot.state == "succeeded"
-    assert goal.missed == []
+    assert (run.pilot.state, goal.missed) == ("succeeded", [])
 
 
 def test_a_goal_that_was_kept_goes_on_counting_its_recoveries() -> None:

@@ -5,91 +5,34 @@ from typing import Any
 import numpy as np
 import pytest
 
-from surefoot.errors import CallError
-from surefoot.lockstep.join import TickInputs
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.cmd import WalkCommand
-from surefoot.schemas.footholds import LegFoothold, SelectReply
-from surefoot.schemas.hw import EmergencyStop, FootContacts, JointState, Tick
+from surefoot.schemas.hw import EmergencyStop
 from surefoot.schemas.navigation import MotionOrder
-from surefoot.schemas.state import Odometry, VelocityEstimate
-from surefoot.schemas.topics import (
-    CMD_ESTOP,
-    CMD_JOINTS,
-    FOOTHOLDS_SELECT,
-    HW_CONTACTS,
-    HW_JOINTS,
-    NAVIGATOR_ORDER,
-    STABILITY_CHECK,
-    STATE_GAIT,
-    STATE_ODOMETRY,
-    STATE_VELOCITY,
-)
-from surefoot.services.walker.service import SERVICE, WalkerConfig
+from surefoot.schemas.topics import CMD_ESTOP, CMD_JOINTS, FOOTHOLDS_SELECT, NAVIGATOR_ORDER, STATE_GAIT
+from tests.services.walker.messages import EPOCH, estimate, samples, service_of, tick_of
 
 ROBOT = load_robot("ragno")
-EPOCH = 3
-
-
-class Stage:
-    """A runtime that keeps what is published and asked; footholds are as wished, nobody answers about stability."""
-
-    def __init__(self) -> None:
-        self.said: dict[str, Any] = {}
-        self.asked: list[tuple[str, Any]] = []
-
-    def publish(self, topic: Any, message: Any, stamp_ns: int | None) -> None:
-        self.said[topic.key] = message
-
-    def call(self, query: Any, request: Any, timeout_s: float | None) -> Any:
-        self.asked.append((query.key, request))
-        if query.key == STABILITY_CHECK.key:
-            raise CallError("absent", "stability is not on the roster")
-        legs = tuple(LegFoothold(leg=leg.leg, status="ok", foothold=leg.nominal) for leg in request.legs)
-        return SelectReply(legs=legs, map_version=0, model="test")
-
-    def log(self, level: str, text: str) -> None:
-        self.said["log"] = text
 
 
 class Robot:
     """Perfect servos, switches by the planned stance, odometry as planned."""
 
     def __init__(self, memory: str | None, tick: int = 0, **config: Any) -> None:
-        self.stage, self.tick = Stage(), tick
-        self.service = SERVICE(WalkerConfig(memory=memory, **config))
-        self.service.attach(self.stage)
-        self.service.on_start()
+        self.service, self.tick = service_of(memory=memory, **config), tick
+        self.stage = self.service.runtime
         self.joints = ROBOT.neutral.copy()
         self.order: MotionOrder | None = None
 
     def step(self, *, held: bool = False, estimated: bool = True) -> Any:
-        s = self.service.gait.state
-        now = self.tick * 10_000_000
-        head: dict[str, Any] = {"stamp_ns": now, "tick": self.tick, "epoch": EPOCH, "seq": 0, "source": "test"}
-        touch = (
-            tuple((bool(foot[2] < ROBOT.foot_radius + 1e-3),) for foot in s.feet) if s.feet.any() else ((True,),) * 6
-        )
-        q, zero = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        s, feet = self.service.gait.state, ((True,),) * 6
+        if s.feet.any():
+            feet = tuple((bool(foot[2] < ROBOT.foot_radius + 1e-3),) for foot in s.feet)
         messages: dict[str, Any] = {} if self.order is None else {NAVIGATOR_ORDER.key: self.order}
-        messages |= {
-            HW_JOINTS.key: JointState(**head, position=tuple(self.joints.tolist())),
-            HW_CONTACTS.key: FootContacts(**head, touch=touch, normal_force_n=(None,) * 6),
-            STATE_ODOMETRY.key: Odometry(
-                **head, position=(float(s.body[0]), float(s.body[1]), 0.0), quat_wxyz=q, yaw=s.yaw, velocity=zero,
-                covariance=(0.0,) * 16, initialised=True,
-            ),
-            STATE_VELOCITY.key: VelocityEstimate(
-                **head, mode="ekf", velocity=zero, velocity_imu=zero, velocity_heading=zero, angular_velocity=zero,
-                g_up=(0.0, 0.0, 9.81), roll=0.0, pitch=0.0, gyro_bias=zero, covariance=(0.0,) * 36, initialised=True,
-                standing=False, inputs_ok=True, filter_ok=True, sensors_ok=True, slipping=(False,) * 6,
-            ),
-        }  # fmt: skip
-        if not estimated:
-            del messages[STATE_ODOMETRY.key], messages[STATE_VELOCITY.key]
-        roster = ("estimator", "walker", "footholds")
-        tick = Tick(**head, roster=roster, roster_version=1, due=(), mode="lockstep", held=held)
-        self.service.on_tick(TickInputs(tick, messages))
+        messages |= samples(self.tick, self.joints, feet)
+        if estimated:
+            messages |= estimate(self.tick, (float(s.body[0]), float(s.body[1]), s.yaw), 6)
+        self.service.on_tick(tick_of(self.tick, messages, ("estimator", "walker", "footholds"), held))
         command = self.stage.said[CMD_JOINTS.key].position
         if command is not None:
             self.joints = self.service.gait.state.q.copy()
@@ -161,8 +104,7 @@ def test_a_walker_killed_in_mid_step_goes_on_with_its_command_under_the_same_num
     again.joints = robot.joints
     again.service.gait.state.body[:2] = robot.service.gait.state.body[:2]
     gaits = again.run(450)
-    assert gaits[0].walk_id == number
-    assert gaits[0].state == "recovering"
+    assert (gaits[0].walk_id, gaits[0].state) == (number, "recovering")
     assert {"walking", "standing"} <= {gait.state for gait in gaits}
     assert "standing" not in {gait.state for gait in gaits[: [gait.state for gait in gaits].index("walking")]}
     assert again.service.gait.state.body[0] == pytest.approx(0.2, abs=0.01)
@@ -177,8 +119,7 @@ def test_a_new_run_begins_without_a_command(robot: Robot, tmp_path: Any) -> None
     robot.run(50)
     assert (tmp_path / "walker.json").exists()
     new = Robot(str(tmp_path / "walker.json"))
-    assert new.run(60)[-1].state == "standing"
-    assert new.service.gait.state.walk_id == 0
+    assert (new.run(60)[-1].state, new.service.gait.state.walk_id) == ("standing", 0)
 
 
 def test_without_a_memory_the_tick_is_the_same(robot: Robot) -> None:
@@ -193,7 +134,7 @@ def test_without_a_memory_the_tick_is_the_same(robot: Robot) -> None:
 
 
 def test_a_planned_command_that_can_never_be_obeyed_is_refused_at_once():
-    """Not in its tick, when nobody listens any more."""
+    """The refusal comes with the command, not in its tick."""
     robot = Robot(None)
     reply = robot.service.walk(WalkCommand(action="walk", velocity=0.9, at_tick=100))
     assert (reply.accepted, reply.code, reply.field) == (False, "too_fast", "velocity")

@@ -1,4 +1,4 @@
-"""A command at any moment of a step: nobody falls, none is lost, and its end is known before it comes."""
+"""A command at any moment of a step: no robot falls, no command is lost, and its end is known before it comes."""
 
 import copy
 import math
@@ -50,7 +50,7 @@ def tilt_until_standing(plant, number):
 
 
 @pytest.mark.parametrize(("before", "after", "seed"), [(LEFT, RIGHT, 0), (ARC_LEFT, WALK, 2)])
-def test_a_command_while_the_feet_come_together_topples_nobody(before, after, seed):
+def test_a_command_while_the_feet_come_together_topples_no_robot(before, after, seed):
     plant = Plant("nao", seed=seed, level=1.0).stand()
     plant.walker.command(before)
     plant.until(lambda out: closing(plant))
@@ -88,7 +88,7 @@ def test_a_command_before_the_end_of_the_last_one_follows_without_a_halt(before,
     assert not plant.fallen
 
 
-def test_the_end_of_a_command_is_told_from_its_first_tick_on():
+def test_the_end_of_a_command_is_reported_from_its_first_tick_on():
     plant = Plant("nao", seed=5, level=0.0).stand()
     assert plant.out.ends_in_s is None
     plant.walker.command(MotionCommand("walk", distance=0.2))
@@ -103,7 +103,7 @@ def test_the_end_of_a_command_is_told_from_its_first_tick_on():
     assert plant.tick().ends_in_s is None
 
 
-def test_a_walk_with_a_duration_tells_its_end():
+def test_a_walk_with_a_duration_reports_its_end():
     plant = Plant("nao", seed=5, level=0.0).stand()
     plant.walker.command(MotionCommand("walk", duration=2.0))
     plant.until(lambda out: out.steps == 1)
@@ -119,8 +119,7 @@ def test_a_walker_killed_with_a_late_command_goes_on_with_it():
     number = plant.walker.command(LEFT).walk_id
     kept = plant.walker.kept()
     assert (kept.walk_id, kept.command.action, kept.command.angle) == (number, "turn", LEFT.angle)
-    assert plant.tick().state == "turning"
-    assert plant.out.remaining == pytest.approx(LEFT.angle)
+    assert (plant.tick().state, plant.out.remaining) == ("turning", pytest.approx(LEFT.angle))
 
 
 def test_a_walk_that_is_not_to_be_learned_from_leaves_the_steps_as_they_are():

@@ -3,19 +3,9 @@
 import numpy as np
 import pytest
 
-from surefoot.robot.reader import load_robot
-from surefoot.services.walker.hexapod.gait import HexapodWalker
-from surefoot.services.walker.hexapod.params import WalkerParams
 from surefoot.services.walker.hexapod.standins import nominal_footholds
 from surefoot.services.walker.interface import FootholdReply, MotionCommand, StanceVerdict
-from tests.services.walker.hexapod.plant import Plant
-
-ROBOT = load_robot("ragno")
-PARAMS = WalkerParams.for_robot(ROBOT)
-
-
-def plant(**kwargs):
-    return Plant(HexapodWalker(ROBOT, **kwargs))
+from tests.services.walker.hexapod.plant import PARAMS, ROBOT, plant
 
 
 def test_footholds_of_the_selector_are_stepped_on():
@@ -78,13 +68,11 @@ def test_unstable_steps_are_shortened_then_refused():
 
     p = plant(check=check)
     outs = p.obey(MotionCommand("walk", distance=0.05))
-    assert outs[-1].state == "standing"
-    assert p.walker.state.body[0] == pytest.approx(0.05, abs=0.005)
+    assert (outs[-1].state, p.walker.state.body[0]) == ("standing", pytest.approx(0.05, abs=0.005))
     assert any(abs(move) > 0.008 for move in moves)
     p = plant(check=lambda request: StanceVerdict(False, -0.02, "infeasible"))
     outs = p.obey(MotionCommand("walk", distance=0.05))
-    assert outs[-1].state == "refused"
-    assert outs[-1].steps == 0
+    assert (outs[-1].state, outs[-1].steps) == ("refused", 0)
     assert "infeasible" in outs[-1].reason
 
 
