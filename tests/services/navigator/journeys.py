@@ -134,8 +134,7 @@ class Journey:
     def reach(self, x: float, y: float) -> None:
         """Walk to (x, y), m, and check that the goal has succeeded."""
         self.goto(x, y)
-        self.until_ended()
-        assert self.feedback().state == "succeeded"
+        assert self.until_ended().state == "succeeded"
 
     def restarted(self, tick: int, **config: Any) -> "Journey":
         """A new navigator at a tick, with the same walker, floor and camera."""
@@ -155,13 +154,14 @@ class Journey:
         """The last progress."""
         return self.stage.said[topics.NAVIGATOR_FEEDBACK.key]
 
-    def until_ended(self, most: int = 20_000) -> None:
-        """Walk until the goal has ended, and ten ticks more for the feedback."""
+    def until_ended(self, most: int = 20_000) -> Any:
+        """Walk until the goal has ended, and ten ticks more for the feedback, which is returned."""
         for _ in range(most):
             self.step()
             if self.pilot.state not in ("navigating", "stopping", "idle"):
                 break
         self.step(10)
+        return self.feedback()
 
 
 def ready(**config: Any) -> Journey:

@@ -40,8 +40,7 @@ def test_frames_that_are_not_of_now_are_refused_and_change_nothing(code: str, of
     assert sum("refused" in line for line in journey.stage.logged) == 1
 
 
-def test_a_frame_that_comes_twice_counts_once() -> None:
-    journey = ready()
+def test_a_frame_that_comes_twice_counts_once(journey: Journey) -> None:
     localiser, frame = journey.service.localiser, journey.frame()
     before = localiser.tracker.frames
     localiser.look(frame, GaitView("standing"), 0.2)
@@ -94,13 +93,11 @@ def test_frames_of_256_with_nonsense_and_range_zero_are_survived() -> None:
         LandmarkDetections(landmarks=crowded().landmarks * 2)
 
 
-def test_a_camera_that_is_gone_in_mid_walk_leaves_a_belief_that_grows() -> None:
-    journey = ready()
+def test_a_camera_that_is_gone_in_mid_walk_leaves_a_belief_that_grows(journey: Journey) -> None:
     journey.goto(1.2, 0.2)
     journey.step(400)
     before, journey.seen = journey.belief().entropy, False
-    journey.until_ended()
-    assert journey.feedback().state == "succeeded"
+    assert journey.until_ended().state == "succeeded"
     assert journey.belief().entropy > before
     assert error_of(journey)[1] < 3.0
 
@@ -111,15 +108,13 @@ def test_a_ranger_stuck_at_its_shortest_ends_the_goal_as_stuck(monkeypatch: pyte
     journey.distance = 0.25
     journey.step(10)
     journey.goto(1.0, 0.0)
-    journey.until_ended()
-    end = journey.feedback()
+    end = journey.until_ended()
     assert (end.state, end.error_code) == ("failed", "stuck")
     assert end.recoveries["give_up"] == 1
     assert journey.missed(0.0, 0.0) < 0.01
 
 
-def test_a_goal_while_lost_begins_with_finding_the_pose() -> None:
-    journey = ready()
+def test_a_goal_while_lost_begins_with_finding_the_pose(journey: Journey) -> None:
     w = journey.walker
     w.x, w.y, w.yaw = 1.0, -0.5, 0.5 * math.pi
     journey.odom = False  # it was lifted: no odometry shows it
@@ -132,8 +127,7 @@ def test_a_goal_while_lost_begins_with_finding_the_pose() -> None:
     assert journey.goto(1.0, 0.5).accepted
     journey.step(2)
     assert journey.pilot.order is None  # no step before it knows where it is
-    journey.until_ended()
-    end = journey.feedback()
+    end = journey.until_ended()
     assert end.state == "succeeded"
     assert (end.recoveries["stand_and_look"], end.recoveries["relocalise"]) == (1, 1)
     assert math.hypot(w.x - 1.0, w.y - 0.5) < 0.2
@@ -149,8 +143,9 @@ def test_a_goal_while_lost_begins_with_finding_the_pose() -> None:
     ],
     ids=["empty", "cut off", "all in one point", "nan"],
 )
-def test_a_landmark_map_that_cannot_be_is_refused_and_the_goal_reached_by_odometry(change: dict[str, object]) -> None:
-    journey = ready()
+def test_a_landmark_map_that_cannot_be_is_refused_and_the_goal_reached_by_odometry(
+    journey: Journey, change: dict[str, object]
+) -> None:
     good = journey.maps[TERRAIN_LANDMARKS.key]
     assert isinstance(good, LandmarkMapMessage)
     journey.maps[TERRAIN_LANDMARKS.key] = good.model_copy(update={**change, "version": 2})

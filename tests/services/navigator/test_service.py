@@ -32,8 +32,7 @@ def test_reaches_a_goal_and_reports_what_users_of_nav2_expect(control: str) -> N
     assert half.number_of_poses_remaining == 1
     assert half.decision.reason
     assert half.decision.action in half.decision.values
-    journey.until_ended()
-    end = journey.feedback()
+    end = journey.until_ended()
     assert (end.state, end.error_code, end.error_msg) == ("succeeded", "", "")
     assert journey.missed(1.2, 0.3) < 0.2
     pose = journey.belief()
@@ -42,16 +41,14 @@ def test_reaches_a_goal_and_reports_what_users_of_nav2_expect(control: str) -> N
     assert math.hypot(pose.pose[0] - journey.walker.x, pose.pose[1] - journey.walker.y) < 0.05
 
 
-def test_first_order_comes_in_the_tick_after_the_goal() -> None:
-    journey = ready()
+def test_first_order_comes_in_the_tick_after_the_goal(journey: Journey) -> None:
     assert journey.stage.said[NAVIGATOR_ORDER.key].number == 0
     journey.goto(1.0, 0.0)
     journey.step()
     assert journey.stage.said[NAVIGATOR_ORDER.key].number == 1
 
 
-def test_at_tick_is_kept() -> None:
-    journey = ready()
+def test_at_tick_is_kept(journey: Journey) -> None:
     journey.goto(1.0, 0.0, at_tick=40)
     journey.step(20)
     assert journey.pilot.state == "idle"
@@ -61,8 +58,7 @@ def test_at_tick_is_kept() -> None:
         journey.goto(1.0, 0.0, at_tick=3)
 
 
-def test_routes_lead_around_obstacles() -> None:
-    journey = ready()
+def test_routes_lead_around_obstacles(journey: Journey) -> None:
     reply = journey.goto(2.6, 0.75)
     assert len(reply.route) > 1
     assert reply.length > math.hypot(2.6, 0.75)
@@ -85,22 +81,19 @@ BAD = [
 
 
 @pytest.mark.parametrize(("request_", "code", "field"), BAD, ids=[f"{b[1]} {b[0].position}" for b in BAD])
-def test_a_goal_that_cannot_be_is_refused(request_: GotoRequest, code: str, field: str) -> None:
-    journey = ready()
+def test_a_goal_that_cannot_be_is_refused(journey: Journey, request_: GotoRequest, code: str, field: str) -> None:
     with refused(Refusal, code, field):
         journey.service.requests.goto(request_)
     journey.step(5)
     assert journey.pilot.state == "idle"
 
 
-def test_waypoints_name_the_one_that_is_wrong_and_take_the_same_twice() -> None:
-    journey = ready()
+def test_waypoints_name_the_one_that_is_wrong_and_take_the_same_twice(journey: Journey) -> None:
     with refused(Refusal, field="positions.1"):
         journey.service.requests.waypoints(WaypointsRequest(positions=((0.5, 0.0), (0.0, 1.05))))
     reply = journey.service.requests.waypoints(WaypointsRequest(positions=((0.5, 0.0), (0.5, 0.0), (0.8, 0.3))))
     assert len(reply.route) == 2
-    journey.until_ended()
-    assert journey.feedback().state == "succeeded"
+    assert journey.until_ended().state == "succeeded"
 
 
 def test_a_goal_in_odom_is_placed_in_the_map() -> None:
@@ -112,16 +105,14 @@ def test_a_goal_in_odom_is_placed_in_the_map() -> None:
 
 
 @pytest.mark.parametrize(("state", "code"), [("waiting", "not_initialised"), ("refused", "fallen")])
-def test_a_robot_that_cannot_walk_takes_no_goal(state: str, code: str) -> None:
-    journey = ready()
+def test_a_robot_that_cannot_walk_takes_no_goal(journey: Journey, state: str, code: str) -> None:
     journey.walker.state = state
     journey.step()
     with refused(Refusal, code):
         journey.goto(1.0, 0.0)
 
 
-def test_cancel() -> None:
-    journey = ready()
+def test_cancel(journey: Journey) -> None:
     assert not journey.service.requests.cancel(CancelRequest()).accepted
     journey.goto(1.5, 0.0, goal_id="far")
     journey.step(400)
@@ -132,8 +123,7 @@ def test_cancel() -> None:
     assert journey.walker.state == "standing"
 
 
-def test_an_impossible_pose_is_refused_and_a_possible_one_taken() -> None:
-    journey = ready()
+def test_an_impossible_pose_is_refused_and_a_possible_one_taken(journey: Journey) -> None:
     for request, field in (
         (SetPoseRequest(pose=(0.0, 1.05, 0.0)), "pose"),
         (SetPoseRequest(pose=(99.0, 0.0, 0.0)), "pose"),
@@ -157,8 +147,7 @@ def test_covariances() -> None:
         assert not is_covariance(good - 1.01 * np.linalg.eigvalsh(good)[0] * np.eye(3) - 1e-6 * np.eye(3))
 
 
-def test_map_and_policies_are_reported() -> None:
-    journey = ready()
+def test_map_and_policies_are_reported(journey: Journey) -> None:
     grid = journey.service.maps.message()
     assert (grid.rows, grid.cols) == (44, 84)
     assert len(grid.data) == 44 * 84
@@ -169,8 +158,7 @@ def test_map_and_policies_are_reported() -> None:
         journey.service.requests.policy(PolicyRequest(use="nothing.npz"))
 
 
-def test_blocked_ahead_it_only_turns() -> None:
-    journey = ready()
+def test_blocked_ahead_it_only_turns(journey: Journey) -> None:
     journey.distance = 0.25
     journey.step(10)
     journey.goto(1.0, 0.0)
@@ -181,20 +169,17 @@ def test_blocked_ahead_it_only_turns() -> None:
 
 
 @pytest.mark.parametrize("length", [4, 256])
-def test_descriptors_of_another_length_are_refused_and_the_walk_goes_on(length: int) -> None:
-    journey = ready()
+def test_descriptors_of_another_length_are_refused_and_the_walk_goes_on(journey: Journey, length: int) -> None:
     journey.goto(0.5, 0.0)
     odd, plain = (Landmark(range=0.5, bearing=0.0, descriptor=(0.1,) * length),), journey.frame
     journey.frame = lambda: plain().model_copy(update={"landmarks": odd})  # type: ignore[method-assign]
-    journey.until_ended()
-    assert journey.feedback().state == "succeeded"
+    assert journey.until_ended().state == "succeeded"
     assert any("numbers, got" in line for line in journey.stage.logged)
     assert sum("refused" in line for line in journey.stage.logged) == 1
 
 
 @pytest.mark.parametrize("camera", ["dark", "frozen"])
-def test_without_a_camera_the_belief_grows_and_the_goal_is_reached_by_odometry(camera: str) -> None:
-    journey = ready()
+def test_without_a_camera_the_belief_grows_and_the_goal_is_reached_by_odometry(journey: Journey, camera: str) -> None:
     journey.goto(0.8, 0.0)
     before = journey.belief().entropy
     frame = journey.frame()
@@ -212,8 +197,7 @@ def test_without_a_camera_the_belief_grows_and_the_goal_is_reached_by_odometry(c
         assert pose.lost or away < 0.15 or journey.feedback().state == "failed"
 
 
-def test_moved_robots_are_found_again() -> None:
-    journey = ready()
+def test_moved_robots_are_found_again(journey: Journey) -> None:
     journey.goto(2.4, 0.0)
     journey.step(900)
     w = journey.walker
@@ -222,8 +206,7 @@ def test_moved_robots_are_found_again() -> None:
     journey.step()
     journey.odom = True
     journey.service.localiser._taken = (w.x, w.y, w.yaw)  # its own count goes on as if nothing had happened
-    journey.until_ended()
-    end = journey.feedback()
+    end = journey.until_ended()
     assert end.state == "succeeded"
     assert end.recoveries["relocalise"] >= 1
     assert math.hypot(w.x - 2.4, w.y) < 0.2
@@ -237,8 +220,7 @@ def test_a_navigator_that_is_started_again_goes_on_with_its_goal(memory: str) ->
     second.step(20)
     assert second.pilot.goal.id == "kept"
     assert second.pilot.number >= first.pilot.number
-    second.until_ended()
-    assert second.feedback().state == "succeeded"
+    assert second.until_ended().state == "succeeded"
     assert second.missed(1.5, 0.0) < 0.2
 
 
@@ -254,8 +236,7 @@ def test_a_navigator_killed_before_its_tick_was_sent_does_that_tick_again(memory
     second = first.restarted(first.tick - 1, memory=memory)
     second.step(20)
     assert second.pilot.goal.id == "kept"
-    second.until_ended()
-    assert second.feedback().state == "succeeded"
+    assert second.until_ended().state == "succeeded"
     assert second.missed(0.8, 0.0) < 0.2
 
 
@@ -266,8 +247,7 @@ def test_a_navigator_killed_at_the_end_of_its_goal_reports_that_end(memory: str,
     while first.pilot.state != killed_when:
         first.step()
     second = first.restarted(first.tick - 1, memory=memory)
-    second.until_ended()
-    end, goal = second.feedback(), second.pilot.goal
+    end, goal = second.until_ended(), second.pilot.goal
     assert (end.state, end.goal_id, end.error_code) == ("succeeded", "kept", "")
     assert end.navigation_time == pytest.approx(second.pilot.ended - goal.began, abs=0.01)
     assert 2.0 < end.navigation_time < 20.0
@@ -294,8 +274,7 @@ def test_an_accepted_goal_outlives_a_navigator_killed_before_it_begins(memory: s
     third = first.restarted(second.tick, memory=memory)
     third.step(2)
     assert third.pilot.state == "navigating"
-    third.until_ended()
-    assert third.feedback().state == "succeeded"
+    assert third.until_ended().state == "succeeded"
 
 
 def test_a_goal_by_a_policy_file_goes_on_by_that_file_or_logs_that_it_has_gone(tmp_path: Path) -> None:

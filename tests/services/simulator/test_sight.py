@@ -1,4 +1,4 @@
-"""Camera, ultrasound and bumpers of a robot in its world: when they measure, what they measure, what a restore keeps."""
+"""Camera, ultrasound and bumpers of a robot in its world: times and values of samples, and what a restore keeps."""
 
 import math
 

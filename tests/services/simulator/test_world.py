@@ -70,9 +70,6 @@ def run(world: PhysicsWorld, ticks: int) -> bytes:
     return digest.digest()
 
 
-# --- rest ---------------------------------------------------------------------------------------------------------
-
-
 def test_at_rest_sensors_read_gravity_and_weight(flat: PhysicsWorld) -> None:
     steps(flat, 20)
     imu, truth = flat.samples.imu, flat.truth()
@@ -104,9 +101,6 @@ def test_creep_on_a_slope() -> None:
     assert min(world.data.contact.dist) > -0.05e-3
     assert after.tilt == pytest.approx(SLOPE, abs=0.01)
     assert after.foot_force_n.sum() / WEIGHT == pytest.approx(math.cos(SLOPE), abs=1e-3)
-
-
-# --- time and samples ---------------------------------------------------------------------------------------------
 
 
 def test_a_sample_is_released_in_the_first_tick_at_or_after_its_stamp(flat: PhysicsWorld) -> None:
@@ -146,9 +140,6 @@ def test_joints_follow_and_currents_carry(flat: PhysicsWorld) -> None:
     assert np.abs(joints.torque).max() > 0.05
     assert contacts.touch == ((True,),) * 6
     assert contacts.normal_force is None
-
-
-# --- reproducibility ----------------------------------------------------------------------------------------------
 
 
 def test_checkpoint_continues_to_the_bit(demo: PhysicsWorld) -> None:
@@ -223,9 +214,6 @@ def test_another_process_gives_the_same_bits(demo: PhysicsWorld) -> None:
     assert other.stdout.strip() == run(demo, 40).hex()
 
 
-# --- ground -------------------------------------------------------------------------------------------------------
-
-
 def test_physics_and_map_are_the_same_surface(demo: PhysicsWorld) -> None:
     """Rays from above hit the ground where the map has it: rows are y, columns x, row 0 is y-min."""
     _assert_same_surface(demo, 400)
@@ -252,9 +240,6 @@ def _assert_same_surface(world: PhysicsWorld, n: int) -> None:
         start = np.array([x + 1e-5, y + 2e-5, 1.0])  # beside the vertex, where no two triangles meet
         hit = mujoco.mj_ray(world.model, world.data, start, down, None, 1, -1, geom)
         assert hit == pytest.approx(1.0 - ground.z[row, col], abs=4e-4)
-
-
-# --- disturbances -------------------------------------------------------------------------------------------------
 
 
 def test_push_lasts_as_long_as_it_says(flat: PhysicsWorld) -> None:

@@ -10,7 +10,7 @@ import pytest
 from surefoot.services.walker.hexapod.gait import HexapodWalker
 from surefoot.services.walker.interface import BodyPose, MotionCommand
 from surefoot.services.walker.memory import MemoryFile, WalkMemory
-from tests.services.walker.hexapod.plant import KINEMATICS_TICKS, ROBOT, Plant, begun, plant
+from tests.services.walker.hexapod.plant import KINEMATICS_TICKS, ROBOT, Plant, begun, obeyed, plant
 
 
 class Forgetful(Plant):
@@ -111,20 +111,18 @@ def test_a_memory_of_another_run_or_of_later_is_not_taken_up(tmp_path):
     assert MemoryFile(str(tmp_path / "none.json")).recall(2, 101) is None
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"epoch": 2}', '{"epoch": 2, "tick": 1, "walk_id": 1, "command": 7}'])
-def test_a_torn_memory_is_reported_in_words(tmp_path, text):
-    path = tmp_path / "walker.json"
-    path.write_text(text)
-    memory = MemoryFile(str(path))
-    assert memory.recall(2, 101) is None
-    assert "cannot be read" in memory.problem
-
-
-@pytest.mark.parametrize(("field", "value"), [("offset", [0.0]), ("planned", [{"action": "fly"}]), ("planned", 7)])
-def test_a_damaged_field_of_a_memory_is_reported_in_words(tmp_path, field, value):
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "", "{", "[]", '{"epoch": 2}', '{"epoch": 2, "tick": 1, "walk_id": 1, "command": 7}', {"offset": [0.0]},
+        {"planned": [{"action": "fly"}]}, {"planned": 7},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_a_memory_that_is_torn_or_has_a_damaged_field_is_reported_in_words(tmp_path, damage):
     path = tmp_path / "walker.json"
     MemoryFile(str(path)).keep(2, 100, WalkMemory(3, None, None, None))
-    path.write_text(json.dumps({**json.loads(path.read_text()), field: value}))
+    path.write_text(damage if isinstance(damage, str) else json.dumps(json.loads(path.read_text()) | damage))
     memory = MemoryFile(str(path))
     assert memory.recall(2, 101) is None
     assert "cannot be read" in memory.problem
@@ -146,8 +144,7 @@ def test_it_writes_only_what_has_changed(tmp_path):
 
 
 def test_a_walk_with_a_duration_ends_after_it():
-    p = plant()
-    outs = p.obey(MotionCommand("walk", velocity=0.05, duration=2.0))
+    p, outs = obeyed(MotionCommand("walk", velocity=0.05, duration=2.0))
     assert outs[-1].state == "standing"
     assert 2.0 <= 0.01 * len(outs) < 5.0
     assert 0.05 < p.walker.state.body[0] < 0.15

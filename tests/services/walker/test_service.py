@@ -45,11 +45,13 @@ class Robot:
 
 @pytest.fixture
 def robot(tmp_path: Any) -> Robot:
-    return Robot(str(tmp_path / "walker.json"))
+    """A robot with a memory that stands."""
+    made = Robot(str(tmp_path / "walker.json"))
+    made.run(20)
+    return made
 
 
 def test_after_an_emergency_stop_no_walk_is_accepted_until_the_next_run(robot: Robot) -> None:
-    robot.run(20)
     robot.service.on_message(CMD_ESTOP, EmergencyStop(reason="a hand in the way"))
     reply = robot.service.walk(WalkCommand(action="walk", distance=0.1))
     assert (reply.accepted, reply.code) == (False, "stopped")
@@ -62,7 +64,6 @@ def test_after_an_emergency_stop_no_walk_is_accepted_until_the_next_run(robot: R
 
 
 def test_it_never_says_walking_while_the_driver_holds_the_joints(robot: Robot) -> None:
-    robot.run(20)
     assert robot.service.walk(WalkCommand(action="walk", distance=0.3)).accepted
     assert robot.run(60)[-1].state == "walking"
     phase, before = robot.step().phase, robot.joints.copy()
@@ -74,7 +75,6 @@ def test_it_never_says_walking_while_the_driver_holds_the_joints(robot: Robot) -
 
 
 def test_an_estimate_left_out_is_no_loss_but_its_age_is(robot: Robot) -> None:
-    robot.run(20)
     assert robot.service.walk(WalkCommand(action="walk", distance=0.3)).accepted
     robot.run(60)
     states = [robot.step(estimated=False).state for _ in range(15)]
@@ -83,7 +83,6 @@ def test_an_estimate_left_out_is_no_loss_but_its_age_is(robot: Robot) -> None:
 
 
 def test_a_question_about_footholds_names_its_tick(robot: Robot) -> None:
-    robot.run(20)
     assert robot.service.walk(WalkCommand(action="walk", distance=0.1)).accepted
     robot.run(100)
     asked = [request for key, request in robot.stage.asked if key == FOOTHOLDS_SELECT.key]
@@ -95,7 +94,6 @@ def test_a_question_about_footholds_names_its_tick(robot: Robot) -> None:
 def test_a_walker_killed_in_mid_step_goes_on_with_its_command_under_the_same_number(
     robot: Robot, tmp_path: Any
 ) -> None:
-    robot.run(20)
     number = robot.service.walk(WalkCommand(action="walk", distance=0.2)).id
     assert robot.service.walk(WalkCommand(action="turn", angle=0.1, at_tick=900)).accepted
     gaits = robot.run(190)
@@ -114,18 +112,18 @@ def test_a_walker_killed_in_mid_step_goes_on_with_its_command_under_the_same_num
 
 
 def test_a_new_run_begins_without_a_command(robot: Robot, tmp_path: Any) -> None:
-    robot.run(20)
     robot.service.walk(WalkCommand(action="walk", distance=0.2))
     robot.run(50)
     assert (tmp_path / "walker.json").exists()
     new = Robot(str(tmp_path / "walker.json"))
-    assert (new.run(60)[-1].state, new.service.gait.state.walk_id) == ("standing", 0)
+    assert new.run(60)[-1].state == "standing"
+    assert new.service.gait.state.walk_id == 0
 
 
 def test_without_a_memory_the_tick_is_the_same(robot: Robot) -> None:
     plain = Robot(None)
+    plain.run(20)
     for one in (robot, plain):
-        one.run(20)
         one.service.walk(WalkCommand(action="walk", distance=0.1))
     for _ in range(200):
         robot.step()
@@ -159,7 +157,6 @@ def test_an_order_is_obeyed_in_the_tick_it_comes_in_and_once(robot: Robot) -> No
 
 
 def test_without_a_navigator_nothing_of_it_is_on_the_wire(robot: Robot) -> None:
-    robot.run(20)
     robot.service.walk(WalkCommand(action="walk", distance=0.1))
     text = robot.run(30)[-1].model_dump_json()
     assert not any(name in text for name in ("order", "ends_in_s"))
@@ -167,7 +164,6 @@ def test_without_a_navigator_nothing_of_it_is_on_the_wire(robot: Robot) -> None:
 
 @pytest.mark.parametrize("command", [{"action": "walk", "velocity": 0.9}, {"action": "walk", "at_tick": 900}])
 def test_an_order_that_cannot_be_obeyed_says_why_once(robot: Robot, command: dict[str, Any]) -> None:
-    robot.run(20)
     robot.order = order(4, **command)
     refused = robot.step()
     assert (refused.order, refused.walk_id, refused.state) == (4, 0, "standing")
@@ -180,7 +176,6 @@ def test_an_order_that_cannot_be_obeyed_says_why_once(robot: Robot, command: dic
 
 
 def test_an_emergency_stop_refuses_orders(robot: Robot) -> None:
-    robot.run(20)
     robot.service.on_message(CMD_ESTOP, EmergencyStop(reason="a hand in the way"))
     robot.order = order(1, action="walk", distance=0.1)
     assert "a hand in the way" in robot.step().order_refused

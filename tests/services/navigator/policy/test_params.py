@@ -85,4 +85,5 @@ def test_files_that_cannot_be_read_are_refused(tmp_path):
 def test_a_file_extends_a_shipped_one(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text('extends = "paper"\n[scene]\nlandmarks_per_m2 = 10\n')
-    assert (load(path).scene.landmarks_per_m2, load(path).actions) == (10, load("paper").actions)
+    assert load(path).scene.landmarks_per_m2 == 10
+    assert load(path).actions == load("paper").actions

@@ -9,6 +9,7 @@ from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.physics.perturb import perturbation
 from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
 from surefoot.services.walker.biped.gait import BipedWalker
+from surefoot.services.walker.interface import MotionCommand
 
 
 class Unheard:
@@ -21,6 +22,10 @@ class Unheard:
         pass
 
     joints = imu
+
+
+def standing(out):
+    return out.state == "standing"
 
 
 class Plant:
@@ -58,7 +63,12 @@ class Plant:
 
     def stand(self):
         """Wait for the calibrated stance."""
-        self.until(lambda out: out.state == "standing", 600)
+        self.until(standing, 600)
+        return self
+
+    def begin(self, *command, **options):
+        """Wait for the calibrated stance and give a command, by the arguments of `MotionCommand`."""
+        assert self.stand().walker.command(MotionCommand(*command, **options)).accepted
         return self
 
     def restart(self):

@@ -9,13 +9,9 @@ import pytest
 from surefoot.robot.reader import load_robot
 from surefoot.services.walker.biped.gait import STALE, BipedWalker
 from surefoot.services.walker.interface import MotionCommand, WalkerInputs
-from tests.services.walker.biped.biped_plant import Plant
+from tests.services.walker.biped.biped_plant import Plant, standing
 
 BOTH = ("bioloid", "nao")
-
-
-def standing(out):
-    return out.state == "standing"
 
 
 @pytest.mark.parametrize("name", BOTH)
@@ -35,8 +31,7 @@ def test_walks_the_distance_and_stands_with_its_feet_together(name):
 
 @pytest.mark.parametrize("name", BOTH)
 def test_turns_by_two_steps_of_half_the_angle(name):
-    plant = Plant(name, seed=2, level=1.0).stand()
-    plant.walker.command(MotionCommand("turn", angle=math.radians(23)))
+    plant = Plant(name, seed=2, level=1.0).begin("turn", angle=math.radians(23))
     plant.until(standing, 800)
     assert not plant.fallen
     assert plant.out.steps == 3
@@ -46,8 +41,7 @@ def test_turns_by_two_steps_of_half_the_angle(name):
 @pytest.mark.parametrize("name", BOTH)
 @pytest.mark.parametrize("phase", [0.1, 0.6])
 def test_a_stop_in_any_support_is_a_closing_step(name, phase):
-    plant = Plant(name, level=1.0).stand()
-    plant.walker.command(MotionCommand("walk"))
+    plant = Plant(name, level=1.0).begin("walk")
     plant.until(lambda out: out.steps >= 2 and out.phase > phase)
     steps = plant.out.steps
     assert plant.walker.command(MotionCommand("stop")).accepted
@@ -68,8 +62,7 @@ def test_a_new_command_while_stepping_replaces_the_old_one_at_the_next_step():
 
 
 def test_impossible_commands_while_stepping_change_nothing():
-    plant = Plant("bioloid").stand()
-    plant.walker.command(MotionCommand("walk", distance=0.1))
+    plant = Plant("bioloid").begin("walk", distance=0.1)
     plant.until(lambda out: out.steps >= 1 and out.phase > 0.5)
     route = plant.walker.state.route
     for command in (
@@ -117,8 +110,7 @@ def test_a_lost_robot_folds_and_says_so():
 
 
 def test_a_step_after_much_tilt_is_shorter():
-    plant = Plant("bioloid").stand()
-    plant.walker.command(MotionCommand("walk"))
+    plant = Plant("bioloid").begin("walk")
     state, params = plant.walker.state, plant.walker.params
     plant.until(lambda out: out.steps >= 2 and out.phase > 0.9)
     state.peak = 0.5 * (params.slow_from_rad + params.slow_full_rad)
@@ -129,8 +121,7 @@ def test_a_step_after_much_tilt_is_shorter():
 
 
 def test_a_push_that_tilts_the_robot_slows_it_down_until_it_is_level_again():
-    plant = Plant("bioloid").stand()
-    plant.walker.command(MotionCommand("walk"))
+    plant = Plant("bioloid").begin("walk")
     state, params = plant.walker.state, plant.walker.params
     plant.until(lambda out: out.steps >= 3 and out.phase > 0.5)
     assert state.scale == 1.0
@@ -151,8 +142,7 @@ def test_a_push_that_tilts_the_robot_slows_it_down_until_it_is_level_again():
 
 
 def test_the_gait_does_not_change_in_mid_walk():
-    plant = Plant("bioloid").stand()
-    assert plant.walker.command(MotionCommand("walk", distance=0.1, gait="quick")).accepted
+    plant = Plant("bioloid").begin("walk", distance=0.1, gait="quick")
     plant.until(lambda out: out.phase > 0.5)
     assert plant.walker.command(MotionCommand("walk", gait="zmp")).code == "conflict"
     ticks = plant.until(standing, 900)
@@ -172,8 +162,7 @@ def test_equal_seeds_give_equal_walks():
 
 def test_plan_is_what_the_feet_do():
     """Soles land where the plan put them, seen from each other: within the play of the servos."""
-    plant = Plant("nao").stand()
-    plant.walker.command(MotionCommand("walk", distance=0.2))
+    plant = Plant("nao").begin("walk", distance=0.2)
     gaps = []
 
     def look(out):

@@ -9,7 +9,7 @@ import pytest
 from surefoot.services.walker.biped.gait import LATE_TICKS
 from surefoot.services.walker.biped.state import Mode
 from surefoot.services.walker.interface import MotionCommand
-from tests.services.walker.biped.biped_plant import Plant
+from tests.services.walker.biped.biped_plant import Plant, standing
 
 HALF = math.radians(11.5)
 WALK = MotionCommand("walk", distance=0.1)
@@ -84,7 +84,7 @@ def test_a_command_before_the_end_of_the_last_one_follows_without_a_halt(before,
     assert set(states) <= {"walking", "turning"} | {states[-1]}
     runs = np.split(feet, np.flatnonzero(np.diff(feet)) + 1)
     assert max(len(run) for run in runs if run[0]) < 30  # never on both feet for long
-    plant.until(lambda out: out.state == "standing", 300)
+    plant.until(standing, 300)
     assert not plant.fallen
 
 
@@ -104,8 +104,7 @@ def test_the_end_of_a_command_is_reported_from_its_first_tick_on():
 
 
 def test_a_walk_with_a_duration_reports_its_end():
-    plant = Plant("nao", seed=5, level=0.0).stand()
-    plant.walker.command(MotionCommand("walk", duration=2.0))
+    plant = Plant("nao", seed=5, level=0.0).begin("walk", duration=2.0)
     plant.until(lambda out: out.steps == 1)
     told, clock = plant.out.ends_in_s, plant.world.tick
     plant.until(lambda out: out.ends_in_s is None)
@@ -119,7 +118,8 @@ def test_a_walker_killed_with_a_late_command_goes_on_with_it():
     number = plant.walker.command(LEFT).walk_id
     kept = plant.walker.kept()
     assert (kept.walk_id, kept.command.action, kept.command.angle) == (number, "turn", LEFT.angle)
-    assert (plant.tick().state, plant.out.remaining) == ("turning", pytest.approx(LEFT.angle))
+    assert plant.tick().state == "turning"
+    assert plant.out.remaining == pytest.approx(LEFT.angle)
 
 
 def test_a_walk_that_is_not_to_be_learned_from_leaves_the_steps_as_they_are():

@@ -87,3 +87,9 @@ def begun(command: MotionCommand) -> Plant:
     found.run(1.0)
     assert found.walker.command(command).accepted
     return found
+
+
+def obeyed(command: MotionCommand, **kwargs: Any) -> tuple[Plant, list[WalkerOutputs]]:
+    """A hexapod that has obeyed a command, and the outputs of its ticks; its walker with these arguments."""
+    found = plant(**kwargs)
+    return found, found.obey(command)

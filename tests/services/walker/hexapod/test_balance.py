@@ -8,7 +8,7 @@ import pytest
 from surefoot.services.walker.hexapod.balance import nearest_inside, shift_into
 from surefoot.services.walker.hexapod.standins import HullCheck, hull_margin, ring_of
 from surefoot.services.walker.interface import MotionCommand, StanceVerdict
-from tests.services.walker.hexapod.plant import PARAMS, ROBOT, plant
+from tests.services.walker.hexapod.plant import PARAMS, ROBOT, obeyed, plant
 
 RNG = np.random.default_rng(11)
 
@@ -66,8 +66,7 @@ class LoadedTrunk(HullCheck):
 
 def test_the_trunk_moves_over_its_feet_before_a_leg_is_lifted():
     check = LoadedTrunk((-0.075, 0.0))
-    p = plant(check=check)
-    outs = p.obey(MotionCommand("walk", distance=0.1))
+    p, outs = obeyed(MotionCommand("walk", distance=0.1), check=check)
     assert (outs[-1].state, p.walker.state.body[0]) == ("standing", pytest.approx(0.1, abs=0.02))
     first = next(i for i, out in enumerate(outs) if not out.stance.all())
     assert outs[first].margin >= PARAMS.least_margin_m
@@ -97,16 +96,14 @@ def test_a_step_that_no_shift_mends_is_taken_with_fewer_legs_and_the_old_gait_re
         safe = len(lifted) > 12 or len(request.positions) >= 4
         return StanceVerdict(safe, 0.05 if safe else -0.01, "ok")
 
-    p = plant(check=check)
-    outs = p.obey(MotionCommand("walk", distance=0.2))
+    p, outs = obeyed(MotionCommand("walk", distance=0.2), check=check)
     assert (outs[-1].state, p.walker.state.body[0]) == ("standing", pytest.approx(0.2, abs=0.005))
     assert 2 in lifted
     assert (p.walker.state.gait.name, lifted[-3:]) == ("tripod", [3, 3, 3])
 
 
 def test_when_nothing_helps_the_walk_is_refused_with_the_margin():
-    p = plant(check=lambda request: StanceVerdict(False, -0.02, "ok"))
-    outs = p.obey(MotionCommand("walk", distance=0.05))
+    _, outs = obeyed(MotionCommand("walk", distance=0.05), check=lambda request: StanceVerdict(False, -0.02, "ok"))
     assert (outs[-1].state, outs[-1].steps) == ("refused", 0)
     assert "-20 mm" in outs[-1].reason
     assert outs[-1].stance.all()

@@ -11,12 +11,11 @@ from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot import kinematics
 from surefoot.services.walker.hexapod.gait import HexapodWalker
 from surefoot.services.walker.interface import MotionCommand, WalkerInputs
-from tests.services.walker.hexapod.plant import PARAMS, ROBOT, Plant, begun, plant
+from tests.services.walker.hexapod.plant import PARAMS, ROBOT, Plant, begun, obeyed, plant
 
 
 def test_walks_a_distance_and_ends_in_the_neutral_stance():
-    p = plant()
-    outs = p.obey(MotionCommand("walk", distance=0.3))
+    p, outs = obeyed(MotionCommand("walk", distance=0.3))
     s = p.walker.state
     assert (outs[-1].state, s.body[0]) == ("standing", pytest.approx(0.3, abs=0.005))
     assert abs(s.body[1]) < 0.005
@@ -26,8 +25,7 @@ def test_walks_a_distance_and_ends_in_the_neutral_stance():
 
 
 def test_tripods_alternate_with_three_feet_down_and_all_targets_in_reach():
-    p = plant()
-    outs = p.obey(MotionCommand("walk", distance=0.3))
+    _, outs = obeyed(MotionCommand("walk", distance=0.3))
     assert all(np.count_nonzero(o.stance) >= 3 for o in outs)
     assert all(o.unreachable == 0 for o in outs)
     groups = [tuple(o.stance) for o in outs if np.count_nonzero(o.stance) == 3]
@@ -37,8 +35,7 @@ def test_tripods_alternate_with_three_feet_down_and_all_targets_in_reach():
 
 
 def test_set_points_are_continuous_and_within_limits():
-    p = plant()
-    outs = p.obey(MotionCommand("walk", distance=0.2))
+    _, outs = obeyed(MotionCommand("walk", distance=0.2))
     commands = np.array([o.command for o in outs])
     assert (commands >= ROBOT.joint_lower).all()
     assert (commands <= ROBOT.joint_upper).all()
@@ -47,22 +44,19 @@ def test_set_points_are_continuous_and_within_limits():
 
 @pytest.mark.parametrize("angle", [0.8, -0.8])
 def test_turns_on_the_spot(angle):
-    p = plant()
-    p.obey(MotionCommand("turn", angle=angle))
+    p, _ = obeyed(MotionCommand("turn", angle=angle))
     assert p.walker.state.yaw == pytest.approx(angle, abs=0.02)
     assert np.hypot(*p.walker.state.body[:2]) < 0.01
 
 
 def test_walks_backward():
-    p = plant()
-    p.obey(MotionCommand("walk", distance=-0.1))
+    p, _ = obeyed(MotionCommand("walk", distance=-0.1))
     assert p.walker.state.body[0] == pytest.approx(-0.1, abs=0.005)
 
 
 @pytest.mark.parametrize("gait", ["ripple", "wave"])
 def test_other_gaits_keep_more_feet_down(gait):
-    p = plant()
-    outs = p.obey(MotionCommand("walk", distance=0.1, gait=gait))
+    p, outs = obeyed(MotionCommand("walk", distance=0.1, gait=gait))
     assert p.walker.state.body[0] == pytest.approx(0.1, abs=0.005)
     assert min(np.count_nonzero(o.stance) for o in outs) == {"ripple": 4, "wave": 5}[gait]
 
