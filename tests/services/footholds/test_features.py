@@ -7,12 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from surefoot.services.footholds.features import (
-    distance,
-    map_features,
-    push_direction,
-    window_features,
-)
+from surefoot.services.footholds.features import distance, map_features, push_direction, window_features
 from tests.services.footholds.numpy_features import map_features_numpy
 
 CELL = 0.005

@@ -17,6 +17,7 @@ from surefoot.schemas.topics import FOOTHOLDS_ASSESS, FOOTHOLDS_SELECT, TERRAIN_
 from surefoot.services.footholds.config import FootholdsConfig
 from surefoot.services.footholds.service import SERVICE, Footholds
 from tests.services.footholds.grounds import CELL, STROKE, flat, neutral, ragno
+from tests.services.refusals import refused
 
 BASE = BasePose(position=(0.0, 0.0, 0.008 - float(neutral(0)[2])))
 
@@ -39,6 +40,13 @@ def service() -> Footholds:
     system.close()
 
 
+@pytest.fixture
+def mapped(service: Footholds) -> Footholds:
+    """The service with a map of flat ground."""
+    give(service, message(flat()))
+    return service
+
+
 def asked(*legs: str, **changes: object) -> SelectRequest:
     names = [leg.name for leg in ragno().legs]
     requests = tuple(
@@ -58,8 +66,7 @@ def test_all_six_legs_in_one_request(service: Footholds) -> None:
     names = [leg.name for leg in ragno().legs]
     reply = service.select(asked(*names))
     assert [leg.leg for leg in reply.legs] == names
-    assert reply.map_version == 5
-    assert reply.model == "hand-made/1"
+    assert (reply.map_version, reply.model) == (5, "hand-made/1")
     for index, leg in enumerate(reply.legs):
         assert leg.status == "ok"
         assert leg.foothold == pytest.approx((*neutral(index)[:2], 0.008), abs=1e-7)
@@ -89,9 +96,8 @@ def test_paper_mode_is_the_best_single_cell(service: Footholds) -> None:
 
 def test_over_the_bus(service: Footholds) -> None:
     bus = service.runtime.bus  # type: ignore[attr-defined]
-    with pytest.raises(CallError) as error:
+    with refused(CallError, "not_ready"):
         bus.call(FOOTHOLDS_SELECT, asked("lf"))
-    assert error.value.code == "not_ready"
     give(service, message(flat()))
     assert bus.call(FOOTHOLDS_SELECT, asked("lf")).legs[0].status == "ok"
     reply = bus.call(FOOTHOLDS_ASSESS, AssessRequest(centre=(0.0, 0.0), layers=("z",)))
@@ -101,26 +107,22 @@ def test_over_the_bus(service: Footholds) -> None:
 
 def test_no_map_is_not_ready_and_a_new_epoch_forgets(service: Footholds) -> None:
     for _ in range(2):
-        with pytest.raises(Refusal) as refusal:
+        with refused(Refusal, "not_ready"):
             service.select(asked("lf"))
-        assert refusal.value.code == "not_ready"
         give(service, message(flat()))
         service.select(asked("lf"))
         service.on_reset()
 
 
-def test_a_wrong_map_is_no_map(service: Footholds) -> None:
-    give(service, message(flat()))
-    give(service, message(flat()).model_copy(update={"data": b"short"}))
+def test_a_wrong_map_is_no_map(mapped: Footholds) -> None:
+    give(mapped, message(flat()).model_copy(update={"data": b"short"}))
     with pytest.raises(Refusal):
-        service.select(asked("lf"))
+        mapped.select(asked("lf"))
 
 
-def test_unknown_leg_is_named(service: Footholds) -> None:
-    give(service, message(flat()))
-    with pytest.raises(Refusal) as refusal:
-        service.select(asked("lf", "tail"))
-    assert (refusal.value.code, refusal.value.field) == ("unknown_leg", "legs.1.leg")
+def test_unknown_leg_is_named(mapped: Footholds) -> None:
+    with refused(Refusal, "unknown_leg", "legs.1.leg"):
+        mapped.select(asked("lf", "tail"))
 
 
 @pytest.mark.parametrize(
@@ -139,23 +141,20 @@ def test_wrong_requests_do_not_validate(changes: dict[str, object]) -> None:
         asked("lf", **changes)
 
 
-def test_assess_window_and_map(service: Footholds) -> None:
-    give(service, message(flat()))
-    reply = service.assess(AssessRequest(centre=(0.1, 0.1), size=15, layers=("p", "q", "mask")))
+def test_assess_window_and_map(mapped: Footholds) -> None:
+    reply = mapped.assess(AssessRequest(centre=(0.1, 0.1), size=15, layers=("p", "q", "mask")))
     assert (reply.rows, reply.cols, reply.layers, reply.map_version) == (15, 15, ("p", "q", "mask"), 3)
     layers = np.frombuffer(reply.data, "<f4").reshape(3, 15, 15)
-    assert layers[0] == pytest.approx(0.04)
-    assert layers[1, 7, 7] == pytest.approx(0.04, abs=1e-6)
+    assert (layers[0], layers[1, 7, 7]) == (pytest.approx(0.04), pytest.approx(0.04, abs=1e-6))
     assert reply.counts.free == 225
     assert reply.origin == pytest.approx((0.1 - 7 * CELL, 0.1 - 7 * CELL))
-    whole = service.assess(AssessRequest(layers=("k1",)))
+    whole = mapped.assess(AssessRequest(layers=("k1",)))
     assert (whole.rows, whole.cols, len(whole.data)) == (160, 200, 4 * 160 * 200)
 
 
-def test_assess_for_a_leg(service: Footholds) -> None:
-    give(service, message(flat()))
+def test_assess_for_a_leg(mapped: Footholds) -> None:
     x, y = float(neutral(0)[0]), float(neutral(0)[1])
-    reply = service.assess(AssessRequest(centre=(x, y), size=61, leg="lf", base=BASE))
+    reply = mapped.assess(AssessRequest(centre=(x, y), size=61, leg="lf", base=BASE))
     assert 0 < reply.counts.reach < 61 * 61
     assert reply.mask_bits == {"reach": 1, "collision": 2, "unknown": 4, "steep": 8, "slip": 16, "unlearned": 32}
 
@@ -173,11 +172,9 @@ def test_assess_for_a_leg(service: Footholds) -> None:
         ),
     ],
 )
-def test_wrong_assessments_name_the_field(service: Footholds, request_: AssessRequest, field: str) -> None:
-    give(service, message(flat()))
-    with pytest.raises(Refusal) as refusal:
-        service.assess(request_)
-    assert refusal.value.field == field
+def test_wrong_assessments_name_the_field(mapped: Footholds, request_: AssessRequest, field: str) -> None:
+    with refused(Refusal, field=field):
+        mapped.assess(request_)
 
 
 def test_same_map_is_prepared_once(service: Footholds, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -199,7 +196,6 @@ def test_wrong_settings_are_refused(changes: dict[str, float]) -> None:
 
 def test_configuration_reaches_the_choice() -> None:
     config = FootholdsConfig(slip_limit=0.3, score_flat=0.35, window_cells=8)
-    assert config.params().limits.slip == 0.3
-    assert config.params().size == 9
+    assert (config.params().limits.slip, config.params().size) == (0.3, 9)
     assert config.hand_made().flat == 0.35
     assert FootholdsConfig().params().limits.reach_margin == 0.010

@@ -77,7 +77,6 @@ def test_reach_equals_inverse_kinematics_at_both_ends(leg: int, tilt: tuple[floa
     base = TrunkPose((0.0113, -0.0207, 0.09), (float(w), float(x), float(y), float(z)))
     foot = rot @ neutral(leg)
     placed = placement(robot, leg, base, STROKE)
-    assert placed is not None
     slip = np.full((61, 61), 0.04, dtype=np.float32)
     row, col = ground.surface.index(base.position[0] + foot[0], base.position[1] + foot[1])
     mask = mask_window(ground, row - 30, col - 30, slip, Limits(reach_margin=0.0), placed)
@@ -94,7 +93,6 @@ def test_reach_equals_inverse_kinematics_at_both_ends(leg: int, tilt: tuple[floa
 def test_margin_takes_cells_away_never_adds() -> None:
     robot, ground = ragno(), ground_of(flat())
     placed = placement(robot, 0, standing(), STROKE)
-    assert placed is not None
     row, col = about(ground, *neutral(0)[:2])
     reached = [
         mask_window(ground, row, col, FREE, Limits(reach_margin=m), placed) & Reason.REACH == 0
@@ -113,7 +111,6 @@ def test_leg_does_not_pass_through_a_wall() -> None:
     z[wall - 1 : wall + 2, :] = 0.12  # between hip and foot, higher than the knee
     ground = ground_of(z)
     placed = placement(robot, 1, standing(), (0.0, 0.0, 0.0))
-    assert placed is not None
     row, col = about(ground, float(foot[0]), float(foot[1]))
     mask = mask_window(ground, row, col, FREE, Limits(), placed)
     assert mask[7, 7] == Reason.COLLISION

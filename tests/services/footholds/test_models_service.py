@@ -2,6 +2,7 @@
 
 import json
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ from surefoot.services.footholds.service import Footholds
 from tests.services.footholds.grounds import flat
 from tests.services.footholds.learning.made import samples
 from tests.services.footholds.test_footholds_service import asked, give, message
+from tests.services.refusals import refused
 
 
 @pytest.fixture
@@ -28,6 +30,36 @@ def service() -> Footholds:
     system.close()
 
 
+@pytest.fixture
+def mapped(service: Footholds) -> Footholds:
+    """The service with a map of flat ground."""
+    give(service, message(flat()))
+    return service
+
+
+def changed(path: Path, changes: dict[str, object]) -> Path:
+    """Write the shipped model of ragno with other values."""
+    path.write_text(json.dumps(json.loads(shipped("ragno").read_text()) | changes))
+    return path
+
+
+@pytest.fixture
+def held(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[threading.Event, threading.Event]]:
+    """Learning jobs that wait: events of a job that has begun and of its release."""
+    from surefoot.services.footholds.learning import job
+
+    entered, released = threading.Event(), threading.Event()
+
+    def slow(found: object, options: LearnOptions, report: Report) -> object:
+        entered.set()
+        assert released.wait(20.0)
+        return learn(gather(samples(300)), options, report)
+
+    monkeypatch.setattr(job, "learn", slow)
+    yield entered, released
+    released.set()
+
+
 def written(path: Path, count: int = 400, trials: int = 6) -> Path:
     lines: list[str] = []
     for name in sorted({each.trial for each in samples(count, trials=trials)}):
@@ -36,15 +68,13 @@ def written(path: Path, count: int = 400, trials: int = 6) -> Path:
     return path
 
 
-def test_the_shipped_model_answers_and_is_named(service: Footholds) -> None:
-    give(service, message(flat()))
-    reply = service.select(asked("lf", "rr" if "rr" in service.legs else "lf"))
+def test_the_shipped_model_answers_and_is_named(mapped: Footholds) -> None:
+    reply = mapped.select(asked("lf", "rr" if "rr" in mapped.legs else "lf"))
     assert reply.model.startswith("ragno/")
     assert reply.legs[0].status == "ok"
     assert 0.0 <= (reply.legs[0].slip or 0.0) < 0.1
-    told = service.use_model(ModelRequest())
-    assert told.model == reply.model
-    assert told.robot == "ragno"
+    told = mapped.use_model(ModelRequest())
+    assert (told.model, told.robot) == (reply.model, "ragno")
     assert told.samples > 10_000
     assert told.provenance
 
@@ -60,16 +90,15 @@ def test_every_shipped_model_is_of_the_robot_as_it_is() -> None:
     assert shipped("../ragno") is None
 
 
-def test_a_model_takes_the_place_of_another_and_a_bad_one_does_not(service: Footholds, tmp_path: Path) -> None:
-    give(service, message(flat()))
+def test_a_model_takes_the_place_of_another_and_a_bad_one_does_not(mapped: Footholds, tmp_path: Path) -> None:
     mine = save(learn(gather(samples(300)), LearnOptions(candidates=(Candidate(8, 0.1, 1e-6),))), tmp_path / "m.json")
-    assert service.use_model(ModelRequest(use=str(mine))).model == "learned/300"
+    assert mapped.use_model(ModelRequest(use=str(mine))).model == "learned/300"
     for bad in (str(tmp_path / "none.json"), str(tmp_path)):
         with pytest.raises(ModelError):
-            service.use_model(ModelRequest(use=bad))
-        assert service.select(asked("lf")).model == "learned/300"
-    assert service.use_model(ModelRequest(use="hand-made")).model == HandScore().name
-    assert service.use_model(ModelRequest(use="shipped")).model.startswith("ragno/")
+            mapped.use_model(ModelRequest(use=bad))
+        assert mapped.select(asked("lf")).model == "learned/300"
+    assert mapped.use_model(ModelRequest(use="hand-made")).model == HandScore().name
+    assert mapped.use_model(ModelRequest(use="shipped")).model.startswith("ragno/")
 
 
 @pytest.mark.parametrize(
@@ -83,20 +112,15 @@ def test_a_model_takes_the_place_of_another_and_a_bad_one_does_not(service: Foot
     ],
 )
 def test_a_refused_model_is_counted_and_the_old_one_stays(
-    service: Footholds, tmp_path: Path, changes: dict[str, object], code: str
+    mapped: Footholds, tmp_path: Path, changes: dict[str, object], code: str
 ) -> None:
-    give(service, message(flat()))
-    bad = tmp_path / "bad.json"
-    path = shipped("ragno")
-    assert path is not None
-    bad.write_text(json.dumps(json.loads(path.read_text()) | changes))
+    bad = changed(tmp_path / "bad.json", changes)
     for count in (1, 2):
-        with pytest.raises(ModelError) as error:
-            service.use_model(ModelRequest(use=str(bad)))
-        assert error.value.code == code
-        told = service.use_model(ModelRequest())
+        with refused(ModelError, code):
+            mapped.use_model(ModelRequest(use=str(bad)))
+        told = mapped.use_model(ModelRequest())
         assert told.refused == {f"model_{code}": count}
-        assert service.select(asked("lf")).model == told.model
+        assert mapped.select(asked("lf")).model == told.model
         assert told.model.startswith("ragno/")
 
 
@@ -104,33 +128,19 @@ def test_a_refused_model_is_counted_and_the_old_one_stays(
     ("condition", "word"), [({"cell": 0.01}, "cells"), ({"smooth": False}, "filter"), ({"foot_radius": 0.012}, "feet")]
 )
 def test_a_model_of_another_cell_filter_or_foot_is_not_used(
-    service: Footholds, tmp_path: Path, condition: dict[str, object], word: str
+    mapped: Footholds, tmp_path: Path, condition: dict[str, object], word: str
 ) -> None:
-    give(service, message(flat()))
-    path = shipped("ragno")
-    assert path is not None
-    other = tmp_path / "other.json"
-    other.write_text(json.dumps(json.loads(path.read_text()) | condition))
-    told = service.use_model(ModelRequest(use=str(other)))
+    other = changed(tmp_path / "other.json", condition)
+    told = mapped.use_model(ModelRequest(use=str(other)))
     assert word in told.unfit
     assert told.model == HandScore().name
-    assert service.select(asked("lf")).legs[0].status == "ok"
+    assert mapped.select(asked("lf")).legs[0].status == "ok"
 
 
 def test_a_job_of_a_past_epoch_writes_its_file_and_changes_nothing(
-    service: Footholds, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    mapped: Footholds, tmp_path: Path, held: tuple[threading.Event, threading.Event]
 ) -> None:
-    from surefoot.services.footholds.learning import job
-
-    entered, released = threading.Event(), threading.Event()
-
-    def slow(found: object, options: LearnOptions, report: Report) -> object:
-        entered.set()
-        assert released.wait(20.0)
-        return learn(gather(samples(300)), options, report)
-
-    monkeypatch.setattr(job, "learn", slow)
-    give(service, message(flat()))
+    service, (entered, released) = mapped, held
     file, out = written(tmp_path / "samples.jsonl"), tmp_path / "learned.json"
     before = service.select(asked("lf")).model
     request = LearnRequest(action="start", samples=str(file), out=str(out), use=True)
@@ -147,23 +157,20 @@ def test_a_job_of_a_past_epoch_writes_its_file_and_changes_nothing(
     assert service.select(asked("lf")).model == "learned/300"
 
 
-def test_a_map_of_another_cell_is_answered_by_the_hand_made_score(service: Footholds) -> None:
-    give(service, message(flat()))
+def test_a_map_of_another_cell_is_answered_by_the_hand_made_score(mapped: Footholds) -> None:
     other = message(flat(), version=4).model_copy(update={"cell": 0.01})
-    give(service, other)
-    reply = service.select(asked("lf"))
+    give(mapped, other)
+    reply = mapped.select(asked("lf"))
     assert reply.model == HandScore().name
-    assert "10 mm" in service.use_model(ModelRequest()).unfit
-    give(service, message(flat(), version=5))
-    assert service.select(asked("lf")).model.startswith("ragno/")
+    assert "10 mm" in mapped.use_model(ModelRequest()).unfit
+    give(mapped, message(flat(), version=5))
+    assert mapped.select(asked("lf")).model.startswith("ragno/")
 
 
-def test_random_footholds_need_a_seed_and_repeat_with_it(service: Footholds) -> None:
-    give(service, message(flat()))
-    with pytest.raises(Refusal) as error:
-        service.select(asked("lf", mode="random"))
-    assert error.value.field == "seed"
-    a, b, c = (service.select(asked("lf", "lm", mode="random", seed=seed)) for seed in (3, 3, 4))
+def test_random_footholds_need_a_seed_and_repeat_with_it(mapped: Footholds) -> None:
+    with refused(Refusal, field="seed"):
+        mapped.select(asked("lf", mode="random"))
+    a, b, c = (mapped.select(asked("lf", "lm", mode="random", seed=seed)) for seed in (3, 3, 4))
     assert a.legs == b.legs
     assert a.legs != c.legs
     assert isinstance(asked("lf", mode="random", seed=3), SelectRequest)
@@ -175,16 +182,15 @@ def finished(service: Footholds, request: LearnRequest) -> LearnReply:
     return service.models.job.answer(LearnRequest())
 
 
-def test_a_job_learns_writes_and_puts_in_force(service: Footholds, tmp_path: Path) -> None:
-    give(service, message(flat()))
+def test_a_job_learns_writes_and_puts_in_force(mapped: Footholds, tmp_path: Path) -> None:
     file, out = written(tmp_path / "samples.jsonl"), tmp_path / "learned.json"
-    assert service.models.job.answer(LearnRequest()).state == "idle"
-    done = finished(service, LearnRequest(action="start", samples=str(file), out=str(out), title="mine", use=True))
+    assert mapped.models.job.answer(LearnRequest()).state == "idle"
+    done = finished(mapped, LearnRequest(action="start", samples=str(file), out=str(out), title="mine", use=True))
     assert (done.state, done.model, done.samples) == ("done", "mine/400", 400)
     assert done.error is not None
-    assert service.select(asked("lf")).model == "mine/400"
+    assert mapped.select(asked("lf")).model == "mine/400"
     again = finished(
-        service, LearnRequest(action="start", samples=str(file), out=str(tmp_path / "b.json"), title="mine")
+        mapped, LearnRequest(action="start", samples=str(file), out=str(tmp_path / "b.json"), title="mine")
     )
     assert again.job == 2
     assert out.read_bytes() == (tmp_path / "b.json").read_bytes()
@@ -194,40 +200,30 @@ def test_a_job_learns_writes_and_puts_in_force(service: Footholds, tmp_path: Pat
     ("count", "trials", "code"), [(0, 6, "no_samples"), (50, 2, "too_few_trials"), (-1, 6, "unreadable")]
 )
 def test_a_job_that_fails_leaves_the_model(
-    service: Footholds, tmp_path: Path, count: int, trials: int, code: str
+    mapped: Footholds, tmp_path: Path, count: int, trials: int, code: str
 ) -> None:
-    give(service, message(flat()))
-    before = service.select(asked("lf")).model
+    before = mapped.select(asked("lf")).model
     file = tmp_path / "none.jsonl" if count < 0 else written(tmp_path / "samples.jsonl", count, trials)
-    done = finished(service, LearnRequest(action="start", samples=str(file), use=True))
+    done = finished(mapped, LearnRequest(action="start", samples=str(file), use=True))
     assert (done.state, done.code) == ("failed", code)
-    assert service.select(asked("lf")).model == before
+    assert mapped.select(asked("lf")).model == before
 
 
-def test_start_while_learning_and_cancel(service: Footholds, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from surefoot.services.footholds.learning import job
-
-    entered, released = threading.Event(), threading.Event()
-
-    def slow(found: object, options: object, report: Report) -> object:
-        entered.set()
-        released.wait(20.0)
-        return learn(gather(samples(300)), LearnOptions(), report)
-
-    monkeypatch.setattr(job, "learn", slow)
+def test_start_while_learning_and_cancel(
+    service: Footholds, tmp_path: Path, held: tuple[threading.Event, threading.Event]
+) -> None:
+    entered, released = held
     file = written(tmp_path / "samples.jsonl")
-    with pytest.raises(Refusal) as error:
+    with refused(Refusal, "nothing_to_cancel"):
         service.models.job.answer(LearnRequest(action="cancel"))
-    assert error.value.code == "nothing_to_cancel"
     with pytest.raises(Refusal):
         service.models.job.answer(LearnRequest(action="start"))
     service.models.job.answer(LearnRequest(action="start", samples=str(file)))
     assert entered.wait(20.0)
     give(service, message(flat()))  # ticks and questions go on
     assert service.select(asked("lf")).legs[0].status == "ok"
-    with pytest.raises(Refusal) as error:
+    with refused(Refusal, "busy"):
         service.models.job.answer(LearnRequest(action="start", samples=str(file)))
-    assert error.value.code == "busy"
     service.models.job.answer(LearnRequest(action="cancel"))
     released.set()
     service.models.job.wait()

@@ -15,6 +15,7 @@ from surefoot.services.footholds.models.files import load, shipped
 from surefoot.services.footholds.models.score import HandScore
 from surefoot.services.footholds.patch import PatchFoothold, choose_on_patch, largest_rectangle
 
+RAGNO = load(shipped("ragno"))
 EXAMPLE = Path(__file__).parents[3] / "examples" / "quadruped.py"
 
 
@@ -38,10 +39,8 @@ def test_the_largest_rectangle_by_trying_all(seed: int, share: float) -> None:
 
 
 def chosen(z: np.ndarray, **more: object) -> PatchFoothold:
-    path = shipped("ragno")
-    assert path is not None
     given_ = {"stroke": (-0.03, 0.0, 0.0), "foot_radius": 0.008} | more
-    return choose_on_patch(z, 0.005, (0.0, 0.0), load(path), **given_)  # type: ignore[arg-type]
+    return choose_on_patch(z, 0.005, (0.0, 0.0), RAGNO, **given_)  # type: ignore[arg-type]
 
 
 def test_flat_ground_keeps_the_nominal_foothold_and_a_slope_is_left() -> None:
@@ -54,10 +53,8 @@ def test_flat_ground_keeps_the_nominal_foothold_and_a_slope_is_left() -> None:
     x = 0.005 * (np.arange(21) - 10)
     z = np.tile(0.5 * np.clip(x, -0.02, 0.02), (21, 1))  # a slope with flat ground on both sides
     aside = chosen(z)
-    assert aside.foothold is not None
     assert abs(aside.foothold[0]) > 0.02
     stubborn = chosen(z, distance_weight=1000.0)
-    assert stubborn.foothold is not None
     assert abs(stubborn.foothold[0]) < 0.01
     assert aside.slip < 0.5 * stubborn.slip
 
@@ -66,7 +63,6 @@ def test_allowed_cells_and_no_cell_at_all() -> None:
     allowed = np.zeros((21, 21), dtype=np.bool_)
     allowed[4, 15] = True
     found = chosen(np.zeros((21, 21)), allowed=allowed)
-    assert found.foothold is not None
     assert found.foothold[:2] == pytest.approx((0.025, -0.03))
     assert found.rectangle == pytest.approx((0.025, -0.03, 0.025, -0.03))
     none = chosen(np.full((21, 21), np.nan))
@@ -89,9 +85,7 @@ def test_what_cannot_be(wrong: dict[str, object]) -> None:
 
 
 def test_a_larger_robot_on_larger_ground_chooses_the_same() -> None:
-    path = shipped("ragno")
-    assert path is not None
-    model, rng = load(path), np.random.default_rng(4)
+    model, rng = RAGNO, np.random.default_rng(4)
     z = 0.004 * rng.random((21, 21))
     small = choose_on_patch(z, 0.005, (0.0, 0.0), model, (-0.03, 0.0, 0.0), 0.008)
     large = choose_on_patch(4.0 * z, 0.02, (0.0, 0.0), model.scaled(4.0), (-0.12, 0.0, 0.0), 0.032)
@@ -103,8 +97,6 @@ def test_a_larger_robot_on_larger_ground_chooses_the_same() -> None:
 
 def test_the_example_finds_a_way_out_of_the_ditch(capsys: pytest.CaptureFixture[str]) -> None:
     spec = importlib.util.spec_from_file_location("quadruped", EXAMPLE)
-    assert spec is not None
-    assert spec.loader is not None
     example = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(example)
     example.main()

@@ -24,11 +24,16 @@ def made(path: Path) -> Path:
     return save(model, path / "made.json")
 
 
-def service(model: Path, **config: object) -> Footholds:
-    one = Footholds(FootholdsConfig(slip_model=str(model), relearn="counted", relearn_every=6, **config))
+def mapped(model: Path | str, **config: object) -> Footholds:
+    """A service with a slip model and a map."""
+    one = Footholds(FootholdsConfig(slip_model=str(model), **config))
     LocalSystem([one])
     give(one, message(rough(3)))
     return one
+
+
+def service(model: Path, **config: object) -> Footholds:
+    return mapped(model, relearn="counted", relearn_every=6, **config)
 
 
 def outcome(k: int, slip: float = 0.004, **changes: object) -> StanceOutcome:
@@ -58,9 +63,7 @@ def test_the_model_changes_at_the_choice_that_is_due_and_the_reply_names_it(tmp_
 
 
 def test_without_re_learning_outcomes_change_nothing(tmp_path: Path) -> None:
-    one = Footholds(FootholdsConfig(slip_model=str(made(tmp_path))))
-    LocalSystem([one])
-    give(one, message(rough(3)))
+    one = mapped(made(tmp_path))
     replies = walk(one, 12)
     assert {reply.model for reply in replies} == {"made/300"}
     assert one.use_model(ModelRequest()).outcomes == 0
@@ -91,8 +94,7 @@ def test_a_kept_file_that_is_none_is_counted_and_the_configured_model_answers(tm
     kept.write_text(path.read_text().replace('"robot": "ragno"', '"robot": "messor"') if bad == "other robot" else bad)
     one = service(path, relearn_file=str(kept))
     told = one.use_model(ModelRequest())
-    assert told.model == "made/300"
-    assert told.refused == {"kept_file": 1}
+    assert (told.model, told.refused) == ("made/300", {"kept_file": 1})
 
 
 def test_bad_outcomes_are_counted_and_the_others_learned(tmp_path: Path) -> None:
@@ -103,14 +105,9 @@ def test_bad_outcomes_are_counted_and_the_others_learned(tmp_path: Path) -> None
     )  # fmt: skip
     assert one.select(asked("lf", outcomes=bad)).legs[0].status == "ok"
     told = one.use_model(ModelRequest())
-    assert told.refused == {
-        "negative": 1,
-        "huge": 1,
-        "no_stroke": 1,
-        "unknown_leg": 1,
-        "off_the_map": 1,
-        "not_finite": 1,
-    }
+    assert told.refused == dict.fromkeys(
+        ("negative", "huge", "no_stroke", "unknown_leg", "off_the_map", "not_finite"), 1
+    )
     assert told.outcomes == 0
     assert walk(one, 8)[-1].model == "made/306+1"
 
@@ -130,9 +127,7 @@ def test_a_reset_ends_the_round_and_its_model_is_in_force(tmp_path: Path) -> Non
 
 
 def test_a_hand_made_score_is_not_learned_again(tmp_path: Path) -> None:
-    one = Footholds(FootholdsConfig(slip_model="hand-made", relearn="paper", relearn_every=2))
-    LocalSystem([one])
-    give(one, message(rough(3)))
+    one = mapped("hand-made", relearn="paper", relearn_every=2)
     assert {reply.model for reply in walk(one, 10)} == {"hand-made/1"}
 
 

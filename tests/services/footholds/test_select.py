@@ -52,9 +52,7 @@ def test_flat_ground_picks_the_nominal_footholds() -> None:
         assert found.foothold == pytest.approx((asked.nominal[0], asked.nominal[1], RADIUS), abs=1e-7)
         assert found.contact == pytest.approx((asked.nominal[0], asked.nominal[1], 0.0), abs=1e-7)
         assert found.normal == pytest.approx((0.0, 0.0, 1.0), abs=1e-9)
-        assert found.slip == pytest.approx(MODEL.flat)
-        assert found.trunk_shift == 0.0
-        assert found.reason == ""
+        assert (found.slip, found.trunk_shift, found.reason) == (pytest.approx(MODEL.flat), 0.0, "")
         assert found.counts[-1] > 100
 
 
@@ -66,8 +64,7 @@ def test_moving_everything_moves_the_foothold(seed: int, leg: int, cols: int, ro
     here = ask(ground_of(z), standing(), landing(leg))[0]
     moved_ground = ground_of(z + dz, origin=(-0.5 + dx, -0.4 + dy))
     there = ask(moved_ground, standing(dx, dy, dz), landing(leg, dx, dy))[0]
-    assert there.status == here.status
-    assert there.counts == here.counts
+    assert (there.status, there.counts) == (here.status, here.counts)
     if here.foothold is None or there.foothold is None:
         return
     assert np.subtract(there.foothold, here.foothold) == pytest.approx((dx, dy, dz), abs=1e-6)
@@ -95,7 +92,6 @@ def test_never_picks_a_masked_cell(seed: int, leg: int, robust: bool, height: fl
     x, y = found.foothold[:2]
     raised = replace(base, position=(*base.position[:2], base.position[2] + found.trunk_shift))
     placed = placement(ragno(), leg, raised, STROKE)
-    assert placed is not None
     row, col = ground.surface.index(x, y)
     cell = window_features(ground.surface.z, row, col, 1, 1, np.array(STROKE), CELL)
     slip = MODEL.predict(cell, CELL)
@@ -145,8 +141,7 @@ def test_equal_cells_go_to_the_nearer_then_to_the_first() -> None:
 @pytest.mark.parametrize(("error", "border"), [(0.0, 0), (0.002, 0), (0.003, 1), (0.005, 2), (1.0, 6)])
 def test_landing_weights_are_a_gaussian_within_two_deviations(error: float, border: int) -> None:
     found = landing_weights(error, CELL)
-    assert found.shape == (2 * border + 1,) * 2
-    assert found[border, border] == 1.0
+    assert (found.shape, found[border, border]) == ((2 * border + 1,) * 2, 1.0)
     assert np.array_equal(found, found[::-1])
     assert np.array_equal(found, found.T)
     if border:
@@ -189,7 +184,7 @@ def test_random_cells_are_free_seeded_and_different_for_each_leg() -> None:
 
 
 class Refuses(HandScore):
-    """A model that says the same of every cell."""
+    """A model that predicts the same slip for every cell."""
 
     value = UNLEARNED
 
@@ -204,12 +199,10 @@ def test_random_cells_ignore_the_model_but_no_other_reason(value: float) -> None
     object.__setattr__(model, "value", value)
     assert select(ground, ragno(), model, base, [asked], SelectParams())[0].status == "infeasible"
     placed = placement(ragno(), asked.leg, base, asked.stroke)
-    assert placed is not None
     cells = set()
     for seed in range(40):
         found = select(ground, ragno(), model, base, [asked], SelectParams(seed=seed))[0]
         assert found.status == "ok"
-        assert found.foothold is not None
         row, col = ground.surface.index(*found.foothold[:2])
         bits = mask_window(ground, row, col, np.zeros((1, 1), dtype=np.float32), Limits(), placed)[0, 0]
         assert bits == 0
@@ -228,13 +221,11 @@ def test_avoids_a_peak_and_an_edge() -> None:
     peak = flat()
     peak[row, col] = 0.012
     found = ask(ground_of(peak), standing(), asked)[0]
-    assert found.foothold is not None
     assert math.dist(found.foothold[:2], (x, y)) > 1.4 * CELL
     assert found.normal == pytest.approx((0.0, 0.0, 1.0), abs=1e-6)
     edge = flat()
     edge[:, : col + 1] = 0.02  # the nominal cell is the last before the ground drops
     found = ask(ground_of(edge), standing(ground=0.01), asked)[0]
-    assert found.foothold is not None
     assert abs(found.foothold[0] - x) > 1.4 * CELL
 
 
@@ -252,8 +243,7 @@ def test_robust_choice_shuns_a_lone_good_cell() -> None:
     ground, base, asked = ground_of(flat()), standing(), landing(4)
     single = select(ground, ragno(), Painted(), base, [asked], replace(params, robust=False))[0]
     robust = select(ground, ragno(), Painted(), base, [asked], params)[0]
-    assert single.slip == 0.0
-    assert robust.slip == pytest.approx(0.1)
+    assert (single.slip, robust.slip) == (0.0, pytest.approx(0.1))
 
 
 def test_trunk_too_high_is_lowered_and_too_low_is_raised() -> None:
@@ -266,8 +256,7 @@ def test_trunk_too_high_is_lowered_and_too_low_is_raised() -> None:
         assert "trunk" in found.reason
         moved = TrunkPose((0.0, 0.0, height + found.trunk_shift))
         again = ask(ground_of(flat()), moved, landing(0), params=SelectParams(limits=Limits(reach_margin=0.02)))[0]
-        assert again.status == "ok"
-        assert again.foothold == pytest.approx(found.foothold)
+        assert (again.status, again.foothold) == ("ok", pytest.approx(found.foothold))
 
 
 @pytest.mark.parametrize(
@@ -304,8 +293,7 @@ def test_window_at_the_border_of_the_map() -> None:
     x, y = landing(0).nominal[:2]
     ground = ground_of(np.zeros((100, 100)), origin=(x - 0.01, y - 0.01))
     found = ask(ground, standing(), landing(0))[0]
-    assert found.status == "ok"
-    assert found.counts[REASONS.index("unknown")] == 225 - 9 * 9
+    assert (found.status, found.counts[REASONS.index("unknown")]) == ("ok", 225 - 9 * 9)
 
 
 def test_legs_are_answered_in_order() -> None:

@@ -1,23 +1,17 @@
 """The navigator service without a bus, on a walker without legs and a camera that sees well."""
 
+import math
 from typing import Any
 
 import numpy as np
 
 from surefoot.lockstep.join import TickInputs
+from surefoot.schemas import topics
 from surefoot.schemas.hw import Landmark, LandmarkDetections, Range, Tick
+from surefoot.schemas.navigation import GoalReply, GotoRequest
 from surefoot.schemas.state import GaitState, Odometry
 from surefoot.schemas.terrain import HeightMapMessage
 from surefoot.schemas.terrain import LandmarkMap as LandmarkMapMessage
-from surefoot.schemas.topics import (
-    HW_LANDMARKS,
-    HW_RANGE,
-    NAVIGATOR_FEEDBACK,
-    STATE_GAIT,
-    STATE_ODOMETRY,
-    TERRAIN_LANDMARKS,
-    TERRAIN_MAP,
-)
 from surefoot.services.navigator.pilot import Pilot
 from surefoot.services.navigator.service import SERVICE, NavigatorConfig
 from tests.services.navigator.strollers import Stroller
@@ -38,7 +32,7 @@ class Stage:
         self.said[topic.key] = message
 
     def call(self, query: Any, request: Any, timeout_s: float | None) -> Any:
-        """Nobody is asked."""
+        """Fail: the navigator calls no query."""
         raise AssertionError(query.key)
 
     def log(self, level: str, text: str) -> None:
@@ -72,8 +66,8 @@ class Journey:
         self.service.on_reset()
         rows = np.hstack((self.places, self.looks)).astype("<f4").tobytes()
         self.maps = {
-            TERRAIN_MAP.key: floor(),
-            TERRAIN_LANDMARKS.key: LandmarkMapMessage(count=320, descriptor_length=8, data=rows, version=1),
+            topics.TERRAIN_MAP.key: floor(),
+            topics.TERRAIN_LANDMARKS.key: LandmarkMapMessage(count=320, descriptor_length=8, data=rows, version=1),
         }
 
     @property
@@ -99,20 +93,20 @@ class Journey:
         view, w = self.walker.view(), self.walker
         messages: dict[str, Any] = {
             **self.maps,
-            STATE_GAIT.key: GaitState(
+            topics.STATE_GAIT.key: GaitState(
                 walk_id=view.walk_id, state=view.state, phase=0.0, stance=(), footholds=(), remaining=0.0,  # pyright: ignore[reportArgumentType] - words of the toy
                 order=view.order, order_refused=view.refused, ends_in_s=view.ends_in,
             ),
         }  # fmt: skip
         if self.odom:
-            messages[STATE_ODOMETRY.key] = Odometry(
+            messages[topics.STATE_ODOMETRY.key] = Odometry(
                 position=(w.x, w.y, 0.3), quat_wxyz=(1.0, 0.0, 0.0, 0.0), yaw=w.yaw, velocity=(0.0, 0.0, 0.0),
                 covariance=(0.0,) * 16, initialised=True,
             )  # fmt: skip
         if self.tick % 10 == 0 and self.seen:
-            messages[HW_LANDMARKS.key] = self.frame()
+            messages[topics.HW_LANDMARKS.key] = self.frame()
         if self.tick % 10 == 0:
-            messages[HW_RANGE.key] = Range(
+            messages[topics.HW_RANGE.key] = Range(
                 distance=self.distance, shortest=0.25, longest=2.55, field_of_view=1.0, bump=(False, False)
             )
         return messages
@@ -133,17 +127,41 @@ class Journey:
         )
         return LandmarkDetections(landmarks=marks, stamp_ns=self.tick * 10_000_000)
 
+    def goto(self, x: float, y: float, **request: Any) -> GoalReply:
+        """Ask for a goal at (x, y), m."""
+        return self.service.requests.goto(GotoRequest(position=(x, y), **request))
+
+    def reach(self, x: float, y: float) -> None:
+        """Walk to (x, y), m, and check that the goal has succeeded."""
+        self.goto(x, y)
+        assert self.until_ended().state == "succeeded"
+
+    def restarted(self, tick: int, **config: Any) -> "Journey":
+        """A new navigator at a tick, with the same walker, floor and camera."""
+        again = Journey(tick=tick, **config)
+        again.walker, again.places, again.looks, again.maps = self.walker, self.places, self.looks, self.maps
+        return again
+
+    def missed(self, x: float, y: float) -> float:
+        """Distance of the walker from a place, m."""
+        return math.hypot(self.walker.x - x, self.walker.y - y)
+
+    def belief(self) -> Any:
+        """The last published pose."""
+        return self.stage.said[topics.STATE_POSE.key]
+
     def feedback(self) -> Any:
         """The last progress."""
-        return self.stage.said[NAVIGATOR_FEEDBACK.key]
+        return self.stage.said[topics.NAVIGATOR_FEEDBACK.key]
 
-    def until_ended(self, most: int = 20_000) -> None:
-        """Walk until the goal has ended, and ten ticks more for the feedback."""
+    def until_ended(self, most: int = 20_000) -> Any:
+        """Walk until the goal has ended, and ten ticks more for the feedback, which is returned."""
         for _ in range(most):
             self.step()
             if self.pilot.state not in ("navigating", "stopping", "idle"):
                 break
         self.step(10)
+        return self.feedback()
 
 
 def ready(**config: Any) -> Journey:

@@ -34,7 +34,7 @@ class Stroller:
     _closing: float = 0.0
 
     def view(self) -> GaitView:
-        """What it says in this tick."""
+        """Return what it publishes in this tick."""
         busy = self._left > 0.0
         ends_in = self._wait + self._left if busy and self.early else None
         return GaitView(self.state, self.walk_id, self.order, self.refused, ends_in)
@@ -55,10 +55,7 @@ class Stroller:
         forward, turn = order.distance or 0.0, order.angle or 0.0
         seconds = STEPS_S * max(1.0, abs(turn) / 0.41) if order.action == "turn" else STEPS_S
         total = rest + seconds
-        self._rate = (
-            (self._rate[0] * rest + forward) / total,
-            (self._rate[1] * rest + turn) / total,
-        )
+        self._rate = ((self._rate[0] * rest + forward) / total, (self._rate[1] * rest + turn) / total)
         self._left = total
         self.state = "turning" if order.action == "turn" else "walking"
 

@@ -9,18 +9,19 @@ from pydantic import ValidationError
 from surefoot.schemas.hw import Landmark, LandmarkDetections
 from surefoot.schemas.navigation import MAX_WAYPOINTS, GotoRequest, SetPoseRequest, WaypointsRequest
 from surefoot.schemas.terrain import LandmarkMap as LandmarkMapMessage
-from surefoot.schemas.topics import STATE_POSE, TERRAIN_LANDMARKS
+from surefoot.schemas.topics import TERRAIN_LANDMARKS
 from surefoot.services.navigator import pilot
 from surefoot.services.navigator.belief.matching import DetectionError
 from surefoot.services.navigator.goals import GaitView
 from tests.services.navigator.journeys import Journey, ready
+from tests.services.refusals import refused
 
 S = 1_000_000_000  # ns
 
 
 def error_of(journey: Journey) -> tuple[float, float]:
     """Distance of the believed from the true place, m, and that by its standard deviations."""
-    belief, w = journey.stage.said[STATE_POSE.key], journey.walker
+    belief, w = journey.belief(), journey.walker
     away = np.array([belief.pose[0] - w.x, belief.pose[1] - w.y])
     cov = np.array(belief.covariance).reshape(3, 3)[:2, :2]
     return float(np.hypot(*away)), math.sqrt(float(away @ np.linalg.solve(cov, away)))
@@ -32,26 +33,21 @@ def test_frames_that_are_not_of_now_are_refused_and_change_nothing(code: str, of
     plain, dark.seen = journey.frame, False
     journey.frame = lambda: plain().model_copy(update={"stamp_ns": plain().stamp_ns + off})  # type: ignore[method-assign]
     for each in (journey, dark):
-        each.service.requests.goto(GotoRequest(position=(0.5, 0.0)))
-        each.until_ended()
-        assert each.feedback().state == "succeeded"
-    assert journey.stage.said[STATE_POSE.key].pose == dark.stage.said[STATE_POSE.key].pose
-    assert journey.stage.said[STATE_POSE.key].covariance == dark.stage.said[STATE_POSE.key].covariance
+        each.reach(0.5, 0.0)
+    assert journey.belief().pose == dark.belief().pose
+    assert journey.belief().covariance == dark.belief().covariance
     assert journey.service.localiser.refused[code] > 10
     assert sum("refused" in line for line in journey.stage.logged) == 1
 
 
-def test_a_frame_that_comes_twice_counts_once() -> None:
-    journey = ready()
+def test_a_frame_that_comes_twice_counts_once(journey: Journey) -> None:
     localiser, frame = journey.service.localiser, journey.frame()
     before = localiser.tracker.frames
     localiser.look(frame, GaitView("standing"), 0.2)
     pose = localiser.tracker.pose
-    with pytest.raises(DetectionError) as caught:
+    with refused(DetectionError, "repeated", "stamp_ns"):
         localiser.look(frame, GaitView("standing"), 0.3)
-    assert (caught.value.code, caught.value.field) == ("repeated", "stamp_ns")
-    assert localiser.tracker.frames == before + 1
-    assert localiser.tracker.pose == pose
+    assert (localiser.tracker.frames, localiser.tracker.pose) == (before + 1, pose)
 
 
 def test_one_frame_of_the_future_does_not_stop_the_clock_of_the_belief() -> None:
@@ -61,9 +57,7 @@ def test_one_frame_of_the_future_does_not_stop_the_clock_of_the_belief() -> None
     journey.step(10)
     journey.frame = plain  # type: ignore[method-assign]
     journey.seen = False
-    journey.service.requests.goto(GotoRequest(position=(0.5, 0.0)))
-    journey.until_ended()
-    assert journey.feedback().state == "succeeded"
+    journey.reach(0.5, 0.0)
     assert error_of(journey)[0] < 0.05
 
 
@@ -85,29 +79,26 @@ def test_frames_of_256_with_nonsense_and_range_zero_are_survived() -> None:
         return frame.model_copy(update={"landmarks": frame.landmarks + false})
 
     journey.frame = lambda: crowded() if journey.tick % 300 == 0 else plain()  # type: ignore[method-assign]
-    journey.service.requests.goto(GotoRequest(position=(0.8, 0.2)))
+    journey.goto(0.8, 0.2)
     journey.until_ended()
-    assert journey.feedback().state == "succeeded"
-    assert journey.feedback().recoveries == {}
+    assert (journey.feedback().state, journey.feedback().recoveries) == ("succeeded", {})
     journey.frame = crowded  # type: ignore[method-assign]
     lost = 0
     for _ in range(60):
         journey.step(10)
-        lost += journey.stage.said[STATE_POSE.key].lost
+        lost += journey.belief().lost
         assert error_of(journey)[0] < 0.1
     assert lost > 30
     with pytest.raises(ValidationError):
         LandmarkDetections(landmarks=crowded().landmarks * 2)
 
 
-def test_a_camera_that_is_gone_in_mid_walk_leaves_a_belief_that_grows() -> None:
-    journey = ready()
-    journey.service.requests.goto(GotoRequest(position=(1.2, 0.2)))
+def test_a_camera_that_is_gone_in_mid_walk_leaves_a_belief_that_grows(journey: Journey) -> None:
+    journey.goto(1.2, 0.2)
     journey.step(400)
-    before, journey.seen = journey.stage.said[STATE_POSE.key].entropy, False
-    journey.until_ended()
-    assert journey.feedback().state == "succeeded"
-    assert journey.stage.said[STATE_POSE.key].entropy > before
+    before, journey.seen = journey.belief().entropy, False
+    assert journey.until_ended().state == "succeeded"
+    assert journey.belief().entropy > before
     assert error_of(journey)[1] < 3.0
 
 
@@ -116,16 +107,14 @@ def test_a_ranger_stuck_at_its_shortest_ends_the_goal_as_stuck(monkeypatch: pyte
     journey = ready()
     journey.distance = 0.25
     journey.step(10)
-    journey.service.requests.goto(GotoRequest(position=(1.0, 0.0)))
-    journey.until_ended()
-    end = journey.feedback()
+    journey.goto(1.0, 0.0)
+    end = journey.until_ended()
     assert (end.state, end.error_code) == ("failed", "stuck")
     assert end.recoveries["give_up"] == 1
-    assert math.hypot(journey.walker.x, journey.walker.y) < 0.01
+    assert journey.missed(0.0, 0.0) < 0.01
 
 
-def test_a_goal_while_lost_begins_with_finding_the_pose() -> None:
-    journey = ready()
+def test_a_goal_while_lost_begins_with_finding_the_pose(journey: Journey) -> None:
     w = journey.walker
     w.x, w.y, w.yaw = 1.0, -0.5, 0.5 * math.pi
     journey.odom = False  # it was lifted: no odometry shows it
@@ -135,11 +124,10 @@ def test_a_goal_while_lost_begins_with_finding_the_pose() -> None:
     journey.odom = True
     journey.service.localiser._taken = (w.x, w.y, w.yaw)  # its own count goes on as if nothing had happened
     assert journey.service.localiser.tracker.pose[:2] == pytest.approx((0.0, 0.0), abs=0.1)  # not yet found
-    assert journey.service.requests.goto(GotoRequest(position=(1.0, 0.5))).accepted
+    assert journey.goto(1.0, 0.5).accepted
     journey.step(2)
     assert journey.pilot.order is None  # no step before it knows where it is
-    journey.until_ended()
-    end = journey.feedback()
+    end = journey.until_ended()
     assert end.state == "succeeded"
     assert (end.recoveries["stand_and_look"], end.recoveries["relocalise"]) == (1, 1)
     assert math.hypot(w.x - 1.0, w.y - 0.5) < 0.2
@@ -155,14 +143,13 @@ def test_a_goal_while_lost_begins_with_finding_the_pose() -> None:
     ],
     ids=["empty", "cut off", "all in one point", "nan"],
 )
-def test_a_landmark_map_that_cannot_be_is_refused_and_the_goal_reached_by_odometry(change: dict[str, object]) -> None:
-    journey = ready()
+def test_a_landmark_map_that_cannot_be_is_refused_and_the_goal_reached_by_odometry(
+    journey: Journey, change: dict[str, object]
+) -> None:
     good = journey.maps[TERRAIN_LANDMARKS.key]
     assert isinstance(good, LandmarkMapMessage)
     journey.maps[TERRAIN_LANDMARKS.key] = good.model_copy(update={**change, "version": 2})
-    journey.service.requests.goto(GotoRequest(position=(0.5, 0.0)))
-    journey.until_ended()
-    assert journey.feedback().state == "succeeded"
+    journey.reach(0.5, 0.0)
     assert sum("terrain/landmarks refused" in line for line in journey.stage.logged) == 1
     assert journey.service.localiser.tracker.world is None
 

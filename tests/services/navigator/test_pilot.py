@@ -54,6 +54,11 @@ class Run:
         self.pilot.begin(goal, TowardsGoal())
         return goal
 
+    def under_way(self, x: float, past: float) -> None:
+        """Begin a goal at (x, 0) and walk beyond a part of the way, m."""
+        self.goal((x, 0.0))
+        self.until(lambda: self.walker.x > past)
+
     def until(self, done: Callable[[], bool], most_s: float = 400.0) -> None:
         """Let time pass until something is so."""
         end = self.now + most_s
@@ -66,9 +71,19 @@ class Run:
             self.pilot.follow(self.now, view, self.tracker)
             self.pilot.tick(self.now, view, self.tracker, blocked=self.blocked)
 
+    def finish(self) -> tuple[str, str]:
+        """Let time pass until the goal has ended; return the state and the error of the pilot."""
+        self.until(self.ended)
+        return self.pilot.state, self.pilot.error
+
     def ended(self) -> bool:
         """Whether the goal has ended."""
         return self.pilot.state not in ("navigating", "stopping")
+
+
+@pytest.fixture
+def run() -> Run:
+    return Run()
 
 
 @pytest.mark.parametrize("early", [True, False])
@@ -76,102 +91,78 @@ class Run:
 def test_arrives_and_stands(place: Point, early: bool) -> None:
     run = Run(early)
     run.goal(place)
-    run.until(run.ended)
-    assert run.pilot.state == "succeeded"
+    assert run.finish()[0] == "succeeded"
     assert math.hypot(run.walker.x - place[0], run.walker.y - place[1]) < 0.2
     assert run.walker.state == "standing"
     assert run.tracker.pose[:2] == pytest.approx((run.walker.x, run.walker.y), abs=0.02)
 
 
-def test_actions_follow_without_a_halt_where_the_walker_says_when_it_ends() -> None:
-    run = Run()
+def test_actions_follow_without_a_halt_where_the_walker_says_when_it_ends(run: Run) -> None:
     run.goal((1.5, 0.5))
     run.until(run.ended)
     assert run.walker.halts == 1
     assert run.pilot.decisions >= 15
 
 
-def test_a_new_goal_replaces_the_old_one_without_a_halt() -> None:
-    run = Run()
-    run.goal((2.0, 0.0))
-    run.until(lambda: run.walker.x > 0.5)
+def test_a_new_goal_replaces_the_old_one_without_a_halt(run: Run) -> None:
+    run.under_way(2.0, 0.5)
     run.goal((0.8, 0.8))
     run.until(run.ended)
     assert run.walker.halts == 1
     assert math.hypot(run.walker.x - 0.8, run.walker.y - 0.8) < 0.2
 
 
-def test_cancel_ends_on_both_feet_within_two_steps() -> None:
-    run = Run()
-    run.goal((2.0, 0.0))
-    run.until(lambda: run.walker.x > 0.5)
+def test_cancel_ends_on_both_feet_within_two_steps(run: Run) -> None:
+    run.under_way(2.0, 0.5)
     began = run.now
     assert run.pilot.cancel()
     run.until(run.ended)
-    assert run.pilot.state == "cancelled"
-    assert run.walker.state == "standing"
+    assert (run.pilot.state, run.walker.state) == ("cancelled", "standing")
     assert run.now - began < 1.9
     assert not run.pilot.cancel()
 
 
-def test_another_client_takes_over() -> None:
-    run = Run()
-    run.goal((2.0, 0.0))
-    run.until(lambda: run.walker.x > 0.3)
+def test_another_client_takes_over(run: Run) -> None:
+    run.under_way(2.0, 0.3)
     run.walker.walk_id += 1
     number = run.pilot.number
-    run.until(run.ended)
-    assert (run.pilot.state, run.pilot.error) == ("failed", "taken_over")
+    assert run.finish() == ("failed", "taken_over")
     run.now += 5.0
     assert run.pilot.number == number  # no order against it
 
 
 @pytest.mark.parametrize(
-    ("refusal", "error"), [("an emergency stop is in force (x)", "stopped"), ("too_fast", "walker_refused")]
+    ("reported", "value", "error"),
+    [
+        pytest.param("refused", "an emergency stop is in force (x)", "stopped", id="order refused by a stop"),
+        pytest.param("refused", "too_fast", "walker_refused", id="order refused"),
+        pytest.param("state", "refused", "fallen", id="fall"),
+    ],
 )
-def test_a_refused_order_ends_the_goal(refusal: str, error: str) -> None:
-    run = Run()
-    run.goal((2.0, 0.0))
-    run.until(lambda: run.walker.x > 0.3)
-    run.walker.refused = refusal
-    run.until(run.ended)
-    assert (run.pilot.state, run.pilot.error) == ("failed", error)
+def test_a_refused_order_or_a_fall_ends_the_goal(run: Run, reported: str, value: str, error: str) -> None:
+    run.under_way(2.0, 0.3)
+    setattr(run.walker, reported, value)
+    assert run.finish() == ("failed", error)
 
 
-def test_a_fall_ends_the_goal() -> None:
-    run = Run()
-    run.goal((2.0, 0.0))
-    run.until(lambda: run.walker.x > 0.3)
-    run.walker.state = "refused"
-    run.until(run.ended)
-    assert (run.pilot.state, run.pilot.error) == ("failed", "fallen")
-
-
-def test_a_walker_that_was_started_again_gets_its_order_again() -> None:
-    run = Run()
-    run.goal((1.0, 0.0))
-    run.until(lambda: run.walker.x > 0.3)
+def test_a_walker_that_was_started_again_gets_its_order_again(run: Run) -> None:
+    run.under_way(1.0, 0.3)
     run.walker = Stroller(run.walker.x, run.walker.y, run.walker.yaw, order=0)
     asked = run.pilot.number
     original = run.walker.take
     run.walker.take = lambda pilot: original(pilot) if pilot.number > asked else None  # type: ignore[method-assign]
-    run.until(run.ended)
-    assert run.pilot.state == "succeeded"
+    assert run.finish()[0] == "succeeded"
     assert math.hypot(run.walker.x - 1.0, run.walker.y) < 0.2
 
 
-def test_waypoints_in_turn_and_the_last_heading() -> None:
-    run = Run()
+def test_waypoints_in_turn_and_the_last_heading(run: Run) -> None:
     goal = run.goal((0.6, 0.0), (0.6, 0.6), yaw=math.pi)
-    run.until(run.ended)
-    assert run.pilot.state == "succeeded"
-    assert goal.index == 2
-    assert goal.missed == []
+    assert run.finish()[0] == "succeeded"
+    assert (goal.index, goal.missed) == (2, [])
     assert abs(math.remainder(run.walker.yaw - math.pi, 2.0 * math.pi)) < math.radians(9.0)
 
 
-def test_a_waypoint_without_progress_is_missed_and_the_last_one_fails_the_goal() -> None:
-    run = Run()
+def test_a_waypoint_without_progress_is_missed_and_the_last_one_fails_the_goal(run: Run) -> None:
     goal = run.goal((0.8, 0.0), (0.0, 0.8))
     run.blocked = True  # it turns for ever
     run.until(run.ended, 600.0)
@@ -182,13 +173,11 @@ def test_a_waypoint_without_progress_is_missed_and_the_last_one_fails_the_goal()
 def test_unsure_arrival_is_looked_at_and_counted() -> None:
     run = Run(sd=0.2)
     goal = run.goal((0.4, 0.0))
-    run.until(run.ended)
-    assert run.pilot.state == "succeeded"
+    assert run.finish()[0] == "succeeded"
     assert goal.recoveries["look"] > 0
 
 
-def test_the_belief_at_the_end_of_an_action_is_what_decides() -> None:
-    run = Run()
+def test_the_belief_at_the_end_of_an_action_is_what_decides(run: Run) -> None:
     run.goal((1.0, 0.0))
     run.until(lambda: run.pilot.number == 2)
     mean, cov = run.pilot.predicted(run.tracker)
@@ -196,14 +185,12 @@ def test_the_belief_at_the_end_of_an_action_is_what_decides() -> None:
     assert np.all(np.linalg.eigvalsh(cov[:3, :3]) >= 0.0)
 
 
-def test_a_goal_taken_up_late_is_not_given_up_for_the_time_before() -> None:
-    run = Run()
+def test_a_goal_taken_up_late_is_not_given_up_for_the_time_before(run: Run) -> None:
     run.now = 500.0
     goal = NavigationGoal("g", ((1.0, 0.0),), "towards", 10.0, start=(-9.0, 0.0), nearest=1.0, nearest_at=495.0)
     run.pilot.resume(goal, TowardsGoal(), "navigating", ("navigating", "", ""))
     run.until(run.ended)
-    assert run.pilot.state == "succeeded"
-    assert goal.missed == []
+    assert (run.pilot.state, goal.missed) == ("succeeded", [])
 
 
 def test_a_goal_that_was_kept_goes_on_counting_its_recoveries() -> None:

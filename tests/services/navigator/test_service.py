@@ -11,72 +11,63 @@ import pytest
 
 from surefoot.errors import Refusal, SurefootError
 from surefoot.schemas.hw import Landmark
-from surefoot.schemas.navigation import (
-    CancelRequest,
-    GotoRequest,
-    PolicyRequest,
-    SetPoseRequest,
-    WaypointsRequest,
-)
-from surefoot.schemas.topics import (
-    NAVIGATOR_ORDER,
-    STATE_POSE,
-)
+from surefoot.schemas.navigation import CancelRequest, GotoRequest, PolicyRequest, SetPoseRequest, WaypointsRequest
+from surefoot.schemas.topics import NAVIGATOR_ORDER
 from surefoot.services.navigator.policy.files import shipped
 from surefoot.services.navigator.requests import is_covariance
 from tests.services.navigator.journeys import Journey, ready
+from tests.services.refusals import refused
 
 
 @pytest.mark.parametrize("control", ["odometry", "commands"])
 def test_reaches_a_goal_and_reports_what_users_of_nav2_expect(control: str) -> None:
     journey = ready(control=control)
-    reply = journey.service.requests.goto(GotoRequest(position=(1.2, 0.3)))
+    reply = journey.goto(1.2, 0.3)
     assert reply.accepted
     assert reply.length == pytest.approx(math.hypot(1.2, 0.3), abs=0.1)
     journey.step(300)
     half = journey.feedback()
-    assert half.state == "navigating"
-    assert half.navigation_time == pytest.approx(3.0, abs=0.11)
+    assert (half.state, half.navigation_time) == ("navigating", pytest.approx(3.0, abs=0.11))
     assert 0.8 < half.distance_remaining < 1.3
     assert half.number_of_poses_remaining == 1
-    assert half.decision is not None
     assert half.decision.reason
     assert half.decision.action in half.decision.values
-    journey.until_ended()
-    end = journey.feedback()
+    end = journey.until_ended()
     assert (end.state, end.error_code, end.error_msg) == ("succeeded", "", "")
-    assert math.hypot(journey.walker.x - 1.2, journey.walker.y - 0.3) < 0.2
-    pose = journey.stage.said[STATE_POSE.key]
+    assert journey.missed(1.2, 0.3) < 0.2
+    pose = journey.belief()
     assert pose.control == control
     assert not pose.lost
     assert math.hypot(pose.pose[0] - journey.walker.x, pose.pose[1] - journey.walker.y) < 0.05
 
 
-def test_first_order_comes_in_the_tick_after_the_goal() -> None:
-    journey = ready()
+def test_first_order_comes_in_the_tick_after_the_goal(journey: Journey) -> None:
     assert journey.stage.said[NAVIGATOR_ORDER.key].number == 0
-    journey.service.requests.goto(GotoRequest(position=(1.0, 0.0)))
+    journey.goto(1.0, 0.0)
     journey.step()
     assert journey.stage.said[NAVIGATOR_ORDER.key].number == 1
 
 
-def test_at_tick_is_kept() -> None:
-    journey = ready()
-    journey.service.requests.goto(GotoRequest(position=(1.0, 0.0), at_tick=40))
+def test_at_tick_is_kept(journey: Journey) -> None:
+    journey.goto(1.0, 0.0, at_tick=40)
     journey.step(20)
     assert journey.pilot.state == "idle"
     journey.step()
     assert journey.pilot.state == "navigating"
-    with pytest.raises(Refusal) as caught:
-        journey.service.requests.goto(GotoRequest(position=(1.0, 0.0), at_tick=3))
-    assert (caught.value.code, caught.value.field) == ("late", "at_tick")
+    with refused(Refusal, "late", "at_tick"):
+        journey.goto(1.0, 0.0, at_tick=3)
 
 
-def test_routes_lead_around_obstacles() -> None:
-    journey = ready()
-    reply = journey.service.requests.goto(GotoRequest(position=(2.6, 0.75)))
+def test_routes_lead_around_obstacles(journey: Journey) -> None:
+    reply = journey.goto(2.6, 0.75)
     assert len(reply.route) > 1
     assert reply.length > math.hypot(2.6, 0.75)
+
+
+@pytest.fixture
+def memory(tmp_path: Path) -> str:
+    """The file in which a navigator keeps its goal."""
+    return str(tmp_path / "navigator.json")
 
 
 BAD = [
@@ -90,72 +81,61 @@ BAD = [
 
 
 @pytest.mark.parametrize(("request_", "code", "field"), BAD, ids=[f"{b[1]} {b[0].position}" for b in BAD])
-def test_a_goal_that_cannot_be_is_refused(request_: GotoRequest, code: str, field: str) -> None:
-    journey = ready()
-    with pytest.raises(Refusal) as caught:
+def test_a_goal_that_cannot_be_is_refused(journey: Journey, request_: GotoRequest, code: str, field: str) -> None:
+    with refused(Refusal, code, field):
         journey.service.requests.goto(request_)
-    assert (caught.value.code, caught.value.field) == (code, field)
     journey.step(5)
     assert journey.pilot.state == "idle"
 
 
-def test_waypoints_name_the_one_that_is_wrong_and_take_the_same_twice() -> None:
-    journey = ready()
-    with pytest.raises(Refusal) as caught:
+def test_waypoints_name_the_one_that_is_wrong_and_take_the_same_twice(journey: Journey) -> None:
+    with refused(Refusal, field="positions.1"):
         journey.service.requests.waypoints(WaypointsRequest(positions=((0.5, 0.0), (0.0, 1.05))))
-    assert caught.value.field == "positions.1"
     reply = journey.service.requests.waypoints(WaypointsRequest(positions=((0.5, 0.0), (0.5, 0.0), (0.8, 0.3))))
     assert len(reply.route) == 2
-    journey.until_ended()
-    assert journey.feedback().state == "succeeded"
+    assert journey.until_ended().state == "succeeded"
 
 
 def test_a_goal_in_odom_is_placed_in_the_map() -> None:
     journey = ready(start_x=0.5, start_y=0.1)
     journey.walker.x, journey.walker.y = 0.0, 0.0
     journey.seen = False
-    reply = journey.service.requests.goto(GotoRequest(position=(0.5, 0.0), frame="odom"))
+    reply = journey.goto(0.5, 0.0, frame="odom")
     assert reply.route[-1] == pytest.approx((1.0, 0.1), abs=0.02)
 
 
 @pytest.mark.parametrize(("state", "code"), [("waiting", "not_initialised"), ("refused", "fallen")])
-def test_a_robot_that_cannot_walk_takes_no_goal(state: str, code: str) -> None:
-    journey = ready()
+def test_a_robot_that_cannot_walk_takes_no_goal(journey: Journey, state: str, code: str) -> None:
     journey.walker.state = state
     journey.step()
-    with pytest.raises(Refusal) as caught:
-        journey.service.requests.goto(GotoRequest(position=(1.0, 0.0)))
-    assert caught.value.code == code
+    with refused(Refusal, code):
+        journey.goto(1.0, 0.0)
 
 
-def test_cancel() -> None:
-    journey = ready()
+def test_cancel(journey: Journey) -> None:
     assert not journey.service.requests.cancel(CancelRequest()).accepted
-    journey.service.requests.goto(GotoRequest(position=(1.5, 0.0), goal_id="far"))
+    journey.goto(1.5, 0.0, goal_id="far")
     journey.step(400)
     assert not journey.service.requests.cancel(CancelRequest(goal_id="near")).accepted
     assert journey.service.requests.cancel(CancelRequest(goal_id="far")).accepted
     journey.until_ended(300)
-    assert journey.feedback().state == "cancelled"
-    assert journey.feedback().error_code == "cancelled"
+    assert (journey.feedback().state, journey.feedback().error_code) == ("cancelled", "cancelled")
     assert journey.walker.state == "standing"
 
 
-def test_set_pose_is_judged() -> None:
-    journey = ready()
+def test_an_impossible_pose_is_refused_and_a_possible_one_taken(journey: Journey) -> None:
     for request, field in (
         (SetPoseRequest(pose=(0.0, 1.05, 0.0)), "pose"),
         (SetPoseRequest(pose=(99.0, 0.0, 0.0)), "pose"),
         (SetPoseRequest(pose=(0.0, 0.0, 0.0), covariance=(1.0, 2.0, 0.0, 2.0, 1.0, 0.0, 0.0, 0.0, 1.0)), "covariance"),
         (SetPoseRequest(pose=(0.0, 0.0, 0.0), covariance=(-1.0, *((0.0,) * 8))), "covariance"),
     ):
-        with pytest.raises(Refusal) as caught:
+        with refused(Refusal, field=field):
             journey.service.requests.set_pose(request)
-        assert caught.value.field == field
     journey.seen = False
     assert journey.service.requests.set_pose(SetPoseRequest(pose=(1.0, 0.2, 0.3))).accepted
     journey.step(11)
-    assert journey.stage.said[STATE_POSE.key].pose == pytest.approx((1.0, 0.2, 0.3), abs=0.02)
+    assert journey.belief().pose == pytest.approx((1.0, 0.2, 0.3), abs=0.02)
 
 
 def test_covariances() -> None:
@@ -167,8 +147,7 @@ def test_covariances() -> None:
         assert not is_covariance(good - 1.01 * np.linalg.eigvalsh(good)[0] * np.eye(3) - 1e-6 * np.eye(3))
 
 
-def test_map_and_policies_are_told() -> None:
-    journey = ready()
+def test_map_and_policies_are_reported(journey: Journey) -> None:
     grid = journey.service.maps.message()
     assert (grid.rows, grid.cols) == (44, 84)
     assert len(grid.data) == 44 * 84
@@ -179,11 +158,10 @@ def test_map_and_policies_are_told() -> None:
         journey.service.requests.policy(PolicyRequest(use="nothing.npz"))
 
 
-def test_blocked_ahead_it_only_turns() -> None:
-    journey = ready()
+def test_blocked_ahead_it_only_turns(journey: Journey) -> None:
     journey.distance = 0.25
     journey.step(10)
-    journey.service.requests.goto(GotoRequest(position=(1.0, 0.0)))
+    journey.goto(1.0, 0.0)
     journey.step(400)
     order = journey.stage.said[NAVIGATOR_ORDER.key]
     assert order.command.action == "turn"
@@ -191,22 +169,19 @@ def test_blocked_ahead_it_only_turns() -> None:
 
 
 @pytest.mark.parametrize("length", [4, 256])
-def test_descriptors_of_another_length_are_refused_and_the_walk_goes_on(length: int) -> None:
-    journey = ready()
-    journey.service.requests.goto(GotoRequest(position=(0.5, 0.0)))
+def test_descriptors_of_another_length_are_refused_and_the_walk_goes_on(journey: Journey, length: int) -> None:
+    journey.goto(0.5, 0.0)
     odd, plain = (Landmark(range=0.5, bearing=0.0, descriptor=(0.1,) * length),), journey.frame
     journey.frame = lambda: plain().model_copy(update={"landmarks": odd})  # type: ignore[method-assign]
-    journey.until_ended()
-    assert journey.feedback().state == "succeeded"
+    assert journey.until_ended().state == "succeeded"
     assert any("numbers, got" in line for line in journey.stage.logged)
     assert sum("refused" in line for line in journey.stage.logged) == 1
 
 
 @pytest.mark.parametrize("camera", ["dark", "frozen"])
-def test_without_a_camera_the_belief_grows_and_the_goal_is_reached_by_odometry(camera: str) -> None:
-    journey = ready()
-    journey.service.requests.goto(GotoRequest(position=(0.8, 0.0)))
-    before = journey.stage.said[STATE_POSE.key].entropy
+def test_without_a_camera_the_belief_grows_and_the_goal_is_reached_by_odometry(journey: Journey, camera: str) -> None:
+    journey.goto(0.8, 0.0)
+    before = journey.belief().entropy
     frame = journey.frame()
     if camera == "dark":
         journey.seen = False
@@ -215,129 +190,105 @@ def test_without_a_camera_the_belief_grows_and_the_goal_is_reached_by_odometry(c
     journey.until_ended()
     if camera == "dark":
         assert journey.feedback().state == "succeeded"
-        assert journey.stage.said[STATE_POSE.key].entropy > before
+        assert journey.belief().entropy > before
     else:  # the same picture for ever contradicts the way: never a confident wrong pose
-        pose = journey.stage.said[STATE_POSE.key]
+        pose = journey.belief()
         away = math.hypot(pose.pose[0] - journey.walker.x, pose.pose[1] - journey.walker.y)
         assert pose.lost or away < 0.15 or journey.feedback().state == "failed"
 
 
-def test_moved_robots_are_found_again() -> None:
-    journey = ready()
-    journey.service.requests.goto(GotoRequest(position=(2.4, 0.0)))
+def test_moved_robots_are_found_again(journey: Journey) -> None:
+    journey.goto(2.4, 0.0)
     journey.step(900)
     w = journey.walker
     w.x, w.y, w.yaw = w.x - 0.3, w.y + 0.6, w.yaw - 0.5 * math.pi
-    journey.odom = False  # it was lifted: no odometry tells of it
+    journey.odom = False  # it was lifted: no odometry reports it
     journey.step()
     journey.odom = True
     journey.service.localiser._taken = (w.x, w.y, w.yaw)  # its own count goes on as if nothing had happened
-    journey.until_ended()
-    end = journey.feedback()
+    end = journey.until_ended()
     assert end.state == "succeeded"
     assert end.recoveries["relocalise"] >= 1
     assert math.hypot(w.x - 2.4, w.y) < 0.2
 
 
-def test_a_navigator_that_is_started_again_goes_on_with_its_goal(tmp_path: Path) -> None:
-    memory = str(tmp_path / "navigator.json")
+def test_a_navigator_that_is_started_again_goes_on_with_its_goal(memory: str) -> None:
     first = ready(memory=memory)
-    first.service.requests.goto(GotoRequest(position=(1.5, 0.0), goal_id="kept"))
+    first.goto(1.5, 0.0, goal_id="kept")
     first.step(600)
-    second = Journey(tick=first.tick + 50, memory=memory)
-    second.walker, second.places, second.looks = first.walker, first.places, first.looks
-    second.maps = first.maps
+    second = first.restarted(first.tick + 50, memory=memory)
     second.step(20)
-    assert second.pilot.goal is not None
     assert second.pilot.goal.id == "kept"
     assert second.pilot.number >= first.pilot.number
-    second.until_ended()
-    assert second.feedback().state == "succeeded"
-    assert math.hypot(second.walker.x - 1.5, second.walker.y) < 0.2
+    assert second.until_ended().state == "succeeded"
+    assert second.missed(1.5, 0.0) < 0.2
 
 
 @pytest.mark.parametrize("order_lost", [False, True])
-def test_a_navigator_killed_before_its_tick_was_sent_does_that_tick_again(tmp_path: Path, order_lost: bool) -> None:
-    memory = str(tmp_path / "navigator.json")
+def test_a_navigator_killed_before_its_tick_was_sent_does_that_tick_again(memory: str, order_lost: bool) -> None:
     first = ready(memory=memory)
-    first.service.requests.goto(GotoRequest(position=(0.8, 0.0), goal_id="kept"))
+    first.goto(0.8, 0.0, goal_id="kept")
     first.step(101 - first.tick % 100)  # a hundredth tick is kept whatever happens
     if order_lost:  # kept, but the walker never saw it
         number = first.pilot.number
         while first.pilot.number == number:
             first.step()
-    second = Journey(tick=first.tick - 1, memory=memory)
-    second.walker, second.places, second.looks = first.walker, first.places, first.looks
+    second = first.restarted(first.tick - 1, memory=memory)
     second.step(20)
-    assert second.pilot.goal is not None
     assert second.pilot.goal.id == "kept"
-    second.until_ended()
-    assert second.feedback().state == "succeeded"
-    assert math.hypot(second.walker.x - 0.8, second.walker.y) < 0.2
+    assert second.until_ended().state == "succeeded"
+    assert second.missed(0.8, 0.0) < 0.2
 
 
 @pytest.mark.parametrize("killed_when", ["stopping", "succeeded"])
-def test_a_navigator_killed_at_the_end_of_its_goal_reports_that_end(tmp_path: Path, killed_when: str) -> None:
-    memory = str(tmp_path / "navigator.json")
+def test_a_navigator_killed_at_the_end_of_its_goal_reports_that_end(memory: str, killed_when: str) -> None:
     first = ready(memory=memory)
-    first.service.requests.goto(GotoRequest(position=(0.5, 0.0), goal_id="kept"))
+    first.goto(0.5, 0.0, goal_id="kept")
     while first.pilot.state != killed_when:
         first.step()
-    second = Journey(tick=first.tick - 1, memory=memory)
-    second.walker, second.places, second.looks = first.walker, first.places, first.looks
-    second.until_ended()
-    end, goal = second.feedback(), second.pilot.goal
+    second = first.restarted(first.tick - 1, memory=memory)
+    end, goal = second.until_ended(), second.pilot.goal
     assert (end.state, end.goal_id, end.error_code) == ("succeeded", "kept", "")
-    assert goal is not None
     assert end.navigation_time == pytest.approx(second.pilot.ended - goal.began, abs=0.01)
     assert 2.0 < end.navigation_time < 20.0
 
 
-def test_a_goal_that_was_cancelled_is_not_walked_on_by_the_next_navigator(tmp_path: Path) -> None:
-    memory = str(tmp_path / "navigator.json")
+def test_a_goal_that_was_cancelled_is_not_walked_on_by_the_next_navigator(memory: str) -> None:
     first = ready(memory=memory)
-    first.service.requests.goto(GotoRequest(position=(1.5, 0.0)))
+    first.goto(1.5, 0.0)
     first.step(300)
     first.service.requests.cancel(CancelRequest())
     first.step()
-    second = Journey(tick=first.tick - 1, memory=memory)  # the order to stop was never sent
-    second.walker = first.walker
+    second = first.restarted(first.tick - 1, memory=memory)  # the order to stop was never sent
     second.until_ended()
-    assert second.feedback().state == "cancelled"
-    assert second.walker.state == "standing"
+    assert (second.feedback().state, second.walker.state) == ("cancelled", "standing")
     assert second.walker.x < 1.0
 
 
-def test_an_accepted_goal_outlives_a_navigator_killed_before_it_begins(tmp_path: Path) -> None:
-    memory = str(tmp_path / "navigator.json")
+def test_an_accepted_goal_outlives_a_navigator_killed_before_it_begins(memory: str) -> None:
     first = ready(memory=memory)
-    first.service.requests.goto(GotoRequest(position=(0.8, 0.0), goal_id="planned", at_tick=first.tick + 40))
-    second = Journey(tick=first.tick, memory=memory)
-    second.walker = first.walker
+    first.goto(0.8, 0.0, goal_id="planned", at_tick=first.tick + 40)
+    second = first.restarted(first.tick, memory=memory)
     second.step(39)
     assert second.pilot.state == "idle"
-    third = Journey(tick=second.tick, memory=memory)
-    third.walker, third.places, third.looks = first.walker, first.places, first.looks
+    third = first.restarted(second.tick, memory=memory)
     third.step(2)
     assert third.pilot.state == "navigating"
-    third.until_ended()
-    assert third.feedback().state == "succeeded"
+    assert third.until_ended().state == "succeeded"
 
 
 def test_a_goal_by_a_policy_file_goes_on_by_that_file_or_logs_that_it_has_gone(tmp_path: Path) -> None:
     memory, file = str(tmp_path / "navigator.json"), tmp_path / "mine.npz"
     journey = ready(memory=memory)
     shutil.copy(shipped()["planner-nao-arcs"], file)
-    journey.service.requests.goto(GotoRequest(position=(0.8, 0.0), policy=str(file)))
+    journey.goto(0.8, 0.0, policy=str(file))
     journey.step(100)
-    again = Journey(tick=journey.tick, memory=memory)
-    again.walker = journey.walker
+    again = journey.restarted(journey.tick, memory=memory)
     again.step(2)
     assert again.pilot.state == "navigating"
     assert again.stage.logged == ["info: started again in tick 120: goes on with its goal"]
     file.unlink()
-    without = Journey(tick=again.tick, memory=memory)
-    without.walker = journey.walker
+    without = journey.restarted(again.tick, memory=memory)
     without.step(10)
     assert (without.feedback().state, without.feedback().policy) == ("navigating", "steer")
     assert without.stage.logged[0].startswith("warning: goal goal-1 goes on by the default policy steer")
@@ -351,10 +302,10 @@ def test_a_goal_by_a_policy_file_goes_on_by_that_file_or_logs_that_it_has_gone(t
         ("pose", [0.0]), ("goal", {"id": "x"}), ("goal", 7), ("planned", [[1]]), ("planned", None), ("ended", "late"),
     ],
 )  # fmt: skip
-def test_a_damaged_memory_is_left_in_words(tmp_path: Path, field: str, value: Any) -> None:
+def test_a_damaged_memory_is_left_and_logged(tmp_path: Path, field: str, value: Any) -> None:
     path = tmp_path / "navigator.json"
     first = ready(memory=str(path))
-    first.service.requests.goto(GotoRequest(position=(0.8, 0.0)))
+    first.goto(0.8, 0.0)
     first.step(5)
     path.write_text(json.dumps({**json.loads(path.read_text()), field: value}))
     journey = Journey(tick=first.tick, memory=str(path))

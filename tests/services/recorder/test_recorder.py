@@ -41,7 +41,7 @@ class ToyRecorder(Recorder):
 
 
 class MappedDriver(ToyDriver):
-    """Starts where the seed says, and tells a map."""
+    """Starts at a place that the seed gives, and publishes a map."""
 
     outputs = (*ToyDriver.outputs, TERRAIN_MAP)
 
@@ -53,13 +53,19 @@ class MappedDriver(ToyDriver):
         return [(TERRAIN_MAP, MAP)]
 
 
-def record(path: Path | None, *, ticks: int = 30, seed: int = 0, order: tuple[int, ...] = (0, 1, 2, 3)) -> Any:
-    """Runs the toys with a real recorder."""
+def begun(path: Path | None, ticks: int = 30, seed: int = 0, order: tuple[int, ...] = (0, 1, 2, 3)) -> Any:
+    """Start a run of the toys with a real recorder."""
     driver = MappedDriver(seed)
     recorder = ToyRecorder(RecorderConfig(path=None if path is None else str(path)))
     services = [driver, ToyEstimator(ServiceConfig()), ToyWalker(ServiceConfig()), recorder]
     system = LocalSystem([services[i] for i in order])
     begin(driver, ticks, seed)
+    return system, driver
+
+
+def record(path: Path | None, **run: Any) -> Any:
+    """Run the toys with a real recorder to the end."""
+    system, driver = begun(path, **run)
     finish(system, driver)
     return system, driver
 
@@ -102,12 +108,9 @@ def test_same_seed_same_hash_whatever_the_order_and_the_file(tmp_path: Path) -> 
     assert status(record(None, ticks=29)[0]).run_hash != reference
 
 
-def test_the_map_is_kept_and_hashed_once_however_often_it_is_told(tmp_path: Path) -> None:
+def test_the_map_is_kept_and_hashed_once_however_often_it_is_published(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    driver = MappedDriver(0)
-    recorder = ToyRecorder(RecorderConfig(path=str(path)))
-    system = LocalSystem([driver, ToyEstimator(ServiceConfig()), ToyWalker(ServiceConfig()), recorder])
-    begin(driver, 30)
+    system, driver = begun(path)
     for tick in (5, 15):
         system.run_until(lambda tick=tick: driver.node.leader.tick > tick)
         driver.node._tell_latched()
@@ -133,10 +136,7 @@ def test_a_map_of_the_coming_epoch_that_is_early_belongs_to_its_own_run() -> Non
 
 
 def test_no_hash_before_the_end() -> None:
-    driver = MappedDriver(0)
-    recorder = ToyRecorder(RecorderConfig(path=None))
-    system = LocalSystem([driver, ToyEstimator(ServiceConfig()), ToyWalker(ServiceConfig()), recorder])
-    begin(driver, 30)
+    system, driver = begun(None)
     system.run_until(lambda: driver.node.leader.tick > 10)
     assert status(system).run_hash == ""
     assert not status(system).finished
@@ -155,28 +155,22 @@ def test_a_second_epoch_is_a_second_file(tmp_path: Path) -> None:
 
 def test_a_run_that_is_cut_off_has_its_file_closed(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    driver = MappedDriver(0)
-    recorder = ToyRecorder(RecorderConfig(path=str(path)))
-    system = LocalSystem([driver, ToyEstimator(ServiceConfig()), ToyWalker(ServiceConfig()), recorder])
-    begin(driver, 30)
+    system, driver = begun(path)
     system.run_until(lambda: driver.node.leader.tick > 10)
     system.close()
     assert 5 < recording_info(path)["topics"]["hw/imu"] < 30
 
 
 @pytest.mark.parametrize("kind", ["folder", "file in the way"])
-def test_a_path_that_cannot_be_written_is_told_and_the_run_goes_on(tmp_path: Path, kind: str) -> None:
+def test_a_path_that_cannot_be_written_is_logged_and_the_run_goes_on(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "x" / "run.mcap"
     if kind == "folder":
         path.mkdir(parents=True)
     else:
         (tmp_path / "x").write_text("")
     told: list[LogRecord] = []
-    driver = MappedDriver(0)
-    recorder = ToyRecorder(RecorderConfig(path=str(path)))
-    system = LocalSystem([driver, ToyEstimator(ServiceConfig()), ToyWalker(ServiceConfig()), recorder])
+    system, driver = begun(path)
     system.bus.subscribe(LOG, lambda delivery: told.append(delivery.message()))  # type: ignore[arg-type]
-    begin(driver, 30)
     finish(system, driver)
     assert status(system).run_hash == status(record(None)[0]).run_hash
     assert status(system).path == ""
@@ -185,7 +179,7 @@ def test_a_path_that_cannot_be_written_is_told_and_the_run_goes_on(tmp_path: Pat
     assert str(path) in errors[0]
 
 
-def test_a_path_that_is_no_utf8_is_written_and_told(tmp_path: Path) -> None:
+def test_a_path_that_is_no_utf8_is_written_and_reported(tmp_path: Path) -> None:
     system, _ = record(tmp_path / "b\udcff.mcap")
     assert recording_info(tmp_path / "b\udcff.mcap")["topics"]["hw/imu"] == 30
     assert decode(RecorderReply, encode(status(system))[0]).path.endswith("b\\udcff.mcap")

@@ -15,6 +15,7 @@ from surefoot.services.simulator.physics.perturb import perturbation
 from surefoot.services.simulator.physics.samples import ServoCommand
 from surefoot.services.simulator.physics.servo_line import ServoLine
 from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
+from tests.services.simulator.stepping import steps
 
 BIOLOID, NAO, RAGNO = (load_robot(name) for name in ("bioloid", "nao", "ragno"))
 
@@ -30,8 +31,7 @@ def sway(robot, tick):
 @pytest.mark.parametrize("robot", [BIOLOID, NAO], ids=lambda robot: robot.name)
 def test_a_biped_stands_on_eight_switches_and_weighs_what_it_should(robot):
     world = PhysicsWorld(robot, make_terrain("flat"))
-    for _ in range(8):
-        world.step_tick()
+    steps(world, 8)
     truth = world.truth()
     assert truth.foot_force_n.sum() == pytest.approx(9.81 * robot.mass, rel=0.01)
     touch = None
@@ -93,8 +93,7 @@ def test_perturbation_levels_scale_and_are_seeded():
     assert perturbation(1.0, 3, 18, "biped").floor_tilt == one.floor_tilt
     assert perturbation(1.0, 4, 18, "biped").floor_tilt != one.floor_tilt
     hexapod = perturbation(1.0, 3, 18)
-    assert hexapod.zero_sigma == 0.0
-    assert hexapod.floor_tilt == (0.0, 0.0)
+    assert (hexapod.zero_sigma, hexapod.floor_tilt) == (0.0, (0.0, 0.0))
     assert np.array_equal(hexapod.kp_scale, one.kp_scale)
 
 
@@ -123,7 +122,6 @@ def test_a_turning_robot_twists_its_standing_soles():
     q = BIOLOID.neutral.copy()
     for leg, sign in zip(BIOLOID.legs, (1.0, -1.0), strict=True):
         q[leg.joints[0]] = 0.3 * sign
-    for _ in range(60):
-        world.step_tick(q)
+    steps(world, 60, q)
     assert np.all(np.abs(world.truth().foot_twist) > 0.03)
     assert world.truth().foot_twist[0] * world.truth().foot_twist[1] < 0.0

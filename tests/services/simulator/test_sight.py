@@ -1,4 +1,4 @@
-"""Camera, ultrasound and bumpers of a robot in its world: when they speak, what they say, what a restore keeps."""
+"""Camera, ultrasound and bumpers of a robot in its world: times and values of samples, and what a restore keeps."""
 
 import math
 
@@ -14,6 +14,8 @@ from surefoot.services.simulator.physics.model import Physics
 from surefoot.services.simulator.sensors.sight import CameraFrame, Floor, Reach, Senses
 from surefoot.services.simulator.sensors.walls import read_ranger
 from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
+from tests.services.refusals import refused
+from tests.services.simulator.stepping import steps
 
 NAO = load_robot("nao")
 RANGER = read_ranger("nao_walls")
@@ -79,7 +81,7 @@ def test_messages_carry_what_was_seen():
         ((0.5, 0.0, math.pi), 1.5),
     ],
 )
-def test_ultrasound_tells_the_distance_of_the_nearest_wall(pose, expected):
+def test_ultrasound_measures_the_distance_of_the_nearest_wall(pose, expected):
     """A square look at a wall: its distance less the place of the sensor."""
     _, reaches = run(world(pose=pose), 100)
     found = np.mean([r.distance for r in reaches])
@@ -93,7 +95,7 @@ def test_ultrasound_hears_nothing_in_the_open_and_no_nearer_than_it_can():
     assert {r.distance for r in reaches} == {RANGER.shortest}
 
 
-def test_a_foot_that_is_pushed_against_a_wall_tells_it():
+def test_a_foot_that_is_pushed_against_a_wall_reports_it():
     made = world(pose=(FRONT - 0.085, 0.0, 0.0), physics=Physics(friction=0.1))
     _, before = run(made, 20)
     assert not any(any(r.bump) for r in before)
@@ -150,8 +152,7 @@ def test_eyes_change_nothing_else():
     blind.sight = None
     for made in (seeing, blind):
         run_blind = made.sight is None
-        for _ in range(30):
-            made.step_tick()
+        steps(made, 30)
         assert (made.sight is None) == run_blind
     assert seeing.truth().position.tobytes() == blind.truth().position.tobytes()
     assert seeing.samples.imu.acc.tobytes() == blind.samples.imu.acc.tobytes()
@@ -184,6 +185,5 @@ def test_copied_landmarks_look_alike_in_groups():
 
 
 def test_unknown_profiles_are_refused_by_name():
-    with pytest.raises(RobotError) as error:
+    with refused(RobotError, "unknown_name", "ranger"):
         read_ranger("bat")
-    assert (error.value.code, error.value.field) == ("unknown_name", "ranger")

@@ -1,4 +1,4 @@
-"""Terrains: pure, bounded, flat at the start, and the map tells what the boxes are."""
+"""Terrains: pure, bounded, flat at the start, and the map has the heights of the boxes."""
 
 import math
 
@@ -19,6 +19,7 @@ from surefoot.services.simulator.ground.terrain import (
     observed_map,
     terrain_from_map,
 )
+from tests.services.refusals import refused
 
 RANDOM = ("hills", "rough", "flagstones", "mixed", "elevation", "demo")
 if elevation_file() is None:
@@ -47,7 +48,6 @@ def test_the_start_is_flat(kind: str) -> None:
 def test_demo_holds_what_it_promises(seed: int, amp: float) -> None:
     terrain = make_terrain("demo", seed, amp)
     scale = amp / 0.06
-    assert terrain.ground is not None
     z = terrain.ground.z[:, terrain.map.xs() < shapes.DEMO_STEPS_AT]
     assert amp - 0.01 * scale <= z.max() <= amp + 0.01 * scale
     assert z.min() >= -0.01 * scale
@@ -114,8 +114,6 @@ def test_mixed_ground_has_the_heights_of_the_paper_and_all_its_parts(seed: int) 
 
 def test_mixed_ground_is_the_same_in_other_cells_and_scales() -> None:
     fine, coarse, low = make_terrain("mixed", 2), make_terrain("mixed", 2, cell=0.01), make_terrain("mixed", 2, 0.0435)
-    assert fine.ground is not None
-    assert coarse.ground is not None
     assert low.ground is not None
     np.testing.assert_allclose(fine.ground.z[::2, ::2], coarse.ground.z, atol=1e-6)
     np.testing.assert_allclose(low.ground.z, 0.5 * fine.ground.z, atol=1e-6)
@@ -145,8 +143,7 @@ def test_elevation_model_is_the_file_scaled() -> None:
     land = np.load(path)["elevation"].astype(np.float64)
     terrain = make_terrain("elevation", 3, amp=0.05, size=(5.5, 5.5), start_x=0.0)
     z = terrain.map.z[:, terrain.map.xs() > shapes.PAD_END + shapes.BLEND].astype(np.float64)
-    assert z.min() == pytest.approx(0.0, abs=1e-3)
-    assert z.max() == pytest.approx(0.05, abs=1e-3)
+    assert (z.min(), z.max()) == (pytest.approx(0.0, abs=1e-3), pytest.approx(0.05, abs=1e-3))
     across = np.sort(np.abs(np.diff(land, axis=0)).ravel()) * 0.05 / np.ptp(land)
     here = np.sort(np.abs(np.diff(z, axis=0)).ravel())
     assert np.median(here) == pytest.approx(np.median(across), rel=0.25)
@@ -154,9 +151,8 @@ def test_elevation_model_is_the_file_scaled() -> None:
 
 def test_elevation_model_that_is_absent_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(elevation, "ELEVATION_FILE", "nowhere.npz")
-    with pytest.raises(TerrainError) as error:
+    with refused(TerrainError, field="kind"):
         make_terrain("elevation", 1)
-    assert error.value.field == "kind"
 
 
 @pytest.mark.parametrize("kind", ["room", "corridor", "corner"])
@@ -253,9 +249,8 @@ def test_file_round_trip(tmp_path: object) -> None:
     ],
 )
 def test_refusals_name_the_field(arguments: dict[str, object], field: str) -> None:
-    with pytest.raises(TerrainError) as error:
+    with refused(TerrainError, field=field):
         make_terrain(**arguments)  # type: ignore[arg-type]
-    assert error.value.field == field
 
 
 def test_unknown_map_profile_and_empty_map() -> None:

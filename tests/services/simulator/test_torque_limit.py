@@ -7,6 +7,7 @@ from surefoot.robot.reader import load_robot
 from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.physics.faults import Fault
 from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
+from tests.services.simulator.stepping import steps
 from tests.services.simulator.test_world import march
 
 RAGNO = load_robot("ragno")
@@ -19,20 +20,17 @@ def flat() -> PhysicsWorld:
 
 def test_a_torque_limit_holds_for_its_command_only(flat: PhysicsWorld) -> None:
     """Limp servos let the robot down; a limit above what standing takes changes nothing; none sets it up again."""
-    for _ in range(33):
-        flat.step_tick(RAGNO.neutral)
+    steps(flat, 33, RAGNO.neutral)
     load, height = np.abs(flat.data.actuator_force).copy(), flat.truth().position[2]
     ample = np.full(RAGNO.nj, 1.5 * load.max())
-    for _ in range(100):
-        flat.step_tick(RAGNO.neutral, ample)
+    steps(flat, 100, RAGNO.neutral, ample)
     assert flat.truth().position[2] == pytest.approx(height, abs=1e-4)
     scarce = 0.3 * load
     for _ in range(100):
         flat.step_tick(RAGNO.neutral, scarce)
         assert (np.abs(flat.data.actuator_force) <= scarce + 1e-6).all()
     assert flat.truth().position[2] < height - 0.02
-    for _ in range(200):
-        flat.step_tick(RAGNO.neutral)
+    steps(flat, 200, RAGNO.neutral)
     assert np.abs(flat.data.actuator_force).max() > scarce.max()
     assert flat.truth().position[2] > height - 0.01
 

@@ -1,4 +1,4 @@
-"""Truth of the feet: sliding is told from rolling, stances are counted."""
+"""Truth of the feet: sliding is distinguished from rolling, stances are counted."""
 
 import mujoco
 import numpy as np
@@ -9,6 +9,7 @@ from surefoot.services.simulator.ground.terrain import make_terrain
 from surefoot.services.simulator.physics.model import Physics
 from surefoot.services.simulator.physics.truth import GATE_N, LIFT_TICKS
 from surefoot.services.simulator.world import TICK_STEPS, PhysicsWorld, WorldConfig
+from tests.services.simulator.stepping import steps
 
 RAGNO = load_robot("ragno")
 
@@ -41,8 +42,7 @@ def test_sliding_is_the_way_of_a_robot_that_is_pulled(world: PhysicsWorld) -> No
     world.set("friction", 0.02)
     world.push((1.5, 0.0, 0.0), 0.3)
     start = world.truth()
-    for _ in range(40):
-        world.step_tick()
+    steps(world, 40)
     truth = world.truth()
     way = truth.position[0] - start.position[0]
     assert way > 0.02
@@ -80,13 +80,11 @@ def test_stances_are_counted_and_a_bounce_is_none(world: PhysicsWorld) -> None:
     lifted = RAGNO.neutral.copy()
     lifted[RAGNO.legs[1].joints[1]] += 0.5
     for _ in range(3):
-        for _ in range(40):
-            world.step_tick(lifted)
+        steps(world, 40, lifted)
         truth = world.truth()
         assert truth.foot_force_n[1] == 0.0
         assert truth.contact_sliding[1] == truth.foot_displacement[1] == 0.0
-        for _ in range(40):
-            world.step_tick(RAGNO.neutral)
+        steps(world, 40, RAGNO.neutral)
     assert world.truth().stances.tolist() == [0, 3, 0, 0, 0, 0]
     feet = world.tracker.feet
     feet.below[0] = LIFT_TICKS - 2  # two ticks without force: still the same stance
@@ -100,11 +98,9 @@ def test_trunk_contact_is_a_fall_that_stays(world: PhysicsWorld) -> None:
     world.reset()
     folded = RAGNO.neutral.copy()
     folded[[leg.joints[1] for leg in RAGNO.legs]] = np.radians(85.0)
-    for _ in range(100):
-        world.step_tick(folded)
+    steps(world, 100, folded)
     assert world.truth().fallen
-    for _ in range(150):
-        world.step_tick(RAGNO.neutral)
+    steps(world, 150, RAGNO.neutral)
     assert world.truth().fallen
     world.reset()
     assert not world.truth().fallen

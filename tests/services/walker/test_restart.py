@@ -7,15 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from surefoot.robot.reader import load_robot
 from surefoot.services.walker.hexapod.gait import HexapodWalker
-from surefoot.services.walker.hexapod.params import WalkerParams
 from surefoot.services.walker.interface import BodyPose, MotionCommand
 from surefoot.services.walker.memory import MemoryFile, WalkMemory
-from tests.services.walker.hexapod.plant import KINEMATICS_TICKS, Plant
-
-ROBOT = load_robot("ragno")
-PARAMS = WalkerParams.for_robot(ROBOT)
+from tests.services.walker.hexapod.plant import KINEMATICS_TICKS, ROBOT, Plant, begun, obeyed, plant
 
 
 class Forgetful(Plant):
@@ -73,19 +68,16 @@ def test_what_was_learned_of_the_old_estimate_is_forgotten():
     p.walker.state.tilt_offset[:] = 0.03
     p.restart_estimator()
     p.run(2.0)
-    assert p.walker.state.tilt_offset == pytest.approx(0.0, abs=1e-9)
-    assert p.out.state == "standing"
+    assert (p.walker.state.tilt_offset, p.out.state) == (pytest.approx(0.0, abs=1e-9), "standing")
 
 
 @pytest.mark.parametrize("after_s", [2.25, 2.5, 2.7])
 def test_a_walker_started_again_closes_and_walks_the_rest(tmp_path, after_s):
-    p = Plant(HexapodWalker(ROBOT))
-    p.run(1.0)
-    p.walker.command(MotionCommand("walk", distance=0.3, gait="ripple"))
+    p = begun(MotionCommand("walk", distance=0.3, gait="ripple"))
     p.run(after_s)
     memory = MemoryFile(str(tmp_path / "walker.json"))
     memory.keep(1, p.tick, p.walker.kept())
-    again = Plant(HexapodWalker(ROBOT))
+    again = plant()
     again.joints, again.contacts, again.tick = p.joints, p.contacts, p.tick + -p.tick % KINEMATICS_TICKS
     found = MemoryFile(str(tmp_path / "walker.json")).recall(1, p.tick + 200)
     assert found == p.walker.kept()
@@ -93,8 +85,7 @@ def test_a_walker_started_again_closes_and_walks_the_rest(tmp_path, after_s):
     again.walker.resume(found)
     again.walker.state.body[:2] = p.walker.state.body[:2]  # what the plant takes for the odometry
     outs = again.until("standing", "refused")
-    assert outs[-1].state == "standing"
-    assert outs[0].state == "recovering"
+    assert (outs[-1].state, outs[0].state) == ("standing", "recovering")
     assert {out.walk_id for out in outs} == {p.walker.state.walk_id}
     assert again.walker.state.body[0] == pytest.approx(0.3, abs=0.01)
     assert again.walker.state.usual.name == "ripple"
@@ -120,20 +111,18 @@ def test_a_memory_of_another_run_or_of_later_is_not_taken_up(tmp_path):
     assert MemoryFile(str(tmp_path / "none.json")).recall(2, 101) is None
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"epoch": 2}', '{"epoch": 2, "tick": 1, "walk_id": 1, "command": 7}'])
-def test_a_torn_memory_is_told_in_words(tmp_path, text):
-    path = tmp_path / "walker.json"
-    path.write_text(text)
-    memory = MemoryFile(str(path))
-    assert memory.recall(2, 101) is None
-    assert "cannot be read" in memory.problem
-
-
-@pytest.mark.parametrize(("field", "value"), [("offset", [0.0]), ("planned", [{"action": "fly"}]), ("planned", 7)])
-def test_a_damaged_field_of_a_memory_is_reported_in_words(tmp_path, field, value):
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "", "{", "[]", '{"epoch": 2}', '{"epoch": 2, "tick": 1, "walk_id": 1, "command": 7}', {"offset": [0.0]},
+        {"planned": [{"action": "fly"}]}, {"planned": 7},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_a_memory_that_is_torn_or_has_a_damaged_field_is_reported_in_words(tmp_path, damage):
     path = tmp_path / "walker.json"
     MemoryFile(str(path)).keep(2, 100, WalkMemory(3, None, None, None))
-    path.write_text(json.dumps({**json.loads(path.read_text()), field: value}))
+    path.write_text(damage if isinstance(damage, str) else json.dumps(json.loads(path.read_text()) | damage))
     memory = MemoryFile(str(path))
     assert memory.recall(2, 101) is None
     assert "cannot be read" in memory.problem
@@ -155,8 +144,7 @@ def test_it_writes_only_what_has_changed(tmp_path):
 
 
 def test_a_walk_with_a_duration_ends_after_it():
-    p = Plant(HexapodWalker(ROBOT))
-    outs = p.obey(MotionCommand("walk", velocity=0.05, duration=2.0))
+    p, outs = obeyed(MotionCommand("walk", velocity=0.05, duration=2.0))
     assert outs[-1].state == "standing"
     assert 2.0 <= 0.01 * len(outs) < 5.0
     assert 0.05 < p.walker.state.body[0] < 0.15

@@ -5,91 +5,34 @@ from typing import Any
 import numpy as np
 import pytest
 
-from surefoot.errors import CallError
-from surefoot.lockstep.join import TickInputs
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.cmd import WalkCommand
-from surefoot.schemas.footholds import LegFoothold, SelectReply
-from surefoot.schemas.hw import EmergencyStop, FootContacts, JointState, Tick
+from surefoot.schemas.hw import EmergencyStop
 from surefoot.schemas.navigation import MotionOrder
-from surefoot.schemas.state import Odometry, VelocityEstimate
-from surefoot.schemas.topics import (
-    CMD_ESTOP,
-    CMD_JOINTS,
-    FOOTHOLDS_SELECT,
-    HW_CONTACTS,
-    HW_JOINTS,
-    NAVIGATOR_ORDER,
-    STABILITY_CHECK,
-    STATE_GAIT,
-    STATE_ODOMETRY,
-    STATE_VELOCITY,
-)
-from surefoot.services.walker.service import SERVICE, WalkerConfig
+from surefoot.schemas.topics import CMD_ESTOP, CMD_JOINTS, FOOTHOLDS_SELECT, NAVIGATOR_ORDER, STATE_GAIT
+from tests.services.walker.messages import EPOCH, estimate, samples, service_of, tick_of
 
 ROBOT = load_robot("ragno")
-EPOCH = 3
-
-
-class Stage:
-    """A runtime that keeps what is published and asked; footholds are as wished, nobody answers about stability."""
-
-    def __init__(self) -> None:
-        self.said: dict[str, Any] = {}
-        self.asked: list[tuple[str, Any]] = []
-
-    def publish(self, topic: Any, message: Any, stamp_ns: int | None) -> None:
-        self.said[topic.key] = message
-
-    def call(self, query: Any, request: Any, timeout_s: float | None) -> Any:
-        self.asked.append((query.key, request))
-        if query.key == STABILITY_CHECK.key:
-            raise CallError("absent", "stability is not on the roster")
-        legs = tuple(LegFoothold(leg=leg.leg, status="ok", foothold=leg.nominal) for leg in request.legs)
-        return SelectReply(legs=legs, map_version=0, model="test")
-
-    def log(self, level: str, text: str) -> None:
-        self.said["log"] = text
 
 
 class Robot:
     """Perfect servos, switches by the planned stance, odometry as planned."""
 
     def __init__(self, memory: str | None, tick: int = 0, **config: Any) -> None:
-        self.stage, self.tick = Stage(), tick
-        self.service = SERVICE(WalkerConfig(memory=memory, **config))
-        self.service.attach(self.stage)
-        self.service.on_start()
+        self.service, self.tick = service_of(memory=memory, **config), tick
+        self.stage = self.service.runtime
         self.joints = ROBOT.neutral.copy()
         self.order: MotionOrder | None = None
 
     def step(self, *, held: bool = False, estimated: bool = True) -> Any:
-        s = self.service.gait.state
-        now = self.tick * 10_000_000
-        head: dict[str, Any] = {"stamp_ns": now, "tick": self.tick, "epoch": EPOCH, "seq": 0, "source": "test"}
-        touch = (
-            tuple((bool(foot[2] < ROBOT.foot_radius + 1e-3),) for foot in s.feet) if s.feet.any() else ((True,),) * 6
-        )
-        q, zero = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        s, feet = self.service.gait.state, ((True,),) * 6
+        if s.feet.any():
+            feet = tuple((bool(foot[2] < ROBOT.foot_radius + 1e-3),) for foot in s.feet)
         messages: dict[str, Any] = {} if self.order is None else {NAVIGATOR_ORDER.key: self.order}
-        messages |= {
-            HW_JOINTS.key: JointState(**head, position=tuple(self.joints.tolist())),
-            HW_CONTACTS.key: FootContacts(**head, touch=touch, normal_force_n=(None,) * 6),
-            STATE_ODOMETRY.key: Odometry(
-                **head, position=(float(s.body[0]), float(s.body[1]), 0.0), quat_wxyz=q, yaw=s.yaw, velocity=zero,
-                covariance=(0.0,) * 16, initialised=True,
-            ),
-            STATE_VELOCITY.key: VelocityEstimate(
-                **head, mode="ekf", velocity=zero, velocity_imu=zero, velocity_heading=zero, angular_velocity=zero,
-                g_up=(0.0, 0.0, 9.81), roll=0.0, pitch=0.0, gyro_bias=zero, covariance=(0.0,) * 36, initialised=True,
-                standing=False, inputs_ok=True, filter_ok=True, sensors_ok=True, slipping=(False,) * 6,
-            ),
-        }  # fmt: skip
-        if not estimated:
-            del messages[STATE_ODOMETRY.key], messages[STATE_VELOCITY.key]
-        roster = ("estimator", "walker", "footholds")
-        tick = Tick(**head, roster=roster, roster_version=1, due=(), mode="lockstep", held=held)
-        self.service.on_tick(TickInputs(tick, messages))
+        messages |= samples(self.tick, self.joints, feet)
+        if estimated:
+            messages |= estimate(self.tick, (float(s.body[0]), float(s.body[1]), s.yaw), 6)
+        self.service.on_tick(tick_of(self.tick, messages, ("estimator", "walker", "footholds"), held))
         command = self.stage.said[CMD_JOINTS.key].position
         if command is not None:
             self.joints = self.service.gait.state.q.copy()
@@ -102,11 +45,13 @@ class Robot:
 
 @pytest.fixture
 def robot(tmp_path: Any) -> Robot:
-    return Robot(str(tmp_path / "walker.json"))
+    """A robot with a memory that stands."""
+    made = Robot(str(tmp_path / "walker.json"))
+    made.run(20)
+    return made
 
 
 def test_after_an_emergency_stop_no_walk_is_accepted_until_the_next_run(robot: Robot) -> None:
-    robot.run(20)
     robot.service.on_message(CMD_ESTOP, EmergencyStop(reason="a hand in the way"))
     reply = robot.service.walk(WalkCommand(action="walk", distance=0.1))
     assert (reply.accepted, reply.code) == (False, "stopped")
@@ -119,7 +64,6 @@ def test_after_an_emergency_stop_no_walk_is_accepted_until_the_next_run(robot: R
 
 
 def test_it_never_says_walking_while_the_driver_holds_the_joints(robot: Robot) -> None:
-    robot.run(20)
     assert robot.service.walk(WalkCommand(action="walk", distance=0.3)).accepted
     assert robot.run(60)[-1].state == "walking"
     phase, before = robot.step().phase, robot.joints.copy()
@@ -131,7 +75,6 @@ def test_it_never_says_walking_while_the_driver_holds_the_joints(robot: Robot) -
 
 
 def test_an_estimate_left_out_is_no_loss_but_its_age_is(robot: Robot) -> None:
-    robot.run(20)
     assert robot.service.walk(WalkCommand(action="walk", distance=0.3)).accepted
     robot.run(60)
     states = [robot.step(estimated=False).state for _ in range(15)]
@@ -140,7 +83,6 @@ def test_an_estimate_left_out_is_no_loss_but_its_age_is(robot: Robot) -> None:
 
 
 def test_a_question_about_footholds_names_its_tick(robot: Robot) -> None:
-    robot.run(20)
     assert robot.service.walk(WalkCommand(action="walk", distance=0.1)).accepted
     robot.run(100)
     asked = [request for key, request in robot.stage.asked if key == FOOTHOLDS_SELECT.key]
@@ -152,7 +94,6 @@ def test_a_question_about_footholds_names_its_tick(robot: Robot) -> None:
 def test_a_walker_killed_in_mid_step_goes_on_with_its_command_under_the_same_number(
     robot: Robot, tmp_path: Any
 ) -> None:
-    robot.run(20)
     number = robot.service.walk(WalkCommand(action="walk", distance=0.2)).id
     assert robot.service.walk(WalkCommand(action="turn", angle=0.1, at_tick=900)).accepted
     gaits = robot.run(190)
@@ -161,8 +102,7 @@ def test_a_walker_killed_in_mid_step_goes_on_with_its_command_under_the_same_num
     again.joints = robot.joints
     again.service.gait.state.body[:2] = robot.service.gait.state.body[:2]
     gaits = again.run(450)
-    assert gaits[0].walk_id == number
-    assert gaits[0].state == "recovering"
+    assert (gaits[0].walk_id, gaits[0].state) == (number, "recovering")
     assert {"walking", "standing"} <= {gait.state for gait in gaits}
     assert "standing" not in {gait.state for gait in gaits[: [gait.state for gait in gaits].index("walking")]}
     assert again.service.gait.state.body[0] == pytest.approx(0.2, abs=0.01)
@@ -172,7 +112,6 @@ def test_a_walker_killed_in_mid_step_goes_on_with_its_command_under_the_same_num
 
 
 def test_a_new_run_begins_without_a_command(robot: Robot, tmp_path: Any) -> None:
-    robot.run(20)
     robot.service.walk(WalkCommand(action="walk", distance=0.2))
     robot.run(50)
     assert (tmp_path / "walker.json").exists()
@@ -183,8 +122,8 @@ def test_a_new_run_begins_without_a_command(robot: Robot, tmp_path: Any) -> None
 
 def test_without_a_memory_the_tick_is_the_same(robot: Robot) -> None:
     plain = Robot(None)
+    plain.run(20)
     for one in (robot, plain):
-        one.run(20)
         one.service.walk(WalkCommand(action="walk", distance=0.1))
     for _ in range(200):
         robot.step()
@@ -193,7 +132,7 @@ def test_without_a_memory_the_tick_is_the_same(robot: Robot) -> None:
 
 
 def test_a_planned_command_that_can_never_be_obeyed_is_refused_at_once():
-    """Not in its tick, when nobody listens any more."""
+    """The refusal comes with the command, not in its tick."""
     robot = Robot(None)
     reply = robot.service.walk(WalkCommand(action="walk", velocity=0.9, at_tick=100))
     assert (reply.accepted, reply.code, reply.field) == (False, "too_fast", "velocity")
@@ -218,7 +157,6 @@ def test_an_order_is_obeyed_in_the_tick_it_comes_in_and_once(robot: Robot) -> No
 
 
 def test_without_a_navigator_nothing_of_it_is_on_the_wire(robot: Robot) -> None:
-    robot.run(20)
     robot.service.walk(WalkCommand(action="walk", distance=0.1))
     text = robot.run(30)[-1].model_dump_json()
     assert not any(name in text for name in ("order", "ends_in_s"))
@@ -226,7 +164,6 @@ def test_without_a_navigator_nothing_of_it_is_on_the_wire(robot: Robot) -> None:
 
 @pytest.mark.parametrize("command", [{"action": "walk", "velocity": 0.9}, {"action": "walk", "at_tick": 900}])
 def test_an_order_that_cannot_be_obeyed_says_why_once(robot: Robot, command: dict[str, Any]) -> None:
-    robot.run(20)
     robot.order = order(4, **command)
     refused = robot.step()
     assert (refused.order, refused.walk_id, refused.state) == (4, 0, "standing")
@@ -239,7 +176,6 @@ def test_an_order_that_cannot_be_obeyed_says_why_once(robot: Robot, command: dic
 
 
 def test_an_emergency_stop_refuses_orders(robot: Robot) -> None:
-    robot.run(20)
     robot.service.on_message(CMD_ESTOP, EmergencyStop(reason="a hand in the way"))
     robot.order = order(1, action="walk", distance=0.1)
     assert "a hand in the way" in robot.step().order_refused

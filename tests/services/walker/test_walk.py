@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from surefoot.lab.footholds.rules import model_rule
-from surefoot.lab.footholds.walks import Setting, walk
+from surefoot.lab.footholds.walks import JoinedWalk, Setting, walk
 from surefoot.services.footholds.models.score import HandScore
 from surefoot.services.footholds.select import SelectParams
 from surefoot.services.walker.interface import MotionCommand
@@ -28,9 +28,8 @@ def test_walks_over_the_first_hills_of_the_demo():
 
 
 def test_turns_on_the_spot():
-    yaw = []
-    setting = Setting(terrain="flat", command=MotionCommand("turn", angle=0.4))
-    result = walk(3, setting, CHOSEN, lambda world, walker, out: yaw.append(world.truth().quat_wxyz))
+    turned = JoinedWalk(3, Setting(terrain="flat", command=MotionCommand("turn", angle=0.4)), CHOSEN).run()
+    result, quat = turned.verdict(), turned.world.truth().quat_wxyz
     assert not result.fallen
-    assert 2.0 * np.arctan2(yaw[-1][3], yaw[-1][0]) == pytest.approx(0.4, abs=0.03)
+    assert 2.0 * np.arctan2(quat[3], quat[0]) == pytest.approx(0.4, abs=0.03)
     assert np.hypot(result.x, result.y) < 0.02

@@ -39,10 +39,29 @@ def random_state(seed=0):
     return state, rng
 
 
-def disturbed(state, xi):
-    """The state whose error is xi: the filter's is `state`, so the truth is `state` less xi."""
+def copied(state):
+    """A state with the same values."""
     other = new_state(FEET)
     copy_state(state, other)
+    return other
+
+
+def sure(points, variance=1e-6):
+    """A state of so many points with one variance of all errors."""
+    state = new_state(points)
+    state.cov[...] = variance * np.eye(len(state.cov))
+    return state
+
+
+def rest(state):
+    """Three inertial samples at rest, 11 ms apart."""
+    for _ in range(3):
+        predict(state, np.zeros(3), G, 0.011, NOISE, 0.0)
+
+
+def disturbed(state, xi):
+    """The state whose error is xi: the filter's is `state`, so the truth is `state` less xi."""
+    other = copied(state)
     retract(other, xi)
     return other
 
@@ -91,8 +110,7 @@ def test_covariance_is_carried_by_the_jacobian_of_the_prediction(seed):
     w, q, d, h = rng.normal(size=3), G + rng.normal(size=3), 0.0005, 1e-5
     n = len(state.cov)
     jacobian = np.empty((n, n))
-    after = new_state(FEET)
-    copy_state(state, after)
+    after = copied(state)
     predict(after, w, q, d, QUIET, 0.0)
     for i in range(n):
         column = []
@@ -110,14 +128,12 @@ def test_inertial_noise_enters_as_a_bias_does():
     state.cov[...] = 0.0
     w, q, d, h = rng.normal(size=3), G + rng.normal(size=3), 0.0005, 1e-5
     noise = QUIET._replace(gyro=0.3, acc=0.7)
-    after = new_state(FEET)
-    copy_state(state, after)
+    after = copied(state)
     predict(after, w, q, d, noise, 0.0)
     expected = np.zeros_like(state.cov)
     for axis in range(3):
         for gyro, scale in ((True, 0.3), (False, 0.7)):
-            true = new_state(FEET)
-            copy_state(state, true)
+            true = copied(state)
             step = h * np.eye(3)[axis]
             predict(true, w - step * gyro, q - step * (not gyro), d, QUIET, 0.0)
             column = error(after, true) / h * scale / math.sqrt(d)
@@ -127,8 +143,7 @@ def test_inertial_noise_enters_as_a_bias_does():
 
 def test_a_point_that_stays_is_a_kalman_update():
     state, rng = random_state(3)
-    before = new_state(FEET)
-    copy_state(state, before)
+    before = copied(state)
     seen = rotation(state.x).T @ (state.x[X.points : X.points + 3] + 1e-3 * rng.normal(size=3))
     nis, likely = observe(state, 0, seen, 1.0, 0.033, NOISE, False)
     h = np.zeros((3, len(state.cov)))
@@ -146,8 +161,7 @@ def test_a_point_that_stays_is_a_kalman_update():
 def test_the_mixture_of_both_hypotheses_by_its_definition():
     state, rng = random_state(4)
     state.cov[...] *= 1e-3
-    before, dt = new_state(FEET), 0.033
-    copy_state(state, before)
+    before, dt = copied(state), 0.033
     seen = rotation(state.x).T @ (state.x[X.points : X.points + 3] + 1e-3 * rng.normal(size=3))
     observe(state, 0, seen, 0.9, dt, NOISE, True)
     h = np.zeros((3, len(state.cov)))
@@ -247,19 +261,15 @@ def test_what_waits_when_a_rest_ends_is_learned_from_but_for_its_last_fifth():
 
 def test_misfits_of_all_points_make_the_velocity_unknown_and_not_the_feet():
     """Nothing starves: if every foot contradicts the inertial unit for long, the feet are right."""
-    state, _ = random_state(7)
-    state.cov[...] = 1e-8 * np.eye(len(state.cov))
     places = sole_feet(np.array([[0.0, 0.0, 1.0]]), 0.1)
-    one = new_state(3)
+    one = sure(3, 1e-8)
     one.x[X.vel] = 1.0
-    one.cov[...] = 1e-8 * np.eye(len(one.cov))
     position, rot = np.array([[0.0, 0.0, -0.3]]), np.eye(3)[None]
     limits = np.ones(3)
     for _ in range(10):
         y, turn = points_of(places.foot, places.place, position, rot)
         take_points(one, SeenPoints(y, turn, limits, OPEN[:1]), mounted(places), NOISE, True, 0, 1.0)
-        for _ in range(3):
-            predict(one, np.zeros(3), G, 0.011, NOISE, 0.0)
+        rest(one)
     assert abs(one.x[X.vel]) < 0.02
     forget_velocity(one, 1.0)
     assert one.cov[E.vel, E.vel] == 1.0
@@ -271,8 +281,7 @@ def test_the_excess_follows_errors_that_repeat_and_not_noise():
     for name, push, sigma in (("inertial", 3.0, 2e-4), ("encoders", 0.0, 1.5e-3)):
         rng = np.random.default_rng(8)
         places = sole_feet(np.array([[0.0, 0.0, 1.0]]), 0.1)
-        state = new_state(3)
-        state.cov[...] = 1e-6 * np.eye(len(state.cov))
+        state = sure(3)
         for k in range(300):
             y, turn = points_of(places.foot, places.place, np.array([[0.0, 0.0, -0.3]]), np.eye(3)[None])
             y += sigma * rng.normal(size=y.shape)
@@ -307,8 +316,7 @@ def test_corrections_of_the_position_that_go_on_are_velocity():
 def test_level_ground_is_a_kalman_update_of_the_height_of_each_point():
     state, _ = random_state(9)
     state.cov[...] *= 1e-2
-    before = new_state(FEET)
-    copy_state(state, before)
+    before = copied(state)
     state.points[1, P.down] = before.points[1, P.down] = 0.0
     ground = float(before.x[X.pos + 2] + before.x[X.points + 2]) - 0.03
     stand_on_level(state, ground, np.array([0.01, 0.0]), 0.01)
@@ -324,13 +332,11 @@ def test_level_ground_is_a_kalman_update_of_the_height_of_each_point():
 
 def test_one_wrong_sample_where_a_foot_comes_down_is_no_wrong_velocity():
     """Of two samples that contradict each other either may be wrong: the foot is put down again, nothing else."""
-    one = new_state(1)
-    one.cov[...] = 1e-6 * np.eye(len(one.cov))
+    one = sure(1)
     true, off = np.array([[0.0, 0.0, -0.3]]), np.array([[0.02, 0.0, -0.3]])
     for y in (off, true, true, true):
         take_points(one, SeenPoints(y, np.eye(3)[None], np.ones(1), OPEN[:1]), balls(1), NOISE, True, 0, 1.0)
-        for _ in range(3):
-            predict(one, np.zeros(3), G, 0.011, NOISE, 0.0)
+        rest(one)
     assert np.linalg.norm(one.x[X.vel : X.vel + 3]) < 1e-3
     assert one.cov[E.vel, E.vel] < 1e-3
     np.testing.assert_allclose(one.x[X.points : X.points + 3], true[0], atol=1e-3)
@@ -338,14 +344,12 @@ def test_one_wrong_sample_where_a_foot_comes_down_is_no_wrong_velocity():
 
 def test_a_foot_that_lifts_leaves_no_lost_velocity_behind():
     """The last sample of which a point fitted counts, even if that foot is in the air now."""
-    one = new_state(2)
-    one.cov[...] = 1e-6 * np.eye(len(one.cov))
+    one = sure(2)
     feet, off = STANDING.copy(), STANDING + np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0]])
     both, second = np.ones(2), np.array([0.0, 1.0])
     samples = [(feet, both), (feet, both), (off, both), (off, both), (off, second), (off, second)]
     for y, contact in samples:
         take_points(one, SeenPoints(y, np.tile(np.eye(3), (2, 1, 1)), contact, OPEN), balls(2), NOISE, True, 0, 1.0)
-        for _ in range(3):
-            predict(one, np.zeros(3), G, 0.011, NOISE, 0.0)
+        rest(one)
     assert one.cov[E.vel, E.vel] < 1e-3
     assert one.x[X.points + 3] == pytest.approx(0.02, abs=2e-3)

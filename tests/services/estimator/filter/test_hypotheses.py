@@ -147,7 +147,6 @@ def test_sliding_feet_are_found_and_cost_less():
         true = synthesize(replace(walk, slip=(0.0, 0.0)), seed)  # the same walk without slides
         shift = np.linalg.norm(log.foot_position - true.foot_position, axis=-1)
         rows = np.clip(np.searchsorted(log.stamp_ns, log.foot_ns), 0, len(log.stamp_ns) - 1)
-        assert found.slipping is not None
         seen = found.slipping[rows]
         sliding = log.contact & (np.gradient(shift, 0.033, axis=0) > 0.01)
         still = log.contact & (shift < 1e-3)

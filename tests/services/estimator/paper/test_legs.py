@@ -88,8 +88,7 @@ def test_one_sliding_foot_of_three_is_left_out():
     used = np.array([True, True, True, False])
     mean, slipping, n = legs.combine(v, used, 0.06)
     np.testing.assert_allclose(mean, [0.1025, 0.001, 0.0], atol=1e-12)
-    assert slipping.tolist() == [False, False, True, False]
-    assert n == 2
+    assert (slipping.tolist(), n) == ([False, False, True, False], 2)
 
 
 def test_two_feet_are_averaged_and_none_gives_none():

@@ -10,6 +10,7 @@ from surefoot.services.footholds.learning.samples import gather
 from surefoot.services.footholds.models.lattice import filled
 from surefoot.services.footholds.models.learned import LearnedModel
 from tests.services.footholds.learning.made import law, samples, spoiled
+from tests.services.refusals import refused
 
 ONE = LearnOptions(candidates=(Candidate(12, 0.3, 1e-6),))
 OLD = samples(400, seed=1, noise=0.1)
@@ -24,8 +25,7 @@ def test_the_counted_form_with_weight_1_is_learning_from_all() -> None:
     again, everything = relearned(old(), NEW), learn(gather([*OLD, *NEW]), ONE)
     assert again.bins == everything.bins
     np.testing.assert_array_equal(again.terms.weights, everything.terms.weights)
-    assert again.ranges == everything.ranges
-    assert again.name == f"{everything.name}+1"
+    assert (again.ranges, again.name) == (everything.ranges, f"{everything.name}+1")
     assert merge(old(), learn(gather(NEW), ONE)).bins == everything.bins
 
 
@@ -87,6 +87,5 @@ def test_the_source_of_outcomes_keeps_one_line() -> None:
     ],
 )
 def test_outcomes_that_do_not_go_with_the_model_are_refused(outcomes: list, weight: float, code: str) -> None:
-    with pytest.raises(LearnError) as refused:
+    with refused(LearnError, code):
         relearned(old(), outcomes, "counted", weight)
-    assert refused.value.code == code

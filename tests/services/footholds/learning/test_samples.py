@@ -41,8 +41,7 @@ def test_lines_come_back() -> None:
     made = samples(6, trials=1)
     read, trials, bad = read_lines(trial_lines("t00", made))
     assert read == made
-    assert trials == {"t00": 6}
-    assert bad == 0
+    assert (trials, bad) == ({"t00": 6}, 0)
 
 
 def test_unfinished_torn_and_repeated_trials() -> None:

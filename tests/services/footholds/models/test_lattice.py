@@ -30,8 +30,7 @@ def test_moments_are_those_of_the_samples() -> None:
     keys = lattice.keys(x)
     for key, found in filled(lattice, x, r).items():
         inside = r[(keys == key).all(axis=1)]
-        assert found.count == len(inside)
-        assert found.mean == pytest.approx(inside.mean(), abs=1e-9)
+        assert (found.count, found.mean) == (len(inside), pytest.approx(inside.mean(), abs=1e-9))
         if len(inside) > 1:
             assert found.sd == pytest.approx(inside.std(ddof=1), rel=1e-4, abs=1e-6)
         low = np.array(lattice.origin) + np.array(key) * lattice.width
@@ -44,8 +43,7 @@ def test_counted_re_learning_weighs_by_counts_and_the_papers_does_not() -> None:
     x = np.tile([0.0, 0.1, 0.0], (11, 1))
     old, new = filled(lattice, x[:10], np.full(10, 0.1)), filled(lattice, x[:1], np.array([0.6]))
     (counted,), (paper,) = merged(old, new, 0.5).values(), faded(old, new, 0.5).values()
-    assert counted.mean == pytest.approx((10 * 0.1 + 0.5 * 0.6) / 10.5)
-    assert counted.count == 10.5
+    assert (counted.mean, counted.count) == (pytest.approx((10 * 0.1 + 0.5 * 0.6) / 10.5), 10.5)
     assert paper.mean == pytest.approx((0.1 + 0.5 * 0.6) / 1.5)
     assert merged(old, new, 0.0) == old
     elsewhere = filled(lattice, x[:1] + 1.0, np.array([0.2]))

@@ -17,6 +17,7 @@ from surefoot.services.navigator.belief.matching import (
     match,
 )
 from tests.services.navigator.belief.floors import EASY, LENGTH, ROUGH, Eye, floor, unit
+from tests.services.refusals import refused
 
 COV = np.diag([0.03**2, 0.03**2, math.radians(3.0) ** 2])
 MANY = MatchLimits(most=256)
@@ -26,6 +27,13 @@ def drawn(rng, cov=COV, low=(0.0, -0.5, -3.1), high=(5.0, 0.5, 3.1)):
     """A true pose and what is believed of it."""
     truth = rng.uniform(low, high)
     return truth, truth + np.linalg.cholesky(cov) @ rng.standard_normal(3)
+
+
+def frames(eye, rng, count, cov=COV):
+    """What is believed of `count` true poses, and what a camera sees there: detections and ids of landmarks."""
+    for _ in range(count):
+        truth, mean = drawn(rng, cov)
+        yield mean, *eye.look(truth)
 
 
 def wrap(angle):
@@ -59,9 +67,7 @@ def test_index_finds_what_a_search_of_the_whole_map_finds(noise, scale):
     rng, world = np.random.default_rng(2), floor(2, copied=0.3)
     eye, cov = Eye(world, noise, 3), COV * scale**2
     limits = MANY.array(noise, LENGTH)
-    for _ in range(20):
-        truth, mean = drawn(rng, cov)
-        seen, _ = eye.look(truth)
+    for mean, seen, _ in frames(eye, rng, 20, cov):
         for r, b, look in zip(seen.ranges, seen.bearings, seen.looks, strict=True):
             vr, vb = gate.variances(r, noise.array())
             nis = np.array([gate.gated(mean, cov, *p, r, b, vr, vb) for p in world.positions])
@@ -82,9 +88,7 @@ def test_index_finds_what_a_search_of_the_whole_map_finds(noise, scale):
 def test_nearly_all_of_a_sharp_frame_is_matched_rightly():
     rng, world = np.random.default_rng(4), floor(4)
     eye, right, wrong, total = Eye(world, EASY, 5), 0, 0, 0
-    for _ in range(200):
-        truth, mean = drawn(rng)
-        seen, ids = eye.look(truth)
+    for mean, seen, ids in frames(eye, rng, 200):
         found = match(mean, COV, seen, world, EASY, MANY)
         right += int((ids[found.detections] == found.landmarks).sum())
         wrong += int((ids[found.detections] != found.landmarks).sum())
@@ -100,9 +104,7 @@ def test_a_tenth_of_false_detections_is_rejected(noise, most):
     rng, world = np.random.default_rng(6), floor(6, copied=0.5)
     eye = Eye(world, noise, 7, false=0.1)
     wrong = right = false = 0
-    for _ in range(400):
-        truth, mean = drawn(rng)
-        seen, ids = eye.look(truth)
+    for mean, seen, ids in frames(eye, rng, 400):
         found = match(mean, COV, seen, world, noise, MANY)
         wrong += int((ids[found.detections] != found.landmarks).sum())
         right += int((ids[found.detections] == found.landmarks).sum())
@@ -116,9 +118,7 @@ def test_rigid_motion_rejects_what_gate_and_look_pass():
     rng, world = np.random.default_rng(8), floor(8)
     cov, rejected, lost, total = COV * 9, 0, 0, 0
     eye = Eye(world, EASY, 9)
-    for _ in range(100):
-        truth, mean = drawn(rng, COV)
-        seen, _ = eye.look(truth)
+    for mean, seen, _ in frames(eye, rng, 100, COV):
         if len(seen) < 6:
             continue
         bearings = seen.bearings.copy()
@@ -147,9 +147,7 @@ def test_order_of_detections_changes_nothing():
     rng, world = np.random.default_rng(10), floor(10, copied=0.5)
     eye = Eye(world, ROUGH, 11, recognised=1.0, false=0.1, most=60)
     for limits in (MatchLimits(pairs=30), MANY):
-        for _ in range(20):
-            truth, mean = drawn(rng)
-            seen, _ = eye.look(truth)
+        for mean, seen, _ in frames(eye, rng, 20):
             order = rng.permutation(len(seen))
             mixed = Detections(seen.ranges[order], seen.bearings[order], seen.looks[order])
             one, other = match(mean, COV, seen, world, ROUGH, limits), match(mean, COV, mixed, world, ROUGH, limits)
@@ -166,9 +164,7 @@ def test_moving_map_and_belief_together_changes_nothing():
     cov = np.eye(3)
     cov[:2, :2] = rot @ COV[:2, :2] @ rot.T
     cov[2, 2] = COV[2, 2]
-    for _ in range(20):
-        truth, mean = drawn(rng)
-        seen, _ = eye.look(truth)
+    for mean, seen, _ in frames(eye, rng, 20):
         there = np.array([*(rot @ mean[:2] + shift), mean[2] + turn])
         one, other = match(mean, COV, seen, world, EASY), match(there, cov, seen, moved, EASY)
         assert one.landmarks.tolist() == other.landmarks.tolist()
@@ -217,9 +213,8 @@ def test_nothing_seen_matches_nothing():
 
 def test_detections_that_cannot_be_are_refused():
     world = floor(1)
-    with pytest.raises(DetectionError) as error:
+    with refused(DetectionError, field="descriptor"):
         match(np.zeros(3), COV, Detections(np.ones(2), np.zeros(2), np.zeros((2, 5))), world, EASY)
-    assert error.value.field == "descriptor"
     for ranges, bearings, looks in (
         (np.ones(257), np.zeros(257), np.zeros((257, 8))),
         (np.ones(2), np.zeros(3), np.zeros((2, 8))),
@@ -238,9 +233,7 @@ def test_noise_that_cannot_be_is_refused(bad):
 def test_a_wrong_pose_shows_in_what_is_known_elsewhere():
     rng, world = np.random.default_rng(20), floor(20, copied=0.5)
     eye, right, wrong, total = Eye(world, EASY, 21, false=0.1), 0, 0, 0
-    for _ in range(100):
-        truth, mean = drawn(rng)
-        seen, _ = eye.look(truth)
+    for mean, seen, _ in frames(eye, rng, 100):
         away = mean + np.array([0.7, 0.0, math.pi / 2])
         right += known_elsewhere(match(mean, COV, seen, world, EASY), seen, world, EASY)
         wrong += known_elsewhere(match(away, COV, seen, world, EASY), seen, world, EASY)
@@ -255,9 +248,7 @@ def test_an_error_common_to_a_frame_is_allowed_for():
     noise = SightNoise(range_share=0.01, bearing_sd=math.radians(0.5))
     allowing = SightNoise(range_share=0.01, bearing_sd=math.radians(0.5), common_range_sd=0.03)
     eye, plain, wide, total = Eye(world, noise, 23, tilt=0.03), 0, 0, 0
-    for _ in range(100):
-        truth, mean = drawn(rng, tight)
-        seen, _ = eye.look(truth)
+    for mean, seen, _ in frames(eye, rng, 100, tight):
         plain += match(mean, tight, seen, world, noise, MANY).counts["matched"]
         wide += match(mean, tight, seen, world, allowing, MANY).counts["matched"]
         total += len(seen)
@@ -279,9 +270,8 @@ def test_an_error_common_to_a_frame_is_allowed_for():
     ],
 )
 def test_maps_that_cannot_be_are_refused(positions, looks, field):
-    with pytest.raises(LandmarkMapError) as error:
+    with refused(LandmarkMapError, field=field):
         FloorLandmarks(positions, looks)
-    assert error.value.field == field
 
 
 def test_a_map_survives_the_wire():

@@ -18,16 +18,7 @@ from surefoot.services.navigator.environment.episodes import (
 )
 from surefoot.services.navigator.environment.model import episode_room, episode_state
 from surefoot.services.navigator.environment.world import act, begin, look, scatter
-from surefoot.services.navigator.policy.arrays import (
-    BLOCKED,
-    CUT_OFF,
-    LAST,
-    OUTCOME,
-    REACHED,
-    RUNNING,
-    TIME,
-    arrays,
-)
+from surefoot.services.navigator.policy.arrays import BLOCKED, CUT_OFF, LAST, OUTCOME, REACHED, RUNNING, TIME, arrays
 from surefoot.services.navigator.policy.library import find
 from surefoot.services.navigator.policy.params import load
 from surefoot.services.navigator.policy.policies import hand
@@ -129,8 +120,7 @@ def test_a_wall_stops_it_blocks_it_and_turning_frees_it():
     e.mean[:3] = e.truth[:3]
     for _ in range(4):
         e.act("walk")
-    assert e.truth[1] == pytest.approx(0.85)
-    assert e.status[BLOCKED] == 1
+    assert (e.truth[1], e.status[BLOCKED]) == (pytest.approx(0.85), 1)
     for _ in range(8):
         e.act("left")
     assert e.status[BLOCKED] == 0

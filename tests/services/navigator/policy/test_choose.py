@@ -69,8 +69,7 @@ def test_stands_and_turns_in_a_row_are_capped(world):
     unsure = np.diag([0.5, 0.5, 0.5, 1.0])
     d = Decider(world, hand(world))
     made = [name_of(d, belief(), unsure) for _ in range(17)]
-    assert made[:15] == ["stand"] * 15
-    assert made[15] == "walk"
+    assert (made[:15], made[15]) == (["stand"] * 15, "walk")
     assert d.status[STANDS] == 1
     d.begin()
     d.status[TURNS] = 16
@@ -78,7 +77,7 @@ def test_stands_and_turns_in_a_row_are_capped(world):
 
 
 def test_a_belief_inside_the_goal_does_not_turn_for_ever(blurred):
-    """The belief says arrived, the truth has not: within a bounded number of decisions something else is tried."""
+    """The belief has arrived, the robot has not: within a bounded number of decisions something else is tried."""
     for name in ("hand", "tuned", "planner"):
         d = Decider(blurred, find(name, load("paper-blur")))
         made = [name_of(d, belief(x=4.97, deg=170), SURE) for _ in range(20)]

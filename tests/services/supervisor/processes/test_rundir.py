@@ -84,7 +84,7 @@ def test_a_damaged_file_is_an_empty_one(folder, content):
     assert folder.end_leftovers() == ()
 
 
-def test_a_folder_that_cannot_be_written_is_told(tmp_path):
+def test_a_folder_that_cannot_be_written_is_reported(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(RunFolderError, match="cannot write"):
         RunFolder("ragno", tmp_path / "file").acquire()

@@ -38,6 +38,12 @@ def pids(session):
     return {row.service: row.pid for row in session.system.rows() if row.pid is not None}
 
 
+def lives(session, instance, alive, *names):
+    """Report tokens of one instance of services as the bus does."""
+    for name in names:
+        session._on_life(Life(name, instance, alive=alive))
+
+
 def gone(pid):
     try:
         os.kill(pid, 0)
@@ -52,7 +58,6 @@ def test_leaves_nothing_behind(listen):
         found = pids(session)
         assert set(found) == {"a", "b"}
         endpoint = RunFolder("idle").endpoint()
-        assert endpoint is not None
         assert endpoint.connect == listen
         assert set(RunFolder("idle").processes()) == {"a", "b"}
     assert all(gone(pid) for pid in found.values())
@@ -60,7 +65,7 @@ def test_leaves_nothing_behind(listen):
     assert [path.name for path in RunFolder("idle").path.iterdir() if path.is_file()] == ["lock"]
 
 
-def test_a_system_without_a_driver_is_told(listen, monkeypatch):
+def test_a_system_without_a_driver_is_reported(listen, monkeypatch):
     monkeypatch.setattr("surefoot.services.supervisor.processes.keep.DRIVER_S", 0.1)
     monkeypatch.setattr(Session, "alive", ("a", "b"))
     with pytest.raises(BusError, match=r"no service of compose\.yaml drives") as caught:
@@ -104,13 +109,10 @@ def test_tokens_of_strangers_do_not_take_the_driver_away(listen):
 def test_a_stop_outlives_its_driver(listen, order):
     stopped = SimStatus(state="running", rtf=0.0, ticks=7, tick=6, comparable=True, stopped="test")
     with Session(parse_compose(IDLE), listen=listen) as session:
-        for name in ("a", "driver"):
-            session._on_life(Life(name, "1", alive=True))
-        for name in order:  # the network reports the tokens of a process that is gone in any order
-            session._on_life(Life(name, "1", alive=False))
+        lives(session, "1", True, "a", "driver")
+        lives(session, "1", False, *order)  # the network reports the tokens of a process that is gone in any order
         session.supervisor.status = stopped  # read after its driver went
-        for name in ("a", "driver"):
-            session._on_life(Life(name, "2", alive=True))
+        lives(session, "2", True, "a", "driver")
         session.step()
         assert session._stop == "test"
         session.supervisor.status = stopped.model_copy()  # of the new driver
@@ -118,13 +120,12 @@ def test_a_stop_outlives_its_driver(listen, order):
         assert session._stop == ""
 
 
-def test_status_tells_why_a_run_has_ended(listen, monkeypatch):
+def test_status_reports_why_a_run_has_ended(listen, monkeypatch):
     with Session(parse_compose(IDLE), listen=listen) as session:
         session.supervisor.status = SimStatus(state="ended", rtf=0.0, ticks=7, comparable=True, failed="it diverged")
-        for name in ("a", "driver"):
-            session._on_life(Life(name, "1", alive=True))
+        lives(session, "1", True, "a", "driver")
         assert {row.service: row.detail for row in session.rows()} == {"a": "it diverged", "b": ""}
-        session._on_life(Life("driver", "1", alive=False))  # the next one says for itself how it is
+        session._on_life(Life("driver", "1", alive=False))  # the next one reports its own state
         assert {row.detail for row in session.rows()} == {""}
 
 
@@ -153,7 +154,7 @@ def test_a_killed_process_is_started_again(listen):
         assert next(row.restarts for row in session.system.rows() if row.service == "a") == 1
 
 
-def test_a_service_that_does_not_run_is_told_with_its_last_words(listen):
+def test_a_service_that_does_not_run_is_reported_with_its_last_words(listen):
     with Session(parse_compose(BROKEN), listen=listen) as session, pytest.raises(BusError) as caught:
         session.wait_for(lambda: False, WAIT_S)
     assert caught.value.code == "service_failed"
@@ -208,5 +209,4 @@ def test_a_robot_given_as_a_folder_gives_its_name_to_the_namespace(listen, monke
     monkeypatch.setenv("SUREFOOT_ROBOT", str(tmp_path / "mybot"))
     shutil.copytree(ROBOTS / "ragno", tmp_path / "mybot")
     with Session(parse_compose(IDLE), listen=listen) as session:
-        assert session.namespace == "surefoot/mybot"
-        assert session.robot == str(tmp_path / "mybot")
+        assert (session.namespace, session.robot) == ("surefoot/mybot", str(tmp_path / "mybot"))

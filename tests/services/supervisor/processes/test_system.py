@@ -15,8 +15,11 @@ services:
 """
 
 
+BOTH = ("first", "second")
+
+
 class Fake:
-    """A process that ends when it is told to."""
+    """A process that ends when it is asked to."""
 
     pids = iter(range(1000, 10_000))
 
@@ -65,6 +68,11 @@ class World:
                 self.system.heard(name, self.processes[name].pid, well=True)
         return self.system.step(shutdown=shutdown)
 
+    def steps(self, times, seconds=0.1, well=()):
+        """Step so many times; `well`: services that send heartbeats."""
+        for _ in range(times):
+            self.step(seconds, well=well)
+
     def state(self):
         return {row.service: (row.state, row.restarts) for row in self.system.rows()}
 
@@ -74,34 +82,38 @@ def world(tmp_path):
     return World(tmp_path)
 
 
+@pytest.fixture
+def healthy(world):
+    """A world whose two services are healthy."""
+    world.steps(3, well=BOTH)
+    return world
+
+
 def test_starts_in_order_and_is_settled(world):
     world.step()
     assert set(world.processes) == {"first"}
     world.step(well=["first"])
     world.step(well=["first"])
     assert set(world.processes) == {"first", "second"}
-    world.step(well=["first", "second"])
+    world.step(well=BOTH)
     assert world.system.settled()
     assert world.state() == {"first": ("healthy", 0), "second": ("healthy", 0)}
     assert world.step() == ()
 
 
-def test_restarts_what_was_killed(world):
-    for _ in range(3):
-        world.step(well=["first", "second"])
-    old = world.processes["first"]
-    world.system.signal_kill("first")
-    world.step(0.01)
-    assert world.state()["first"] == ("backoff", 0)
-    world.step(0.2)
-    assert world.processes["first"] is not old
-    assert world.state()["first"] == ("starting", 1)
-    assert world.processes["second"].code is None
+def test_restarts_what_was_killed(healthy):
+    old = healthy.processes["first"]
+    healthy.system.signal_kill("first")
+    healthy.step(0.01)
+    assert healthy.state()["first"] == ("backoff", 0)
+    healthy.step(0.2)
+    assert healthy.processes["first"] is not old
+    assert healthy.state()["first"] == ("starting", 1)
+    assert healthy.processes["second"].code is None
 
 
 def test_an_old_heartbeat_does_not_speak_for_a_new_process(world):
-    for _ in range(3):
-        world.step(well=["first"])
+    world.steps(3, well=["first"])
     world.processes["first"].code = 1
     world.step(0.01)
     world.step(0.2)
@@ -109,65 +121,52 @@ def test_an_old_heartbeat_does_not_speak_for_a_new_process(world):
     assert world.state()["first"][0] == "starting"
 
 
-def test_a_frozen_process_is_killed_and_replaced(world):
-    for _ in range(3):
-        world.step(well=["first", "second"])
-    frozen = world.processes["first"]
+def test_a_frozen_process_is_killed_and_replaced(healthy):
+    frozen = healthy.processes["first"]
     frozen.deaf = True
-    for _ in range(70):
-        world.step(0.1, well=["second"])
+    healthy.steps(70, 0.1, well=["second"])
     assert frozen.code == -9
-    assert world.processes["first"] is not frozen
-    assert ("kill", "first") in world.log
+    assert healthy.processes["first"] is not frozen
+    assert ("kill", "first") in healthy.log
 
 
-def test_a_lost_liveliness_is_reported_and_ends_nothing(world):
+def test_a_lost_liveliness_is_reported_and_ends_nothing(healthy):
     """A pause of 1 s ends Zenoh's lease; the process works all the same."""
-    for _ in range(3):
-        world.step(well=["first", "second"])
-    world.system.seen("first", visible=False)
-    for _ in range(50):
-        world.step(0.1, well=["first", "second"])
-    assert world.state()["first"] == ("healthy", 0)
-    row = next(row for row in world.system.rows() if row.service == "first")
+    healthy.system.seen("first", visible=False)
+    healthy.steps(50, 0.1, well=BOTH)
+    assert healthy.state()["first"] == ("healthy", 0)
+    row = next(row for row in healthy.system.rows() if row.service == "first")
     assert row.detail.startswith("not visible on the bus for 5.0")
-    world.system.seen("first", visible=True)
-    world.step(well=["first", "second"])
-    assert not next(row for row in world.system.rows() if row.service == "first").detail
-    assert not [entry for entry in world.log if entry[0] == "stop"]
+    healthy.system.seen("first", visible=True)
+    healthy.step(well=BOTH)
+    assert not next(row for row in healthy.system.rows() if row.service == "first").detail
+    assert not [entry for entry in healthy.log if entry[0] == "stop"]
 
 
-def test_a_lost_heartbeat_is_named_apart_from_a_lost_liveliness(world):
-    for _ in range(3):
-        world.step(well=["first", "second"])
-    world.processes["first"].deaf = True
-    actions = [action for _ in range(40) for action in world.step(0.1, well=["second"]) if action.verb == "stop"]
+def test_a_lost_heartbeat_is_named_apart_from_a_lost_liveliness(healthy):
+    healthy.processes["first"].deaf = True
+    actions = [action for _ in range(40) for action in healthy.step(0.1, well=["second"]) if action.verb == "stop"]
     assert [action.reason for action in actions] == ["no heartbeat for 3.1 s"]
-    world.system.seen("second", visible=False)
-    actions = [action for _ in range(40) for action in world.step(0.1) if action.verb == "stop"]
+    healthy.system.seen("second", visible=False)
+    actions = [action for _ in range(40) for action in healthy.step(0.1) if action.verb == "stop"]
     assert [action.reason for action in actions] == ["no heartbeat for 3.1 s, not visible on the bus for 3.1 s"]
 
 
-def test_who_ticks_is_not_ended_for_lost_heartbeats(world):
-    for _ in range(3):
-        world.step(well=["first", "second"])
+def test_who_ticks_is_not_ended_for_lost_heartbeats(healthy):
     for _ in range(100):
-        world.system.ticked("first")
-        world.step(0.1, well=["second"])
-    assert world.state()["first"] == ("healthy", 0)
-    assert not [entry for entry in world.log if entry[0] == "stop"]
+        healthy.system.ticked("first")
+        healthy.step(0.1, well=["second"])
+    assert healthy.state()["first"] == ("healthy", 0)
+    assert not [entry for entry in healthy.log if entry[0] == "stop"]
 
 
-def test_time_spent_waiting_for_a_processor_is_no_silence(world):
-    for _ in range(3):
-        world.step(well=["first", "second"])
+def test_time_spent_waiting_for_a_processor_is_no_silence(healthy):
     for _ in range(200):
-        world.processes["first"].starved += 0.1
-        world.step(0.1, well=["second"])
-    assert world.state()["first"] == ("healthy", 0)
-    for _ in range(40):
-        world.step(0.1, well=["second"])
-    assert ("stop", "first") in world.log
+        healthy.processes["first"].starved += 0.1
+        healthy.step(0.1, well=["second"])
+    assert healthy.state()["first"] == ("healthy", 0)
+    healthy.steps(40, 0.1, well=["second"])
+    assert ("stop", "first") in healthy.log
 
 
 @pytest.mark.parametrize("sign", ["starved", "compiling"])
@@ -181,8 +180,7 @@ def test_a_start_that_gets_on_is_not_ended(world, sign):
             world.system.heard("first", world.processes["first"].pid, well=False)
         world.step(0.1)
     assert world.state()["first"] == ("starting", 0)
-    for _ in range(52):
-        world.step(0.1)
+    world.steps(52, 0.1)
     assert ("stop", "first") in world.log
 
 
@@ -198,39 +196,29 @@ def test_gives_up_on_what_never_starts(tmp_path):
         raise FileNotFoundError(service.name)
 
     world = World(tmp_path, spawn=spawn)
-    for _ in range(400):
-        world.step(0.5)
-    assert world.system.given_up() == ("first",)
-    assert world.state()["first"][0] == "failed"
+    world.steps(400, 0.5)
+    assert (world.system.given_up(), world.state()["first"][0]) == (("first",), "failed")
     assert world.system.stop()
 
 
-def test_stops_in_reverse_order(world):
-    for _ in range(3):
-        world.step(well=["first", "second"])
-    world.step(shutdown=True)
-    world.step(shutdown=True)
-    world.step(shutdown=True)
-    assert [entry for entry in world.log if entry[0] == "stop"] == [("stop", "second"), ("stop", "first")]
-    assert not world.system.running()
+def test_stops_in_reverse_order(healthy):
+    healthy.step(shutdown=True)
+    healthy.step(shutdown=True)
+    healthy.step(shutdown=True)
+    assert [entry for entry in healthy.log if entry[0] == "stop"] == [("stop", "second"), ("stop", "first")]
+    assert not healthy.system.running()
 
 
-def test_who_was_ended_as_unwell_is_started_again_though_it_ended_cleanly(world):
-    for _ in range(3):
-        world.step(well=["first", "second"])
-    old = world.processes["first"]
-    for _ in range(40):
-        world.step(well=["second"])
+def test_who_was_ended_as_unwell_is_started_again_though_it_ended_cleanly(healthy):
+    old = healthy.processes["first"]
+    healthy.steps(40, well=["second"])
     assert old.code == 0
-    assert world.processes["first"] is not old
-    assert world.system.given_up() == ()
+    assert healthy.processes["first"] is not old
+    assert healthy.system.given_up() == ()
 
 
-def test_silence_while_the_machine_slept_is_nobodys_fault(world):
-    for _ in range(3):
-        world.step(well=["first", "second"])
-    world.step(3600.0)
-    assert world.system.settled()
-    for _ in range(100):
-        world.step(0.05)
-    assert ("stop", "first") in world.log
+def test_silence_while_the_machine_slept_is_no_fault(healthy):
+    healthy.step(3600.0)
+    assert healthy.system.settled()
+    healthy.steps(100, 0.05)
+    assert ("stop", "first") in healthy.log

@@ -28,8 +28,22 @@ def gait(state="standing", walk_id=0, remaining=0.0, reason=""):
     return SimpleNamespace(state=state, walk_id=walk_id, remaining=remaining, reason=reason)
 
 
+def ordered(limits="", **extra):
+    """A director of the walk, and its first order."""
+    director = Director(parse_scenario(WALK + limits))
+    (order,) = director.on_tick(0, gait(), **extra)
+    return director, order
+
+
+def accepted():
+    """A director whose first order was accepted as walk 1, and the tick of that order."""
+    director, order = ordered()
+    director.answered(order, SimpleNamespace(accepted=True, id=1, reason=""))
+    return director, order.request.at_tick
+
+
 class Walker:
-    """Obeys at the tick it was told, walks for 20 ticks."""
+    """Obeys at the tick of its order, walks for 20 ticks."""
 
     def __init__(self, director, ready_at=30):
         self.director = director
@@ -103,24 +117,20 @@ def test_a_kill_names_its_service():
 
 
 def test_a_refused_command_is_a_problem_and_ends_the_run():
-    director = Director(parse_scenario(WALK))
-    director.on_tick(0, gait())
-    (order,) = Director(parse_scenario(WALK)).on_tick(0, gait())
+    director, order = ordered()
     director.answered(order, SimpleNamespace(accepted=False, id=0, reason="not initialised"))
     assert "not initialised" in director.problems[0]
     assert any(order.query is SIM_PAUSE for tick in range(1, 100) for order in director.on_tick(tick, gait()))
 
 
 def test_no_reply_is_a_problem():
-    director = Director(parse_scenario(WALK))
-    (order,) = director.on_tick(0, gait())
+    director, order = ordered()
     director.failed(order, "absent", "nobody serves")
     assert "nobody serves" in director.problems[0]
 
 
 def test_an_order_that_came_too_late_is_sent_again_with_more_lead():
-    director = Director(parse_scenario(WALK))
-    (order,) = director.on_tick(0, gait())
+    director, order = ordered()
     sent, tick = [order.request.at_tick], 0
     while not director.problems:
         director.failed(order, "late", "at_tick has passed")
@@ -137,8 +147,7 @@ def test_an_order_that_came_too_late_is_sent_again_with_more_lead():
 
 
 def test_an_order_that_came_too_late_once_is_no_problem():
-    director = Director(parse_scenario(WALK))
-    (order,) = director.on_tick(0, gait())
+    director, order = ordered()
     director.failed(order, "late", "at_tick has passed")
     walker = Walker(director, ready_at=0)
     walker.tick = 9
@@ -150,8 +159,7 @@ def test_an_order_that_came_too_late_once_is_no_problem():
 
 
 def test_an_end_that_came_too_late_is_sent_again():
-    director = Director(parse_scenario(WALK + "[limits]\nno_fall = true\n"))
-    (end,) = director.on_tick(0, gait(), fallen=True)
+    director, end = ordered("[limits]\nno_fall = true\n", fallen=True)
     director.failed(end, "late", "at_tick has passed")
     (again,) = director.on_tick(10, gait(), fallen=True)
     assert again.query is SIM_PAUSE
@@ -161,9 +169,7 @@ def test_an_end_that_came_too_late_is_sent_again():
 
 
 def test_a_walker_that_gives_up_is_a_problem():
-    director = Director(parse_scenario(WALK))
-    (order,) = director.on_tick(0, gait())
-    director.answered(order, SimpleNamespace(accepted=True, id=1, reason=""))
+    director, _ = accepted()
     director.on_tick(20, gait("walking", 1, 0.6))
     director.on_tick(21, gait("refused", 1, 0.6, "no foothold"))
     assert "no foothold" in director.problems[0]
@@ -177,25 +183,20 @@ def test_a_fall_ends_the_run_only_where_it_is_forbidden():
     assert not careful.on_tick(1, gait())
 
 
-def test_a_restarted_walker_is_told_the_rest():
-    director = Director(parse_scenario(WALK))
-    (order,) = director.on_tick(0, gait())
-    director.answered(order, SimpleNamespace(accepted=True, id=1, reason=""))
-    director.on_tick(order.request.at_tick + 5, gait("walking", 1, 0.35))
-    assert director.on_tick(order.request.at_tick + 10, gait("recovering", 0)) == []
-    (again,) = director.on_tick(order.request.at_tick + 20, gait("standing", 0))
+def test_a_restarted_walker_is_ordered_the_rest():
+    director, begin = accepted()
+    director.on_tick(begin + 5, gait("walking", 1, 0.35))
+    assert director.on_tick(begin + 10, gait("recovering", 0)) == []
+    (again,) = director.on_tick(begin + 20, gait("standing", 0))
     assert again.request.distance == pytest.approx(0.35)
-    assert again.request.at_tick == order.request.at_tick + 20 + LEAD_TICKS
+    assert again.request.at_tick == begin + 20 + LEAD_TICKS
     assert director.notes
     director.answered(again, SimpleNamespace(accepted=True, id=1, reason=""))
     assert director.on_tick(31, gait("standing", 0)) == []
 
 
-def test_a_walker_restarted_before_its_walk_began_is_told_the_whole():
-    director = Director(parse_scenario(WALK))
-    (order,) = director.on_tick(0, gait())
-    director.answered(order, SimpleNamespace(accepted=True, id=1, reason=""))
-    begin = order.request.at_tick
+def test_a_walker_restarted_before_its_walk_began_is_ordered_the_whole():
+    director, begin = accepted()
     assert director.on_tick(begin + 5, gait("recovering", 0)) == []
     assert director.on_tick(begin + 30, gait("recovering", 0)) == []
     (again,) = director.on_tick(begin + 40, gait("standing", 0))
@@ -203,8 +204,6 @@ def test_a_walker_restarted_before_its_walk_began_is_told_the_whole():
     assert again.walking
 
 
-def test_what_is_left_undone_is_told():
-    director = Director(parse_scenario(WALK))
-    (order,) = director.on_tick(0, gait())
-    director.answered(order, SimpleNamespace(accepted=True, id=1, reason=""))
+def test_what_is_left_undone_is_reported():
+    director, _ = accepted()
     assert len(director.unfinished()) == 2

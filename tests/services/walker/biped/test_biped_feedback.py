@@ -9,8 +9,8 @@ from surefoot.robot.reader import load_robot
 from surefoot.services.walker.biped import feedback
 from surefoot.services.walker.biped.params import BipedParams
 from surefoot.services.walker.biped.state import BipedState, Mode
-from surefoot.services.walker.interface import MotionCommand, WalkerInputs
-from tests.services.walker.biped.biped_plant import Plant
+from surefoot.services.walker.interface import WalkerInputs
+from tests.services.walker.biped.biped_plant import Plant, standing
 
 NAO = load_robot("nao")
 PARAMS = BipedParams.for_robot(NAO)
@@ -70,8 +70,7 @@ def test_a_push_is_seen_at_its_size_and_hardly_moves_the_mean(axis):
 
 @pytest.mark.parametrize(("seed", "sign"), [(0, 1.0), (6, -1.0)])
 def test_turning_in_a_circle_takes_the_steps_of_the_plan(seed, sign):
-    plant = Plant("nao", seed=seed, level=1.0).stand()
-    plant.walker.command(MotionCommand("turn", angle=sign * 16 * PARAMS.turn_step_rad, learn=False))
-    plant.until(lambda out: out.state == "standing")
+    plant = Plant("nao", seed=seed, level=1.0).begin("turn", angle=sign * 16 * PARAMS.turn_step_rad, learn=False)
+    plant.until(standing)
     assert not plant.fallen
     assert plant.out.steps in (16, 17)  # the last one closes

@@ -1,4 +1,4 @@
-"""A command at any moment of a step: nobody falls, none is lost, and its end is known before it comes."""
+"""A command at any moment of a step: no robot falls, no command is lost, and its end is known before it comes."""
 
 import copy
 import math
@@ -9,7 +9,7 @@ import pytest
 from surefoot.services.walker.biped.gait import LATE_TICKS
 from surefoot.services.walker.biped.state import Mode
 from surefoot.services.walker.interface import MotionCommand
-from tests.services.walker.biped.biped_plant import Plant
+from tests.services.walker.biped.biped_plant import Plant, standing
 
 HALF = math.radians(11.5)
 WALK = MotionCommand("walk", distance=0.1)
@@ -50,7 +50,7 @@ def tilt_until_standing(plant, number):
 
 
 @pytest.mark.parametrize(("before", "after", "seed"), [(LEFT, RIGHT, 0), (ARC_LEFT, WALK, 2)])
-def test_a_command_while_the_feet_come_together_topples_nobody(before, after, seed):
+def test_a_command_while_the_feet_come_together_topples_no_robot(before, after, seed):
     plant = Plant("nao", seed=seed, level=1.0).stand()
     plant.walker.command(before)
     plant.until(lambda out: closing(plant))
@@ -84,11 +84,11 @@ def test_a_command_before_the_end_of_the_last_one_follows_without_a_halt(before,
     assert set(states) <= {"walking", "turning"} | {states[-1]}
     runs = np.split(feet, np.flatnonzero(np.diff(feet)) + 1)
     assert max(len(run) for run in runs if run[0]) < 30  # never on both feet for long
-    plant.until(lambda out: out.state == "standing", 300)
+    plant.until(standing, 300)
     assert not plant.fallen
 
 
-def test_the_end_of_a_command_is_told_from_its_first_tick_on():
+def test_the_end_of_a_command_is_reported_from_its_first_tick_on():
     plant = Plant("nao", seed=5, level=0.0).stand()
     assert plant.out.ends_in_s is None
     plant.walker.command(MotionCommand("walk", distance=0.2))
@@ -103,9 +103,8 @@ def test_the_end_of_a_command_is_told_from_its_first_tick_on():
     assert plant.tick().ends_in_s is None
 
 
-def test_a_walk_with_a_duration_tells_its_end():
-    plant = Plant("nao", seed=5, level=0.0).stand()
-    plant.walker.command(MotionCommand("walk", duration=2.0))
+def test_a_walk_with_a_duration_reports_its_end():
+    plant = Plant("nao", seed=5, level=0.0).begin("walk", duration=2.0)
     plant.until(lambda out: out.steps == 1)
     told, clock = plant.out.ends_in_s, plant.world.tick
     plant.until(lambda out: out.ends_in_s is None)

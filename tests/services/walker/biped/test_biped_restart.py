@@ -13,13 +13,9 @@ from surefoot.services.walker.biped.params import BipedParams
 from surefoot.services.walker.biped.route import route_of
 from surefoot.services.walker.interface import MotionCommand
 from surefoot.services.walker.memory import MemoryFile
-from tests.services.walker.biped.biped_plant import Plant
+from tests.services.walker.biped.biped_plant import Plant, standing
 
 P = BipedParams.for_robot(load_robot("bioloid"))
-
-
-def standing(out):
-    return out.state == "standing"
 
 
 @given(
@@ -75,27 +71,20 @@ def test_killed_in_any_support_it_stays_up_and_walks_the_rest(name, phase, tmp_p
 
 
 def test_a_turn_in_the_quick_gait_goes_on_in_it():
-    plant = Plant("bioloid", level=1.0).stand()
-    plant.walker.command(MotionCommand("turn", angle=-0.6, gait="quick"))
+    plant = Plant("bioloid", level=1.0).begin("turn", angle=-0.6, gait="quick")
     plant.until(lambda out: out.steps >= 2 and out.phase > 0.6)
-    kept = plant.walker.kept()
-    plant.walker = BipedWalker(plant.robot)
-    plant.walker.resume(kept)
+    plant.restart()
     assert plant.walker.params.step_s == plant.walker.params.quick_s
     plant.until(standing, 1500)
-    w, _, _, z = plant.world.truth().quat_wxyz
-    assert 2 * math.atan2(z, w) == pytest.approx(-0.6, abs=0.12)
+    assert plant.yaw == pytest.approx(-0.6, abs=0.12)
     assert not plant.fallen
 
 
 def test_the_time_of_a_walk_goes_on():
-    plant = Plant("bioloid").stand()
-    plant.walker.command(MotionCommand("walk", duration=3.0))
+    plant = Plant("bioloid").begin("walk", duration=3.0)
     plant.until(lambda out: out.steps >= 2 and out.phase > 0.5)
-    kept = plant.walker.kept()
+    kept = plant.restart()
     assert (kept.command.distance, kept.command.duration) == (None, 3.0)
-    plant.walker = BipedWalker(plant.robot)
-    plant.walker.resume(kept)
     plant.until(standing, 1200)
     assert 0.01 * plant.world.tick < kept.began + 3.0 + 3.0
 
@@ -110,13 +99,11 @@ def test_nothing_under_way_is_kept_as_nothing():
 
 
 def test_a_walker_that_finds_its_robot_lying_does_not_walk():
-    plant = Plant("bioloid").stand()
-    plant.walker.command(MotionCommand("walk"))
+    plant = Plant("bioloid").begin("walk")
     kept = plant.walker.kept()
     plant.world.push((0.0, 40.0, 0.0), 0.2)
     plant.until(lambda out: out.state == "refused", 300)
-    for _ in range(100):
-        plant.tick()
+    plant.run(100)
     plant.walker = BipedWalker(plant.robot)
     plant.walker.resume(kept)
     plant.until(lambda out: out.state == "refused", 100)

@@ -8,66 +8,26 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from surefoot.lockstep.join import TickInputs
 from surefoot.schemas.cmd import WalkCommand
-from surefoot.schemas.hw import FootContacts, JointState, Tick
-from surefoot.schemas.state import Odometry, VelocityEstimate
-from surefoot.schemas.topics import CMD_JOINTS, HW_CONTACTS, HW_JOINTS, STATE_GAIT, STATE_ODOMETRY, STATE_VELOCITY
+from surefoot.schemas.topics import CMD_JOINTS, STATE_GAIT
 from surefoot.services.walker.interface import WalkerInputs
-from surefoot.services.walker.service import SERVICE, WalkerConfig
 from tests.services.walker.biped.biped_plant import Plant
-
-EPOCH = 2
-
-
-class Stage:
-    """A runtime that keeps what is published."""
-
-    def __init__(self) -> None:
-        self.said: dict[str, Any] = {}
-
-    def publish(self, topic: Any, message: Any, stamp_ns: int | None) -> None:
-        self.said[topic.key] = message
-
-    def log(self, level: str, text: str) -> None:
-        self.said["log"] = text
-
-
-def service_of(robot: str, memory: str | None = None) -> Any:
-    service = SERVICE(WalkerConfig(robot=robot, memory=memory))
-    service.attach(Stage())
-    service.on_start()
-    return service
+from tests.services.walker.messages import estimate, samples, service_of, tick_of
 
 
 class ByMessages:
     """Stands where a plant has its walker: all that the service knows comes as messages, and so does its answer."""
 
     def __init__(self, robot: str, memory: str) -> None:
-        self.service = service_of(robot, memory)
+        self.service = service_of(robot=robot, memory=memory)
 
     def step(self, inputs: WalkerInputs) -> Any:
-        stamp, zero = round(inputs.stamp * 1e9), (0.0, 0.0, 0.0)
-        number = round(inputs.stamp * 100)
-        head: dict[str, Any] = {"stamp_ns": stamp, "tick": number, "epoch": EPOCH, "seq": 0, "source": "test"}
-        messages: dict[str, Any] = {
-            STATE_ODOMETRY.key: Odometry(
-                **head, position=(inputs.x, inputs.y, 0.0), quat_wxyz=(1.0, 0.0, 0.0, 0.0), yaw=inputs.yaw,
-                velocity=zero, covariance=(0.0,) * 16, initialised=inputs.initialised,
-            ),
-            STATE_VELOCITY.key: VelocityEstimate(
-                **head, mode="ekf", velocity=zero, velocity_imu=zero, velocity_heading=zero,
-                angular_velocity=inputs.rate, g_up=(0.0, 0.0, 9.81), roll=inputs.roll, pitch=inputs.pitch,
-                gyro_bias=zero, covariance=(0.0,) * 36, initialised=inputs.initialised, standing=False, inputs_ok=True,
-                filter_ok=True, sensors_ok=True, slipping=(False,) * 2,
-            ),
-        }  # fmt: skip
+        tick = round(inputs.stamp * 100)
+        motion = {"angular_velocity": inputs.rate, "roll": inputs.roll, "pitch": inputs.pitch}
+        messages = estimate(tick, (inputs.x, inputs.y, inputs.yaw), 2, inputs.initialised, **motion)
         if inputs.joints is not None and inputs.contacts is not None:
-            messages[HW_JOINTS.key] = JointState(**head, position=tuple(inputs.joints.tolist()))
-            touch = tuple((bool(foot),) for foot in inputs.contacts)
-            messages[HW_CONTACTS.key] = FootContacts(**head, touch=touch, normal_force_n=(None,) * 2)
-        tick = Tick(**head, roster=("estimator", "walker"), roster_version=1, due=(), mode="lockstep")
-        self.service.on_tick(TickInputs(tick, messages))
+            messages |= samples(tick, inputs.joints, tuple((bool(foot),) for foot in inputs.contacts))
+        self.service.on_tick(tick_of(tick, messages, ("estimator", "walker")))
         said = self.service.runtime.said
         position = said[CMD_JOINTS.key].position
         return SimpleNamespace(
@@ -77,7 +37,7 @@ class ByMessages:
 
 @pytest.fixture
 def nao() -> Any:
-    service = service_of("nao")
+    service = service_of(robot="nao")
     service.gait.state.calibrated = True
     return service
 

@@ -1,11 +1,17 @@
 """A robot without physics: servos are perfect, feet stop nothing, switches close when a foot is at the ground."""
 
+from typing import Any
+
 import numpy as np
 
 from surefoot.geometry.heightmap import HeightMap
+from surefoot.robot.reader import load_robot
 from surefoot.services.walker.hexapod.gait import HexapodWalker
+from surefoot.services.walker.hexapod.params import WalkerParams
 from surefoot.services.walker.interface import MotionCommand, WalkerInputs, WalkerOutputs
 
+ROBOT = load_robot("ragno")
+PARAMS = WalkerParams.for_robot(ROBOT)
 KINEMATICS_TICKS = 3  # close to the 33 ms of the real sensors
 
 
@@ -68,3 +74,22 @@ class Plant:
         assert reply.accepted, reply
         self.step()
         return self.until("standing", "refused", limit=limit)
+
+
+def plant(**kwargs: Any) -> Plant:
+    """A hexapod on flat ground; its walker with these arguments."""
+    return Plant(HexapodWalker(ROBOT, **kwargs))
+
+
+def begun(command: MotionCommand) -> Plant:
+    """A hexapod that has stood for a second and accepted a command."""
+    found = plant()
+    found.run(1.0)
+    assert found.walker.command(command).accepted
+    return found
+
+
+def obeyed(command: MotionCommand, **kwargs: Any) -> tuple[Plant, list[WalkerOutputs]]:
+    """A hexapod that has obeyed a command, and the outputs of its ticks; its walker with these arguments."""
+    found = plant(**kwargs)
+    return found, found.obey(command)

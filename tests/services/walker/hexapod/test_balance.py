@@ -5,16 +5,11 @@ import itertools
 import numpy as np
 import pytest
 
-from surefoot.robot.reader import load_robot
 from surefoot.services.walker.hexapod.balance import nearest_inside, shift_into
-from surefoot.services.walker.hexapod.gait import HexapodWalker
-from surefoot.services.walker.hexapod.params import WalkerParams
 from surefoot.services.walker.hexapod.standins import HullCheck, hull_margin, ring_of
 from surefoot.services.walker.interface import MotionCommand, StanceVerdict
-from tests.services.walker.hexapod.plant import Plant
+from tests.services.walker.hexapod.plant import PARAMS, ROBOT, obeyed, plant
 
-ROBOT = load_robot("ragno")
-PARAMS = WalkerParams.for_robot(ROBOT)
 RNG = np.random.default_rng(11)
 
 
@@ -51,7 +46,7 @@ def test_without_a_region_there_is_no_shift():
 
 
 class LoadedTrunk(HullCheck):
-    """A robot whose centre of mass lies elsewhere than the description says."""
+    """A robot whose centre of mass lies elsewhere than in the description."""
 
     def __init__(self, offset):
         super().__init__(ROBOT)
@@ -71,10 +66,8 @@ class LoadedTrunk(HullCheck):
 
 def test_the_trunk_moves_over_its_feet_before_a_leg_is_lifted():
     check = LoadedTrunk((-0.075, 0.0))
-    p = Plant(HexapodWalker(ROBOT, check=check))
-    outs = p.obey(MotionCommand("walk", distance=0.1))
-    assert outs[-1].state == "standing"
-    assert p.walker.state.body[0] == pytest.approx(0.1, abs=0.02)
+    p, outs = obeyed(MotionCommand("walk", distance=0.1), check=check)
+    assert (outs[-1].state, p.walker.state.body[0]) == ("standing", pytest.approx(0.1, abs=0.02))
     first = next(i for i, out in enumerate(outs) if not out.stance.all())
     assert outs[first].margin >= PARAMS.least_margin_m
     assert any("the trunk moves" in out.reason for out in outs[:first])
@@ -86,7 +79,7 @@ def test_the_trunk_moves_over_its_feet_before_a_leg_is_lifted():
 def test_no_leg_is_ever_lifted_from_an_unstable_stance():
     for offset in ((-0.08, 0.0), (0.07, 0.03), (0.0, -0.09)):
         check = LoadedTrunk(offset)
-        p = Plant(HexapodWalker(ROBOT, check=check))
+        p = plant(check=check)
         outs = p.obey(MotionCommand("walk", distance=0.05), limit=120.0)
         for before, after in itertools.pairwise(outs):
             if after.steps == before.steps and before.stance.all() and not after.stance.all():
@@ -103,19 +96,14 @@ def test_a_step_that_no_shift_mends_is_taken_with_fewer_legs_and_the_old_gait_re
         safe = len(lifted) > 12 or len(request.positions) >= 4
         return StanceVerdict(safe, 0.05 if safe else -0.01, "ok")
 
-    p = Plant(HexapodWalker(ROBOT, check=check))
-    outs = p.obey(MotionCommand("walk", distance=0.2))
-    assert outs[-1].state == "standing"
-    assert p.walker.state.body[0] == pytest.approx(0.2, abs=0.005)
+    p, outs = obeyed(MotionCommand("walk", distance=0.2), check=check)
+    assert (outs[-1].state, p.walker.state.body[0]) == ("standing", pytest.approx(0.2, abs=0.005))
     assert 2 in lifted
-    assert p.walker.state.gait.name == "tripod"
-    assert lifted[-3:] == [3, 3, 3]
+    assert (p.walker.state.gait.name, lifted[-3:]) == ("tripod", [3, 3, 3])
 
 
 def test_when_nothing_helps_the_walk_is_refused_with_the_margin():
-    p = Plant(HexapodWalker(ROBOT, check=lambda request: StanceVerdict(False, -0.02, "ok")))
-    outs = p.obey(MotionCommand("walk", distance=0.05))
-    assert outs[-1].state == "refused"
-    assert outs[-1].steps == 0
+    _, outs = obeyed(MotionCommand("walk", distance=0.05), check=lambda request: StanceVerdict(False, -0.02, "ok"))
+    assert (outs[-1].state, outs[-1].steps) == ("refused", 0)
     assert "-20 mm" in outs[-1].reason
     assert outs[-1].stance.all()

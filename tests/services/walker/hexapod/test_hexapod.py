@@ -9,26 +9,15 @@ import pytest
 
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot import kinematics
-from surefoot.robot.reader import load_robot
 from surefoot.services.walker.hexapod.gait import HexapodWalker
-from surefoot.services.walker.hexapod.params import WalkerParams
 from surefoot.services.walker.interface import MotionCommand, WalkerInputs
-from tests.services.walker.hexapod.plant import Plant
-
-ROBOT = load_robot("ragno")
-PARAMS = WalkerParams.for_robot(ROBOT)
-
-
-def plant(**kwargs):
-    return Plant(HexapodWalker(ROBOT, **kwargs))
+from tests.services.walker.hexapod.plant import PARAMS, ROBOT, Plant, begun, obeyed, plant
 
 
 def test_walks_a_distance_and_ends_in_the_neutral_stance():
-    p = plant()
-    outs = p.obey(MotionCommand("walk", distance=0.3))
+    p, outs = obeyed(MotionCommand("walk", distance=0.3))
     s = p.walker.state
-    assert outs[-1].state == "standing"
-    assert s.body[0] == pytest.approx(0.3, abs=0.005)
+    assert (outs[-1].state, s.body[0]) == ("standing", pytest.approx(0.3, abs=0.005))
     assert abs(s.body[1]) < 0.005
     feet = s.footholds[:, :2] - s.body[:2]
     assert np.hypot(*(feet - p.walker.frame.neutral).T).max() < PARAMS.close_tolerance_m
@@ -36,8 +25,7 @@ def test_walks_a_distance_and_ends_in_the_neutral_stance():
 
 
 def test_tripods_alternate_with_three_feet_down_and_all_targets_in_reach():
-    p = plant()
-    outs = p.obey(MotionCommand("walk", distance=0.3))
+    _, outs = obeyed(MotionCommand("walk", distance=0.3))
     assert all(np.count_nonzero(o.stance) >= 3 for o in outs)
     assert all(o.unreachable == 0 for o in outs)
     groups = [tuple(o.stance) for o in outs if np.count_nonzero(o.stance) == 3]
@@ -47,8 +35,7 @@ def test_tripods_alternate_with_three_feet_down_and_all_targets_in_reach():
 
 
 def test_set_points_are_continuous_and_within_limits():
-    p = plant()
-    outs = p.obey(MotionCommand("walk", distance=0.2))
+    _, outs = obeyed(MotionCommand("walk", distance=0.2))
     commands = np.array([o.command for o in outs])
     assert (commands >= ROBOT.joint_lower).all()
     assert (commands <= ROBOT.joint_upper).all()
@@ -57,30 +44,25 @@ def test_set_points_are_continuous_and_within_limits():
 
 @pytest.mark.parametrize("angle", [0.8, -0.8])
 def test_turns_on_the_spot(angle):
-    p = plant()
-    p.obey(MotionCommand("turn", angle=angle))
+    p, _ = obeyed(MotionCommand("turn", angle=angle))
     assert p.walker.state.yaw == pytest.approx(angle, abs=0.02)
     assert np.hypot(*p.walker.state.body[:2]) < 0.01
 
 
 def test_walks_backward():
-    p = plant()
-    p.obey(MotionCommand("walk", distance=-0.1))
+    p, _ = obeyed(MotionCommand("walk", distance=-0.1))
     assert p.walker.state.body[0] == pytest.approx(-0.1, abs=0.005)
 
 
 @pytest.mark.parametrize("gait", ["ripple", "wave"])
 def test_other_gaits_keep_more_feet_down(gait):
-    p = plant()
-    outs = p.obey(MotionCommand("walk", distance=0.1, gait=gait))
+    p, outs = obeyed(MotionCommand("walk", distance=0.1, gait=gait))
     assert p.walker.state.body[0] == pytest.approx(0.1, abs=0.005)
     assert min(np.count_nonzero(o.stance) for o in outs) == {"ripple": 4, "wave": 5}[gait]
 
 
 def test_stop_in_the_middle_of_a_swing_closes_and_stands():
-    p = plant()
-    p.run(1.0)
-    assert p.walker.command(MotionCommand("walk", velocity=0.05)).accepted
+    p = begun(MotionCommand("walk", velocity=0.05))
     p.run(1.75)
     assert p.out.state == "walking"
     assert not p.out.stance.all()
@@ -145,9 +127,7 @@ def test_impossible_commands_are_refused_and_change_nothing(command, code, field
 
 
 def test_no_new_step_on_a_stale_estimate_and_on_again_when_it_returns():
-    p = plant()
-    p.run(1.0)
-    p.walker.command(MotionCommand("walk", velocity=0.05))
+    p = begun(MotionCommand("walk", velocity=0.05))
     p.run(1.3)
     p.estimate_age = 0.2
     p.run(1.5)
@@ -163,12 +143,10 @@ def test_no_new_step_on_a_stale_estimate_and_on_again_when_it_returns():
 
 
 def test_a_restart_with_feet_in_the_air_puts_them_down_closes_and_walks_on():
-    p = plant()
-    p.run(1.0)
-    p.walker.command(MotionCommand("walk", distance=1.0))
+    p = begun(MotionCommand("walk", distance=1.0))
     p.run(1.25)
     assert not p.out.stance.all()
-    again = Plant(HexapodWalker(ROBOT))
+    again = plant()
     again.joints, again.contacts = p.joints, p.contacts
     assert not again.contacts.all()
     again.walker.state.body[:] = 0.0
@@ -196,7 +174,7 @@ def test_climbs_a_step_of_the_map_and_keeps_the_trunk_over_it():
 
 
 def test_a_hole_in_the_map_and_in_the_ground_is_found_by_the_foot():
-    """The map says z = 0, the ground is 20 mm lower: the feet go on looking until the switches close."""
+    """The map has z = 0, the ground is 20 mm lower: the feet go on looking until the switches close."""
     p = Plant(
         HexapodWalker(ROBOT), HeightMap(z=np.zeros((161, 161), dtype=np.float32), cell=0.005, origin=(-0.4, -0.4))
     )

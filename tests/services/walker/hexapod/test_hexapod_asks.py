@@ -3,19 +3,9 @@
 import numpy as np
 import pytest
 
-from surefoot.robot.reader import load_robot
-from surefoot.services.walker.hexapod.gait import HexapodWalker
-from surefoot.services.walker.hexapod.params import WalkerParams
 from surefoot.services.walker.hexapod.standins import nominal_footholds
 from surefoot.services.walker.interface import FootholdReply, MotionCommand, StanceVerdict
-from tests.services.walker.hexapod.plant import Plant
-
-ROBOT = load_robot("ragno")
-PARAMS = WalkerParams.for_robot(ROBOT)
-
-
-def plant(**kwargs):
-    return Plant(HexapodWalker(ROBOT, **kwargs))
+from tests.services.walker.hexapod.plant import PARAMS, ROBOT, obeyed
 
 
 def test_footholds_of_the_selector_are_stepped_on():
@@ -25,8 +15,7 @@ def test_footholds_of_the_selector_are_stepped_on():
         asked.append(request)
         return [FootholdReply("ok", (leg.nominal[0] + 0.01, leg.nominal[1], leg.nominal[2])) for leg in request.legs]
 
-    p = plant(select=select)
-    outs = p.obey(MotionCommand("walk", distance=0.15))
+    p, outs = obeyed(MotionCommand("walk", distance=0.15), select=select)
     assert outs[-1].state == "standing"
     assert all(len(request.legs) == 3 for request in asked)  # one question for a whole tripod
     assert len(asked) == outs[-1].steps
@@ -42,8 +31,7 @@ def test_infeasible_footholds_shorten_the_step_and_end_in_a_refusal_with_the_rea
         strokes.append(abs(request.legs[0].stroke[0]))
         return [FootholdReply("infeasible", None, 0.0, "water") for _ in request.legs]
 
-    p = plant(select=select)
-    outs = p.obey(MotionCommand("walk", distance=0.3))
+    p, outs = obeyed(MotionCommand("walk", distance=0.3), select=select)
     assert outs[-1].state == "refused"
     assert "water" in outs[-1].reason
     assert len(strokes) == PARAMS.max_attempts
@@ -63,8 +51,7 @@ def test_raise_trunk_moves_the_trunk_and_then_the_step_is_taken():
             return [FootholdReply("raise_trunk", None, dz) for _ in request.legs]
         return nominal_footholds(request)
 
-    p = plant(select=select)
-    outs = p.obey(MotionCommand("walk", distance=0.1))
+    p, outs = obeyed(MotionCommand("walk", distance=0.1), select=select)
     assert max(o.trunk_height for o in outs) == pytest.approx(PARAMS.hip_height_m + 0.02, abs=0.003)
     assert p.walker.state.body[0] == pytest.approx(0.1, abs=0.005)
 
@@ -76,15 +63,13 @@ def test_unstable_steps_are_shortened_then_refused():
         moves.append(request.movement[0])
         return StanceVerdict(stable=abs(request.movement[0]) < 0.008, margin=-0.01)
 
-    p = plant(check=check)
-    outs = p.obey(MotionCommand("walk", distance=0.05))
-    assert outs[-1].state == "standing"
-    assert p.walker.state.body[0] == pytest.approx(0.05, abs=0.005)
+    p, outs = obeyed(MotionCommand("walk", distance=0.05), check=check)
+    assert (outs[-1].state, p.walker.state.body[0]) == ("standing", pytest.approx(0.05, abs=0.005))
     assert any(abs(move) > 0.008 for move in moves)
-    p = plant(check=lambda request: StanceVerdict(False, -0.02, "infeasible"))
-    outs = p.obey(MotionCommand("walk", distance=0.05))
-    assert outs[-1].state == "refused"
-    assert outs[-1].steps == 0
+    p, outs = obeyed(
+        MotionCommand("walk", distance=0.05), check=lambda request: StanceVerdict(False, -0.02, "infeasible")
+    )
+    assert (outs[-1].state, outs[-1].steps) == ("refused", 0)
     assert "infeasible" in outs[-1].reason
 
 
@@ -95,8 +80,7 @@ def test_the_check_sees_the_standing_feet_and_the_movement():
         seen.append(request)
         return StanceVerdict(True, 0.05)
 
-    p = plant(check=check)
-    p.obey(MotionCommand("walk", distance=0.1))
+    obeyed(MotionCommand("walk", distance=0.1), check=check)
     request = seen[1]
     assert request.positions.shape == (3, 3)
     assert request.positions[:, 2] == pytest.approx(np.zeros(3), abs=2e-3)

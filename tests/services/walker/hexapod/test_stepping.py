@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 from surefoot.geometry.heightmap import HeightMap
-from surefoot.robot.reader import load_robot
 from surefoot.services.walker.hexapod.gait import HexapodWalker
 from surefoot.services.walker.interface import MotionCommand
-from tests.services.walker.hexapod.plant import KINEMATICS_TICKS, Plant
+from tests.services.walker.hexapod.plant import KINEMATICS_TICKS, ROBOT, Plant
 
-ROBOT = load_robot("ragno")
 FLAT = HeightMap(z=np.zeros((161, 161), dtype=np.float32), cell=0.005, origin=(-0.4, -0.4))
 EDGE = 0.012  # m over the ground
 

@@ -27,8 +27,7 @@ def test_begins_and_ends_on_the_footholds_and_never_jumps(z0, z1, ground, dx, dy
     p0, p1 = np.array([0.1, -0.2, z0]), np.array([0.1 + dx, -0.2 + dy, z1])
     top, go, arrive = plan(p0, p1, np.array(ground))
     points = path(p0, p1, top, go, arrive)
-    assert points[0] == pytest.approx(p0, abs=1e-12)
-    assert points[-1] == pytest.approx(p1, abs=1e-12)
+    assert (points[0], points[-1]) == (pytest.approx(p0, abs=1e-12), pytest.approx(p1, abs=1e-12))
     way = top - min(z0, z1) + np.hypot(dx, dy)
     assert np.abs(np.diff(points, axis=0)).max() < 0.02 * way + 1e-4  # in a thousandth of the time
 
@@ -90,6 +89,5 @@ def test_standing_feet_approach_their_foothold_by_at_most_the_reach():
     feet_to = np.full((n, 3), 0.01)
     paths = swing.SwingPaths(SHAPE, swinging, zeros, feet_to, np.full(n, 0.05), np.full(n, 0.1), np.full(n, 0.6))
     out, share = swing.targets(paths, landed, 0.4, zeros, 0.002, np.array([0.5, 0.95, 0.05]), 0.1)
-    assert out[:2] == pytest.approx(np.full((2, 3), 0.002))
-    assert out[2, 2] == pytest.approx(0.05)
+    assert (out[:2], out[2, 2]) == (pytest.approx(np.full((2, 3), 0.002)), pytest.approx(0.05))
     assert share == pytest.approx([0.6, 1.0, 0.0])  # grows on the ground, shrinks in the air, within 0 and 1
