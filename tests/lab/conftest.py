@@ -1,4 +1,4 @@
-"""What several tests need: an invented run for judge and report, and the command line for live tests."""
+"""Fixtures of several tests: an invented run for verdict and report, the command line in and out of this process."""
 
 import os
 import sys
@@ -8,6 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from surefoot.lab.cli import main as cli
+from surefoot.lab.cli.output import state
 from surefoot.lab.report.traces import Traces
 from tests.ports import free_address
 from tests.processes import end_systems, run_process
@@ -15,51 +17,34 @@ from tests.processes import end_systems, run_process
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
 
-def header(tick, epoch=1):
-    return {"tick": tick, "epoch": epoch, "stamp_ns": tick * 10_000_000}
+def message(tick, epoch=1, **fields):
+    return SimpleNamespace(tick=tick, epoch=epoch, stamp_ns=tick * 10_000_000, **fields)
 
 
 def truth(
     tick, x=0.0, *, epoch=1, tilt=0.0, fallen=False, stances=(0,) * 6, sliding=(0.0,) * 6, twist=(), vx=0.0, y=0.0
 ):
-    return SimpleNamespace(
-        **header(tick, epoch),
-        position=(x, y, 0.08),
-        quat_wxyz=IDENTITY,
-        velocity=(vx, 0.0, 0.0),
-        com=(x, y, 0.06),
-        tilt=tilt,
-        fallen=fallen,
-        stances=stances,
-        stance_sliding=sliding,
-        stance_twist=twist,
+    return message(
+        tick, epoch, position=(x, y, 0.08), quat_wxyz=IDENTITY, velocity=(vx, 0.0, 0.0), com=(x, y, 0.06), tilt=tilt,
+        fallen=fallen, stances=stances, stance_sliding=sliding, stance_twist=twist,
         foot_position=tuple((x + 0.1, y + 0.02 * i, 0.008) for i in range(6)),
-    )
+    )  # fmt: skip
 
 
 def velocity(tick, vx=0.0, *, initialised=True):
-    return SimpleNamespace(
-        **header(tick), velocity=(vx, 0.0, 0.0), initialised=initialised, covariance=tuple(np.eye(6).ravel() * 1e-4)
-    )
+    covariance = tuple(np.eye(6).ravel() * 1e-4)
+    return message(tick, velocity=(vx, 0.0, 0.0), initialised=initialised, covariance=covariance)
 
 
 def odometry(tick, x=0.0, y=0.0, yaw=0.0, *, initialised=True):
-    return SimpleNamespace(
-        **header(tick), position=(x, y, 0.08), yaw=yaw, initialised=initialised, covariance=(1e-4,) * 16
-    )
+    return message(tick, position=(x, y, 0.08), yaw=yaw, initialised=initialised, covariance=(1e-4,) * 16)
 
 
 def gait(tick, *, state="walking", reason="", margin=0.02, remaining=0.5, walk_id=1):
-    return SimpleNamespace(
-        **header(tick),
-        state=state,
-        reason=reason,
-        margin=margin,
-        remaining=remaining,
-        steps=tick // 50,
-        stance=(True,) * 6,
+    return message(
+        tick, state=state, reason=reason, margin=margin, remaining=remaining, steps=tick // 50, stance=(True,) * 6,
         walk_id=walk_id,
-    )
+    )  # fmt: skip
 
 
 def ground(shape=(80, 200), cell=0.02):
@@ -79,19 +64,10 @@ def walk(ticks=600, speed=0.1):
         if tick and tick % 50 == 0:
             for foot in range(tick // 50 % 2, 6, 2):
                 done[foot] += 1
-        traces.feed(
-            "sim/truth",
-            truth(
-                tick,
-                x,
-                vx=speed,
-                y=0.004 * np.sin(tick / 30),
-                tilt=0.05 + 0.03 * np.sin(tick / 40),
-                stances=tuple(done),
-                sliding=tuple(1e-4 * (1 + f + tick % 7) for f in range(6)),
-                twist=(0.01,) * 6,
-            ),
-        )
+        y, tilt = 0.004 * np.sin(tick / 30), 0.05 + 0.03 * np.sin(tick / 40)
+        sliding = tuple(1e-4 * (1 + f + tick % 7) for f in range(6))
+        seen = truth(tick, x, vx=speed, y=y, tilt=tilt, stances=tuple(done), sliding=sliding, twist=(0.01,) * 6)
+        traces.feed("sim/truth", seen)
         noise = 0.01 * np.sin(tick / 5)
         for name in ("", "/imu", "/kinematics", "/kinematics_gyro", "/ekf"):
             traces.feed(f"state/velocity{name}", velocity(tick, speed + noise * (1 + len(name) / 4)))
@@ -108,8 +84,8 @@ def walk(ticks=600, speed=0.1):
 
 def pose(tick, x=0.0, wobble=0.0):
     """A believed pose, 1 cm along and 1 cm aside of the truth, with 1 cm of standard deviation."""
-    return SimpleNamespace(
-        **header(tick), pose=(x, 0.01 * wobble, 0.0), covariance=tuple(np.diag([1e-4, 1e-4, 1e-4]).ravel()),
+    return message(
+        tick, pose=(x, 0.01 * wobble, 0.0), covariance=tuple(np.diag([1e-4, 1e-4, 1e-4]).ravel()),
         entropy=-9.0, drift=0.1, drift_sd=0.05, matched=3, lost=False, lost_probability=0.0, lost_reason="",
     )  # fmt: skip
 
@@ -121,14 +97,14 @@ def feedback(tick, x=0.0, *, done=False, error=""):
         values={"walk": -10.0, "stand": -11.0}, distance=1.0, bearing=0.1, entropy=-9.0,
     )  # fmt: skip
     state = ("failed" if error else "succeeded") if done else "navigating"
-    return SimpleNamespace(
-        **header(tick), state=state, goal_id="there", goal_pose=(x, 0.05), distance_remaining=1.0, decision=choice,
+    return message(
+        tick, state=state, goal_id="there", goal_pose=(x, 0.05), distance_remaining=1.0, decision=choice,
         error_code=error, navigation_time=0.01 * tick, number_of_recoveries=1,
     )  # fmt: skip
 
 
 def stability(tick, planned, measured):
-    return SimpleNamespace(**header(tick), margin_planned=planned, margin_measured=measured)
+    return message(tick, margin_planned=planned, margin_measured=measured)
 
 
 @pytest.fixture
@@ -136,6 +112,54 @@ def invented():
     """Makers of invented messages, and `walk`, a whole run of them."""
     makers = (truth, velocity, odometry, gait, ground, stability, walk, pose, feedback)
     return SimpleNamespace(**{make.__name__: make for make in makers})
+
+
+@pytest.fixture
+def apart(monkeypatch, tmp_path):
+    """Own run folders, no port of another system, no colours, a wide terminal."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.setenv("SUREFOOT_CONNECT", "tcp/127.0.0.1:9")
+    monkeypatch.setenv("SUREFOOT_LISTEN", "tcp/127.0.0.1:9")
+    monkeypatch.setenv("NO_COLOR", "1")
+    monkeypatch.setattr(state, "json", False)
+    monkeypatch.setattr(state, "debug", False)
+
+
+@pytest.fixture
+def in_process(capsys):
+    """The command line in this process: exit code, standard output, standard error."""
+
+    def run(*words):
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            cli.main([*map(str, words)])
+        return ended.value.code or 0, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def answer(in_process):
+    """Standard output of a command that must succeed."""
+
+    def run(*words):
+        code, out, err = in_process(*words)
+        assert code == 0, err
+        return out
+
+    return run
+
+
+@pytest.fixture
+def complaint(in_process):
+    """Standard error of a command that must end with this exit code."""
+
+    def run(*words, code=cli.EXIT_USAGE):
+        found, _, err = in_process(*words)
+        assert found == code
+        return err
+
+    return run
 
 
 @pytest.fixture
@@ -172,14 +196,8 @@ def surefoot(place, command_line):
     folder, environment = place
 
     def run(*words):
-        done = run_process(
-            [*command_line, *map(str, words)],
-            cwd=folder,
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        command = [*command_line, *map(str, words)]
+        done = run_process(command, cwd=folder, env=environment, capture_output=True, text=True)
         assert "Traceback" not in done.stderr, done.stderr
         return done
 

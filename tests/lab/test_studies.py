@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from surefoot.lab import studies
-from surefoot.lab.report.judge import Row, Verdict
+from surefoot.lab.report.judge import Row, RunVerdict
 from surefoot.lab.studies import finished, metrics, passed, seeds_of, study, verdict_line
 
 
@@ -17,7 +17,7 @@ def test_seeds(text: str, seeds: list[int]) -> None:
 
 def walked(scenario: str, seed: int) -> dict[str, Any]:
     rows = (Row("distance_m", 1.5 if seed != 2 else 0.2, ok=seed != 2), Row("min_margin_m", None))
-    return verdict_line(Verdict(rows), ("min_margin_m",))
+    return verdict_line(RunVerdict(rows), ("min_margin_m",))
 
 
 def test_continues_where_it_stopped(tmp_path: Path) -> None:

@@ -2,7 +2,8 @@
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -12,6 +13,7 @@ import zenoh
 from surefoot.bus.interface import Incoming
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.errors import Refusal
+from surefoot.lockstep.node import Node
 from surefoot.schemas.topics import STABILITY_REGION
 from tests.ports import free_address
 
@@ -33,7 +35,7 @@ class Net:
         return bus
 
     def plain(self) -> zenoh.Session:
-        """A session of somebody who knows nothing of us."""
+        """A session of a program that knows nothing of this project."""
         config = zenoh.Config()
         config.insert_json5("mode", '"client"')
         config.insert_json5("connect/endpoints", f'["{self.address}"]')
@@ -60,7 +62,7 @@ class Inbox:
 
 
 def serve(bus: ZenohBus, answer: Any) -> None:
-    """Answers region queries on Zenoh's own thread."""
+    """Answer region queries on Zenoh's own thread."""
 
     def on_query(incoming: Incoming) -> None:
         if incoming.probe:
@@ -76,23 +78,38 @@ def serve(bus: ZenohBus, answer: Any) -> None:
     bus.serve(STABILITY_REGION, on_query)
 
 
-def reached(bus: ZenohBus, query: Any) -> None:
-    """Waits until a query is known here."""
-    deadline = time.monotonic() + WAIT_S
-    while not bus.probe(query):
-        assert time.monotonic() < deadline
+def reached(bus: ZenohBus, query: Any) -> ZenohBus:
+    """Wait until a query is known to a session; return the session."""
+    wait_until(lambda: bus.probe(query))
+    return bus
 
 
 def matched(bus: ZenohBus, topic: Any) -> Any:
-    """A publisher that somebody listens to."""
+    """A publisher with a subscriber."""
     publisher: Any = bus.publisher(topic)
     wait_until(lambda: publisher._publisher.matching_status.matching)
     return publisher
 
 
 def wait_until(condition: Callable[[], bool]) -> None:
-    """Bounded; what is awaited here comes from another thread in milliseconds."""
+    """Wait for what another thread does in milliseconds, `WAIT_S` at most."""
     deadline = time.monotonic() + WAIT_S
     while not condition():
         assert time.monotonic() < deadline
         threading.Event().wait(0.005)
+
+
+@contextmanager
+def spinning(*nodes: Node) -> Iterator[None]:
+    """Run each node in a thread of its own; stop them on leaving."""
+    threads = [threading.Thread(target=node.run, daemon=True) for node in nodes]
+    for thread in threads:
+        thread.start()
+    try:
+        yield
+    finally:
+        for node in nodes:
+            node.stop()
+        for thread in threads:
+            thread.join(WAIT_S)
+            assert not thread.is_alive()

@@ -1,4 +1,4 @@
-"""A line of a log says when, how grave, who, in which tick; and can be taken apart again."""
+"""A line of a log holds time, level, service and tick, and can be taken apart again."""
 
 from datetime import UTC, datetime, timedelta
 

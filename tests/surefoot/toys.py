@@ -9,15 +9,7 @@ from surefoot.lockstep.service import Service
 from surefoot.schemas.base import Message
 from surefoot.schemas.hw import Imu, JointCommand
 from surefoot.schemas.state import GaitState, VelocityEstimate
-from surefoot.schemas.topics import (
-    CMD_JOINTS,
-    HW_IMU,
-    SIM_JOIN,
-    STATE_GAIT,
-    STATE_VELOCITY,
-    TICK_NS,
-    Topic,
-)
+from surefoot.schemas.topics import CMD_JOINTS, HW_IMU, SIM_JOIN, STATE_GAIT, STATE_VELOCITY, TICK_NS, Topic
 
 
 def estimate(x: float) -> VelocityEstimate:
@@ -77,10 +69,8 @@ class ToyWalker(Service[ServiceConfig]):
         v = -1.0 if velocity is None else velocity.velocity[0]
         assert imu is not None
         u = 1.0 + 0.1 * imu.acc[0] - 0.3 * v + (0.0 if before is None else 0.01 * before.remaining)
-        self.publish(
-            STATE_GAIT,
-            GaitState(walk_id=1, state="walking", phase=0.0, stance=(), footholds=(), remaining=abs(u)),
-        )
+        gait = GaitState(walk_id=1, state="walking", phase=0.0, stance=(), footholds=(), remaining=abs(u))
+        self.publish(STATE_GAIT, gait)
         self.publish(CMD_JOINTS, JointCommand(position=(u,)))
 
 

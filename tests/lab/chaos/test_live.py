@@ -44,13 +44,13 @@ def test_a_seed_draws_every_kind_and_leaves_the_world_alive() -> None:
     assert [event.tick for event in events] == sorted(event.tick for event in events)
 
 
-def chaos_of(driver: str = "simulator") -> Chaos:
-    session: Any = SimpleNamespace(driver=driver)
+@pytest.fixture
+def chaos() -> Chaos:
+    session: Any = SimpleNamespace(driver="simulator")
     return Chaos(session, ())
 
 
-def test_a_sign_that_names_the_service_or_its_topics_is_its_notice() -> None:
-    chaos = chaos_of()
+def test_a_sign_that_names_the_service_or_its_topics_is_its_notice(chaos: Chaos) -> None:
     event = ChaosEvent("freeze", 1, "estimator", size=1.0)
     chaos.sign("supervisor", "start recorder (wanted)")
     assert chaos._noticed(event, 0.0) is None
@@ -64,14 +64,12 @@ def test_a_sign_that_names_the_service_or_its_topics_is_its_notice() -> None:
     assert chaos._noticed(ChaosEvent("slow", 1, "simulator"), 0.0) is None
 
 
-def test_a_silent_driver_is_named_by_what_it_publishes() -> None:
-    chaos = chaos_of()
+def test_a_silent_driver_is_named_by_what_it_publishes(chaos: Chaos) -> None:
     chaos.sign("walker", "hw/joints is silent: no new sample for 0.11 s")
     assert chaos._noticed(ChaosEvent("slow", 1, "simulator"), 0.0) is not None
 
 
-def test_each_event_is_a_note_of_the_report() -> None:
-    chaos = chaos_of()
+def test_each_event_is_a_note_of_the_report(chaos: Chaos) -> None:
     event = ChaosEvent("freeze", 140, "walker", size=0.3)
     chaos.outcomes = [ChaosOutcome(event, 1.0), ChaosOutcome(event, 1.0, recovered=1.5, noticed=1.2, by="bus: gone")]
     unseen, seen = chaos.notes

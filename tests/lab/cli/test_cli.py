@@ -25,28 +25,16 @@ from tests.processes import run_process, running_child
 
 pytestmark = pytest.mark.usefixtures("apart")
 
-PLAIN = {
-    "list": ["list"],
-    "topic list": ["topic", "list"],
-    "topic info": ["topic", "info", "state/velocity"],
-    "service list": ["service", "list"],
-    "service info": ["service", "info", "stability/check"],
-    "schema list": ["schema", "list"],
-    "schema show": ["schema", "show", "Imu"],
-    "robot list": ["robot", "list"],
-    "robot check": ["robot", "check", "ragno"],
-    "graph": ["graph"],
-}
+PLAIN = (
+    "list", "topic list", "topic info state/velocity", "service list", "service info stability/check", "schema list",
+    "schema show Imu", "robot list", "robot check ragno", "graph",
+)  # fmt: skip
 
 
-@pytest.mark.parametrize("words", PLAIN.values(), ids=PLAIN)
-def test_answers_as_table_and_as_json(in_process, words):
-    code, out, _ = in_process(*words)
-    assert code == 0
-    assert out.strip()
-    code, out, _ = in_process(*words, "--json")
-    assert code == 0
-    assert json.loads(out)
+@pytest.mark.parametrize("words", PLAIN)
+def test_answers_as_table_and_as_json(answer, words):
+    assert answer(*words.split()).strip()
+    assert json.loads(answer(*words.split(), "--json"))
 
 
 def commands(app, prefix=()):
@@ -58,9 +46,8 @@ def commands(app, prefix=()):
 
 
 @pytest.mark.parametrize("words", sorted(commands(cli.app)), ids=" ".join)
-def test_every_command_has_help_and_json(in_process, words):
-    code, out, _ = in_process(*words, "--help")
-    assert code == 0
+def test_every_command_has_help_and_json(answer, words):
+    out = answer(*words, "--help")
     assert "Usage:" in out
     assert "--json" in out or words == ("supervise",)
 
@@ -112,14 +99,13 @@ def test_nothing_running_is_told_at_once(in_process, words):
 
 
 @pytest.mark.parametrize("words", [["up"], ["up", "-d"], ["run", "stand"]], ids=" ".join)
-def test_a_listen_variable_that_is_no_endpoint_is_told(in_process, monkeypatch, words):
+def test_a_listen_variable_that_is_no_endpoint_is_told(complaint, monkeypatch, words):
     monkeypatch.setenv("SUREFOOT_LISTEN", "garbage")
-    code, _, err = in_process(*words)
-    assert code == cli.EXIT_USAGE
+    err = complaint(*words)
     assert "surefoot: SUREFOOT_LISTEN: got 'garbage', expected tcp/<host>:<port 1-65535>\n" in err
 
 
-def test_services_without_their_supervisor_are_told(in_process):
+def test_services_without_their_supervisor_are_told(answer, in_process):
     folder = RunFolder("ragno")
     folder.acquire()
     sleep = [sys.executable, "-c", "import time; time.sleep(60)"]
@@ -132,7 +118,7 @@ def test_services_without_their_supervisor_are_told(in_process):
         assert out.splitlines()[-1] == what
         assert "orphaned" in out
         assert what in in_process("stop")[2]
-        assert in_process("logs", "walker")[0] == 0
+        answer("logs", "walker")
         assert in_process("down")[1] == "stopped ragno\n"
 
 
@@ -183,19 +169,17 @@ def test_a_full_disk_behind_the_output_is_one_sentence():
             assert done.stderr == "surefoot: No space left on device\n"
 
 
-def test_a_run_that_cannot_be_written_is_not_started(in_process, tmp_path):
+def test_a_run_that_cannot_be_written_is_not_started(complaint, tmp_path):
     (tmp_path / "file").write_text("")
     out = tmp_path / "file" / "out"
-    code, _, err = in_process("run", "stand", "--out", out)
-    assert code == cli.EXIT_CHECK
+    err = complaint("run", "stand", "--out", out, code=cli.EXIT_CHECK)
     assert err.endswith(f"surefoot: {out}: Not a directory\n")
     assert "start" not in err
 
 
-def test_a_namespace_that_is_none_is_told(in_process, monkeypatch):
+def test_a_namespace_that_is_none_is_told(complaint, monkeypatch):
     monkeypatch.setattr("surefoot.lab.cli.connect._knock", lambda _: None)
-    code, _, err = in_process("call", "cmd/walk", '{"action": "stop"}', "--namespace", "a/**")
-    assert code == cli.EXIT_USAGE
+    err = complaint("call", "cmd/walk", '{"action": "stop"}', "--namespace", "a/**")
     assert err == "surefoot: namespace: got 'a/**', expected <fleet>/<robot> without *, $, # and ?\n"
 
 
@@ -213,9 +197,8 @@ def test_a_call_that_is_not_accepted_fails(in_process, monkeypatch, accepted, ex
 
 
 @pytest.mark.parametrize("query", QUERIES, ids=lambda query: query.key)
-def test_every_query_has_a_call_to_paste(in_process, query):
-    code, out, _ = in_process("service", "info", query.key.replace("*", query.owner))
-    assert code == 0
+def test_every_query_has_a_call_to_paste(answer, query):
+    out = answer("service", "info", query.key.replace("*", query.owner))
     words = shlex.split(out.splitlines()[-1].removeprefix("Example: "))
     assert words[:2] == ["surefoot", "call"]
     assert query_named(words[2]).request is query.request
@@ -232,15 +215,14 @@ def test_a_field_is_told_with_type_default_and_limits(in_process):
     assert '"walk"' in out
 
 
-def test_down_with_nothing_running_is_fine(in_process):
-    assert in_process("down")[0] == 0
+def test_down_with_nothing_running_is_fine(answer):
+    answer("down")
 
 
-def test_a_broken_compose_file_is_one_sentence(in_process, tmp_path):
+def test_a_broken_compose_file_is_one_sentence(complaint, tmp_path):
     path = tmp_path / "bad.yaml"
     path.write_text("services: {a: {prots: [1]}}")
-    code, _, err = in_process("up", path)
-    assert code == cli.EXIT_USAGE
+    err = complaint("up", path)
     assert err.count("\n") == 1
     assert "services.a.prots" in err
     assert str(path) in err
@@ -257,28 +239,25 @@ def test_a_recording_that_is_none_is_one_sentence(in_process, tmp_path):
         assert "Traceback" not in err
 
 
-def test_schemas_are_exported(in_process, tmp_path):
-    code, _, _ = in_process("schema", "export", tmp_path / "schemas")
-    assert code == 0
+def test_schemas_are_exported(answer, tmp_path):
+    answer("schema", "export", tmp_path / "schemas")
     keys = json.loads((tmp_path / "schemas" / "keys.json").read_text())
     assert (tmp_path / "schemas" / f"{keys['topics']['hw/imu']['schema']}.json").is_file()
 
 
 @pytest.mark.parametrize("form", ["mermaid", "dot"])
-def test_the_graph_is_drawn(in_process, form):
-    code, out, _ = in_process("graph", "--format", form)
-    assert code == 0
+def test_the_graph_is_drawn(answer, form):
+    out = answer("graph", "--format", form)
     assert "simulator" in out
     assert "walker" in out
 
 
-def test_an_internal_error_is_a_sentence_unless_debugging(in_process, monkeypatch):
+def test_an_internal_error_is_a_sentence_unless_debugging(complaint, monkeypatch):
     def broken(*_):
         raise ZeroDivisionError("oops")
 
     monkeypatch.setattr("surefoot.robot.reader.load_robot", broken)
-    code, _, err = in_process("robot", "list")
-    assert code == cli.EXIT_CHECK
+    err = complaint("robot", "list", code=cli.EXIT_CHECK)
     assert "ZeroDivisionError" in err
     assert "--debug" in err
     with pytest.raises(ZeroDivisionError):
@@ -310,9 +289,8 @@ def test_tables_hold_no_truth_values(in_process):
     assert {row["deterministic"] for row in json.loads(out)} == {True, False}
 
 
-def test_a_folder_that_is_no_robot_is_told_what_was_expected(in_process, tmp_path):
-    code, _, err = in_process("robot", "check", tmp_path)
-    assert code == 2
+def test_a_folder_that_is_no_robot_is_told_what_was_expected(complaint, tmp_path):
+    err = complaint("robot", "check", tmp_path)
     assert err == f"surefoot: {str(tmp_path)!r} holds no robot.toml: a robot is a folder with that file\n"
 
 
@@ -329,9 +307,8 @@ def test_a_folder_that_is_no_robot_is_told_what_was_expected(in_process, tmp_pat
         (("robot", "check", "nobody"), "no robot 'nobody'; known are bioloid"),
     ],
 )
-def test_what_is_wrong_is_told_before_anybody_is_asked(in_process, words, told):
-    code, _, err = in_process(*words)
-    assert code == 2
+def test_what_is_wrong_is_told_before_anybody_is_asked(complaint, words, told):
+    err = complaint(*words)
     assert err.startswith(f"surefoot: {told}")
     assert len(err.splitlines()) == 1
 

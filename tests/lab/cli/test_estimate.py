@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from surefoot.lab.cli import main as cli
 from surefoot.lab.cli.output import EXIT_USAGE
 from surefoot.lab.estimation.export import save_csv, save_npz
 from tests.lab.estimation.walks import noisy
@@ -16,22 +15,13 @@ from tests.lab.estimation.walks import noisy
 EXAMPLE = Path(__file__).parents[3] / "examples" / "estimate" / "offline.py"
 
 
-def run(capsys, *arguments: str) -> tuple[int, str]:
-    with pytest.raises(SystemExit) as ended:
-        cli.main(["estimate", *arguments])
-    captured = capsys.readouterr()
-    return int(ended.value.code or 0), captured.out + captured.err
-
-
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
     return save_npz(noisy(), tmp_path_factory.mktemp("log") / "walk.npz")
 
 
-def test_json_and_files(capsys, log, tmp_path):
-    code, out = run(capsys, str(log), "--json", "-o", str(tmp_path / "out"), "--csv")
-    told = json.loads(out)
-    assert code == 0
+def test_json_and_files(answer, log, tmp_path):
+    told = json.loads(answer("estimate", log, "--json", "-o", tmp_path / "out", "--csv"))
     assert told["errors"]["rmse"] < 0.03
     names = ["estimates.npz", "estimates.svg", "estimate.tum", "truth.tum", "estimates.csv"]
     assert [Path(path).name for path in told["files"]] == names
@@ -42,25 +32,20 @@ def test_json_and_files(capsys, log, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["paper", "kinematics_gyro", "imu"])
-def test_table_of_each_estimator(capsys, log, name):
-    code, out = run(capsys, str(log), "--estimator", name)
-    assert code == 0
+def test_table_of_each_estimator(answer, log, name):
+    out = answer("estimate", log, "--estimator", name)
     assert "velocity, row by row" in out
     assert name in out
 
 
-def test_csv_without_truth_has_no_errors(capsys, tmp_path):
-    code, out = run(capsys, str(save_csv(noisy(), tmp_path / "walk.csv")), "--json")
-    assert code == 0
-    assert "errors" not in json.loads(out)
+def test_csv_without_truth_has_no_errors(answer, tmp_path):
+    assert "errors" not in json.loads(answer("estimate", save_csv(noisy(), tmp_path / "walk.csv"), "--json"))
 
 
-def test_an_unknown_estimator_and_a_bad_log_are_one_sentence(capsys, log, tmp_path):
-    code, out = run(capsys, str(log), "--estimator", "efk")
-    assert code == EXIT_USAGE
-    assert "'ekf'" in out
+def test_an_unknown_estimator_and_a_bad_log_are_one_sentence(complaint, in_process, log, tmp_path):
+    assert "'ekf'" in complaint("estimate", log, "--estimator", "efk")
     (tmp_path / "bad.csv").write_text("t,gyro_x\n")
-    code, out = run(capsys, str(tmp_path / "bad.csv"), "--json")
+    code, out, _ = in_process("estimate", tmp_path / "bad.csv", "--json")
     assert code == EXIT_USAGE
     assert json.loads(out)["error"]["field"] == "gyro_y"
     assert not list(tmp_path.glob(".estimates-*"))

@@ -8,7 +8,6 @@ import jsonschema
 import pytest
 import yaml
 
-from surefoot.lab.cli import main as cli
 from surefoot.lab.cli.schema import FILES, file_schema
 
 ROOT = Path(__file__).parents[3]
@@ -44,12 +43,6 @@ def test_a_wrong_step_does_not_fit(step):
         jsonschema.validate({"description": "x", "step": [step]}, file_schema("scenario"))
 
 
-def test_the_command_prints_it(capsys):
-    with pytest.raises(SystemExit) as ended:
-        cli.main(["schema", "file", "robot"])
-    assert ended.value.code == 0
-    assert json.loads(capsys.readouterr().out) == file_schema("robot")
-    with pytest.raises(SystemExit) as ended:
-        cli.main(["schema", "file", "robt"])
-    assert ended.value.code == 2
-    assert "did you mean 'robot'" in capsys.readouterr().err
+def test_the_command_prints_it(answer, complaint):
+    assert json.loads(answer("schema", "file", "robot")) == file_schema("robot")
+    assert "did you mean 'robot'" in complaint("schema", "file", "robt")

@@ -4,25 +4,12 @@ import json
 
 import pytest
 
-from surefoot.lab.cli.main import main
 
-
-def run(capsys, *words):
-    with pytest.raises(SystemExit) as end:
-        main(list(words))
-    said = capsys.readouterr()
-    return end.value.code, said.out, said.err
-
-
-def test_a_planner_is_made_and_beats_the_paper_s_controller(capsys, tmp_path):
+def test_a_planner_is_made_and_beats_the_paper_s_controller(answer, tmp_path):
     out = str(tmp_path / "p.npz")
-    code, said, _ = run(capsys, "train", "navigator", "--params", "paper-blur", "--out", out, "--json")
-    made = json.loads(said)
-    assert code == 0
+    made = json.loads(answer("train", "navigator", "--params", "paper-blur", "--out", out, "--json"))
     words = ("--policy", out, "--params", "paper-blur", "--seeds", "0:200", "--against", "hand", "--json")
-    code, said, _ = run(capsys, "evaluate", "navigator", *words)
-    found = json.loads(said)
-    assert code == 0
+    found = json.loads(answer("evaluate", "navigator", *words))
     assert found["policy"]["sha256"] == made["sha256"]
     assert found["policy"]["provenance"]["model_sha256"] == found["model_sha256"]
     assert found["policy"]["episodes"] == 200
@@ -30,10 +17,10 @@ def test_a_planner_is_made_and_beats_the_paper_s_controller(capsys, tmp_path):
     assert 0 < found["policy"]["success_at_least"] < found["policy"]["success"] <= 1
 
 
-def test_sarsa_is_trained_twice_with_progress_and_one_is_kept(capsys, tmp_path):
+def test_sarsa_is_trained_twice_with_progress_and_one_is_kept(in_process, tmp_path):
     out = str(tmp_path / "s.npz")
     words = ("--policy", "sarsa", "--out", out, "--episodes", "100", "--runs", "2", "--seed", "7", "--json")
-    code, said, err = run(capsys, "train", "navigator", *words)
+    code, said, err = in_process("train", "navigator", *words)
     made = json.loads(said)
     assert code == 0
     assert [t["seed"] for t in made["trainings"]] == [7, 8]
@@ -42,15 +29,11 @@ def test_sarsa_is_trained_twice_with_progress_and_one_is_kept(capsys, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["s.npz"]
 
 
-def test_the_limit_and_other_actions_can_be_compared(capsys):
+def test_the_limit_and_other_actions_can_be_compared(answer):
     words = ("--policy", "limit", "--actions", "arcs", "--seeds", "0:50", "--against", "tuned", "--json")
-    code, said, _ = run(capsys, "evaluate", "navigator", *words, "--against-actions", "four")
-    found = json.loads(said)
-    assert code == 0
+    found = json.loads(answer("evaluate", "navigator", *words, "--against-actions", "four"))
     assert found["paired"]["difference_percent"] < -10
-    code, said, _ = run(capsys, "evaluate", "navigator", "--policy", "tuned", "--seeds", "0:50")
-    assert code == 0
-    assert "tuned" in said
+    assert "tuned" in answer("evaluate", "navigator", "--policy", "tuned", "--seeds", "0:50")
 
 
 @pytest.mark.parametrize(
@@ -68,9 +51,9 @@ def test_the_limit_and_other_actions_can_be_compared(capsys):
         (("train", "navigator", "--out", "no/such/x.npz"), "does not exist"),
     ],
 )
-def test_refusals_name_what_was_received_and_what_is_allowed(capsys, monkeypatch, tmp_path, words, needle):
+def test_refusals_name_what_was_received_and_what_is_allowed(in_process, monkeypatch, tmp_path, words, needle):
     monkeypatch.chdir(tmp_path)
-    code, _, err = run(capsys, *words)
+    code, _, err = in_process(*words)
     assert code != 0
     assert needle in err
     assert "internal error" not in err

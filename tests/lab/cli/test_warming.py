@@ -5,10 +5,10 @@ import json
 import pytest
 
 from surefoot.errors import SurefootError
-from surefoot.lab.cli import main as cli
 from surefoot.lab.cli import warming
 from surefoot.lab.cli.output import state
 from surefoot.lab.cli.warming import Job
+from tests.surefoot.expect import expect_error
 
 
 @pytest.fixture(autouse=True)
@@ -45,21 +45,15 @@ def test_says_first_that_it_takes_long_and_then_how_far_it_is(monkeypatch):
 
 def test_what_cannot_be_compiled_is_told_by_name():
     jobs = (Job("nothing", "ragno"),)
-    with pytest.raises(SurefootError) as caught:
+    with expect_error(SurefootError, text="nothing", without="\n"):
         warming.warm(jobs)
-    assert "nothing" in caught.value.message
-    assert "\n" not in caught.value.message
     assert warming.is_cold(jobs)
 
 
-def test_the_command_shows_the_kernels_of_each_service(monkeypatch, capsys):
+def test_the_command_shows_the_kernels_of_each_service(monkeypatch, in_process):
     monkeypatch.setattr(warming, "ORDER", ())
     monkeypatch.setattr(warming, "jobs_of", lambda systems, rare: (Job("footholds", "ragno", rare),))
-    with pytest.raises(SystemExit):
-        cli.main(["warm", "--json"])
-    (row,) = json.loads(capsys.readouterr().out)["services"]
+    (row,) = json.loads(in_process("warm", "--json")[1])["services"]
     assert (row["service"], row["robot"]) == ("footholds", "ragno")
     assert row["kernels"] >= 8
-    with pytest.raises(SystemExit):
-        cli.main(["warm"])
-    assert "warm" in capsys.readouterr().out
+    assert "warm" in in_process("warm")[1]

@@ -12,12 +12,21 @@ from surefoot.lab.estimation.track import track
 from surefoot.record.tables import read_table
 from surefoot.robot.reader import load_robot
 from tests.lab.estimation.walks import noisy
+from tests.surefoot.expect import expect_error
 
 
 @pytest.fixture(scope="module")
 def walk():
     log = noisy()
     return replace(log, order=None)
+
+
+def standing(robot, n=60):
+    """Columns of a robot at rest, 100 rows a second, without contacts."""
+    return {
+        "stamp_ns": 10_000_000 * np.arange(n), "foot_stamp_ns": 10_000_000 * np.arange(n), "gyro": np.zeros((n, 3)),
+        "acc": np.tile([0.0, 0.0, 9.81], (n, 1)), "joints": np.tile(robot.neutral, (n, 1)),
+    }  # fmt: skip
 
 
 def refused(path, **options) -> SurefootError:
@@ -45,20 +54,16 @@ def test_the_file_gives_the_same_estimates(walk, tmp_path):
 
 
 def test_joints_become_feet_by_the_description(tmp_path):
-    robot = load_robot("bioloid")
-    n = 60
-    q = np.tile(robot.neutral, (n, 1))
-    columns = {
-        "t": 0.01 * np.arange(n), "gyro": np.zeros((n, 3)), "acc": np.tile([0.0, 0.0, 9.81], (n, 1)), "joints": q,
-        "contact": np.ones((n, 2)),
-    }  # fmt: skip
+    n, columns = 60, standing(load_robot("bioloid"))
+    del columns["stamp_ns"], columns["foot_stamp_ns"]
+    columns |= {"t": 0.01 * np.arange(n), "contact": np.ones((n, 2))}
     np.savez(tmp_path / "log.npz", **columns)
     opened = open_log(tmp_path / "log.npz", robot="bioloid")
     assert opened.log.foot_position.shape == (n, 2, 3)
     assert opened.log.foot_position[0, 0, 2] < -0.1
     assert refused(tmp_path / "log.npz").field == "robot"
     assert refused(tmp_path / "log.npz", robot="nao").field == "joints"  # the wrong robot
-    np.savez(tmp_path / "deg.npz", **(columns | {"joints": np.degrees(q)}))
+    np.savez(tmp_path / "deg.npz", **(columns | {"joints": np.degrees(columns["joints"])}))
     error = refused(tmp_path / "deg.npz", robot="bioloid")
     assert error.field == "joints"
     assert "0.0174533" in error.message
@@ -66,19 +71,14 @@ def test_joints_become_feet_by_the_description(tmp_path):
 
 def test_named_joints_are_put_in_the_order_of_the_robot():
     robot = load_robot("bioloid")
-    n = 60
     order = np.random.default_rng(0).permutation(robot.nj)
-    columns = {
-        "stamp_ns": 10_000_000 * np.arange(n), "foot_stamp_ns": 10_000_000 * np.arange(n), "gyro": np.zeros((n, 3)),
-        "acc": np.tile([0.0, 0.0, 9.81], (n, 1)), "contact": np.ones((n, 2)),
-        "joints": np.tile(robot.neutral, (n, 1))[:, order], "joint_names": np.array(robot.joint_names)[order],
-    }  # fmt: skip
+    columns = standing(robot) | {"contact": np.ones((60, 2)), "joint_names": np.array(robot.joint_names)[order]}
+    columns["joints"] = columns["joints"][:, order]
     log, _ = log_of_table("named", columns, robot)
     np.testing.assert_array_equal(log.joints[0], robot.neutral)
     columns["joint_names"] = np.array(["other", *robot.joint_names[1:]])
-    with pytest.raises(SurefootError) as found:
+    with expect_error(SurefootError, field=f"joint_{robot.joint_names[0]}"):
         log_of_table("named", columns, robot)
-    assert found.value.field == f"joint_{robot.joint_names[0]}"
 
 
 def test_contacts_by_force_and_by_height_are_said_to_be(walk, tmp_path):
@@ -93,13 +93,8 @@ def test_contacts_by_force_and_by_height_are_said_to_be(walk, tmp_path):
 
 @pytest.mark.parametrize(("switches", "noted"), [(1, False), (3, True), (4, False), (5, True)])
 def test_switches_without_known_places_are_said_to_be_one_flag(switches, noted):
-    robot, n = load_robot("bioloid"), 60
-    columns = {
-        "stamp_ns": 10_000_000 * np.arange(n), "foot_stamp_ns": 10_000_000 * np.arange(n), "gyro": np.zeros((n, 3)),
-        "acc": np.tile([0.0, 0.0, 9.81], (n, 1)), "touch": np.ones((n, 2, switches)),
-        "joints": np.tile(robot.neutral, (n, 1)),
-    }  # fmt: skip
-    _, notes = log_of_table("soles", columns, robot)
+    robot = load_robot("bioloid")
+    _, notes = log_of_table("soles", standing(robot) | {"touch": np.ones((60, 2, switches))}, robot)
     assert any(f"{switches} switches a foot, bioloid has places for 4" in note for note in notes) == noted
 
 

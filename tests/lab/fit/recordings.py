@@ -75,12 +75,9 @@ class Story:
         b = np.arctan2(np.sin(b), np.cos(b))
         inside = np.flatnonzero((r > 0.4) & (r < 1.1) & (np.abs(b) < 0.5))[:most]
         er, eb = self.rng.normal(0.0, self.noise, (2, len(inside)))
-        return tuple(
-            Landmark(
-                range=float(r[i] + er[k]), bearing=float(b[i] + eb[k]), descriptor=tuple(self.world.descriptors[i])
-            )
-            for k, i in enumerate(inside)
-        )
+        looks = [tuple(look) for look in self.world.descriptors[inside]]
+        found = zip(r[inside] + er, b[inside] + eb, looks, strict=True)
+        return tuple(Landmark(range=float(away), bearing=float(at), descriptor=look) for away, at, look in found)
 
     def order(self, command: WalkCommand) -> None:
         """The navigator orders; the walker takes it up in the next tick."""

@@ -91,9 +91,8 @@ def run_of(robot: Robot, rng: np.random.Generator, actions: list[int], *, frames
             for _ in range(seen):
                 r, b = rng.uniform(0.4, 1.1), rng.uniform(-0.55, 0.55)
                 mark = (x + r * math.cos(yaw + b), y + r * math.sin(yaw + b))
-                h = (
-                    robot.height
-                )  # a tilted camera sees a floor point elsewhere; the body is sway to the left of its path
+                # a tilted camera sees a floor point elsewhere; the body is sway to the left of its path
+                h = robot.height
                 stretch = (h * h + r * r) / h
                 range_ = r + stretch * (pitch * math.cos(b) + roll * math.sin(b)) - sway * math.sin(b)
                 bearing = b + h / r * (roll * math.cos(b) - pitch * math.sin(b)) - sway * math.cos(b) / r

@@ -9,6 +9,7 @@ from surefoot.lab.fit.merged import merged
 from surefoot.lab.fit.search import deviations
 from surefoot.services.navigator.policy.params import load
 from tests.lab.fit.robots import ARC_LEFT, ARC_RIGHT, LEFT, RIGHT, STAND, WALK, Robot, run_of, truth_of
+from tests.surefoot.expect import expect_error
 
 FOUR = [WALK, WALK, WALK, LEFT, WALK, WALK, STAND, WALK, RIGHT, WALK]
 ARCS = [WALK, WALK, ARC_LEFT, WALK, STAND, WALK, ARC_RIGHT, WALK, ARC_RIGHT, ARC_LEFT]
@@ -55,7 +56,7 @@ def test_recordings_become_likelier_than_under_the_model_to_begin_with(fits):
 
 
 def test_walks_stretch_and_turns_differ_from_what_was_commanded(fits):
-    """Where the robot goes less far, or turns farther, than commanded, most fits tell so; none says the opposite."""
+    """Where the robot goes less far, or turns farther, than commanded, most fits show it; none shows the opposite."""
     ways = [f.values["actions.walk.forward"] for f in fits if "actions.walk.forward" in f.values]
     turns = [f.values["actions.left.turn_deg"] for f in fits if "actions.left.turn_deg" in f.values]
     assert len(ways) >= 3
@@ -112,9 +113,8 @@ def test_same_recordings_give_the_same_numbers(wrong):
 
 
 def test_no_recordings_are_refused(wrong):
-    with pytest.raises(SurefootError) as error:
+    with expect_error(SurefootError, "invalid", field="recordings"):
         fit([], wrong)
-    assert (error.value.code, error.value.field) == ("invalid", "recordings")
 
 
 def test_merged_events_keep_ways_times_and_sightings():

@@ -12,6 +12,7 @@ from surefoot.lab.fit.result import Fitted
 from surefoot.services.navigator.execution import LAG_S
 from surefoot.services.navigator.policy.params import load
 from tests.lab.fit.recordings import tour, turn, walk
+from tests.surefoot.expect import expect_error
 
 
 @pytest.fixture(scope="module")
@@ -121,6 +122,5 @@ def test_what_follows_a_walk_that_is_no_action_is_left_out(model, run, tmp_path)
 
 @pytest.mark.parametrize("key", KEYS)
 def test_recordings_without_what_is_needed_are_refused(model, tmp_path, key):
-    with pytest.raises(SurefootError) as error:
+    with expect_error(SurefootError, "invalid", field=key):
         read_run(tour(tmp_path / "less.mcap", skip=(key,)), model)
-    assert (error.value.code, error.value.field) == ("invalid", key)

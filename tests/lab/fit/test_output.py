@@ -6,13 +6,13 @@ import tomllib
 import pytest
 
 from surefoot.errors import ConfigError, SurefootError
-from surefoot.lab.cli import main
 from surefoot.lab.fit.estimate import fit
 from surefoot.lab.fit.events import read_run
 from surefoot.lab.fit.output import check_out, fitted_toml, write_model
 from surefoot.lab.fit.result import Fitted, Interval
 from surefoot.services.navigator.policy.params import load
 from tests.lab.fit.recordings import tour
+from tests.surefoot.expect import expect_error
 
 
 def found():
@@ -25,18 +25,6 @@ def found():
         "switching.turn.walk": Interval(1e-16, 0.0, 1e-15, 4),
     }
     return Fitted(values=values, runs=2, sightings=70)
-
-
-@pytest.fixture
-def surefoot(capsys):
-    """The command line in this process: exit code, output and errors."""
-
-    def run(*words):
-        with pytest.raises(SystemExit) as end:
-            main.main([str(word) for word in words])
-        return (end.value.code or 0, *capsys.readouterr())
-
-    return run
 
 
 def test_what_is_written_is_the_model_with_the_numbers(tmp_path):
@@ -77,14 +65,13 @@ def test_numbers_that_make_no_model_leave_the_file_as_it_was(tmp_path):
 
 @pytest.mark.parametrize("name", ["fitted", "own.toml"])
 def test_files_that_could_not_be_loaded_are_refused(tmp_path, name):
-    with pytest.raises(SurefootError) as error:
+    with expect_error(SurefootError, "invalid", field="out"):
         check_out(tmp_path / name, str(tmp_path / "own.toml"))
-    assert (error.value.code, error.value.field) == ("invalid", "out")
 
 
-def test_from_a_recording_to_a_model_by_command(surefoot, tmp_path):
+def test_from_a_recording_to_a_model_by_command(in_process, tmp_path):
     recording, out = tour(tmp_path / "tour.mcap"), tmp_path / "fitted.toml"
-    code, text, _ = surefoot("fit", "navigator", recording, "--params", "nao-paper", "--out", out, "--json")
+    code, text, _ = in_process("fit", "navigator", recording, "--params", "nao-paper", "--out", out, "--json")
     answer = json.loads(text)
     assert (code, answer["runs"], answer["out"]) == (0, 1, str(out))
     assert answer["improvement"] > 0.0
@@ -105,23 +92,20 @@ def test_models_with_other_errors_are_fitted_too(tmp_path, params):
 
 
 @pytest.mark.parametrize("key", ["navigator/order", "hw/landmarks", "terrain/landmarks"])
-def test_recordings_without_what_is_needed_end_with_2_and_write_nothing(surefoot, tmp_path, key):
+def test_recordings_without_what_is_needed_end_with_2_and_write_nothing(complaint, tmp_path, key):
     recording = tour(tmp_path / "less.mcap", skip=(key,))
-    code, _, err = surefoot("fit", "navigator", recording, "--out", tmp_path / "fitted.toml")
-    assert code == 2
+    err = complaint("fit", "navigator", recording, "--out", tmp_path / "fitted.toml")
     assert key in err
     assert not (tmp_path / "fitted.toml").exists()
 
 
-def test_files_that_are_no_recordings_end_with_2_and_write_nothing(surefoot, tmp_path):
+def test_files_that_are_no_recordings_end_with_2_and_write_nothing(complaint, tmp_path):
     (tmp_path / "text.mcap").write_text("not a recording, but some text")
-    code, _, err = surefoot("fit", "navigator", tmp_path / "text.mcap", "--out", tmp_path / "fitted.toml")
-    assert code == 2
+    err = complaint("fit", "navigator", tmp_path / "text.mcap", "--out", tmp_path / "fitted.toml")
     assert "not an MCAP file" in err
     assert not (tmp_path / "fitted.toml").exists()
 
 
-def test_a_file_that_is_no_toml_is_refused_before_the_work(surefoot, tmp_path):
-    code, _, err = surefoot("fit", "navigator", tmp_path / "absent.mcap", "--out", tmp_path / "fitted")
-    assert code == 2
+def test_a_file_that_is_no_toml_is_refused_before_the_work(complaint, tmp_path):
+    err = complaint("fit", "navigator", tmp_path / "absent.mcap", "--out", tmp_path / "fitted")
     assert "*.toml" in err

@@ -16,6 +16,7 @@ from surefoot.lab.footholds.walks import JoinedWalk, Setting
 from surefoot.services.footholds.learning.samples import PATCH, StanceSample, line_of
 from tests.services.footholds.learning.made import samples
 from tests.services.footholds.numpy_features import map_features_numpy
+from tests.surefoot.expect import expect_error
 
 SHORT = Setting("rough", 0.3, 0.04, 0.5, profile="noise")
 
@@ -108,15 +109,13 @@ def test_pools_that_always_break_end_the_campaign(tmp_path: Path, monkeypatch: p
         def __exit__(self, *what: object) -> None: ...
 
     monkeypatch.setattr(campaign, "ProcessPoolExecutor", Broken)
-    with pytest.raises(SurefootError) as error:
+    with expect_error(SurefootError, "worker_died"):
         collect(planned([SHORT], ("exact",), range(2)), tmp_path / "s.jsonl", jobs=2)
-    assert error.value.code == "worker_died"
 
 
 def test_a_file_that_cannot_be_written_is_told_before_the_first_walk(tmp_path: Path) -> None:
-    with pytest.raises(SurefootError) as error:
+    with expect_error(SurefootError, "unwritable"):
         collect(planned([SHORT], ("exact",), range(1)), tmp_path / "none" / "s.jsonl")
-    assert error.value.code == "unwritable"
     with pytest.raises(SurefootError):
         read(tmp_path / "none.jsonl")
     append(tmp_path / "new.jsonl")

@@ -2,10 +2,8 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
-import pytest
-
-from surefoot.lab.cli.main import main
 from surefoot.lab.footholds.campaign import read
 from surefoot.lab.footholds.rules import model_rule
 from surefoot.lab.footholds.walks import JoinedWalk, Setting
@@ -14,24 +12,17 @@ from surefoot.services.footholds.models.files import load
 from surefoot.services.footholds.select import SelectParams
 
 
-def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    with pytest.raises(SystemExit) as end:
-        main(["footholds", *arguments])
-    assert not end.value.code
-    return capsys.readouterr().out
-
-
-def test_messor_learns_by_its_name_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_messor_learns_by_its_name_alone(tmp_path: Path, answer: Any) -> None:
     robot = load_robot("messor")
     samples, file = tmp_path / "s.jsonl", tmp_path / "m.json"
     short = ("--ground", "rough:0.04", "--profile", "exact", "--distance", "0.1", "--seeds", "1000:1004")
-    run(capsys, "collect", "--robot", "messor", "--out", str(samples), *short)
+    answer("footholds", "collect", "--robot", "messor", "--out", samples, *short)
     stances, trials, bad = read(samples)
     assert (len(trials), bad) == (4, 0)
     assert {(each.robot, each.robot_hash, each.foot_radius) for each in stances} == {
         ("messor", robot.hash, robot.foot_radius)
     }
-    told = json.loads(run(capsys, "learn", str(samples), "--out", str(file), "--folds", "4", "--json"))
+    told = json.loads(answer("footholds", "learn", samples, "--out", file, "--folds", "4", "--json"))
     model = load(file)
     assert told["model"] == model.name
     assert model.conditions.robot == "messor"

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from surefoot.errors import SurefootError
-from surefoot.lab.cli import main as cli
 from surefoot.lab.maps.build import BuildOptions, associate, build_map, estimated_look_noise
 from surefoot.lab.maps.sightings import Sightings, read_sightings
 from surefoot.lab.maps.summary import copied
@@ -18,6 +17,7 @@ from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.planning import map_files
 from surefoot.services.navigator.planning.grid import FloorGrid
 from tests.services.navigator.belief.floors import EASY, LENGTH, Eye, floor
+from tests.surefoot.expect import expect_error
 
 
 def walk(frames=150):
@@ -115,9 +115,8 @@ def test_association_keeps_different_landmarks_apart_and_joins_the_same():
 def test_too_little_is_refused():
     _, _, _, seen = made_up(5)
     few = Sightings(seen.poses[:1], seen.frame[:5] * 0, seen.ranges[:5], seen.bearings[:5], seen.looks[:5], "few")
-    with pytest.raises(SurefootError) as error:
+    with expect_error(SurefootError, "no_landmarks"):
         build_map(few)
-    assert error.value.code == "no_landmarks"
     with pytest.raises(SurefootError):
         build_map(seen, BuildOptions(least=10_000))
 
@@ -128,48 +127,40 @@ def test_copies_are_counted():
     assert copied(floor(7)) <= 2
 
 
-def run(capsys, *arguments):
-    with pytest.raises(SystemExit) as end:
-        cli.main(list(arguments))
-    return end.value.code, capsys.readouterr()
-
-
-def test_the_command_line_shows_and_checks_maps(tmp_path, capsys):
+def test_the_command_line_shows_and_checks_maps(tmp_path, answer, in_process):
     good = save(floor(8), tmp_path / "good")
-    code, out = run(capsys, "map", "show", str(good), "--json")
-    assert code == 0
-    assert json.loads(out.out)["landmarks"] == len(floor(8))
-    assert run(capsys, "map", "check", str(good))[0] == 0
+    out = answer("map", "show", good, "--json")
+    assert json.loads(out)["landmarks"] == len(floor(8))
+    answer("map", "check", good)
     same = save(FloorLandmarks(floor(9).positions, np.ones((len(floor(9)), 3))), tmp_path / "same")
-    code, out = run(capsys, "map", "check", str(same), "--json")
-    assert (code, json.loads(out.out)["ok"]) == (1, False)
+    code, out, _ = in_process("map", "check", same, "--json")
+    assert (code, json.loads(out)["ok"]) == (1, False)
     (tmp_path / "torn.npz").write_bytes(good.read_bytes()[:100])
-    code, out = run(capsys, "map", "check", str(tmp_path / "torn.npz"), "--json")
-    assert (code, json.loads(out.out)["error"]["code"]) == (2, "malformed")
-    assert run(capsys, "map", "show", str(tmp_path / "none.npz"))[0] == 1
+    code, out, _ = in_process("map", "check", tmp_path / "torn.npz", "--json")
+    assert (code, json.loads(out)["error"]["code"]) == (2, "malformed")
+    assert in_process("map", "show", tmp_path / "none.npz")[0] == 1
     cells = np.zeros((40, 60), dtype=np.int8)
     cells[:, 28:32] = 100
     yaml = map_files.save(FloorGrid(cells, 0.05), tmp_path / "split")
-    code, out = run(capsys, "map", "show", str(yaml), "--json")
-    assert (code, json.loads(out.out)["regions"]) == (0, 2)
-    code, out = run(capsys, "map", "check", str(yaml), "--radius", "2")
+    code, out, _ = in_process("map", "show", yaml, "--json")
+    assert (code, json.loads(out)["regions"]) == (0, 2)
+    code, out, _ = in_process("map", "check", yaml, "--radius", "2")
     assert code == 1
-    assert "nowhere" in out.out
+    assert "nowhere" in out
 
 
 def test_recordings_without_landmarks_or_poses_are_refused(tmp_path):
     empty = RecordingWriter(tmp_path / "empty.mcap", {})
     empty.close({})
-    with pytest.raises(SurefootError) as error:
+    with expect_error(SurefootError, "no_landmarks"):
         read_sightings(tmp_path / "empty.mcap")
-    assert error.value.code == "no_landmarks"
     (tmp_path / "no.mcap").write_bytes(b"nothing")
     with pytest.raises(SurefootError):
         read_sightings(tmp_path / "no.mcap")
 
 
 @pytest.mark.slow
-def test_a_run_of_the_nao_makes_a_map_of_its_floor(tmp_path: Path, capsys):
+def test_a_run_of_the_nao_makes_a_map_of_its_floor(tmp_path: Path, answer):
     """Within 3 cm where odometry alone would be off by 2 degrees and more; truth is read here, not by the tool."""
     from surefoot.lab.runs.local import run_local
     from surefoot.services.simulator.sensors.landmarks import scatter
@@ -200,9 +191,8 @@ def test_a_run_of_the_nao_makes_a_map_of_its_floor(tmp_path: Path, capsys):
     """
     run_local(parse_scenario(walk, tmp_path / "walk.toml"), 3, recording=tmp_path / "run.mcap")
     out = tmp_path / "floor.npz"
-    code, printed = run(capsys, "map", "build", str(tmp_path / "run.mcap"), "--out", str(out), "--json")
-    assert code == 0
-    assert json.loads(printed.out)["landmarks"] > 40
+    printed = answer("map", "build", tmp_path / "run.mcap", "--out", out, "--json")
+    assert json.loads(printed)["landmarks"] > 40
     true = scatter(3, *FIELD, 60.0)
     aligned, plain, which = errors(load(out), FloorLandmarks(true.position, true.descriptor))
     assert len(set(which.tolist())) == len(which)

@@ -7,6 +7,7 @@ import pytest
 
 from surefoot.errors import SurefootError
 from surefoot.papers.osswald import live
+from tests.surefoot.expect import expect_error
 
 
 def written(tmp_path, hand, sarsa, **more):
@@ -47,15 +48,13 @@ def test_runs_that_did_not_arrive_or_do_not_count_are_failures(tmp_path):
 
 
 def test_a_file_without_runs_is_refused(tmp_path):
-    with pytest.raises(SurefootError) as refused:
+    with expect_error(SurefootError, "not_found", field="live"):
         live.read(tmp_path / "none.jsonl")
-    assert (refused.value.code, refused.value.field) == ("not_found", "live")
     for text in ("", "[1]\n3\nnull", '{"arm": "hand"}'):
         path = tmp_path / "live.jsonl"
         path.write_text(text, encoding="utf-8")
-        with pytest.raises(SurefootError) as refused:
+        with expect_error(SurefootError, "invalid", field="live"):
             live.read(path)
-        assert (refused.value.code, refused.value.field) == ("invalid", "live")
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(SurefootError):
         live.read(path)

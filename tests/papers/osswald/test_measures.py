@@ -1,4 +1,4 @@
-"""What the text of section VI says, measured on episodes made for it, and on the kernels."""
+"""Statements of the text of section VI, measured on episodes made for it, and on the kernels."""
 
 import math
 
@@ -39,19 +39,9 @@ def made(stands=(), turns=(), drift=1.0, d=None, h=None) -> Episode:
     features[:, 0] = np.linspace(5.0, 0.0, k + 1) if d is None else d
     features[:, 2] = 0.0 if h is None else h
     return Episode(
-        np.arange(k + 1.0),
-        np.zeros((k + 1, 3)),
-        np.zeros((k + 1, 3)),
-        np.zeros((k + 1, 3, 3)),
-        features,
-        np.zeros(k + 1, dtype=bool),
-        np.zeros(k, dtype=np.int64),
-        stands,
-        turns,
-        drift,
-        np.zeros((0, 2)),
-        True,
-    )
+        np.arange(k + 1.0), np.zeros((k + 1, 3)), np.zeros((k + 1, 3)), np.zeros((k + 1, 3, 3)), features,
+        np.zeros(k + 1, dtype=bool), np.zeros(k, dtype=np.int64), stands, turns, drift, np.zeros((0, 2)), True,
+    )  # fmt: skip
 
 
 def test_a_training_has_converged_when_it_stays_at_its_last_level():

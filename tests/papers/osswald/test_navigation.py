@@ -5,7 +5,6 @@ from itertools import pairwise
 
 import pytest
 
-from surefoot.lab.cli import main as cli
 from surefoot.lab.cli import warming
 from surefoot.lab.cli.output import state
 from surefoot.lab.report.findings import Finding, Reproduction
@@ -21,7 +20,7 @@ NOT_CONFIRMED = {
     "settled (mean of 100 stays within 5 % of that of the last 500) after",
     "turning threshold of least time, deg (its time, s)",
 }
-"""What the paper says and our world does not show."""
+"""Findings of the paper that our world does not show."""
 
 
 def test_the_entropy_threshold_is_the_fastest_of_those_that_always_arrive(monkeypatch):
@@ -51,7 +50,7 @@ def test_the_printed_real_runs_differ_from_17_runs_on():
 
 
 @pytest.mark.parametrize(("words", "live"), [((), None), (("--live", "runs.jsonl"), "runs.jsonl")])
-def test_command(monkeypatch, capsys, words, live):
+def test_command(monkeypatch, answer, words, live):
     asked = []
 
     def reproduce(folder, tell, live=None):
@@ -61,19 +60,14 @@ def test_command(monkeypatch, capsys, words, live):
     monkeypatch.setattr(state, "json", False)
     monkeypatch.setattr(navigation, "reproduce", reproduce)
     monkeypatch.setattr(warming, "warm_if_cold", lambda system, tell: pytest.fail("compiles what is not needed"))
-    with pytest.raises(SystemExit) as ended:
-        cli.main(["reproduce", "osswald", "--no-figures", "--json", *words])
-    assert not ended.value.code
-    assert json.loads(capsys.readouterr().out)["findings"][0]["ours"] == "9.4"
+    out = answer("reproduce", "osswald", "--no-figures", "--json", *words)
+    assert json.loads(out)["findings"][0]["ours"] == "9.4"
     assert asked == [(None, live)]
 
 
-def test_live_runs_are_refused_where_there_are_none(monkeypatch, capsys):
+def test_live_runs_are_refused_where_there_are_none(monkeypatch, complaint):
     monkeypatch.setattr(state, "json", False)
-    with pytest.raises(SystemExit) as ended:
-        cli.main(["reproduce", "walas-stability", "--live", "runs.jsonl"])
-    assert ended.value.code == 2
-    assert "osswald" in capsys.readouterr().err
+    assert "osswald" in complaint("reproduce", "walas-stability", "--live", "runs.jsonl")
 
 
 @pytest.mark.slow

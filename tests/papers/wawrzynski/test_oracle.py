@@ -21,13 +21,20 @@ def walk():
     return synthesize(kind, 3)
 
 
-def test_paper_mode_is_the_oracle(walk):
-    ours, p = track("paper", walk, **LETTER), EstimatorParams()
+@pytest.fixture(scope="module")
+def ours(walk):
+    return track("paper", walk, **LETTER)
+
+
+def by_oracle(log, start):
+    p, sensors = EstimatorParams(), log.sensors
+    sigmas = (sensors["sigma_w"], sensors["sigma_q"], p.sigma_v)
+    return oracle.run(log, start, p.standstill_samples, *sigmas, p.prior_g, p.prior_v)
+
+
+def test_paper_mode_is_the_oracle(walk, ours):
     start = int(np.argmax(ours.flags["initialised"]))
-    v, g, cov = oracle.run(
-        walk, start, p.standstill_samples, walk.sensors["sigma_w"], walk.sensors["sigma_q"], p.sigma_v, p.prior_g,
-        p.prior_v,
-    )  # fmt: skip
+    v, g, cov = by_oracle(walk, start)
     assert len(v) >= STEPS
     assert not ours.refused
     np.testing.assert_allclose(ours.v[start:], v, rtol=0.0, atol=1e-9)
@@ -37,15 +44,11 @@ def test_paper_mode_is_the_oracle(walk):
     assert np.abs(np.diff(v, axis=0)).max() > 1e-3  # and was corrected
 
 
-def test_another_rule_for_the_supporting_foot_would_be_seen(walk, monkeypatch):
-    ours, p = track("paper", walk, **LETTER), EstimatorParams()
+def test_another_rule_for_the_supporting_foot_would_be_seen(walk, ours, monkeypatch):
     start = int(np.argmax(ours.flags["initialised"]))
     monkeypatch.setattr(oracle, "one_foot", lambda before, now, standing: 0 if before[0] and now[0] else -1)
     short = replace(walk, stamp_ns=walk.stamp_ns[:1500], w=walk.w[:1500], q=walk.q[:1500])
-    v, _, _ = oracle.run(
-        short, start, p.standstill_samples, walk.sensors["sigma_w"], walk.sensors["sigma_q"], p.sigma_v, p.prior_g,
-        p.prior_v,
-    )  # fmt: skip
+    v, _, _ = by_oracle(short, start)
     assert np.abs(ours.v[start:1500] - v).max() > 1e-4
 
 

@@ -1,4 +1,4 @@
-"""When a node is woken, and that nothing is ever left lying."""
+"""An inbox wakes its node for what it awaits, and loses nothing."""
 
 import threading
 from queue import Empty
@@ -41,13 +41,11 @@ def got_by_a_sleeper(inbox: Inbox, awaited: set[str], items: list[Frame]) -> boo
     return woken.wait(LONG_S)
 
 
-def test_reader_sleeps_until_the_last_awaited_frame() -> None:
-    frames = [frame("driver"), frame("driver"), frame("estimator")]
-    assert got_by_a_sleeper(Inbox(), {"driver", "estimator"}, frames)
-
-
-def test_any_frame_wakes_a_reader_that_awaits_nobody() -> None:
-    assert got_by_a_sleeper(Inbox(), set(), [frame("walker")])
+@pytest.mark.parametrize(
+    ("awaited", "owners"), [({"driver", "estimator"}, ["driver", "driver", "estimator"]), (set(), ["walker"])]
+)
+def test_reader_sleeps_until_the_last_awaited_frame(awaited: set[str], owners: list[str]) -> None:
+    assert got_by_a_sleeper(Inbox(), awaited, [frame(owner) for owner in owners])
 
 
 def test_what_is_no_frame_wakes_at_once() -> None:

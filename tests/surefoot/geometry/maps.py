@@ -10,7 +10,7 @@ CELL = 0.005
 
 
 def bumpy(ny: int = 15, nx: int = 21, seed: int = 0, origin: tuple[float, float] = (0.0, 0.0)) -> HeightMap:
-    """Random ground with sizes that tell rows from columns."""
+    """Random ground with more columns than rows."""
     z = np.random.default_rng(seed).uniform(-0.02, 0.03, (ny, nx))
     return HeightMap(z=z.astype(np.float32), cell=CELL, origin=origin)
 

@@ -1,14 +1,18 @@
-"""Files of height maps: our own, ESRI grids, images."""
+"""Files of height maps: our own, ESRI grids, images; maps of other programs, whatever way round they are stored."""
 
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from surefoot.geometry import heightmap_files
-from surefoot.geometry.heightmap import HeightMapError
-from tests.surefoot.geometry.maps import CELL, same, with_hole
+from surefoot.geometry.heightmap import HeightMap, HeightMapError
+from surefoot.geometry.heightmap_exchange import load_any, load_own_png, save_png
+from surefoot.geometry.heightmap_files import load_asc, save
+from tests.surefoot.expect import expect_error
+from tests.surefoot.geometry.maps import CELL, same, save_asc, with_hole
 
 
 def test_file_round_trip_and_checks(tmp_path: Path) -> None:
@@ -23,30 +27,18 @@ def test_file_round_trip_and_checks(tmp_path: Path) -> None:
     assert sidecar["content_sha256"] == ground.sha256
 
     path.write_bytes(first[:-1] + b"x")
-    with pytest.raises(HeightMapError) as error:
+    with expect_error(HeightMapError, field="sha256"):
         heightmap_files.load(path)
-    assert error.value.field == "sha256"
     path.with_suffix(".json").write_text("{}")
-    with pytest.raises(HeightMapError) as error:
+    with expect_error(HeightMapError, field="sidecar"):
         heightmap_files.load(path)
-    assert error.value.field == "sidecar"
-
-
-@pytest.mark.parametrize("content", [b"", b"no zip at all", b"PK\x03\x04 half a zip"])
-def test_files_that_are_no_map(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "wrong.npz"
-    path.write_bytes(content)
-    with pytest.raises(HeightMapError) as error:
-        heightmap_files.load(path)
-    assert error.value.field == "file"
 
 
 def test_npz_without_an_array(tmp_path: Path) -> None:
     path = tmp_path / "wrong.npz"
     np.savez(path, z=np.zeros((2, 2)))
-    with pytest.raises(HeightMapError) as error:
+    with expect_error(HeightMapError, field="file"):
         heightmap_files.load(path)
-    assert error.value.field == "file"
 
 
 def test_npz_that_unpacks_to_too_much(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -68,32 +60,107 @@ def test_esri_grid_runs_from_north(tmp_path: Path, key: str, half: float) -> Non
 
 
 @pytest.mark.parametrize(
-    ("text", "field"),
+    ("name", "content", "field"),
     [
-        ("nrows 2\ncellsize 1\n1 2\n", "ncols"),
-        ("ncols 2\nnrows 2\ncellsize 1\n1 2 3\n", "z"),
-        ("ncols 2\nnrows 1\ncellsize 1\n1 wet\n", "z"),
-        ("ncols two\nnrows 1\ncellsize 1\n1 1\n", "ncols"),
-        ("", "ncols"),
+        ("wrong.npz", b"", "file"),
+        ("wrong.npz", b"no zip at all", "file"),
+        ("wrong.npz", b"PK\x03\x04 half a zip", "file"),
+        ("dem.asc", b"nrows 2\ncellsize 1\n1 2\n", "ncols"),
+        ("dem.asc", b"ncols 2\nnrows 2\ncellsize 1\n1 2 3\n", "z"),
+        ("dem.asc", b"ncols 2\nnrows 1\ncellsize 1\n1 wet\n", "z"),
+        ("dem.asc", b"ncols two\nnrows 1\ncellsize 1\n1 1\n", "ncols"),
+        ("dem.asc", b"", "ncols"),
     ],
 )
-def test_wrong_esri_grids(tmp_path: Path, text: str, field: str) -> None:
-    path = tmp_path / "dem.asc"
-    path.write_text(text)
-    with pytest.raises(HeightMapError) as error:
+def test_files_that_are_no_map(tmp_path: Path, name: str, content: bytes, field: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    with expect_error(HeightMapError, field=field):
         heightmap_files.load(path)
-    assert error.value.field == field
 
 
 def test_png_of_16_bits(tmp_path: Path) -> None:
-    from PIL import Image
-
     path = tmp_path / "dem.png"
     Image.fromarray(np.array([[0, 65535], [32768, 0]], dtype=np.uint16)).save(path)
     ground = heightmap_files.load_png(path, CELL, -0.1, 0.3, origin=(1.0, 2.0))
     assert ground.z[0] == pytest.approx([-0.1 + 0.4 * 32768 / 65535, -0.1])
     assert ground.z[1] == pytest.approx([-0.1, 0.3])
     path.write_bytes(b"no image")
-    with pytest.raises(HeightMapError) as error:
+    with expect_error(HeightMapError, field="file"):
         heightmap_files.load_png(path, CELL, 0.0, 1.0)
-    assert error.value.field == "file"
+
+
+def made(seed: int = 0) -> HeightMap:
+    rng = np.random.default_rng(seed)
+    z = rng.uniform(-0.05, 0.1, (6, 9)).astype(np.float32)
+    z[2, 3] = np.nan
+    return HeightMap(z=z, cell=0.005, origin=(-0.31, 0.12), version=4)
+
+
+def test_png_keeps_grid_and_heights_to_a_65534th(tmp_path: Path) -> None:
+    heights = made()
+    again = load_own_png(save_png(heights, tmp_path / "m.png"))
+    assert (again.cell, again.origin, again.version) == (heights.cell, heights.origin, 4)
+    assert np.array_equal(np.isnan(again.z), np.isnan(heights.z))
+    np.testing.assert_allclose(again.z, heights.z, atol=0.15 / 65534)
+
+
+@pytest.mark.parametrize("z", [np.full((2, 3), np.nan), np.full((2, 3), 0.25)])
+def test_png_of_nothing_known_and_of_a_plane(z: np.ndarray, tmp_path: Path) -> None:
+    heights = HeightMap(z=z.astype(np.float32), cell=0.01)
+    np.testing.assert_array_equal(load_own_png(save_png(heights, tmp_path / "m.png")).z, heights.z)
+
+
+def test_text_grid_comes_back_exactly(tmp_path: Path) -> None:
+    heights = made()
+    again = load_asc(save_asc(heights, tmp_path / "m.asc"), version=4)
+    np.testing.assert_array_equal(again.z, heights.z)
+    assert again.sha256 == heights.sha256
+
+
+def test_a_png_of_others_without_a_scale_or_without_an_image_is_refused(tmp_path: Path) -> None:
+    Image.fromarray(np.zeros((2, 2), dtype=np.uint16)).save(tmp_path / "bare.png")
+    (tmp_path / "text.png").write_text("no image")
+    for name in ("bare.png", "text.png"):
+        with pytest.raises(HeightMapError):
+            load_own_png(tmp_path / name)
+
+
+def test_any_format_comes_back(tmp_path: Path) -> None:
+    heights = made()
+    for path in (save(heights, tmp_path / "a.npz"), save_asc(heights, tmp_path / "b.asc")):
+        np.testing.assert_array_equal(load_any(path).z, heights.z)
+    png = load_any(save_png(heights, tmp_path / "c.png"))
+    np.testing.assert_allclose(png.z, heights.z, atol=0.15 / 65534)
+    assert png.origin == heights.origin
+
+
+def grey(path: Path, scale: str | None) -> Path:
+    Image.fromarray(np.array([[0, 65535], [13107, 0]], dtype=np.uint16)).save(path)
+    if scale is not None:
+        path.with_suffix(".json").write_text(scale)
+    return path
+
+
+def test_a_png_of_others_has_its_scale_beside_it(tmp_path: Path) -> None:
+    found = load_any(grey(tmp_path / "a.png", '{"cell": 0.005, "z_low": -0.1, "z_high": 0.4, "origin": [1, 2]}'))
+    np.testing.assert_allclose(found.z, [[0.0, -0.1], [-0.1, 0.4]], atol=1e-6)  # the top row of an image is y-max
+    assert (found.cell, found.origin) == (0.005, (1.0, 2.0))
+
+
+@pytest.mark.parametrize(
+    "scale",
+    [
+        None,
+        "no json",
+        "[]",
+        '{"cell": 0.005, "z_low": 0}',
+        '{"cell": 0.005, "z_low": 0, "z_high": NaN}',
+        '{"cell": -1, "z_low": 0, "z_high": 1}',
+        '{"cell": 0.005, "z_low": 0, "z_high": 1, "origin": [0]}',
+        '{"cell": "wide", "z_low": 0, "z_high": 1}',
+    ],
+)
+def test_a_png_without_a_scale_is_refused(tmp_path: Path, scale: str | None) -> None:
+    with pytest.raises(HeightMapError):
+        load_any(grey(tmp_path / "a.png", scale))

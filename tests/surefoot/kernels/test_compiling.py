@@ -1,4 +1,4 @@
-"""Kernels that are not compiled yet: health tells so, no query compiles silently, a cache that cannot be written."""
+"""Kernels that are not compiled yet: health reports it, no query compiles silently, a cache that cannot be written."""
 
 import importlib.util
 import sys

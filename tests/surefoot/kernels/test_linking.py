@@ -1,9 +1,12 @@
-"""Kernels that call kernels: one specialisation, exceptions, arrays, all again from the cache."""
+"""Kernels that call kernels: one specialisation, exceptions, arrays, from the cache until a source changes."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
+
+import pytest
+
+from tests.processes import run_process
 
 SOURCE = """
 import numpy as np
@@ -38,28 +41,67 @@ print(limbs.stacked(5.0).tolist(), limbs.again(5.0)[0].tolist(), limbs.scaled(5.
 print(len(limbs.scaled.linked.signatures), len(limbs.scaled.signatures))
 """
 
+INNER = "from surefoot.kernels.jit import kernel\n\n\n@kernel\ndef twice(x):\n    return 2.0 * x\n"
+OUTER = """
+from .bones import inner
+from limbs.size import SIZE
+from surefoot.kernels.jit import kernel
 
-def test_calls_with_constants_and_with_variables_share_the_code(tmp_path: Path) -> None:
+
+@kernel
+def outer(x):
+    return inner.twice(x) + SIZE
+"""
+CHANGING = """
+from limbs.outer import outer
+from surefoot.kernels.compiling import COMPILING
+
+print(outer(10.0), COMPILING.done)
+"""
+
+
+@pytest.fixture
+def limbs(tmp_path: Path) -> Path:
+    """A folder with kernels."""
     (tmp_path / "limbs.py").write_text(SOURCE)
-    environment = os.environ | {"PYTHONPATH": f"{tmp_path}:{Path(__file__).parents[3]}"}
+    return tmp_path
 
-    def run() -> str:
-        command = [sys.executable, "-c", PROGRAM]
-        return subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=240).stdout
 
-    cold, warm = run().strip(), run().strip()
+def run(folder: Path, program: str, **settings: str) -> str:
+    environment = {**os.environ, "PYTHONPATH": f"{folder}:{Path(__file__).parents[3]}", **settings}
+    command = [sys.executable, "-c", program]
+    return run_process(command, env=environment, capture_output=True, text=True, check=True).stdout.strip()
+
+
+def test_calls_with_constants_and_with_variables_share_the_code(limbs: Path) -> None:
+    cold, warm = run(limbs, PROGRAM), run(limbs, PROGRAM)
     answers = "('negative', -1) [10.0, 15.0, 25.0] [10.0, 15.0, 25.0] 5.0"
     assert cold.startswith(answers)
     assert cold.endswith(" 1 1")
     assert warm == f"{answers} 0 0 1"  # nothing compiled, nothing linked, the wrapper loaded
 
 
-def test_another_numba_compiles_in_its_own_way(tmp_path: Path) -> None:
-    (tmp_path / "limbs.py").write_text(SOURCE)
-    environment = os.environ | {"PYTHONPATH": f"{tmp_path}:{Path(__file__).parents[3]}", "SUREFOOT_KERNELS": "plain"}
-    code = (
-        "import limbs; print(limbs.stacked(5.0).tolist(), limbs.again(5.0)[0].tolist(), len(limbs.scaled.signatures))"
-    )
-    command = [sys.executable, "-c", code]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=240)
-    assert done.stdout.strip() == "[10.0, 15.0, 25.0] [10.0, 15.0, 25.0] 1"
+def test_another_numba_compiles_in_its_own_way(limbs: Path) -> None:
+    calls = "limbs.stacked(5.0).tolist(), limbs.again(5.0)[0].tolist(), len(limbs.scaled.signatures)"
+    done = run(limbs, f"import limbs; print({calls})", SUREFOOT_KERNELS="plain")
+    assert done == "[10.0, 15.0, 25.0] [10.0, 15.0, 25.0] 1"
+
+
+def test_code_is_compiled_anew_when_what_it_calls_changes(tmp_path: Path) -> None:
+    """Machine code of `outer` holds `twice` and SIZE, of other files, one of them reached as a module's attribute."""
+    bones, size, outer = tmp_path / "limbs/bones/inner.py", tmp_path / "limbs/size.py", tmp_path / "limbs/outer.py"
+    bones.parent.mkdir(parents=True)
+    for path, text in ((bones, INNER), (size, "SIZE = 1.0\n"), (outer, OUTER)):
+        path.write_text(text)
+
+    def found() -> tuple[float, int]:
+        out, compiled = run(tmp_path, CHANGING).split()
+        return float(out), int(compiled)
+
+    assert found() == (21.0, 2)
+    assert found() == (21.0, 0)
+    bones.write_text(INNER.replace("2.0", "3.0"))
+    assert found() == (31.0, 2)
+    size.write_text("SIZE = 2.0\n")
+    assert found() == (32.0, 1)
+    assert found() == (32.0, 0)

@@ -51,9 +51,9 @@ class MapReader(ToyEstimator):
 
 
 class Bench:
-    """The toys on one bus, pumped in turn; members can be killed and started again."""
+    """The toys on one bus, pumped in turn, in a run that is at this tick; members can be killed and started again."""
 
-    def __init__(self, policy: str = "hold", mode: str = "lockstep", delay: int = 1) -> None:
+    def __init__(self, policy: str = "hold", mode: str = "lockstep", delay: int = 1, at: int = -1) -> None:
         self.driver = GuardedDriver()
         self.estimator = MapReader()
         self.walker, self.observer = ToyWalker(ServiceConfig()), ToyObserver()
@@ -63,6 +63,8 @@ class Bench:
         self.bus.subscribe(HW_TICK, self._keep)
         self.node: DriverNode = self.driver.node
         self.node.begin(EXPECT, mode, 0.0, delay, policy, 0)
+        if at >= 0:
+            self.until_tick(at)
 
     def _keep(self, delivery: Delivery) -> None:
         message = delivery.message()

@@ -5,8 +5,6 @@ import pytest
 from surefoot.bus.codec import encode
 from surefoot.bus.frame import Frame, FramePart, pack
 from surefoot.bus.interface import Delivery, Life, Stamp
-from surefoot.bus.zenoh import ZenohBus
-from surefoot.lockstep import driver as runtime
 from surefoot.lockstep.commands import STALE_TICKS
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import DRIVER
@@ -16,6 +14,7 @@ from surefoot.schemas.topics import CMD_JOINTS, HW_IMU, SIM_JOIN, STATE_VELOCITY
 from tests.surefoot.lockstep.driver_bench import Bench as DriverBench
 from tests.surefoot.lockstep.driver_bench import reference
 from tests.surefoot.lockstep.node_bench import Bench
+from tests.surefoot.net import Inbox, Net, wait_until
 from tests.surefoot.toys import ToyWalker, estimate
 
 
@@ -30,9 +29,6 @@ def walk(bench: Bench, ticks: range, epoch: int = 1) -> None:
     for tick in ticks:
         bench.imu(tick, epoch=epoch)
         bench.signed_tick("real", tick, epoch=epoch)
-
-
-# -- the driver one is bound to ----------------------------------------------------------------------------------------
 
 
 def test_a_manifest_of_a_far_epoch_by_a_stranger_is_refused(bench: Bench) -> None:
@@ -105,15 +101,9 @@ def test_a_frame_is_obeyed_of_the_process_one_is_bound_to_only(bench: Bench, ins
     assert bench.node.refused == ({} if obeyed else {"unbound": 1})
 
 
-# -- members -----------------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
-def driven(monkeypatch: pytest.MonkeyPatch) -> DriverBench:
-    monkeypatch.setattr(runtime, "PRIME_S", 0.0)
-    made = DriverBench()
-    made.until_tick(10)
-    return made
+def driven(no_waiting: None) -> DriverBench:
+    return DriverBench(at=10)
 
 
 @pytest.mark.parametrize("topic", [CMD_JOINTS, STATE_VELOCITY])
@@ -154,9 +144,6 @@ def test_a_member_out_of_sight_goes_on_where_it_was(driven: DriverBench) -> None
     assert driven.finish(40) == reference(40)
 
 
-# -- commands ----------------------------------------------------------------------------------------------------------
-
-
 def test_a_command_from_the_far_future_does_not_deafen_the_driver(driven: DriverBench) -> None:
     tick = driven.leader.tick
     command = JointCommand(position=(1.0,)).stamped(2**62, tick, 1, tick, "walker")
@@ -167,10 +154,8 @@ def test_a_command_from_the_far_future_does_not_deafen_the_driver(driven: Driver
     assert driven.node.refused["stamp_back"] == 0
 
 
-def test_a_lost_stream_of_commands_is_reported_in_the_manifest_and_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runtime, "PRIME_S", 0.0)
-    bench = DriverBench(mode="paced", policy="degrade")
-    bench.until_tick(30)
+def test_a_lost_stream_of_commands_is_reported_in_the_manifest_and_ends(no_waiting: None) -> None:
+    bench = DriverBench(mode="paced", policy="degrade", at=30)
     bench.until(lambda: bench.node.commands.known(bench.leader.tick - 1))
     walker = bench.kill("walker")
     lost_at = bench.leader.tick
@@ -184,15 +169,8 @@ def test_a_lost_stream_of_commands_is_reported_in_the_manifest_and_ends(monkeypa
     assert new.instance != walker.instance
 
 
-# -- over the network --------------------------------------------------------------------------------------------------
-
-
-def test_frames_name_their_process(net) -> None:  # type: ignore[no-untyped-def]
-    from tests.surefoot.net import Inbox, wait_until
-
-    reader: ZenohBus = net.open()
-    writer: ZenohBus = net.open()
-    inbox = Inbox()
+def test_frames_name_their_process(net: Net) -> None:
+    reader, writer, inbox = net.open(), net.open(), Inbox()
     reader.take((HW_IMU,), inbox.put)
     publisher = writer.publisher(HW_IMU, "me")
     wait_until(lambda: bool(publisher._framer._frames.matching_status.matching))  # type: ignore[union-attr]

@@ -153,78 +153,44 @@ def test_a_lost_delayed_input_of_the_last_tick_is_sent_again() -> None:
 # -- planted faults ----------------------------------------------------------------------------------------------------
 
 
-def _anyone_speaks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(node.Node, "_speaks", lambda *args, **more: True)
+def offer_again(self: join.Join, tick: Any) -> Any:
+    """Work out a tick that comes again once more."""
+    if tick.epoch == self.epoch and 0 <= tick.tick == self.last:
+        self.last -= 1
+    return OFFER_TICK(self, tick)
 
 
-def _no_resend(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(driver_module.DriverNode, "_repeat_all", lambda self: None)
+def raise_malformed(self: node.Node, reason: str, detail: str = "") -> None:
+    self.refused[reason] += 1
+    if reason == "malformed":
+        raise ValueError(detail)
 
 
-def _no_replay(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(node.Node, "_replay", lambda *args: None)
+def repeat_without_samples(self: Any, ticks: range) -> None:
+    self._outbox.clear()
+    REPEAT(self, ticks)
 
 
-def _newest_instead_of_same_tick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(join.Join, "_missing", lambda self, tick: [])
+OFFER_TICK, TAKE, REPEAT = join.Join._offer_tick, commands.Commands.take, driver_module.DriverNode._repeat
+PLANTED: dict[str, tuple[Any, str, Any]] = {
+    "anyone_speaks": (node.Node, "_speaks", lambda *args, **more: True),
+    "no_resend": (driver_module.DriverNode, "_repeat_all", lambda self: None),
+    "no_replay": (node.Node, "_replay", lambda *args: None),
+    "newest_instead_of_same_tick": (join.Join, "_missing", lambda self, tick: []),
+    "second_message_wins": (join.Join, "_offer_tick", offer_again),
+    "no_delay_kept": (commands.Commands, "take", lambda self, wanted, exact: TAKE(self, wanted + 1, exact=False)),
+    "later_command_stands_in": (driver_module.DriverNode, "_lacks_command", lambda self: False),
+    "malformed_ends_the_service": (node.Node, "refuse", raise_malformed),
+    "outputs_forgotten": (node, "KEEP_TICKS", 0),
+    "repeats_without_samples": (driver_module.DriverNode, "_repeat", repeat_without_samples),
+}
+"""What takes the place of what, by the name of the fault."""
 
 
-def _second_message_wins(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A tick that comes again is worked out again."""
-    original = join.Join._offer_tick
-
-    def offer(self: join.Join, tick: Any) -> Any:
-        if tick.epoch == self.epoch and 0 <= tick.tick == self.last:
-            self.last -= 1
-        return original(self, tick)
-
-    monkeypatch.setattr(join.Join, "_offer_tick", offer)
-
-
-def _no_delay_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The driver obeys the newest command it has, not that of the tick."""
-    original = commands.Commands.take
-    monkeypatch.setattr(commands.Commands, "take", lambda self, wanted, exact: original(self, wanted + 1, exact=False))
-
-
-def _later_command_stands_in(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As it was until a campaign found it."""
-    monkeypatch.setattr(driver_module.DriverNode, "_lacks_command", lambda self: False)
-
-
-def _malformed_ends_the_service(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(self: node.Node, reason: str, detail: str = "") -> None:
-        self.refused[reason] += 1
-        if reason == "malformed":
-            raise ValueError(detail)
-
-    monkeypatch.setattr(node.Node, "refuse", refuse)
-
-
-def _outputs_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(node, "KEEP_TICKS", 0)
-
-
-def _repeats_without_samples(monkeypatch: pytest.MonkeyPatch) -> None:
-    original = driver_module.DriverNode._repeat
-
-    def repeat(self: Any, ticks: range) -> None:
-        self._outbox.clear()
-        original(self, ticks)
-
-    monkeypatch.setattr(driver_module.DriverNode, "_repeat", repeat)
-
-
-PLANTED = (
-    _anyone_speaks, _no_resend, _no_replay, _newest_instead_of_same_tick, _second_message_wins, _no_delay_kept,
-    _later_command_stands_in, _malformed_ends_the_service, _outputs_forgotten, _repeats_without_samples,
-)  # fmt: skip
-
-
-@pytest.mark.parametrize("plant", PLANTED, ids=lambda plant: plant.__name__.strip("_"))
-def test_a_planted_fault_of_the_protocol_is_found(plant: Callable[..., None], monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("fault", PLANTED)
+def test_a_planted_fault_of_the_protocol_is_found(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
     expected = reference()
-    plant(monkeypatch)
+    monkeypatch.setattr(*PLANTED[fault])
     with pytest.raises(Found):
         campaign(expected)
     assert len(PLANTED) == 10

@@ -1,7 +1,5 @@
 """The driver: start, commands good and bad, order, pace."""
 
-from typing import Any
-
 import pytest
 
 from surefoot.bus.codec import encode
@@ -14,18 +12,13 @@ from surefoot.schemas.hw import JointCommand
 from surefoot.schemas.sim import SimStatus
 from surefoot.schemas.state import GaitState
 from surefoot.schemas.system import JoinRequest
-from surefoot.schemas.topics import CMD_JOINTS, SIM_JOIN, STATE_VELOCITY
+from surefoot.schemas.topics import CMD_JOINTS, SIM_JOIN, STATE_GAIT, STATE_VELOCITY
+from tests.surefoot.expect import expect_error
 from tests.surefoot.lockstep.driver_bench import EXPECT, LIMIT, Bench, reference
 from tests.surefoot.toys import ToyWalker
 
-
-@pytest.fixture(autouse=True)
-def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Links are proved as fast as the nodes are pumped, not each 20 ms."""
-    monkeypatch.setattr(runtime, "PRIME_S", 0.0)
-
-
-# -- start -------------------------------------------------------------------------------------------------------------
+GOOD = encode(JointCommand(position=(0.0,)).stamped(0, 10, 1, 10, "walker"))[0]
+pytestmark = pytest.mark.usefixtures("no_waiting")
 
 
 def test_nobody_starts_before_all_expected_are_ready(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -60,45 +53,31 @@ def test_a_second_epoch_repeats_the_first() -> None:
     assert bench.leader.comparable
 
 
-# -- commands ----------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
-    ("payload", "reason"),
+    ("payload", "encoding", "reason"),
     [
-        (b"{", "malformed"),
-        (b'{"position":[0.0],"speed":1}', "invalid"),
-        (b'{"position":[NaN]}', "invalid"),
-        (b'{"position":[1e999]}', "invalid"),
-        (b'{"position":"' + b"0" * (10 << 20) + b'"}', "too_large"),
+        (b"{", "", "malformed"),
+        (b'{"position":[0.0],"speed":1}', "", "invalid"),
+        (b'{"position":[NaN]}', "", "invalid"),
+        (b'{"position":[1e999]}', "", "invalid"),
+        (b'{"position":"' + b"0" * (10 << 20) + b'"}', "", "too_large"),
+        (GOOD, "application/json;surefoot/JointCommand/2.0", "schema"),
+        (GOOD, "application/json;surefoot/JointState/1.0", "schema"),
     ],
-    ids=["cut", "unknown field", "nan", "inf", "10 MB"],
+    ids=["cut", "unknown field", "nan", "inf", "10 MB", "major", "name"],
 )
-def test_unreadable_command_is_refused_counted_and_changes_nothing(payload: bytes, reason: str) -> None:
-    bench = Bench()
-    bench.until_tick(10)
-    bench.node.handle(Delivery(CMD_JOINTS, None, Raw(payload, None, "")))
+def test_unreadable_command_is_refused_counted_and_changes_nothing(payload: bytes, encoding: str, reason: str) -> None:
+    bench = Bench(at=10)
+    bench.node.handle(Delivery(CMD_JOINTS, None, Raw(payload, None, encoding)))
     assert bench.node.refused == {reason: 1}
     assert bench.finish(30) == reference(30)
-
-
-@pytest.mark.parametrize(
-    "encoding", ["application/json;surefoot/JointCommand/2.0", "application/json;surefoot/JointState/1.0"]
-)
-def test_command_of_another_schema_is_refused(encoding: str) -> None:
-    bench = Bench()
-    bench.until_tick(10)
-    payload = encode(JointCommand(position=(0.0,)).stamped(0, 10, 1, 10, "walker"))[0]
-    bench.node.handle(Delivery(CMD_JOINTS, None, Raw(payload, None, encoding)))
-    assert bench.node.refused == {"schema": 1}
 
 
 @pytest.mark.parametrize(
     ("tick", "epoch", "reason"), [(2, 1, "stale"), (10**6, 1, "stale"), (10, 0, "stale_epoch"), (10, 2, "stale_epoch")]
 )
 def test_command_of_another_time_is_refused(tick: int, epoch: int, reason: str) -> None:
-    bench = Bench()
-    bench.until_tick(100)
+    bench = Bench(at=100)
     bench.command(tick, (1.0,), epoch)
     assert bench.node.refused == {reason: 1}
     assert bench.finish(110) == reference(110)
@@ -109,7 +88,8 @@ def test_command_the_hardware_must_not_obey_holds_what_was(position: tuple[float
     class Mad(ToyWalker):
         def on_tick(self, inputs: TickInputs) -> None:
             if inputs.number == 10:
-                self.publish(self.outputs[1], _gait())
+                gait = GaitState(walk_id=1, state="walking", phase=0.0, stance=(), footholds=(), remaining=0.0)
+                self.publish(STATE_GAIT, gait)
                 self.publish(CMD_JOINTS, JointCommand(position=position))
             else:
                 super().on_tick(inputs)
@@ -123,11 +103,6 @@ def test_command_the_hardware_must_not_obey_holds_what_was(position: tuple[float
     assert history[11] == pytest.approx(0.9 * history[10])  # the toy holds by adding nothing; delay of one tick
 
 
-def _gait() -> Any:
-
-    return GaitState(walk_id=1, state="walking", phase=0.0, stance=(), footholds=(), remaining=0.0)
-
-
 def test_a_refused_stranger_does_not_take_the_place_of_the_walker() -> None:
     bench = Bench(delay=0)
     bench.until(lambda: bench.leader.tick == 10 and not bench.leader.may_advance())
@@ -137,8 +112,7 @@ def test_a_refused_stranger_does_not_take_the_place_of_the_walker() -> None:
 
 
 def test_first_command_of_a_tick_counts() -> None:
-    bench = Bench(delay=0)
-    bench.until_tick(10)
+    bench = Bench(delay=0, at=10)
     for node in bench.system.nodes[1:]:
         node.pump()
     while not bench.node.inbox.empty():
@@ -148,12 +122,8 @@ def test_first_command_of_a_tick_counts() -> None:
     assert bench.finish(30) == reference(30, delay=0)
 
 
-# -- paced -------------------------------------------------------------------------------------------------------------
-
-
 def test_paced_mode_waits_for_nobody() -> None:
-    bench = Bench(mode="paced")
-    bench.until_tick(3)
+    bench = Bench(mode="paced", at=3)
     tick = bench.leader.tick
     for _ in range(20):
         bench.node.pump_once()
@@ -162,8 +132,7 @@ def test_paced_mode_waits_for_nobody() -> None:
 
 
 def test_paced_driver_obeys_a_command_that_comes_late_but_not_a_stale_one() -> None:
-    bench = Bench(mode="paced")
-    bench.until_tick(3)
+    bench = Bench(mode="paced", at=3)
     bench.kill("walker")
     bench.node.pump_once()
     for _ in range(30):
@@ -183,8 +152,7 @@ def test_paced_driver_obeys_a_command_that_comes_late_but_not_a_stale_one() -> N
 
 
 def test_paced_mode_keeps_the_wall_clock(monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench(mode="paced")
-    bench.until_tick(3)
+    bench = Bench(mode="paced", at=3)
     clock = [100.0]
     monkeypatch.setattr(bench.node.pace, "_clock", lambda: clock[0])
     bench.node.pace.begin(2.0, bench.leader.tick)
@@ -195,15 +163,10 @@ def test_paced_mode_keeps_the_wall_clock(monkeypatch: pytest.MonkeyPatch) -> Non
     assert bench.leader.tick - begun == pytest.approx(20, abs=1)  # 0.1 s of wall time, twice as fast
 
 
-# -- order -------------------------------------------------------------------------------------------------------------
-
-
 def test_pause_in_the_past_is_refused() -> None:
-    bench = Bench()
-    bench.until_tick(10)
-    with pytest.raises(Refusal) as caught:
+    bench = Bench(at=10)
+    with expect_error(Refusal, "late", field="at_tick"):
         bench.node.pause(3, end=False)
-    assert (caught.value.code, caught.value.field) == ("late", "at_tick")
 
 
 def test_pause_and_resume() -> None:

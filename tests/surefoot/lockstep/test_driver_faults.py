@@ -10,21 +10,13 @@ from surefoot.schemas.topics import SIM_JOIN, TICK_DONE
 from tests.surefoot.lockstep.driver_bench import EXPECT, Bench, MapReader, reference
 from tests.surefoot.toys import ToyObserver, ToyWalker
 
-
-@pytest.fixture(autouse=True)
-def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Links are proved as fast as the nodes are pumped, not each 20 ms."""
-    monkeypatch.setattr(runtime, "PRIME_S", 0.0)
-
-
-# -- loss and return ---------------------------------------------------------------------------------------------------
+pytestmark = pytest.mark.usefixtures("no_waiting")
 
 
 @pytest.mark.parametrize("name", ["estimator", "walker", "recorder"])
 @pytest.mark.parametrize("at", [3, 20])
 def test_hold_waits_and_a_new_process_joins(name: str, at: int) -> None:
-    bench = Bench()
-    bench.until_tick(at)
+    bench = Bench(at=at)
     bench.kill(name)
     for _ in range(5):
         for node in bench.system.nodes:
@@ -47,8 +39,7 @@ def test_hold_waits_and_a_new_process_joins(name: str, at: int) -> None:
 @pytest.mark.parametrize("pumps", range(1, 7))
 def test_hold_of_a_walker_that_had_answered_already(pumps: int) -> None:
     """Whatever the dead one had sent for the present tick, the new one's command must be enough to go on."""
-    bench = Bench(delay=1)
-    bench.until_tick(20)
+    bench = Bench(delay=1, at=20)
     for _ in range(pumps):
         for node in bench.system.nodes[1:]:
             node.pump()
@@ -59,8 +50,7 @@ def test_hold_of_a_walker_that_had_answered_already(pumps: int) -> None:
 
 
 def test_stateless_member_that_returns_under_hold_gives_the_same_run() -> None:
-    bench = Bench()
-    bench.until_tick(20)
+    bench = Bench(at=20)
     bench.kill("estimator")
     bench.revive(MapReader())
     assert bench.finish(40) == reference(40)
@@ -87,8 +77,7 @@ def test_hold_gives_up_after_two_minutes_and_ends_the_run() -> None:
 
 
 def test_degrade_goes_on_at_once_and_takes_the_newcomer_in_at_a_tick() -> None:
-    bench = Bench(policy="degrade")
-    bench.until_tick(20)
+    bench = Bench(policy="degrade", at=20)
     bench.kill("estimator")
     bench.until_tick(30)
     assert "estimator" not in bench.leader.members
@@ -106,8 +95,7 @@ def test_degrade_goes_on_at_once_and_takes_the_newcomer_in_at_a_tick() -> None:
 
 
 def test_fail_ends_the_run() -> None:
-    bench = Bench(policy="fail")
-    bench.until_tick(20)
+    bench = Bench(policy="fail", at=20)
     bench.kill("estimator")
     bench.node.pump()
     assert bench.leader.state == "ended"
@@ -115,8 +103,7 @@ def test_fail_ends_the_run() -> None:
 
 
 def test_a_late_done_of_a_dead_instance_does_not_count() -> None:
-    bench = Bench()
-    bench.until_tick(20)
+    bench = Bench(at=20)
     before = bench.leader.members["recorder"].done
     late = Done(tick=before + 3, epoch=1, source="recorder", instance="dead")
     bench.node.handle(Delivery(TICK_DONE, late, None))
@@ -133,8 +120,7 @@ def test_a_late_ready_of_an_epoch_before_does_not_count() -> None:
 
 
 def test_silence_is_answered_by_the_same_tick_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench()
-    bench.until_tick(20)
+    bench = Bench(at=20)
     asleep = bench.system.nodes.pop(1)
     monkeypatch.setattr(runtime, "SILENCE_S", 0.0)
     for _ in range(4):
@@ -150,8 +136,7 @@ def test_silence_is_answered_by_the_same_tick_again(monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize("name", ["estimator", "walker", "recorder"])
 @pytest.mark.parametrize("policy", ["degrade", "hold"])
 def test_a_frozen_member_counts_as_lost_and_may_return(name: str, policy: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench(policy=policy)
-    bench.until_tick(20)
+    bench = Bench(policy=policy, at=20)
     asleep = next(node for node in bench.system.nodes if node.name == name)
     bench.system.nodes.remove(asleep)
     monkeypatch.setattr(runtime, "SILENCE_S", 0.0)

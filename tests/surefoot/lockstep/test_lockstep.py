@@ -1,4 +1,4 @@
-"""Lockstep on the in-memory bus: order does not matter, lost members are handled as told."""
+"""Lockstep on the in-memory bus: order does not matter, lost members are handled by the policy."""
 
 import itertools
 from typing import Any
@@ -79,7 +79,7 @@ def test_dead_estimator(policy: str) -> None:
 
 
 class Curious(ToyObserver):
-    """Would like to know what only a simulator can tell."""
+    """An observer of topics that only a simulator publishes."""
 
     inputs = (HW_IMU, STATE_VELOCITY, STATE_GAIT, SIM_TRUTH, TERRAIN_MAP)
     calls = (SIM_PUSH,)

@@ -1,4 +1,4 @@
-"""What a node does with bad input: a named, counted refusal, and it goes on."""
+"""Bad input to a node is a named, counted refusal, and the node goes on."""
 
 import pytest
 
@@ -12,14 +12,6 @@ from surefoot.schemas.state import GaitState, VelocityEstimate
 from surefoot.schemas.system import Done, LogRecord
 from surefoot.schemas.topics import FOOTHOLDS_ASSESS, HW_IMU, HW_TICK, STATE_GAIT, STATE_VELOCITY, TICK_NS
 from tests.surefoot.lockstep.node_bench import IMU, MEGABYTE, Bench, Subject
-
-
-@pytest.fixture
-def bench() -> Bench:
-    return Bench()
-
-
-# -- messages ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -148,9 +140,6 @@ def test_delayed_input_is_that_of_the_tick_before(bench: Bench) -> None:
     assert [seen[STATE_GAIT.key].walk_id for seen in bench.subject.seen[1:]] == [0, 1]
 
 
-# -- replay ------------------------------------------------------------------------------------------------------------
-
-
 def test_a_repeated_tick_brings_the_same_bytes_without_work(bench: Bench) -> None:
     for tick in range(3):
         bench.both(tick)
@@ -182,9 +171,6 @@ def test_headers_are_filled_in_by_the_runtime(bench: Bench) -> None:
     )  # fmt: skip
 
 
-# -- prime -------------------------------------------------------------------------------------------------------------
-
-
 def test_prime_is_answered_once_every_link_is_proved(bench: Bench) -> None:
     primes: list[str] = []
     bench.bus.subscribe(STATE_VELOCITY, lambda d: primes.append(d.topic.key) if d.prime else None)
@@ -208,9 +194,6 @@ def test_links_to_services_that_are_not_there_are_not_awaited(bench: Bench) -> N
     bench.imu_publisher.prime()
     bench.tick(-1, due=())
     assert len(bench.sent(Done)) == 1
-
-
-# -- declarations ------------------------------------------------------------------------------------------------------
 
 
 def test_undeclared_use_is_an_error_of_the_programmer(bench: Bench) -> None:

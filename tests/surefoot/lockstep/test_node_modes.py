@@ -23,15 +23,8 @@ from surefoot.schemas.topics import (
     TERRAIN_MAP,
     TICK_NS,
 )
+from tests.surefoot.expect import expect_error
 from tests.surefoot.lockstep.node_bench import IMU, MEGABYTE, SELECT, Bench, Subject
-
-
-@pytest.fixture
-def bench() -> Bench:
-    return Bench()
-
-
-# -- raw, latched, paced -----------------------------------------------------------------------------------------------
 
 
 class Keeper(Service[ServiceConfig]):
@@ -206,9 +199,8 @@ def test_paced_mode_is_never_stale_however_long_the_service_slept(bench: Bench) 
 
 
 def test_joint_state_of_any_length_within_the_limit_is_read() -> None:
-    with pytest.raises(Refusal) as caught:
+    with expect_error(Refusal, field="position"):
         decode(JointState, b'{"position":[' + b"0," * 100 + b"0]}")
-    assert caught.value.field == "position"
 
 
 def test_stop_ends_run_and_the_service_is_told(bench: Bench) -> None:

@@ -1,4 +1,4 @@
-"""Queries of a node: whoever asks gets an answer, a typed error at worst."""
+"""Queries of a node: each request gets a reply, a typed error at worst."""
 
 import threading
 from concurrent.futures import Future
@@ -14,15 +14,8 @@ from surefoot.schemas.footholds import AssessRequest, SelectReply, SelectRequest
 from surefoot.schemas.stability import RegionReply, RegionRequest
 from surefoot.schemas.system import Health, HealthRequest
 from surefoot.schemas.topics import FOOTHOLDS_ASSESS, FOOTHOLDS_SELECT, HEALTH_GET, HW_IMU, STABILITY_REGION, Query
+from tests.surefoot.expect import expect_error
 from tests.surefoot.lockstep.node_bench import MEGABYTE, SELECT, Bench
-
-
-@pytest.fixture
-def bench() -> Bench:
-    return Bench()
-
-
-# -- queries -----------------------------------------------------------------------------------------------------------
 
 
 class Asked(MemoryIncoming):
@@ -72,9 +65,8 @@ def test_a_handler_that_fails_answers_internal_and_the_node_lives(bench: Bench) 
         raise ZeroDivisionError("no feet")
 
     bench.subject.answer = broken
-    with pytest.raises(CallError, match="no feet") as caught:
+    with expect_error(CallError, "internal", text="no feet"):
         bench.bus.call(STABILITY_REGION, RegionRequest(contacts=()))
-    assert caught.value.code == "internal"
     assert bench.node.refused == {"internal": 1}
     bench.both(0)
     assert bench.subject.ticks == [0]
@@ -151,20 +143,17 @@ def test_probe_is_answered_without_a_request(bench: Bench) -> None:
 
 def test_nobody_there_and_nobody_answers() -> None:
     bus = MemoryBus()
-    with pytest.raises(CallError) as caught:
+    with expect_error(CallError, "absent"):
         bus.call(STABILITY_REGION, RegionRequest(contacts=()))
-    assert caught.value.code == "absent"
     bus.serve(STABILITY_REGION, lambda incoming: None)
-    with pytest.raises(CallError) as caught:
+    with expect_error(CallError, "timeout"):
         bus.call(STABILITY_REGION, RegionRequest(contacts=()))
-    assert caught.value.code == "timeout"
 
 
 def test_a_call_within_a_tick_goes_only_to_the_roster(bench: Bench) -> None:
     request = AssessRequest.model_construct()
-    with pytest.raises(CallError) as caught:
+    with expect_error(CallError, "absent"):
         bench.node.call(FOOTHOLDS_ASSESS, request, None)
-    assert caught.value.code == "absent"
     with pytest.raises(ValueError, match="does not declare"):
         bench.node.call(STABILITY_REGION, RegionRequest(contacts=()), None)
 

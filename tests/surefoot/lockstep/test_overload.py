@@ -13,6 +13,7 @@ import pytest
 
 from surefoot.bus.inbox import OBSERVED_ITEMS, QUERY_ITEMS, Inbox, Lane
 from surefoot.bus.interface import Delivery, Raw
+from surefoot.bus.memory import MemoryBus
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.driver import DriverNode
 from surefoot.lockstep.node import Node
@@ -23,7 +24,7 @@ from surefoot.schemas.system import HealthRequest
 from surefoot.schemas.topics import CMD_ESTOP, HEALTH_GET, HW_LANDMARKS, NAVIGATOR_CANCEL, TICK_NS
 from tests.processes import running
 from tests.surefoot.lockstep.test_zenoh_run import Threads
-from tests.surefoot.net import WAIT_S, Net, wait_until
+from tests.surefoot.net import Net, spinning, wait_until
 from tests.surefoot.toys import ToyDriver, ToyEstimator
 
 READER = """
@@ -44,9 +45,6 @@ while True:
 FLOOD = 20_000  # messages
 LANDMARKS = tuple(Landmark(range=1.0, bearing=0.5, descriptor=(0.125,) * 16) for _ in range(256))
 GAP_S = 3.0  # s wall, an unread `**` stopped every run for at least 5 s before Zenoh closed it
-
-
-# -- queues ------------------------------------------------------------------------------------------------------------
 
 
 def test_a_lane_is_bounded_by_count_and_by_bytes_and_counts_what_it_refuses() -> None:
@@ -83,7 +81,10 @@ def test_what_a_tick_needs_comes_before_queries_and_these_before_what_is_observe
     assert inbox.dropped() == {CMD_ESTOP.key: 9 * (OBSERVED_ITEMS + QUERY_ITEMS)}
 
 
-# -- a run -------------------------------------------------------------------------------------------------------------
+class Watcher(ToyEstimator):
+    """An estimator that observes emergency stops."""
+
+    observes = (CMD_ESTOP,)
 
 
 @contextmanager
@@ -120,26 +121,15 @@ def test_readers_of_everything_that_never_read_stop_nothing(net: Net) -> None:
             node.start()
         driver.begin(("estimator",), "lockstep", 0.0, 1, "hold", 0)
         driver.leader.end_tick = 20_000
-        threads = [threading.Thread(target=node.run, daemon=True) for node in (driver, estimator)]
-        for thread in threads:
-            thread.start()
-        try:
+        with spinning(driver, estimator):
             wait_until(lambda: driver.leader.tick > 50)
             end = time.monotonic() + 2.0 * GAP_S
             wait_until(lambda: driver.leader.state == "ended" or time.monotonic() > end)
             assert driver.leader.tick > 500
             assert max(gaps[51:]) < GAP_S
-        finally:
-            for node in (driver, estimator):
-                node.stop()
-            for thread in threads:
-                thread.join(WAIT_S)
 
 
 def test_a_flood_of_nonsense_and_of_queries_is_bounded_counted_and_over_when_it_ends(net: Net) -> None:
-    class Watcher(ToyEstimator):
-        observes = (CMD_ESTOP,)
-
     with Threads(net, (0, 2, 3), ticks=2000) as system:
         node = Node(Watcher(ServiceConfig()), net.open())
         node.start()
@@ -154,9 +144,7 @@ def test_a_flood_of_nonsense_and_of_queries_is_bounded_counted_and_over_when_it_
             original(item)
 
         node.handle = handle  # type: ignore[method-assign]
-        thread = threading.Thread(target=node.run, daemon=True)
-        thread.start()
-        try:
+        with spinning(node):
             with net.plain() as stranger:
                 for _ in range(FLOOD):
                     stranger.put(f"{net.namespace}/{CMD_ESTOP.key}", b"{")
@@ -173,9 +161,6 @@ def test_a_flood_of_nonsense_and_of_queries_is_bounded_counted_and_over_when_it_
             assert max(most) <= OBSERVED_ITEMS + QUERY_ITEMS
             assert misplaced == 0  # what is observed never waits before what a tick needs
             assert not node.refused["too_far_ahead"]
-        finally:
-            node.stop()
-            thread.join(WAIT_S)
 
 
 def test_a_participant_is_answered_while_strangers_flood_its_query(net: Net) -> None:
@@ -193,28 +178,18 @@ def test_a_participant_is_answered_while_strangers_flood_its_query(net: Net) -> 
 
     node = Node(Server(ServiceConfig()), net.open())
     node.start()
-    thread = threading.Thread(target=node.run, daemon=True)
-    thread.start()
     asker, asked = net.open(), CancelRequest(goal_id="a")
-    try:
+    with spinning(node):
         wait_until(lambda: asker.probe(NAVIGATOR_CANCEL, participant=True))
         with running([sys.executable, "-c", ASKER, net.address, f"{net.namespace}/{NAVIGATOR_CANCEL.key}"]):
             wait_until(lambda: len(node.inbox.queries) > QUERY_ITEMS // 2)
             for _ in range(20):
                 asker.call(NAVIGATOR_CANCEL, asked, 0.5, participant=True)  # half of theirs: 0.64 s
             assert len(node.inbox.queries) > QUERY_ITEMS // 2
-    finally:
-        node.stop()
-        thread.join(WAIT_S)
 
 
 @pytest.mark.parametrize("payload", [b"{", b"7" * 100_000])
 def test_dropped_messages_are_named_in_health(payload: bytes) -> None:
-    from surefoot.bus.memory import MemoryBus
-
-    class Watcher(ToyEstimator):
-        observes = (CMD_ESTOP,)
-
     bus = MemoryBus()
     node = Node(Watcher(ServiceConfig()), bus)
     node.start()

@@ -13,6 +13,19 @@ class Clock:
         return self.now
 
 
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def pace(clock: Clock) -> Pace:
+    """A pace that keeps to wall time from now on."""
+    made = Pace(clock)
+    made.begin(1.0)
+    return made
+
+
 def run(pace: Pace, clock: Clock, ticks: int, cost_s: float) -> float:
     """Wall time of so many ticks that cost so much each and are begun when they are due."""
     began = clock.now
@@ -22,28 +35,20 @@ def run(pace: Pace, clock: Clock, ticks: int, cost_s: float) -> float:
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 4.0])
-def test_keeps_its_factor_and_is_not_late(factor: float) -> None:
-    clock = Clock()
-    pace = Pace(clock)
+def test_keeps_its_factor_and_is_not_late(clock: Clock, pace: Pace, factor: float) -> None:
     pace.begin(factor)
     assert run(pace, clock, 400, 0.2 * TICK_S / factor) == pytest.approx(400 * TICK_S / factor, rel=0.01)
     assert not pace.late()
 
 
-def test_short_delays_are_caught_up() -> None:
-    clock = Clock()
-    pace = Pace(clock)
-    pace.begin(1.0)
+def test_short_delays_are_caught_up(clock: Clock, pace: Pace) -> None:
     clock.now += 0.9 * SLACK_S
     run(pace, clock, 200, 0.0)
     assert clock.now == pytest.approx(100.0 + 200 * TICK_S)
     assert not pace.late()
 
 
-def test_a_long_delay_is_given_up_and_time_does_not_race() -> None:
-    clock = Clock()
-    pace = Pace(clock)
-    pace.begin(1.0)
+def test_a_long_delay_is_given_up_and_time_does_not_race(clock: Clock, pace: Pace) -> None:
     run(pace, clock, 50, 0.0)
     clock.now += 3.0
     assert pace.until_due(51) == 0.0
@@ -53,10 +58,7 @@ def test_a_long_delay_is_given_up_and_time_does_not_race() -> None:
     assert not pace.late()
 
 
-def test_a_processor_too_slow_is_late_all_the_time() -> None:
-    clock = Clock()
-    pace = Pace(clock)
-    pace.begin(1.0)
+def test_a_processor_too_slow_is_late_all_the_time(clock: Clock, pace: Pace) -> None:
     for _ in range(5):
         run(pace, clock, 100, 2.0 * TICK_S)
         pace.resume(0)
@@ -68,10 +70,7 @@ def test_a_processor_too_slow_is_late_all_the_time() -> None:
     assert clock.now - began == pytest.approx(200 * TICK_S)
 
 
-def test_a_pause_is_no_delay_and_zero_never_waits() -> None:
-    clock = Clock()
-    pace = Pace(clock)
-    pace.begin(1.0)
+def test_a_pause_is_no_delay_and_zero_never_waits(clock: Clock, pace: Pace) -> None:
     clock.now += 60.0
     pace.resume(7)
     assert pace.until_due(7) == 0.0

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from contextlib import ExitStack
 from typing import Any, Self
 
 import pytest
@@ -11,10 +12,9 @@ from surefoot.bus.publish import FRAME
 from surefoot.lockstep.driver import DriverNode
 from surefoot.lockstep.join import DRIVER
 from surefoot.lockstep.local import node_of
-from surefoot.lockstep.node import Node
 from surefoot.schemas.system import HealthRequest
 from surefoot.schemas.topics import HEALTH_GET, HW_IMU, HW_TICK
-from tests.surefoot.net import WAIT_S, Net
+from tests.surefoot.net import WAIT_S, Net, spinning, wait_until
 from tests.surefoot.toys import toys
 
 
@@ -24,8 +24,7 @@ class Threads:
     def __init__(self, net: Net, order: tuple[int, ...], ticks: int) -> None:
         self.driver, services = toys()
         self.observer: Any = services[3]
-        self.nodes: list[Node] = []
-        self.threads: list[threading.Thread] = []
+        self.stack = ExitStack()
         for place in order:
             node = node_of(services[place], net.open())
             node.start()
@@ -33,10 +32,7 @@ class Threads:
                 node.begin(("estimator", "walker", "recorder"), "lockstep", 0.0, 1, "hold", 0)
                 node.leader.end_tick = ticks
                 self.leader = node.leader
-            thread = threading.Thread(target=node.run, daemon=True)
-            thread.start()
-            self.nodes.append(node)
-            self.threads.append(thread)
+            self.stack.enter_context(spinning(node))
 
     def wait(self) -> list[float]:
         deadline = time.monotonic() + 4.0 * WAIT_S
@@ -49,11 +45,7 @@ class Threads:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for node in self.nodes:
-            node.stop()
-        for thread in self.threads:
-            thread.join(WAIT_S)
-            assert not thread.is_alive()
+        self.stack.close()
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2, 3), (3, 2, 1, 0), (2, 0, 3, 1)], ids=str)
@@ -75,11 +67,13 @@ def test_live_node_answers_its_health_and_refuses_what_strangers_send(net: Net) 
         with net.plain() as stranger:
             for key in (HW_IMU.key, HW_TICK.key, FRAME.format(DRIVER), FRAME.format(DRIVER)):
                 stranger.put(f"{net.namespace}/{key}", b"\xff{", congestion_control=zenoh.CongestionControl.BLOCK)
-            deadline = time.monotonic() + WAIT_S
-            while True:
+
+            def counted() -> bool:
+                nonlocal health
                 health = tool.call(HEALTH_GET.of("estimator"), HealthRequest()).health
-                if health.refused.get("malformed") == 2:
-                    break
-                assert time.monotonic() < deadline, health
+                return health.refused.get("malformed") == 2
+
+            health: Any = None
+            wait_until(counted)
         assert health.state == "running"
         assert health.tick == 20

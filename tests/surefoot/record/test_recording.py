@@ -1,22 +1,26 @@
-"""Recordings: read back as they were, by us and by any MCAP reader; a broken file is told in a sentence."""
+"""Recordings are read back as they were, by any MCAP reader too; of a broken file what can be read is counted."""
 
 import json
 from pathlib import Path
 
 import jsonschema
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 
 from surefoot.bus.codec import encode, encoding_of
 from surefoot.bus.interface import Raw
 from surefoot.errors import SurefootError
-from surefoot.record.recording import RecordingWriter, read_recording, recording_info, topic_of
+from surefoot.record.check import check
+from surefoot.record.recording import RecordingWriter, read_recording, recording_info, topic_of, verify_recording
 from surefoot.record.runhash import RunHash
 from surefoot.schemas.hw import Imu
 from surefoot.schemas.system import Health, LogRecord
 from surefoot.schemas.terrain import HeightMapMessage
 from surefoot.schemas.topics import HEALTH, HW_IMU, LOG, TERRAIN_MAP
+from tests.surefoot.expect import expect_error
 
+MESSAGES = 9000
 MAP = HeightMapMessage(rows=2, cols=2, cell=0.1, origin=(0.0, -1.0), data=bytes(range(16))).stamped(
     0, 0, 1, 0, "driver"
 )
@@ -94,10 +98,8 @@ def test_a_broken_file_is_one_sentence(bag: Path, tmp_path: Path, damage: str, r
     assert callable(read)
     if damage == "torn" and read is recording_info:
         return  # its index is whole
-    with pytest.raises(SurefootError) as caught:
+    with expect_error(SurefootError, text=str(path), without="\n") as caught:
         read(path)
-    assert str(path) in caught.value.message
-    assert "\n" not in caught.value.message
     words = {"none": "No such file", "folder": "Is a directory", "empty": "is empty", "text": "is not an MCAP file"}
     assert words.get(damage, "is cut off or damaged") in caught.value.message
 
@@ -144,3 +146,75 @@ def test_hash_is_of_keys_and_bytes_not_of_the_order_between_keys() -> None:
     assert run(ab) != run(ab[:-1])
     assert run(ab) != run(ab, b"{ }")
     assert run([("a", 1)]) != run([("b", 1)])
+
+
+@pytest.fixture(scope="module")
+def content(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """A recording of several chunks of noise, which packs badly: damage hits data."""
+    path = tmp_path_factory.mktemp("bag") / "run.mcap"
+    writer = RecordingWriter(path, {"robot": "ragno"})
+    noise = np.random.default_rng(1).normal(size=(MESSAGES, 6)).tolist()
+    for tick, values in enumerate(noise):
+        message = Imu(acc=values[:3], gyro=values[3:]).stamped(tick * 10_000_000, tick, 1, tick, "driver")
+        writer.write(HW_IMU, message, Raw(*encode(message), ""))
+    writer.close({})
+    return path.read_bytes()
+
+
+def test_a_whole_file_is_whole(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content)
+    found = check(path)
+    assert found.whole
+    assert (found.messages.total(), found.lost, found.damaged, found.uncounted) == (MESSAGES, 0, 0, False)
+    assert found.chunks > 5
+    assert list(found.messages) == ["hw/imu"]
+
+
+@pytest.mark.parametrize("part", np.linspace(0.01, 0.99, 12))
+def test_of_a_file_that_was_cut_off_the_whole_chunks_are_read(content: bytes, tmp_path: Path, part: float) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content[: int(part * len(content))])
+    found = check(path)
+    assert not found.whole
+    assert found.uncounted
+    assert abs(found.messages.total() - part * MESSAGES) < 2 * MESSAGES / 5
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_wrong_byte_never_passes_and_costs_one_chunk(content: bytes, tmp_path: Path, seed: int) -> None:
+    path = tmp_path / "run.mcap"
+    rng = np.random.default_rng(seed)
+    place = int(rng.integers(200, len(content) - 3000))  # in the data: header and summary have no checksum
+    torn = bytearray(content)
+    torn[place] ^= int(rng.integers(1, 256))
+    path.write_bytes(torn)
+    found = check(path)
+    assert not found.whole
+    assert found.messages.total() + found.lost == MESSAGES
+    assert found.lost < MESSAGES / 4
+    if found.damaged:
+        with expect_error(SurefootError, text="cut off or damaged"):
+            list(read_recording(path))
+
+
+def test_a_hole_is_crossed_by_the_summary(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    third = len(content) // 3
+    path.write_bytes(content[:third] + bytes(third) + content[2 * third :])
+    found = check(path)
+    assert not found.uncounted
+    assert found.messages.total() + found.lost == MESSAGES
+    assert 0.3 < found.lost / MESSAGES < 0.6
+    with expect_error(SurefootError, text="cut off or damaged"):  # the reader by index crosses it, too
+        list(read_recording(path))
+
+
+@pytest.mark.parametrize(("data", "words"), [(b"", "is empty"), (b"hello", "is not an MCAP file")])
+def test_what_is_no_recording_is_called_so(tmp_path: Path, data: bytes, words: str) -> None:
+    path = tmp_path / "x.mcap"
+    path.write_bytes(data)
+    with expect_error(SurefootError, text=words):
+        verify_recording(path)
+    with pytest.raises(SurefootError):
+        verify_recording(tmp_path / "none.mcap")

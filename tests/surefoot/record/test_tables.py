@@ -1,4 +1,4 @@
-"""Logs of others: what is read, and how everything that is wrong is named."""
+"""Logs of other programs: what is read, and errors that name what is wrong."""
 
 import numpy as np
 import pytest
@@ -36,9 +36,9 @@ def npz(tmp_path):
     return write
 
 
-def refused(path, **options) -> SurefootError:
+def refused(path) -> SurefootError:
     with pytest.raises(SurefootError) as found:
-        read_table(path, **options)
+        read_table(path)
     return found.value
 
 
@@ -71,11 +71,8 @@ def test_joints_keep_their_names(csv):
 
 
 def test_an_npz_with_feet_of_their_own_rate(npz):
-    columns = read_table(
-        npz(
-            foot_t=0.03 * np.arange(10), foot_position=np.zeros((10, 2, 3)), contact=np.ones((10, 2)), unknown=np.eye(2)
-        )
-    )
+    feet = {"foot_t": 0.03 * np.arange(10), "foot_position": np.zeros((10, 2, 3)), "contact": np.ones((10, 2))}
+    columns = read_table(npz(**feet, unknown=np.eye(2)))
     assert len(columns["foot_stamp_ns"]) == 10
     assert "unknown" not in columns
 
@@ -120,14 +117,14 @@ def test_bad_csv_is_refused_by_name(csv, kind):
     assert refused(csv(lines, header)).field == field
 
 
-@pytest.mark.parametrize(("kind", "word"), [("truncated", "row 61"), ("back in time", "row 9"), ("NaN stamp", "row 3")])
-def test_bad_rows_are_numbered(csv, kind, word):
-    lines, header, _ = BAD_CSV[kind]
-    assert word in refused(csv(lines, header)).message
+WORDS = {
+    "truncated": "row 61", "back in time": "row 9", "NaN stamp": "row 3", "stamps in ms": "0.001",
+    "stamps in ns": "1e-09",
+}  # fmt: skip
 
 
-@pytest.mark.parametrize(("kind", "word"), [("stamps in ms", "0.001"), ("stamps in ns", "1e-09")])
-def test_wrong_units_of_time_come_with_the_factor(csv, kind, word):
+@pytest.mark.parametrize(("kind", "word"), WORDS.items(), ids=WORDS)
+def test_bad_rows_are_numbered_and_wrong_units_of_time_come_with_the_factor(csv, kind, word):
     lines, header, _ = BAD_CSV[kind]
     assert word in refused(csv(lines, header)).message
 

@@ -9,6 +9,7 @@ from surefoot.robot.description import RobotError
 from surefoot.robot.reader import ROBOTS, load_robot
 from surefoot.services.simulator.physics.joints import place_joints, read_joints
 from surefoot.services.simulator.physics.model import build_model
+from tests.surefoot.expect import expect_error
 from tests.surefoot.robot.dh import dh_transform
 
 BIOLOID, NAO = load_robot("bioloid"), load_robot("nao")
@@ -80,38 +81,33 @@ def test_dh_table_gives_the_foot_of_the_model(rng):
         assert np.abs(FOOT_AXES @ dh_transform(BIOLOID, "right_leg", q)[:3, 3] - theirs).max() < EXACT
 
 
+SHARED = '{ hip_yaw_pitch = "left_leg_hip_yaw_pitch" }'
+FREE_KNEE = """axis = [0.0, 1.0, 0.0]
+lower_deg = 0.0
+upper_deg = 130.0
+neutral_deg = 43.14
+servo = "ax12"
+"""
+
+
 @pytest.mark.parametrize(
-    ("old", "new", "code", "field"),
+    ("robot", "old", "new", "code", "field"),
     [
-        ("mass = 0.13\n", "mass = -0.13\n", "value", "chains.leg.links[1].mass"),
-        ("mass = 0.13\n", "mass = 0.0\n", "value", "chains.leg.links[1].mass"),
-        ("mass = 0.13\n", "mass = nan\n", "value", "chains.leg.links[1].mass"),
-        ("axis = [0.0, 1.0, 0.0]\nlower_deg = 0.0\nupper_deg = 130.0\nneutral_deg = 43.14\nservo = \"ax12\"\n", "",
-         "missing", "chains.leg.links"),
-        ("backlash_deg = 0.5", "backlash_deg = -0.5", "value", "servos.ax12.backlash_deg"),
-        ("mirrored = \"limits\"\n", "mirrored = \"mass\"\n", "value", "chains.leg.links[0].mirrored"),
+        (BIOLOID, "mass = 0.13\n", "mass = -0.13\n", "value", "chains.leg.links[1].mass"),
+        (BIOLOID, "mass = 0.13\n", "mass = 0.0\n", "value", "chains.leg.links[1].mass"),
+        (BIOLOID, "mass = 0.13\n", "mass = nan\n", "value", "chains.leg.links[1].mass"),
+        (BIOLOID, FREE_KNEE, "", "missing", "chains.leg.links"),
+        (BIOLOID, "backlash_deg = 0.5", "backlash_deg = -0.5", "value", "servos.ax12.backlash_deg"),
+        (BIOLOID, "mirrored = \"limits\"\n", "mirrored = \"mass\"\n", "value", "chains.leg.links[0].mirrored"),
+        (NAO, SHARED, '{ hip_yaw_pitch = "hip" }', "unknown_name", "limbs[1].shared.hip_yaw_pitch"),
+        (NAO, SHARED, '{ hip_roll = "left_leg_hip_roll" }', "value", "limbs[1].shared.hip_roll"),
+        (NAO, SHARED, '{ knee = "left_leg_hip_roll" }', "unknown_key", "limbs[1].shared.knee"),
     ],
 )  # fmt: skip
-def test_bad_descriptions_name_the_field(tmp_path, old, new, code, field):
-    text = (ROBOTS / "bioloid" / "robot.toml").read_text()
+def test_bad_descriptions_name_the_field(tmp_path, robot, old, new, code, field):
+    text = (ROBOTS / robot.name / "robot.toml").read_text()
     assert old in text
     path = tmp_path / "robot.toml"
     path.write_text(text.replace(old, new, 1))
-    with pytest.raises(RobotError) as error:
+    with expect_error(RobotError, code, field=field):
         load_robot(path)
-    assert (error.value.code, error.value.field) == (code, field)
-
-
-@pytest.mark.parametrize(
-    ("new", "code"),
-    [('{ hip_yaw_pitch = "hip" }', "unknown_name"), ('{ hip_roll = "left_leg_hip_roll" }', "value"),
-     ('{ knee = "left_leg_hip_roll" }', "unknown_key")],
-)  # fmt: skip
-def test_a_wrong_shared_motor_is_refused(tmp_path, new, code):
-    text = (ROBOTS / "nao" / "robot.toml").read_text()
-    path = tmp_path / "robot.toml"
-    path.write_text(text.replace('{ hip_yaw_pitch = "left_leg_hip_yaw_pitch" }', new, 1))
-    with pytest.raises(RobotError) as error:
-        load_robot(path)
-    assert error.value.code == code
-    assert "shared" in error.value.field

@@ -33,12 +33,17 @@ def rng():
     return np.random.default_rng(1)
 
 
-def pose(model, data, addresses, q):
-    data.qpos[:] = 0.0
-    data.qpos[3] = 1.0
-    place_joints(data.qpos, addresses, q)
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
+def poses(compiled, rng, count):
+    """Yield random joint angles, each when the robot in MuJoCo has them."""
+    robot, model, data, addresses = compiled
+    for _ in range(count):
+        q = random_pose(robot, rng)
+        data.qpos[:] = 0.0
+        data.qpos[3] = 1.0
+        place_joints(data.qpos, addresses, q)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        yield q
 
 
 def per_joint(addresses, columns):
@@ -55,10 +60,8 @@ def foot_centre(data, addresses, leg):
 
 
 def test_forward_equals_mujoco(compiled, rng):
-    robot, model, data, addresses = compiled
-    for _ in range(100):
-        q = random_pose(robot, rng)
-        pose(model, data, addresses, q)
+    robot, _, data, addresses = compiled
+    for q in poses(compiled, rng, 100):
         rot, pos = kin.forward(robot.model, q)
         assert np.abs(pos - data.xpos[addresses.bodies]).max() < EXACT
         assert np.abs(rot.reshape(-1, 9) - data.xmat[addresses.bodies]).max() < EXACT
@@ -70,9 +73,7 @@ def test_forward_equals_mujoco(compiled, rng):
 def test_centre_of_mass_equals_mujoco(compiled, rng):
     robot, model, data, addresses = compiled
     jac = np.zeros((3, model.nv))
-    for _ in range(100):
-        q = random_pose(robot, rng)
-        pose(model, data, addresses, q)
+    for q in poses(compiled, rng, 100):
         mujoco.mj_jacSubtreeCom(model, data, jac, addresses.trunk)
         assert np.abs(kin.com(robot.model, q) - data.subtree_com[addresses.trunk]).max() < EXACT
         assert np.abs(kin.com_jacobian(robot.model, q) - per_joint(addresses, jac)).max() < EXACT
@@ -82,9 +83,7 @@ def test_centre_of_mass_equals_mujoco(compiled, rng):
 def test_foot_jacobians_equal_mujoco(compiled, rng):
     robot, model, data, addresses = compiled
     jac = np.zeros((3, model.nv))
-    for _ in range(100):
-        q = random_pose(robot, rng)
-        pose(model, data, addresses, q)
+    for q in poses(compiled, rng, 100):
         ours = kin.foot_jacobians(robot.model, q)
         for i, leg in enumerate(robot.legs):
             centre = foot_centre(data, addresses, leg)
@@ -98,9 +97,7 @@ def test_gravity_torques_equal_mujoco_bias_on_a_slope(compiled, rng):
     g_up = 9.81 * np.array([0.28, -0.6, np.sqrt(1 - 0.28**2 - 0.6**2)])
     model.opt.gravity[:] = -g_up
     data.qvel[:] = 0.0
-    for _ in range(20):
-        q = random_pose(robot, rng)
-        pose(model, data, addresses, q)
+    for q in poses(compiled, rng, 20):
         mujoco.mj_forward(model, data)
         expected = per_joint(addresses, data.qfrc_bias)
         assert np.abs(kin.gravity_torques(robot.model, q, g_up) - expected).max() < EXACT

@@ -1,4 +1,4 @@
-"""The invariant filter is a fair referee: right where it can be, consistent, indifferent to the world's axes."""
+"""Invariant and linear filter are fair referees: right where they can be, consistent, indifferent to the axes."""
 
 from dataclasses import replace
 
@@ -7,16 +7,18 @@ import pytest
 
 from surefoot.lab.estimation.log import TrueMotion
 from surefoot.lab.estimation.peers.inekf import InekfNoise, exp3, inekf
+from surefoot.lab.estimation.peers.linear import LinearNoise, linear
 from surefoot.lab.estimation.scores import nees, score
 from surefoot.lab.estimation.track import track
 from tests.lab.estimation.walks import clean, noisy
 
 
-def test_perfect_sensors_give_the_truth():
+@pytest.mark.parametrize(("name", "rmse", "tilt_deg"), [("inekf", 2e-3, 0.05), ("linear", 5e-3, np.inf)])
+def test_perfect_sensors_give_the_truth(name, rmse, tilt_deg):
     log = clean()
-    found = score(log, track("inekf", log))
-    assert found.rmse < 2e-3
-    assert found.tilt_deg < 0.05
+    found = score(log, track(name, log))
+    assert found.rmse < rmse
+    assert found.tilt_deg < tilt_deg
     assert found.odometry < 0.01
 
 
@@ -63,3 +65,14 @@ def test_the_heading_of_the_world_changes_nothing():
     a, b = (score(one, track("inekf", one)) for one in (log, other))
     assert a.rmse == pytest.approx(b.rmse)
     assert a.odometry == pytest.approx(b.odometry)
+
+
+def test_the_linear_filter_filters_what_the_legs_alone_show():
+    log = noisy()
+    ours = score(log, track("linear", log)).rmse
+    assert ours < 0.5 * score(log, track("kinematics_gyro", log)).rmse
+
+
+def test_covariance_of_the_velocity_of_the_linear_filter_is_positive():
+    p = linear(noisy(), LinearNoise())[2][250:, 3:, 3:]
+    assert np.linalg.eigvalsh(p).min() > 0.0
