@@ -4,10 +4,9 @@ import threading
 from types import SimpleNamespace
 from typing import Any
 
-import pytest
-
 from surefoot.errors import BusError
 from surefoot.lab.runs import live
+from surefoot.services.supervisor.processes.session import Session
 
 
 class Stuck:
@@ -15,7 +14,7 @@ class Stuck:
 
     def __init__(self, error: Exception | None = None) -> None:
         self.error = error
-        self.supervisor = SimpleNamespace(ended=threading.Event(), ticks=7, wall_s=1.0)
+        self.supervisor = SimpleNamespace(ended=threading.Event(), ticks=7, wall_s=1.0, director=None)
 
     def step(self) -> None:
         if self.error is not None:
@@ -26,14 +25,11 @@ class Stuck:
 
 
 def follow(session: Stuck) -> list[str]:
-    director: Any = SimpleNamespace(ended=True)
-    scenario: Any = SimpleNamespace(steps=())
     made: Any = session
-    return live._follow(made, scenario, director, 0.0, lambda progress: None)[1]
+    return Session.follow(made, 0.0, 0.1, lambda ticks, wall_s: None)[1]
 
 
-def test_a_stall_is_a_problem_of_the_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(live, "STALL_S", 0.1)
+def test_a_stall_is_a_problem_of_the_verdict() -> None:
     (problem,) = follow(Stuck())
     assert problem == "no tick for 0.1 s at tick 7: walker waits for state/velocity"
 
