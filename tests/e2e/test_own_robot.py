@@ -35,7 +35,7 @@ WAIT_S = 120.0  # s wall; takes seconds
 PLAIN = """
 import runpy, sys
 runpy.run_path("examples/robot/driver.py")
-print([name for name in sys.modules if name.split(".")[0] in ("services", "mujoco")])
+print([name for name in sys.modules if name.startswith(("surefoot.services.", "surefoot.lab.", "mujoco"))])
 """
 
 
