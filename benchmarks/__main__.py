@@ -10,6 +10,8 @@ import sys
 import time
 from pathlib import Path
 
+from surefoot.errors import SurefootError
+
 NAMES = (
     "studies", "goals", "walker", "biped", "footholds", "foothold_walks", "trials", "estimator", "accuracy",
     "navigator", "policies", "lost", "stability", "queries", "peers", "bus", "core", "lockstep", "simulator", "starts",
@@ -37,7 +39,11 @@ def main(words: list[str]) -> int:
     for one in NAMES if name == "all" else (name,):
         print(f"== {one}", flush=True)
         began = time.monotonic()
-        importlib.import_module(f"benchmarks.{one}").BENCH.main(rest)
+        try:
+            importlib.import_module(f"benchmarks.{one}").BENCH.main(rest)
+        except SurefootError as error:
+            print(f"{one}: {error}", file=sys.stderr)
+            return 2
         print(f"== {one}: {time.monotonic() - began:.0f} s\n", flush=True)
     return 0
 

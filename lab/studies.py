@@ -15,6 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from surefoot.errors import ConfigError
 from surefoot.lockstep.launch import spare_collector
 from surefoot.services.supervisor.scenarios.scenario import Scenario, find_scenario, load_scenario
 
@@ -51,9 +52,19 @@ class Passed(NamedTuple):
 
 
 def seeds_of(text: str) -> range:
-    """Return the seeds of ``count`` or ``first:end``; the end is not included."""
+    """Return the seeds of ``count`` or ``first:end``; the end is not included.
+
+    Raises:
+        ConfigError: the text is neither, or the end lies before the first seed.
+    """
     first, colon, end = text.partition(":")
-    return range(int(first), int(end)) if colon else range(int(first))
+    try:
+        low, high = (int(first), int(end)) if colon else (0, int(first))
+    except ValueError:
+        low, high = 0, -1
+    if not 0 <= low <= high:
+        raise ConfigError("invalid", f"got {text!r}, must be a count, or first:end with 0 <= first <= end", "seeds")
+    return range(low, high)
 
 
 def finished(results: Path | None, **wanted: Any) -> list[Line]:
@@ -138,6 +149,8 @@ def run_scenario(scenario: str | Scenario, seed: int, names: Iterable[str] = ())
 def passed(lines: Sequence[Line]) -> Passed:
     """Return the rate of good verdicts with its 95 % interval."""
     good = sum(line["ok"] for line in lines)
+    if not lines:
+        raise ConfigError("missing", "there are no runs: name at least one seed", "seeds")
     return Passed(good, len(lines), *wilson(good, len(lines)))
 
 

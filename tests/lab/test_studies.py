@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from surefoot.errors import ConfigError
 from surefoot.lab import studies
 from surefoot.lab.report.judge import Row, RunVerdict
 from surefoot.lab.studies import finished, metrics, passed, seeds_of, study, verdict_line
@@ -43,3 +44,10 @@ def test_continues_where_it_stopped(tmp_path: Path) -> None:
     assert ran == [0, 1, 2, 3, 4, 0]
     assert [line["scenario"] for line in finished(file, seed=0)] == ["flat", "stand"]
     assert finished(tmp_path / "none") == []
+
+
+@pytest.mark.parametrize("text", ["5:1", "-1:2", "-3", "a:b", ""])
+def test_seeds_that_name_none_are_refused(text: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        seeds_of(text)
+    assert refused.value.field == "seeds"
