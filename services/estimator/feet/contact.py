@@ -34,6 +34,7 @@ class ContactPoints(NamedTuple):
     place: Array  # (K, 3) m, from the foot's centre, foot axes
     radius: Array  # (K,) m, of a round foot; 0 = does not roll
     switches: Array  # (L, S, 3) m, places of the switches of each foot, as `place`; S = 1: one for the whole foot
+    axes: Array  # (L, 3, 3) columns: long and short axis and normal of each sole, foot axes
 
 
 class SeenPoints(NamedTuple):
@@ -52,6 +53,7 @@ class BestGeometry(NamedTuple):
     place: Array  # (K, 3) m, in the foot
     radius: Array  # (K,) m
     switches: Array  # (L, S, 3) m, places of the switches of each foot, in the foot
+    axes: Array  # (L, 3, 3) columns: long and short axis and normal of each sole, in the foot
     rot_base_from_imu: Array  # (3, 3)
     imu_position: Array  # (3,) m, in base_link
 
@@ -59,7 +61,7 @@ class BestGeometry(NamedTuple):
 def point_feet(radius: Array) -> ContactPoints:
     """Return one point for each foot; radius (L,) m, 0 = a foot that does not roll."""
     count = len(radius)
-    return ContactPoints(np.arange(count), np.zeros((count, 3)), radius.astype(np.float64), np.zeros((count, 1, 3)))
+    return ContactPoints(np.arange(count), np.zeros((count, 3)), radius.astype(np.float64), np.zeros((count, 1, 3)), np.repeat(np.eye(3)[None], count, axis=0))
 
 
 def sole_feet(normals: Array, lever: float, switches: Array | None = None) -> ContactPoints:
@@ -71,7 +73,8 @@ def sole_feet(normals: Array, lever: float, switches: Array | None = None) -> Co
         switches: their places, (L, S, 3) m from the centre of the foot; None: one for the whole foot.
     """
     places: list[Array] = []
-    for normal in normals:
+    axes: list[Array] = []
+    for f, normal in enumerate(normals):
         first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
         first /= math.sqrt(float(np.sum(first * first)))
         second = np.cross(normal, first)
@@ -79,10 +82,17 @@ def sole_feet(normals: Array, lever: float, switches: Array | None = None) -> Co
             angle = 2.0 * math.pi * i / SOLE_POINTS
             place = lever * (math.cos(angle) * first + math.sin(angle) * second)
             places.append(place)
+        long = first
+        if switches is not None:  # the axis along which the outline is longest
+            apart = switches[f] - switches[f].mean(axis=0)
+            along = first @ apart.T, second @ apart.T
+            angle = 0.5 * math.atan2(2.0 * float(along[0] @ along[1]), float(along[0] @ along[0] - along[1] @ along[1]))
+            long = math.cos(angle) * first + math.sin(angle) * second
+        axes.append(np.stack([long, np.cross(normal, long), normal], axis=1))
     foot = np.repeat(np.arange(len(normals)), SOLE_POINTS)
     if switches is None:
         switches = np.zeros((len(normals), 1, 3))
-    return ContactPoints(foot, np.array(places), np.zeros(len(foot)), np.ascontiguousarray(switches))
+    return ContactPoints(foot, np.array(places), np.zeros(len(foot)), np.ascontiguousarray(switches), np.array(axes))
 
 
 def contact_points(robot: Robot) -> ContactPoints:

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from surefoot.kernels.jit import inner_kernel, kernel
 
-from ..feet.contact import SeenPoints, by_height, points_of
+from ..feet.contact import BestGeometry, SeenPoints, by_height, points_of
 from .hypotheses import collapse, likeliest, mix, mode, publish_mean, weigh
-from .layout import DOUBTED, NO_FEET, STARTED, WAITING, E, M, P, X
+from .layout import DOUBTED, MOVING, NO_FEET, STARTED, WAITING, E, M, P, X
 from .noise import FIXED, BestLimits, BestNoise, BestSetting
 from .point import lift, retract
 from .samples import ROW_Q, ROW_W, SampleStore, after
 from .start import check_tilt, rests, start_at_rest, start_moving
-from .state import BestState, felt_variance, forget_velocity, predict, rotation
+from .state import BestState, Felt, felt_variance, forget_velocity, predict, rotation
 from .update import follow, persistence, remember_slides, take_points
 
 Array = NDArray[np.float64]
@@ -185,12 +185,55 @@ def _correct(
 
 
 @kernel
+def believed(state: BestState, samples: SampleStore, row: int, foot: NDArray[np.int64]) -> Array:
+    """Return the contacts (K,) of a row of the feet, 0 for feet whose samples hardly fit.
+
+    A foot in doubt is left out until its doubt has faded, in place: its switch hangs, or its leg is not as it says.
+    """
+    contact, at = samples.contact[row].copy(), likeliest(state)
+    points = state.points if at < 0 else state.mode_points[at]
+    doubts = np.zeros(samples.feet.shape[1])
+    for k in range(foot.size):
+        doubts[foot[k]] = max(doubts[foot[k]], points[k, P.doubt])
+    for k in range(foot.size):
+        doubt = doubts[foot[k]]
+        if doubt > FIXED.too_doubtful:
+            contact[k] = 0.0
+            if points[k, P.down] > 0.0:
+                doubt = 1.0
+        state.points[k, P.doubt] = doubt
+        for h in range(state.weight.size):
+            state.mode_points[h, k, P.doubt] = doubt
+    return contact
+
+
+@kernel
+def _repeats(state: BestState, y: Array, contact: Array, closed: NDArray[np.int64], geometry: BestGeometry) -> bool:
+    """Return True if a sample of the feet has the errors of the last one: it comes soon after, with the same contacts.
+
+    Encoders, flexible legs and soles err alike for some 10 ms; to take every sample of a fast log would be to count
+    one error many times.
+    """
+    at = likeliest(state)
+    memory, points = (state.memory, state.points) if at < 0 else (state.mode_memory[at], state.mode_points[at])
+    if memory[M.since] < 0.0 or memory[M.since] >= FIXED.least_step:
+        return False
+    now = by_height(rotation(state.x if at < 0 else state.mode_x[at]), y, geometry.radius, contact)
+    for k in range(now.size):
+        if (now[k] >= 0.5) != (points[k, P.down] > 0.0) or closed[geometry.foot[k]] != points[k, P.closed]:
+            return False
+    return True
+
+
+@kernel
 def _take_feet(state: BestState, samples: SampleStore, row: int, setting: BestSetting) -> None:
     """Correct with a row of the samples of the feet at the time of the state, in place."""
     geometry, noise = setting.geometry, setting.noise
     y, turn = points_of(geometry.foot, geometry.place, samples.feet[row], samples.foot_rots[row])
-    contact, closed = samples.contact[row], samples.closed[row]
+    contact, closed = believed(state, samples, row, geometry.foot), samples.closed[row]
     at, losses = likeliest(state), state.memory[M.losses]
+    if _repeats(state, y, contact, closed, geometry):
+        return
     if at < 0 and (
         state.weight.size == 0 or state.memory[M.rest] > 0.0 or state.memory[M.lost_for] >= 0.0 or not settled(state)
     ):
@@ -215,7 +258,7 @@ def _take_feet(state: BestState, samples: SampleStore, row: int, setting: BestSe
 
 @inner_kernel
 def _predict_one(
-    state: BestState, w: Array, q: Array, d: float, noise: BestNoise, felt: float, hidden: tuple[float, float]
+    state: BestState, w: Array, q: Array, d: float, noise: BestNoise, felt: Felt, hidden: tuple[float, float]
 ) -> None:
     predict(state, w, q, d, noise, felt)
     for i in range(3):
@@ -225,7 +268,7 @@ def _predict_one(
 
 @inner_kernel
 def _predict(
-    state: BestState, w: Array, q: Array, d: float, noise: BestNoise, felt: float, hidden: tuple[float, float]
+    state: BestState, w: Array, q: Array, d: float, noise: BestNoise, felt: Felt, hidden: tuple[float, float]
 ) -> None:
     """Carry the state, or each of its hypotheses, over d s, in place; see `predict` and `_hidden`."""
     if likeliest(state) < 0:
@@ -271,7 +314,7 @@ def _step(state: BestState, samples: SampleStore, at: int, next_foot: int, setti
     for i in range(3):
         w[i], q[i] = rows[at, ROW_W + i], rows[at, ROW_Q + i]
     now = stamps[at - 1] if at > 0 else stamps[at]
-    felt = felt_variance(state.memory, w, noise)
+    felt = felt_variance(state.memory, w, q, noise)
     gap = 1e-9 * (stamps[at] - now)
     if gap > setting.limits.gap_s:
         collapse(state, setting.geometry.foot)
@@ -314,7 +357,8 @@ def _rest_or_start(state: BestState, samples: SampleStore, at: int, next_foot: i
         collapse(state, setting.geometry.foot)
         for i in range(M.lag, M.lag + 3):
             memory[i] = 0.0
-    if resting and not settled(state) and memory[M.phase] != DOUBTED:
+    fresh = memory[M.phase] == MOVING and memory[M.age] < FIXED.fresh_age
+    if resting and (fresh or not settled(state)) and memory[M.phase] != DOUBTED:
         start_at_rest(state, samples, at, setting)
     elif memory[M.phase] == WAITING:
         while next_foot < feet_stamps.size and feet_stamps[next_foot] <= samples.imu_stamps[at]:

@@ -30,7 +30,10 @@ from .state import BestState, rotation
 Array = NDArray[np.float64]
 Feet = NDArray[np.int64]
 
-OWN = (M.last_gyro, M.last_gyro + 1, M.last_gyro + 2, M.phase, M.rest, M.age, M.slide_product, M.slide_square)
+OWN = (
+    *range(M.last_gyro, M.last_gyro + 3), *range(M.last_acc, M.last_acc + 3), M.phase, M.rest, M.age, M.slide_product,
+    M.slide_square,
+)  # fmt: skip
 """Numbers of the memory that belong to the state, not to its hypotheses."""
 MEAN = (M.excess, M.innovation, M.innovation + 1, M.innovation + 2, M.lag, M.lag + 1, M.lag + 2)
 """Numbers of the memory whose mean over the hypotheses is taken; of the others that of the likeliest stays."""

@@ -38,7 +38,7 @@ class ErrorLayout(NamedTuple):
 
 
 class PointLayout(NamedTuple):
-    """Columns of `BestState.points`, (K, 8)."""
+    """Columns of `BestState.points`, (K, 9)."""
 
     down: int = 0
     """1 while the point stands, else 0."""
@@ -54,10 +54,12 @@ class PointLayout(NamedTuple):
     """Velocity of its foot if that slides, odom axes, (2,) m/s."""
     closed: int = 7
     """Switches of its foot that were closed at the last sample, bit s for switch s."""
+    doubt: int = 8
+    """Share of its recent samples that were outliers, 0 to 1; it stays when the point is lifted."""
 
 
 class MemoryLayout(NamedTuple):
-    """First index of each part of `BestState.memory`, (23,)."""
+    """First index of each part of `BestState.memory`, (26,)."""
 
     excess: int = 0
     """Factor of the inertial noise over the sensor's."""
@@ -89,10 +91,12 @@ class MemoryLayout(NamedTuple):
     """Weighted sum of m.s, (m/s)^2; see `update.persistence`."""
     slide_square: int = 22
     """Weighted sum of s.s, (m/s)^2; see `update.persistence`."""
+    last_acc: int = 23
+    """Last accelerometer sample, IMU axes, (3,) m/s^2."""
 
 
 X, E, P, M = StateLayout(), ErrorLayout(), PointLayout(), MemoryLayout()
-POINT_COLUMNS, MEMORY = P.closed + 1, M.slide_square + 1
+POINT_COLUMNS, MEMORY = P.doubt + 1, M.last_acc + 3
 """Number of columns of a point, and of numbers in the memory."""
 WAITING, MOVING, STARTED, DOUBTED = 0.0, 1.0, 2.0, 3.0
 """Phases of the start: none yet, in motion, at rest, in motion after the tilt proved wrong."""

@@ -19,6 +19,8 @@ class BestNoise(NamedTuple):
     """Noise of the accelerometer, m/s^2/sqrt(Hz)."""
     sample_gyro: float
     """Noise of one gyro sample, rad/s."""
+    sample_acc: float
+    """Noise of one accelerometer sample, m/s^2."""
     point: float
     """Noise of a contact point by kinematics, m."""
     gyro_bias: float = 2e-4
@@ -29,6 +31,8 @@ class BestNoise(NamedTuple):
     """Walk of the accelerometer bias, m/s^2/sqrt(s)."""
     gyro_jerk: float = 0.15
     """Share of the change between two gyro samples that is error: a trunk that shakes bends."""
+    acc_jerk: float = 0.05
+    """Share of the change between two accelerometer samples that is error, times the root of excess^2 - 1."""
     stay: float = 0.0002
     """Walk of a point that stays, m/sqrt(s)."""
     slide: float = 0.04
@@ -45,12 +49,18 @@ class BestNoise(NamedTuple):
     """Probability per sample that a point begins to slide: high, for a single point is corrected by both hypotheses."""
     go_on: float = 0.98
     """Probability per sample that a sliding point goes on."""
-    learn: float = 0.02
+    learn: float = 0.03
     """Rate at which the excess of the inertial noise follows the innovations, per sample of the feet."""
-    drop: float = 0.2
+    rise: float = 1.5
+    """Weight of correlations above zero beside those below."""
+    drop: float = 0.35
     """Correlation of successive innovations that is no sign of anything; below it the excess falls."""
-    twist: float = 0.05
+    twist: float = 0.1
     """Turning of a standing sole about the vertical, rad/sqrt(s): friction holds it by a small lever only."""
+    roll: float = 0.05
+    """Turning of a standing sole about its long axis, rad/sqrt(s): the weight that moves across bends leg and sole."""
+    pitch: float = 0.002
+    """Turning of a standing sole about its short axis, rad/sqrt(s): its length resists."""
     rock: float = 0.5
     """Turning of a sole that stands on an edge or a corner, rad/s."""
     creep: float = 0.008
@@ -121,6 +131,8 @@ class FixedNumbers(NamedTuple):
     """Standard deviation of a point over level ground, m per sample: edges, dust and lifting feet repeat themselves."""
     free: float = 1.0
     """Variance of a point that touches nothing, m^2."""
+    least_step: float = 0.025
+    """Time after a sample of the feet within which another with the same contacts is left out, s."""
     # corrections by a point
     vertical_slide: float = 0.25
     """Share of the variance of sliding that is vertical."""
@@ -132,6 +144,12 @@ class FixedNumbers(NamedTuple):
     """Probability from which a foot is reported to slide."""
     outlier: float = 16.0
     """Largest chi^2 of 3 degrees of freedom (99.9 %): a larger innovation is an error even of a sliding point."""
+    learn_doubt: float = 0.1
+    """Share of one sample in the doubt about a point."""
+    too_doubtful: float = 0.6
+    """Doubt from which a foot is left out."""
+    forget_doubt: float = 0.3
+    """Rate at which the doubt about a foot that is left out fades, 1/s."""
     most_misfits: int = 3
     """Outliers in a row after which the point is somewhere else."""
     # corrections by all feet
@@ -178,8 +196,12 @@ class FixedNumbers(NamedTuple):
     """Standard deviation of the tilt below which a start in motion has settled, rad."""
     good_speed: float = 0.05
     """Standard deviation of the velocity below which a start in motion has settled, m/s."""
-    good_age: float = 2.0
+    known_speed: float = 0.5
+    """Standard deviation of the velocity, of an axis, from which an estimate is not initialised, m/s."""
+    good_age: float = 0.7
     """Time after which a start in motion may have settled, s."""
+    fresh_age: float = 2.0
+    """Time after a start in motion within which a rest is a better start, s."""
     moving_tilt: float = 0.52
     """Standard deviation of the first tilt of a robot in motion, rad: 30 deg."""
     contradiction: float = 4.0
@@ -212,12 +234,12 @@ def best_noise(params: EstimatorParams, modes: bool = False) -> BestNoise:
     """
     root = math.sqrt(1e-9 * params.imu_period_ns)
     noise = BestNoise(
-        params.sigma_w * root, FIXED.acc_share * params.sigma_q * root, params.sigma_w, params.sigma_point
-    )
+        params.sigma_w * root, FIXED.acc_share * params.sigma_q * root, params.sigma_w, params.sigma_q,
+        params.sigma_point,
+    )  # fmt: skip
     if modes:
         noise = noise._replace(
-            point=FIXED.point_share * params.sigma_point, stay=0.0005, gyro_bias=6e-5, gyro_jerk=0.12, learn=0.05,
-            drop=0.3, go_on=0.95,
+            point=FIXED.point_share * params.sigma_point, stay=0.0005, gyro_bias=6e-5, gyro_jerk=0.12, go_on=0.95,
         )  # fmt: skip
     return noise
 

@@ -1,4 +1,4 @@
-"""Motion of soles that do not slide: they twist, and rock about the edge or the corner on which they stand."""
+"""Motion of soles that do not slide: they give way, and rock about the edge or the corner on which they stand."""
 
 import math
 
@@ -10,7 +10,7 @@ from surefoot.kernels.jit import kernel
 
 from ..feet.contact import BestGeometry
 from .layout import E, P, X
-from .noise import FIXED
+from .noise import FIXED, BestNoise
 from .state import BestState
 
 Array = NDArray[np.float64]
@@ -18,30 +18,37 @@ Feet = NDArray[np.int64]
 
 
 @kernel
-def twist_soles(state: BestState, foot: Feet, variance: float) -> None:
-    """Add the turning of standing soles about the vertical, `variance` rad^2, to the covariance of their points.
+def turn_soles(state: BestState, geometry: BestGeometry, noise: BestNoise, dt: float) -> None:
+    """Add the turning of standing soles about their middle over dt s to the covariance of their points, in place.
 
-    Friction holds a sole against tilting by the weight on it, against twisting by its small lever only.
+    The weight holds a sole down: along its length by a long lever, across by a short one, against twisting by friction
+    alone.
     """
-    x, cov, points = state.x, state.cov, state.points
-    count, across = points.shape[0], np.zeros((points.shape[0], 2))
+    x, cov, points, foot = state.x, state.cov, state.points, geometry.foot
+    count = points.shape[0]
+    arm, way = np.zeros((count, 3)), np.zeros((count, 3))
     for k in range(count):
         together = 0
         for m in range(count):
             if foot[m] == foot[k] and points[m, P.down] > 0.0:
                 together += 1
-                across[k, 0] += x[X.points + 3 * m + 1]
-                across[k, 1] -= x[X.points + 3 * m]
-        if points[k, P.down] > 0.0 and together > 1:  # z x (r_k - centre)
-            across[k, 0] = across[k, 0] / together - x[X.points + 3 * k + 1]
-            across[k, 1] = across[k, 1] / together + x[X.points + 3 * k]
-        else:
-            across[k, 0] = across[k, 1] = 0.0
-    push = variance * across
-    for k in range(count):
-        for m in range(count):
-            if foot[m] == foot[k]:
-                add_outer(cov, E.points + 3 * k, E.points + 3 * m, push[k], across[m])
+                for i in range(3):
+                    arm[k, i] += x[X.points + 3 * m + i]
+        for i in range(3):
+            stands = points[k, P.down] > 0.0 and together > 1
+            arm[k, i] = x[X.points + 3 * k + i] - arm[k, i] / together if stands else 0.0
+    for axis in range(3):
+        rate = noise.roll if axis == 0 else noise.pitch if axis == 1 else noise.twist
+        for k in range(count):
+            along = turned(state.turn[k], geometry.axes[foot[k], :, axis])
+            for i in range(3):
+                a, b = (i + 1) % 3, (i + 2) % 3
+                way[k, i] = along[a] * arm[k, b] - along[b] * arm[k, a]
+        push = rate**2 * dt * way
+        for k in range(count):
+            for m in range(count):
+                if foot[m] == foot[k]:
+                    add_outer(cov, E.points + 3 * k, E.points + 3 * m, push[k], way[m])
 
 
 @kernel

@@ -33,6 +33,15 @@ from .noise import FIXED, BestNoise
 Array = NDArray[np.float64]
 
 
+class Felt(NamedTuple):
+    """Variances of one inertial sample beyond the noise of its sensors, by the jerk of the moment."""
+
+    gyro: float
+    """(rad/s)^2."""
+    acc: float
+    """(m/s^2)^2."""
+
+
 class BestState(NamedTuple):
     """All that the filter remembers; K contact points, H hypotheses about which feet slide."""
 
@@ -41,21 +50,21 @@ class BestState(NamedTuple):
     cov: Array
     """Covariance of the error, (15 + 3 K, 15 + 3 K), see `ErrorLayout`."""
     points: Array
-    """Contact points, (K, 8), see `PointLayout`."""
+    """Contact points, (K, 9), see `PointLayout`."""
     turn: Array
     """rot_odom_from_foot at the last sample of the feet, (K, 3, 3)."""
     memory: Array
-    """Numbers beside the state, (23,), see `MemoryLayout`."""
+    """Numbers beside the state, (26,), see `MemoryLayout`."""
     mode_x: Array
     """`x` of each hypothesis, (H, 21 + 3 K)."""
     mode_cov: Array
     """`cov` of each hypothesis, (H, 15 + 3 K, 15 + 3 K)."""
     mode_points: Array
-    """`points` of each hypothesis, (H, K, 8)."""
+    """`points` of each hypothesis, (H, K, 9)."""
     mode_turn: Array
     """`turn` of each hypothesis, (H, K, 3, 3)."""
     mode_memory: Array
-    """`memory` of each hypothesis, (H, 23)."""
+    """`memory` of each hypothesis, (H, 26)."""
     weight: Array
     """Probabilities of the hypotheses, (H,); all 0 while there is only the state itself."""
 
@@ -195,10 +204,24 @@ def _transpose(cov: Array) -> None:
 
 
 @kernel
-def _inertial_noise(cov: Array, points: Array, d: float, v: Array, arms: Array, gyro_sq: float, acc_sq: float) -> None:
-    """Add the noise of gyro and accelerometer, variances per s, over a step of d s.
+def _inertial_noise(
+    cov: Array, points: Array, d: float, v: Array, arms: Array, gyro_sq: float, turn_sq: float, acc_sq: float
+) -> None:
+    """Add the noise of gyro and accelerometer over a step of d s, in place.
 
-    The columns by which they enter are R, [v] R, [r] R and I, -d/2 I, d/2 I; R drops out, for the noise has no axis.
+    The columns by which they enter are R, [v] R, [r] R and I, -d/2 I, d/2 I; R drops out, for the noise has no axis of
+    the sensor. About the vertical the gyro is as good as its sensor: what the feet show of errors of the trunk's tilt
+    is no reason to take the heading from them.
+
+    Args:
+        cov: the covariance.
+        points: the contact points.
+        d: the step, s.
+        v: velocity in the middle of the step, (3,) m/s.
+        arms: contact points then, (K, 3) m.
+        gyro_sq: variance of the gyro about level axes per s, (rad/s)^2/Hz.
+        turn_sq: likewise about the vertical.
+        acc_sq: variance of the accelerometer per s, (m/s^2)^2/Hz.
     """
     n = cov.shape[0]
     by = np.zeros((3, n))
@@ -208,9 +231,9 @@ def _inertial_noise(cov: Array, points: Array, d: float, v: Array, arms: Array, 
     for k in range(points.shape[0]):
         if points[k, P.down] > 0.0:
             _set_cross(by, E.points + 3 * k, arms[k, 0], arms[k, 1], arms[k, 2])
-    scale = gyro_sq * d
+    scale, turn = gyro_sq * d, turn_sq * d
     for i in range(n):
-        a, b, c = scale * by[0, i], scale * by[1, i], scale * by[2, i]
+        a, b, c = scale * by[0, i], scale * by[1, i], turn * by[2, i]
         if a != 0.0 or b != 0.0 or c != 0.0:  # not biases, position and points in the air
             for j in range(n):
                 cov[i, j] += a * by[0, j] + b * by[1, j] + c * by[2, j]
@@ -238,7 +261,7 @@ def _set_cross(by: Array, column: int, x: float, y: float, z: float) -> None:
 
 
 @kernel
-def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, felt: float) -> None:
+def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, felt: Felt) -> None:
     """Carry the state over d s, in place.
 
     Args:
@@ -247,7 +270,7 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
         q: accelerometer, (3,) m/s^2, likewise.
         d: the step, s.
         noise: the noises.
-        felt: (rad/s)^2, variance of one gyro sample by the jerk of the moment; see `felt_variance`.
+        felt: variances of the sample by the jerk of the moment; see `felt_variance`.
     """
     x, cov, points, memory = state.x, state.cov, state.points, state.memory
     turn, half, force, v = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
@@ -274,18 +297,22 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
     _transpose(cov)
     _carry_rows(cov, points, d, v, arms, middle)  # F (F P)^T, which is symmetric
     excess, up = memory[M.excess] * memory[M.excess], middle[2]
-    _inertial_noise(cov, points, d, v, arms, excess * (noise.gyro * noise.gyro + felt * d), excess * noise.acc**2)
+    gyro_sq = noise.gyro * noise.gyro + felt.gyro * d
+    acc_sq = excess * noise.acc**2 + (excess - 1.0) * felt.acc * d
+    _inertial_noise(cov, points, d, v, arms, excess * gyro_sq, gyro_sq, acc_sq)
     for i in range(3):
-        cov[E.gyro_bias + i, E.gyro_bias + i] += excess * noise.gyro_bias**2 * d
+        cov[E.gyro_bias + i, E.gyro_bias + i] += noise.gyro_bias**2 * d
         for k in range(3):  # less of it about the vertical
             cov[E.gyro_bias + i, E.gyro_bias + k] -= (
-                excess * (noise.gyro_bias**2 - noise.turn_bias**2) * up[i] * up[k] * d
+                (noise.gyro_bias**2 - noise.turn_bias**2) * up[i] * up[k] * d
             )
         cov[E.acc_bias + i, E.acc_bias + i] += excess * noise.acc_bias**2 * d
     for k in range(points.shape[0]):
         if points[k, P.down] > 0.0:
             for i in range(E.points + 3 * k, E.points + 3 * k + 3):
                 cov[i, i] += noise.stay**2 * d
+        else:
+            points[k, P.doubt] *= 1.0 - min(FIXED.forget_doubt * d, 1.0)
     for i in range(M.lag, M.lag + 3):
         memory[i] *= 1.0 - min(d / noise.lag_s, 1.0)
     if memory[M.since] >= 0.0:
@@ -299,13 +326,18 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
 
 
 @kernel
-def felt_variance(memory: Array, w: Array, noise: BestNoise) -> float:
-    """Variance of a gyro sample beyond its sensor's noise, (rad/s)^2, by its change since the last one.
+def felt_variance(memory: Array, w: Array, q: Array, noise: BestNoise) -> Felt:
+    """Return what the changes since the last inertial sample add to the noise, and remember the sample, in place.
 
-    A structure that shakes turns the IMU against the trunk; the sensor's own noise changes by 6 sigma^2 on average.
+    A structure that shakes turns and moves the IMU against the trunk, and a sample in the middle of a shock is not the
+    mean over its period; the sensors' own noise changes by 6 sigma^2 on average.
     """
-    square = 0.0
+    turn, push = 0.0, 0.0
     for i in range(3):
-        square += (w[i] - memory[M.last_gyro + i]) ** 2
-        memory[M.last_gyro + i] = w[i]
-    return noise.gyro_jerk**2 * max(0.0, square - 6.0 * noise.sample_gyro**2)
+        turn += (w[i] - memory[M.last_gyro + i]) ** 2
+        push += (q[i] - memory[M.last_acc + i]) ** 2
+        memory[M.last_gyro + i], memory[M.last_acc + i] = w[i], q[i]
+    return Felt(
+        noise.gyro_jerk**2 * max(0.0, turn - 6.0 * noise.sample_gyro**2),
+        noise.acc_jerk**2 * max(0.0, push - 6.0 * noise.sample_acc**2),
+    )

@@ -13,7 +13,7 @@ from ..feet.mount import foot_turn
 from .layout import E, M, P, X
 from .noise import FIXED, BestNoise
 from .point import lift, observe, put_down
-from .sole import rock_soles, twist_soles
+from .sole import rock_soles, turn_soles
 from .state import BestState, forget_velocity, rotation
 
 Array = NDArray[np.float64]
@@ -27,7 +27,7 @@ def learn_excess(state: BestState, y: Array, noise: BestNoise) -> None:
     The innovations of a filter whose noises are right do not correlate in time. If the mean innovation z of all points
     goes the same way again and again, the error is in the prediction: with S its covariance, the excess follows
 
-        log excess += learn (z_k^T S^-1 z_(k-1)/3 - drop),   1 <= excess <= most_excess
+        e = z_k^T S^-1 z_(k-1)/3,   log excess += learn (rise max(e, 0) + min(e, 0) - drop),   1 <= excess <= most_excess
     """
     x, cov, points, memory = state.x, state.cov, state.points, state.memory
     z, s, count, rot = np.zeros(3), np.zeros((3, 3)), 0, rotation(x)
@@ -55,7 +55,7 @@ def learn_excess(state: BestState, y: Array, noise: BestNoise) -> None:
     most = FIXED.most_growth / noise.learn
     evidence = min(max(evidence, -most), most)
     memory[M.excess] = min(
-        max(memory[M.excess] * math.exp(noise.learn * (evidence - noise.drop)), 1.0), noise.most_excess
+        max(memory[M.excess] * math.exp(noise.learn * (evidence * (noise.rise if evidence > 0.0 else 1.0) - noise.drop)), 1.0), noise.most_excess
     )
 
 
@@ -253,7 +253,7 @@ def take_points(
     foot, memory, dt = geometry.foot, state.memory, state.memory[M.since]
     contact = by_height(rotation(state.x), seen.y, geometry.radius, seen.contact)
     _roll(state, seen, contact, geometry.radius, dt)
-    twist_soles(state, foot, noise.twist**2 * dt)
+    turn_soles(state, geometry, noise, dt)
     rocking = rock_soles(state, seen.closed, geometry, (noise.rock * dt) ** 2)
     if not hypotheses:
         _loosen(state, contact, foot, slides, (noise.slip * dt) ** 2, (FIXED.swing * dt) ** 2)
