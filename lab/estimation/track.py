@@ -129,7 +129,7 @@ class LogRunner:
         """Feed an inertial sample: w (3,) rad/s, q (3,) m/s^2."""
         self._estimator.imu(stamp_ns, w, q, clipped)
 
-    def feet(self, stamp_ns: int, position: Array, rot: Array, contact: Flags) -> None:
+    def feet(self, stamp_ns: int, position: Array, rot: Array, contact: Flags | Array) -> None:
         """Feed a foot sample: (F, 3) m, (F, 3, 3), (F,)."""
         self._estimator.feet(stamp_ns, position, rot, contact)
 
