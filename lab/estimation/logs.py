@@ -146,7 +146,7 @@ def _go1(row: ForeignLog, path: Path) -> Log:
     n = len(columns["t"]) // every * every
     wide = {key: np.asarray(columns[key][:n], dtype=np.float64) for key in ("w", "a", "p", "R", "q", "tau", "force")}
     v_world = _velocity(wide | {"t": columns["t"]}, row.window)
-    w, a = (wide[key].reshape(-1, every, 3).mean(axis=1) for key in ("w", "a"))
+    w, a = (np.ascontiguousarray(wide[key].reshape(-1, every, 3).mean(axis=1)) for key in ("w", "a"))
     last = slice(every - 1, n, every)
     position, calf = go1_feet(wide["q"][last])
     pushed = np.linalg.norm(wide["force"][last], axis=2)

@@ -237,7 +237,7 @@ def _piece(running: LogRunner, name: str, log: Log, part: Ints, first: int, n: i
     )  # fmt: skip
 
 
-def _of_world(name: str, log: Log, found: PeerTrack) -> Track:
+def of_world(name: str, log: Log, found: PeerTrack) -> Track:
     """Return the track of a referee that has a pose of the IMU."""
     v, g, p, x, rot = found
     n = len(v)
@@ -251,11 +251,11 @@ def _of_world(name: str, log: Log, found: PeerTrack) -> Track:
 
 
 def _inekf(log: Log, options: Mapping[str, Any]) -> Track:
-    return _of_world("inekf", log, inekf(log, InekfNoise(**options)))
+    return of_world("inekf", log, inekf(log, InekfNoise(**options)))
 
 
 def _linear(log: Log, options: Mapping[str, Any]) -> Track:
-    return _of_world("linear", log, linear(log, LinearNoise(**options)))
+    return of_world("linear", log, linear(log, LinearNoise(**options)))
 
 
 PEERS: dict[str, Callable[[Log, Mapping[str, Any]], Track]] = {"inekf": _inekf, "linear": _linear}
