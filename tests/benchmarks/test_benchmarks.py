@@ -12,7 +12,9 @@ from benchmarks import __main__ as command
 from benchmarks.report import Bench, goal, parser_of, table
 
 FOLDER = Path(benchmarks.__file__).parent
-HELPERS = {"__init__", "__main__", "branches", "core_system", "machine", "own_slip", "report", "rivals"}
+HELPERS = {
+    "__init__", "__main__", "branches", "core_system", "foreign_scores", "machine", "own_slip", "report", "rivals",
+}  # fmt: skip
 """Modules without parts."""
 SLOW = {
     "biped walks", "estimator speed", "foothold_walks scores", "footholds times", "lost standing", "navigator filters",

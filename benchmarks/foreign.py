@@ -1,0 +1,174 @@
+"""Logs of others: the estimator beside all referees, and how far it depends on noise, start and faults of inputs.
+
+v = rms length of the velocity error; 0.5 s = of errors averaged over half a second; NEES of v (3 = ideal) and share of
+rows in the 95 % region; RPE = error of the displacement over the log's way; ATE after alignment by place and heading;
+end = error of the displacement at the end; head = heading, rms and end; z = height over the log's way; ok = share of
+rows with `filter_ok`; from = time until initialised. Files that are absent are skipped. `name*` is tuned on the log
+itself, which favours it. Gyro alone starts from the true attitude; its bias is the mean of the standstill, if any.
+"""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.foreign_scores import (
+    HEADERS,
+    ForeignScore,
+    goals_of,
+    gyro_alone,
+    leave_one_out,
+    scored,
+    timed,
+)
+from benchmarks.report import Bench, goal, table, words_of
+from surefoot.errors import SurefootError
+from surefoot.lab.estimation.contacts import without_rolling
+from surefoot.lab.estimation.go1 import go1_bag
+from surefoot.lab.estimation.log import Log
+from surefoot.lab.estimation.logs import DATA, FOREIGN, foreign
+from surefoot.lab.estimation.referees import KNOWN, UNTUNED, available, run
+from surefoot.lab.estimation.track import Track, default
+from surefoot.papers.wawrzynski.sets import LogSet, tuned
+from surefoot.papers.wawrzynski.synthetic import KINDS as WALKS
+from surefoot.papers.wawrzynski.synthetic import synthesize
+
+BENCH = Bench("foreign")
+
+SYNTHETIC = "synthetic"
+"""Name of a short made-up walk, for a run without any file."""
+TUNED = ("inekf", "linear")
+MEASURE = "smooth"
+"""Measure for which referees are tuned: truth by motion capture is noisy row by row."""
+CONTRADICTED = {"casbot_walk_b": 2.9}
+"""Time from which the feet of a log contradict its truth, s."""
+RATIOS = {"rpe": "RPE", "heading": "heading", "smooth": "error over 0.5 s"}
+"""Measures in which no referee may be better, and their names."""
+LEFT_OUT = ("", "diff. cm/s", "worst leg", "heights cm", "ends cm", "head-gyro", "head-maker", "ok")
+
+
+def readable(names: Sequence[str], data: Path) -> Iterator[tuple[str, float, Log]]:
+    """Yield name, way of relative poses in m (NaN without truth) and log of those that can be read; print the others.
+
+    Raises:
+        SurefootError: there is no log of this name.
+    """
+    for name in names:
+        if name == SYNTHETIC:
+            yield name, 0.1, synthesize(replace(WALKS["twist"], duration_s=6.0), 0)
+            continue
+        try:
+            log = foreign(name, data)
+        except FileNotFoundError as error:
+            print(f"{name}: skipped, no file {error.filename or error}", flush=True)
+        except SurefootError as error:
+            if name not in FOREIGN:
+                raise
+            print(f"{name}: skipped, {error.message}", flush=True)
+        else:
+            yield name, FOREIGN[name].way if log.truth is not None else float("nan"), log
+
+
+def chosen_of(estimators: str) -> tuple[str, ...]:
+    """Return estimators by commas that are installed, by default all; print the others.
+
+    Raises:
+        SurefootError: there is no such estimator.
+    """
+    names = words_of(estimators) or (default(), *UNTUNED)
+    if unknown := [name for name in names if name not in KNOWN]:
+        raise SurefootError("invalid", f"got {', '.join(unknown)}; known are {', '.join(KNOWN)}", "estimators")
+    found = available(names)
+    if len(found) < len(names):
+        print(f"{', '.join(sorted(set(names) - set(found)))}: skipped, pip install gtsam", flush=True)
+    return found
+
+
+@BENCH.part("--logs synthetic --estimators best,linear,legs --no-tuned")
+def tables(
+    *, logs: str = "", estimators: str = "", no_tuned: bool = False, data: Path = DATA, json_: Path | None = None
+) -> None:
+    """Errors of the estimator and of all referees on each log, beside the goals.
+
+    Args:
+        logs: names, by commas; default: all.
+        estimators: names, by commas; default: `best` and all referees.
+        no_tuned: leave out the tuned referees.
+        data: folder of the files.
+        json_: file for the scores as well.
+    """
+    chosen, kept = chosen_of(estimators), {}
+    for name, way, log in readable(words_of(logs) or tuple(FOREIGN), data):
+        if log.truth is None:
+            kept[name] = agreement(name, log, chosen, data)
+        else:
+            kept[name] = errors(name, log, way, chosen, () if no_tuned else TUNED)
+    if json_ is not None:
+        json_.write_text(json.dumps(kept, indent=1))
+
+
+def errors(name: str, log: Log, way: float, chosen: Sequence[str], to_tune: Sequence[str]) -> dict[str, Any]:
+    """Print the scores of one log and the goals of the first estimator; return the scores by estimator."""
+    found: dict[str, ForeignScore] = {}
+    for one in chosen:
+        track, cost = timed(one, log)
+        found[one] = scored(log, track, way, cost)
+        if name in CONTRADICTED and one == default():
+            contradicted(log, track, CONTRADICTED[name])
+    for one in to_tune if name not in CONTRADICTED else ():
+        options = tuned(LogSet(name, lambda seed: without_rolling(log), drawn=False), one, MEASURE)
+        track, cost = timed(one, log, options)
+        found[f"{one}*"] = scored(log, track, way, cost)
+    gyro = gyro_alone(log)
+    rows: list[tuple[object, ...]] = [(one, *s.cells()) for one, s in found.items()]
+    rows.append(("gyro alone", *[""] * 6, f"{gyro[0]:.2f}", f"{gyro[1]:.2f}"))
+    table(f"{name}, {log.seconds[-1]:.0f} s, RPE over {way:g} m", HEADERS, rows)
+    if default() in found and name not in CONTRADICTED:
+        print_goals(name, way, found, gyro[0])
+    return {one: asdict(s) for one, s in found.items()}
+
+
+def print_goals(name: str, way: float, found: dict[str, ForeignScore], gyro: float) -> None:
+    """Print the figures of the default estimator beside their goals, its ratios to referees among them."""
+    ours = found[default()]
+    for measure, (least, most) in goals_of(name, way).items():
+        if least > 0.0:
+            goal(f"  {measure}", getattr(ours, measure), ">=", least)
+        goal(f"  {measure}", getattr(ours, measure), "<=", most)
+    goal("  heading / gyro alone", ours.heading / max(gyro, 1e-9), "<=", 1.0 if name.startswith("casbot") else 1.05)
+    for measure, text in RATIOS.items():
+        for bound, group in ((1.0, "untuned"), (1.1, "tuned")):
+            theirs = {one: getattr(s, measure) for one, s in found.items()
+                      if one != default() and one.endswith("*") == (group == "tuned")}  # fmt: skip
+            theirs = {one: value for one, value in theirs.items() if np.isfinite(value)}
+            if theirs:
+                best = min(theirs, key=lambda one: theirs[one])
+                goal(f"  {text} / best {group}, {best}", getattr(ours, measure) / max(theirs[best], 1e-9), "<=", bound)
+
+
+def contradicted(log: Log, track: Track, since_s: float) -> None:
+    """Print how long after the first contradiction `filter_ok` becomes false."""
+    after = np.flatnonzero((log.seconds >= since_s) & ~track.flags["filter_ok"])
+    late = float(log.seconds[after[0]] - since_s) if len(after) else float("inf")
+    goal("  filter_ok false after the first contradiction, s", late, "<=", 0.5)
+
+
+def agreement(name: str, log: Log, chosen: Sequence[str], data: Path) -> dict[str, Any]:
+    """Print how estimates without one leg agree on a log without truth, and return it by estimator."""
+    made = maker_yaw(log, data) if FOREIGN[name].file.endswith(".bag") else None
+    found = {one: leave_one_out(log, lambda part, one=one: run(one, part), made) for one in chosen}
+    rows = [(one, *("-" if not np.isfinite(x) else f"{x:.2f}" for x in vars(s).values())) for one, s in found.items()]
+    table(f"{name}, {log.seconds[-1]:.0f} s, no truth: one leg left out in turn", LEFT_OUT, rows)
+    for measure, (_, most) in goals_of(name, float("nan")).items() if default() in found else ():
+        goal(f"  {measure}", getattr(found[default()], measure), "<=", most)
+    return {one: asdict(s) for one, s in found.items()}
+
+
+def maker_yaw(log: Log, data: Path) -> NDArray[np.float64]:
+    """Return the heading by the maker's attitude in a bag, (n,) rad."""
+    rot = go1_bag(data / FOREIGN[log.name].file)[1]
+    return np.unwrap(np.arctan2(rot[:, 1, 0], rot[:, 0, 0]))
