@@ -54,7 +54,9 @@ class ForeignScore:
 def timed(name: str, log: Log, options: Mapping[str, Any] | None = None) -> tuple[Track, float]:
     """Run an estimator over a log; return its track and us a row, kernels compiled before."""
     short = log.with_imu(np.arange(min(WARM_ROWS, len(log.stamp_ns))))
-    run(name, short.with_feet(short.foot_ns <= short.stamp_ns[-1]), options)
+    short = replace(short.with_feet(short.foot_ns <= short.stamp_ns[-1]), rest=(0, 0))
+    if not name.startswith("gtsam"):  # nothing to compile
+        run(name, short, options)
     began = time.perf_counter()
     found = run(name, log, options)
     return found, 1e6 * (time.perf_counter() - began) / len(log.stamp_ns)

@@ -157,7 +157,7 @@ def _go1(row: ForeignLog, path: Path) -> Log:
         TrueMotion(wide["p"][last], wide["R"][last], v_world[last]), force=force, radius=np.full(4, RADIUS),
         imu_position=IMU_IN_TRUNK, sensors={"imu_period_ns": period, "kinematics_period_ns": period},
     )  # fmt: skip
-    if row.contacts in ("force", "torque") and row.levels is not None:
+    if row.levels is not None:
         return replace(log, contact=schmitt(force, *row.levels))
     if row.contacts == "none":
         low = by_height(log.foot_position, mean_up(log))
@@ -196,9 +196,10 @@ def _go1_rows() -> list[ForeignLog]:
         noise = {"sigma_w": 0.0027 / every**0.5, "sigma_q": 0.1}
         for contacts in known:
             name = f"go1_trot{rate}" + ("" if contacts == "given" else f"_{contacts}")
-            rows.append(ForeignLog(
-                name, "go1_trot_sim.npz", _go1, 7, noise, "ball", 0, 0.5, 1.0, (20.0, 10.0), every, contacts
-            ))  # fmt: skip
+            levels = (20.0, 10.0) if contacts in ("force", "torque") else None
+            rows.append(
+                ForeignLog(name, "go1_trot_sim.npz", _go1, 7, noise, "ball", 0, 0.5, 1.0, levels, every, contacts)
+            )
     return rows
 
 

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from benchmarks.foreign import chosen_of, readable
+from benchmarks.foreign_changes import alarms, changes, planted, turned_starts
 from benchmarks.foreign_scores import absolute, goals_of, gyro_alone, leave_one_out, relative, scored, without_leg
 from surefoot.errors import SurefootError
 from surefoot.lab.estimation.logs import FOREIGN
 from surefoot.lab.estimation.referees import run
 from tests.lab.estimation.test_scores import exact
-from tests.lab.estimation.walks import clean
+from tests.lab.estimation.walks import clean, noisy
 from tests.surefoot.expect import expect_error
 
 
@@ -91,3 +92,41 @@ def test_unknown_names_are_refused_and_absent_files_skipped(tmp_path, capsys: py
         list(readable(["go2"], tmp_path))
     assert list(readable(["go1_trot"], tmp_path)) == []
     assert "skipped" in capsys.readouterr().out
+
+
+def test_changes_leave_the_log_they_start_from_alone() -> None:
+    log = clean()
+    found = list(changes("best", log, FOREIGN["icub_kindyn_walk"]))
+    names = [change.name for change in found]
+    assert len(set(names)) == len(names)
+    assert {"sigma_w x 0.2", "sigma_point x 5", "legs x 0.95", "feet +20 ms"} <= set(names)
+    scale = found[names.index("legs x 1.05")].log
+    np.testing.assert_allclose(scale.foot_position, 1.05 * log.foot_position)
+    late = found[names.index("feet +20 ms")].log
+    assert late.foot_ns[0] - log.foot_ns[0] == 20_000_000
+    assert late.foot_ns[-1] <= log.stamp_ns[-1]
+
+
+def test_levels_of_force_change_contacts() -> None:
+    log = clean()
+    loaded = replace(log, force=np.where(log.contact, 200.0, 10.0))
+    found = {c.name: c.log for c in changes("best", loaded, FOREIGN["icub_kindyn_walk"])}
+    np.testing.assert_array_equal(found["contact forces x 0.5"].contact, log.contact)
+    assert not found["contact forces x 2"].contact.any()
+
+
+def test_a_referee_does_not_care_how_the_unit_is_mounted() -> None:
+    found = turned_starts("linear", noisy(), 0.1, 3)
+    assert found.diverged == 0
+    assert found.spread < 1e-3
+    assert found.slowest == 0.0
+
+
+def test_a_planted_fault_is_seen_and_a_clean_log_raises_no_alarm() -> None:
+    log = noisy()
+    whole = run("best", log)
+    found = planted("legs swapped", log, whole, 0, "best", 10.0)
+    assert found.ratio > 2.0
+    assert found.after < 0.5
+    assert alarms(log, whole) == 0.0
+    assert planted("switch stuck on", log, run("legs", log), 0, "legs", 10.0).flag == "none"

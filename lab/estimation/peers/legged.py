@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from surefoot.errors import SurefootError
 from surefoot.geometry.constants import GRAVITY
 
-from ..log import Log, segments
+from ..log import Log, Segments, segments
 from .inekf import PeerTrack, at_rest, new_track, upright
 
 Array = NDArray[np.float64]
@@ -26,8 +26,9 @@ KINDS = {
 SMOOTHERS = ("gtsam_lag", "gtsam_combined")
 """Referees that publish no covariance."""
 LAG_S = 1.0
-EVERY_NS = 50_000_000
-"""Time between two samples of the feet that a smoother takes, ns, if no foot lands or lifts in between."""
+EVERY_NS, LEAST_NS = 50_000_000, 10_000_000
+"""Time between two samples of the feet that a smoother takes, ns, and where a foot lands or lifts: at steps of 1 ms
+its system is indeterminate."""
 
 
 class LeggedNoise(NamedTuple):
@@ -103,28 +104,37 @@ def legged(kind: str, log: Log, noise: LeggedNoise) -> PeerTrack:
         noise: standard deviations.
 
     Raises:
-        SurefootError: the wheel has no such estimator, or its estimate is not finite.
+        SurefootError: the wheel has no such estimator, or it failed on this log.
     """
     cut, out = segments(log), new_track(len(log.stamp_ns))
     bias, q, begin = at_rest(log)
     start = int(np.searchsorted(cut.row, begin))
     running = _estimator(kind, log.feet_count, upright(q), np.zeros(3) if bias is None else bias, noise)
-    before, taken = np.zeros(log.feet_count, dtype=np.bool_), -EVERY_NS
+    try:
+        _walk(kind, log, cut, start, running, out)
+    except RuntimeError as error:
+        text = str(error).strip().partition("\n")[0]
+        raise SurefootError("invalid", f"{kind} failed on {log.name}: {text}", "estimator") from None
+    return out
+
+
+def _walk(kind: str, log: Log, cut: Segments, start: int, running: Any, out: PeerTrack) -> None:
+    """Walk along a log, and write the track, in place."""
+    before, taken = np.zeros(log.feet_count, dtype=np.bool_), int(log.stamp_ns[0])
     for s in range(len(cut.d)):
         k, j = int(cut.row[s]), int(cut.feet[s])
         if s >= start:
             running.predict(log.w[k], log.q[k], float(cut.d[s]))
             if j >= 0:
-                seen = log.foot_position[j]
+                seen, now = log.foot_position[j], int(log.foot_ns[j])
                 touch = log.contact[j] & np.isfinite(seen).all(axis=1)
-                due = kind not in SMOOTHERS or log.foot_ns[j] - taken >= EVERY_NS or (touch != before).any()
-                if due and touch.any():
-                    running.processContacts(_contacts(seen, touch, before))
-                    taken = int(log.foot_ns[j])
-                before = touch
+                wait = EVERY_NS if (touch == before).all() else LEAST_NS
+                if kind not in SMOOTHERS or now - taken >= wait:
+                    if touch.any():
+                        running.processContacts(_contacts(seen, touch, before))
+                    before, taken = touch, now
         if cut.last[s]:
             _write(running, kind, k, out)
-    return out
 
 
 def _write(running: Any, kind: str, k: int, out: PeerTrack) -> None:
