@@ -1,6 +1,6 @@
 """Changes of a log of others or of what is stated about it, and errors with them: rows of the parts of `foreign`."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -31,7 +31,7 @@ LEVELS = (0.5, 2.0)
 OFFSET_NS = 20_000_000
 """Between encoders and inertial unit, either way."""
 MIDDLE = 0.4
-"""Share of the log at which starts in motion and faults begin."""
+"""Share of the log from which starts in motion and faults begin."""
 RECOVERY_S = 3.0
 """From a start in motion until scores count; at most 40 % of what is left."""
 DIVERGED = 2.0
@@ -96,8 +96,8 @@ class Starts:
 
 
 def turned_starts(name: str, log: Log, way: float, count: int) -> Starts:
-    """Run an estimator from the middle of a log on, once for each of `count` rotations of the inertial unit."""
-    cut = from_the_middle(log, MIDDLE * float(log.seconds[-1]))
+    """Run an estimator from a fast moment on, once for each of `count` rotations of the inertial unit."""
+    cut = from_the_middle(log, fast_moment(log))
     cut = replace(cut, begin_s=min(RECOVERY_S, 0.4 * float(cut.seconds[-1])))
     errors: list[float] = []
     ways: list[float] = []
@@ -116,9 +116,22 @@ def turned_starts(name: str, log: Log, way: float, count: int) -> Starts:
     median = float(np.nanmedian(error))
     good = error <= DIVERGED * median
     return Starts(
-        median, 100.0 * float(np.std(error[good])) / median, float(np.nanmax(error)) / median, float(np.nanmax(ways)),
-        int((~good).sum()), float(np.nanmax(late)), float(np.nanmax(sds)),
+        median, 100.0 * float(np.std(error[good])) / median, _most(errors) / median, _most(ways), int((~good).sum()),
+        _most(late), _most(sds),
     )  # fmt: skip
+
+
+def fast_moment(log: Log) -> float:
+    """Return the first time from 40 % of a log on at which it moves faster than its rms, by means over 0.5 s, in s."""
+    speed = np.linalg.norm(smoothed(log.v_world, log), axis=1)
+    rows = np.arange(len(speed)) + (len(log.v_world) - len(speed)) // 2
+    late = log.seconds[rows] >= MIDDLE * log.seconds[-1]
+    return float(log.seconds[rows[np.argmax(late & (speed > np.sqrt(np.mean(speed**2))))]])
+
+
+def _most(values: Sequence[float]) -> float:
+    """Return the largest finite value, NaN = there is none."""
+    return max((x for x in values if np.isfinite(x)), default=float("nan"))
 
 
 @dataclass(frozen=True)

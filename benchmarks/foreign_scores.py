@@ -15,6 +15,7 @@ from surefoot.lab.estimation.track import Track
 
 Array = NDArray[np.float64]
 
+NAN = float("nan")
 INSIDE_95 = 7.815
 """Value below which 95 % of chi^2 with 3 degrees of freedom lie."""
 SAMPLE_S = 0.25
@@ -31,19 +32,19 @@ HEADERS = (
 class ForeignScore:
     """Errors over the scored part of a log; NaN = unknown."""
 
-    v: float  # cm/s, rms over rows
-    smooth: float  # cm/s, rms of the mean over 0.5 s
-    nees: float  # of v, mean; 3 = ideal
-    inside: float  # share of the rows in the 95 % region
-    rpe: float  # % of the log's way, rms of the relative position
-    ate: float  # cm, rms of the position after alignment of place and heading
-    end: float  # cm, error of the displacement at the end
-    heading: float  # deg, rms
-    heading_end: float  # deg
-    height: float  # mm/m, rms over the log's way
-    ok: float  # share of the rows with filter_ok
-    start: float  # s, until initialised
-    cost: float  # us a row
+    v: float = NAN  # cm/s, rms over rows
+    smooth: float = NAN  # cm/s, rms of the mean over 0.5 s
+    nees: float = NAN  # of v, mean; 3 = ideal
+    inside: float = NAN  # share of the rows in the 95 % region
+    rpe: float = NAN  # % of the log's way, rms of the relative position
+    ate: float = NAN  # cm, rms of the position after alignment of place and heading
+    end: float = NAN  # cm, error of the displacement at the end
+    heading: float = NAN  # deg, rms
+    heading_end: float = NAN  # deg
+    height: float = NAN  # mm/m, rms over the log's way
+    ok: float = NAN  # share of the rows with filter_ok
+    start: float = NAN  # s, until initialised
+    cost: float = NAN  # us a row
 
     def cells(self) -> tuple[str, ...]:
         """Return the cells of a table."""
@@ -62,7 +63,7 @@ def timed(name: str, log: Log, options: Mapping[str, Any] | None = None) -> tupl
     return found, 1e6 * (time.perf_counter() - began) / len(log.stamp_ns)
 
 
-def scored(log: Log, found: Track, way: float, cost: float = float("nan")) -> ForeignScore:
+def scored(log: Log, found: Track, way: float, cost: float = NAN) -> ForeignScore:
     """Compare a track with the truth of its log.
 
     Args:
@@ -73,7 +74,7 @@ def scored(log: Log, found: Track, way: float, cost: float = float("nan")) -> Fo
     """
     initialised = found.flags["initialised"]
     if not initialised[log.scored].any():
-        return ForeignScore(*[float("nan")] * 10, ok=0.0, start=float("nan"), cost=cost)
+        return ForeignScore(ok=0.0, cost=cost)
     s, rows = score(log, replace(found, p=_solvable(found.p))), log.scored
     known = np.isfinite(found.p[rows]).all() and found.p[rows][:, 3, 3].min() > 0.0
     each = nees(found.v[rows] - log.v[rows], found.p[rows][:, 3:, 3:]) if known else np.array([np.nan])
@@ -110,7 +111,7 @@ def relative(log: Log, found: Track, way: float) -> tuple[float, float]:
     end = np.searchsorted(gone, gone + way)
     first = np.flatnonzero(end < len(rows))
     if not len(first):
-        return float("nan"), float("nan")
+        return NAN, NAN
     a, b = rows[first], rows[end[first]]
     error = turn(found.position[b] - found.position[a], yaw[a] - found.yaw[a]) - (true[b] - true[a])
     return float(np.sqrt(np.mean(np.sum(error**2, axis=1)))) / way, float(np.sqrt(np.mean(error[:, 2] ** 2))) / way
@@ -140,13 +141,13 @@ def gyro_alone(log: Log) -> tuple[float, float]:
 class LegOut:
     """Agreement of estimates that use all legs but one; a log without truth has nothing better."""
 
-    difference: float  # cm/s, rms over legs and rows, of the velocity against that with all legs
-    worst: float  # cm/s, the same of the worst leg
-    heights: float  # cm, spread of the heights at the end
-    ends: float  # cm, largest distance of an end from that with all legs
-    heading: float  # deg, turn by all legs minus that of the gyro
-    made: float  # deg, turn by all legs minus that of the maker's attitude, NaN = there is none
-    ok: float  # share of rows with filter_ok, all legs
+    difference: float = NAN  # cm/s, rms over legs and rows, of the velocity against that with all legs
+    worst: float = NAN  # cm/s, the same of the worst leg
+    heights: float = NAN  # cm, spread of the heights at the end
+    ends: float = NAN  # cm, largest distance of an end from that with all legs
+    heading: float = NAN  # deg, turn by all legs minus that of the gyro
+    made: float = NAN  # deg, turn by all legs minus that of the maker's attitude, NaN = there is none
+    ok: float = NAN  # share of rows with filter_ok, all legs
 
 
 def without_leg(log: Log, leg: int) -> Log:
@@ -169,7 +170,7 @@ def leave_one_out(log: Log, estimate: Callable[[Log], Track], made: Array | None
     """
     whole, rows = estimate(log), log.scored
     if not whole.flags["initialised"][rows].any():
-        return LegOut(*[float("nan")] * 6, ok=0.0)
+        return LegOut(ok=0.0)
     parts = [estimate(without_leg(log, leg)) for leg in range(log.feet_count)]
     square = [float(np.mean(np.sum((part.v - whole.v)[rows] ** 2, axis=1))) for part in parts]
     last, yaw = int(np.flatnonzero(rows)[-1]), turned(log, whole.yaw)[-1]
@@ -178,7 +179,7 @@ def leave_one_out(log: Log, estimate: Callable[[Log], Track], made: Array | None
         100.0 * float(np.sqrt(np.mean(square))), 100.0 * float(np.sqrt(max(square))),
         100.0 * float(np.ptp(ends[:, 2])), 100.0 * float(np.linalg.norm(ends - ends[0], axis=1).max()),
         float(np.degrees(yaw - turned(log, gyro_yaw(log))[-1])),
-        float("nan") if made is None else float(np.degrees(yaw - turned(log, made)[-1])),
+        NAN if made is None else float(np.degrees(yaw - turned(log, made)[-1])),
         float(whole.flags["filter_ok"][rows].mean()),
     )  # fmt: skip
 

@@ -13,8 +13,8 @@ from benchmarks.report import Bench, goal, parser_of, table
 
 FOLDER = Path(benchmarks.__file__).parent
 HELPERS = {
-    "__init__", "__main__", "branches", "core_system", "foreign_changes", "foreign_scores", "machine", "own_slip",
-    "report", "rivals",
+    "__init__", "__main__", "branches", "core_system", "foreign_changes", "foreign_scores", "foreign_tables",
+    "machine", "own_slip", "report", "rivals",
 }  # fmt: skip
 """Modules without parts."""
 SLOW = {

@@ -8,6 +8,7 @@ import pytest
 from benchmarks.foreign import chosen_of, readable
 from benchmarks.foreign_changes import alarms, changes, planted, turned_starts
 from benchmarks.foreign_scores import absolute, goals_of, gyro_alone, leave_one_out, relative, scored, without_leg
+from benchmarks.foreign_tables import plain
 from surefoot.errors import SurefootError
 from surefoot.lab.estimation.logs import FOREIGN
 from surefoot.lab.estimation.referees import run
@@ -130,3 +131,10 @@ def test_a_planted_fault_is_seen_and_a_clean_log_raises_no_alarm() -> None:
     assert found.after < 0.5
     assert alarms(log, whole) == 0.0
     assert planted("switch stuck on", log, run("legs", log), 0, "legs", 10.0).flag == "none"
+
+
+def test_scores_for_json_hold_no_nan() -> None:
+    log = clean()
+    kept = plain({"walk": {"best": scored(log, flagged(exact(log)), 50.0)}})
+    assert kept["walk"]["best"]["rpe"] is None
+    assert kept["walk"]["best"]["inside"] == 1.0
