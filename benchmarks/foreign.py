@@ -11,7 +11,9 @@ log itself, which favours it. Gyro alone starts from the true attitude; its bias
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +30,7 @@ from surefoot.lab.estimation.scores import score
 from surefoot.lab.estimation.track import default
 from surefoot.lab.estimation.walks import VARIANTS, walk
 from surefoot.lab.studies import seeds_of
+from surefoot.papers.wawrzynski.sets import LogSet, tuned
 from surefoot.papers.wawrzynski.synthetic import KINDS as WALKS
 from surefoot.papers.wawrzynski.synthetic import synthesize
 
@@ -192,14 +195,21 @@ def faults(*, logs: str = CHANGED, estimators: str = default(), times: int = 2, 
             goal(f"  {one}, false alarms per hour, {name}", alarms(log, clean[name]), "<=", 1.0)
 
 
+def _variant(name: str, seed: int) -> Log:
+    return walk(name, seed).log
+
+
 @BENCH.part("--seeds 1 --sets edges3")
-def simulated(*, sets: str = "", estimators: str = f"{default()},inekf", seeds: str = "5") -> None:
+def simulated(
+    *, sets: str = "", estimators: str = f"{default()},inekf", seeds: str = "5", tuned_: bool = False
+) -> None:
     """Walks on ice and with another inertial unit, which estimators do not know of, and feet that land on edges.
 
     Args:
         sets: names, by commas; default: all.
         estimators: names, by commas.
         seeds: of the walks, count or first:end; a walk that is not in the cache takes up to half a minute.
+        tuned_: add the invariant filter tuned on other seeds, `inekf*`.
     """
     made = {f"edges{deg}": replace(WALKS["edges"], edge_deg=(deg, deg)) for deg in (0, 2, 3, 4, 8)}
     names = words_of(sets) or (*VARIANTS, *made)
@@ -207,12 +217,17 @@ def simulated(*, sets: str = "", estimators: str = f"{default()},inekf", seeds: 
         raise SurefootError("invalid", f"got {', '.join(unknown)}; known are {', '.join((*VARIANTS, *made))}", "sets")
     rows: list[tuple[object, ...]] = []
     for name in names:
-        logs = [walk(name, seed).log if name in VARIANTS else synthesize(made[name], seed) for seed in seeds_of(seeds)]
-        for one in words_of(estimators):
+        make = partial(_variant, name) if name in VARIANTS else partial(synthesize, made[name])
+        chosen = LogSet(name, make)
+        runs: list[tuple[str, str, dict[str, Any]]] = [(one, one, {}) for one in words_of(estimators)]
+        if tuned_:
+            runs.append(("inekf*", "inekf", tuned(chosen, "inekf")))
+        logs = chosen.logs(seeds_of(seeds))
+        for text, one, options in runs:
             found = [(score(log, track), track.flags["filter_ok"][log.scored].mean())
-                     for log in logs for track in [run(one, log)]]  # fmt: skip
+                     for log in logs for track in [run(one, log, options)]]  # fmt: skip
             numbers = [(100 * s.rmse, 100 * s.smooth, s.percent, 100 * s.odometry, s.nees, s.tilt_deg, ok)
                        for s, ok in found]  # fmt: skip
-            rows.append((f"{name}, {one}", *(f"{x:.2f}" for x in np.mean(numbers, axis=0))))
+            rows.append((f"{name}, {text}", *(f"{x:.2f}" for x in np.mean(numbers, axis=0))))
     header = ("walk, estimator", "v cm/s", "0.5 s", "|avg| %", "odometry %", "NEES", "tilt deg", "ok")
     table("means over the seeds (goals: odometry on ice <= 3 %, other sensors <= 1.5 %)", header, rows)

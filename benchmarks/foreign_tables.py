@@ -12,6 +12,7 @@ from surefoot.lab.estimation.contacts import without_rolling
 from surefoot.lab.estimation.go1 import go1_bag
 from surefoot.lab.estimation.log import Log
 from surefoot.lab.estimation.logs import FOREIGN
+from surefoot.lab.estimation.peers.legs import inertial_velocity
 from surefoot.lab.estimation.referees import run
 from surefoot.lab.estimation.track import Track, default
 from surefoot.papers.wawrzynski.sets import LogSet, tuned
@@ -78,10 +79,16 @@ def print_goals(name: str, way: float, found: dict[str, ForeignScore], gyro: flo
 
 
 def contradicted(log: Log, track: Track, since_s: float) -> None:
-    """Print how long after the first contradiction `filter_ok` becomes false."""
-    after = np.flatnonzero((log.seconds >= since_s) & ~track.flags["filter_ok"])
-    late = float(log.seconds[after[0]] - since_s) if len(after) else float("inf")
+    """Print how `filter_ok` and the velocity fare after the first contradiction, beside the inertial unit alone."""
+    first = int(np.searchsorted(log.seconds, since_s))
+    after = np.flatnonzero(~track.flags["filter_ok"][first:])
+    late = float(log.seconds[first + after[0]] - since_s) if len(after) else float("inf")
     goal("  filter_ok false after the first contradiction, s", late, "<=", 0.5)
+    error = np.einsum("nij,nj->ni", log.rot, track.v)[first:] - log.v_world[first:]
+    alone = inertial_velocity(log, first) - log.v_world[first:]
+    goal(
+        "  velocity from then on / inertial unit alone", float(np.sqrt(np.sum(error**2) / np.sum(alone**2))), "<=", 1.0
+    )
 
 
 def agreement(name: str, log: Log, chosen: Sequence[str], data: Path) -> dict[str, LegOut]:

@@ -11,6 +11,7 @@ from benchmarks.foreign_scores import absolute, goals_of, gyro_alone, leave_one_
 from benchmarks.foreign_tables import plain
 from surefoot.errors import SurefootError
 from surefoot.lab.estimation.logs import FOREIGN
+from surefoot.lab.estimation.peers.legs import inertial_velocity
 from surefoot.lab.estimation.referees import run
 from tests.lab.estimation.test_scores import exact
 from tests.lab.estimation.walks import clean, noisy
@@ -138,3 +139,9 @@ def test_scores_for_json_hold_no_nan() -> None:
     kept = plain({"walk": {"best": scored(log, flagged(exact(log)), 50.0)}})
     assert kept["walk"]["best"]["rpe"] is None
     assert kept["walk"]["best"]["inside"] == 1.0
+
+
+def test_a_perfect_inertial_unit_needs_no_feet() -> None:
+    log = clean()
+    v = inertial_velocity(log, 250)
+    np.testing.assert_allclose(v, log.v_world[250:], atol=0.01)

@@ -64,17 +64,31 @@ def legs(log: Log) -> PeerTrack:
     return PeerTrack(v, GRAVITY * rot[:, 2, :], p, path(log, v, rot), rot)
 
 
-def gyro_attitude(log: Log) -> Array:
-    """Return rot_world_from_imu (n, 3, 3) by the gyro alone from the true attitude at the start, or else gravity's.
+def gyro_attitude(log: Log, first: int = 0) -> Array:
+    """Return rot_world_from_imu (n - first, 3, 3) by the gyro alone.
 
-    Its bias is the mean of the standstill where there is one; the tilt is not corrected.
+    It begins with the true attitude of row `first`, or without truth with that of gravity. The gyro's bias is the mean
+    of the standstill where there is one; the tilt is not corrected.
     """
     rest, _, _ = at_rest(log)
     steps = np.diff(log.seconds, prepend=log.seconds[0])[:, None]
     turns = Rotation.from_rotvec((log.w - (0.0 if rest is None else rest)) * steps)
-    now = Rotation.from_matrix(attitude(log)[0] if log.truth is None else log.truth.rot[0])
-    out = np.empty((len(steps), 3, 3))
-    for k in range(len(steps)):
+    now = Rotation.from_matrix(attitude(log)[first] if log.truth is None else log.truth.rot[first])
+    out = [now.as_matrix()]
+    for k in range(first + 1, len(steps)):
         now = now * turns[k]
-        out[k] = now.as_matrix()
-    return out
+        out.append(now.as_matrix())
+    return np.array(out)
+
+
+def inertial_velocity(log: Log, first: int) -> Array:
+    """Return the velocity (n - first, 3) m/s, world, by the inertial unit alone from the truth of row `first` on.
+
+    Biases are the means of the standstill at the beginning.
+    """
+    truth, up = log.known(), np.array([0.0, 0.0, GRAVITY])
+    rest, force, _ = at_rest(log)
+    bias = np.zeros(3) if rest is None else force - truth.rot[0].T @ up
+    push = np.einsum("nij,nj->ni", gyro_attitude(log, first), log.q[first:] - bias) - up
+    steps = np.diff(log.seconds[first:], prepend=log.seconds[first])[:, None]
+    return truth.v_world[first] + np.cumsum(push * steps, axis=0)
