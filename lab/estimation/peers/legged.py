@@ -14,7 +14,7 @@ from surefoot.errors import SurefootError
 from surefoot.geometry.constants import GRAVITY
 
 from ..log import Log, Segments, segments
-from .inekf import PeerTrack, at_rest, new_track, upright
+from .inekf import PeerTrack, at_rest, new_track, skew, upright
 
 Array = NDArray[np.float64]
 
@@ -88,10 +88,6 @@ def _contacts(seen: Array, touch: NDArray[np.bool_], before: NDArray[np.bool_]) 
     return out
 
 
-def _skew(x: Array) -> Array:
-    return np.array([[0.0, -x[2], x[1]], [x[2], 0.0, -x[0]], [-x[1], x[0], 0.0]])
-
-
 def legged(kind: str, log: Log, noise: LeggedNoise) -> PeerTrack:
     """Run one over a log; the covariance of smoothers is NaN.
 
@@ -146,5 +142,5 @@ def _write(running: Any, kind: str, k: int, out: PeerTrack) -> None:
         out.p[k] = np.nan
         return
     m = np.zeros((6, 9))
-    m[:3, :3], m[3:, :3], m[3:, 6:] = _skew(out.g[k]), _skew(out.v[k]), np.eye(3)
+    m[:3, :3], m[3:, :3], m[3:, 6:] = skew(out.g[k]), skew(out.v[k]), np.eye(3)
     out.p[k] = m @ running.covariance()[:9, :9] @ m.T
