@@ -6,12 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from .files import LOWEST_M
 from .log import Log
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+LOW_M = 0.005
+"""Height over the lowest foot up to which a foot stands, as in logs without contacts, m."""
 UP_S = 0.3
 """Time over which the mean accelerometer shows the direction of gravity, s."""
 
@@ -34,7 +35,7 @@ def by_height(position: Array, up: Array) -> Flags:
         up: unit vectors in the same axes, (m, 3).
     """
     height = np.einsum("mfi,mi->mf", position, up)
-    return height < np.nanmin(height, axis=1)[:, None] + LOWEST_M
+    return height < np.nanmin(height, axis=1)[:, None] + LOW_M
 
 
 def mean_up(log: Log) -> Array:
