@@ -42,7 +42,7 @@ class ForeignLog:
     make: Callable[["ForeignLog", Path], Log]
     window: int  # rows of the Savitzky-Golay window (order 3) behind the true velocity; 0 = no truth
     sensors: Mapping[str, float | int]  # noise of a row; empty = found in the quiet part of the log
-    feet: Literal["point", "ball", "sole"]
+    feet: Literal["point", "ball", "sole", "found"]
     rest: int  # rows of the standstill at the beginning
     begin_s: float  # s, scored from
     way: float  # m, over which relative pose errors are taken
@@ -206,9 +206,9 @@ def _go1_rows() -> list[ForeignLog]:
 _KINDYN, _ICUB3, _COM = "icub_kindyn_walk.npz", "icub3_gazebo_walk.npz", "icub_real_com.npz"
 _CASBOT = {"sigma_w": 0.003, "sigma_q": 0.05}
 FOREIGN: dict[str, ForeignLog] = {row.name: row for row in (
-    ForeignLog("icub_kindyn_walk", _KINDYN, _command, 51, {}, "point", 500, 5.5, 0.5, (150.0, 120.0)),
+    ForeignLog("icub_kindyn_walk", _KINDYN, _command, 51, {}, "found", 500, 5.5, 0.5, (150.0, 120.0)),
     ForeignLog("icub_kindyn_sole", _KINDYN, _command, 51, {}, "sole", 500, 5.5, 0.5, (150.0, 120.0)),
-    ForeignLog("icub3_gazebo_walk", _ICUB3, _command, 15, {}, "point", 1600, 16.2, 1.0, (240.0, 180.0)),
+    ForeignLog("icub3_gazebo_walk", _ICUB3, _command, 15, {}, "found", 1600, 16.2, 1.0, (240.0, 180.0)),
     ForeignLog("icub3_gazebo_sole", _ICUB3, _command, 15, SENSORS, "sole", 1600, 16.2, 1.0, (240.0, 180.0)),
     ForeignLog("icub_real_com", _COM, _command, 61, SENSORS, "sole", 200, 2.4, 0.1, (150.0, 120.0)),
     *_go1_rows(),
@@ -219,7 +219,8 @@ FOREIGN: dict[str, ForeignLog] = {row.name: row for row in (
     ForeignLog("go1_bag_a", "go1_bag_a.bag", _bag, 0, {"sigma_w": 0.01, "sigma_q": 0.1}, "ball", 0, 0.5, 1.0),
 )}  # fmt: skip
 """Logs of others by name. Motion capture of the real walk repeats up to 54 rows: its window is the shortest over which
-filters differ; the sway needs 61. Soles are those of the robots; `point` is what a user gets who states nothing."""
+filters differ; the sway needs 61. Soles are those of the robots; `found` feet are what `surefoot estimate` makes of a
+file about which nothing is stated."""
 
 
 def foreign(name: str, data: Path = DATA) -> Log:
