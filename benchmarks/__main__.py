@@ -13,7 +13,7 @@ from pathlib import Path
 from surefoot.errors import SurefootError
 
 NAMES = (
-    "studies", "goals", "walker", "biped", "footholds", "foothold_walks", "trials", "estimator", "accuracy",
+    "studies", "goals", "walker", "biped", "footholds", "foothold_walks", "trials", "estimator", "accuracy", "foreign",
     "navigator", "policies", "lost", "stability", "queries", "peers", "bus", "core", "lockstep", "simulator", "starts",
     "soak", "flood",
 )  # fmt: skip

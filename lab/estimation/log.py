@@ -66,6 +66,7 @@ class Log:
     end_s: float = 0.1  # and end so long before the end
     saturated: Flags | None = None  # (n,) rows that the driver marks as clipped
     order: Ints | None = None  # order of arrival: index of the inertial row, or n + index of the foot sample
+    chance: Array | None = None  # (m, F) probability of contact, NaN = unknown; None = `contact` is certain
 
     @property
     def feet_count(self) -> int:
@@ -89,8 +90,13 @@ class Log:
         return self.truth
 
     @property
-    def switches(self) -> Flags:
-        """Closed switches of each foot, (m, F, S); S = 1 where the log has flags of feet, or others than those."""
+    def switches(self) -> Flags | Array:
+        """Closed switches of each foot, (m, F, S); S = 1 where the log has flags of feet, or others than those.
+
+        Probabilities instead, (m, F, 1), where the log has them.
+        """
+        if self.chance is not None:
+            return self.chance[:, :, None]
         if self.touch is None or (self.touch.any(axis=2) != self.contact).any():
             return self.contact[:, :, None]
         return self.touch
@@ -141,7 +147,7 @@ class Log:
 
     def with_feet(self, keep: Flags | Ints) -> "Log":
         """Return the log with some of the foot samples only; `keep` is a mask or indices, (m,)."""
-        some = {name: getattr(self, name) for name in ("touch", "force", "joints")}
+        some = {name: getattr(self, name) for name in ("touch", "force", "joints", "chance")}
         return replace(
             self, foot_ns=self.foot_ns[keep], foot_position=self.foot_position[keep], foot_rot=self.foot_rot[keep],
             contact=self.contact[keep], order=None, **{k: None if v is None else v[keep] for k, v in some.items()},

@@ -1,29 +1,65 @@
-"""Logs of others in one NumPy layout: two humanoids with truth (columns in the README beside the files)."""
+"""Logs of others: sets of humanoids with soles, quadrupeds with point feet, real and simulated (columns beside them).
 
-from collections.abc import Mapping
+`FOREIGN` is the table of what is known of each: truth, noise, feet, standstill, contacts. Files stay where they are,
+some have no licence: nothing of them is kept here.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from surefoot.errors import SurefootError
+
+from .contacts import by_height, mean_up, schmitt
+from .files import open_log
+from .go1 import IMU_IN_TRUNK, RADIUS, go1_bag, go1_feet, go1_forces
 from .log import Log, TrueMotion
 
 Array = NDArray[np.float64]
+Contacts = Literal["given", "force", "torque", "none"]
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
-TRUTH_ROWS = {"icub3_gazebo_walk": 15, "icub_real_com": 61}
-"""Rows of the Savitzky-Golay window (order 3) behind the true velocity of each set."""
 SENSORS: dict[str, float | int] = {
     "sigma_w": 0.01, "sigma_q": 0.09, "standstill_samples": 30, "standstill_gyro_sd": 0.05, "standstill_acc_sd": 0.5,
     "acc_bias_sd": 0.05,
 }  # fmt: skip
-"""Parameters of their inertial units, noise per sample; the same for both."""
+"""Parameters of the inertial units of the humanoids, noise per sample; the same for both."""
 SOLE = np.array([[0.07, 0.03, 0.0], [0.07, -0.03, 0.0], [-0.04, 0.0, 0.0]])
-"""Three points of a sole in its own axes, m: inside the outline of both robots' soles."""
-WALK_FROM_S = 16.2
-"""The simulated robot stands until then; its scores are those of the walk."""
+"""Three points of a sole in its own axes, m: inside the outline of the humanoids' soles."""
+
+
+@dataclass(frozen=True)
+class ForeignLog:
+    """One row of the table of logs."""
+
+    name: str
+    file: str
+    make: Callable[["ForeignLog", Path], Log]
+    window: int  # rows of the Savitzky-Golay window (order 3) behind the true velocity; 0 = no truth
+    sensors: Mapping[str, float | int]  # noise of a row; empty = found in the quiet part of the log
+    feet: Literal["point", "ball", "sole", "found"]
+    rest: int  # rows of the standstill at the beginning
+    begin_s: float  # s, scored from
+    way: float  # m, over which relative pose errors are taken
+    levels: tuple[float, float] | None = None  # N, force from which a foot stands and below which it lifts
+    every: int = 1  # rows that are averaged to one
+    contacts: Contacts = "given"
+
+    def read(self, data: Path = DATA) -> Log:
+        """Read the log.
+
+        Raises:
+            FileNotFoundError: the file is not there.
+            SurefootError: what reads it is not installed.
+        """
+        log = self.make(self, data / self.file)
+        sensors = {**log.sensors, **self.sensors}
+        return replace(log, name=self.name, rest=(0, self.rest), begin_s=self.begin_s, sensors=sensors)
 
 
 def humanoid(name: str, every: int = 3, data: Path = DATA) -> Log:
@@ -37,15 +73,13 @@ def humanoid(name: str, every: int = 3, data: Path = DATA) -> Log:
     Raises:
         FileNotFoundError: the set is not there.
     """
-    columns = np.load(data / f"{name}.npz")
-    period = float(columns["t"][1] - columns["t"][0])
-    v_world = np.asarray(
-        savgol_filter(columns["p"], TRUTH_ROWS[name], 3, deriv=1, delta=period, axis=0), dtype=np.float64
-    )
-    return from_columns(
-        name, columns, v_world, every, sensors=SENSORS, rest=(0, 30),
-        begin_s=WALK_FROM_S if name == "icub3_gazebo_walk" else 0.5,
-    )  # fmt: skip
+    columns, (window, begin_s) = np.load(data / f"{name}.npz"), HUMANOIDS[name]
+    v_world = _velocity(columns, window)
+    return from_columns(name, columns, v_world, every, sensors=SENSORS, rest=(0, 30), begin_s=begin_s)
+
+
+HUMANOIDS = {"icub3_gazebo_walk": (15, 16.2), "icub_real_com": (61, 0.5)}
+"""Window of the truth in rows, and s from which scores count: the simulated robot stands until it walks."""
 
 
 def from_columns(name: str, columns: Mapping[str, Array], v_world: Array, every: int = 3, **more: Any) -> Log:
@@ -58,15 +92,139 @@ def from_columns(name: str, columns: Mapping[str, Array], v_world: Array, every:
         every: rows between two foot samples.
         more: other fields of the log.
     """
-    stamp = 1 + np.round((columns["t"] - columns["t"][0]) * 1e9).astype(np.int64)
-    rows = slice(0, len(stamp), every)
+    rows = slice(0, len(columns["t"]), every)
     position, rot, contact = (np.ascontiguousarray(columns[key][rows]) for key in ("pf", "Rf", "contact"))
-    w, q = (np.ascontiguousarray(columns[key]) for key in ("w", "a"))
-    at, turned = np.asarray(columns["p"]), np.asarray(columns["R"])
     force = np.ascontiguousarray(columns["fz"][rows]) if "fz" in columns else None
-    feet = position.shape[1]
+    stamp, w, a = _stamps(columns["t"]), *(np.ascontiguousarray(columns[key]) for key in ("w", "a"))
     return Log(
-        name, stamp, w, q, np.ascontiguousarray(stamp[rows]), position, rot, contact.astype(np.bool_),
-        TrueMotion(at, turned, v_world), force=force, points=np.repeat(SOLE[None], feet, axis=0),
-        rot_base_from_imu=np.ascontiguousarray(turned[0]), **more,
+        name, stamp, w, a, np.ascontiguousarray(stamp[rows]), position, rot, contact.astype(np.bool_),
+        _truth(columns, v_world), force=force, points=np.repeat(SOLE[None], position.shape[1], axis=0),
+        rot_base_from_imu=np.ascontiguousarray(columns["R"][0]), **more,
     )  # fmt: skip
+
+
+def _stamps(t: Array) -> NDArray[np.int64]:
+    return 1 + np.round((t - t[0]) * 1e9).astype(np.int64)
+
+
+def _truth(columns: Mapping[str, Array], v_world: Array) -> TrueMotion:
+    position, rot = (np.asarray(columns[key], dtype=np.float64) for key in ("p", "R"))
+    return TrueMotion(position, rot, v_world)
+
+
+def _velocity(columns: Mapping[str, Array], window: int) -> Array:
+    """Return the true velocity (n, 3) m/s of the positions `p` at the times `t`; a row is the mean over the window."""
+    period = float(columns["t"][1] - columns["t"][0])
+    position = np.asarray(columns["p"], dtype=np.float64)
+    return np.asarray(savgol_filter(position, window, 3, deriv=1, delta=period, axis=0), dtype=np.float64)
+
+
+def _command(row: ForeignLog, path: Path) -> Log:
+    """Return the log as `surefoot estimate` reads it, with the smoothed true velocity; soles if the row has them."""
+    log, columns = open_log(path).log, np.load(path)
+    soles = np.repeat(SOLE[None], log.feet_count, axis=0) if row.feet == "sole" else log.points
+    return replace(log, truth=_truth(columns, _velocity(columns, row.window)), points=soles)
+
+
+def _generated(row: ForeignLog, path: Path) -> Log:
+    """Return a log whose feet have no orientation."""
+    columns = np.load(path)
+    n, feet = columns["contact"].shape
+    wide = {key: np.asarray(columns[key], dtype=np.float64) for key in ("t", "w", "a", "pf", "p", "R")}
+    wide |= {"Rf": np.broadcast_to(np.eye(3), (n, feet, 3, 3)), "contact": columns["contact"]}
+    period = round(1e9 * float(wide["t"][1] - wide["t"][0]))
+    periods = {"imu_period_ns": period, "kinematics_period_ns": period}
+    return replace(from_columns(row.name, wide, _velocity(wide, row.window), 1, sensors=periods), points=None)
+
+
+def _go1(row: ForeignLog, path: Path) -> Log:
+    """Return the trot: rows averaged over `every`, stamped at their end; feet and truth are those of that moment.
+
+    A contact flag does not mean a resting foot here: feet slide at 1 m/s for a tenth of a second after touch-down.
+    """
+    columns, every = np.load(path), row.every
+    n = len(columns["t"]) // every * every
+    wide = {key: np.asarray(columns[key][:n], dtype=np.float64) for key in ("w", "a", "p", "R", "q", "tau", "force")}
+    v_world = _velocity(wide | {"t": columns["t"]}, row.window)
+    w, a = (np.ascontiguousarray(wide[key].reshape(-1, every, 3).mean(axis=1)) for key in ("w", "a"))
+    last = slice(every - 1, n, every)
+    position, calf = go1_feet(wide["q"][last])
+    pushed = np.linalg.norm(wide["force"][last], axis=2)
+    force = go1_forces(wide["q"][last], wide["tau"][last]) if row.contacts == "torque" else pushed
+    stamp, period = _stamps(columns["t"])[last], round(1e6 * every)
+    log = Log(
+        row.name, stamp, w, a, stamp.copy(), position - IMU_IN_TRUNK, calf, columns["contact"][last],
+        TrueMotion(wide["p"][last], wide["R"][last], v_world[last]), force=force, radius=np.full(4, RADIUS),
+        imu_position=IMU_IN_TRUNK, sensors={"imu_period_ns": period, "kinematics_period_ns": period},
+    )  # fmt: skip
+    if row.levels is not None:
+        return replace(log, contact=schmitt(force, *row.levels))
+    if row.contacts == "none":
+        low = by_height(log.foot_position, mean_up(log))
+        return replace(log, contact=low, force=None, chance=np.full(low.shape, np.nan))
+    return log
+
+
+def _spot(row: ForeignLog, path: Path) -> Log:
+    """Return the staircase: rows at the mean period, since their stamps jitter; feet at the stamps of their events."""
+    columns = np.load(path)
+    t = columns["t"]
+    even = (t[-1] - t[0]) / (len(t) - 1) * np.arange(len(t))
+    lever, contact = columns["imu_in_body"], columns["contact"]
+    position = np.asarray(columns["pf_body"], dtype=np.float64) - lever
+    rot = np.broadcast_to(np.eye(3), (*contact.shape, 3, 3)).copy()
+    at = 1 + np.round(1e9 * (columns["t_event"] - t[0])).astype(np.int64)
+    order = np.argsort(at, kind="stable")
+    w, a = (np.asarray(columns[key], dtype=np.float64) for key in ("w", "a"))
+    return Log(
+        row.name, _stamps(even), w, a, at[order],
+        position[order], rot, contact[order], imu_position=lever, sensors={"kinematics_period_ns": 100_000_000},
+    )  # fmt: skip
+
+
+def _bag(row: ForeignLog, path: Path) -> Log:
+    if not path.exists():
+        raise FileNotFoundError(path)
+    return replace(go1_bag(path)[0], sensors={"imu_period_ns": 18_200_000, "kinematics_period_ns": 18_200_000})
+
+
+def _go1_rows() -> list[ForeignLog]:
+    """Return the rows of the trot: 1 kHz and averaged to 200 Hz, contacts from four sources."""
+    rows: list[ForeignLog] = []
+    known: tuple[Contacts, ...] = ("given", "force", "torque", "none")
+    for every, rate in ((1, ""), (5, "_200")):
+        noise = {"sigma_w": 0.0027 / every**0.5, "sigma_q": 0.1}
+        for contacts in known:
+            name = f"go1_trot{rate}" + ("" if contacts == "given" else f"_{contacts}")
+            levels = (20.0, 10.0) if contacts in ("force", "torque") else None
+            rows.append(
+                ForeignLog(name, "go1_trot_sim.npz", _go1, 7, noise, "ball", 0, 0.5, 1.0, levels, every, contacts)
+            )
+    return rows
+
+
+_KINDYN, _ICUB3, _COM = "icub_kindyn_walk.npz", "icub3_gazebo_walk.npz", "icub_real_com.npz"
+_CASBOT = {"sigma_w": 0.003, "sigma_q": 0.05}
+FOREIGN: dict[str, ForeignLog] = {row.name: row for row in (
+    ForeignLog("icub_kindyn_walk", _KINDYN, _command, 51, {}, "found", 500, 5.5, 0.5, (150.0, 120.0)),
+    ForeignLog("icub_kindyn_sole", _KINDYN, _command, 51, {}, "sole", 500, 5.5, 0.5, (150.0, 120.0)),
+    ForeignLog("icub3_gazebo_walk", _ICUB3, _command, 15, {}, "found", 1600, 16.2, 1.0, (240.0, 180.0)),
+    ForeignLog("icub3_gazebo_sole", _ICUB3, _command, 15, SENSORS, "sole", 1600, 16.2, 1.0, (240.0, 180.0)),
+    ForeignLog("icub_real_com", _COM, _command, 61, SENSORS, "sole", 200, 2.4, 0.1, (150.0, 120.0)),
+    *_go1_rows(),
+    ForeignLog("casbot_walk_a", "casbot_walk_a.npz", _generated, 7, _CASBOT, "point", 380, 2.0, 1.0),
+    ForeignLog("casbot_walk_b", "casbot_walk_b.npz", _generated, 7, _CASBOT, "point", 380, 2.0, 1.0),
+    ForeignLog("spot_staircase", "spot_staircase.npz", _spot, 0, {"sigma_w": 0.01, "sigma_q": 0.1}, "point", 0, 0.5,
+               1.0),
+    ForeignLog("go1_bag_a", "go1_bag_a.bag", _bag, 0, {"sigma_w": 0.01, "sigma_q": 0.1}, "ball", 0, 0.5, 1.0),
+)}  # fmt: skip
+"""Logs of others by name. Motion capture of the real walk repeats up to 54 rows: its window is the shortest over which
+filters differ; the sway needs 61. Soles are those of the robots; `found` feet are what `surefoot estimate` makes of a
+file about which nothing is stated."""
+
+
+def foreign(name: str, data: Path = DATA) -> Log:
+    """Read a log of others by its name in `FOREIGN`; see `ForeignLog.read`."""
+    if name not in FOREIGN:
+        raise SurefootError("invalid", f"got {name!r}; known are {', '.join(FOREIGN)}", "log")
+    return FOREIGN[name].read(data)

@@ -129,7 +129,7 @@ class LogRunner:
         """Feed an inertial sample: w (3,) rad/s, q (3,) m/s^2."""
         self._estimator.imu(stamp_ns, w, q, clipped)
 
-    def feet(self, stamp_ns: int, position: Array, rot: Array, contact: Flags) -> None:
+    def feet(self, stamp_ns: int, position: Array, rot: Array, contact: Flags | Array) -> None:
         """Feed a foot sample: (F, 3) m, (F, 3, 3), (F,)."""
         self._estimator.feet(stamp_ns, position, rot, contact)
 
@@ -237,7 +237,7 @@ def _piece(running: LogRunner, name: str, log: Log, part: Ints, first: int, n: i
     )  # fmt: skip
 
 
-def _of_world(name: str, log: Log, found: PeerTrack) -> Track:
+def of_world(name: str, log: Log, found: PeerTrack) -> Track:
     """Return the track of a referee that has a pose of the IMU."""
     v, g, p, x, rot = found
     n = len(v)
@@ -251,11 +251,11 @@ def _of_world(name: str, log: Log, found: PeerTrack) -> Track:
 
 
 def _inekf(log: Log, options: Mapping[str, Any]) -> Track:
-    return _of_world("inekf", log, inekf(log, InekfNoise(**options)))
+    return of_world("inekf", log, inekf(log, InekfNoise(**options)))
 
 
 def _linear(log: Log, options: Mapping[str, Any]) -> Track:
-    return _of_world("linear", log, linear(log, LinearNoise(**options)))
+    return of_world("linear", log, linear(log, LinearNoise(**options)))
 
 
 PEERS: dict[str, Callable[[Log, Mapping[str, Any]], Track]] = {"inekf": _inekf, "linear": _linear}

@@ -3,8 +3,9 @@
 import hashlib
 import os
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,12 @@ from .track import Track
 
 SCENARIOS = {"bioloid": "bioloid-walk", "nao": "nao-walk", "ragno-flat": "flat", "ragno-rough": "rough-terrain"}
 """Scenario of each walk, by name of the set."""
+VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
+    "bioloid-ice": ("bioloid", {"friction": 0.2}), "ragno-ice": ("ragno-flat", {"friction": 0.2}),
+    "bioloid-adis16350": ("bioloid", {"imu_profile": "adis16350"}),
+    "ragno-adis16350": ("ragno-flat", {"imu_profile": "adis16350"}),
+}  # fmt: skip
+"""Walks in another world: name of the walk, and what is changed. Estimators do not know of the change."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,17 +48,21 @@ def walk(name: str, seed: int, fresh: bool = False) -> RecordedWalk:
     """Return a walk, from the cache if it is there.
 
     Args:
-        name: of the set, see `SCENARIOS`.
+        name: of the set, see `SCENARIOS` and `VARIANTS`.
         seed: of the scenario.
         fresh: run it again: what the service published is then that of the present code.
     """
-    if name not in SCENARIOS:
-        raise SurefootError("invalid", f"got {name!r}; known are {', '.join(SCENARIOS)}", "walk")
-    path = find_scenario(SCENARIOS[name])
-    key = hashlib.sha256(path.read_bytes()).hexdigest()[:8]
+    plain, changes = VARIANTS.get(name, (name, {}))
+    if plain not in SCENARIOS:
+        known = ", ".join((*SCENARIOS, *VARIANTS))
+        raise SurefootError("invalid", f"got {name!r}; known are {known}", "walk")
+    path = find_scenario(SCENARIOS[plain])
+    key = hashlib.sha256(path.read_bytes() + str(changes or "").encode()).hexdigest()[:8]
     kept = cache_folder() / f"{name}-{seed}-{key}.npz"
     if fresh or not kept.exists():
-        columns, robot, ok = run_walk(load_scenario(path), seed)
+        scenario = load_scenario(path)
+        scenario = replace(scenario, world=scenario.world.model_copy(update=changes)) if changes else scenario
+        columns, robot, ok = run_walk(scenario, seed)
         kept.parent.mkdir(parents=True, exist_ok=True)
         part = kept.with_suffix(f".{os.getpid()}.part.npz")
         np.savez_compressed(part, robot=robot, ok=ok, **columns)  # type: ignore[arg-type]

@@ -10,7 +10,7 @@ from typing import Any
 
 from surefoot.lab.estimation import tune as tuning
 from surefoot.lab.estimation.log import Log
-from surefoot.lab.estimation.logs import DATA, TRUTH_ROWS, humanoid
+from surefoot.lab.estimation.logs import DATA, HUMANOIDS, humanoid
 from surefoot.lab.estimation.track import PEERS
 from surefoot.lab.estimation.tune import SEARCHED, tune
 from surefoot.lab.estimation.walks import SCENARIOS, cache_folder, walk
@@ -70,9 +70,7 @@ def walk_sets(names: Iterable[str] = tuple(SCENARIOS)) -> list[LogSet]:
 
 def humanoid_sets() -> list[LogSet]:
     """Return logs of others, as far as they are there."""
-    return [
-        LogSet(name, _bound(_humanoid, name), drawn=False) for name in TRUTH_ROWS if (DATA / f"{name}.npz").exists()
-    ]
+    return [LogSet(name, _bound(_humanoid, name), drawn=False) for name in HUMANOIDS if (DATA / f"{name}.npz").exists()]
 
 
 def tuned(chosen: LogSet, name: str, measure: str = "rmse", fresh: bool = False) -> dict[str, Any]:

@@ -12,7 +12,10 @@ from benchmarks import __main__ as command
 from benchmarks.report import Bench, goal, parser_of, table
 
 FOLDER = Path(benchmarks.__file__).parent
-HELPERS = {"__init__", "__main__", "branches", "core_system", "machine", "own_slip", "report", "rivals"}
+HELPERS = {
+    "__init__", "__main__", "branches", "core_system", "foreign_changes", "foreign_scores", "foreign_tables",
+    "machine", "own_slip", "report", "rivals",
+}  # fmt: skip
 """Modules without parts."""
 SLOW = {
     "biped walks", "estimator speed", "foothold_walks scores", "footholds times", "lost standing", "navigator filters",

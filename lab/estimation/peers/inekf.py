@@ -89,14 +89,15 @@ def new_track(n: int) -> PeerTrack:
 
 
 @kernel
-def _skew(x: Array) -> Array:
+def skew(x: Array) -> Array:
+    """Return the matrix (3, 3) of the cross product with x (3,)."""
     return np.array([[0.0, -x[2], x[1]], [x[2], 0.0, -x[0]], [-x[1], x[0], 0.0]])
 
 
 @kernel
 def exp3(x: Array) -> tuple[Array, Array]:
     """Return exp([x]) and its left Jacobian, (3, 3) each, of x (3,) rad."""
-    s = _skew(x)
+    s = skew(x)
     ss = s @ s
     t2 = x[0] * x[0] + x[1] * x[1] + x[2] * x[2]
     if t2 < 1e-12:
@@ -121,17 +122,17 @@ def _predict(s: InekfState, w: Array, q: Array, dt: float, noise: InekfNoise, g:
     bg, ba = size - 6, size - 3
     wk, qk = w - s.bias_g, q - s.bias_a
     a = np.zeros((size, size))
-    a[3:6, 0:3] = _skew(g)
+    a[3:6, 0:3] = skew(g)
     for i in range(3):
         a[6 + i, 3 + i] = 1.0
         for j in range(3):
             a[i, bg + j] = -s.rot[i, j]
             a[3 + i, ba + j] = -s.rot[i, j]
-    a[3:6, bg : bg + 3] = -(_skew(s.v) @ s.rot)
-    a[6:9, bg : bg + 3] = -(_skew(s.x) @ s.rot)
+    a[3:6, bg : bg + 3] = -(skew(s.v) @ s.rot)
+    a[6:9, bg : bg + 3] = -(skew(s.x) @ s.rot)
     for f in range(points):
         if s.active[f]:
-            a[9 + 3 * f : 12 + 3 * f, bg : bg + 3] = -(_skew(s.at[f]) @ s.rot)
+            a[9 + 3 * f : 12 + 3 * f, bg : bg + 3] = -(skew(s.at[f]) @ s.rot)
     a *= dt
     phi = np.eye(size) + a + 0.5 * (a @ a)
     # noise of gyro and accelerometer enters where the biases do: per sample of 10 ms
@@ -248,7 +249,7 @@ def run(cut: Segments, log: Readings, start: PeerStart, state: InekfState, noise
             track.g[k] = -(rot.T @ g)
             track.x[k], track.rot[k] = state.x, rot
             m = np.zeros((6, state.cov.shape[0]))
-            m[0:3, 0:3] = -(rot.T @ _skew(g))
+            m[0:3, 0:3] = -(rot.T @ skew(g))
             for i in range(3):
                 for n in range(3):
                     m[3 + i, 3 + n] = rot[n, i]

@@ -1,0 +1,178 @@
+"""Changes of a log of others or of what is stated about it, and errors with them: rows of the parts of `foreign`."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.lab.estimation.contacts import schmitt
+from surefoot.lab.estimation.faults import from_the_middle, turned
+from surefoot.lab.estimation.log import Log
+from surefoot.lab.estimation.logs import ForeignLog
+from surefoot.lab.estimation.peers.inekf import InekfNoise
+from surefoot.lab.estimation.planted import PLANTED
+from surefoot.lab.estimation.referees import run
+from surefoot.lab.estimation.scores import smoothed
+from surefoot.lab.estimation.track import Track
+from surefoot.services.estimator.params import EstimatorParams
+
+from .foreign_scores import scored
+
+Array = NDArray[np.float64]
+
+FACTORS = (0.2, 5.0)
+"""On each stated noise."""
+SCALES = (0.95, 1.05)
+"""On the legs: all positions of feet from the inertial unit."""
+LEVELS = (0.5, 2.0)
+"""On the forces from which a foot stands."""
+OFFSET_NS = 20_000_000
+"""Between encoders and inertial unit, either way."""
+MIDDLE = 0.4
+"""Share of the log from which starts in motion and faults begin."""
+RECOVERY_S = 3.0
+"""From a start in motion until scores count; at most 40 % of what is left."""
+DIVERGED = 2.0
+"""Error, in medians over all starts, from which a start counts as diverged."""
+ALARMS = ("filter_ok", "sensors_ok", "inputs_ok")
+AFTER_S = 0.5
+"""Time within which a fault should be flagged."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """A changed log, and options of the estimator."""
+
+    name: str
+    log: Log
+    options: Mapping[str, Any]
+
+
+def noise_options(name: str, log: Log) -> dict[str, float]:
+    """Return the stated noise of gyro, accelerometer and kinematics, by option of the estimator."""
+    if name == "inekf":
+        return {key: getattr(InekfNoise(), key) for key in ("sigma_w", "sigma_q", "sigma_p")}
+    keys = ("sigma_w", "sigma_q", "sigma_point")
+    return {key: float(log.sensors.get(key, getattr(EstimatorParams(), key))) for key in keys}
+
+
+def changes(name: str, log: Log, row: ForeignLog | None) -> Iterator[Change]:
+    """Yield what a user may state or build wrongly.
+
+    Args:
+        name: of the estimator.
+        log: as it is.
+        row: of the table of logs, for the forces from which feet stand; None = unknown.
+    """
+    for key, value in noise_options(name, log).items():
+        for factor in FACTORS:
+            yield Change(f"{key} x {factor:g}", log, {key: value * factor})
+    for scale in SCALES:
+        yield Change(f"legs x {scale:g}", replace(log, foot_position=log.foot_position * scale), {})
+    if row is not None and row.levels is not None and log.force is not None:
+        for factor in LEVELS:
+            on, off = (factor * level for level in row.levels)
+            yield Change(f"contact forces x {factor:g}", replace(log, contact=schmitt(log.force, on, off)), {})
+    for shift in (-OFFSET_NS, OFFSET_NS):
+        stamp = log.foot_ns + shift
+        inside = np.flatnonzero((stamp >= log.stamp_ns[0]) & (stamp <= log.stamp_ns[-1])).astype(np.int64)
+        moved = replace(log, foot_ns=stamp, order=None).with_feet(inside)
+        yield Change(f"feet {1e-6 * shift:+.0f} ms", moved, {})
+
+
+@dataclass(frozen=True)
+class Starts:
+    """Starts of one log in motion, the inertial unit mounted in any orientation."""
+
+    median: float  # cm/s, error over 0.5 s
+    spread: float  # % of the median, standard deviation
+    worst: float  # worst over median
+    rpe_worst: float  # %
+    diverged: int  # starts whose error is twice the median, not finite, or that never started
+    slowest: float  # s until initialised, the longest
+    sd: float  # m/s, published deviation of the velocity where `initialised` becomes true, the largest
+
+
+def turned_starts(name: str, log: Log, way: float, count: int) -> Starts:
+    """Run an estimator from a fast moment on, once for each of `count` rotations of the inertial unit."""
+    cut = from_the_middle(log, fast_moment(log))
+    cut = replace(cut, begin_s=min(RECOVERY_S, 0.4 * float(cut.seconds[-1])))
+    errors: list[float] = []
+    ways: list[float] = []
+    late: list[float] = []
+    sds: list[float] = []
+    for seed in range(count):
+        other = turned(cut, seed)
+        found = run(name, other)
+        s = scored(other, found, way)
+        errors.append(s.smooth)
+        ways.append(s.rpe)
+        late.append(s.start)
+        first = int(np.argmax(found.flags["initialised"]))
+        sds.append(float(np.sqrt(np.linalg.eigvalsh(found.p[first, 3:, 3:])[-1])) if np.isfinite(s.start) else np.nan)
+    error = np.array(errors)
+    median = float(np.nanmedian(error))
+    good = error <= DIVERGED * median
+    return Starts(
+        median, 100.0 * float(np.std(error[good])) / median, _most(errors) / median, _most(ways), int((~good).sum()),
+        _most(late), _most(sds),
+    )  # fmt: skip
+
+
+def fast_moment(log: Log) -> float:
+    """Return the first time from 40 % of a log on at which it moves faster than its rms, by means over 0.5 s, in s."""
+    speed = np.linalg.norm(smoothed(log.v_world, log), axis=1)
+    rows = np.arange(len(speed)) + (len(log.v_world) - len(speed)) // 2
+    late = log.seconds[rows] >= MIDDLE * log.seconds[-1]
+    return float(log.seconds[rows[np.argmax(late & (speed > np.sqrt(np.mean(speed**2))))]])
+
+
+def _most(values: Sequence[float]) -> float:
+    """Return the largest finite value, NaN = there is none."""
+    return max((x for x in values if np.isfinite(x)), default=float("nan"))
+
+
+@dataclass(frozen=True)
+class Planted:
+    """One fault on one log."""
+
+    ratio: float  # error over 0.5 s from the fault on, over that without it
+    after: float  # s until a flag is false that is true without the fault, infinity = never
+    flag: str  # its name
+
+
+def planted(fault: str, log: Log, clean: Track, foot: int, name: str, at_s: float) -> Planted:
+    """Plant a fault into a log, and compare an estimator with its track without the fault.
+
+    Args:
+        fault: name in `PLANTED`.
+        log: without the fault, with truth.
+        clean: track of the estimator over it.
+        foot: at fault.
+        name: of the estimator.
+        at_s: s since the start.
+    """
+    bad = run(name, PLANTED[fault](log, at_s, foot))
+    rows = (log.seconds >= at_s) & (log.seconds <= log.seconds[-1] - log.end_s)
+    ratio = _error(log, bad, rows) / _error(log, clean, rows)
+    found = (float("inf"), "none")
+    for flag in ALARMS:
+        late = np.flatnonzero(rows & ~bad.flags[flag] & clean.flags[flag])
+        if len(late):
+            found = min(found, (float(log.seconds[late[0]]) - at_s, flag))
+    return Planted(ratio, *found)
+
+
+def _error(log: Log, found: Track, rows: NDArray[np.bool_]) -> float:
+    """Return the rms error over 0.5 s in some rows, m/s."""
+    error = smoothed((np.einsum("nij,nj->ni", log.rot, found.v) - log.v_world)[rows], log)
+    return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
+
+
+def alarms(log: Log, found: Track) -> float:
+    """Return how often an hour `filter_ok` or `sensors_ok` becomes false on a clean log, in the scored part."""
+    rows = log.scored
+    count = sum(int((np.diff(found.flags[flag][rows].astype(np.int8)) < 0).sum()) for flag in ALARMS[:2])
+    return 3600.0 * count / float(np.ptp(log.seconds[rows]))

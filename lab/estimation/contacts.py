@@ -1,0 +1,68 @@
+"""Contacts of feet from forces, torques or heights, and the points of rolling feet that rest on the ground."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from .log import Log
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+LOW_M = 0.005
+"""Height over the lowest foot up to which a foot stands, as in logs without contacts, m."""
+UP_S = 0.3
+"""Time over which the mean accelerometer shows the direction of gravity, s."""
+
+
+def schmitt(force: Array, on: float | Array, off: float | Array) -> Flags:
+    """Return contacts (m, F) of forces (m, F): from `on` on, until the force is below `off`; thresholds also (F,)."""
+    out = np.zeros(force.shape, dtype=np.bool_)
+    now = np.zeros(force.shape[1], dtype=np.bool_)
+    for k, row in enumerate(force):
+        now = (row > on) | (now & (row >= off))
+        out[k] = now
+    return out
+
+
+def by_height(position: Array, up: Array) -> Flags:
+    """Return contacts (m, F): feet within 5 mm of the lowest of a sample.
+
+    Args:
+        position: feet, (m, F, 3) m.
+        up: unit vectors in the same axes, (m, 3).
+    """
+    height = np.einsum("mfi,mi->mf", position, up)
+    return height < np.nanmin(height, axis=1)[:, None] + LOW_M
+
+
+def mean_up(log: Log) -> Array:
+    """Return the direction of the mean accelerometer around each foot sample, (m, 3), IMU axes."""
+    half = max(1, round(0.5 * UP_S / float(np.median(np.diff(log.seconds)))))
+    rows = np.clip(np.searchsorted(log.stamp_ns, log.foot_ns), 0, len(log.q) - 1)
+    total = np.vstack([np.zeros(3), np.nancumsum(log.q, axis=0)])
+    up = total[np.minimum(rows + half, len(log.q))] - total[np.maximum(rows - half, 0)]
+    return up / np.linalg.norm(up, axis=1)[:, None]
+
+
+def without_rolling(log: Log) -> Log:
+    """Return the log of round feet as points that rest on the ground, for estimators that know only points.
+
+    The centre of a ball of radius r that rolls with the rate w_f moves by w_f x r up. The way that it has rolled since
+    touch-down, and r up, are taken off the foot's position; in a stance gravity is taken as fixed in IMU axes.
+    """
+    if log.radius is None or not log.radius.any():
+        return log
+    arm = log.radius[:, None] * mean_up(log)[:, None]  # (m, F, 3) m
+    gyro = np.vstack([np.zeros(3), np.cumsum(log.w[1:] * np.diff(log.seconds)[:, None], axis=0)])
+    stamps = 1e-9 * (log.foot_ns - log.stamp_ns[0])
+    turned = np.stack([np.interp(stamps, log.seconds, gyro[:, i]) for i in range(3)], axis=1)
+    between = log.foot_rot[1:] @ np.swapaxes(log.foot_rot[:-1], -1, -2)
+    turn = Rotation.from_matrix(between.reshape(-1, 3, 3)).as_rotvec().reshape(-1, log.feet_count, 3)
+    step = np.cross(turn + np.diff(turned, axis=0)[:, None], arm[1:])
+    rolled = np.zeros_like(arm)
+    for k, stands in enumerate(log.contact[1:] & log.contact[:-1], start=1):
+        rolled[k] = np.where(stands[:, None], rolled[k - 1] + step[k - 1], 0.0)
+    return replace(log, foot_position=log.foot_position - arm - rolled, radius=None)

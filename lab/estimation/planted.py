@@ -1,0 +1,119 @@
+"""Faults of one sensor from a time on, planted into a log: switches, encoders, stamps, inertial unit.
+
+The truth of the log stays what it was: row i of the estimate belongs to row i of the clean log.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .log import Log
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Plant = Callable[[Log, float, int], Log]
+"""Log, s since its start, and the foot at fault to the log with the fault."""
+
+SWITCHES, ENCODERS = ("contact", "touch", "chance"), ("foot_position", "foot_rot")
+"""Fields of a log that come from the switches, and from the encoders."""
+JUMP, JUMP_SHARE = 0.03, 0.1  # m, size; share of the samples
+SHIFT = 0.02  # m
+SCALE = 1.1
+LATE_NS = 50_000_000
+STEP_NS = 100_000_000
+STILL_S = 0.5
+
+
+def _since(log: Log, seconds: float) -> Ints:
+    """Return the foot samples from a time on."""
+    return np.flatnonzero(log.foot_ns >= log.stamp_ns[0] + round(1e9 * seconds)).astype(np.int64)
+
+
+def _copies(log: Log, names: tuple[str, ...]) -> dict[str, Any]:
+    return {name: getattr(log, name).copy() for name in names if getattr(log, name) is not None}
+
+
+def stuck(log: Log, at_s: float, foot: int, closed: bool) -> Log:
+    """Return the log with all switches of a foot stuck."""
+    parts = _copies(log, SWITCHES)
+    for part in parts.values():
+        part[_since(log, at_s), foot] = closed
+    return replace(log, **parts)
+
+
+def swapped(log: Log, at_s: float, foot: int, names: tuple[str, ...]) -> Log:
+    """Return the log with fields of a foot and its neighbour swapped: left and right of one pair."""
+    parts, rows, pair = _copies(log, names), _since(log, at_s), np.array([foot, foot ^ 1])
+    for part in parts.values():
+        part[np.ix_(rows, pair)] = part[np.ix_(rows, pair[::-1])]
+    return replace(log, **parts)
+
+
+def frozen(log: Log, at_s: float, feet: list[int]) -> Log:
+    """Return the log whose encoders of some feet stand still."""
+    parts, rows = _copies(log, ENCODERS), _since(log, at_s)
+    for part in parts.values():
+        part[np.ix_(rows, np.array(feet))] = part[rows[0], feet]
+    return replace(log, **parts)
+
+
+def misplaced(log: Log, at_s: float, foot: int, change: Callable[[Array, np.random.Generator], Array]) -> Log:
+    """Return the log with another position of a foot, (k, 3) m to (k, 3) m."""
+    position, rows = log.foot_position.copy(), _since(log, at_s)
+    position[rows, foot] = change(position[rows, foot], np.random.default_rng(foot))
+    return replace(log, foot_position=position)
+
+
+def _jumping(x: Array, rng: np.random.Generator) -> Array:
+    off = rng.normal(size=x.shape)
+    off *= JUMP / np.linalg.norm(off, axis=1, keepdims=True)
+    return x + np.where(rng.random((len(x), 1)) < JUMP_SHARE, off, 0.0)
+
+
+def _shifted(x: Array, rng: np.random.Generator) -> Array:
+    off = rng.normal(size=3)
+    return x + SHIFT * off / np.linalg.norm(off)
+
+
+def late(log: Log, at_s: float, foot: int) -> Log:
+    """Return the log whose feet carry stamps 50 ms later than their time."""
+    stamp = log.foot_ns.copy()
+    stamp[_since(log, at_s)] += LATE_NS
+    return replace(log, foot_ns=stamp, order=None).with_feet(np.flatnonzero(stamp <= log.stamp_ns[-1]).astype(np.int64))
+
+
+def stepped_back(log: Log, at_s: float, foot: int) -> Log:
+    """Return the log whose clock steps back by 0.1 s; the order of arrival is what it was."""
+    stamps, feet, order = log.stamp_ns.copy(), log.foot_ns.copy(), log.arrival()
+    at = log.stamp_ns[0] + round(1e9 * at_s)
+    stamps[stamps >= at] -= STEP_NS
+    feet[feet >= at] -= STEP_NS
+    return replace(log, stamp_ns=stamps, foot_ns=feet, order=order)
+
+
+def still_imu(log: Log, at_s: float, foot: int) -> Log:
+    """Return the log whose inertial unit repeats one row for half a second."""
+    rows = np.flatnonzero((log.seconds >= at_s) & (log.seconds < at_s + STILL_S))
+    w, q = log.w.copy(), log.q.copy()
+    w[rows], q[rows] = w[rows[0]], q[rows[0]]
+    return replace(log, w=w, q=q)
+
+
+PLANTED: dict[str, Plant] = {
+    "switch stuck on": lambda log, at, foot: stuck(log, at, foot, True),
+    "switch stuck off": lambda log, at, foot: stuck(log, at, foot, False),
+    "switches swapped": lambda log, at, foot: swapped(log, at, foot, SWITCHES),
+    "legs swapped": lambda log, at, foot: swapped(log, at, foot, ENCODERS),
+    "encoders of a leg frozen": lambda log, at, foot: frozen(log, at, [foot]),
+    "all encoders frozen": lambda log, at, foot: frozen(log, at, list(range(log.feet_count))),
+    "encoder jumps 3 cm": lambda log, at, foot: misplaced(log, at, foot, _jumping),
+    "encoder off by 2 cm": lambda log, at, foot: misplaced(log, at, foot, _shifted),
+    "leg scaled by 1.1": lambda log, at, foot: misplaced(log, at, foot, lambda x, _: SCALE * x),
+    "feet late 50 ms": late,
+    "clock back 0.1 s": stepped_back,
+    "inertial unit still 0.5 s": still_imu,
+}
+"""Faults by name."""

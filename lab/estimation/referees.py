@@ -1,0 +1,71 @@
+"""Referees on logs of others: `track.PEERS`, kinematics with a path of its own, and GTSAM's where it is installed."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.errors import SurefootError
+
+from .contacts import without_rolling
+from .log import Log
+from .peers.inekf import PeerTrack
+from .peers.legged import KINDS, LeggedNoise, installed, legged
+from .peers.legs import attitude, gyro_attitude, legs, path
+from .track import PEERS, Track, default, names, of_world, track
+
+Array = NDArray[np.float64]
+
+KNOWN = (*names(), *PEERS, "legs", *KINDS)
+"""Names for `run`."""
+UNTUNED = ("inekf", "linear", "kinematics", "kinematics_gyro", "legs", *KINDS)
+"""Referees without tuning."""
+
+
+def available(chosen: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names whose estimators are installed."""
+    return tuple(name for name in chosen if name not in KINDS or installed())
+
+
+def run(name: str, log: Log, options: Mapping[str, Any] | None = None) -> Track:
+    """Run one estimator over a log.
+
+    Estimators of the service that publish no path (all but the default) get the integral of their velocity along the
+    gyro's attitude. Referees get round feet as points that rest.
+
+    Args:
+        name: one of `KNOWN`.
+        log: what to run over.
+        options: of the estimator, see `track`.
+
+    Raises:
+        SurefootError: there is no such estimator, or its package is not installed.
+    """
+    if name not in KNOWN:
+        raise SurefootError("invalid", f"got {name!r}; known are {', '.join(KNOWN)}", "estimator")
+    if name in KINDS and not installed():
+        raise SurefootError("invalid", f"{name} needs GTSAM: pip install gtsam", "estimator")
+    more = dict(options or {})
+    if name in PEERS:
+        return track(name, without_rolling(log), **more)
+    if name == "legs":
+        return of_world(name, log, legs(without_rolling(log)))
+    if name in KINDS:
+        return of_world(name, log, legged(name, without_rolling(log), LeggedNoise(**more)))
+    found = track(name, log, **more)
+    return found if name == default() else reckoned(log, found)
+
+
+def reckoned(log: Log, found: Track) -> Track:
+    """Return the track with position and heading by its velocity along the gyro's attitude."""
+    rot = attitude(log)
+    own = of_world(found.name, log, PeerTrack(found.v, found.g, found.p, path(log, found.v, rot), rot))
+    return replace(found, position=own.position, yaw=own.yaw, v_odom=own.v_odom)
+
+
+def gyro_yaw(log: Log) -> Array:
+    """Return the heading of base_link by the gyro alone, (n,) rad."""
+    base = np.einsum("nij,kj->nik", gyro_attitude(log), log.rot_base_from_imu)
+    return np.unwrap(np.arctan2(base[:, 1, 0], base[:, 0, 0]))
