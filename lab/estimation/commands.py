@@ -1,5 +1,6 @@
 """`surefoot estimate`."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -71,24 +72,39 @@ def _show(report: dict[str, Any], score: "Score | None") -> None:
     ]
     write_table(("quantity", "value"), rows)
     if score is not None:
-        unit = {
-            "velocity, row by row": f"{100 * score.rmse:.2f} cm/s",
-            "velocity over 0.5 s": f"{100 * score.smooth:.2f} cm/s",
-            "average along the track": f"{100 * score.average:+.1f} %", "drift": f"{100 * score.drift:.3f} cm/s",
-            "NEES of v (3 = ideal)": f"{score.nees:.1f}", "tilt": f"{score.tilt_deg:.2f} deg",
-            "displacement per net metre": f"{100 * score.odometry:.2f} % of {score.way:.2f} m",
-            "height": f"{1e3 * score.height:.1f} mm", "heading at the end": f"{score.heading_deg:+.2f} deg",
-        }  # fmt: skip
-        write_table(("error", "value"), list(unit.items()))
+        write_table(("error", "value"), [(name, _text(*value)) for name, value in _errors(score)])
     for note in report["notes"]:
         write(f"note  {note}")
     for path in report["files"]:
         write(f"file  {path}")
 
 
-def _text(value: Any) -> str:
+def _errors(s: "Score") -> list[tuple[str, tuple[float, str]]]:
+    """Return the name of each error with its value and the text around it."""
+    over = f"over {s.rpe_m:g} m" if math.isfinite(s.rpe_m) else "over 1 m"
+    return [
+        ("velocity, row by row", (100 * s.rmse, "{:.2f} cm/s")),
+        ("velocity over 0.5 s", (100 * s.smooth, "{:.2f} cm/s")),
+        ("average along the track", (100 * s.average, "{:+.1f} %")),
+        ("drift", (100 * s.drift, "{:.3f} cm/s")),
+        ("NEES of v per degree of freedom (1 = ideal)", (s.nees / 3.0, "{:.2f}")),
+        ("rows inside the 95 % region of v", (100 * s.inside, "{:.1f} %")),
+        ("tilt", (s.tilt_deg, "{:.2f} deg")),
+        (f"relative pose error {over}", (100 * s.rpe, "{:.2f} %")),
+        ("relative pose error over 1 s", (1e3 * s.rpe_1s, "{:.1f} mm")),
+        ("absolute trajectory error", (1e3 * s.ate, f"{{:.1f}} mm on a path of {s.path:.2f} m")),
+        ("displacement per net metre", (100 * s.odometry, f"{{:.2f}} % of {s.way:.2f} m")),
+        (f"height {over}", (1e3 * s.climb, "{:.1f} mm/m")),
+        ("height, largest", (1e3 * s.height, "{:.1f} mm")),
+        ("heading at the end", (s.heading_deg, "{:+.2f} deg")),
+        ("heading per minute", (s.heading_deg_min, "{:.2f} deg/min")),
+        ("heading, rms after alignment", (s.heading_rms_deg, "{:.2f} deg")),
+    ]
+
+
+def _text(value: Any, form: str = "{:.4g}") -> str:
     if isinstance(value, float):
-        return f"{value:.4g}"
+        return form.format(value) if math.isfinite(value) else "-"
     if isinstance(value, list):
         return " ".join(_text(part) for part in value)
     if isinstance(value, dict):

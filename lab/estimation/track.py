@@ -112,8 +112,9 @@ class LogRunner:
             if log.points is not None and log.points.shape[1] >= SOLE_POINTS:
                 normals = np.cross(log.points[:, 1] - log.points[:, 0], log.points[:, 2] - log.points[:, 0])
                 normals *= np.where(normals[:, 2:] < 0.0, -1.0, 1.0) / np.linalg.norm(normals, axis=1, keepdims=True)
-                lever = LEVER * float(np.nanmedian(np.linalg.norm(log.foot_position, axis=-1)))
-                points = sole_feet(normals, lever, log.points)
+                reach = np.linalg.norm(log.foot_position, axis=-1)
+                reach = reach[np.isfinite(reach)]
+                points = sole_feet(normals, LEVER * float(np.median(reach)) if reach.size else 0.0, log.points)
         params = replace(params, **changes)
         if name == PAPER:
             # without the mean gyro of the rest a turn-on bias of 1 deg/s swamps it; the paper does not mention one
