@@ -17,7 +17,9 @@ app = typer.Typer()
 @app.command()
 def estimate(
     log: Annotated[Path, typer.Argument(help="Recording (.mcap), or a log of others (.csv, .npz); docs/estimate.md.")],
-    estimator: Annotated[str | None, typer.Option(help="Estimator: best, ekf, paper, imu, kinematics ...")] = None,
+    estimator: Annotated[
+        str | None, typer.Option(help="Estimator or referee: best, ekf, imu, kinematics, inekf ...")
+    ] = None,
     robot: Annotated[str | None, typer.Option(help="Robot description, for logs with joint angles.")] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder for estimates, plots and trajectories.")

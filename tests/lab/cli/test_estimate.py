@@ -31,7 +31,7 @@ def test_json_and_files(answer, log, tmp_path):
     assert abs(estimate[-1, 1] - estimate[0, 1] - truth[-1, 1] + truth[0, 1]) < 0.05
 
 
-@pytest.mark.parametrize("name", ["paper", "kinematics_gyro", "imu"])
+@pytest.mark.parametrize("name", ["paper", "kinematics_gyro", "inekf", "linear"])
 def test_table_of_each_estimator(answer, log, name):
     out = answer("estimate", log, "--estimator", name)
     assert "velocity, row by row" in out
