@@ -1,6 +1,7 @@
 """`surefoot estimate`."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -28,11 +29,18 @@ def estimate(
     sort: Annotated[bool, typer.Option("--sort", help="Put rows into the order of their stamps.")] = False,
     gyro_noise: Annotated[float | None, typer.Option(help="Gyro noise of a row, rad/s [of the quiet part].")] = None,
     acc_noise: Annotated[float | None, typer.Option(help="Accelerometer noise of a row, m/s^2 [likewise].")] = None,
+    feet: Annotated[str | None, typer.Option(help="Feet of a log without robot: point, sole, line.")] = None,
+    radius: Annotated[float | None, typer.Option(help="Radius of round feet, m.")] = None,
+    sole: Annotated[str | None, typer.Option(help="LENGTH,WIDTH of the soles, or LENGTH of lines, m.")] = None,
+    contact_on: Annotated[float | None, typer.Option(help="Force from which a foot stands, N.")] = None,
+    contact_off: Annotated[float | None, typer.Option(help="Force below which it stands no more, N.")] = None,
+    score_from: Annotated[float | None, typer.Option(help="Time after the start at which scores begin, s.")] = None,
     json: Json = False,
 ) -> None:
     """Estimate velocity, tilt and path from a log, with covariance and flags; errors where the log has truth."""
     from surefoot.tables import did_you_mean
 
+    from .feet import FeetOptions
     from .files import open_log
     from .results import Scratch, pack, write_csv, write_tum
     from .results import estimate as run
@@ -46,7 +54,13 @@ def estimate(
         hint = did_you_mean(chosen, names())
         raise SurefootError("invalid", f"got {chosen!r}{hint}; known are {', '.join(names())}", "estimator")
     known = {"sigma_w": gyro_noise, "sigma_q": acc_noise}
-    opened = open_log(log, robot, sort, **{key: value for key, value in known.items() if value is not None})
+    stated = FeetOptions.of(
+        {"feet": feet, "foot_radius": radius, "sole_size": None if sole is None else sole.split(","),
+         "contact_on": contact_on, "contact_off": contact_off}
+    )  # fmt: skip
+    opened = open_log(log, robot, sort, stated, **{key: value for key, value in known.items() if value is not None})
+    if score_from is not None:
+        opened = replace(opened, log=replace(opened.log, begin_s=score_from))
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
     files: list[Path] = []

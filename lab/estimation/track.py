@@ -16,6 +16,7 @@ from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.feet.contact import (
     LEVER,
     SOLE_POINTS,
+    ContactPoints,
     at_switches,
     contact_points,
     sole_feet,
@@ -34,6 +35,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
+LINE_POINTS = 2  # ends of a foot that touches the ground along a line
 LEVEL_SD = 0.003  # rad, how level the ground at the start of a simulated walk is: what the service assumes
 
 
@@ -95,7 +97,11 @@ class LogRunner:
             points = contact_points(robot)
         else:
             params, points = EstimatorParams(), None
-            if log.points is not None and log.points.shape[1] >= SOLE_POINTS:
+            if log.points is not None and log.points.shape[1] == LINE_POINTS:
+                ends = np.ascontiguousarray(log.points.reshape(-1, 3))
+                which = np.repeat(np.arange(log.feet_count), LINE_POINTS)
+                points = ContactPoints(which, ends, np.zeros(len(ends)), np.zeros((log.feet_count, 1, 3)))
+            elif log.points is not None and log.points.shape[1] >= SOLE_POINTS:
                 normals = np.cross(log.points[:, 1] - log.points[:, 0], log.points[:, 2] - log.points[:, 0])
                 normals *= np.where(normals[:, 2:] < 0.0, -1.0, 1.0) / np.linalg.norm(normals, axis=1, keepdims=True)
                 reach = np.linalg.norm(log.foot_position, axis=-1)

@@ -36,6 +36,8 @@ SHAPES: dict[str, tuple[int | str, ...]] = {
     "true_velocity": ("n", 3),
 }  # fmt: skip
 """Columns and their shapes: n inertial rows, m foot samples, F feet, S switches, J joints."""
+METADATA = ("feet", "foot_radius", "sole_size", "contact_on", "contact_off")
+"""Statements on the feet: in NPZ files further arrays, in CSV files lines like `# sole_size = 0.2, 0.1` at the top."""
 GROUPS: tuple[tuple[str, str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("gyro", "gyro_{}", (), XYZ), ("acc", "acc_{}", (), XYZ), ("true_position", "true_p{}", (), XYZ),
     ("true_velocity", "true_v{}", (), XYZ), ("true_quat_wxyz", "true_{}", (), WXYZ),
@@ -83,6 +85,8 @@ def checked(columns: Columns, name: str, sort: bool = False) -> Columns:
             raise SurefootError("invalid", f"{name} has no {need!r}; it has {', '.join(sorted(columns))}", need)
     if not ("t" in columns or "stamp_ns" in columns):
         raise SurefootError("invalid", f"{name} has no 't' (s) and no 'stamp_ns'", "t")
+    if "force" in columns and columns["force"].ndim == 3 and columns["force"].shape[2] == 3:
+        columns = {**columns, "force": np.linalg.norm(columns["force"], axis=2)}
     _check_shapes(columns, name)
     out = {key: value for key, value in columns.items() if key not in ("t", "foot_t")}
     out["stamp_ns"] = _stamps(columns, "", name, sort)
@@ -185,7 +189,7 @@ def _from_npz(path: Path) -> Columns:
                 name = ALIASES.get(key, key)
                 if name in columns:
                     raise SurefootError("invalid", f"{path} has {name!r} twice, once as {key!r}", name)
-                if name in SHAPES or name == "joint_names":
+                if name in SHAPES or name in METADATA or name == "joint_names":
                     values = file[key]
                     named = name == "joints" and values.dtype.kind in "US"  # some logs call their names so
                     columns["joint_names" if named else name] = values
@@ -196,7 +200,7 @@ def _from_npz(path: Path) -> Columns:
     except (zipfile.BadZipFile, ValueError, EOFError, KeyError, zlib.error, AttributeError, TypeError) as error:
         raise SurefootError("malformed", f"{path} is cut off or no NPZ file ({str(error)[:80]})", "log") from None
     for name, values in columns.items():
-        if name == "joint_names":
+        if name not in SHAPES:
             continue
         if not (np.issubdtype(values.dtype, np.number) or values.dtype == np.bool_):
             raise SurefootError("invalid", f"{path}: {name} holds {values.dtype}, wanted are numbers", name)
@@ -206,17 +210,27 @@ def _from_npz(path: Path) -> Columns:
 def _from_csv(path: Path) -> Columns:
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            names, values = _cells(file, str(path))
+            stated, header = _metadata(file)
+            names, values = _cells(header, file, str(path))
     except OSError as error:
         raise SurefootError("unreadable", f"{path}: {error.strerror}") from None
     except UnicodeDecodeError:
         raise SurefootError("malformed", f"{path} is not UTF-8 text", "log") from None
-    return _grouped(names, values, str(path))
+    return _grouped(names, values, str(path)) | stated
 
 
-def _cells(file: TextIO, name: str) -> tuple[list[str], NDArray[np.float64]]:
+def _metadata(file: TextIO) -> tuple[Columns, str]:
+    """Return the statements of the lines `# name = value` at the top of a CSV, and the line after them."""
+    stated: Columns = {}
+    while (line := file.readline().rstrip("\r\n")).startswith("#"):
+        key, _, value = (part.strip() for part in line[1:].partition("="))
+        if key in METADATA:
+            stated[key] = np.array(value if key == "feet" else value.split(","))
+    return stated, line
+
+
+def _cells(header: str, file: TextIO, name: str) -> tuple[list[str], NDArray[np.float64]]:
     """Return header and numbers (n, columns) of a CSV."""
-    header = file.readline().rstrip("\r\n")
     if not header.strip():
         raise SurefootError("malformed", f"{name} is empty", "log")
     separator = max(SEPARATORS, key=header.count)
