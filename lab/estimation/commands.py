@@ -35,37 +35,33 @@ def estimate(
     contact_on: Annotated[float | None, typer.Option(help="Force from which a foot stands, N.")] = None,
     contact_off: Annotated[float | None, typer.Option(help="Force below which it stands no more, N.")] = None,
     score_from: Annotated[float | None, typer.Option(help="Time after the start at which scores begin, s.")] = None,
+    align: Annotated[bool, typer.Option("--align", help="Align the truth with the sensors before scoring.")] = False,
     json: Json = False,
 ) -> None:
     """Estimate velocity, tilt and path from a log, with covariance and flags; errors where the log has truth."""
-    from surefoot.tables import did_you_mean
-
     from .feet import FeetOptions
     from .files import open_log
-    from .results import Scratch, pack, write_csv, write_tum
+    from .results import Scratch, pack, plain, write_csv, write_tum
     from .results import estimate as run
-    from .track import default, names
+    from .track import check_name, default
 
     use_json(json)
     chosen = estimator or default()
-    if chosen not in names():
-        from surefoot.errors import SurefootError
-
-        hint = did_you_mean(chosen, names())
-        raise SurefootError("invalid", f"got {chosen!r}{hint}; known are {', '.join(names())}", "estimator")
+    check_name(chosen)
+    sizes = {
+        "sole_size": None if sole is None else sole.split(","),
+        "contact_on": contact_on,
+        "contact_off": contact_off,
+    }
+    stated = FeetOptions.of({"feet": feet, "foot_radius": radius, **sizes})
     known = {"sigma_w": gyro_noise, "sigma_q": acc_noise}
-    stated = FeetOptions.of(
-        {"feet": feet, "foot_radius": radius, "sole_size": None if sole is None else sole.split(","),
-         "contact_on": contact_on, "contact_off": contact_off}
-    )  # fmt: skip
-    opened = open_log(log, robot, sort, stated, **{key: value for key, value in known.items() if value is not None})
-    if score_from is not None:
-        opened = replace(opened, log=replace(opened.log, begin_s=score_from))
+    opened = open_log(log, robot, sort, stated, align, **{k: v for k, v in known.items() if v is not None})
+    data = opened.log if score_from is None else replace(opened.log, begin_s=score_from)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
     files: list[Path] = []
     with Scratch(out) as folder:
-        result = run(opened.log, chosen, folder)
+        result = run(data, chosen, folder)
         if out is not None:
             from .plots import draw
 
@@ -74,6 +70,8 @@ def estimate(
                 files.append(write_csv(result, out / "estimates.csv"))
             files.insert(0, pack(folder, out / "estimates.npz"))
     report: dict[str, Any] = {**result.summary, "notes": list(opened.notes), "files": [str(path) for path in files]}
+    if opened.alignment is not None:
+        report["alignment"] = plain(opened.alignment.report())
     if json:
         write_json(report)
         return
@@ -84,15 +82,26 @@ def _show(report: dict[str, Any], score: "Score | None") -> None:
     rows = [
         (key.replace("_", " "), _text(value))
         for key, value in report.items()
-        if key not in ("errors", "files", "notes")
+        if key not in ("alignment", "errors", "files", "notes")
     ]
     write_table(("quantity", "value"), rows)
+    if "alignment" in report:
+        write_table(("truth by the sensors", "value", "within (95 %)"), _alignment(report["alignment"]))
     if score is not None:
         write_table(("error", "value"), [(name, _text(*value)) for name, value in _errors(score)])
     for note in report["notes"]:
         write(f"note  {note}")
     for path in report["files"]:
         write(f"file  {path}")
+
+
+def _alignment(found: dict[str, Any]) -> list[tuple[str, str, str]]:
+    names = {"offset_s": "late, s", "rotation_deg": "turned, deg", "lever_m": "point from the IMU, m", "scale": "scale"}
+    rows: list[tuple[str, str, str]] = []
+    for key, name in names.items():
+        value, within = ("not observable" if found[k] is None else _text(found[k]) for k in (key, f"{key}_within"))
+        rows.append((name if key in found["applied"] else f"{name} (not applied)", value, within))
+    return rows
 
 
 def _errors(s: "Score") -> list[tuple[str, tuple[float, str]]]:

@@ -16,8 +16,9 @@ from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.feet.contact import contact_points
 from surefoot.services.estimator.feet.mount import feet_in_imu, foot_mount
 
+from .align import Alignment, align, aligned
 from .feet import UNSTATED, FeetOptions, contacts, shape
-from .log import Log
+from .log import Flags, Log
 from .recorded import log_of_recording
 from .truth import truth_of
 from .units import check_units, quietest
@@ -34,11 +35,13 @@ class Opened:
 
     log: Log
     notes: tuple[str, ...]
+    alignment: Alignment | None = None  # of the truth with the sensors, where that was taken out
 
 
 def open_log(
-    path: Path, robot: str | None = None, sort: bool = False, feet: FeetOptions = UNSTATED, **sensors: float
-) -> Opened:
+    path: Path, robot: str | None = None, sort: bool = False, feet: FeetOptions = UNSTATED, aligning: bool = False,
+    **sensors: float,
+) -> Opened:  # fmt: skip
     """Read, check and complete a log.
 
     Args:
@@ -46,6 +49,7 @@ def open_log(
         robot: name of a description, for logs with joint angles; a recording names its own.
         sort: put rows into the order of their stamps.
         feet: statements on the feet of a log without a robot; they count more than the metadata of the file.
+        aligning: align the truth with the sensors; else a note reports a truth that is not aligned.
         sensors: parameters of the estimator that are known of the sensors, e.g. `sigma_w`.
 
     Raises:
@@ -74,7 +78,14 @@ def open_log(
         log = replace(log, sensors=found | sensors)
     else:
         log = replace(log, sensors={**log.sensors, **sensors})
-    return Opened(log, notes)
+    if log.truth is None or path.suffix.lower() == ".mcap":
+        if aligning:
+            raise SurefootError("invalid", f"{path} has no truth of others that could be aligned", "align")
+        return Opened(log, notes)
+    found = align(log)
+    if aligning:
+        return Opened(aligned(log, found), notes, found)
+    return Opened(log, notes + found.notes(float(np.median(np.diff(log.seconds)))))
 
 
 def log_of_table(
@@ -93,47 +104,18 @@ def log_of_table(
         SurefootError: the columns do not fit the robot, or there are no feet.
     """
     notes: list[str] = []
-    n = len(columns["stamp_ns"])
-    if "foot_position" in columns:
-        position, rot = _feet(columns, notes)
-        joints = None
-    elif "joints" in columns:
-        if robot is None:
-            raise SurefootError("invalid", f"{name} has joint angles; name the robot they belong to (--robot)", "robot")
-        joints = _joints(columns, robot)
-        mount = foot_mount(robot)
-        seen = [feet_in_imu(mount, q) for q in joints]
-        position, rot = (np.array([pair[i] for pair in seen]) for i in range(2))
-    else:
-        position, rot, joints = np.empty((0, 1, 3)), np.empty((0, 1, 3, 3)), None
-        columns = {**columns, "foot_stamp_ns": np.empty(0, dtype=np.int64), "contact": np.empty((0, 1))}
-        notes.append("no feet: only the inertial unit is left")
+    columns, position, rot, joints = _kinematics(name, columns, robot, notes)
     gyro, acc = (np.ascontiguousarray(columns[key], dtype=np.float64) for key in ("gyro", "acc"))
     given = feet.over(FeetOptions.of({key: columns[key] for key in METADATA if key in columns}))
     contact, touch = contacts(columns, position, given, notes)
-    mounted: dict[str, Any] = {}
-    if robot is None:
-        mounted = shape(given, columns, position, rot, contact, notes)
-    else:
-        if given.shaped:
-            raise SurefootError("invalid", f"the feet are those of {robot.name}; leave --feet or --robot out", "feet")
-        mount = foot_mount(robot)
-        if position.shape[1] != len(robot.legs):
-            raise SurefootError(
-                "invalid", f"{name} has {position.shape[1]} feet; {robot.name} has {len(robot.legs)}", "robot"
-            )
-        places = contact_points(robot).switches.shape[1]
-        if touch is not None and places > 1 and touch.shape[2] not in (1, places):
-            notes.append(
-                f"{touch.shape[2]} switches a foot, {robot.name} has places for {places}: taken as one flag a foot"
-            )
-        mounted = {
-            "radius": mount.radius, "rot_base_from_imu": np.ascontiguousarray(mount.rot_imu_from_base.T),
-            "imu_position": mount.imu_position, "robot": robot.name,
-        }  # fmt: skip
     truth = truth_of(columns, notes)
-    if truth is not None and robot is None:
-        mounted["rot_base_from_imu"] = np.ascontiguousarray(truth.rot[0])  # base_link is level where the log begins
+    mounted: dict[str, Any]
+    if robot is not None:
+        mounted = _mounted(name, robot, given, position.shape[1], touch, notes)
+    else:
+        mounted = {**shape(given, columns, position, rot, contact, notes)}
+        if truth is not None:
+            mounted["rot_base_from_imu"] = np.ascontiguousarray(truth.rot[0])  # base_link is level where the log begins
     saturated = columns["saturated"] > 0.5 if "saturated" in columns else None
     stamp = np.ascontiguousarray(columns["stamp_ns"])
     log = Log(
@@ -141,9 +123,47 @@ def log_of_table(
         np.ascontiguousarray(rot), contact, truth, touch=touch, force=columns.get("force"), joints=joints,
         saturated=saturated, **(mounted | more),
     )  # fmt: skip
-    if n < 50:
-        notes.append(f"{n} rows are too few for a standstill of 50")
+    if len(stamp) < 50:
+        notes.append(f"{len(stamp)} rows are too few for a standstill of 50")
     return log, tuple(notes)
+
+
+def _kinematics(
+    name: str, columns: Columns, robot: Robot | None, notes: list[str]
+) -> tuple[Columns, Array, Array, Array | None]:
+    """Return the columns, feet (m, F, 3) m and rot_imu_from_foot (m, F, 3, 3), and joint angles (m, nj) rad."""
+    if "foot_position" in columns:
+        return columns, *_feet(columns, notes), None
+    if "joints" in columns:
+        if robot is None:
+            raise SurefootError("invalid", f"{name} has joint angles; name the robot they belong to (--robot)", "robot")
+        joints = _joints(columns, robot)
+        mount = foot_mount(robot)
+        seen = [feet_in_imu(mount, q) for q in joints]
+        return columns, np.array([pair[0] for pair in seen]), np.array([pair[1] for pair in seen]), joints
+    notes.append("no feet: only the inertial unit is left")
+    columns = {**columns, "foot_stamp_ns": np.empty(0, dtype=np.int64), "contact": np.empty((0, 1))}
+    return columns, np.empty((0, 1, 3)), np.empty((0, 1, 3, 3)), None
+
+
+def _mounted(
+    name: str, robot: Robot, given: FeetOptions, feet: int, touch: Flags | None, notes: list[str]
+) -> dict[str, Any]:
+    """Return the fields of a log that a robot description gives."""
+    mount = foot_mount(robot)
+    if given.shaped:
+        raise SurefootError("invalid", f"the feet are those of {robot.name}; leave --feet or --robot out", "feet")
+    if feet != len(robot.legs):
+        raise SurefootError("invalid", f"{name} has {feet} feet; {robot.name} has {len(robot.legs)}", "robot")
+    places = contact_points(robot).switches.shape[1]
+    if touch is not None and places > 1 and touch.shape[2] not in (1, places):
+        notes.append(
+            f"{touch.shape[2]} switches a foot, {robot.name} has places for {places}: taken as one flag a foot"
+        )
+    return {
+        "radius": mount.radius, "rot_base_from_imu": np.ascontiguousarray(mount.rot_imu_from_base.T),
+        "imu_position": mount.imu_position, "robot": robot.name,
+    }  # fmt: skip
 
 
 def _feet(columns: Columns, notes: list[str]) -> tuple[Array, Array]:

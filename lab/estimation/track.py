@@ -26,6 +26,7 @@ from surefoot.services.estimator.filter.log import FLAGS, LogInputs, LogRows
 from surefoot.services.estimator.output import OdometryPose, VelocityAndTilt
 from surefoot.services.estimator.params import EstimatorParams
 from surefoot.services.estimator.stream import BEST, NAMES, PAPER, Estimator
+from surefoot.tables import did_you_mean
 
 from .log import Log
 from .peers.inekf import InekfNoise, PeerTrack, inekf
@@ -77,6 +78,17 @@ def track(name: str, log: Log, **options: Any) -> Track:
 def names() -> tuple[str, ...]:
     """Names of the estimators of the service, then those of the referees."""
     return (*NAMES, *PEERS)
+
+
+def check_name(name: str) -> None:
+    """Check that there is an estimator of this name.
+
+    Raises:
+        SurefootError: there is none; with those that are.
+    """
+    if name not in names():
+        text = f"got {name!r}{did_you_mean(name, names())}; known are {', '.join(names())}"
+        raise SurefootError("invalid", text, "estimator")
 
 
 def default() -> str:
@@ -170,8 +182,7 @@ def follow(name: str, log: Log, rows_each: int | None = None, **options: Any) ->
     Raises:
         SurefootError: there is no such estimator.
     """
-    if name not in names():
-        raise SurefootError("invalid", f"got {name!r}; known are {', '.join(names())}", "estimator")
+    check_name(name)
     if name in PEERS:
         yield slice(0, len(log.stamp_ns)), PEERS[name](log, options)
         return

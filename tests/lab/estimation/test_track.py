@@ -36,6 +36,7 @@ def test_the_odometry_of_an_estimator_is_its_own(name):
     way = np.cumsum(found.v_odom * np.gradient(log.seconds)[:, None], axis=0)
     np.testing.assert_allclose(found.position - found.position[0], way - way[0], atol=2e-3)
     ahead = np.hypot(*found.v_odom[:, :2].T)
+    assert found.gyro_bias is not None
     base = found.v + np.cross(log.w - found.gyro_bias, -log.imu_position)
     np.testing.assert_allclose(ahead**2 + found.v_odom[:, 2] ** 2, np.sum(base**2, axis=1), atol=1e-9)
 
