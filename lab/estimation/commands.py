@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,6 +11,7 @@ import typer
 from ..cli.output import Json, use_json, write, write_json, write_table
 
 if TYPE_CHECKING:
+    from .results import Result
     from .scores import Score
 
 app = typer.Typer()
@@ -41,7 +43,7 @@ def estimate(
     """Estimate velocity, tilt and path from a log, with covariance and flags; errors where the log has truth."""
     from .feet import FeetOptions
     from .files import open_log
-    from .results import Scratch, pack, plain, write_csv, write_tum
+    from .results import SUMMARY, Scratch, plain
     from .results import estimate as run
     from .track import check_name, default
 
@@ -59,23 +61,59 @@ def estimate(
     data = opened.log if score_from is None else replace(opened.log, begin_s=score_from)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-    files: list[Path] = []
     with Scratch(out) as folder:
         result = run(data, chosen, folder)
-        if out is not None:
-            from .plots import draw
-
-            files += [draw(result, out / "estimates.svg"), *write_tum(result, out)]
-            if csv:
-                files.append(write_csv(result, out / "estimates.csv"))
-            files.insert(0, pack(folder, out / "estimates.npz"))
+        files = [] if out is None else _write_files(result, folder, out, csv)
     report: dict[str, Any] = {**result.summary, "notes": list(opened.notes), "files": [str(path) for path in files]}
     if opened.alignment is not None:
         report["alignment"] = plain(opened.alignment.report())
+    if out is not None:
+        (out / SUMMARY).write_text(dumps(report, indent=1, allow_nan=False) + "\n")
     if json:
         write_json(report)
         return
     _show(report, result.score)
+
+
+def _write_files(result: "Result", folder: Path, out: Path, csv: bool) -> list[Path]:
+    """Write the estimates in `folder` and what is drawn from them to `out`; return the paths."""
+    from .plots import draw
+    from .results import SUMMARY, pack, write_csv, write_tum
+
+    more = [draw(result, out / "estimates.svg"), *write_tum(result, out)]
+    if csv:
+        more.append(write_csv(result, out / "estimates.csv"))
+    return [pack(folder, out / "estimates.npz"), *more, out / SUMMARY]
+
+
+@app.command()
+def compare(
+    a: Annotated[Path, typer.Argument(help="Folder or NPZ of `surefoot estimate -o`, or a recording (.mcap).")],
+    b: Annotated[Path, typer.Argument(help="Another one of the same time.")],
+    json: Json = False,
+) -> None:
+    """Compare two estimates of one log: differences in velocity, tilt, position and heading, and both scores."""
+    from .differences import departures, load_estimated
+
+    use_json(json)
+    one, other = load_estimated(a), load_estimated(b)
+    found = departures(one, other)
+    if json:
+        sides = {"a": {"path": str(a), "errors": one.errors}, "b": {"path": str(b), "errors": other.errors}}
+        write_json({"differences": {name: part._asdict() for name, part in found.items()}, **sides})
+        return
+    units = {"velocity": (100.0, "cm/s"), "tilt": (1.0, "deg"), "position": (1e3, "mm"), "heading": (1.0, "deg")}
+    rows: list[tuple[str, ...]] = []
+    for name, (rms, most, at) in found.items():
+        factor, unit = units[name]
+        rows.append((f"{name}, {unit}", f"{factor * rms:.3f}", f"{factor * most:.3f}", f"{at:.2f} s"))
+    write_table(("difference", "rms", "largest", "at"), rows)
+    names = [key for key in {**one.errors, **other.errors} if one.errors and other.errors]
+    if names:
+        scores = [(key, _text(one.errors.get(key)), _text(other.errors.get(key))) for key in names]
+        write_table(("error", str(a), str(b)), scores)
+    else:
+        write("note  no scores: not both have a truth")
 
 
 def _show(report: dict[str, Any], score: "Score | None") -> None:

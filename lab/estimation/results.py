@@ -23,6 +23,8 @@ from .track import track as track_of
 Array = NDArray[Any]
 
 ROWS_EACH = 50_000
+SUMMARY = "summary.json"
+"""Name of the file that holds the report of a run beside its estimates."""
 SCORED_ROWS = 2_000_000  # logs with truth that are longer are scored on their first rows
 NIS_BAND = (0.22, 9.35)  # 95 % of chi^2 with 3 degrees of freedom
 PARTS: dict[str, tuple[int, ...]] = {

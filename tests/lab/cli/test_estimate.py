@@ -23,12 +23,28 @@ def log(tmp_path_factory):
 def test_json_and_files(answer, log, tmp_path):
     told = json.loads(answer("estimate", log, "--json", "-o", tmp_path / "out", "--csv"))
     assert told["errors"]["rmse"] < 0.03
-    names = ["estimates.npz", "estimates.svg", "estimate.tum", "truth.tum", "estimates.csv"]
+    names = ["estimates.npz", "estimates.svg", "estimate.tum", "truth.tum", "estimates.csv", "summary.json"]
     assert [Path(path).name for path in told["files"]] == names
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(names)
     estimate, truth = (np.loadtxt(tmp_path / "out" / f"{name}.tum") for name in ("estimate", "truth"))
     assert estimate.shape == truth.shape == (told["rows"], 8)
     assert abs(estimate[-1, 1] - estimate[0, 1] - truth[-1, 1] + truth[0, 1]) < 0.05
+
+
+def test_two_outputs_are_compared(answer, complaint, log, tmp_path):
+    for name in ("best", "ekf"):
+        answer("estimate", log, "--estimator", name, "-o", tmp_path / name, "--json")
+    told = json.loads(answer("compare", tmp_path / "best", tmp_path / "ekf" / "estimates.npz", "--json"))
+    assert set(told["differences"]) == {"velocity", "tilt", "position", "heading"}
+    assert 1e-3 < told["differences"]["velocity"]["rms"] < 0.05
+    assert told["a"]["errors"]["rmse"] < told["b"]["errors"]["rmse"]
+    out = answer("compare", tmp_path / "best", tmp_path / "ekf")
+    assert "velocity, cm/s" in out
+    assert "rpe" in out
+    same = json.loads(answer("compare", tmp_path / "ekf", tmp_path / "ekf", "--json"))
+    assert all(part["largest"] < 1e-6 for part in same["differences"].values())
+    assert "no such file" in complaint("compare", tmp_path / "best", tmp_path / "none", code=1)
+    assert "initialised" in complaint("compare", tmp_path / "best", log)
 
 
 @pytest.mark.parametrize("name", ["paper", "kinematics_gyro", "inekf", "linear"])
