@@ -17,6 +17,7 @@ from surefoot.services.estimator.feet.contact import contact_points
 from surefoot.services.estimator.feet.mount import feet_in_imu, foot_mount
 
 from .align import Alignment, align, aligned
+from .checks import check_kinematics
 from .feet import UNSTATED, FeetOptions, contacts, shape
 from .log import Flags, Log
 from .recorded import log_of_recording
@@ -65,6 +66,8 @@ def open_log(
         description = None if robot is None else load_robot(robot)
         log, notes = log_of_table(path.stem, read_table(path, sort), description, feet)
     check_units(log)
+    if path.suffix.lower() != ".mcap":
+        notes += check_kinematics(log)
     if log.robot is None:
         noise = quietest(log)
         found = {

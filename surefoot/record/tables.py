@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 from surefoot.errors import SurefootError
 from surefoot.record.columns import Columns
 
+Ints = NDArray[np.int64]
+
 XYZ = ("x", "y", "z")
 WXYZ = ("qw", "qx", "qy", "qz")
 ALIASES = {
@@ -51,6 +53,8 @@ SEPARATORS = (",", ";", "\t")
 """Separators of CSV cells; the most frequent one of the first row counts."""
 FASTEST_S, SLOWEST_S = 5e-5, 0.5
 """Shortest and longest usual step between inertial rows of a log, s."""
+LATEST_S = 9e9
+"""Latest stamp that fits into 64 bits of ns, s."""
 
 
 def read_table(path: Path, sort: bool = False) -> Columns:
@@ -90,10 +94,11 @@ def checked(columns: Columns, name: str, sort: bool = False) -> Columns:
     _check_shapes(columns, name)
     out = {key: value for key, value in columns.items() if key not in ("t", "foot_t")}
     out["stamp_ns"] = _stamps(columns, "", name, sort)
-    _check_rate(out["stamp_ns"], name)
     if any(key in columns for key in ("foot_position", "joints")):
         timed = "foot_t" in columns or "foot_stamp_ns" in columns
-        out["foot_stamp_ns"] = _stamps(columns, "foot_", name, sort) if timed else out["stamp_ns"].copy()
+        out["foot_stamp_ns"] = (
+            _stamps(columns, "foot_", name, sort, out["stamp_ns"]) if timed else out["stamp_ns"].copy()
+        )
         feet = len(columns["foot_position"] if "foot_position" in columns else columns["joints"])
         if feet != len(out["foot_stamp_ns"]):
             raise SurefootError("invalid", f"{name}: {feet} foot samples and no 'foot_t' of their times", "foot_t")
@@ -138,21 +143,21 @@ def _check_shapes(columns: Columns, name: str) -> None:
         raise SurefootError("invalid", f"{name} has one row; nothing can be estimated from it", "t")
 
 
-def _stamps(columns: Columns, prefix: str, name: str, sort: bool) -> NDArray[np.int64]:
-    key = f"{prefix}stamp_ns"
-    if key in columns:
-        stamps = columns[key]
-        if not np.issubdtype(stamps.dtype, np.integer):
-            _finite(stamps, key, name)
-            stamps = np.round(stamps).astype(np.int64)
-        stamps = stamps.astype(np.int64)
+def _stamps(columns: Columns, prefix: str, name: str, sort: bool, imu: Ints | None = None) -> Ints:
+    """Return checked stamps, ns; those of feet are compared with those of the inertial rows, `imu` (n,) ns."""
+    key = f"{prefix}stamp_ns" if f"{prefix}stamp_ns" in columns else f"{prefix}t"
+    values = columns[key]
+    if not np.issubdtype(values.dtype, np.integer):
+        _finite(values, key, name)
+    unit = 1e-9 if key.endswith("_ns") else 1.0
+    if imu is None:
+        _check_rate(unit * values, key, name)
     else:
-        key = f"{prefix}t"
-        seconds = columns[key].astype(np.float64)
-        _finite(seconds, key, name)
-        if np.abs(seconds).max() > 1e10:
-            raise SurefootError("invalid", f"{name}: {key} reaches {np.abs(seconds).max():.3g} s; in ns?", key)
-        stamps = np.round(seconds * 1e9).astype(np.int64)
+        _check_range(unit * values, np.asarray(1e-9 * imu, dtype=np.float64), key, name)
+    if key.endswith("_ns"):
+        stamps = (values if np.issubdtype(values.dtype, np.integer) else np.round(values)).astype(np.int64)
+    else:
+        stamps = np.round(values.astype(np.float64) * 1e9).astype(np.int64)
     back = np.flatnonzero(np.diff(stamps) < 0)
     if back.size and not sort:
         row = int(back[0]) + 1
@@ -169,16 +174,42 @@ def _finite(values: NDArray[np.float64], key: str, name: str) -> None:
         raise SurefootError("invalid", f"{name} row {bad[0]}: {key} is {values[bad[0]]}; {bad.size} rows are so", key)
 
 
-def _check_rate(stamps: NDArray[np.int64], name: str) -> None:
+def _units(key: str) -> tuple[tuple[float, str], ...]:
+    """Return factors to the unit of a column of stamps, with the unit that each is of."""
+    if key.endswith("_ns"):
+        return (1e3, "us"), (1e6, "ms"), (1e9, "s")
+    return (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns")
+
+
+def _check_rate(seconds: NDArray[np.float64], key: str, name: str) -> None:
     """Check that the usual step between rows is that of an inertial unit; the error names other units of time."""
-    step = 1e-9 * float(np.median(np.abs(np.diff(np.sort(stamps)))))
+    step = float(np.median(np.abs(np.diff(np.sort(seconds)))))
     if FASTEST_S <= step <= SLOWEST_S:
+        if np.abs(seconds).max() > LATEST_S:
+            raise SurefootError("invalid", f"{name}: {key} reaches {np.abs(seconds).max():.3g} s", key)
         return
     text = f"{name}: {step:.3g} s between rows; {FASTEST_S:g} to {SLOWEST_S:g} s are allowed"
-    for factor, unit in ((1e-3, "ms"), (1e-6, "us"), (1e-9, "ns")):
+    for factor, unit in _units(key):
         if FASTEST_S <= step * factor <= SLOWEST_S:
-            raise SurefootError("invalid", f"{text}: the stamps are in {unit}, multiply by {factor:g}", "t")
-    raise SurefootError("invalid", text, "t")
+            raise SurefootError("invalid", f"{text}: the stamps are in {unit}, multiply by {factor:g}", key)
+    raise SurefootError("invalid", text, key)
+
+
+def _check_range(feet: NDArray[np.float64], imu: NDArray[np.float64], key: str, name: str) -> None:
+    """Check that most times of foot samples (m,) s lie among those of the inertial rows (n,) s."""
+    low, high = float(imu.min()) - SLOWEST_S, float(imu.max()) + SLOWEST_S
+
+    def inside(factor: float) -> float:
+        return float(np.mean((factor * feet >= low) & (factor * feet <= high)))
+
+    if not len(feet) or inside(1.0) >= 0.5:
+        return
+    text = f"{name}: {key} goes from {feet.min():.6g} to {feet.max():.6g} s, the inertial rows from {imu.min():.6g}"
+    text += f" to {imu.max():.6g} s"
+    for factor, unit in _units(key):
+        if inside(factor) >= 0.5 and factor * float(np.ptp(feet)) > 0.1 * float(np.ptp(imu)):
+            raise SurefootError("invalid", f"{text}: the stamps of the feet are in {unit}, multiply by {factor:g}", key)
+    raise SurefootError("invalid", f"{text}: another clock", key)
 
 
 def _from_npz(path: Path) -> Columns:
@@ -304,7 +335,7 @@ def _grouped(names: Sequence[str], values: NDArray[np.float64], name: str) -> Co
 
 def _without_empty(out: Columns, joints: Sequence[str]) -> Columns:
     kinematic = [key for key in out if SHAPES[key][0] == "m"]
-    if not kinematic:
+    if not kinematic or not len(out[kinematic[0]]):
         return out
     filled = np.any([np.isfinite(out[key]).reshape(len(out[key]), -1).any(axis=1) for key in kinematic], axis=0)
     stamp = "stamp_ns" if "stamp_ns" in out else "t"
