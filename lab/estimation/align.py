@@ -83,12 +83,12 @@ class Alignment:
         offset, turn = float(self.offset_s.value[0]), float(np.linalg.norm(self.rotation_deg.value))
         longer, out = float(self.scale.value[0]) - 1.0, []
         if self.known("offset_s") and abs(offset) - self.offset_s.within[0] > period:
-            out.append(f"the truth is {1e3 * offset:+.0f} ms late")
+            out.append(f"{1e3 * offset:+.0f} ms late")
         if self.known("rotation_deg") and turn - np.linalg.norm(self.rotation_deg.within) > NOTED["rotation_deg"]:
-            out.append(f"its axes are turned by {turn:.1f} deg from those of the gyro")
+            out.append(f"turned by {turn:.1f} deg")
         if self.known("scale") and abs(longer) - self.scale.within[0] > NOTED["scale"]:
-            out.append(f"its ways are {100.0 * longer:+.1f} % longer than by the legs (or feet roll or slide)")
-        return (f"{', '.join(out)}: --align takes that out before scoring",) if out else ()
+            out.append(f"{100.0 * longer:+.1f} % longer than by the legs (or feet roll or slide)")
+        return (f"the truth is {', '.join(out)}; --align takes that out before scoring",) if out else ()
 
 
 def align(log: Log) -> Alignment:

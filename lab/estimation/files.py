@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import matrix_from_quat
-from surefoot.record.columns import Columns
-from surefoot.record.tables import METADATA, read_table
+from surefoot.record.columns import METADATA, Columns
+from surefoot.record.tables import read_table
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.feet.contact import contact_points

@@ -1,56 +1,23 @@
-"""Logs of others as columns: CSV and NPZ, checked, with row and column of each error (docs/estimate.md).
+"""Logs of others as columns: CSV and NPZ, checked, with row and column of each error (docs/estimate.md)."""
 
-A CSV has one number per cell; `gyro_x, gyro_y, gyro_z` become the column `gyro` (n, 3), `foot0_x` ... become
-`foot_position` (n, F, 3). Empty cells and `nan` are NaN.
-"""
-
-import csv
-import math
-import re
 import zipfile
 import zlib
-from array import array
-from collections.abc import Iterable, Sequence
-from itertools import product
 from pathlib import Path
-from typing import TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
-from surefoot.record.columns import Columns
+from surefoot.record.columns import METADATA, SHAPES, Columns
+from surefoot.record.csv_table import read_csv
 
 Ints = NDArray[np.int64]
 
-XYZ = ("x", "y", "z")
-WXYZ = ("qw", "qx", "qy", "qz")
 ALIASES = {
     "time": "t", "w": "gyro", "a": "acc", "pf": "foot_position", "Rf": "foot_rotation", "fz": "force",
     "p": "true_position", "R": "true_rotation", "v": "true_velocity",
 }  # fmt: skip
 """Other names of columns in NPZ files."""
-SHAPES: dict[str, tuple[int | str, ...]] = {
-    "t": ("n",), "stamp_ns": ("n",), "gyro": ("n", 3), "acc": ("n", 3), "saturated": ("n",), "foot_t": ("m",),
-    "foot_stamp_ns": ("m",), "foot_position": ("m", "F", 3), "foot_rotation": ("m", "F", 3, 3),
-    "foot_quat_wxyz": ("m", "F", 4), "contact": ("m", "F"), "touch": ("m", "F", "S"), "force": ("m", "F"),
-    "joints": ("m", "J"), "true_position": ("n", 3), "true_rotation": ("n", 3, 3), "true_quat_wxyz": ("n", 4),
-    "true_velocity": ("n", 3),
-}  # fmt: skip
-"""Columns and their shapes: n inertial rows, m foot samples, F feet, S switches, J joints."""
-METADATA = ("feet", "foot_radius", "sole_size", "contact_on", "contact_off")
-"""Statements on the feet: in NPZ files further arrays, in CSV files lines like `# sole_size = 0.2, 0.1` at the top."""
-GROUPS: tuple[tuple[str, str, tuple[str, ...], tuple[str, ...]], ...] = (
-    ("gyro", "gyro_{}", (), XYZ), ("acc", "acc_{}", (), XYZ), ("true_position", "true_p{}", (), XYZ),
-    ("true_velocity", "true_v{}", (), XYZ), ("true_quat_wxyz", "true_{}", (), WXYZ),
-    ("foot_position", "foot{}_{}", (r"foot(\d+)_x",), XYZ), ("foot_quat_wxyz", "foot{}_{}", (r"foot(\d+)_x",), WXYZ),
-    ("contact", "contact{}", (r"contact(\d+)",), ()),
-    ("touch", "contact{}_{}", (r"contact(\d+)_0", r"contact0_(\d+)"), ()), ("force", "force{}", (r"force(\d+)",), ()),
-)  # fmt: skip
-"""CSV columns that make one: its name, their template, patterns of those that are counted, labels of the last axis."""
-NUMBER_WITH_COMMA = re.compile(r"^[+-]?\d+,\d+([eE][+-]?\d+)?$")
-SEPARATORS = (",", ";", "\t")
-"""Separators of CSV cells; the most frequent one of the first row counts."""
 FASTEST_S, SLOWEST_S = 5e-5, 0.5
 """Shortest and longest usual step between inertial rows of a log, s."""
 LATEST_S = 9e9
@@ -72,7 +39,7 @@ def read_table(path: Path, sort: bool = False) -> Columns:
         SurefootError: the file cannot be read, or what is in it is no log.
     """
     if path.suffix.lower() == ".csv":
-        columns = _from_csv(path)
+        columns = read_csv(path)
     elif path.suffix.lower() == ".npz":
         columns = _from_npz(path)
     else:
@@ -197,19 +164,21 @@ def _check_rate(seconds: NDArray[np.float64], key: str, name: str) -> None:
 
 def _check_range(feet: NDArray[np.float64], imu: NDArray[np.float64], key: str, name: str) -> None:
     """Check that most times of foot samples (m,) s lie among those of the inertial rows (n,) s."""
-    low, high = float(imu.min()) - SLOWEST_S, float(imu.max()) + SLOWEST_S
-
-    def inside(factor: float) -> float:
-        return float(np.mean((factor * feet >= low) & (factor * feet <= high)))
-
-    if not len(feet) or inside(1.0) >= 0.5:
+    low, high, length = float(imu.min()) - SLOWEST_S, float(imu.max()) + SLOWEST_S, float(np.ptp(imu))
+    if not len(feet):
         return
+
+    def inside(factor: float) -> bool:
+        share = float(np.mean((factor * feet >= low) & (factor * feet <= high)))
+        return share >= 0.5 and (len(feet) < 10 or factor * float(np.ptp(feet)) > 0.1 * length)
+
     text = f"{name}: {key} goes from {feet.min():.6g} to {feet.max():.6g} s, the inertial rows from {imu.min():.6g}"
     text += f" to {imu.max():.6g} s"
-    for factor, unit in _units(key):
-        if inside(factor) >= 0.5 and factor * float(np.ptp(feet)) > 0.1 * float(np.ptp(imu)):
+    for factor, unit in () if inside(1.0) else _units(key):
+        if inside(factor):
             raise SurefootError("invalid", f"{text}: the stamps of the feet are in {unit}, multiply by {factor:g}", key)
-    raise SurefootError("invalid", f"{text}: another clock", key)
+    if feet.max() < low or feet.min() > high:
+        raise SurefootError("invalid", f"{text}: another clock", key)
 
 
 def _from_npz(path: Path) -> Columns:
@@ -236,127 +205,3 @@ def _from_npz(path: Path) -> Columns:
         if not (np.issubdtype(values.dtype, np.number) or values.dtype == np.bool_):
             raise SurefootError("invalid", f"{path}: {name} holds {values.dtype}, wanted are numbers", name)
     return columns
-
-
-def _from_csv(path: Path) -> Columns:
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            stated, header = _metadata(file)
-            names, values = _cells(header, file, str(path))
-    except OSError as error:
-        raise SurefootError("unreadable", f"{path}: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise SurefootError("malformed", f"{path} is not UTF-8 text", "log") from None
-    return _grouped(names, values, str(path)) | stated
-
-
-def _metadata(file: TextIO) -> tuple[Columns, str]:
-    """Return the statements of the lines `# name = value` at the top of a CSV, and the line after them."""
-    stated: Columns = {}
-    while (line := file.readline().rstrip("\r\n")).startswith("#"):
-        key, _, value = (part.strip() for part in line[1:].partition("="))
-        if key in METADATA:
-            stated[key] = np.array(value if key == "feet" else value.split(","))
-    return stated, line
-
-
-def _cells(header: str, file: TextIO, name: str) -> tuple[list[str], NDArray[np.float64]]:
-    """Return header and numbers (n, columns) of a CSV."""
-    if not header.strip():
-        raise SurefootError("malformed", f"{name} is empty", "log")
-    separator = max(SEPARATORS, key=header.count)
-    names = [cell.strip() for cell in header.split(separator)]
-    if all(_number(cell) is not None for cell in names):
-        raise SurefootError("malformed", f"{name} begins with numbers; the first row names the columns", "log")
-    twice = sorted({cell for cell in names if names.count(cell) > 1})
-    if twice:
-        raise SurefootError(
-            "invalid", f"{name}: column {', '.join(map(repr, twice))} is there more than once", twice[0]
-        )
-    numbers = array("d")
-    for row, cells in enumerate(csv.reader(file, delimiter=separator), 1):
-        if not cells:
-            continue
-        if len(cells) != len(names):
-            raise _wrong_length(cells, names, row, separator, name)
-        try:
-            numbers.extend([float(cell) if cell else math.nan for cell in cells])
-        except ValueError:
-            raise _no_number(cells, names, row, name) from None
-    return names, np.array(numbers, dtype=np.float64).reshape(-1, len(names))
-
-
-def _number(cell: str) -> float | None:
-    try:
-        return float(cell)
-    except ValueError:
-        return None
-
-
-def _wrong_length(cells: Sequence[str], names: Sequence[str], row: int, separator: str, name: str) -> SurefootError:
-    hint = ""
-    if separator == "," and len(cells) >= 2 * len(names) - 1:
-        hint = "; are these decimal commas? Numbers have points here"
-    elif len(cells) < len(names):
-        hint = "; cut off?"
-    return SurefootError("malformed", f"{name} row {row}: {len(cells)} cells under {len(names)} names{hint}", "log")
-
-
-def _no_number(cells: Sequence[str], names: Sequence[str], row: int, name: str) -> SurefootError:
-    at = next(i for i, cell in enumerate(cells) if cell and _number(cell) is None)
-    hint = "; write the decimal comma as a point" if NUMBER_WITH_COMMA.match(cells[at].strip()) else ""
-    return SurefootError(
-        "malformed", f"{name} row {row}, column {names[at]!r}: {cells[at][:40]!r} is no number{hint}", names[at]
-    )
-
-
-def _grouped(names: Sequence[str], values: NDArray[np.float64], name: str) -> Columns:
-    """Return columns from single ones; rows without any kinematic number carry no foot sample."""
-    at = {column: i for i, column in enumerate(names)}
-    out: Columns = {key: values[:, at[key]] for key in ("t", "stamp_ns", "saturated") if key in at}
-    if "time" in at:
-        out.setdefault("t", values[:, at["time"]])
-    for key, template, counted, labels in GROUPS:
-        counts = [range(_count(pattern, names, name)) for pattern in counted]
-        parts = [template.format(*cell) for cell in product(*counts, *([labels] if labels else []))]
-        there = [part for part in parts if part in at]
-        missing = [part for part in parts if part not in at]
-        if there and missing:
-            text = f"{name} has {there[0]!r} but no {', '.join(map(repr, missing))}"
-            raise SurefootError("invalid", text, missing[0])
-        if there:
-            sizes = [len(each) for each in counts] + ([len(labels)] if labels else [])
-            out[key] = values[:, [at[part] for part in parts]].reshape(len(values), *sizes)
-    joints = [column for column in names if column.startswith("joint_")]
-    if joints:
-        out["joints"] = values[:, [at[part] for part in joints]]
-    return _without_empty(out, joints)
-
-
-def _without_empty(out: Columns, joints: Sequence[str]) -> Columns:
-    kinematic = [key for key in out if SHAPES[key][0] == "m"]
-    if not kinematic or not len(out[kinematic[0]]):
-        return out
-    filled = np.any([np.isfinite(out[key]).reshape(len(out[key]), -1).any(axis=1) for key in kinematic], axis=0)
-    stamp = "stamp_ns" if "stamp_ns" in out else "t"
-    for key in kinematic:
-        out[key] = out[key][filled]
-    if stamp in out:
-        out[f"foot_{stamp}"] = out[stamp][filled]
-    if "gyro" in out and "acc" in out:  # rows of the feet alone are no inertial rows
-        bare = np.isnan(out["gyro"]).all(axis=1) & np.isnan(out["acc"]).all(axis=1) & filled
-        for key in [key for key in out if SHAPES[key][0] == "n"]:
-            out[key] = out[key][~bare]
-    if joints:
-        out["joint_names"] = np.array([column.removeprefix("joint_") for column in joints])
-    return out
-
-
-def _count(pattern: str, names: Iterable[str], name: str) -> int:
-    """Return the number of columns like `foot0_x, foot1_x`, which must count from 0 without a gap."""
-    found = sorted(int(match[1]) for column in names if (match := re.fullmatch(pattern, column)))
-    if found != list(range(len(found))):
-        raise SurefootError(
-            "invalid", f"{name}: columns {pattern!r} are numbered {found}, wanted is 0, 1, 2 ...", "log"
-        )
-    return len(found)
