@@ -42,6 +42,10 @@ NOTED = {"rotation_deg": 2.0, "scale": 0.01}
 """Departures from which on a truth is called misaligned; of the offset: one inertial row."""
 
 
+STRANGE = 0.2
+"""Departure of the scale that no calibration explains."""
+
+
 class Found(NamedTuple):
     """A quantity with the half width of its 95 % interval."""
 
@@ -86,6 +90,9 @@ class Alignment:
             out.append(f"{1e3 * offset:+.0f} ms late")
         if self.known("rotation_deg") and turn - np.linalg.norm(self.rotation_deg.within) > NOTED["rotation_deg"]:
             out.append(f"turned by {turn:.1f} deg")
+        if self.known("scale") and abs(longer) > STRANGE:
+            text = f"ways by the truth are {1.0 + longer:.2f} of those by the legs"
+            return (f"{text}: another unit, or the description of another robot?",)
         if self.known("scale") and abs(longer) - self.scale.within[0] > NOTED["scale"]:
             out.append(f"{100.0 * longer:+.1f} % longer than by the legs (or feet roll or slide)")
         return (f"the truth is {', '.join(out)}; --align takes that out before scoring",) if out else ()
@@ -95,7 +102,7 @@ def align(log: Log) -> Alignment:
     """Return the place of a log's truth relative to its sensors."""
     offset, rotation, correlation = _by_gyro(log)
     known = Alignment(offset, rotation, _unknown(3), _unknown(1), correlation)
-    if not (correlation >= ALIKE):
+    if correlation < ALIKE:
         return known
     lever, scale = _by_feet(_moved(log, known))
     return replace(known, lever_m=lever, scale=scale)
@@ -240,8 +247,6 @@ def _stances(log: Log) -> tuple[Array, Array, Array, float]:
     if len(seconds) < 5:
         return np.empty((0, 3, 4)), np.empty((0, 3)), np.empty(0), 1.0
     place = np.einsum("mij,mfj->mfi", rot, seen)
-    if log.radius is not None:
-        place = place - log.radius[:, None] * [0.0, 0.0, 1.0]
     firm = contact & np.isfinite(place).all(axis=2)
     stands = np.cumsum(np.vstack([np.zeros(firm.shape[1]), firm]), axis=0)
     pairs: list[tuple[int, int, int]] = []
@@ -256,8 +261,12 @@ def _stances(log: Log) -> tuple[Array, Array, Array, float]:
     if not pairs:
         return np.empty((0, 3, 4)), np.empty((0, 3)), np.empty(0), 1.0
     i, j, f = np.array(pairs).T
-    moved, turned = position[j] - position[i], rot[j] - rot[i]
-    return np.concatenate([moved[:, :, None], -turned], axis=2), place[i, f] - place[j, f], seconds[i], float(k)
+    moved, turned, stayed = position[j] - position[i], rot[j] - rot[i], place[i, f] - place[j, f]
+    if log.radius is not None and log.radius.any():  # the centre of a round foot rolls along
+        feet = np.einsum("mij,mfjk->mfik", rot, log.foot_rot[inside])
+        roll = Rotation.from_matrix(np.einsum("kij,klj->kil", feet[j, f], feet[i, f])).as_rotvec()
+        stayed = stayed + np.cross(roll, log.radius[f][:, None] * [0.0, 0.0, 1.0])
+    return np.concatenate([moved[:, :, None], -turned], axis=2), stayed, seconds[i], float(k)
 
 
 def _solve(matrix: Array, wanted: Array, when: Array, overlap: float) -> tuple[Array, Array]:

@@ -98,5 +98,4 @@ def test_joints_in_another_order_of_legs_are_refused(recording, tmp_path):
 
 def test_a_robot_with_the_same_joints_and_other_legs_is_noted(recording, tmp_path):
     np.savez(tmp_path / "ragno.npz", **of_others(recording))
-    notes = " ".join(open_log(tmp_path / "ragno.npz", robot="messor").notes)
-    assert "messor has" in notes or "than by the legs" in notes
+    assert any("of another robot" in note for note in open_log(tmp_path / "ragno.npz", robot="messor").notes)
