@@ -244,15 +244,16 @@ def _stances(log: Log) -> tuple[Array, Array, Array, float]:
     seconds, contact = seconds[inside], log.contact[inside]
     seen, rot = log.foot_position[inside], _turned(log.seconds, log.rot, seconds).as_matrix()
     position = _at(log.seconds, log.position, seconds)
-    if len(seconds) < 5:
+    period = float(np.median(np.diff(seconds))) if len(seconds) > 4 else 0.0
+    if period <= 0.0:
         return np.empty((0, 3, 4)), np.empty((0, 3)), np.empty(0), 1.0
     place = np.einsum("mij,mfj->mfi", rot, seen)
-    firm = contact & np.isfinite(place).all(axis=2)
+    firm = contact & np.isfinite(place).all(axis=2) & np.isfinite(log.foot_rot[inside]).all(axis=(2, 3))
     stands = np.cumsum(np.vstack([np.zeros(firm.shape[1]), firm]), axis=0)
     pairs: list[tuple[int, int, int]] = []
     k = 1
     for part in STANCE_S:
-        k = max(1, round(part / float(np.median(np.diff(seconds)))))
+        k = max(1, round(part / period))
         first = np.arange(1, len(seconds) - k - 1)
         whole = stands[first + k + 2] - stands[first - 1] == k + 3  # with a sample before and after
         pairs = [(int(first[i]), int(first[i]) + k, int(f)) for i, f in np.argwhere(whole)]

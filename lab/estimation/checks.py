@@ -1,6 +1,6 @@
 """Feet, contacts and forces that a log itself contradicts: refused, or reported as notes.
 
-The turn of the IMU between two foot samples, by the gyro, says how a foot that stands must be seen after it: its place
+The turn of the IMU between two foot samples, by the gyro, fixes how a foot that stands is seen after it: its place
 relative to another standing foot and its orientation are fixed in the world.
 """
 
@@ -78,7 +78,7 @@ def _check_size(log: Log) -> None:
 
 def _forces(log: Log) -> tuple[str, ...]:
     """Check the sign of the forces, and return a note on their scale."""
-    if log.force is None:
+    if log.force is None or not np.isfinite(log.force).any():
         return ()
     force = np.nan_to_num(log.force)
     usual = float(np.median(force.sum(axis=1)))
@@ -179,12 +179,17 @@ def _lying(log: Log) -> tuple[str, ...]:
     """Return notes on times without contact, and on feet that are not below the IMU."""
     columns = {"acc": log.q, "stamp_ns": log.stamp_ns, "foot_stamp_ns": log.foot_ns}
     down = np.nan_to_num(log.foot_position).mean(axis=1)
-    cosine = -np.einsum("mi,mi->m", up_at(columns), down) / np.maximum(np.linalg.norm(down, axis=1), 1e-9)
+    up, far = up_at(columns), np.linalg.norm(down, axis=1)
+    cosine = -np.einsum("mi,mi->m", up, down) / np.maximum(far, 1e-9)
+    known = (far > 0.0) & (np.linalg.norm(up, axis=1) > 0.5)
     seconds = 1e-9 * (log.foot_ns - log.stamp_ns[0])
     notes: list[str] = []
     for mask, what in (
         (~log.contact.any(axis=1), "no foot stands: carried, or fallen?"),
-        (cosine < np.cos(np.radians(LYING_DEG)), "the feet are not below the IMU: the robot lies, or other axes?"),
+        (
+            known & (cosine < np.cos(np.radians(LYING_DEG))),
+            "the feet are not below the IMU: the robot lies, or other axes?",
+        ),
     ):
         edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
         spans = seconds[np.minimum(edges.reshape(-1, 2), len(seconds) - 1)]

@@ -82,7 +82,7 @@ def _numbers(key: str, value: Any) -> Array:
     most = np.inf if key.startswith("contact") else 1.0
     if not out.size or not np.all((out >= 0.0) & (out < most)):
         allowed = "N, 0 or more" if most > 1.0 else "m, 0 to 1"
-        raise SurefootError("invalid", f"got {value!r}; wanted is a number in {allowed}", key)
+        raise SurefootError("invalid", f"got {np.asarray(value).tolist()!r}; wanted is a number in {allowed}", key)
     return out
 
 
@@ -174,7 +174,8 @@ def shape(
     size = given.sole
     if size is None:
         seen = np.linalg.norm(position, axis=2)
-        reach = float(np.median(seen[np.isfinite(seen)]))
+        seen = seen[np.isfinite(seen)]
+        reach = float(np.median(seen)) if seen.size else 1.0
         size = reach * np.array(SOLE_SHARES)
         notes.append(f"size of the soles: {size[0]:.3f} x {size[1]:.3f} m assumed (--sole LENGTH,WIDTH)")
     return {"points": np.array([_corners(kind, foot, each, size) for foot, each in enumerate(up)])}

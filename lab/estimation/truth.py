@@ -41,6 +41,10 @@ def truth_of(columns: Columns, notes: list[str]) -> TrueMotion | None:
         raise SurefootError(
             "invalid", "the truth has numbers that are not finite; leave its columns out", "true_position"
         )
+    off = np.abs(np.einsum("nji,njk->nik", rot, rot) - np.eye(3)).max(axis=(1, 2))
+    if (off > 1e-2).any() or (np.linalg.det(rot) < 0.0).any():
+        row = int(np.argmax((off > 1e-2) | (np.linalg.det(rot) < 0.0)))
+        raise SurefootError("invalid", f"row {row}: the true orientation is no rotation", "true_rotation")
     if "true_velocity" not in columns:
         seconds = 1e-9 * (columns["stamp_ns"] - columns["stamp_ns"][0])
         v, window = velocity_of(position, rot, seconds, np.asarray(columns["acc"], dtype=np.float64))

@@ -31,6 +31,22 @@ def test_json_and_files(answer, log, tmp_path):
     assert abs(estimate[-1, 1] - estimate[0, 1] - truth[-1, 1] + truth[0, 1]) < 0.05
 
 
+def test_evo_reads_the_trajectories_and_measures_the_same(answer, log, tmp_path):
+    pytest.importorskip("evo", reason="evo is not installed: pip install evo")
+    from evo.core import metrics
+    from evo.tools import file_interface
+
+    told = json.loads(answer("estimate", log, "--score-from", "0", "--json", "-o", tmp_path))["errors"]
+    estimate, truth = (file_interface.read_tum_trajectory_file(tmp_path / f"{x}.tum") for x in ("estimate", "truth"))
+    each = metrics.RPE(metrics.PoseRelation.translation_part, 100, metrics.Unit.frames, all_pairs=True)
+    each.process_data((truth, estimate))
+    assert told["rpe_1s"] == pytest.approx(each.get_statistic(metrics.StatisticsType.rmse), rel=0.02)
+    estimate.align(truth)
+    whole = metrics.APE(metrics.PoseRelation.translation_part)
+    whole.process_data((truth, estimate))
+    assert told["ate"] == pytest.approx(whole.get_statistic(metrics.StatisticsType.rmse), rel=0.2)
+
+
 def test_two_outputs_are_compared(answer, complaint, log, tmp_path):
     for name in ("best", "ekf"):
         answer("estimate", log, "--estimator", name, "-o", tmp_path / name, "--json")

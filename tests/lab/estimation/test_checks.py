@@ -79,6 +79,38 @@ def test_what_cannot_be_right_is_refused_with_what_was_seen(log, columns, tmp_pa
         opened(change(columns, log), tmp_path)
 
 
+def some(values, rows, value):
+    out = np.array(values, dtype=np.float64)
+    out[rows] = value
+    return out
+
+
+ODD = {
+    "orientations of some samples are NaN": lambda c: {
+        "foot_rotation": some(c["foot_rotation"], slice(100, 120), np.nan)
+    },
+    "no foot is finite": lambda c: {"foot_position": np.full_like(c["foot_position"], np.nan)},
+    "all samples of the feet at one time": lambda c: {"foot_stamp_ns": np.full_like(c["foot_stamp_ns"], 10**9)},
+    "half of the accelerometer is NaN": lambda c: {"acc": some(c["acc"], slice(0, 1000), np.nan)},
+    "a truth that stays": lambda c: {"true_position": 0.0 * c["true_position"]},
+    "forces are NaN": lambda c: {"force": np.full(c["contact"].shape, np.nan)},
+}
+
+
+@pytest.mark.parametrize("kind", ODD)
+@pytest.mark.parametrize("aligning", [False, True])
+def test_odd_logs_are_read_without_a_word_too_much(columns, tmp_path, kind, aligning):
+    np.savez(tmp_path / "odd.npz", **(columns | ODD[kind](columns)))
+    found = open_log(tmp_path / "odd.npz", aligning=aligning)
+    assert not any("another" in note or "lies" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, 1.1])
+def test_true_orientations_that_are_none_are_refused(columns, tmp_path, factor):
+    with expect_error(SurefootError, "invalid", field="true_rotation", text="row 0"):
+        opened(columns | {"true_rotation": factor * columns["true_rotation"]}, tmp_path)
+
+
 def test_seconds_since_1970_are_seconds(columns, tmp_path):
     found = opened(seconds(columns, 1.0, 1.7e9), tmp_path).log
     assert found.seconds[-1] == pytest.approx(1e-9 * np.ptp(columns["stamp_ns"]), abs=1e-6)
