@@ -88,7 +88,7 @@ def estimate(log: Log, name: str, folder: Path, **options: Any) -> Result:
         acc_bias=kept.get("acc_bias"),
     )  # fmt: skip
     found = None
-    if log.truth is not None and n <= SCORED_ROWS and log.scored.sum() > 1:
+    if log.truth is not None and track.flags["initialised"].any() and n <= SCORED_ROWS and log.scored.sum() > 1:
         found = score(log, track)
     return Result(log, track, plain({**summary(log, track, found), "us_per_row": 1e6 * spent / n}), found)
 
