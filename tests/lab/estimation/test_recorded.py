@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from surefoot.errors import SurefootError
+from surefoot.lab.estimation import results
+from surefoot.lab.estimation.differences import departures, load_estimated
 from surefoot.lab.estimation.files import open_log
 from surefoot.lab.estimation.recorded import log_of_columns, log_of_recording, published
 from surefoot.lab.estimation.scores import score
@@ -99,3 +101,16 @@ def test_joints_in_another_order_of_legs_are_refused(recording, tmp_path):
 def test_a_robot_with_the_same_joints_and_other_legs_is_noted(recording, tmp_path):
     np.savez(tmp_path / "ragno.npz", **of_others(recording))
     assert any("of another robot" in note for note in open_log(tmp_path / "ragno.npz", robot="messor").notes)
+
+
+def test_a_recording_is_compared_with_its_replay(recording, tmp_path):
+    log = log_of_recording(recording)
+    found = results.estimate(log, "kinematics_gyro", tmp_path / "parts")
+    results.pack(tmp_path / "parts", tmp_path / "estimates.npz")
+    one, other = load_estimated(recording), load_estimated(tmp_path / "estimates.npz")
+    assert one.errors["rmse"] < 0.02
+    assert other.errors == {}
+    off = departures(one, other)
+    assert 0.0 < off["velocity"].rms < 0.05
+    assert departures(other, one)["tilt"].rms == pytest.approx(off["tilt"].rms, rel=0.1)
+    np.testing.assert_array_equal(other.v, found.track.v)
