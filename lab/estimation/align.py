@@ -29,7 +29,8 @@ GRID_S, MOST_ROWS = 0.005, 50_000
 """Shortest step of the grid of times, s, and the largest number of its rows."""
 BLOCKS, QUANTILE = 10, 2.26
 """Parts that are left out in turn, and the 97.5 % point of Student's t with one degree of freedom less."""
-FINEST = 0.05  # of a step of the grid: no offset is known better
+FINEST, FINEST_DEG = 0.05, 0.05
+"""Least half intervals of the offset, share of a step of the grid, and of the rotation, deg: rates are means."""
 TURNS = 0.02
 """Rate of turn, rad/s rms, below which a log shows neither offset nor rotation."""
 ALIKE = 0.5
@@ -183,7 +184,7 @@ def _by_gyro(log: Log) -> tuple[Found, Found, float]:
     fit = float(fits.max()) / (len(t) * size)
     return (
         Found(period * np.array([offset]), period * np.hypot(_jackknife(offsets), FINEST)),
-        Found(rotvec, _jackknife(turns)),
+        Found(rotvec, np.hypot(_jackknife(turns), FINEST_DEG)),
         fit,
     )
 
