@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.report import Bench, table, words_of
 from surefoot.lab.estimation.fuzz import FuzzCounts, fuzz
 from surefoot.lab.estimation.scores import Score
-from surefoot.lab.estimation.track import PEERS, default, names
+from surefoot.lab.estimation.track import default, names
 from surefoot.lab.statistics import half_width
 from surefoot.lab.studies import seeds_of, study
 from surefoot.papers.wawrzynski.compare import (
@@ -133,7 +133,7 @@ def tables(
         references: referees, by commas.
         json_: file for the scores as well.
     """
-    known = (*names(), *PEERS)
+    known = names()
     subjects, referees = checked(estimators, known), checked(references, known)
     only, numbers = checked(sets, [one.name for one in Parts(all=True).sets(())]), seeds_of(seeds)
     if parts in (Parts(), Parts(retune=True)):

@@ -1,5 +1,8 @@
 """`surefoot estimate`."""
 
+import math
+from dataclasses import replace
+from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -8,6 +11,7 @@ import typer
 from ..cli.output import Json, use_json, write, write_json, write_table
 
 if TYPE_CHECKING:
+    from .results import Result
     from .scores import Score
 
 app = typer.Typer()
@@ -16,7 +20,9 @@ app = typer.Typer()
 @app.command()
 def estimate(
     log: Annotated[Path, typer.Argument(help="Recording (.mcap), or a log of others (.csv, .npz); docs/estimate.md.")],
-    estimator: Annotated[str | None, typer.Option(help="Estimator: best, ekf, paper, imu, kinematics ...")] = None,
+    estimator: Annotated[
+        str | None, typer.Option(help="Estimator or referee: best, ekf, imu, kinematics, inekf ...")
+    ] = None,
     robot: Annotated[str | None, typer.Option(help="Robot description, for logs with joint angles.")] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder for estimates, plots and trajectories.")
@@ -25,70 +31,143 @@ def estimate(
     sort: Annotated[bool, typer.Option("--sort", help="Put rows into the order of their stamps.")] = False,
     gyro_noise: Annotated[float | None, typer.Option(help="Gyro noise of a row, rad/s [of the quiet part].")] = None,
     acc_noise: Annotated[float | None, typer.Option(help="Accelerometer noise of a row, m/s^2 [likewise].")] = None,
+    feet: Annotated[str | None, typer.Option(help="Feet of a log without robot: point, sole, line.")] = None,
+    radius: Annotated[float | None, typer.Option(help="Radius of round feet, m.")] = None,
+    sole: Annotated[str | None, typer.Option(help="LENGTH,WIDTH of the soles, or LENGTH of lines, m.")] = None,
+    contact_on: Annotated[float | None, typer.Option(help="Force from which a foot stands, N.")] = None,
+    contact_off: Annotated[float | None, typer.Option(help="Force below which it stands no more, N.")] = None,
+    score_from: Annotated[float | None, typer.Option(help="Time after the start at which scores begin, s.")] = None,
+    align: Annotated[bool, typer.Option("--align", help="Align the truth with the sensors before scoring.")] = False,
     json: Json = False,
 ) -> None:
     """Estimate velocity, tilt and path from a log, with covariance and flags; errors where the log has truth."""
-    from surefoot.tables import did_you_mean
-
+    from .feet import FeetOptions
     from .files import open_log
-    from .results import Scratch, pack, write_csv, write_tum
+    from .results import SUMMARY, Scratch, plain
     from .results import estimate as run
-    from .track import default, names
+    from .track import check_name, default
 
     use_json(json)
     chosen = estimator or default()
-    if chosen not in names():
-        from surefoot.errors import SurefootError
-
-        hint = did_you_mean(chosen, names())
-        raise SurefootError("invalid", f"got {chosen!r}{hint}; known are {', '.join(names())}", "estimator")
+    check_name(chosen)
+    sizes = {
+        "sole_size": None if sole is None else sole.split(","),
+        "contact_on": contact_on,
+        "contact_off": contact_off,
+    }
+    stated = FeetOptions.of({"feet": feet, "foot_radius": radius, **sizes})
     known = {"sigma_w": gyro_noise, "sigma_q": acc_noise}
-    opened = open_log(log, robot, sort, **{key: value for key, value in known.items() if value is not None})
+    opened = open_log(log, robot, sort, stated, align, **{k: v for k, v in known.items() if v is not None})
+    data = opened.log if score_from is None else replace(opened.log, begin_s=score_from)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-    files: list[Path] = []
     with Scratch(out) as folder:
-        result = run(opened.log, chosen, folder)
-        if out is not None:
-            from .plots import draw
-
-            files += [draw(result, out / "estimates.svg"), *write_tum(result, out)]
-            if csv:
-                files.append(write_csv(result, out / "estimates.csv"))
-            files.insert(0, pack(folder, out / "estimates.npz"))
+        result = run(data, chosen, folder)
+        files = [] if out is None else _write_files(result, folder, out, csv)
     report: dict[str, Any] = {**result.summary, "notes": list(opened.notes), "files": [str(path) for path in files]}
+    if opened.alignment is not None:
+        report["alignment"] = plain(opened.alignment.report())
+    if out is not None:
+        (out / SUMMARY).write_text(dumps(report, indent=1, allow_nan=False) + "\n")
     if json:
         write_json(report)
         return
     _show(report, result.score)
 
 
+def _write_files(result: "Result", folder: Path, out: Path, csv: bool) -> list[Path]:
+    """Write the estimates in `folder` and what is drawn from them to `out`; return the paths."""
+    from .plots import draw
+    from .results import SUMMARY, pack, write_csv, write_tum
+
+    more = [draw(result, out / "estimates.svg"), *write_tum(result, out)]
+    if csv:
+        more.append(write_csv(result, out / "estimates.csv"))
+    return [pack(folder, out / "estimates.npz"), *more, out / SUMMARY]
+
+
+@app.command()
+def compare(
+    a: Annotated[Path, typer.Argument(help="Folder or NPZ of `surefoot estimate -o`, or a recording (.mcap).")],
+    b: Annotated[Path, typer.Argument(help="Another one of the same time.")],
+    json: Json = False,
+) -> None:
+    """Compare two estimates of one log: differences in velocity, tilt, position and heading, and both scores."""
+    from .differences import departures, load_estimated
+
+    use_json(json)
+    one, other = load_estimated(a), load_estimated(b)
+    found = departures(one, other)
+    if json:
+        sides = {"a": {"path": str(a), "errors": one.errors}, "b": {"path": str(b), "errors": other.errors}}
+        write_json({"differences": {name: part._asdict() for name, part in found.items()}, **sides})
+        return
+    units = {"velocity": (100.0, "cm/s"), "tilt": (1.0, "deg"), "position": (1e3, "mm"), "heading": (1.0, "deg")}
+    rows: list[tuple[str, ...]] = []
+    for name, (rms, most, at) in found.items():
+        factor, unit = units[name]
+        rows.append((f"{name}, {unit}", f"{factor * rms:.3f}", f"{factor * most:.3f}", f"{at:.2f} s"))
+    write_table(("difference", "rms", "largest", "at"), rows)
+    names = [key for key in {**one.errors, **other.errors} if one.errors and other.errors]
+    if names:
+        scores = [(key, _text(one.errors.get(key)), _text(other.errors.get(key))) for key in names]
+        write_table(("error", str(a), str(b)), scores)
+    else:
+        write("note  no scores: not both have a truth")
+
+
 def _show(report: dict[str, Any], score: "Score | None") -> None:
     rows = [
         (key.replace("_", " "), _text(value))
         for key, value in report.items()
-        if key not in ("errors", "files", "notes")
+        if key not in ("alignment", "errors", "files", "notes")
     ]
     write_table(("quantity", "value"), rows)
+    if "alignment" in report:
+        write_table(("truth by the sensors", "value", "within (95 %)"), _alignment(report["alignment"]))
     if score is not None:
-        unit = {
-            "velocity, row by row": f"{100 * score.rmse:.2f} cm/s",
-            "velocity over 0.5 s": f"{100 * score.smooth:.2f} cm/s",
-            "average along the track": f"{100 * score.average:+.1f} %", "drift": f"{100 * score.drift:.3f} cm/s",
-            "NEES of v (3 = ideal)": f"{score.nees:.1f}", "tilt": f"{score.tilt_deg:.2f} deg",
-            "displacement per net metre": f"{100 * score.odometry:.2f} % of {score.way:.2f} m",
-            "height": f"{1e3 * score.height:.1f} mm", "heading at the end": f"{score.heading_deg:+.2f} deg",
-        }  # fmt: skip
-        write_table(("error", "value"), list(unit.items()))
+        write_table(("error", "value"), [(name, _text(*value)) for name, value in _errors(score)])
     for note in report["notes"]:
         write(f"note  {note}")
     for path in report["files"]:
         write(f"file  {path}")
 
 
-def _text(value: Any) -> str:
+def _alignment(found: dict[str, Any]) -> list[tuple[str, str, str]]:
+    names = {"offset_s": "late, s", "rotation_deg": "turned, deg", "lever_m": "point from the IMU, m", "scale": "scale"}
+    rows: list[tuple[str, str, str]] = []
+    for key, name in names.items():
+        value, within = ("not observable" if found[k] is None else _text(found[k]) for k in (key, f"{key}_within"))
+        rows.append((name if key in found["applied"] else f"{name} (not applied)", value, within))
+    return rows
+
+
+def _errors(s: "Score") -> list[tuple[str, tuple[float, str]]]:
+    """Return the name of each error with its value and the text around it."""
+    over = f"over {s.rpe_m:g} m" if math.isfinite(s.rpe_m) else "over 1 m"
+    return [
+        ("velocity, row by row", (100 * s.rmse, "{:.2f} cm/s")),
+        ("velocity over 0.5 s", (100 * s.smooth, "{:.2f} cm/s")),
+        ("average along the track", (100 * s.average, "{:+.1f} %")),
+        ("drift", (100 * s.drift, "{:.3f} cm/s")),
+        ("NEES of v per degree of freedom (1 = ideal)", (s.nees / 3.0, "{:.2f}")),
+        ("rows inside the 95 % region of v", (100 * s.inside, "{:.1f} %")),
+        ("tilt", (s.tilt_deg, "{:.2f} deg")),
+        (f"relative pose error {over}", (100 * s.rpe, "{:.2f} %")),
+        ("relative pose error over 1 s", (1e3 * s.rpe_1s, "{:.1f} mm")),
+        ("absolute trajectory error", (1e3 * s.ate, f"{{:.1f}} mm on a path of {s.path:.2f} m")),
+        ("displacement per net metre", (100 * s.odometry, f"{{:.2f}} % of {s.way:.2f} m")),
+        (f"height {over}", (1e3 * s.climb, "{:.1f} mm/m")),
+        ("height, largest", (1e3 * s.height, "{:.1f} mm")),
+        ("heading at the end", (s.heading_deg, "{:+.2f} deg")),
+        ("heading per minute", (s.heading_deg_min, "{:.2f} deg/min")),
+        ("heading, rms after alignment", (s.heading_rms_deg, "{:.2f} deg")),
+    ]
+
+
+def _text(value: Any, form: str = "{:.4g}") -> str:
     if isinstance(value, float):
-        return f"{value:.4g}"
+        return form.format(value) if math.isfinite(value) else "-"
     if isinstance(value, list):
         return " ".join(_text(part) for part in value)
     if isinstance(value, dict):

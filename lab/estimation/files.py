@@ -9,26 +9,25 @@ from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import matrix_from_quat
-from surefoot.record.columns import Columns
+from surefoot.record.columns import METADATA, Columns
 from surefoot.record.tables import read_table
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.feet.contact import contact_points
 from surefoot.services.estimator.feet.mount import feet_in_imu, foot_mount
 
-from .log import Log, TrueMotion
+from .align import Alignment, align, aligned
+from .checks import check_kinematics
+from .feet import UNSTATED, FeetOptions, contacts, shape
+from .log import Flags, Log
 from .recorded import log_of_recording
+from .truth import truth_of
 from .units import check_units, quietest
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
-ON, OFF = 0.25, 0.15
-"""Shares of the usual total force: a foot stands from the first on, until its force falls below the second."""
 STANDSTILL = {"standstill_gyro_sd": 0.05, "standstill_acc_sd": 0.5}
 """Limits of a rest where the sensors are unknown, rad/s and m/s^2; the feet must not move either."""
-LOWEST_M = 0.005
-"""Height over the lowest foot up to which a foot stands, where contacts and forces are unknown, m."""
 
 
 @dataclass(frozen=True)
@@ -37,15 +36,21 @@ class Opened:
 
     log: Log
     notes: tuple[str, ...]
+    alignment: Alignment | None = None  # of the truth with the sensors, where that was taken out
 
 
-def open_log(path: Path, robot: str | None = None, sort: bool = False, **sensors: float) -> Opened:
+def open_log(
+    path: Path, robot: str | None = None, sort: bool = False, feet: FeetOptions = UNSTATED, aligning: bool = False,
+    **sensors: float,
+) -> Opened:  # fmt: skip
     """Read, check and complete a log.
 
     Args:
         path: `.mcap`, `.csv` or `.npz`.
         robot: name of a description, for logs with joint angles; a recording names its own.
         sort: put rows into the order of their stamps.
+        feet: statements on the feet of a log without a robot; they count more than the metadata of the file.
+        aligning: align the truth with the sensors; else a note reports a truth that is not aligned.
         sensors: parameters of the estimator that are known of the sensors, e.g. `sigma_w`.
 
     Raises:
@@ -54,10 +59,15 @@ def open_log(path: Path, robot: str | None = None, sort: bool = False, **sensors
     if not path.exists():
         raise SurefootError("unreadable", f"{path}: no such file", "log")
     if path.suffix.lower() == ".mcap":
+        if feet is not UNSTATED and feet != UNSTATED:
+            raise SurefootError("invalid", "a recording names the robot, and with it feet and contacts", "feet")
         log, notes = log_of_recording(path, robot), ()
     else:
-        log, notes = log_of_table(path.stem, read_table(path, sort), None if robot is None else load_robot(robot))
+        description = None if robot is None else load_robot(robot)
+        log, notes = log_of_table(path.stem, read_table(path, sort), description, feet)
     check_units(log)
+    if path.suffix.lower() != ".mcap":
+        notes += check_kinematics(log)
     if log.robot is None:
         noise = quietest(log)
         found = {
@@ -71,58 +81,44 @@ def open_log(path: Path, robot: str | None = None, sort: bool = False, **sensors
         log = replace(log, sensors=found | sensors)
     else:
         log = replace(log, sensors={**log.sensors, **sensors})
-    return Opened(log, notes)
+    if log.truth is None or path.suffix.lower() == ".mcap":
+        if aligning:
+            raise SurefootError("invalid", f"{path} has no truth of others that could be aligned", "align")
+        return Opened(log, notes)
+    found = align(log)
+    if aligning:
+        return Opened(aligned(log, found), notes, found)
+    return Opened(log, notes + found.notes(float(np.median(np.diff(log.seconds)))))
 
 
-def log_of_table(name: str, columns: Columns, robot: Robot | None = None, **more: Any) -> tuple[Log, tuple[str, ...]]:
+def log_of_table(
+    name: str, columns: Columns, robot: Robot | None = None, feet: FeetOptions = UNSTATED, **more: Any
+) -> tuple[Log, tuple[str, ...]]:
     """Return a log from checked columns, and notes on what was assumed.
 
     Args:
         name: of the log.
         columns: see `surefoot.record.tables`.
         robot: description, needed if the feet come as joint angles.
+        feet: statements on the feet; they count more than those among the columns.
         more: other fields of the log.
 
     Raises:
         SurefootError: the columns do not fit the robot, or there are no feet.
     """
     notes: list[str] = []
-    n = len(columns["stamp_ns"])
-    if "foot_position" in columns:
-        position, rot = _feet(columns, notes)
-        joints = None
-    elif "joints" in columns:
-        if robot is None:
-            raise SurefootError("invalid", f"{name} has joint angles; name the robot they belong to (--robot)", "robot")
-        joints = _joints(columns, robot)
-        mount = foot_mount(robot)
-        seen = [feet_in_imu(mount, q) for q in joints]
-        position, rot = (np.array([pair[i] for pair in seen]) for i in range(2))
-    else:
-        position, rot, joints = np.empty((0, 1, 3)), np.empty((0, 1, 3, 3)), None
-        columns = {**columns, "foot_stamp_ns": np.empty(0, dtype=np.int64), "contact": np.empty((0, 1))}
-        notes.append("no feet: only the inertial unit is left")
+    columns, position, rot, joints = _kinematics(name, columns, robot, notes)
     gyro, acc = (np.ascontiguousarray(columns[key], dtype=np.float64) for key in ("gyro", "acc"))
-    contact, touch = _contact(columns, position, acc, notes)
-    mounted: dict[str, Any] = {}
+    given = feet.over(FeetOptions.of({key: columns[key] for key in METADATA if key in columns}))
+    contact, touch = contacts(columns, position, given, notes)
+    truth = truth_of(columns, notes)
+    mounted: dict[str, Any]
     if robot is not None:
-        mount = foot_mount(robot)
-        if position.shape[1] != len(robot.legs):
-            raise SurefootError(
-                "invalid", f"{name} has {position.shape[1]} feet; {robot.name} has {len(robot.legs)}", "robot"
-            )
-        places = contact_points(robot).switches.shape[1]
-        if touch is not None and places > 1 and touch.shape[2] not in (1, places):
-            notes.append(
-                f"{touch.shape[2]} switches a foot, {robot.name} has places for {places}: taken as one flag a foot"
-            )
-        mounted = {
-            "radius": mount.radius, "rot_base_from_imu": np.ascontiguousarray(mount.rot_imu_from_base.T),
-            "imu_position": mount.imu_position, "robot": robot.name,
-        }  # fmt: skip
-    truth = _truth(columns)
-    if truth is not None and robot is None:
-        mounted["rot_base_from_imu"] = np.ascontiguousarray(truth.rot[0])  # base_link is level where the log begins
+        mounted = _mounted(name, robot, given, position.shape[1], touch, notes)
+    else:
+        mounted = {**shape(given, columns, position, rot, contact, notes)}
+        if truth is not None:
+            mounted["rot_base_from_imu"] = np.ascontiguousarray(truth.rot[0])  # base_link is level where the log begins
     saturated = columns["saturated"] > 0.5 if "saturated" in columns else None
     stamp = np.ascontiguousarray(columns["stamp_ns"])
     log = Log(
@@ -130,9 +126,47 @@ def log_of_table(name: str, columns: Columns, robot: Robot | None = None, **more
         np.ascontiguousarray(rot), contact, truth, touch=touch, force=columns.get("force"), joints=joints,
         saturated=saturated, **(mounted | more),
     )  # fmt: skip
-    if n < 50:
-        notes.append(f"{n} rows are too few for a standstill of 50")
+    if len(stamp) < 50:
+        notes.append(f"{len(stamp)} rows are too few for a standstill of 50")
     return log, tuple(notes)
+
+
+def _kinematics(
+    name: str, columns: Columns, robot: Robot | None, notes: list[str]
+) -> tuple[Columns, Array, Array, Array | None]:
+    """Return the columns, feet (m, F, 3) m and rot_imu_from_foot (m, F, 3, 3), and joint angles (m, nj) rad."""
+    if "foot_position" in columns:
+        return columns, *_feet(columns, notes), None
+    if "joints" in columns:
+        if robot is None:
+            raise SurefootError("invalid", f"{name} has joint angles; name the robot they belong to (--robot)", "robot")
+        joints = _joints(columns, robot)
+        mount = foot_mount(robot)
+        seen = [feet_in_imu(mount, q) for q in joints]
+        return columns, np.array([pair[0] for pair in seen]), np.array([pair[1] for pair in seen]), joints
+    notes.append("no feet: only the inertial unit is left")
+    columns = {**columns, "foot_stamp_ns": np.empty(0, dtype=np.int64), "contact": np.empty((0, 1))}
+    return columns, np.empty((0, 1, 3)), np.empty((0, 1, 3, 3)), None
+
+
+def _mounted(
+    name: str, robot: Robot, given: FeetOptions, feet: int, touch: Flags | None, notes: list[str]
+) -> dict[str, Any]:
+    """Return the fields of a log that a robot description gives."""
+    mount = foot_mount(robot)
+    if given.shaped:
+        raise SurefootError("invalid", f"the feet are those of {robot.name}; leave --feet or --robot out", "feet")
+    if feet != len(robot.legs):
+        raise SurefootError("invalid", f"{name} has {feet} feet; {robot.name} has {len(robot.legs)}", "robot")
+    places = contact_points(robot).switches.shape[1]
+    if touch is not None and places > 1 and touch.shape[2] not in (1, places):
+        notes.append(
+            f"{touch.shape[2]} switches a foot, {robot.name} has places for {places}: taken as one flag a foot"
+        )
+    return {
+        "radius": mount.radius, "rot_base_from_imu": np.ascontiguousarray(mount.rot_imu_from_base.T),
+        "imu_position": mount.imu_position, "robot": robot.name,
+    }  # fmt: skip
 
 
 def _feet(columns: Columns, notes: list[str]) -> tuple[Array, Array]:
@@ -183,58 +217,3 @@ def _joints(columns: Columns, robot: Robot) -> Array:
             f"{robot.joint_lower[joint]:.3g} .. {robot.joint_upper[joint]:.3g} of {robot.name}; {hint}", "joints",
         )  # fmt: skip
     return np.ascontiguousarray(joints)
-
-
-def _contact(columns: Columns, position: Array, acc: Array, notes: list[str]) -> tuple[Flags, Flags | None]:
-    """Return contacts (m, F) and switches (m, F, S), from the columns that show them."""
-    if "touch" in columns:
-        touch = columns["touch"] > 0.5
-        return np.asarray(touch.any(axis=2), dtype=np.bool_), touch
-    if "contact" in columns:
-        contact = np.asarray(columns["contact"], dtype=np.float64)
-        outside = np.argwhere((contact < 0.0) | (contact > 1.0))
-        if outside.size:
-            row, foot = (int(i) for i in outside[0])
-            value = contact[row, foot]
-            raise SurefootError(
-                "invalid", f"row {row}: contact{foot} is {value:.3g}, wanted is 0 to 1", f"contact{foot}"
-            )
-        return contact > 0.5, None
-    if "force" in columns:
-        force = np.nan_to_num(np.asarray(columns["force"], dtype=np.float64))
-        usual = float(np.median(force.sum(axis=1)))
-        notes.append(f"contacts by force: from {ON * usual:.0f} N on, until below {OFF * usual:.0f} N")
-        contact = np.zeros(force.shape, dtype=np.bool_)
-        now = np.zeros(force.shape[1], dtype=np.bool_)
-        for k, row in enumerate(force):
-            now = (row > ON * usual) | (now & (row >= OFF * usual))
-            contact[k] = now
-        return contact, None
-    notes.append("no contacts: feet within 5 mm of the lowest one are taken to stand")
-    rows = np.clip(np.searchsorted(columns["stamp_ns"], columns["foot_stamp_ns"]), 0, len(acc) - 1)
-    total = np.nancumsum(np.vstack([np.zeros(3), acc]), axis=0)
-    low, high = np.maximum(rows - 25, 0), np.minimum(rows + 25, len(acc))
-    up = total[high] - total[low]
-    up /= np.maximum(np.linalg.norm(up, axis=1), 1e-9)[:, None]
-    height = np.einsum("mfi,mi->mf", position, up)
-    return height < np.nanmin(height, axis=1, initial=np.inf)[:, None] + LOWEST_M, None
-
-
-def _truth(columns: Columns) -> TrueMotion | None:
-    """Return the motion of the IMU if position and orientation are known; without velocity that by differences."""
-    if "true_position" not in columns or not ("true_rotation" in columns or "true_quat_wxyz" in columns):
-        return None
-    position = np.asarray(columns["true_position"], dtype=np.float64)
-    if "true_rotation" in columns:
-        rot = np.asarray(columns["true_rotation"], dtype=np.float64)
-    else:
-        rot = np.array([matrix_from_quat(q) for q in columns["true_quat_wxyz"]])
-    if "true_velocity" in columns:
-        v = np.asarray(columns["true_velocity"], dtype=np.float64)
-    else:
-        v = np.gradient(position, 1e-9 * (columns["stamp_ns"] - columns["stamp_ns"][0]), axis=0)
-    if not (np.isfinite(position).all() and np.isfinite(rot).all() and np.isfinite(v).all()):
-        raise SurefootError(
-            "invalid", "the truth has numbers that are not finite; leave its columns out", "true_position"
-        )
-    return TrueMotion(position, rot, v)

@@ -71,36 +71,22 @@ def humanoid(name: str, every: int = 3, data: Path = DATA) -> Log:
         data: folder of the files.
 
     Raises:
-        FileNotFoundError: the set is not there.
+        SurefootError: the set is not there.
     """
-    columns, (window, begin_s) = np.load(data / f"{name}.npz"), HUMANOIDS[name]
-    v_world = _velocity(columns, window)
-    return from_columns(name, columns, v_world, every, sensors=SENSORS, rest=(0, 30), begin_s=begin_s)
+    window, begin_s = HUMANOIDS[name]
+    log = open_log(data / f"{name}.npz").log
+    period = float(np.median(np.diff(log.seconds)))
+    v_world = savgol_filter(log.position, window, 3, deriv=1, delta=period, axis=0)
+    log = replace(log, stamp_ns=1 + log.stamp_ns, foot_ns=1 + log.foot_ns)  # filters of the paper skip feet at 0 ns
+    return replace(
+        log.with_feet(np.arange(0, len(log.foot_ns), every)), sensors=SENSORS, rest=(0, 30),
+        truth=replace(log.known(), v_world=np.asarray(v_world, dtype=np.float64)),
+        points=np.repeat(SOLE[None], log.feet_count, axis=0), begin_s=begin_s,
+    )  # fmt: skip
 
 
 HUMANOIDS = {"icub3_gazebo_walk": (15, 16.2), "icub_real_com": (61, 0.5)}
 """Window of the truth in rows, and s from which scores count: the simulated robot stands until it walks."""
-
-
-def from_columns(name: str, columns: Mapping[str, Array], v_world: Array, every: int = 3, **more: Any) -> Log:
-    """Return a log from the columns `t, w, a, pf, Rf, contact, fz, p, R` of a humanoid data set.
-
-    Args:
-        name: of the log.
-        columns: arrays with n rows; `t` in s, the rest in SI, IMU axes; `p`, `R` the true pose of the IMU.
-        v_world: true velocity, (n, 3) m/s.
-        every: rows between two foot samples.
-        more: other fields of the log.
-    """
-    rows = slice(0, len(columns["t"]), every)
-    position, rot, contact = (np.ascontiguousarray(columns[key][rows]) for key in ("pf", "Rf", "contact"))
-    force = np.ascontiguousarray(columns["fz"][rows]) if "fz" in columns else None
-    stamp, w, a = _stamps(columns["t"]), *(np.ascontiguousarray(columns[key]) for key in ("w", "a"))
-    return Log(
-        name, stamp, w, a, np.ascontiguousarray(stamp[rows]), position, rot, contact.astype(np.bool_),
-        _truth(columns, v_world), force=force, points=np.repeat(SOLE[None], position.shape[1], axis=0),
-        rot_base_from_imu=np.ascontiguousarray(columns["R"][0]), **more,
-    )  # fmt: skip
 
 
 def _stamps(t: Array) -> NDArray[np.int64]:
@@ -129,12 +115,14 @@ def _command(row: ForeignLog, path: Path) -> Log:
 def _generated(row: ForeignLog, path: Path) -> Log:
     """Return a log whose feet have no orientation."""
     columns = np.load(path)
-    n, feet = columns["contact"].shape
-    wide = {key: np.asarray(columns[key], dtype=np.float64) for key in ("t", "w", "a", "pf", "p", "R")}
-    wide |= {"Rf": np.broadcast_to(np.eye(3), (n, feet, 3, 3)), "contact": columns["contact"]}
-    period = round(1e9 * float(wide["t"][1] - wide["t"][0]))
-    periods = {"imu_period_ns": period, "kinematics_period_ns": period}
-    return replace(from_columns(row.name, wide, _velocity(wide, row.window), 1, sensors=periods), points=None)
+    contact, stamp = columns["contact"].astype(np.bool_), _stamps(columns["t"])
+    w, a, position, turned = (np.asarray(columns[key], dtype=np.float64) for key in ("w", "a", "pf", "R"))
+    period = int(np.median(np.diff(stamp)))
+    return Log(
+        row.name, stamp, w, a, stamp.copy(), position, np.broadcast_to(np.eye(3), (*contact.shape, 3, 3)).copy(),
+        contact, _truth(columns, _velocity(columns, row.window)), rot_base_from_imu=np.ascontiguousarray(turned[0]),
+        sensors={"imu_period_ns": period, "kinematics_period_ns": period},
+    )  # fmt: skip
 
 
 def _go1(row: ForeignLog, path: Path) -> Log:

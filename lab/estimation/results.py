@@ -1,11 +1,13 @@
 """Run an estimator over a log of any length: estimates to files piece by piece, and a summary."""
 
+import math
 import shutil
 import tempfile
 import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from time import perf_counter
 from typing import Any, TextIO
 
 import numpy as np
@@ -14,12 +16,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from .log import Log
-from .scores import Score, base_pose, score
+from .scores import Score, base_pose, base_rot, score
 from .track import FLAGS, Track, follow
+from .track import track as track_of
 
 Array = NDArray[Any]
 
 ROWS_EACH = 50_000
+SUMMARY = "summary.json"
+"""Name of the file that holds the report of a run beside its estimates."""
 SCORED_ROWS = 2_000_000  # logs with truth that are longer are scored on their first rows
 NIS_BAND = (0.22, 9.35)  # 95 % of chi^2 with 3 degrees of freedom
 PARTS: dict[str, tuple[int, ...]] = {
@@ -53,12 +58,16 @@ def estimate(log: Log, name: str, folder: Path, **options: Any) -> Result:
         options: changes of its parameters.
     """
     n, feet = len(log.stamp_ns), log.feet_count
+    few = log.with_imu(np.arange(min(2, n))).with_feet(np.arange(min(2, len(log.foot_ns))))
+    track_of(name, few, **options)  # loads the kernels, which is no time of a row
+    spent, begun = 0.0, perf_counter()
     shapes = {**PARTS, "slipping": (feet,)} | dict.fromkeys(FLAGS, ())
     folder.mkdir(parents=True, exist_ok=True)
     kept: dict[str, Array] = {}
     refused: Mapping[str, int] = {}
     in_order = log.order is None or bool((np.diff(log.order[log.order < n]) > 0).all())
     for rows, piece in follow(name, log, ROWS_EACH if in_order else None, **options):
+        spent += perf_counter() - begun
         if piece.contact is not None:
             shapes["contact"] = (feet,)
         for key, shape in shapes.items():
@@ -69,7 +78,7 @@ def estimate(log: Log, name: str, folder: Path, **options: Any) -> Result:
                 path = folder / f"{FILE_NAMES.get(key, key)}.npy"
                 kept[key] = open_memmap(path, mode="w+", dtype=values.dtype, shape=(n, *shape))
             kept[key][rows] = values
-        refused = piece.refused
+        refused, begun = piece.refused, perf_counter()
     kept["stamp_ns"] = open_memmap(folder / "stamp_ns.npy", mode="w+", dtype=np.int64, shape=(n,))
     kept["stamp_ns"][:] = log.stamp_ns
     track = Track(
@@ -79,9 +88,9 @@ def estimate(log: Log, name: str, folder: Path, **options: Any) -> Result:
         acc_bias=kept.get("acc_bias"),
     )  # fmt: skip
     found = None
-    if log.truth is not None and n <= SCORED_ROWS and log.scored.sum() > 1:
+    if log.truth is not None and track.flags["initialised"].any() and n <= SCORED_ROWS and log.scored.sum() > 1:
         found = score(log, track)
-    return Result(log, track, summary(log, track, found), found)
+    return Result(log, track, plain({**summary(log, track, found), "us_per_row": 1e6 * spent / n}), found)
 
 
 def summary(log: Log, track: Track, found: Score | None) -> dict[str, Any]:
@@ -104,7 +113,11 @@ def summary(log: Log, track: Track, found: Score | None) -> dict[str, Any]:
     out["nis_mean"] = float(nis.mean()) if nis.size else None
     out["nis_inside_95"] = float(np.mean((nis > NIS_BAND[0]) & (nis < NIS_BAND[1]))) if nis.size else None
     if track.slipping is not None:
-        out["slipping"] = [float(x) for x in np.asarray(track.slipping[rows]).mean(axis=0)]
+        sliding = np.asarray(track.slipping[rows])  # NaN: the foot does not stand
+        known = np.isfinite(sliding)
+        out["slipping"] = [
+            float(row[good].mean()) if good.any() else None for row, good in zip(sliding.T, known.T, strict=True)
+        ]
     if track.gyro_bias is not None and track.acc_bias is not None:
         out["gyro_bias_rad_s"] = [float(x) for x in track.gyro_bias[-1]]
         out["acc_bias_m_s2"] = [float(x) for x in track.acc_bias[-1]]
@@ -113,8 +126,17 @@ def summary(log: Log, track: Track, found: Score | None) -> dict[str, Any]:
     out["heading_rad"] = float(track.yaw[-1] - track.yaw[first])
     out["unobservable"] = "position and heading are dead-reckoned: they drift without bound"
     if found is not None:
-        out["errors"] = asdict(found)
+        out["errors"] = asdict(found) | {"nees_per_dof": found.nees / 3.0}
     return out
+
+
+def plain(value: Any) -> Any:
+    """Return nested numbers with None for those that are not finite, which JSON does not know."""
+    if isinstance(value, Mapping):
+        return {key: plain(part) for key, part in value.items()}
+    if isinstance(value, list):
+        return [plain(part) for part in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _rate(stamps: NDArray[np.int64]) -> float | None:
@@ -164,9 +186,7 @@ def write_tum(result: Result, out: Path) -> list[Path]:
     with files[0].open("w") as file:
         for first in range(0, len(track.v), ROWS_EACH):
             rows = slice(first, first + ROWS_EACH)
-            x, y, z = (track.g[rows] @ log.rot_base_from_imu.T).T
-            angles = np.stack([np.asarray(track.yaw[rows]), np.arctan2(-x, np.hypot(y, z)), np.arctan2(y, z)], axis=1)
-            quats = Rotation.from_euler("ZYX", angles).as_quat()
+            quats = Rotation.from_matrix(base_rot(log, track, rows)).as_quat()
             _write_rows(file, log.stamp_ns[rows], track.position[rows], quats)
     if result.score is not None:
         files.append(out / "truth.tum")

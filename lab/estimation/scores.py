@@ -4,31 +4,45 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from .log import Log
+from .log import Flags, Log
 from .track import Track
+from .trajectory import Poses, height_error, laid_over, pairs_by_path, pairs_by_time, path_length, relative_error
 
 Array = NDArray[np.float64]
 
 WINDOW_S = 0.5
 """Time over which mean errors are compared, s: truth by motion capture is noisy row by row."""
+REGION_95 = 7.815  # of chi^2 with 3 degrees of freedom: 95 % of the rows lie below it
+NO_WAY_M, NO_SPEED = 1e-3, 1e-4
+"""Net way, m, and mean speed, m/s, below which errors are no share of them."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """Errors over the scored part of a log."""
+    """Errors over the scored part of a log; NaN where the log is too short, or does not move."""
 
     rmse: float  # m/s, length of the velocity error, rms over rows
     smooth: float  # m/s, the same of the error's mean over 0.5 s, world axes
     average: float  # error of the mean world velocity along the track, share of it (0.08 = 8 %)
     drift: float  # m/s, horizontal error of the mean world velocity
     nees: float  # of v, mean; 3 = ideal
+    inside: float  # share of the rows with v inside the 95 % region of its covariance
     tilt_deg: float  # angle between estimated and true up, rms
     way: float  # m, net horizontal way of base_link
     odometry: float  # horizontal error of the displacement of base_link, share of the net way
     height: float  # m, error of the height difference, largest
     heading_deg: float  # error of the change of heading, at the end
     integral: float  # m, published velocity integrated against published position, share of the net way
+    path: float  # m, true path of base_link
+    rpe: float  # relative pose error over `rpe_m` of path, translation, rms, share of that length
+    rpe_m: float  # m, the longest of 1, 0.5 and 0.1 m that the path holds
+    rpe_1s: float  # m, relative pose error over 1 s, translation, rms
+    ate: float  # m, position after alignment in heading and position, rms
+    heading_deg_min: float  # deg/min, |error of the change of heading| at the end over the time
+    heading_rms_deg: float  # error of heading after alignment, rms
+    climb: float  # m/m, error of the change of height over `rpe_m` of path, rms, per metre
 
     @property
     def percent(self) -> float:
@@ -42,19 +56,45 @@ def score(log: Log, found: Track) -> Score:
     error = np.einsum("nij,nj->ni", truth.rot, found.v) - truth.v_world
     mean, v_mean = error[rows].mean(axis=0), truth.v_world[rows].mean(axis=0)
     way, gap, height, heading = _odometry(log, found)
+    stated = rows & (np.einsum("nii->n", found.p[:, 3:, 3:]) > 0.0)  # not before the estimator started
+    squares = nees(found.v[stated] - truth.v[stated], found.p[stated][:, 3:, 3:])
     return Score(
         rmse=_rms(error[rows]),
         smooth=_rms(smoothed(error[rows], log)),
-        average=float(mean @ v_mean / (v_mean @ v_mean)),
+        average=_share(float(mean @ v_mean), float(v_mean @ v_mean), NO_SPEED**2),
         drift=float(np.hypot(mean[0], mean[1])),
-        nees=float(np.mean(nees(found.v[rows] - truth.v[rows], found.p[rows][:, 3:, 3:]))),
+        nees=_mean(squares),
+        inside=_mean(squares < REGION_95),
         tilt_deg=float(np.degrees(_rms1(tilt(log, found)[rows]))),
         way=way,
-        odometry=gap / way,
+        odometry=_share(gap, way),
         height=height,
         heading_deg=heading,
-        integral=_integral(log, found) / way,
+        integral=_share(_integral(log, found), way),
+        **_trajectory(log, found, heading),
     )
+
+
+def _trajectory(log: Log, found: Track, heading: float) -> dict[str, float]:
+    """Return the measures of the whole trajectory by field of `Score`; `heading` is the error at the end, deg."""
+    rows = log.scored
+    position, yaw = base_pose(log)
+    true = Poses(position[rows], log.rot[rows] @ log.rot_base_from_imu.T)
+    seen = Poses(found.position[rows], base_rot(log, found, rows))
+    seconds = log.seconds[rows]
+    way = path_length(true.position, seconds)
+    length, pairs = pairs_by_path(way)
+    off = np.asarray(found.yaw[rows]) - yaw[rows]
+    return {
+        "path": float(way[-1]),
+        "rpe": _rms(relative_error(true, seen, pairs)) / length,
+        "rpe_m": length,
+        "rpe_1s": _rms(relative_error(true, seen, pairs_by_time(seconds))),
+        "ate": _rms(laid_over(seen.position, true.position) - true.position),
+        "heading_deg_min": 60.0 * abs(heading) / float(seconds[-1] - seconds[0]),
+        "heading_rms_deg": float(np.degrees(np.std(off))),
+        "climb": _rms1(height_error(true, seen, pairs)) / length,
+    }
 
 
 def smoothed(error: Array, log: Log, seconds: float = WINDOW_S) -> Array:
@@ -86,6 +126,13 @@ def base_pose(log: Log) -> tuple[Array, Array]:
     return position, np.unwrap(np.arctan2(base[:, 1, 0], base[:, 0, 0]))
 
 
+def base_rot(log: Log, found: Track, rows: Flags | slice) -> Array:
+    """Return rot_odom_from_base (k, 3, 3) of some rows of a track: from its heading and its direction of gravity."""
+    x, y, z = (found.g[rows] @ log.rot_base_from_imu.T).T
+    angles = np.stack([np.asarray(found.yaw[rows]), np.arctan2(-x, np.hypot(y, z)), np.arctan2(y, z)], axis=1)
+    return Rotation.from_euler("ZYX", angles).as_matrix()
+
+
 def _span(log: Log) -> tuple[int, int]:
     rows = np.flatnonzero(log.scored)
     return int(rows[0]), int(rows[-1])
@@ -114,9 +161,17 @@ def _integral(log: Log, found: Track) -> float:
     return float(np.linalg.norm(gap))
 
 
+def _share(part: float, whole: float, least: float = NO_WAY_M) -> float:
+    return part / whole if whole > least else float("nan")
+
+
+def _mean(x: Array | Flags) -> float:
+    return float(np.mean(x)) if len(x) else float("nan")
+
+
 def _rms(x: Array) -> float:
-    return float(np.sqrt(np.mean(np.sum(x**2, axis=1))))
+    return _rms1(np.linalg.norm(x, axis=1))
 
 
 def _rms1(x: Array) -> float:
-    return float(np.sqrt(np.mean(x**2)))
+    return float(np.sqrt(_mean(x**2)))

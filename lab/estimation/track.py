@@ -16,6 +16,7 @@ from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.feet.contact import (
     LEVER,
     SOLE_POINTS,
+    ContactPoints,
     at_switches,
     contact_points,
     sole_feet,
@@ -25,6 +26,7 @@ from surefoot.services.estimator.filter.log import FLAGS, LogInputs, LogRows
 from surefoot.services.estimator.output import OdometryPose, VelocityAndTilt
 from surefoot.services.estimator.params import EstimatorParams
 from surefoot.services.estimator.stream import BEST, NAMES, PAPER, Estimator
+from surefoot.tables import did_you_mean
 
 from .log import Log
 from .peers.inekf import InekfNoise, PeerTrack, inekf
@@ -34,6 +36,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
+LINE_POINTS = 2  # ends of a foot that touches the ground along a line
 LEVEL_SD = 0.003  # rad, how level the ground at the start of a simulated walk is: what the service assumes
 
 
@@ -69,26 +72,23 @@ def track(name: str, log: Log, **options: Any) -> Track:
     Raises:
         SurefootError: there is no such estimator.
     """
-    if name in PEERS:
-        return PEERS[name](log, options)
-    if name not in names():
-        raise SurefootError("invalid", f"got {name!r}; known are {', '.join((*names(), *PEERS))}", "estimator")
     return next(follow(name, log, **options))[1]
 
 
-def velocities(name: str, log: Log, **options: Any) -> Track:
-    """Run one estimator for its velocity alone, which takes less time; position and heading of the track are zero."""
-    if name in PEERS:
-        return PEERS[name](log, options)
-    if name == BEST:
-        return track(name, log, **options)
-    running = LogRunner(name, log, options)
-    return _piece(running, name, log, log.arrival(), 0, len(log.stamp_ns), posed=False)
-
-
 def names() -> tuple[str, ...]:
-    """Names of the estimators of the service."""
-    return NAMES
+    """Names of the estimators of the service, then those of the referees."""
+    return (*NAMES, *PEERS)
+
+
+def check_name(name: str) -> None:
+    """Check that there is an estimator of this name.
+
+    Raises:
+        SurefootError: there is none; with those that are.
+    """
+    if name not in names():
+        text = f"got {name!r}{did_you_mean(name, names())}; known are {', '.join(names())}"
+        raise SurefootError("invalid", text, "estimator")
 
 
 def default() -> str:
@@ -109,11 +109,16 @@ class LogRunner:
             points = contact_points(robot)
         else:
             params, points = EstimatorParams(), None
-            if log.points is not None and log.points.shape[1] >= SOLE_POINTS:
+            if log.points is not None and log.points.shape[1] == LINE_POINTS:
+                ends = np.ascontiguousarray(log.points.reshape(-1, 3))
+                which = np.repeat(np.arange(log.feet_count), LINE_POINTS)
+                points = ContactPoints(which, ends, np.zeros(len(ends)), np.zeros((log.feet_count, 1, 3)))
+            elif log.points is not None and log.points.shape[1] >= SOLE_POINTS:
                 normals = np.cross(log.points[:, 1] - log.points[:, 0], log.points[:, 2] - log.points[:, 0])
                 normals *= np.where(normals[:, 2:] < 0.0, -1.0, 1.0) / np.linalg.norm(normals, axis=1, keepdims=True)
-                lever = LEVER * float(np.nanmedian(np.linalg.norm(log.foot_position, axis=-1)))
-                points = sole_feet(normals, lever, log.points)
+                reach = np.linalg.norm(log.foot_position, axis=-1)
+                reach = reach[np.isfinite(reach)]
+                points = sole_feet(normals, LEVER * float(np.median(reach)) if reach.size else 0.0, log.points)
         params = replace(params, **changes)
         if name == PAPER:
             # without the mean gyro of the rest a turn-on bias of 1 deg/s swamps it; the paper does not mention one
@@ -163,27 +168,37 @@ class LogRunner:
 
 
 def follow(name: str, log: Log, rows_each: int | None = None, **options: Any) -> Iterator[tuple[slice, Track]]:
-    """Run an estimator of the service over a log, and yield its track piece by piece.
+    """Run an estimator over a log, and yield its track piece by piece; a referee runs in one piece.
 
     Args:
-        name: of the estimator.
+        name: of the estimator or referee.
         log: what to run over. In pieces only if its inertial rows arrive in their order.
         rows_each: inertial rows of a piece; None = all in one.
-        options: changes of its parameters.
+        options: see `track`.
 
     Yields:
         The rows, and the track over them; `refused` counts from the beginning.
+
+    Raises:
+        SurefootError: there is no such estimator.
     """
+    check_name(name)
+    if name in PEERS:
+        yield slice(0, len(log.stamp_ns)), PEERS[name](log, options)
+        return
     running = LogRunner(name, log, options)
-    n, arrival = len(log.stamp_ns), log.arrival()
+    n, arrival, at = len(log.stamp_ns), log.arrival(), np.zeros(4)
     cuts = np.flatnonzero(arrival < n)[rows_each::rows_each] if rows_each else []
     for part in np.split(arrival, cuts):
         rows = part[part < n]
         if len(rows) == 0:
             continue
         first, end = int(rows.min()), int(rows.max()) + 1
-        run = _whole if name == BEST else _piece
-        yield slice(first, end), run(running, name, log, part, first, end - first)
+        if name == BEST:
+            yield slice(first, end), _whole(running, name, log, part, first, end - first)
+        else:
+            at, track = _reckoned(log, first, at, _piece(running, name, log, part, first, end - first))
+            yield slice(first, end), track
 
 
 def _whole(running: LogRunner, name: str, log: Log, part: Ints, first: int, n: int) -> Track:
@@ -198,24 +213,23 @@ def _whole(running: LogRunner, name: str, log: Log, part: Ints, first: int, n: i
     )  # fmt: skip
 
 
-def _piece(running: LogRunner, name: str, log: Log, part: Ints, first: int, n: int, posed: bool = True) -> Track:
-    """Feed inputs in the given order; return the track over `n` inertial rows from `first` on."""
+def _piece(running: LogRunner, name: str, log: Log, part: Ints, first: int, n: int) -> Track:
+    """Feed inputs in the given order; return the track over `n` inertial rows from `first` on.
+
+    Its yaw is the rate of heading, rad/s, and `v_odom` the velocity in heading axes: see `_reckoned`.
+    """
     feet, rows = log.feet_count, len(log.stamp_ns)
     v, g, p, nis = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 6, 6)), np.full(n, np.nan)
-    position, yaw, v_odom = np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3))
+    yaw, v_odom = np.zeros(n), np.zeros((n, 3))
     flags = {flag: np.zeros(n, dtype=np.bool_) for flag in FLAGS}
     slipping, gyro_bias, acc_bias = np.zeros((n, feet)), np.zeros((n, 3)), np.zeros((n, 3))
     to_imu, clipped, row, switches = log.rot_base_from_imu.T, log.saturated, -1, log.switches
 
     def note(k: int) -> None:
         e = running.estimate()
-        v[k], g[k], p[k] = e.velocity_imu, to_imu @ e.g_up, e.covariance
-        if posed:
-            pose = running.pose()
-            position[k], yaw[k] = pose.position, pose.yaw
-            c, s = math.cos(pose.yaw), math.sin(pose.yaw)
-            ahead, left, up = e.velocity_heading
-            v_odom[k] = c * ahead - s * left, s * ahead + c * left, up
+        v[k], g[k], p[k], v_odom[k] = e.velocity_imu, to_imu @ e.g_up, e.covariance, e.velocity_heading
+        _, side, up = e.angular_velocity
+        yaw[k] = (math.sin(e.roll) * side + math.cos(e.roll) * up) / max(math.cos(e.pitch), 0.1)
         nis[k] = np.nan if e.nis is None else e.nis
         slipping[k], gyro_bias[k], acc_bias[k] = e.sliding, e.gyro_bias, e.acc_bias
         for flag in FLAGS:
@@ -232,9 +246,29 @@ def _piece(running: LogRunner, name: str, log: Log, part: Ints, first: int, n: i
         if row >= 0 and (i + 1 == len(order) or order[i + 1] < rows):
             note(row)
     return Track(
-        name, v, g, p, position, yaw, v_odom, flags, nis, running.refused, slipping, None,
-        gyro_bias, acc_bias,
-    )  # fmt: skip
+        name, v, g, p, np.zeros((n, 3)), yaw, v_odom, flags, nis, running.refused, slipping, None, gyro_bias, acc_bias
+    )
+
+
+def _reckoned(log: Log, first: int, at: Array, found: Track) -> tuple[Array, Track]:
+    """Integrate the gyro about the vertical and the estimator's own velocity, for one without odometry.
+
+    Args:
+        log: of the track.
+        first: inertial row at which the track begins.
+        at: x, y, z, m, and heading, rad, at the row before it, (4,).
+        found: rows of `_piece`.
+
+    Returns:
+        x, y, z and heading at the last row, and the track with position, heading and velocity in odom axes.
+    """
+    rows = slice(first, first + len(found.v))
+    d = 1e-9 * np.diff(log.stamp_ns[rows], prepend=log.stamp_ns[max(first - 1, 0)])
+    yaw = np.cumsum(np.append(at[3], found.yaw * d))[1:]
+    c, s, (ahead, left, up) = np.cos(yaw), np.sin(yaw), found.v_odom.T
+    v_odom = np.stack([c * ahead - s * left, s * ahead + c * left, up], axis=1)
+    position = np.cumsum(np.vstack([at[:3], v_odom * d[:, None]]), axis=0)[1:]
+    return np.append(position[-1], yaw[-1]), replace(found, position=position, yaw=yaw, v_odom=v_odom)
 
 
 def of_world(name: str, log: Log, found: PeerTrack) -> Track:

@@ -10,7 +10,7 @@ from surefoot.services.estimator.params import EstimatorParams
 
 from .log import Log
 from .scores import score
-from .track import velocities
+from .track import track
 
 Range = tuple[float, float, float]
 
@@ -94,6 +94,6 @@ def _search(name: str, logs: Sequence[Log], measure: str, fixed: Mapping[str, An
 
 
 def _cost(name: str, logs: Sequence[Log], measure: str, options: Mapping[str, Any]) -> float:
-    costs = [getattr(score(log, velocities(name, log, **options)), measure) for log in logs]
+    costs = [getattr(score(log, track(name, log, **options)), measure) for log in logs]
     cost = float(np.mean(costs))
     return cost if np.isfinite(cost) else PENALTY

@@ -16,6 +16,16 @@ from surefoot.schemas.sim import Truth
 from surefoot.schemas.state import Odometry, VelocityEstimate
 
 Columns = dict[str, NDArray[Any]]
+SHAPES: dict[str, tuple[int | str, ...]] = {
+    "t": ("n",), "stamp_ns": ("n",), "gyro": ("n", 3), "acc": ("n", 3), "saturated": ("n",), "foot_t": ("m",),
+    "foot_stamp_ns": ("m",), "foot_position": ("m", "F", 3), "foot_rotation": ("m", "F", 3, 3),
+    "foot_quat_wxyz": ("m", "F", 4), "contact": ("m", "F"), "touch": ("m", "F", "S"), "force": ("m", "F"),
+    "joints": ("m", "J"), "true_position": ("n", 3), "true_rotation": ("n", 3, 3), "true_quat_wxyz": ("n", 4),
+    "true_velocity": ("n", 3),
+}  # fmt: skip
+"""Columns and their shapes: n inertial rows, m foot samples, F feet, S switches, J joints."""
+METADATA = ("feet", "foot_radius", "sole_size", "contact_on", "contact_off")
+"""Statements on the feet: in NPZ files further arrays, in CSV files lines like `# sole_size = 0.2, 0.1` at the top."""
 
 INPUTS = ("hw/imu", "hw/joints", "hw/contacts")
 """Keys without which nothing is estimated."""

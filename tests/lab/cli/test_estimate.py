@@ -23,7 +23,7 @@ def log(tmp_path_factory):
 def test_json_and_files(answer, log, tmp_path):
     told = json.loads(answer("estimate", log, "--json", "-o", tmp_path / "out", "--csv"))
     assert told["errors"]["rmse"] < 0.03
-    names = ["estimates.npz", "estimates.svg", "estimate.tum", "truth.tum", "estimates.csv"]
+    names = ["estimates.npz", "estimates.svg", "estimate.tum", "truth.tum", "estimates.csv", "summary.json"]
     assert [Path(path).name for path in told["files"]] == names
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(names)
     estimate, truth = (np.loadtxt(tmp_path / "out" / f"{name}.tum") for name in ("estimate", "truth"))
@@ -31,7 +31,39 @@ def test_json_and_files(answer, log, tmp_path):
     assert abs(estimate[-1, 1] - estimate[0, 1] - truth[-1, 1] + truth[0, 1]) < 0.05
 
 
-@pytest.mark.parametrize("name", ["paper", "kinematics_gyro", "imu"])
+def test_evo_reads_the_trajectories_and_measures_the_same(answer, log, tmp_path):
+    pytest.importorskip("evo", reason="evo is not installed: pip install evo")
+    from evo.core import metrics
+    from evo.tools import file_interface
+
+    told = json.loads(answer("estimate", log, "--score-from", "0", "--json", "-o", tmp_path))["errors"]
+    estimate, truth = (file_interface.read_tum_trajectory_file(tmp_path / f"{x}.tum") for x in ("estimate", "truth"))
+    each = metrics.RPE(metrics.PoseRelation.translation_part, 100, metrics.Unit.frames, all_pairs=True)
+    each.process_data((truth, estimate))
+    assert told["rpe_1s"] == pytest.approx(each.get_statistic(metrics.StatisticsType.rmse), rel=0.02)
+    estimate.align(truth)
+    whole = metrics.APE(metrics.PoseRelation.translation_part)
+    whole.process_data((truth, estimate))
+    assert told["ate"] == pytest.approx(whole.get_statistic(metrics.StatisticsType.rmse), rel=0.2)
+
+
+def test_two_outputs_are_compared(answer, complaint, log, tmp_path):
+    for name in ("best", "ekf"):
+        answer("estimate", log, "--estimator", name, "-o", tmp_path / name, "--json")
+    told = json.loads(answer("compare", tmp_path / "best", tmp_path / "ekf" / "estimates.npz", "--json"))
+    assert set(told["differences"]) == {"velocity", "tilt", "position", "heading"}
+    assert 1e-3 < told["differences"]["velocity"]["rms"] < 0.05
+    assert told["a"]["errors"]["rmse"] < told["b"]["errors"]["rmse"]
+    out = answer("compare", tmp_path / "best", tmp_path / "ekf")
+    assert "velocity, cm/s" in out
+    assert "rpe" in out
+    same = json.loads(answer("compare", tmp_path / "ekf", tmp_path / "ekf", "--json"))
+    assert all(part["largest"] < 1e-6 for part in same["differences"].values())
+    assert "no such file" in complaint("compare", tmp_path / "best", tmp_path / "none", code=1)
+    assert "initialised" in complaint("compare", tmp_path / "best", log)
+
+
+@pytest.mark.parametrize("name", ["paper", "kinematics_gyro", "inekf", "linear"])
 def test_table_of_each_estimator(answer, log, name):
     out = answer("estimate", log, "--estimator", name)
     assert "velocity, row by row" in out

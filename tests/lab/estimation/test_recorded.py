@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from surefoot.errors import SurefootError
+from surefoot.lab.estimation import results
+from surefoot.lab.estimation.differences import departures, load_estimated
+from surefoot.lab.estimation.files import open_log
 from surefoot.lab.estimation.recorded import log_of_columns, log_of_recording, published
 from surefoot.lab.estimation.scores import score
 from surefoot.lab.estimation.track import track
@@ -68,3 +71,46 @@ def test_a_truncated_recording_is_refused(recording, tmp_path):
     cut.write_bytes(recording.read_bytes()[:20_000])
     with expect_error(SurefootError, "malformed"):
         log_of_recording(cut)
+
+
+def of_others(recording):
+    """Columns of the recording as others would write them: joint angles, contacts, truth of the IMU."""
+    log = log_of_recording(recording)
+    truth = log.known()
+    return {
+        "stamp_ns": log.stamp_ns, "gyro": log.w, "acc": log.q, "foot_stamp_ns": log.foot_ns, "joints": log.joints,
+        "contact": log.contact, "true_position": truth.position, "true_rotation": truth.rot,
+        "true_velocity": truth.v_world,
+    }  # fmt: skip
+
+
+def test_joints_in_another_order_of_legs_are_refused(recording, tmp_path):
+    columns = of_others(recording)
+    np.savez(tmp_path / "good.npz", **columns)
+    good = open_log(tmp_path / "good.npz", robot="ragno")
+    assert not any("another" in note for note in good.notes)
+    legs = columns["joints"].reshape(len(columns["joints"]), 6, 3)[:, [3, 4, 5, 0, 1, 2]]
+    np.savez(tmp_path / "legs.npz", **(columns | {"joints": legs.reshape(len(legs), 18)}))
+    with expect_error(SurefootError, "invalid", field="contact", text="another order"):
+        open_log(tmp_path / "legs.npz", robot="ragno")
+    both = {"joints": legs.reshape(len(legs), 18), "contact": columns["contact"][:, [3, 4, 5, 0, 1, 2]]}
+    np.savez(tmp_path / "both.npz", **(columns | both))
+    assert any("another order" in note for note in open_log(tmp_path / "both.npz", robot="ragno").notes)
+
+
+def test_a_robot_with_the_same_joints_and_other_legs_is_noted(recording, tmp_path):
+    np.savez(tmp_path / "ragno.npz", **of_others(recording))
+    assert any("of another robot" in note for note in open_log(tmp_path / "ragno.npz", robot="messor").notes)
+
+
+def test_a_recording_is_compared_with_its_replay(recording, tmp_path):
+    log = log_of_recording(recording)
+    found = results.estimate(log, "kinematics_gyro", tmp_path / "parts")
+    results.pack(tmp_path / "parts", tmp_path / "estimates.npz")
+    one, other = load_estimated(recording), load_estimated(tmp_path / "estimates.npz")
+    assert one.errors["rmse"] < 0.02
+    assert other.errors == {}
+    off = departures(one, other)
+    assert 0.0 < off["velocity"].rms < 0.05
+    assert departures(other, one)["tilt"].rms == pytest.approx(off["tilt"].rms, rel=0.1)
+    np.testing.assert_array_equal(other.v, found.track.v)

@@ -1,6 +1,7 @@
 """Whole logs of any length to files."""
 
 import csv
+import json
 import tracemalloc
 from dataclasses import replace
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from surefoot.lab.estimation import results
-from surefoot.lab.estimation.log import Log
+from surefoot.lab.estimation.log import Log, TrueMotion
 from surefoot.lab.estimation.plots import draw
 from surefoot.lab.estimation.track import track
 from tests.lab.estimation.walks import noisy
@@ -83,3 +84,30 @@ def test_memory_does_not_grow_with_the_estimates(tmp_path, monkeypatch):
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert (peaks[1] - peaks[0]) / 1800 < 250  # bytes a row; a row of estimates has 800
+
+
+def standing_with_truth() -> Log:
+    log = long_log(600)
+    rot = np.tile(np.eye(3), (600, 1, 1))
+    return replace(log, truth=TrueMotion(np.zeros((600, 3)), rot, np.zeros((600, 3))))
+
+
+STRANGE = {
+    "stands still": standing_with_truth,
+    "without truth": lambda: long_log(600),
+    "three rows": lambda: replace(noisy().with_imu(np.arange(3)), begin_s=0.0, end_s=0.0),
+    "never rests": lambda: noisy().with_imu(np.arange(400, 460)).with_feet(np.arange(0)),
+}
+
+
+@pytest.mark.parametrize("name", ["best", "kinematics_gyro", "inekf"])
+@pytest.mark.parametrize("kind", STRANGE)
+def test_summaries_hold_no_number_that_json_does_not_know(tmp_path, kind, name):
+    told = results.estimate(STRANGE[kind](), name, tmp_path).summary
+    text = json.dumps(told, allow_nan=False)
+    assert told["rows"] > 0
+    assert ("errors" in told) <= ("rpe" in text)
+    if kind == "stands still":
+        assert told["errors"]["odometry"] is None
+        assert told["errors"]["rpe_m"] is None
+        assert told["us_per_row"] > 0.0

@@ -63,3 +63,27 @@ def test_nees_of_drawn_errors_is_their_number():
     root = rng.normal(size=(3, 3))
     errors = rng.normal(size=(4000, 3)) @ root.T
     assert nees(errors, np.repeat((root @ root.T)[None], 4000, axis=0)).mean() == pytest.approx(3.0, abs=0.15)
+
+
+def test_the_trajectory_is_measured_after_alignment():
+    log = clean()
+    true = exact(log)
+    found = score(log, true)
+    way = np.linalg.norm(np.diff(true.position[log.scored], axis=0), axis=1).sum()
+    assert found.path == pytest.approx(way, rel=0.25)  # sways away
+    assert max(found.rpe, found.rpe_1s, found.ate, found.heading_rms_deg, found.climb) < 1e-9
+    assert found.rpe_m == 0.1  # 6 s at 4 cm/s
+    rate = np.radians(3.0) / 60.0  # a gyro bias
+    turned = score(log, replace(true, yaw=true.yaw + rate * log.seconds + 0.5))
+    assert turned.heading_deg_min == pytest.approx(3.0)
+    climbing = score(log, replace(true, position=true.position + [0, 0, 0.01] * log.seconds[:, None]))
+    assert climbing.climb == pytest.approx(0.01 * np.ptp(log.seconds[log.scored]) / found.path, rel=0.2)
+
+
+def test_rows_inside_the_region_are_those_of_a_stated_covariance():
+    log, rng = clean(), np.random.default_rng(0)
+    n = len(log.stamp_ns)
+    found = score(log, replace(exact(log), v=log.v + 0.01 * rng.normal(size=(n, 3))))
+    assert found.inside == pytest.approx(0.95, abs=0.03)
+    unstarted = replace(exact(log), p=np.zeros((n, 6, 6)))
+    assert np.isnan(score(log, unstarted).nees)

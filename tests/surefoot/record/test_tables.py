@@ -95,6 +95,7 @@ def test_a_cell_that_is_no_number_names_row_and_column(csv):
 BAD_CSV = {
     "empty": ([], "", "log"),
     "no rows": ([], HEADER, "t"),
+    "no rows of feet": ([], HEADER + ",foot0_x,foot0_y,foot0_z,contact0", "t"),
     "one row": (rows(1), HEADER, "t"),
     "no header": (rows(), rows(1)[0], "log"),
     "missing column": ([line.rsplit(",", 1)[0] for line in rows()], HEADER.rsplit(",", 1)[0], "acc_z"),

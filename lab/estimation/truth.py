@@ -1,0 +1,86 @@
+"""Truth of a log of others: motion of the IMU from the columns, with the velocity that captured positions allow."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+
+from surefoot.errors import SurefootError
+from surefoot.geometry.constants import GRAVITY
+from surefoot.geometry.rotations import matrix_from_quat
+from surefoot.record.columns import Columns
+
+from .log import TrueMotion
+
+Array = NDArray[np.float64]
+
+WINDOWS_S = (0.0, 0.05, 0.09, 0.15, 0.25, 0.4, 0.6)
+"""Windows of local cubic fits behind the velocity of captured positions, s; 0 = differences of neighbours."""
+APART_S = 0.1
+"""Time over which changes of that velocity are compared with the accelerometer, s."""
+
+
+def truth_of(columns: Columns, notes: list[str]) -> TrueMotion | None:
+    """Return the motion of the IMU if position and orientation are known, else None.
+
+    Args:
+        columns: of the log; without `true_velocity` it is that of the positions, see `velocity_of`.
+        notes: gets the window behind that velocity.
+
+    Raises:
+        SurefootError: numbers of the truth are not finite.
+    """
+    if "true_position" not in columns or not ("true_rotation" in columns or "true_quat_wxyz" in columns):
+        return None
+    position = np.asarray(columns["true_position"], dtype=np.float64)
+    if "true_rotation" in columns:
+        rot = np.asarray(columns["true_rotation"], dtype=np.float64)
+    else:
+        rot = np.array([matrix_from_quat(q) for q in columns["true_quat_wxyz"]])
+    v = np.asarray(columns.get("true_velocity", 0.0), dtype=np.float64)
+    if not (np.isfinite(position).all() and np.isfinite(rot).all() and np.isfinite(v).all()):
+        raise SurefootError(
+            "invalid", "the truth has numbers that are not finite; leave its columns out", "true_position"
+        )
+    off = np.abs(np.einsum("nji,njk->nik", rot, rot) - np.eye(3)).max(axis=(1, 2))
+    if (off > 1e-2).any() or (np.linalg.det(rot) < 0.0).any():
+        row = int(np.argmax((off > 1e-2) | (np.linalg.det(rot) < 0.0)))
+        raise SurefootError("invalid", f"row {row}: the true orientation is no rotation", "true_rotation")
+    if "true_velocity" not in columns:
+        seconds = 1e-9 * (columns["stamp_ns"] - columns["stamp_ns"][0])
+        v, window = velocity_of(position, rot, seconds, np.asarray(columns["acc"], dtype=np.float64))
+        if window > 0.0:
+            notes.append(f"true velocity by the positions over {window:g} s, which agrees best with the accelerometer")
+    return TrueMotion(position, rot, v)
+
+
+def velocity_of(position: Array, rot: Array, seconds: Array, acc: Array) -> tuple[Array, float]:
+    """Return the velocity behind positions, (n, 3) m/s, world, and the window of the fits behind it, s.
+
+    Of all windows, that whose changes of velocity are nearest to those by the accelerometer: short ones leave the
+    scatter of the positions, long ones take away the motion.
+
+    Args:
+        position: (n, 3) m, world.
+        rot: rot_world_from_imu, (n, 3, 3).
+        seconds: times of the rows, (n,).
+        acc: specific force, (n, 3) m/s^2, IMU axes.
+    """
+    n, period = len(seconds), float(np.median(np.diff(seconds)))
+    d = np.diff(seconds, prepend=seconds[0])[:, None]
+    force = np.einsum("nij,nj->ni", rot, np.nan_to_num(acc)) - [0.0, 0.0, GRAVITY]
+    gained = np.cumsum(force * d, axis=0)
+    apart = max(1, round(APART_S / period))
+    best, least, chosen = np.zeros_like(position), np.inf, 0.0
+    for window in WINDOWS_S:
+        rows = 2 * round(0.5 * window / period) + 1
+        if window > 0.0 and not 5 <= rows <= n:
+            continue
+        if window == 0.0:
+            v = np.gradient(position, np.maximum.accumulate(seconds + 1e-9 * np.arange(n)), axis=0)
+        else:
+            v = np.asarray(savgol_filter(position, rows, 3, deriv=1, delta=period, axis=0))
+        off = (v - gained)[apart:] - (v - gained)[:-apart]
+        error = float(np.mean((off - off.mean(axis=0)) ** 2)) if len(off) else np.inf
+        if error < least or window == 0.0:
+            best, least, chosen = v, error, window
+    return best, chosen

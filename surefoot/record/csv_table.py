@@ -1,0 +1,159 @@
+"""CSV files as columns, with row and column of each error.
+
+A CSV has one number per cell; `gyro_x, gyro_y, gyro_z` become the column `gyro` (n, 3), `foot0_x` ... become
+`foot_position` (n, F, 3). Empty cells and `nan` are NaN.
+"""
+
+import csv
+import math
+import re
+from array import array
+from collections.abc import Iterable, Sequence
+from itertools import product
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.errors import SurefootError
+from surefoot.record.columns import METADATA, SHAPES, Columns
+
+XYZ = ("x", "y", "z")
+WXYZ = ("qw", "qx", "qy", "qz")
+GROUPS: tuple[tuple[str, str, tuple[str, ...], tuple[str, ...]], ...] = (
+    ("gyro", "gyro_{}", (), XYZ), ("acc", "acc_{}", (), XYZ), ("true_position", "true_p{}", (), XYZ),
+    ("true_velocity", "true_v{}", (), XYZ), ("true_quat_wxyz", "true_{}", (), WXYZ),
+    ("foot_position", "foot{}_{}", (r"foot(\d+)_x",), XYZ), ("foot_quat_wxyz", "foot{}_{}", (r"foot(\d+)_x",), WXYZ),
+    ("contact", "contact{}", (r"contact(\d+)",), ()),
+    ("touch", "contact{}_{}", (r"contact(\d+)_0", r"contact0_(\d+)"), ()), ("force", "force{}", (r"force(\d+)",), ()),
+)  # fmt: skip
+"""CSV columns that make one: its name, their template, patterns of those that are counted, labels of the last axis."""
+NUMBER_WITH_COMMA = re.compile(r"^[+-]?\d+,\d+([eE][+-]?\d+)?$")
+SEPARATORS = (",", ";", "\t")
+"""Separators of CSV cells; the most frequent one of the first row counts."""
+
+
+def read_csv(path: Path) -> Columns:
+    """Return the columns of a CSV, unchecked; see `surefoot.record.tables`."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            stated, header = _metadata(file)
+            names, values = _cells(header, file, str(path))
+    except OSError as error:
+        raise SurefootError("unreadable", f"{path}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise SurefootError("malformed", f"{path} is not UTF-8 text", "log") from None
+    return _grouped(names, values, str(path)) | stated
+
+
+def _metadata(file: TextIO) -> tuple[Columns, str]:
+    """Return the statements of the lines `# name = value` at the top of a CSV, and the line after them."""
+    stated: Columns = {}
+    while (line := file.readline().rstrip("\r\n")).startswith("#"):
+        key, _, value = (part.strip() for part in line[1:].partition("="))
+        if key in METADATA:
+            stated[key] = np.array(value if key == "feet" else value.split(","))
+    return stated, line
+
+
+def _cells(header: str, file: TextIO, name: str) -> tuple[list[str], NDArray[np.float64]]:
+    """Return header and numbers (n, columns) of a CSV."""
+    if not header.strip():
+        raise SurefootError("malformed", f"{name} is empty", "log")
+    separator = max(SEPARATORS, key=header.count)
+    names = [cell.strip() for cell in header.split(separator)]
+    if all(_number(cell) is not None for cell in names):
+        raise SurefootError("malformed", f"{name} begins with numbers; the first row names the columns", "log")
+    twice = sorted({cell for cell in names if names.count(cell) > 1})
+    if twice:
+        raise SurefootError(
+            "invalid", f"{name}: column {', '.join(map(repr, twice))} is there more than once", twice[0]
+        )
+    numbers = array("d")
+    for row, cells in enumerate(csv.reader(file, delimiter=separator), 1):
+        if not cells:
+            continue
+        if len(cells) != len(names):
+            raise _wrong_length(cells, names, row, separator, name)
+        try:
+            numbers.extend([float(cell) if cell else math.nan for cell in cells])
+        except ValueError:
+            raise _no_number(cells, names, row, name) from None
+    return names, np.array(numbers, dtype=np.float64).reshape(-1, len(names))
+
+
+def _number(cell: str) -> float | None:
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+def _wrong_length(cells: Sequence[str], names: Sequence[str], row: int, separator: str, name: str) -> SurefootError:
+    hint = ""
+    if separator == "," and len(cells) >= 2 * len(names) - 1:
+        hint = "; are these decimal commas? Numbers have points here"
+    elif len(cells) < len(names):
+        hint = "; cut off?"
+    return SurefootError("malformed", f"{name} row {row}: {len(cells)} cells under {len(names)} names{hint}", "log")
+
+
+def _no_number(cells: Sequence[str], names: Sequence[str], row: int, name: str) -> SurefootError:
+    at = next(i for i, cell in enumerate(cells) if cell and _number(cell) is None)
+    hint = "; write the decimal comma as a point" if NUMBER_WITH_COMMA.match(cells[at].strip()) else ""
+    return SurefootError(
+        "malformed", f"{name} row {row}, column {names[at]!r}: {cells[at][:40]!r} is no number{hint}", names[at]
+    )
+
+
+def _grouped(names: Sequence[str], values: NDArray[np.float64], name: str) -> Columns:
+    """Return columns from single ones; rows without any kinematic number carry no foot sample."""
+    at = {column: i for i, column in enumerate(names)}
+    out: Columns = {key: values[:, at[key]] for key in ("t", "stamp_ns", "saturated") if key in at}
+    if "time" in at:
+        out.setdefault("t", values[:, at["time"]])
+    for key, template, counted, labels in GROUPS:
+        counts = [range(_count(pattern, names, name)) for pattern in counted]
+        parts = [template.format(*cell) for cell in product(*counts, *([labels] if labels else []))]
+        there = [part for part in parts if part in at]
+        missing = [part for part in parts if part not in at]
+        if there and missing:
+            text = f"{name} has {there[0]!r} but no {', '.join(map(repr, missing))}"
+            raise SurefootError("invalid", text, missing[0])
+        if there:
+            sizes = [len(each) for each in counts] + ([len(labels)] if labels else [])
+            out[key] = values[:, [at[part] for part in parts]].reshape(len(values), *sizes)
+    joints = [column for column in names if column.startswith("joint_")]
+    if joints:
+        out["joints"] = values[:, [at[part] for part in joints]]
+    return _without_empty(out, joints)
+
+
+def _without_empty(out: Columns, joints: Sequence[str]) -> Columns:
+    kinematic = [key for key in out if SHAPES[key][0] == "m"]
+    if not kinematic or not len(out[kinematic[0]]):
+        return out
+    filled = np.any([np.isfinite(out[key]).reshape(len(out[key]), -1).any(axis=1) for key in kinematic], axis=0)
+    stamp = "stamp_ns" if "stamp_ns" in out else "t"
+    for key in kinematic:
+        out[key] = out[key][filled]
+    if stamp in out:
+        out[f"foot_{stamp}"] = out[stamp][filled]
+    if "gyro" in out and "acc" in out:  # rows of the feet alone are no inertial rows
+        bare = np.isnan(out["gyro"]).all(axis=1) & np.isnan(out["acc"]).all(axis=1) & filled
+        for key in [key for key in out if SHAPES[key][0] == "n"]:
+            out[key] = out[key][~bare]
+    if joints:
+        out["joint_names"] = np.array([column.removeprefix("joint_") for column in joints])
+    return out
+
+
+def _count(pattern: str, names: Iterable[str], name: str) -> int:
+    """Return the number of columns like `foot0_x, foot1_x`, which must count from 0 without a gap."""
+    found = sorted(int(match[1]) for column in names if (match := re.fullmatch(pattern, column)))
+    if found != list(range(len(found))):
+        raise SurefootError(
+            "invalid", f"{name}: columns {pattern!r} are numbered {found}, wanted is 0, 1, 2 ...", "log"
+        )
+    return len(found)
