@@ -41,7 +41,7 @@ class EstimatorParams:
     sigma_q: float = 0.035  # m/s^2, accelerometer, (22); 0.5 mg/rtHz at 100 Hz
     acc_bias_sd: float = 0.157  # m/s^2, turn-on bias of an axis; 16 mg
     gyro_bias_floor: float = 2e-4  # rad/s, in-run drift: a bias is never known better
-    gyro_bias_sd: float = 0.06  # rad/s, turn-on bias of an axis
+    gyro_bias_sd: float = 0.02  # rad/s, turn-on bias of an axis
     sigma_point: float = 0.0003  # m, a contact point by the encoders
     imu_period_ns: int = HW_IMU.period_ns
     kinematics_period_ns: int = HW_JOINTS.period_ns

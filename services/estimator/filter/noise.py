@@ -35,7 +35,7 @@ class BestNoise(NamedTuple):
     """Share of the change between two accelerometer samples that is error, times the root of excess^2 - 1."""
     stay: float = 0.0002
     """Walk of a point that stays, m/sqrt(s)."""
-    slide: float = 0.04
+    slide: float = 0.15
     """Speed of a point that slides, m/s."""
     carry: float = 0.25
     """Share of the latest sample in the velocity of a sliding foot."""
@@ -157,7 +157,7 @@ class FixedNumbers(NamedTuple):
     """Excess of the inertial noise beyond which the velocity of a slide is hardly learned."""
     swing: float = 0.2
     """Speed of a foot that may be in the air, m/s."""
-    longest_gap: float = 0.12
+    longest_gap: float = 0.3
     """Time without a sample of the feet after which any of them may have stepped, s."""
     most_lag: float = 5.0
     """Largest correction that counts as lag, noises of a point: a longer one is a mishap."""
@@ -239,7 +239,7 @@ def best_noise(params: EstimatorParams, modes: bool = False) -> BestNoise:
     )  # fmt: skip
     if modes:
         noise = noise._replace(
-            point=FIXED.point_share * params.sigma_point, stay=0.0005, gyro_bias=6e-5, gyro_jerk=0.12, go_on=0.95,
+            point=FIXED.point_share * params.sigma_point, stay=0.0005, gyro_bias=6e-5, gyro_jerk=0.12, slide=0.04, go_on=0.95,
         )  # fmt: skip
     return noise
 
