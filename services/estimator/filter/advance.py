@@ -339,6 +339,8 @@ def _step(state: BestState, samples: SampleStore, at: int, next_foot: int, setti
             for i in range(3):
                 w[i], q[i] = rows[at, ROW_W + i], rows[at, ROW_Q + i]
     state.memory[M.age] += gap
+    if state.memory[M.age] > FIXED.fresh_age and settled(state):
+        state.memory[M.phase] = STARTED
     return next_foot
 
 
