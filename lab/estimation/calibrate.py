@@ -45,7 +45,7 @@ UNSURE = 0.3
 SHORTEST_LINK_M = 0.005
 """Links shorter than this have no length of their own, m."""
 RANGES = {"length": 0.10, "zero": np.radians(3.0), "offset": 0.05, "mounting": np.radians(10.0), "lever": 0.05,
-          "radius": 0.02, "gyro bias": 0.06, "acc bias": 0.3}  # fmt: skip
+          "radius": 0.02, "pivot": 0.06, "gyro bias": 0.06, "acc bias": 0.3}  # fmt: skip
 """Half of the range that the prior allows (two standard deviations), by kind: share of a length, rad, s, rad, m, m,
 rad/s, m/s^2."""
 
@@ -180,6 +180,8 @@ def unknowns_of(log: Log) -> list[Unknown]:
     oriented = np.nanmax(np.abs(log.foot_rot - log.foot_rot[:1]), initial=0.0) > 1e-6
     if oriented and log.radius is not None and (log.radius > 0.0).any():
         out.append(Unknown("foot radius", "radius"))
+    elif oriented:
+        out += [Unknown(f"pivot of foot {k // 3} {'xyz'[k % 3]}", "pivot", k) for k in range(3 * log.feet_count)]
     out.append(Unknown("time offset of the feet", "offset"))
     for kind, name in (("mounting", "mounting about"), ("lever", "lever along"), ("gyro bias", "gyro bias"),
                        ("acc bias", "acc bias")):  # fmt: skip
@@ -220,7 +222,8 @@ class StanceProblem:
         t = 1e-9 * (log.foot_ns[self._rows] - log.stamp_ns[0]) + model.values(theta, "offset", 1)[0]
         turned, at = path.at(t)
         feet, rot = model.feet(theta, self._rows)
-        seen = np.einsum("kij,kfj->kfi", turned, feet)
+        pivot = model.values(theta, "pivot", 3 * log.feet_count).reshape(-1, 3)
+        seen = np.einsum("kij,kfj->kfi", turned, feet + np.einsum("kfij,fj->kfi", rot, pivot))
         radius = self._radius + (self._radius > 0.0) * model.values(theta, "radius", 1)
         if radius.any():
             seen -= radius[:, None] * self._rolled(turned, rot)
