@@ -1,7 +1,7 @@
 """Calibration of a log by itself: legs, joint zeros, foot radius, time offset and mounting of the inertial unit.
 
-Batch least squares over standing feet (`stances`), with a normal prior on each parameter. A parameter is observable in a
-log if its interval of 95 % is clearly narrower than what the prior allows.
+Batch least squares over standing feet (`stances`), with a normal prior on each parameter. A parameter is observable in
+a log if its interval of 95 % is clearly narrower than what the prior allows.
 """
 
 from collections.abc import Sequence
@@ -12,56 +12,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.rotations import matrix_from_rotvec, rotvec_from_matrix
-from surefoot.robot.description import KinematicModel, Robot
-from surefoot.robot.kinematics import foot_jacobians
-from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.feet.mount import FootMount, feet_in_imu, foot_mount
 
+from .legs import SHOWN, LegModel, Unknown, unknowns_of
 from .log import Log
-from .stances import (
-    InertialPath,
-    StanceNoise,
-    StanceWindow,
-    find_noise,
-    stance_windows,
-    stances,
-    with_inflation,
-)
+from .stances import WINDOWS, InertialPath, StanceNoise, find_noise, stance_windows, stances, with_inflation
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 NORMAL_95 = 1.96
 """Half of the interval of 95 % of a normal distribution, in standard deviations."""
-NARROW = 0.3
+NARROW = 0.4
 """Largest half interval of an observable parameter, in half ranges of its prior."""
 ROUNDS = 5
 """Linearisations; the noise is found anew before each."""
+BIASES_FIRST = 2
+"""Linearisations that look for the biases of the inertial unit alone: a wrong bias looks like noise of the feet."""
 EPSILON = 1e-3
-"""Step of differences, in standard deviations of the prior."""
+"""Step of differences, and what an unknown that rests may move, in standard deviations of the prior."""
 TINY = 1e-9
 """Least variance of a score."""
 UNSURE = 0.3
 """Share of the pull of noisy feet that is uncertain, one standard deviation."""
-SHORTEST_LINK_M = 0.005
-"""Links shorter than this have no length of their own, m."""
-RANGES = {"length": 0.10, "zero": np.radians(3.0), "offset": 0.05, "mounting": np.radians(10.0), "lever": 0.05,
-          "radius": 0.02, "pivot": 0.06, "gyro bias": 0.06, "acc bias": 0.3}  # fmt: skip
-"""Half of the range that the prior allows (two standard deviations), by kind: share of a length, rad, s, rad, m, m,
-rad/s, m/s^2."""
-
-
-@dataclass(frozen=True)
-class Unknown:
-    """One parameter of a calibration; its value is what is to be added to what the log or the robot file states."""
-
-    name: str
-    kind: str  # see RANGES
-    index: int = 0  # foot, link, joint or axis
-
-    @property
-    def range(self) -> float:
-        """Half of the range that the prior allows."""
-        return float(RANGES[self.kind])
+NOTE_WINDOWS, NOTED_MS = 20, 5.0
+"""Windows of the short check of the time offset, and the least offset that is reported, ms."""
+ALIKE = 0.05
+"""Correlation of the errors of two windows: what a foot does wrong in one step it does in the next one too."""
+USUAL_NOISE = {"sigma_q": 0.1, "sigma_w": 0.01}
+"""Noise of a row where the log does not state it, m/s^2 and rad/s."""
 
 
 @dataclass(frozen=True)
@@ -72,11 +50,16 @@ class Found:
     unit: str
     value: float
     half: float  # of the interval of 95 %
-    observable: bool
+    observable: bool  # the interval is clearly narrower than what the prior allows
+
+    @property
+    def proven(self) -> bool:
+        """True if the log shows that the parameter is not what was stated."""
+        return self.observable and abs(self.value) > self.half
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class LegCalibration:
     """Solution for a log."""
 
     log: Log
@@ -97,7 +80,11 @@ class Calibration:
         return out
 
     def apply(self, log: Log | None = None) -> Log:
-        """Return a log (that of the calibration, or another of the same robot) with its feet and stamps put right."""
+        """Return a log with its feet and stamps put right, and without joints, which belong to the stated legs.
+
+        Args:
+            log: another of the same robot; None = the log of the calibration.
+        """
         log = self.log if log is None else log
         model = LegModel(log, self.unknowns)
         position, rot = model.feet(self.theta, np.arange(len(log.foot_ns)))
@@ -108,104 +95,16 @@ class Calibration:
         radius = model.values(self.theta, "radius", 1)
         return replace(
             log, foot_ns=log.foot_ns + shift, foot_position=position, foot_rot=rot, rot_base_from_imu=base,
-            imu_position=log.imu_position - base @ lever, order=None,
+            imu_position=log.imu_position - base @ lever, order=None, joints=None,
             radius=None if log.radius is None else np.where(log.radius > 0.0, log.radius + radius, 0.0),
         )  # fmt: skip
-
-
-SHOWN = {"length": (100.0, "%"), "zero": (180.0 / np.pi, "deg"), "offset": (1e3, "ms"), "mounting": (180.0 / np.pi, "deg"),
-         "lever": (1e3, "mm"), "radius": (1e3, "mm")}  # fmt: skip
-"""Factor and unit of each kind in reports."""
-
-
-class LegModel:
-    """Feet of a log as functions of its unknowns."""
-
-    def __init__(self, log: Log, unknowns: Sequence[Unknown]) -> None:
-        self.log, self._unknowns = log, unknowns
-        self._mount = None if log.joints is None or log.robot is None else foot_mount(load_robot(log.robot))
-
-    def values(self, theta: Array, kind: str, count: int) -> Array:
-        """Return the values of one kind by their index, (count,); zero where there are none."""
-        out = np.zeros(count)
-        for u, value in zip(self._unknowns, theta, strict=True):
-            if u.kind == kind:
-                out[u.index] = value
-        return out
-
-    def feet(self, theta: Array, rows: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Return foot centres (k, F, 3) m and rot_imu_from_foot (k, F, 3, 3), IMU axes, at some samples (k,)."""
-        log = self.log
-        if self._mount is None:
-            share = 1.0 + self.values(theta, "length", log.feet_count)
-            position, rot = log.foot_position[rows] * share[:, None], log.foot_rot[rows]
-        else:
-            position, rot = self._by_joints(self._mount, theta, rows)
-        turn = matrix_from_rotvec(self.values(theta, "mounting", 3))
-        return position @ turn.T + self.values(theta, "lever", 3), turn @ rot
-
-    def noise_size(self, theta: Array, rows: NDArray[np.int64]) -> Array:
-        """Return the logarithm of the size of the noise of the feet, up to a constant, (k, F)."""
-        if self._mount is None:
-            share = 1.0 + self.values(theta, "length", self.log.feet_count)
-            return np.broadcast_to(np.log(share), (len(rows), self.log.feet_count))
-        model, joints = self._changed(self._mount, theta), self.log.joints
-        assert joints is not None
-        zeros = self.values(theta, "zero", joints.shape[1])
-        moved = np.array([foot_jacobians(model, q + zeros) for q in joints[rows]])
-        return 0.5 * np.log((moved**2).sum(axis=(2, 3)))
-
-    def _by_joints(self, mount: FootMount, theta: Array, rows: NDArray[np.int64]) -> tuple[Array, Array]:
-        joints = self.log.joints
-        assert joints is not None
-        changed = mount._replace(model=self._changed(mount, theta))
-        seen = [feet_in_imu(changed, q + self.values(theta, "zero", joints.shape[1])) for q in joints[rows]]
-        return np.array([p for p, _ in seen]), np.array([r for _, r in seen])
-
-    def _changed(self, mount: FootMount, theta: Array) -> KinematicModel:
-        model = mount.model
-        assert model is not None
-        links = len(model.parent)
-        share = 1.0 + self.values(theta, "length", links + len(model.foot_link))[:, None]
-        return model._replace(origin_pos=model.origin_pos * share[:links], foot_point=model.foot_point * share[links:])
-
-
-def unknowns_of(log: Log) -> list[Unknown]:
-    """Return what can be asked of a log: each link and joint of its legs, or one scale per leg."""
-    out: list[Unknown] = []
-    if log.joints is not None and log.robot is not None:
-        out += _of_robot(load_robot(log.robot))
-    else:
-        out += [Unknown(f"length of leg {f}", "length", f) for f in range(log.feet_count)]
-    oriented = np.nanmax(np.abs(log.foot_rot - log.foot_rot[:1]), initial=0.0) > 1e-6
-    if oriented and log.radius is not None and (log.radius > 0.0).any():
-        out.append(Unknown("foot radius", "radius"))
-    elif oriented:
-        out += [Unknown(f"pivot of foot {k // 3} {'xyz'[k % 3]}", "pivot", k) for k in range(3 * log.feet_count)]
-    out.append(Unknown("time offset of the feet", "offset"))
-    for kind, name in (("mounting", "mounting about"), ("lever", "lever along"), ("gyro bias", "gyro bias"),
-                       ("acc bias", "acc bias")):  # fmt: skip
-        out += [Unknown(f"{name} {axis}", kind, i) for i, axis in enumerate("xyz")]
-    return out
-
-
-def _of_robot(robot: Robot) -> list[Unknown]:
-    out: list[Unknown] = []
-    for f, leg in enumerate(robot.legs):
-        for link in leg.links[1:]:  # the first lies in the trunk
-            if np.linalg.norm(robot.links[link].position) > SHORTEST_LINK_M:
-                out.append(Unknown(f"length to {robot.links[link].name}", "length", link))
-        if np.linalg.norm(leg.foot.position) > SHORTEST_LINK_M:
-            out.append(Unknown(f"length to the foot of {leg.name}", "length", len(robot.links) + f))
-    joints = dict.fromkeys(joint for leg in robot.legs for joint in leg.joints)
-    return out + [Unknown(f"zero of {robot.joint_names[joint]}", "zero", joint) for joint in joints]
 
 
 class StanceProblem:
     """Residuals of a log as functions of its unknowns."""
 
-    def __init__(self, log: Log, unknowns: Sequence[Unknown]) -> None:
-        self.log, self.unknowns, self.windows = log, unknowns, stance_windows(log)
+    def __init__(self, log: Log, unknowns: Sequence[Unknown], windows: int = WINDOWS) -> None:
+        self.log, self.unknowns, self.windows = log, unknowns, stance_windows(log, windows)
         self._model = LegModel(log, unknowns)
         self._rows = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(w.sample for w in self.windows)]))
         self._radius = np.zeros(log.feet_count) if log.radius is None else log.radius
@@ -253,29 +152,52 @@ class StanceProblem:
         return np.cumsum(step, axis=0)
 
 
-def calibrate(log: Log, unknowns: Sequence[Unknown] | None = None) -> Calibration:
+def calibrate(log: Log, unknowns: Sequence[Unknown] | None = None, windows: int = WINDOWS) -> LegCalibration:
     """Find the parameters of a log.
 
     Args:
         log: with feet; a robot and joints make links and joints parameters of their own.
-        unknowns: what to ask; None = all that the log can have.
+        unknowns: what to look for; None = all that the log can have.
+        windows: most windows of the log that are used.
     """
     unknowns = unknowns_of(log) if unknowns is None else unknowns
-    problem = StanceProblem(log, unknowns)
+    problem = StanceProblem(log, unknowns, windows)
     sd = np.array([0.5 * u.range for u in unknowns])
     theta, covariance = np.zeros(len(unknowns)), np.diag(sd**2)
     if len(problem.windows) == 0:
-        return Calibration(log, unknowns, theta, covariance, None, 0)
+        return LegCalibration(log, unknowns, theta, covariance, None, 0)
     period = 1e-9 * float(np.median(np.diff(log.stamp_ns)))
-    acc, turn = (float(log.sensors.get(key, usual)) * np.sqrt(period) for key, usual in (("sigma_q", 0.1), ("sigma_w", 0.01)))
+    acc, turn = (float(log.sensors.get(key, usual)) * period**0.5 for key, usual in USUAL_NOISE.items())
     noise = StanceNoise(1e-3, 1e-3, acc, turn)
-    biases = np.array([u.kind not in SHOWN for u in unknowns])
+    rests = np.array([u.kind in SHOWN for u in unknowns])
     for k in range(ROUNDS):
         at = problem.residuals(theta)
         noise = find_noise(problem.windows, at, noise, acc)
         problem.windows = with_inflation(problem.windows, at, noise)
-        theta, covariance = _step(problem, theta, at, np.where(biases | (k > 1), sd, 1e-3 * sd), noise)
-    return Calibration(log, unknowns, theta, covariance, noise, len(problem.windows))
+        theta, covariance = _step(problem, theta, at, np.where(rests & (k < BIASES_FIRST), EPSILON * sd, sd), noise)
+    return LegCalibration(log, unknowns, theta, covariance, noise, len(problem.windows))
+
+
+def proven(found: LegCalibration) -> LegCalibration:
+    """Return the calibration by what the log proves alone; the rest stays as the log or the robot file states it."""
+    while True:
+        names = {one.name for one in found.found() if one.proven}
+        kept = [u for u in found.unknowns if u.kind not in SHOWN or u.name in names]
+        if len(kept) == len(found.unknowns):
+            return found
+        found = calibrate(found.log, kept)
+
+
+def offset_note(log: Log) -> tuple[str, ...]:
+    """Return a note if the feet are surely late or early against the inertial unit, from some windows of a log."""
+    bare = replace(log, joints=None)
+    found = calibrate(bare, windows=NOTE_WINDOWS).found()
+    for one in found:
+        if one.unit == "ms" and one.observable and abs(one.value) - one.half > NOTED_MS:
+            side = "early" if one.value > 0.0 else "late"
+            text = f"the stamps of the feet are {abs(one.value):.0f} +- {one.half:.0f} ms too {side}"
+            return (f"{text} against the inertial unit; --calibrate reports more, --calibrated corrects it",)
+    return ()
 
 
 def _step(problem: StanceProblem, theta: Array, at: list[Array], sd: Array, noise: StanceNoise) -> tuple[Array, Array]:
@@ -286,7 +208,11 @@ def _step(problem: StanceProblem, theta: Array, at: list[Array], sd: Array, nois
     """
     count = len(theta)
     tips = [theta + EPSILON * sd[i] * np.eye(count)[i] for i in range(count)]
-    moved, sizes, size = [problem.residuals(x) for x in tips], [problem.noise_sizes(x) for x in tips], problem.noise_sizes(theta)
+    moved, sizes, size = (
+        [problem.residuals(x) for x in tips],
+        [problem.noise_sizes(x) for x in tips],
+        problem.noise_sizes(theta),
+    )
     scores, hessians, grown = np.zeros((len(at), count)), np.zeros((len(at), count, count)), np.zeros((len(at), count))
     for k, window in enumerate(problem.windows):
         rows, _ = window.whitener(noise)
@@ -297,14 +223,15 @@ def _step(problem: StanceProblem, theta: Array, at: list[Array], sd: Array, nois
         grown[k] = np.array([share @ (one[k] - size[k]) for one in sizes]) / EPSILON
         hessians[k], scores[k] = jac.T @ jac, grown[k] - jac.T @ e
     hessian, pulled = hessians.sum(axis=0), UNSURE * grown.sum(axis=0)
-    spread = hessian + np.outer(pulled, pulled) + TINY * np.eye(count)  # covariance of the scores
+    repeats = 1.0 + ALIKE * (len(at) - 1)
+    spread = repeats * hessian + np.outer(pulled, pulled) + TINY * np.eye(count)  # covariance of the scores
     weights = np.linalg.solve(spread, hessian).T
     posterior = np.linalg.inv(weights @ hessian + np.eye(count))
     gain = posterior @ weights
     step = gain @ scores.sum(axis=0) - posterior @ (theta / sd)
     left = scores - hessians @ step  # of the windows, at the solution
     left -= left.mean(axis=0)
-    found = left.T @ left * len(at) / max(1, len(at) - 1) + np.outer(pulled, pulled)
+    found = repeats * left.T @ left * len(at) / max(1, len(at) - 1) + np.outer(pulled, pulled)
     sandwich = gain @ found @ gain.T + posterior @ posterior
     wider = np.sqrt(np.maximum(1.0, np.diag(sandwich) / np.diag(posterior)))
     return theta + sd * step, posterior * np.outer(sd * wider, sd * wider)

@@ -38,9 +38,12 @@ def estimate(
     contact_off: Annotated[float | None, typer.Option(help="Force below which it stands no more, N.")] = None,
     score_from: Annotated[float | None, typer.Option(help="Time after the start at which scores begin, s.")] = None,
     align: Annotated[bool, typer.Option("--align", help="Align the truth with the sensors before scoring.")] = False,
+    calibrate: Annotated[bool, typer.Option("--calibrate", help="Report legs, mounting, offset in time.")] = False,
+    calibrated: Annotated[bool, typer.Option("--calibrated", help="Correct what it proves, then estimate.")] = False,
     json: Json = False,
 ) -> None:
     """Estimate velocity, tilt and path from a log, with covariance and flags; errors where the log has truth."""
+    from .calibrate import offset_note
     from .feet import FeetOptions
     from .files import open_log
     from .results import SUMMARY, Scratch, plain
@@ -58,13 +61,20 @@ def estimate(
     stated = FeetOptions.of({"feet": feet, "foot_radius": radius, **sizes})
     known = {"sigma_w": gyro_noise, "sigma_q": acc_noise}
     opened = open_log(log, robot, sort, stated, align, **{k: v for k, v in known.items() if v is not None})
+    if calibrate or calibrated:
+        from .calibration_report import corrected, show
+
+        if calibrate:
+            return show(opened.log, opened.notes, json)
+        opened = corrected(opened)
     data = opened.log if score_from is None else replace(opened.log, begin_s=score_from)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
     with Scratch(out) as folder:
         result = run(data, chosen, folder)
         files = [] if out is None else _write_files(result, folder, out, csv)
-    report: dict[str, Any] = {**result.summary, "notes": list(opened.notes), "files": [str(path) for path in files]}
+    notes = [*opened.notes, *offset_note(data)]
+    report: dict[str, Any] = {**result.summary, "notes": notes, "files": [str(path) for path in files]}
     if opened.alignment is not None:
         report["alignment"] = plain(opened.alignment.report())
     if out is not None:

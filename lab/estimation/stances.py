@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import qr, solve_triangular
+from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
 
 from surefoot.geometry.constants import GRAVITY
@@ -36,7 +36,7 @@ GAP_S = 0.2
 FEWEST = 4
 """Fewest samples of a stance and of a window."""
 FACTORS = np.array([2.0, 2.0, 0.05])
-"""Logarithms of the factors by which noise of foot, creep and accelerometer is likely to differ from the first guess."""
+"""Logarithms of the factors by which noise of foot, creep, accelerometer is likely to differ from the first guess."""
 INFLATION = (0.3, 1e4)
 """Least and largest variance of a stance over the usual one."""
 NOISE_WINDOWS = 12
@@ -85,9 +85,9 @@ class StanceWindow:
         k += (GRAVITY * noise.turn) ** 2 * m**3 * (m**2 / 20.0 + d * m / 8.0 + d**2 / 12.0)
         factor = np.linalg.cholesky(k)
         free = np.column_stack([self.s, self.s**2, np.equal.outer(self.stance, np.arange(self.stance.max() + 1))])
-        q, r = qr(solve_triangular(factor, free, lower=True))
+        q, r = np.linalg.qr(solve_triangular(factor, free, lower=True), mode="complete")
         count = free.shape[1]
-        rows = solve_triangular(factor, q[:, count:], lower=True, trans="T").T
+        rows = solve_triangular(factor, q[:, count:], lower=True, trans=1).T
         scale = np.log(np.diag(factor)).sum() + np.log(np.abs(np.diag(r)[:count])).sum()
         return np.ascontiguousarray(rows), float(scale)
 
@@ -168,12 +168,12 @@ def stances(log: Log) -> Ints:
     return out
 
 
-def stance_windows(log: Log, seconds: float = WINDOW_S) -> list[StanceWindow]:
-    """Cut a log into windows of this length, and return those in which feet stand and no row is missing."""
+def stance_windows(log: Log, most: int = WINDOWS, seconds: float = WINDOW_S) -> list[StanceWindow]:
+    """Cut a log into windows of this length, and return up to `most` in which feet stand and no row is missing."""
     if len(log.stamp_ns) < FEWEST or len(log.foot_ns) < FEWEST:
         return []
     number = stances(log)
-    bad = ~(np.isfinite(log.w) & np.isfinite(log.q)).all(axis=1)
+    bad = np.asarray(~(np.isfinite(log.w) & np.isfinite(log.q)).all(axis=1), dtype=np.bool_)
     if log.saturated is not None:
         bad |= log.saturated
     bad[1:] |= np.diff(log.stamp_ns) > 1e9 * GAP_S
@@ -181,7 +181,7 @@ def stance_windows(log: Log, seconds: float = WINDOW_S) -> list[StanceWindow]:
     margin = int(1e8)  # ns, room for the offset in time
     starts = np.arange(span[0] + margin, span[1] - margin - length // 2, length)
     out: list[StanceWindow] = []
-    for start in starts[:: max(1, -(-len(starts) // WINDOWS))]:
+    for start in starts[:: max(1, -(-len(starts) // most))]:
         end = min(start + length, span[1] - margin)
         if ((holes > start - margin) & (holes <= end + margin)).any():
             continue
@@ -205,7 +205,7 @@ def _window(log: Log, number: Ints, rows: Ints, start: int) -> StanceWindow | No
     each = -(-len(at) // SAMPLES)
     place = at // each + len(rows) * stance
     block = np.flatnonzero(np.diff(place, prepend=-1))
-    s = 1e-9 * (log.foot_ns[rows[at]] - start)
+    s = np.asarray(1e-9 * (log.foot_ns[rows[at]] - start), dtype=np.float64)
     window = StanceWindow(start, rows[at], foot, block, stance[block], s, np.ones(len(block)))
     return replace(window, s=window.averaged(s))
 
@@ -223,7 +223,7 @@ def find_noise(windows: list[StanceWindow], residuals: list[Array], start: Stanc
     pairs = list(zip(windows[some], residuals[some], strict=True))
 
     def cost(logs: Array) -> float:
-        noise = StanceNoise(*np.exp(logs), start.turn)
+        noise = _noise(logs, start.turn)
         total = float(np.sum(((logs - likely) / FACTORS) ** 2)) / 2.0
         for window, y in pairs:
             rows, scale = window.whitener(noise)
@@ -232,7 +232,12 @@ def find_noise(windows: list[StanceWindow], residuals: list[Array], start: Stanc
 
     likely, first = np.log(np.array([1e-3, 1e-3, sensor])), np.log(np.array(start[:3]))
     found = minimize(cost, first, method="Nelder-Mead", options={"maxfev": 40, "xatol": 0.05, "fatol": 0.5})
-    return StanceNoise(*(float(x) for x in np.exp(np.clip(found.x, np.log(1e-5), 0.0))), start.turn)
+    return _noise(np.clip(found.x, np.log(1e-5), 0.0), start.turn)
+
+
+def _noise(logs: Array, turn: float) -> StanceNoise:
+    foot, creep, acc = (float(x) for x in np.exp(logs))
+    return StanceNoise(foot, creep, acc, turn)
 
 
 def with_inflation(windows: list[StanceWindow], residuals: list[Array], noise: StanceNoise) -> list[StanceWindow]:
