@@ -37,7 +37,7 @@ UNSURE = 0.3
 NOTE_WINDOWS, NOTED_MS = 20, 5.0
 """Windows of the short check of the time offset, and the least offset that is reported, ms."""
 ALIKE = 0.05
-"""Correlation of the errors of two windows: what a foot does wrong in one step it does in the next one too."""
+"""Correlation of the errors of two windows of a walk."""
 USUAL_NOISE = {"sigma_q": 0.1, "sigma_w": 0.01}
 """Noise of a row where the log does not state it, m/s^2 and rad/s."""
 
@@ -109,6 +109,13 @@ class StanceProblem:
         self._rows = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(w.sample for w in self.windows)]))
         self._radius = np.zeros(log.feet_count) if log.radius is None else log.radius
         self._parts = [np.searchsorted(self._rows, w.sample) for w in self.windows]
+
+    @property
+    def repeats(self) -> float:
+        """Windows for each independent one: what a foot does wrong repeats within a stance, and from step to step."""
+        count, numbers = len(self.windows), self._numbers
+        each = len(np.unique(numbers[numbers >= 0])) / self.log.feet_count  # stances of a foot
+        return max(1.0 + ALIKE * (count - 1), count / max(each, 1.0))
 
     @cached_property
     def _numbers(self) -> NDArray[np.int64]:
@@ -223,7 +230,7 @@ def _step(problem: StanceProblem, theta: Array, at: list[Array], sd: Array, nois
         grown[k] = np.array([share @ (one[k] - size[k]) for one in sizes]) / EPSILON
         hessians[k], scores[k] = jac.T @ jac, grown[k] - jac.T @ e
     hessian, pulled = hessians.sum(axis=0), UNSURE * grown.sum(axis=0)
-    repeats = 1.0 + ALIKE * (len(at) - 1)
+    repeats = problem.repeats
     spread = repeats * hessian + np.outer(pulled, pulled) + TINY * np.eye(count)  # covariance of the scores
     weights = np.linalg.solve(spread, hessian).T
     posterior = np.linalg.inv(weights @ hessian + np.eye(count))

@@ -35,6 +35,8 @@ GAP_S = 0.2
 """Longest time between two rows inside a window, s."""
 FEWEST = 4
 """Fewest samples of a stance and of a window."""
+STILL_M = 1e-3
+"""Least motion of a standing foot against the body in a window that shows anything, m rms."""
 FACTORS = np.array([2.0, 2.0, 0.05])
 """Logarithms of the factors by which noise of foot, creep, accelerometer is likely to differ from the first guess."""
 INFLATION = (0.3, 1e4)
@@ -169,7 +171,7 @@ def stances(log: Log) -> Ints:
 
 
 def stance_windows(log: Log, most: int = WINDOWS, seconds: float = WINDOW_S) -> list[StanceWindow]:
-    """Cut a log into windows of this length, and return up to `most` in which feet stand and no row is missing."""
+    """Cut a log into windows of this length, and return up to `most` in which the body moves over feet that stand."""
     if len(log.stamp_ns) < FEWEST or len(log.foot_ns) < FEWEST:
         return []
     number = stances(log)
@@ -207,7 +209,9 @@ def _window(log: Log, number: Ints, rows: Ints, start: int) -> StanceWindow | No
     block = np.flatnonzero(np.diff(place, prepend=-1))
     s = np.asarray(1e-9 * (log.foot_ns[rows[at]] - start), dtype=np.float64)
     window = StanceWindow(start, rows[at], foot, block, stance[block], s, np.ones(len(block)))
-    return replace(window, s=window.averaged(s))
+    seen = window.averaged(log.foot_position[rows[at], foot])
+    moved = [seen[window.stance == j].std(axis=0) for j in range(len(names))]
+    return None if np.max(np.linalg.norm(moved, axis=1)) < STILL_M else replace(window, s=window.averaged(s))
 
 
 def find_noise(windows: list[StanceWindow], residuals: list[Array], start: StanceNoise, sensor: float) -> StanceNoise:
