@@ -36,7 +36,7 @@ UNSURE = 0.3
 """Share of the pull of noisy feet that is uncertain, one standard deviation."""
 NOTE_WINDOWS, NOTED_MS = 20, 5.0
 """Windows of the short check of the time offset, and the least offset that is reported, ms."""
-ALIKE = 0.05
+ALIKE = 0.1
 """Correlation of the errors of two windows of a walk."""
 USUAL_NOISE = {"sigma_q": 0.1, "sigma_w": 0.01}
 """Noise of a row where the log does not state it, m/s^2 and rad/s."""
@@ -50,7 +50,7 @@ class Found:
     unit: str
     value: float
     half: float  # of the interval of 95 %
-    observable: bool  # the interval is clearly narrower than what the prior allows
+    observable: bool  # its interval is clearly narrower than the range of the prior, and lies there
 
     @property
     def proven(self) -> bool:
@@ -76,7 +76,8 @@ class LegCalibration:
             if u.kind in SHOWN:
                 factor, unit = SHOWN[u.kind]
                 half = NORMAL_95 * float(sd)
-                out.append(Found(u.name, unit, factor * float(value), factor * half, half < NARROW * u.range))
+                seen = half < NARROW * u.range and abs(float(value)) <= u.range
+                out.append(Found(u.name, unit, factor * float(value), factor * half, seen))
         return out
 
     def apply(self, log: Log | None = None) -> Log:

@@ -1,4 +1,4 @@
-"""Planted errors of legs, stamps and mounting are found, with intervals that hold; the rest is called not observable."""
+"""Planted errors of legs, stamps and mounting are found, with intervals that hold; the rest is not observable."""
 
 from dataclasses import replace
 from functools import cache
@@ -28,8 +28,8 @@ def longer(log: Log, factor: float) -> Log:
     return replace(log, foot_position=log.foot_position * factor, joints=None)
 
 
-def turned(log: Log, degrees: tuple[float, float, float]) -> Log:
-    rot = matrix_from_rotvec(np.radians(np.array(degrees)))
+def turned(log: Log, degrees: np.typing.ArrayLike) -> Log:
+    rot = matrix_from_rotvec(np.radians(np.asarray(degrees, dtype=np.float64)))
     return replace(log, foot_position=log.foot_position @ rot.T, foot_rot=rot @ log.foot_rot)
 
 
@@ -72,7 +72,7 @@ def test_a_time_offset_is_found_to_3_ms_and_noted(ms):
 def test_the_mounting_of_the_inertial_unit_is_found(axis):
     degrees = np.zeros(3)
     degrees[axis] = 3.0
-    seen = found(calibrate(turned(noisy(), tuple(degrees))))
+    seen = found(calibrate(turned(noisy(), degrees)))
     for i, name in enumerate("xyz"):
         value, half, _ = seen[f"mounting about {name}"]
         assert value == pytest.approx(-degrees[i], abs=half + 0.1)  # turns about two axes do not commute
