@@ -34,8 +34,8 @@ TINY = 1e-9
 """Least variance of a score."""
 UNSURE = 0.3
 """Share of the pull of noisy feet that is uncertain, one standard deviation."""
-NOTE_WINDOWS, NOTED_MS = 20, 5.0
-"""Windows of the short check of the time offset, and the least offset that is reported, ms."""
+NOTE_ROWS, NOTE_WINDOWS, NOTED_MS = 100_000, 20, 5.0
+"""Most inertial rows and windows of the short check of the time offset, and the least offset that it reports, ms."""
 ALIKE = 0.1
 """Correlation of the errors of two windows of a walk."""
 USUAL_NOISE = {"sigma_q": 0.1, "sigma_w": 0.01}
@@ -197,8 +197,11 @@ def proven(found: LegCalibration) -> LegCalibration:
 
 
 def offset_note(log: Log) -> tuple[str, ...]:
-    """Return a note if the feet are surely late or early against the inertial unit, from some windows of a log."""
+    """Return a note if the feet are surely late or early against the inertial unit, from the beginning of a log."""
     bare = replace(log, joints=None)
+    if len(log.stamp_ns) > NOTE_ROWS:
+        feet = np.flatnonzero(log.foot_ns <= log.stamp_ns[NOTE_ROWS])
+        bare = bare.with_imu(np.arange(NOTE_ROWS)).with_feet(feet)
     found = calibrate(bare, windows=NOTE_WINDOWS).found()
     for one in found:
         if one.unit == "ms" and one.observable and abs(one.value) - one.half > NOTED_MS:

@@ -27,8 +27,8 @@ Ints = NDArray[np.int64]
 
 WINDOW_S = 2.0
 """Length of a window, s: about one stride, so that the body's motion differs from a parabola."""
-SAMPLES, WINDOWS = 80, 60
-"""Most samples of single feet in a window (more are averaged), and most windows of a log (more are thinned out)."""
+TIMES, SAMPLES, WINDOWS = 200, 80, 60
+"""Most foot samples of a window (more are thinned out), most averages of single feet in it, most windows of a log."""
 TRIM_S = 0.03
 """Time after touchdown and before lift-off that is left out, s: the foot loads and rolls there."""
 GAP_S = 0.2
@@ -188,6 +188,7 @@ def stance_windows(log: Log, most: int = WINDOWS, seconds: float = WINDOW_S) -> 
         if ((holes > start - margin) & (holes <= end + margin)).any():
             continue
         rows = np.flatnonzero((log.foot_ns >= start) & (log.foot_ns < end))
+        rows = rows[:: max(1, -(-len(rows) // TIMES))]
         window = _window(log, number, rows, int(start))
         if window is not None:
             out.append(window)
