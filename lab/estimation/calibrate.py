@@ -34,7 +34,7 @@ TINY = 1e-9
 """Least variance of a score."""
 UNSURE = 0.3
 """Share of the pull of noisy feet that is uncertain, one standard deviation."""
-NOTE_ROWS, NOTE_WINDOWS, NOTED_MS = 100_000, 20, 5.0
+NOTE_ROWS, NOTE_WINDOWS, NOTED_MS = 100_000, 12, 5.0
 """Most inertial rows and windows of the short check of the time offset, and the least offset that it reports, ms."""
 ALIKE = 0.1
 """Correlation of the errors of two windows of a walk."""
@@ -107,6 +107,7 @@ class StanceProblem:
     def __init__(self, log: Log, unknowns: Sequence[Unknown], windows: int = WINDOWS) -> None:
         self.log, self.unknowns, self.windows = log, unknowns, stance_windows(log, windows)
         self._model = LegModel(log, unknowns)
+        self._path: tuple[tuple[float, ...], InertialPath] | None = None  # the last one, and its biases
         self._rows = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(w.sample for w in self.windows)]))
         self._radius = np.zeros(log.feet_count) if log.radius is None else log.radius
         self._parts = [np.searchsorted(self._rows, w.sample) for w in self.windows]
@@ -125,7 +126,7 @@ class StanceProblem:
     def residuals(self, theta: Array) -> list[Array]:
         """Return R f + p of each window without the roll of round feet, (N, 3) m, frame, falling motion taken out."""
         model, log = self._model, self.log
-        path = InertialPath.of(log, model.values(theta, "gyro bias", 3), model.values(theta, "acc bias", 3))
+        path = self._integrated(model.values(theta, "gyro bias", 3), model.values(theta, "acc bias", 3))
         t = 1e-9 * (log.foot_ns[self._rows] - log.stamp_ns[0]) + model.values(theta, "offset", 1)[0]
         turned, at = path.at(t)
         feet, rot = model.feet(theta, self._rows)
@@ -139,6 +140,12 @@ class StanceProblem:
             fall = at[part] - at[part[0]]  # less digits are lost near zero
             out.append(window.averaged(seen[part, window.foot] + fall))
         return out
+
+    def _integrated(self, gyro_bias: Array, acc_bias: Array) -> InertialPath:
+        key = (*gyro_bias, *acc_bias)
+        if self._path is None or self._path[0] != key:
+            self._path = key, InertialPath.of(self.log, gyro_bias, acc_bias)
+        return self._path[1]
 
     def noise_sizes(self, theta: Array) -> list[Array]:
         """Return `LegModel.noise_size` at the samples of each window, (N,)."""
