@@ -43,7 +43,7 @@ USUAL_NOISE = {"sigma_q": 0.1, "sigma_w": 0.01}
 
 
 @dataclass(frozen=True)
-class Found:
+class CalibratedValue:
     """A calibrated parameter."""
 
     name: str
@@ -69,15 +69,15 @@ class LegCalibration:
     noise: StanceNoise | None  # None: nothing stands long enough
     windows: int
 
-    def found(self) -> list[Found]:
+    def found(self) -> list[CalibratedValue]:
         """Return the parameters in units that people read, those of the sensors' biases left out."""
-        out: list[Found] = []
+        out: list[CalibratedValue] = []
         for u, value, sd in zip(self.unknowns, self.theta, np.sqrt(np.diag(self.covariance)), strict=True):
             if u.kind in SHOWN:
                 factor, unit = SHOWN[u.kind]
                 half = NORMAL_95 * float(sd)
                 seen = half < NARROW * u.range and abs(float(value)) <= u.range
-                out.append(Found(u.name, unit, factor * float(value), factor * half, seen))
+                out.append(CalibratedValue(u.name, unit, factor * float(value), factor * half, seen))
         return out
 
     def apply(self, log: Log | None = None) -> Log:

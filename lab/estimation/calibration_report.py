@@ -4,7 +4,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from ..cli.output import write, write_json, write_table
-from .calibrate import Found, calibrate, proven
+from .calibrate import CalibratedValue, calibrate, offset_note, proven
 from .files import Opened
 from .forces import calibrate_forces
 from .log import Log
@@ -47,7 +47,13 @@ def corrected(opened: Opened) -> Opened:
     return replace(opened, log=found.apply(), notes=opened.notes + added)
 
 
+def checked(opened: Opened, correct: bool) -> Opened:
+    """Return a log, corrected on request, with a note if its feet are late or early."""
+    opened = corrected(opened) if correct else opened
+    return replace(opened, notes=(*opened.notes, *offset_note(opened.log)))
+
+
 def _row(one: dict[str, Any]) -> tuple[str, str, str, str]:
-    found = Found(**one)
+    found = CalibratedValue(**one)
     seen = "observable" if found.observable else "not observable"
     return found.name, f"{found.value:+.2f} {found.unit}", f"+- {found.half:.2f}", seen

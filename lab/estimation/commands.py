@@ -43,7 +43,7 @@ def estimate(
     json: Json = False,
 ) -> None:
     """Estimate velocity, tilt and path from a log, with covariance and flags; errors where the log has truth."""
-    from .calibrate import offset_note
+    from .calibration_report import checked, show
     from .feet import FeetOptions
     from .files import open_log
     from .results import SUMMARY, Scratch, plain
@@ -51,8 +51,7 @@ def estimate(
     from .track import check_name, default
 
     use_json(json)
-    chosen = estimator or default()
-    check_name(chosen)
+    check_name(chosen := estimator or default())
     sizes = {
         "sole_size": None if sole is None else sole.split(","),
         "contact_on": contact_on,
@@ -61,20 +60,16 @@ def estimate(
     stated = FeetOptions.of({"feet": feet, "foot_radius": radius, **sizes})
     known = {"sigma_w": gyro_noise, "sigma_q": acc_noise}
     opened = open_log(log, robot, sort, stated, align, **{k: v for k, v in known.items() if v is not None})
-    if calibrate or calibrated:
-        from .calibration_report import corrected, show
-
-        if calibrate:
-            return show(opened.log, opened.notes, json)
-        opened = corrected(opened)
+    if calibrate:
+        return show(opened.log, opened.notes, json)
+    opened = checked(opened, calibrated)
     data = opened.log if score_from is None else replace(opened.log, begin_s=score_from)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
     with Scratch(out) as folder:
         result = run(data, chosen, folder)
         files = [] if out is None else _write_files(result, folder, out, csv)
-    notes = [*opened.notes, *offset_note(data)]
-    report: dict[str, Any] = {**result.summary, "notes": notes, "files": [str(path) for path in files]}
+    report: dict[str, Any] = {**result.summary, "notes": list(opened.notes), "files": [str(path) for path in files]}
     if opened.alignment is not None:
         report["alignment"] = plain(opened.alignment.report())
     if out is not None:

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from surefoot.geometry.constants import GRAVITY
 from surefoot.robot.reader import load_robot
 
-from .calibrate import NARROW, NORMAL_95, Found
+from .calibrate import NARROW, NORMAL_95, CalibratedValue
 from .log import Log
 
 Array = NDArray[np.float64]
@@ -23,7 +23,7 @@ ZERO_SHARE, SCALE_RANGE = 0.1, 0.3
 """Half of the range that is likely: of a zero as a share of the weight, and of a scale."""
 
 
-def calibrate_forces(log: Log) -> list[Found]:
+def calibrate_forces(log: Log) -> list[CalibratedValue]:
     """Return zero (N) and scale (%) of each force cell, to be added to what is stated; none if there are no forces.
 
     Scales are against the weight of the robot, or, if that is unknown, against the mean of the feet.
@@ -37,7 +37,7 @@ def calibrate_forces(log: Log) -> list[Found]:
     return [*zeros, *_scales(log, force + offset)]
 
 
-def _zero(log: Log, foot: int, force: Array, weight: float) -> Found:
+def _zero(log: Log, foot: int, force: Array, weight: float) -> CalibratedValue:
     """Return the zero of one cell: minus the mean over swings of the median in each."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], ~log.contact[:, foot], [False]]).astype(np.int8)))
     seen: list[float] = []
@@ -49,12 +49,12 @@ def _zero(log: Log, foot: int, force: Array, weight: float) -> Found:
             seen.append(float(np.median(value)))
     name, likely = f"force zero of foot {foot}", ZERO_SHARE * abs(weight)
     if len(seen) < FEWEST_SWINGS:
-        return Found(name, "N", 0.0, likely, False)
+        return CalibratedValue(name, "N", 0.0, likely, False)
     half = NORMAL_95 * float(np.std(seen, ddof=1)) / len(seen) ** 0.5 * (1.0 + 2.0 / len(seen))  # about Student's
-    return Found(name, "N", -float(np.mean(seen)), half, half < NARROW * likely)
+    return CalibratedValue(name, "N", -float(np.mean(seen)), half, half < NARROW * likely)
 
 
-def _scales(log: Log, force: Array) -> list[Found]:
+def _scales(log: Log, force: Array) -> list[CalibratedValue]:
     """Return the scale of each cell: sum of (1 + s) F = mass times specific force, in means over blocks."""
     count = force.shape[1]
     rows = np.clip(np.searchsorted(log.stamp_ns, log.foot_ns), 0, len(log.stamp_ns) - 1)
@@ -67,7 +67,7 @@ def _scales(log: Log, force: Array) -> list[Found]:
     mass = load_robot(log.robot).mass if log.robot is not None else float(np.median(a.sum(axis=1))) / GRAVITY
     label = "force scale of foot" if known else "force scale, against the mean, of foot"
     if len(names) < FEWEST_BLOCKS or not mass > 0.0:
-        return [Found(f"{label} {f}", "%", 0.0, 100.0 * SCALE_RANGE, False) for f in range(count)]
+        return [CalibratedValue(f"{label} {f}", "%", 0.0, 100.0 * SCALE_RANGE, False) for f in range(count)]
     x, y = a / (mass * GRAVITY), pull / GRAVITY - a.sum(axis=1) / (mass * GRAVITY)
     prior = np.eye(count) * (2.0 / SCALE_RANGE) ** 2
     noise, scale, inverse = FIRST_NOISE, np.zeros(count), np.linalg.inv(prior)
@@ -82,7 +82,7 @@ def _scales(log: Log, force: Array) -> list[Found]:
         scale, inverse, spread = turn @ scale, turn @ inverse @ turn, turn @ spread @ turn
     half = NORMAL_95 * np.sqrt(np.maximum(np.diag(inverse), np.diag(spread)))
     return [
-        Found(
+        CalibratedValue(
             f"{label} {f}", "%", 100.0 * float(scale[f]), 100.0 * float(half[f]), bool(half[f] < NARROW * SCALE_RANGE)
         )
         for f in range(count)
