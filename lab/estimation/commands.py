@@ -38,9 +38,12 @@ def estimate(
     contact_off: Annotated[float | None, typer.Option(help="Force below which it stands no more, N.")] = None,
     score_from: Annotated[float | None, typer.Option(help="Time after the start at which scores begin, s.")] = None,
     align: Annotated[bool, typer.Option("--align", help="Align the truth with the sensors before scoring.")] = False,
+    calibrate: Annotated[bool, typer.Option("--calibrate", help="Report legs, mounting, offset in time.")] = False,
+    calibrated: Annotated[bool, typer.Option("--calibrated", help="Correct what it proves, then estimate.")] = False,
     json: Json = False,
 ) -> None:
     """Estimate velocity, tilt and path from a log, with covariance and flags; errors where the log has truth."""
+    from .calibration_report import checked, show
     from .feet import FeetOptions
     from .files import open_log
     from .results import SUMMARY, Scratch, plain
@@ -48,8 +51,7 @@ def estimate(
     from .track import check_name, default
 
     use_json(json)
-    chosen = estimator or default()
-    check_name(chosen)
+    check_name(chosen := estimator or default())
     sizes = {
         "sole_size": None if sole is None else sole.split(","),
         "contact_on": contact_on,
@@ -58,6 +60,9 @@ def estimate(
     stated = FeetOptions.of({"feet": feet, "foot_radius": radius, **sizes})
     known = {"sigma_w": gyro_noise, "sigma_q": acc_noise}
     opened = open_log(log, robot, sort, stated, align, **{k: v for k, v in known.items() if v is not None})
+    if calibrate:
+        return show(opened.log, opened.notes, json)
+    opened = checked(opened, calibrated)
     data = opened.log if score_from is None else replace(opened.log, begin_s=score_from)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)

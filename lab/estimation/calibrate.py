@@ -1,0 +1,255 @@
+"""Calibration of a log by itself: legs, joint zeros, foot radius, time offset and mounting of the inertial unit.
+
+Batch least squares over standing feet (`stances`), with a normal prior on each parameter. A parameter is observable in
+a log if its interval of 95 % is clearly narrower than what the prior allows.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.rotations import matrix_from_rotvec, rotvec_from_matrix
+
+from .legs import SHOWN, LegModel, Unknown, unknowns_of
+from .log import Log
+from .stances import WINDOWS, InertialPath, StanceNoise, find_noise, stance_windows, stances, with_inflation
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+NORMAL_95 = 1.96
+"""Half of the interval of 95 % of a normal distribution, in standard deviations."""
+NARROW = 0.4
+"""Largest half interval of an observable parameter, in half ranges of its prior."""
+ROUNDS = 5
+"""Linearisations; the noise is found anew before each."""
+BIASES_FIRST = 2
+"""Linearisations that look for the biases of the inertial unit alone: a wrong bias looks like noise of the feet."""
+EPSILON = 1e-3
+"""Step of differences, and what an unknown that rests may move, in standard deviations of the prior."""
+TINY = 1e-9
+"""Least variance of a score."""
+UNSURE = 0.3
+"""Share of the pull of noisy feet that is uncertain, one standard deviation."""
+NOTE_ROWS, NOTE_WINDOWS, NOTED_MS = 100_000, 12, 5.0
+"""Most inertial rows and windows of the short check of the time offset, and the least offset that it reports, ms."""
+ALIKE = 0.1
+"""Correlation of the errors of two windows of a walk."""
+USUAL_NOISE = {"sigma_q": 0.1, "sigma_w": 0.01}
+"""Noise of a row where the log does not state it, m/s^2 and rad/s."""
+
+
+@dataclass(frozen=True)
+class CalibratedValue:
+    """A calibrated parameter."""
+
+    name: str
+    unit: str
+    value: float
+    half: float  # of the interval of 95 %
+    observable: bool  # its interval is clearly narrower than the range of the prior, and lies there
+
+    @property
+    def proven(self) -> bool:
+        """True if the log shows that the parameter is not what was stated."""
+        return self.observable and abs(self.value) > self.half
+
+
+@dataclass(frozen=True, eq=False)
+class LegCalibration:
+    """Solution for a log."""
+
+    log: Log
+    unknowns: Sequence[Unknown]
+    theta: Array  # (k,)
+    covariance: Array  # (k, k)
+    noise: StanceNoise | None  # None: nothing stands long enough
+    windows: int
+
+    def found(self) -> list[CalibratedValue]:
+        """Return the parameters in units that people read, those of the sensors' biases left out."""
+        out: list[CalibratedValue] = []
+        for u, value, sd in zip(self.unknowns, self.theta, np.sqrt(np.diag(self.covariance)), strict=True):
+            if u.kind in SHOWN:
+                factor, unit = SHOWN[u.kind]
+                half = NORMAL_95 * float(sd)
+                seen = half < NARROW * u.range and abs(float(value)) <= u.range
+                out.append(CalibratedValue(u.name, unit, factor * float(value), factor * half, seen))
+        return out
+
+    def apply(self, log: Log | None = None) -> Log:
+        """Return a log with its feet and stamps put right, and without joints, which belong to the stated legs.
+
+        Args:
+            log: another of the same robot; None = the log of the calibration.
+        """
+        log = self.log if log is None else log
+        model = LegModel(log, self.unknowns)
+        position, rot = model.feet(self.theta, np.arange(len(log.foot_ns)))
+        turn = matrix_from_rotvec(model.values(self.theta, "mounting", 3))
+        lever = model.values(self.theta, "lever", 3)
+        shift = round(1e9 * float(model.values(self.theta, "offset", 1)[0]))
+        base = log.rot_base_from_imu @ turn.T
+        radius = model.values(self.theta, "radius", 1)
+        return replace(
+            log, foot_ns=log.foot_ns + shift, foot_position=position, foot_rot=rot, rot_base_from_imu=base,
+            imu_position=log.imu_position - base @ lever, order=None, joints=None,
+            radius=None if log.radius is None else np.where(log.radius > 0.0, log.radius + radius, 0.0),
+        )  # fmt: skip
+
+
+class StanceProblem:
+    """Residuals of a log as functions of its unknowns."""
+
+    def __init__(self, log: Log, unknowns: Sequence[Unknown], windows: int = WINDOWS) -> None:
+        self.log, self.unknowns, self.windows = log, unknowns, stance_windows(log, windows)
+        self._model = LegModel(log, unknowns)
+        self._path: tuple[tuple[float, ...], InertialPath] | None = None  # the last one, and its biases
+        self._rows = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(w.sample for w in self.windows)]))
+        self._radius = np.zeros(log.feet_count) if log.radius is None else log.radius
+        self._parts = [np.searchsorted(self._rows, w.sample) for w in self.windows]
+
+    @property
+    def repeats(self) -> float:
+        """Windows for each independent one: what a foot does wrong repeats within a stance, and from step to step."""
+        count, numbers = len(self.windows), self._numbers
+        each = len(np.unique(numbers[numbers >= 0])) / self.log.feet_count  # stances of a foot
+        return max(1.0 + ALIKE * (count - 1), count / max(each, 1.0))
+
+    @cached_property
+    def _numbers(self) -> NDArray[np.int64]:
+        return stances(self.log)[self._rows]
+
+    def residuals(self, theta: Array) -> list[Array]:
+        """Return R f + p of each window without the roll of round feet, (N, 3) m, frame, falling motion taken out."""
+        model, log = self._model, self.log
+        path = self._integrated(model.values(theta, "gyro bias", 3), model.values(theta, "acc bias", 3))
+        t = 1e-9 * (log.foot_ns[self._rows] - log.stamp_ns[0]) + model.values(theta, "offset", 1)[0]
+        turned, at = path.at(t)
+        feet, rot = model.feet(theta, self._rows)
+        pivot = model.values(theta, "pivot", 3 * log.feet_count).reshape(-1, 3)
+        seen = np.einsum("kij,kfj->kfi", turned, feet + np.einsum("kfij,fj->kfi", rot, pivot))
+        radius = self._radius + (self._radius > 0.0) * model.values(theta, "radius", 1)
+        if radius.any():
+            seen -= radius[:, None] * self._rolled(turned, rot)
+        out: list[Array] = []
+        for window, part in zip(self.windows, self._parts, strict=True):
+            fall = at[part] - at[part[0]]  # less digits are lost near zero
+            out.append(window.averaged(seen[part, window.foot] + fall))
+        return out
+
+    def _integrated(self, gyro_bias: Array, acc_bias: Array) -> InertialPath:
+        key = (*gyro_bias, *acc_bias)
+        if self._path is None or self._path[0] != key:
+            self._path = key, InertialPath.of(self.log, gyro_bias, acc_bias)
+        return self._path[1]
+
+    def noise_sizes(self, theta: Array) -> list[Array]:
+        """Return `LegModel.noise_size` at the samples of each window, (N,)."""
+        size = self._model.noise_size(theta, self._rows)
+        return [w.averaged(size[part, w.foot]) for w, part in zip(self.windows, self._parts, strict=True)]
+
+    def _rolled(self, turned: Array, rot: Array) -> Array:
+        """Return the way of a rolling foot of unit radius since an arbitrary time, (k, F, 3), frame."""
+        world = turned[:, None] @ rot
+        step = np.zeros((*world.shape[:2], 3))
+        up = turned @ self.log.q[np.clip(np.searchsorted(self.log.stamp_ns, self.log.foot_ns[self._rows]), 0,
+                                         len(self.log.q) - 1)][:, :, None]  # fmt: skip
+        up = np.array([up[max(0, k - 10) : k + 10, :, 0].mean(axis=0) for k in range(len(up))])
+        up /= np.linalg.norm(up, axis=1)[:, None]
+        same = (self._numbers[1:] == self._numbers[:-1]) & (self._numbers[1:] >= 0)
+        for k, f in np.argwhere(same):
+            turn = rotvec_from_matrix(np.ascontiguousarray(world[k + 1, f] @ world[k, f].T))
+            step[k + 1, f] = np.cross(turn, up[k])
+        return np.cumsum(step, axis=0)
+
+
+def calibrate(log: Log, unknowns: Sequence[Unknown] | None = None, windows: int = WINDOWS) -> LegCalibration:
+    """Find the parameters of a log.
+
+    Args:
+        log: with feet; a robot and joints make links and joints parameters of their own.
+        unknowns: what to look for; None = all that the log can have.
+        windows: most windows of the log that are used.
+    """
+    unknowns = unknowns_of(log) if unknowns is None else unknowns
+    problem = StanceProblem(log, unknowns, windows)
+    sd = np.array([0.5 * u.range for u in unknowns])
+    theta, covariance = np.zeros(len(unknowns)), np.diag(sd**2)
+    if len(problem.windows) == 0:
+        return LegCalibration(log, unknowns, theta, covariance, None, 0)
+    period = 1e-9 * float(np.median(np.diff(log.stamp_ns)))
+    acc, turn = (float(log.sensors.get(key, usual)) * period**0.5 for key, usual in USUAL_NOISE.items())
+    noise = StanceNoise(1e-3, 1e-3, acc, turn)
+    rests = np.array([u.kind in SHOWN for u in unknowns])
+    for k in range(ROUNDS):
+        at = problem.residuals(theta)
+        noise = find_noise(problem.windows, at, noise, acc)
+        problem.windows = with_inflation(problem.windows, at, noise)
+        theta, covariance = _step(problem, theta, at, np.where(rests & (k < BIASES_FIRST), EPSILON * sd, sd), noise)
+    return LegCalibration(log, unknowns, theta, covariance, noise, len(problem.windows))
+
+
+def proven(found: LegCalibration) -> LegCalibration:
+    """Return the calibration by what the log proves alone; the rest stays as the log or the robot file states it."""
+    while True:
+        names = {one.name for one in found.found() if one.proven}
+        kept = [u for u in found.unknowns if u.kind not in SHOWN or u.name in names]
+        if len(kept) == len(found.unknowns):
+            return found
+        found = calibrate(found.log, kept)
+
+
+def offset_note(log: Log) -> tuple[str, ...]:
+    """Return a note if the feet are surely late or early against the inertial unit, from the beginning of a log."""
+    bare = replace(log, joints=None)
+    if len(log.stamp_ns) > NOTE_ROWS:
+        feet = np.flatnonzero(log.foot_ns <= log.stamp_ns[NOTE_ROWS])
+        bare = bare.with_imu(np.arange(NOTE_ROWS)).with_feet(feet)
+    found = calibrate(bare, windows=NOTE_WINDOWS).found()
+    for one in found:
+        if one.unit == "ms" and one.observable and abs(one.value) - one.half > NOTED_MS:
+            side = "early" if one.value > 0.0 else "late"
+            text = f"the stamps of the feet are {abs(one.value):.0f} +- {one.half:.0f} ms too {side}"
+            return (f"{text} against the inertial unit; --calibrate reports more, --calibrated corrects it",)
+    return ()
+
+
+def _step(problem: StanceProblem, theta: Array, at: list[Array], sd: Array, noise: StanceNoise) -> tuple[Array, Array]:
+    """Return the solution of the problem linearised at theta (k,), and its covariance (k, k).
+
+    A longer leg also makes the noise of its foot larger, which pulls lengths to short legs; what the noise adds to the
+    scores is taken off.
+    """
+    count = len(theta)
+    tips = [theta + EPSILON * sd[i] * np.eye(count)[i] for i in range(count)]
+    moved, sizes, size = (
+        [problem.residuals(x) for x in tips],
+        [problem.noise_sizes(x) for x in tips],
+        problem.noise_sizes(theta),
+    )
+    scores, hessians, grown = np.zeros((len(at), count)), np.zeros((len(at), count, count)), np.zeros((len(at), count))
+    for k, window in enumerate(problem.windows):
+        rows, _ = window.whitener(noise)
+        e = (rows @ at[k]).ravel()
+        jac = np.stack([(rows @ (one[k] - at[k])).ravel() for one in moved], axis=1) / EPSILON
+        weighted = rows.T @ (rows @ at[k])
+        share = np.sum((window.foot_covariance(noise) @ weighted) * weighted, axis=1)
+        grown[k] = np.array([share @ (one[k] - size[k]) for one in sizes]) / EPSILON
+        hessians[k], scores[k] = jac.T @ jac, grown[k] - jac.T @ e
+    hessian, pulled = hessians.sum(axis=0), UNSURE * grown.sum(axis=0)
+    repeats = problem.repeats
+    spread = repeats * hessian + np.outer(pulled, pulled) + TINY * np.eye(count)  # covariance of the scores
+    weights = np.linalg.solve(spread, hessian).T
+    posterior = np.linalg.inv(weights @ hessian + np.eye(count))
+    gain = posterior @ weights
+    step = gain @ scores.sum(axis=0) - posterior @ (theta / sd)
+    left = scores - hessians @ step  # of the windows, at the solution
+    left -= left.mean(axis=0)
+    found = repeats * left.T @ left * len(at) / max(1, len(at) - 1) + np.outer(pulled, pulled)
+    sandwich = gain @ found @ gain.T + posterior @ posterior
+    wider = np.sqrt(np.maximum(1.0, np.diag(sandwich) / np.diag(posterior)))
+    return theta + sd * step, posterior * np.outer(sd * wider, sd * wider)

@@ -1,0 +1,131 @@
+"""Feet of a log as functions of the parameters that calibration looks for."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.rotations import matrix_from_rotvec
+from surefoot.robot.description import KinematicModel, Robot
+from surefoot.robot.kinematics import foot_jacobians
+from surefoot.robot.reader import load_robot
+from surefoot.services.estimator.feet.mount import FootMount, feet_in_imu, foot_mount
+
+from .log import Log
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+SHORTEST_LINK_M = 0.005
+"""Links shorter than this have no length of their own, m."""
+ORIENTED = 1e-6
+"""Least change of foot rotations of a log that knows them."""
+RANGES = {
+    "length": 0.10, "zero": np.radians(3.0), "offset": 0.05, "mounting": np.radians(10.0), "lever": 0.05,
+    "radius": 0.02, "pivot": 0.06, "gyro bias": 0.06, "acc bias": 0.3,
+}  # fmt: skip
+"""Half of the range that the prior allows, two standard deviations, by kind: share of a length, rad of a joint, s, rad,
+m, m, m, rad/s, m/s^2."""
+SHOWN = {
+    "length": (100.0, "%"), "zero": (180.0 / np.pi, "deg"), "offset": (1e3, "ms"), "mounting": (180.0 / np.pi, "deg"),
+    "lever": (1e3, "mm"), "radius": (1e3, "mm"),
+}  # fmt: skip
+"""Factor and unit of each kind in reports; kinds without one are estimated beside them."""
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One parameter of a calibration; its value is what is to be added to what the log or the robot file states."""
+
+    name: str
+    kind: str  # see RANGES
+    index: int = 0  # foot, link, joint or axis
+
+    @property
+    def range(self) -> float:
+        """Half of the range that the prior allows."""
+        return float(RANGES[self.kind])
+
+
+class LegModel:
+    """Feet of a log as functions of its unknowns."""
+
+    def __init__(self, log: Log, unknowns: Sequence[Unknown]) -> None:
+        self.log, self._unknowns = log, unknowns
+        self._mount = None if log.joints is None or log.robot is None else foot_mount(load_robot(log.robot))
+
+    def values(self, theta: Array, kind: str, count: int) -> Array:
+        """Return the values of one kind by their index, (count,); zero where there are none."""
+        out = np.zeros(count)
+        for u, value in zip(self._unknowns, theta, strict=True):
+            if u.kind == kind:
+                out[u.index] = value
+        return out
+
+    def feet(self, theta: Array, rows: Ints) -> tuple[Array, Array]:
+        """Return foot centres (k, F, 3) m and rot_imu_from_foot (k, F, 3, 3), IMU axes, at some samples (k,)."""
+        log = self.log
+        if self._mount is None:
+            share = 1.0 + self.values(theta, "length", log.feet_count)
+            position, rot = log.foot_position[rows] * share[:, None], log.foot_rot[rows]
+        else:
+            position, rot = self._by_joints(self._mount, theta, rows)
+        turn = matrix_from_rotvec(self.values(theta, "mounting", 3))
+        return position @ turn.T + self.values(theta, "lever", 3), turn @ rot
+
+    def noise_size(self, theta: Array, rows: Ints) -> Array:
+        """Return the logarithm of the size of the noise of the feet, up to a constant, (k, F)."""
+        if self._mount is None:
+            share = 1.0 + self.values(theta, "length", self.log.feet_count)
+            return np.broadcast_to(np.log(share), (len(rows), self.log.feet_count))
+        model, joints = self._changed(self._mount, theta), self.log.joints
+        assert joints is not None
+        zeros = self.values(theta, "zero", joints.shape[1])
+        moved = np.array([foot_jacobians(model, q + zeros) for q in joints[rows]])
+        return 0.5 * np.log((moved**2).sum(axis=(2, 3)))
+
+    def _by_joints(self, mount: FootMount, theta: Array, rows: Ints) -> tuple[Array, Array]:
+        joints = self.log.joints
+        assert joints is not None
+        changed = mount._replace(model=self._changed(mount, theta))
+        seen = [feet_in_imu(changed, q + self.values(theta, "zero", joints.shape[1])) for q in joints[rows]]
+        return np.array([p for p, _ in seen]), np.array([r for _, r in seen])
+
+    def _changed(self, mount: FootMount, theta: Array) -> KinematicModel:
+        model = mount.model
+        assert model is not None
+        links = len(model.parent)
+        share = 1.0 + self.values(theta, "length", links + len(model.foot_link))[:, None]
+        return model._replace(origin_pos=model.origin_pos * share[:links], foot_point=model.foot_point * share[links:])
+
+
+def unknowns_of(log: Log) -> list[Unknown]:
+    """Return what can be asked of a log: each link and joint of its legs, or one scale per leg."""
+    out: list[Unknown] = []
+    if log.joints is not None and log.robot is not None:
+        out += _of_robot(load_robot(log.robot))
+    else:
+        out += [Unknown(f"length of leg {f}", "length", f) for f in range(log.feet_count)]
+    oriented = np.nanmax(np.abs(log.foot_rot - log.foot_rot[:1]), initial=0.0) > ORIENTED
+    if oriented and log.radius is not None and (log.radius > 0.0).any():
+        out.append(Unknown("foot radius", "radius"))
+    elif oriented:
+        out += [Unknown(f"pivot of foot {k // 3} {'xyz'[k % 3]}", "pivot", k) for k in range(3 * log.feet_count)]
+    out.append(Unknown("time offset of the feet", "offset"))
+    for kind, name in (("mounting", "mounting about"), ("lever", "lever along"), ("gyro bias", "gyro bias"),
+                       ("acc bias", "acc bias")):  # fmt: skip
+        out += [Unknown(f"{name} {axis}", kind, i) for i, axis in enumerate("xyz")]
+    return out
+
+
+def _of_robot(robot: Robot) -> list[Unknown]:
+    out: list[Unknown] = []
+    for f, leg in enumerate(robot.legs):
+        for link in leg.links[1:]:  # the first lies in the trunk
+            if np.linalg.norm(robot.links[link].position) > SHORTEST_LINK_M:
+                out.append(Unknown(f"length to {robot.links[link].name}", "length", link))
+        if np.linalg.norm(leg.foot.position) > SHORTEST_LINK_M:
+            out.append(Unknown(f"length to the foot of {leg.name}", "length", len(robot.links) + f))
+    joints = dict.fromkeys(joint for leg in robot.legs for joint in leg.joints)
+    return out + [Unknown(f"zero of {robot.joint_names[joint]}", "zero", joint) for joint in joints]

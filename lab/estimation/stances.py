@@ -1,0 +1,267 @@
+"""Standing feet against the inertial unit, window by window: the residuals that calibration makes small.
+
+The gyro turns, the accelerometer moves a frame of its own, whose axes do not turn in the world:
+    R' = R [w - b_w],   p'' = R (q - b_q)                    rot_frame_from_imu, IMU in that frame, no gravity taken off
+A foot f that stands at c is seen at f(t): R(t) f(t) + p(t) = c - v s - g s^2 / 2, s = time since the window began.
+Within a window (v, g, one c per stance) are free; the rest is noise of foot, creep, gyro and accelerometer, whose
+covariance is K. Rows Q^T L^-1, with K = L L^T and Q orthogonal to the free terms, leave independent residuals.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.optimize import minimize
+
+from surefoot.geometry.constants import GRAVITY
+from surefoot.geometry.rotations import matrix_from_rotvec
+from surefoot.kernels.jit import kernel
+
+from .log import Log
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+
+WINDOW_S = 2.0
+"""Length of a window, s: about one stride, so that the body's motion differs from a parabola."""
+TIMES, SAMPLES, WINDOWS = 200, 80, 60
+"""Most foot samples of a window (more are thinned out), most averages of single feet in it, most windows of a log."""
+TRIM_S = 0.03
+"""Time after touchdown and before lift-off that is left out, s: the foot loads and rolls there."""
+GAP_S = 0.2
+"""Longest time between two rows inside a window, s."""
+FEWEST = 4
+"""Fewest samples of a stance and of a window."""
+STILL_M = 1e-3
+"""Least motion of a standing foot against the body in a window that shows anything, m rms."""
+FACTORS = np.array([2.0, 2.0, 0.05])
+"""Logarithms of the factors by which noise of foot, creep, accelerometer is likely to differ from the first guess."""
+INFLATION = (0.3, 1e4)
+"""Least and largest variance of a stance over the usual one."""
+NOISE_WINDOWS = 12
+"""Windows from which the noise is found."""
+
+
+class StanceNoise(NamedTuple):
+    """Noise of stances, isotropic."""
+
+    foot: float  # m, of one sample
+    creep: float  # m/s^.5, random walk of a standing foot
+    acc: float  # m/s^1.5, random walk of the velocity
+    turn: float  # rad/s^.5, random walk of the attitude
+
+
+@dataclass(frozen=True, eq=False)
+class StanceWindow:
+    """Samples of standing feet in one window, sorted by stance, averaged over N blocks."""
+
+    start_ns: int
+    sample: Ints  # (M,) foot sample
+    foot: Ints  # (M,)
+    block: Ints  # (N,) first of the samples that are averaged, M of them in N blocks
+    stance: Ints  # (N,) number of the stance in this window
+    s: Array  # (N,) s since the window began
+    inflation: Array  # (N,) variance of its stance over the usual one
+
+    def averaged(self, x: Array) -> Array:
+        """Return the means over blocks, (N, ...), of values of samples, (M, ...)."""
+        sizes = np.diff(self.block, append=len(self.sample))
+        return np.add.reduceat(x, self.block, axis=0) / sizes.reshape(-1, *(1,) * (x.ndim - 1))
+
+    def foot_covariance(self, noise: StanceNoise) -> Array:
+        """Return the covariance of feet and creep, (N, N) m^2, of each axis."""
+        same = np.equal.outer(self.stance, self.stance)
+        first = np.array([self.s[self.stance == j].min() for j in range(int(self.stance.max()) + 1)])[self.stance]
+        k = np.where(same, noise.creep**2 * self.inflation * (np.minimum.outer(self.s, self.s) - first), 0.0)
+        k[np.diag_indices_from(k)] += noise.foot**2 * self.inflation
+        return k
+
+    def whitener(self, noise: StanceNoise) -> tuple[Array, float]:
+        """Return the matrix that leaves independent residuals, (N - free, N), and half the log determinant."""
+        m, late = np.minimum.outer(self.s, self.s), np.maximum.outer(self.s, self.s)
+        d = late - m
+        k = self.foot_covariance(noise) + noise.acc**2 * m**2 * (3.0 * late - m) / 6.0
+        k += (GRAVITY * noise.turn) ** 2 * m**3 * (m**2 / 20.0 + d * m / 8.0 + d**2 / 12.0)
+        factor = np.linalg.cholesky(k)
+        free = np.column_stack([self.s, self.s**2, np.equal.outer(self.stance, np.arange(self.stance.max() + 1))])
+        q, r = np.linalg.qr(solve_triangular(factor, free, lower=True), mode="complete")
+        count = free.shape[1]
+        rows = solve_triangular(factor, q[:, count:], lower=True, trans=1).T
+        scale = np.log(np.diag(factor)).sum() + np.log(np.abs(np.diag(r)[:count])).sum()
+        return np.ascontiguousarray(rows), float(scale)
+
+
+@kernel
+def integrate(step: Array, w: Array, q: Array) -> tuple[Array, Array, Array]:
+    """Integrate inertial rows from rest, without gravity.
+
+    Args:
+        step: length of each row, (n,) s.
+        w: mean rate over it, (n, 3) rad/s, IMU axes.
+        q: mean specific force over it, (n, 3) m/s^2, IMU axes.
+
+    Returns:
+        At the beginning of each row: rot_frame_from_imu (n, 3, 3), velocity (n, 3) m/s and position (n, 3) m, frame.
+    """
+    n = step.size
+    rot, v, p = np.empty((n, 3, 3)), np.zeros((n, 3)), np.zeros((n, 3))
+    rot[0] = np.eye(3)
+    for i in range(n - 1):
+        d = step[i]
+        force = rot[i] @ (matrix_from_rotvec(0.5 * d * w[i]) @ q[i])
+        v[i + 1] = v[i] + d * force
+        p[i + 1] = p[i] + d * v[i] + 0.5 * d * d * force
+        rot[i + 1] = rot[i] @ matrix_from_rotvec(d * w[i])
+    return rot, v, p
+
+
+@dataclass(frozen=True, eq=False)
+class InertialPath:
+    """Attitude and position of the IMU by its own samples, in a frame that falls and does not turn."""
+
+    begin: Array  # (n,) s, of each row
+    w: Array  # (n, 3) rad/s
+    q: Array  # (n, 3) m/s^2
+    rot: Array  # (n, 3, 3)
+    v: Array  # (n, 3)
+    p: Array  # (n, 3)
+
+    @classmethod
+    def of(cls, log: Log, gyro_bias: Array, acc_bias: Array) -> "InertialPath":
+        """Integrate the inertial rows of a log without these biases, (3,) rad/s and (3,) m/s^2, IMU axes."""
+        ends = 1e-9 * (log.stamp_ns - log.stamp_ns[0])
+        step = np.diff(ends, prepend=ends[0] - np.median(np.diff(ends)))
+        w, q = np.nan_to_num(log.w) - gyro_bias, np.nan_to_num(log.q) - acc_bias
+        return cls(ends - step, w, q, *integrate(step, w, q))
+
+    def at(self, t: Array) -> tuple[Array, Array]:
+        """Return rot_frame_from_imu (k, 3, 3) and position (k, 3) m at times (k,) s since the first inertial stamp."""
+        i = np.clip(np.searchsorted(self.begin, t, side="right") - 1, 0, len(self.begin) - 1)
+        return _ahead(t - self.begin[i], self.w[i], self.q[i], self.rot[i], self.v[i], self.p[i])
+
+
+@kernel
+def _ahead(s: Array, w: Array, q: Array, rot: Array, v: Array, p: Array) -> tuple[Array, Array]:
+    turned, at = np.empty_like(rot), np.empty_like(p)
+    for k in range(s.size):
+        force = rot[k] @ (matrix_from_rotvec(0.5 * s[k] * w[k]) @ q[k])
+        turned[k] = rot[k] @ matrix_from_rotvec(s[k] * w[k])
+        at[k] = p[k] + s[k] * v[k] + 0.5 * s[k] * s[k] * force
+    return turned, at
+
+
+def stances(log: Log) -> Ints:
+    """Number the stances of each foot, (m, F); -1 where it does not stand, or has just landed or is about to lift."""
+    good = log.contact & np.isfinite(log.foot_position).all(axis=2) & np.isfinite(log.foot_rot).all(axis=(2, 3))
+    out = np.full(log.contact.shape, -1, dtype=np.int64)
+    count, trim = 0, int(1e9 * TRIM_S)
+    for f in range(log.feet_count):
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], good[:, f], [False]]).astype(np.int8)))
+        for first, end in zip(edges[::2], edges[1::2], strict=True):
+            rows = np.arange(first, end)
+            begins = log.foot_ns[first] + (trim if first > 0 else 0)
+            ends = log.foot_ns[end - 1] - (trim if end < len(good) else 0)
+            rows = rows[(log.foot_ns[rows] >= begins) & (log.foot_ns[rows] <= ends)]
+            out[rows, f] = count
+            count += 1
+    return out
+
+
+def stance_windows(log: Log, most: int = WINDOWS, seconds: float = WINDOW_S) -> list[StanceWindow]:
+    """Cut a log into windows of this length, and return up to `most` in which the body moves over feet that stand."""
+    if len(log.stamp_ns) < FEWEST or len(log.foot_ns) < FEWEST:
+        return []
+    number = stances(log)
+    bad = np.asarray(~(np.isfinite(log.w) & np.isfinite(log.q)).all(axis=1), dtype=np.bool_)
+    if log.saturated is not None:
+        bad |= log.saturated
+    bad[1:] |= np.diff(log.stamp_ns) > 1e9 * GAP_S
+    holes, length, span = log.stamp_ns[bad], int(1e9 * seconds), log.stamp_ns[[0, -1]]
+    margin = int(1e8)  # ns, room for the offset in time
+    starts = np.arange(span[0] + margin, span[1] - margin - length // 2, length)
+    out: list[StanceWindow] = []
+    for start in starts[:: max(1, -(-len(starts) // most))]:
+        end = min(start + length, span[1] - margin)
+        if ((holes > start - margin) & (holes <= end + margin)).any():
+            continue
+        rows = np.flatnonzero((log.foot_ns >= start) & (log.foot_ns < end))
+        rows = rows[:: max(1, -(-len(rows) // TIMES))]
+        window = _window(log, number, rows, int(start))
+        if window is not None:
+            out.append(window)
+    return out
+
+
+def _window(log: Log, number: Ints, rows: Ints, start: int) -> StanceWindow | None:
+    seen = number[rows]
+    names, counts = np.unique(seen[seen >= 0], return_counts=True)
+    names = names[counts >= FEWEST]
+    at, foot = np.nonzero(np.isin(seen, names))
+    if len(at) < 2 * FEWEST:
+        return None
+    stance = np.searchsorted(names, seen[at, foot])
+    order = np.lexsort((at, stance))
+    at, foot, stance = at[order], foot[order], stance[order]
+    each = -(-len(at) // SAMPLES)
+    place = at // each + len(rows) * stance
+    block = np.flatnonzero(np.diff(place, prepend=-1))
+    s = np.asarray(1e-9 * (log.foot_ns[rows[at]] - start), dtype=np.float64)
+    window = StanceWindow(start, rows[at], foot, block, stance[block], s, np.ones(len(block)))
+    seen = window.averaged(log.foot_position[rows[at], foot])
+    moved = [seen[window.stance == j].std(axis=0) for j in range(len(names))]
+    return None if np.max(np.linalg.norm(moved, axis=1)) < STILL_M else replace(window, s=window.averaged(s))
+
+
+def find_noise(windows: list[StanceWindow], residuals: list[Array], start: StanceNoise, sensor: float) -> StanceNoise:
+    """Return the noise of largest restricted likelihood.
+
+    Args:
+        windows: of the log.
+        residuals: R f + p of each window, (N, 3) m.
+        start: first guess; its `turn` stays.
+        sensor: noise of the accelerometer as it is known, m/s^1.5.
+    """
+    some = slice(None, None, max(1, len(windows) // NOISE_WINDOWS))
+    pairs = list(zip(windows[some], residuals[some], strict=True))
+
+    def cost(logs: Array) -> float:
+        noise = _noise(logs, start.turn)
+        total = float(np.sum(((logs - likely) / FACTORS) ** 2)) / 2.0
+        for window, y in pairs:
+            rows, scale = window.whitener(noise)
+            total += 3.0 * scale + 0.5 * float(np.sum((rows @ y) ** 2))
+        return total
+
+    likely, first = np.log(np.array([1e-3, 1e-3, sensor])), np.log(np.array(start[:3]))
+    found = minimize(cost, first, method="Nelder-Mead", options={"maxfev": 40, "xatol": 0.05, "fatol": 0.5})
+    return _noise(np.clip(found.x, np.log(1e-5), 0.0), start.turn)
+
+
+def _noise(logs: Array, turn: float) -> StanceNoise:
+    foot, creep, acc = (float(x) for x in np.exp(logs))
+    return StanceNoise(foot, creep, acc, turn)
+
+
+def with_inflation(windows: list[StanceWindow], residuals: list[Array], noise: StanceNoise) -> list[StanceWindow]:
+    """Return the windows with the variance of stances that do not fit (a foot slides, a flag is false) made larger.
+
+    Args:
+        windows: of the log.
+        residuals: R f + p of each window, (N, 3) m.
+        noise: of stances that fit.
+    """
+    out: list[StanceWindow] = []
+    for window, y in zip(windows, residuals, strict=True):
+        rows, _ = window.whitener(noise)
+        misfit = rows.T @ (rows @ y)  # K^-1 times the residual that the free terms leave
+        share = np.einsum("ij,ij->j", rows, rows)
+        inflation = window.inflation.copy()
+        for j in range(int(window.stance.max()) + 1):
+            part = window.stance == j
+            size = float(np.mean(np.sum(misfit[part] ** 2, axis=1)) / (3.0 * max(np.mean(share[part]), 1e-12)))
+            inflation[part] = np.clip(inflation[part] * size, *INFLATION)
+        out.append(replace(window, inflation=inflation))
+    return out

@@ -1,0 +1,167 @@
+"""Planted errors of legs, stamps and mounting are found, with intervals that hold; the rest is not observable."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from surefoot.geometry.rotations import matrix_from_rotvec
+from surefoot.lab.estimation.calibrate import LegCalibration, calibrate, offset_note, proven
+from surefoot.lab.estimation.log import Log
+from surefoot.lab.estimation.scores import score
+from surefoot.lab.estimation.track import track
+from surefoot.lab.estimation.walks import walk
+from surefoot.papers.wawrzynski.synthetic import KINDS, synthesize
+from surefoot.robot.reader import load_robot
+from tests.lab.estimation.walks import noisy
+
+SEEDS = range(10)
+SHORT = replace(KINDS["twist"], duration_s=12.0, encoders=False)
+
+
+def found(calibration: LegCalibration) -> dict[str, tuple[float, float, bool]]:
+    return {one.name: (one.value, one.half, one.observable) for one in calibration.found()}
+
+
+def longer(log: Log, factor: float) -> Log:
+    return replace(log, foot_position=log.foot_position * factor, joints=None)
+
+
+def turned(log: Log, degrees: np.typing.ArrayLike) -> Log:
+    rot = matrix_from_rotvec(np.radians(np.asarray(degrees, dtype=np.float64)))
+    return replace(log, foot_position=log.foot_position @ rot.T, foot_rot=rot @ log.foot_rot)
+
+
+@cache
+def nao() -> Log:
+    return walk("nao", 0).log
+
+
+@pytest.mark.parametrize("factor", [0.95, 1.05])
+def test_the_length_of_legs_is_found(factor):
+    seen = found(calibrate(longer(noisy(), factor)))
+    for leg in range(2):
+        value, half, observable = seen[f"length of leg {leg}"]
+        assert observable
+        assert half < 3.0
+        assert value == pytest.approx(100.0 * (1.0 / factor - 1.0), abs=half)
+
+
+def test_one_leg_alone_may_be_wrong():
+    log = noisy()
+    scaled = log.foot_position * np.array([1.0, 1.05])[:, None]
+    seen = found(calibrate(replace(log, foot_position=scaled)))
+    assert seen["length of leg 0"][0] == pytest.approx(0.0, abs=seen["length of leg 0"][1])
+    assert seen["length of leg 1"][0] == pytest.approx(-4.76, abs=seen["length of leg 1"][1])
+
+
+@pytest.mark.parametrize("ms", [-20, 20])
+def test_a_time_offset_is_found_to_3_ms_and_noted(ms):
+    log = noisy()
+    late = replace(log, foot_ns=log.foot_ns + ms * 1_000_000)
+    value, half, observable = found(calibrate(late))["time offset of the feet"]
+    assert observable
+    assert value == pytest.approx(-ms, abs=min(half, 3.0))
+    (note,) = offset_note(late)
+    assert f"too {'late' if ms > 0 else 'early'}" in note
+    assert not offset_note(log)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_the_mounting_of_the_inertial_unit_is_found(axis):
+    degrees = np.zeros(3)
+    degrees[axis] = 3.0
+    seen = found(calibrate(turned(noisy(), degrees)))
+    for i, name in enumerate("xyz"):
+        value, half, _ = seen[f"mounting about {name}"]
+        assert value == pytest.approx(-degrees[i], abs=half + 0.1)  # turns about two axes do not commute
+    assert seen[f"mounting about {'xyz'[axis]}"][2]
+
+
+def test_intervals_of_95_percent_hold():
+    inside = np.array(
+        [
+            [abs(value) <= half for value, half, _ in found(calibrate(synthesize(SHORT, seed))).values()]
+            for seed in SEEDS
+        ]
+    )
+    assert inside.mean() >= 0.9
+    assert inside.mean(axis=0).min() >= 0.7
+
+
+def test_a_log_that_only_stands_shows_nothing():
+    log = noisy()
+    rest = log.seconds < 2.0
+    still = log.with_imu(rest).with_feet(log.foot_ns < log.stamp_ns[rest][-1])
+    seen = found(calibrate(still))
+    assert len(seen) == 9
+    assert not any(observable for _, _, observable in seen.values())
+    assert not proven(calibrate(still)).found()
+
+
+def test_a_log_without_stances_shows_nothing():
+    log = noisy()
+    none = replace(log, contact=np.zeros_like(log.contact))
+    done = calibrate(none)
+    assert done.windows == 0
+    assert not any(one.observable for one in done.found())
+    assert not proven(done).found()
+    assert not offset_note(none)
+
+
+@pytest.mark.parametrize("factor", [0.95, 1.05])
+@pytest.mark.parametrize("kind", ["twist", "slip"])
+def test_a_corrected_log_is_as_good_as_the_right_one(kind, factor):
+    log = noisy(kind, 3)
+    as_it_was = score(log, track("best", log)).smooth
+    mended = proven(calibrate(longer(log, factor))).apply()
+    assert score(mended, track("best", mended)).smooth <= 1.2 * as_it_was
+
+
+def test_what_is_right_is_left_alone():
+    for seed in range(3):
+        assert not proven(calibrate(noisy("twist", seed))).found()
+
+
+def test_apply_undoes_offset_and_turn():
+    log = noisy()
+    wrong = turned(replace(log, foot_ns=log.foot_ns + 20_000_000), (3.0, 0.0, 0.0))
+    mended = proven(calibrate(wrong)).apply()
+    np.testing.assert_allclose(mended.foot_ns, log.foot_ns, atol=3_000_000)
+    assert np.abs(mended.foot_position - log.foot_position).max() < 0.004
+    seen = np.einsum("ij,mfj->mfi", mended.rot_base_from_imu, mended.foot_position) + mended.imu_position
+    there = np.einsum("ij,mfj->mfi", wrong.rot_base_from_imu, wrong.foot_position) + wrong.imu_position
+    np.testing.assert_allclose(seen, there, atol=1e-9)  # legs stay where they are in the body: the unit has moved
+
+
+def test_a_joint_zero_is_found_by_two_standing_feet():
+    log, joint = nao(), load_robot("nao").joint_names.index("left_leg_hip_yaw_pitch")
+    assert log.joints is not None
+    planted = log.joints.copy()
+    planted[:, joint] += np.radians(2.0)
+    name = "zero of left_leg_hip_yaw_pitch"
+    before, (value, half, observable) = (
+        found(calibrate(log))[name],
+        found(calibrate(replace(log, joints=planted)))[name],
+    )
+    assert observable
+    assert value - before[0] == pytest.approx(-2.0, abs=half)
+
+
+def test_links_of_a_robot_are_asked_for_by_name():
+    names = [one.name for one in calibrate(nao()).found()]
+    assert "length to left_leg_ankle_pitch" in names
+    assert "zero of right_leg_knee_pitch" in names
+    assert len(names) == len(set(names))
+
+
+def test_a_gap_and_missing_numbers_are_left_out():
+    log = noisy()
+    feet, gyro = log.foot_position.copy(), log.w.copy()
+    feet[100:110, 0] = np.nan
+    gyro[900] = np.nan
+    holed = replace(log, foot_position=feet, w=gyro).with_imu(np.abs(log.seconds - 15.0) > 0.5)
+    for value, half, _ in found(calibrate(holed)).values():
+        assert np.isfinite([value, half]).all()
+        assert abs(value) < 2.0 * half + 0.1
