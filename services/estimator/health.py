@@ -32,7 +32,7 @@ class Condition(NamedTuple):
     since_feet_s: float
     since_contact_s: float
     since_velocity_s: float  # since the feet last corrected the velocity
-    doubted: int  # feet that are left out, bit f for foot f: they contradict what is known of the motion
+    mistrusted: int  # feet that are left out, bit f for foot f: they contradict what is known of the motion
     blind: bool  # all feet are left out
 
 
@@ -46,7 +46,7 @@ def flags(c: Condition) -> tuple[bool, bool, bool]:
     """
     faults = c.faults
     joints_frozen = faults.feet_repeat and c.initialised and not c.standing
-    broken = faults.imu_frozen or joints_frozen or faults.saturated or faults.weightless or c.doubted > 0
+    broken = faults.imu_frozen or joints_frozen or faults.saturated or faults.weightless or c.mistrusted > 0
     inputs_ok = not faults.refused and c.since_feet_s < SILENT_S
     filter_ok = c.initialised and c.healthy and c.nis < MAX_NIS and c.since_velocity_s < UNCORRECTED_S and not c.blind
     sensors_ok = not broken and c.since_feet_s < SILENT_S and c.since_contact_s < NO_CONTACT_S
@@ -102,9 +102,9 @@ def reasons(
         out.append("the estimate is out of all bounds")
     if math.isfinite(c.nis) and c.nis >= MAX_NIS:
         out.append(f"inconsistent: normalised innovation {c.nis:.0f}, 3 expected")
-    if c.doubted:
-        feet = ", ".join(str(f) for f in range(len(slipping)) if (c.doubted >> f) & 1)
-        out.append(f"left out: foot {feet} contradicts the other sensors (its switch, an encoder, or the order of legs)")
+    if c.mistrusted:
+        feet = ", ".join(str(f) for f in range(len(slipping)) if (c.mistrusted >> f) & 1)
+        out.append(f"left out: foot {feet}, which contradicts the other sensors: its switch, an encoder, or the order")
     if c.slipping:
         out.append("slipping: foot " + ", ".join(str(i) for i in np.flatnonzero(slipping)))
     if c.excess >= ROUGH_EXCESS:

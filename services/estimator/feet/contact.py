@@ -61,7 +61,13 @@ class BestGeometry(NamedTuple):
 def point_feet(radius: Array) -> ContactPoints:
     """Return one point for each foot; radius (L,) m, 0 = a foot that does not roll."""
     count = len(radius)
-    return ContactPoints(np.arange(count), np.zeros((count, 3)), radius.astype(np.float64), np.zeros((count, 1, 3)), np.repeat(np.eye(3)[None], count, axis=0))
+    return ContactPoints(
+        np.arange(count),
+        np.zeros((count, 3)),
+        radius.astype(np.float64),
+        np.zeros((count, 1, 3)),
+        np.repeat(np.eye(3)[None], count, axis=0),
+    )
 
 
 def sole_feet(normals: Array, lever: float, switches: Array | None = None) -> ContactPoints:

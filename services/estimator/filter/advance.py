@@ -188,22 +188,22 @@ def _correct(
 def believed(state: BestState, samples: SampleStore, row: int, foot: NDArray[np.int64]) -> Array:
     """Return the contacts (K,) of a row of the feet, 0 for feet whose samples hardly fit.
 
-    A foot in doubt is left out until its doubt has faded, in place: its switch hangs, or its leg is not as it says.
+    Such a foot is left out until the mistrust in it has faded, in place: its switch hangs, or its encoders err.
     """
     contact, at = samples.contact[row].copy(), likeliest(state)
     points = state.points if at < 0 else state.mode_points[at]
-    doubts = np.zeros(samples.feet.shape[1])
+    worst = np.zeros(samples.feet.shape[1])
     for k in range(foot.size):
-        doubts[foot[k]] = max(doubts[foot[k]], points[k, P.doubt])
+        worst[foot[k]] = max(worst[foot[k]], points[k, P.mistrust])
     for k in range(foot.size):
-        doubt = doubts[foot[k]]
-        if doubt > FIXED.too_doubtful:
+        mistrust = worst[foot[k]]
+        if mistrust > FIXED.most_mistrust:
             contact[k] = 0.0
             if points[k, P.down] > 0.0:
-                doubt = 1.0
-        state.points[k, P.doubt] = doubt
+                mistrust = 1.0
+        state.points[k, P.mistrust] = mistrust
         for h in range(state.weight.size):
-            state.mode_points[h, k, P.doubt] = doubt
+            state.mode_points[h, k, P.mistrust] = mistrust
     return contact
 
 

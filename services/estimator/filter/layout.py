@@ -54,7 +54,7 @@ class PointLayout(NamedTuple):
     """Velocity of its foot if that slides, odom axes, (2,) m/s."""
     closed: int = 7
     """Switches of its foot that were closed at the last sample, bit s for switch s."""
-    doubt: int = 8
+    mistrust: int = 8
     """Share of its recent samples that were outliers, 0 to 1; it stays when the point is lifted."""
 
 
@@ -96,7 +96,7 @@ class MemoryLayout(NamedTuple):
 
 
 X, E, P, M = StateLayout(), ErrorLayout(), PointLayout(), MemoryLayout()
-POINT_COLUMNS, MEMORY = P.doubt + 1, M.last_acc + 3
+POINT_COLUMNS, MEMORY = P.mistrust + 1, M.last_acc + 3
 """Number of columns of a point, and of numbers in the memory."""
 WAITING, MOVING, STARTED, DOUBTED = 0.0, 1.0, 2.0, 3.0
 """Phases of the start: none yet, in motion, at rest, in motion after the tilt proved wrong."""

@@ -144,12 +144,12 @@ class FixedNumbers(NamedTuple):
     """Probability from which a foot is reported to slide."""
     outlier: float = 16.0
     """Largest chi^2 of 3 degrees of freedom (99.9 %): a larger innovation is an error even of a sliding point."""
-    learn_doubt: float = 0.1
-    """Share of one sample in the doubt about a point."""
-    too_doubtful: float = 0.6
-    """Doubt from which a foot is left out."""
-    forget_doubt: float = 0.3
-    """Rate at which the doubt about a foot that is left out fades, 1/s."""
+    learn_mistrust: float = 0.1
+    """Share of one sample in the mistrust in a point."""
+    most_mistrust: float = 0.6
+    """Mistrust in a point from which its foot is left out."""
+    forget_mistrust: float = 0.3
+    """Rate at which the mistrust in a foot that is left out fades, 1/s."""
     most_misfits: int = 3
     """Outliers in a row after which the point is somewhere else."""
     # corrections by all feet
@@ -239,7 +239,8 @@ def best_noise(params: EstimatorParams, modes: bool = False) -> BestNoise:
     )  # fmt: skip
     if modes:
         noise = noise._replace(
-            point=FIXED.point_share * params.sigma_point, stay=0.0005, gyro_bias=6e-5, gyro_jerk=0.12, slide=0.04, go_on=0.95,
+            point=FIXED.point_share * params.sigma_point, stay=0.0005, gyro_bias=6e-5, gyro_jerk=0.12, slide=0.04,
+            go_on=0.95,
         )  # fmt: skip
     return noise
 

@@ -113,7 +113,9 @@ def observe(
         slides[i, i] += noise.point**2 + shift[i]
     inverse_1 = inverse3(slides)[0]
     misfit = quadratic(z, inverse_1)
-    state.points[k, P.doubt] += FIXED.learn_doubt * ((1.0 if misfit > FIXED.outlier else 0.0) - state.points[k, P.doubt])
+    state.points[k, P.mistrust] += FIXED.learn_mistrust * (
+        (1.0 if misfit > FIXED.outlier else 0.0) - state.points[k, P.mistrust]
+    )
     if misfit > FIXED.outlier:
         new = state.points[k, P.new] > 0.0
         state.points[k, P.misfit] = FIXED.most_misfits if new else state.points[k, P.misfit] + 1.0

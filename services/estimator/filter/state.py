@@ -303,16 +303,14 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
     for i in range(3):
         cov[E.gyro_bias + i, E.gyro_bias + i] += noise.gyro_bias**2 * d
         for k in range(3):  # less of it about the vertical
-            cov[E.gyro_bias + i, E.gyro_bias + k] -= (
-                (noise.gyro_bias**2 - noise.turn_bias**2) * up[i] * up[k] * d
-            )
+            cov[E.gyro_bias + i, E.gyro_bias + k] -= (noise.gyro_bias**2 - noise.turn_bias**2) * up[i] * up[k] * d
         cov[E.acc_bias + i, E.acc_bias + i] += excess * noise.acc_bias**2 * d
     for k in range(points.shape[0]):
         if points[k, P.down] > 0.0:
             for i in range(E.points + 3 * k, E.points + 3 * k + 3):
                 cov[i, i] += noise.stay**2 * d
         else:
-            points[k, P.doubt] *= 1.0 - min(FIXED.forget_doubt * d, 1.0)
+            points[k, P.mistrust] *= 1.0 - min(FIXED.forget_mistrust * d, 1.0)
     for i in range(M.lag, M.lag + 3):
         memory[i] *= 1.0 - min(d / noise.lag_s, 1.0)
     if memory[M.since] >= 0.0:

@@ -141,15 +141,16 @@ def condition(parts: FilterParts, vectors: Array, more: Array, covariance: Array
     slipping, stamps = False, parts.clock.stamps
     for i in range(QUAT, more.size):
         slipping = slipping or more[i] > FIXED.slides
-    now, foot, points, doubted = stamps[NOW_NS], parts.setting.geometry.foot, parts.state.points, 0
+    now, foot, points, mistrusted = stamps[NOW_NS], parts.setting.geometry.foot, parts.state.points, 0
     for k in range(foot.size):
-        if points[k, P.doubt] > FIXED.too_doubtful:
-            doubted |= 1 << foot[k]
+        if points[k, P.mistrust] > FIXED.most_mistrust:
+            mistrusted |= 1 << foot[k]
     speed_sq = (covariance[3, 3] + covariance[4, 4] + covariance[5, 5]) / 3.0
     since_contact_s = 1e-9 * (now - stamps[CONTACT_NS])
     return Condition(
-        vectors[SETTLED] > 0.0 and speed_sq < FIXED.known_speed**2, vectors[RESTING] > 0.0, healthy(vectors[R.g], vectors[R.v], covariance), vectors[NIS],
+        vectors[SETTLED] > 0.0 and speed_sq < FIXED.known_speed**2, vectors[RESTING] > 0.0,
+        healthy(vectors[R.g], vectors[R.v], covariance), vectors[NIS],
         slipping, vectors[EXCESS], faults_at(parts.check, parts.check_limits, parts.noisy, now),
-        1e-9 * (now - stamps[FEET_NS]), since_contact_s, since_contact_s, doubted,
-        doubted == (1 << parts.check.feet.shape[0]) - 1,
+        1e-9 * (now - stamps[FEET_NS]), since_contact_s, since_contact_s, mistrusted,
+        mistrusted == (1 << parts.check.feet.shape[0]) - 1,
     )  # fmt: skip

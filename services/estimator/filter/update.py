@@ -27,19 +27,21 @@ def learn_excess(state: BestState, y: Array, noise: BestNoise) -> None:
     The innovations of a filter whose noises are right do not correlate in time. If the mean innovation z of all points
     goes the same way again and again, the error is in the prediction: with S its covariance, the excess follows
 
-        e = z_k^T S^-1 z_(k-1)/3,   log excess += learn (rise max(e, 0) + min(e, 0) - drop),   1 <= excess <= most_excess
+        e = z_k^T S^-1 z_(k-1)/3,   log excess += learn (rise max(e, 0) + min(e, 0) - drop)
+
+    within 1 and `most_excess`.
     """
     x, cov, points, memory = state.x, state.cov, state.points, state.memory
     z, s, count, rot = np.zeros(3), np.zeros((3, 3)), 0, rotation(x)
     for k in range(points.shape[0]):
-        if points[k, P.down] > 0.0:
+        if points[k, P.down] > 0.0 and points[k, P.misfit] == 0.0:
             seen = turned(rot, y[k])
             count += 1
             for i in range(3):
                 z[i] += seen[i] - x[X.points + 3 * k + i]
                 s[i, i] += noise.point**2
             for m in range(points.shape[0]):
-                if points[m, P.down] > 0.0:
+                if points[m, P.down] > 0.0 and points[m, P.misfit] == 0.0:
                     for i in range(3):
                         for j in range(3):
                             s[i, j] += cov[E.points + 3 * k + i, E.points + 3 * m + j]
@@ -54,9 +56,8 @@ def learn_excess(state: BestState, y: Array, noise: BestNoise) -> None:
         memory[M.innovation + i] = z[i] / count
     most = FIXED.most_growth / noise.learn
     evidence = min(max(evidence, -most), most)
-    memory[M.excess] = min(
-        max(memory[M.excess] * math.exp(noise.learn * (evidence * (noise.rise if evidence > 0.0 else 1.0) - noise.drop)), 1.0), noise.most_excess
-    )
+    growth = noise.learn * (max(evidence, noise.rise * evidence) - noise.drop)
+    memory[M.excess] = min(max(memory[M.excess] * math.exp(growth), 1.0), noise.most_excess)
 
 
 @kernel

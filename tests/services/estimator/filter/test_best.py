@@ -13,7 +13,7 @@ from surefoot.services.estimator.filter.advance import learn_gyro_bias, stand_on
 from surefoot.services.estimator.filter.layout import E, M, P, X
 from surefoot.services.estimator.filter.noise import BestNoise, best_limits, best_noise
 from surefoot.services.estimator.filter.point import lift, observe, put_down, retract
-from surefoot.services.estimator.filter.state import copy_state, forget_velocity, new_state, predict, rotation
+from surefoot.services.estimator.filter.state import Felt, copy_state, forget_velocity, new_state, predict, rotation
 from surefoot.services.estimator.filter.update import follow, take_points
 from surefoot.services.estimator.params import EstimatorParams, StartPose
 from surefoot.services.estimator.stream import Estimator
@@ -23,6 +23,7 @@ FEET = 2
 STANDING = np.array([[0.0, 0.1, -0.3], [0.0, -0.1, -0.3]])
 BOX = FootMount(None, np.eye(3), np.zeros(3), np.zeros(FEET))
 NOISE = best_noise(EstimatorParams())
+CALM = Felt(0.0, 0.0)
 SILENT = ("gyro", "acc", "gyro_bias", "acc_bias", "gyro_jerk", "stay", "turn_bias", "twist")
 QUIET = BestNoise(**(NOISE._asdict() | dict.fromkeys(SILENT, 0.0)))
 G = np.array([0.0, 0.0, 9.81])
@@ -56,7 +57,7 @@ def sure(points, variance=1e-6):
 def rest(state):
     """Three inertial samples at rest, 11 ms apart."""
     for _ in range(3):
-        predict(state, np.zeros(3), G, 0.011, NOISE, 0.0)
+        predict(state, np.zeros(3), G, 0.011, NOISE, CALM)
 
 
 def disturbed(state, xi):
@@ -90,7 +91,7 @@ def test_prediction_follows_its_equations():
     state, rng = random_state(1)
     x, w, q, d = state.x.copy(), rng.normal(size=3), G + rng.normal(size=3), 0.01
     rot = x[:9].reshape(3, 3)
-    predict(state, w, q, d, NOISE, 0.0)
+    predict(state, w, q, d, NOISE, CALM)
     turn = (w - x[X.gyro_bias : X.gyro_bias + 3]) * d
     np.testing.assert_allclose(rotation(state.x), rot @ Rotation.from_rotvec(turn).as_matrix(), atol=1e-14)
     middle = rot @ Rotation.from_rotvec(0.5 * turn).as_matrix()
@@ -111,12 +112,12 @@ def test_covariance_is_carried_by_the_jacobian_of_the_prediction(seed):
     n = len(state.cov)
     jacobian = np.empty((n, n))
     after = copied(state)
-    predict(after, w, q, d, QUIET, 0.0)
+    predict(after, w, q, d, QUIET, CALM)
     for i in range(n):
         column = []
         for sign in (1.0, -1.0):
             true = disturbed(state, sign * h * np.eye(n)[i])
-            predict(true, w, q, d, QUIET, 0.0)
+            predict(true, w, q, d, QUIET, CALM)
             column.append(error(after, true))
         jacobian[:, i] = (column[0] - column[1]) / (2.0 * h)
     np.testing.assert_allclose(after.cov, jacobian @ state.cov @ jacobian.T, atol=1e-8)
@@ -129,13 +130,13 @@ def test_inertial_noise_enters_as_a_bias_does():
     w, q, d, h = rng.normal(size=3), G + rng.normal(size=3), 0.0005, 1e-5
     noise = QUIET._replace(gyro=0.3, acc=0.7)
     after = copied(state)
-    predict(after, w, q, d, noise, 0.0)
+    predict(after, w, q, d, noise, CALM)
     expected = np.zeros_like(state.cov)
     for axis in range(3):
         for gyro, scale in ((True, 0.3), (False, 0.7)):
             true = copied(state)
             step = h * np.eye(3)[axis]
-            predict(true, w - step * gyro, q - step * (not gyro), d, QUIET, 0.0)
+            predict(true, w - step * gyro, q - step * (not gyro), d, QUIET, CALM)
             column = error(after, true) / h * scale / math.sqrt(d)
             expected += np.outer(column, column)
     np.testing.assert_allclose(after.cov, expected, rtol=0.02, atol=1e-4 * abs(expected).max())
@@ -288,7 +289,7 @@ def test_the_excess_follows_errors_that_repeat_and_not_noise():
             take_points(state, SeenPoints(y, turn, np.ones(3), OPEN[:1]), mounted(places), NOISE, True, 0, 1.0)
             q = G + np.array([push * math.sin(0.3 * k), 0.0, 0.0])
             for _ in range(3):
-                predict(state, np.zeros(3), q, 0.011, NOISE, 0.0)
+                predict(state, np.zeros(3), q, 0.011, NOISE, CALM)
         found[name] = state.memory[M.excess]
     assert found["inertial"] > 3.0
     assert found["encoders"] < 1.2
@@ -304,7 +305,7 @@ def test_corrections_of_the_position_that_go_on_are_velocity():
         state.x[X.pos : X.pos + 3] += step * missed
         follow(state, before, NOISE)
         rot, still = rotation(state.x), state.x[X.gyro_bias : X.gyro_bias + 3].copy()
-        predict(state, still, rot.T @ G + state.x[X.acc_bias : X.acc_bias + 3], step, NOISE, 0.0)
+        predict(state, still, rot.T @ G + state.x[X.acc_bias : X.acc_bias + 3], step, NOISE, CALM)
     np.testing.assert_allclose(rot @ state.memory[M.lag : M.lag + 3], missed, rtol=0.01, atol=1e-5)
     before = state.x[X.pos : X.pos + 3] - 1.0  # a mishap
     follow(state, before, NOISE)

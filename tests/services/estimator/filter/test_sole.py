@@ -1,4 +1,4 @@
-"""Soles that twist, and that rock about the edge or the corner on which they stand, against closed forms."""
+"""Soles that give way, and that rock about the edge or the corner on which they stand, against closed forms."""
 
 import numpy as np
 import pytest
@@ -8,8 +8,8 @@ from surefoot.services.estimator.feet.contact import SeenPoints, at_switches, po
 from surefoot.services.estimator.feet.mount import FootMount
 from surefoot.services.estimator.filter.layout import E, P, X
 from surefoot.services.estimator.filter.noise import best_noise
-from surefoot.services.estimator.filter.sole import rock_soles, twist_soles
-from surefoot.services.estimator.filter.state import new_state, predict
+from surefoot.services.estimator.filter.sole import rock_soles, turn_soles
+from surefoot.services.estimator.filter.state import Felt, new_state, predict
 from surefoot.services.estimator.filter.update import take_points
 from surefoot.services.estimator.inputs.results import InputResult
 from surefoot.services.estimator.params import EstimatorParams
@@ -25,20 +25,28 @@ G = np.array([0.0, 0.0, 9.81])
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_twisting_sole_moves_its_points_about_its_middle(seed):
-    rng = np.random.default_rng(seed)
-    places = sole_feet(np.array([[0.0, 0.0, 1.0]] * 2), 0.1)
-    state, feet = new_state(6), places.foot
+def test_a_sole_that_gives_way_moves_its_points_about_its_middle(seed):
+    """About its long and its short axis and its normal, each by its own rate; one point alone turns about itself."""
+    rng, dt = np.random.default_rng(seed), 0.03
+    state, _ = standing(ALL, seed)
     state.x[X.points :] = rng.normal(size=18)
-    state.points[:, P.down] = 1.0
-    state.points[4:, P.down] = 0.0  # one point alone turns about itself
+    state.points[4:, P.down] = 0.0
     before = state.cov.copy()
-    twist_soles(state, feet, 0.01)
-    r = state.x[X.points :].reshape(6, 3)
-    turn = np.zeros(len(state.cov))
-    for k in range(3):
-        turn[E.points + 3 * k : E.points + 3 * k + 3] = np.cross([0.0, 0.0, 1.0], r[k] - r[:3].mean(axis=0))
-    np.testing.assert_allclose(state.cov - before, 0.01 * np.outer(turn, turn), atol=1e-14)
+    turn_soles(state, FEET, NOISE, dt)
+    r, expected = state.x[X.points :].reshape(6, 3), np.zeros_like(before)
+    for axis, rate in enumerate((NOISE.roll, NOISE.pitch, NOISE.twist)):
+        along, way = state.turn[0] @ FEET.axes[0][:, axis], np.zeros(len(before))
+        for k in range(3):
+            way[E.points + 3 * k : E.points + 3 * k + 3] = np.cross(along, r[k] - r[:3].mean(axis=0))
+        expected += rate**2 * dt * np.outer(way, way)
+    np.testing.assert_allclose(state.cov - before, expected, atol=1e-14)
+
+
+def test_the_long_axis_of_a_sole_is_that_of_its_switches():
+    assert abs(FEET.axes[0][0, 0]) == pytest.approx(1.0)
+    np.testing.assert_allclose(FEET.axes[0].T @ FEET.axes[0], np.eye(3), atol=1e-12)
+    across = sole_feet(UP, 0.1, np.stack([CORNERS[:, [1, 0, 2]]] * 2)).axes[0]
+    assert abs(across[1, 0]) == pytest.approx(1.0)
 
 
 def standing(before, seed=0):
@@ -107,11 +115,10 @@ def test_a_foot_that_comes_down_flat_from_its_heel_does_not_lift_the_robot():
             closed = np.array([HEEL if shown and k < 6 else ALL])
             take_points(state, SeenPoints(y, turn, np.ones(3), closed), places, NOISE, False, 0, 1.0)
             for _ in range(3):
-                predict(state, np.zeros(3), G, 0.011, NOISE, 0.0)
+                predict(state, np.zeros(3), G, 0.011, NOISE, Felt(0.0, 0.0))
         risen[name] = abs(float(state.x[X.pos + 2]))
         assert abs(state.x[X.vel + 2]) < 0.02
-    assert risen["switches"] < 3e-4
-    assert risen["one flag"] > 1e-3
+    assert max(risen.values()) < 3e-4
 
 
 def test_switches_of_each_foot_or_one_flag():
