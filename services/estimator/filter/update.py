@@ -34,14 +34,14 @@ def learn_excess(state: BestState, y: Array, noise: BestNoise) -> None:
     x, cov, points, memory = state.x, state.cov, state.points, state.memory
     z, s, count, rot = np.zeros(3), np.zeros((3, 3)), 0, rotation(x)
     for k in range(points.shape[0]):
-        if points[k, P.down] > 0.0 and points[k, P.misfit] == 0.0:
+        if points[k, P.down] > 0.0:
             seen = turned(rot, y[k])
             count += 1
             for i in range(3):
                 z[i] += seen[i] - x[X.points + 3 * k + i]
                 s[i, i] += noise.point**2
             for m in range(points.shape[0]):
-                if points[m, P.down] > 0.0 and points[m, P.misfit] == 0.0:
+                if points[m, P.down] > 0.0:
                     for i in range(3):
                         for j in range(3):
                             s[i, j] += cov[E.points + 3 * k + i, E.points + 3 * m + j]
