@@ -16,9 +16,9 @@ from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.feet.contact import (
     LEVER,
     SOLE_POINTS,
-    ContactPoints,
     at_switches,
     contact_points,
+    line_feet,
     sole_feet,
 )
 from surefoot.services.estimator.feet.mount import FootMount
@@ -110,9 +110,7 @@ class LogRunner:
         else:
             params, points = EstimatorParams(), None
             if log.points is not None and log.points.shape[1] == LINE_POINTS:
-                ends = np.ascontiguousarray(log.points.reshape(-1, 3))
-                which = np.repeat(np.arange(log.feet_count), LINE_POINTS)
-                points = ContactPoints(which, ends, np.zeros(len(ends)), np.zeros((log.feet_count, 1, 3)))
+                points = line_feet(log.points)
             elif log.points is not None and log.points.shape[1] >= SOLE_POINTS:
                 normals = np.cross(log.points[:, 1] - log.points[:, 0], log.points[:, 2] - log.points[:, 0])
                 normals *= np.where(normals[:, 2:] < 0.0, -1.0, 1.0) / np.linalg.norm(normals, axis=1, keepdims=True)

@@ -70,6 +70,19 @@ def point_feet(radius: Array) -> ContactPoints:
     )
 
 
+def line_feet(ends: Array) -> ContactPoints:
+    """Return two points for each foot, from ends (L, 2, 3) m in foot axes: it may tip about the line between them."""
+    count = len(ends)
+    long = ends[:, 1] - ends[:, 0]
+    long = long / np.sqrt(np.sum(long * long, axis=1))[:, None]
+    short = np.cross(long, np.eye(3)[np.argmin(np.abs(long), axis=1)])
+    short /= np.sqrt(np.sum(short * short, axis=1))[:, None]
+    axes = np.stack([long, short, np.cross(long, short)], axis=2)
+    foot = np.repeat(np.arange(count), 2)
+    places = np.ascontiguousarray(ends.reshape(-1, 3), dtype=np.float64)
+    return ContactPoints(foot, places, np.zeros(len(foot)), np.zeros((count, 1, 3)), np.ascontiguousarray(axes))
+
+
 def sole_feet(normals: Array, lever: float, switches: Array | None = None) -> ContactPoints:
     """Return three points for each foot.
 
