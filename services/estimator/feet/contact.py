@@ -104,10 +104,10 @@ def sole_feet(normals: Array, lever: float, switches: Array | None = None) -> Co
         long = first
         if switches is not None:  # the axis along which the outline is longest
             apart = switches[f] - switches[f].mean(axis=0)
-            along = first @ apart.T, second @ apart.T
-            angle = 0.5 * math.atan2(2.0 * float(along[0] @ along[1]), float(along[0] @ along[0] - along[1] @ along[1]))
+            x, y = np.sum(first * apart, axis=1), np.sum(second * apart, axis=1)
+            angle = 0.5 * math.atan2(2.0 * float(np.sum(x * y)), float(np.sum(x * x) - np.sum(y * y)))
             long = math.cos(angle) * first + math.sin(angle) * second
-        axes.append(np.stack([long, np.cross(normal, long), normal], axis=1))
+        axes.append(np.stack([long, np.cross(normal, long), normal], axis=1).astype(np.float64))
     foot = np.repeat(np.arange(len(normals)), SOLE_POINTS)
     if switches is None:
         switches = np.zeros((len(normals), 1, 3))
