@@ -196,8 +196,6 @@ class FixedNumbers(NamedTuple):
     """Standard deviation of the tilt below which a start in motion has settled, rad."""
     good_speed: float = 0.05
     """Standard deviation of the velocity below which a start in motion has settled, m/s."""
-    known_speed: float = 0.5
-    """Standard deviation of the velocity, of an axis, from which an estimate is not initialised, m/s."""
     good_age: float = 0.7
     """Time after which a start in motion may have settled, s."""
     fresh_age: float = 2.0

@@ -145,10 +145,9 @@ def condition(parts: FilterParts, vectors: Array, more: Array, covariance: Array
     for k in range(foot.size):
         if points[k, P.mistrust] > FIXED.most_mistrust:
             mistrusted |= 1 << foot[k]
-    speed_sq = (covariance[3, 3] + covariance[4, 4] + covariance[5, 5]) / 3.0
     since_contact_s = 1e-9 * (now - stamps[CONTACT_NS])
     return Condition(
-        vectors[SETTLED] > 0.0 and speed_sq < FIXED.known_speed**2, vectors[RESTING] > 0.0,
+        vectors[SETTLED] > 0.0, vectors[RESTING] > 0.0,
         healthy(vectors[R.g], vectors[R.v], covariance), vectors[NIS],
         slipping, vectors[EXCESS], faults_at(parts.check, parts.check_limits, parts.noisy, now),
         1e-9 * (now - stamps[FEET_NS]), since_contact_s, since_contact_s, mistrusted,
