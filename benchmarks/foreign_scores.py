@@ -10,16 +10,12 @@ from numpy.typing import NDArray
 
 from surefoot.lab.estimation.log import Log
 from surefoot.lab.estimation.referees import gyro_yaw, run
-from surefoot.lab.estimation.scores import base_pose, nees, score
+from surefoot.lab.estimation.scores import base_pose, score
 from surefoot.lab.estimation.track import Track
 
 Array = NDArray[np.float64]
 
 NAN = float("nan")
-INSIDE_95 = 7.815
-"""Value below which 95 % of chi^2 with 3 degrees of freedom lie."""
-SAMPLE_S = 0.25
-"""Time between two starts of a relative pose, s; the way is that of the truth in such steps."""
 WARM_ROWS = 150
 """Rows of the run that compiles the kernels before the clock starts."""
 HEADERS = (
@@ -75,60 +71,19 @@ def scored(log: Log, found: Track, way: float, cost: float = NAN) -> ForeignScor
     initialised = found.flags["initialised"]
     if not initialised[log.scored].any():
         return ForeignScore(ok=0.0, cost=cost)
-    s, rows = score(log, replace(found, p=_solvable(found.p))), log.scored
-    known = np.isfinite(found.p[rows]).all() and found.p[rows][:, 3, 3].min() > 0.0
-    each = nees(found.v[rows] - log.v[rows], found.p[rows][:, 3:, 3:]) if known else np.array([np.nan])
-    rpe, height = relative(log, found, way)
+    s, rows = score(log, found, (way,)), log.scored
     heading = np.degrees(turned(log, found.yaw - base_pose(log)[1]))
     return ForeignScore(
-        100.0 * s.rmse, 100.0 * s.smooth, float(each.mean()), float(np.mean(each < INSIDE_95)) if known else np.nan,
-        100.0 * rpe, 100.0 * absolute(log, found), 100.0 * s.odometry * s.way, float(np.sqrt(np.mean(heading**2))),
-        float(heading[-1]), 1e3 * height, float(found.flags["filter_ok"][rows].mean()),
-        float(log.seconds[np.argmax(initialised)]), cost,
+        100.0 * s.rmse, 100.0 * s.smooth, s.nees, s.inside, 100.0 * s.rpe, 100.0 * s.ate, 100.0 * s.odometry * s.way,
+        float(np.sqrt(np.mean(heading**2))), float(heading[-1]), 1e3 * s.climb,
+        float(found.flags["filter_ok"][rows].mean()), float(log.seconds[np.argmax(initialised)]), cost,
     )  # fmt: skip
-
-
-def _solvable(p: Array) -> Array:
-    """Return covariances with ones on the diagonal where a referee publishes none."""
-    bad = ~np.isfinite(p).all(axis=(1, 2)) | (p[:, 3, 3] <= 0.0)
-    return np.where(bad[:, None, None], np.eye(6), p)
 
 
 def turned(log: Log, yaw: Array) -> Array:
     """Return the scored part of a heading from its beginning, rad."""
     part = yaw[log.scored]
     return part - part[0]
-
-
-def relative(log: Log, found: Track, way: float) -> tuple[float, float]:
-    """Return rms errors of position and height per m over pieces of `way` m of the true path.
-
-    Each piece is laid over the truth by place and heading at its beginning; the path is that of base_link.
-    """
-    true, yaw = base_pose(log)
-    rows = np.flatnonzero(log.scored)[:: max(1, round(SAMPLE_S / float(np.median(np.diff(log.seconds)))))]
-    gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(true[rows], axis=0), axis=1))])
-    end = np.searchsorted(gone, gone + way)
-    first = np.flatnonzero(end < len(rows))
-    if not len(first):
-        return NAN, NAN
-    a, b = rows[first], rows[end[first]]
-    error = turn(found.position[b] - found.position[a], yaw[a] - found.yaw[a]) - (true[b] - true[a])
-    return float(np.sqrt(np.mean(np.sum(error**2, axis=1)))) / way, float(np.sqrt(np.mean(error[:, 2] ** 2))) / way
-
-
-def turn(x: Array, angle: Array | float) -> Array:
-    """Return vectors (n, 3) turned about z by angles (n,) rad."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.stack([c * x[:, 0] - s * x[:, 1], s * x[:, 0] + c * x[:, 1], x[:, 2]], axis=1)
-
-
-def absolute(log: Log, found: Track) -> float:
-    """Return the rms error of the position of base_link after the best alignment by place and heading, m."""
-    true, seen = base_pose(log)[0][log.scored], found.position[log.scored]
-    a, b = seen - seen.mean(axis=0), true - true.mean(axis=0)
-    angle = np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a[:, :2] * b[:, :2]))
-    return float(np.sqrt(np.mean(np.sum((turn(a, float(angle)) - b) ** 2, axis=1))))
 
 
 def gyro_alone(log: Log) -> tuple[float, float]:

@@ -10,10 +10,11 @@ from .log import Log
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 
 LOW_M = 0.005
-"""Height over the lowest foot up to which a foot stands, as in logs without contacts, m."""
-UP_S = 0.3
+"""Height over the lowest foot up to which a foot stands, where contacts and forces are unknown, m."""
+UP_S = 0.5
 """Time over which the mean accelerometer shows the direction of gravity, s."""
 
 
@@ -35,16 +36,23 @@ def by_height(position: Array, up: Array) -> Flags:
         up: unit vectors in the same axes, (m, 3).
     """
     height = np.einsum("mfi,mi->mf", position, up)
-    return height < np.nanmin(height, axis=1)[:, None] + LOW_M
+    return height < np.nanmin(height, axis=1, initial=np.inf)[:, None] + LOW_M
 
 
-def mean_up(log: Log) -> Array:
-    """Return the direction of the mean accelerometer around each foot sample, (m, 3), IMU axes."""
-    half = max(1, round(0.5 * UP_S / float(np.median(np.diff(log.seconds)))))
-    rows = np.clip(np.searchsorted(log.stamp_ns, log.foot_ns), 0, len(log.q) - 1)
-    total = np.vstack([np.zeros(3), np.nancumsum(log.q, axis=0)])
-    up = total[np.minimum(rows + half, len(log.q))] - total[np.maximum(rows - half, 0)]
-    return up / np.linalg.norm(up, axis=1)[:, None]
+def mean_up(stamp_ns: Ints, acc: Array, foot_ns: Ints) -> Array:
+    """Return the direction of the mean specific force around each foot sample, (m, 3), axes of the IMU.
+
+    Args:
+        stamp_ns: of the inertial rows, (n,) ns.
+        acc: specific force, (n, 3) m/s^2, axes of the IMU; rows that are not finite do not count.
+        foot_ns: of the foot samples, (m,) ns.
+    """
+    period = float(np.median(np.diff(stamp_ns))) if len(stamp_ns) > 1 else 1e9 * UP_S
+    half = max(1, round(0.5e9 * UP_S / max(period, 1.0)))
+    rows = np.clip(np.searchsorted(stamp_ns, foot_ns), 0, len(acc) - 1)
+    total = np.nancumsum(np.vstack([np.zeros(3), acc]), axis=0)
+    up = total[np.minimum(rows + half, len(acc))] - total[np.maximum(rows - half, 0)]
+    return up / np.maximum(np.linalg.norm(up, axis=1), 1e-9)[:, None]
 
 
 def without_rolling(log: Log) -> Log:
@@ -55,7 +63,7 @@ def without_rolling(log: Log) -> Log:
     """
     if log.radius is None or not log.radius.any():
         return log
-    arm = log.radius[:, None] * mean_up(log)[:, None]  # (m, F, 3) m
+    arm = log.radius[:, None] * mean_up(log.stamp_ns, log.q, log.foot_ns)[:, None]  # (m, F, 3) m
     gyro = np.vstack([np.zeros(3), np.cumsum(log.w[1:] * np.diff(log.seconds)[:, None], axis=0)])
     stamps = 1e-9 * (log.foot_ns - log.stamp_ns[0])
     turned = np.stack([np.interp(stamps, log.seconds, gyro[:, i]) for i in range(3)], axis=1)

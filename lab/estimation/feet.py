@@ -11,20 +11,18 @@ from surefoot.errors import SurefootError
 from surefoot.record.columns import Columns
 from surefoot.tables import did_you_mean
 
+from .contacts import by_height, mean_up, schmitt
+
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 KINDS = ("point", "sole", "line")
 ON, OFF = 0.25, 0.15
 """Shares of the usual total force: a foot stands from the first on, until its force falls below the second."""
-LOWEST_M = 0.005
-"""Height over the lowest foot up to which a foot stands, where contacts and forces are unknown, m."""
 SOLE_SHARES = (1 / 3, 1 / 5)
 """Length and width of a sole of unknown size, shares of the distance from the IMU to the foot."""
 LEVEL_DEG = 15.0
 """Spread of the direction of gravity in a standing foot, deg, rms, above which it is no sole but a shank."""
-UP_ROWS = 25
-"""Inertial rows before and after a foot sample whose mean shows the direction of gravity."""
 
 
 @dataclass(frozen=True)
@@ -87,13 +85,8 @@ def _numbers(key: str, value: Any) -> Array:
 
 
 def up_at(columns: Columns) -> Array:
-    """Return the mean specific force around each foot sample as a direction, (m, 3), IMU axes."""
-    acc = np.asarray(columns["acc"], dtype=np.float64)
-    rows = np.clip(np.searchsorted(columns["stamp_ns"], columns["foot_stamp_ns"]), 0, len(acc) - 1)
-    total = np.nancumsum(np.vstack([np.zeros(3), acc]), axis=0)
-    low, high = np.maximum(rows - UP_ROWS, 0), np.minimum(rows + UP_ROWS, len(acc))
-    up = total[high] - total[low]
-    return up / np.maximum(np.linalg.norm(up, axis=1), 1e-9)[:, None]
+    """Return the direction of the mean specific force around each foot sample, (m, 3), axes of the IMU."""
+    return mean_up(columns["stamp_ns"], np.asarray(columns["acc"], dtype=np.float64), columns["foot_stamp_ns"])
 
 
 def contacts(columns: Columns, position: Array, given: FeetOptions, notes: list[str]) -> tuple[Flags, Flags | None]:
@@ -122,8 +115,7 @@ def contacts(columns: Columns, position: Array, given: FeetOptions, notes: list[
     if "force" in columns:
         return _by_force(np.nan_to_num(np.asarray(columns["force"], dtype=np.float64)), given, notes), None
     notes.append("no contacts: feet within 5 mm of the lowest one are taken to stand")
-    height = np.einsum("mfi,mi->mf", position, up_at(columns))
-    return height < np.nanmin(height, axis=1, initial=np.inf)[:, None] + LOWEST_M, None
+    return by_height(position, up_at(columns)), None
 
 
 def _by_force(force: Array, given: FeetOptions, notes: list[str]) -> Flags:
@@ -131,12 +123,7 @@ def _by_force(force: Array, given: FeetOptions, notes: list[str]) -> Flags:
     on = ON * float(np.median(force.sum(axis=1))) if given.contact_on is None else given.contact_on
     off = OFF / ON * on if given.contact_off is None else given.contact_off
     notes.append(f"contacts by force: from {on:.0f} N on, until below {off:.0f} N")
-    contact = np.zeros(force.shape, dtype=np.bool_)
-    now = np.zeros(force.shape[1], dtype=np.bool_)
-    for k, row in enumerate(force):
-        now = (row > on) | (now & (row >= off))
-        contact[k] = now
-    return contact
+    return schmitt(force, on, off)
 
 
 def shape(

@@ -81,8 +81,8 @@ def go1_bag(path: Path) -> tuple[Log, Array]:
         SurefootError: `rosbags` is not installed.
     """
     try:
-        from rosbags.rosbag1 import Reader
-        from rosbags.typesys import Stores, get_typestore
+        from rosbags.rosbag1 import Reader  # pyright: ignore[reportMissingImports] - optional
+        from rosbags.typesys import Stores, get_typestore  # pyright: ignore[reportMissingImports] - optional
     except ImportError:
         raise SurefootError("invalid", f"{path.name} is a ROS 1 bag: pip install rosbags", "log") from None
     types = get_typestore(Stores.ROS1_NOETIC)

@@ -148,7 +148,7 @@ def _go1(row: ForeignLog, path: Path) -> Log:
     if row.levels is not None:
         return replace(log, contact=schmitt(force, *row.levels))
     if row.contacts == "none":
-        low = by_height(log.foot_position, mean_up(log))
+        low = by_height(log.foot_position, mean_up(log.stamp_ns, log.q, log.foot_ns))
         return replace(log, contact=low, force=None, chance=np.full(low.shape, np.nan))
     return log
 

@@ -1,7 +1,6 @@
-"""Referees on logs of others: `track.PEERS`, kinematics with a path of its own, and GTSAM's where it is installed."""
+"""Referees on logs of others: `track.PEERS`, kinematics and gyro alone, and those of GTSAM where it is installed."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,10 +10,9 @@ from surefoot.errors import SurefootError
 
 from .contacts import without_rolling
 from .log import Log
-from .peers.inekf import PeerTrack
 from .peers.legged import KINDS, LeggedNoise, installed, legged
-from .peers.legs import attitude, gyro_attitude, legs, path
-from .track import PEERS, Track, default, names, of_world, track
+from .peers.legs import gyro_attitude, legs
+from .track import PEERS, Track, names, of_world, track
 
 Array = NDArray[np.float64]
 
@@ -32,8 +30,7 @@ def available(chosen: tuple[str, ...]) -> tuple[str, ...]:
 def run(name: str, log: Log, options: Mapping[str, Any] | None = None) -> Track:
     """Run one estimator over a log.
 
-    Estimators of the service that publish no path (all but the default) get the integral of their velocity along the
-    gyro's attitude. Referees get round feet as points that rest.
+    Referees get round feet as points that rest.
 
     Args:
         name: one of `KNOWN`.
@@ -54,15 +51,7 @@ def run(name: str, log: Log, options: Mapping[str, Any] | None = None) -> Track:
         return of_world(name, log, legs(without_rolling(log)))
     if name in KINDS:
         return of_world(name, log, legged(name, without_rolling(log), LeggedNoise(**more)))
-    found = track(name, log, **more)
-    return found if name == default() else reckoned(log, found)
-
-
-def reckoned(log: Log, found: Track) -> Track:
-    """Return the track with position and heading by its velocity along the gyro's attitude."""
-    rot = attitude(log)
-    own = of_world(found.name, log, PeerTrack(found.v, found.g, found.p, path(log, found.v, rot), rot))
-    return replace(found, position=own.position, yaw=own.yaw, v_odom=own.v_odom)
+    return track(name, log, **more)
 
 
 def gyro_yaw(log: Log) -> Array:

@@ -1,5 +1,6 @@
 """Errors of a track against the truth of its log."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +9,16 @@ from scipy.spatial.transform import Rotation
 
 from .log import Flags, Log
 from .track import Track
-from .trajectory import Poses, height_error, laid_over, pairs_by_path, pairs_by_time, path_length, relative_error
+from .trajectory import (
+    LENGTHS_M,
+    Poses,
+    height_error,
+    laid_over,
+    pairs_by_path,
+    pairs_by_time,
+    path_length,
+    relative_error,
+)  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -50,8 +60,14 @@ class Score:
         return 100.0 * abs(self.average)
 
 
-def score(log: Log, found: Track) -> Score:
-    """Compare a track with the truth of its log."""
+def score(log: Log, found: Track, lengths: Sequence[float] = LENGTHS_M) -> Score:
+    """Compare a track with the truth of its log.
+
+    Args:
+        log: with truth.
+        found: track over it.
+        lengths: of path for the relative pose error, m; the first that fits is taken.
+    """
     truth, rows = log.known(), log.scored
     error = np.einsum("nij,nj->ni", truth.rot, found.v) - truth.v_world
     mean, v_mean = error[rows].mean(axis=0), truth.v_world[rows].mean(axis=0)
@@ -71,11 +87,11 @@ def score(log: Log, found: Track) -> Score:
         height=height,
         heading_deg=heading,
         integral=_share(_integral(log, found), way),
-        **_trajectory(log, found, heading),
+        **_trajectory(log, found, heading, lengths),
     )
 
 
-def _trajectory(log: Log, found: Track, heading: float) -> dict[str, float]:
+def _trajectory(log: Log, found: Track, heading: float, lengths: Sequence[float]) -> dict[str, float]:
     """Return the measures of the whole trajectory by field of `Score`; `heading` is the error at the end, deg."""
     rows = log.scored
     position, yaw = base_pose(log)
@@ -83,7 +99,7 @@ def _trajectory(log: Log, found: Track, heading: float) -> dict[str, float]:
     seen = Poses(found.position[rows], base_rot(log, found, rows))
     seconds = log.seconds[rows]
     way = path_length(true.position, seconds)
-    length, pairs = pairs_by_path(way)
+    length, pairs = pairs_by_path(way, lengths)
     off = np.asarray(found.yaw[rows]) - yaw[rows]
     return {
         "path": float(way[-1]),

@@ -4,6 +4,7 @@ A pair of rows i, j has the relative pose error E = (Q_i^-1 Q_j)^-1 (P_i^-1 P_j)
 (Sturm et al., IROS 2012; the same as `evo_rpe`); its length is that of the translation in E.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -46,10 +47,10 @@ def path_length(position: Array, seconds: Array) -> Array:
     return np.interp(seconds, knots[:, 0], way)
 
 
-def pairs_by_path(way: Array) -> tuple[float, Pairs]:
-    """Return the longest of `LENGTHS_M` that fits into a way (n,) m, NaN = none, and pairs of rows so far apart."""
+def pairs_by_path(way: Array, lengths: Sequence[float] = LENGTHS_M) -> tuple[float, Pairs]:
+    """Return the first of some lengths, m, that fits into a way (n,) m, NaN = none, and pairs of rows so far apart."""
     total = float(way[-1])
-    length = next((length for length in LENGTHS_M if length <= total), float("nan"))
+    length = next((length for length in lengths if length <= total), float("nan"))
     begins = np.arange(0.0, total - length + 1e-9, length / STARTS) if length <= total else np.empty(0)
     first, last = np.searchsorted(way, begins), np.searchsorted(way, begins + length)
     return length, Pairs(first, np.minimum(last, len(way) - 1))

@@ -78,7 +78,7 @@ def reasons(
     """
     out: list[str] = []
     if not c.initialised:
-        out.append("waiting for a start: a rest of half a second, or two seconds of motion with contacts")
+        out.append("waiting for a start: a rest of half a second, or a second of motion with contacts")
     if unit:
         out.append(f"refused: {unit}")
     out.extend(f"{name} is silent for {age:.1f} s" for name, age in silent.items())

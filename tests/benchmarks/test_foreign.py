@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.foreign import chosen_of, readable
 from benchmarks.foreign_changes import alarms, changes, planted, turned_starts
-from benchmarks.foreign_scores import absolute, goals_of, gyro_alone, leave_one_out, relative, scored, without_leg
+from benchmarks.foreign_scores import goals_of, gyro_alone, leave_one_out, scored, without_leg
 from benchmarks.foreign_tables import plain
 from surefoot.errors import SurefootError
 from surefoot.lab.estimation.logs import FOREIGN
@@ -32,18 +32,18 @@ def test_a_turned_and_moved_path_has_no_error() -> None:
     log = clean()
     true = exact(log)
     moved = replace(true, position=turned(true.position, 0.4) + np.array([1.0, -2.0, 3.0]), yaw=true.yaw + 0.4)
-    assert relative(log, moved, 0.03) == pytest.approx((0.0, 0.0), abs=1e-9)
-    assert absolute(log, moved) == pytest.approx(0.0, abs=1e-9)
+    found = scored(log, flagged(replace(moved, g=true.g)), 0.03)
+    assert (found.rpe, found.height, found.ate) == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
 
 
 def test_a_long_path_is_long_over_every_piece() -> None:
     log = clean()
     true = exact(log)
     longer = replace(true, position=true.position * [1.05, 1.05, 1.0])
-    rpe, height = relative(log, longer, 0.03)
-    assert 0.02 < rpe < 0.08
-    assert height == pytest.approx(0.0, abs=1e-9)
-    assert np.isnan(relative(log, true, 50.0)[0])
+    found = scored(log, flagged(longer), 0.03)
+    assert 2.0 < found.rpe < 8.0
+    assert found.height == pytest.approx(0.0, abs=1e-6)
+    assert np.isnan(scored(log, flagged(true), 50.0).rpe)
 
 
 def test_scores_of_the_truth_and_of_a_track_that_never_started() -> None:

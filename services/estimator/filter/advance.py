@@ -12,7 +12,7 @@ from surefoot.kernels.jit import inner_kernel, kernel
 
 from ..feet.contact import BestGeometry, SeenPoints, by_height, points_of
 from .hypotheses import collapse, likeliest, mix, mode, publish_mean, weigh
-from .layout import DOUBTED, MOVING, NO_FEET, SETTLED, STARTED, WAITING, E, M, P, X
+from .layout import CERTAIN, DOUBTED, MOVING, NO_FEET, STARTED, WAITING, E, M, P, X
 from .noise import FIXED, BestLimits, BestNoise, BestSetting
 from .point import lift, retract
 from .samples import ROW_Q, ROW_W, SampleStore, after
@@ -139,7 +139,7 @@ def _cross_gap(state: BestState, d: float, limits: BestLimits) -> float:
 def settled(state: BestState) -> bool:
     """Return True if the estimate can be used: started at rest, or in motion and meanwhile certain."""
     memory, cov = state.memory, state.cov
-    if memory[M.phase] == WAITING or memory[M.phase] == STARTED or memory[M.phase] == SETTLED:
+    if memory[M.phase] == WAITING or memory[M.phase] == STARTED or memory[M.phase] == CERTAIN:
         return bool(memory[M.phase] != WAITING)
     tilt, speed = max(cov[0, 0], cov[1, 1]), max(cov[E.vel, E.vel], cov[E.vel + 1, E.vel + 1])
     return bool(memory[M.age] > FIXED.good_age and tilt < FIXED.good_tilt**2 and speed < FIXED.good_speed**2)
@@ -340,7 +340,7 @@ def _step(state: BestState, samples: SampleStore, at: int, next_foot: int, setti
                 w[i], q[i] = rows[at, ROW_W + i], rows[at, ROW_Q + i]
     state.memory[M.age] += gap
     if settled(state) and state.memory[M.phase] != STARTED:  # it stays so
-        state.memory[M.phase] = STARTED if state.memory[M.age] > FIXED.fresh_age else SETTLED
+        state.memory[M.phase] = STARTED if state.memory[M.age] > FIXED.fresh_age else CERTAIN
     return next_foot
 
 
@@ -359,7 +359,7 @@ def _rest_or_start(state: BestState, samples: SampleStore, at: int, next_foot: i
         collapse(state, setting.geometry.foot)
         for i in range(M.lag, M.lag + 3):
             memory[i] = 0.0
-    moving = memory[M.phase] == MOVING or memory[M.phase] == SETTLED
+    moving = memory[M.phase] == MOVING or memory[M.phase] == CERTAIN
     fresh = moving and memory[M.age] < FIXED.fresh_age
     if resting and (fresh or not settled(state)) and memory[M.phase] != DOUBTED:
         start_at_rest(state, samples, at, setting)

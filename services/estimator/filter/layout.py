@@ -98,7 +98,7 @@ class MemoryLayout(NamedTuple):
 X, E, P, M = StateLayout(), ErrorLayout(), PointLayout(), MemoryLayout()
 POINT_COLUMNS, MEMORY = P.mistrust + 1, M.last_acc + 3
 """Number of columns of a point, and of numbers in the memory."""
-WAITING, MOVING, STARTED, DOUBTED, SETTLED = 0.0, 1.0, 2.0, 3.0, 4.0
+WAITING, MOVING, STARTED, DOUBTED, CERTAIN = 0.0, 1.0, 2.0, 3.0, 4.0
 """Phases of the start: none yet, in motion, at rest, in motion after the tilt proved wrong, in motion and certain."""
 NO_FEET = LONG_AGO = -1.0
 """Times of events that have not happened, s."""

@@ -21,13 +21,13 @@ def log(tmp_path_factory):
 
 
 def test_json_and_files(answer, log, tmp_path):
-    told = json.loads(answer("estimate", log, "--json", "-o", tmp_path / "out", "--csv"))
-    assert told["errors"]["rmse"] < 0.03
+    report = json.loads(answer("estimate", log, "--json", "-o", tmp_path / "out", "--csv"))
+    assert report["errors"]["rmse"] < 0.03
     names = ["estimates.npz", "estimates.svg", "estimate.tum", "truth.tum", "estimates.csv", "summary.json"]
-    assert [Path(path).name for path in told["files"]] == names
+    assert [Path(path).name for path in report["files"]] == names
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(names)
     estimate, truth = (np.loadtxt(tmp_path / "out" / f"{name}.tum") for name in ("estimate", "truth"))
-    assert estimate.shape == truth.shape == (told["rows"], 8)
+    assert estimate.shape == truth.shape == (report["rows"], 8)
     assert abs(estimate[-1, 1] - estimate[0, 1] - truth[-1, 1] + truth[0, 1]) < 0.05
 
 
@@ -36,24 +36,24 @@ def test_evo_reads_the_trajectories_and_measures_the_same(answer, log, tmp_path)
     from evo.core import metrics
     from evo.tools import file_interface
 
-    told = json.loads(answer("estimate", log, "--score-from", "0", "--json", "-o", tmp_path))["errors"]
+    report = json.loads(answer("estimate", log, "--score-from", "0", "--json", "-o", tmp_path))["errors"]
     estimate, truth = (file_interface.read_tum_trajectory_file(tmp_path / f"{x}.tum") for x in ("estimate", "truth"))
     each = metrics.RPE(metrics.PoseRelation.translation_part, 100, metrics.Unit.frames, all_pairs=True)
     each.process_data((truth, estimate))
-    assert told["rpe_1s"] == pytest.approx(each.get_statistic(metrics.StatisticsType.rmse), rel=0.02)
+    assert report["rpe_1s"] == pytest.approx(each.get_statistic(metrics.StatisticsType.rmse), rel=0.02)
     estimate.align(truth)
     whole = metrics.APE(metrics.PoseRelation.translation_part)
     whole.process_data((truth, estimate))
-    assert told["ate"] == pytest.approx(whole.get_statistic(metrics.StatisticsType.rmse), rel=0.2)
+    assert report["ate"] == pytest.approx(whole.get_statistic(metrics.StatisticsType.rmse), rel=0.2)
 
 
 def test_two_outputs_are_compared(answer, complaint, log, tmp_path):
     for name in ("best", "ekf"):
         answer("estimate", log, "--estimator", name, "-o", tmp_path / name, "--json")
-    told = json.loads(answer("compare", tmp_path / "best", tmp_path / "ekf" / "estimates.npz", "--json"))
-    assert set(told["differences"]) == {"velocity", "tilt", "position", "heading"}
-    assert 1e-3 < told["differences"]["velocity"]["rms"] < 0.05
-    assert told["a"]["errors"]["rmse"] < told["b"]["errors"]["rmse"]
+    report = json.loads(answer("compare", tmp_path / "best", tmp_path / "ekf" / "estimates.npz", "--json"))
+    assert set(report["differences"]) == {"velocity", "tilt", "position", "heading"}
+    assert 1e-3 < report["differences"]["velocity"]["rms"] < 0.05
+    assert report["a"]["errors"]["rmse"] < report["b"]["errors"]["rmse"]
     out = answer("compare", tmp_path / "best", tmp_path / "ekf")
     assert "velocity, cm/s" in out
     assert "rpe" in out

@@ -84,9 +84,9 @@ def test_a_log_that_stands_shows_nothing():
 def test_the_reader_notes_and_mends(answer, tmp_path):
     path = save_npz(displaced(noisy("turn")), tmp_path / "late.npz")
     assert any("--align" in note for note in open_log(path).notes)
-    told = json.loads(answer("estimate", path, "--align", "--json"))
-    assert told["alignment"]["applied"] == ["offset_s", "rotation_deg", "lever_m", "scale"]
-    assert told["alignment"]["offset_s"] == pytest.approx(0.04, abs=0.002)
-    assert told["errors"]["rmse"] < 0.02
-    assert not any("--align" in note for note in told["notes"])
+    report = json.loads(answer("estimate", path, "--align", "--json"))
+    assert report["alignment"]["applied"] == ["offset_s", "rotation_deg", "lever_m", "scale"]
+    assert report["alignment"]["offset_s"] == pytest.approx(0.04, abs=0.002)
+    assert report["errors"]["rmse"] < 0.02
+    assert not any("--align" in note for note in report["notes"])
     assert "point from the IMU" in answer("estimate", path, "--align")

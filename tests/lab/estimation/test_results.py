@@ -45,19 +45,19 @@ def test_files_hold_what_was_estimated(tmp_path):
 
 
 def test_the_summary_says_what_matters(tmp_path):
-    told = results.estimate(noisy(), "ekf", tmp_path).summary
-    assert told["started_after_s"] == pytest.approx(0.49, abs=0.02)
-    assert told["imu_hz"] == pytest.approx(100.0)
-    assert 0.0 < told["nis_mean"] < 20.0
-    assert told["errors"]["rmse"] < 0.03
-    assert "drift" in told["unobservable"]
+    report = results.estimate(noisy(), "ekf", tmp_path).summary
+    assert report["started_after_s"] == pytest.approx(0.49, abs=0.02)
+    assert report["imu_hz"] == pytest.approx(100.0)
+    assert 0.0 < report["nis_mean"] < 20.0
+    assert report["errors"]["rmse"] < 0.03
+    assert "drift" in report["unobservable"]
 
 
 def test_a_log_that_never_rests_is_said_not_to_start(tmp_path):
     log = noisy().with_imu(np.arange(400, 2000))
-    told = results.estimate(log, "ekf", tmp_path).summary
-    if told["started_after_s"] is None:  # an estimator may start in motion
-        assert "standstill" in told["warning"]
+    report = results.estimate(log, "ekf", tmp_path).summary
+    if report["started_after_s"] is None:  # an estimator may start in motion
+        assert "standstill" in report["warning"]
 
 
 def long_log(n: int) -> Log:
@@ -103,11 +103,11 @@ STRANGE = {
 @pytest.mark.parametrize("name", ["best", "kinematics_gyro", "inekf"])
 @pytest.mark.parametrize("kind", STRANGE)
 def test_summaries_hold_no_number_that_json_does_not_know(tmp_path, kind, name):
-    told = results.estimate(STRANGE[kind](), name, tmp_path).summary
-    text = json.dumps(told, allow_nan=False)
-    assert told["rows"] > 0
-    assert ("errors" in told) <= ("rpe" in text)
+    report = results.estimate(STRANGE[kind](), name, tmp_path).summary
+    text = json.dumps(report, allow_nan=False)
+    assert report["rows"] > 0
+    assert ("errors" in report) <= ("rpe" in text)
     if kind == "stands still":
-        assert told["errors"]["odometry"] is None
-        assert told["errors"]["rpe_m"] is None
-        assert told["us_per_row"] > 0.0
+        assert report["errors"]["odometry"] is None
+        assert report["errors"]["rpe_m"] is None
+        assert report["us_per_row"] > 0.0
