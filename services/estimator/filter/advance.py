@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from surefoot.kernels.jit import inner_kernel, kernel
 
 from ..feet.contact import BestGeometry, SeenPoints, by_height, points_of
+from .heading import keep_heading, learn_parting, take_back
 from .hypotheses import collapse, likeliest, mix, mode, publish_mean, weigh
 from .layout import CERTAIN, DOUBTED, MOVING, NO_FEET, STARTED, WAITING, E, M, P, X
 from .noise import FIXED, BestLimits, BestNoise, BestSetting
@@ -88,6 +89,8 @@ def learn_gyro_bias(state: BestState, w: Array, count: int, noise: BestNoise, li
             for m in range(n):
                 cov[j, m] -= gain * column[m]
         retract(state, xi)
+    for i in range(3):
+        state.memory[M.own_bias + i] = state.x[X.gyro_bias + i]
 
 
 @kernel
@@ -175,10 +178,11 @@ def _correct(
     state: BestState, seen: SeenPoints, setting: BestSetting, hypotheses: bool, slides: int, share: float
 ) -> float:
     """Correct one state with one sample of its points, in place; return the logarithm of its likelihood."""
-    before, limits = state.x[X.pos : X.pos + 3].copy(), setting.limits
+    before, rot, limits = state.x[X.pos : X.pos + 3].copy(), rotation(state.x), setting.limits
     likely = take_points(state, seen, setting.geometry, setting.noise, hypotheses, slides, share)
     if math.isfinite(limits.level_sd):
         stand_on_level(state, limits.start.ground, setting.geometry.radius, limits.level_sd)
+    take_back(state, rot)
     if settled(state):
         follow(state, before, setting.noise)
     return likely
@@ -234,14 +238,14 @@ def _take_feet(state: BestState, samples: SampleStore, row: int, setting: BestSe
     at, losses = likeliest(state), state.memory[M.losses]
     if _repeats(state, y, contact, closed, geometry):
         return
+    contact = by_height(rotation(state.x) if at < 0 else rotation(state.mode_x[at]), y, geometry.radius, contact)
+    learn_parting(state, y, contact, geometry.foot)
     if at < 0 and (
         state.weight.size == 0 or state.memory[M.rest] > 0.0 or state.memory[M.lost_for] >= 0.0 or not settled(state)
     ):
         _correct(state, SeenPoints(y, turn, contact, closed), setting, setting.limits.hypotheses, 0, 1.0)
     else:
         losses = losses if at < 0 else state.mode_memory[at, M.losses]
-        rot = rotation(state.x) if at < 0 else rotation(state.mode_x[at])
-        contact = by_height(rot, y, geometry.radius, contact)
         seen = SeenPoints(y, turn, contact, closed)
         mix(state, contact, geometry.foot, noise)
         likely, share = np.zeros(state.weight.size), persistence(state.memory)
@@ -261,6 +265,7 @@ def _predict_one(
     state: BestState, w: Array, q: Array, d: float, noise: BestNoise, felt: Felt, hidden: tuple[float, float]
 ) -> None:
     predict(state, w, q, d, noise, felt)
+    keep_heading(state, d)
     for i in range(3):
         state.cov[E.rot + i, E.rot + i] += hidden[0] * d * d
         state.cov[E.vel + i, E.vel + i] += hidden[1] * d * d

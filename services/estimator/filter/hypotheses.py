@@ -32,7 +32,7 @@ Feet = NDArray[np.int64]
 
 OWN = (
     *range(M.last_gyro, M.last_gyro + 3), *range(M.last_acc, M.last_acc + 3), M.phase, M.rest, M.age, M.slide_product,
-    M.slide_square,
+    M.slide_square, *range(M.own_bias, M.parting + 1),
 )  # fmt: skip
 """Numbers of the memory that belong to the state, not to its hypotheses."""
 MEAN = (M.excess, M.innovation, M.innovation + 1, M.innovation + 2, M.lag, M.lag + 1, M.lag + 2)

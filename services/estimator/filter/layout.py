@@ -59,7 +59,7 @@ class PointLayout(NamedTuple):
 
 
 class MemoryLayout(NamedTuple):
-    """First index of each part of `BestState.memory`, (26,)."""
+    """First index of each part of `BestState.memory`, (34,)."""
 
     excess: int = 0
     """Factor of the inertial noise over the sensor's."""
@@ -93,10 +93,22 @@ class MemoryLayout(NamedTuple):
     """Weighted sum of s.s, (m/s)^2; see `update.persistence`."""
     last_acc: int = 23
     """Last accelerometer sample, IMU axes, (3,) m/s^2."""
+    own_bias: int = 26
+    """Gyro bias that the last rest showed, IMU axes, (3,) rad/s; 0 before the first."""
+    stood: int = 29
+    """Points that stood at the last sample of the feet if they are of several feet, bit k for point k."""
+    stood_since: int = 30
+    """`age` when they came to stand together."""
+    apart: int = 31
+    """Their mean square distance from their middle then, m^2."""
+    rate: int = 32
+    """Rate at which they have parted since, 1/s; see `parting.learn_parting`."""
+    parting: int = 33
+    """Mean square of such rates, 1/s^2."""
 
 
 X, E, P, M = StateLayout(), ErrorLayout(), PointLayout(), MemoryLayout()
-POINT_COLUMNS, MEMORY = P.mistrust + 1, M.last_acc + 3
+POINT_COLUMNS, MEMORY = P.mistrust + 1, M.parting + 1
 """Number of columns of a point, and of numbers in the memory."""
 WAITING, MOVING, STARTED, DOUBTED, CERTAIN = 0.0, 1.0, 2.0, 3.0, 4.0
 """Phases of the start: none yet, in motion, at rest, in motion after the tilt proved wrong, in motion and certain."""

@@ -169,6 +169,15 @@ class FixedNumbers(NamedTuple):
     """Correlation below which no slide is expected to go on."""
     most_growth: float = 0.1
     """Largest change of the logarithm of the excess by one pair of innovations."""
+    # heading
+    parting: float = 0.02
+    """Rate at which standing feet part, 1/s, from which the gyro is believed about the heading more than they are."""
+    parting_s: float = 1.5
+    """Time of standing over which that rate is averaged, s."""
+    least_stood: float = 0.1
+    """Shortest standing of the same feet that shows it, s."""
+    own_sd: float = 0.002
+    """Standard deviation of a gyro bias that only parting feet show, rad/s."""
     firm: int = 3
     """Switches that hold a sole."""
     # hypotheses about sliding feet

@@ -108,7 +108,7 @@ def _begin(state: BestState, rot: Array, samples: SampleStore, foot: int, settin
         for k in range(3):
             for m in range(3):
                 lever[i] += rot[i, k] * geometry.rot_base_from_imu[m, k] * geometry.imu_position[m]
-        x[X.vel + i] = x[X.gyro_bias + i] = x[X.acc_bias + i] = 0.0
+        x[X.vel + i] = x[X.gyro_bias + i] = x[X.acc_bias + i] = state.memory[M.own_bias + i] = 0.0
     if foot >= 0:
         y, _ = points_of(geometry.foot, geometry.place, samples.feet[foot], samples.foot_rots[foot])
         for k in range(geometry.foot.size):
@@ -219,6 +219,7 @@ def start_at_rest(state: BestState, samples: SampleStore, at: int, setting: Best
     cov, bias_sd = state.cov, math.sqrt(noise.sample_gyro**2 / n + limits.creep**2)
     for i in range(3):
         state.x[X.gyro_bias + i], state.x[X.acc_bias + i] = w[i], q[i] - GRAVITY * up[i]
+        state.memory[M.own_bias + i] = w[i]
         cov[E.vel + i, E.vel + i] = 1e-4
         cov[E.gyro_bias + i, E.gyro_bias + i] = bias_sd**2
         cov[E.acc_bias + i, E.acc_bias + i] = limits.acc_bias_sd**2

@@ -1,0 +1,119 @@
+"""Heading of the `best` filter: by the gyro where the feet part, by gyro and feet where they stand firmly.
+
+Only the difference of both is seen: a gyro with the bias b about the vertical looks like feet that turn at -b. Feet
+that creep, roll, or stand on legs of other lengths than stated turn step after step, and they part or close up by as
+much, which no bias does.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.linear_kernels import times_transposed
+from surefoot.kernels.jit import kernel
+
+from .layout import E, M, P, X
+from .noise import FIXED
+from .state import BestState, rotation
+
+Array = NDArray[np.float64]
+Feet = NDArray[np.int64]
+
+
+@kernel
+def learn_parting(state: BestState, y: Array, contact: Array, foot: Feet) -> None:
+    """Learn the rate at which standing feet part or close up, in place; no turn of the robot changes a distance.
+
+    While the same points of two or more feet stand, their mean square distance m from their middle stays. A standing of
+    t s, `least_stood` or longer, shows
+
+        rate = log(m/m_0)/(2 t),   parting += min(t/T, 1) (rate^2 - parting),   T = `parting_s`
+
+    Args:
+        state: the state; it and its hypotheses remember the same.
+        y: the points, (K, 3) m, IMU axes.
+        contact: whether each stands, (K,), from one half on.
+        foot: the foot of each.
+    """
+    memory, stands, count, feet, last = state.memory, 0, 0, 0, -1
+    middle, apart = np.zeros(3), 0.0
+    for k in range(foot.size):
+        if contact[k] >= 0.5:
+            stands |= 1 << k
+            count += 1
+            feet += foot[k] != last
+            last = foot[k]
+            for i in range(3):
+                middle[i] += y[k, i]
+    for k in range(foot.size):
+        if contact[k] >= 0.5:
+            for i in range(3):
+                apart += (y[k, i] - middle[i] / count) ** 2 / count
+    if feet < 2 or apart <= 0.0:
+        stands = 0
+    stood_for = memory[M.age] - memory[M.stood_since]
+    if stands == int(memory[M.stood]) and stood_for >= 0.0:
+        if stands > 0 and stood_for >= FIXED.least_stood:
+            memory[M.rate] = math.log(apart / memory[M.apart]) / (2.0 * stood_for)
+        return
+    if int(memory[M.stood]) > 0 and stood_for >= FIXED.least_stood:
+        memory[M.parting] += min(stood_for / FIXED.parting_s, 1.0) * (memory[M.rate] ** 2 - memory[M.parting])
+        for h in range(state.weight.size):
+            state.mode_memory[h, M.parting] = memory[M.parting]
+    memory[M.stood], memory[M.stood_since], memory[M.apart], memory[M.rate] = stands, memory[M.age], apart, 0.0
+
+
+@kernel
+def gyro_share(memory: Array) -> float:
+    """Return the share of the gyro in the heading: rho^4/(rho^4 + rho_0^4), rho^2 = `parting`; 0 if it is small."""
+    share = memory[M.parting] ** 2 / (memory[M.parting] ** 2 + FIXED.parting**4)
+    return float(share) if share >= FIXED.no_share else 0.0
+
+
+@kernel
+def keep_heading(state: BestState, d: float) -> None:
+    """Let the heading follow the gyro as of the last rest instead of the feet over a step of d s, in place.
+
+    The estimate b of the gyro bias is right for the velocity whichever of both errs. With the share s of the gyro, the
+    vertical u, and the bias b_0 at the last rest the heading turns by s u^T (b - b_0) d.
+    """
+    x, share, angle = state.x, gyro_share(state.memory), 0.0
+    if share > 0.0:
+        for i in range(3):
+            angle += share * x[X.rot + 6 + i] * (x[X.gyro_bias + i] - state.memory[M.own_bias + i]) * d
+        turn_heading(state, angle)
+        sd = math.sqrt(state.cov[E.rot + 2, E.rot + 2]) + share * FIXED.own_sd * d
+        state.cov[E.rot + 2, E.rot + 2] = sd * sd
+
+
+@kernel
+def take_back(state: BestState, before: Array) -> None:
+    """Take the share of the gyro of what the feet turned the heading by out again, in place.
+
+    Args:
+        state: the state after a sample of the feet.
+        before: rot_odom_from_imu before it, (3, 3).
+    """
+    share = gyro_share(state.memory)
+    if share > 0.0:
+        turn = times_transposed(rotation(state.x), before)
+        turn_heading(state, -0.5 * share * (turn[1, 0] - turn[0, 1]))
+
+
+@kernel
+def turn_heading(state: BestState, angle: float) -> None:
+    """Turn attitude, velocity and points about the vertical by `angle` rad, in place; the position stays."""
+    x, c, s = state.x, math.cos(angle), math.sin(angle)
+    for i in range(3):
+        _turn(x, X.rot + i, X.rot + 3 + i, c, s)
+    _turn(x, X.vel, X.vel + 1, c, s)
+    for k in range(state.points.shape[0]):
+        if state.points[k, P.down] > 0.0:
+            _turn(x, X.points + 3 * k, X.points + 3 * k + 1, c, s)
+
+
+@kernel
+def _turn(x: Array, i: int, j: int, c: float, s: float) -> None:
+    """Turn the vector of elements i and j by the angle of cosine c and sine s, in place."""
+    x[i], x[j] = c * x[i] - s * x[j], s * x[i] + c * x[j]
