@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.foreign_changes import AFTER_S, MIDDLE, alarms, changes, planted, turned_starts
+from benchmarks.foreign_changes import AFTER_S, MIDDLE, alarms, changes, fast_moment, planted, turned_starts
 from benchmarks.foreign_scores import ForeignScore, LegOut, scored
 from benchmarks.foreign_tables import TUNED, agreement, errors, plain, shown, summaries
 from benchmarks.report import Bench, goal, table, words_of
@@ -181,7 +181,7 @@ def faults(*, logs: str = CHANGED, estimators: str = default(), times: int = 2, 
         named = runs = 0
         for fault in PLANTED:
             found = [
-                planted(fault, log, clean[name], foot, one, float(log.seconds[-1]) * (MIDDLE + 0.3 * k / times))
+                planted(fault, log, clean[name], foot, one, fast_moment(log, MIDDLE + 0.3 * k / times))
                 for name, _, log in chosen for k in range(times) for foot in (0, log.feet_count - 1)
             ]  # fmt: skip
             ratios, soon = [f.ratio for f in found], [f for f in found if f.after <= AFTER_S]

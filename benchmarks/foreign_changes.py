@@ -121,12 +121,16 @@ def turned_starts(name: str, log: Log, way: float, count: int) -> Starts:
     )  # fmt: skip
 
 
-def fast_moment(log: Log) -> float:
-    """Return the first time from 40 % of a log on at which it moves faster than its rms, by means over 0.5 s, in s."""
+def fast_moment(log: Log, share: float = MIDDLE) -> float:
+    """Return the first time from a share of a log on at which it moves faster than its rms, by means over 0.5 s, in s.
+
+    Where it does not move any more, it is the last such time.
+    """
     speed = np.linalg.norm(smoothed(log.v_world, log), axis=1)
     rows = np.arange(len(speed)) + (len(log.v_world) - len(speed)) // 2
-    late = log.seconds[rows] >= MIDDLE * log.seconds[-1]
-    return float(log.seconds[rows[np.argmax(late & (speed > np.sqrt(np.mean(speed**2))))]])
+    fast = np.flatnonzero(speed > np.sqrt(np.mean(speed**2)))
+    at = np.searchsorted(log.seconds[rows[fast]], share * log.seconds[-1])
+    return float(log.seconds[rows[fast[min(at, len(fast) - 1)]]])
 
 
 def _most(values: Sequence[float]) -> float:

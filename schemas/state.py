@@ -41,7 +41,7 @@ class VelocityEstimate(Message):
     slipping: Annotated[tuple[bool, ...], Field(max_length=MAX_FEET)] = Field(
         description="per foot: rejected as slipping"
     )
-    nis: float | None = Field(default=None, description="normalised innovation squared of the last correction, 3 dof")
+    nis: float | None = Field(default=None, description="normalised innovation squared of the last corrections, 3 dof")
     refused: int = Field(
         default=0, ge=0, description="inputs refused since the epoch began (late, NaN, duplicate, ...)"
     )

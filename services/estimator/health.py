@@ -14,7 +14,7 @@ from .inputs.check import Faults
 SILENT_S = 0.2  # feet older than this: a sensor is absent
 NO_CONTACT_S = 0.5  # last contact of any foot older than this: contacts are absent
 UNCORRECTED_S = 1.0  # prediction only for longer: the velocity is worth little
-MAX_NIS = 50.0  # three degrees of freedom; a filter so surprised is not to be trusted
+MAX_NIS = 16.0  # 3 expected, 13 at most on clean logs of others: the feet contradict the inertial unit or each other
 STANDING = ("standing",)  # reasons of a robot that stands and is well
 ROUGH_EXCESS = 3.0  # inertial noise over the sensor's from which it is reported
 

@@ -36,7 +36,7 @@ class VelocityAndTilt(NamedTuple):
     sensors_ok: bool
     slipping: Flags  # (L,)
     sliding: Array  # (L,) probability that the foot slides; NaN: it does not stand
-    nis: float | None  # of the last correction, 3 degrees of freedom
+    nis: float | None  # of the last corrections (0.25 s), 3 degrees of freedom
     refused: int  # inputs refused so far
     reasons: tuple[str, ...]  # reasons of the flags, in words
     contact_lost_s: float  # since a foot was last in contact

@@ -70,7 +70,7 @@ class MemoryLayout(NamedTuple):
     since: int = 7
     """Time since the last sample of the feet, s; `NO_FEET` before the first."""
     nis: int = 8
-    """Normalised innovation squared of the last sample of the feet, 3 degrees of freedom."""
+    """Normalised innovation squared of the points, mean over `surprise_s`, 3 degrees of freedom."""
     phase: int = 9
     """Phase of the start: `WAITING`, `MOVING`, `STARTED` or `DOUBTED`."""
     rest: int = 10

@@ -152,6 +152,10 @@ class FixedNumbers(NamedTuple):
     """Rate at which the mistrust in a foot that is left out fades, 1/s."""
     most_misfits: int = 3
     """Outliers in a row after which the point is somewhere else."""
+    surprise_s: float = 0.25
+    """Time over which normalised innovations squared are averaged, s."""
+    most_surprise: float = 100.0
+    """Largest of them that counts."""
     # corrections by all feet
     most_carried: float = 3.0
     """Excess of the inertial noise beyond which the velocity of a slide is hardly learned."""

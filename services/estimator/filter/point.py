@@ -97,7 +97,7 @@ def observe(
         hypotheses: False: the point stays, or its slide is in the covariance already.
 
     Returns:
-        Normalised innovation squared of the point if it stays, 3 degrees of freedom, and the logarithm of the
+        Normalised innovation squared of a point that may slide, 3 degrees of freedom, and the logarithm of the
         likelihood of the sample up to a constant; an outlier has that of the largest accepted innovation.
     """
     x, cov, row = state.x, state.cov, E.points + 3 * k
@@ -137,7 +137,7 @@ def observe(
         ratio = 0.5 * (nis - quadratic(z, inverse_1) + math.log(_determinant(stays) / _determinant(slides)))
         weight = _weigh_slide(state.points[k], contact, ratio, noise)
         _mix(state, row, z, inverse_0, inverse_1, shift, weight)
-    return nis, likely
+    return misfit, likely
 
 
 @kernel

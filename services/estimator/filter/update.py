@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.geometry.linear_kernels import inverse3, quadratic, times, turned
+from surefoot.geometry.linear_kernels import inverse3, times, turned
 from surefoot.kernels.jit import kernel
 
 from ..feet.contact import SURE, BestGeometry, SeenPoints, by_height
@@ -51,7 +51,6 @@ def learn_excess(state: BestState, y: Array, noise: BestNoise) -> None:
     for i in range(3):
         for j in range(3):
             evidence += count * z[i] * inverse[i, j] * memory[M.innovation + j] / 3.0
-    memory[M.nis] = quadratic(z, inverse)
     for i in range(3):
         memory[M.innovation + i] = z[i] / count
     most = FIXED.most_growth / noise.learn
@@ -199,13 +198,20 @@ def _roll(state: BestState, seen: SeenPoints, contact: Array, radius: Array, dt:
 def _observe_points(
     state: BestState, y: Array, contact: Array, dt: float, noise: BestNoise, hypotheses: bool
 ) -> tuple[float, bool]:
-    """Correct with all standing points in place; return the logarithm of the likelihood, and if none of them fitted."""
-    likely, standing, unfit = 0.0, 0, 0
+    """Correct with all standing points in place; return the logarithm of the likelihood, and if none of them fitted.
+
+    The mean normalised innovation squared follows those of the points in `surprise_s`, each `most_surprise` at most.
+    """
+    likely, standing, unfit, surprise = 0.0, 0, 0, 0.0
     for k in range(contact.size):
         if state.points[k, P.down] > 0.0:
-            likely += observe(state, k, y[k], contact[k], dt, noise, hypotheses)[1]
+            misfit, one = observe(state, k, y[k], contact[k], dt, noise, hypotheses)
+            likely += one
+            surprise += min(misfit, FIXED.most_surprise)
             standing += 1
             unfit += state.points[k, P.misfit] > 0.0
+    if standing > 0 and dt > 0.0:
+        state.memory[M.nis] += min(dt / FIXED.surprise_s, 1.0) * (surprise / standing - state.memory[M.nis])
     return likely, 0 < standing == unfit
 
 

@@ -11,7 +11,7 @@ from surefoot.services.estimator.feet.contact import SeenPoints, points_of, sole
 from surefoot.services.estimator.feet.mount import FootMount
 from surefoot.services.estimator.filter.advance import learn_gyro_bias, stand_on_level
 from surefoot.services.estimator.filter.layout import E, M, P, X
-from surefoot.services.estimator.filter.noise import BestNoise, best_limits, best_noise
+from surefoot.services.estimator.filter.noise import FIXED, BestNoise, best_limits, best_noise
 from surefoot.services.estimator.filter.point import lift, observe, put_down, retract
 from surefoot.services.estimator.filter.state import Felt, copy_state, forget_velocity, new_state, predict, rotation
 from surefoot.services.estimator.filter.update import follow, take_points
@@ -146,13 +146,14 @@ def test_a_point_that_stays_is_a_kalman_update():
     state, rng = random_state(3)
     before = copied(state)
     seen = rotation(state.x).T @ (state.x[X.points : X.points + 3] + 1e-3 * rng.normal(size=3))
-    nis, likely = observe(state, 0, seen, 1.0, 0.033, NOISE, False)
+    misfit, likely = observe(state, 0, seen, 1.0, 0.033, NOISE, False)
     h = np.zeros((3, len(state.cov)))
     h[:, E.points : E.points + 3] = -np.eye(3)
     z = rotation(before.x) @ seen - before.x[X.points : X.points + 3]
     s = h @ before.cov @ h.T + NOISE.point**2 * np.eye(3)
     gain = before.cov @ h.T @ np.linalg.inv(s)
-    assert nis == pytest.approx(z @ np.linalg.solve(s, z))
+    slide = (NOISE.slide * 0.033) ** 2 * np.diag([1.0, 1.0, FIXED.vertical_slide])
+    assert misfit == pytest.approx(z @ np.linalg.solve(s + slide, z))
     assert likely == pytest.approx(multivariate_normal.logpdf(z, cov=s) + 1.5 * math.log(2.0 * math.pi))
     np.testing.assert_allclose(state.cov, before.cov - gain @ h @ before.cov, atol=1e-12)
     expected = disturbed(before, gain @ z)
