@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from surefoot.schemas.hw import LandmarkDetections
 from surefoot.schemas.navigation import PoseBelief
 
+from .belief.landmarks import FloorLandmarks
 from .belief.lost import (
     Footprint,
     FrameEvidence,
@@ -20,7 +21,7 @@ from .belief.lost import (
     passed,
 )
 from .belief.matching import DetectionError, Detections, SightNoise
-from .belief.relocalise import Glance, relocalise
+from .belief.relocalise import Relocaliser
 from .belief.tracker import Control, FrameResult, Motion, PoseTracker, StartUncertainty
 from .belief.ukf import wrap
 from .catalogue import errors_of
@@ -42,8 +43,10 @@ SMOOTH = 0.1
 """Weight of a new NIS in its running mean."""
 RESTART_SD = (0.10, 0.15)
 """Standard deviations added to the covariance after a restart: m and rad."""
-GLANCES = 5
-"""Frames between two searches for a lost pose."""
+WORK = 16_000
+"""Work of a tick on the search for a lost pose, see `places.search`: about 0.5 ms."""
+SINCE = 0.1
+"""Standard deviation of a motion since the begin of a search, part of the way and of the turn."""
 LATE_S, AHEAD_S = 0.2, 0.02
 """Largest ages of a frame that is used, s: older ones (two periods of the camera) show another place; frames of the
 future, beyond two ticks, would stop the clock of the belief."""
@@ -85,7 +88,7 @@ class Localiser:
         self.lost_model = LostModel.of(self.tracker.noise, self.footprint)
         self._lost_state, self._lost_at = LostState(), 0.0
         self._shares = (_share(model, "walk"), _share(model, "stand"))
-        self._glances: list[tuple[Detections, Pose]] = []
+        self._relocaliser: Relocaliser | None = None
         self.relocated = 0
         """Number of times that the pose was found again."""
 
@@ -98,7 +101,7 @@ class Localiser:
     def _trust(self) -> None:
         self.nis = None
         self._lost_state, self.lost = LostState(), LostView()
-        self._glances.clear()
+        self._relocaliser = None
 
     @property
     def map_from_odom(self) -> Pose:
@@ -200,24 +203,31 @@ class Localiser:
         if probability >= self.lost_model.threshold or self.lost.lost:
             reason = self._lost_state.reason(self.lost_model) or self.lost.reason
             self.lost = LostView(lost=True, probability=max(probability, self.lost_model.threshold), reason=reason)
-            self._find(seen, standing=standing)
+            if standing and len(seen):
+                self._remember(seen, world, time)
         else:
             self.lost = LostView(probability=probability, reason=self._lost_state.reason(self.lost_model))
 
-    def _find(self, seen: Detections, *, standing: bool) -> None:
-        if not standing or not len(seen):
+    def _remember(self, seen: Detections, world: FloorLandmarks, time: float) -> None:
+        if self._relocaliser is None or self._relocaliser.world is not world:
+            self._relocaliser = Relocaliser(world, self.tracker.standing)
+        self._relocaliser.add(seen, self.tracker.pose, time)
+
+    def search(self, *, standing: bool) -> None:
+        """Spend the share of a tick on the search for a lost pose; call in every tick."""
+        relocaliser, here = self._relocaliser, self.tracker.pose
+        if relocaliser is None or not standing or not self.lost.lost:
             return
-        self._glances.append((seen, self.tracker.pose))
-        if len(self._glances) % GLANCES != 0:
+        result = relocaliser.step(here, WORK)
+        if result is None or result.pose is None:
             return
-        here, world = self.tracker.pose, self.tracker.world
-        assert world is not None
-        glances = [Glance(detections, _relative(pose, here)) for detections, pose in self._glances]
-        result = relocalise(glances, world, self.tracker.standing)
-        if result.pose is not None:
-            self.tracker.place(result.pose, result.covariance, keep_drift=True)
-            self._trust()
-            self.relocated += 1
+        moved, cov = _relative(here, result.reference), result.covariance.copy()
+        way = math.hypot(moved[0], moved[1])
+        cov[[0, 1], [0, 1]] += way * way * (cov[2, 2] + SINCE**2)
+        cov[2, 2] += (SINCE * moved[2]) ** 2
+        self.tracker.place(placed(result.pose, moved), cov, keep_drift=True)
+        self._trust()
+        self.relocated += 1
 
     def message(self, *, ready: bool) -> PoseBelief:
         """Return the belief as a message; `ready` = the estimator is calibrated, goals are accepted."""

@@ -93,6 +93,7 @@ class Navigator(Service[NavigatorConfig]):
             localiser.odometry(odometry.position[0], odometry.position[1], odometry.yaw, now)
         pilot.follow(now, requests.gait, localiser.tracker)
         self._take_sight(inputs.get(HW_LANDMARKS), inputs.get(HW_RANGE))
+        localiser.search(standing=requests.gait.state == "standing")
         requests.carry_out()
         if gait is not None:
             pilot.tick(now, requests.gait, localiser.tracker, blocked=self._blocked, lost=localiser.lost.lost)

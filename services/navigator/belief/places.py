@@ -20,17 +20,20 @@ from numpy.typing import NDArray
 from surefoot.geometry.linear_kernels import inverse3
 from surefoot.kernels.jit import row_kernel
 
-from .association import likeness, sort_by
-from .gate import apart2, variances
+from .association import sort_by
+from .sightings import WIDE
 from .ukf import wrap
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-WIDE = 13.8  # chi^2_2(.999): a candidate farther from its sighting does not explain it
 
 BESIDE = 0.3  # m and rad, of a pose from a place that the same pair led to
 SAME = 16.0  # squared standard deviations that coordinates of one place differ by at most
+
+# elements of the cursor of a search: sightings by their number of candidates, their candidates, poses tried, places
+SECOND, FIRST, A, B, TRIED, FILLED = 0, 1, 2, 3, 4, 5
+CURSOR = 6
 
 # columns of a place; COV is the first of nine, row by row
 X, Y, HEADING, EVIDENCE, EXPLAINED, COV = 0, 1, 2, 3, 4, 5
@@ -74,95 +77,6 @@ class PlaceList(NamedTuple):
     """x, y (m), heading (rad), logarithm of the evidence, explained sightings, covariance, (p, PLACE)."""
     chosen: Index
     """Landmark of each sighting at each place, -1 = none, (p, s)."""
-
-
-@row_kernel
-def gather(
-    ranges: Array, bearings: Array, looks: Array, poses: Array, noise: Array, look: float, most: int
-) -> tuple[Array, Array, Array, Index]:
-    """Join the detections of several frames that show the same thing.
-
-    Noise of the bearing draws the mean of r (cos phi, sin phi) towards the robot by exp(-sigma_phi^2/2): undone here.
-
-    Args:
-        ranges: of all frames in order, m, (m,).
-        bearings: rad, (m,).
-        looks: descriptors, (m, k).
-        poses: of base_link when each was taken, reference frame, x, y in m and heading in rad, (m, 3).
-        noise: see the indices in `gate`, (5,).
-        look: largest distance of two descriptors of one landmark.
-        most: sightings that are kept.
-
-    Returns:
-        Mean place (s, 2) m, covariance of a place (xx, xy, yy) (s, 3) m^2, mean descriptor (s, k), detections (s,).
-    """
-    n, k = ranges.size, looks.shape[1]
-    place, spread, mean = np.zeros((most, 2)), np.zeros((most, 3)), np.zeros((most, k))
-    count, total = np.zeros(most, dtype=np.int64), 0
-    for d in range(n):
-        r, b = variances(ranges[d], noise)
-        out = ranges[d] * math.exp(0.5 * b)
-        r, b = r + 0.5 * (out * b) ** 2, b * out * out
-        c, s = math.cos(poses[d, 2] + bearings[d]), math.sin(poses[d, 2] + bearings[d])
-        x, y = poses[d, 0] + out * c, poses[d, 1] + out * s
-        xx, xy, yy = c * c * r + s * s * b, c * s * (r - b), s * s * r + c * c * b
-        best, nearest = -1, 1.3 * look * look
-        for i in range(total):
-            gap = apart2(looks[d], mean[i], nearest)
-            if gap < nearest:
-                dx, dy = x - place[i, 0], y - place[i, 1]
-                more = 1.0 + 1.0 / count[i]
-                det = more * more * (xx * yy - xy * xy)
-                if more * (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) < 1.5 * WIDE * det:
-                    best, nearest = i, gap
-        if best < 0:
-            if total == most:
-                continue
-            best = total
-            total += 1
-        count[best] += 1
-        part = 1.0 / count[best]
-        place[best, 0] += part * (x - place[best, 0])
-        place[best, 1] += part * (y - place[best, 1])
-        for j in range(k):
-            mean[best, j] += part * (looks[d, j] - mean[best, j])
-        spread[best, 0] += part * (xx - spread[best, 0])
-        spread[best, 1] += part * (xy - spread[best, 1])
-        spread[best, 2] += part * (yy - spread[best, 2])
-    return place[:total], spread[:total], mean[:total], count[:total]
-
-
-@row_kernel
-def candidates(looks: Array, columns: Array, look: float, ratio: float, most: int) -> tuple[Index, Index]:
-    """Return the candidates of each sighting: landmarks about as alike as the most alike one; none if too many.
-
-    Args:
-        looks: mean descriptors, (s, k).
-        columns: descriptors of the landmarks, (k, n).
-        look: largest distance of two descriptors of one landmark.
-        ratio: of the distance to the most alike over that to a candidate.
-        most: of one sighting.
-
-    Returns:
-        Starts (s + 1,) and landmarks (starts[s],).
-    """
-    s, n = looks.shape[0], columns.shape[1]
-    starts, members, gap = np.zeros(s + 1, dtype=np.int64), np.empty(s * most, dtype=np.int64), np.empty(n)
-    for i in range(s):
-        likeness(looks[i], columns, gap)
-        least = gap[0]
-        for j in range(n):
-            least = min(least, gap[j])
-        limit, at = min(look * look, max(least / (ratio * ratio), 1e-12)), starts[i]
-        for j in range(n):
-            if gap[j] <= limit:
-                if at - starts[i] == most:
-                    at = starts[i]
-                    break
-                members[at] = j
-                at += 1
-        starts[i + 1] = at
-    return starts, members[: starts[s]]
 
 
 @row_kernel
@@ -344,54 +258,81 @@ def _settle(seen: Evidence, pose: Array, loose: float, to: Assignment, row: Arra
 
 @row_kernel
 def _few_first(starts: Index) -> Index:
-    """Return the sightings sorted by their number of candidates."""
-    n = starts.size - 1
+    """Return the sightings that have candidates, sorted by the number of these."""
+    n, kept = starts.size - 1, 0
     few, count = np.empty(n, dtype=np.int64), np.empty(n)
     for i in range(n):
-        few[i], count[i] = i, starts[i + 1] - starts[i]
-    sort_by(few, count, starts)
-    return few
+        count[i] = starts[i + 1] - starts[i]
+        if count[i] > 0.0:
+            few[kept] = i
+            kept += 1
+    sort_by(few[:kept], count, starts)
+    return few[:kept]
+
+
+def place_list(seen: Evidence, most: int) -> PlaceList:
+    """Return a list with room for a number of places, for the sightings of a search."""
+    return PlaceList(np.zeros((most, PLACE)), np.full((most, seen.place.shape[0]), -1))
 
 
 @row_kernel
-def search(seen: Evidence, most: int, tries: int) -> tuple[Array, int]:
-    """Find the places of a map from which the sightings would look as they did.
+def _in_reach(seen: Evidence, i: int, j: int, p: int, q: int) -> float:
+    """Return the variance of the heading if sightings i and j are landmarks p and q, rad^2; 0 = they cannot be."""
+    place, spread, positions = seen.place, seen.spread, seen.positions
+    ux, uy = place[j, 0] - place[i, 0], place[j, 1] - place[i, 1]
+    length2 = ux * ux + uy * uy
+    largest = spread[i, 0] + spread[i, 2] + spread[j, 0] + spread[j, 2]
+    wx, wy = positions[q, 0] - positions[p, 0], positions[q, 1] - positions[p, 1]
+    reach2, length, slack = wx * wx + wy * wy, math.sqrt(length2), 3.0 * math.sqrt(largest)
+    if length2 < largest or p == q or reach2 > (length + slack) ** 2 or reach2 < max(0.0, length - slack) ** 2:
+        return 0.0
+    return 0.5 * largest / length2
+
+
+@row_kernel
+def _advance(cursor: Index, few: Index, starts: Index) -> None:
+    """Set the cursor to the next pair of candidates, or to the first of the next pair of sightings, in place."""
+    i, j = int(few[int(cursor[FIRST])]), int(few[int(cursor[SECOND])])
+    cursor[B] += 1
+    if cursor[B] >= starts[j + 1] - starts[j]:
+        cursor[A], cursor[B] = cursor[A] + 1, 0
+    if cursor[A] >= starts[i + 1] - starts[i]:
+        cursor[FIRST], cursor[A] = cursor[FIRST] + 1, 0
+    if cursor[FIRST] >= cursor[SECOND]:
+        cursor[SECOND], cursor[FIRST] = cursor[SECOND] + 1, 0
+
+
+@row_kernel
+def search(seen: Evidence, found: PlaceList, cursor: Index, tries: int, work: int) -> bool:
+    """Go on with finding the places of a map from which the sightings would look as they did.
 
     Args:
         seen: sightings and their candidates.
-        most: number of places that are returned at most.
-        tries: number of poses that are tried at most.
+        found: the best places so far, in place.
+        cursor: where the search is, (CURSOR,), in place; of a new search zeros, but SECOND = 1.
+        tries: number of poses that are tried at most in the whole search.
+        work: sightings that are compared with a pose, or pairs of candidates that are looked at, in this call.
 
     Returns:
-        Places, see `PlaceList`, and the number of poses that were tried.
+        Whether the search has ended.
     """
-    n, place, spread, positions = seen.place.shape[0], seen.place, seen.spread, seen.positions
-    found = PlaceList(np.zeros((most, PLACE)), np.full((most, n), -1))
-    filled, tried, few = 0, 0, _few_first(seen.starts)
+    n, few, spent = seen.place.shape[0], _few_first(seen.starts), 0
     pose, to, row = np.zeros(3), Assignment(np.full(n, -1), np.zeros(n)), np.zeros(PLACE)
-    for second in range(1, n):
-        for first in range(second):
-            i, j = few[first], few[second]
-            ux, uy = place[j, 0] - place[i, 0], place[j, 1] - place[i, 1]
-            length2 = ux * ux + uy * uy
-            largest = spread[i, 0] + spread[i, 2] + spread[j, 0] + spread[j, 2]
-            if length2 < largest:
-                continue
-            length = math.sqrt(length2)
-            slack = 3.0 * math.sqrt(largest)
-            for a in range(seen.starts[i], seen.starts[i + 1]):
-                for b in range(seen.starts[j], seen.starts[j + 1]):
-                    p, q = seen.members[a], seen.members[b]
-                    wx, wy = positions[q, 0] - positions[p, 0], positions[q, 1] - positions[p, 1]
-                    reach2 = wx * wx + wy * wy
-                    if p == q or reach2 > (length + slack) ** 2 or reach2 < max(0.0, length - slack) ** 2:
-                        continue
-                    _pose_of_pair(seen, i, j, p, q, pose)
-                    if _found_already(found, filled, pose, i, j, p, q):
-                        continue
-                    if tried == tries:
-                        return found.places[:filled], tried
-                    tried += 1
-                    if _settle(seen, pose, 0.5 * largest / length2, to, row):
-                        filled = keep(found, filled, row, to.chosen)
-    return found.places[:filled], tried
+    while cursor[SECOND] < few.size and cursor[TRIED] < tries:
+        if spent >= work:
+            return False
+        spent += 1
+        i, j = int(few[int(cursor[FIRST])]), int(few[int(cursor[SECOND])])
+        p = int(seen.members[int(seen.starts[i] + cursor[A])])
+        q = int(seen.members[int(seen.starts[j] + cursor[B])])
+        loose = _in_reach(seen, i, j, p, q)
+        if loose > 0.0:
+            _pose_of_pair(seen, i, j, p, q, pose)
+            if not _found_already(found, cursor[FILLED], pose, i, j, p, q):
+                cursor[TRIED] += 1
+                spent += n
+                if _settle(seen, pose, loose, to, row):
+                    spent += 3 * n
+                    cursor[FILLED] = keep(found, cursor[FILLED], row, to.chosen)
+        _advance(cursor, few, seen.starts)
+    return True

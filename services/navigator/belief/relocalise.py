@@ -6,7 +6,7 @@ its evidence, and a pose is returned only if one place has nearly all of it; see
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -14,9 +14,25 @@ from numpy.typing import NDArray
 
 from .landmarks import FloorLandmarks
 from .matching import Detections, MatchLimits, SightNoise, check_length
-from .places import COV, EVIDENCE, EXPLAINED, Evidence, candidates, gather, search
+from .places import (
+    COV,
+    CURSOR,
+    EVIDENCE,
+    EXPLAINED,
+    FILLED,
+    SECOND,
+    TRIED,
+    Evidence,
+    PlaceList,
+    place_list,
+    search,
+)
+from .sightings import Sightings, candidates
 
 Array = NDArray[np.float64]
+Pose = tuple[float, float, float]
+UNBOUNDED = 2**62
+"""Work of a search that is not cut into portions."""
 Reason = Literal["", "unseen", "unknown", "ambiguous", "unsure"]
 """Reason for no pose. unseen: fewer than two sightings look like landmarks of the map; unknown: no place explains
 them, or chance explains them as well; ambiguous: another place explains them as well; unsure: too few of them."""
@@ -80,6 +96,97 @@ class Relocation:
     """Number of sightings that the best place explains."""
     best: tuple[float, float, float] | None = None
     """The best place, however unsure; for reports, not for use."""
+    reference: Pose = (0.0, 0.0, 0.0)
+    """Pose that was searched for, in the frame of the frames' poses, m and rad."""
+
+
+class Relocaliser:
+    """Search for the pose of a lost robot, in portions that bound the time of a tick.
+
+    Args:
+        world: landmarks.
+        noise: of the camera.
+        limits: None = the defaults of `RelocaliseLimits`.
+    """
+
+    def __init__(self, world: FloorLandmarks, noise: SightNoise, limits: RelocaliseLimits | None = None) -> None:
+        self.world, self.noise, self.limits = world, noise, limits or RelocaliseLimits()
+        self.sightings = Sightings(noise, world.descriptor_length)
+        self._fresh = False
+        self._search: Searched | None = None
+
+    def add(self, seen: Detections, pose: Pose, time: float) -> None:
+        """Enter a frame.
+
+        Args:
+            seen: its detections.
+            pose: of base_link then, x, y (m) and heading (rad), in a frame that moves with no odometry.
+            time: s.
+
+        Raises:
+            DetectionError: descriptors of another length than the map's.
+        """
+        check_length(seen, self.world)
+        self.sightings.add(seen, pose, time)
+        self._fresh = self._fresh or len(seen) > 0
+
+    def step(self, here: Pose, work: int) -> Relocation | None:
+        """Go on with the search; begin one if new frames came since the last.
+
+        Args:
+            here: pose of base_link now, in the frame of `add`; that of the result if a search begins and ends now.
+            work: of this call, see `places.search`.
+
+        Returns:
+            Result of a search that ends in this call; its `reference` is the pose that was searched for. Else None.
+        """
+        if self._search is None:
+            if not self._fresh:
+                return None
+            self._fresh, self._search = False, self._begin(here)
+        found, limits = self._search, self.limits
+        if found.places is None:
+            self._search = None
+            return Relocation(None, np.zeros((3, 3)), 0.0, 0.0, "unseen", found.known, 0, reference=found.here)
+        if not search(found.evidence, found.places, found.cursor, limits.tries, work):
+            return None
+        self._search, filled = None, int(found.cursor[FILLED])
+        result = _decided(found.places.places[:filled], found.known, int(found.cursor[TRIED]), self.noise, limits)
+        return replace(result, reference=found.here)
+
+    def _begin(self, here: Pose) -> "Searched":
+        """Return a search for the pose `here` from the sightings so far."""
+        world, limits = self.world, self.limits
+        place, spread, looks, count, total = self.sightings.seen_from(here, limits.sightings)
+        look = MatchLimits().look(self.noise, world.descriptor_length)
+        starts, members = candidates(looks, world.columns, look, limits.ratio, limits.candidates)
+        known = np.flatnonzero(np.diff(starts) > 0)
+        false = np.where(
+            count > 1, limits.false, max(limits.false, min(0.9, limits.false * total / max(1, count.size)))
+        )
+        x0, y0, x1, y1 = world.bounds
+        area = max((x1 - x0) * (y1 - y0), limits.view)
+        evidence = Evidence(place, spread, false, starts, members, world.positions, limits.view, area)
+        places = place_list(evidence, limits.places) if known.size >= 2 else None
+        cursor = np.zeros(CURSOR, dtype=np.int64)
+        cursor[SECOND] = 1
+        return Searched(here, evidence, places, cursor, int(known.size))
+
+
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """A search under way."""
+
+    here: Pose
+    """Pose that is searched for, in the frame of the frames' poses, m and rad."""
+    evidence: Evidence
+    """Sightings and their candidates."""
+    places: PlaceList | None
+    """The best places so far; None = fewer than two sightings look like landmarks."""
+    cursor: NDArray[np.int64]
+    """Where the search is, see `places`."""
+    known: int
+    """Number of different sightings that look like landmarks."""
 
 
 def relocalise(
@@ -96,54 +203,11 @@ def relocalise(
     Raises:
         DetectionError: descriptors of another length than the map's.
     """
-    limits = limits or RelocaliseLimits()
-    for glance in glances:
-        check_length(glance.seen, world)
-    place, spread, looks, count, total = _sightings(glances, world, noise, limits)
-    look = MatchLimits().look(noise, world.descriptor_length)
-    starts, members = candidates(looks, world.columns, look, limits.ratio, limits.candidates)
-    known = np.flatnonzero(np.diff(starts) > 0)
-    if known.size < 2:
-        return Relocation(None, np.zeros((3, 3)), 0.0, 0.0, "unseen", int(known.size), 0)
-    false = np.where(count > 1, limits.false, max(limits.false, min(0.9, limits.false * total / len(count))))
-    x0, y0, x1, y1 = world.bounds
-    area = max((x1 - x0) * (y1 - y0), limits.view)
-    places, tried = search(
-        Evidence(place, spread, false, starts, members, world.positions, limits.view, area),
-        limits.places,
-        limits.tries,
-    )
-    return _decided(places, int(known.size), tried, noise, limits)
-
-
-def _sightings(
-    glances: Sequence[Glance], world: FloorLandmarks, noise: SightNoise, limits: RelocaliseLimits
-) -> tuple[Array, Array, Array, NDArray[np.int64], int]:
-    """Return place, covariance, descriptor and number of detections of each sighting, and of all detections."""
-    k, parts = world.descriptor_length, [glance for glance in glances if len(glance.seen)]
-    ranges = np.concatenate([np.zeros(0), *(g.seen.ranges for g in parts)])
-    bearings = np.concatenate([np.zeros(0), *(g.seen.bearings for g in parts)])
-    looks = np.concatenate([np.zeros((0, k)), *(g.seen.looks for g in parts)])
-    poses = np.concatenate([np.zeros((0, 3)), *(np.tile(g.pose, (len(g.seen), 1)) for g in parts)])
-    shortest, longest = MatchLimits().shortest, MatchLimits().longest
-    good = np.isfinite(ranges) & np.isfinite(bearings) & np.isfinite(looks).all(axis=1) & np.isfinite(poses).all(axis=1)
-    good &= (ranges >= shortest) & (ranges <= longest)
-    look = MatchLimits().look(noise, k)
-    own = noise.array()
-    own[3:] = 0.0  # errors common to a frame do not average out: added below
-    place, spread, mean, count = gather(
-        ranges[good], bearings[good], looks[good], poses[good], own, look, 4 * limits.sightings
-    )
-    order = np.argsort(-count, kind="stable")[: limits.sightings]
-    place, spread, mean, count = place[order], spread[order], mean[order], count[order]
-    spread = spread / count[:, None]
-    x, y = place[:, 0], place[:, 1]
-    r2 = np.maximum(x * x + y * y, 1e-6)
-    along, across = noise.common_range_sd**2 / r2, noise.common_bearing_sd**2
-    spread[:, 0] += along * x * x + across * y * y
-    spread[:, 1] += (along - across) * x * y
-    spread[:, 2] += along * y * y + across * x * x
-    return place, spread, mean, count, int(good.sum())
+    relocaliser = Relocaliser(world, noise, limits)
+    for number, glance in enumerate(glances):
+        relocaliser.add(glance.seen, glance.pose, 0.1 * number)
+    found = relocaliser.step((0.0, 0.0, 0.0), UNBOUNDED)
+    return found or Relocation(None, np.zeros((3, 3)), 0.0, 0.0, "unseen", 0, 0)
 
 
 def _decided(places: Array, known: int, tried: int, noise: SightNoise, limits: RelocaliseLimits) -> Relocation:

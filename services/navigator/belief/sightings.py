@@ -1,0 +1,214 @@
+"""Sightings of a robot that stands or turns on the spot: what several frames show alike, in a memory of bounded size.
+
+Detections that look alike and lie alike are one sighting, a running mean over at most `LONGEST` detections. A sighting
+that was not seen for `FORGET_S` is dropped, and a full memory replaces the one seen least.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.kernels.jit import row_kernel
+
+from .association import likeness
+from .gate import apart2, variances
+from .matching import Detections, MatchLimits, SightNoise
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+MOST = 256
+"""Largest number of sightings that are kept."""
+LONGEST = 30
+"""Detections over which a sighting is averaged; more count as this many, so that the last ones weigh."""
+FORGET_S = 90.0
+"""Time after which a sighting that was not seen again is dropped, s: longer than a search once around."""
+WIDE = 13.8
+"""chi^2_2(.999): a candidate farther from its sighting does not explain it."""
+
+
+class SightingTables(NamedTuple):
+    """Sightings in one frame of reference."""
+
+    place: Array
+    """Mean places, (n, 2) m."""
+    spread: Array
+    """Mean covariances of one detection (xx, xy, yy), (n, 3) m^2."""
+    mean: Array
+    """Mean descriptors, (n, k)."""
+    times: Index
+    """Number of detections, at most `LONGEST`; 0 = an empty row, (n,)."""
+    at: Array
+    """Times of the last detection, s, (n,)."""
+
+
+@row_kernel
+def _row_of(memory: SightingTables, x: float, y: float, cov: Array, look: Array, limit: float, time: float) -> int:
+    """Return the sighting that a detection belongs to, emptied if it is a new one.
+
+    Args:
+        memory: sightings.
+        x: of the detection, m.
+        y: of the detection, m.
+        cov: its covariance (xx, xy, yy), (3,) m^2.
+        look: its descriptor, (k,).
+        limit: largest squared distance of two descriptors of one landmark.
+        time: of the detection, s.
+    """
+    best, nearest, free = -1, limit, 0
+    for i in range(memory.times.size):
+        if memory.times[i] > 0 and time - memory.at[i] > FORGET_S:
+            memory.times[i] = 0
+        less, same = memory.times[i] < memory.times[free], memory.times[i] == memory.times[free]
+        if less or (same and memory.at[i] < memory.at[free]):
+            free = i
+        if memory.times[i] == 0:
+            continue
+        gap = apart2(look, memory.mean[i], nearest)
+        if gap < nearest:
+            dx, dy, more = x - memory.place[i, 0], y - memory.place[i, 1], 1.0 + 1.0 / memory.times[i]
+            det = more * more * (cov[0] * cov[2] - cov[1] * cov[1])
+            if more * (cov[2] * dx * dx - 2.0 * cov[1] * dx * dy + cov[0] * dy * dy) < 1.5 * WIDE * det:
+                best, nearest = i, gap
+    if best < 0:
+        best = free
+        memory.times[best] = 0
+    return best
+
+
+@row_kernel
+def gather(
+    memory: SightingTables,
+    ranges: Array,
+    bearings: Array,
+    looks: Array,
+    pose: Array,
+    noise: Array,
+    look: float,
+    time: float,
+) -> None:
+    """Enter the detections of one frame into the memory, in place.
+
+    Noise of the bearing draws the mean of r (cos phi, sin phi) towards the robot by exp(-sigma_phi^2/2): undone here.
+
+    Args:
+        memory: sightings.
+        ranges: m, (m,).
+        bearings: rad, (m,).
+        looks: descriptors, (m, k).
+        pose: of base_link then, x, y in m and heading in rad, frame of the memory, (3,).
+        noise: see the indices in `gate`, (5,).
+        look: largest distance of two descriptors of one landmark.
+        time: of the frame, s.
+    """
+    cov = np.empty(3)
+    for d in range(ranges.size):
+        r, b = variances(ranges[d], noise)
+        out = ranges[d] * math.exp(0.5 * b)
+        r, b = r + 0.5 * (out * b) ** 2, b * out * out
+        c, s = math.cos(pose[2] + bearings[d]), math.sin(pose[2] + bearings[d])
+        x, y = pose[0] + out * c, pose[1] + out * s
+        cov[0], cov[1], cov[2] = c * c * r + s * s * b, c * s * (r - b), s * s * r + c * c * b
+        i = _row_of(memory, x, y, cov, looks[d], 1.3 * look * look, time)
+        memory.times[i] = min(memory.times[i] + 1, LONGEST)
+        memory.at[i] = time
+        part = 1.0 / memory.times[i]
+        memory.place[i, 0] += part * (x - memory.place[i, 0])
+        memory.place[i, 1] += part * (y - memory.place[i, 1])
+        for j in range(looks.shape[1]):
+            memory.mean[i, j] += part * (looks[d, j] - memory.mean[i, j])
+        for j in range(3):
+            memory.spread[i, j] += part * (cov[j] - memory.spread[i, j])
+
+
+@row_kernel
+def candidates(looks: Array, columns: Array, look: float, ratio: float, most: int) -> tuple[Index, Index]:
+    """Return the candidates of each sighting: landmarks about as alike as the most alike one; none if too many.
+
+    Args:
+        looks: mean descriptors, (s, k).
+        columns: descriptors of the landmarks, (k, n).
+        look: largest distance of two descriptors of one landmark.
+        ratio: of the distance to the most alike over that to a candidate.
+        most: of one sighting.
+
+    Returns:
+        Starts (s + 1,) and landmarks (starts[s],).
+    """
+    s, n = looks.shape[0], columns.shape[1]
+    starts, members, gap = np.zeros(s + 1, dtype=np.int64), np.empty(s * most, dtype=np.int64), np.empty(n)
+    for i in range(s):
+        likeness(looks[i], columns, gap)
+        least = gap[0]
+        for j in range(n):
+            least = min(least, gap[j])
+        limit, at = min(look * look, max(least / (ratio * ratio), 1e-12)), starts[i]
+        for j in range(n):
+            if gap[j] <= limit:
+                if at - starts[i] == most:
+                    at = starts[i]
+                    break
+                members[at] = j
+                at += 1
+        starts[i + 1] = at
+    return starts, members[: starts[s]]
+
+
+class Sightings:
+    """Memory of the frames of a lost robot.
+
+    Args:
+        noise: of the camera.
+        length: elements of a descriptor.
+    """
+
+    def __init__(self, noise: SightNoise, length: int) -> None:
+        self.noise, self.length = noise, length
+        self.tables = SightingTables(
+            np.zeros((MOST, 2)), np.zeros((MOST, 3)), np.zeros((MOST, length)), np.zeros(MOST, dtype=np.int64),
+            np.zeros(MOST),
+        )  # fmt: skip
+        own = noise.array()
+        own[3:] = 0.0  # errors common to a frame do not average out: added by `seen_from`
+        self._own = own
+
+    def add(self, seen: Detections, pose: tuple[float, float, float], time: float) -> None:
+        """Enter a frame; `pose` of base_link in the frame of the memory, m and rad, at `time`, s."""
+        shortest, longest = MatchLimits().shortest, MatchLimits().longest
+        good = np.isfinite(seen.ranges) & np.isfinite(seen.bearings) & np.isfinite(seen.looks).all(axis=1)
+        good &= (seen.ranges >= shortest) & (seen.ranges <= longest)
+        if good.any() and all(map(math.isfinite, pose)):
+            look = MatchLimits().look(self.noise, self.length)
+            gather(
+                self.tables, seen.ranges[good], seen.bearings[good], seen.looks[good], np.array(pose), self._own, look,
+                time,
+            )  # fmt: skip
+
+    def seen_from(self, pose: tuple[float, float, float], most: int) -> tuple[Array, Array, Array, Index, int]:
+        """Return the sightings seen most often, as they lie from a pose in the frame of the memory.
+
+        Args:
+            pose: x, y in m and heading in rad.
+            most: number of sightings.
+
+        Returns:
+            Places (s, 2) m, covariances (xx, xy, yy) (s, 3) m^2, descriptors (s, k), detections of each (s,), and
+            of all sightings of the memory.
+        """
+        t, (c, s) = self.tables, (math.cos(pose[2]), math.sin(pose[2]))
+        order = np.argsort(-t.times, kind="stable")[: min(most, int((t.times > 0).sum()))]
+        dx, dy = t.place[order, 0] - pose[0], t.place[order, 1] - pose[1]
+        x, y, count = c * dx + s * dy, c * dy - s * dx, t.times[order]
+        xx, xy, yy = (t.spread[order] / count[:, None]).T
+        spread = np.empty((count.size, 3))
+        spread[:, 0] = c * c * xx + 2.0 * c * s * xy + s * s * yy
+        spread[:, 1] = c * s * (yy - xx) + (c * c - s * s) * xy
+        spread[:, 2] = s * s * xx - 2.0 * c * s * xy + c * c * yy
+        r2, noise = np.maximum(x * x + y * y, 1e-6), self.noise
+        along, across = noise.common_range_sd**2 / r2, noise.common_bearing_sd**2
+        spread[:, 0] += along * x * x + across * y * y
+        spread[:, 1] += (along - across) * x * y
+        spread[:, 2] += along * y * y + across * x * x
+        return np.column_stack((x, y)), spread, t.mean[order], count, int(t.times.sum())
