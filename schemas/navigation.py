@@ -1,6 +1,6 @@
 """Navigation: believed pose with its uncertainty, goals, decisions with their reasons, results."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -16,8 +16,10 @@ FloorPose = Annotated[Vec3, Field(description="x, y in m and yaw in rad, frame m
 GoalState = Literal["idle", "navigating", "stopping", "succeeded", "failed", "cancelled"]
 GoalError = Literal[
     "", "replaced", "cancelled", "taken_over", "lost", "unreachable", "stuck", "timeout", "fallen", "stopped",
-    "walker_refused",
+    "walker_refused", "arrived_unsure", "blocked",
 ]  # fmt: skip
+RESULTS = 4
+"""Results that the feedback carries: those of the last goals that ended."""
 
 
 class PoseBelief(Message):
@@ -59,9 +61,25 @@ class Decision(Wire):
     entropy: float = Field(description="nats, entropy of the pose at the decision")
 
 
+class GoalResult(Wire):
+    """End of a goal; each goal that began has one."""
+
+    number: int = Field(ge=1, description="counts the goals that ended in this epoch")
+    goal_id: str = Field(description="name of the goal")
+    state: GoalState = Field(description="succeeded: surely within the goal's tolerances; failed; cancelled")
+    error_code: GoalError = Field(default="", description="why it did not succeed; empty = it did")
+    reason: str = Field(description="in words")
+    pose: FloorPose = Field(description="believed pose at the end")
+    covariance: Covariance3
+    navigation_time: float = Field(ge=0, description="s from its begin to its end")
+    number_of_recoveries: int = Field(default=0, ge=0, description="number of recoveries")
+    missed_waypoints: tuple[int, ...] = Field(default=(), description="indices of places that were given up")
+
+
 class NavigationFeedback(Message):
     """Progress of the present goal, or of the last one; names as in Nav2."""
 
+    schema_version: ClassVar[str] = "2.0"
     state: GoalState = Field(description="state of the goal")
     goal_id: str = Field(default="", description="name of the present or last goal, empty = none yet")
     policy: str = Field(default="", description="name of the policy")
@@ -76,19 +94,30 @@ class NavigationFeedback(Message):
     position_tracking_error: float = Field(default=0.0, description="m, distance from the route")
     heading_tracking_error: float = Field(default=0.0, description="rad, bearing of the present waypoint")
     decision: Decision | None = Field(default=None, description="last decision of this goal")
-    missed_waypoints: tuple[int, ...] = Field(default=(), description="indices of waypoints that were given up")
+    missed_waypoints: tuple[int, ...] = Field(default=(), description="indices of places that were given up")
     error_code: GoalError = Field(default="", description="why the goal failed; empty = it has not")
     error_msg: str = Field(default="", description="why the goal failed, in words")
+    results: tuple[GoalResult, ...] = Field(default=(), description="of the last four goals, the last one last")
 
 
 class GotoRequest(Request):
     """Send the robot to a place. A new goal replaces the present one without a halt."""
 
+    schema_version: ClassVar[str] = "1.1"
     position: Vec2 = Field(description="m, frame map")
     yaw: float | None = Field(default=None, description="rad, heading at the end; null = any")
+    yaw_goal_tolerance: float | None = Field(
+        default=None, gt=0, le=3.1416, description="rad, likewise of the heading; null = that of the model"
+    )
     frame: str = Field(default="map", max_length=32, description="map, or odom")
     policy: str | None = Field(default=None, max_length=256, description="name or file of a policy; null = configured")
     goal_id: str | None = Field(default=None, max_length=64, description="name of the goal; null = made up")
+    xy_goal_tolerance: float | None = Field(
+        default=None, gt=0, le=10, description="m, at a success the robot is surely so near; null = that of the model"
+    )
+    timeout: float | None = Field(
+        default=None, gt=0, description="s, the goal ends after this time; null = that of the model"
+    )
     at_tick: int | None = Field(
         default=None, ge=0, description="tick it takes effect in (reproducible); null = the next one"
     )
@@ -97,11 +126,18 @@ class GotoRequest(Request):
 class WaypointsRequest(Request):
     """Send the robot to several places, one after the other."""
 
+    schema_version: ClassVar[str] = "1.1"
     positions: Annotated[tuple[Vec2, ...], Field(min_length=1, max_length=MAX_WAYPOINTS)] = Field(
         description="m, frame map"
     )
     policy: str | None = Field(default=None, max_length=256, description="name or file of a policy; null = configured")
     goal_id: str | None = Field(default=None, max_length=64, description="name of the goal; null = made up")
+    xy_goal_tolerance: float | None = Field(
+        default=None, gt=0, le=10, description="m, at a success the robot is surely so near; null = that of the model"
+    )
+    timeout: float | None = Field(
+        default=None, gt=0, description="s, the goal ends after this time; null = that of the model"
+    )
     at_tick: int | None = Field(
         default=None, ge=0, description="tick it takes effect in (reproducible); null = the next one"
     )

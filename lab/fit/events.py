@@ -85,7 +85,7 @@ class _RunReader:
         drift = math.radians(model.drift.known_sd_deg) * 10.0
         start = StartUncertainty(model.filter.position_sd, math.radians(model.filter.heading_sd_deg), drift)
         self.tracker = PoseTracker(start, noise, noise, shared)
-        self.execution = Execution()
+        self.execution = Execution(model.conduct.lag)
         self.events: list[tuple[float, ...]] = []
         self.order: tuple[int, Act | None] = (0, None)
         self.taken = 0

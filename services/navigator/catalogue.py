@@ -62,7 +62,7 @@ class Catalogue:
     """
 
     def __init__(self, config: NavigatorConfig) -> None:
-        overrides = [f'use="{config.actions}"'] if config.actions else []
+        overrides = [*config.set, *([f'use="{config.actions}"'] if config.actions else [])]
         self.model: NavigationModel = load(config.params, overrides)
         self.world = arrays(self.model)
         self.acts = tuple(act_of(name, action) for name, action in zip(self.model.names, self.model.used, strict=True))

@@ -11,6 +11,9 @@ class NavigatorConfig(ServiceConfig):
     """Start, maps and policy of the navigator."""
 
     params: str = Field(default="nao", max_length=256, description="model of the robot: a shipped name or a .toml file")
+    set: tuple[str, ...] = Field(
+        default=(), max_length=64, description="changes of the model, key=value as in conduct.stuck=60"
+    )
     policy: str = Field(default="planner", max_length=256, description="name or file of the default policy")
     actions: str = Field(default="", max_length=64, description="action set of the model; empty = the model's own")
     control: Literal["commands", "odometry"] = Field(

@@ -1,16 +1,13 @@
 """Execution of the ordered actions by the walker, as motions in time: the control of a robot without odometry.
 
 The way of an action counts as walked evenly from the landing of the last step before it to the landing of its own last
-step; both times come from `state/gait`. The trunk follows the feet by `LAG_S`.
+step; both times come from `state/gait`. The trunk follows the feet by a lag.
 """
 
 from dataclasses import dataclass
 
 from .belief.tracker import Motion
-
-LAG_S = 0.6
-"""Delay between a foot's landing and the trunk reaching its place, s: 42 mm of 10 cm and 6 of 23 deg are left at a
-landing (`python -m benchmarks walker actions`)."""
+from .policy.settings import Conduct
 
 
 @dataclass
@@ -28,9 +25,14 @@ class Piece:
 
 
 class Execution:
-    """Actions under way, the oldest first: at most the one that ends and the one that follows."""
+    """Actions under way, the oldest first: at most the one that ends and the one that follows.
 
-    def __init__(self) -> None:
+    Args:
+        lag: delay between a foot's landing and the trunk reaching its place, s.
+    """
+
+    def __init__(self, lag: float = Conduct().lag) -> None:
+        self.lag = lag
         self.pieces: list[Piece] = []
 
     @property
@@ -48,15 +50,15 @@ class Execution:
             ends_in: time until its last step lands, s; None = not published, `duration` counts.
         """
         end = now + (duration if ends_in is None else ends_in)
-        last = self.pieces[-1].end - LAG_S if self.pieces else now
+        last = self.pieces[-1].end - self.lag if self.pieces else now
         start = max(min(last, end), end - duration, now)
-        self.pieces.append(Piece(motion, start + LAG_S, end + LAG_S))
+        self.pieces.append(Piece(motion, start + self.lag, end + self.lag))
 
     def correct(self, now: float, ends_in: float | None) -> None:
         """Record the present forecast of the last landing; a slowed step moves the end."""
         if self.pieces and ends_in is not None:
             last = self.pieces[-1]
-            last.end = max(now + ends_in + LAG_S, last.start + 1e-3)
+            last.end = max(now + ends_in + self.lag, last.start + 1e-3)
 
     def advance(self, now: float) -> list[Motion]:
         """Return the motions since the last call."""

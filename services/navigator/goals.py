@@ -10,6 +10,7 @@ from surefoot.schemas.navigation import GoalState
 from surefoot.schemas.state import GaitState
 
 from .belief.tracker import Motion
+from .policy.settings import Conduct
 
 Point = tuple[float, float]
 End = tuple[GoalState, str, str]
@@ -57,6 +58,8 @@ class Searching:
 
     until: float
     """End of the present look, s; inf = it has not begun."""
+    waited: float = 0.0
+    """Time of waiting for a way, s."""
     turns: int = 0
     """Turns so far."""
 
@@ -77,7 +80,7 @@ class NavigationGoal:
     index: int = 0
     """Index of the present waypoint; the length of the route behind the last one."""
     missed: list[int] = field(default_factory=list[int])
-    """Indices of waypoints that were given up."""
+    """Indices of places that were given up."""
     recoveries: Counter[str] = field(default_factory=Counter[str])
     """Number of recoveries by name."""
     nearest: float = math.inf
@@ -86,10 +89,58 @@ class NavigationGoal:
     """Simulated time at which it was reached, s."""
     looks: int = 0
     """Looks at the present waypoint so far."""
+    waited: float = 0.0
+    """Time of waiting for a way, s."""
+    turns: int = 0
+    """Turns to the wanted heading so far."""
     start: Point | None = None
     """Place of the robot when the goal began, m, frame map."""
     asked: str | None = None
     """Name or file that finds the policy again; None = the default."""
+    places: tuple[Point, ...] = ()
+    """Places that were asked for, m, frame map; empty = the waypoints."""
+    ends: tuple[int, ...] = ()
+    """Index of the waypoint at each place."""
+    xy_tolerance: float = Conduct().xy_goal_tolerance
+    """Distance within which the robot surely is at a success, m."""
+    yaw_tolerance: float = Conduct().yaw_goal_tolerance
+    """Largest error of a heading that is asked for, rad."""
+    timeout: float | None = None
+    """Time after which the goal ends, s; None = never."""
+
+    def __post_init__(self) -> None:
+        self.places = self.places or self.route
+        if self.route and not self.ends:
+            self.ends = tuple(range(len(self.route)))
+
+    @property
+    def at_last(self) -> bool:
+        """True if the present waypoint is the last one."""
+        return self.index >= len(self.route) - 1
+
+    @property
+    def place(self) -> int:
+        """Index of the place that the present waypoint leads to; their number behind the last one."""
+        return sum(end < self.index for end in self.ends)
+
+    def give_up(self, now: float) -> None:
+        """Leave the present place out; the waypoint behind it becomes the present one."""
+        self.missed.append(self.place)
+        self.index = self.ends[self.place]
+        self.go_on(now)
+
+    def lead(self, ways: tuple[tuple[Point, ...], ...], now: float) -> None:
+        """Replace the waypoints that are left by new ones.
+
+        Args:
+            ways: waypoints to each place that is left, the place last, m, frame map.
+            now: s.
+        """
+        done, at = self.ends[: self.place], self.index
+        self.route = (*self.route[:at], *(point for way in ways for point in way))
+        ends = [at - 1 + sum(len(way) for way in ways[: i + 1]) for i in range(len(ways))]
+        self.ends = (*done, *ends)
+        self.nearest, self.nearest_at = math.inf, now
 
     def off_route(self, x: float, y: float) -> float:
         """Return the distance of a place from the present leg of the route, m."""
@@ -103,11 +154,13 @@ class NavigationGoal:
     @classmethod
     def restored(cls, kept: Mapping[str, Any]) -> "NavigationGoal":
         """Return a goal from the fields that `kept` returned, also after JSON has made lists of tuples."""
-        start, route = kept["start"], tuple((float(x), float(y)) for x, y in kept["route"])
-        found = {"route": route, "start": start and (start[0], start[1]), "recoveries": Counter(kept["recoveries"])}
+        start = kept["start"]
+        route, places = (tuple((float(x), float(y)) for x, y in kept[name]) for name in ("route", "places"))
+        found = {"route": route, "places": places, "ends": tuple(map(int, kept["ends"]))}
+        found |= {"start": start and (start[0], start[1]), "recoveries": Counter(kept["recoveries"])}
         goal = cls(**{**kept, **found})
-        if not route or not 0 <= goal.index <= len(route):
-            raise ValueError(f"the goal is at waypoint {goal.index} of {len(route)}")
+        if not route or not 0 <= goal.index <= len(route) or len(goal.ends) != len(goal.places):
+            raise ValueError(f"the goal is at waypoint {goal.index} of {len(route)}, place {goal.ends}")
         return goal
 
     def kept(self) -> dict[str, Any]:

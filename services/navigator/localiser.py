@@ -35,10 +35,6 @@ Array = NDArray[np.float64]
 
 ODOMETRY_S = 0.1
 """Longest time between two uses of odometry, s; more often would only cost time."""
-ODOMETRY_ALONG, ODOMETRY_TURN = 0.03, 0.05
-"""Standard deviations of odometry: part of the way, and rad per root of a metre walked."""
-ODOMETRY_STILL = (1e-3, 5e-4)
-"""Standard deviations of odometry of a standing robot: m and rad per root of a second."""
 SMOOTH = 0.1
 """Weight of a new NIS in its running mean."""
 RESTART_SD = (0.10, 0.15)
@@ -75,6 +71,7 @@ class Localiser:
         self.tracker = PoseTracker(start, noise, standing, shared)
         self.tracker.place((config.start_x, config.start_y, config.start_yaw))
         self.control: Control = config.control
+        self._odometry = model.odometry
         self.odom: Pose | None = None
         """Last odometry, x, y (m) and yaw (rad), frame odom."""
         self._taken: Pose | None = None
@@ -137,14 +134,14 @@ class Localiser:
         middle = before[2] + 0.5 * turn
         c, s = math.cos(middle), math.sin(middle)
         forward, left = c * dx + s * dy, c * dy - s * dx
-        way = math.hypot(dx, dy)
-        still = ODOMETRY_STILL[0] ** 2 * dt
+        way, noise = math.hypot(dx, dy), self._odometry
+        beside = noise.along**2 * way * 0.1 + noise.still**2 * dt
         self.tracker.move(
             Motion(
                 forward, left, turn, abs(forward),
-                along=(ODOMETRY_ALONG**2) * way * 0.1 + still,
-                across=(ODOMETRY_ALONG**2) * way * 0.1 + still,
-                heading=ODOMETRY_TURN**2 * way + ODOMETRY_STILL[1] ** 2 * dt,
+                along=beside,
+                across=beside,
+                heading=noise.turn**2 * way + noise.still_turn**2 * dt,
             )
         )  # fmt: skip
 

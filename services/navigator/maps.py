@@ -15,11 +15,15 @@ from .planning import map_files
 from .planning.costs import Clearance, Costs, prepare
 from .planning.grid import FloorGrid, GridError, grid_of
 from .planning.route import RouteError, RouteLimits, plan
+from .planning.seen import Cone, Pose, SeenObstacles
+from .policy.settings import Conduct
 
 Point = tuple[float, float]
 
 FARTHEST = 1e4
 """m, of a goal from the origin."""
+INSIDE = 0.8
+"""Part of the robot's radius within which a mark closes a route; less than 1, for routes pass at the radius."""
 
 
 class Maps:
@@ -27,13 +31,14 @@ class Maps:
 
     Args:
         config: of the service.
+        keep: time for which an obstacle that the map does not know is remembered, s.
 
     Raises:
         Refusal: a map file that cannot be used.
     """
 
-    def __init__(self, config: NavigatorConfig) -> None:
-        self.config = config
+    def __init__(self, config: NavigatorConfig, keep: float = Conduct().remember) -> None:
+        self.config, self._keep = config, keep
         self._clearance = Clearance(radius=config.robot_radius, through_unknown=config.through_unknown)
         self._limits = RouteLimits(leg=config.viewing_distance)
         self._filed = None if config.map is None else map_files.load(config.map)
@@ -47,6 +52,9 @@ class Maps:
         self._costs: Costs | None = None
         self._heights: HeightMapMessage | None = None
         self._marks: LandmarkMapMessage | None = None
+        self._seen: SeenObstacles | None = None
+        self._joined: tuple[int, Costs] | None = None
+        """Version of the local map, and the costs of both maps."""
 
     def take(self, heights: HeightMapMessage | None, marks: LandmarkMapMessage | None) -> list[str]:
         """Use the latched maps, unless files replace them; return a text for each map that cannot be used."""
@@ -76,29 +84,55 @@ class Maps:
             self._costs = prepare(self.grid, self._clearance)
         return self._costs
 
-    def route(self, here: Point, places: tuple[Point, ...], field: str) -> tuple[Point, ...]:
-        """Return the waypoints from a place over the wanted ones; straight ways where there is no map.
+    def see(self, seen: Cone, at: Pose, unsure: tuple[float, float], now: float) -> None:
+        """Enter a reading of the ranger into the local map; arguments as of `SeenObstacles.take`."""
+        if self.grid is None:
+            return
+        if self._seen is None or self._seen.grid is not self.grid:
+            self._seen = SeenObstacles(self.grid, self._clearance.obstacle, self._keep)
+        self._seen.take(seen, at, unsure, now)
+
+    def free(self, here: Point, route: tuple[Point, ...]) -> bool:
+        """Return whether nothing seen that the map does not know stands on the next part of a route."""
+        return self._seen is None or self._seen.free(here, route, INSIDE * self._clearance.radius)
+
+    def ways(self, here: Point, places: tuple[Point, ...], field: str = "position") -> tuple[tuple[Point, ...], ...]:
+        """Return the waypoints to each place, around what was seen; straight ways where there is no map.
 
         Raises:
-            Refusal: a place that cannot be reached; names the field.
+            Refusal: a place that cannot be reached: `unreachable`, `blocked`, `outside`, `invalid`; names the field.
         """
-        route: list[Point] = []
+        found: list[tuple[Point, ...]] = []
         for i, place in enumerate(places):
             where = field if field == "position" else f"{field}.{i}"
             if math.hypot(*place) > FARTHEST:
                 raise Refusal("invalid", f"a goal lies within {FARTHEST:g} m of the origin, got {place}", where)
-            costs = self.costs
-            if costs is None:
-                route.append(place)
-            elif route and math.dist(route[-1], place) < 1e-6:
-                continue  # the same place twice in a row
+            begin = places[i - 1] if i > 0 else here
+            if self.costs is None:
+                found.append((place,))
+            elif i > 0 and math.dist(begin, place) < 1e-6:
+                found.append(())  # the same place twice in a row
             else:
-                try:
-                    way = plan(costs, route[-1] if route else here, place, self._limits).waypoints
-                except RouteError as error:
-                    raise Refusal(error.code, error.message, where if error.field == "goal" else field) from None
-                route += [(float(x), float(y)) for x, y in way]
-        return tuple(route)
+                found.append(self._way(begin, place, field, where))
+        return tuple(found)
+
+    def _way(self, begin: Point, place: Point, field: str, where: str) -> tuple[Point, ...]:
+        costs = self._costs_now()
+        try:
+            way = plan(costs, begin, place, self._limits).waypoints
+        except RouteError as error:
+            raise Refusal(error.code, error.message, where if error.field == "goal" else field) from None
+        return tuple((float(x), float(y)) for x, y in way)
+
+    def _costs_now(self) -> Costs:
+        """Return the costs of the static map with what was seen."""
+        seen, costs = self._seen, self.costs
+        assert costs is not None
+        if seen is None or not seen.marks or seen.grid is not self.grid:
+            return costs
+        if self._joined is None or self._joined[0] != seen.version:
+            self._joined = (seen.version, prepare(seen.joined(), self._clearance, lasting=False))
+        return self._joined[1]
 
     def refuse_blocked(self, place: Point, field: str) -> None:
         """Raise a refusal if a place is outside of the map or in an obstacle."""

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from surefoot.schemas.navigation import MotionOrder, NavigationFeedback, PoseBelief
+from surefoot.schemas.navigation import GoalResult, MotionOrder, NavigationFeedback, PoseBelief
 
 from .belief.tracker import Control, PoseTracker
 from .belief.ukf import wrap
@@ -26,7 +26,7 @@ class LostView:
 
 def order_message(pilot: Pilot) -> MotionOrder:
     """Return the present order; the walker obeys each number once."""
-    return MotionOrder(number=0 if pilot.order is None else pilot.number, command=pilot.order)
+    return MotionOrder(number=0 if pilot.orders.order is None else pilot.orders.number, command=pilot.orders.order)
 
 
 def pose_message(
@@ -67,8 +67,8 @@ def pose_message(
     )
 
 
-def feedback_message(pilot: Pilot, pose: Pose, now: float) -> NavigationFeedback:
-    """Return the progress of the present or last goal."""
+def feedback_message(pilot: Pilot, pose: Pose, now: float, results: tuple[GoalResult, ...] = ()) -> NavigationFeedback:
+    """Return the progress of the present or last goal, with the results of the last ones."""
     goal = pilot.goal
     if goal is None:
         return NavigationFeedback(state="idle", current_pose=pose)
@@ -96,6 +96,7 @@ def feedback_message(pilot: Pilot, pose: Pose, now: float) -> NavigationFeedback
         missed_waypoints=tuple(goal.missed),
         error_code=pilot.error,  # pyright: ignore[reportArgumentType] - one of the literals, set in the pilot
         error_msg=pilot.message if pilot.error else "",
+        results=results,
     )  # fmt: skip
 
 

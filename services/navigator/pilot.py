@@ -1,46 +1,49 @@
 """Conduct of goals without a bus: decides in time, orders actions of the walker, recovers, ends.
 
-An action is decided while the one before still runs, `LEAD_S` before its last step lands, on the belief predicted to
-that moment, so that the walker goes on without a halt. A walker that does not publish its end is waited for.
+An action is decided while the one before still runs, on the belief predicted to the landing of its last step, so that
+the walker goes on without a halt. A walker that does not publish its end is waited for.
 """
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.errors import Refusal
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.schemas.navigation import Decision, GoalState
 
+from .arrival import arrival, reach, sure_of_place
 from .belief.tracker import Motion, PoseTracker
 from .belief.ukf import entropy, wrap
-from .execution import Execution
-from .goals import Act, End, GaitView, NavigationGoal, Searching
+from .goals import Act, End, GaitView, NavigationGoal, Point, Searching
+from .orders import Orders
 from .policy.policies import Decider, PolicyDecision
+from .policy.settings import Conduct
 
 Array = NDArray[np.float64]
 
-LEAD_S = 0.30
-"""Time before the landing of an action's last step at which the next is decided, s: the walker needs 0.25 s, an order
-takes 0.02 s."""
-SURE = 2.0
-"""Standard deviations that must fit between the estimate and the edge of the arrival zone."""
-REACHED = 0.15
-"""Distance of the estimate at which a waypoint counts as reached, m."""
-ARRIVED_WITHIN = 0.20
-"""Distance that surely contains the robot at the last waypoint, m."""
-LOOKS, LOOK_FOR_S = 3, 2.0
-"""Stands in a row to make sure of an arrival before the estimate decides; longest time of each without a frame, s."""
-STUCK_S, PROGRESS_M = 120.0, 0.10
-"""A waypoint is given up after this time, s, without coming nearer by this distance, m."""
-ALIGNED = math.radians(8.0)
-"""Largest error of the heading at the last waypoint that is not corrected by another turn, rad."""
-REMIND_S = 1.0
-"""Time after which an order is repeated that a standing walker has not taken up, s."""
-LOOK_S = 3.0
-"""Duration of a look of a lost robot in one direction, s."""
-LOOK_TURN, TURNS = math.radians(46.0), 7
-"""Turn between two looks of a lost robot, rad, and number of turns."""
+BLOCKED_SHARE = 0.25
+"""Part of the decisions without progress that an echo forbade to walk, from which on the goal ends as blocked."""
+
+
+class Ways(Protocol):
+    """Obstacles that routes go around."""
+
+    def free(self, here: Point, route: tuple[Point, ...]) -> bool:
+        """Return whether nothing seen that the map does not know stands on a route, m, frame map."""
+        ...
+
+    def ways(self, here: Point, places: tuple[Point, ...], field: str = "position") -> tuple[tuple[Point, ...], ...]:
+        """Return waypoints to each place, around what was seen (raises Refusal: `unreachable`, `blocked`, ...)."""
+        ...
+
+
+def no_record(_goal: NavigationGoal, _end: End) -> None:
+    """Keep no record of an end."""
 
 
 class Pilot:
@@ -49,40 +52,57 @@ class Pilot:
     Args:
         acts: the actions, in the order of the policy's values.
         commands: the pilot moves the tracker by the commands; else odometry moves it.
+        conduct: times, tolerances and recoveries; None = the defaults of `Conduct`.
+        ways: obstacles; None = routes stay as they are.
+        record: called once for every goal that ends, with its end.
     """
 
-    def __init__(self, acts: tuple[Act, ...], *, commands: bool) -> None:
-        self.acts, self.commands = acts, commands
-        self.execution = Execution()
+    def __init__(
+        self,
+        acts: tuple[Act, ...],
+        *,
+        commands: bool,
+        conduct: Conduct | None = None,
+        ways: Ways | None = None,
+        record: Callable[[NavigationGoal, End], None] = no_record,
+    ) -> None:
+        self.acts, self.commands, self.conduct = acts, commands, conduct or Conduct()
+        self.ways, self.record = ways, record
+        self.orders = Orders(self.conduct.lag)
         self.state: GoalState = "idle"
         self.error, self.message = "", ""
         self.goal: NavigationGoal | None = None
         self.decider: Decider | None = None
-        self.number = 0
-        self.order: WalkCommand | None = None
         self.decision: Decision | None = None
         self.decisions = 0
-        self.ended = 0.0
-        self._given: Act | None = None
-        """Action of the last order, until the walker has taken it up."""
-        self._walk_id: int | None = None
-        self._given_at: float | None = None
-        """Simulated time since which the walker has not taken up the order, s."""
+        self.ended, self._now = 0.0, 0.0
         self._stand_until = -1.0
         self._frames: int | None = None
         """Number of frames at the begin of a look at the goal."""
         self._halting: End | None = None
         self._searching: Searching | None = None
+        self._since = [0, 0]
+        """Decisions without progress: those that an echo restricted to turns, and all."""
+        self._waiting: float | None = None
+        """Simulated time of the last decision that no way leads around an obstacle, s; None = one does."""
 
     # -- goals -------------------------------------------------------------------------------------------------
 
     def begin(self, goal: NavigationGoal, decider: Decider) -> None:
         """Begin a goal; one under way ends as replaced, and the walk goes on."""
+        if self.goal is not None and self.under_way:
+            self.record(self.goal, self._halting or ("cancelled", "replaced", f"replaced by the goal {goal.id!r}"))
         self.goal, self.decider = goal, decider
         decider.begin()
         goal.nearest_at = max(goal.nearest_at, goal.began)
         self.state, self.error, self.message = "navigating", "", ""
         self.decision, self._halting, self._searching = None, None, None
+        self._since, self._waiting = [0, 0], None
+
+    @property
+    def under_way(self) -> bool:
+        """True if a goal has begun and not ended."""
+        return self.state in ("navigating", "stopping")
 
     @property
     def end(self) -> End:
@@ -95,7 +115,7 @@ class Pilot:
         if state == "stopping":
             self.halt(*end)  # again: that order may have been lost
         elif state != "navigating":
-            self.state, self.error, self.message = end
+            self._finish(end)
 
     def cancel(self) -> bool:
         """End the goal; return False when there is none under way."""
@@ -112,22 +132,24 @@ class Pilot:
 
     def fail(self, error: str, message: str) -> None:
         """End the goal at once: no order would be obeyed, or another client commands the robot."""
-        self.state, self.error, self.message = "failed", error, message
-        self.execution.stop()
-        self._given, self._halting, self._searching = None, None, None
+        self._finish(("failed", error, message))
+        self.orders.given, self._halting, self._searching = None, None, None
+
+    def _finish(self, end: End) -> None:
+        """End the goal now, and record it."""
+        self.state, self.error, self.message = end
+        self.ended = self._now
+        self.orders.execution.stop()
+        if self.goal is not None:
+            self.record(self.goal, end)
 
     # -- ticks -------------------------------------------------------------------------------------------------
 
     def follow(self, now: float, gait: GaitView, tracker: PoseTracker) -> None:
         """Record the orders that the walker took up, and move the belief where commands are the control."""
-        given = self._given
-        if self.number and gait.order == self.number and given is not None:
-            self._given = None
-            if given.kind != "stand" and not gait.refused:
-                self.execution.begin(given.motion, given.duration, now, gait.ends_in)
-        elif given is None:
-            self.execution.correct(now, gait.ends_in)
-        moved = self.execution.advance(now)
+        self._now = now
+        self.orders.take_up(now, gait)
+        moved = self.orders.execution.advance(now)
         if self.commands:
             for motion in moved:
                 tracker.move(motion)
@@ -142,21 +164,25 @@ class Pilot:
             blocked: something is too near ahead to walk.
             lost: the belief is wrong: the robot stands and looks, then turns and looks, until it is right again.
         """
-        if self.goal is None or self.state not in ("navigating", "stopping"):
+        goal = self.goal
+        if goal is None or not self.under_way:
             return
-        if self._went_wrong(gait):
+        failure = self.orders.failure(gait)
+        if failure is not None:
+            self.fail(*failure)
             return
-        if gait.order != self.number:
-            self._remind(now, gait)
+        if self.state == "navigating" and goal.timeout is not None and now - goal.began > goal.timeout:
+            self.halt("failed", "timeout", f"not arrived after {goal.timeout:g} s")
+            return
+        if gait.order != self.orders.number:
+            self.orders.remind(now, gait)
             return  # an order is on its way
         if self.state == "stopping":
             if gait.state == "standing" and self._halting is not None:
-                self.state, self.error, self.message = self._halting
-                self.execution.stop()
-                self.ended = now
+                self._stand(goal, tracker)
             return
         if lost or self._searching is not None:
-            self._search(now, gait, lost=lost)
+            self._search(now, gait, tracker, lost=lost)
             if self._searching is not None or self.state != "navigating":
                 return
         if self._is_time(now, gait, tracker):
@@ -165,38 +191,11 @@ class Pilot:
     def _is_time(self, now: float, gait: GaitView, tracker: PoseTracker) -> bool:
         """Return whether the next action has to be decided now."""
         if gait.ends_in is not None:
-            return gait.ends_in <= LEAD_S and self._stand_until <= now
+            return gait.ends_in <= self.conduct.lead and self._stand_until <= now
         if self._frames is not None and gait.state != "standing":
             self._frames = tracker.frames  # only a frame of a standing robot is a look
         looked = self._frames is not None and tracker.frames > self._frames
         return gait.state == "standing" and (now >= self._stand_until or looked)
-
-    def _remind(self, now: float, gait: GaitView) -> None:
-        """Repeat an order that a standing walker has not taken up: walker or navigator was started again.
-
-        A pilot that was started again has no order to repeat and decides anew.
-        """
-        if self._given_at is None:
-            self._given_at = now
-        elif now - self._given_at > REMIND_S and gait.state == "standing":
-            self.execution.stop()
-            if self.order is None:
-                self.number = gait.order
-            else:
-                self._give(self.order, self._given)
-
-    def _went_wrong(self, gait: GaitView) -> bool:
-        if gait.state == "refused":
-            self.fail("fallen", gait.reason or "the robot has fallen")
-        elif gait.order == self.number and gait.refused:
-            stopped = "emergency stop" in gait.refused
-            self.fail("stopped" if stopped else "walker_refused", gait.refused)
-        elif gait.order == self.number:
-            if self._walk_id is None:
-                self._walk_id = gait.walk_id
-            elif gait.walk_id != self._walk_id:
-                self.fail("taken_over", "another client commands the walker (cmd/walk)")
-        return self.state == "failed"
 
     def _decide(self, now: float, gait: GaitView, tracker: PoseTracker, *, blocked: bool) -> None:
         goal, decider = self.goal, self.decider
@@ -206,36 +205,79 @@ class Pilot:
         mean, cov = self.predicted(tracker)
         distance = self._pass_waypoints(goal, now, mean, cov)
         if goal.index >= len(goal.route):
-            self._arrive(goal, now, gait, mean, distance)
+            self._arrive(goal, mean)
             return
-        if distance < goal.nearest - PROGRESS_M:
-            goal.nearest, goal.nearest_at = distance, now
-        elif now - goal.nearest_at > STUCK_S:
+        if not self._way_is_open(goal, now, gait, mean):
+            return
+        self._since = [self._since[0] + blocked, self._since[1] + 1]
+        if distance < goal.nearest - self.conduct.progress:
+            goal.nearest, goal.nearest_at, self._since = distance, now, [0, 0]
+        elif now - goal.nearest_at > self.conduct.stuck:
             self._give_up(goal, now)
             return
         choice = decider.decide(mean, cov, goal.waypoint, blocked=blocked)
         act, reason = self.acts[choice.index], choice.reason
-        stands = [a for a in self.acts if a.kind == "stand"]
-        to_look = distance <= REACHED  # there by the estimate, but not sure
-        if to_look and stands:
-            act, reason = stands[0], f"at the waypoint by the estimate, but not sure of it: look ({goal.looks + 1})"
-            goal.looks += 1
-            goal.recoveries["look"] += 1
-            self._frames = tracker.frames
+        if distance <= self._reach(goal, cov):  # there by the estimate, but not sure
+            act = self._look(goal, now, gait, tracker) or act
+            reason = f"at the waypoint by the estimate, but not sure of it: look ({goal.looks})"
+        elif act.kind == "stand":
+            self._stand_until = now + (gait.ends_in or 0.0) + act.duration
         self._note(goal, act, reason, choice, mean, cov)
-        if act.kind == "stand":
-            self._stand_until = now + (gait.ends_in or 0.0) + (LOOK_FOR_S if to_look else act.duration)
-        else:
+        if act.kind != "stand":
             self._give(_command(act), act)
 
-    def _search(self, now: float, gait: GaitView, *, lost: bool) -> None:
+    def _look(self, goal: NavigationGoal, now: float, gait: GaitView, tracker: PoseTracker) -> Act | None:
+        """Stand until a frame of the standing robot comes; return the stand, None = the robot has none."""
+        stands = [act for act in self.acts if act.kind == "stand"]
+        goal.looks += 1
+        goal.recoveries["look"] += 1
+        self._frames = tracker.frames
+        self._stand_until = now + (gait.ends_in or 0.0) + self.conduct.look
+        return stands[0] if stands else None
+
+    def _way_is_open(self, goal: NavigationGoal, now: float, gait: GaitView, mean: Array) -> bool:
+        """Return whether the next action may be decided; plan around an obstacle, or wait until it has gone."""
+        here = (float(mean[0]), float(mean[1]))
+        if self.ways is None or self.ways.free(here, goal.route[goal.index :]):
+            self._waiting = None
+            return True
+        why = f"planned around obstacles {goal.recoveries['replan']} times"
+        if goal.recoveries["replan"] < self.conduct.replans:
+            why = self.replan(goal, now, here)
+            if not why:
+                goal.recoveries["replan"] += 1
+                self._waiting = None
+                return True
+        if self._waiting is None:
+            self._waiting = now
+            goal.recoveries["wait"] += 1
+        goal.waited += now - self._waiting
+        self._waiting = now
+        if goal.waited > self.conduct.wait:
+            self.halt("failed", "blocked", f"something that the map does not know closes the way: {why}")
+        self._stand_until = now + (gait.ends_in or 0.0) + self.conduct.look
+        return False
+
+    def replan(self, goal: NavigationGoal, now: float, here: Point) -> str:
+        """Lead a goal anew from a place, m, frame map; return why no way leads there, empty = one does."""
+        if self.ways is not None:
+            try:
+                goal.lead(self.ways.ways(here, goal.places[goal.place :]), now)
+            except Refusal as refusal:
+                return refusal.message
+        return ""
+
+    def _search(self, now: float, gait: GaitView, tracker: PoseTracker, *, lost: bool) -> None:
         """Halt while the robot is lost, then look and turn in alternation, once around."""
-        goal = self.goal
+        goal, conduct = self.goal, self.conduct
         assert goal is not None
         if not lost:
             self._searching = None
             goal.recoveries["relocalise"] += 1
             goal.nearest, goal.nearest_at = math.inf, now
+            why = self.replan(goal, now, tracker.pose[:2])
+            if why:
+                self.halt("failed", "unreachable", why)
         elif self._searching is None:
             self._searching = Searching(math.inf)
             goal.recoveries["stand_and_look"] += 1
@@ -244,19 +286,19 @@ class Pilot:
         elif gait.state == "standing" and gait.ends_in is None:
             search = self._searching
             if math.isinf(search.until):
-                search.until = now + LOOK_S
-            elif now >= search.until and search.turns >= TURNS:
+                search.until = now + conduct.search_look
+            elif now >= search.until and search.turns >= conduct.search_turns:
                 self._searching = None
-                self.halt("failed", "lost", f"the pose was not found again in {TURNS + 1} looks around")
+                looks = conduct.search_turns + 1
+                self.halt("failed", "lost", f"the pose was not found again in {looks} looks around")
             elif now >= search.until:
                 search.until, search.turns = math.inf, search.turns + 1
                 goal.recoveries["turn_and_look"] += 1
-                turn = Act("look", "turn", Motion(turn=LOOK_TURN, heading=0.01), 4.0)
-                self._give(_command(turn), turn)
+                self._turn("look", math.radians(conduct.search_turn_deg))
 
     def predicted(self, tracker: PoseTracker) -> tuple[Array, Array]:
         """Return mean (4,) and covariance (4, 4) as they will be when the actions under way have ended."""
-        rest = self.execution.rest()
+        rest = self.orders.execution.rest()
         if not rest:
             return tracker.after(Motion())
         total = rest[0]
@@ -264,41 +306,61 @@ class Pilot:
             total = Motion(*(a + b for a, b in zip(vars(total).values(), vars(motion).values(), strict=True)))
         return tracker.after(total)
 
+    def _reach(self, goal: NavigationGoal, cov: Array) -> float:
+        """Return the distance of the estimate at which the present waypoint counts as reached, m."""
+        conduct = self.conduct
+        return reach(goal, cov, conduct.sure) if goal.at_last else conduct.waypoint_tolerance
+
     def _pass_waypoints(self, goal: NavigationGoal, now: float, mean: Array, cov: Array) -> float:
         """Pass the waypoints that are reached; return the distance to the present one, m."""
         while True:
             gx, gy = goal.waypoint
             distance = math.hypot(gx - float(mean[0]), gy - float(mean[1]))
-            if distance > REACHED or goal.index >= len(goal.route):
+            if distance > self._reach(goal, cov) or goal.index >= len(goal.route):
                 return distance
-            spread = math.sqrt(max(0.0, _largest(cov)))
-            last = goal.index >= len(goal.route) - 1
-            if last and distance + SURE * spread > ARRIVED_WITHIN and goal.looks < LOOKS:
+            if not goal.at_last:
+                goal.go_on(now)
+            elif goal.looks < self.conduct.looks and not sure_of_place(goal, mean, cov, self.conduct.sure):
                 return distance
-            goal.go_on(now)
-            if goal.index >= len(goal.route):
+            else:
+                goal.index += 1
                 return distance
 
-    def _arrive(self, goal: NavigationGoal, now: float, gait: GaitView, mean: Array, distance: float) -> None:
+    def _arrive(self, goal: NavigationGoal, mean: Array) -> None:
         """Turn to the wanted heading at the last waypoint, then end on both feet."""
         error = 0.0 if goal.yaw is None else float(wrap(goal.yaw - float(mean[2])))
-        if abs(error) > ALIGNED:
-            turn = Act("align", "turn", Motion(turn=error, heading=0.02 * abs(error)), 1.8 * max(1.0, abs(error) / 0.4))
-            self._give(_command(turn), turn)
-            return
-        message = f"arrived, {distance:.2f} m beside the goal by the estimate"
-        if gait.state == "standing" and gait.ends_in is None:
-            self.state, self.error, self.message, self.ended = "succeeded", "", message, now
+        if abs(error) > 0.5 * goal.yaw_tolerance and goal.turns < self.conduct.aligning_turns:
+            goal.turns += 1
+            self._turn("align", error)
         else:
-            self.halt("succeeded", "", message)
+            self.halt("succeeded", "", "")  # as far as is known before the robot stands
+
+    def _stand(self, goal: NavigationGoal, tracker: PoseTracker) -> None:
+        """End the goal of a robot that has come to stand, or look once more if it is not sure to be there."""
+        assert self._halting is not None
+        end, sure = self._halting, self.conduct.sure
+        if end[0] == "succeeded":
+            end = arrival(goal, tracker.mean, tracker.cov, sure)
+            if end[1] == "arrived_unsure" and goal.looks < self.conduct.looks:
+                self.state, self._halting = "navigating", None
+                goal.index, goal.looks = len(goal.route) - 1, goal.looks + 1
+                return
+        self._finish(end)
 
     def _give_up(self, goal: NavigationGoal, now: float) -> None:
-        goal.missed.append(goal.index)
         goal.recoveries["give_up"] += 1
-        if goal.index >= len(goal.route) - 1:
-            self.halt("failed", "stuck", f"no progress towards the goal for {STUCK_S:g} s")
+        blocked, decisions = self._since
+        if goal.place >= len(goal.places) - 1:
+            goal.missed.append(goal.place)
+            text = f"no progress towards the goal for {self.conduct.stuck:g} s"
+            if blocked >= BLOCKED_SHARE * decisions:
+                text += f", with an obstacle close ahead in {blocked} of {decisions} decisions"
+                self.halt("failed", "blocked", text)
+            else:
+                self.halt("failed", "stuck", text)
         else:
-            goal.go_on(now)
+            goal.give_up(now)
+        self._since = [0, 0]
 
     def _note(
         self, goal: NavigationGoal, act: Act, reason: str, choice: PolicyDecision, mean: Array, cov: Array
@@ -313,12 +375,16 @@ class Pilot:
             bearing=float(wrap(math.atan2(dy, dx) - float(mean[2]))), entropy=max(float(entropy(cov)), -1e3),
         )  # fmt: skip
 
+    def _turn(self, name: str, angle: float) -> None:
+        """Order a turn on the spot by an angle, rad; its noise and time are those of the model's turns."""
+        one = next(act for act in self.acts if act.kind == "turn")
+        times = abs(angle / one.motion.turn)
+        motion = replace(one.motion.part(times), turn=angle)
+        turn = Act(name, "turn", motion, one.duration * max(1.0, times))
+        self._give(_command(turn), turn)
+
     def _give(self, order: WalkCommand, act: Act | None) -> None:
-        self._given = act
-        self.number += 1
-        self.order = order
-        self._walk_id = None
-        self._given_at = None
+        self.orders.give(order, act)
         self._stand_until = -1.0
 
 
@@ -328,9 +394,3 @@ def _command(act: Act) -> WalkCommand:
     if act.kind == "turn":
         return WalkCommand(action="turn", angle=m.turn if m.turn != 0.0 else None)
     return WalkCommand(action="walk", distance=m.forward, angle=m.turn if m.turn != 0.0 else None)
-
-
-def _largest(cov: Array) -> float:
-    """Return the largest variance of the position in any direction, m^2."""
-    a, b, c = float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1])
-    return 0.5 * (a + c) + math.hypot(0.5 * (a - c), b)

@@ -67,14 +67,20 @@ class Requests:
         self._refuse_late(request.at_tick)
         if request.at_tick is None:
             self._refuse_unable()
-        policy = self.catalogue.find(request.policy)
+        policy, conduct = self.catalogue.find(request.policy), self.catalogue.model.conduct
         here = self.localiser.tracker.pose[:2]
-        route = self.maps.route(here, places, field)
+        ways = self.maps.ways(here, places, field)
         name, asked = request.goal_id or f"goal-{next(self._names)}", request.policy or self.catalogue.default
-        goal = NavigationGoal(name, route, policy.name, self.now, yaw, start=here, asked=asked)
+        goal = NavigationGoal(name, (), policy.name, self.now, yaw, start=here, asked=asked, places=places)
+        goal.lead(ways, self.now)
+        goal.xy_tolerance = request.xy_goal_tolerance or conduct.xy_goal_tolerance
+        goal.timeout = request.timeout or conduct.timeout
+        goal.yaw_tolerance = conduct.yaw_goal_tolerance
+        if isinstance(request, nav.GotoRequest):
+            goal.yaw_tolerance = request.yaw_goal_tolerance or goal.yaw_tolerance
         self.plan(self.tick + 1 if request.at_tick is None else request.at_tick, goal)
         self._keep()
-        return nav.GoalReply(accepted=True, goal_id=goal.id, route=route, length=goal.left(*here))
+        return nav.GoalReply(accepted=True, goal_id=goal.id, route=goal.route, length=goal.left(*here))
 
     def plan(self, tick: int, goal: NavigationGoal) -> None:
         """Begin a goal in a tick."""
@@ -86,6 +92,9 @@ class Requests:
         goal.began, goal.start = self.now, self.localiser.tracker.pose[:2]
         self.pilot.begin(goal, self.decider(goal))
         self.log("info", f"goal {goal.id}: {len(goal.route)} waypoints, policy {goal.policy}")
+        why = self.pilot.replan(goal, self.now, goal.start)
+        if why:
+            self.pilot.fail("unreachable", why)
 
     def decider(self, goal: NavigationGoal) -> Decider:
         """Return the decider of a goal; by the default policy if the file of its own has gone since it was kept."""
@@ -130,8 +139,8 @@ class Requests:
         """Return the state that a restarted navigator needs."""
         t, pilot = self.localiser.tracker, self.pilot
         return Kept(
-            pilot.number, t.pose, tuple(t.cov[:3, :3].ravel().tolist()), self.localiser.odom, pilot.goal, pilot.state,
-            pilot.end, pilot.ended, tuple(self.planned),
+            pilot.orders.number, t.pose, tuple(t.cov[:3, :3].ravel().tolist()), self.localiser.odom, pilot.goal,
+            pilot.state, pilot.end, pilot.ended, tuple(self.planned),
         )  # fmt: skip
 
     def resume(self, kept: Kept, odometry: Odometry | None) -> None:
@@ -140,7 +149,7 @@ class Requests:
         if odometry is not None:
             pose = (odometry.position[0], odometry.position[1], odometry.yaw)
         self.localiser.resume(kept.pose, np.array(kept.covariance).reshape(3, 3), kept.odom, pose)
-        pilot.number = max(kept.number, self.gait.order)
+        pilot.orders.number = max(kept.number, self.gait.order)
         if kept.goal is not None:
             pilot.resume(kept.goal, self.decider(kept.goal), kept.state, kept.end)
             pilot.ended = kept.ended

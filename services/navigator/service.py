@@ -32,11 +32,10 @@ from .maps import Maps
 from .memory import GoalMemory
 from .messages import feedback_message, order_message
 from .pilot import Pilot
+from .ranging import take_range
 from .rehearsal import LARGE_SIDE, rehearse, rehearse_planning
 from .requests import Requests
-
-BLOCKED_M = 0.38
-"""Distance of an echo that forbids walking ahead, m (the collision rule of Osswald et al.: only rotations then)."""
+from .results import Results
 
 
 class Navigator(Service[NavigatorConfig]):
@@ -51,7 +50,8 @@ class Navigator(Service[NavigatorConfig]):
     )  # fmt: skip
 
     def on_start(self) -> None:
-        self.robot, self.catalogue, self.maps = load_robot(self.config.robot), Catalogue(self.config), Maps(self.config)
+        self.robot, self.catalogue = load_robot(self.config.robot), Catalogue(self.config)
+        self.maps = Maps(self.config, self.catalogue.model.conduct.remember)
         self.limits = {HW_LANDMARKS.key: longest_blind_ns(self.catalogue.model) if self.config.use_landmarks else 0}
         self.memory = GoalMemory(self.config.memory)
         self.on_reset()
@@ -70,8 +70,12 @@ class Navigator(Service[NavigatorConfig]):
 
     def on_reset(self) -> None:
         self.localiser = Localiser(self.config, self.catalogue.model)
-        self.pilot = Pilot(self.catalogue.acts, commands=self.localiser.control == "commands")
         self.maps.reset()
+        self.results = Results(self.localiser)
+        self.pilot = Pilot(
+            self.catalogue.acts, commands=self.localiser.control == "commands", conduct=self.catalogue.model.conduct,
+            ways=self.maps, record=self.results.record,
+        )  # fmt: skip
         self.requests = Requests(self.catalogue, self.maps, self.localiser, self.pilot, self.log, self._keep)
         self._epoch, self._blocked, self._noted = 0, False, ("idle", 0, 0)
 
@@ -94,19 +98,20 @@ class Navigator(Service[NavigatorConfig]):
         pilot.follow(now, requests.gait, localiser.tracker)
         self._take_sight(inputs.get(HW_LANDMARKS), inputs.get(HW_RANGE))
         localiser.search(standing=requests.gait.state == "standing")
+        self.results.now = now
         requests.carry_out()
         if gait is not None:
             pilot.tick(now, requests.gait, localiser.tracker, blocked=self._blocked, lost=localiser.lost.lost)
         self.publish(NAVIGATOR_ORDER, order_message(pilot))
         if STATE_POSE.due(inputs.number):
             self.publish(STATE_POSE, localiser.message(ready=requests.gait.state != "waiting"))
-            self.publish(NAVIGATOR_FEEDBACK, feedback_message(pilot, localiser.tracker.pose, now))
+            self.publish(NAVIGATOR_FEEDBACK, feedback_message(pilot, localiser.tracker.pose, now, self.results.last))
         self._keep()
 
     def _take_sight(self, seen: LandmarkDetections | None, reach: Range | None) -> None:
         if reach is not None:
-            near = reach.distance is not None and reach.distance <= max(BLOCKED_M, reach.shortest)
-            self._blocked = near or any(reach.bump)
+            conduct, requests = self.catalogue.model.conduct, self.requests
+            self._blocked = take_range(reach, self.localiser, self.maps, conduct, requests.now)
         if seen is None or not self.config.use_landmarks:
             return
         try:
@@ -120,7 +125,7 @@ class Navigator(Service[NavigatorConfig]):
         kept = self.memory.recall(self._epoch, self.requests.tick)
         self._log_problem()
         if kept is None:
-            self.pilot.number = self.requests.gait.order
+            self.pilot.orders.number = self.requests.gait.order
         else:
             self.requests.resume(kept, odometry)
 
@@ -129,7 +134,7 @@ class Navigator(Service[NavigatorConfig]):
         tick = self.requests.tick
         if self.memory.path is None or tick < 0:  # nothing is worth keeping before the first tick
             return
-        mark = (self.pilot.state, self.pilot.number, len(self.requests.planned))
+        mark = (self.pilot.state, self.pilot.orders.number, len(self.requests.planned))
         if mark != self._noted or tick % 100 == 0:
             self._noted = mark
             self.memory.keep(self._epoch, tick, self.requests.kept())

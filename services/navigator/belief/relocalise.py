@@ -27,7 +27,7 @@ from .places import (
     place_list,
     search,
 )
-from .sightings import Sightings, candidates
+from .sightings import SightingMemory, candidates
 
 Array = NDArray[np.float64]
 Pose = tuple[float, float, float]
@@ -111,9 +111,9 @@ class Relocaliser:
 
     def __init__(self, world: FloorLandmarks, noise: SightNoise, limits: RelocaliseLimits | None = None) -> None:
         self.world, self.noise, self.limits = world, noise, limits or RelocaliseLimits()
-        self.sightings = Sightings(noise, world.descriptor_length)
+        self.sightings = SightingMemory(noise, world.descriptor_length)
         self._fresh = False
-        self._search: Searched | None = None
+        self._search: PlaceSearch | None = None
 
     def add(self, seen: Detections, pose: Pose, time: float) -> None:
         """Enter a frame.
@@ -154,7 +154,7 @@ class Relocaliser:
         result = _decided(found.places.places[:filled], found.known, int(found.cursor[TRIED]), self.noise, limits)
         return replace(result, reference=found.here)
 
-    def _begin(self, here: Pose) -> "Searched":
+    def _begin(self, here: Pose) -> "PlaceSearch":
         """Return a search for the pose `here` from the sightings so far."""
         world, limits = self.world, self.limits
         place, spread, looks, count, total = self.sightings.seen_from(here, limits.sightings)
@@ -170,11 +170,11 @@ class Relocaliser:
         places = place_list(evidence, limits.places) if known.size >= 2 else None
         cursor = np.zeros(CURSOR, dtype=np.int64)
         cursor[SECOND] = 1
-        return Searched(here, evidence, places, cursor, int(known.size))
+        return PlaceSearch(here, evidence, places, cursor, int(known.size))
 
 
 @dataclass(frozen=True, eq=False)
-class Searched:
+class PlaceSearch:
     """A search under way."""
 
     here: Pose

@@ -156,7 +156,7 @@ def candidates(looks: Array, columns: Array, look: float, ratio: float, most: in
     return starts, members[: starts[s]]
 
 
-class Sightings:
+class SightingMemory:
     """Memory of the frames of a lost robot.
 
     Args:

@@ -95,7 +95,7 @@ class Costs:
         return max(0.0, min(self.clearance.comfort, cells * self.grid.cell))
 
 
-def prepare(grid: FloorGrid, clearance: Clearance | None = None) -> Costs:
+def prepare(grid: FloorGrid, clearance: Clearance | None = None, *, lasting: bool = True) -> Costs:
     """Return the costs of a grid.
 
     A cell whose centre is d m from the edge of the nearest obstacle may be entered if d >= radius, and then costs
@@ -104,6 +104,7 @@ def prepare(grid: FloorGrid, clearance: Clearance | None = None) -> Costs:
     Args:
         grid: occupancy.
         clearance: None = the defaults of `Clearance`.
+        lasting: many routes will be planned on it, so that the marks of a large map pay.
 
     Raises:
         Refusal: `comfort` is more than 200 cells.
@@ -121,7 +122,7 @@ def prepare(grid: FloorGrid, clearance: Clearance | None = None) -> Costs:
     size = np.bincount(region.ravel())
     size[0] = 0
     largest = int(size.argmax())
-    many = MARKS if size[largest] >= LARGE else 0
+    many = MARKS if lasting and size[largest] >= LARGE else 0
     marks = np.empty((weight.size, many), dtype=np.int32)
     cost, far = np.empty(weight.size, dtype=np.int32), int((region.ravel() == largest).argmax())
     for i in range(many + 1 if many else 0):  # the first is only to find the one farthest from it

@@ -13,15 +13,14 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from surefoot.errors import ConfigError
 from surefoot.nearest import did_you_mean
-from surefoot.schemas.base import Strict
+
+from .settings import Conduct, ModelPart, NotNegative, OdometryNoise, Positive
 
 Share = Annotated[float, Field(ge=0, le=1)]
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
 Kind = Literal["stand", "turn", "walk"]
 
 KINDS: tuple[Kind, ...] = ("stand", "turn", "walk")
@@ -30,11 +29,7 @@ DETOUR = 1.16
 MIRRORED = {"left": "right", "right": "left"}
 
 
-class _ModelPart(Strict):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Scene(_ModelPart):
+class Scene(ModelPart):
     """The corridor, start and goal of an episode."""
 
     x_min: float = Field(default=-1.0, description="m, wall behind the start")
@@ -61,7 +56,7 @@ class Scene(_ModelPart):
         return self
 
 
-class Drift(_ModelPart):
+class Drift(ModelPart):
     """Turning that no command asked for, in proportion to the way walked."""
 
     kind: Literal["sign", "normal"] = Field(
@@ -73,7 +68,7 @@ class Drift(_ModelPart):
     )
 
 
-class SightModel(_ModelPart):
+class SightModel(ModelPart):
     """Sight of a frame; an action may override its footprint and probability."""
 
     range_min: NotNegative = Field(default=0.15, description="m, nearest landmark in view")
@@ -93,7 +88,7 @@ class SightModel(_ModelPart):
     camera_height: Positive = Field(default=0.45, description="m above the floor")
 
 
-class ActionModel(_ModelPart):
+class ActionModel(ModelPart):
     """One action of the robot."""
 
     kind: Kind = Field(description="stand, turn on the spot, or walk (straight or on an arc)")
@@ -111,7 +106,7 @@ class ActionModel(_ModelPart):
     half_angle_deg: float | None = Field(default=None, gt=0, le=180, description="deg, likewise")
 
 
-class Filter(_ModelPart):
+class Filter(ModelPart):
     """Belief at the start, and number of its states."""
 
     states: Literal[3, 4] = Field(default=4, description="3: drift is noise (paper), 4: drift is estimated")
@@ -119,7 +114,7 @@ class Filter(_ModelPart):
     heading_sd_deg: NotNegative = Field(default=5.0, description="deg, at the start")
 
 
-class Guards(_ModelPart):
+class Guards(ModelPart):
     """Limits of runs of the same decision, for every policy."""
 
     stands: int = Field(default=15, ge=1, description="stands in a row, then the robot must move")
@@ -128,14 +123,14 @@ class Guards(_ModelPart):
     )
 
 
-class Reward(_ModelPart):
+class Reward(ModelPart):
     """Return of an episode: minus the seconds, plus a bonus at the goal (7)."""
 
     goal: NotNegative = Field(default=200.0, description="for the step that reaches the goal")
     gamma: float = Field(default=0.99, gt=0, le=1, description="discount per action")
 
 
-class NavigationModel(_ModelPart):
+class NavigationModel(ModelPart):
     """All numbers of a navigating robot."""
 
     version: Literal[1] = Field(default=1, description="of this format")
@@ -147,6 +142,8 @@ class NavigationModel(_ModelPart):
     filter: Filter = Filter()
     guards: Guards = Guards()
     reward: Reward = Reward()
+    odometry: OdometryNoise = OdometryNoise()
+    conduct: Conduct = Conduct()
     decision_delay: NotNegative = Field(
         default=0.0, le=5, description="s before the end of an action: decision is made"
     )
@@ -190,8 +187,8 @@ class NavigationModel(_ModelPart):
         return tuple(self.actions[name] for name in self.names)
 
     def sha256(self) -> str:
-        """Hash of every value (names and where it came from excluded)."""
-        content = self.model_dump(mode="json", exclude={"name", "extends"})
+        """Hash of every value that a policy depends on: without names, noise of the odometry and conduct of goals."""
+        content = self.model_dump(mode="json", exclude={"name", "extends", "odometry", "conduct"})
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 

@@ -9,8 +9,8 @@ from surefoot.errors import SurefootError
 from surefoot.lab.fit.counts import durations, matches
 from surefoot.lab.fit.events import FRAME, KEYS, MOVE, SEE, Run, read_run
 from surefoot.lab.fit.result import Fitted
-from surefoot.services.navigator.execution import LAG_S
 from surefoot.services.navigator.policy.params import load
+from surefoot.services.navigator.policy.settings import Conduct
 from tests.lab.fit.recordings import tour, turn, walk
 from tests.surefoot.expect import expect_error
 
@@ -42,7 +42,7 @@ def test_durations_by_what_was_before(run):
 
 
 def test_the_trunk_follows_the_feet_in_the_events_as_in_the_navigator(run):
-    """The first walk lands 2.8 s after its order; the trunk has gone its way LAG_S later, whole ticks of a frame."""
+    """The first walk lands 2.8 s after its order; the trunk has gone its way a lag later, whole ticks of a frame."""
     time, done = 0.0, 0.0
     for kind, value, share, *_ in run.events:
         time += value if kind == FRAME else 0.0
@@ -50,7 +50,7 @@ def test_the_trunk_follows_the_feet_in_the_events_as_in_the_navigator(run):
             done += share
         if done >= 1.0 - 1e-9:
             break
-    assert time == pytest.approx(0.5 + 2.8 + LAG_S, abs=0.11)
+    assert time == pytest.approx(0.5 + 2.8 + Conduct().lag, abs=0.11)
 
 
 def test_sightings_are_those_of_the_map(run):

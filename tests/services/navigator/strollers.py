@@ -41,10 +41,10 @@ class Stroller:
 
     def take(self, pilot: Pilot) -> None:
         """Take up the pilot's order of the tick before."""
-        if pilot.number == self.order or pilot.order is None:
+        if pilot.orders.number == self.order or pilot.orders.order is None:
             return
-        self.order, self.walk_id = pilot.number, self.walk_id + 1
-        order = pilot.order
+        self.order, self.walk_id = pilot.orders.number, self.walk_id + 1
+        order = pilot.orders.order
         if order.action == "stop":
             self._left = 0.0
             self._closing = CLOSE_S if self.state != "standing" else 0.0

@@ -10,7 +10,6 @@ from surefoot.schemas.hw import Landmark, LandmarkDetections
 from surefoot.schemas.navigation import MAX_WAYPOINTS, GotoRequest, SetPoseRequest, WaypointsRequest
 from surefoot.schemas.terrain import LandmarkMap as LandmarkMapMessage
 from surefoot.schemas.topics import TERRAIN_LANDMARKS
-from surefoot.services.navigator import pilot
 from surefoot.services.navigator.belief.matching import DetectionError
 from surefoot.services.navigator.goals import GaitView
 from tests.services.navigator.journeys import Journey, ready
@@ -102,15 +101,14 @@ def test_a_camera_that_is_gone_in_mid_walk_leaves_a_belief_that_grows(journey: J
     assert error_of(journey)[1] < 3.0
 
 
-def test_a_ranger_stuck_at_its_shortest_ends_the_goal_as_stuck(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pilot, "STUCK_S", 12.0)
-    journey = ready()
+def test_a_ranger_stuck_at_its_shortest_ends_the_goal_as_blocked() -> None:
+    journey = ready(set=("conduct.wait=5.0",))
     journey.distance = 0.25
     journey.step(10)
     journey.goto(1.0, 0.0)
     end = journey.until_ended()
-    assert (end.state, end.error_code) == ("failed", "stuck")
-    assert end.recoveries["give_up"] == 1
+    assert (end.state, end.error_code) == ("failed", "blocked")
+    assert end.recoveries["wait"] == 1
     assert journey.missed(0.0, 0.0) < 0.01
 
 
@@ -126,7 +124,7 @@ def test_a_goal_while_lost_begins_with_finding_the_pose(journey: Journey) -> Non
     assert journey.service.localiser.tracker.pose[:2] == pytest.approx((0.0, 0.0), abs=0.1)  # not yet found
     assert journey.goto(1.0, 0.5).accepted
     journey.step(2)
-    assert journey.pilot.order is None  # no step before it knows where it is
+    assert journey.pilot.orders.order is None  # no step before it knows where it is
     end = journey.until_ended()
     assert end.state == "succeeded"
     assert (end.recoveries["stand_and_look"], end.recoveries["relocalise"]) == (1, 1)

@@ -219,7 +219,7 @@ def test_a_navigator_that_is_started_again_goes_on_with_its_goal(memory: str) ->
     second = first.restarted(first.tick + 50, memory=memory)
     second.step(20)
     assert second.pilot.goal.id == "kept"
-    assert second.pilot.number >= first.pilot.number
+    assert second.pilot.orders.number >= first.pilot.orders.number
     assert second.until_ended().state == "succeeded"
     assert second.missed(1.5, 0.0) < 0.2
 
@@ -230,8 +230,8 @@ def test_a_navigator_killed_before_its_tick_was_sent_does_that_tick_again(memory
     first.goto(0.8, 0.0, goal_id="kept")
     first.step(101 - first.tick % 100)  # a hundredth tick is kept whatever happens
     if order_lost:  # kept, but the walker never saw it
-        number = first.pilot.number
-        while first.pilot.number == number:
+        number = first.pilot.orders.number
+        while first.pilot.orders.number == number:
             first.step()
     second = first.restarted(first.tick - 1, memory=memory)
     second.step(20)

@@ -7,7 +7,7 @@ import pytest
 
 from surefoot.services.navigator.belief.places import TRIED
 from surefoot.services.navigator.belief.relocalise import Relocaliser, relocalise
-from surefoot.services.navigator.belief.sightings import FORGET_S, LONGEST, MOST, Sightings
+from surefoot.services.navigator.belief.sightings import FORGET_S, LONGEST, MOST, SightingMemory
 from tests.services.navigator.belief.floors import EASY, LENGTH, ROUGH, Eye, floor
 from tests.services.navigator.belief.test_relocalise import glances
 
@@ -16,7 +16,7 @@ TRUTH = np.array([2.0, 0.1, 0.3])
 
 
 def test_an_hour_of_frames_takes_no_more_room_than_a_minute() -> None:
-    memory, eye = Sightings(EASY, LENGTH), Eye(floor(1, 40.0, copied=0.5), EASY, 1, recognised=0.45, false=0.3)
+    memory, eye = SightingMemory(EASY, LENGTH), Eye(floor(1, 40.0, copied=0.5), EASY, 1, recognised=0.45, false=0.3)
     frames = [eye.look(TRUTH)[0] for _ in range(200)]
     size = sum(array.nbytes for array in memory.tables)
     for i in range(36_000):
@@ -29,7 +29,7 @@ def test_an_hour_of_frames_takes_no_more_room_than_a_minute() -> None:
 
 
 def test_what_was_not_seen_again_is_forgotten() -> None:
-    memory, eye = Sightings(EASY, LENGTH), Eye(floor(1), EASY, 1, recognised=0.5)
+    memory, eye = SightingMemory(EASY, LENGTH), Eye(floor(1), EASY, 1, recognised=0.5)
     memory.add(eye.look(TRUTH)[0], HERE, 0.0)
     assert len(memory.seen_from(HERE, 99)[0]) > 0
     later = eye.look(TRUTH + np.array([0.0, 0.0, math.pi]))[0]
@@ -38,7 +38,7 @@ def test_what_was_not_seen_again_is_forgotten() -> None:
 
 
 def test_sightings_lie_as_they_do_from_another_pose() -> None:
-    memory, eye = Sightings(ROUGH, LENGTH), Eye(floor(1), ROUGH, 1, recognised=0.5)
+    memory, eye = SightingMemory(ROUGH, LENGTH), Eye(floor(1), ROUGH, 1, recognised=0.5)
     memory.add(eye.look(TRUTH)[0], HERE, 0.0)
     place, spread, *_ = memory.seen_from(HERE, 99)
     turned, its_spread, *_ = memory.seen_from((0.3, -0.2, 0.7), 99)

@@ -1,0 +1,74 @@
+"""Arrival at a goal: the robot surely lies within the goal's tolerances, or it does not."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .belief.ukf import wrap
+from .goals import End, NavigationGoal
+
+Array = NDArray[np.float64]
+
+REACH = (0.5, 0.75)
+"""Parts of the tolerance within which the estimate ends the walk: of an unsure and of a sure robot. Nearer than half of
+0.2 m steps of 0.1 m overshoot; beyond three quarters the closing step may lead out again."""
+
+
+def spread(cov: Array) -> float:
+    """Return the largest standard deviation of the position in any direction, m; cov (3, 3) or larger."""
+    a, b, c = float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1])
+    return math.sqrt(max(0.0, 0.5 * (a + c) + math.hypot(0.5 * (a - c), b)))
+
+
+def beside(goal: NavigationGoal, mean: Array) -> tuple[float, float]:
+    """Return the distance from the last waypoint, m, and the error of the heading that is asked for, rad (0 = none)."""
+    gx, gy = goal.route[-1]
+    turned = 0.0 if goal.yaw is None else float(wrap(goal.yaw - float(mean[2])))
+    return math.hypot(gx - float(mean[0]), gy - float(mean[1])), turned
+
+
+def reach(goal: NavigationGoal, cov: Array, sure: float) -> float:
+    """Return the distance of the estimate from the last waypoint at which the walk ends, m: the surer, the farther."""
+    tolerance = goal.xy_tolerance
+    return min(REACH[1] * tolerance, max(REACH[0] * tolerance, tolerance - sure * spread(cov)))
+
+
+def surely_there(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> bool:
+    """Return whether the position lies within the goal's tolerance with `sure` standard deviations to spare."""
+    return beside(goal, mean)[0] + sure * spread(cov) <= goal.xy_tolerance
+
+
+def surely_turned(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> bool:
+    """Return whether the heading does so; a goal that asks for none is always turned."""
+    if goal.yaw is None:
+        return True
+    return abs(beside(goal, mean)[1]) + sure * math.sqrt(max(0.0, float(cov[2, 2]))) <= goal.yaw_tolerance
+
+
+def sure_of_place(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> bool:
+    """Return whether looking would not help: the robot is surely there, and turned as asked for or about to turn."""
+    turning = abs(beside(goal, mean)[1]) > 0.5 * goal.yaw_tolerance
+    return surely_there(goal, mean, cov, sure) and (turning or surely_turned(goal, mean, cov, sure))
+
+
+def arrival(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> End:
+    """Return the end of a goal for a robot that stands at its last waypoint by the estimate.
+
+    Args:
+        goal: the goal.
+        mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
+        cov: its covariance.
+        sure: standard deviations that fit between estimate and tolerance.
+    """
+    distance, turned = beside(goal, mean)
+    heading = "" if goal.yaw is None else f" and {math.degrees(abs(turned)):.0f} deg"
+    text = f"arrived by the estimate, {distance:.2f} m{heading} beside the goal"
+    if surely_there(goal, mean, cov, sure) and surely_turned(goal, mean, cov, sure):
+        return ("succeeded", "", text)
+    off = f"{spread(cov):.2f} m"
+    asked = f"{goal.xy_tolerance:g} m"
+    if goal.yaw is not None:
+        off += f" and {math.degrees(math.sqrt(max(0.0, float(cov[2, 2])))):.0f} deg"
+        asked += f" and {math.degrees(goal.yaw_tolerance):.0f} deg"
+    return ("failed", "arrived_unsure", f"{text}, with a deviation of {off}; surely within {asked} was asked for")

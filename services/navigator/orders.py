@@ -1,0 +1,71 @@
+"""Orders of the navigator to the walker: given once each, reminded of, and taken up."""
+
+from surefoot.schemas.cmd import WalkCommand
+
+from .execution import Execution
+from .goals import Act, GaitView
+
+REMIND_S = 1.0
+"""Time after which an order is repeated that a standing walker has not taken up, s."""
+
+
+class Orders:
+    """Orders of one epoch.
+
+    Args:
+        lag: delay between a foot's landing and the trunk reaching its place, s.
+    """
+
+    def __init__(self, lag: float) -> None:
+        self.execution = Execution(lag)
+        self.number = 0
+        """Number of the last order."""
+        self.order: WalkCommand | None = None
+        self.given: Act | None = None
+        """Action of the last order, until the walker has taken it up."""
+        self._walk_id: int | None = None
+        self._given_at: float | None = None
+        """Simulated time since which the walker has not taken up the order, s."""
+
+    def give(self, order: WalkCommand, act: Act | None) -> None:
+        """Give the next order; `act` is the action that it begins, None = a stop."""
+        self.given, self.order = act, order
+        self.number += 1
+        self._walk_id = self._given_at = None
+
+    def take_up(self, now: float, gait: GaitView) -> None:
+        """Record what the walker took up, and its forecast of the end."""
+        given = self.given
+        if self.number and gait.order == self.number and given is not None:
+            self.given = None
+            if given.kind != "stand" and not gait.refused:
+                self.execution.begin(given.motion, given.duration, now, gait.ends_in)
+        elif given is None:
+            self.execution.correct(now, gait.ends_in)
+
+    def remind(self, now: float, gait: GaitView) -> None:
+        """Repeat an order that a standing walker has not taken up: walker or navigator was started again.
+
+        A navigator that was started again has no order to repeat and decides anew.
+        """
+        if self._given_at is None:
+            self._given_at = now
+        elif now - self._given_at > REMIND_S and gait.state == "standing":
+            self.execution.stop()
+            if self.order is None:
+                self.number = gait.order
+            else:
+                self.give(self.order, self.given)
+
+    def failure(self, gait: GaitView) -> tuple[str, str] | None:
+        """Return error code and message where no order would be obeyed or another client commands, else None."""
+        if gait.state == "refused":
+            return "fallen", gait.reason or "the robot has fallen"
+        if gait.order == self.number and gait.refused:
+            return "stopped" if "emergency stop" in gait.refused else "walker_refused", gait.refused
+        if gait.order == self.number:
+            if self._walk_id is None:
+                self._walk_id = gait.walk_id
+            elif gait.walk_id != self._walk_id:
+                return "taken_over", "another client commands the walker (cmd/walk)"
+        return None

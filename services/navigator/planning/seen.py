@@ -1,0 +1,165 @@
+"""Local map beside the static one: obstacles that a ranger sees and the map does not know; they fade.
+
+An echo at r m in a cone is explained if the map, or a mark, has an obstacle in the cone no farther than r and a slack.
+One that is not marks the cells of its arc; an empty cone clears the cells in it, and a mark that is not seen again is
+forgotten.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .grid import OCCUPIED, FloorGrid
+
+Array = NDArray[np.float64]
+Point = tuple[float, float]
+Pose = tuple[float, float, float]
+
+FARTHEST = 1.0
+"""Farthest echo that marks cells, m: the arc of a farther one is wider than a door."""
+SLACK = 0.15
+"""Difference of an echo from the map that is no difference, m: half a cell, the trunk's sway, the ranger's noise."""
+EDGE = 0.1
+"""Angle by which the cone is wider for the map, rad: cells at its edge."""
+WIDTH = 0.5
+"""Length of the arc that an echo marks, m: what stands there may be narrower than the cone, or wider."""
+CLOSE = 0.5
+"""Distance, m, within which marks at the edge of the cone do not explain an echo: the robot is about to touch it."""
+MOST = 4096
+"""Largest number of marked cells; the oldest are dropped."""
+AHEAD = 2.0
+"""Length of the route that is checked, m: farther marks are planned around when they come near."""
+
+
+@dataclass(frozen=True)
+class Cone:
+    """One reading of a ranger."""
+
+    distance: float | None
+    """Distance of the nearest echo, m; None = none within reach."""
+    longest: float
+    """End of the reach, m."""
+    half: float
+    """Half of the field of view, rad."""
+
+
+def expected_echo(grid: FloorGrid, at: Pose, half: float, longest: float, obstacle: int) -> float:
+    """Return the distance of the nearest obstacle of a map in a cone, m; `longest` where there is none.
+
+    Args:
+        grid: the map.
+        at: x, y (m) and heading (rad) of the ranger, frame map.
+        half: half angle of the cone, rad.
+        longest: m.
+        obstacle: occupancy from which on a cell is an obstacle.
+    """
+    (r0, c0), (r1, c1) = grid.index(at[0] - longest, at[1] - longest), grid.index(at[0] + longest, at[1] + longest)
+    rows, cols = grid.shape
+    r0, c0, r1, c1 = max(0, r0), max(0, c0), min(rows, r1 + 1), min(cols, c1 + 1)
+    if r0 >= r1 or c0 >= c1:
+        return longest
+    found = np.argwhere(grid.cells[r0:r1, c0:c1] >= obstacle)
+    dx = grid.origin[0] + (found[:, 1] + c0 + 0.5) * grid.cell - at[0]
+    dy = grid.origin[1] + (found[:, 0] + r0 + 0.5) * grid.cell - at[1]
+    ahead = math.cos(at[2]) * dx + math.sin(at[2]) * dy
+    away = np.sqrt(dx * dx + dy * dy)
+    inside = away[ahead >= math.cos(half) * away]
+    return min(longest, max(0.0, float(inside.min()) - 0.5 * grid.cell)) if inside.size else longest
+
+
+class SeenObstacles:
+    """Cells that a ranger saw occupied and the static map has free.
+
+    Args:
+        grid: static map.
+        obstacle: its occupancy from which on a cell is an obstacle.
+        keep: time after which a mark that was not seen again is forgotten, s.
+    """
+
+    def __init__(self, grid: FloorGrid, obstacle: int, keep: float) -> None:
+        self.grid, self.obstacle, self.keep = grid, obstacle, keep
+        self.marks: dict[tuple[int, int], float] = {}
+        """Times at which cells (row, column) were last seen occupied, s."""
+        self.version = 0
+        """Number that changes with the set of marked cells."""
+
+    def take(self, seen: Cone, at: Pose, unsure: tuple[float, float], now: float) -> None:
+        """Enter one reading.
+
+        Args:
+            seen: the reading.
+            at: x, y (m) and heading (rad) of the ranger, frame map.
+            unsure: standard deviations of that place, m, and heading, rad.
+            now: simulated time, s.
+        """
+        before = set(self.marks)
+        for cell in [cell for cell, time in self.marks.items() if now - time > self.keep]:
+            del self.marks[cell]
+        reach = min(seen.longest if seen.distance is None else seen.distance, FARTHEST)
+        for cell in self._inside(at, seen.half, reach - SLACK):
+            del self.marks[cell]
+        if seen.distance is not None and seen.distance <= FARTHEST:
+            slack, wider = SLACK + 2.0 * unsure[0], seen.half + EDGE + 2.0 * unsure[1]
+            known = expected_echo(self.grid, at, min(math.pi, wider), seen.distance + slack + 0.1, self.obstacle)
+            if known > seen.distance + slack and not self._seen_again(at, seen, now):
+                self._mark(at, min(seen.half, 0.5 * WIDTH / seen.distance), seen.distance, now)
+        while len(self.marks) > MOST:
+            del self.marks[min(self.marks, key=lambda cell: self.marks[cell])]
+        self.version += before != set(self.marks)
+
+    def _seen_again(self, at: Pose, seen: Cone, now: float) -> bool:
+        """Return whether marks explain an echo, and renew these."""
+        assert seen.distance is not None
+        half = seen.half if seen.distance > CLOSE else 0.5 * seen.half
+        again = self._inside(at, half, seen.distance + SLACK)  # nearer ones have been cleared
+        self.marks.update(dict.fromkeys(again, now))
+        return bool(again)
+
+    def _mark(self, at: Pose, half: float, distance: float, now: float) -> None:
+        """Mark the arc of an echo."""
+        grid, reach = self.grid, distance + 0.5 * self.grid.cell
+        count = max(3, math.ceil(4.0 * half * reach / grid.cell))
+        for angle in np.linspace(at[2] - half, at[2] + half, count).tolist():
+            cell = grid.index(at[0] + reach * math.cos(angle), at[1] + reach * math.sin(angle))
+            if grid.inside(*cell) and int(grid.cells[cell]) < self.obstacle:
+                self.marks[cell] = now
+
+    def _inside(self, at: Pose, half: float, reach: float) -> list[tuple[int, int]]:
+        """Return the marked cells in a cone, nearer than `reach` m."""
+        found: list[tuple[int, int]] = []
+        for cell in self.marks:
+            x, y = self.grid.centre(*cell)
+            dx, dy = x - at[0], y - at[1]
+            away = math.hypot(dx, dy)
+            ahead = math.cos(at[2]) * dx + math.sin(at[2]) * dy
+            if away < reach and ahead >= math.cos(half) * away:
+                found.append(cell)
+        return found
+
+    def free(self, here: Point, route: tuple[Point, ...], radius: float) -> bool:
+        """Return whether no mark is within `radius` m of the next part of a route that begins `here`."""
+        if not self.marks:
+            return True
+        centres = np.array([self.grid.centre(*cell) for cell in self.marks])
+        left, begin = AHEAD, here
+        for end in route:
+            length = math.dist(begin, end)
+            if length > 0.0:
+                ux, uy = (end[0] - begin[0]) / length, (end[1] - begin[1]) / length
+                dx, dy = centres[:, 0] - begin[0], centres[:, 1] - begin[1]
+                along = np.clip(dx * ux + dy * uy, 0.0, min(length, left))
+                if float(np.hypot(dx - along * ux, dy - along * uy).min()) < radius:
+                    return False
+            left, begin = left - length, end
+            if left <= 0.0:
+                break
+        return True
+
+    def joined(self) -> FloorGrid:
+        """Return the static map with the marks as obstacles."""
+        cells = self.grid.cells.copy()
+        for cell in self.marks:
+            cells[cell] = OCCUPIED
+        return FloorGrid(cells, self.grid.cell, self.grid.origin, self.grid.source)

@@ -1,0 +1,68 @@
+"""Settings of a live navigator: noise of its odometry, and conduct of goals. No policy depends on them."""
+
+import math
+from typing import Annotated
+
+from pydantic import ConfigDict, Field
+
+from surefoot.schemas.base import Strict
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+
+
+class ModelPart(Strict):
+    """Part of a navigation model; immutable."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class OdometryNoise(ModelPart):
+    """Standard deviations of `state/odometry` between two uses of it."""
+
+    along: NotNegative = Field(default=0.03, description="part of a way of 10 cm, along and across; grows by its root")
+    turn: NotNegative = Field(default=0.05, description="rad per root of a metre walked")
+    still: NotNegative = Field(default=1e-3, description="m per root of a second, of a robot that stands")
+    still_turn: NotNegative = Field(default=5e-4, description="rad per root of a second, likewise")
+
+
+class Conduct(ModelPart):
+    """Conduct of goals: times, tolerances, recoveries."""
+
+    xy_goal_tolerance: Positive = Field(
+        default=0.20,
+        le=10,
+        description="m, at a success the robot is surely so near; a goal may state its own",
+    )
+    yaw_goal_tolerance: Positive = Field(
+        default=0.25, le=math.pi, description="rad, likewise of a heading that is asked for"
+    )
+    sure: Positive = Field(default=2.0, description="standard deviations that fit between estimate and tolerance")
+    waypoint_tolerance: Positive = Field(
+        default=0.15, le=10, description="m, of the estimate at an intermediate waypoint"
+    )
+    lead: NotNegative = Field(
+        default=0.30, le=5,
+        description="s before an action's last step lands: the next is decided (walker 0.25, order 0.02)",
+    )  # fmt: skip
+    lag: NotNegative = Field(
+        default=0.6, le=5,
+        description="s from a landing until the trunk is in its place: 42 mm of 10 cm and 6 of 23 deg are left then "
+        "(`python -m benchmarks walker actions`)",
+    )  # fmt: skip
+    looks: int = Field(default=6, ge=0, le=100, description="stands in a row to make sure of an arrival")
+    look: Positive = Field(default=2.0, le=60, description="s, longest time of each without a frame")
+    aligning_turns: int = Field(default=4, ge=0, le=100, description="turns to the heading that is asked for")
+    replans: int = Field(default=20, ge=0, le=1000, description="routes of a goal around what the map does not know")
+    wait: NotNegative = Field(
+        default=30.0, description="s in all of waiting where no way leads around it; more end the goal as blocked"
+    )
+    remember: Positive = Field(default=120.0, description="s, an obstacle that the map does not know is kept unseen")
+    ranger_ahead: float = Field(default=0.05, ge=-2, le=2, description="m, the ranger before base_link")
+    timeout: Positive | None = Field(default=None, description="s for a goal; null = none; a goal may state its own")
+    stuck: Positive = Field(default=120.0, description="s without progress after which a waypoint is given up")
+    progress: Positive = Field(default=0.10, description="m nearer to the waypoint that count as progress")
+    search_look: Positive = Field(default=3.0, le=60, description="s, look of a lost robot in one direction")
+    search_turn_deg: float = Field(default=46.0, gt=0, le=180, description="deg, turn between two such looks")
+    search_turns: int = Field(default=7, ge=0, le=100, description="turns after which a lost robot gives up")
+    blocked: NotNegative = Field(default=0.38, le=10, description="m, an echo so near forbids walking ahead")

@@ -1,0 +1,31 @@
+"""Use of the ranger: an obstacle close ahead forbids to walk, and one that the map does not know is remembered."""
+
+import math
+
+from surefoot.schemas.hw import Range
+
+from .arrival import spread
+from .localiser import Localiser
+from .maps import Maps
+from .messages import placed
+from .planning.seen import Cone
+from .policy.settings import Conduct
+
+
+def take_range(reach: Range, localiser: Localiser, maps: Maps, conduct: Conduct, now: float) -> bool:
+    """Enter a reading into the local map; return whether only turns are allowed (the rule of Osswald et al.).
+
+    Args:
+        reach: the reading.
+        localiser: belief of the pose; while it is lost, nothing is entered.
+        maps: obstacles.
+        conduct: distances.
+        now: simulated time, s.
+    """
+    tracker = localiser.tracker
+    if not localiser.lost.lost:
+        at = placed(tracker.pose, (conduct.ranger_ahead, 0.0, 0.0))
+        unsure = (spread(tracker.cov), math.sqrt(max(0.0, float(tracker.cov[2, 2]))))
+        maps.see(Cone(reach.distance, reach.longest, 0.5 * reach.field_of_view), at, unsure, now)
+    near = reach.distance is not None and reach.distance <= max(conduct.blocked, reach.shortest)
+    return near or any(reach.bump)

@@ -1,0 +1,35 @@
+"""Results of goals: one for each that began, with the belief of the pose at its end."""
+
+from surefoot.schemas.navigation import RESULTS, GoalResult
+
+from .goals import End, NavigationGoal
+from .localiser import Localiser
+
+
+class Results:
+    """Results of the last goals of an epoch.
+
+    Args:
+        localiser: belief of the pose.
+    """
+
+    def __init__(self, localiser: Localiser) -> None:
+        self.localiser = localiser
+        self.now = 0.0
+        """Simulated time, s."""
+        self.count = 0
+        """Number of goals that ended."""
+        self.last: tuple[GoalResult, ...] = ()
+        """Results of the last goals, the last one last."""
+
+    def record(self, goal: NavigationGoal, end: End) -> None:
+        """Keep the result of a goal that ends now."""
+        state, error, reason = end
+        tracker, self.count = self.localiser.tracker, self.count + 1
+        result = GoalResult(
+            number=self.count, goal_id=goal.id, state=state, error_code=error,  # pyright: ignore[reportArgumentType] - one of the literals, set in the pilot
+            reason=reason or state, pose=tracker.pose, covariance=tuple(tracker.body_covariance().ravel().tolist()),
+            navigation_time=max(0.0, self.now - goal.began), number_of_recoveries=sum(goal.recoveries.values()),
+            missed_waypoints=tuple(goal.missed),
+        )  # fmt: skip
+        self.last = (*self.last, result)[-RESULTS:]

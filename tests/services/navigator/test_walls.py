@@ -1,0 +1,151 @@
+"""Walls and people that the map does not know: seen by the ranger, gone around, waited for, or reported."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from surefoot.services.navigator.planning.grid import OCCUPIED, FloorGrid
+from surefoot.services.navigator.planning.seen import Cone, SeenObstacles, expected_echo
+from tests.services.navigator.journeys import Journey
+
+HALF, LONGEST, SHORTEST = 0.5, 2.55, 0.25
+Box = tuple[float, float, float, float]
+
+
+class Walled(Journey):
+    """A journey with boxes (x0, y0, x1, y1) in m that stand on the floor and are in no map."""
+
+    def __init__(self, *boxes: Box, **config: Any) -> None:
+        super().__init__(**config)
+        self.boxes = list(boxes)
+
+    def step(self, ticks: int = 1) -> None:
+        """Let ticks pass, with the echo of each."""
+        for _ in range(ticks):
+            if self.tick % 10 == 0:
+                self.distance = self.echo()
+            super().step()
+
+    def echo(self) -> float | None:
+        """Distance of the nearest wall or box in the cone, m."""
+        w, reach = self.walker, np.arange(0.01, LONGEST, 0.01)
+        angles = w.yaw + np.linspace(-HALF, HALF, 13)
+        x = w.x + 0.05 * math.cos(w.yaw) + np.outer(np.cos(angles), reach)
+        y = w.y + 0.05 * math.sin(w.yaw) + np.outer(np.sin(angles), reach)
+        hit = (x < -0.9) | (x > 3.1) | (y < -0.975) | (y > 1.025)
+        hit |= (x > 1.9) & (x < 2.2) & (y > 0.425) & (y < 0.675)  # the pillar of the map
+        for x0, y0, x1, y1 in self.boxes:
+            hit |= (x > x0) & (x < x1) & (y > y0) & (y < y1)
+        first = np.where(hit.any(axis=1), reach[hit.argmax(axis=1)], np.inf).min()
+        return None if math.isinf(first) else max(SHORTEST, float(first))
+
+    def touched(self) -> bool:
+        """Whether the walker stands in a box."""
+        w = self.walker
+        return any(x0 < w.x < x1 and y0 < w.y < y1 for x0, y0, x1, y1 in self.boxes)
+
+    def walk(self, most: int = 12_000) -> Any:
+        """Walk until the goal has ended, touching nothing; return the feedback."""
+        for _ in range(most):
+            self.step()
+            assert not self.touched()
+            if not self.pilot.under_way and self.pilot.state != "idle":
+                break
+        self.step(10)
+        return self.feedback()
+
+
+def walled(*boxes: Box, **config: Any) -> Walled:
+    """A journey that has begun."""
+    journey = Walled(*boxes, **config)
+    journey.step(20)
+    return journey
+
+
+@pytest.mark.parametrize("policy", ["steer", "planner", "hand"])
+def test_a_wall_that_the_map_does_not_know_is_gone_around(policy: str) -> None:
+    journey = walled((1.4, -0.2, 1.5, 1.1), policy=policy)  # half of the corridor
+    journey.goto(2.4, 0.0)
+    end = journey.walk()
+    assert (end.state, end.error_code) == ("succeeded", "")
+    assert 1 <= end.recoveries["replan"] <= 8
+    assert journey.missed(2.4, 0.0) < 0.2
+
+
+def test_a_door_that_is_shut_ends_the_goal_as_blocked_and_not_in_endless_turning() -> None:
+    journey = walled((1.0, -1.1, 1.1, 1.1))
+    journey.goto(1.8, 0.0)
+    end = journey.walk()
+    assert (end.state, end.error_code) == ("failed", "blocked")
+    assert journey.tick < 12_000
+    assert journey.walker.state == "standing"
+
+
+def test_somebody_who_stands_in_the_way_and_goes_is_waited_for() -> None:
+    journey = walled((0.8, -1.1, 1.0, 1.1))
+    journey.goto(1.8, 0.0)
+    for _ in range(6000):
+        journey.step()
+        if journey.feedback().recoveries.get("wait"):
+            break
+    journey.step(300)
+    journey.boxes.clear()
+    end = journey.walk()
+    assert end.state == "succeeded"
+    assert end.recoveries["wait"] >= 1
+
+
+def test_walls_of_the_map_are_no_obstacles_of_the_local_one() -> None:
+    journey = walled()
+    journey.goto(2.6, 0.75)
+    end = journey.walk()
+    assert end.state == "succeeded"
+    assert "replan" not in end.recoveries
+    assert "wait" not in end.recoveries
+
+
+def grid(*cells: tuple[int, int]) -> FloorGrid:
+    """3 x 3 m of 5 cm cells with some occupied."""
+    values = np.zeros((60, 60), dtype=np.int8)
+    for cell in cells:
+        values[cell] = OCCUPIED
+    return FloorGrid(values, 0.05)
+
+
+def test_expected_echo_is_the_nearest_cell_of_the_cone() -> None:
+    floor, rng = grid(*((r, 40) for r in range(60))), np.random.default_rng(3)
+    for _ in range(50):
+        at = (*rng.uniform(0.3, 1.8, 2).tolist(), rng.uniform(-math.pi, math.pi))
+        rows, cols = np.nonzero(floor.cells)
+        dx, dy = (cols + 0.5) * 0.05 - at[0], (rows + 0.5) * 0.05 - at[1]
+        off = np.abs(np.angle(np.exp(1j * (np.arctan2(dy, dx) - at[2]))))
+        inside = np.hypot(dx, dy)[(off <= 0.5) & (np.hypot(dx, dy) < 1.5)]
+        wanted = min(inside, default=1.525) - 0.025
+        assert expected_echo(floor, at, 0.5, 1.5, 65) == pytest.approx(min(wanted, 1.5), abs=0.03)
+
+
+def test_a_mark_fades_and_is_cleared_by_an_empty_cone() -> None:
+    seen, at = SeenObstacles(grid(), 65, keep=10.0), (0.5, 1.5, 0.0)
+    seen.take(Cone(0.6, LONGEST, 0.3), at, (0.0, 0.0), 0.0)
+    assert seen.marks
+    assert not seen.free((0.5, 1.5), ((2.5, 1.5),), 0.12)
+    assert seen.free((0.5, 1.5), ((0.5, 2.8),), 0.12)
+    turned = (0.5, 1.5, math.pi)
+    seen.take(Cone(None, LONGEST, 0.3), turned, (0.0, 0.0), 9.0)
+    assert seen.marks  # not looked at
+    seen.take(Cone(None, LONGEST, 0.3), turned, (0.0, 0.0), 11.0)
+    assert not seen.marks
+    seen.take(Cone(0.6, LONGEST, 0.3), at, (0.0, 0.0), 12.0)
+    seen.take(Cone(None, LONGEST, 0.35), at, (0.0, 0.0), 12.1)
+    assert not seen.marks
+
+
+def test_an_echo_of_a_known_wall_marks_nothing_even_if_the_pose_is_unsure() -> None:
+    seen = SeenObstacles(grid(*((r, 40) for r in range(60))), 65, keep=10.0)
+    seen.take(Cone(1.0, LONGEST, 0.3), (1.0, 1.5, 0.0), (0.02, 0.02), 0.0)
+    seen.take(Cone(0.8, LONGEST, 0.3), (1.0, 1.5, 0.0), (0.05, 0.02), 0.0)
+    assert not seen.marks
+    seen.take(Cone(0.5, LONGEST, 0.3), (1.0, 1.5, 0.0), (0.05, 0.02), 0.0)
+    assert seen.marks
