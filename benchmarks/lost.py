@@ -1,4 +1,8 @@
-"""Displaced robots: how soon they notice and recover, false alarms, times of matching and relocalising."""
+"""Lost robots: how soon the navigator itself notices and recovers, wrong maps, false alarms, times of a look.
+
+The service `navigator` runs whole (localiser, tracker, pilot, maps), and its own `lost` of `state/pose` is measured.
+Beside it stand a walker without legs, which obeys its orders, and a camera with the noise of the model.
+"""
 
 import math
 import time
@@ -6,255 +10,47 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from statistics import median
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import Bench, goal, seconds_of, table
 from surefoot.lab.studies import Line, study
-from surefoot.services.navigator.belief.landmarks import FloorLandmarks
-from surefoot.services.navigator.belief.lost import (
-    Footprint,
-    LostModel,
-    LostState,
-    evidence_of,
-    in_view,
-    observed,
-    passed,
-)
-from surefoot.services.navigator.belief.matching import Detections, SightNoise, known_elsewhere, match
-from surefoot.services.navigator.belief.relocalise import Glance, relocalise
+from surefoot.lockstep.join import TickInputs
+from surefoot.schemas import topics
+from surefoot.schemas.hw import Landmark, LandmarkDetections, Range, Tick
+from surefoot.schemas.navigation import GotoRequest
+from surefoot.schemas.state import GaitState, Odometry
+from surefoot.schemas.terrain import HeightMapMessage
+from surefoot.schemas.terrain import LandmarkMap as LandmarkMapMessage
+from surefoot.services.navigator.service import SERVICE, NavigatorConfig
 
 BENCH = Bench("lost")
 
 Array = NDArray[np.float64]
 
-FRAME = 0.1
-"""Time between frames, s."""
-SPEED, TURN = 0.055, math.radians(23) / 1.8
-"""Speed and turn rate of the simulated Nao, m/s and rad/s."""
+TICK = 0.01
 NEAR, FAR, HALF = 0.35, 1.18, math.radians(33)
-"""Footprint of its lower camera: least and largest distance, m, and half of its angle, rad."""
-VIEW = Footprint(NEAR, FAR, HALF)
+"""Footprint of Nao's lower camera: least and largest distance, m, and half of its angle, rad."""
 LOW, HIGH = (-1.0, -1.0), (6.5, 1.0)
 """Corners of the corridor, m."""
-SEEN = {"walk": 0.10, "turn": 0.03, "settle": 0.19, "stand": 0.45}
-"""Recognised share of the landmarks in view, measured on the simulated Nao."""
-EASY = SightNoise(common_range_sd=0.01)
-ROUGH = SightNoise(range_sd=0.15, range_share=0.0, bearing_sd=math.radians(10), common_range_sd=0.03)
-TILT_MEMORY = 0.3
-"""Time over which the error common to a frame stays alike, s."""
-ATTEMPT, PATIENCE = 0.5, 1.5
-"""Time between attempts to relocalise, and until a robot that cannot turns by 46 deg, s."""
+CELL = 0.05
+SEEN = {"walking": 0.10, "turning": 0.03, "standing": 0.45}
+"""Recognised share of the landmarks in view of a frame, measured on the simulated Nao."""
+HARD_SEEN = {"walking": 0.108, "turning": 0.043, "standing": 0.32}
+"""Likewise of the camera `nao_paper`."""
+STEP_S, START_S, CLOSE_S = 1.8, 1.0, 0.9
+"""Durations of an action, of starting and of coming to stand, s."""
+LONGEST_S = 20.0
+"""Time after which a robot that has not noticed is not waited for, s."""
+FALSE = 0.1
+"""Share of detections with the look of another landmark."""
 
 
 def wrapped(angle: float) -> float:
     """Return the same angle in [-pi, pi), rad."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
-
-
-def corridor(seed: int, density: float, copied: float, copies: int = 10) -> FloorLandmarks:
-    """Return landmarks at random; a share of them in groups that look the same."""
-    rng = np.random.default_rng(seed)
-    n = rng.poisson(density * (HIGH[0] - LOW[0]) * (HIGH[1] - LOW[1]))
-    looks = rng.standard_normal((n, 8))
-    looks /= np.linalg.norm(looks, axis=1, keepdims=True)
-    many = int(copied * n)
-    looks[:many] = looks[np.arange(many) // copies * copies]
-    return FloorLandmarks(rng.uniform(LOW, HIGH, (n, 2)), looks)
-
-
-@dataclass
-class Robot:
-    """A robot that walks, sees and believes.
-
-    Args:
-        world: the landmarks.
-        noise: of its camera.
-        seed: of everything random.
-        false: share of detections with the look of another landmark.
-    """
-
-    world: FloorLandmarks
-    noise: SightNoise
-    seed: int
-    false: float = 0.1
-
-    def __post_init__(self) -> None:
-        self.rng = np.random.default_rng(self.seed)
-        self.model = LostModel.of(self.noise, VIEW)
-        self.truth = np.array([self.rng.uniform(0.0, 5.0), self.rng.uniform(-0.3, 0.3), 0.0])
-        self.mean, self.cov = self.truth.copy(), np.diag([0.05**2, 0.05**2, math.radians(5) ** 2])
-        self.mode, self.left, self.tilt, self.lost = "walk", 2.0, 0.0, LostState()
-
-    def wander(self) -> None:
-        """Move for a frame: walk up and down the corridor, stand now and then, turn at its ends."""
-        self.left -= FRAME
-        if self.left <= 0.0:
-            self.mode = {"walk": "settle", "settle": "stand", "stand": "walk", "turn": "walk"}[self.mode]
-            self.left = {"walk": 6.0, "settle": 0.7, "stand": 1.0}[self.mode]
-        x, y, heading = self.mean
-        goal = math.atan2(-y, 2.0 * math.copysign(1.0, math.cos(heading)))
-        if (x > 5.0 and math.cos(heading) > -0.5) or (x < 0.5 and math.cos(heading) < 0.5):
-            self.mode, self.left = "turn", 1.0
-        steer = wrapped(goal - heading)
-        turn = TURN if self.mode == "turn" else max(-TURN, min(TURN, steer)) if self.mode == "walk" else 0.0
-        self.move(SPEED if self.mode == "walk" else 0.0, turn)
-
-    def move(self, speed: float, turn: float) -> None:
-        """Move for a frame, and predict the belief."""
-        step, angle = speed * FRAME, turn * FRAME
-        along, bend = (
-            0.06 * math.sqrt(0.1 * step),
-            math.radians(5) * math.sqrt(step / 0.1) + 0.2 * abs(angle) ** 0.5 * 0.1,
-        )
-        for pose, noisy in ((self.truth, 1.0), (self.mean, 0.0)):
-            r = noisy * self.rng.standard_normal(3)
-            way = step + along * r[0]
-            c, s = math.cos(pose[2] + 0.5 * angle), math.sin(pose[2] + 0.5 * angle)
-            pose[0] += way * c - along * r[1] * s
-            pose[1] += way * s + along * r[1] * c
-            pose[2] = wrapped(pose[2] + angle + bend * r[2])
-        f = np.eye(3)
-        f[0, 2], f[1, 2] = -step * math.sin(self.mean[2]), step * math.cos(self.mean[2])
-        self.cov = f @ self.cov @ f.T + np.diag([along**2 + 1e-8, along**2 + 1e-8, bend**2 + 1e-8])
-
-    def look(self) -> Detections:
-        """Return the detections of a frame."""
-        rng, noise = self.rng, self.noise
-        keep = math.exp(-FRAME / TILT_MEMORY)
-        self.tilt = keep * self.tilt + math.sqrt(1 - keep * keep) * noise.common_range_sd * rng.standard_normal()
-        d = self.world.positions - self.truth[:2]
-        r = np.hypot(d[:, 0], d[:, 1])
-        b = (np.arctan2(d[:, 1], d[:, 0]) - self.truth[2] + np.pi) % (2 * np.pi) - np.pi
-        view = np.flatnonzero((r > NEAR) & (r < FAR) & (np.abs(b) < HALF))
-        view = view[rng.uniform(size=view.size) < SEEN[self.mode]][:20]
-        k = view.size
-        sd = np.hypot(noise.range_sd, noise.range_share * r[view])
-        ranges = np.maximum(r[view] + sd * rng.standard_normal(k) + self.tilt, 0.0)
-        bearings = b[view] + noise.bearing_sd * rng.standard_normal(k)
-        shown = np.where(rng.uniform(size=k) < self.false, rng.integers(len(self.world), size=k), view)
-        return Detections(ranges, bearings, self.world.descriptors[shown] + noise.look_sd * rng.standard_normal((k, 8)))
-
-    def watch(self, seen: Detections) -> None:
-        """Match a frame, correct the belief, update whether it is lost."""
-        found = match(self.mean, self.cov, seen, self.world, self.noise, seed=self.seed)
-        self.lost = passed(self.lost, FRAME, self.model)
-        x, y, heading = self.mean.tolist()
-        expected = SEEN[self.mode] * in_view(self.world, (x, y, heading), VIEW)
-        evidence = evidence_of(found, seen, self.world, self.noise, expected)
-        self.lost = observed(self.lost, evidence, self.model)
-        common = self.noise.common_range_sd**2 * max(1.0, 3.0 * len(found.detections))
-        for d, mark in zip(found.detections, found.landmarks, strict=True):
-            dx, dy = self.world.positions[mark] - self.mean[:2]
-            q = math.hypot(dx, dy)
-            nu = np.array([seen.ranges[d] - q, seen.bearings[d] - math.atan2(dy, dx) + self.mean[2]])
-            nu[1] = wrapped(nu[1])
-            h = np.array([[-dx / q, -dy / q, 0.0], [dy / q**2, -dx / q**2, -1.0]])
-            own = self.noise.range_sd**2 + (self.noise.range_share * q) ** 2
-            s = h @ self.cov @ h.T + np.diag([own + common, self.noise.bearing_sd**2])
-            gain = self.cov @ h.T @ np.linalg.inv(s)
-            self.mean += gain @ nu
-            self.cov = self.cov - gain @ s @ gain.T
-            self.cov = 0.5 * (self.cov + self.cov.T)
-
-    def frame(self) -> None:
-        """Walk on, see, believe."""
-        self.wander()
-        self.watch(self.look())
-
-    def displace(self) -> None:
-        """Be lifted and put down 0.7 m away, turned by 90 degrees, still on the floor."""
-        there = np.array([np.inf, np.inf])
-        while not (-0.3 < there[0] < 5.8 and abs(there[1]) < 0.6):
-            way = self.rng.uniform(-math.pi, math.pi)
-            there = self.truth[:2] + 0.7 * np.array([math.cos(way), math.sin(way)])
-        turn = math.copysign(0.5 * math.pi, self.rng.uniform(-1, 1))
-        self.truth[:] = there[0], there[1], wrapped(self.truth[2] + turn)
-
-    def error(self, pose: Array) -> tuple[float, float]:
-        """Return distance in m and angle in rad of a pose from the truth."""
-        return math.hypot(*(pose[:2] - self.truth[:2])), abs(wrapped(pose[2] - self.truth[2]))
-
-    def nees(self, pose: Array, covariance: Array) -> float:
-        """Return the NEES of a pose per degree of freedom."""
-        e = pose - self.truth
-        e[2] = wrapped(e[2])
-        return float(e @ np.linalg.solve(covariance, e)) / 3
-
-
-def is_off(far: float, turned: float) -> bool:
-    """Return whether a pose is wrong: by more than 0.3 m or 0.5 rad."""
-    return far > 0.3 or turned > 0.5
-
-
-def recover(robot: Robot) -> tuple[float, Array | None, int]:
-    """Stand, look and turn until relocalised, 30 s at most; return s that it took, the pose, and attempts."""
-    spent, since, attempts, glances, turned, few = 0.0, 0.0, 0, list[Glance](), 0.0, False
-    robot.mode = "settle"
-    while spent < 30.0:
-        spent += FRAME
-        since += FRAME
-        if robot.mode == "turn":
-            before = robot.truth[2]
-            robot.move(0.0, TURN)
-            turned += wrapped(robot.truth[2] - before)  # odometry hardly errs here
-            if since >= 3.6:
-                robot.mode, since = "settle", 0.0
-            continue
-        robot.mode = "settle" if since < 0.7 else "stand"
-        glances.append(Glance(robot.look(), (0.0, 0.0, turned)))
-        if round(since / FRAME) % round(ATTEMPT / FRAME) == 0:
-            attempts += 1
-            here = [Glance(g.seen, (0.0, 0.0, g.pose[2] - turned)) for g in glances]
-            found = relocalise(here, robot.world, robot.noise)
-            few = found.sightings < 6
-            if found.pose is not None:
-                return spent, np.array(found.pose), attempts
-        if since >= (1.0 if few else PATIENCE + 0.7):
-            robot.mode, since = "turn", 0.0
-    return spent, None, attempts
-
-
-def displacement(seed: int, density: float, noise: SightNoise, copied: float) -> Line:
-    """Let a robot walk for a while, displace it, wait until it notices (20 s at most) and recovers."""
-    robot = Robot(corridor(seed, density, copied), noise, seed)
-    for _ in range(100 + seed % 50):
-        robot.frame()
-    early = robot.lost.doubt
-    robot.displace()
-    noticed = None
-    for i in range(200):
-        robot.frame()
-        if robot.lost.doubt >= robot.model.threshold:
-            noticed = (i + 1) * FRAME
-            break
-    spent, pose, attempts = recover(robot)
-    far, turned = robot.error(pose) if pose is not None else (None, None)
-    wrong = far is not None and turned is not None and is_off(far, turned)
-    return {
-        "seed": seed, "early": early, "noticed": noticed, "recovered": None if pose is None else spent,
-        "error": far, "turn": turned, "wrong": wrong, "attempts": attempts,
-    }  # fmt: skip
-
-
-def alarms(seed: int, minutes: float, density: float, noise: SightNoise, copied: float) -> tuple[int, int, list[float]]:
-    """Return the false alarms of an undisturbed robot, its frames with a wrong pose, and NEES of each frame."""
-    robot = Robot(corridor(seed, density, copied), noise, seed)
-    count, off, nees = 0, 0, []
-    for _ in range(round(minutes * 60 / FRAME)):
-        robot.frame()
-        nees.append(robot.nees(robot.mean, robot.cov))
-        far, turned = robot.error(robot.mean)
-        off += is_off(far, turned)
-        if robot.lost.doubt >= robot.model.threshold:
-            count += not is_off(far, turned)
-            robot.lost = LostState()
-            robot.mean, robot.cov = robot.truth.copy(), np.diag([0.05**2, 0.05**2, math.radians(5) ** 2])
-    return count, off, nees
-
-
-CAMERAS = {"easy": EASY, "rough": ROUGH}
 
 
 @dataclass(frozen=True)
@@ -264,7 +60,7 @@ class World:
     Attributes:
         density: landmarks per m2.
         copied: share of landmarks that look like nine others.
-        camera: easy or rough.
+        camera: easy (10 frames a second, odometry) or hard (one frame in 1.7 s, commands as control, drift).
         first: first seed.
     """
 
@@ -273,81 +69,367 @@ class World:
     camera: str = "easy"
     first: int = 1000
 
-    @property
-    def noise(self) -> SightNoise:
-        """Noise of the camera."""
-        return CAMERAS[self.camera]
+
+def corridor(seed: int, density: float, copied: float, copies: int = 10) -> tuple[Array, Array]:
+    """Return places (n, 2), m, and looks (n, 8) of random landmarks; a share of them in groups that look the same."""
+    rng = np.random.default_rng(seed)
+    n = rng.poisson(density * (HIGH[0] - LOW[0]) * (HIGH[1] - LOW[1]))
+    looks = rng.standard_normal((n, 8))
+    looks /= np.linalg.norm(looks, axis=1, keepdims=True)
+    many = int(copied * n)
+    looks[:many] = looks[np.arange(many) // copies * copies]
+    return rng.uniform(LOW, HIGH, (n, 2)), looks
 
 
-def displaced(seed: int, world: World) -> Line:
-    """Return what came of one displacement."""
-    return displacement(seed, world.density, world.noise, world.copied)
+def wrong_map(kind: str, places: Array, looks: Array, seed: int) -> tuple[Array, Array]:
+    """Return a map that does not fit the floor: mirrored, shuffled (looks), stretched (by 15 %), or right."""
+    if kind == "mirrored":
+        return places * (1.0, -1.0), looks
+    if kind == "shuffled":
+        return places, looks[np.random.default_rng(seed + 7).permutation(len(looks))]
+    if kind == "stretched":
+        return places * (1.15, 1.0), looks
+    return places, looks
 
 
-def undisturbed(seed: int, world: World) -> Line:
-    """Return the alarms of ten minutes without a displacement."""
-    count, off, nees = alarms(seed, 10.0, world.density, world.noise, world.copied)
-    return {"count": count, "off": off, "nees": nees}
+class Stage:
+    """A runtime that keeps the last message of each topic."""
+
+    def __init__(self) -> None:
+        self.last: dict[str, Any] = {}
+
+    def publish(self, topic: Any, message: Any, stamp_ns: int | None) -> None:
+        """Keep a message."""
+        self.last[topic.key] = message
+
+    def log(self, level: str, text: str) -> None:
+        """Drop a line."""
 
 
-@BENCH.part("--displacements 2 --hours 0")
-def displacements(*, displacements: int = 100, hours: float = 1.0, world: World, processes: int = 1) -> None:
-    """Times until a displaced robot notices and recovers, wrong recoveries, and false alarms.
-
-    A made-up robot walks up and down a corridor with landmarks (half of their looks copied tenfold, a tenth of the
-    detections false), 10 frames a second. Its belief is an extended Kalman filter over x, y, heading. Displaced by
-    0.7 m and 90 degrees it has to notice; then it stands, looks, turns on the spot where that is not enough.
+class Walker:
+    """Walks, turns and stops as ordered, with drift and noise.
 
     Args:
-        displacements: number of robots.
-        hours: of undisturbed walking.
-        world: conditions.
+        rng: of its noise.
+        drift: rad per m.
     """
-    seeds = range(world.first, world.first + displacements)
-    lines = study(partial(displaced, world=world), [{"seed": seed} for seed in seeds], processes=processes)
-    rows: list[tuple[object, ...]] = []
-    for name, limit in (("noticed", 3.0), ("recovered", 10.0)):
-        times = np.array([math.inf if line[name] is None else line[name] for line in lines])
-        found = np.quantile(times, (0.5, 0.95, 1.0), method="higher")
-        rows.append((name, *(float(x) for x in found), f"{100 * (times <= limit).mean():.1f} % within {limit:g} s"))
-    table(f"{displacements} displacements, {world}", ("event", "median s", "95 % s", "largest s", "share"), rows)
-    wrong = sum(bool(line["wrong"]) for line in lines)
-    bound = f", less than {100 * (1.0 - 0.05 ** (1.0 / len(lines))):.2g} % (95 %)" if not wrong else ""
-    print(f"recovered at a wrong pose: {wrong}{bound}")
-    first = world.first + 10_000
-    jobs = [{"seed": seed} for seed in range(first, first + round(hours * 6))]
-    calm = study(partial(undisturbed, world=world), jobs, processes=processes)
-    if calm:
-        nees = float(np.mean([value for line in calm for value in line["nees"]]))
-        count, off = (sum(line[name] for line in calm) for name in ("count", "off"))
-        print(f"{hours:g} h undisturbed: {count} false alarms, {off} frames with a wrong pose, NEES {nees:.2f}")
+
+    def __init__(self, rng: np.random.Generator, drift: float) -> None:
+        self.rng, self.drift = rng, drift
+        self.pose, self.odom = np.zeros(3), np.zeros(3)
+        self.state, self.order = "standing", 0
+        self._left, self._wait, self._closing, self._rate = 0.0, 0.0, 0.0, (0.0, 0.0)
+
+    def take(self, number: int, command: Any) -> None:
+        """Take up an order of the tick before."""
+        if number == self.order or command is None:
+            return
+        self.order = number
+        if command.action == "stop":
+            self._left, self._closing = 0.0, CLOSE_S if self.state != "standing" else 0.0
+            return
+        rest = self._left if self.state != "standing" else 0.0
+        self._wait = START_S if self.state == "standing" else self._wait
+        way, turn = command.distance or 0.0, command.angle or 0.0
+        total = rest + (STEP_S * max(1.0, abs(turn) / 0.41) if command.action == "turn" else STEP_S)
+        self._rate = ((self._rate[0] * rest + way) / total, (self._rate[1] * rest + turn) / total)
+        self._left, self.state = total, "turning" if command.action == "turn" else "walking"
+
+    @property
+    def ends_in(self) -> float | None:
+        """Time until the last step lands, s."""
+        return self._wait + self._left if self._left > 0.0 else None
+
+    def tick(self) -> None:
+        """Move for 10 ms."""
+        if self._wait > 0.0:
+            self._wait -= TICK
+        elif self._left > 0.0:
+            step = min(TICK, self._left)
+            way, turn = self._rate[0] * step, self._rate[1] * step
+            along, bend = 0.006 * math.sqrt(way / 0.1), math.radians(0.5) * math.sqrt(way / 0.1 + abs(turn) / 0.4)
+            noise = self.rng.standard_normal(2)
+            self._move(self.pose, way + along * noise[0], turn + self.drift * way + bend * noise[1])
+            self._move(self.odom, way, turn + self.drift * way + bend * noise[1])  # odometry sees its turns
+            self._left -= step
+            if self._left <= 1e-9:
+                self._left, self._closing = 0.0, CLOSE_S
+        elif self._closing > 0.0:
+            self._closing -= TICK
+        else:
+            self.state = "standing"
+
+    def _move(self, pose: Array, way: float, turn: float) -> None:
+        middle = pose[2] + 0.5 * turn
+        pose += (way * math.cos(middle), way * math.sin(middle), turn)
+
+
+class Robot:
+    """The navigator with a walker, a camera and a ranger in a corridor.
+
+    Args:
+        seed: of everything random.
+        world: conditions.
+        wrong: kind of the map, see `wrong_map`; empty = right.
+        walls: the ranger sees the corridor's walls.
+    """
+
+    def __init__(self, seed: int, world: World, wrong: str = "", *, walls: bool = True) -> None:
+        self.rng, self.hard, self.walls = np.random.default_rng(seed), world.camera == "hard", walls
+        self.places, self.looks = corridor(seed, world.density, world.copied)
+        places, looks = wrong_map(wrong, self.places, self.looks, seed)
+        self.walker = Walker(self.rng, self.rng.choice([-0.349, 0.349]) if self.hard else 0.03)
+        self.stage, self.tick_number, self.tilt, self.dark, self.frames = Stage(), 0, 0.0, False, 0
+        params = {"params": "nao-paper", "control": "commands"} if self.hard else {"params": "nao"}
+        self.navigator = SERVICE(NavigatorConfig(robot="nao", policy="tuned", actions="four", **params))
+        self.navigator.attach(self.stage)  # pyright: ignore[reportArgumentType] - what it publishes is all that counts
+        self.navigator.on_start()
+        rows = np.hstack((places, looks)).astype("<f4").tobytes()
+        z = np.zeros((44, 154), dtype="<f4")
+        z[:2], z[-2:], z[:, :2], z[:, -2:] = 0.5, 0.5, 0.5, 0.5
+        self.maps = {
+            topics.TERRAIN_MAP.key: HeightMapMessage(
+                rows=44, cols=154, cell=CELL, origin=(LOW[0] - 0.075, LOW[1] - 0.075), data=z.tobytes(), version=1
+            ),
+            topics.TERRAIN_LANDMARKS.key: LandmarkMapMessage(
+                count=len(places), descriptor_length=8, data=rows, version=1
+            ),
+        }
+
+    @property
+    def lost(self) -> bool:
+        """Whether the navigator counts itself as lost."""
+        return self.navigator.localiser.lost.lost
+
+    def goto(self, x: float, y: float) -> None:
+        """Send it to a place, m."""
+        self.navigator.requests.goto(GotoRequest(position=(x, y)))
+
+    def step(self, seconds: float) -> None:
+        """Let time pass."""
+        for _ in range(round(seconds / TICK)):
+            order = self.stage.last.get(topics.NAVIGATOR_ORDER.key)
+            if order is not None:
+                self.walker.take(order.number, order.command)
+            self.walker.tick()
+            tick = Tick(
+                tick=self.tick_number, epoch=1, stamp_ns=self.tick_number * 10_000_000, roster=(), roster_version=1,
+                due=(), mode="lockstep",
+            )  # fmt: skip
+            self.navigator.on_tick(TickInputs(tick, self._messages()))
+            self.tick_number += 1
+
+    def _messages(self) -> dict[str, Any]:
+        w = self.walker
+        found: dict[str, Any] = {**self.maps} if self.tick_number == 0 else {}
+        found[topics.STATE_GAIT.key] = GaitState(
+            walk_id=w.order, state=w.state, phase=0.0, stance=(), footholds=(), remaining=0.0,  # pyright: ignore[reportArgumentType] - one of three of its words
+            order=w.order, order_refused="", ends_in_s=w.ends_in,
+        )  # fmt: skip
+        if not self.hard:
+            x, y, yaw = w.odom.tolist()
+            found[topics.STATE_ODOMETRY.key] = Odometry(
+                position=(x, y, 0.3), quat_wxyz=(1.0, 0.0, 0.0, 0.0), yaw=yaw, velocity=(0.0, 0.0, 0.0),
+                covariance=(0.0,) * 16, initialised=True,
+            )  # fmt: skip
+        if self.tick_number % (170 if self.hard else 10) == 0:
+            found[topics.HW_LANDMARKS.key] = self._frame()
+        if self.tick_number % 10 == 0 and self.walls:
+            found[topics.HW_RANGE.key] = Range(
+                distance=self._echo(), shortest=0.25, longest=2.55, field_of_view=math.radians(60), bump=(False, False)
+            )
+        return found
+
+    def _echo(self) -> float | None:
+        """Return the distance of the corridor's nearest wall in the cone, m."""
+        x, y, yaw = self.walker.pose.tolist()
+        best = math.inf
+        for angle in np.linspace(yaw - 0.52, yaw + 0.52, 13).tolist():
+            c, s = math.cos(angle), math.sin(angle)
+            ends = [(HIGH[0] - x) / c if c > 0 else (LOW[0] - x) / c if c < 0 else math.inf]
+            ends.append((HIGH[1] - y) / s if s > 0 else (LOW[1] - y) / s if s < 0 else math.inf)
+            best = min(best, *ends)
+        best = max(0.25, best - 0.05 + 0.01 * float(self.rng.standard_normal()))
+        return best if best < 2.55 else None
+
+    def _frame(self) -> LandmarkDetections:
+        """Return what the camera recognises."""
+        rng, (x, y, yaw) = self.rng, self.walker.pose.tolist()
+        d = self.places - (x, y)
+        r = np.hypot(d[:, 0], d[:, 1])
+        b = (np.arctan2(d[:, 1], d[:, 0]) - yaw + np.pi) % (2 * np.pi) - np.pi
+        view = np.flatnonzero((r > NEAR) & (r < FAR) & (np.abs(b) < HALF))
+        share = (HARD_SEEN if self.hard else SEEN)[self.walker.state]
+        view = view[rng.uniform(size=view.size) < (0.0 if self.dark else share)][: 10 if self.hard else 20]
+        still = 0.5 if self.walker.state == "standing" else 1.0
+        sd_r = 0.138 * still if self.hard else 0.03 * r[view]
+        sd_b = math.radians(9.2) * still if self.hard else math.radians(1.5)
+        keep = 0.72
+        self.tilt = keep * self.tilt + math.sqrt(1 - keep * keep) * 0.004 * rng.standard_normal()
+        ranges = np.maximum(r[view] + sd_r * rng.standard_normal(view.size) + self.tilt * (1 + r[view] ** 2), 0.02)
+        bearings = b[view] + sd_b * rng.standard_normal(view.size)
+        shown = np.where(rng.uniform(size=view.size) < FALSE, rng.integers(len(self.places), size=view.size), view)
+        looks = self.looks[shown] + 0.05 * rng.standard_normal((view.size, 8))
+        self.frames += 1
+        marks = tuple(
+            Landmark(range=float(a), bearing=wrapped(float(c)), descriptor=tuple(look))
+            for a, c, look in zip(ranges, bearings, looks.tolist(), strict=True)
+        )
+        return LandmarkDetections(landmarks=marks, stamp_ns=self.tick_number * 10_000_000)
+
+    def put(self, distance: float, turn_deg: float) -> None:
+        """Lift the robot and put it down elsewhere in the corridor."""
+        pose = self.walker.pose
+        while True:
+            way = self.rng.uniform(-math.pi, math.pi)
+            x, y = pose[0] + distance * math.cos(way), pose[1] + distance * math.sin(way)
+            if LOW[0] + 0.4 < x < HIGH[0] - 0.4 and abs(y) < 0.6:
+                break
+        pose[0], pose[1] = x, y
+        pose[2] += math.copysign(math.radians(turn_deg), self.rng.uniform(-1, 1))
+
+    def error(self) -> tuple[float, float]:
+        """Return distance in m and angle in rad of the believed pose from the truth."""
+        x, y, yaw = self.navigator.localiser.tracker.pose
+        return math.hypot(x - self.walker.pose[0], y - self.walker.pose[1]), abs(wrapped(yaw - self.walker.pose[2]))
+
+    def until(self, done: Callable[[], bool], most: float) -> float | None:
+        """Let time pass until something is so; return the time that it took, s, None = `most` s were not enough."""
+        for i in range(round(most / 0.1)):
+            if done():
+                return 0.1 * i
+            self.step(0.1)
+        return None
+
+
+def put_down(seed: int, distance: float, turn_deg: float, walking: bool, world: World) -> Line:
+    """Put a robot down elsewhere while it walks or stands; return when it noticed and recovered."""
+    robot = Robot(seed, world)
+    robot.step(0.3)
+    if walking:
+        robot.goto(5.0, 0.0)
+    robot.step(12.0 + 0.1 * (seed % 40))
+    early = robot.lost
+    robot.put(distance, turn_deg)
+    before = robot.navigator.localiser.relocated
+    noticed = robot.until(lambda: robot.lost or robot.navigator.localiser.relocated > before, LONGEST_S)
+    recovered = None if noticed is None else robot.until(lambda: not robot.lost, 40.0)
+    far, turned = robot.error()
+    wrong = recovered is not None and (far > 0.3 or turned > 0.5)
+    return {"early": early, "noticed": noticed, "recovered": recovered, "far": far, "wrong": wrong}
+
+
+def with_map(seed: int, kind: str, world: World) -> Line:
+    """Walk by a map that does not fit; return when and after how many metres it counts as lost."""
+    robot = Robot(seed, world, kind)
+    robot.step(0.3)
+    robot.goto(5.0, 0.0)
+    noticed = robot.until(lambda: robot.lost, LONGEST_S)
+    return {"noticed": noticed, "walked": math.hypot(*robot.walker.pose[:2].tolist())}
+
+
+def undisturbed(seed: int, minutes: float, world: World) -> Line:
+    """Return the alarms of a robot that walks to and fro and stands, and its NEES per degree of freedom."""
+    robot, alarms, was = Robot(seed, world), 0, False
+    nees: list[float] = []
+    robot.step(0.3)
+    for leg in range(1000):
+        if robot.tick_number * TICK > 60.0 * minutes:
+            break
+        robot.goto(*((4.5, 0.2), (0.3, -0.2))[leg % 2])
+        for _ in range(1200):
+            robot.step(0.1)
+            alarms, was = alarms + (robot.lost and not was), robot.lost
+            nees.append(consistency(robot))
+            if not robot.navigator.pilot.under_way:
+                break
+        robot.step(3.0)
+    return {"alarms": alarms, "nees": float(np.mean(nees)), "minutes": robot.tick_number * TICK / 60.0}
+
+
+def consistency(robot: Robot) -> float:
+    """Return the NEES of the believed pose per degree of freedom."""
+    tracker = robot.navigator.localiser.tracker
+    e = np.array(tracker.pose) - robot.walker.pose
+    e[2] = wrapped(e[2])
+    return float(e @ np.linalg.solve(tracker.cov[:3, :3], e)) / 3.0
+
+
+CASES = (
+    (0.35, 20.0), (0.35, 90.0), (0.7, 20.0), (0.7, 90.0), (0.7, 180.0), (1.5, 90.0), (3.0, 20.0), (3.0, 180.0),
+)  # fmt: skip
+"""Distance, m, and turn, deg, of the put-down cases."""
+
+
+def shares(lines: list[Line], limit: float) -> tuple[object, ...]:
+    """Return share within a limit of s, share not within the longest time, median and 95 % quantile of the rest, s."""
+    times = np.array([math.inf if line["noticed"] is None else line["noticed"] for line in lines])
+    found = np.quantile(times, (0.5, 0.95), method="higher")
+    return (100.0 * float((times <= limit).mean()), 100.0 * float(np.isinf(times).mean()), *map(float, found))
 
 
 @BENCH.part("--robots 1")
-def standing(*, robots: int = 1000, world: World) -> None:
-    """Share of robots that are relocalised by standing and looking along the floor, by density and time.
+def put(*, robots: int = 12, world: World, processes: int = 1) -> None:
+    """Share of robots that the navigator counts as lost within 3 s after they were put down elsewhere.
 
     Args:
-        robots: of each row.
-        world: conditions; the density is that of the row.
+        robots: of each case.
+        world: conditions.
     """
+    jobs = [
+        {"seed": world.first + seed, "distance": distance, "turn_deg": turn, "walking": walking}
+        for distance, turn in CASES for walking in (True, False) for seed in range(robots)
+    ]  # fmt: skip
+    lines = study(partial(put_down, world=world), jobs, processes=processes)
     rows: list[tuple[object, ...]] = []
-    for density in (60.0, 40.0, 10.0, 5.0):
-        for frames in (1, 5, 10, 30):
-            right, wrong, nees = 0, 0, list[float]()
-            for seed in range(world.first, world.first + robots):
-                robot = Robot(corridor(seed, density, world.copied), world.noise, seed)
-                robot.truth[2] = robot.rng.uniform(-0.5, 0.5)
-                robot.mode = "stand"
-                found = relocalise([Glance(robot.look()) for _ in range(frames)], robot.world, world.noise)
-                if found.pose is None:
-                    continue
-                off = is_off(*robot.error(np.array(found.pose)))
-                wrong, right = wrong + off, right + (not off)
-                nees.append(robot.nees(np.array(found.pose), found.covariance))
-            shares = [value / robots for value in (right, robots - right - wrong, wrong)]
-            rows.append((f"{density:g} per m2, {frames} frames", *shares, float(np.mean(nees)) if nees else math.nan))
-    table(f"{robots} robots, camera {world.camera}", ("density, frames", "right", "none", "wrong", "NEES / 3"), rows)
+    for walking in (True, False):
+        for distance, turn in CASES:
+            own = [
+                line for line in lines
+                if (line["distance"], line["turn_deg"], line["walking"]) == (distance, turn, walking)
+            ]  # fmt: skip
+            back = [line["recovered"] for line in own if line["recovered"] is not None]
+            name = f"{distance:g} m, {turn:g} deg, {'walking' if walking else 'standing'}"
+            rows.append((name, *shares(own, 3.0), len(back), sum(line["wrong"] for line in own)))
+    rows.append(("all", *shares(lines, 3.0), sum(line["recovered"] is not None for line in lines),
+                 sum(line["wrong"] for line in lines)))  # fmt: skip
+    header = ("case", "% within 3 s", "% not in 20 s", "median s", "95 % s", "recovered", "wrong poses")
+    table(f"{robots} robots a case, {world}", header, rows)
+
+
+@BENCH.part("--robots 1")
+def maps(*, robots: int = 12, world: World, processes: int = 1) -> None:
+    """Time and way until the navigator counts as lost with a map that does not fit the floor.
+
+    Args:
+        robots: of each map.
+        world: conditions.
+    """
+    kinds = ("mirrored", "shuffled", "stretched")
+    jobs = [{"seed": world.first + seed, "kind": kind} for kind in kinds for seed in range(robots)]
+    lines = study(partial(with_map, world=world), jobs, processes=processes)
+    rows: list[tuple[object, ...]] = []
+    for kind in kinds:
+        own = [line for line in lines if line["kind"] == kind]
+        rows.append((kind, *shares(own, 3.0), float(max(line["walked"] for line in own))))
+    table(f"{robots} robots a map, {world}",
+          ("map", "% within 3 s", "% not in 20 s", "median s", "95 % s", "walked m"), rows)  # fmt: skip
+
+
+@BENCH.part("--minutes 0.5 --robots 1")
+def calm(*, minutes: float = 10.0, robots: int = 4, world: World, processes: int = 1) -> None:
+    """False alarms of robots that nobody disturbs, and consistency of their belief.
+
+    Args:
+        minutes: of each.
+        robots: number of robots.
+        world: conditions.
+    """
+    jobs = [{"seed": world.first + 10_000 + seed} for seed in range(robots)]
+    lines = study(partial(undisturbed, minutes=minutes, world=world), jobs, processes=processes)
+    count, spent = sum(line["alarms"] for line in lines), sum(line["minutes"] for line in lines)
+    nees = float(np.mean([line["nees"] for line in lines]))
+    print(f"{spent / 60.0:.1f} h undisturbed, {world}: {count} false alarms, NEES per degree of freedom {nees:.2f}")
 
 
 def seconds(function: Callable[[], object], times: int) -> float:
@@ -356,37 +438,17 @@ def seconds(function: Callable[[], object], times: int) -> float:
     return median(seconds_of(function, time.process_time) for _ in range(times))
 
 
-@BENCH.part("--times 2")
-def frames(*, times: int = 500) -> None:
-    """Times of a frame of 20 detections against 6000 landmarks, and of a relocalisation from ten frames.
+@BENCH.part("--minutes 0.2")
+def looks(*, minutes: float = 10.0, world: World) -> None:
+    """Times of a tick of a lost robot that stands, at first and after a while: neither grows.
 
     Args:
-        times: calls of each.
+        minutes: for which it stands.
+        world: conditions.
     """
-    rng = np.random.default_rng(1)
-    looks = rng.standard_normal((6000, 8))
-    world = FloorLandmarks(rng.uniform(-5, 5, (6000, 2)), looks / np.linalg.norm(looks, axis=1, keepdims=True))
-    cov = np.diag([0.03**2, 0.03**2, math.radians(3) ** 2])
-    for name, noise in (("easy", EASY), ("rough", ROUGH)):
-        robot = Robot(world, noise, 1)
-        robot.mode = "stand"
-        seen = Detections(np.zeros(0), np.zeros(0), np.zeros((0, 8)))
-        while len(seen) < 20:
-            more = robot.look()
-            seen = Detections(
-                np.append(seen.ranges, more.ranges)[:20], np.append(seen.bearings, more.bearings)[:20],
-                np.vstack((seen.looks, more.looks))[:20],
-            )  # fmt: skip
-        here, away = robot.truth, robot.truth + np.array([0.7, 0.0, 0.5 * math.pi])
-        found, lost = match(here, cov, seen, world, noise), match(away, cov, seen, world, noise)
-        for what, function in (
-            ("match 20 detections", lambda noise=noise, seen=seen, here=here: match(here, cov, seen, world, noise)),
-            ("look up those not matched", lambda f=found, s=seen, n=noise: known_elsewhere(f, s, world, n)),
-            ("the same, displaced", lambda f=lost, s=seen, n=noise: known_elsewhere(f, s, world, n)),
-        ):
-            goal(f"{name} camera, {what}", 1e6 * seconds(function, times), unit="us")
-        standing = Robot(corridor(1, 40.0, 0.5), noise, 1)
-        standing.mode = "stand"
-        glances = [Glance(standing.look()) for _ in range(10)]
-        spent = seconds(lambda g=glances, w=standing.world, n=noise: relocalise(g, w, n), 5)
-        goal(f"{name} camera, relocalise from 10 frames", 1e3 * spent, unit="ms")
+    robot = Robot(world.first, world, "shuffled")
+    robot.step(0.3)
+    for when in ("first", "last"):
+        spent = [seconds_of(lambda: robot.step(0.01), time.process_time) for _ in range(1000)]
+        goal(f"tick of a lost robot, {when} 10 s, 99 %", 1e3 * float(np.quantile(spent, 0.99)), unit="ms")
+        robot.step(60.0 * minutes if when == "first" else 0.0)

@@ -78,7 +78,7 @@ def read_run(path: Path, model: NavigationModel) -> Run:
 class _RunReader:
     def __init__(self, path: Path, model: NavigationModel) -> None:
         self.run, self.model = Run(path), model
-        self.acts = [act_of(name, action) for name, action in model.actions.items()]
+        self.acts = [act_of(name, action, model) for name, action in model.actions.items()]
         sight = model.sight
         noise = SightNoise(sight.range_sd, sight.range_sd_share, math.radians(sight.bearing_sd_deg)).wider(GATE_WIDER)
         shared = errors_of(model, sway=True)

@@ -15,7 +15,7 @@ from .policy.params import ActionModel, NavigationModel, load
 from .policy.policies import Decider, Policy
 
 
-def act_of(name: str, action: ActionModel) -> Act:
+def act_of(name: str, action: ActionModel, model: NavigationModel) -> Act:
     """Return an action of the model as the pilot orders and predicts it."""
     return Act(
         name,
@@ -27,6 +27,7 @@ def act_of(name: str, action: ActionModel) -> Act:
             drifting=(math.radians(action.drift_walk_deg) * PER_10CM) ** 2,
         ),
         action.duration,
+        action.match * (model.sight.moving_match_share if action.kind != "stand" else 1.0),
     )  # fmt: skip
 
 
@@ -65,7 +66,9 @@ class Catalogue:
         overrides = [*config.set, *([f'use="{config.actions}"'] if config.actions else [])]
         self.model: NavigationModel = load(config.params, overrides)
         self.world = arrays(self.model)
-        self.acts = tuple(act_of(name, action) for name, action in zip(self.model.names, self.model.used, strict=True))
+        self.acts = tuple(
+            act_of(name, action, self.model) for name, action in zip(self.model.names, self.model.used, strict=True)
+        )
         self.default = config.policy
         self._found: dict[str, Policy] = {}
         self.find(None)

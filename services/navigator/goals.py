@@ -50,6 +50,8 @@ class Act:
     """Motion of the whole action; its forward and turn are ordered."""
     duration: float
     """Duration of its steps, or of standing, s."""
+    match: float | None = None
+    """Share of the landmarks in view that a frame recognises; None = not known."""
 
 
 @dataclass

@@ -15,6 +15,7 @@ from .belief.lost import (
     FrameEvidence,
     LostModel,
     LostState,
+    echoed,
     evidence_of,
     in_view,
     observed,
@@ -82,7 +83,7 @@ class Localiser:
         self._seen_at = -math.inf
         self.lost = LostView()
         self.footprint = Footprint(sight.range_min, sight.range_max, math.radians(sight.half_angle_deg))
-        self.lost_model = LostModel.of(self.tracker.noise, self.footprint)
+        self.lost_model = LostModel()
         self._lost_state, self._lost_at = LostState(), 0.0
         self._shares = (_share(model, "walk"), _share(model, "stand"))
         self._relocaliser: Relocaliser | None = None
@@ -147,13 +148,14 @@ class Localiser:
 
     # -- sight -------------------------------------------------------------------------------------------------
 
-    def look(self, frame: LandmarkDetections, gait: GaitView, now: float) -> None:
+    def look(self, frame: LandmarkDetections, gait: GaitView, now: float, match: float | None = None) -> None:
         """Use a frame of the camera.
 
         Args:
             frame: landmarks; its stamp is the end of the exposure.
             gait: of this tick.
             now: simulated time, s.
+            match: share of the landmarks in view that the action under way recognises; None = the least of the model.
 
         Raises:
             DetectionError: a frame that is late, of the future or a repetition, descriptors of another length than the
@@ -164,6 +166,7 @@ class Localiser:
             self._check_time(time, now)
             self._take_odometry(time)
             seen = detections(frame)
+            cov = self.tracker.cov.copy()
             found = self.tracker.look(seen, time, standing=standing, trusted=not self.lost.lost)
         except DetectionError as error:
             self.refused[error.code] += 1
@@ -171,7 +174,8 @@ class Localiser:
         self.matched = found.matched
         if found.matched:
             self.nis = found.nis if self.nis is None else self.nis + SMOOTH * (found.nis - self.nis)
-        self._check(seen, found, time, standing=standing)
+        share = self._shares[standing] if standing or match is None else match
+        self._check(seen, found, cov, time, share, standing=standing)
 
     def _check_time(self, time: float, now: float) -> None:
         """Refuse a frame that is not of now, or that was used before."""
@@ -184,16 +188,18 @@ class Localiser:
             raise DetectionError("repeated", f"the frame of {time:.3f} s came again", "stamp_ns")
         self._seen_at = time
 
-    def _check(self, seen: Detections, found: FrameResult, time: float, *, standing: bool) -> None:
+    def _check(
+        self, seen: Detections, found: FrameResult, cov: Array, time: float, share: float, *, standing: bool
+    ) -> None:
         """Check the belief by a frame; if it is wrong, search for the pose while the robot stands."""
         world = self.tracker.world
         if world is None:
             return
-        expected = self._shares[standing] * in_view(world, self.tracker.pose, self.footprint)
+        expected = share * in_view(world, self.tracker.pose, self.footprint)
         evidence = FrameEvidence(expected=expected)
         if found.matches is not None:
             noise = self.tracker.standing if standing else self.tracker.noise
-            evidence = evidence_of(found.matches, seen, world, noise, expected)
+            evidence = evidence_of(found.matches, cov, seen, world, noise, expected)
         state = passed(self._lost_state, max(0.0, time - self._lost_at), self.lost_model)
         self._lost_state, self._lost_at = observed(state, evidence, self.lost_model), time
         probability = self._lost_state.probability
@@ -204,6 +210,14 @@ class Localiser:
                 self._remember(seen, world, time)
         else:
             self.lost = LostView(probability=probability, reason=self._lost_state.reason(self.lost_model))
+
+    def echo(self, distance: float, expected: float, slack: float, now: float) -> None:
+        """Check the belief by an echo; arguments as of `lost.echoed`, `now` in s."""
+        if self.tracker.world is None or self.lost.lost:
+            return
+        state = passed(self._lost_state, max(0.0, now - self._lost_at), self.lost_model)
+        self._lost_state = echoed(state, distance, expected, slack, self.lost_model)
+        self._lost_at = max(self._lost_at, now)
 
     def _remember(self, seen: Detections, world: FloorLandmarks, time: float) -> None:
         if self._relocaliser is None or self._relocaliser.world is not world:

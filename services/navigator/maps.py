@@ -78,6 +78,11 @@ class Maps:
         return problems
 
     @property
+    def obstacle(self) -> int:
+        """Occupancy from which on a cell is an obstacle, 1 to 100."""
+        return self._clearance.obstacle
+
+    @property
     def costs(self) -> Costs | None:
         """The grid prepared for planning, None without a map; made when it is first needed."""
         if self._costs is None and self.grid is not None:

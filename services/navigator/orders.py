@@ -23,6 +23,8 @@ class Orders:
         self.order: WalkCommand | None = None
         self.given: Act | None = None
         """Action of the last order, until the walker has taken it up."""
+        self.doing: Act | None = None
+        """Action that the walker took up last."""
         self._walk_id: int | None = None
         self._given_at: float | None = None
         """Simulated time since which the walker has not taken up the order, s."""
@@ -37,7 +39,7 @@ class Orders:
         """Record what the walker took up, and its forecast of the end."""
         given = self.given
         if self.number and gait.order == self.number and given is not None:
-            self.given = None
+            self.given, self.doing = None, given
             if given.kind != "stand" and not gait.refused:
                 self.execution.begin(given.motion, given.duration, now, gait.ends_in)
         elif given is None:

@@ -278,6 +278,9 @@ class Pilot:
             why = self.replan(goal, now, tracker.pose[:2])
             if why:
                 self.halt("failed", "unreachable", why)
+        elif goal.recoveries["relocalise"] > conduct.found_again:
+            self._searching = None
+            self.halt("failed", "lost", f"lost again after the pose was found {conduct.found_again} times and more")
         elif self._searching is None:
             self._searching = Searching(math.inf)
             goal.recoveries["stand_and_look"] += 1

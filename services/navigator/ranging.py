@@ -8,8 +8,11 @@ from .arrival import spread
 from .localiser import Localiser
 from .maps import Maps
 from .messages import placed
-from .planning.seen import Cone
+from .planning.seen import Cone, expected_echo
 from .policy.settings import Conduct
+
+ECHO_SLACK = 0.25
+"""Difference of an echo from the map that does not count against the pose, m: walls are oblique."""
 
 
 def take_range(reach: Range, localiser: Localiser, maps: Maps, conduct: Conduct, now: float) -> bool:
@@ -26,6 +29,12 @@ def take_range(reach: Range, localiser: Localiser, maps: Maps, conduct: Conduct,
     if not localiser.lost.lost:
         at = placed(tracker.pose, (conduct.ranger_ahead, 0.0, 0.0))
         unsure = (spread(tracker.cov), math.sqrt(max(0.0, float(tracker.cov[2, 2]))))
+        grid = maps.grid
+        if grid is not None:
+            half = 0.5 * reach.field_of_view
+            expected = expected_echo(grid, at, half, reach.longest, maps.obstacle)
+            got = reach.longest if reach.distance is None else reach.distance
+            localiser.echo(got, max(expected, reach.shortest), ECHO_SLACK + 2.0 * unsure[0], now)
         maps.see(Cone(reach.distance, reach.longest, 0.5 * reach.field_of_view), at, unsure, now)
     near = reach.distance is not None and reach.distance <= max(conduct.blocked, reach.shortest)
     return near or any(reach.bump)

@@ -42,12 +42,12 @@ def rehearse(config: NavigatorConfig) -> None:
 def rehearse_belief() -> None:
     """Match a frame from a right and from a wrong pose, check both, and relocalise."""
     world, noise = _floor((0.4, -0.3), (1.0, 0.3), 24), SightNoise()
-    seen, state, model, cov = _frame(world, 24), LostState(), LostModel.of(noise, Footprint()), 1e-3 * np.eye(3)
+    seen, state, model, cov = _frame(world, 24), LostState(), LostModel(), 1e-3 * np.eye(3)
     for mean in (np.zeros(3), np.array([5.0, 0.0, 1.0])):
         for limits in (MatchLimits(), MatchLimits(pairs=10)):
             found = match(mean, cov, seen, world, noise, limits)
         expected = 0.1 * in_view(world, (0.0, 0.0, 0.0), Footprint())
-        state = observed(state, evidence_of(found, seen, world, noise, expected), model)
+        state = observed(state, evidence_of(found, cov, seen, world, noise, expected), model)
     relocalise([Glance(seen)], world, noise)
 
 

@@ -115,7 +115,8 @@ class Navigator(Service[NavigatorConfig]):
         if seen is None or not self.config.use_landmarks:
             return
         try:
-            self.localiser.look(seen, self.requests.gait, self.requests.now)
+            doing = self.pilot.orders.doing
+            self.localiser.look(seen, self.requests.gait, self.requests.now, doing and doing.match)
         except DetectionError as error:
             if self.localiser.refused[error.code] == 1:
                 self.log("warning", f"hw/landmarks refused: {error.message}")

@@ -142,22 +142,19 @@ def likeness(look: Array, columns: Array, out: Array) -> None:
 
 
 @row_kernel
-def known_anywhere(looks: Array, wanted: Index, columns: Array, look: float) -> int:
-    """Return the number of wanted detections that look like some landmark of the map.
+def look_alikes(looks: Array, columns: Array, look: float) -> Index:
+    """Return the number of landmarks that each detection looks like, (m,).
 
     Args:
         looks: descriptors of the detections, (m, k).
-        wanted: detections to look up, (w,).
         columns: descriptors of the landmarks, (k, n).
         look: largest distance of two descriptors of one landmark.
     """
-    found, gap = 0, np.empty(columns.shape[1])
-    for w in wanted:
-        likeness(looks[w], columns, gap)
+    found, gap = np.zeros(looks.shape[0], dtype=np.int64), np.empty(columns.shape[1])
+    for d in range(looks.shape[0]):
+        likeness(looks[d], columns, gap)
         for i in range(gap.size):
-            if gap[i] < look * look:
-                found += 1
-                break
+            found[d] += gap[i] < look * look
     return found
 
 

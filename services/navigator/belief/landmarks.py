@@ -81,6 +81,12 @@ class FloorLandmarks:
         low, high = self.positions.min(axis=0), self.positions.max(axis=0)
         return (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
 
+    @property
+    def area(self) -> float:
+        """Area of the extent, m^2, at least that of the smallest map."""
+        x0, y0, x1, y1 = self.bounds
+        return max((x1 - x0) * (y1 - y0), SMALLEST_SPREAD**2)
+
     @cached_property
     def buckets(self) -> Buckets:
         """Index of places."""

@@ -1,28 +1,34 @@
-"""Check of the believed pose: a filter over four hypotheses, fed with the fates of the detections.
+"""Check of the believed pose: a filter over five hypotheses, fed with the fates of the detections and with echoes.
 
-The robot is where it is believed to be ("right"), elsewhere on the map ("displaced"), where the map does not reach
-("off_map"), or it sees nothing ("blind": a dark camera, or a place without landmarks). Every detection is one of three:
-it belongs *here* (a landmark in its gate looks like it), *elsewhere* (only landmarks out of its gate
-do), or it is *strange* (no landmark does). The hypotheses give them different shares; a frame multiplies their
-probabilities by the likelihood of its counts,
+The robot is where it is believed to be ("right"), elsewhere on the map ("displaced"), on a map that does not fit the
+floor ("misfit": stretched, or a belief surer than its errors), where the map does not reach ("off_map"), or nothing is
+seen where landmarks should be ("blind": a dark camera, a wall, a hole). Every detection is one of three: it belongs
+*here* (a landmark in its gate looks like it), *elsewhere* (only landmarks out of its gate do), or it is *strange* (no
+landmark does). The hypotheses give them different shares; a frame multiplies their probabilities by its likelihood,
 
-    p_h <- p_h prod_c share_h[c]^n_c prod_matches f_h(nis),    and p <- p exp(rates dt) between frames.
+    p_h <- p_h prod_d share_h(d) prod_matches f_h(nis),    and p <- p exp(rates dt) between frames.
 
-f_right is an exponential density (chi^2_2 with `scale`), f of the others uniform over the gate. A frame's likelihood
-ratio is bounded, because errors are common to a frame. The number of detections separates only "blind" from the
-others: a displaced robot sees as many. With E landmarks expected to be recognised, P(none) = exp(-E `trust`) unless
-the robot is blind.
+With m landmarks of a look on A m^2 and a gate of G m^2, chance puts one into the gate of a displaced robot with
+c = 1 - exp(-m G / A): its share of here is `least + (whole - least) c`. f_right is an exponential density (chi^2_2 with
+`scale`), f_misfit a wider one, f of the others uniform over the gate. The likelihood ratio of a frame is bounded,
+because errors are common to a frame; frames far apart share fewer. With E landmarks expected to be recognised,
+P(none) = exp(-E `trust`) unless the robot is blind. Lost is 1 - p_right above a threshold.
 """
 
 import math
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from surefoot.errors import Refusal
 
 from . import association
+from .gate import FAR, INVALID, OUTLIER, UNLIKE
 from .landmarks import FloorLandmarks
-from .matching import Detections, Matches, MatchLimits, SightNoise, known_elsewhere
+from .matching import Detections, Matches, MatchLimits, SightNoise, gate_areas, look_alikes
 
+Array = NDArray[np.float64]
 Shares = tuple[float, float, float]
 """Shares of detections here, elsewhere, strange; they add up to 1."""
 
@@ -41,6 +47,9 @@ class FrameEvidence:
     """Normalised innovation squared of the matched ones, 2 degrees of freedom."""
     expected: float = 0.0
     """Expected number of recognised landmarks if the pose is right; 0 = not known."""
+    chances: tuple[tuple[float, ...], tuple[float, ...]] = ((), ())
+    """Probability that chance fills the gate of a displaced robot, of the detections here and of those elsewhere; none
+    = the model's share for all."""
 
 
 @dataclass(frozen=True)
@@ -67,10 +76,14 @@ class LostModel:
     """Shares if the pose is right, with twice the expected false detections: a map grows old."""
     displaced: Shares = (0.10, 0.80, 0.10)
     """Shares if the robot is elsewhere on the map: a wrong landmark in the gate looks right now and then; see `of`."""
+    misfit: Shares = (0.62, 0.33, 0.05)
+    """Shares if the map does not fit: matches with large innovations, and some out of the gate."""
     off_map: Shares = (0.03, 0.12, 0.85)
     """Shares if the robot is off the map: floors look alike somewhere."""
-    displacement_rate: float = 1e-3
+    displacement_rate: float = 3e-3
     """Rate at which a right pose becomes wrong, 1/s."""
+    misfit_rate: float = 1e-3
+    """Rate at which a map, or the size of the belief, stops fitting, 1/s."""
     leaving_rate: float = 3e-5
     """Rate at which the robot leaves the map, 1/s."""
     blinding_rate: float = 1e-3
@@ -81,40 +94,45 @@ class LostModel:
     """Rate at which a wrong pose becomes right by itself, 1/s."""
     gate: float = 9.21
     """Gate of the normalised innovation squared of a match."""
-    scale: float = 1.5
+    scale: float = 1.2
     """Mean of half the normalised innovation squared of a right pose."""
+    misfit_scale: float = 4.0
+    """The same of a map that does not fit."""
     most: float = 4.0
-    """Largest logarithm of the likelihood ratio of one frame, nats."""
+    """Largest logarithm of the likelihood ratio of one frame 0.1 s after the last, nats."""
+    most_apart: float = 8.0
+    """The same of a frame 1 s or more after the last."""
+    whole: float = 0.82
+    """Share of here of a displaced robot where chance always fills the gate."""
+    echoes: Shares = (0.90, 0.08, 0.02)
+    """Shares of echoes of a right pose: as by the map, nearer (something unknown), farther."""
+    echoes_displaced: Shares = (0.40, 0.30, 0.30)
+    """The same of a displaced robot."""
+    echo_most: float = 3.0
+    """Largest logarithm of the likelihood ratio of all echoes, nats: alone they do not decide."""
+    echo_s: float = 1.0
+    """Least time between two echoes that count, s."""
     threshold: float = 0.9
     """Probability from which the pose counts as lost."""
     memory_s: float = 3.0
     """Time constant of the counts in the reason, s."""
 
-    @classmethod
-    def of(cls, noise: SightNoise, footprint: Footprint) -> "LostModel":
-        """Return the model for a camera: the larger the gate beside the view, the more often chance fills it."""
-        distance = 0.5 * (footprint.nearest + footprint.farthest)
-        along = math.hypot(math.hypot(noise.range_sd, noise.range_share * distance), noise.common_range_sd)
-        across = distance * math.hypot(noise.bearing_sd, noise.common_bearing_sd)
-        view = footprint.half_angle * (footprint.farthest**2 - footprint.nearest**2)
-        plain = cls()
-        chance = min(1.0, math.pi * plain.gate * along * across / view)
-        here = plain.displaced[0] + 0.4 * chance
-        return replace(plain, displaced=(here, 0.9 - here, 0.1))
-
     def __post_init__(self) -> None:
-        for name in ("right", "displaced", "off_map"):
+        for name in ("right", "displaced", "misfit", "off_map"):
             shares: Shares = getattr(self, name)
             if min(shares) <= 0.0 or abs(sum(shares) - 1.0) > 1e-9:
                 raise Refusal("bad_lost_model", f"{name}: three shares > 0 that add up to 1, got {shares}", name)
         for name in (
             "displacement_rate",
+            "misfit_rate",
             "leaving_rate",
             "blinding_rate",
             "recovery_rate",
             "memory_s",
             "scale",
+            "misfit_scale",
             "most",
+            "most_apart",
             "gate",
         ):
             value: float = getattr(self, name)
@@ -134,33 +152,35 @@ class LostState:
     """Probability that it is off the map."""
     blind: float = 0.0
     """Probability that nothing is seen where landmarks should be: a dark camera, or a wrong pose."""
+    misfit: float = 0.0
+    """Probability that the map does not fit the floor, or the belief is surer than its errors."""
     recent: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0))
     """Detections here, elsewhere, strange, older ones counted less."""
-
     missed: float = 0.0
     """Landmarks that were expected of late and not recognised."""
+    apart: float = 0.0
+    """Time since the last frame, s."""
+    echo: tuple[float, float] = (0.0, math.inf)
+    """Log likelihood ratio of the echoes so far, nats, bounded, and time since the last one, s."""
 
     @property
     def probability(self) -> float:
-        """Probability that the believed pose is wrong and landmarks show it."""
-        return self.displaced + self.off_map
-
-    @property
-    def doubt(self) -> float:
-        """Probability that the pose is wrong or that nothing is seen."""
-        return self.displaced + self.off_map + self.blind
+        """Probability that the belief is wrong or nothing is seen where it should be."""
+        return self.displaced + self.off_map + self.misfit + self.blind
 
     def reason(self, model: LostModel) -> str:
         """Return the reason why the pose is uncertain, in words; empty if it is not."""
-        if self.doubt < model.threshold:
+        if self.probability < model.threshold:
             return ""
         here, elsewhere, strange = (round(value) for value in self.recent)
         total = here + elsewhere + strange
-        if self.blind > self.probability:
-            return f"nothing is seen where about {round(self.missed)} landmarks should have been recognised of late"
-        if self.off_map > self.displaced:
-            return f"{strange} of about {total} landmarks seen of late are not on the map"
-        return f"{elsewhere} of about {total} landmarks seen of late belong elsewhere on the map"
+        texts = {
+            self.displaced: f"{elsewhere} of about {total} landmarks seen of late belong elsewhere on the map",
+            self.misfit: f"about {total} landmarks seen of late lie farther from their places than the belief allows",
+            self.off_map: f"{strange} of about {total} landmarks seen of late are not on the map",
+            self.blind: f"nothing is seen where about {round(self.missed)} landmarks should have been recognised",
+        }
+        return texts[max(texts)]
 
 
 def in_view(world: FloorLandmarks, pose: tuple[float, float, float], footprint: Footprint) -> int:
@@ -172,6 +192,7 @@ def in_view(world: FloorLandmarks, pose: tuple[float, float, float], footprint: 
 
 def evidence_of(
     matches: Matches,
+    cov: Array,
     seen: Detections,
     world: FloorLandmarks,
     noise: SightNoise,
@@ -185,6 +206,7 @@ def evidence_of(
 
     Args:
         matches: of the frame at the believed pose.
+        cov: covariance of that pose, (3, 3) or larger.
         seen: its detections.
         world: landmarks.
         noise: of the camera.
@@ -194,8 +216,15 @@ def evidence_of(
     counts = matches.counts
     here = counts["matched"] + counts["surplus"] + counts["doubled"] + counts["ambiguous"]
     away = counts["far"] + counts["unlike"]
-    elsewhere = known_elsewhere(matches, seen, world, noise, limits)
-    return FrameEvidence(here, elsewhere, away - elsewhere, tuple(matches.nis.tolist()), expected)
+    alike = look_alikes(matches, seen, world, noise, limits)
+    chances = (1.0 - np.exp(-alike * gate_areas(cov, seen, noise, limits) / world.area)).tolist()
+    found: tuple[list[float], list[float]] = ([], [])
+    for fate, chance, count in zip(matches.fates.tolist(), chances, alike.tolist(), strict=True):
+        if fate not in (INVALID, OUTLIER) and count > 0:
+            found[fate in (FAR, UNLIKE)].append(chance)
+    elsewhere = len(found[1])
+    chosen = (tuple(found[0]), tuple(found[1])) if len(found[0]) == here else ((), ())
+    return FrameEvidence(here, elsewhere, away - elsewhere, tuple(matches.nis.tolist()), expected, chosen)
 
 
 def passed(state: LostState, dt: float, model: LostModel) -> LostState:
@@ -210,28 +239,77 @@ def passed(state: LostState, dt: float, model: LostModel) -> LostState:
     vanish = 1.0 - math.exp(-model.leaving_rate * dt)
     back = 1.0 - math.exp(-model.recovery_rate * dt)
     dim = 1.0 - math.exp(-model.blinding_rate * dt)
+    warp = 1.0 - math.exp(-model.misfit_rate * dt)
     displaced = state.displaced * (1.0 - back) + state.right * leave
     off_map = state.off_map * (1.0 - back) + state.right * vanish
     blind = state.blind * (1.0 - back) + state.right * dim
+    misfit = state.misfit * (1.0 - back) + state.right * warp
     fade = math.exp(-dt / model.memory_s)
     recent = (state.recent[0] * fade, state.recent[1] * fade, state.recent[2] * fade)
-    right = max(0.0, 1.0 - displaced - off_map - blind)
-    return LostState(right, displaced, off_map, blind, recent, state.missed * fade)
+    right = max(0.0, 1.0 - displaced - off_map - blind - misfit)
+    echo = (state.echo[0], state.echo[1] + dt)
+    return LostState(right, displaced, off_map, blind, misfit, recent, state.missed * fade, state.apart + dt, echo)
 
 
 def observed(state: LostState, frame: FrameEvidence, model: LostModel) -> LostState:
     """Return the state after a frame."""
-    right = _log_likelihood(model.right, frame) + sum(_nis_ratio(value, model) for value in frame.nis)
-    others = (_log_likelihood(model.displaced, frame), _log_likelihood(model.off_map, frame))
-    ratios = [max(-model.most, min(model.most, other - right)) for other in others]
-    displaced, off_map = state.displaced * math.exp(ratios[0]), state.off_map * math.exp(ratios[1])
+    far = min(1.0, max(0.0, (state.apart - 0.1) / 0.9))
+    most = model.most + far * (model.most_apart - model.most)
+    right = _log_likelihood(model.right, frame) + sum(_nis_log(value, model.scale, model) for value in frame.nis)
+    flat = -len(frame.nis) * math.log(model.gate)
+    misfit = _log_likelihood(model.misfit, frame) + sum(
+        _nis_log(value, model.misfit_scale, model) for value in frame.nis
+    )
+    others = (_displaced_log(frame, model) + flat, _log_likelihood(model.off_map, frame) + flat, misfit)
+    factors = [math.exp(max(-most, min(most, other - right))) for other in others]
+    displaced, off_map, misfit = state.displaced * factors[0], state.off_map * factors[1], state.misfit * factors[2]
     count = frame.here + frame.elsewhere + frame.strange
     expected = model.trust * frame.expected
-    blind = state.blind * (math.exp(min(model.most, expected)) if count == 0 else math.exp(-model.most))
-    total = state.right + displaced + off_map + blind
+    blind = state.blind * (math.exp(min(most, expected)) if count == 0 else math.exp(-most))
     recent = (state.recent[0] + frame.here, state.recent[1] + frame.elsewhere, state.recent[2] + frame.strange)
     missed = state.missed + max(0.0, frame.expected - count)
-    return LostState(state.right / total, displaced / total, off_map / total, blind / total, recent, missed)
+    found = LostState(state.right, displaced, off_map, blind, misfit, recent, missed, 0.0, state.echo)
+    return _normalised(found)
+
+
+def echoed(state: LostState, distance: float, expected: float, slack: float, model: LostModel) -> LostState:
+    """Return the state after an echo; one that comes too soon after the last does not count.
+
+    Args:
+        state: before.
+        distance: of the echo, or the end of the reach, m.
+        expected: the same by the map at the believed pose, m.
+        slack: difference that is none, m.
+        model: shares.
+    """
+    if state.echo[1] < model.echo_s:
+        return state
+    kind = 0 if abs(distance - expected) <= slack else 1 if distance < expected else 2
+    ratio = math.log(model.echoes_displaced[kind] / model.echoes[kind])
+    total = max(-model.echo_most, min(model.echo_most, state.echo[0] + ratio))
+    changed = state.displaced * math.exp(total - state.echo[0])
+    return _normalised(replace(state, displaced=changed, echo=(total, 0.0)))
+
+
+def _normalised(state: LostState) -> LostState:
+    total = state.right + state.displaced + state.off_map + state.blind + state.misfit
+    return replace(
+        state, right=state.right / total, displaced=state.displaced / total, off_map=state.off_map / total,
+        blind=state.blind / total, misfit=state.misfit / total,
+    )  # fmt: skip
+
+
+def _displaced_log(frame: FrameEvidence, model: LostModel) -> float:
+    """Return the log likelihood of the fates for a displaced robot, nats."""
+    if not frame.chances[0] and not frame.chances[1]:
+        return _log_likelihood(model.displaced, frame)
+    least, _, strange = model.displaced
+    total = frame.strange * math.log(strange)
+    for kind, chances in enumerate(frame.chances):
+        for chance in chances:
+            here = least + (model.whole - least) * chance
+            total += math.log(1.0 - strange - here if kind else here)
+    return total
 
 
 def _log_likelihood(shares: Shares, frame: FrameEvidence) -> float:
@@ -239,9 +317,9 @@ def _log_likelihood(shares: Shares, frame: FrameEvidence) -> float:
     return frame.here * here + frame.elsewhere * elsewhere + frame.strange * strange
 
 
-def _nis_ratio(nis: float, model: LostModel) -> float:
-    """Return the log density ratio of a match's nis under a right pose and a wrong one, within +- ln 3."""
-    s = 2.0 * model.scale
-    inside = 1.0 - math.exp(-model.gate / s)
-    ratio = math.log(model.gate / (s * inside)) - nis / s
-    return max(-math.log(3.0), min(math.log(3.0), ratio))
+def _nis_log(nis: float, scale: float, model: LostModel) -> float:
+    """Return the log density of a match's nis in the gate, within ln 3 of the uniform one."""
+    s = 2.0 * scale
+    density = -math.log(s * (1.0 - math.exp(-model.gate / s))) - nis / s
+    flat = -math.log(model.gate)
+    return flat + max(-math.log(3.0), min(math.log(3.0), density - flat))

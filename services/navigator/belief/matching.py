@@ -204,12 +204,10 @@ def check_length(seen: Detections, world: FloorLandmarks) -> None:
         raise DetectionError("bad_descriptor", text, "descriptor")
 
 
-def known_elsewhere(
+def look_alikes(
     matches: Matches, seen: Detections, world: FloorLandmarks, noise: SightNoise, limits: MatchLimits | None = None
-) -> int:
-    """Return the number of detections that look like a landmark of the map, but like none where they were seen.
-
-    These are few if the pose is right, wrong detections, and nearly all if it is wrong.
+) -> Array:
+    """Return the number of landmarks of the map that each detection looks like, (m,); at least 1 for a match.
 
     Args:
         matches: of the frame at the believed pose.
@@ -218,11 +216,19 @@ def known_elsewhere(
         noise: of the camera.
         limits: those of the match; None = the defaults of `MatchLimits`.
     """
-    wanted = np.flatnonzero((matches.fates == FAR) | (matches.fates == UNLIKE))
-    if not wanted.size:
-        return 0
     look = (limits or MatchLimits()).look(noise, world.descriptor_length)
-    return association.known_anywhere(seen.looks, wanted, world.columns, look)
+    found = association.look_alikes(seen.looks, world.columns, look).astype(np.float64)
+    here = (matches.fates != FAR) & (matches.fates != UNLIKE)
+    return np.where(here, np.maximum(found, 1.0), found)
+
+
+def gate_areas(cov: Array, seen: Detections, noise: SightNoise, limits: MatchLimits | None = None) -> Array:
+    """Return the area of the floor that the gate of each detection covers, about, (m,) m^2; cov (3, 3) or larger."""
+    r, own = seen.ranges, noise.range_sd**2 + (noise.range_share * seen.ranges) ** 2
+    position = 0.5 * (cov[0, 0] + cov[1, 1])
+    along = own + noise.common_range_sd**2 + position
+    across = r * r * (noise.bearing_sd**2 + noise.common_bearing_sd**2 + cov[2, 2]) + position
+    return math.pi * (limits or MatchLimits()).gate * np.sqrt(along * across)
 
 
 def _floats(values: ArrayLike) -> Array:

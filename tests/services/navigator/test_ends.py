@@ -133,3 +133,18 @@ def test_missed_waypoints_are_those_of_the_request(journey: Journey) -> None:
     goal.index = 1
     goal.give_up(0.0)
     assert (goal.missed, goal.waypoint) == ([0], (2.6, 0.0))
+
+
+def test_lost_where_the_camera_is_dark_and_the_map_shows_something_to_be_seen() -> None:
+    """Frames without a landmark are evidence; no frames at all are none, and the goal is reached by odometry."""
+    journey = ready(set=("conduct.search_turns=1", "conduct.search_look=1.0"))
+    journey.goto(2.0, 0.0)
+    journey.step(300)
+    journey.frame = lambda: LandmarkDetections(landmarks=(), stamp_ns=journey.tick * 10_000_000)  # type: ignore[method-assign]
+    began = journey.tick
+    while not journey.belief().lost:
+        journey.step()
+        assert journey.tick < began + 320  # within 3 s
+    assert "nothing is seen" in journey.belief().lost_reason
+    result = ended(journey)
+    assert (result.state, result.error_code) == ("failed", "lost")

@@ -21,7 +21,7 @@ def test_nothing_is_compiled_after_the_dry_runs():
     world = floor(1)
     seen, _ = Eye(world, EASY, 1).look((1.0, 0.0, 0.0))
     found = match(np.array([1.0, 0.0, 0.0]), 1e-3 * np.eye(3), seen, world, EASY)
-    evidence_of(found, seen, world, EASY, 0.1 * in_view(world, (1.0, 0.0, 0.0), Footprint()))
+    evidence_of(found, 1e-3 * np.eye(3), seen, world, EASY, 0.1 * in_view(world, (1.0, 0.0, 0.0), Footprint()))
     relocalise([Glance(seen)], world, EASY)
     plan(prepare(FloorGrid(np.zeros((60, 60), dtype=np.int8), 0.05)), (1.0, 1.0), (2.0, 2.0))
     assert COMPILING.done == before

@@ -11,6 +11,7 @@ from surefoot.services.navigator.belief.lost import (
     FrameEvidence,
     LostModel,
     LostState,
+    echoed,
     evidence_of,
     in_view,
     observed,
@@ -34,7 +35,7 @@ def test_probabilities_add_up_to_one():
     for _ in range(500):
         counts = rng.poisson([2, 1, 0.3])
         state = after([FrameEvidence(*counts.tolist(), tuple(rng.uniform(0, 9, counts[0])), 2.0)], state)
-        parts = (state.right, state.displaced, state.off_map, state.blind)
+        parts = (state.right, state.displaced, state.off_map, state.blind, state.misfit)
         assert min(parts) >= 0.0
         assert sum(parts) == pytest.approx(1.0, abs=1e-12)
 
@@ -52,8 +53,8 @@ def test_what_is_seen_here_lowers_and_what_belongs_elsewhere_raises():
 
 def test_no_single_frame_decides():
     settled = after([FrameEvidence(here=2)] * 100)
-    assert after([FrameEvidence(elsewhere=20)], settled).doubt < 0.1
-    assert after([FrameEvidence(elsewhere=20)] * 5, settled).doubt > MODEL.threshold
+    assert after([FrameEvidence(elsewhere=20)], settled).probability < 0.1
+    assert after([FrameEvidence(elsewhere=20)] * 5, settled).probability > MODEL.threshold
 
 
 def test_false_detections_and_silence_are_no_loss():
@@ -63,19 +64,20 @@ def test_false_detections_and_silence_are_no_loss():
         n = rng.poisson(2.4)
         elsewhere = rng.binomial(n, 0.15)
         state = after([FrameEvidence(n - elsewhere, elsewhere, 0, (), 2.4)], state)
-        worst = max(worst, state.doubt)
+        worst = max(worst, state.probability)
     assert worst < MODEL.threshold
-    assert after([FrameEvidence()] * 600).doubt < 0.5  # nothing is expected where nothing is seen
+    assert after([FrameEvidence()] * 600).probability < 0.5  # nothing is expected where nothing is seen
 
 
 def test_a_dark_camera_is_blind_and_not_displaced():
     state = after([FrameEvidence(here=2, expected=2.4)] * 50)
     state = after([FrameEvidence(expected=2.4)] * 30, state)
     assert state.blind > 0.9
-    assert state.probability < 0.05
+    assert state.displaced + state.off_map < 0.05
+    assert state.probability > MODEL.threshold  # what should be seen and is not makes lost
     assert "nothing is seen" in state.reason(MODEL)
     state = after([FrameEvidence(here=2, expected=2.4)] * 10, state)
-    assert state.doubt < 0.05
+    assert state.probability < 0.05
     assert state.reason(MODEL) == ""
 
 
@@ -106,7 +108,7 @@ def test_probability_means_what_it_says():
 
 @pytest.mark.parametrize(("noise", "recognised"), [(EASY, 0.1), (ROUGH, 0.1)])
 def test_a_displaced_walker_is_noticed_in_three_seconds(noise, recognised):
-    model, cov = LostModel.of(noise, Footprint()), np.diag([0.03**2, 0.03**2, math.radians(3) ** 2])
+    model, cov = LostModel(), np.diag([0.03**2, 0.03**2, math.radians(3) ** 2])
     for seed in range(10):
         world = floor(seed, copied=0.5)
         eye, believed = Eye(world, noise, seed, recognised=recognised, false=0.1), np.array([2.0, 0.0, 0.0])
@@ -116,10 +118,10 @@ def test_a_displaced_walker_is_noticed_in_three_seconds(noise, recognised):
             seen, _ = eye.look(truth)
             expected = recognised * in_view(world, tuple(believed.tolist()), Footprint())
             found = match(believed, cov, seen, world, noise)
-            state = observed(passed(state, DT, model), evidence_of(found, seen, world, noise, expected), model)
+            state = observed(passed(state, DT, model), evidence_of(found, cov, seen, world, noise, expected), model)
             if i < 50:
-                assert state.doubt < 0.5
-            elif noticed is None and state.doubt > model.threshold:
+                assert state.probability < 0.5
+            elif noticed is None and state.probability > model.threshold:
                 noticed = i
         assert noticed is not None
         assert "elsewhere" in state.reason(model)
@@ -131,7 +133,7 @@ def test_evidence_counts_every_detection_but_outliers_and_nonsense():
     looks = np.vstack((seen.looks, np.full((1, LENGTH), 9.0), seen.looks[:1]))
     more = Detections(np.append(seen.ranges, [0.7, 0.0]), np.append(seen.bearings, [0.0, 0.0]), looks)
     found = match(np.array([1.0, 0.0, 0.0]), np.eye(3) * 1e-3, more, world, EASY)
-    evidence = evidence_of(found, more, world, EASY)
+    evidence = evidence_of(found, np.eye(3) * 1e-3, more, world, EASY)
     assert evidence.strange == 1
     counted = evidence.here + evidence.elsewhere + evidence.strange
     assert counted == len(more) - found.counts["outlier"] - found.counts["invalid"]
@@ -160,3 +162,46 @@ def test_models_that_cannot_be_are_refused(bad):
 def test_time_that_cannot_be_is_refused(dt):
     with pytest.raises(Refusal):
         passed(LostState(), dt, MODEL)
+
+
+def test_matches_that_lie_off_their_places_are_a_misfit():
+    """A stretched map: landmarks are found, but with innovations that a right belief does not have."""
+    rng = np.random.default_rng(8)
+
+    def stream(scale, here, away):  # counts a frame as measured with the benchmark's corridor
+        for _ in range(40):
+            n = int(rng.poisson(here))
+            nis = tuple(np.minimum(rng.exponential(2.0 * scale, n), 9.0).tolist())
+            yield FrameEvidence(n, int(rng.poisson(away)), 0, nis)
+
+    assert after(stream(0.9, 3.0, 0.36)).probability < 0.1
+    state = after(stream(4.0, 2.2, 1.15))
+    assert state.misfit > MODEL.threshold
+    assert "than the belief allows" in state.reason(MODEL)
+
+
+def test_a_unique_look_in_the_gate_is_worth_more_than_one_of_many():
+    start = after([FrameEvidence(elsewhere=2)] * 3)
+    unique, common = (
+        after([FrameEvidence(here=1, chances=((chance,), ()))], start).displaced for chance in (0.0, 0.9)
+    )  # fmt: skip
+    assert unique < common
+    assert unique < 0.5 * start.displaced
+
+
+def test_echoes_count_once_a_second_and_never_decide_alone():
+    state = passed(LostState(), 10.0, MODEL)
+    for _ in range(600):
+        state = echoed(passed(state, DT, MODEL), 2.5, 0.6, 0.2, MODEL)
+    assert state.displaced > passed(LostState(), 70.0, MODEL).displaced
+    assert state.probability < MODEL.threshold
+    one = echoed(passed(LostState(), 10.0, MODEL), 2.5, 0.6, 0.2, MODEL)
+    assert echoed(passed(one, DT, MODEL), 2.5, 0.6, 0.2, MODEL).echo[0] == one.echo[0]
+    assert echoed(passed(one, 2.0, MODEL), 0.6, 0.6, 0.2, MODEL).displaced < passed(one, 2.0, MODEL).displaced
+
+
+def test_frames_far_apart_share_fewer_errors_and_weigh_more():
+    frame = FrameEvidence(elsewhere=20)
+    near, far = (observed(passed(LostState(), dt, MODEL), frame, MODEL) for dt in (0.1, 1.7))
+    assert far.displaced > near.displaced
+    assert far.displaced < MODEL.threshold  # still no single one decides
