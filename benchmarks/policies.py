@@ -177,6 +177,39 @@ def controllers(
         json_.write_text(json.dumps(study.lines, indent=1), encoding="utf-8")
 
 
+COURSES = ("constant", "flip", "step", "ramp")
+
+
+@BENCH.part("20000:20050 --drifts 4")
+def courses(episodes_: str = "40000:41000", /, *, drifts: str = "0,2,4,7", actions: str = "four") -> None:
+    """Planner against the tuned hand controller where the drift stays, flips half way, steps or ramps.
+
+    Both have the same filter and the same episodes. Goals: nowhere more than 1 % slower, 1.5 % faster in the mean.
+
+    Args:
+        episodes_: first:end.
+        drifts: deg per 10 cm, by commas.
+        actions: four, or arcs (against the steering controller).
+    """
+    span, other = seeds_of(episodes_), "tuned" if actions == "four" else "steer"
+    on, found = Seeds(span.start, span.stop), list[float]()
+    for params in ("paper", "paper-blur"):
+        rows: list[tuple[object, ...]] = []
+        planner = find("planner", load(params, [f"use='{actions}'"]))
+        for course in COURSES:
+            row: list[object] = [course]
+            for drift in words_of(drifts):
+                sets = [f"use='{actions}'", f"drift.per_10cm_deg={drift}", f"drift.course='{course}'"]
+                world = arrays(model := load(params, sets))
+                p = paired(episodes(world, planner, on), episodes(world, find(other, model, world), on))
+                low, high = p["difference_ci95_percent"]
+                row.append(f"{p['difference_percent']:+.2f} ({low:.2f} to {high:.2f})")
+                found.append(p["difference_percent"])
+            rows.append(tuple(row))
+        table(f"{params}, {actions}: planner against {other}, %", ("drift", *words_of(drifts)), rows)
+    print(f"mean {np.mean(found):+.2f} %, worst {max(found):+.2f} %")
+
+
 THRESHOLDS = (-4.0, -3.5, -3.0, -2.5, -2.0, -1.0)
 TUNING, TUNING_STREAM = Seeds(0, 4000), 1
 FASTER = {"paper": 7.0, "paper-blur": 5.0}

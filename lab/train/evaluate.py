@@ -95,7 +95,7 @@ def _measured(model: "NavigationModel", name: str, seeds: "Seeds") -> tuple[Any,
 
     world = arrays(model)
     knows = name == "limit"
-    policy = find("planner" if knows else name, model, world)
+    policy = find("planner" if knows else name, model, world, any_model=True)
     about = {
         "name": Path(name).stem if name.endswith(".npz") else name,
         "sha256": policy.sha256,

@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from .belief.lost import (
     echoed,
     evidence_of,
     in_view,
+    normalised,
     observed,
     passed,
 )
@@ -42,6 +44,9 @@ RESTART_SD = (0.10, 0.15)
 """Standard deviations added to the covariance after a restart: m and rad."""
 WORK = 16_000
 """Work of a tick on the search for a lost pose, see `places.search`: about 0.5 ms."""
+WIDEN, WIDER, WIDENED_S = 0.5, 3.0, 10.0
+"""Probability of a misfit from which on the belief is widened instead of given up, factor of its standard deviations,
+and time in which it is widened once, s."""
 SINCE = 0.1
 """Standard deviation of a motion since the begin of a search, part of the way and of the turn."""
 LATE_S, AHEAD_S = 0.2, 0.02
@@ -87,6 +92,7 @@ class Localiser:
         self._lost_state, self._lost_at = LostState(), 0.0
         self._shares = (_share(model, "walk"), _share(model, "stand"))
         self._relocaliser: Relocaliser | None = None
+        self._widened_at = -math.inf
         self.relocated = 0
         """Number of times that the pose was found again."""
 
@@ -202,6 +208,11 @@ class Localiser:
             evidence = evidence_of(found.matches, cov, seen, world, noise, expected)
         state = passed(self._lost_state, max(0.0, time - self._lost_at), self.lost_model)
         self._lost_state, self._lost_at = observed(state, evidence, self.lost_model), time
+        if self._lost_state.misfit > WIDEN and time - self._widened_at > WIDENED_S and not self.lost.lost:
+            # a belief surer than its errors, until it does not fit even so
+            self._widened_at = time
+            self.tracker.widen(WIDER)
+            self._lost_state = normalised(replace(self._lost_state, misfit=0.0))
         probability = self._lost_state.probability
         if probability >= self.lost_model.threshold or self.lost.lost:
             reason = self._lost_state.reason(self.lost_model) or self.lost.reason

@@ -80,7 +80,7 @@ class LostModel:
     """Shares if the map does not fit: matches with large innovations, and some out of the gate."""
     off_map: Shares = (0.03, 0.12, 0.85)
     """Shares if the robot is off the map: floors look alike somewhere."""
-    displacement_rate: float = 3e-3
+    displacement_rate: float = 1e-3
     """Rate at which a right pose becomes wrong, 1/s."""
     misfit_rate: float = 1e-3
     """Rate at which a map, or the size of the belief, stops fitting, 1/s."""
@@ -269,7 +269,7 @@ def observed(state: LostState, frame: FrameEvidence, model: LostModel) -> LostSt
     recent = (state.recent[0] + frame.here, state.recent[1] + frame.elsewhere, state.recent[2] + frame.strange)
     missed = state.missed + max(0.0, frame.expected - count)
     found = LostState(state.right, displaced, off_map, blind, misfit, recent, missed, 0.0, state.echo)
-    return _normalised(found)
+    return normalised(found)
 
 
 def echoed(state: LostState, distance: float, expected: float, slack: float, model: LostModel) -> LostState:
@@ -288,10 +288,11 @@ def echoed(state: LostState, distance: float, expected: float, slack: float, mod
     ratio = math.log(model.echoes_displaced[kind] / model.echoes[kind])
     total = max(-model.echo_most, min(model.echo_most, state.echo[0] + ratio))
     changed = state.displaced * math.exp(total - state.echo[0])
-    return _normalised(replace(state, displaced=changed, echo=(total, 0.0)))
+    return normalised(replace(state, displaced=changed, echo=(total, 0.0)))
 
 
-def _normalised(state: LostState) -> LostState:
+def normalised(state: LostState) -> LostState:
+    """Return the state with probabilities that add up to 1."""
     total = state.right + state.displaced + state.off_map + state.blind + state.misfit
     return replace(
         state, right=state.right / total, displaced=state.displaced / total, off_map=state.off_map / total,

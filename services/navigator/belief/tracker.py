@@ -131,6 +131,11 @@ class PoseTracker:
         for i in range(STATES, self.n):
             self.cov[i, i] = float(self._sds[i - STATES]) ** 2
 
+    def widen(self, factor: float) -> None:
+        """Multiply the standard deviations of x, y and heading by a factor; correlations stay."""
+        self.cov[:3, :] *= factor
+        self.cov[:, :3] *= factor
+
     @property
     def pose(self) -> tuple[float, float, float]:
         """Believed x, y in m and heading in rad, frame map."""

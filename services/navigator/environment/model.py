@@ -16,7 +16,8 @@ Ints = NDArray[np.int64]
 CELL = 0.25  # m, edge of the squares by which landmarks are found
 IN_VIEW = 128  # landmarks of one frame that are considered before `most` are drawn of them
 ROLL, PITCH = 4, 5  # elements of the truth behind X, Y, THETA, DRIFT of `ukf`
-TRUTH = 6
+BEGAN = 6
+TRUTH = 7
 
 
 class EpisodeState(NamedTuple):
@@ -29,7 +30,8 @@ class EpisodeState(NamedTuple):
     first: Ints
     """Index of the first landmark of each square, and their number at the end, (squares + 1,)."""
     truth: Array
-    """True x, y (m), heading (rad), drift (rad per m), roll and pitch error of the camera (rad), (TRUTH,)."""
+    """True x, y (m), heading (rad), drift (rad per m), roll and pitch error of the camera (rad), and the first drift
+    (rad per m), (TRUTH,)."""
     mean: Array
     """Belief after the last frame, (n,), see `ukf`."""
     cov: Array

@@ -17,6 +17,7 @@ from ..policy.arrays import (
     BOX_AT,
     BOX_HALF,
     COS_HALF,
+    COURSE,
     CUT_OFF,
     DENSITY,
     DRIFT_KNOWN,
@@ -74,7 +75,7 @@ from ..policy.arrays import (
     ModelTables,
 )
 from .draws import Stream, below, normal_pair, seed, uniform
-from .model import CELL, IN_VIEW, PITCH, ROLL, EpisodeRoom, EpisodeState
+from .model import BEGAN, CELL, IN_VIEW, PITCH, ROLL, EpisodeRoom, EpisodeState
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -154,6 +155,8 @@ def begin(scene: Array, run: int, episode: int, state: EpisodeState) -> None:
         truth[DRIFT] = scene[DRIFT_SIZE] * ed
     else:
         truth[DRIFT] = scene[DRIFT_SIZE] if ed > 0.0 else -scene[DRIFT_SIZE]
+    truth[BEGAN] = truth[DRIFT]
+    truth[DRIFT] = drift_at(scene, truth[BEGAN], 0.0)
     tilt_a, tilt_b = normal_pair(rng)
     truth[ROLL], truth[PITCH] = scene[TILT_SD] * tilt_a, scene[TILT_SD] * tilt_b
     for i in range(state.status.size):
@@ -161,6 +164,19 @@ def begin(scene: Array, run: int, episode: int, state: EpisodeState) -> None:
     state.status[LAST] = NO_ACTION
     state.status[BLOCKED] = is_blocked(scene, truth)
     copy_belief(mean, cov, state.ahead_mean, state.ahead_cov)
+
+
+@row_kernel
+def drift_at(scene: Array, began: float, way: float) -> float:
+    """Return the drift, rad per m, after `way` m walked, by the course of the model; `began` is the first."""
+    course = int(scene[COURSE])
+    dx, dy = scene[GOAL_X] - scene[START_X], scene[GOAL_Y] - scene[START_Y]
+    part = min(1.0, way / math.sqrt(dx * dx + dy * dy))
+    if course == 1:
+        return began if part < 0.5 else -began
+    if course == 2:
+        return 0.0 if part < 0.5 else began
+    return began * (1.0 - 2.0 * part) if course == 3 else began
 
 
 @row_kernel
@@ -319,6 +335,7 @@ def act(model: ModelTables, run: int, episode: int, chosen: int, state: EpisodeS
         room: scratch.
     """
     scene, action, status = model.scene, model.actions[chosen], state.status
+    state.truth[DRIFT] = drift_at(scene, state.truth[BEGAN], status[WAY])
     seed(state.rng, run, episode, STEP + int(status[STEPS]))
     _frames_of(scene, action, state, room)
     kind, last = int(action[KIND]), int(status[LAST])

@@ -25,8 +25,9 @@ STAND, TURNING, WALK = 0, 1, 2  # kinds
 X_MIN, X_MAX, Y_MIN, Y_MAX, RADIUS, LOOK_AHEAD = 0, 1, 2, 3, 4, 5
 START_X, START_Y, START_YAW, GOAL_X, GOAL_Y, GOAL_RADIUS, TIME_LIMIT = 6, 7, 8, 9, 10, 11, 12
 DENSITY, MOST, DRIFT_SIZE, DRIFT_NORMAL, DRIFT_KNOWN, START_SD, START_YAW_SD = 13, 14, 15, 16, 17, 18, 19
-TILT_SD, HEIGHT, MAX_STANDS, MAX_TURNS, GOAL_REWARD, GAMMA = 20, 21, 22, 23, 24, 25
-ELEMENTS = 26
+TILT_SD, HEIGHT, MAX_STANDS, MAX_TURNS, GOAL_REWARD, GAMMA, COURSE = 20, 21, 22, 23, 24, 25, 26
+ELEMENTS = 27
+COURSES = ("constant", "flip", "step", "ramp")  # of the drift: values of COURSE
 
 # elements of the status of an episode, or of the live navigator
 TIME, LAST, STANDS, TURNS, BLOCKED, OUTCOME, STEPS, WAY = 0, 1, 2, 3, 4, 5, 6, 7
@@ -90,6 +91,7 @@ def arrays(model: NavigationModel) -> Arrays:
     values[DRIFT_NORMAL] = drift.kind == "normal"
     values[DRIFT_KNOWN] = math.radians(drift.known_sd_deg) * PER_10CM
     values[[START_SD, START_YAW_SD]] = model.filter.position_sd, math.radians(model.filter.heading_sd_deg)
+    values[COURSE] = COURSES.index(drift.course)
     values[[TILT_SD, HEIGHT]] = math.radians(sight.tilt_sd_deg), sight.camera_height
     values[[MAX_STANDS, MAX_TURNS]] = model.guards.stands, model.guards.turns
     values[[GOAL_REWARD, GAMMA]] = model.reward.goal, model.reward.gamma

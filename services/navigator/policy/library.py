@@ -7,6 +7,7 @@ from surefoot.nearest import did_you_mean
 from surefoot.version import VERSION
 
 from .arrays import Arrays, arrays
+from .choose import PLANNER, SARSA
 from .files import load_policy, shipped
 from .params import NavigationModel
 from .planner import planner
@@ -20,7 +21,7 @@ def known() -> tuple[str, ...]:
     return (*NAMES, *shipped())
 
 
-def find(name: str, model: NavigationModel, world: Arrays | None = None) -> Policy:
+def find(name: str, model: NavigationModel, world: Arrays | None = None, *, any_model: bool = False) -> Policy:
     """Return a policy for a model.
 
     Args:
@@ -28,9 +29,11 @@ def find(name: str, model: NavigationModel, world: Arrays | None = None) -> Poli
             `sarsa` (a file for these actions that ships), the name of a shipped file, or a path that ends in .npz.
         model: the robot.
         world: its arrays; None = they are made.
+        any_model: a file that was made for another model is taken as it is, for studies; else its table is computed
+            anew for this model (planner) or the file is refused (sarsa).
 
     Raises:
-        Refusal: no such policy, a file that cannot be used, or one for other actions.
+        Refusal: no such policy, a file that cannot be used, one for other actions, or learned for another model.
     """
     world = arrays(model) if world is None else world
     ruled = by_rule(name, world)
@@ -38,9 +41,9 @@ def find(name: str, model: NavigationModel, world: Arrays | None = None) -> Poli
         return ruled
     files = shipped()
     if name.endswith(".npz"):
-        return load_policy(Path(name), world.names)
+        return _for_model(load_policy(Path(name), world.names), model, world, any_model)
     if name in files:
-        return load_policy(files[name], world.names)
+        return _for_model(load_policy(files[name], world.names), model, world, any_model)
     if name in ("planner", "sarsa"):
         own = [path for stem, path in files.items() if stem.split("-")[0] == name]
         fitting = [policy for path in own if (policy := _if_for(path, world.names)) is not None]
@@ -50,9 +53,22 @@ def find(name: str, model: NavigationModel, world: Arrays | None = None) -> Poli
         if name == "planner":
             return planner(world, provenance_of(model, "planner"))
         if fitting:
-            return fitting[0]
+            return _for_model(fitting[0], model, world, any_model)
     hint, allowed = did_you_mean(name, known()), ", ".join(known())
     raise Refusal("unknown_policy", f"got {name!r}{hint} for {', '.join(world.names)}; allowed are {allowed}", "policy")
+
+
+def _for_model(policy: Policy, model: NavigationModel, world: Arrays, any_model: bool) -> Policy:
+    """Return a policy of a file for a model: itself, or computed anew; raises Refusal for values of another model."""
+    made_for = policy.provenance.get("model_sha256")
+    if any_model or policy.kind not in (PLANNER, SARSA) or made_for in (None, model.sha256()):
+        return policy
+    of = f"{policy.provenance.get('model', '')!r} ({(made_for or '')[:12]})"
+    here = f"{model.name!r} ({model.sha256()[:12]})"
+    if policy.kind == PLANNER:
+        return planner(world, provenance_of(model, "planner", instead_of=f"{policy.name}, made for the model {of}"))
+    text = f"{policy.name} was learned for the model {of}, this one is {here}; `surefoot train navigator` learns for it"
+    raise Refusal("policy_model", text, "policy")
 
 
 def _if_for(path: Path, actions: tuple[str, ...]) -> Policy | None:

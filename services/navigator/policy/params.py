@@ -62,6 +62,11 @@ class Drift(ModelPart):
     kind: Literal["sign", "normal"] = Field(
         default="sign", description="sign: +-value, at random per episode; normal: drawn with this standard deviation"
     )
+    course: Literal["constant", "flip", "step", "ramp"] = Field(
+        default="constant",
+        description="in an episode: flip: the other sign from half of the way on, step: none before, ramp: evenly from "
+        "the value to its opposite",
+    )
     per_10cm_deg: NotNegative = Field(default=4.0, description="deg per 10 cm walked")
     known_sd_deg: NotNegative = Field(
         default=4.3818, description="deg per 10 cm, what the filter expects: its start value is 0 with this deviation"
@@ -187,8 +192,9 @@ class NavigationModel(ModelPart):
         return tuple(self.actions[name] for name in self.names)
 
     def sha256(self) -> str:
-        """Hash of every value that a policy depends on: without names, noise of the odometry and conduct of goals."""
-        content = self.model_dump(mode="json", exclude={"name", "extends", "odometry", "conduct"})
+        """Hash of every value that a policy depends on: not names, odometry, conduct and course of the drift."""
+        left_out: Any = {"name": True, "extends": True, "odometry": True, "conduct": True, "drift": {"course"}}
+        content = self.model_dump(mode="json", exclude=left_out)
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 

@@ -65,7 +65,7 @@ class Conduct(ModelPart):
     search_look: Positive = Field(default=3.0, le=60, description="s, look of a lost robot in one direction")
     search_turn_deg: float = Field(default=46.0, gt=0, le=180, description="deg, turn between two such looks")
     found_again: int = Field(
-        default=5, ge=0, le=1000, description="times that a goal finds a lost pose again; more end it as lost"
+        default=10, ge=0, le=1000, description="times that a goal finds a lost pose again; more end it as lost"
     )
     search_turns: int = Field(default=7, ge=0, le=100, description="turns after which a lost robot gives up")
     blocked: NotNegative = Field(default=0.38, le=10, description="m, an echo so near forbids walking ahead")

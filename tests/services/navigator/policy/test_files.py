@@ -121,3 +121,20 @@ def test_a_rule_can_be_kept_in_a_file(tmp_path):
     world = arrays(load("paper"))
     save(hand(world, turn_deg=20.0), tmp_path / "mine.npz")
     assert find(str(tmp_path / "mine.npz"), load("paper")).numbers[2] == pytest.approx(np.radians(20.0))
+
+
+def test_values_of_another_model_are_refused_or_computed_anew_in_words(tmp_path):
+    other = load("nao-paper", ["actions.walk.match=0.05"])
+    with pytest.raises(Refusal, match="was learned for the model 'nao-paper'") as caught:
+        find("sarsa-nao-paper", other)
+    assert caught.value.code == "policy_model"
+    with pytest.raises(Refusal, match="surefoot train navigator"):
+        find("sarsa", other)
+    kept = find("planner-nao-four", load("nao", ["use='four'"]))
+    save(kept, tmp_path / "mine.npz")
+    anew = find(str(tmp_path / "mine.npz"), other)
+    assert "made for the model 'nao'" in anew.provenance["instead_of"]
+    assert anew.provenance["model_sha256"] == other.sha256()
+    assert find("sarsa-nao-paper", other, any_model=True).sha256  # studies may
+    conduct = load("nao-paper", ["conduct.stuck=60", "odometry.turn=0.1", "drift.course='flip'"])
+    assert find("sarsa-nao-paper", conduct).sha256  # no value depends on these
