@@ -239,7 +239,7 @@ def planner_numbers(world: Arrays) -> Array:
     rare.
     """
     numbers = np.zeros(NUMBERS)
-    numbers[[SPREAD_XY, SPREAD_HEADING, SPREAD_DRIFT, SIGHT_SHARE]] = 0.5, 0.4, 1.0, 2.0
+    numbers[[SPREAD_XY, SPREAD_HEADING, SPREAD_DRIFT, SIGHT_SHARE]] = 0.5, 0.4, 0.8, 2.0
     if any(row[KIND] == WALK and row[TURN] != 0.0 for row in world.actions):
         numbers[[SPREAD_XY, SPREAD_HEADING, SPREAD_DRIFT, SIGHT_SHARE]] = 0.6, 0.6, 0.6, 3.0
         if world.switching.any():
