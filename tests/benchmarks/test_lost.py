@@ -1,6 +1,7 @@
 """The study of lost robots runs the navigator itself: robots notice, recover rightly, raise no false alarm."""
 
-from benchmarks.lost import World, put_down, undisturbed, with_map
+from benchmarks.lost import put_down, undisturbed, with_map
+from benchmarks.lost_robot import World
 
 EASY = World()
 

@@ -1,0 +1,293 @@
+"""Robot for the study of lost robots: the navigator, a walker without legs, a camera and a ranger in a corridor.
+
+The service `navigator` runs whole (localiser, tracker, pilot, maps), and its own `lost` of `state/pose` is measured.
+Beside it stand a walker without legs, which obeys its orders, and a camera with the noise of the model.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.lockstep.join import TickInputs
+from surefoot.schemas import topics
+from surefoot.schemas.hw import Landmark, LandmarkDetections, Range, Tick
+from surefoot.schemas.navigation import GotoRequest
+from surefoot.schemas.state import GaitState, Odometry
+from surefoot.schemas.terrain import HeightMapMessage
+from surefoot.schemas.terrain import LandmarkMap as LandmarkMapMessage
+from surefoot.services.navigator.service import SERVICE, NavigatorConfig
+
+Array = NDArray[np.float64]
+
+TICK = 0.01
+NEAR, FAR, HALF = 0.35, 1.18, math.radians(33)
+"""Footprint of Nao's lower camera: least and largest distance, m, and half of its angle, rad."""
+LOW, HIGH = (-1.0, -1.0), (6.5, 1.0)
+"""Corners of the corridor, m."""
+CELL = 0.05
+SEEN = {"walking": 0.10, "turning": 0.03, "standing": 0.45}
+"""Recognised share of the landmarks in view of a frame, measured on the simulated Nao."""
+HARD_SEEN = {"walking": 0.108, "turning": 0.043, "standing": 0.32}
+"""Likewise of the camera `nao_paper`."""
+STEP_S, START_S, CLOSE_S = 1.8, 1.0, 0.9
+"""Durations of an action, of starting and of coming to stand, s."""
+FALSE = 0.1
+"""Share of detections with the look of another landmark."""
+
+
+def wrapped(angle: float) -> float:
+    """Return the same angle in [-pi, pi), rad."""
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi
+
+
+@dataclass(frozen=True)
+class World:
+    """Conditions of the study.
+
+    Attributes:
+        density: landmarks per m2.
+        copied: share of landmarks that look like nine others.
+        camera: easy (10 frames a second, odometry) or hard (one frame in 1.7 s, commands as control, drift).
+        first: first seed.
+    """
+
+    density: float = 40.0
+    copied: float = 0.5
+    camera: str = "easy"
+    first: int = 1000
+
+
+def corridor(seed: int, density: float, copied: float, copies: int = 10) -> tuple[Array, Array]:
+    """Return places (n, 2), m, and looks (n, 8) of random landmarks; a share of them in groups that look the same."""
+    rng = np.random.default_rng(seed)
+    n = rng.poisson(density * (HIGH[0] - LOW[0]) * (HIGH[1] - LOW[1]))
+    looks = rng.standard_normal((n, 8))
+    looks /= np.linalg.norm(looks, axis=1, keepdims=True)
+    many = int(copied * n)
+    looks[:many] = looks[np.arange(many) // copies * copies]
+    return rng.uniform(LOW, HIGH, (n, 2)), looks
+
+
+def wrong_map(kind: str, places: Array, looks: Array, seed: int) -> tuple[Array, Array]:
+    """Return a map that does not fit the floor: mirrored, shuffled (looks), stretched (by 15 %), or right."""
+    if kind == "mirrored":
+        return places * (1.0, -1.0), looks
+    if kind == "shuffled":
+        return places, looks[np.random.default_rng(seed + 7).permutation(len(looks))]
+    if kind == "stretched":
+        return places * (1.15, 1.0), looks
+    return places, looks
+
+
+class Stage:
+    """A runtime that keeps the last message of each topic."""
+
+    def __init__(self) -> None:
+        self.last: dict[str, Any] = {}
+
+    def publish(self, topic: Any, message: Any, stamp_ns: int | None) -> None:
+        """Keep a message."""
+        self.last[topic.key] = message
+
+    def log(self, level: str, text: str) -> None:
+        """Drop a line."""
+
+
+class Walker:
+    """Walks, turns and stops as ordered, with drift and noise.
+
+    Args:
+        rng: of its noise.
+        drift: rad per m.
+    """
+
+    def __init__(self, rng: np.random.Generator, drift: float) -> None:
+        self.rng, self.drift = rng, drift
+        self.pose, self.odom = np.zeros(3), np.zeros(3)
+        self.state, self.order = "standing", 0
+        self._left, self._wait, self._closing, self._rate = 0.0, 0.0, 0.0, (0.0, 0.0)
+
+    def take(self, number: int, command: Any) -> None:
+        """Take up an order of the tick before."""
+        if number == self.order or command is None:
+            return
+        self.order = number
+        if command.action == "stop":
+            self._left, self._closing = 0.0, CLOSE_S if self.state != "standing" else 0.0
+            return
+        rest = self._left if self.state != "standing" else 0.0
+        self._wait = START_S if self.state == "standing" else self._wait
+        way, turn = command.distance or 0.0, command.angle or 0.0
+        total = rest + (STEP_S * max(1.0, abs(turn) / 0.41) if command.action == "turn" else STEP_S)
+        self._rate = ((self._rate[0] * rest + way) / total, (self._rate[1] * rest + turn) / total)
+        self._left, self.state = total, "turning" if command.action == "turn" else "walking"
+
+    @property
+    def ends_in(self) -> float | None:
+        """Time until the last step lands, s."""
+        return self._wait + self._left if self._left > 0.0 else None
+
+    def tick(self) -> None:
+        """Move for 10 ms."""
+        if self._wait > 0.0:
+            self._wait -= TICK
+        elif self._left > 0.0:
+            step = min(TICK, self._left)
+            way, turn = self._rate[0] * step, self._rate[1] * step
+            along, bend = 0.006 * math.sqrt(way / 0.1), math.radians(0.5) * math.sqrt(way / 0.1 + abs(turn) / 0.4)
+            noise = self.rng.standard_normal(2)
+            self._move(self.pose, way + along * noise[0], turn + self.drift * way + bend * noise[1])
+            self._move(self.odom, way, turn + self.drift * way + bend * noise[1])  # odometry sees its turns
+            self._left -= step
+            if self._left <= 1e-9:
+                self._left, self._closing = 0.0, CLOSE_S
+        elif self._closing > 0.0:
+            self._closing -= TICK
+        else:
+            self.state = "standing"
+
+    def _move(self, pose: Array, way: float, turn: float) -> None:
+        middle = pose[2] + 0.5 * turn
+        pose += (way * math.cos(middle), way * math.sin(middle), turn)
+
+
+class Robot:
+    """The navigator with a walker, a camera and a ranger in a corridor.
+
+    Args:
+        seed: of everything random.
+        world: conditions.
+        wrong: kind of the map, see `wrong_map`; empty = right.
+        walls: the ranger sees the corridor's walls.
+    """
+
+    def __init__(self, seed: int, world: World, wrong: str = "", *, walls: bool = True) -> None:
+        self.rng, self.hard, self.walls = np.random.default_rng(seed), world.camera == "hard", walls
+        self.places, self.looks = corridor(seed, world.density, world.copied)
+        places, looks = wrong_map(wrong, self.places, self.looks, seed)
+        self.walker = Walker(self.rng, self.rng.choice([-0.349, 0.349]) if self.hard else 0.03)
+        self.stage, self.tick_number, self.tilt, self.dark, self.frames = Stage(), 0, 0.0, False, 0
+        params: dict[str, Any] = {"params": "nao-paper", "control": "commands"} if self.hard else {"params": "nao"}
+        self.navigator = SERVICE(NavigatorConfig(robot="nao", policy="tuned", actions="four", **params))
+        self.navigator.attach(self.stage)  # pyright: ignore[reportArgumentType] - what it publishes is all that counts
+        self.navigator.on_start()
+        rows = np.hstack((places, looks)).astype("<f4").tobytes()
+        z = np.zeros((44, 154), dtype="<f4")
+        z[:2], z[-2:], z[:, :2], z[:, -2:] = 0.5, 0.5, 0.5, 0.5
+        self.maps = {
+            topics.TERRAIN_MAP.key: HeightMapMessage(
+                rows=44, cols=154, cell=CELL, origin=(LOW[0] - 0.075, LOW[1] - 0.075), data=z.tobytes(), version=1
+            ),
+            topics.TERRAIN_LANDMARKS.key: LandmarkMapMessage(
+                count=len(places), descriptor_length=8, data=rows, version=1
+            ),
+        }
+
+    @property
+    def lost(self) -> bool:
+        """Whether the navigator counts itself as lost."""
+        return self.navigator.localiser.lost.lost
+
+    def goto(self, x: float, y: float) -> None:
+        """Send it to a place, m."""
+        self.navigator.requests.goto(GotoRequest(position=(x, y)))
+
+    def step(self, seconds: float) -> None:
+        """Let time pass."""
+        for _ in range(round(seconds / TICK)):
+            order = self.stage.last.get(topics.NAVIGATOR_ORDER.key)
+            if order is not None:
+                self.walker.take(order.number, order.command)
+            self.walker.tick()
+            tick = Tick(
+                tick=self.tick_number, epoch=1, stamp_ns=self.tick_number * 10_000_000, roster=(), roster_version=1,
+                due=(), mode="lockstep",
+            )  # fmt: skip
+            self.navigator.on_tick(TickInputs(tick, self._messages()))
+            self.tick_number += 1
+
+    def _messages(self) -> dict[str, Any]:
+        w = self.walker
+        found: dict[str, Any] = {**self.maps} if self.tick_number == 0 else {}
+        found[topics.STATE_GAIT.key] = GaitState(
+            walk_id=w.order, state=w.state, phase=0.0, stance=(), footholds=(), remaining=0.0,  # pyright: ignore[reportArgumentType] - one of three of its words
+            order=w.order, order_refused="", ends_in_s=w.ends_in,
+        )  # fmt: skip
+        if not self.hard:
+            x, y, yaw = w.odom.tolist()
+            found[topics.STATE_ODOMETRY.key] = Odometry(
+                position=(x, y, 0.3), quat_wxyz=(1.0, 0.0, 0.0, 0.0), yaw=yaw, velocity=(0.0, 0.0, 0.0),
+                covariance=(0.0,) * 16, initialised=True,
+            )  # fmt: skip
+        if self.tick_number % (170 if self.hard else 10) == 0:
+            found[topics.HW_LANDMARKS.key] = self._frame()
+        if self.tick_number % 10 == 0 and self.walls:
+            found[topics.HW_RANGE.key] = Range(
+                distance=self._echo(), shortest=0.25, longest=2.55, field_of_view=math.radians(60), bump=(False, False)
+            )
+        return found
+
+    def _echo(self) -> float | None:
+        """Return the distance of the corridor's nearest wall in the cone, m."""
+        x, y, yaw = self.walker.pose.tolist()
+        best = math.inf
+        for angle in np.linspace(yaw - 0.52, yaw + 0.52, 13).tolist():
+            c, s = math.cos(angle), math.sin(angle)
+            ends = [(HIGH[0] - x) / c if c > 0 else (LOW[0] - x) / c if c < 0 else math.inf]
+            ends.append((HIGH[1] - y) / s if s > 0 else (LOW[1] - y) / s if s < 0 else math.inf)
+            best = min(best, *ends)
+        best = max(0.25, best - 0.05 + 0.01 * float(self.rng.standard_normal()))
+        return best if best < 2.55 else None
+
+    def _frame(self) -> LandmarkDetections:
+        """Return what the camera recognises."""
+        rng, (x, y, yaw) = self.rng, self.walker.pose.tolist()
+        d = self.places - (x, y)
+        r = np.hypot(d[:, 0], d[:, 1])
+        b = (np.arctan2(d[:, 1], d[:, 0]) - yaw + np.pi) % (2 * np.pi) - np.pi
+        view = np.flatnonzero((r > NEAR) & (r < FAR) & (np.abs(b) < HALF))
+        share = (HARD_SEEN if self.hard else SEEN)[self.walker.state]
+        view = view[rng.uniform(size=view.size) < (0.0 if self.dark else share)][: 10 if self.hard else 20]
+        still = 0.5 if self.walker.state == "standing" else 1.0
+        sd_r = 0.138 * still if self.hard else 0.03 * r[view]
+        sd_b = math.radians(9.2) * still if self.hard else math.radians(1.5)
+        keep = 0.72
+        self.tilt = keep * self.tilt + math.sqrt(1 - keep * keep) * 0.004 * rng.standard_normal()
+        ranges = np.maximum(r[view] + sd_r * rng.standard_normal(view.size) + self.tilt * (1 + r[view] ** 2), 0.02)
+        bearings = b[view] + sd_b * rng.standard_normal(view.size)
+        shown = np.where(rng.uniform(size=view.size) < FALSE, rng.integers(len(self.places), size=view.size), view)
+        looks = self.looks[shown] + 0.05 * rng.standard_normal((view.size, 8))
+        self.frames += 1
+        marks = tuple(
+            Landmark(range=float(a), bearing=wrapped(float(c)), descriptor=tuple(look))
+            for a, c, look in zip(ranges, bearings, looks.tolist(), strict=True)
+        )
+        return LandmarkDetections(landmarks=marks, stamp_ns=self.tick_number * 10_000_000)
+
+    def put(self, distance: float, turn_deg: float) -> None:
+        """Lift the robot and put it down elsewhere in the corridor."""
+        pose = self.walker.pose
+        while True:
+            way = self.rng.uniform(-math.pi, math.pi)
+            x, y = pose[0] + distance * math.cos(way), pose[1] + distance * math.sin(way)
+            if LOW[0] + 0.4 < x < HIGH[0] - 0.4 and abs(y) < 0.6:
+                break
+        pose[0], pose[1] = x, y
+        pose[2] += math.copysign(math.radians(turn_deg), self.rng.uniform(-1, 1))
+
+    def error(self) -> tuple[float, float]:
+        """Return distance in m and angle in rad of the believed pose from the truth."""
+        x, y, yaw = self.navigator.localiser.tracker.pose
+        return math.hypot(x - self.walker.pose[0], y - self.walker.pose[1]), abs(wrapped(yaw - self.walker.pose[2]))
+
+    def until(self, done: Callable[[], bool], most: float) -> float | None:
+        """Let time pass until something is so; return the time that it took, s, None = `most` s were not enough."""
+        for i in range(round(most / 0.1)):
+            if done():
+                return 0.1 * i
+            self.step(0.1)
+        return None
