@@ -14,7 +14,6 @@ from surefoot.schemas.topics import Kind, Query, Topic
 M = TypeVar("M", bound=Message)
 
 _JSON = "application/json"
-_BLOCK = zenoh.CongestionControl.BLOCK
 _DROP = zenoh.CongestionControl.DROP
 _QOS = {  # congestion control, priority, express (no batching: a tick waits for its messages)
     Kind.SAMPLE: (_DROP, zenoh.Priority.DATA_HIGH, False),
@@ -25,11 +24,13 @@ _QOS = {  # congestion control, priority, express (no batching: a tick waits for
     Kind.STATUS: (_DROP, zenoh.Priority.DATA_LOW, False),
     Kind.ALARM: (_DROP, zenoh.Priority.REAL_TIME, True),
 }
-"""On the topics themselves are only observers, and one that does not read must not stop a robot: all may be dropped."""
-_FRAMES = (_BLOCK, zenoh.Priority.REAL_TIME, True)
+"""Everything may be dropped, frames too: whoever subscribes to a key and does not read fills the links on the way to
+itself, and a publisher (or a router, with all that it forwards for a publisher) that waited for room would be held.
+In lockstep the driver repeats what a participant lacks."""
+_FRAMES = (_DROP, zenoh.Priority.REAL_TIME, True)
 _TO_PARTICIPANTS = {
     Kind.LOCKSTEP: _FRAMES,
-    Kind.LATCHED: (_BLOCK, zenoh.Priority.DATA, False),
+    Kind.LATCHED: (_DROP, zenoh.Priority.DATA, False),
     Kind.STATUS: (_DROP, zenoh.Priority.DATA_HIGH, False),
 }
 """Kinds whose messages go to participants under keys of their own: a flood on the common key does not displace them."""
@@ -37,8 +38,7 @@ _TO_PARTICIPANTS = {
 FRAME, BATCH = "@frame/{}", "@batch/{}"
 """Keys of what a service publishes (``driver``: the simulator or a hardware driver) in each tick and in some ticks.
 
-Frames block rather than drop. A chunk that begins with ``@`` is matched by itself only: whoever subscribes to ``**``
-does not get them, and so cannot block a robot by not reading."""
+A chunk that begins with ``@`` is matched by itself only: whoever subscribes to ``**`` does not get frames."""
 
 
 def participants_key(row: Topic[Any] | Query[Any, Any]) -> str:

@@ -6,6 +6,7 @@ import ctypes
 import json
 import threading
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from queue import Empty, SimpleQueue
@@ -33,6 +34,9 @@ DEFAULT_FLEET = "surefoot"
 LEASE_MS = 1000
 """A frozen process is noticed after this time; a crash at once (Zenoh's default is 10 s)."""
 CONNECT_TIMEOUT_MS = 8000
+QUEUE_BATCHES = 16
+"""Most batches (one frame, or 64 KiB of a map) that wait for the thread that sends them; Zenoh's limit. Of its default
+of two the third message within 1 ms is dropped when that thread waits for a processor."""
 KEEP = 10_000
 """Newest messages of a key that are kept for an observer that does not read."""
 BOUNDED_KEEP = 64
@@ -74,6 +78,8 @@ def zenoh_config(endpoint: ZenohOptions) -> zenoh.Config:
         "scouting/gossip/enabled": endpoint.mode != "client",
         "scouting/delay": 0,
         "transport/link/tx/lease": LEASE_MS,
+        "transport/link/tx/queue/size/real_time": QUEUE_BATCHES,
+        "transport/link/tx/queue/size/data": QUEUE_BATCHES,
         # A segment of 16 MiB and two descriptors for each peer that large messages were exchanged with, and none of it
         # is given back when that peer is gone: 20 MB in every survivor for each restart.
         "transport/shared_memory/enabled": False,
@@ -275,7 +281,8 @@ class ZenohBus:
 
     def close(self) -> None:
         if not self.session.is_closed():
-            self.session.close()
+            with suppress(zenoh.ZError):  # a reader that does not read leaves the last messages unsent
+                self.session.close()
         for thread in self._pours:  # one that is still in the network library when the interpreter ends aborts it
             if thread is not threading.current_thread():
                 thread.join(CLOSE_S)

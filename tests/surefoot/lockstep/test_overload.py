@@ -31,7 +31,7 @@ READER = """
 import json, sys, time, zenoh
 config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [sys.argv[1]]}}))
 session = zenoh.open(config)
-subscriber = session.declare_subscriber("**", zenoh.handlers.FifoChannel(1))
+subscriber = session.declare_subscriber(sys.argv[2], zenoh.handlers.FifoChannel(1))
 print("subscribed", flush=True)
 time.sleep(600)
 """
@@ -88,10 +88,10 @@ class Watcher(ToyEstimator):
 
 
 @contextmanager
-def unread(net: Net, count: int) -> Iterator[None]:
-    """Client processes that subscribe to everything and never read; each blocks its whole session."""
+def unread(net: Net, key: str, count: int) -> Iterator[None]:
+    """Client processes that subscribe to a key and never read; each blocks its whole session."""
     with ExitStack() as stack:
-        command = [sys.executable, "-c", READER, net.address]
+        command = [sys.executable, "-c", READER, net.address, key]
         for _ in range(count):
             reader = stack.enter_context(running(command, stdout=subprocess.PIPE, text=True))
             assert reader.stdout is not None
@@ -99,7 +99,9 @@ def unread(net: Net, count: int) -> Iterator[None]:
         yield
 
 
-def test_readers_of_everything_that_never_read_stop_nothing(net: Net) -> None:
+@pytest.mark.parametrize("mode", ["lockstep", "paced"])
+@pytest.mark.parametrize("key", ["**", "*/*/@frame/*"])
+def test_readers_of_everything_that_never_read_stop_nothing(net: Net, key: str, mode: str) -> None:
     gaps: list[float] = []
 
     class Timed(ToyDriver):
@@ -115,11 +117,11 @@ def test_readers_of_everything_that_never_read_stop_nothing(net: Net) -> None:
             seen = LandmarkDetections(landmarks=LANDMARKS)
             return [*super().release(tick), DueSample(HW_LANDMARKS, seen, tick * TICK_NS, tick)]
 
-    with unread(net, 2):
+    with unread(net, key, 2):
         driver, estimator = DriverNode(Timed(), net.open()), Node(ToyEstimator(ServiceConfig()), net.open())
         for node in (driver, estimator):
             node.start()
-        driver.begin(("estimator",), "lockstep", 0.0, 1, "hold", 0)
+        driver.begin(("estimator",), mode, 4.0, 1, "hold", 0)
         driver.leader.end_tick = 20_000
         with spinning(driver, estimator):
             wait_until(lambda: driver.leader.tick > 50)
