@@ -1,5 +1,7 @@
 """Where the hand-written files are, and how one is read: bounded, UTF-8, with a sentence for every failure."""
 
+import os
+import stat
 import sys
 from pathlib import Path
 
@@ -36,6 +38,25 @@ def read_text(path: Path, error: type[FileError]) -> str:
     except UnicodeDecodeError:
         problem = "syntax", "is not UTF-8 text"
     raise error(problem[0], "file", problem[1], str(path))
+
+
+def read_regular(path: Path, most_bytes: int) -> bytes:
+    """Return the content of a regular file of bounded size; a pipe or a device is refused, not waited for.
+
+    Raises:
+        FileError: `not_found` the file cannot be opened, `value` it is no regular file or larger than `most_bytes`.
+    """
+    try:
+        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
+            status = os.fstat(file.fileno())
+            if not stat.S_ISREG(status.st_mode):
+                raise FileError("value", "file", "is no regular file", str(path))
+            content = file.read(most_bytes + 1)
+    except OSError as error:
+        raise FileError("not_found", "file", f"cannot be read ({error.strerror})", str(path)) from None
+    if len(content) > most_bytes:
+        raise FileError("value", "file", f"has more than {most_bytes} bytes, the most that is read", str(path))
+    return content
 
 
 def folders(kind: str) -> tuple[Path, ...]:

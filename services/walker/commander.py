@@ -88,12 +88,16 @@ class Commander:
         planned = tuple(item[2].model_dump() for item in self._planned)
         kept = dataclasses.replace(self.gait.kept(), planned=planned, order=self.order.number)
         self._memory.keep(self._epoch, self._tick, kept)
+        self._report()
+
+    def _report(self) -> None:
         if self._memory.problem:
             self._log("warning", self._memory.problem)
             self._memory.problem = ""
 
     def _recall(self) -> None:
         kept = self._memory.recall(self._epoch, self._tick)
+        self._report()
         if kept is None:
             self.order = TakenOrder(known=False)
             return

@@ -8,11 +8,20 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from surefoot.files import read_regular
 from surefoot.schemas.cmd import WalkCommand
+from surefoot.tables import TableError
 
 from .interface import BodyPose, MotionCommand
+
+MOST_BYTES = 1 << 20
+"""Largest file that is read, bytes; a walker writes some kB."""
+MOST_ID = 2**53
+"""Largest number of a command or order: the largest that every JSON reader keeps exactly."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +41,34 @@ class WalkMemory:
     """Commands that wait for their tick, as received."""
     order: int = 0
     """Number of the navigator's last order that was taken up, 0 = none yet."""
+
+
+class _Stored(BaseModel):
+    """Content of the file: a `WalkMemory` and when it was kept."""
+
+    model_config = ConfigDict(strict=True, extra="forbid")
+    epoch: int
+    tick: int
+    walk_id: int = Field(ge=0, le=MOST_ID)
+    command: MotionCommand | None
+    start: BodyPose | None
+    began: float | None
+    offset: tuple[float, float, float]
+    planned: tuple[dict[str, Any], ...]
+    order: int = Field(ge=0, le=MOST_ID)
+
+    @field_validator("planned")
+    @classmethod
+    def _commands(cls, planned: tuple[dict[str, Any], ...]) -> tuple[dict[str, Any], ...]:
+        for item in planned:
+            WalkCommand.model_validate(item)
+        return planned
+
+    @model_validator(mode="after")
+    def _finite(self) -> Self:
+        json.dumps([asdict(part) for part in (self.command, self.start) if part], allow_nan=False)
+        json.dumps((self.began, self.offset), allow_nan=False)
+        return self
 
 
 class MemoryFile:
@@ -73,25 +110,10 @@ class MemoryFile:
         if self.path is None or not self.path.exists():
             return None
         try:
-            found = json.loads(self.path.read_text(encoding="utf-8"))
-            if found["epoch"] != epoch or found["tick"] > tick:
-                return None
-            x, y, yaw = map(float, found["offset"])
-            for item in found["planned"]:
-                WalkCommand.model_validate(item)
-            return WalkMemory(
-                walk_id=int(found["walk_id"]),
-                command=_made(MotionCommand, found["command"]),
-                start=_made(BodyPose, found["start"]),
-                began=found["began"],
-                offset=(x, y, yaw),
-                planned=tuple(found["planned"]),
-                order=int(found["order"]),
-            )
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            self.problem = f"the kept command cannot be read: {error}"
+            found = _Stored.model_validate_json(read_regular(self.path, MOST_BYTES))
+        except (TableError, ValueError) as error:
+            self.problem = f"the kept command cannot be read and is given up: {error}"
             return None
-
-
-def _made(kind: Any, values: Mapping[str, Any] | None) -> Any:
-    return None if values is None else kind(**{field.name: values[field.name] for field in fields(kind)})
+        if found.epoch != epoch or found.tick > tick:
+            return None
+        return WalkMemory(**{field.name: getattr(found, field.name) for field in fields(WalkMemory)})

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import os
 
 import numpy as np
 import pytest
@@ -115,9 +116,13 @@ def test_a_memory_of_another_run_or_of_later_is_not_taken_up(tmp_path):
     "damage",
     [
         "", "{", "[]", '{"epoch": 2}', '{"epoch": 2, "tick": 1, "walk_id": 1, "command": 7}', {"offset": [0.0]},
-        {"planned": [{"action": "fly"}]}, {"planned": 7},
+        {"planned": [{"action": "fly"}]}, {"planned": 7}, "[" * 100_000, '{"epoch": 2, "tick": 1, "walk_id": 1e400}',
+        {"walk_id": 1e400}, {"walk_id": 2**80}, {"walk_id": "3"}, {"began": "soon"}, {"began": [1]}, {"began": 1e400},
+        {"offset": [0.0, "1", 0.0]}, {"offset": [0.0, 1e400, 0.0]}, {"start": {"x": None}}, {"start": {"x": 1e400}},
+        {"command": {"action": "fly"}}, {"command": {"action": 7}}, {"command": {"action": "walk", "distance": "far"}},
+        {"command": {"action": "walk", "distance": 1e400}}, {"order": -1}, " " * (1 << 21),
     ],
-    ids=str,
+    ids=lambda damage: str(damage)[:60],
 )  # fmt: skip
 def test_a_memory_that_is_torn_or_has_a_damaged_field_is_reported_in_words(tmp_path, damage):
     path = tmp_path / "walker.json"
@@ -126,6 +131,14 @@ def test_a_memory_that_is_torn_or_has_a_damaged_field_is_reported_in_words(tmp_p
     memory = MemoryFile(str(path))
     assert memory.recall(2, 101) is None
     assert "cannot be read" in memory.problem
+
+
+def test_a_memory_that_is_a_pipe_is_not_waited_for(tmp_path):
+    path = tmp_path / "walker.json"
+    os.mkfifo(path)
+    memory = MemoryFile(str(path))
+    assert memory.recall(2, 101) is None
+    assert "no regular file" in memory.problem
 
 
 def test_a_disk_that_fails_costs_the_memory_only(tmp_path):
