@@ -17,7 +17,8 @@ def main(arguments: list[str] | None = None) -> None:
         from .stopping import REASON, TIMEOUT_S, report, stop_all
 
         try:
-            found = systems(options.get("--connect"), options.get("--namespace"), options.get("system"))
+            chosen = (options.get(name) for name in ("--connect", "--namespace", "system"))
+            found = systems(*chosen, orphaned=True)
             reason, timeout_s = options.get("--reason", REASON), float(options.get("--timeout", TIMEOUT_S))
             sys.exit(report(stop_all(found, reason, timeout_s), json="--json" in options))
         except SurefootError:

@@ -30,13 +30,20 @@ class RunningSystem(NamedTuple):
         unwell = [row for row in rows if row.get("state") != WELL]
         return {row["service"]: f"{row['state']}{': ' + row['detail'] if row.get('detail') else ''}" for row in unwell}
 
+    def ports(self) -> tuple[str, ...]:
+        """Return the endpoints that the services themselves listen on: ways to the driver without the router."""
+        from surefoot.services.supervisor.processes.ports import ports_of
+
+        processes = {} if self.folder is None else self.folder.processes()
+        return tuple(f"tcp/127.0.0.1:{port}" for found in processes.values() for port in ports_of(found.pid))
+
     def orphans(self) -> str:
         """Return what to do about services that a supervisor left behind, empty when there are none."""
         return next((folder.orphaned for folder in run_folders() if folder.orphans()), "")
 
 
 def systems(
-    connect: str | None = None, namespace: str | None = None, system: str | None = None
+    connect: str | None = None, namespace: str | None = None, system: str | None = None, *, orphaned: bool = False
 ) -> tuple[RunningSystem, ...]:
     """Return the systems that a command means: those that run here and fit, else the default one.
 
@@ -44,6 +51,7 @@ def systems(
         connect: endpoint, None = SUREFOOT_CONNECT or any.
         namespace: prefix of keys, None = SUREFOOT_NAMESPACE or any.
         system: name of a system that runs here, None = any.
+        orphaned: also systems whose services run without their supervisor.
 
     Raises:
         ConfigError: the address is no endpoint, or no system of that name runs.
@@ -55,7 +63,7 @@ def systems(
     found = [
         RunningSystem(folder.name, place.connect, place.namespace, folder)
         for folder in run_folders()
-        if (place := folder.endpoint()) is not None
+        if (place := folder.endpoint(orphaned=orphaned)) is not None
     ]
     if system is not None:
         named = tuple(one for one in found if one.name == system)

@@ -21,6 +21,6 @@ def stop(
     from .running import systems
 
     use_json(json)
-    code = report(stop_all(systems(connect, namespace, system), reason, timeout), json=json)
+    code = report(stop_all(systems(connect, namespace, system, orphaned=True), reason, timeout), json=json)
     if code:
         raise typer.Exit(code)

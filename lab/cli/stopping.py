@@ -56,23 +56,31 @@ def stop_all(systems: Sequence[RunningSystem], reason: str, timeout_s: float) ->
 
 
 def _stop(system: RunningSystem, reason: str, timeout_s: float, began: float) -> Stopped:
-    if not answers(system.connect):
-        hint = system.orphans() or "start one with `surefoot up`, or name another with --connect"
-        return Stopped(system.name, detail=f"no system answers at {system.connect}; {hint}")
-    try:
-        stopper = Stopper(system.connect, system.namespace)
-    except Exception as error:  # of the network library: whatever it is, the robot is not stopped
-        return Stopped(system.name, detail=f"{system.connect} cannot be reached ({error}): cut the power of the servos")
-    try:
-        done = stopper.stop(reason, timeout_s)
-    finally:
-        stopper.close()
-    if done is None:
+    """Stop a system by its router; when that is gone or does not pass the stop on, by the ports of the services."""
+    problem = f"no system answers at {system.connect}"
+    tried = False
+    for ways in ((system.connect,), system.ports()):
+        if not any(map(answers, ways)):
+            continue
+        tried = True
+        try:
+            stopper = Stopper(ways, system.namespace)
+        except Exception as error:  # of the network library: whatever it is, the robot is not stopped
+            problem = f"{', '.join(ways)} cannot be reached ({error})"
+            continue
+        try:
+            done = stopper.stop(reason, timeout_s)
+        finally:
+            stopper.close()
+        if done is not None:
+            after_ms = round(1e3 * (time.monotonic() - began), 1)
+            return Stopped(system.name, done.driver, done.stopped, done.tick, after_ms)
         unwell = "; ".join(f"{name} {words}" for name, words in system.unwell().items())
         restarted = f" while services are being restarted ({unwell})" if unwell else ""
-        detail = f"no driver has confirmed the stop within {timeout_s:g} s{restarted}: cut the power of the servos"
-        return Stopped(system.name, detail=detail)
-    return Stopped(system.name, done.driver, done.stopped, done.tick, round(1e3 * (time.monotonic() - began), 1))
+        problem = f"no driver has confirmed the stop within {timeout_s:g} s{restarted}"
+    hint = "start one with `surefoot up`, or name another with --connect"
+    remedy = ": cut the power of the servos" if tried else f"; {system.orphans() or hint}"
+    return Stopped(system.name, detail=problem + remedy)
 
 
 def answers(connect: str) -> bool:

@@ -6,6 +6,7 @@ Imports neither numpy nor the schemas: whoever asks for a stop does not wait for
 
 import json
 import time
+from collections.abc import Sequence
 from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
 
@@ -31,16 +32,27 @@ class Confirmed(NamedTuple):
 
 
 class Stopper:
-    """A connection to one robot. Raises zenoh.ZError when no router answers."""
+    """A connection to one robot.
 
-    def __init__(self, connect: str, namespace: str) -> None:
+    Args:
+        ways: endpoint of its router, or those of all its services, one of which drives.
+        namespace: prefix of its keys.
+
+    Raises:
+        zenoh.ZError: nobody answers.
+    """
+
+    def __init__(self, ways: Sequence[str], namespace: str) -> None:
         import zenoh
 
+        several = len(ways) > 1  # a client has one connection, a peer as many as it asks for
         settings: dict[str, Any] = {
-            "mode": "client",
-            "connect/endpoints": [connect],
+            "mode": "peer" if several else "client",
+            "connect/endpoints": list(ways),
             "connect/timeout_ms": 1000,
+            "listen/endpoints": ["tcp/127.0.0.1:0"] if several else [],
             "scouting/multicast/enabled": False,
+            "scouting/delay": 0,
         }
         config = zenoh.Config()
         for key, value in settings.items():

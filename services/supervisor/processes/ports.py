@@ -16,7 +16,7 @@ def port_of(endpoint: str) -> int | None:
 
 def owner_of(port: int) -> str:
     """Return `process 4711 (surefoot up ragno)` for the process that listens on a port, empty when unknown."""
-    inodes = {f"socket:[{inode}]" for inode in _listening(port)}
+    inodes = {f"socket:[{inode}]" for inode, found in _listening().items() if found == port}
     if not inodes:
         return ""
     for process in Path("/proc").glob("[0-9]*"):
@@ -25,8 +25,15 @@ def owner_of(port: int) -> str:
     return "a process of another user"
 
 
-def _listening(port: int) -> set[str]:
-    inodes: set[str] = set()
+def ports_of(pid: int) -> tuple[int, ...]:
+    """Return the TCP ports that a process of this user listens on."""
+    sockets = _sockets(Path(f"/proc/{pid}"))
+    return tuple(sorted(port for inode, port in _listening().items() if f"socket:[{inode}]" in sockets))
+
+
+def _listening() -> dict[str, int]:
+    """Return the ports that are listened on, by the inode of the socket."""
+    ports: dict[str, int] = {}
     for table in ("tcp", "tcp6"):
         try:
             lines = Path(f"/proc/net/{table}").read_text(encoding="ascii").splitlines()[1:]
@@ -34,9 +41,9 @@ def _listening(port: int) -> set[str]:
             continue
         for line in lines:
             fields = line.split()
-            if fields[3] == _LISTEN and int(fields[1].rpartition(":")[2], 16) == port:
-                inodes.add(fields[9])
-    return inodes
+            if fields[3] == _LISTEN:
+                ports[fields[9]] = int(fields[1].rpartition(":")[2], 16)
+    return ports
 
 
 def _sockets(process: Path) -> set[str]:

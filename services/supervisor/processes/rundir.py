@@ -127,9 +127,9 @@ class RunFolder:
         if own is not None:
             self._write("supervisor.json", own._asdict())
 
-    def endpoint(self) -> Endpoint | None:
-        """Return how to reach the system; None when it does not run."""
-        content = self._read("endpoint.json") if self.held() else None
+    def endpoint(self, *, orphaned: bool = False) -> Endpoint | None:
+        """Return how to reach the system; None when it does not run. `orphaned`: also of one without supervisor."""
+        content = self._read("endpoint.json") if self.held() or (orphaned and self.orphans()) else None
         try:
             return None if content is None else Endpoint(**content)
         except TypeError:

@@ -11,7 +11,7 @@ import pytest
 
 from surefoot.services.supervisor.processes.identity import await_end, end, identify
 from surefoot.services.supervisor.processes.logs import tail
-from surefoot.services.supervisor.processes.ports import owner_of, port_of
+from surefoot.services.supervisor.processes.ports import owner_of, port_of, ports_of
 from surefoot.services.supervisor.processes.process import Child, busy_s, resolve_command
 from tests.processes import GRACE_S, run_process, running, running_child
 
@@ -113,6 +113,7 @@ def test_a_busy_port_is_told_with_its_owner():
         listener.listen()
         port = listener.getsockname()[1]
         assert owner_of(port).startswith(f"process {os.getpid()} (")
+        assert port in ports_of(os.getpid())
     assert owner_of(port) == ""
 
 
