@@ -1,7 +1,7 @@
 """Arrivals for a node from any thread, and the moment at which it is worth waking the node for them.
 
-Three queues, each bounded by count and bytes: what a tick needs (frames, commands, life, queries of participants),
-queries of others, and what is only observed. A full queue refuses what comes; what was refused is counted by key.
+Four queues, each bounded by count and bytes: what a tick needs (frames, commands, life, queries of participants),
+heartbeats, queries of others, and what is only observed. A full queue refuses what comes; what was refused is counted by key.
 """
 
 import threading
@@ -11,6 +11,7 @@ from queue import Empty
 from typing import Any, NamedTuple
 
 from surefoot.bus.frame import Frame
+from surefoot.schemas.topics import HEALTH
 
 _AWAKE = {""}
 """Awaits an owner that does not exist: a reader that is awake looks by itself before it sleeps."""
@@ -19,7 +20,7 @@ SMALL_BYTES, FEW = 4096, 256
 """An item up to this size is queued without counting its bytes while so few wait: 1 MiB at most, and most items."""
 TICK_ITEMS, TICK_BYTES = 8192, 96 << 20
 QUERY_ITEMS, QUERY_BYTES = 256, 96 << 20  # a request may bring a map of 64 MiB
-OBSERVED_ITEMS, OBSERVED_BYTES = 256, 4 << 20
+OBSERVED_ITEMS, OBSERVED_BYTES = 256, 4 << 20  # and as much for heartbeats
 
 
 class _Counted(NamedTuple):
@@ -69,7 +70,7 @@ class Lane:
 
 
 class Inbox:
-    """Three queues with one reader.
+    """Four queues with one reader.
 
     A tick needs the frames of several services. A reader that is woken for each of them does nothing but go to sleep
     again: so it is woken by the last of the frames that it awaits, and by everything that is not a frame.
@@ -80,6 +81,7 @@ class Inbox:
         self.tick = Lane(TICK_ITEMS, TICK_BYTES)
         self.queries = Lane(QUERY_ITEMS, QUERY_BYTES)
         self.observed = Lane(OBSERVED_ITEMS, OBSERVED_BYTES)
+        self.heartbeats = Lane(OBSERVED_ITEMS, OBSERVED_BYTES)
         self._bell = threading.Lock()
         self._bell.acquire()
 
@@ -100,8 +102,12 @@ class Inbox:
         return self.queries.put(item, getattr(item, "size", 0)) and self._ring()
 
     def put_observed(self, item: Any) -> bool:
-        """Add a message that is only observed; from any thread. Return whether there was room."""
-        return self.observed.put(item, item.size) and self._ring()
+        """Add a message that is only observed; from any thread. Return whether there was room.
+
+        Heartbeats have a queue of their own: a reader that lags must not lose them among status messages and logs.
+        """
+        lane = self.heartbeats if item.topic.model is HEALTH.model else self.observed
+        return lane.put(item, item.size) and self._ring()
 
     def _ring(self) -> bool:
         with suppress(RuntimeError):  # it rings already
@@ -126,7 +132,7 @@ class Inbox:
 
     def get_nowait(self) -> Any:
         """Return the oldest item of the first queue that has one (raises Empty)."""
-        for lane in (self.tick, self.queries, self.observed):
+        for lane in (self.tick, self.heartbeats, self.queries, self.observed):
             try:
                 return lane.get()
             except IndexError:
@@ -135,11 +141,11 @@ class Inbox:
 
     def empty(self) -> bool:
         """Return whether nothing is there."""
-        return not (self.tick.items or self.queries.items or self.observed.items)
+        return not (self.tick.items or self.heartbeats.items or self.queries.items or self.observed.items)
 
     def dropped(self) -> dict[str, int]:
         """Return how many messages and queries were refused, by key."""
-        return dict(self.tick.dropped + self.queries.dropped + self.observed.dropped)
+        return dict(self.tick.dropped + self.heartbeats.dropped + self.queries.dropped + self.observed.dropped)
 
 
 def _key_of(item: Any) -> str:

@@ -31,9 +31,10 @@ _FRAMES = (_DROP, zenoh.Priority.REAL_TIME, True)
 _TO_PARTICIPANTS = {
     Kind.LOCKSTEP: _FRAMES,
     Kind.LATCHED: (_DROP, zenoh.Priority.DATA, False),
-    Kind.STATUS: (_DROP, zenoh.Priority.DATA_HIGH, False),
+    Kind.STATUS: (_DROP, zenoh.Priority.INTERACTIVE_LOW, False),
 }
-"""Kinds whose messages go to participants under keys of their own: a flood on the common key does not displace them."""
+"""Kinds whose messages go to participants under keys of their own: a flood on the common key does not displace them.
+Heartbeats and other status have a priority, and so a queue of each link, that nothing else uses."""
 
 FRAME, BATCH = "@frame/{}", "@batch/{}"
 """Keys of what a service publishes (``driver``: the simulator or a hardware driver) in each tick and in some ticks.

@@ -79,6 +79,7 @@ def zenoh_config(endpoint: ZenohOptions) -> zenoh.Config:
         "scouting/delay": 0,
         "transport/link/tx/lease": LEASE_MS,
         "transport/link/tx/queue/size/real_time": QUEUE_BATCHES,
+        "transport/link/tx/queue/size/interactive_low": QUEUE_BATCHES,
         "transport/link/tx/queue/size/data": QUEUE_BATCHES,
         # A segment of 16 MiB and two descriptors for each peer that large messages were exchanged with, and none of it
         # is given back when that peer is gone: 20 MB in every survivor for each restart.

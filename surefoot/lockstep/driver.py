@@ -276,7 +276,8 @@ class DriverNode(Node):
             self._admit_joiners()
         if self.pace.until_due(leader.tick + 1) > 0.0:
             return False
-        if not leader.may_advance() or self._lacks_command():
+        gives_way = self.pace.factor <= 0.0  # without a pace the slowest member sets it, in paced time too
+        if not leader.may_advance(gives_way=gives_way) or self._lacks_command():
             self._watch_silence()
             return False
         began = time.perf_counter_ns()

@@ -16,6 +16,11 @@ State = Literal["idle", "joining", "running", "paused", "holding", "ended"]
 WINDOW_TICKS = 20
 """Lag that the slowest member may have, ticks."""
 
+PACED_COMMAND_LAG_TICKS, PACED_WINDOW_TICKS = 5, 60
+"""The same in paced time without a pace, of the commander and the others. A command is stale after 10 ticks, and a
+service that is 8 behind leaves ticks out, which all who read it lack. One that takes batches waits 30 ticks for an
+input that does not come."""
+
 KEEP_TICKS = WINDOW_TICKS + 2
 """Members keep their outputs of so many ticks, to send them again when the driver repeats a tick. The slowest one may
 be done with a tick a window before the last but one: it lacks the next and, of delayed inputs, that one."""
@@ -150,7 +155,10 @@ class Leader:
         return tuple(name for name, member in self.members.items() if not self._far_enough(name, member))
 
     def _far_enough(self, name: str, member: Member) -> bool:
-        lag = self.delay if name == COMMANDER else self.window
+        if self.mode == "paced":
+            lag = PACED_COMMAND_LAG_TICKS if name == COMMANDER else PACED_WINDOW_TICKS
+        else:
+            lag = self.delay if name == COMMANDER else self.window
         return member.done >= self.tick - lag
 
     def may_start(self) -> bool:
@@ -162,11 +170,11 @@ class Leader:
         self._admit()
         self.state = "running"
 
-    def may_advance(self) -> bool:
-        """The tick before is far enough for the next one to come."""
+    def may_advance(self, *, gives_way: bool = True) -> bool:
+        """Return whether the next tick may come; with ``gives_way`` not before its members are far enough."""
         if self.state != "running":
             return False
-        if self.mode == "paced" or self.tick < 0:
+        if not gives_way or self.tick < 0:
             return True
         return all(self._far_enough(name, member) for name, member in self.members.items())
 

@@ -160,6 +160,9 @@ class Node:
         items, take, progressed = inbox.tick.items, inbox.tick.get, bool(inbox.tick.items)
         while items and (endless or clock() < deadline):
             self.handle(take())
+        while inbox.heartbeats.items:  # few, and a late one looks like a process that hangs
+            self.handle(inbox.heartbeats.get())
+            progressed = True
         if inbox.queries.items and clock() < deadline:
             self.handle(inbox.queries.get())
             progressed = True

@@ -8,6 +8,7 @@ from surefoot.errors import Refusal
 from surefoot.lockstep import driver as runtime
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import TickInputs
+from surefoot.lockstep.leader import PACED_COMMAND_LAG_TICKS, PACED_WINDOW_TICKS
 from surefoot.schemas.hw import JointCommand
 from surefoot.schemas.sim import SimStatus
 from surefoot.schemas.state import GaitState
@@ -122,17 +123,35 @@ def test_first_command_of_a_tick_counts() -> None:
     assert bench.finish(30) == reference(30, delay=0)
 
 
-def test_paced_mode_waits_for_nobody() -> None:
+FAST = 1e9  # real-time factor of a pace that is due at once
+
+
+def test_a_pace_waits_for_nobody() -> None:
     bench = Bench(mode="paced", at=3)
     tick = bench.leader.tick
+    bench.node.pace.begin(FAST, tick)
     for _ in range(20):
         bench.node.pump_once()
     assert bench.leader.tick == tick + 20
     assert bench.leader.comparable
 
 
+def test_without_a_pace_time_gives_way_to_its_slowest_member(no_waiting: None) -> None:
+    """As fast as it goes means as fast as they go: else what they cannot take is lost, heartbeats among it."""
+    bench = Bench(mode="paced", policy="degrade", at=3)
+    walker = bench.leader.members["walker"]
+    for _ in range(5 * PACED_WINDOW_TICKS):
+        bench.node._run()
+        if bench.node.refused["resent_ticks"]:
+            break
+    assert bench.leader.tick <= walker.done + PACED_COMMAND_LAG_TICKS + 1
+    bench.until_tick(100)
+    assert bench.leader.members.keys() == {"estimator", "walker", "recorder"}
+
+
 def test_paced_driver_obeys_a_command_that_comes_late_but_not_a_stale_one() -> None:
     bench = Bench(mode="paced", at=3)
+    bench.node.pace.begin(FAST, bench.leader.tick)
     bench.kill("walker")
     bench.node.pump_once()
     for _ in range(30):

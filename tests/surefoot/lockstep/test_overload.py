@@ -21,7 +21,7 @@ from surefoot.lockstep.sample import DueSample
 from surefoot.schemas.hw import Landmark, LandmarkDetections
 from surefoot.schemas.navigation import CancelRequest, NavigatorReply
 from surefoot.schemas.system import HealthRequest
-from surefoot.schemas.topics import CMD_ESTOP, HEALTH_GET, HW_LANDMARKS, NAVIGATOR_CANCEL, TICK_NS
+from surefoot.schemas.topics import CMD_ESTOP, HEALTH, HEALTH_GET, HW_LANDMARKS, NAVIGATOR_CANCEL, SIM_STATUS, TICK_NS
 from tests.processes import running
 from tests.surefoot.lockstep.test_zenoh_run import Threads
 from tests.surefoot.net import Net, spinning, wait_until
@@ -79,6 +79,15 @@ def test_what_a_tick_needs_comes_before_queries_and_these_before_what_is_observe
     assert inbox.put("tick")
     assert [inbox.get_nowait() for _ in range(2)] == [query, "tick"]
     assert inbox.dropped() == {CMD_ESTOP.key: 9 * (OBSERVED_ITEMS + QUERY_ITEMS)}
+
+
+def test_heartbeats_are_not_displaced_by_other_status() -> None:
+    inbox = Inbox()
+    status, heartbeat = (Delivery(topic, None, Raw(b"{}", None, "")) for topic in (SIM_STATUS, HEALTH))
+    for _ in range(10 * OBSERVED_ITEMS):
+        inbox.put_observed(status)
+    assert inbox.put_observed(heartbeat)
+    assert inbox.get_nowait() is heartbeat
 
 
 class Watcher(ToyEstimator):
