@@ -39,7 +39,7 @@ class Stopper:
         namespace: prefix of its keys.
 
     Raises:
-        zenoh.ZError: nobody answers.
+        zenoh.ZError: no endpoint answers.
     """
 
     def __init__(self, ways: Sequence[str], namespace: str) -> None:

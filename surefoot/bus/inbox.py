@@ -1,7 +1,8 @@
 """Arrivals for a node from any thread, and the moment at which it is worth waking the node for them.
 
 Four queues, each bounded by count and bytes: what a tick needs (frames, commands, life, queries of participants),
-heartbeats, queries of others, and what is only observed. A full queue refuses what comes; what was refused is counted by key.
+heartbeats, queries of others, and what is only observed. A full queue refuses what comes; what was refused is counted
+by key.
 """
 
 import threading
