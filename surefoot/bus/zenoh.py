@@ -37,6 +37,9 @@ CONNECT_TIMEOUT_MS = 8000
 QUEUE_BATCHES = 16
 """Most batches (one frame, or 64 KiB of a map) that wait for the thread that sends them; Zenoh's limit. Of its default
 of two the third message within 1 ms is dropped when that thread waits for a processor."""
+DROP_AFTER_US = 20_000
+"""Time for which a message waits once for room on a link before it and those after it are dropped, until there is room
+again: longer than a busy machine holds up a thread that sends, shorter than a robot feels."""
 KEEP = 10_000
 """Newest messages of a key that are kept for an observer that does not read."""
 BOUNDED_KEEP = 64
@@ -81,6 +84,7 @@ def zenoh_config(endpoint: ZenohOptions) -> zenoh.Config:
         "transport/link/tx/queue/size/real_time": QUEUE_BATCHES,
         "transport/link/tx/queue/size/interactive_low": QUEUE_BATCHES,
         "transport/link/tx/queue/size/data": QUEUE_BATCHES,
+        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": DROP_AFTER_US,
         # A segment of 16 MiB and two descriptors for each peer that large messages were exchanged with, and none of it
         # is given back when that peer is gone: 20 MB in every survivor for each restart.
         "transport/shared_memory/enabled": False,
