@@ -175,7 +175,7 @@ class Estimator:
             for _, group in self._groups:
                 group.restart_clock()
 
-    def follow(self, log: LogInputs, order: NDArray[np.int64], first: int, n: int) -> LogRows:
+    def follow(self, log: LogInputs, order: NDArray[np.int64], first: int, n: int, joint: bool = False) -> LogRows:
         """Take inputs of a log by `best` alone, as `imu` and `feet` would one by one, to the bit.
 
         Args:
@@ -183,11 +183,12 @@ class Estimator:
             order: of arrival of those to be taken: the number of an inertial row, or all rows + that of a foot sample.
             first: inertial row of the first estimate.
             n: number of estimates.
+            joint: with the covariance of all but the pose.
 
         Returns:
             The estimate after each inertial row and the feet that follow it; rows that did not arrive are zero.
         """
-        rows = new_rows(n, self._feet)
+        rows = new_rows(n, self._feet, joint)
         self._best.follow(log, order, rows, first)
         return rows
 

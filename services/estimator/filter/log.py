@@ -17,7 +17,8 @@ from ..inputs.check import REFUSED
 from ..inputs.results import RESTART
 from .intake import FilterParts, restart, take_feet, take_imu
 from .replay import bring_up
-from .summary import QUAT, YAW, condition, summary
+from .state import rotation
+from .summary import QUAT, YAW, condition, joint_covariance, summary
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -50,13 +51,17 @@ class LogRows(NamedTuple):
     yaw: Array  # (n,) rad, not wrapped
     flags: Flags  # (n, 5)
     refused: Ints  # (n,) inputs refused so far
+    joint: (
+        Array  # (n, 12, 12) covariance of (g, v) and the biases of gyro and accelerometer, or (0, 12, 12): not wanted
+    )
 
 
-def new_rows(n: int, feet: int) -> LogRows:
-    """Return room for n rows of L feet."""
+def new_rows(n: int, feet: int, joint: bool = False) -> LogRows:
+    """Return room for n rows of L feet; `joint`: with the covariance of all but the pose."""
     return LogRows(
         np.zeros((n, 8, 3)), np.zeros((n, QUAT + feet)), np.zeros((n, 6, 6)), np.zeros((n, 4, 4)),
         np.zeros(n), np.zeros((n, len(FLAGS)), dtype=np.bool_), np.zeros(n, dtype=np.int64),
+        np.zeros((n if joint else 0, 12, 12)),
     )  # fmt: skip
 
 
@@ -66,6 +71,8 @@ def _note_row(rows: LogRows, at: int, parts: FilterParts) -> None:
     clock, flags = parts.clock, rows.flags
     vectors, more, covariance, pose = summary(parts.state, parts.setting.geometry, clock.w, parts.check.feet.shape[0])
     rows.vectors[at], rows.more[at], rows.covariance[at], rows.pose[at] = vectors, more, covariance, pose
+    if rows.joint.shape[0] > 0:
+        rows.joint[at] = joint_covariance(rotation(parts.state.x), parts.state.cov)
     clock.yaw[0] += wrap_angle(vectors[YAW] - clock.yaw[0])
     rows.yaw[at], rows.refused[at] = clock.yaw[0], parts.check.marks[REFUSED]
     c = condition(parts, vectors, more, covariance)

@@ -54,13 +54,39 @@ QUAT = 4
 
 
 @kernel
-def _covariances(rot: Array, cov: Array) -> tuple[Array, Array]:
-    """Return the covariance of (g, v) in IMU axes (6, 6), and of x, y, z, yaw in odom (4, 4)."""
-    by = np.zeros((6, 6))
+def _imu_errors(rot: Array, size: int) -> Array:
+    """Return the matrix (size, size) by which the first errors of the state are errors of (g, v) in IMU axes, and more.
+
+    With R_hat = exp([xi_R]) R the error of g = R^T G is R^T [G] xi_R, that of v is R^T xi_v; what follows stays.
+
+    Args:
+        rot: rot_odom_from_imu R, (3, 3).
+        size: 6, or 12 with the biases of gyro and accelerometer.
+    """
+    by = np.zeros((size, size))
     for i in range(3):
-        by[i, 0], by[i, 1] = -GRAVITY * rot[1, i], GRAVITY * rot[0, i]
+        by[i, 0], by[i, 1] = GRAVITY * rot[1, i], -GRAVITY * rot[0, i]
         for k in range(3):
             by[3 + i, 3 + k] = rot[k, i]
+    for i in range(6, size):
+        by[i, i] = 1.0
+    return by
+
+
+@kernel
+def joint_covariance(rot: Array, cov: Array) -> Array:
+    """Return the covariance (12, 12) of g, v, gyro and accelerometer bias in IMU axes."""
+    out = congruence(_imu_errors(rot, 12), np.ascontiguousarray(cov[:12, :12]))
+    for i in range(3):
+        for k in range(3):
+            out[i, k] += FIXED.length_sd**2 * rot[2, i] * rot[2, k]
+    return out
+
+
+@kernel
+def _covariances(rot: Array, cov: Array) -> tuple[Array, Array]:
+    """Return the covariance of (g, v) in IMU axes (6, 6), and of x, y, z, yaw in odom (4, 4)."""
+    by = _imu_errors(rot, 6)
     block, pose, index = np.empty((6, 6)), np.empty((4, 4)), np.array([E.pos, E.pos + 1, E.pos + 2, E.rot + 2])
     for i in range(6):
         for k in range(6):
