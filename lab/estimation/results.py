@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from .log import Log
 from .scores import Score, base_pose, base_rot, score
+from .smooth import smooth
 from .track import FLAGS, Track, follow
 from .track import track as track_of
 
@@ -48,13 +49,14 @@ class Result:
     score: Score | None
 
 
-def estimate(log: Log, name: str, folder: Path, **options: Any) -> Result:
+def estimate(log: Log, name: str, folder: Path, smoothed: bool = False, **options: Any) -> Result:
     """Run an estimator over a log; memory does not grow with the estimates.
 
     Args:
         log: what to run over.
         name: of an estimator of the service, or `paper`.
         folder: for one file per quantity; see `pack`.
+        smoothed: forward and backward, in one piece, see `smooth`; memory holds both passes.
         options: changes of its parameters.
     """
     n, feet = len(log.stamp_ns), log.feet_count
@@ -66,7 +68,12 @@ def estimate(log: Log, name: str, folder: Path, **options: Any) -> Result:
     kept: dict[str, Array] = {}
     refused: Mapping[str, int] = {}
     in_order = log.order is None or bool((np.diff(log.order[log.order < n]) > 0).all())
-    for rows, piece in follow(name, log, ROWS_EACH if in_order else None, **options):
+    pieces = (
+        iter([(slice(0, n), smooth(name, log, **options))])
+        if smoothed
+        else follow(name, log, ROWS_EACH if in_order else None, **options)
+    )
+    for rows, piece in pieces:
         spent += perf_counter() - begun
         if piece.contact is not None:
             shapes["contact"] = (feet,)
@@ -90,7 +97,9 @@ def estimate(log: Log, name: str, folder: Path, **options: Any) -> Result:
     found = None
     if log.truth is not None and track.flags["initialised"].any() and n <= SCORED_ROWS and log.scored.sum() > 1:
         found = score(log, track)
-    return Result(log, track, plain({**summary(log, track, found), "us_per_row": 1e6 * spent / n}), found)
+    return Result(
+        log, track, plain({**summary(log, track, found), "smoothed": smoothed, "us_per_row": 1e6 * spent / n}), found
+    )
 
 
 def summary(log: Log, track: Track, found: Score | None) -> dict[str, Any]:

@@ -58,6 +58,7 @@ class Track:
     contact: Array | None = None  # (n, F) probability of contact, where it is estimated
     gyro_bias: Array | None = None  # (n, 3) rad/s
     acc_bias: Array | None = None  # (n, 3) m/s^2
+    joint: Array | None = None  # (n, 12, 12) covariance of g, v, gyro and accelerometer bias, IMU axes, if wanted
 
 
 def track(name: str, log: Log, **options: Any) -> Track:
@@ -66,8 +67,8 @@ def track(name: str, log: Log, **options: Any) -> Track:
     Args:
         name: an estimator of the service or a referee (`PEERS`).
         log: what to run over.
-        options: of a service estimator: changes of its parameters, `hypotheses` = False; of a referee: changes of its
-            noise.
+        options: of a service estimator: changes of its parameters, `hypotheses` = False, `joint` = True for `best`;
+            of a referee: changes of its noise.
 
     Raises:
         SurefootError: there is no such estimator.
@@ -102,7 +103,7 @@ class LogRunner:
     def __init__(self, name: str, log: Log, options: Mapping[str, Any]) -> None:
         self.name, self.feet_count = name, log.feet_count
         changes = {**log.sensors, **options}
-        hypotheses = bool(changes.pop("hypotheses", True))
+        hypotheses, self.joint = bool(changes.pop("hypotheses", True)), bool(changes.pop("joint", False))
         if log.robot is not None:
             robot = load_robot(log.robot)
             params = EstimatorParams.from_robot(robot, start_slope_sd=LEVEL_SD)
@@ -152,7 +153,7 @@ class LogRunner:
             np.ascontiguousarray(log.foot_ns), np.ascontiguousarray(log.foot_position),
             np.ascontiguousarray(log.foot_rot), at_switches(log.switches.astype(np.float64), self._estimator.switches),
         )  # fmt: skip
-        return self._estimator.follow(inputs, part, first, n)
+        return self._estimator.follow(inputs, part, first, n, self.joint)
 
     @property
     def refused(self) -> dict[str, int]:
@@ -207,7 +208,7 @@ def _whole(running: LogRunner, name: str, log: Log, part: Ints, first: int, n: i
     flags = {flag: np.ascontiguousarray(rows.flags[:, i]) for i, flag in enumerate(FLAGS)}
     return Track(
         name, v, g, rows.covariance, position, rows.yaw, v_odom, flags, nis, running.refused, rows.more[:, 4:],
-        None, gyro_bias, acc_bias,
+        None, gyro_bias, acc_bias, rows.joint if running.joint else None,
     )  # fmt: skip
 
 
