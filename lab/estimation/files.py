@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import matrix_from_quat
-from surefoot.record.columns import METADATA, Columns
+from surefoot.record.columns import FEET_METADATA, Columns
 from surefoot.record.tables import read_table
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
@@ -18,6 +18,7 @@ from surefoot.services.estimator.feet.mount import feet_in_imu, foot_mount
 
 from .align import Alignment, align, aligned
 from .checks import check_kinematics
+from .external import externals_of
 from .feet import UNSTATED, FeetOptions, contacts, shape
 from .log import Flags, Log
 from .recorded import log_of_recording
@@ -109,7 +110,7 @@ def log_of_table(
     notes: list[str] = []
     columns, position, rot, joints = _kinematics(name, columns, robot, notes)
     gyro, acc = (np.ascontiguousarray(columns[key], dtype=np.float64) for key in ("gyro", "acc"))
-    given = feet.over(FeetOptions.of({key: columns[key] for key in METADATA if key in columns}))
+    given = feet.over(FeetOptions.of({key: columns[key] for key in FEET_METADATA if key in columns}))
     contact, touch = contacts(columns, position, given, notes)
     truth = truth_of(columns, notes)
     mounted: dict[str, Any]
@@ -119,6 +120,8 @@ def log_of_table(
         mounted = {**shape(given, columns, position, rot, contact, notes)}
         if truth is not None:
             mounted["rot_base_from_imu"] = np.ascontiguousarray(truth.rot[0])  # base_link is level where the log begins
+    base = mounted.get("rot_base_from_imu", np.eye(3))
+    mounted["external"] = externals_of(columns, base, notes)
     saturated = columns["saturated"] > 0.5 if "saturated" in columns else None
     stamp = np.ascontiguousarray(columns["stamp_ns"])
     log = Log(

@@ -67,6 +67,7 @@ def estimate(log: Log, name: str, folder: Path, smoothed: bool = False, **option
     folder.mkdir(parents=True, exist_ok=True)
     kept: dict[str, Array] = {}
     refused: Mapping[str, int] = {}
+    externals = None
     in_order = log.order is None or bool((np.diff(log.order[log.order < n]) > 0).all())
     pieces = (
         iter([(slice(0, n), smooth(name, log, **options))])
@@ -85,14 +86,14 @@ def estimate(log: Log, name: str, folder: Path, smoothed: bool = False, **option
                 path = folder / f"{FILE_NAMES.get(key, key)}.npy"
                 kept[key] = open_memmap(path, mode="w+", dtype=values.dtype, shape=(n, *shape))
             kept[key][rows] = values
-        refused, begun = piece.refused, perf_counter()
+        refused, externals, begun = piece.refused, piece.externals, perf_counter()
     kept["stamp_ns"] = open_memmap(folder / "stamp_ns.npy", mode="w+", dtype=np.int64, shape=(n,))
     kept["stamp_ns"][:] = log.stamp_ns
     track = Track(
         name, v=kept["v"], g=kept["g"], p=kept["p"], position=kept["position"], yaw=kept["yaw"],
         v_odom=kept["v_odom"], flags={f: kept[f] for f in FLAGS}, nis=kept["nis"], refused=refused,
         slipping=kept.get("slipping"), contact=kept.get("contact"), gyro_bias=kept.get("gyro_bias"),
-        acc_bias=kept.get("acc_bias"),
+        acc_bias=kept.get("acc_bias"), externals=externals,
     )  # fmt: skip
     found = None
     if log.truth is not None and track.flags["initialised"].any() and n <= SCORED_ROWS and log.scored.sum() > 1:
@@ -127,6 +128,8 @@ def summary(log: Log, track: Track, found: Score | None) -> dict[str, Any]:
         out["slipping"] = [
             float(row[good].mean()) if good.any() else None for row, good in zip(sliding.T, known.T, strict=True)
         ]
+    if track.externals is not None:
+        out["external"] = track.externals._asdict()
     if track.gyro_bias is not None and track.acc_bias is not None:
         out["gyro_bias_rad_s"] = [float(x) for x in track.gyro_bias[-1]]
         out["acc_bias_m_s2"] = [float(x) for x in track.acc_bias[-1]]

@@ -9,6 +9,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.services.estimator.filter.samples import EX
+
+from .external import Externals
 from .log import Log
 
 Ints = NDArray[np.int64]
@@ -36,6 +39,13 @@ def follows(log: Log) -> Flags:
     return np.append(begins(log)[1:] == log.stamp_ns[:-1], False)
 
 
+def _backward(found: Externals, total: int) -> Externals:
+    """Return samples from elsewhere of a reversed log: velocities change sign, none is late."""
+    stamps, rows = total + 1 - found.stamp_ns[::-1], found.rows[::-1].copy()
+    rows[:, EX.velocity : EX.velocity + 3] *= -1.0
+    return Externals(stamps, stamps, rows)
+
+
 def reversed_log(log: Log) -> Log:
     """Return a log run backward, without truth, order of arrival, or standstill at its beginning.
 
@@ -57,5 +67,6 @@ def reversed_log(log: Log) -> Log:
         truth=None,
         order=None,
         rest=(0, 0),
+        external=None if log.external is None else _backward(log.external, total),
         **{name: None if values is None else values[::-1].copy() for name, values in back.items()},
     )

@@ -22,6 +22,7 @@ from surefoot.services.estimator.feet.contact import (
     sole_feet,
 )
 from surefoot.services.estimator.feet.mount import FootMount
+from surefoot.services.estimator.filter.best import ExternalUse
 from surefoot.services.estimator.filter.log import FLAGS, LogInputs, LogRows
 from surefoot.services.estimator.output import OdometryPose, VelocityAndTilt
 from surefoot.services.estimator.params import EstimatorParams
@@ -59,6 +60,7 @@ class Track:
     gyro_bias: Array | None = None  # (n, 3) rad/s
     acc_bias: Array | None = None  # (n, 3) m/s^2
     joint: Array | None = None  # (n, 12, 12) covariance of g, v, gyro and accelerometer bias, IMU axes, if wanted
+    externals: ExternalUse | None = None  # what has become of samples from elsewhere
 
 
 def track(name: str, log: Log, **options: Any) -> Track:
@@ -153,7 +155,14 @@ class LogRunner:
             np.ascontiguousarray(log.foot_ns), np.ascontiguousarray(log.foot_position),
             np.ascontiguousarray(log.foot_rot), at_switches(log.switches.astype(np.float64), self._estimator.switches),
         )  # fmt: skip
+        if log.external is not None:
+            inputs = inputs._replace(external_ns=log.external.stamp_ns, external=log.external.rows)
         return self._estimator.follow(inputs, part, first, n, self.joint)
+
+    @property
+    def externals(self) -> ExternalUse:
+        """Counts of the samples from elsewhere, and the frame of their poses."""
+        return self._estimator.externals
 
     @property
     def refused(self) -> dict[str, int]:
@@ -182,6 +191,8 @@ def follow(name: str, log: Log, rows_each: int | None = None, **options: Any) ->
         SurefootError: there is no such estimator.
     """
     check_name(name)
+    if name != BEST:
+        log = replace(log, external=None)  # of `best` alone
     if name in PEERS:
         yield slice(0, len(log.stamp_ns)), PEERS[name](log, options)
         return
@@ -209,6 +220,7 @@ def _whole(running: LogRunner, name: str, log: Log, part: Ints, first: int, n: i
     return Track(
         name, v, g, rows.covariance, position, rows.yaw, v_odom, flags, nis, running.refused, rows.more[:, 4:],
         None, gyro_bias, acc_bias, rows.joint if running.joint else None,
+        None if log.external is None else running.externals,
     )  # fmt: skip
 
 

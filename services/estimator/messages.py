@@ -5,9 +5,11 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from surefoot.schemas.hw import ExternalMotion
 from surefoot.schemas.state import Odometry, StanceEnd, VelocityEstimate
 
 from .feet.slip import FinishedStance
+from .inputs.external import ExternalSample
 from .output import OdometryPose, VelocityAndTilt
 
 
@@ -35,6 +37,11 @@ def velocity_message(e: VelocityAndTilt) -> VelocityEstimate:
         refused=e.refused,
         reasons=e.reasons,
     )
+
+
+def sample_of(m: ExternalMotion) -> ExternalSample:
+    """Return the sample of a message from elsewhere."""
+    return ExternalSample(m.position, m.position_covariance, m.yaw, m.yaw_variance, m.velocity, m.velocity_covariance)
 
 
 def odometry_message(pose: OdometryPose, initialised: bool, stances: Sequence[FinishedStance] = ()) -> Odometry:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from surefoot.kernels.jit import inner_kernel, kernel
 
 from ..feet.contact import BestGeometry, SeenPoints, by_height, points_of
+from .external import take_external
 from .heading import keep_heading, learn_parting, take_back
 from .hypotheses import collapse, likeliest, mix, mode, publish_mean, weigh
 from .layout import CERTAIN, DOUBTED, MOVING, NO_FEET, STARTED, WAITING, E, M, P, X
@@ -394,6 +395,8 @@ def advance(state: BestState, samples: SampleStore, begin: int, setting: BestSet
     for at in range(begin, stamps.size):
         if state.memory[M.phase] != WAITING:
             next_foot = _step(state, samples, at, next_foot, setting)
+            if samples.external_stamps.size > 0 and settled(state):
+                take_external(state, samples, at, setting)
         _limit_speed(state, foot, setting.limits.max_speed)
         next_foot = _rest_or_start(state, samples, at, next_foot, setting)
     publish_mean(state, foot)

@@ -15,8 +15,9 @@ from surefoot.kernels.jit import inner_kernel, kernel
 from ..health import flags_of
 from ..inputs.check import REFUSED
 from ..inputs.results import RESTART
-from .intake import FilterParts, restart, take_feet, take_imu
+from .intake import FilterParts, restart, take_external, take_feet, take_imu
 from .replay import bring_up
+from .samples import EXTERNAL_WIDTH
 from .state import rotation
 from .summary import QUAT, YAW, condition, joint_covariance, summary
 
@@ -39,6 +40,8 @@ class LogInputs(NamedTuple):
     position: Array  # (m, L, 3) m, IMU axes
     rot: Array  # (m, L, 3, 3) rot_imu_from_foot
     contact: Array  # (m, L, S) probability at each switch, NaN = unknown
+    external_ns: Ints = np.zeros(0, dtype=np.int64)  # (e,) samples from elsewhere
+    external: Array = np.zeros((0, EXTERNAL_WIDTH))  # (e, 26) see `samples.ExternalLayout`
 
 
 class LogRows(NamedTuple):
@@ -85,13 +88,15 @@ def follow_log(order: Ints, log: LogInputs, rows: LogRows, first: int, box: Kern
     """Take the inputs of a log, in place, and write the estimate after each inertial row and the feet that follow it.
 
     Args:
-        order: of arrival: the number of an inertial row, or n + that of a sample of the feet.
+        order: of arrival: the number of an inertial row, n + that of a sample of the feet, or n + m + that of one from
+            elsewhere.
         log: the inputs.
         rows: for the estimates, those of row `first` and later.
         first: see `rows`.
         box: of the filter.
     """
     n, row, parts = log.stamp_ns.size, -1, box.parts
+    feet_end = n + log.foot_ns.size
     for i in range(order.size):
         at = order[i]
         if at < n:
@@ -102,6 +107,9 @@ def follow_log(order: Ints, log: LogInputs, rows: LogRows, first: int, box: Kern
                 restart(box)
                 take_imu(box, stamp_ns, w, q, clipped, True)  # pyright: ignore[reportArgumentType]
             row = at - first
+        elif at >= feet_end:
+            e = at - feet_end
+            take_external(box, int(log.external_ns[e]), log.external[e])
         else:
             m = at - n
             stamp_ns, position, rot, contact = int(log.foot_ns[m]), log.position[m], log.rot[m], log.contact[m]

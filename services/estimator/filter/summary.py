@@ -177,5 +177,5 @@ def condition(parts: FilterParts, vectors: Array, more: Array, covariance: Array
         healthy(vectors[R.g], vectors[R.v], covariance), vectors[NIS],
         slipping, vectors[EXCESS], faults_at(parts.check, parts.check_limits, parts.noisy, now),
         1e-9 * (now - stamps[FEET_NS]), since_contact_s, since_contact_s, mistrusted,
-        mistrusted == (1 << parts.check.feet.shape[0]) - 1,
+        mistrusted == (1 << parts.check.feet.shape[0]) - 1, int(parts.state.memory[M.left_out]),
     )  # fmt: skip
