@@ -128,6 +128,13 @@ def _grouped(names: Sequence[str], values: NDArray[np.float64], name: str) -> Co
     joints = [column for column in names if column.startswith("joint_")]
     if joints:
         out["joints"] = values[:, [at[part] for part in joints]]
+    torques = [f"torque_{column.removeprefix('joint_')}" for column in joints]
+    there = [column for column in torques if column in at]
+    if there and len(there) < len(torques):
+        missing = next(column for column in torques if column not in at)
+        raise SurefootError("invalid", f"{name} has {there[0]!r} but no {missing!r}", missing)
+    if there:
+        out["torque"] = values[:, [at[part] for part in torques]]
     return _without_empty(out, joints)
 
 
