@@ -163,6 +163,8 @@ def _errors(s: "Score") -> list[tuple[str, tuple[float, str]]]:
         ("displacement per net metre", (100 * s.odometry, f"{{:.2f}} % of {s.way:.2f} m")),
         (f"height {over}", (1e3 * s.climb, "{:.1f} mm/m")),
         ("height, largest", (1e3 * s.height, "{:.1f} mm")),
+        ("NEES of the position per degree of freedom", (s.position_nees / 3.0, "{:.2f}")),
+        ("NEES of the heading", (s.heading_nees, "{:.2f}")),
         ("heading at the end", (s.heading_deg, "{:+.2f} deg")),
         ("heading per minute", (s.heading_deg_min, "{:.2f} deg/min")),
         ("heading, rms after alignment", (s.heading_rms_deg, "{:.2f} deg")),

@@ -30,10 +30,11 @@ SCORED_ROWS = 2_000_000  # logs with truth that are longer are scored on their f
 NIS_BAND = (0.22, 9.35)  # 95 % of chi^2 with 3 degrees of freedom
 PARTS: dict[str, tuple[int, ...]] = {
     "v": (3,), "g": (3,), "p": (6, 6), "position": (3,), "yaw": (), "v_odom": (3,), "nis": (), "gyro_bias": (3,),
-    "acc_bias": (3,),
+    "acc_bias": (3,), "pose": (6, 6),
 }  # fmt: skip
 FILE_NAMES = {
-    "v": "velocity_imu", "g": "g_up_imu", "p": "covariance", "v_odom": "velocity_odom", "slipping": "slipping",
+    "v": "velocity_imu", "g": "g_up_imu", "p": "covariance", "pose": "pose_covariance",
+    "v_odom": "velocity_odom", "slipping": "slipping",
     "contact": "contact_probability",
 }  # fmt: skip
 """Names of quantities in the file where they differ."""
@@ -93,7 +94,7 @@ def estimate(log: Log, name: str, folder: Path, smoothed: bool = False, **option
         name, v=kept["v"], g=kept["g"], p=kept["p"], position=kept["position"], yaw=kept["yaw"],
         v_odom=kept["v_odom"], flags={f: kept[f] for f in FLAGS}, nis=kept["nis"], refused=refused,
         slipping=kept.get("slipping"), contact=kept.get("contact"), gyro_bias=kept.get("gyro_bias"),
-        acc_bias=kept.get("acc_bias"), externals=externals,
+        acc_bias=kept.get("acc_bias"), externals=externals, pose=kept.get("pose"),
     )  # fmt: skip
     found = None
     if log.truth is not None and track.flags["initialised"].any() and n <= SCORED_ROWS and log.scored.sum() > 1:

@@ -60,6 +60,7 @@ class Track:
     gyro_bias: Array | None = None  # (n, 3) rad/s
     acc_bias: Array | None = None  # (n, 3) m/s^2
     joint: Array | None = None  # (n, 12, 12) covariance of g, v, gyro and accelerometer bias, IMU axes, if wanted
+    pose: Array | None = None  # (n, 6, 6) covariance of x, y, z and the rotation about x, y, z, odom axes
     externals: ExternalUse | None = None  # what has become of samples from elsewhere
 
 
@@ -219,7 +220,7 @@ def _whole(running: LogRunner, name: str, log: Log, part: Ints, first: int, n: i
     flags = {flag: np.ascontiguousarray(rows.flags[:, i]) for i, flag in enumerate(FLAGS)}
     return Track(
         name, v, g, rows.covariance, position, rows.yaw, v_odom, flags, nis, running.refused, rows.more[:, 4:],
-        None, gyro_bias, acc_bias, rows.joint if running.joint else None,
+        None, gyro_bias, acc_bias, rows.joint if running.joint else None, rows.pose,
         None if log.external is None else running.externals,
     )  # fmt: skip
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.schemas.hw import ExternalMotion
@@ -11,6 +12,9 @@ from surefoot.schemas.state import Odometry, StanceEnd, VelocityEstimate
 from .feet.slip import FinishedStance
 from .inputs.external import ExternalSample
 from .output import OdometryPose, VelocityAndTilt
+
+PLANAR = np.ix_((0, 1, 2, 5), (0, 1, 2, 5))
+"""Rows and columns of x, y, z and heading in the covariance of a pose."""
 
 
 def velocity_message(e: VelocityAndTilt) -> VelocityEstimate:
@@ -51,7 +55,8 @@ def odometry_message(pose: OdometryPose, initialised: bool, stances: Sequence[Fi
         quat_wxyz=_list(pose.quat_wxyz),
         yaw=pose.yaw,
         velocity=_list(pose.velocity),
-        covariance=_list(pose.covariance.ravel()),
+        covariance=_list(pose.covariance[PLANAR].ravel()),
+        pose_covariance=_list(pose.covariance.ravel()),
         initialised=initialised,
         stances=tuple(StanceEnd(foot=s.leg, slip=s.slip, begin=s.begin, samples=s.samples) for s in stances),
     )

@@ -17,6 +17,7 @@ from .hypotheses import collapse, likeliest, mix, mode, publish_mean, weigh
 from .layout import CERTAIN, DOUBTED, MOVING, NO_FEET, STARTED, WAITING, E, M, P, X
 from .noise import FIXED, BestLimits, BestNoise, BestSetting
 from .point import lift, retract
+from .pose import grow_pose
 from .samples import ROW_Q, ROW_W, SampleStore, after
 from .start import check_tilt, rests, start_at_rest, start_moving
 from .state import BestState, Felt, felt_variance, forget_velocity, predict, rotation
@@ -345,6 +346,7 @@ def _step(state: BestState, samples: SampleStore, at: int, next_foot: int, setti
             for i in range(3):
                 w[i], q[i] = rows[at, ROW_W + i], rows[at, ROW_Q + i]
     state.memory[M.age] += gap
+    grow_pose(state, gap, noise)
     if settled(state) and state.memory[M.phase] != STARTED:  # it stays so
         state.memory[M.phase] = STARTED if state.memory[M.age] > FIXED.fresh_age else CERTAIN
     return next_foot

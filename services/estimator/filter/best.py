@@ -36,7 +36,7 @@ class BestOutput(NamedTuple):
     position: Array  # (3,) m, base_link in odom
     quat_wxyz: Array  # (4,) rot_odom_from_base
     v_odom: Array  # (3,) m/s, base_link
-    pose_covariance: Array  # (4, 4) of x, y, z, yaw
+    pose_covariance: Array  # (6, 6) of x, y, z and the rotation about x, y, z, odom axes
     gyro_bias: Array  # (3,) rad/s
     acc_bias: Array  # (3,) m/s^2
     sliding: Array  # (L,) probability that a foot slides; NaN: it does not stand

@@ -33,7 +33,7 @@ Feet = NDArray[np.int64]
 OWN = (
     *range(M.last_gyro, M.last_gyro + 3), *range(M.last_acc, M.last_acc + 3), M.phase, M.rest, M.age, M.slide_product,
     M.slide_square, *range(M.own_bias, M.parting + 1), M.framed, M.jumps, M.left_out, M.externals, M.externals_out,
-    M.frames,
+    M.frames, *range(M.pose_extra, M.pose_extra + 7),
 )  # fmt: skip
 """Numbers of the memory that belong to the state, not to its hypotheses."""
 MEAN = (M.excess, M.innovation, M.innovation + 1, M.innovation + 2, M.lag, M.lag + 1, M.lag + 2)

@@ -60,7 +60,7 @@ class PointLayout(NamedTuple):
 
 
 class MemoryLayout(NamedTuple):
-    """First index of each part of `BestState.memory`, (40,)."""
+    """First index of each part of `BestState.memory`, (47,)."""
 
     excess: int = 0
     """Factor of the inertial noise over the sensor's."""
@@ -118,10 +118,12 @@ class MemoryLayout(NamedTuple):
     """Those of them that were left out."""
     frames: int = 39
     """Frames of poses from elsewhere that were found."""
+    pose_extra: int = 40
+    """Covariance of the pose beside that of the filter, (7,), see `pose`."""
 
 
 X, E, P, M = StateLayout(), ErrorLayout(), PointLayout(), MemoryLayout()
-POINT_COLUMNS, MEMORY = P.mistrust + 1, M.frames + 1
+POINT_COLUMNS, MEMORY = P.mistrust + 1, M.pose_extra + 7
 """Number of columns of a point, and of numbers in the memory."""
 WAITING, MOVING, STARTED, DOUBTED, CERTAIN = 0.0, 1.0, 2.0, 3.0, 4.0
 """Phases of the start: none yet, in motion, at rest, in motion after the tilt proved wrong, in motion and certain."""

@@ -50,7 +50,7 @@ class LogRows(NamedTuple):
     vectors: Array  # (n, 8, 3) see `summary.RowLayout`
     more: Array  # (n, 4 + L) quaternion of base_link in odom, probability of sliding of each foot
     covariance: Array  # (n, 6, 6) of (g, v)
-    pose: Array  # (n, 4, 4) covariance of x, y, z, yaw
+    pose: Array  # (n, 6, 6) covariance of the pose, see `pose.pose_covariance`
     yaw: Array  # (n,) rad, not wrapped
     flags: Flags  # (n, 5)
     refused: Ints  # (n,) inputs refused so far
@@ -62,7 +62,7 @@ class LogRows(NamedTuple):
 def new_rows(n: int, feet: int, joint: bool = False) -> LogRows:
     """Return room for n rows of L feet; `joint`: with the covariance of all but the pose."""
     return LogRows(
-        np.zeros((n, 8, 3)), np.zeros((n, QUAT + feet)), np.zeros((n, 6, 6)), np.zeros((n, 4, 4)),
+        np.zeros((n, 8, 3)), np.zeros((n, QUAT + feet)), np.zeros((n, 6, 6)), np.zeros((n, 6, 6)),
         np.zeros(n), np.zeros((n, len(FLAGS)), dtype=np.bool_), np.zeros(n, dtype=np.int64),
         np.zeros((n if joint else 0, 12, 12)),
     )  # fmt: skip

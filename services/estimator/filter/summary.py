@@ -17,8 +17,9 @@ from ..inputs.check import faults_at
 from ..output import healthy
 from .advance import settled
 from .intake import CONTACT_NS, FEET_NS, NOW_NS, FilterParts
-from .layout import E, M, P, X
+from .layout import M, P, X
 from .noise import FIXED
+from .pose import pose_covariance
 from .state import BestState, rotation
 
 Array = NDArray[np.float64]
@@ -84,24 +85,20 @@ def joint_covariance(rot: Array, cov: Array) -> Array:
 
 
 @kernel
-def _covariances(rot: Array, cov: Array) -> tuple[Array, Array]:
-    """Return the covariance of (g, v) in IMU axes (6, 6), and of x, y, z, yaw in odom (4, 4)."""
-    by = _imu_errors(rot, 6)
-    block, pose, index = np.empty((6, 6)), np.empty((4, 4)), np.array([E.pos, E.pos + 1, E.pos + 2, E.rot + 2])
+def _covariance(rot: Array, cov: Array) -> Array:
+    """Return the covariance of (g, v) in IMU axes, (6, 6)."""
+    block = np.empty((6, 6))
     for i in range(6):
         for k in range(6):
             block[i, k] = cov[i, k]
-    out = congruence(by, block)
+    out = congruence(_imu_errors(rot, 6), block)
     for i in range(3):
         for k in range(3):
             out[i, k] += FIXED.length_sd**2 * rot[2, i] * rot[2, k]
-    for i in range(4):
-        for k in range(4):
-            pose[i, k] = cov[index[i], index[k]]
     for i in range(6):
         for k in range(i):
             out[i, k] = out[k, i] = 0.5 * (out[i, k] + out[k, i])
-    return out, pose
+    return out
 
 
 @kernel
@@ -109,7 +106,8 @@ def summary(state: BestState, geometry: BestGeometry, w: Array, feet: int) -> tu
     """Return vectors by rows (8, 3), see `RowLayout`; quaternion and probabilities of sliding; covariances.
 
     The quaternion (4,) of base_link in odom and the probability that each foot slides (L,), NaN for a foot that does
-    not stand, are one array. For the covariances see `_covariances`.
+    not stand, are one array. Covariances are that of (g, v) in IMU axes, (6, 6), and that of the pose, (6, 6), see
+    `pose_covariance`.
 
     Args:
         state: the state.
@@ -150,8 +148,7 @@ def summary(state: BestState, geometry: BestGeometry, w: Array, feet: int) -> tu
             count[geometry.foot[k]] += 1.0
     for f in range(feet):
         more[QUAT + f] = more[QUAT + f] / count[f] if count[f] > 0.0 else math.nan
-    covariance, pose = _covariances(rot, state.cov)
-    return rows, more, covariance, pose
+    return rows, more, _covariance(rot, state.cov), pose_covariance(state, arm)
 
 
 @kernel
