@@ -317,9 +317,7 @@ def _step(state: BestState, samples: SampleStore, at: int, next_foot: int, setti
         The first row of the feet that is left.
     """
     stamps, rows, feet_stamps, noise = samples.imu_stamps, samples.imu, samples.feet_stamps, setting.noise
-    w, q = np.empty(3), np.empty(3)
-    for i in range(3):
-        w[i], q[i] = rows[at, ROW_W + i], rows[at, ROW_Q + i]
+    w, q = rows[at, ROW_W : ROW_W + 3].copy(), rows[at, ROW_Q : ROW_Q + 3].copy()
     now = stamps[at - 1] if at > 0 else stamps[at]
     felt = felt_variance(state.memory, w, q, noise)
     gap = 1e-9 * (stamps[at] - now)
@@ -343,8 +341,7 @@ def _step(state: BestState, samples: SampleStore, at: int, next_foot: int, setti
         _predict(state, w, q, 1e-9 * (end - now), noise, felt, hidden)
         now = end
         if now == lost:
-            for i in range(3):
-                w[i], q[i] = rows[at, ROW_W + i], rows[at, ROW_Q + i]
+            w[:], q[:] = rows[at, ROW_W : ROW_W + 3], rows[at, ROW_Q : ROW_Q + 3]
     state.memory[M.age] += gap
     grow_pose(state, gap, noise)
     if settled(state) and state.memory[M.phase] != STARTED:  # it stays so
@@ -365,8 +362,7 @@ def _rest_or_start(state: BestState, samples: SampleStore, at: int, next_foot: i
     memory[M.rest] = memory[M.rest] + 1.0 if resting else 0.0
     if resting:
         collapse(state, setting.geometry.foot)
-        for i in range(M.lag, M.lag + 3):
-            memory[i] = 0.0
+        memory[M.lag : M.lag + 3] = 0.0
     moving = memory[M.phase] == MOVING or memory[M.phase] == CERTAIN
     fresh = moving and memory[M.age] < FIXED.fresh_age
     if resting and (fresh or not settled(state)) and memory[M.phase] != DOUBTED:
