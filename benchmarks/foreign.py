@@ -19,7 +19,8 @@ import numpy as np
 
 from benchmarks.foreign_changes import AFTER_S, MIDDLE, alarms, changes, fast_moment, planted, turned_starts
 from benchmarks.foreign_scores import ForeignScore, LegOut, scored
-from benchmarks.foreign_tables import TUNED, agreement, errors, plain, shown, summaries
+from benchmarks.foreign_smooth import BOTH_WAYS, both_ways
+from benchmarks.foreign_tables import CONTRADICTED, TUNED, agreement, errors, plain, shown, summaries
 from benchmarks.report import Bench, goal, table, words_of
 from surefoot.errors import SurefootError
 from surefoot.lab.estimation.log import Log
@@ -30,7 +31,7 @@ from surefoot.lab.estimation.scores import score
 from surefoot.lab.estimation.track import default
 from surefoot.lab.estimation.walks import VARIANTS, walk
 from surefoot.lab.studies import seeds_of
-from surefoot.papers.wawrzynski.sets import LogSet, tuned
+from surefoot.papers.wawrzynski.sets import LogSet, synthetic_sets, tuned, walk_sets
 from surefoot.papers.wawrzynski.synthetic import KINDS as WALKS
 from surefoot.papers.wawrzynski.synthetic import synthesize
 
@@ -193,6 +194,23 @@ def faults(*, logs: str = CHANGED, estimators: str = default(), times: int = 2, 
         goal(f"  {one}, share of faults with a flag", named / max(runs, 1), ">=", 0.95)
         for name, _, log in chosen:
             goal(f"  {one}, false alarms per hour, {name}", alarms(log, clean[name]), "<=", 1.0)
+
+
+@BENCH.part(f"{ONE} --sets twist --seeds 1")
+def smoothed(*, logs: str = "", sets: str = "", seeds: str = "5", data: Path = DATA) -> None:
+    """Forward estimates and those of `surefoot estimate --smooth`, forward / smoothed; NEES per degree of freedom.
+
+    Args:
+        logs: names, by commas; default: all with truth.
+        sets: of synthetic and recorded walks, by commas; default: all. Rows are means over their seeds.
+        seeds: of the walks, count or first:end.
+        data: folder of the files.
+    """
+    names = words_of(logs) or tuple(name for name in FOREIGN if name not in CONTRADICTED)
+    own = [one for one in (*synthetic_sets(), *walk_sets()) if not words_of(sets) or one.name in words_of(sets)]
+    rows = [(name, *both_ways([log], way)) for name, way, log in each(",".join(names), data)]
+    rows += [(one.name, *both_ways(one.logs(seeds_of(seeds)), 0.1)) for one in own]
+    table("forward / smoothed", ("log", *BOTH_WAYS), rows)
 
 
 def _variant(name: str, seed: int) -> Log:

@@ -6,6 +6,8 @@ from pydantic import Field
 
 from .base import MAX_FEET, Message, PerJoint, Reply, Request, Vec3, Wire
 
+Matrix3 = Annotated[tuple[float, ...], Field(min_length=9, max_length=9)]
+
 
 def _false(value: bool) -> bool:
     return not value
@@ -60,6 +62,22 @@ class FootContacts(Message):
     normal_force_n: Annotated[tuple[float | None, ...], Field(max_length=MAX_FEET)] = Field(
         description="per foot the force along the sole normal, N; null = no such sensor"
     )
+
+
+class ExternalMotion(Message):
+    """Pose, heading or velocity of the robot by another source, e.g. a camera or motion capture.
+
+    ``stamp_ns`` is the time at which it holds, not that of its arrival; one of the last half second is put there.
+    """
+
+    position: Vec3 | None = Field(
+        default=None, description="m, IMU in the frame of the source, z up; needs yaw; null = unknown"
+    )
+    position_covariance: Matrix3 | None = Field(default=None, description="row-major 3x3, m^2, axes of that frame")
+    yaw: float | None = Field(default=None, description="rad, heading of base_link in the frame of the source")
+    yaw_variance: float | None = Field(default=None, gt=0, description="rad^2")
+    velocity: Vec3 | None = Field(default=None, description="m/s, of the IMU, IMU frame")
+    velocity_covariance: Matrix3 | None = Field(default=None, description="row-major 3x3, (m/s)^2, IMU frame")
 
 
 class Sighting(Wire):

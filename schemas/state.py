@@ -62,13 +62,17 @@ class StanceEnd(Wire):
 class Odometry(Message):
     """Pose of base_link in ``odom``, dead-reckoned: yaw and position drift, and the covariance grows with them."""
 
-    schema_version: ClassVar[str] = "1.1"
+    schema_version: ClassVar[str] = "1.2"
 
     position: Vec3 = Field(description="m, base_link origin in odom")
     quat_wxyz: QuatWxyz
     yaw: float = Field(description="rad, heading in odom, not wrapped")
     velocity: Vec3 = Field(description="m/s, in odom axes")
     covariance: Covariance4 = Field(description="row-major 4x4 of (x, y, z, yaw), m and rad")
+    pose_covariance: Covariance6 | None = Field(
+        default=None,
+        description="row-major 6x6 since the start, as in nav_msgs: x, y, z, m, rotation about x, y, z of odom, rad",
+    )
     initialised: bool = Field(description="as in VelocityEstimate")
     stances: Annotated[tuple[StanceEnd, ...], Field(max_length=MAX_FEET)] = Field(
         default=(), exclude_if=_zero, description="stances that have ended since the message before"

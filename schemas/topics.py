@@ -42,6 +42,7 @@ HW_LANDMARKS = Topic(
     "hw/landmarks", hw.LandmarkDetections, Kind.SAMPLE, "driver", 10.0, own_rate="`period_ms` of the camera's file"
 )
 HW_RANGE = Topic("hw/range", hw.Range, Kind.SAMPLE, "driver", 10.0, own_rate="`period_ms` of the ranger's file")
+HW_EXTERNAL = Topic("hw/external", hw.ExternalMotion, Kind.SAMPLE, "driver", 10.0, own_rate="the driver of the source")
 TERRAIN_MAP = Topic("terrain/map", terrain.HeightMapMessage, Kind.LATCHED, "driver", EVENT)
 TERRAIN_LANDMARKS = Topic("terrain/landmarks", terrain.LandmarkMap, Kind.LATCHED, "driver", EVENT)
 CMD_JOINTS = Topic("cmd/joints", hw.JointCommand, Kind.COMMAND, "walker", TICK_HZ)

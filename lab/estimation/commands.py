@@ -40,6 +40,7 @@ def estimate(
     align: Annotated[bool, typer.Option("--align", help="Align the truth with the sensors before scoring.")] = False,
     calibrate: Annotated[bool, typer.Option("--calibrate", help="Report legs, mounting, offset in time.")] = False,
     calibrated: Annotated[bool, typer.Option("--calibrated", help="Correct what it proves, then estimate.")] = False,
+    smooth: Annotated[bool, typer.Option("--smooth", help="Forward and backward over the whole log.")] = False,
     json: Json = False,
 ) -> None:
     """Estimate velocity, tilt and path from a log, with covariance and flags; errors where the log has truth."""
@@ -52,12 +53,10 @@ def estimate(
 
     use_json(json)
     check_name(chosen := estimator or default())
-    sizes = {
-        "sole_size": None if sole is None else sole.split(","),
-        "contact_on": contact_on,
-        "contact_off": contact_off,
-    }
-    stated = FeetOptions.of({"feet": feet, "foot_radius": radius, **sizes})
+    sizes = None if sole is None else sole.split(",")
+    stated = FeetOptions.of(
+        {"feet": feet, "foot_radius": radius, "sole_size": sizes, "contact_on": contact_on, "contact_off": contact_off}
+    )
     known = {"sigma_w": gyro_noise, "sigma_q": acc_noise}
     opened = open_log(log, robot, sort, stated, align, **{k: v for k, v in known.items() if v is not None})
     if calibrate:
@@ -67,7 +66,7 @@ def estimate(
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
     with Scratch(out) as folder:
-        result = run(data, chosen, folder)
+        result = run(data, chosen, folder, smooth)
         files = [] if out is None else _write_files(result, folder, out, csv)
     report: dict[str, Any] = {**result.summary, "notes": list(opened.notes), "files": [str(path) for path in files]}
     if opened.alignment is not None:
@@ -164,6 +163,8 @@ def _errors(s: "Score") -> list[tuple[str, tuple[float, str]]]:
         ("displacement per net metre", (100 * s.odometry, f"{{:.2f}} % of {s.way:.2f} m")),
         (f"height {over}", (1e3 * s.climb, "{:.1f} mm/m")),
         ("height, largest", (1e3 * s.height, "{:.1f} mm")),
+        ("NEES of the position per degree of freedom", (s.position_nees / 3.0, "{:.2f}")),
+        ("NEES of the heading", (s.heading_nees, "{:.2f}")),
         ("heading at the end", (s.heading_deg, "{:+.2f} deg")),
         ("heading per minute", (s.heading_deg_min, "{:.2f} deg/min")),
         ("heading, rms after alignment", (s.heading_rms_deg, "{:.2f} deg")),

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import matrix_from_quat
-from surefoot.record.columns import METADATA, Columns
+from surefoot.record.columns import FEET_METADATA, Columns
 from surefoot.record.tables import read_table
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
@@ -18,9 +18,11 @@ from surefoot.services.estimator.feet.mount import feet_in_imu, foot_mount
 
 from .align import Alignment, align, aligned
 from .checks import check_kinematics
-from .feet import UNSTATED, FeetOptions, contacts, shape
+from .external import externals_of
+from .feet import UNSTATED, FeetOptions, contacts, shape, up_at
 from .log import Flags, Log
 from .recorded import log_of_recording
+from .torques import forces_by_torques
 from .truth import truth_of
 from .units import check_units, quietest
 
@@ -109,7 +111,7 @@ def log_of_table(
     notes: list[str] = []
     columns, position, rot, joints = _kinematics(name, columns, robot, notes)
     gyro, acc = (np.ascontiguousarray(columns[key], dtype=np.float64) for key in ("gyro", "acc"))
-    given = feet.over(FeetOptions.of({key: columns[key] for key in METADATA if key in columns}))
+    given = feet.over(FeetOptions.of({key: columns[key] for key in FEET_METADATA if key in columns}))
     contact, touch = contacts(columns, position, given, notes)
     truth = truth_of(columns, notes)
     mounted: dict[str, Any]
@@ -119,6 +121,8 @@ def log_of_table(
         mounted = {**shape(given, columns, position, rot, contact, notes)}
         if truth is not None:
             mounted["rot_base_from_imu"] = np.ascontiguousarray(truth.rot[0])  # base_link is level where the log begins
+    base = mounted.get("rot_base_from_imu", np.eye(3))
+    mounted["external"] = externals_of(columns, base, notes)
     saturated = columns["saturated"] > 0.5 if "saturated" in columns else None
     stamp = np.ascontiguousarray(columns["stamp_ns"])
     log = Log(
@@ -140,9 +144,14 @@ def _kinematics(
     if "joints" in columns:
         if robot is None:
             raise SurefootError("invalid", f"{name} has joint angles; name the robot they belong to (--robot)", "robot")
-        joints = _joints(columns, robot)
+        order, joints = _joints(columns, robot)
         mount = foot_mount(robot)
         seen = [feet_in_imu(mount, q) for q in joints]
+        if "torque" in columns and "force" not in columns:
+            up = up_at(columns) @ mount.rot_imu_from_base
+            found = forces_by_torques(robot, joints, np.asarray(columns["torque"], dtype=np.float64)[:, order], up)
+            columns = {**columns, "force": found.force}
+            notes.append(found.note or "ground forces by the joint torques")
         return columns, np.array([pair[0] for pair in seen]), np.array([pair[1] for pair in seen]), joints
     notes.append("no feet: only the inertial unit is left")
     columns = {**columns, "foot_stamp_ns": np.empty(0, dtype=np.int64), "contact": np.empty((0, 1))}
@@ -189,9 +198,9 @@ def _feet(columns: Columns, notes: list[str]) -> tuple[Array, Array]:
     return position, rot
 
 
-def _joints(columns: Columns, robot: Robot) -> Array:
-    """Return joint angles (m, nj) rad in the order of the description."""
-    joints = np.asarray(columns["joints"], dtype=np.float64)
+def _joints(columns: Columns, robot: Robot) -> tuple[list[int], Array]:
+    """Return the columns of the joints in the order of the description, and joint angles (m, nj) rad in that order."""
+    joints, order = np.asarray(columns["joints"], dtype=np.float64), list(range(columns["joints"].shape[1]))
     if "joint_names" in columns:
         names = [str(name) for name in columns["joint_names"]]
         missing = [name for name in robot.joint_names if name not in names]
@@ -201,7 +210,8 @@ def _joints(columns: Columns, robot: Robot) -> Array:
                 "invalid", f"no column joint_{missing[0]}; {robot.name} has {known}", f"joint_{missing[0]}"
             )
         if not missing:
-            joints = joints[:, [names.index(name) for name in robot.joint_names]]
+            order = [names.index(name) for name in robot.joint_names]
+            joints = joints[:, order]
     if joints.shape[1] != robot.nj:
         raise SurefootError("invalid", f"{joints.shape[1]} joints; {robot.name} has {robot.nj}", "joints")
     low, high = robot.joint_lower - 0.2, robot.joint_upper + 0.2
@@ -216,4 +226,4 @@ def _joints(columns: Columns, robot: Robot) -> Array:
             "invalid", f"row {row}, joint {robot.joint_names[joint]}: {value:.3g} rad is outside "
             f"{robot.joint_lower[joint]:.3g} .. {robot.joint_upper[joint]:.3g} of {robot.name}; {hint}", "joints",
         )  # fmt: skip
-    return np.ascontiguousarray(joints)
+    return order, np.ascontiguousarray(joints)

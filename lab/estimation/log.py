@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from surefoot.geometry.constants import GRAVITY
 from surefoot.services.estimator.feet.mount import FootSample
 
+from .external import Externals
+
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Ints = NDArray[np.int64]
@@ -66,6 +68,7 @@ class Log:
     end_s: float = 0.1  # and end so long before the end
     saturated: Flags | None = None  # (n,) rows that the driver marks as clipped
     order: Ints | None = None  # order of arrival: index of the inertial row, or n + index of the foot sample
+    external: Externals | None = None  # poses, headings, velocities from elsewhere
     chance: Array | None = None  # (m, F) probability of contact, NaN = unknown; None = `contact` is certain
 
     @property
@@ -137,13 +140,17 @@ class Log:
         return (self.seconds >= self.begin_s) & (self.seconds <= self.seconds[-1] - self.end_s)
 
     def arrival(self) -> Ints:
-        """Return the order of arrival, (n + m,): a foot sample follows the first inertial row at or after its stamp."""
+        """Return the order of arrival, (n + m + e,): numbers of inertial rows, n + those of foot samples, then others.
+
+        A sample of the feet or from elsewhere follows the first inertial row at or after its stamp or arrival.
+        """
         if self.order is not None:
             return self.order
         n, m = len(self.stamp_ns), len(self.foot_ns)
-        slot = np.searchsorted(self.stamp_ns, self.foot_ns)  # row that it waits for
-        key = np.concatenate([np.arange(n), np.minimum(slot, n - 1)])
-        return np.lexsort((np.concatenate([np.zeros(n), np.ones(m)]), key))
+        others = np.empty(0, dtype=np.int64) if self.external is None else self.external.arrival_ns
+        slots = np.searchsorted(self.stamp_ns, np.concatenate([self.foot_ns, others]))  # rows that they wait for
+        key = np.concatenate([np.arange(n), np.minimum(slots, n - 1)])
+        return np.lexsort((np.concatenate([np.zeros(n), np.ones(m), np.full(len(others), 2)]), key))
 
     def with_feet(self, keep: Flags | Ints) -> "Log":
         """Return the log with some of the foot samples only; `keep` is a mask or indices, (m,)."""

@@ -13,6 +13,7 @@ from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.feet.mount import feet_in_imu, foot_mount
 
+from .external import released_externals
 from .log import Log, TrueMotion
 from .track import FLAGS, Track
 
@@ -69,14 +70,15 @@ def log_of_columns(name: str, columns: Columns, robot: Robot, **more: Any) -> Lo
     force = columns["force"][pair[keep]]
     stamp = columns["stamp_ns"]
     more.setdefault("rest", _rest(columns))
-    arrival = _released(columns["tick"], columns["joints_tick"][keep])
+    external, ticks = released_externals(columns)
+    arrival = _released(columns["tick"], columns["joints_tick"][keep], ticks)
     return Log(
         name, stamp, np.ascontiguousarray(columns["gyro"]), np.ascontiguousarray(columns["acc"]),
         columns["joints_stamp_ns"][keep], position[keep], rot[keep], contact, _truth(columns, robot),
         touch=touch, force=None if np.isnan(force).all() else force, joints=joints[keep], points=_points(robot),
         radius=mount.radius, rot_base_from_imu=np.ascontiguousarray(mount.rot_imu_from_base.T),
         imu_position=mount.imu_position, robot=robot.name, begin_s=SCORED_FROM_S, order=arrival,
-        saturated=columns["saturated"][:, 0] > 0.5, **more,
+        saturated=columns["saturated"][:, 0] > 0.5, external=external, **more,
     )  # fmt: skip
 
 
@@ -89,10 +91,10 @@ def _rest(columns: Columns) -> tuple[int, int]:
     return max(0, end - REST_ROWS), end
 
 
-def _released(imu: NDArray[np.int64], feet: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the order of arrival by the ticks of release; within a tick the inertial sample comes first."""
-    kind = np.concatenate([np.zeros(len(imu)), np.ones(len(feet))])
-    return np.lexsort((kind, np.concatenate([imu, feet])))
+def _released(*ticks: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the order of arrival by the ticks of release of each source; within a tick sources keep their order."""
+    kind = np.concatenate([np.full(len(each), k) for k, each in enumerate(ticks)])
+    return np.lexsort((kind, np.concatenate(ticks)))
 
 
 def _points(robot: Robot) -> Array | None:

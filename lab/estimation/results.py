@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from .log import Log
 from .scores import Score, base_pose, base_rot, score
+from .smooth import smooth
 from .track import FLAGS, Track, follow
 from .track import track as track_of
 
@@ -29,10 +30,11 @@ SCORED_ROWS = 2_000_000  # logs with truth that are longer are scored on their f
 NIS_BAND = (0.22, 9.35)  # 95 % of chi^2 with 3 degrees of freedom
 PARTS: dict[str, tuple[int, ...]] = {
     "v": (3,), "g": (3,), "p": (6, 6), "position": (3,), "yaw": (), "v_odom": (3,), "nis": (), "gyro_bias": (3,),
-    "acc_bias": (3,),
+    "acc_bias": (3,), "pose": (6, 6),
 }  # fmt: skip
 FILE_NAMES = {
-    "v": "velocity_imu", "g": "g_up_imu", "p": "covariance", "v_odom": "velocity_odom", "slipping": "slipping",
+    "v": "velocity_imu", "g": "g_up_imu", "p": "covariance", "pose": "pose_covariance",
+    "v_odom": "velocity_odom", "slipping": "slipping",
     "contact": "contact_probability",
 }  # fmt: skip
 """Names of quantities in the file where they differ."""
@@ -48,13 +50,14 @@ class Result:
     score: Score | None
 
 
-def estimate(log: Log, name: str, folder: Path, **options: Any) -> Result:
+def estimate(log: Log, name: str, folder: Path, smoothed: bool = False, **options: Any) -> Result:
     """Run an estimator over a log; memory does not grow with the estimates.
 
     Args:
         log: what to run over.
         name: of an estimator of the service, or `paper`.
         folder: for one file per quantity; see `pack`.
+        smoothed: forward and backward, in one piece, see `smooth`; memory holds both passes.
         options: changes of its parameters.
     """
     n, feet = len(log.stamp_ns), log.feet_count
@@ -65,8 +68,14 @@ def estimate(log: Log, name: str, folder: Path, **options: Any) -> Result:
     folder.mkdir(parents=True, exist_ok=True)
     kept: dict[str, Array] = {}
     refused: Mapping[str, int] = {}
+    externals = None
     in_order = log.order is None or bool((np.diff(log.order[log.order < n]) > 0).all())
-    for rows, piece in follow(name, log, ROWS_EACH if in_order else None, **options):
+    pieces = (
+        iter([(slice(0, n), smooth(name, log, **options))])
+        if smoothed
+        else follow(name, log, ROWS_EACH if in_order else None, **options)
+    )
+    for rows, piece in pieces:
         spent += perf_counter() - begun
         if piece.contact is not None:
             shapes["contact"] = (feet,)
@@ -78,19 +87,21 @@ def estimate(log: Log, name: str, folder: Path, **options: Any) -> Result:
                 path = folder / f"{FILE_NAMES.get(key, key)}.npy"
                 kept[key] = open_memmap(path, mode="w+", dtype=values.dtype, shape=(n, *shape))
             kept[key][rows] = values
-        refused, begun = piece.refused, perf_counter()
+        refused, externals, begun = piece.refused, piece.externals, perf_counter()
     kept["stamp_ns"] = open_memmap(folder / "stamp_ns.npy", mode="w+", dtype=np.int64, shape=(n,))
     kept["stamp_ns"][:] = log.stamp_ns
     track = Track(
         name, v=kept["v"], g=kept["g"], p=kept["p"], position=kept["position"], yaw=kept["yaw"],
         v_odom=kept["v_odom"], flags={f: kept[f] for f in FLAGS}, nis=kept["nis"], refused=refused,
         slipping=kept.get("slipping"), contact=kept.get("contact"), gyro_bias=kept.get("gyro_bias"),
-        acc_bias=kept.get("acc_bias"),
+        acc_bias=kept.get("acc_bias"), externals=externals, pose=kept.get("pose"),
     )  # fmt: skip
     found = None
     if log.truth is not None and track.flags["initialised"].any() and n <= SCORED_ROWS and log.scored.sum() > 1:
         found = score(log, track)
-    return Result(log, track, plain({**summary(log, track, found), "us_per_row": 1e6 * spent / n}), found)
+    return Result(
+        log, track, plain({**summary(log, track, found), "smoothed": smoothed, "us_per_row": 1e6 * spent / n}), found
+    )
 
 
 def summary(log: Log, track: Track, found: Score | None) -> dict[str, Any]:
@@ -118,6 +129,8 @@ def summary(log: Log, track: Track, found: Score | None) -> dict[str, Any]:
         out["slipping"] = [
             float(row[good].mean()) if good.any() else None for row, good in zip(sliding.T, known.T, strict=True)
         ]
+    if track.externals is not None:
+        out["external"] = track.externals._asdict()
     if track.gyro_bias is not None and track.acc_bias is not None:
         out["gyro_bias_rad_s"] = [float(x) for x in track.gyro_bias[-1]]
         out["acc_bias_m_s2"] = [float(x) for x in track.acc_bias[-1]]

@@ -52,6 +52,8 @@ class Score:
     ate: float  # m, position after alignment in heading and position, rms
     heading_deg_min: float  # deg/min, |error of the change of heading| at the end over the time
     heading_rms_deg: float  # error of heading after alignment, rms
+    position_nees: float  # of the position since the beginning, mean; 3 = ideal; NaN: no covariance
+    heading_nees: float  # of the heading since the beginning, mean; 1 = ideal
     climb: float  # m/m, error of the change of height over `rpe_m` of path, rms, per metre
 
     @property
@@ -109,8 +111,34 @@ def _trajectory(log: Log, found: Track, heading: float, lengths: Sequence[float]
         "ate": _rms(laid_over(seen.position, true.position) - true.position),
         "heading_deg_min": 60.0 * abs(heading) / float(seconds[-1] - seconds[0]),
         "heading_rms_deg": float(np.degrees(np.std(off))),
+        **_pose_nees(log, found, rows, off),
         "climb": _rms1(height_error(true, seen, pairs)) / length,
     }
+
+
+def _pose_nees(log: Log, found: Track, rows: Flags, off: Array) -> dict[str, float]:
+    """Return NEES of position and heading since the first scored row by the published covariance of the pose.
+
+    Args:
+        log: with truth.
+        found: track over it.
+        rows: those that are scored, (n,).
+        off: estimated less true headings of those rows, rad, (k,).
+    """
+    unknown = {"position_nees": float("nan"), "heading_nees": float("nan")}
+    if found.pose is None:
+        return unknown
+    stated = rows & found.flags["initialised"]
+    if stated.sum() < 2:
+        return unknown
+    use = stated[rows]
+    position = base_pose(log)[0][stated]
+    seen, turn = np.asarray(found.position)[stated], off[use][0]
+    c, s = np.cos(turn), np.sin(turn)
+    true = (position - position[0]) @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])  # odom axes
+    error, pose = seen - seen[0] - true, np.asarray(found.pose[stated])
+    heading = (off[use] - turn)[1:] ** 2 / pose[1:, 5, 5]
+    return {"position_nees": _mean(nees(error[1:], pose[1:, :3, :3])), "heading_nees": _mean(heading)}
 
 
 def smoothed(error: Array, log: Log, seconds: float = WINDOW_S) -> Array:

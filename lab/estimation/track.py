@@ -22,6 +22,7 @@ from surefoot.services.estimator.feet.contact import (
     sole_feet,
 )
 from surefoot.services.estimator.feet.mount import FootMount
+from surefoot.services.estimator.filter.best import ExternalUse
 from surefoot.services.estimator.filter.log import FLAGS, LogInputs, LogRows
 from surefoot.services.estimator.output import OdometryPose, VelocityAndTilt
 from surefoot.services.estimator.params import EstimatorParams
@@ -58,6 +59,9 @@ class Track:
     contact: Array | None = None  # (n, F) probability of contact, where it is estimated
     gyro_bias: Array | None = None  # (n, 3) rad/s
     acc_bias: Array | None = None  # (n, 3) m/s^2
+    joint: Array | None = None  # (n, 12, 12) covariance of g, v, gyro and accelerometer bias, IMU axes, if wanted
+    pose: Array | None = None  # (n, 6, 6) covariance of x, y, z and the rotation about x, y, z, odom axes
+    externals: ExternalUse | None = None  # what has become of samples from elsewhere
 
 
 def track(name: str, log: Log, **options: Any) -> Track:
@@ -66,8 +70,8 @@ def track(name: str, log: Log, **options: Any) -> Track:
     Args:
         name: an estimator of the service or a referee (`PEERS`).
         log: what to run over.
-        options: of a service estimator: changes of its parameters, `hypotheses` = False; of a referee: changes of its
-            noise.
+        options: of a service estimator: changes of its parameters, `hypotheses` = False, `joint` = True for `best`;
+            of a referee: changes of its noise.
 
     Raises:
         SurefootError: there is no such estimator.
@@ -102,7 +106,7 @@ class LogRunner:
     def __init__(self, name: str, log: Log, options: Mapping[str, Any]) -> None:
         self.name, self.feet_count = name, log.feet_count
         changes = {**log.sensors, **options}
-        hypotheses = bool(changes.pop("hypotheses", True))
+        hypotheses, self.joint = bool(changes.pop("hypotheses", True)), bool(changes.pop("joint", False))
         if log.robot is not None:
             robot = load_robot(log.robot)
             params = EstimatorParams.from_robot(robot, start_slope_sd=LEVEL_SD)
@@ -152,7 +156,14 @@ class LogRunner:
             np.ascontiguousarray(log.foot_ns), np.ascontiguousarray(log.foot_position),
             np.ascontiguousarray(log.foot_rot), at_switches(log.switches.astype(np.float64), self._estimator.switches),
         )  # fmt: skip
-        return self._estimator.follow(inputs, part, first, n)
+        if log.external is not None:
+            inputs = inputs._replace(external_ns=log.external.stamp_ns, external=log.external.rows)
+        return self._estimator.follow(inputs, part, first, n, self.joint)
+
+    @property
+    def externals(self) -> ExternalUse:
+        """Counts of the samples from elsewhere, and the frame of their poses."""
+        return self._estimator.externals
 
     @property
     def refused(self) -> dict[str, int]:
@@ -181,6 +192,8 @@ def follow(name: str, log: Log, rows_each: int | None = None, **options: Any) ->
         SurefootError: there is no such estimator.
     """
     check_name(name)
+    if name != BEST:
+        log = replace(log, external=None)  # of `best` alone
     if name in PEERS:
         yield slice(0, len(log.stamp_ns)), PEERS[name](log, options)
         return
@@ -207,7 +220,8 @@ def _whole(running: LogRunner, name: str, log: Log, part: Ints, first: int, n: i
     flags = {flag: np.ascontiguousarray(rows.flags[:, i]) for i, flag in enumerate(FLAGS)}
     return Track(
         name, v, g, rows.covariance, position, rows.yaw, v_odom, flags, nis, running.refused, rows.more[:, 4:],
-        None, gyro_bias, acc_bias,
+        None, gyro_bias, acc_bias, rows.joint if running.joint else None, rows.pose,
+        None if log.external is None else running.externals,
     )  # fmt: skip
 
 

@@ -34,6 +34,7 @@ class Condition(NamedTuple):
     since_velocity_s: float  # since the feet last corrected the velocity
     mistrusted: int  # feet that are left out, bit f for foot f: they contradict what is known of the motion
     blind: bool  # all feet are left out
+    external_out: int = 0  # samples from elsewhere in a row that were left out
 
 
 def flags(c: Condition) -> tuple[bool, bool, bool]:
@@ -61,7 +62,7 @@ flags_of = kernel(flags)
 def is_quiet(c: Condition) -> bool:
     """Return whether the reasons are empty or `STANDING`, provided that no input is silent or of another unit."""
     inputs_ok, filter_ok, sensors_ok = flags_of(c)
-    return inputs_ok and filter_ok and sensors_ok and not c.slipping and c.excess < ROUGH_EXCESS
+    return inputs_ok and filter_ok and sensors_ok and not c.slipping and c.excess < ROUGH_EXCESS and not c.external_out
 
 
 def reasons(
@@ -105,6 +106,8 @@ def reasons(
     if c.mistrusted:
         feet = ", ".join(str(f) for f in range(len(slipping)) if (c.mistrusted >> f) & 1)
         out.append(f"left out: foot {feet}, which contradicts the other sensors: its switch, an encoder, or the order")
+    if c.external_out:
+        out.append(f"left out: {c.external_out} samples from elsewhere, which contradict the estimate")
     if c.slipping:
         out.append("slipping: foot " + ", ".join(str(i) for i in np.flatnonzero(slipping)))
     if c.excess >= ROUGH_EXCESS:

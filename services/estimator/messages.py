@@ -3,12 +3,18 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.schemas.hw import ExternalMotion
 from surefoot.schemas.state import Odometry, StanceEnd, VelocityEstimate
 
 from .feet.slip import FinishedStance
+from .inputs.external import ExternalSample
 from .output import OdometryPose, VelocityAndTilt
+
+PLANAR = np.ix_((0, 1, 2, 5), (0, 1, 2, 5))
+"""Rows and columns of x, y, z and heading in the covariance of a pose."""
 
 
 def velocity_message(e: VelocityAndTilt) -> VelocityEstimate:
@@ -37,6 +43,11 @@ def velocity_message(e: VelocityAndTilt) -> VelocityEstimate:
     )
 
 
+def sample_of(m: ExternalMotion) -> ExternalSample:
+    """Return the sample of a message from elsewhere."""
+    return ExternalSample(m.position, m.position_covariance, m.yaw, m.yaw_variance, m.velocity, m.velocity_covariance)
+
+
 def odometry_message(pose: OdometryPose, initialised: bool, stances: Sequence[FinishedStance] = ()) -> Odometry:
     """Return the message of the dead-reckoned pose and the stances that have ended."""
     return Odometry(
@@ -44,7 +55,8 @@ def odometry_message(pose: OdometryPose, initialised: bool, stances: Sequence[Fi
         quat_wxyz=_list(pose.quat_wxyz),
         yaw=pose.yaw,
         velocity=_list(pose.velocity),
-        covariance=_list(pose.covariance.ravel()),
+        covariance=_list(pose.covariance[PLANAR].ravel()),
+        pose_covariance=_list(pose.covariance.ravel()),
         initialised=initialised,
         stances=tuple(StanceEnd(foot=s.leg, slip=s.slip, begin=s.begin, samples=s.samples) for s in stances),
     )

@@ -50,7 +50,7 @@ class OdometryPose(NamedTuple):
     quat_wxyz: Array  # (4,) rot_odom_from_base
     yaw: float  # rad, not wrapped
     velocity: Array  # (3,) m/s, odom axes
-    covariance: Array  # (4, 4) of x, y, z, yaw
+    covariance: Array  # (6, 6) of x, y, z and the rotation about x, y, z, odom axes
 
 
 @kernel

@@ -8,6 +8,7 @@ from surefoot.robot.reader import load_robot
 from surefoot.schemas.hw import FootContacts, JointState
 from surefoot.schemas.topics import (
     HW_CONTACTS,
+    HW_EXTERNAL,
     HW_IMU,
     HW_JOINTS,
     STATE_ODOMETRY,
@@ -23,7 +24,7 @@ from .feet.contact import touch_rows
 from .feet.mount import foot_mount
 from .feet.slip import FinishedStance, StanceSlip, feet_in_odom
 from .inputs.results import InputResult
-from .messages import odometry_message, velocity_message
+from .messages import odometry_message, sample_of, velocity_message
 from .rehearsal import rehearse
 
 LATE_JOINTS_S = 0.03
@@ -44,7 +45,7 @@ class EstimatorService(Service[EstimatorConfig]):
 
     name = "estimator"
     Config = EstimatorConfig
-    inputs = (HW_IMU, HW_JOINTS, HW_CONTACTS)
+    inputs = (HW_IMU, HW_JOINTS, HW_CONTACTS, HW_EXTERNAL)
     outputs = (STATE_VELOCITY, STATE_ODOMETRY, *VARIANTS.values())
 
     def on_start(self) -> None:
@@ -71,14 +72,17 @@ class EstimatorService(Service[EstimatorConfig]):
             self.estimator.reset(stated=False)
         self._first = False
         imu, joints, contacts = inputs.get(HW_IMU), inputs.get(HW_JOINTS), inputs.get(HW_CONTACTS)
+        external = inputs.get(HW_EXTERNAL)
         if imu is not None:
             self._log("imu", self.estimator.imu(imu.stamp_ns, imu.gyro, imu.acc, imu.saturated))
         if contacts is not None:
             self._contacts = contacts
         if joints is not None and self._contacts is not None:
             self._kinematics(joints, self._contacts)
+        if external is not None:
+            self._log("external", self.estimator.external(external.stamp_ns, sample_of(external)))
         e = self.estimator
-        e.silent = dict(inputs.late)
+        e.silent = {key: age for key, age in inputs.late.items() if key != HW_EXTERNAL.key}  # it may come and go
         self.publish(STATE_VELOCITY, velocity_message(e.estimate(self.config.mode)), e.stamp_ns)
         self.publish(STATE_ODOMETRY, odometry_message(e.pose(), e.initialised, self._stances), e.stamp_ns)
         self._stances = []

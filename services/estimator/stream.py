@@ -12,7 +12,7 @@ from surefoot.robot.description import Robot
 
 from .feet.contact import BestGeometry, ContactPoints, at_switches, contact_points, point_feet
 from .feet.mount import FootMount, FootSample, feet_in_imu, foot_mount, known_feet
-from .filter.best import BestFilter, BestOutput
+from .filter.best import BestFilter, BestOutput, ExternalUse
 from .filter.hypotheses import modes_of
 from .filter.intake import NOW_NS
 from .filter.log import LogInputs, LogRows, new_rows
@@ -20,6 +20,7 @@ from .filter.noise import best_limits, best_noise
 from .health import STANDING, Condition, flags, reasons
 from .inputs.clock import bounded
 from .inputs.counters import InputCheck
+from .inputs.external import ExternalSample
 from .inputs.results import RESULTS, InputResult
 from .output import OdometryPose, VelocityAndTilt, summary
 from .paper.bank import PaperEstimators, PaperOutput
@@ -166,6 +167,29 @@ class Estimator:
                 group.on_feet(sample)
         return result
 
+    def external(self, stamp_ns: int, sample: ExternalSample) -> InputResult:
+        """Take a pose, heading or velocity from elsewhere, e.g. of a camera.
+
+        Args:
+            stamp_ns: time at which it holds, ns, not that of its arrival; one of the last half second is put where it
+                belongs.
+            sample: with its own covariances.
+
+        Returns:
+            The result; nothing raises. One that contradicts the estimate is accepted, left out and counted.
+        """
+        row, result = sample.row()
+        if result.accepted:
+            result = RESULTS[self._best.external(bounded(stamp_ns), row)]
+        if not result.accepted:
+            self.check.external[f"external_{result}"] += 1
+        return result
+
+    @property
+    def externals(self) -> ExternalUse:
+        """Counts of the samples from elsewhere, and the frame of their poses."""
+        return self._best.externals
+
     def _refuse_shape(self, source: str, stamp_ns: int) -> InputResult:
         self._best.outdate()
         return self.check.count(source, InputResult.SHAPE, stamp_ns)
@@ -175,7 +199,7 @@ class Estimator:
             for _, group in self._groups:
                 group.restart_clock()
 
-    def follow(self, log: LogInputs, order: NDArray[np.int64], first: int, n: int) -> LogRows:
+    def follow(self, log: LogInputs, order: NDArray[np.int64], first: int, n: int, joint: bool = False) -> LogRows:
         """Take inputs of a log by `best` alone, as `imu` and `feet` would one by one, to the bit.
 
         Args:
@@ -183,11 +207,14 @@ class Estimator:
             order: of arrival of those to be taken: the number of an inertial row, or all rows + that of a foot sample.
             first: inertial row of the first estimate.
             n: number of estimates.
+            joint: with the covariance of all but the pose.
 
         Returns:
             The estimate after each inertial row and the feet that follow it; rows that did not arrive are zero.
         """
-        rows = new_rows(n, self._feet)
+        rows = new_rows(n, self._feet, joint)
+        if len(log.external_ns):
+            self._best.frame()
         self._best.follow(log, order, rows, first)
         return rows
 

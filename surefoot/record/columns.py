@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from surefoot.errors import SurefootError
 from surefoot.record.recording import read_recording, recording_info
 from surefoot.schemas.base import Message
-from surefoot.schemas.hw import FootContacts, Imu, JointState
+from surefoot.schemas.hw import ExternalMotion, FootContacts, Imu, JointState
 from surefoot.schemas.sim import Truth
 from surefoot.schemas.state import Odometry, VelocityEstimate
 
@@ -20,12 +20,18 @@ SHAPES: dict[str, tuple[int | str, ...]] = {
     "t": ("n",), "stamp_ns": ("n",), "gyro": ("n", 3), "acc": ("n", 3), "saturated": ("n",), "foot_t": ("m",),
     "foot_stamp_ns": ("m",), "foot_position": ("m", "F", 3), "foot_rotation": ("m", "F", 3, 3),
     "foot_quat_wxyz": ("m", "F", 4), "contact": ("m", "F"), "touch": ("m", "F", "S"), "force": ("m", "F"),
-    "joints": ("m", "J"), "true_position": ("n", 3), "true_rotation": ("n", 3, 3), "true_quat_wxyz": ("n", 4),
-    "true_velocity": ("n", 3),
+    "joints": ("m", "J"), "torque": ("m", "J"), "true_position": ("n", 3), "true_rotation": ("n", 3, 3),
+    "true_quat_wxyz": ("n", 4), "true_velocity": ("n", 3),
+    "external_t": ("e",), "external_stamp_ns": ("e",), "external_position": ("e", 3),
+    "external_yaw": ("e",), "external_quat_wxyz": ("e", 4), "external_velocity": ("e", 3),
+    "external_position_covariance": ("e", 3, 3), "external_velocity_covariance": ("e", 3, 3),
+    "external_yaw_variance": ("e",),
 }  # fmt: skip
-"""Columns and their shapes: n inertial rows, m foot samples, F feet, S switches, J joints."""
-METADATA = ("feet", "foot_radius", "sole_size", "contact_on", "contact_off")
-"""Statements on the feet: in NPZ files further arrays, in CSV files lines like `# sole_size = 0.2, 0.1` at the top."""
+"""Columns and their shapes: n inertial rows, m foot samples, F feet, S switches, J joints, e samples from elsewhere."""
+FEET_METADATA = ("feet", "foot_radius", "sole_size", "contact_on", "contact_off")
+"""Statements on the feet."""
+METADATA = (*FEET_METADATA, "external_position_sd", "external_velocity_sd", "external_yaw_sd", "external_delay")
+"""Statements: in NPZ files further arrays, in CSV files lines like `# sole_size = 0.2, 0.1` at the top."""
 
 INPUTS = ("hw/imu", "hw/joints", "hw/contacts")
 """Keys without which nothing is estimated."""
@@ -100,10 +106,29 @@ def _odometry(message: Message) -> dict[str, tuple[float, ...]]:
     return {"published_position": m.position, "published_yaw": (m.yaw,), "published_velocity_odom": m.velocity}
 
 
+def _external(message: Message) -> dict[str, tuple[float, ...]]:
+    return {"external_row": external_numbers(cast(ExternalMotion, message))}
+
+
+def external_numbers(m: ExternalMotion) -> tuple[float, ...]:
+    """Return position, yaw, velocity and their covariances as 26 numbers, NaN = absent."""
+    nan = float("nan")
+
+    def three(value: tuple[float, ...] | None, size: int) -> tuple[float, ...]:
+        return (nan,) * size if value is None else value
+
+    yaw, spread = (nan if x is None else x for x in (m.yaw, m.yaw_variance))
+    return (
+        *three(m.position, 3), yaw, *three(m.velocity, 3), *three(m.position_covariance, 9), spread,
+        *three(m.velocity_covariance, 9),
+    )  # fmt: skip
+
+
 READ: dict[str, tuple[str, Callable[[Message], dict[str, tuple[float, ...]]]]] = {
     "hw/imu": ("", _imu),
     "hw/joints": ("joints_", _joints),
     "hw/contacts": ("contacts_", _contacts),
+    "hw/external": ("external_", _external),
     "sim/truth": ("base_", _truth),
     "state/velocity": ("published_", _velocity),
     "state/odometry": ("odometry_", _odometry),

@@ -25,7 +25,8 @@ GROUPS: tuple[tuple[str, str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("gyro", "gyro_{}", (), XYZ), ("acc", "acc_{}", (), XYZ), ("true_position", "true_p{}", (), XYZ),
     ("true_velocity", "true_v{}", (), XYZ), ("true_quat_wxyz", "true_{}", (), WXYZ),
     ("foot_position", "foot{}_{}", (r"foot(\d+)_x",), XYZ), ("foot_quat_wxyz", "foot{}_{}", (r"foot(\d+)_x",), WXYZ),
-    ("contact", "contact{}", (r"contact(\d+)",), ()),
+    ("external_position", "external_{}", (), XYZ), ("external_velocity", "external_v{}", (), XYZ),
+    ("external_quat_wxyz", "external_{}", (), WXYZ), ("contact", "contact{}", (r"contact(\d+)",), ()),
     ("touch", "contact{}_{}", (r"contact(\d+)_0", r"contact0_(\d+)"), ()), ("force", "force{}", (r"force(\d+)",), ()),
 )  # fmt: skip
 """CSV columns that make one: its name, their template, patterns of those that are counted, labels of the last axis."""
@@ -110,7 +111,7 @@ def _no_number(cells: Sequence[str], names: Sequence[str], row: int, name: str) 
 def _grouped(names: Sequence[str], values: NDArray[np.float64], name: str) -> Columns:
     """Return columns from single ones; rows without any kinematic number carry no foot sample."""
     at = {column: i for i, column in enumerate(names)}
-    out: Columns = {key: values[:, at[key]] for key in ("t", "stamp_ns", "saturated") if key in at}
+    out: Columns = {key: values[:, at[key]] for key in ("t", "stamp_ns", "saturated", "external_yaw") if key in at}
     if "time" in at:
         out.setdefault("t", values[:, at["time"]])
     for key, template, counted, labels in GROUPS:
@@ -127,10 +128,35 @@ def _grouped(names: Sequence[str], values: NDArray[np.float64], name: str) -> Co
     joints = [column for column in names if column.startswith("joint_")]
     if joints:
         out["joints"] = values[:, [at[part] for part in joints]]
+    torques = [f"torque_{column.removeprefix('joint_')}" for column in joints]
+    there = [column for column in torques if column in at]
+    if there and len(there) < len(torques):
+        missing = next(column for column in torques if column not in at)
+        raise SurefootError("invalid", f"{name} has {there[0]!r} but no {missing!r}", missing)
+    if there:
+        out["torque"] = values[:, [at[part] for part in torques]]
     return _without_empty(out, joints)
 
 
+def _split_external(out: Columns) -> Columns:
+    """Give the samples from elsewhere rows of their own, those that have a number, at the time of their row."""
+    external = [key for key in out if SHAPES[key][0] == "e"]
+    stamp = "stamp_ns" if "stamp_ns" in out else "t"
+    if not external or stamp not in out:
+        return out
+    filled = np.any([np.isfinite(out[key]).reshape(len(out[key]), -1).any(axis=1) for key in external], axis=0)
+    inertial = [key for key in ("gyro", "acc") if key in out]
+    bare = filled & np.all([np.isnan(out[key]).all(axis=1) for key in inertial], axis=0) if inertial else ~filled
+    kinematic = [key for key in out if SHAPES[key][0] == "m"]
+    for key in kinematic:  # a row of a sample from elsewhere alone is no other row
+        bare = bare & np.isnan(out[key]).reshape(len(out[key]), -1).all(axis=1)
+    stamps = out[stamp][filled]
+    out = {key: values[filled] if key in external else values[~bare] for key, values in out.items()}
+    return out | {f"external_{stamp}": stamps}
+
+
 def _without_empty(out: Columns, joints: Sequence[str]) -> Columns:
+    out = _split_external(out)
     kinematic = [key for key in out if SHAPES[key][0] == "m"]
     if not kinematic or not len(out[kinematic[0]]):
         return out

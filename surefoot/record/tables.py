@@ -69,6 +69,11 @@ def checked(columns: Columns, name: str, sort: bool = False) -> Columns:
         feet = len(columns["foot_position"] if "foot_position" in columns else columns["joints"])
         if feet != len(out["foot_stamp_ns"]):
             raise SurefootError("invalid", f"{name}: {feet} foot samples and no 'foot_t' of their times", "foot_t")
+    if any(key.startswith("external_") and key in SHAPES for key in columns):
+        if "external_t" not in columns and "external_stamp_ns" not in columns:
+            raise SurefootError("invalid", f"{name} has no 'external_t' of its external samples", "external_t")
+        out["external_stamp_ns"] = _stamps(columns, "external_", name, sort, out["stamp_ns"])
+        out.pop("external_t", None)
     return _ordered(out, columns) if sort else out
 
 
@@ -77,6 +82,7 @@ def _ordered(out: Columns, columns: Columns) -> Columns:
     n, m = len(out["stamp_ns"]), len(out.get("foot_stamp_ns", ()))
     timed = "foot_t" in columns or "foot_stamp_ns" in columns
     by_imu = np.argsort(out["stamp_ns"], kind="stable")
+    by_external = np.argsort(out.get("external_stamp_ns", np.empty(0, dtype=np.int64)), kind="stable")
     by_feet = np.argsort(out["foot_stamp_ns"], kind="stable") if timed else by_imu
     for key in out:
         first = SHAPES.get(key, ("",))[0]
@@ -84,6 +90,8 @@ def _ordered(out: Columns, columns: Columns) -> Columns:
             out[key] = out[key][by_imu]
         elif first == "m" and len(out[key]) == m:
             out[key] = out[key][by_feet]
+        elif first == "e":
+            out[key] = out[key][by_external]
     return out
 
 
@@ -176,7 +184,7 @@ def _check_range(feet: NDArray[np.float64], imu: NDArray[np.float64], key: str, 
     text += f" to {imu.max():.6g} s"
     for factor, unit in () if inside(1.0) else _units(key):
         if inside(factor):
-            raise SurefootError("invalid", f"{text}: the stamps of the feet are in {unit}, multiply by {factor:g}", key)
+            raise SurefootError("invalid", f"{text}: these stamps are in {unit}, multiply by {factor:g}", key)
     if feet.max() < low or feet.min() > high:
         raise SurefootError("invalid", f"{text}: another clock", key)
 

@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from surefoot.kernels.jit import inner_kernel, kernel
 
 from ..feet.contact import BestGeometry, SeenPoints, by_height, points_of
+from .external import take_external
 from .heading import keep_heading, learn_parting, take_back
 from .hypotheses import collapse, likeliest, mix, mode, publish_mean, weigh
 from .layout import CERTAIN, DOUBTED, MOVING, NO_FEET, STARTED, WAITING, E, M, P, X
 from .noise import FIXED, BestLimits, BestNoise, BestSetting
 from .point import lift, retract
+from .pose import grow_pose
 from .samples import ROW_Q, ROW_W, SampleStore, after
 from .start import check_tilt, rests, start_at_rest, start_moving
 from .state import BestState, Felt, felt_variance, forget_velocity, predict, rotation
@@ -315,9 +317,7 @@ def _step(state: BestState, samples: SampleStore, at: int, next_foot: int, setti
         The first row of the feet that is left.
     """
     stamps, rows, feet_stamps, noise = samples.imu_stamps, samples.imu, samples.feet_stamps, setting.noise
-    w, q = np.empty(3), np.empty(3)
-    for i in range(3):
-        w[i], q[i] = rows[at, ROW_W + i], rows[at, ROW_Q + i]
+    w, q = rows[at, ROW_W : ROW_W + 3].copy(), rows[at, ROW_Q : ROW_Q + 3].copy()
     now = stamps[at - 1] if at > 0 else stamps[at]
     felt = felt_variance(state.memory, w, q, noise)
     gap = 1e-9 * (stamps[at] - now)
@@ -341,9 +341,9 @@ def _step(state: BestState, samples: SampleStore, at: int, next_foot: int, setti
         _predict(state, w, q, 1e-9 * (end - now), noise, felt, hidden)
         now = end
         if now == lost:
-            for i in range(3):
-                w[i], q[i] = rows[at, ROW_W + i], rows[at, ROW_Q + i]
+            w[:], q[:] = rows[at, ROW_W : ROW_W + 3], rows[at, ROW_Q : ROW_Q + 3]
     state.memory[M.age] += gap
+    grow_pose(state, gap, noise)
     if settled(state) and state.memory[M.phase] != STARTED:  # it stays so
         state.memory[M.phase] = STARTED if state.memory[M.age] > FIXED.fresh_age else CERTAIN
     return next_foot
@@ -362,8 +362,7 @@ def _rest_or_start(state: BestState, samples: SampleStore, at: int, next_foot: i
     memory[M.rest] = memory[M.rest] + 1.0 if resting else 0.0
     if resting:
         collapse(state, setting.geometry.foot)
-        for i in range(M.lag, M.lag + 3):
-            memory[i] = 0.0
+        memory[M.lag : M.lag + 3] = 0.0
     moving = memory[M.phase] == MOVING or memory[M.phase] == CERTAIN
     fresh = moving and memory[M.age] < FIXED.fresh_age
     if resting and (fresh or not settled(state)) and memory[M.phase] != DOUBTED:
@@ -394,6 +393,8 @@ def advance(state: BestState, samples: SampleStore, begin: int, setting: BestSet
     for at in range(begin, stamps.size):
         if state.memory[M.phase] != WAITING:
             next_foot = _step(state, samples, at, next_foot, setting)
+            if samples.external_stamps.size > 0 and settled(state):
+                take_external(state, samples, at, setting)
         _limit_speed(state, foot, setting.limits.max_speed)
         next_foot = _rest_or_start(state, samples, at, next_foot, setting)
     publish_mean(state, foot)

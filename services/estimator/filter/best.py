@@ -1,5 +1,6 @@
 """The `best` estimator: velocity, tilt, biases, position and heading by one filter over all samples in their order."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,11 +15,12 @@ from ..inputs.counters import InputCheck
 from ..inputs.results import RESTART
 from ..output import express
 from .hypotheses import modes_of
-from .intake import FilterParts, boxed, new_clock, restart, take_feet, take_imu
+from .intake import FilterParts, boxed, new_clock, restart, take_external, take_feet, take_imu
+from .layout import M, X
 from .log import LogInputs, LogRows, follow_log
 from .noise import FIXED, BestLimits, BestNoise, BestSetting
 from .replay import bring_up, clear, new_replay
-from .state import new_state
+from .state import FRAME, fit_in, new_state
 from .summary import QUAT, R, condition, summary
 
 Array = NDArray[np.float64]
@@ -34,7 +36,7 @@ class BestOutput(NamedTuple):
     position: Array  # (3,) m, base_link in odom
     quat_wxyz: Array  # (4,) rot_odom_from_base
     v_odom: Array  # (3,) m/s, base_link
-    pose_covariance: Array  # (4, 4) of x, y, z, yaw
+    pose_covariance: Array  # (6, 6) of x, y, z and the rotation about x, y, z, odom axes
     gyro_bias: Array  # (3,) rad/s
     acc_bias: Array  # (3,) m/s^2
     sliding: Array  # (L,) probability that a foot slides; NaN: it does not stand
@@ -48,6 +50,15 @@ class BestOutput(NamedTuple):
     expressed: Array  # (5, 3) see `express`
     flags: tuple[bool, bool, bool]  # see `flags_of`
     quiet: bool  # see `is_quiet`
+
+
+class ExternalUse(NamedTuple):
+    """Counts of the samples from elsewhere, and the frame of their poses."""
+
+    used: int
+    left_out: int  # since they contradicted the estimate
+    frames: int  # times that the frame of their poses was found: 1, and one more for each jump of it
+    yaw: float  # rad, turn of that frame against odom; NaN: unknown
 
 
 @kernel
@@ -129,6 +140,24 @@ class BestFilter:
             code = take_feet(self._box, stamp_ns, position, rot, contact, True)
         return code
 
+    def external(self, stamp_ns: int, row: Array) -> int:
+        """Take a sample from elsewhere, (26,) as `samples.ExternalLayout`; return the code of its result."""
+        self.outdate()
+        self.frame()
+        return take_external(self._box, stamp_ns, row)
+
+    def frame(self) -> None:
+        """Add the frame of poses from elsewhere to the state, unless it has one."""
+        parts = self.parts
+        feet, points, modes = parts.check.feet.shape[0], len(parts.state.points), len(parts.state.weight)
+        if parts.state.x.size > X.points + 3 * points:
+            return
+        state, replay = new_state(points, modes, FRAME), new_replay(feet, points, modes, FRAME)
+        fit_in(parts.state, state)
+        fit_in(parts.replay.snapshots, replay.snapshots)
+        snapshots = replay.snapshots
+        self.__setstate__(parts._replace(state=state, replay=parts.replay._replace(snapshots=snapshots)))
+
     def _restart(self) -> None:
         report(self._box)
         restart(self._box)
@@ -152,6 +181,15 @@ class BestFilter:
                 nis, excess, since, standing, settled, slipping, expressed, flags, quiet,
             )  # fmt: skip
         return self._output
+
+    @property
+    def externals(self) -> ExternalUse:
+        """Counts of the samples from elsewhere, and the frame of their poses."""
+        _ = self.output  # brings the state up
+        memory, x = self.parts.state.memory, self.parts.state.x
+        left_out = int(memory[M.externals_out])
+        yaw = float(x[-1]) if memory[M.framed] > 0.0 else math.nan
+        return ExternalUse(int(memory[M.externals]) - left_out, left_out, int(memory[M.frames]), yaw)
 
     @property
     def condition(self) -> Condition:

@@ -32,7 +32,8 @@ Feet = NDArray[np.int64]
 
 OWN = (
     *range(M.last_gyro, M.last_gyro + 3), *range(M.last_acc, M.last_acc + 3), M.phase, M.rest, M.age, M.slide_product,
-    M.slide_square, *range(M.own_bias, M.parting + 1),
+    M.slide_square, *range(M.own_bias, M.parting + 1), M.framed, M.jumps, M.left_out, M.externals, M.externals_out,
+    M.frames, *range(M.pose_extra, M.pose_extra + 7),
 )  # fmt: skip
 """Numbers of the memory that belong to the state, not to its hypotheses."""
 MEAN = (M.excess, M.innovation, M.innovation + 1, M.innovation + 2, M.lag, M.lag + 1, M.lag + 2)
@@ -81,6 +82,9 @@ def _distance(a: BestState, b: BestState, out: Array) -> None:
             r = turned(rot, b.x[at : at + 3])
             for i in range(3):
                 out[E.points + 3 * k + i] = a.x[at + i] - r[i]
+    end = 3 * a.points.shape[0]
+    for i in range(a.x.size - X.points - end):
+        out[E.points + end + i] = a.x[X.points + end + i] - b.x[X.points + end + i]
 
 
 @kernel

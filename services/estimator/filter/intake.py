@@ -11,10 +11,11 @@ from surefoot.kernels.jit import kernel
 from ..feet.contact import probabilities
 from ..feet.mount import known_feet
 from ..inputs.check import IMU, KINEMATICS, CheckLimits, CheckState, check_feet, check_imu, check_units, count_result
-from ..inputs.results import DUPLICATE, RESTART, SATURATED
+from ..inputs.clock import WINDOW_NS
+from ..inputs.results import AHEAD, DUPLICATE, LATE, OK, RESTART, SATURATED
 from .noise import BestSetting
-from .replay import FEET_END, IMU_END, Replay, note_sample, restart_clock
-from .samples import insert_feet, insert_imu
+from .replay import EXTERNAL_END, FEET_END, IMU_END, Replay, note_sample, restart_clock
+from .samples import insert_external, insert_feet, insert_imu
 from .state import BestState
 
 Array = NDArray[np.float64]
@@ -118,6 +119,22 @@ def take_feet(
     if stands:
         stamps[CONTACT_NS] = max(stamps[CONTACT_NS], stamp_ns)
     return code
+
+
+@kernel
+def take_external(box: KernelBox[FilterParts], stamp_ns: int, row: Array) -> int:
+    """Insert a sample from elsewhere, (26,) as `samples.ExternalLayout`, in place; return the code of its result."""
+    parts = box.parts
+    now = parts.clock.stamps[NOW_NS]
+    if stamp_ns <= now - WINDOW_NS:
+        return LATE
+    if stamp_ns > now + WINDOW_NS:
+        return AHEAD
+    end = insert_external(parts.replay.samples, parts.replay.marks[EXTERNAL_END], stamp_ns, row)
+    if end < 0:
+        return DUPLICATE
+    note_sample(parts.replay, EXTERNAL_END, end, stamp_ns)
+    return OK
 
 
 @kernel

@@ -17,7 +17,8 @@ class StateLayout(NamedTuple):
     pos: int = 18
     """Position of the IMU in odom, (3,) m."""
     points: int = 21
-    """Contact points from the IMU, odom axes, (3,) m each: point k begins at `points` + 3 k."""
+    """Contact points from the IMU, odom axes, (3,) m each: point k begins at `points` + 3 k. Behind them, if there are
+    poses from elsewhere, shift (3,) m and turn, rad, of their frame, see `external`."""
 
 
 class ErrorLayout(NamedTuple):
@@ -59,7 +60,7 @@ class PointLayout(NamedTuple):
 
 
 class MemoryLayout(NamedTuple):
-    """First index of each part of `BestState.memory`, (34,)."""
+    """First index of each part of `BestState.memory`, (47,)."""
 
     excess: int = 0
     """Factor of the inertial noise over the sensor's."""
@@ -105,10 +106,24 @@ class MemoryLayout(NamedTuple):
     """Rate at which they have parted since, 1/s; see `parting.learn_parting`."""
     parting: int = 33
     """Mean square of such rates, 1/s^2."""
+    framed: int = 34
+    """1 while the frame of poses from elsewhere is known, else 0."""
+    jumps: int = 35
+    """Poses from elsewhere in a row that were left out."""
+    left_out: int = 36
+    """Samples from elsewhere in a row that were left out."""
+    externals: int = 37
+    """Samples from elsewhere so far."""
+    externals_out: int = 38
+    """Those of them that were left out."""
+    frames: int = 39
+    """Frames of poses from elsewhere that were found."""
+    pose_extra: int = 40
+    """Covariance of the pose beside that of the filter, (7,), see `pose`."""
 
 
 X, E, P, M = StateLayout(), ErrorLayout(), PointLayout(), MemoryLayout()
-POINT_COLUMNS, MEMORY = P.mistrust + 1, M.parting + 1
+POINT_COLUMNS, MEMORY = P.mistrust + 1, M.pose_extra + 7
 """Number of columns of a point, and of numbers in the memory."""
 WAITING, MOVING, STARTED, DOUBTED, CERTAIN = 0.0, 1.0, 2.0, 3.0, 4.0
 """Phases of the start: none yet, in motion, at rest, in motion after the tilt proved wrong, in motion and certain."""

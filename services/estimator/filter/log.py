@@ -15,9 +15,11 @@ from surefoot.kernels.jit import inner_kernel, kernel
 from ..health import flags_of
 from ..inputs.check import REFUSED
 from ..inputs.results import RESTART
-from .intake import FilterParts, restart, take_feet, take_imu
+from .intake import FilterParts, restart, take_external, take_feet, take_imu
 from .replay import bring_up
-from .summary import QUAT, YAW, condition, summary
+from .samples import EXTERNAL_WIDTH
+from .state import rotation
+from .summary import QUAT, YAW, condition, joint_covariance, summary
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -38,6 +40,8 @@ class LogInputs(NamedTuple):
     position: Array  # (m, L, 3) m, IMU axes
     rot: Array  # (m, L, 3, 3) rot_imu_from_foot
     contact: Array  # (m, L, S) probability at each switch, NaN = unknown
+    external_ns: Ints = np.zeros(0, dtype=np.int64)  # (e,) samples from elsewhere
+    external: Array = np.zeros((0, EXTERNAL_WIDTH))  # (e, 26) see `samples.ExternalLayout`
 
 
 class LogRows(NamedTuple):
@@ -46,17 +50,21 @@ class LogRows(NamedTuple):
     vectors: Array  # (n, 8, 3) see `summary.RowLayout`
     more: Array  # (n, 4 + L) quaternion of base_link in odom, probability of sliding of each foot
     covariance: Array  # (n, 6, 6) of (g, v)
-    pose: Array  # (n, 4, 4) covariance of x, y, z, yaw
+    pose: Array  # (n, 6, 6) covariance of the pose, see `pose.pose_covariance`
     yaw: Array  # (n,) rad, not wrapped
     flags: Flags  # (n, 5)
     refused: Ints  # (n,) inputs refused so far
+    joint: (
+        Array  # (n, 12, 12) covariance of (g, v) and the biases of gyro and accelerometer, or (0, 12, 12): not wanted
+    )
 
 
-def new_rows(n: int, feet: int) -> LogRows:
-    """Return room for n rows of L feet."""
+def new_rows(n: int, feet: int, joint: bool = False) -> LogRows:
+    """Return room for n rows of L feet; `joint`: with the covariance of all but the pose."""
     return LogRows(
-        np.zeros((n, 8, 3)), np.zeros((n, QUAT + feet)), np.zeros((n, 6, 6)), np.zeros((n, 4, 4)),
+        np.zeros((n, 8, 3)), np.zeros((n, QUAT + feet)), np.zeros((n, 6, 6)), np.zeros((n, 6, 6)),
         np.zeros(n), np.zeros((n, len(FLAGS)), dtype=np.bool_), np.zeros(n, dtype=np.int64),
+        np.zeros((n if joint else 0, 12, 12)),
     )  # fmt: skip
 
 
@@ -66,6 +74,8 @@ def _note_row(rows: LogRows, at: int, parts: FilterParts) -> None:
     clock, flags = parts.clock, rows.flags
     vectors, more, covariance, pose = summary(parts.state, parts.setting.geometry, clock.w, parts.check.feet.shape[0])
     rows.vectors[at], rows.more[at], rows.covariance[at], rows.pose[at] = vectors, more, covariance, pose
+    if rows.joint.shape[0] > 0:
+        rows.joint[at] = joint_covariance(rotation(parts.state.x), parts.state.cov)
     clock.yaw[0] += wrap_angle(vectors[YAW] - clock.yaw[0])
     rows.yaw[at], rows.refused[at] = clock.yaw[0], parts.check.marks[REFUSED]
     c = condition(parts, vectors, more, covariance)
@@ -78,13 +88,15 @@ def follow_log(order: Ints, log: LogInputs, rows: LogRows, first: int, box: Kern
     """Take the inputs of a log, in place, and write the estimate after each inertial row and the feet that follow it.
 
     Args:
-        order: of arrival: the number of an inertial row, or n + that of a sample of the feet.
+        order: of arrival: the number of an inertial row, n + that of a sample of the feet, or n + m + that of one from
+            elsewhere.
         log: the inputs.
         rows: for the estimates, those of row `first` and later.
         first: see `rows`.
         box: of the filter.
     """
     n, row, parts = log.stamp_ns.size, -1, box.parts
+    feet_end = n + log.foot_ns.size
     for i in range(order.size):
         at = order[i]
         if at < n:
@@ -95,6 +107,9 @@ def follow_log(order: Ints, log: LogInputs, rows: LogRows, first: int, box: Kern
                 restart(box)
                 take_imu(box, stamp_ns, w, q, clipped, True)  # pyright: ignore[reportArgumentType]
             row = at - first
+        elif at >= feet_end:
+            e = at - feet_end
+            take_external(box, int(log.external_ns[e]), log.external[e])
         else:
             m = at - n
             stamp_ns, position, rot, contact = int(log.foot_ns[m]), log.position[m], log.rot[m], log.contact[m]

@@ -229,6 +229,16 @@ class FixedNumbers(NamedTuple):
     """Cosine of the tilt (40 deg) beyond which a robot has fallen, and lost its feet by that."""
     falling: float = 0.1
     """Share by which the mean specific force of a robot that stands may differ from gravity; in a fall it is less."""
+    # published pose
+    pose_walk: float = 0.001
+    """Walk of the position while the excess of the inertial noise is sqrt(2), m/sqrt(s): feet and legs err as well."""
+    # poses, headings and velocities from elsewhere
+    frame_sd: float = 100.0
+    """Standard deviation of the shift of a frame that is unknown, m; it is laid so that its first pose fits."""
+    frame_turn_sd: float = 3.0
+    """Standard deviation of the turn of such a frame, rad; likewise."""
+    most_jumps: float = 10.0
+    """Poses in a row that do not fit after which their frame has jumped: 1 s of a camera."""
     length_sd: float = 0.01
     """Standard deviation of the length of g, m/s^2, which the state takes as known."""
 

@@ -70,10 +70,14 @@ def retract(state: BestState, xi: Array) -> None:
             seen = turned(turn, back)
             for i in range(3):
                 x[X.points + 3 * k + i] = seen[i]
+    end = 3 * points.shape[0]
+    for i in range(x.size - X.points - end):
+        x[X.points + end + i] -= xi[E.points + end + i]
 
 
 @kernel
-def _determinant(m: Array) -> float:
+def determinant(m: Array) -> float:
+    """Return the determinant of m (3, 3)."""
     return float(
         m[0, 0] * (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1])
         - m[0, 1] * (m[1, 0] * m[2, 2] - m[1, 2] * m[2, 0])
@@ -120,7 +124,7 @@ def observe(
         new = state.points[k, P.new] > 0.0
         state.points[k, P.misfit] = FIXED.most_misfits if new else state.points[k, P.misfit] + 1.0
         if state.points[k, P.misfit] >= FIXED.most_misfits:
-            return misfit, -0.5 * (FIXED.outlier + math.log(_determinant(stays)))
+            return misfit, -0.5 * (FIXED.outlier + math.log(determinant(stays)))
         wider = (z[0] ** 2 + z[1] ** 2 + z[2] ** 2) / 3.0  # an outlier holds little information
         for i in range(3):
             stays[i, i] += wider
@@ -130,11 +134,11 @@ def observe(
         state.points[k, P.misfit] = state.points[k, P.new] = 0.0
     inverse_0 = inverse3(stays)[0]
     nis = quadratic(z, inverse_0)
-    likely = -0.5 * (min(nis, FIXED.outlier) + math.log(_determinant(stays)))
+    likely = -0.5 * (min(nis, FIXED.outlier) + math.log(determinant(stays)))
     if not hypotheses:
         _stay(state, row, z, inverse_0)
     else:
-        ratio = 0.5 * (nis - quadratic(z, inverse_1) + math.log(_determinant(stays) / _determinant(slides)))
+        ratio = 0.5 * (nis - quadratic(z, inverse_1) + math.log(determinant(stays) / determinant(slides)))
         weight = _weigh_slide(state.points[k], contact, ratio, noise)
         _mix(state, row, z, inverse_0, inverse_1, shift, weight)
     return misfit, likely

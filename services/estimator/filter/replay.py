@@ -21,9 +21,10 @@ SNAPSHOTS = 3 + WINDOW_NS // SNAPSHOT_NS
 """Snapshots that are kept: those of the window in which samples may be late."""
 NOTHING = 2**62
 """`DIRTY_NS` without late samples."""
-IMU_END, FEET_END, DONE_NS, DIRTY_NS, FIRST, COUNT = range(6)
+IMU_END, FEET_END, DONE_NS, DIRTY_NS, FIRST, COUNT, EXTERNAL_END = range(7)
 """Parts of `Replay.marks`: number of inertial samples and of samples of the feet; stamp of the last inertial sample in
-the state; oldest stamp of the samples that came after their time; first snapshot in the ring, and their number."""
+the state; oldest stamp of the samples that came after their time; first snapshot in the ring, and their number;
+number of samples from elsewhere."""
 
 
 class Replay(NamedTuple):
@@ -31,18 +32,18 @@ class Replay(NamedTuple):
 
     samples: SampleStore
     marks: Stamps
-    """Counts and stamps, (6,), see `IMU_END` and the names beside it."""
+    """Counts and stamps, (7,), see `IMU_END` and the names beside it."""
     snapshot_ns: Stamps
     """Stamp of the last inertial sample in each snapshot, (S,) ns."""
     snapshots: BestState
     """Arrays of S states."""
 
 
-def new_replay(feet: int, points: int, modes: int = 0) -> Replay:
+def new_replay(feet: int, points: int, modes: int = 0, frame: int = 0) -> Replay:
     """Return an empty replay for states of so many points and hypotheses; `clear` makes its first snapshot."""
     return Replay(
-        new_samples(feet, points), np.zeros(COUNT + 1, dtype=np.int64), np.zeros(SNAPSHOTS, dtype=np.int64),
-        BestState(*(np.stack([part] * SNAPSHOTS) for part in new_state(points, modes))),
+        new_samples(feet, points), np.zeros(EXTERNAL_END + 1, dtype=np.int64), np.zeros(SNAPSHOTS, dtype=np.int64),
+        BestState(*(np.stack([part] * SNAPSHOTS) for part in new_state(points, modes, frame))),
     )  # fmt: skip
 
 
@@ -82,7 +83,7 @@ def _go_back(replay: Replay, state: BestState) -> None:
 def clear(replay: Replay, state: BestState) -> None:
     """Forget all samples and snapshots but the state itself, in place."""
     marks = replay.marks
-    marks[IMU_END] = marks[FEET_END] = marks[FIRST] = marks[COUNT] = 0
+    marks[IMU_END] = marks[FEET_END] = marks[EXTERNAL_END] = marks[FIRST] = marks[COUNT] = 0
     marks[DONE_NS], marks[DIRTY_NS] = -1, NOTHING
     _snap(replay, state)
 
@@ -102,7 +103,7 @@ def bring_up(replay: Replay, state: BestState, setting: BestSetting) -> None:
     marks, samples = replay.marks, replay.samples
     if marks[DIRTY_NS] != NOTHING:
         _go_back(replay, state)
-    count, m = marks[IMU_END], marks[FEET_END]
+    count, m, e = marks[IMU_END], marks[FEET_END], marks[EXTERNAL_END]
     stamps = samples.imu_stamps[:count]
     while count > 0 and marks[DONE_NS] < stamps[count - 1]:
         last = (marks[FIRST] + marks[COUNT] - 1) % SNAPSHOTS
@@ -111,7 +112,7 @@ def bring_up(replay: Replay, state: BestState, setting: BestSetting) -> None:
         end = max(begin + 1, after(stamps, due))  # pyright: ignore[reportArgumentType] - likewise
         part = SampleStore(
             stamps[:end], samples.imu[:end], samples.feet_stamps[:m], samples.feet[:m], samples.foot_rots[:m],
-            samples.contact[:m], samples.closed[:m],
+            samples.contact[:m], samples.closed[:m], samples.external_stamps[:e], samples.external[:e],
         )  # fmt: skip
         advance(state, part, begin, setting)
         marks[DONE_NS] = stamps[end - 1]

@@ -18,6 +18,32 @@ ROW_W, ROW_Q = 0, 3
 """First columns of gyro and accelerometer in an inertial row."""
 
 
+EXTERNAL_CAPACITY = 256
+"""Samples from elsewhere that are kept; at 100 Hz 2 s."""
+
+
+class ExternalLayout(NamedTuple):
+    """First index of each part of a sample from elsewhere, (26,); NaN: it has no such part."""
+
+    position: int = 0
+    """IMU in the frame of the source, (3,) m."""
+    yaw: int = 3
+    """Heading of base_link in that frame, rad."""
+    velocity: int = 4
+    """Velocity of the IMU, IMU axes, (3,) m/s."""
+    position_covariance: int = 7
+    """By rows, (9,) m^2."""
+    yaw_variance: int = 16
+    """rad^2."""
+    velocity_covariance: int = 17
+    """By rows, (9,) (m/s)^2."""
+
+
+EX = ExternalLayout()
+EXTERNAL_WIDTH = EX.velocity_covariance + 9
+"""Numbers of a sample from elsewhere."""
+
+
 class SampleStore(NamedTuple):
     """Samples of both sources by rising stamps; the first n and m of N rows are filled."""
 
@@ -35,6 +61,10 @@ class SampleStore(NamedTuple):
     """Probability of contact of each contact point, (N, K); NaN: unknown."""
     closed: Stamps
     """Closed switches of each foot, (N, L), bit s for switch s."""
+    external_stamps: Stamps = np.zeros(0, dtype=np.int64)
+    """Of samples from elsewhere, (M,) ns."""
+    external: Array = np.zeros((0, EXTERNAL_WIDTH))
+    """Those samples, (M, 26), see `ExternalLayout`."""
 
 
 def new_samples(feet: int, points: int) -> SampleStore:
@@ -43,6 +73,7 @@ def new_samples(feet: int, points: int) -> SampleStore:
     return SampleStore(
         np.zeros(n, dtype=np.int64), np.zeros((n, 6)), np.zeros(n, dtype=np.int64), np.zeros((n, feet, 3)),
         np.zeros((n, feet, 3, 3)), np.zeros((n, points)), np.zeros((n, feet), dtype=np.int64),
+        np.zeros(EXTERNAL_CAPACITY, dtype=np.int64), np.zeros((EXTERNAL_CAPACITY, EXTERNAL_WIDTH)),
     )  # fmt: skip
 
 
@@ -144,4 +175,26 @@ def insert_feet(
     stamps[at] = stamp_ns
     samples.feet[at], samples.foot_rots[at], samples.contact[at] = position, rot, contact
     samples.closed[at] = closed
+    return end + 1
+
+
+@kernel
+def insert_external(samples: SampleStore, end: int, stamp_ns: int, row: Array) -> int:
+    """Insert a sample from elsewhere, (26,), among the first `end` rows, in place.
+
+    Returns:
+        The number of rows then; -1: there is a sample of this stamp.
+    """
+    stamps = samples.external_stamps
+    at = place_of(stamps[:end], stamp_ns)
+    if at < 0:
+        return -1
+    if end == EXTERNAL_CAPACITY:
+        keep = EXTERNAL_CAPACITY // 2
+        keep_newest(stamps, keep)
+        keep_newest(samples.external, keep)
+        at, end = max(at - keep, 0), keep
+    make_room(stamps, at, end)
+    make_room(samples.external, at, end)
+    stamps[at], samples.external[at] = stamp_ns, row
     return end + 1

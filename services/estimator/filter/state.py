@@ -54,7 +54,7 @@ class BestState(NamedTuple):
     turn: Array
     """rot_odom_from_foot at the last sample of the feet, (K, 3, 3)."""
     memory: Array
-    """Numbers beside the state, (34,), see `MemoryLayout`."""
+    """Numbers beside the state, (47,), see `MemoryLayout`."""
     mode_x: Array
     """`x` of each hypothesis, (H, 21 + 3 K)."""
     mode_cov: Array
@@ -64,14 +64,24 @@ class BestState(NamedTuple):
     mode_turn: Array
     """`turn` of each hypothesis, (H, K, 3, 3)."""
     mode_memory: Array
-    """`memory` of each hypothesis, (H, 34)."""
+    """`memory` of each hypothesis, (H, 47)."""
     weight: Array
     """Probabilities of the hypotheses, (H,); all 0 while there is only the state itself."""
 
 
-def new_state(points: int, modes: int = 0) -> BestState:
-    """Return an empty state of so many contact points and hypotheses, level, at rest, with wide covariance."""
-    x, cov = np.zeros(X.points + 3 * points), np.eye(E.points + 3 * points) * FIXED.free
+FRAME = 4
+"""Numbers of the frame of poses from elsewhere: shift and turn."""
+
+
+def new_state(points: int, modes: int = 0, frame: int = 0) -> BestState:
+    """Return an empty state, level, at rest, with wide covariance.
+
+    Args:
+        points: number of contact points.
+        modes: number of hypotheses.
+        frame: `FRAME` for poses from elsewhere, or 0.
+    """
+    x, cov = np.zeros(X.points + 3 * points + frame), np.eye(E.points + 3 * points + frame) * FIXED.free
     x[X.rot] = x[X.rot + 4] = x[X.rot + 8] = 1.0
     memory = np.zeros(MEMORY)
     memory[M.excess], memory[M.since], memory[M.lost_for] = 1.0, NO_FEET, LONG_AGO
@@ -84,6 +94,12 @@ def copy_state(source: BestState, target: BestState) -> None:
     """Copy every array of a state into those of another."""
     for a, b in zip(source, target, strict=True):
         b[...] = a
+
+
+def fit_in(source: BestState, target: BestState) -> None:
+    """Copy every array of a state into the first part of the larger one of another."""
+    for a, b in zip(source, target, strict=True):
+        b[tuple(slice(0, size) for size in a.shape)] = a
 
 
 @kernel

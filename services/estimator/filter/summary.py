@@ -17,8 +17,9 @@ from ..inputs.check import faults_at
 from ..output import healthy
 from .advance import settled
 from .intake import CONTACT_NS, FEET_NS, NOW_NS, FilterParts
-from .layout import E, M, P, X
+from .layout import M, P, X
 from .noise import FIXED
+from .pose import pose_covariance
 from .state import BestState, rotation
 
 Array = NDArray[np.float64]
@@ -54,28 +55,50 @@ QUAT = 4
 
 
 @kernel
-def _covariances(rot: Array, cov: Array) -> tuple[Array, Array]:
-    """Return the covariance of (g, v) in IMU axes (6, 6), and of x, y, z, yaw in odom (4, 4)."""
-    by = np.zeros((6, 6))
+def _imu_errors(rot: Array, size: int) -> Array:
+    """Return the matrix (size, size) by which the first errors of the state are errors of (g, v) in IMU axes, and more.
+
+    With R_hat = exp([xi_R]) R the error of g = R^T G is R^T [G] xi_R, that of v is R^T xi_v; what follows stays.
+
+    Args:
+        rot: rot_odom_from_imu R, (3, 3).
+        size: 6, or 12 with the biases of gyro and accelerometer.
+    """
+    by = np.zeros((size, size))
     for i in range(3):
-        by[i, 0], by[i, 1] = -GRAVITY * rot[1, i], GRAVITY * rot[0, i]
+        by[i, 0], by[i, 1] = GRAVITY * rot[1, i], -GRAVITY * rot[0, i]
         for k in range(3):
             by[3 + i, 3 + k] = rot[k, i]
-    block, pose, index = np.empty((6, 6)), np.empty((4, 4)), np.array([E.pos, E.pos + 1, E.pos + 2, E.rot + 2])
-    for i in range(6):
-        for k in range(6):
-            block[i, k] = cov[i, k]
-    out = congruence(by, block)
+    for i in range(6, size):
+        by[i, i] = 1.0
+    return by
+
+
+@kernel
+def joint_covariance(rot: Array, cov: Array) -> Array:
+    """Return the covariance (12, 12) of g, v, gyro and accelerometer bias in IMU axes."""
+    out = congruence(_imu_errors(rot, 12), np.ascontiguousarray(cov[:12, :12]))
     for i in range(3):
         for k in range(3):
             out[i, k] += FIXED.length_sd**2 * rot[2, i] * rot[2, k]
-    for i in range(4):
-        for k in range(4):
-            pose[i, k] = cov[index[i], index[k]]
+    return out
+
+
+@kernel
+def _covariance(rot: Array, cov: Array) -> Array:
+    """Return the covariance of (g, v) in IMU axes, (6, 6)."""
+    block = np.empty((6, 6))
+    for i in range(6):
+        for k in range(6):
+            block[i, k] = cov[i, k]
+    out = congruence(_imu_errors(rot, 6), block)
+    for i in range(3):
+        for k in range(3):
+            out[i, k] += FIXED.length_sd**2 * rot[2, i] * rot[2, k]
     for i in range(6):
         for k in range(i):
             out[i, k] = out[k, i] = 0.5 * (out[i, k] + out[k, i])
-    return out, pose
+    return out
 
 
 @kernel
@@ -83,7 +106,8 @@ def summary(state: BestState, geometry: BestGeometry, w: Array, feet: int) -> tu
     """Return vectors by rows (8, 3), see `RowLayout`; quaternion and probabilities of sliding; covariances.
 
     The quaternion (4,) of base_link in odom and the probability that each foot slides (L,), NaN for a foot that does
-    not stand, are one array. For the covariances see `_covariances`.
+    not stand, are one array. Covariances are that of (g, v) in IMU axes, (6, 6), and that of the pose, (6, 6), see
+    `pose_covariance`.
 
     Args:
         state: the state.
@@ -124,8 +148,7 @@ def summary(state: BestState, geometry: BestGeometry, w: Array, feet: int) -> tu
             count[geometry.foot[k]] += 1.0
     for f in range(feet):
         more[QUAT + f] = more[QUAT + f] / count[f] if count[f] > 0.0 else math.nan
-    covariance, pose = _covariances(rot, state.cov)
-    return rows, more, covariance, pose
+    return rows, more, _covariance(rot, state.cov), pose_covariance(state, arm)
 
 
 @kernel
@@ -151,5 +174,5 @@ def condition(parts: FilterParts, vectors: Array, more: Array, covariance: Array
         healthy(vectors[R.g], vectors[R.v], covariance), vectors[NIS],
         slipping, vectors[EXCESS], faults_at(parts.check, parts.check_limits, parts.noisy, now),
         1e-9 * (now - stamps[FEET_NS]), since_contact_s, since_contact_s, mistrusted,
-        mistrusted == (1 << parts.check.feet.shape[0]) - 1,
+        mistrusted == (1 << parts.check.feet.shape[0]) - 1, int(parts.state.memory[M.left_out]),
     )  # fmt: skip

@@ -41,6 +41,8 @@ class InputCheck:
         self.limits = CheckLimits(params.max_gyro, params.max_acc, params.gap_periods * params.imu_period_ns, frozen)
         self.state = new_check(feet, points)
         self.noisy = params.sigma_w > 0.0  # equal samples are no chance
+        self.external = Counter[str]()
+        """Samples from elsewhere that were refused, by name, e.g. `external_late`."""
 
     def count(self, source: str, result: InputResult, stamp_ns: int) -> InputResult:
         """Count the result of a sample of `source` and return it."""
@@ -54,7 +56,7 @@ class InputCheck:
         return Counter({
             f"{SOURCES[i]}_{result}": counts[i][code] for i in (IMU, KINEMATICS) for code, result in enumerate(RESULTS)
             if counts[i][code]
-        })  # fmt: skip
+        }) + self.external  # fmt: skip
 
     @property
     def refused(self) -> int:

@@ -16,6 +16,8 @@ class InputResult(StrEnum):
     AHEAD = "ahead"  # a stamp far in the future that nothing confirms
     SATURATED = "saturated"
     UNIT = "unit"  # in other units, or with the other sign
+    COVARIANCE = "covariance"  # not symmetric, or not positive
+    FRAME = "frame"  # a position without a heading: nothing shows how its frame is turned
 
     @property
     def accepted(self) -> bool:
@@ -25,4 +27,4 @@ class InputResult(StrEnum):
 
 RESULTS = tuple(InputResult)
 """Results by their code in kernels; those up to `RESTART` are accepted."""
-OK, GAP, RESTART, NONFINITE, SHAPE, DUPLICATE, LATE, AHEAD, SATURATED, UNIT = range(len(RESULTS))
+OK, GAP, RESTART, NONFINITE, SHAPE, DUPLICATE, LATE, AHEAD, SATURATED, UNIT, COVARIANCE, FRAME = range(len(RESULTS))

@@ -31,6 +31,14 @@ def test_json_and_files(answer, log, tmp_path):
     assert abs(estimate[-1, 1] - estimate[0, 1] - truth[-1, 1] + truth[0, 1]) < 0.05
 
 
+def test_a_smoothed_log_is_better_and_another_estimator_is_refused(answer, complaint, log, tmp_path):
+    both, ahead = (json.loads(answer("estimate", log, "--json", *more)) for more in (("--smooth", "-o", tmp_path), ()))
+    assert both["smoothed"]
+    assert both["errors"]["rmse"] < 0.85 * ahead["errors"]["rmse"]
+    assert (tmp_path / "estimates.npz").exists()
+    assert "only best is smoothed" in complaint("estimate", log, "--smooth", "--estimator", "ekf")
+
+
 def test_evo_reads_the_trajectories_and_measures_the_same(answer, log, tmp_path):
     pytest.importorskip("evo", reason="evo is not installed: pip install evo")
     from evo.core import metrics

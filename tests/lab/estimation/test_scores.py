@@ -7,8 +7,8 @@ import pytest
 
 from surefoot.lab.estimation.log import Log
 from surefoot.lab.estimation.scores import base_pose, nees, score, smoothed
-from surefoot.lab.estimation.track import Track
-from tests.lab.estimation.walks import clean
+from surefoot.lab.estimation.track import Track, track
+from tests.lab.estimation.walks import clean, noisy
 
 
 def exact(log: Log) -> Track:
@@ -87,3 +87,16 @@ def test_rows_inside_the_region_are_those_of_a_stated_covariance():
     assert found.inside == pytest.approx(0.95, abs=0.03)
     unstarted = replace(exact(log), p=np.zeros((n, 6, 6)))
     assert np.isnan(score(log, unstarted).nees)
+
+
+@pytest.mark.parametrize("kind", ["slip", "edges"])
+def test_covariance_of_the_pose_holds_and_grows(kind):
+    found = [(log, track("best", log)) for log in (noisy(kind, seed) for seed in range(4))]
+    position = np.mean([score(log, one).position_nees for log, one in found]) / 3.0
+    heading = np.mean([score(log, one).heading_nees for log, one in found])
+    assert 0.2 < position < 2.0
+    assert 0.1 < heading < 2.0
+    for log, one in found:
+        spread = np.trace(one.pose[:, :2, :2], axis1=1, axis2=2)
+        assert spread[-1] > 1.5 * spread[len(log.stamp_ns) // 2] > 1.5 * spread[220]
+    assert np.isnan(score(log, track("inekf", log)).position_nees)

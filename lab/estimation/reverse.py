@@ -1,0 +1,72 @@
+"""A log run backward in time: t' = -t.
+
+The rate of turn and the velocity change sign, specific force, feet and contacts stay. An inertial row is the mean over
+the interval that ends at its stamp; backward it is the mean over the same interval, which then ends where it began.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.services.estimator.filter.samples import EX
+
+from .external import Externals
+from .log import Log
+
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+GAP = 1.5
+"""Step between two inertial rows, periods, from which rows are missing: the row is the mean over its last period."""
+
+
+def begins(log: Log) -> Ints:
+    """Return the begin of the interval of each inertial row, (n,) ns."""
+    step = np.diff(log.stamp_ns)
+    period = int(np.median(step)) if step.size else 0
+    step = np.concatenate([[period], step])
+    return log.stamp_ns - np.where(step > GAP * period, period, step)
+
+
+def centre(log: Log) -> int:
+    """Return the sum of a stamp and its stamp in the reversed log, ns."""
+    return int(begins(log)[0] + log.stamp_ns[-1])
+
+
+def follows(log: Log) -> Flags:
+    """Return for each inertial row whether its stamp is that of the row n - 2 - k of the reversed log, (n,)."""
+    return np.append(begins(log)[1:] == log.stamp_ns[:-1], False)
+
+
+def _backward(found: Externals, total: int) -> Externals:
+    """Return samples from elsewhere of a reversed log: velocities change sign, none is late."""
+    stamps, rows = total + 1 - found.stamp_ns[::-1], found.rows[::-1].copy()
+    rows[:, EX.velocity : EX.velocity + 3] *= -1.0
+    return Externals(stamps, stamps, rows)
+
+
+def reversed_log(log: Log) -> Log:
+    """Return a log run backward, without truth, order of arrival, or standstill at its beginning.
+
+    A foot sample at the stamp of an inertial row is 1 ns later there: so the estimate at that row has the future of
+    both sensors, and nothing that the estimate of the log itself has.
+    """
+    total = centre(log)
+    back = {name: getattr(log, name) for name in ("touch", "force", "joints", "chance")}
+    return replace(
+        log,
+        stamp_ns=total - begins(log)[::-1],
+        w=-log.w[::-1],
+        q=log.q[::-1].copy(),
+        foot_ns=total + 1 - log.foot_ns[::-1],
+        foot_position=log.foot_position[::-1].copy(),
+        foot_rot=log.foot_rot[::-1].copy(),
+        contact=log.contact[::-1].copy(),
+        saturated=None if log.saturated is None else log.saturated[::-1].copy(),
+        truth=None,
+        order=None,
+        rest=(0, 0),
+        external=None if log.external is None else _backward(log.external, total),
+        **{name: None if values is None else values[::-1].copy() for name, values in back.items()},
+    )

@@ -1,0 +1,82 @@
+"""Covariance of the published pose of base_link: that of the filter, and what its noises leave out.
+
+Where the excess f of the inertial noise has risen, the structure errs as well. The filter takes the heading from the
+gyro all the same, and its position from the feet; the published covariance of x, y, z and heading psi grows beside it:
+
+    Q' = F Q F^T + (f^2 - 1) d diag(w^2, w^2, w^2/4, gyro^2),   F: dx = -v_y d dpsi, dy = v_x d dpsi
+
+with w = `FIXED.pose_walk`. The rows of the covariance are those of nav_msgs: position of base_link in odom, then the
+rotation about the axes of odom.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.geometry.linear_kernels import congruence
+from surefoot.kernels.jit import kernel
+
+from .hypotheses import likeliest
+from .layout import E, M, X
+from .noise import FIXED, BestNoise
+from .state import BestState
+
+Array = NDArray[np.float64]
+
+XX, XY, YY, XT, YT, TT, ZZ = range(M.pose_extra, M.pose_extra + 7)
+"""Places of the numbers of Q in the memory; T: heading."""
+
+
+@kernel
+def grow_pose(state: BestState, d: float, noise: BestNoise) -> None:
+    """Add what an inertial step of d s adds to Q, in place."""
+    best, m = likeliest(state), state.memory
+    memory, x = (m, state.x) if best < 0 else (state.mode_memory[best], state.mode_x[best])
+    a, b = -d * x[X.vel + 1], d * x[X.vel]
+    m[XX] += 2.0 * a * m[XT] + a * a * m[TT]
+    m[XY] += a * m[YT] + b * m[XT] + a * b * m[TT]
+    m[YY] += 2.0 * b * m[YT] + b * b * m[TT]
+    m[XT] += a * m[TT]
+    m[YT] += b * m[TT]
+    more = (memory[M.excess] * memory[M.excess] - 1.0) * d
+    m[XX] += more * FIXED.pose_walk**2
+    m[YY] += more * FIXED.pose_walk**2
+    m[ZZ] += more * FIXED.pose_walk**2 / 4.0
+    m[TT] += more * noise.gyro**2
+
+
+@kernel
+def pose_covariance(state: BestState, arm: Array) -> Array:
+    """Return the covariance (6, 6) of x, y, z, m, and the rotation about x, y, z of odom, rad, of base_link.
+
+    The error of the place of base_link is that of the IMU, dp, and of its lever a: dp - xi_R x a.
+
+    Args:
+        state: the state.
+        arm: IMU from base_link, odom axes, (3,) m.
+    """
+    by, block, m = np.zeros((6, 6)), np.empty((6, 6)), state.memory
+    for i in range(3):
+        by[i, i] = by[3 + i, 3 + i] = 1.0
+    by[0, 4], by[0, 5] = -arm[2], arm[1]
+    by[1, 5], by[1, 3] = -arm[0], arm[2]
+    by[2, 3], by[2, 4] = -arm[1], arm[0]
+    for i in range(6):
+        for k in range(6):
+            block[i, k] = state.cov[_row(i), _row(k)]
+    out = congruence(by, block)
+    for i in range(6):
+        for k in range(i):
+            out[i, k] = out[k, i] = 0.5 * (out[i, k] + out[k, i])
+    out[0, 0] += m[XX]
+    out[1, 1] += m[YY]
+    out[2, 2] += m[ZZ]
+    out[5, 5] += m[TT]
+    for i, k, at in ((0, 1, XY), (0, 5, XT), (1, 5, YT)):
+        out[i, k] += m[at]
+        out[k, i] += m[at]
+    return out
+
+
+@kernel
+def _row(i: int) -> int:
+    return E.pos + i if i < 3 else E.rot + i - 3

@@ -1,0 +1,72 @@
+"""A pose, heading or velocity from elsewhere (camera, motion capture, GNSS), checked and as one row of numbers."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .results import InputResult
+
+Array = NDArray[np.float64]
+
+SHAPES = (("position", 3), ("yaw", 1), ("velocity", 3))
+"""Parts of a sample in the order of a row, and the size of each."""
+
+
+@dataclass(frozen=True)
+class ExternalSample:
+    """Report of one source about one moment; None = it does not report that."""
+
+    position: ArrayLike | None = None  # (3,) m, IMU in the frame of the source, z up
+    position_covariance: ArrayLike | None = None  # (3, 3) or (9,) m^2, axes of that frame
+    yaw: float | None = None  # rad, heading of base_link in that frame
+    yaw_variance: float | None = None  # rad^2
+    velocity: ArrayLike | None = None  # (3,) m/s, of the IMU, IMU axes
+    velocity_covariance: ArrayLike | None = None  # (3, 3) or (9,) (m/s)^2, IMU axes
+
+    def row(self) -> tuple[Array, InputResult]:
+        """Return the numbers (26,) of `filter.samples.ExternalLayout`, and the result of their check.
+
+        A position needs a heading, for nothing else shows how its frame is turned against odom.
+        """
+        numbers: list[Array] = []
+        spreads: list[Array] = []
+        good = InputResult.OK
+        for name, size in SHAPES:
+            value, spread = (getattr(self, key) for key in (name, f"{name}_{'covariance' if size > 1 else 'variance'}"))
+            numbers.append(_numbers(value, size))
+            spreads.append(_numbers(spread, size * size))
+            if value is None:
+                continue
+            if len(numbers[-1]) != size or len(spreads[-1]) != size * size:
+                return np.full(26, np.nan), InputResult.SHAPE
+            if not (np.isfinite(numbers[-1]).all() and np.isfinite(spreads[-1]).all()):
+                good = InputResult.NONFINITE
+            elif not _positive(spreads[-1].reshape(size, size)):
+                good = InputResult.COVARIANCE
+        if self.position is not None and self.yaw is None:
+            good = InputResult.FRAME
+        if self.position is None and self.yaw is None and self.velocity is None:
+            good = InputResult.SHAPE
+        return np.concatenate(numbers + spreads), good
+
+
+def _numbers(value: ArrayLike | None, size: int) -> Array:
+    """Return a part as a flat array, NaN if it is absent, empty if it holds no numbers."""
+    if value is None:
+        return np.full(size, np.nan)
+    try:
+        return np.asarray(value, dtype=np.float64).ravel()
+    except (TypeError, ValueError):
+        return np.empty(0)
+
+
+def _positive(m: Array) -> bool:
+    """Return whether a covariance (1, 1) or (3, 3) is symmetric with positive leading minors."""
+    if len(m) == 1:
+        return bool(m[0, 0] > 0.0)
+    (a, b, c), (d, e, f), (g, h, i) = m.tolist()
+    even = all(math.isclose(x, y, rel_tol=1e-6, abs_tol=1e-12) for x, y in ((b, d), (c, g), (f, h)))
+    det = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    return even and a > 0.0 and a * e - b * d > 0.0 and det > 0.0
