@@ -27,10 +27,9 @@ JOIN_TIMEOUT_S = 90.0
 """Limit on the wait for the first or next service that becomes ready."""
 HOLD_S = 120.0
 """Simulated time waits so long for the return of a lost member; then the run ends."""
-SILENCE_S = 0.25
-"""Without progress for this long the last ticks are sent again."""
-RESENDS = 8
-"""After so many repetitions (2 s) the slowest member counts as lost although its process lives (frozen)."""
+SILENCE_S, RESENDS = 0.25, 8
+"""Without progress for so long the last ticks are sent again; after so many repetitions (2 s) the slowest member counts
+as lost although its process lives (frozen)."""
 STATUS_S = 1.0
 """``Driver.on_status`` is called at least so often in wall time, whether simulated time runs or not."""
 
@@ -276,8 +275,8 @@ class DriverNode(Node):
             self._admit_joiners()
         if self.pace.until_due(leader.tick + 1) > 0.0:
             return False
-        gives_way = self.pace.factor <= 0.0  # without a pace the slowest member sets it, in paced time too
-        if not leader.may_advance(gives_way=gives_way) or self._lacks_command():
+        # without a pace the slowest member sets it, in paced time too
+        if not leader.may_advance(gives_way=self.pace.factor <= 0.0) or self._lacks_command():
             self._watch_silence()
             return False
         began = time.perf_counter_ns()

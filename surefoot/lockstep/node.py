@@ -157,18 +157,15 @@ class Node:
     def _turn(self, deadline: float) -> bool:
         """Handles what a tick needs, one more query, one observed message and at most one tick; was there anything?"""
         inbox, clock, endless = self.inbox, self.clock, deadline == math.inf
-        items, take, progressed = inbox.tick.items, inbox.tick.get, bool(inbox.tick.items)
+        items, take, progressed = inbox.tick.items, inbox.tick.get, bool(inbox.tick.items or inbox.heartbeats.items)
         while items and (endless or clock() < deadline):
             self.handle(take())
         while inbox.heartbeats.items:  # few, and a late one looks like a process that hangs
             self.handle(inbox.heartbeats.get())
-            progressed = True
-        if inbox.queries.items and clock() < deadline:
-            self.handle(inbox.queries.get())
-            progressed = True
-        if inbox.observed.items and clock() < deadline:
-            self.handle(inbox.observed.get())
-            progressed = True
+        for lane in (inbox.queries, inbox.observed):
+            if lane.items and clock() < deadline:
+                self.handle(lane.get())
+                progressed = True
         return self.work() or progressed
 
     def pump_once(self) -> bool:

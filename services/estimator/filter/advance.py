@@ -18,6 +18,7 @@ from .layout import CERTAIN, DOUBTED, MOVING, NO_FEET, STARTED, WAITING, E, M, P
 from .noise import FIXED, BestLimits, BestNoise, BestSetting
 from .point import lift, retract
 from .pose import grow_pose
+from .rest import learn_end_of_rest, learn_gyro_bias
 from .samples import ROW_Q, ROW_W, SampleStore, after
 from .start import check_tilt, rests, start_at_rest, start_moving
 from .state import BestState, Felt, felt_variance, forget_velocity, predict, rotation
@@ -56,61 +57,6 @@ def stand_on_level(state: BestState, ground: float, radius: Array, sd: float) ->
             for m in range(n):
                 cov[j, m] -= gain * by[m]
         retract(state, xi)
-
-
-@kernel
-def learn_gyro_bias(state: BestState, w: Array, count: int, noise: BestNoise, limits: BestLimits) -> None:
-    """Correct with the gyro of a robot at rest, about each axis u of odom, in place: u^T w = u^T b_w + noise.
-
-    Servos settle under the weight of the robot, which tilts it but does not turn it: the noise about the vertical is
-    smaller.
-
-    Args:
-        state: the state.
-        w: mean of the samples, (3,) rad/s, IMU axes.
-        count: number of the samples.
-        noise: the noises.
-        limits: of a rest.
-    """
-    cov, n, rot = state.cov, state.cov.shape[0], rotation(state.x)
-    for i in range(3):  # one axis after the other
-        creep = limits.creep if i < 2 else limits.turn_creep
-        xi, column, z, s = np.empty(n), np.empty(n), 0.0, (noise.sample_gyro**2 + limits.samples * creep**2) / count
-        for j in range(n):
-            column[j] = (
-                cov[j, E.gyro_bias] * rot[i, 0]
-                + cov[j, E.gyro_bias + 1] * rot[i, 1]
-                + cov[j, E.gyro_bias + 2] * rot[i, 2]
-            )
-        for j in range(3):
-            z += rot[i, j] * (w[j] - state.x[X.gyro_bias + j])
-            s += rot[i, j] * column[E.gyro_bias + j]
-        for j in range(n):
-            gain = column[j] / s
-            xi[j] = -gain * z
-            for m in range(n):
-                cov[j, m] -= gain * column[m]
-        retract(state, xi)
-    for i in range(3):
-        state.memory[M.own_bias + i] = state.x[X.gyro_bias + i]
-
-
-@kernel
-def _learn_end_of_rest(state: BestState, rows: Array, at: int, noise: BestNoise, limits: BestLimits) -> None:
-    """Learn from what is left of a rest that ended before row `at`, in place.
-
-    While it lasts each sample waits until it is as old as the window of a rest; of those that wait when it ends the
-    last fifth may be of the first motion.
-    """
-    waiting = min(int(state.memory[M.rest]) - 1, limits.samples - 1)
-    count = waiting - limits.samples // 5
-    if count <= 0:
-        return
-    mean = np.zeros(3)
-    for r in range(at - waiting, at - waiting + count):
-        for i in range(3):
-            mean[i] += rows[r, ROW_W + i] / count
-    learn_gyro_bias(state, mean, count, noise, limits)
 
 
 @kernel
@@ -358,7 +304,7 @@ def _rest_or_start(state: BestState, samples: SampleStore, at: int, next_foot: i
     memory, limits, feet_stamps = state.memory, setting.limits, samples.feet_stamps
     resting = rests(samples, at, limits)
     if not resting and memory[M.phase] == STARTED:
-        _learn_end_of_rest(state, samples.imu, at, setting.noise, limits)
+        learn_end_of_rest(state, samples.imu, at, setting.noise, limits)
     memory[M.rest] = memory[M.rest] + 1.0 if resting else 0.0
     if resting:
         collapse(state, setting.geometry.foot)
