@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -106,6 +107,8 @@ def load_asc(path: str | Path, version: int = 0) -> HeightMap:
     for key in ("ncols", "nrows", "cellsize"):
         if key not in head:
             raise HeightMapError(key, f"absent from the header of {source.name}")
+        if math.isnan(head[key]):
+            raise HeightMapError(key, "must be a number, got nan")
     nx, ny, cell = int(head["ncols"]), int(head["nrows"]), head["cellsize"]
     words = " ".join(lines[body:]).split()
     if len(words) != nx * ny:
@@ -170,7 +173,11 @@ def _check_sidecar(source: Path, sidecar: Path) -> None:
 
 
 def _number(word: str, field: str) -> float:
+    """Return the number of a word; a number beyond the largest float is none, `nan` is one."""
     try:
-        return float(word)
-    except ValueError as error:
-        raise HeightMapError(field, f"must be a number, got {word!r}") from error
+        value = float(word)
+    except ValueError:
+        value = math.inf
+    if math.isinf(value):
+        raise HeightMapError(field, f"must be a number, got {word!r}")
+    return value

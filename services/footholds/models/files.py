@@ -19,6 +19,8 @@ MAX_BYTES = 16_000_000
 """Largest file that is read, bytes."""
 MAX_TERMS = 1000
 MAX_BINS = 200_000
+MAX_SPAN = 2_000_000
+"""Most bins between the smallest and the largest key on all axes: what is looked up is a dense array, 8 MB."""
 DIGITS = 10
 """Digits of every number of a fit that is written."""
 
@@ -135,6 +137,9 @@ def decode(data: bytes, source: str = "model") -> LearnedModel:
     bins: dict[Key, Bin] = {(i, j, k): Bin(count, total, squares) for i, j, k, count, total, squares in entries.bins}
     if len(bins) != len(entries.bins):
         raise ModelError("invalid", f"{source}: a bin is given twice", "bins")
+    span = math.prod(max(axis) - min(axis) + 1 for axis in zip(*bins, strict=True))
+    if bins and span > MAX_SPAN:
+        raise ModelError("invalid", f"{source}: its keys span {span} bins, at most {MAX_SPAN} are allowed", "bins")
     scales, warps = np.array(entries.terms.scales), tuple(entries.terms.warps)
     terms = Terms(_basis(entries.terms, source), np.array(entries.terms.weights), warps, scales)
     model = LearnedModel(

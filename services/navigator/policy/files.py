@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.errors import Refusal
+from surefoot.files import FileError, read_regular
 
 from .choose import NUMBERS
 from .grids import GRID
@@ -62,9 +63,10 @@ def load_policy(path: Path, actions: tuple[str, ...] | None = None) -> Policy:
             version or for other actions; the message quotes what was received and what is allowed.
     """
     try:
-        content = path.read_bytes() if path.stat().st_size <= MAX_BYTES else b""
-    except OSError as error:
-        raise Refusal("policy_unreadable", f"{path}: {error.strerror}", "policy") from None
+        content = read_regular(path, MAX_BYTES)
+    except FileError as error:
+        code = "policy_unreadable" if error.code == "not_found" else "policy_invalid"
+        raise Refusal(code, str(error), "policy") from None
     if not content:
         raise Refusal("policy_invalid", f"{path}: must have 1 to {MAX_BYTES} bytes", "policy")
     return parse(content, path.stem, str(path), actions)

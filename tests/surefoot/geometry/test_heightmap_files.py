@@ -118,6 +118,16 @@ def test_text_grid_comes_back_exactly(tmp_path: Path) -> None:
     assert again.sha256 == heights.sha256
 
 
+@pytest.mark.parametrize("word", ["1e999", "inf", "nan", "many"])
+@pytest.mark.parametrize("key", ["ncols", "cellsize"])
+def test_a_text_grid_of_no_size_is_refused(key: str, word: str, tmp_path: Path) -> None:
+    path = save_asc(made(), tmp_path / "m.asc")
+    lines = [f"{key} {word}" if line.lower().startswith(key) else line for line in path.read_text().splitlines()]
+    path.write_text("\n".join(lines))
+    with pytest.raises(HeightMapError, match=key):
+        load_asc(path)
+
+
 def test_a_png_of_others_without_a_scale_or_without_an_image_is_refused(tmp_path: Path) -> None:
     Image.fromarray(np.zeros((2, 2), dtype=np.uint16)).save(tmp_path / "bare.png")
     (tmp_path / "text.png").write_text("no image")

@@ -54,6 +54,8 @@ def changed(data: bytes, **changes: Any) -> bytes:
         ({"ranges": [[1.0, 0.0]] * 3}, "ranges"),
         ({"bins": [[0, 0, 0, -1.0, 0, 0]]}, "bins.0.3"),
         ({"bins": [[0, 0, 0, 1.0, 0, 0]] * 2}, "bins"),
+        ({"bins": [[0, 0, 0, 1.0, 0, 0], [10**9, 0, 0, 1.0, 0, 0]]}, "bins"),
+        ({"bins": [[-2000, -2000, 0, 1.0, 0, 0], [0, 0, 0, 1.0, 0, 0]]}, "bins"),
         ({"lattice__width": [0.0, 1.0, 1.0]}, "lattice"),
         ({"terms__weights": [0.0] * 8 + [7.0]}, "terms"),
         ({"terms__warps": ["log", "log", "identity"]}, "terms.warps"),

@@ -1,6 +1,7 @@
 """Policy files: what is written is read, and nothing else is."""
 
 import io
+import os
 import pickle
 import zipfile
 
@@ -92,6 +93,9 @@ def test_truncated_foreign_and_pickled_files_are_refused(policy, tmp_path):
             load_policy(path)
     with pytest.raises(Refusal):
         load_policy(tmp_path / "absent.npz")
+    os.mkfifo(tmp_path / "pipe.npz")
+    with pytest.raises(Refusal, match="no regular file"):
+        load_policy(tmp_path / "pipe.npz")
     assert made == []
 
 
