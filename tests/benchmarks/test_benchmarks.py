@@ -13,12 +13,12 @@ from benchmarks.report import Bench, goal, parser_of, table
 
 FOLDER = Path(benchmarks.__file__).parent
 HELPERS = {
-    "__init__", "__main__", "branches", "core_system", "foreign_changes", "foreign_scores", "foreign_tables",
-    "machine", "own_slip", "report", "rivals",
+    "__init__", "__main__", "branches", "core_system", "foreign_changes", "foreign_scores", "foreign_smooth",
+    "foreign_tables", "lost_robot", "machine", "own_slip", "report", "rivals",
 }  # fmt: skip
 """Modules without parts."""
 SLOW = {
-    "biped walks", "estimator speed", "foothold_walks scores", "footholds times", "lost standing", "navigator filters",
+    "biped walks", "estimator speed", "foothold_walks scores", "footholds times", "navigator filters",
     "policies trainings", "queries stability", "soak commands", "soak restarts", "soak stops", "flood floods",
     "stability adaptive", "studies scenarios", "walker actions", "walker held",
 }  # fmt: skip
