@@ -180,7 +180,7 @@ class Robot:
     """A validated robot description; legs, links and joints in the order of the file."""
 
     name: str
-    kind: str  # "hexapod" | "biped"
+    kind: str  # "hexapod" | "quadruped" | "biped"
     description: str
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]

@@ -205,7 +205,7 @@ class RobotFile(FileModel):
 
     format: Literal["surefoot.robot.description/1"] = Field(alias="schema")
     name: Name
-    kind: Literal["hexapod", "biped"]
+    kind: Literal["hexapod", "quadruped", "biped"]
     description: Text
     sources: dict[str, Text] = Field(description="where the numbers come from, by key")
     trunk: TrunkTable

@@ -18,7 +18,7 @@ from surefoot.robot.profiles import ROBOTS, ImuFile, imu_profile, read_profile
 from surefoot.tables import FileModel, read_toml, unknown_key, validated
 
 BIPED_LEG_JOINTS = 6
-LEGS = {"hexapod": 6, "biped": 2}
+LEGS = {"hexapod": 6, "quadruped": 4, "biped": 2}
 """Number of legs by kind of robot."""
 _NOT_HASHED = frozenset({"source", "sources", "description", "schema"})
 
