@@ -137,7 +137,7 @@ def maps(*, robots: int = 12, world: World, processes: int = 1) -> None:
 
 @BENCH.part("--minutes 0.5 --robots 1")
 def calm(*, minutes: float = 10.0, robots: int = 4, world: World, processes: int = 1) -> None:
-    """False alarms of robots that nobody disturbs, and consistency of their belief.
+    """Print how often robots that nobody disturbs report themselves lost, and the NEES of their pose.
 
     Args:
         minutes: of each.
