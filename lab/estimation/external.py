@@ -49,6 +49,9 @@ def externals_of(columns: Columns, rot_base_from_imu: Array, notes: list[str]) -
     if stamps is None:
         return None
     count = len(stamps)
+    if count == 0:
+        notes.append("external_t is empty: no samples from elsewhere")
+        return None
     position, velocity = columns.get("external_position"), columns.get("external_velocity")
     yaw = _yaw(columns, rot_base_from_imu)
     if position is not None and yaw is None:
@@ -61,7 +64,9 @@ def externals_of(columns: Columns, rot_base_from_imu: Array, notes: list[str]) -
     }
     delay = _number(columns, "external_delay", 0.0)
     if not 0.0 <= delay <= LONGEST_DELAY_S:
-        raise SurefootError("invalid", f"got {delay:g} s; 0 to {LONGEST_DELAY_S:g} s are allowed", "external_delay")
+        raise SurefootError(
+            "invalid", f"external_delay is {delay:g} s; 0 to {LONGEST_DELAY_S:g} s are allowed", "external_delay"
+        )
     rows: list[Array] = []
     for i in range(count):
         part = {"position": position, "yaw": yaw, "velocity": velocity}
@@ -112,7 +117,7 @@ def _yaw(columns: Columns, rot_base_from_imu: Array) -> Array | None:
     off = np.abs(np.linalg.norm(quats, axis=1) - 1.0)
     if (off > 1e-2).any():
         row = int(np.argmax(off > 1e-2))
-        raise SurefootError("invalid", f"row {row}: the orientation is no rotation", "external_quat_wxyz")
+        raise SurefootError("invalid", f"external_quat_wxyz, row {row}: the length is not 1", "external_quat_wxyz")
     base = np.array([matrix_from_quat(q) if np.isfinite(q).all() else np.full((3, 3), np.nan) for q in quats])
     base = base @ rot_base_from_imu.T
     return np.arctan2(base[:, 1, 0], base[:, 0, 0])
@@ -146,5 +151,5 @@ def _number(columns: Columns, key: str, default: float | None = None) -> float:
     except (ValueError, IndexError):
         value = np.nan
     if not (np.isfinite(value) and (value > 0.0 or default is not None)):
-        raise SurefootError("invalid", f"got {np.ravel(columns[key]).tolist()!r}; wanted is a number above 0", key)
+        raise SurefootError("invalid", f"{key} is {np.ravel(columns[key]).tolist()!r}; wanted is a number above 0", key)
     return value

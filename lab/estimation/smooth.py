@@ -68,7 +68,7 @@ def smooth(name: str, log: Log, **options: Any) -> Track:
     """
     check_name(name)
     if name != BEST:
-        raise SurefootError("invalid", f"got {name!r}; only {BEST} is smoothed", "estimator")
+        raise SurefootError("invalid", f"--smooth goes with the estimator {BEST}, got {name!r}", "estimator")
     if (np.diff(log.stamp_ns) < 0).any() or (np.diff(log.foot_ns) < 0).any():
         raise SurefootError("invalid", f"stamps of {log.name} go backwards; the whole log needs one clock", "smooth")
     ahead = track(name, replace(log, order=None), joint=True, **options)

@@ -12,6 +12,8 @@ Array = NDArray[np.float64]
 
 SHAPES = (("position", 3), ("yaw", 1), ("velocity", 3))
 """Parts of a sample in the order of a row, and the size of each."""
+LARGEST = {"position": 1e7, "yaw": 1e3, "velocity": 1e3}
+"""Largest size of a component: m (coordinates of the whole earth fit), rad (turns may be counted), m/s."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,8 @@ class ExternalSample:
                 return np.full(26, np.nan), InputResult.SHAPE
             if not (np.isfinite(numbers[-1]).all() and np.isfinite(spreads[-1]).all()):
                 good = InputResult.NONFINITE
+            elif np.abs(numbers[-1]).max() > LARGEST[name]:
+                good = InputResult.UNIT
             elif not _positive(spreads[-1].reshape(size, size)):
                 good = InputResult.COVARIANCE
         if self.position is not None and self.yaw is None:

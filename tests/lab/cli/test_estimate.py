@@ -36,7 +36,9 @@ def test_a_smoothed_log_is_better_and_another_estimator_is_refused(answer, compl
     assert both["smoothed"]
     assert both["errors"]["rmse"] < 0.85 * ahead["errors"]["rmse"]
     assert (tmp_path / "estimates.npz").exists()
-    assert "only best is smoothed" in complaint("estimate", log, "--smooth", "--estimator", "ekf")
+    assert "--smooth goes with the estimator best, got 'ekf'" in complaint(
+        "estimate", log, "--smooth", "--estimator", "ekf"
+    )
 
 
 def test_evo_reads_the_trajectories_and_measures_the_same(answer, log, tmp_path):

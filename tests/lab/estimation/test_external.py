@@ -162,13 +162,21 @@ def test_a_csv_has_them_in_its_rows(tmp_path):
     assert opened.external.rows[0, 16] == pytest.approx(4e-4)
 
 
+def test_an_empty_source_changes_nothing(tmp_path):
+    log = noisy()
+    opened = open_log(saved(log, tmp_path / "no.npz", external_stamp_ns=np.empty(0, np.int64),
+                            external_position=np.empty((0, 3)), external_yaw=np.empty(0)))  # fmt: skip
+    assert opened.log.external is None
+    assert any("external_t is empty" in note for note in opened.notes)
+
+
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
         ({"external_yaw": None}, "nothing else shows how its frame is turned"),
         ({"external_position_sd": None}, "external_position_sd or external_position_covariance"),
-        ({"external_yaw_sd": -1.0}, "above 0"),
-        ({"external_delay": 0.9}, "0 to 0.4 s"),
+        ({"external_yaw_sd": -1.0}, "external_yaw_sd is [-1.0]; wanted is a number above 0"),
+        ({"external_delay": 0.9}, "external_delay is 0.9 s; 0 to 0.4 s"),
         ({"external_stamp_ns": None}, "external_t"),
         ({"external_position": np.zeros((4, 3))}, "external"),
     ],

@@ -107,7 +107,7 @@ def test_covariance_grows_where_the_passes_disagree():
 
 
 def test_what_cannot_be_smoothed_is_refused():
-    with expect_error(SurefootError, "invalid", text="only best"):
+    with expect_error(SurefootError, "invalid", text="goes with the estimator best"):
         smooth("inekf", noisy())
     log = noisy()
     stamp = log.stamp_ns.copy()

@@ -74,6 +74,12 @@ def test_samples_are_kept_in_order_and_the_oldest_go():
         (ExternalSample(yaw=0.1), InputResult.NONFINITE),
         (ExternalSample(yaw=np.inf, yaw_variance=1.0), InputResult.NONFINITE),
         (ExternalSample(yaw=0.1, yaw_variance=0.0), InputResult.COVARIANCE),
+        (ExternalSample(yaw=1e4, yaw_variance=0.1), InputResult.UNIT),
+        (
+            ExternalSample(position=[0, 1e300, 0], position_covariance=SPREAD, yaw=0.0, yaw_variance=0.1),
+            InputResult.UNIT,
+        ),
+        (ExternalSample(velocity=[1e4, 0, 0], velocity_covariance=SPREAD), InputResult.UNIT),
         (ExternalSample(velocity=[1, 2], velocity_covariance=SPREAD), InputResult.SHAPE),
         (ExternalSample(velocity="fast", velocity_covariance=SPREAD), InputResult.SHAPE),
         (ExternalSample(velocity=[1, 2, 3], velocity_covariance=-SPREAD), InputResult.COVARIANCE),
