@@ -78,10 +78,11 @@ class Link:
     mass: float
     com: Array  # (3,) in the link frame
     inertia_box: Array  # (3,) full size of the homogeneous box that has the link's inertia about its CM
+    inertia_quat_wxyz: Array  # (4,) rot_link_from_principal, the axes of that box
 
     @property
     def inertia(self) -> Array:
-        """Principal inertia about the centre of mass, axes of the link frame, kg m2, shape (3,)."""
+        """Inertia about the centre of mass along the axes of `inertia_quat_wxyz`, kg m2, shape (3,)."""
         sq = self.inertia_box**2
         return self.mass / 12.0 * (np.sum(sq) - sq)
 

@@ -138,7 +138,9 @@ class _Tree:
         belly = np.array([np.append(sphere.position, sphere.radius) for sphere in trunk.belly])
         self.trunk = r.Trunk(trunk.mass, np.array(trunk.com), np.array(trunk.box), belly)
         base = np.array([1.0, 0.0, 0.0, 0.0])
-        self.links = [r.Link("base_link", -1, -1, still, base, np.zeros(3), trunk.mass, self.trunk.com, self.trunk.box)]
+        box = self.trunk.box if trunk.inertia_box is None else np.array(trunk.inertia_box)
+        axes = _unit(trunk.inertia_quat_wxyz)
+        self.links = [r.Link("base_link", -1, -1, still, base, still, trunk.mass, self.trunk.com, box, axes)]
         self.joints: list[r.Joint] = []
         self.legs: list[r.Leg] = []
 
@@ -201,7 +203,8 @@ class _Tree:
             else:
                 self.joints.append(made)
         com, box = np.array(t.com) * flip, np.array(t.inertia_box)
-        self.links.append(r.Link(name, parent, joint, position, quat, axis, t.mass, com, box))
+        axes = _unit(t.inertia_quat_wxyz) * np.array([1.0, side, 1.0, side])
+        self.links.append(r.Link(name, parent, joint, position, quat, axis, t.mass, com, box, axes))
 
     def _shared(self, key: str, place: _Place, first: bool) -> int:
         """Return the index of the joint whose motor moves this link too."""

@@ -268,7 +268,7 @@ def _add_robot(spec: mujoco.MjSpec, robot: Robot, physics: Physics, perturb: Per
         parent = spec.worldbody if link.parent < 0 else bodies[link.parent]
         body = parent.add_body(
             name=link.name, pos=link.position, quat=link.quat_wxyz, mass=masses[i], ipos=coms[i], inertia=inertias[i],
-            explicitinertial=True,
+            iquat=link.inertia_quat_wxyz, explicitinertial=True,
         )  # fmt: skip
         bodies.append(body)
         if link.joint >= 0:

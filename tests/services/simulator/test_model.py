@@ -55,7 +55,7 @@ def test_compiled_model_equals_the_description(name):
     assert np.allclose(model.body_mass[at.bodies], [link.mass for link in robot.links])
     assert np.allclose(model.body_ipos[at.bodies], [link.com for link in robot.links])
     assert np.allclose(model.body_inertia[at.bodies], [link.inertia for link in robot.links])
-    assert np.allclose(model.body_iquat[at.bodies], [1, 0, 0, 0])
+    assert np.allclose(model.body_iquat[at.bodies], [link.inertia_quat_wxyz for link in robot.links])
     for j, joint in enumerate(robot.joints):
         assert model.jnt_range[model.joint(joint.name).id] == pytest.approx([joint.lower, joint.upper])  # rad
         assert model.actuator_gainprm[at.actuators[j], 0] == joint.servo.kp
