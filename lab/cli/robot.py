@@ -1,10 +1,11 @@
-"""`surefoot robot list|check`."""
+"""`surefoot robot list|import|check`."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from .output import Json, use_json, write_json, write_table
+from .output import Json, use_json, write, write_json, write_table
 
 app = typer.Typer(help="Robot descriptions.", no_args_is_help=True)
 
@@ -27,6 +28,29 @@ def list_robots(json: Json = False) -> None:
         write_table(columns, [(name, *list(row.values())[:3], str(row["hash"])[:12]) for name, row in rows.items()])
 
 
+@app.command("import")
+def import_file(
+    file: Annotated[Path, typer.Argument(help="MJCF or URDF file of a robot.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder to write [the file's name].")] = None,
+    json: Json = False,
+) -> None:
+    """Write a robot folder from an MJCF or URDF file, and report what was found, assumed and missing."""
+    from surefoot.lab.robots.folder import differences, import_robot
+
+    use_json(json)
+    out = out or Path(file.stem)
+    made = import_robot(file, out)
+    worst = differences(out)
+    if json:
+        lists = {"found": made.found, "assumed": made.assumed, "missing": made.missing}
+        write_json({"out": str(out), **lists, "differences": worst})
+        return
+    rows = [(kind, text) for kind in ("found", "assumed", "missing") for text in getattr(made, kind)]
+    write_table(("what", "of the robot"), rows)
+    write(f"against MuJoCo: {', '.join(f'{key} {value:.1e}' for key, value in worst.items())}")
+    write(f"next: surefoot robot check ./{out}")
+
+
 @app.command()
 def check(
     name: Annotated[str, typer.Argument(help="Name of a robot, or path of a folder with a robot.toml.")],
@@ -35,6 +59,7 @@ def check(
     """Read and validate a robot description and show what was understood."""
     import numpy as np
 
+    from surefoot.robot.description import RobotError
     from surefoot.robot.kinematics import com, foot_positions
     from surefoot.robot.reader import load_robot
 
@@ -54,6 +79,13 @@ def check(
         "neutral_com_m": centre.tolist(),
         "foot_box_m": size.tolist(),
     }
+    if (Path(name) / "import.json").is_file():
+        from surefoot.lab.robots.folder import TOLERANCE, differences
+
+        content["differences"] = worst = differences(Path(name))
+        if max(worst.values()) > TOLERANCE:
+            text = f"got {worst}, allowed are {TOLERANCE}: robot.toml differs from source.xml"
+            raise RobotError("value", "differences", text)
     if json:
         write_json(content)
         return

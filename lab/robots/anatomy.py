@@ -1,0 +1,158 @@
+"""What a compiled MuJoCo model is as a legged robot: trunk, limbs, links with merged inertia, feet."""
+
+# mujoco has no type stubs for its compiled modules:
+# pyright: reportAttributeAccessIssue=false
+import re
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.robot.description import RobotError
+
+Array = NDArray[np.float64]
+
+FOOT_NAMES = re.compile(r"foot|feet|toe|sole|_ee|contact|ankle", re.IGNORECASE)
+"""Names of bodies, geoms and sites that are feet."""
+ASSUMED_RADIUS = 0.02  # m, of a foot without a sphere: that of a dog-sized robot
+NO_MASS = 1e-9  # kg, what weighs less is nothing
+
+
+@dataclass
+class Segment:
+    """One moved body with all that is fixed to it; frame: the body's axes, origin on the joint's axis."""
+
+    body: int
+    joint: int  # -1 for the trunk
+    parent: int  # index of the segment, -1 for the trunk
+    bodies: list[int]
+    origin: Array  # (3,) m, world, all joints at zero
+    rot: Array  # (3, 3) rot_world_from_segment, all joints at zero
+    mass: float = 0.0
+    com: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, segment frame
+    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))  # kg m2 about com, segment axes
+
+
+@dataclass
+class FootPoint:
+    """Contact end of a limb."""
+
+    segment: int
+    position: Array  # (3,) m, segment frame
+    radius: float  # m
+    named: bool  # a name says that this is a foot
+    found: str  # where it comes from, for the report
+
+
+def trunk_body(model: mujoco.MjModel) -> int:
+    """Return the body with the free joint, else the only root that carries joints (raises RobotError)."""
+    parent = model.body_parentid
+    free = [int(model.jnt_bodyid[j]) for j in range(model.njnt) if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE]
+    moved = {int(model.body_rootid[model.jnt_bodyid[j]]) for j in range(model.njnt)}
+    roots = [body for body in range(1, model.nbody) if parent[body] == 0 and body in moved]
+    if len(free) > 1 or (not free and len(roots) != 1):
+        names = ", ".join(repr(model.body(b).name) for b in (free or roots)) or "none"
+        raise RobotError("value", "worldbody", f"got {names} as roots, allowed is one root")
+    return free[0] if free else roots[0]
+
+
+def check_machine(model: mujoco.MjModel) -> None:
+    """Refuse what a tree of hinges cannot be (raises RobotError)."""
+    for i in range(model.neq):
+        kind = mujoco.mjtEq(int(model.eq_type[i])).name.removeprefix("mjEQ_").lower()
+        text = f"got a {kind!r} constraint, allowed is a tree without closed loops and coupled joints; remove it in a copy"
+        raise RobotError("value", "equality", text)
+    for j in range(model.njnt):
+        kind = mujoco.mjtJoint(int(model.jnt_type[j])).name.removeprefix("mjJNT_").lower()
+        if kind in ("ball", "slide"):
+            text = f"got {model.joint(j).name!r} of type {kind!r}, allowed are hinge joints; make it fixed in a copy"
+            raise RobotError("value", "joint.type", text)
+
+
+def segments(model: mujoco.MjModel, trunk: int) -> list[Segment]:
+    """Return the trunk and all moved bodies, parents first; fixed bodies are merged with their mass and inertia."""
+    data = mujoco.MjData(model)
+    pose(model, data, np.zeros(model.njnt))
+    found: list[Segment] = []
+    of_body: dict[int, int] = {}
+    for body in range(trunk, model.nbody):
+        up = int(model.body_parentid[body])
+        if body != trunk and up not in of_body:
+            continue
+        hinges = range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
+        if body != trunk and len(hinges) > 1:
+            text = f"got {len(hinges)} joints at {model.body(body).name!r}, allowed is one; put a body between them"
+            raise RobotError("value", "body.joint", text)
+        if body == trunk or len(hinges):
+            joint = -1 if body == trunk else hinges[0]
+            origin = data.xpos[body] if body == trunk else data.xanchor[joint]
+            of_body[body] = len(found)
+            parent = -1 if body == trunk else of_body[up]
+            found.append(Segment(body, joint, parent, [], origin.copy(), data.xmat[body].reshape(3, 3).copy()))
+        of_body[body] = of_body[body] if body in of_body else of_body[up]
+        found[of_body[body]].bodies.append(body)
+    for segment in found:
+        _merge(model, data, segment)
+    return found
+
+
+def pose(model: mujoco.MjModel, data: mujoco.MjData, angles: Array) -> None:
+    """Place all hinges at `angles` (njnt,) rad; a free trunk lies at the origin."""
+    for j in range(model.njnt):
+        at = model.jnt_qposadr[j]
+        if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE:
+            data.qpos[at : at + 7] = [0, 0, 0, 1, 0, 0, 0]
+        else:
+            data.qpos[at] = angles[j]
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+
+
+def _merge(model: mujoco.MjModel, data: mujoco.MjData, segment: Segment) -> None:
+    mass = model.body_mass[segment.bodies]
+    segment.mass = float(mass.sum())
+    if segment.mass < NO_MASS:
+        got = f"got mass {segment.mass:g} at {model.body(segment.body).name!r}"
+        raise RobotError("value", "body.inertial", f"{got}, allowed is above 0 for a moved body")
+    com = mass @ data.xipos[segment.bodies] / segment.mass
+    whole = np.zeros((3, 3))
+    for body in segment.bodies:
+        axes, arm = data.ximat[body].reshape(3, 3), data.xipos[body] - com
+        whole += axes @ np.diag(model.body_inertia[body]) @ axes.T
+        whole += model.body_mass[body] * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    segment.com = segment.rot.T @ (com - segment.origin)
+    segment.inertia = segment.rot.T @ whole @ segment.rot
+
+
+def foot_of(model: mujoco.MjModel, segs: list[Segment], tip: int, angles: Array) -> FootPoint | None:
+    """Return the foot at a limb's last segment: a sphere, a named body or site, else the lowest end of a capsule."""
+    data = mujoco.MjData(model)
+    pose(model, data, angles)
+    segment, kind = segs[tip], mujoco.mjtGeom
+    ends: list[tuple[int, float, Array, float, str, bool]] = []  # rank, height, world position, radius, text, named
+    for geom in range(model.ngeom):
+        body = int(model.geom_bodyid[geom])
+        if body not in segment.bodies or model.geom_type[geom] not in (kind.mjGEOM_SPHERE, kind.mjGEOM_CAPSULE):
+            continue
+        named = bool(FOOT_NAMES.search(f"{model.geom(geom).name} {model.body(body).name}"))
+        sphere, (radius, half) = model.geom_type[geom] == kind.mjGEOM_SPHERE, model.geom_size[geom][:2]
+        along = data.geom_xmat[geom].reshape(3, 3)[:, 2] * (0.0 if sphere else half)
+        for end in (data.geom_xpos[geom] - along, data.geom_xpos[geom] + along):
+            rank = (0 if named else 1) if sphere else 3
+            text = f"{'sphere' if sphere else 'end of a capsule'} at body {model.body(body).name!r}"
+            ends.append((rank, end[2] - radius, end, float(radius), text, named))
+    for body in segment.bodies[1:]:
+        if FOOT_NAMES.search(model.body(body).name):
+            text = f"body {model.body(body).name!r}, radius assumed"
+            ends.append((2, data.xpos[body][2], data.xpos[body], ASSUMED_RADIUS, text, True))
+    for site in range(model.nsite):
+        if model.site_bodyid[site] in segment.bodies and FOOT_NAMES.search(model.site(site).name):
+            text = f"site {model.site(site).name!r}, radius assumed"
+            ends.append((2, data.site_xpos[site][2], data.site_xpos[site], ASSUMED_RADIUS, text, True))
+    if not ends:
+        return None
+    _, _, end, radius, text, named = min(ends, key=lambda e: e[:2])
+    rot = data.xmat[segment.body].reshape(3, 3)
+    origin = data.xanchor[segment.joint]
+    return FootPoint(tip, rot.T @ (end - origin), radius, named, text)

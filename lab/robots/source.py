@@ -1,0 +1,146 @@
+"""A robot's MJCF or URDF text, made safe and compiled by MuJoCo without meshes."""
+
+# mujoco has no type stubs for its compiled modules:
+# pyright: reportAttributeAccessIssue=false
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import mujoco
+
+from surefoot.files import read_regular
+from surefoot.robot.description import RobotError
+from surefoot.tables import shown
+
+MOST_BYTES = 16 * 1024 * 1024
+"""Size of the largest file that is read: a robot with many geoms has 1 MB."""
+POINT_INERTIA = "1e-12"
+"""kg m2, of a fixed point mass: MuJoCo refuses zero, a real robot's smallest link has a million times more."""
+MOST_INCLUDES = 50
+"""Number of files that one robot may be made of."""
+NAMES = re.compile(r"[\w .:/-]{1,120}")
+"""Allowed names of bodies, joints and sites."""
+
+
+def read_source(path: Path) -> str:
+    """Return the XML text of a robot, with its included files in place.
+
+    Raises:
+        RobotError: no XML, a declared entity, an included file outside the folder, a name with markup.
+    """
+    root = _parse(path)
+    folder, count = path.resolve().parent, 0
+    while (found := _include(root)) is not None:
+        parent, element = found
+        name, count = element.get("file", ""), count + 1
+        inner = (folder / name).resolve()
+        if not inner.is_relative_to(folder):
+            raise RobotError("value", "include.file", f"got {shown(name)}, allowed is a file below {folder.name}/")
+        if count > MOST_INCLUDES:
+            raise RobotError("value", "include.file", f"got more than {MOST_INCLUDES} files, allowed are fewer")
+        at = list(parent).index(element)
+        parent.remove(element)
+        for i, child in enumerate(_parse(inner)):
+            parent.insert(at + i, child)
+    if root.tag not in ("mujoco", "robot"):
+        raise RobotError("value", "file", f"got a root element {shown(root.tag)}, allowed are mujoco, robot")
+    for element in root.iter():
+        name = element.get("name")
+        if element.tag in ("body", "joint", "freejoint", "site", "link", "robot") and name is not None:
+            check_name(name, f"{element.tag}.name")
+    mimic = next((joint for joint in root.iter("joint") if joint.find("mimic") is not None), None)
+    if mimic is not None:
+        text = f"got a mimic joint {mimic.get('name')!r}, allowed are joints with a motor; make it fixed in a copy"
+        raise RobotError("value", "joint.mimic", text)
+    _without_meshes(root)
+    _without_empty_inertials(root)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def check_name(name: str, field: str) -> None:
+    """Refuse a name with markup or control characters (raises RobotError)."""
+    if not NAMES.fullmatch(name):
+        raise RobotError("value", field, f"got {shown(name)}, allowed are letters, digits, space and _ . : / -")
+
+
+def compiled(text: str, balance: bool = False) -> tuple[mujoco.MjModel, bool]:
+    """Compile a robot's XML without meshes and without fusing of bodies; return also whether inertias were balanced.
+
+    Args:
+        text: MJCF or URDF.
+        balance: replace inertias that break the triangle inequality by their mean, as MuJoCo's `balanceinertia` does.
+
+    Raises:
+        RobotError: MuJoCo cannot read the text, or what it means is no machine.
+    """
+    try:
+        spec = mujoco.MjSpec.from_string(text)
+        mesh = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF, mujoco.mjtGeom.mjGEOM_HFIELD)
+        for geom in [geom for geom in spec.geoms if geom.type in mesh]:
+            spec.delete(geom)
+        for thing in [*spec.skins, *spec.meshes, *spec.hfields]:
+            spec.delete(thing)
+        spec.compiler.fusestatic = spec.compiler.discardvisual = False
+        spec.compiler.balanceinertia = spec.compiler.balanceinertia or balance
+        return spec.compile(), balance
+    except (ValueError, mujoco.FatalError) as error:
+        if "balanceinertia" in str(error) and not balance:
+            return compiled(text, balance=True)
+        said = " ".join(str(error).split())[:200]
+        allowed = "allowed is a file that MuJoCo compiles, each moving body with mass and inertia above 0"
+        raise RobotError("value", "file", f"got {said!r}, {allowed}") from None
+
+
+def _parse(path: Path) -> ElementTree.Element:
+    content = read_regular(path, MOST_BYTES)
+    declared = re.search(rb"<!\s*(DOCTYPE|ENTITY)", content)
+    if declared:
+        word = declared[1].decode()
+        raise RobotError("value", "file", f"got a {word} declaration, allowed is XML without DOCTYPE and ENTITY")
+    if b"\0" in content:
+        raise RobotError("syntax", "file", "got bytes of zero, allowed is XML in UTF-8")
+    try:
+        return ElementTree.fromstring(content)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise RobotError("syntax", "file", f"got text that is no XML ({error}), allowed are MJCF and URDF") from None
+
+
+def _include(root: ElementTree.Element) -> tuple[ElementTree.Element, ElementTree.Element] | None:
+    return next(((parent, child) for parent in root.iter() for child in parent if child.tag == "include"), None)
+
+
+def _without_meshes(root: ElementTree.Element) -> None:
+    """Remove what refers to files of pictures and meshes; refuse a path that leaves the folder."""
+    for element in root.iter():
+        name = element.get("file") or (element.get("filename") if element.tag == "mesh" else None) or ""
+        if ".." in name.split("/"):
+            raise RobotError("value", f"{element.tag}.file", f"got {shown(name)}, allowed is a file below the folder")
+    for parent in root.iter():
+        for child in list(parent):
+            looks = root.tag == "robot" and child.tag == "visual"
+            solid = root.tag == "robot" and child.tag == "collision" and child.find("geometry/mesh") is not None
+            if looks or solid or (root.tag == "robot" and child.tag == "transmission"):
+                parent.remove(child)
+            elif root.tag == "mujoco" and parent.tag == "asset" and child.tag == "texture":
+                parent.remove(child)
+    for element in root.iter("material"):
+        element.attrib.pop("texture", None)
+
+
+def _without_empty_inertials(root: ElementTree.Element) -> None:
+    """Remove inertials of nothing from a URDF's links; a point mass that no joint moves gets `POINT_INERTIA`."""
+    moved = {j.find("child").get("link") for j in root.findall("joint") if j.get("type") != "fixed"}  # pyright: ignore[reportOptionalMemberAccess]
+    for link in root.findall("link"):
+        inertial = link.find("inertial")
+        tensor, mass = (None, None) if inertial is None else (inertial.find("inertia"), inertial.find("mass"))
+        if inertial is None or tensor is None or mass is None:
+            continue
+        try:
+            empty = not any(float(tensor.get(key, "0")) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+            weightless = float(mass.get("value", "0")) == 0.0
+        except ValueError as error:
+            raise RobotError("value", f"link {link.get('name')!r}.inertial", f"{error}, allowed are numbers") from None
+        if empty and weightless:
+            link.remove(inertial)
+        elif empty and link.get("name") not in moved:
+            tensor.attrib.update(ixx=POINT_INERTIA, iyy=POINT_INERTIA, izz=POINT_INERTIA)

@@ -1,0 +1,257 @@
+"""A legged robot as the tables of `robot.toml`, with a report of what was found, assumed and missing."""
+
+# mujoco has no type stubs for its compiled modules:
+# pyright: reportAttributeAccessIssue=false
+import json
+import math
+import re
+from dataclasses import dataclass, field
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from surefoot.robot.description import RobotError
+
+from .anatomy import FootPoint, Segment, check_machine, foot_of, segments, trunk_body
+
+Array = NDArray[np.float64]
+
+KINDS = {6: "hexapod", 4: "quadruped", 2: "biped"}
+HALF_TURN = math.pi  # rad, assumed limit of a joint without limits
+SMALLEST_BOX = 1e-6  # m, of a flat body's inertia box: its inertia changes by less than 1e-12 m2 times the mass
+
+
+@dataclass
+class Imported:
+    """Tables of a robot.toml and what is known about them."""
+
+    tables: dict[str, Any]
+    joints: dict[str, str]  # the file's joint name by ours
+    feet: dict[str, dict[str, Any]]  # body and position in it, by limb
+    trunk: str
+    found: list[str] = field(default_factory=list)
+    assumed: list[str] = field(default_factory=list)
+    missing: list[str] = field(default_factory=list)
+
+
+def imported(model: mujoco.MjModel, name: str) -> Imported:
+    """Return the tables of a compiled robot (raises RobotError for what has no trunk, feet or known leg count)."""
+    check_machine(model)
+    trunk = trunk_body(model)
+    segs = segments(model, trunk)
+    made = Imported({}, {}, {}, model.body(trunk).name)
+    angles = _neutral(model, made)
+    limbs = _limbs(segs)
+    feet = _feet(model, segs, limbs, angles)
+    base = segs[0]
+    names = [_limb_name(model, segs, limb, i) for i, limb in enumerate(limbs)]
+    names = names if len(set(names)) == len(names) else [f"limb{i}" for i in range(len(limbs))]
+    servos: dict[str, dict[str, Any]] = {}
+    chains, places = {}, []
+    for limb, label, foot in zip(limbs, names, feet, strict=True):
+        links = [_link(model, segs, limb, s, angles, servos, made, label) for s in limb]
+        chain: dict[str, Any] = {"source": "file", "links": links}
+        if foot is not None:
+            link = links[limb.index(foot.segment)]["name"]
+            chain["foot"] = {
+                "source": "file", "link": link, "position": _floats(foot.position), "radius": foot.radius,
+            }  # fmt: skip
+            made.feet[label] = {"body": model.body(segs[foot.segment].body).name, "joint": segs[foot.segment].joint}
+            made.found.append(f"foot of {label}: {foot.found}")
+        chains[label] = chain
+        origin = base.rot.T @ (segs[limb[0]].origin - base.origin)
+        places.append({"name": label, "chain": label, "position": _floats(origin), "source": "file"})
+    made.tables = {
+        "schema": "surefoot.robot.description/1", "name": name, "kind": KINDS[sum(f is not None for f in feet)],
+        "description": f"{name}, imported", "sources": {"file": "the imported file", "assumed": "assumed by import"},
+        "trunk": _trunk(base, places, made), "servos": servos, "chains": chains, "limbs": places,
+        **_sensors(model, segs, made),
+    }  # fmt: skip
+    return made
+
+
+def toml_text(tables: dict[str, Any], comment: str) -> str:
+    """Return TOML of nested tables whose lists of tables are written inline."""
+    lines = [f"# {comment}"]
+
+    def put(table: dict[str, Any], path: str) -> None:
+        lines.extend(f"{k} = {_value(v)}" for k, v in table.items() if not isinstance(v, dict))
+        for key, value in table.items():
+            if isinstance(value, dict):
+                lines.extend(["", f"[{path}{key}]"])
+                put(value, f"{path}{key}.")
+
+    put(tables, "")
+    return "\n".join(lines) + "\n"
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        return "[\n" + "".join(f"  {_value(item)},\n" for item in value) + "]"
+    if isinstance(value, list):
+        return "[" + ", ".join(_value(item) for item in value) + "]"
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_value(item)}" for key, item in value.items()) + " }"
+    return json.dumps(value) if isinstance(value, str) else repr(value)
+
+
+def _floats(values: Array) -> list[float]:
+    return [float(value) + 0.0 for value in values]
+
+
+def _neutral(model: mujoco.MjModel, made: Imported) -> Array:
+    """Angles (njnt,) of the keyframe `home`, else the middle of the limits."""
+    keys = [model.key(i).name for i in range(model.nkey)]
+    if "home" in keys:
+        made.found.append("neutral posture: keyframe 'home'")
+        return model.key_qpos[keys.index("home")][model.jnt_qposadr].copy()
+    made.assumed.append("neutral posture: middle of the limits; better: a keyframe 'home', or neutral_deg")
+    return np.where(model.jnt_limited.astype(bool), model.jnt_range.mean(axis=1), 0.0)
+
+
+def _limbs(segs: list[Segment]) -> list[list[int]]:
+    """Indices of the segments of each limb, parents first."""
+    roots = [i for i, s in enumerate(segs) if s.parent == 0]
+    limb_of = {i: i for i in roots}
+    for i, s in enumerate(segs):
+        if s.parent > 0:
+            limb_of[i] = limb_of[s.parent]
+    return [[i for i in limb_of if limb_of[i] == root] for root in roots]
+
+
+def _feet(model: mujoco.MjModel, segs: list[Segment], limbs: list[list[int]], angles: Array) -> list[FootPoint | None]:
+    feet: list[FootPoint | None] = []
+    for limb in limbs:
+        tips = [i for i in limb if not any(s.parent == i for s in segs)]
+        feet.append(foot_of(model, segs, tips[0], angles) if len(tips) == 1 else None)
+    if sum(foot is not None for foot in feet) not in KINDS:
+        feet = [foot if foot is not None and foot.named else None for foot in feet]
+    count = sum(foot is not None for foot in feet)
+    if count not in KINDS:
+        text = f"got {count} limbs with a foot, allowed are 2, 4 or 6; name the feet's bodies or sites *foot*"
+        raise RobotError("value", "feet", text)
+    return feet
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+
+
+def _limb_name(model: mujoco.MjModel, segs: list[Segment], limb: list[int], index: int) -> str:
+    """Return what the names of a limb's bodies begin with, as in FL_hip, FL_thigh."""
+    first = _plain(model.body(segs[limb[0]].body).name).split("_")[0]
+    same = all(_plain(model.body(segs[i].body).name).split("_")[0] == first for i in limb)
+    return first if same and re.match("[a-z]", first) else f"limb{index}"
+
+
+def _link(
+    model: mujoco.MjModel, segs: list[Segment], limb: list[int], index: int, angles: Array,
+    servos: dict[str, dict[str, Any]], made: Imported, label: str,
+) -> dict[str, Any]:  # fmt: skip
+    s = segs[index]
+    up, j = segs[s.parent], s.joint
+    position = np.zeros(3) if s.parent == 0 else up.rot.T @ (s.origin - up.origin)
+    name = _link_name(model, s, label)
+    low, high = (float(x) for x in model.jnt_range[j])
+    if not model.jnt_limited[j]:
+        low, high = -HALF_TURN, HALF_TURN
+        made.assumed.append(f"limits of {model.joint(j).name}: -180 to 180 deg; better: a range in the file")
+    low, high = max(math.degrees(low), -360.0), min(math.degrees(high), 360.0)
+    table: dict[str, Any] = {"name": name, "position": _floats(position), "quat_wxyz": _quat(up.rot.T @ s.rot)}
+    if s.parent > 0:
+        table["parent"] = _link_name(model, up, label)
+    servo = _servo(model, j, made)
+    key = next((k for k, v in servos.items() if v == servo), f"servo{len(servos)}")
+    servos[key] = servo
+    table |= {
+        "axis": _floats(model.jnt_axis[j]), "lower_deg": low, "upper_deg": high,
+        "neutral_deg": min(max(math.degrees(angles[j]), low), high), "servo": key,
+    }  # fmt: skip
+    made.joints[f"{label}_{name}"] = model.joint(j).name
+    return table | _inertial(s)
+
+
+def _link_name(model: mujoco.MjModel, s: Segment, label: str) -> str:
+    plain = _plain(model.body(s.body).name).removeprefix(f"{label}_")
+    return plain if re.match("[a-z]", plain) else f"link{s.body}"
+
+
+def _inertial(s: Segment) -> dict[str, Any]:
+    """Mass, centre and the box of the same principal inertia with its axes."""
+    size, axes = np.linalg.eigh(s.inertia)
+    if np.linalg.det(axes) < 0:
+        axes[:, 0] *= -1.0
+    box = np.sqrt(np.maximum(6.0 / s.mass * (size.sum() - 2.0 * size), SMALLEST_BOX**2))
+    return {"mass": s.mass, "com": _floats(s.com), "inertia_box": _floats(box), "inertia_quat_wxyz": _quat(axes)}
+
+
+def _quat(rot: Array) -> list[float]:
+    quat = np.zeros(4)
+    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(rot).ravel())
+    return _floats(quat / np.sqrt(quat @ quat))
+
+
+def _servo(model: mujoco.MjModel, joint: int, made: Imported) -> dict[str, Any]:
+    """Servo table of a joint: torque and gains of its actuator, else of the joint, else assumed."""
+    dof, torque, kp, kv = model.jnt_dofadr[joint], 0.0, 0.0, 0.0
+    for a in range(model.nu):
+        if model.actuator_trnid[a, 0] != joint or model.actuator_trntype[a] != mujoco.mjtTrn.mjTRN_JOINT:
+            continue
+        gear = abs(float(model.actuator_gear[a, 0]))
+        motor = model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_NONE
+        if model.actuator_forcelimited[a]:
+            torque = gear * float(model.actuator_forcerange[a, 1])
+        elif motor and model.actuator_ctrllimited[a]:
+            torque = gear * float(model.actuator_ctrlrange[a, 1] * model.actuator_gainprm[a, 0])
+        if not motor:
+            kp, kv = float(-model.actuator_biasprm[a, 1]), float(-model.actuator_biasprm[a, 2])
+    if torque <= 0 and model.jnt_actfrclimited[joint]:
+        torque = float(model.jnt_actfrcrange[joint, 1])
+    name = model.joint(joint).name
+    if torque <= 0:
+        torque = float(model.body_mass.sum())
+        made.assumed.append(f"torque of {name}: {torque:.3g} Nm, 1 Nm per kg of the robot; better: an actuator or effort")
+    if kp <= 0:
+        kp, kv = 5.0 * torque, 0.1 * torque
+        made.assumed.append(f"kp of {name}: full torque at 0.2 rad; better: kp and kv in [servos]")
+    return {
+        "source": "file", "kp": kp, "kv": max(kv, 0.0), "max_torque": torque,
+        "armature": float(model.dof_armature[dof]), "frictionloss": float(model.dof_frictionloss[dof]),
+    }  # fmt: skip
+
+
+def _trunk(base: Segment, places: list[dict[str, Any]], made: Imported) -> dict[str, Any]:
+    reach = np.abs([place["position"] for place in places]).max(axis=0)
+    box = np.maximum(2.0 * reach, 0.1)
+    half = 0.4 * box
+    belly = [{"position": [x * half[0], y * half[1], 0.0], "radius": 0.05} for x in (-1, 1) for y in (-1, 1)]
+    belly = [{"position": _floats(np.array(b["position"])), "radius": b["radius"]} for b in belly]
+    made.assumed.append("trunk box and belly spheres: from the places of the hips; better: box and belly in [trunk]")
+    return {"source": "file", "box": _floats(box), "belly": belly} | _inertial(base)
+
+
+def _sensors(model: mujoco.MjModel, segs: list[Segment], made: Imported) -> dict[str, Any]:
+    """Tables of the sensors: the inertial unit's place if a site or body of the trunk is called imu, else assumed."""
+    data, base = mujoco.MjData(model), segs[0]
+    mujoco.mj_kinematics(model, data)
+    at, axes = data.xpos[base.body], data.xmat[base.body].reshape(3, 3)
+    spots = [(model.site(i).name, data.site_xpos[i], data.site_xmat[i], model.site_bodyid[i]) for i in range(model.nsite)]
+    spots += [(model.body(i).name, data.xpos[i], data.xmat[i], i) for i in base.bodies]
+    imu = next((s for s in spots if "imu" in s[0].lower() and s[3] in base.bodies), None)
+    position, quat = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]
+    if imu is None:
+        made.assumed.append("inertial unit: at the trunk's frame; better: a site imu in the trunk, or [imu]")
+    else:
+        position, quat = _floats(axes.T @ (imu[1] - at)), _quat(axes.T @ imu[2].reshape(3, 3))
+        made.found.append(f"inertial unit: {imu[0]!r}")
+    weight = 9.81 * sum(s.mass for s in segs)
+    made.missing += ["noise of the inertial unit (that of adis16365 is taken)", "contact thresholds", "gait"]
+    return {
+        "imu": {"source": "assumed", "profile": "adis16365", "position": position, "quat_wxyz": quat},
+        "contacts": {"source": "assumed", "kind": "switch", "switches": 1, "on_n": 0.03 * weight, "off_n": 0.02 * weight},
+        "encoders": {"source": "assumed", "resolution_deg": 0.0, "zero_sigma_deg": 0.0},
+        "current": {"source": "assumed", "torque_per_ampere": 1.0, "noise_ampere": 0.0},
+        "gait": {"source": "assumed"},
+    }  # fmt: skip
