@@ -61,7 +61,9 @@ def check_machine(model: mujoco.MjModel) -> None:
     """Refuse what a tree of hinges cannot be (raises RobotError)."""
     for i in range(model.neq):
         kind = mujoco.mjtEq(int(model.eq_type[i])).name.removeprefix("mjEQ_").lower()
-        text = f"got a {kind!r} constraint, allowed is a tree without closed loops and coupled joints; remove it in a copy"
+        text = (
+            f"got a {kind!r} constraint, allowed is a tree without closed loops and coupled joints; remove it in a copy"
+        )
         raise RobotError("value", "equality", text)
     for j in range(model.njnt):
         kind = mujoco.mjtJoint(int(model.jnt_type[j])).name.removeprefix("mjJNT_").lower()

