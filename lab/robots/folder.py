@@ -17,7 +17,7 @@ from surefoot.robot.reader import load_robot
 
 from .anatomy import pose
 from .source import check_name, compiled, read_source
-from .write import Imported, plain_name, imported, toml_text
+from .write import Imported, imported, plain_name, toml_text
 
 POSTURES = 20
 """Number of seeded postures at which a robot is compared."""
@@ -36,10 +36,12 @@ def import_robot(file: Path, out: Path) -> Imported:
     if out.exists():
         raise RobotError("value", "out", f"got {out.name!r}, which exists; allowed is a new folder")
     check_name(file.stem, "file")
-    text = read_source(file)
+    notes: list[str] = []
+    text = read_source(file, notes)
     model, balanced = compiled(text)
     name = plain_name(out.name)
     made = imported(model, name if name[:1].isalpha() else f"robot_{name}".rstrip("_"))
+    made.assumed += notes
     if balanced:
         made.assumed.append("inertias that break the triangle inequality: replaced by their mean")
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -48,8 +50,8 @@ def import_robot(file: Path, out: Path) -> Imported:
         header = f"Imported from {file.name}; what is assumed stands in import.json."
         (trial / "robot.toml").write_text(toml_text(made.tables, header), encoding="utf-8")
         (trial / "source.xml").write_text(text, encoding="utf-8")
-        notes = {k: getattr(made, k) for k in ("trunk", "joints", "feet", "found", "assumed", "missing")}
-        (trial / "import.json").write_text(json.dumps(notes, indent=1), encoding="utf-8")
+        record = {k: getattr(made, k) for k in ("trunk", "joints", "feet", "found", "assumed", "missing")}
+        (trial / "import.json").write_text(json.dumps(record, indent=1), encoding="utf-8")
         load_robot(trial)
         trial.chmod(0o755)
         trial.rename(out)

@@ -7,6 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import mujoco
+import numpy as np
 
 from surefoot.files import read_regular
 from surefoot.robot.description import RobotError
@@ -14,16 +15,21 @@ from surefoot.tables import shown
 
 MOST_BYTES = 16 * 1024 * 1024
 """Size of the largest file that is read: a robot with many geoms has 1 MB."""
-POINT_INERTIA = "1e-12"
-"""kg m2, of a fixed point mass: MuJoCo refuses zero, a real robot's smallest link has a million times more."""
+TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+SMALLEST_INERTIA = 1e-12
+"""kg m2, of a link fixed to another: MuJoCo refuses zero, a real robot's smallest link has a million times more."""
 MOST_INCLUDES = 50
 """Number of files that one robot may be made of."""
 NAMES = re.compile(r"[\w .:/-]{1,120}")
 """Allowed names of bodies, joints and sites."""
 
 
-def read_source(path: Path) -> str:
+def read_source(path: Path, notes: list[str] | None = None) -> str:
     """Return the XML text of a robot, with its included files in place.
+
+    Args:
+        path: MJCF or URDF file.
+        notes: takes a sentence for each number that had to be replaced.
 
     Raises:
         RobotError: no XML, a declared entity, an included file outside the folder, a name with markup.
@@ -53,7 +59,8 @@ def read_source(path: Path) -> str:
         text = f"got a mimic joint {mimic.get('name')!r}, allowed are joints with a motor; make it fixed in a copy"
         raise RobotError("value", "joint.mimic", text)
     _without_meshes(root)
-    _without_empty_inertials(root)
+    _check_masses(root)
+    _repair_inertias(root, [] if notes is None else notes)
     return ElementTree.tostring(root, encoding="unicode")
 
 
@@ -119,28 +126,39 @@ def _without_meshes(root: ElementTree.Element) -> None:
         for child in list(parent):
             looks = root.tag == "robot" and child.tag == "visual"
             solid = root.tag == "robot" and child.tag == "collision" and child.find("geometry/mesh") is not None
-            if looks or solid or (root.tag == "robot" and child.tag == "transmission"):
-                parent.remove(child)
-            elif root.tag == "mujoco" and parent.tag == "asset" and child.tag == "texture":
+            if looks or solid or (root.tag == "robot" and child.tag == "transmission") or (root.tag == "mujoco" and parent.tag == "asset" and child.tag == "texture"):
                 parent.remove(child)
     for element in root.iter("material"):
         element.attrib.pop("texture", None)
 
 
-def _without_empty_inertials(root: ElementTree.Element) -> None:
-    """Remove inertials of nothing from a URDF's links; a point mass that no joint moves gets `POINT_INERTIA`."""
-    moved = {j.find("child").get("link") for j in root.findall("joint") if j.get("type") != "fixed"}  # pyright: ignore[reportOptionalMemberAccess]
+def _check_masses(root: ElementTree.Element) -> None:
+    for element in root.iter():
+        mass = element.get("mass") if element.tag in ("inertial", "geom") else None
+        mass = element.get("value") if element.tag == "mass" else mass
+        if mass is not None and mass.strip().startswith("-"):
+            raise RobotError("value", f"{element.tag}.mass", f"got {shown(mass)}, allowed is 0 or more")
+
+
+def _repair_inertias(root: ElementTree.Element, notes: list[str]) -> None:
+    """Make inertias of a URDF's links that no joint moves positive, as MuJoCo needs; mass and place stay."""
+    children = {joint.find("child"): joint.get("type") for joint in root.findall("joint")}
+    moved = {child.get("link") for child, kind in children.items() if child is not None and kind != "fixed"}
     for link in root.findall("link"):
-        inertial = link.find("inertial")
+        inertial, name = link.find("inertial"), link.get("name")
         tensor, mass = (None, None) if inertial is None else (inertial.find("inertia"), inertial.find("mass"))
-        if inertial is None or tensor is None or mass is None:
+        if inertial is None or tensor is None or mass is None or name in moved:
             continue
         try:
-            empty = not any(float(tensor.get(key, "0")) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+            xx, xy, xz, yy, yz, zz = (float(tensor.get(key, "0")) for key in TENSOR)
             weightless = float(mass.get("value", "0")) == 0.0
         except ValueError as error:
-            raise RobotError("value", f"link {link.get('name')!r}.inertial", f"{error}, allowed are numbers") from None
-        if empty and weightless:
+            raise RobotError("value", f"link {name!r}.inertial", f"{error}, allowed are numbers") from None
+        whole = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        if weightless and not whole.any():
             link.remove(inertial)
-        elif empty and link.get("name") not in moved:
-            tensor.attrib.update(ixx=POINT_INERTIA, iyy=POINT_INERTIA, izz=POINT_INERTIA)
+        elif np.linalg.eigvalsh(whole)[0] < SMALLEST_INERTIA:
+            diagonal = (("ixx", xx), ("iyy", yy), ("izz", zz))
+            tensor.attrib.update({key: repr(max(value, SMALLEST_INERTIA)) for key, value in diagonal})
+            tensor.attrib.update(ixy="0", ixz="0", iyz="0")
+            notes.append(f"inertia of {name}: only its diagonal, the whole is not positive; better: correct the file")

@@ -255,7 +255,9 @@ def _sensors(model: mujoco.MjModel, segs: list[Segment], made: Imported) -> dict
     made.missing += ["noise of the inertial unit (that of adis16365 is taken)", "contact thresholds", "gait"]
     return {
         "imu": {"source": "assumed", "profile": "adis16365", "position": position, "quat_wxyz": quat},
-        "contacts": {"source": "assumed", "kind": "switch", "switches": 1, "on_n": 0.03 * weight, "off_n": 0.02 * weight},
+        "contacts": {
+            "source": "assumed", "kind": "switch", "switches": 1, "on_n": 0.03 * weight, "off_n": 0.02 * weight,
+        },
         "encoders": {"source": "assumed", "resolution_deg": 0.0, "zero_sigma_deg": 0.0},
         "current": {"source": "assumed", "torque_per_ampere": 1.0, "noise_ampere": 0.0},
         "gait": {"source": "assumed"},

@@ -82,11 +82,14 @@ def test_a_changed_number_shows_in_the_comparison(bring_in, tmp_path):
 
 
 BALL = '<body name="b"><joint type="ball"/><geom size=".1"/></body></body></worldbody>'
+SECOND = '<body name="b"><freejoint/><geom size=".1"/></body></worldbody>'
+LOOP = '<equality><connect body1="fl_foot" body2="fr_foot" anchor="0 0 0"/></equality></mujoco>'
+NO_FEET = MJCF.replace("_foot", "_end").replace('"sphere" size=".02"', '"box" size=".1 .1 .1"')
 BAD = {
-    "two roots": (MJCF.replace("</worldbody>", '<body name="b"><freejoint/><geom size=".1"/></body></worldbody>'), "root"),
-    "no feet": (MJCF.replace("_foot", "_end").replace("_tip", "_end").replace('"sphere" size=".02"', '"box" size=".1 .1 .1"'), "feet"),
+    "two roots": (MJCF.replace("</worldbody>", SECOND), "root"),
+    "no feet": (NO_FEET, "feet"),
     "ball": (MJCF.replace("</body></worldbody>", BALL), "hinge"),
-    "loop": (MJCF.replace("</mujoco>", '<equality><connect body1="fl_foot" body2="fr_foot" anchor="0 0 0"/></equality></mujoco>'), "loops"),
+    "loop": (MJCF.replace("</mujoco>", LOOP), "loops"),
     "zero inertia": (MJCF.replace('mass=".6"', 'mass="0"'), "inertia above 0"),
     "negative mass": (MJCF.replace('mass=".2"', 'mass="-.2"'), "allowed"),
     "doctype": ('<!DOCTYPE a [<!ENTITY b "c">]>' + MJCF, "DOCTYPE"),
@@ -113,6 +116,14 @@ def test_a_mimic_joint_of_a_urdf_is_refused(bring_in, tmp_path):
     with pytest.raises(RobotError, match="mimic"):
         bring_in(text, ".urdf")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_fixed_link_of_impossible_inertia_keeps_its_mass_and_is_reported(bring_in, tmp_path):
+    ones = " ".join(f'{key}=".001"' for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+    hatch = f'<link name="root"><inertial><mass value=".1"/><inertia {ones}/></inertial></link>'
+    made = bring_in(URDF.replace('<link name="root"/>', hatch), ".urdf")
+    assert load_robot(tmp_path / "out").mass == pytest.approx(5 + 4 * 0.7 + 0.1, abs=1e-12)
+    assert any("inertia of root" in text for text in made.assumed)
 
 
 def test_an_existing_folder_is_left_alone(bring_in, tmp_path):
