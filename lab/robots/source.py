@@ -124,9 +124,10 @@ def _without_meshes(root: ElementTree.Element) -> None:
             raise RobotError("value", f"{element.tag}.file", f"got {shown(name)}, allowed is a file below the folder")
     for parent in root.iter():
         for child in list(parent):
-            looks = root.tag == "robot" and child.tag == "visual"
+            looks = root.tag == "robot" and child.tag in ("visual", "transmission")
             solid = root.tag == "robot" and child.tag == "collision" and child.find("geometry/mesh") is not None
-            if looks or solid or (root.tag == "robot" and child.tag == "transmission") or (root.tag == "mujoco" and parent.tag == "asset" and child.tag == "texture"):
+            painted = root.tag == "mujoco" and parent.tag == "asset" and child.tag == "texture"
+            if looks or solid or painted:
                 parent.remove(child)
     for element in root.iter("material"):
         element.attrib.pop("texture", None)
