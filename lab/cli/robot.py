@@ -35,7 +35,7 @@ def import_file(
     json: Json = False,
 ) -> None:
     """Write a robot folder from an MJCF or URDF file, and report what was found, assumed and missing."""
-    from surefoot.lab.robots.folder import differences, import_robot
+    from ..robots.folder import differences, import_robot
 
     use_json(json)
     out = out or Path(file.stem)
@@ -80,7 +80,7 @@ def check(
         "foot_box_m": size.tolist(),
     }
     if (Path(name) / "import.json").is_file():
-        from surefoot.lab.robots.folder import TOLERANCE, differences
+        from ..robots.folder import TOLERANCE, differences
 
         content["differences"] = worst = differences(Path(name))
         if max(worst.values()) > TOLERANCE:

@@ -1,4 +1,4 @@
-"""What a compiled MuJoCo model is as a legged robot: trunk, limbs, links with merged inertia, feet."""
+"""Trunk, links with merged inertia and feet of a compiled MuJoCo model."""
 
 # mujoco has no type stubs for its compiled modules:
 # pyright: reportAttributeAccessIssue=false
@@ -41,7 +41,7 @@ class FootPoint:
     segment: int
     position: Array  # (3,) m, segment frame
     radius: float  # m
-    named: bool  # a name says that this is a foot
+    named: bool  # the name is one of a foot
     found: str  # where it comes from, for the report
 
 
@@ -141,17 +141,17 @@ def foot_of(model: mujoco.MjModel, segs: list[Segment], tip: int, angles: Array)
         sphere, (radius, half) = model.geom_type[geom] == kind.mjGEOM_SPHERE, model.geom_size[geom][:2]
         along = data.geom_xmat[geom].reshape(3, 3)[:, 2] * (0.0 if sphere else half)
         for end in (data.geom_xpos[geom] - along, data.geom_xpos[geom] + along):
-            rank = (0 if named else 1) if sphere else 3
+            rank = (0 if named else 1) if sphere else (2 if named else 4)
             text = f"{'sphere' if sphere else 'end of a capsule'} at body {model.body(body).name!r}"
             ends.append((rank, end[2] - radius, end, float(radius), text, named))
     for body in segment.bodies[1:]:
         if FOOT_NAMES.search(model.body(body).name):
             text = f"body {model.body(body).name!r}, radius assumed"
-            ends.append((2, data.xpos[body][2], data.xpos[body], ASSUMED_RADIUS, text, True))
+            ends.append((3, data.xpos[body][2], data.xpos[body], ASSUMED_RADIUS, text, True))
     for site in range(model.nsite):
         if model.site_bodyid[site] in segment.bodies and FOOT_NAMES.search(model.site(site).name):
             text = f"site {model.site(site).name!r}, radius assumed"
-            ends.append((2, data.site_xpos[site][2], data.site_xpos[site], ASSUMED_RADIUS, text, True))
+            ends.append((3, data.site_xpos[site][2], data.site_xpos[site], ASSUMED_RADIUS, text, True))
     if not ends:
         return None
     _, _, end, radius, text, named = min(ends, key=lambda e: e[:2])

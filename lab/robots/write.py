@@ -59,7 +59,7 @@ def imported(model: mujoco.MjModel, name: str) -> Imported:
                 "source": "file", "link": link, "position": _floats(foot.position), "radius": foot.radius,
             }  # fmt: skip
             made.feet[label] = {"body": model.body(segs[foot.segment].body).name, "joint": segs[foot.segment].joint}
-            made.found.append(f"foot of {label}: {foot.found}")
+            (made.assumed if "assumed" in foot.found else made.found).append(f"foot of {label}: {foot.found}")
         chains[label] = chain
         origin = base.rot.T @ (segs[limb[0]].origin - base.origin)
         places.append({"name": label, "chain": label, "position": _floats(origin), "source": "file"})
