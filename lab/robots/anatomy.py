@@ -48,7 +48,7 @@ class FootPoint:
 def trunk_body(model: mujoco.MjModel) -> int:
     """Return the body with the free joint, else the only root that carries joints (raises RobotError)."""
     parent = model.body_parentid
-    free = [int(model.jnt_bodyid[j]) for j in range(model.njnt) if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE]
+    free = [int(model.jnt_bodyid[j]) for j in range(model.njnt) if model.jnt_type[j] == int(mujoco.mjtJoint.mjJNT_FREE)]
     moved = {int(model.body_rootid[model.jnt_bodyid[j]]) for j in range(model.njnt)}
     roots = [body for body in range(1, model.nbody) if parent[body] == 0 and body in moved]
     if len(free) > 1 or (not free and len(roots) != 1):
@@ -103,7 +103,7 @@ def pose(model: mujoco.MjModel, data: mujoco.MjData, angles: Array) -> None:
     """Place all hinges at `angles` (njnt,) rad; a free trunk lies at the origin."""
     for j in range(model.njnt):
         at = model.jnt_qposadr[j]
-        if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE:
+        if model.jnt_type[j] == int(mujoco.mjtJoint.mjJNT_FREE):
             data.qpos[at : at + 7] = [0, 0, 0, 1, 0, 0, 0]
         else:
             data.qpos[at] = angles[j]
@@ -135,10 +135,13 @@ def foot_of(model: mujoco.MjModel, segs: list[Segment], tip: int, angles: Array)
     ends: list[tuple[int, float, Array, float, str, bool]] = []  # rank, height, world position, radius, text, named
     for geom in range(model.ngeom):
         body = int(model.geom_bodyid[geom])
-        if body not in segment.bodies or model.geom_type[geom] not in (kind.mjGEOM_SPHERE, kind.mjGEOM_CAPSULE):
+        if body not in segment.bodies or model.geom_type[geom] not in (
+            int(kind.mjGEOM_SPHERE),
+            int(kind.mjGEOM_CAPSULE),
+        ):
             continue
         named = bool(FOOT_NAMES.search(f"{model.geom(geom).name} {model.body(body).name}"))
-        sphere, (radius, half) = model.geom_type[geom] == kind.mjGEOM_SPHERE, model.geom_size[geom][:2]
+        sphere, (radius, half) = model.geom_type[geom] == int(kind.mjGEOM_SPHERE), model.geom_size[geom][:2]
         along = data.geom_xmat[geom].reshape(3, 3)[:, 2] * (0.0 if sphere else half)
         for end in (data.geom_xpos[geom] - along, data.geom_xpos[geom] + along):
             rank = (0 if named else 1) if sphere else (2 if named else 4)

@@ -83,7 +83,7 @@ def compiled(text: str, balance: bool = False) -> tuple[mujoco.MjModel, bool]:
     try:
         spec = mujoco.MjSpec.from_string(text)
         mesh = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF, mujoco.mjtGeom.mjGEOM_HFIELD)
-        for geom in [geom for geom in spec.geoms if geom.type in mesh]:
+        for geom in [geom for geom in spec.geoms if int(geom.type) in [int(kind) for kind in mesh]]:
             spec.delete(geom)
         for thing in [*spec.skins, *spec.meshes, *spec.hfields]:
             spec.delete(thing)

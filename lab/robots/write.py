@@ -198,10 +198,10 @@ def _servo(model: mujoco.MjModel, joint: int, made: Imported) -> dict[str, Any]:
     """Servo table of a joint: torque and gains of its actuator, else of the joint, else assumed."""
     dof, torque, kp, kv = model.jnt_dofadr[joint], 0.0, 0.0, 0.0
     for a in range(model.nu):
-        if model.actuator_trnid[a, 0] != joint or model.actuator_trntype[a] != mujoco.mjtTrn.mjTRN_JOINT:
+        if model.actuator_trnid[a, 0] != joint or model.actuator_trntype[a] != int(mujoco.mjtTrn.mjTRN_JOINT):
             continue
         gear = abs(float(model.actuator_gear[a, 0]))
-        motor = model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_NONE
+        motor = model.actuator_biastype[a] == int(mujoco.mjtBias.mjBIAS_NONE)
         if model.actuator_forcelimited[a]:
             torque = gear * float(model.actuator_forcerange[a, 1])
         elif motor and model.actuator_ctrllimited[a]:

@@ -18,7 +18,7 @@ LEG = """<body name="{n}_hip" pos="{x} {y} 0"><joint name="{n}_j0" axis="1 0 0" 
 <body name="{n}_calf" pos="0 0 -.2"><joint name="{n}_j2" axis="0 1 0" range="-150 -30"/>
 <inertial pos="0 0 -.1" mass=".2" diaginertia=".001 .001 .0001"/>
 <body name="{n}_foot" pos=".01 0 -.2"><inertial pos="0 0 0" mass=".05" diaginertia="1e-5 1e-5 1e-5"/>
-<geom name="{n}_tip" type="sphere" size=".02" mass="0"/></body></body></body></body>"""
+<geom name="{n}_tip" type="sphere" size=".025" mass="0"/></body></body></body></body>"""
 PLACES = {"fl": (0.2, 0.1), "fr": (0.2, -0.1), "rl": (-0.2, 0.1), "rr": (-0.2, -0.1)}
 LEGS = "".join(LEG.format(n=n, x=x, y=y) for n, (x, y) in PLACES.items())
 TRUNK = '<inertial pos=".01 0 0" mass="5" fullinertia=".05 .1 .12 .002 -.003 .004"/>'
@@ -66,7 +66,7 @@ def test_feet_torque_imu_and_inertia_are_those_of_the_file(bring_in, tmp_path):
     robot = load_robot(tmp_path / "out")
     straight = foot_positions(robot.model, np.zeros(robot.nj))
     assert straight == pytest.approx(np.array([[x + 0.01, y + 0.05, -0.4] for x, y in PLACES.values()]), abs=1e-12)
-    assert robot.foot_radius == 0.02
+    assert robot.foot_radius == 0.025
     assert robot.imu.position == pytest.approx([0.03, 0, 0.02])
     assert sorted(robot.links[0].inertia) == pytest.approx(
         np.linalg.eigvalsh([[0.05, 0.002, -0.003], [0.002, 0.1, 0.004], [-0.003, 0.004, 0.12]]), abs=1e-12
@@ -84,7 +84,7 @@ def test_a_changed_number_shows_in_the_comparison(bring_in, tmp_path):
 BALL = '<body name="b"><joint type="ball"/><geom size=".1"/></body></body></worldbody>'
 SECOND = '<body name="b"><freejoint/><geom size=".1"/></body></worldbody>'
 LOOP = '<equality><connect body1="fl_foot" body2="fr_foot" anchor="0 0 0"/></equality></mujoco>'
-NO_FEET = MJCF.replace("_foot", "_end").replace('"sphere" size=".02"', '"box" size=".1 .1 .1"')
+NO_FEET = MJCF.replace("_foot", "_end").replace('"sphere" size=".025"', '"box" size=".1 .1 .1"')
 BAD = {
     "two roots": (MJCF.replace("</worldbody>", SECOND), "root"),
     "no feet": (NO_FEET, "feet"),
