@@ -80,11 +80,11 @@ def check(
         "foot_box_m": size.tolist(),
     }
     if (Path(name) / "import.json").is_file():
-        from ..robots.folder import TOLERANCE, differences
+        from ..robots.folder import MOST_DIFFERENCE, differences
 
         content["differences"] = worst = differences(Path(name))
-        if max(worst.values()) > TOLERANCE:
-            text = f"got {worst}, allowed are {TOLERANCE}: robot.toml differs from source.xml"
+        if max(worst.values()) > MOST_DIFFERENCE:
+            text = f"got {worst}, allowed are {MOST_DIFFERENCE}: robot.toml differs from source.xml"
             raise RobotError("value", "differences", text)
     if json:
         write_json(content)

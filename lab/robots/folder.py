@@ -21,7 +21,7 @@ from .write import Imported, imported, plain_name, toml_text
 
 POSTURES = 20
 """Number of seeded postures at which a robot is compared."""
-TOLERANCE = 10.0**-9  # kg and m, largest allowed difference from MuJoCo: rounding is below 1e-12
+MOST_DIFFERENCE = 1e-9  # kg and m, largest allowed difference from MuJoCo: rounding is below 1e-12
 
 
 def import_robot(file: Path, out: Path) -> Imported:

