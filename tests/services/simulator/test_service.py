@@ -286,6 +286,20 @@ def test_emergency_stop_holds_until_the_next_reset(bench: Bench) -> None:
     assert last.joints[0] > Holder.position[0] + 0.1
 
 
+def test_a_command_accepted_before_an_emergency_stop_moves_nothing_after_it(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.reset()
+    applied: list[Any] = []
+    monkeypatch.setattr(bench.simulator.run.world, "step_tick", lambda position, *_: applied.append(position))
+    accepted = JointCommand(position=Holder.position)
+    bench.simulator.actuate(0, accepted)
+    bench.simulator.run.stop("a hand in the way")
+    bench.simulator.actuate(1, accepted)
+    assert applied[0] == pytest.approx(Holder.position)
+    assert applied[1:] == [None]  # None: the joints are held
+
+
 def test_every_emergency_stop_is_confirmed_at_once_even_in_a_pause(bench: Bench) -> None:
     heard: list[Any] = []
     bench.system.bus.subscribe(topics.SIM_STATUS, heard.append)

@@ -105,6 +105,15 @@ def test_tokens_of_strangers_do_not_take_the_driver_away(listen):
         assert session._stop == ""  # the driver that obeyed the stop is still there
 
 
+def test_a_token_of_a_driver_alone_makes_no_driver(listen):
+    with Session(parse_compose(IDLE), listen=listen) as session:
+        lives(session, "1", True, "a")
+        lives(session, "x", True, "driver")  # no service of ours shows this instance
+        assert (session.driver, session.instance_of("driver")) == ("", "")
+        lives(session, "1", True, "driver")
+        assert (session.driver, session.instance_of("driver")) == ("a", "1")
+
+
 @pytest.mark.parametrize("order", [("a", "driver"), ("driver", "a")])
 def test_a_stop_outlives_its_driver(listen, order):
     stopped = SimStatus(state="running", rtf=0.0, ticks=7, tick=6, comparable=True, stopped="test")
