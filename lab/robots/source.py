@@ -58,6 +58,14 @@ def read_source(path: Path, notes: list[str] | None = None) -> str:
     if mimic is not None:
         text = f"got a mimic joint {mimic.get('name')!r}, allowed are joints with a motor; make it fixed in a copy"
         raise RobotError("value", "joint.mimic", text)
+    for body in root.iter("body"):
+        if (
+            body.find("inertial") is None
+            and any(geom.get("mesh") for geom in body.findall("geom"))
+            and notes is not None
+        ):
+            text = "without that of its meshes, which are not read; better: an <inertial> in the file"
+            notes.append(f"mass of body {body.get('name')!r}: {text}")
     _without_meshes(root)
     _check_masses(root)
     _repair_inertias(root, [] if notes is None else notes)

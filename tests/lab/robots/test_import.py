@@ -126,6 +126,16 @@ def test_a_fixed_link_of_impossible_inertia_keeps_its_mass_and_is_reported(bring
     assert any("inertia of root" in text for text in made.assumed)
 
 
+def test_a_body_without_meshes_has_the_mass_of_its_geoms(bring_in):
+    text = MJCF.replace('<geom type="mesh" mesh="hull"/>', '<geom type="box" size=".2 .1 .05"/>').replace(TRUNK, "")
+    assert not any("meshes" in note for note in bring_in(text).assumed)
+
+
+def test_a_body_whose_mass_is_partly_a_mesh_is_reported(bring_in):
+    text = MJCF.replace(TRUNK, '<geom type="box" size=".2 .1 .05"/>')
+    assert any("mass of body 'trunk'" in note for note in bring_in(text).assumed)
+
+
 def test_an_existing_folder_is_left_alone(bring_in, tmp_path):
     (tmp_path / "out").mkdir()
     with pytest.raises(RobotError, match="exists"):
