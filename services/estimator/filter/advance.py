@@ -137,25 +137,64 @@ def _correct(
 
 
 @kernel
+def _repeated(likely: BestState, gyro: Array, samples: SampleStore, row: int, foot: NDArray[np.int64]) -> Array:
+    """Return the path of the IMU's turning, (L,) rad, while each foot repeats one sample on the ground.
+
+    Where the whole sample is the last one, encoders of a low rate are held, and nothing is learned.
+
+    Args:
+        likely: the likeliest hypothesis.
+        gyro: newest sample, (3,) rad/s, IMU axes.
+        samples: filled rows.
+        row: of the feet.
+        foot: of each contact point, (K,).
+    """
+    feet, path = samples.feet.shape[1], np.zeros(samples.feet.shape[1])
+    same, contact, turn = np.zeros(feet, dtype=np.bool_), np.zeros(feet), 0.0
+    for k in range(foot.size):
+        path[foot[k]] = likely.points[k, P.repeated]
+        contact[foot[k]] = samples.contact[row, k]
+    if row == 0:
+        return path
+    for f in range(feet):
+        same[f] = True
+        for i in range(3):
+            same[f] = same[f] and samples.feet[row, f, i] == samples.feet[row - 1, f, i]
+    if np.all(same):
+        return path
+    for i in range(3):
+        turn += (gyro[i] - likely.x[X.gyro_bias + i]) ** 2
+    turn = math.sqrt(turn)
+    step = min(1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[row - 1]), FIXED.longest_repeat)
+    for f in range(feet):
+        if not same[f]:
+            path[f] = 0.0
+        elif contact[f] >= 0.5 and turn > FIXED.turning:
+            path[f] += turn * step
+    return path
+
+
+@kernel
 def believed(state: BestState, samples: SampleStore, row: int, foot: NDArray[np.int64]) -> Array:
-    """Return the contacts (K,) of a row of the feet, 0 for feet whose samples hardly fit.
+    """Return the contacts (K,) of a row of the feet, 0 for feet whose samples hardly fit or whose encoders stand still.
 
     Such a foot is left out until the mistrust in it has faded, in place: its switch hangs, or its encoders err.
     """
     contact, at = samples.contact[row].copy(), likeliest(state)
-    points = state.points if at < 0 else state.mode_points[at]
-    worst = np.zeros(samples.feet.shape[1])
+    likely = state if at < 0 else mode(state, at)
+    points, gyro = likely.points, state.memory[M.last_gyro : M.last_gyro + 3]
+    worst, path = np.zeros(samples.feet.shape[1]), _repeated(likely, gyro, samples, row, foot)
     for k in range(foot.size):
         worst[foot[k]] = max(worst[foot[k]], points[k, P.mistrust])
     for k in range(foot.size):
-        mistrust = worst[foot[k]]
+        mistrust = 1.0 if path[foot[k]] > FIXED.most_repeated else worst[foot[k]]
         if mistrust > FIXED.most_mistrust:
             contact[k] = 0.0
             if points[k, P.down] > 0.0:
                 mistrust = 1.0
-        state.points[k, P.mistrust] = mistrust
+        state.points[k, P.mistrust], state.points[k, P.repeated] = mistrust, path[foot[k]]
         for h in range(state.weight.size):
-            state.mode_points[h, k, P.mistrust] = mistrust
+            state.mode_points[h, k, P.mistrust], state.mode_points[h, k, P.repeated] = mistrust, path[foot[k]]
     return contact
 
 

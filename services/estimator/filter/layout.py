@@ -39,7 +39,7 @@ class ErrorLayout(NamedTuple):
 
 
 class PointLayout(NamedTuple):
-    """Columns of `BestState.points`, (K, 9)."""
+    """Columns of `BestState.points`, (K, 10)."""
 
     down: int = 0
     """1 while the point stands, else 0."""
@@ -57,6 +57,8 @@ class PointLayout(NamedTuple):
     """Switches of its foot that were closed at the last sample, bit s for switch s."""
     mistrust: int = 8
     """Share of its recent samples that were outliers, 0 to 1; it stays when the point is lifted."""
+    repeated: int = 9
+    """Path of the IMU's turning while the samples of its foot repeat one on the ground, rad; it stays likewise."""
 
 
 class MemoryLayout(NamedTuple):
@@ -123,7 +125,7 @@ class MemoryLayout(NamedTuple):
 
 
 X, E, P, M = StateLayout(), ErrorLayout(), PointLayout(), MemoryLayout()
-POINT_COLUMNS, MEMORY = P.mistrust + 1, M.pose_extra + 7
+POINT_COLUMNS, MEMORY = P.repeated + 1, M.pose_extra + 7
 """Number of columns of a point, and of numbers in the memory."""
 WAITING, MOVING, STARTED, DOUBTED, CERTAIN = 0.0, 1.0, 2.0, 3.0, 4.0
 """Phases of the start: none yet, in motion, at rest, in motion after the tilt proved wrong, in motion and certain."""

@@ -150,6 +150,13 @@ class FixedNumbers(NamedTuple):
     """Mistrust in a point from which its foot is left out."""
     forget_mistrust: float = 0.3
     """Rate at which the mistrust in a foot that is left out fades, 1/s."""
+    turning: float = 0.1
+    """Rate of the IMU from which it turns for sure, rad/s: more than the offset of a cheap gyro before a rest."""
+    most_repeated: float = 0.03
+    """Turning of the IMU, rad, while a foot on the ground repeats one sample and others do not: its encoders stand
+    still. Clean logs of others show 0.009 at most."""
+    longest_repeat: float = 0.1
+    """Longest step between two samples of the feet that counts in it, s."""
     most_misfits: int = 3
     """Outliers in a row after which the point is somewhere else."""
     surprise_s: float = 0.25

@@ -50,7 +50,7 @@ class BestState(NamedTuple):
     cov: Array
     """Covariance of the error, (15 + 3 K, 15 + 3 K), see `ErrorLayout`."""
     points: Array
-    """Contact points, (K, 9), see `PointLayout`."""
+    """Contact points, (K, 10), see `PointLayout`."""
     turn: Array
     """rot_odom_from_foot at the last sample of the feet, (K, 3, 3)."""
     memory: Array
@@ -60,7 +60,7 @@ class BestState(NamedTuple):
     mode_cov: Array
     """`cov` of each hypothesis, (H, 15 + 3 K, 15 + 3 K)."""
     mode_points: Array
-    """`points` of each hypothesis, (H, K, 9)."""
+    """`points` of each hypothesis, (H, K, 10)."""
     mode_turn: Array
     """`turn` of each hypothesis, (H, K, 3, 3)."""
     mode_memory: Array
