@@ -20,6 +20,20 @@ class RobotError(TableError):
     """A robot description that cannot be used: `code`, dotted `field` and `message`."""
 
 
+class RolledLegs(NamedTuple):
+    """Legs whose second and third axis are parallel to each other and perpendicular to the first, for L legs.
+
+    Frame of a hip at joint angle zero: x along the first axis, y along the second. Signs and rest angles belong to it.
+    """
+
+    hip: Array  # (L, 3) m, point of the first axis that is abreast of the femur joint, base_link
+    rot: Array  # (L, 3, 3) rot_base_from_hip
+    offset: Array  # (L, 2) m, foot along y, femur joint along z
+    segment: Array  # (L, 2) m, femur and tibia in the plane of x and z; NaN if the leg is of another kind
+    rest: Array  # (L, 2) rad, femur from z towards x, tibia from the femur, at joint angle zero
+    side: Array  # (L, 3) signs: foot along z, bend of the knee, third axis along y
+
+
 class KinematicModel(NamedTuple):
     """Link tree as contiguous arrays for numba kernels; link 0 is the trunk, parents come before children."""
 
@@ -34,7 +48,8 @@ class KinematicModel(NamedTuple):
     foot_point: Array  # (L, 3) foot centre in that link
     leg_joints: Ints  # (L, n) joints of each leg, hip first; -1 pads shorter legs
     hip: Array  # (L, 4) hip position and leg heading (about z), of yaw-pitch-pitch legs
-    segment: Array  # (L, 3) coxa, femur, tibia length; NaN if the leg has no closed-form solution
+    segment: Array  # (L, 3) coxa, femur, tibia length of yaw-pitch-pitch legs; NaN for others
+    rolled: RolledLegs  # roll-pitch-pitch legs
     lower: Array  # (nj,)
     upper: Array  # (nj,)
 

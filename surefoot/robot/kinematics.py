@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from surefoot.geometry.rotations import axis_angle_into
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import KinematicModel
+from surefoot.robot.rolled_legs import rolled_ik
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -212,10 +213,7 @@ def gravity_torques_of(model: KinematicModel, rot: Array, pos: Array, g_up: Arra
 
 @kernel
 def leg_ik(model: KinematicModel, leg: int, p_base: Array) -> tuple[Array, bool]:
-    """Joint angles that bring the foot centre to `p_base`, knee up, for yaw-pitch-pitch legs.
-
-    p = Rz(-psi) (p_base - hip), q1 = atan2(y, x), r = hypot(x, y) - c,
-    D = (r^2 + z^2 - f^2 - t^2) / (2 f t), q3 = -acos D, q2 = atan2(z, r) - atan2(t sin q3, f + t cos q3).
+    """Joint angles that bring the foot centre to `p_base`, for yaw-pitch-pitch and roll-pitch-pitch legs.
 
     Args:
         model: the robot.
@@ -225,6 +223,29 @@ def leg_ik(model: KinematicModel, leg: int, p_base: Array) -> tuple[Array, bool]
     Returns:
         The angles (3,), the nearest ones if the point is out of reach (D clipped, then joint limits), and whether the
         point is reached with every joint inside its limits. NaN lengths (no closed form) give False.
+    """
+    joints = model.leg_joints[leg]
+    if math.isnan(model.segment[leg, 0]):
+        middle = np.empty(3)
+        for i in range(3):
+            middle[i] = 0.5 * (model.lower[joints[i]] + model.upper[joints[i]])
+        q, reachable = rolled_ik(model.rolled, leg, p_base, middle)
+    else:
+        q, reachable = _yawed_ik(model, leg, p_base)
+    for i in range(3):
+        low, high = model.lower[joints[i]], model.upper[joints[i]]
+        if not low - LIMIT_SLACK <= q[i] <= high + LIMIT_SLACK:
+            reachable = False
+        q[i] = min(high, max(low, q[i]))
+    return q, reachable
+
+
+@kernel
+def _yawed_ik(model: KinematicModel, leg: int, p_base: Array) -> tuple[Array, bool]:
+    """Joint angles of a yaw-pitch-pitch leg, knee up, (3,) rad, and whether it is long enough; without joint limits.
+
+    p = Rz(-psi) (p_base - hip), q1 = atan2(y, x), r = hypot(x, y) - c,
+    D = (r^2 + z^2 - f^2 - t^2) / (2 f t), q3 = -acos D, q2 = atan2(z, r) - atan2(t sin q3, f + t cos q3).
     """
     c, f, t = model.segment[leg, 0], model.segment[leg, 1], model.segment[leg, 2]
     psi = model.hip[leg, 3]
@@ -243,11 +264,6 @@ def leg_ik(model: KinematicModel, leg: int, p_base: Array) -> tuple[Array, bool]
         q[1] -= 2.0 * math.pi
     elif q[1] < -math.pi:
         q[1] += 2.0 * math.pi
-    for i in range(3):
-        j = model.leg_joints[leg, i]
-        if not model.lower[j] - LIMIT_SLACK <= q[i] <= model.upper[j] + LIMIT_SLACK:
-            reachable = False
-        q[i] = min(model.upper[j], max(model.lower[j], q[i]))
     return q, reachable
 
 

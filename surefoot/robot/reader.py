@@ -14,6 +14,7 @@ from surefoot.geometry.linear import dot, norm, product
 from surefoot.robot import description as r
 from surefoot.robot.description import Array, RobotError
 from surefoot.robot.files import ContactTable, FootTable, LimbTable, LinkTable, RobotFile, ServoTable, Sourced
+from surefoot.robot.legs import closed_forms, matrix
 from surefoot.robot.profiles import ROBOTS, ImuFile, imu_profile, read_profile
 from surefoot.tables import FileModel, read_toml, unknown_key, validated
 
@@ -266,62 +267,26 @@ def _quat_product(a: Array, b: Array) -> Array:
     return np.concatenate(([w], v))
 
 
-def _matrix(q: Array) -> Array:
-    w, x, y, z = q
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
 def _model(links: list[r.Link], joints: list[r.Joint], legs: list[r.Leg]) -> r.KinematicModel:
     width = max(len(leg.joints) for leg in legs)
     leg_joints = np.full((len(legs), width), -1, dtype=np.int64)
-    hip, segment = np.zeros((len(legs), 4)), np.full((len(legs), 3), np.nan)
     for i, leg in enumerate(legs):
         leg_joints[i, : len(leg.joints)] = leg.joints
-        hip[i, :3] = leg.hip
-        closed = _yaw_pitch_pitch(links, joints, leg)
-        if closed is not None:
-            hip[i], segment[i] = closed
+    closed = closed_forms(links, joints, legs)
     return r.KinematicModel(
         parent=np.array([link.parent for link in links], dtype=np.int64),
         joint=np.array([link.joint for link in links], dtype=np.int64),
         origin_pos=np.array([link.position for link in links]),
-        origin_rot=np.array([_matrix(link.quat_wxyz) for link in links]),
+        origin_rot=np.array([matrix(link.quat_wxyz) for link in links]),
         axis=np.array([link.axis for link in links]),
         mass=np.array([link.mass for link in links]),
         com=np.array([link.com for link in links]),
         foot_link=np.array([leg.foot.link for leg in legs], dtype=np.int64),
         foot_point=np.array([leg.foot.position for leg in legs]),
         leg_joints=leg_joints,
-        hip=hip,
-        segment=segment,
+        hip=closed.hip,
+        segment=closed.segment,
+        rolled=closed.rolled,
         lower=np.array([j.lower for j in joints]),
         upper=np.array([j.upper for j in joints]),
     )
-
-
-def _yaw_pitch_pitch(links: list[r.Link], joints: list[r.Joint], leg: r.Leg) -> tuple[Array, Array] | None:
-    """Hip pose (4,) and segment lengths (3,) if the leg is coxa (z), femur (-y), tibia (-y) along x, else None."""
-    if len(leg.joints) != 3:
-        return None
-    coxa, femur, tibia = (links[joints[j].link] for j in leg.joints)
-    foot, link = leg.foot.position, leg.foot.link
-    while link != joints[leg.joints[2]].link:  # fixed links between the tibia and the foot
-        if links[link].joint >= 0 or link == 0:
-            return None
-        foot = links[link].position + product(_matrix(links[link].quat_wxyz), foot)
-        link = links[link].parent
-    axes = np.array([coxa.axis, femur.axis, tibia.axis])
-    straight = all(np.allclose(p[1:], 0.0, atol=1e-12) for p in (femur.position, tibia.position, foot))
-    level = np.allclose([femur.quat_wxyz, tibia.quat_wxyz], [1, 0, 0, 0]) and np.allclose(coxa.quat_wxyz[1:3], 0)
-    chained = tibia.parent == joints[leg.joints[1]].link and femur.parent == joints[leg.joints[0]].link
-    chained = chained and coxa.parent == 0
-    if not (straight and level and chained and np.allclose(axes, [[0, 0, 1], [0, -1, 0], [0, -1, 0]])):
-        return None
-    yaw = 2.0 * math.atan2(coxa.quat_wxyz[3], coxa.quat_wxyz[0])
-    return np.append(coxa.position, yaw), np.array([femur.position[0], tibia.position[0], foot[0]])

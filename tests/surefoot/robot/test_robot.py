@@ -36,7 +36,8 @@ def test_every_robot_of_the_package_is_whole(name):
     assert np.all(robot.joint_lower <= robot.neutral)
     assert np.all(robot.neutral <= robot.joint_upper)
     assert all(len(text) > 10 for text in robot.sources.values())
-    assert all(array.flags.c_contiguous for array in robot.model)
+    arrays = [array for array in (*robot.model, *robot.model.rolled) if isinstance(array, np.ndarray)]
+    assert all(array.flags.c_contiguous for array in arrays)
     assert robot.imu.profile.gyro.lsb > 0
     used = [leg.foot.link for leg in robot.legs]
     assert len(set(used)) == robot.nlegs
