@@ -25,8 +25,8 @@ from surefoot.services.simulator.physics.perturb import perturbation
 from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
 from surefoot.services.walker.biped.gait import BipedWalker
 from surefoot.services.walker.biped.state import Mode
-from surefoot.services.walker.hexapod.gait import HexapodWalker
 from surefoot.services.walker.interface import MotionCommand, WalkerOutputs
+from surefoot.services.walker.legged.gait import LeggedWalker
 
 BENCH = Bench("walker")
 
@@ -79,7 +79,7 @@ class Loop:
         config = WorldConfig(perturbation=perturbation(level, seed, robot.nj, robot.kind), drift=drift)
         self.world = PhysicsWorld(robot, make_terrain("flat"), seed, config)
         self.estimator = Estimator.for_robot(robot)
-        self.walker: Any = BipedWalker(robot) if robot.kind == "biped" else HexapodWalker(robot)
+        self.walker: Any = BipedWalker(robot) if robot.kind == "biped" else LeggedWalker(robot)
         self.pending = self.world.command.copy()
 
     def tick(self) -> WalkerOutputs:

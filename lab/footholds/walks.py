@@ -17,10 +17,10 @@ from surefoot.services.footholds.ground import FootholdGround, build_ground
 from surefoot.services.simulator.ground.terrain import make_terrain, observed_map
 from surefoot.services.simulator.physics.model import Physics
 from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
-from surefoot.services.walker.hexapod.gait import HexapodWalker
-from surefoot.services.walker.hexapod.params import WalkerParams
-from surefoot.services.walker.hexapod.standins import nominal_footholds
 from surefoot.services.walker.interface import FootholdReply, FootholdRequest, LandingRequest, MotionCommand
+from surefoot.services.walker.legged.gait import LeggedWalker
+from surefoot.services.walker.legged.params import WalkerParams
+from surefoot.services.walker.legged.standins import nominal_footholds
 
 from ..runs.joined import TICK_S, JoinedLoop
 
@@ -214,7 +214,7 @@ class JoinedWalk(JoinedLoop):
         self.stances = StanceObserver(world)
         self.selector = RuleSelector(self.robot, build_ground(heights, self.robot.foot_radius), rule, self.stances)
         params = WalkerParams.for_robot(self.robot, **dict(setting.params))
-        super().__init__(world, HexapodWalker(self.robot, params, select=self.selector), setting.delay)
+        super().__init__(world, LeggedWalker(self.robot, params, select=self.selector), setting.delay)
         self.walker.set_map(heights)
         self.started = False
         self.unreachable, self.margin = 0, math.inf

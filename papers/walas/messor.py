@@ -26,9 +26,9 @@ from surefoot.services.stability.sensing.forces import (
     leg_inverses,
 )
 from surefoot.services.stability.sensing.pressure import PressureSensor, read_loads
-from surefoot.services.walker.hexapod.gait import HexapodWalker
-from surefoot.services.walker.hexapod.params import WalkerParams
 from surefoot.services.walker.interface import MotionCommand, WalkerInputs
+from surefoot.services.walker.legged.gait import LeggedWalker
+from surefoot.services.walker.legged.params import WalkerParams
 
 from .stand import DATA_SHEET, Reading, Stand
 
@@ -222,7 +222,7 @@ class GaitStudy:
 def gait(robot: Robot, factor: float, seed: int = 0, distance: float = 0.25, leg: int = 1) -> GaitStudy:
     """Walk with the tripod gait and read one leg's force; the pose is the true one (nothing here is about it)."""
     world = PhysicsWorld(robot, make_terrain("flat"), seed)
-    walker = HexapodWalker(robot, WalkerParams.for_robot(robot))
+    walker = LeggedWalker(robot, WalkerParams.for_robot(robot))
     rows: list[tuple[float, ...]] = []
     started = False
     while world.tick < 6000:

@@ -14,8 +14,8 @@ from surefoot.schemas.stability import BasePose as CheckBase
 from surefoot.schemas.stability import CheckRequest, Contact
 from surefoot.schemas.topics import FOOTHOLDS_SELECT, STABILITY_CHECK
 
-from .hexapod.standins import HullCheck, nominal_footholds
 from .interface import FootholdReply, LandingRequest, StanceCheck, StanceVerdict
+from .legged.standins import HullCheck, nominal_footholds
 from .outcomes import Outcomes
 
 ANSWER_S = 1.0

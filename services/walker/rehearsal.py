@@ -14,15 +14,15 @@ SIZE, CELL = 41, 0.02
 """Cells along a side of the flat map, and the edge of a cell, m."""
 
 
-def rehearse(walker: Any, hexapod: bool) -> None:
+def rehearse(walker: Any, mapped: bool) -> None:
     """Move a walker through stand, steps and stop, so that every kernel of its gait is loaded.
 
     Args:
-        walker: a `HexapodWalker` or a `BipedWalker` that nothing else uses.
-        hexapod: it takes a map.
+        walker: a `LeggedWalker` or a `BipedWalker` that nothing else uses.
+        mapped: it takes a map.
     """
     robot = walker.robot
-    if hexapod:
+    if mapped:
         origin = (-0.5 * SIZE * CELL, -0.5 * SIZE * CELL)
         walker.set_map(HeightMap(z=np.zeros((SIZE, SIZE), dtype=np.float32), cell=CELL, origin=origin))
     joints, stance = robot.neutral.copy(), np.ones(len(robot.legs), dtype=np.bool_)

@@ -36,16 +36,16 @@ from .advisors import Advisors
 from .biped.gait import BipedWalker
 from .commander import Commander
 from .gait import Gait
-from .hexapod.gait import HexapodWalker
-from .hexapod.params import WalkerParams
 from .interface import WalkerOutputs
+from .legged.gait import LeggedWalker
+from .legged.params import WalkerParams
 from .memory import MemoryFile
 from .messages import gait_message, walker_inputs
 from .rehearsal import rehearse
 
 
 class WalkerConfig(ServiceConfig):
-    """Changes to the hexapod's gait; null = the value of `[gait]` in the robot description."""
+    """Changes to the gait of a robot with four or six legs; null = the value of `[gait]` in the robot description."""
 
     hip_height_m: float | None = Field(default=None, gt=0, lt=1, description="m, base_link over the ground")
     stride_m: float | None = Field(default=None, gt=0, lt=1, description="m, way of the trunk in one gait cycle")
@@ -83,8 +83,8 @@ class Walker(Service[WalkerConfig]):
 
     def rehearse(self) -> None:
         rotations.quat_from_rpy(0.0, 0.0, 0.1)
-        hexapod = self.params is not None
-        rehearse(HexapodWalker(self.robot, self.params) if hexapod else BipedWalker(self.robot), hexapod=hexapod)
+        mapped = self.params is not None
+        rehearse(LeggedWalker(self.robot, self.params) if mapped else BipedWalker(self.robot), mapped=mapped)
 
     def on_reset(self) -> None:
         ask = {"footholds": self.config.ask_footholds, "stability": self.config.ask_stability}
@@ -92,7 +92,7 @@ class Walker(Service[WalkerConfig]):
         self.gait: Gait = (
             BipedWalker(self.robot)
             if self.params is None
-            else HexapodWalker(self.robot, self.params, self.advisors.select, self.advisors.check)
+            else LeggedWalker(self.robot, self.params, self.advisors.select, self.advisors.check)
         )
         self.commander = Commander(self.gait, self.memory, self.log)
         self._map: object = None

@@ -56,6 +56,10 @@ def matrix(q: Array) -> Array:
     )
 
 
+def _cross(a: Array, b: Array) -> Array:
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
 def _yaw_pitch_pitch(links: Sequence[Link], joints: Sequence[Joint], leg: Leg) -> tuple[Array, Array] | None:
     """Hip pose (4,) and segment lengths (3,) if the leg is coxa (z), femur (-y), tibia (-y) along x, else None."""
     if len(leg.joints) != 3:
@@ -112,11 +116,11 @@ def _roll_pitch_pitch(links: Sequence[Link], joints: Sequence[Joint], leg: Leg) 
     if chain is None:
         return None
     x, y, third = chain.axes
-    if abs(dot(x, y)) > PARALLEL or norm(np.cross(y, third)) > PARALLEL:
+    if abs(dot(x, y)) > PARALLEL or norm(_cross(y, third)) > PARALLEL:
         return None
     x = x - dot(x, y) * y
     x = x / norm(x)
-    rot = np.column_stack((x, y, np.cross(x, y)))
+    rot = np.column_stack((x, y, _cross(x, y)))
     _, femur, tibia, foot = product(chain.points - chain.points[0], rot)
     hip = chain.points[0] + femur[0] * x
     f, t = tibia - femur, foot - tibia

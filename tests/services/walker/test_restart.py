@@ -8,10 +8,10 @@ import os
 import numpy as np
 import pytest
 
-from surefoot.services.walker.hexapod.gait import HexapodWalker
 from surefoot.services.walker.interface import BodyPose, MotionCommand
+from surefoot.services.walker.legged.gait import LeggedWalker
 from surefoot.services.walker.memory import MemoryFile, WalkMemory
-from tests.services.walker.hexapod.plant import KINEMATICS_TICKS, ROBOT, Plant, begun, obeyed, plant
+from tests.services.walker.legged.plant import KINEMATICS_TICKS, ROBOT, Plant, begun, obeyed, plant
 
 
 class Forgetful(Plant):
@@ -43,7 +43,7 @@ class Forgetful(Plant):
 
 
 def test_after_a_restart_of_the_estimator_the_walk_goes_on_where_the_robot_is():
-    p = Forgetful(HexapodWalker(ROBOT))
+    p = Forgetful(LeggedWalker(ROBOT))
     p.run(1.0)
     p.walker.command(MotionCommand("turn", angle=0.5))
     p.step()
@@ -64,7 +64,7 @@ def test_after_a_restart_of_the_estimator_the_walk_goes_on_where_the_robot_is():
 
 
 def test_what_was_learned_of_the_old_estimate_is_forgotten():
-    p = Forgetful(HexapodWalker(ROBOT))
+    p = Forgetful(LeggedWalker(ROBOT))
     p.run(1.0)
     p.walker.state.tilt_offset[:] = 0.03
     p.restart_estimator()

@@ -21,13 +21,20 @@ LOAD_S = 0.1  # s, in which a standing foot takes its load
 def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -> bool:
     """Move trunk and feet by one tick of the planned step; returns whether the step is done.
 
-    The trunk moves evenly over the step. Feet that find no ground at their landing go on down while the trunk waits.
+    The trunk moves evenly over the step, of a leaning gait in the time before the swing, while all feet stand. Feet
+    that find no ground at their landing go on down while the trunk waits.
     """
     s, p, plan = state, params, state.plan
     assert plan is not None
     s.clock += dt
-    u = min(1.0, s.clock / plan.duration)
-    v = max(0.0, (s.clock / plan.duration - p.overlap) / (1.0 - 2.0 * p.overlap))
+    if s.clock <= plan.lean:
+        _move(s, plan, swing.smooth(s.clock / plan.lean))
+        return False
+    clock = s.clock - plan.lean
+    if plan.lean > 0.0 and clock <= dt:
+        s.landed = ~plan.swing
+    u = min(1.0, clock / plan.duration)
+    v = max(0.0, (clock / plan.duration - p.overlap) / (1.0 - 2.0 * p.overlap))
     if s.fresh and v > plan.shape.fall_start + TOUCH_PHASE:
         _touch(s, robot, plan)
     if v > 1.0:
@@ -36,15 +43,20 @@ def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -
     paths = swing.SwingPaths(plan.shape, plan.swing, plan.feet_from, plan.feet_to, plan.top, plan.go, plan.arrive)
     rate = dt / (p.overlap * plan.duration)
     s.feet, s.support = swing.targets(paths, s.landed, v, s.feet, p.press_speed * dt, s.support, rate)
-    a, b, ease = plan.begin, plan.end, swing.smooth(u)
-    s.body[:] = (a.x + u * (b.x - a.x), a.y + u * (b.y - a.y), a.z + ease * (b.z - a.z))
-    s.yaw = a.yaw + u * (b.yaw - a.yaw)
+    _move(s, plan, 1.0 if plan.lean > 0.0 else u)
     if u < 1.0 or seeking or not s.landed.all():
         return False
     s.footholds = plan.feet_to.copy()
     s.steps += 1
     s.steps_in_walk += 1
     return True
+
+
+def _move(state: WalkerState, plan: StepPlan, part: float) -> None:
+    """Put the trunk at a part of its way in the step, 0..1; its height changes smoothly."""
+    a, b, ease = plan.begin, plan.end, swing.smooth(part)
+    state.body[:] = (a.x + part * (b.x - a.x), a.y + part * (b.y - a.y), a.z + ease * (b.z - a.z))
+    state.yaw = a.yaw + part * (b.yaw - a.yaw)
 
 
 def _touch(state: WalkerState, robot: Robot, plan: StepPlan) -> None:

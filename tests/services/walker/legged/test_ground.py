@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from surefoot.geometry.heightmap import HeightMap
-from surefoot.services.walker.hexapod.ground import FILL_ROUNDS, Ground, Rectangle
+from surefoot.services.walker.legged.ground import FILL_ROUNDS, Ground, Rectangle
 
 RNG = np.random.default_rng(5)
 

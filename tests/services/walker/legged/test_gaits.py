@@ -5,8 +5,8 @@ import pytest
 
 from surefoot.robot import kinematics
 from surefoot.robot.reader import load_robot
-from surefoot.services.walker.hexapod.patterns import HEXAPOD_GAITS, TRIPOD
-from surefoot.services.walker.hexapod.standins import hull_margin
+from surefoot.services.walker.legged.patterns import HEXAPOD_GAITS, TRIPOD
+from surefoot.services.walker.legged.standins import hull_margin
 
 ROBOT = load_robot("ragno")
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from surefoot.geometry import rotations
 from surefoot.robot import kinematics
 from surefoot.robot.reader import load_robot
-from surefoot.services.walker.hexapod import posture
+from surefoot.services.walker.legged import posture
 
 ROBOT = load_robot("ragno")
 FEET = kinematics.foot_positions(ROBOT.model, ROBOT.neutral)

@@ -5,10 +5,10 @@ import itertools
 import numpy as np
 import pytest
 
-from surefoot.services.walker.hexapod.balance import nearest_inside, shift_into
-from surefoot.services.walker.hexapod.standins import HullCheck, hull_margin, ring_of
 from surefoot.services.walker.interface import MotionCommand, StanceVerdict
-from tests.services.walker.hexapod.plant import PARAMS, ROBOT, obeyed, plant
+from surefoot.services.walker.legged.balance import nearest_inside, shift_into
+from surefoot.services.walker.legged.standins import HullCheck, hull_margin, ring_of
+from tests.services.walker.legged.plant import PARAMS, ROBOT, obeyed, plant
 
 RNG = np.random.default_rng(11)
 

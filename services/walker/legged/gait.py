@@ -1,9 +1,10 @@
-"""The hexapod walker: one call per control tick, from estimates, joints and foot switches to servo set-points.
+"""The walker of robots with four or six legs: one call per control tick, from sensors to servo set-points.
 
 Stages: WAIT (no joints) -> SETTLE (all feet down) -> STAND <-> STEP. The plan lives in the map; at the end of every
 step it is laid anew over the dead-reckoned pose, the estimated tilt and the map's heights, which moves no joint.
 """
 
+import dataclasses
 import math
 
 import numpy as np
@@ -32,19 +33,19 @@ from ..memory import WalkMemory
 from . import anchor, balance, planning, posture, stepping
 from .ground import Ground
 from .params import WalkerParams, abilities
-from .patterns import HEXAPOD_GAITS
-from .route import HexapodRoute, advance, finished, moved, remaining
+from .patterns import gaits_of
+from .route import LeggedRoute, advance, finished, moved, remaining
 from .standins import HullCheck, nominal_footholds
 from .state import Stage, WalkerState
 
 Array = NDArray[np.float64]
 
 
-class HexapodWalker:
-    """Gait of a six-legged robot with closed-form legs.
+class LeggedWalker:
+    """Gait of a robot with four or six closed-form legs.
 
     Args:
-        robot: description; its legs in the order LF LM LH RF RM RH.
+        robot: description; a hexapod's legs in the order LF LM LH RF RM RH.
         params: settings; None = the robot's own.
         select: chooses the footholds of all legs of a step.
         check: returns the verdict on a step before it is taken; None = hull of the standing feet.
@@ -65,7 +66,8 @@ class HexapodWalker:
         self.frame = planning.PlanningContext(robot, self.params, None, np.ascontiguousarray(neutral[:, :2]))
         self._compliance = self.params.sag / np.array([joint.servo.kp for joint in robot.joints])
         self.state = WalkerState(robot.nlegs, robot.nj)
-        balance.usual(self.state, HEXAPOD_GAITS[self.params.gait])
+        self.gaits = gaits_of(robot)
+        balance.usual(self.state, self.gaits[self.params.gait or next(iter(self.gaits))])
 
     # --- inputs that come now and then -----------------------------------------------------------------------------
 
@@ -76,7 +78,7 @@ class HexapodWalker:
 
     def command(self, command: MotionCommand) -> CommandReply:
         """Accept or refuse a command; an accepted one replaces the present one at the next step."""
-        refusal = refusal_of(command, abilities(self.params), calibrated=self.state.calibrated)
+        refusal = refusal_of(command, abilities(self.params, self.gaits), calibrated=self.state.calibrated)
         if refusal is not None:
             return refusal
         s = self.state
@@ -86,17 +88,17 @@ class HexapodWalker:
                 return refused("bad_value", "shift", refusal)
         s.walk_id += 1
         if command.gait is not None:
-            balance.usual(s, HEXAPOD_GAITS[command.gait])
+            balance.usual(s, self.gaits[command.gait])
         s.refused, s.reason, s.attempts, s.scale, s.shifts = False, "", 0, 1.0, 0
         s.steps_in_walk = s.steps_in_walk if s.route is not None else 0
         walking = command.action in ("walk", "turn")
-        s.route = HexapodRoute(command, None, s.walk_id) if walking else None
+        s.route = LeggedRoute(command, None, s.walk_id) if walking else None
         s.closing = not walking and (s.closing or s.stage is Stage.STEP or s.steps_in_walk > 0)
         return CommandReply(True, s.walk_id)
 
     def never(self, command: MotionCommand) -> CommandReply | None:
         """Return the refusal of a command that cannot be obeyed at any time, or None."""
-        return refusal_of(command, abilities(self.params), calibrated=True)
+        return refusal_of(command, abilities(self.params, self.gaits), calibrated=True)
 
     @property
     def walk_id(self) -> int:
@@ -113,10 +115,10 @@ class HexapodWalker:
     def resume(self, kept: WalkMemory) -> None:
         """Go on after a restart: feet down, to neutral, then the rest of the route; before the first tick."""
         s = self.state
-        route = None if kept.command is None else HexapodRoute(kept.command, kept.start, kept.walk_id, kept.began)
+        route = None if kept.command is None else LeggedRoute(kept.command, kept.start, kept.walk_id, kept.began)
         s.walk_id, s.route, s.offset, s.recovering = kept.walk_id, route, kept.offset, True
         if route is not None and route.command.gait is not None:
-            balance.usual(s, HEXAPOD_GAITS[route.command.gait])
+            balance.usual(s, self.gaits[route.command.gait])
 
     # --- the tick --------------------------------------------------------------------------------------------------
 
@@ -193,13 +195,15 @@ class HexapodWalker:
         """Plan the next step and begin it, end the walk, or try again in the next tick."""
         s, p = self.state, self.params
         anchor.lay_over(s, self.params, self.frame.ground, inputs)
-        begin, low = self._pose(), ""
+        place, low = self._place(), ""
         if s.route is not None:
-            s.route = s.route if s.recovering else s.route.begun(begin, s.now)
-        if s.route is not None and (s.route.over(s.now) or finished(s.route, begin, p)):
+            s.route = s.route if s.recovering else s.route.begun(place, s.now)
+        if s.route is not None and (s.route.over(s.now) or finished(s.route, place, p)):
             s.route, s.closing = None, True
         if s.route is None or s.recovering:
             legs, step, after = self._closing_group(), Advance(), Advance()
+            if not legs and balance.upright(s, place):
+                return
             if not legs:
                 s.closed.clear()
                 s.closing = s.recovering = False
@@ -212,9 +216,10 @@ class HexapodWalker:
             if inputs.margin is not None and inputs.margin < p.low_margin_m:
                 first *= 0.5
                 low = f"margin {1e3 * inputs.margin:.0f} mm is low: shorter step"
-            step = advance(s.route, begin, p, s.gait.steps_per_cycle, first * s.scale)
-            after = advance(s.route, moved(begin, step), p, s.gait.steps_per_cycle, s.scale)
-        plan = self._plan(legs, begin, step, after)
+            took = s.plan.duration + s.plan.lean if s.gait.leans and s.plan is not None else None
+            step = advance(s.route, place, p, s.gait.steps_per_cycle, first * s.scale, took)
+            after = advance(s.route, moved(place, step), p, s.gait.steps_per_cycle, s.scale, took)
+        plan = self._plan(legs, moved(place, step), after)
         if plan is None:
             s.stage, s.plan = Stage.STAND, None
             s.attempts += s.goal is None
@@ -225,7 +230,7 @@ class HexapodWalker:
         s.attempts, s.scale, s.trunk_shift = 0, 1.0, 0.5 * s.trunk_shift
         s.closed = s.closed | {legs} if s.route is None or s.recovering else set()
         s.plan, s.stage, s.clock = plan, Stage.STEP, 0.0
-        s.landed = ~plan.swing
+        s.landed = ~plan.swing if plan.lean == 0.0 else np.ones_like(plan.swing)
         s.hanging[:] = 0
         s.group = (s.group + 1) % s.gait.steps_per_cycle if s.route is not None else s.group
         s.swung = legs
@@ -233,7 +238,8 @@ class HexapodWalker:
     def _closing_group(self) -> tuple[int, ...]:
         """Return the group of legs farthest from neutral, each group once; empty when all are near."""
         s = self.state
-        wanted = planning.rotated(s.yaw, self.frame.neutral) + s.body[:2]
+        place = self._place()
+        wanted = planning.rotated(s.yaw, self.frame.neutral) + np.array([place.x, place.y])
         off = np.hypot(*(s.footholds[:, :2] - wanted).T)
         worst, far = (), self.params.close_tolerance_m
         for group in s.gait.groups:
@@ -242,11 +248,15 @@ class HexapodWalker:
                 worst, far = group, reach
         return worst
 
-    def _plan(self, legs: tuple[int, ...], begin: BodyPose, step: Advance, after: Advance) -> planning.StepPlan | None:
-        """Ask for footholds and for the step's safety; None with the reason set when the step cannot be taken."""
+    def _plan(self, legs: tuple[int, ...], place: BodyPose, after: Advance) -> planning.StepPlan | None:
+        """Ask for footholds and for the safety of a step that ends at a place of the trunk in the gait.
+
+        None with the reason set when the step cannot be taken.
+        """
         s, frame, gait = self.state, self.frame, self.state.gait
-        planar = moved(begin, step)
-        nominal = planning.landings(frame, gait, legs, planar, after, s.footholds)
+        begin = self._pose()
+        nominal = planning.landings(frame, gait, legs, place, after, s.footholds)
+        planar = balance.lean(s, frame, legs, place) if gait.leans else place
         feet_to = s.footholds.copy()
         feet_to[list(legs)] = nominal
         guess = BodyPose(planar.x, planar.y, planning.trunk_height(frame, feet_to, planar, s.trunk_shift), planar.yaw)
@@ -272,23 +282,38 @@ class HexapodWalker:
             s.adjusting = True
             return None
         swings = planning.swing_tops(frame, legs, s.footholds, feet_to)
-        end = planning.end_pose(frame, begin, planar, s.footholds, feet_to, legs, swings[1], s.trunk_shift)
+        apex = planning.apex(legs, s.footholds, feet_to, swings[1])
+        end = planning.end_pose(frame, begin, planar, s.footholds, feet_to, apex, s.trunk_shift, gait.leans)
         if end is None:
             s.scale *= 0.5
             s.reason = "a leg does not reach its foothold at any trunk height"
             return None
         plan = planning.complete(frame, legs, begin, end, s.footholds, feet_to, swings, s.status)
         rot = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
-        verdict = self.check(planning.check_request(frame, plan, s.q, rot))
+        if gait.leans:
+            plan = dataclasses.replace(plan, lean=balance.lean_time(begin, end, self.params))
+            verdict = self.check(planning.leant_request(frame, plan, s.level))
+        else:
+            verdict = self.check(planning.check_request(frame, plan, s.q, rot))
         s.margin = verdict.margin
         safe = verdict.stable and (verdict.margin is None or verdict.margin >= self.params.wanted_margin_m)
-        return plan if safe or balance.react(s, frame, begin, verdict) else None
+        if not safe and not balance.react(s, frame, end if gait.leans else begin, verdict):
+            return None
+        if gait.leans:
+            s.lean = planning.rotated(-place.yaw, np.array([[end.x - place.x, end.y - place.y]]))[0]
+        return plan
 
     # --- outputs ---------------------------------------------------------------------------------------------------
 
     def _pose(self) -> BodyPose:
         s = self.state
         return BodyPose(float(s.body[0]), float(s.body[1]), float(s.body[2]), s.yaw)
+
+    def _place(self) -> BodyPose:
+        """Return the place of the trunk in the gait: where it would be without leaning over the standing feet."""
+        s = self.state
+        x, y = s.body[:2] - planning.rotated(s.yaw, s.lean[None])[0]
+        return BodyPose(float(x), float(y), float(s.body[2]), s.yaw)
 
     def _posture(self) -> None:
         s = self.state
@@ -317,7 +342,7 @@ class HexapodWalker:
         plan = s.plan if s.stage is Stage.STEP else None
         left = 0.0
         if s.route is not None:
-            left = remaining(s.route, self._pose())
+            left = remaining(s.route, self._place())
         return WalkerOutputs(
             command=s.command,
             state=self._walk_state(),

@@ -9,9 +9,9 @@ import pytest
 
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot import kinematics
-from surefoot.services.walker.hexapod.gait import HexapodWalker
 from surefoot.services.walker.interface import MotionCommand, WalkerInputs
-from tests.services.walker.hexapod.plant import PARAMS, ROBOT, Plant, begun, obeyed, plant
+from surefoot.services.walker.legged.gait import LeggedWalker
+from tests.services.walker.legged.plant import PARAMS, ROBOT, Plant, begun, obeyed, plant
 
 
 def test_walks_a_distance_and_ends_in_the_neutral_stance():
@@ -89,7 +89,7 @@ def test_a_later_command_replaces_an_earlier_one():
 
 
 def test_refuses_to_walk_before_the_estimator_is_initialised_but_stands():
-    p = Plant(HexapodWalker(ROBOT), initialised=False)
+    p = Plant(LeggedWalker(ROBOT), initialised=False)
     outs = p.run(0.5)
     assert {o.state for o in outs} == {"waiting"}
     still = np.array([o.command for o in outs])
@@ -164,7 +164,7 @@ def test_climbs_a_step_of_the_map_and_keeps_the_trunk_over_it():
     z = np.zeros((161, 401), dtype=np.float32)
     z[:, 160:] = 0.025  # x >= 0.4 m
     heights = HeightMap(z=z, cell=0.005, origin=(-0.4, -0.4))
-    p = Plant(HexapodWalker(ROBOT), heights)
+    p = Plant(LeggedWalker(ROBOT), heights)
     outs = p.obey(MotionCommand("walk", distance=0.9))
     assert outs[-1].state == "standing"
     s = p.walker.state
@@ -175,9 +175,7 @@ def test_climbs_a_step_of_the_map_and_keeps_the_trunk_over_it():
 
 def test_a_hole_in_the_map_and_in_the_ground_is_found_by_the_foot():
     """The map has z = 0, the ground is 20 mm lower: the feet go on looking until the switches close."""
-    p = Plant(
-        HexapodWalker(ROBOT), HeightMap(z=np.zeros((161, 161), dtype=np.float32), cell=0.005, origin=(-0.4, -0.4))
-    )
+    p = Plant(LeggedWalker(ROBOT), HeightMap(z=np.zeros((161, 161), dtype=np.float32), cell=0.005, origin=(-0.4, -0.4)))
     p.run(1.0)
     p.heights = HeightMap(z=np.full((161, 161), -0.02, dtype=np.float32), cell=0.005, origin=(-0.4, -0.4))
     p.walker.command(MotionCommand("walk", distance=0.05))
@@ -190,7 +188,7 @@ def test_a_hole_in_the_map_and_in_the_ground_is_found_by_the_foot():
 
 
 def test_levelling_works_against_the_estimated_tilt_within_its_limit():
-    walker = HexapodWalker(ROBOT)
+    walker = LeggedWalker(ROBOT)
     p = Plant(walker)
     p.run(1.0)
     for _ in range(2000):
@@ -210,7 +208,7 @@ def test_equal_inputs_give_equal_outputs():
 
 
 def test_nothing_is_commanded_before_the_first_joint_sample():
-    out = HexapodWalker(ROBOT).step(WalkerInputs(stamp=0.0))
+    out = LeggedWalker(ROBOT).step(WalkerInputs(stamp=0.0))
     assert out.command is None
     assert out.state == "waiting"
 

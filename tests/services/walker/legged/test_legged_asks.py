@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from surefoot.services.walker.hexapod.standins import nominal_footholds
 from surefoot.services.walker.interface import FootholdReply, MotionCommand, StanceVerdict
-from tests.services.walker.hexapod.plant import PARAMS, ROBOT, obeyed
+from surefoot.services.walker.legged.standins import nominal_footholds
+from tests.services.walker.legged.plant import PARAMS, ROBOT, obeyed
 
 
 def test_footholds_of_the_selector_are_stepped_on():

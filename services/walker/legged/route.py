@@ -8,7 +8,7 @@ from .params import WalkerParams
 
 
 @dataclass(frozen=True, slots=True)
-class HexapodRoute:
+class LeggedRoute:
     """A command with the pose it began at, None until its first step is planned."""
 
     command: MotionCommand
@@ -17,7 +17,7 @@ class HexapodRoute:
     began: float | None = None
     """Simulated time of its first step, s."""
 
-    def begun(self, pose: BodyPose, now: float) -> "HexapodRoute":
+    def begun(self, pose: BodyPose, now: float) -> "LeggedRoute":
         """Return the route with its start: `pose` at the time `now`, s, if it has not begun yet."""
         return self if self.start is not None else replace(self, start=pose, began=now)
 
@@ -27,7 +27,7 @@ class HexapodRoute:
         return limit is not None and self.began is not None and now - self.began >= limit
 
 
-def remaining(route: HexapodRoute, pose: BodyPose) -> float:
+def remaining(route: LeggedRoute, pose: BodyPose) -> float:
     """Return the signed way (m) or angle (rad) still to go; inf for a walk without an end, 0 for stand and stop."""
     command, start = route.command, route.start or pose
     if command.action == "walk":
@@ -40,7 +40,7 @@ def remaining(route: HexapodRoute, pose: BodyPose) -> float:
     return 0.0
 
 
-def finished(route: HexapodRoute, pose: BodyPose, params: WalkerParams) -> bool:
+def finished(route: LeggedRoute, pose: BodyPose, params: WalkerParams) -> bool:
     """Return whether the command is carried out (a distance that was passed counts)."""
     left = remaining(route, pose)
     if route.command.action == "walk":
@@ -49,15 +49,20 @@ def finished(route: HexapodRoute, pose: BodyPose, params: WalkerParams) -> bool:
     return abs(left) <= params.angle_tolerance_rad
 
 
-def stride(command: MotionCommand, params: WalkerParams, steps_per_cycle: int) -> float:
-    """Return the way of the trunk in one step, m, without sign."""
+def stride(command: MotionCommand, params: WalkerParams, steps_per_cycle: int, step_s: float) -> float:
+    """Return the way of the trunk in one step of `step_s` seconds, m, without sign."""
     if command.velocity is None:
         return params.stride_m / steps_per_cycle
-    return min(abs(command.velocity) * 0.5 * params.period_s, params.max_stride_m / steps_per_cycle)
+    return min(abs(command.velocity) * step_s, params.max_stride_m / steps_per_cycle)
 
 
 def advance(
-    route: HexapodRoute, pose: BodyPose, params: WalkerParams, steps_per_cycle: int, scale: float = 1.0
+    route: LeggedRoute,
+    pose: BodyPose,
+    params: WalkerParams,
+    steps_per_cycle: int,
+    scale: float = 1.0,
+    step_s: float | None = None,
 ) -> Advance:
     """Return the movement of the trunk in the next step, heading axes of `pose`.
 
@@ -67,6 +72,7 @@ def advance(
         params: settings.
         steps_per_cycle: of the gait.
         scale: 0..1, shortens the step.
+        step_s: duration of a step, s; None = half a period.
 
     Returns:
         The advance; cross-track and heading errors are taken out by `steer_gain` within limits.
@@ -79,7 +85,7 @@ def advance(
     if command.action == "turn":
         step = params.turn_step_rad * 2.0 / steps_per_cycle
         return Advance(turn=scale * max(-step, min(step, left)))
-    step = stride(command, params, steps_per_cycle)
+    step = stride(command, params, steps_per_cycle, 0.5 * params.period_s if step_s is None else step_s)
     c, s = math.cos(start.yaw), math.sin(start.yaw)
     across = -s * (pose.x - start.x) + c * (pose.y - start.y)
     heading = (pose.yaw - start.yaw + math.pi) % (2.0 * math.pi) - math.pi  # in [-pi, pi)

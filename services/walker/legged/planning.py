@@ -1,7 +1,7 @@
 """Plan of one step before it is taken: motion of the trunk, landings of the feet, reach of the legs."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +61,8 @@ class StepPlan:
     """s, longer than half a period when a foot has far to fall."""
     shape: SwingShape
     """Phases of the swings, with the height of the slow part."""
+    lean: float = 0.0
+    """Time before the swing in which the trunk moves to its end while all feet stand, s; 0 = it moves all the time."""
 
 
 def rotated(yaw: float, vectors: Array) -> Array:
@@ -126,31 +128,47 @@ def swing_tops(frame: PlanningContext, legs: tuple[int, ...], feet: Array, feet_
     return swept, top
 
 
+def apex(legs: tuple[int, ...], feet: Array, feet_to: Array, top: Array) -> Array:
+    """Return the foot centres in the middle of the swings of `legs` at their tops `top` (n,), (L, 3) m."""
+    high, some = feet_to.copy(), list(legs)
+    high[some] = 0.5 * (feet[some] + feet_to[some])
+    high[some, 2] = top
+    return high
+
+
 def end_pose(
     frame: PlanningContext,
     begin: BodyPose,
     planar: BodyPose,
     feet: Array,
     feet_to: Array,
-    legs: tuple[int, ...],
-    top: Array,
+    apex: Array,
     shift: float,
+    leans: bool,
 ) -> BodyPose | None:
     """Return the trunk at the end of the step at the wanted height, or the nearest at which all legs reach, or None.
 
     A height at which the swings reach their tops too is preferred.
+
+    Args:
+        frame: robot, settings, ground.
+        begin: the trunk now.
+        planar: the trunk at the end; its height is not used.
+        feet: foot centres now, (L, 3) m, map.
+        feet_to: foot centres at the end, (L, 3) m.
+        apex: foot centres at the tops of the swings, (L, 3) m.
+        shift: change of the trunk's height that the foothold service asked for, m.
+        leans: the trunk is at its end before the swing begins.
     """
     limit = frame.params.trunk_step_m
     wanted = trunk_height(frame, feet_to, planar, shift)
     wanted = begin.z + max(-limit, min(limit, wanted - begin.z))
-    apex = feet_to.copy()
-    apex[list(legs)] = 0.5 * (feet[list(legs)] + feet_to[list(legs)])
-    apex[list(legs), 2] = top
+    checks, top_part = (((feet, 1.0), (feet_to, 1.0)), 1.0) if leans else (((feet_to, 0.5), (feet_to, 1.0)), 0.5)
     second: BodyPose | None = None
     for trial in HEIGHT_TRIALS:
         end = BodyPose(planar.x, planar.y, wanted + trial, planar.yaw)
-        if reaches(frame, begin, end, feet_to, 0.5) and reaches(frame, begin, end, feet_to, 1.0):
-            if reaches(frame, begin, end, apex, 0.5):
+        if all(reaches(frame, begin, end, each, part) for each, part in checks):
+            if reaches(frame, begin, end, apex, top_part):
                 return end
             second = second or end
     return second
@@ -208,3 +226,17 @@ def check_request(frame: PlanningContext, plan: StepPlan, joints: Array, rot: Ar
         movement=(end.x - begin.x, end.y - begin.y, end.z - begin.z),
         legs=tuple(name for name, gone in zip(frame.robot.leg_names, plan.swing, strict=True) if not gone),
     )
+
+
+def leant_request(frame: PlanningContext, plan: StepPlan, level: Array) -> StanceCheck:
+    """Return the request to the stability service for a step whose trunk is at its end before a foot lifts.
+
+    Args:
+        frame: robot, settings, ground.
+        plan: of the step.
+        level: commanded roll and pitch of the trunk, (2,) rad.
+    """
+    end = plan.end
+    rot = rotations.matrix_from_rpy(level[0], level[1], end.yaw)
+    feet = posture.into_base(plan.feet_from, np.array([end.x, end.y, end.z]), rot)
+    return check_request(frame, replace(plan, begin=end), kinematics.legs_ik(frame.robot.model, feet)[0], rot)

@@ -1,4 +1,4 @@
-"""State of the hexapod walker from one tick to the next."""
+"""State of the legged walker from one tick to the next."""
 
 from dataclasses import dataclass, field
 from enum import Enum
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from .patterns import TRIPOD, GaitPattern
 from .planning import StepPlan
-from .route import HexapodRoute
+from .route import LeggedRoute
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -39,7 +39,7 @@ class WalkerState:
     """Legs of the last step."""
     careful_steps: int = 0
     """Steps taken in a gait other than the usual one."""
-    route: HexapodRoute | None = None
+    route: LeggedRoute | None = None
     walk_id: int = 0
     closing: bool = False
     """True while the feet step to neutral: after a command, on stop, after a restart."""
@@ -95,6 +95,8 @@ class WalkerState:
     """Change of trunk height asked for by the foothold service, m."""
     adjusting: bool = False
     """True while the trunk moves to its height before the next plan."""
+    lean: Array = field(default_factory=lambda: np.zeros(2))
+    """Way of the trunk from its place in the gait to where the standing feet carry it, heading axes, (2,) m."""
     goal: Array | None = None
     """Place to which the trunk moves before the next plan, so that the standing feet carry it, (2,) m; None = none."""
     shifts: int = 0

@@ -6,9 +6,9 @@ import numpy as np
 
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot.reader import load_robot
-from surefoot.services.walker.hexapod.gait import HexapodWalker
-from surefoot.services.walker.hexapod.params import WalkerParams
 from surefoot.services.walker.interface import MotionCommand, WalkerInputs, WalkerOutputs
+from surefoot.services.walker.legged.gait import LeggedWalker
+from surefoot.services.walker.legged.params import WalkerParams
 
 ROBOT = load_robot("ragno")
 PARAMS = WalkerParams.for_robot(ROBOT)
@@ -18,7 +18,7 @@ KINEMATICS_TICKS = 3  # close to the 33 ms of the real sensors
 class Plant:
     """Closes the loop around a walker by kinematics only; flat ground at z = 0 without a map."""
 
-    def __init__(self, walker: HexapodWalker, heights: HeightMap | None = None, initialised: bool = True) -> None:
+    def __init__(self, walker: LeggedWalker, heights: HeightMap | None = None, initialised: bool = True) -> None:
         self.walker = walker
         self.heights = heights
         self.initialised = initialised
@@ -78,7 +78,7 @@ class Plant:
 
 def plant(**kwargs: Any) -> Plant:
     """A hexapod on flat ground; its walker with these arguments."""
-    return Plant(HexapodWalker(ROBOT, **kwargs))
+    return Plant(LeggedWalker(ROBOT, **kwargs))
 
 
 def begun(command: MotionCommand) -> Plant:

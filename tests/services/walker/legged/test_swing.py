@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from surefoot.geometry.heightmap import HeightMap
-from surefoot.services.walker.hexapod import swing
+from surefoot.services.walker.legged import swing
 
 SHAPE = swing.SwingShape()
 heights = st.floats(-0.08, 0.08)

@@ -9,13 +9,17 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.geometry import rotations
 from surefoot.geometry.linear import product
 from surefoot.kernels.jit import kernel
+from surefoot.robot import kinematics
 
 from ..interface import BodyPose, StanceVerdict
-from . import planning
+from . import planning, posture
+from .params import WalkerParams
 from .patterns import HEXAPOD_GAITS, GaitPattern
 from .planning import PlanningContext
+from .standins import ring_of
 from .state import Stage, WalkerState
 
 Array = NDArray[np.float64]
@@ -24,6 +28,7 @@ SWEEPS = 200
 FEASIBLE = 1e-5  # m
 PARTS = (1.0, 0.75, 0.5, 0.25)  # of a shift or of the wanted margin, tried in this order
 LEG_SHARE = 1.2  # way of the trunk per way of the centre of mass: the standing legs stay behind
+LEAN_ROUNDS = 2  # the legs move with the trunk, which moves the centre of mass a little: twice is within 1 mm
 LEAST_SHIFT = 0.001  # m; a shorter one changes nothing
 
 
@@ -52,6 +57,15 @@ def nearest_inside(edges: Array, slack: Array, wanted: float) -> tuple[Array, bo
     return t, False
 
 
+def hull_edges(ring: Array) -> tuple[Array, Array]:
+    """Return outward unit normals (k, 2) of a counter-clockwise ring (n, 2) m, and n_k'p on each edge, (k,) m."""
+    along = np.roll(ring, -1, axis=0) - ring
+    length = np.hypot(along[:, 0], along[:, 1])
+    keep = length > 1e-9
+    edges = np.column_stack((along[keep, 1], -along[keep, 0])) / length[keep, None]
+    return edges, (edges * ring[keep]).sum(axis=1)
+
+
 def shift_into(reply: StanceVerdict, wanted: float) -> Array | None:
     """Shortest shift of the centre of mass, (2,) m, that gives the margin before and after the movement; or None.
 
@@ -60,11 +74,7 @@ def shift_into(reply: StanceVerdict, wanted: float) -> Array | None:
     if reply.region is None or reply.com is None or reply.com_after is None or len(reply.region) < 3:
         return None
     ring = reply.region
-    along = np.roll(ring, -1, axis=0) - ring
-    length = np.hypot(along[:, 0], along[:, 1])
-    keep = length > 1e-9
-    edges = np.column_stack((along[keep, 1], -along[keep, 0])) / length[keep, None]
-    reach = (edges * ring[keep]).sum(axis=1)
+    edges, reach = hull_edges(ring)
     slack = reach - np.maximum(product(edges, reply.com), product(edges, reply.com_after))
     worst = float(slack.min())
     for part in PARTS:
@@ -120,6 +130,50 @@ def _aim(state: WalkerState, frame: PlanningContext, begin: BodyPose, shift: Arr
     return False
 
 
+def lean(state: WalkerState, frame: PlanningContext, legs: tuple[int, ...], place: BodyPose) -> BodyPose:
+    """Return where the trunk carries its centre of mass over the feet that stand while `legs` swing.
+
+    It is the nearest pose to that with the present lean whose centre of mass has `lean_margin_m` in the hull of these
+    feet, or a part of it where the hull has no room.
+
+    Args:
+        state: of the walker.
+        frame: robot, settings, ground.
+        legs: that will swing.
+        place: of the trunk in the gait at the end of the step, map.
+    """
+    s, model = state, frame.robot.model
+    standing = [i for i in range(frame.robot.nlegs) if i not in legs]
+    edges, bounds = hull_edges(ring_of(s.footholds[standing, :2]))
+    rot = rotations.matrix_from_rpy(s.level[0], s.level[1], place.yaw)
+    at = np.array([place.x, place.y]) + planning.rotated(place.yaw, s.lean[None])[0]
+    for _ in range(LEAN_ROUNDS):
+        body = np.array([at[0], at[1], place.z])
+        q = kinematics.legs_ik(model, posture.into_base(s.footholds, body, rot))[0]
+        com = at + product(rot, kinematics.com(model, q))[:2]
+        slack = bounds - product(edges, com)
+        for part in PARTS:
+            way, found = nearest_inside(edges, slack, part * frame.params.lean_margin_m)
+            if found:
+                at = at + way
+                break
+    return BodyPose(float(at[0]), float(at[1]), place.z, place.yaw)
+
+
+def upright(state: WalkerState, place: BodyPose) -> bool:
+    """Give a trunk that leans its place in the gait as the goal; return whether it leans."""
+    leans = math.hypot(state.lean[0], state.lean[1]) >= LEAST_SHIFT
+    if leans:
+        state.goal, state.stage, state.plan = np.array([place.x, place.y]), Stage.STAND, None
+    return leans
+
+
+def lean_time(begin: BodyPose, end: BodyPose, params: WalkerParams) -> float:
+    """Return the time of a trunk movement 3 a^2 - 2 a^3 over all feet, s: its acceleration begins with 6 d / T^2."""
+    way = math.hypot(end.x - begin.x, end.y - begin.y)
+    return max(params.lean_s, math.sqrt(6.0 * way / params.lean_acceleration))
+
+
 def shift(state: WalkerState, reach: float) -> None:
     """Move the trunk by at most `reach` (m) towards its goal over standing feet."""
     s = state
@@ -127,7 +181,10 @@ def shift(state: WalkerState, reach: float) -> None:
         return
     way = s.goal - s.body[:2]
     left = float(np.hypot(way[0], way[1]))
-    s.body[:2] += way * min(1.0, reach / max(left, 1e-12))
+    step = way * min(1.0, reach / max(left, 1e-12))
+    s.body[:2] += step
+    if s.gait.leans:
+        s.lean += planning.rotated(-s.yaw, step[None])[0]
     if left <= reach:
         s.goal = None
 

@@ -8,16 +8,16 @@ from hypothesis import strategies as st
 
 from surefoot.geometry.rotations import wrap_angle
 from surefoot.robot.reader import load_robot
-from surefoot.services.walker.hexapod.params import WalkerParams
-from surefoot.services.walker.hexapod.route import HexapodRoute, advance, finished, moved, remaining
 from surefoot.services.walker.interface import BodyPose, MotionCommand
+from surefoot.services.walker.legged.params import WalkerParams
+from surefoot.services.walker.legged.route import LeggedRoute, advance, finished, moved, remaining
 
 P = WalkerParams.for_robot(load_robot("ragno"))
 
 
 def follow(command, start, error=(0.0, 0.0, 0.0), steps=400):
     route, pose = (
-        HexapodRoute(command, start, 1),
+        LeggedRoute(command, start, 1),
         BodyPose(start.x + error[0], start.y + error[1], 0.0, start.yaw + error[2]),
     )
     for n in range(steps):
@@ -47,23 +47,23 @@ def test_a_turn_ends_at_its_angle_on_the_spot(angle):
 
 
 def test_velocity_sets_the_way_of_a_step_within_the_longest_stride():
-    slow = advance(HexapodRoute(MotionCommand("walk", velocity=0.02), BodyPose(), 1), BodyPose(), P, 2)
+    slow = advance(LeggedRoute(MotionCommand("walk", velocity=0.02), BodyPose(), 1), BodyPose(), P, 2)
     assert slow.forward == pytest.approx(0.02 * 0.5 * P.period_s)
-    fast = advance(HexapodRoute(MotionCommand("walk", velocity=1.0), BodyPose(), 1), BodyPose(), P, 2)
+    fast = advance(LeggedRoute(MotionCommand("walk", velocity=1.0), BodyPose(), 1), BodyPose(), P, 2)
     assert fast.forward == pytest.approx(0.5 * P.max_stride_m)
-    back = advance(HexapodRoute(MotionCommand("walk", velocity=-0.02), BodyPose(), 1), BodyPose(), P, 2)
+    back = advance(LeggedRoute(MotionCommand("walk", velocity=-0.02), BodyPose(), 1), BodyPose(), P, 2)
     assert back.forward == pytest.approx(-0.01)
 
 
 def test_a_walk_without_distance_never_ends_and_stand_is_done_at_once():
-    route = HexapodRoute(MotionCommand("walk"), BodyPose(), 1)
+    route = LeggedRoute(MotionCommand("walk"), BodyPose(), 1)
     assert remaining(route, BodyPose(x=50.0)) == math.inf
     assert not finished(route, BodyPose(x=50.0), P)
-    assert finished(HexapodRoute(MotionCommand("stand"), BodyPose(), 1), BodyPose(), P)
-    assert advance(HexapodRoute(MotionCommand("stand"), BodyPose(), 1), BodyPose(), P, 2).forward == 0.0
+    assert finished(LeggedRoute(MotionCommand("stand"), BodyPose(), 1), BodyPose(), P)
+    assert advance(LeggedRoute(MotionCommand("stand"), BodyPose(), 1), BodyPose(), P, 2).forward == 0.0
 
 
 @given(st.integers(2, 6))
 def test_speed_of_a_cycle_does_not_depend_on_the_number_of_groups(groups):
-    step = advance(HexapodRoute(MotionCommand("walk", distance=1.0), BodyPose(), 1), BodyPose(), P, groups)
+    step = advance(LeggedRoute(MotionCommand("walk", distance=1.0), BodyPose(), 1), BodyPose(), P, groups)
     assert step.forward * groups == pytest.approx(P.stride_m)

@@ -22,7 +22,7 @@ from .state import Stage, WalkerState
 
 Array = NDArray[np.float64]
 
-MIN_FEET = 5  # standing feet on known ground from which a tilt is learned
+MIN_FEET = 5  # standing feet on known ground from which a tilt is learned; all feet of a quadruped
 MIN_SPREAD = 0.1  # m, of the feet
 MAX_TILT_OFFSET = 0.06  # rad; an accelerometer bias of 3 sigma (ADIS16365: 16 mg turn-on)
 
@@ -68,7 +68,7 @@ def lay_over(state: WalkerState, params: WalkerParams, ground: Ground | None, in
     s.body[2] += rise
     s.feet[:, 2] += rise
     s.footholds[:, 2] += rise
-    if gaps.size >= MIN_FEET:
+    if gaps.size >= min(MIN_FEET, s.legs):
         _correct_tilt(s, params.anchor_tilt, standing[:, :2] - s.body[:2], gaps)
 
 

@@ -1,4 +1,4 @@
-"""Settings of the hexapod walker, each with its unit. Numbers of one robot stand in `[gait]` of its `robot.toml`."""
+"""Settings of the legged walker, each with its unit. Numbers of one robot stand in `[gait]` of its `robot.toml`."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ from surefoot.robot.description import Robot
 
 from ..commands import Abilities
 from ..settings import settings_of
-from .patterns import HEXAPOD_GAITS
+from .patterns import GaitPattern
 from .swing import SwingShape
 
 
@@ -32,8 +32,8 @@ class WalkerParams:
     """Part of the estimated tilt taken out in each tick of a step, 0..1."""
     level_limit_rad: float
     """Largest commanded roll and pitch of the trunk, rad."""
-    gait: str = "tripod"
-    """Name of the gait of a command that names none."""
+    gait: str | None = None
+    """Name of the gait of a command that names none; None = the robot's own."""
     max_stride_m: float = 0.070
     """Longest way of the trunk in one full cycle of the gait, m."""
     full_speed_fall_m: float = 0.045
@@ -92,6 +92,13 @@ class WalkerParams:
     """Largest number of such movements for one step."""
     least_margin_m: float = 0.005
     """Static margin after these movements below which a gait that lifts fewer legs is taken, m."""
+    lean_margin_m: float = 0.040
+    """Static margin for which the trunk of a crawling robot moves before a foot lifts, m."""
+    lean_s: float = 0.4
+    """Least duration of such a movement, s."""
+    lean_acceleration: float = 0.6
+    """Largest acceleration of the trunk in such a movement, m/s^2: 0.3 m over the ground that moves the point of zero
+    moment by 18 mm."""
     max_attempts: int = 8
     """Plans tried for one step before it is refused."""
     stale_s: float = 0.1
@@ -105,6 +112,12 @@ class WalkerParams:
         return settings_of(cls, robot, changes)
 
 
-def abilities(params: WalkerParams) -> Abilities:
-    """Return what a hexapod can do with these settings."""
-    return Abilities(tuple(HEXAPOD_GAITS), params.max_stride_m / params.period_s, shifts=True)
+def abilities(params: WalkerParams, gaits: dict[str, GaitPattern]) -> Abilities:
+    """Return what a robot can do with these settings and gaits."""
+    cycles = [
+        0.5 * gait.steps_per_cycle * params.period_s + gait.steps_per_cycle * params.lean_s
+        if gait.leans
+        else params.period_s
+        for gait in gaits.values()
+    ]
+    return Abilities(tuple(gaits), params.max_stride_m / min(cycles), shifts=True)

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from surefoot.geometry.heightmap import HeightMap
-from surefoot.services.walker.hexapod.gait import HexapodWalker
 from surefoot.services.walker.interface import MotionCommand
-from tests.services.walker.hexapod.plant import KINEMATICS_TICKS, ROBOT, Plant
+from surefoot.services.walker.legged.gait import LeggedWalker
+from tests.services.walker.legged.plant import KINEMATICS_TICKS, ROBOT, Plant
 
 FLAT = HeightMap(z=np.zeros((161, 161), dtype=np.float32), cell=0.005, origin=(-0.4, -0.4))
 EDGE = 0.012  # m over the ground
 
 
 def walking(heights: HeightMap | None = None) -> Plant:
-    plant = Plant(HexapodWalker(ROBOT), heights)
+    plant = Plant(LeggedWalker(ROBOT), heights)
     plant.run(1.0)
     assert plant.walker.command(MotionCommand("walk", distance=0.1)).accepted
     return plant
