@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from surefoot.geometry.rotations import axis_angle_into
 from surefoot.kernels.jit import kernel
 from surefoot.robot.description import KinematicModel
-from surefoot.robot.rolled_legs import rolled_ik
+from surefoot.robot.rolled_legs import REACH_SLACK, rolled_ik
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 LIMIT_SLACK = 1e-7  # rad; a joint on its limit counts as inside
-REACH_SLACK = 1e-9  # of the knee's cosine; a stretched leg counts as reaching (less than 1e-10 m)
 
 
 @kernel

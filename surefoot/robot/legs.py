@@ -82,14 +82,14 @@ def _yaw_pitch_pitch(links: Sequence[Link], joints: Sequence[Joint], leg: Leg) -
     return np.append(coxa.position, yaw), np.array([femur.position[0], tibia.position[0], foot[0]])
 
 
-class _Chain(NamedTuple):
+class _LegAxes(NamedTuple):
     """A leg of three joints at joint angles zero; frame base_link."""
 
     axes: Array  # (3, 3) unit joint axes, one a row
     points: Array  # (4, 3) m, origins of the three joints, then the foot centre
 
 
-def _chain(links: Sequence[Link], joints: Sequence[Joint], leg: Leg) -> _Chain | None:
+def _leg_axes(links: Sequence[Link], joints: Sequence[Joint], leg: Leg) -> _LegAxes | None:
     """Return the leg at joint angles zero, None unless its three joints are all that moves the foot."""
     way: list[int] = []  # links from the foot inwards
     link = leg.foot.link
@@ -107,12 +107,12 @@ def _chain(links: Sequence[Link], joints: Sequence[Joint], leg: Leg) -> _Chain |
         if i in moved:
             axes[moved.index(i)], points[moved.index(i)] = product(rot, links[i].axis), pos
     points[3] = pos + product(rot, leg.foot.position)
-    return _Chain(axes, points)
+    return _LegAxes(axes, points)
 
 
 def _roll_pitch_pitch(links: Sequence[Link], joints: Sequence[Joint], leg: Leg) -> tuple[Array, ...] | None:
     """Rows of `RolledLegs` if the second and third axis are parallel and perpendicular to the first, else None."""
-    chain = _chain(links, joints, leg)
+    chain = _leg_axes(links, joints, leg)
     if chain is None:
         return None
     x, y, third = chain.axes
