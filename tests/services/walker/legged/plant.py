@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from surefoot.geometry.heightmap import HeightMap
+from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
 from surefoot.services.walker.interface import MotionCommand, WalkerInputs, WalkerOutputs
 from surefoot.services.walker.legged.gait import LeggedWalker
@@ -76,20 +77,20 @@ class Plant:
         return self.until("standing", "refused", limit=limit)
 
 
-def plant(**kwargs: Any) -> Plant:
-    """A hexapod on flat ground; its walker with these arguments."""
-    return Plant(LeggedWalker(ROBOT, **kwargs))
+def plant(robot: Robot = ROBOT, **kwargs: Any) -> Plant:
+    """A robot on flat ground; its walker with these arguments."""
+    return Plant(LeggedWalker(robot, **kwargs))
 
 
-def begun(command: MotionCommand) -> Plant:
-    """A hexapod that has stood for a second and accepted a command."""
-    found = plant()
+def begun(command: MotionCommand, robot: Robot = ROBOT) -> Plant:
+    """A robot that has stood for a second and accepted a command."""
+    found = plant(robot)
     found.run(1.0)
     assert found.walker.command(command).accepted
     return found
 
 
 def obeyed(command: MotionCommand, **kwargs: Any) -> tuple[Plant, list[WalkerOutputs]]:
-    """A hexapod that has obeyed a command, and the outputs of its ticks; its walker with these arguments."""
+    """A robot that has obeyed a command, and the outputs of its ticks; its walker with these arguments."""
     found = plant(**kwargs)
     return found, found.obey(command)

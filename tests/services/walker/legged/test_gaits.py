@@ -1,14 +1,17 @@
 """Every gait keeps the robot on at least three feet and lets each leg swing once a cycle."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from surefoot.robot import kinematics
 from surefoot.robot.reader import load_robot
-from surefoot.services.walker.legged.patterns import HEXAPOD_GAITS, TRIPOD
+from surefoot.services.walker.legged.patterns import HEXAPOD_GAITS, TRIPOD, gaits_of
 from surefoot.services.walker.legged.standins import hull_margin
 
 ROBOT = load_robot("ragno")
+LUPO = load_robot("lupo")
 
 
 @pytest.mark.parametrize("gait", HEXAPOD_GAITS.values(), ids=lambda gait: gait.name)
@@ -27,7 +30,18 @@ def test_tripods_alternate():
     assert ROBOT.leg_names == ("lf", "lm", "lh", "rf", "rm", "rh")
 
 
-@pytest.mark.parametrize("gait", HEXAPOD_GAITS.values(), ids=lambda gait: gait.name)
+@pytest.mark.parametrize("order", ["lf lh rf rh", "rh rf lh lf", "lf rf lh rh"])
+def test_a_crawl_goes_forward_on_each_side_whatever_the_order_of_the_legs(order):
+    legs = {leg.name: leg for leg in LUPO.legs}
+    names = order.split()
+    (crawl,) = gaits_of(replace(LUPO, legs=tuple(legs[name] for name in names))).values()
+    assert crawl.leans
+    assert [names[leg] for (leg,) in crawl.groups] == ["lh", "lf", "rh", "rf"]
+
+
+@pytest.mark.parametrize(
+    "gait", [*HEXAPOD_GAITS.values(), *gaits_of(load_robot("lupo")).values()], ids=lambda g: g.name
+)
 def test_stance_is_centred_on_neutral(gait):
     """The foot lands `lead` steps ahead and lifts as far behind, whatever the number of groups."""
     step = 0.01

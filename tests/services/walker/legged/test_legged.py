@@ -9,19 +9,27 @@ import pytest
 
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot import kinematics
+from surefoot.robot.reader import load_robot, robot_names
 from surefoot.services.walker.interface import MotionCommand, WalkerInputs
 from surefoot.services.walker.legged.gait import LeggedWalker
 from tests.services.walker.legged.plant import PARAMS, ROBOT, Plant, begun, obeyed, plant
 
+LEGGED = {name: robot for name in robot_names() if (robot := load_robot(name)).nlegs >= 4}
 
-def test_walks_a_distance_and_ends_in_the_neutral_stance():
-    p, outs = obeyed(MotionCommand("walk", distance=0.3))
-    s = p.walker.state
+
+@pytest.fixture(params=LEGGED)
+def robot(request):
+    return LEGGED[request.param]
+
+
+def test_walks_a_distance_and_ends_in_the_neutral_stance(robot):
+    p, outs = obeyed(MotionCommand("walk", distance=0.3), robot=robot)
+    s, params = p.walker.state, p.walker.params
     assert (outs[-1].state, s.body[0]) == ("standing", pytest.approx(0.3, abs=0.005))
     assert abs(s.body[1]) < 0.005
     feet = s.footholds[:, :2] - s.body[:2]
-    assert np.hypot(*(feet - p.walker.frame.neutral).T).max() < PARAMS.close_tolerance_m
-    assert outs[-1].trunk_height == pytest.approx(PARAMS.hip_height_m, abs=0.004)
+    assert np.hypot(*(feet - p.walker.frame.neutral).T).max() < params.close_tolerance_m
+    assert outs[-1].trunk_height == pytest.approx(params.hip_height_m, abs=0.004)
 
 
 def test_tripods_alternate_with_three_feet_down_and_all_targets_in_reach():
@@ -34,23 +42,23 @@ def test_tripods_alternate_with_three_feet_down_and_all_targets_in_reach():
     assert all(a != b for a, b in itertools.pairwise(order))
 
 
-def test_set_points_are_continuous_and_within_limits():
-    _, outs = obeyed(MotionCommand("walk", distance=0.2))
+def test_set_points_are_continuous_and_within_limits(robot):
+    _, outs = obeyed(MotionCommand("walk", distance=0.2), robot=robot)
     commands = np.array([o.command for o in outs])
-    assert (commands >= ROBOT.joint_lower).all()
-    assert (commands <= ROBOT.joint_upper).all()
+    assert (commands >= robot.joint_lower).all()
+    assert (commands <= robot.joint_upper).all()
     assert np.abs(np.diff(commands, axis=0)).max() < 0.15  # rad in a tick: 15 rad/s at the swing's fastest
 
 
 @pytest.mark.parametrize("angle", [0.8, -0.8])
-def test_turns_on_the_spot(angle):
-    p, _ = obeyed(MotionCommand("turn", angle=angle))
+def test_turns_on_the_spot(angle, robot):
+    p, _ = obeyed(MotionCommand("turn", angle=angle), robot=robot)
     assert p.walker.state.yaw == pytest.approx(angle, abs=0.02)
     assert np.hypot(*p.walker.state.body[:2]) < 0.01
 
 
-def test_walks_backward():
-    p, _ = obeyed(MotionCommand("walk", distance=-0.1))
+def test_walks_backward(robot):
+    p, _ = obeyed(MotionCommand("walk", distance=-0.1), robot=robot)
     assert p.walker.state.body[0] == pytest.approx(-0.1, abs=0.005)
 
 
@@ -75,8 +83,8 @@ def test_stop_in_the_middle_of_a_swing_closes_and_stands():
     assert np.hypot(*(feet - p.walker.frame.neutral).T).max() < PARAMS.close_tolerance_m
 
 
-def test_a_later_command_replaces_an_earlier_one():
-    p = plant()
+def test_a_later_command_replaces_an_earlier_one(robot):
+    p = plant(robot)
     p.run(1.0)
     first = p.walker.command(MotionCommand("walk", distance=1.0))
     p.run(2.0)

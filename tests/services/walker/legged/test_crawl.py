@@ -1,0 +1,158 @@
+"""The crawl in a loop of kinematics: the trunk moves over three feet before the fourth lifts."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from surefoot.geometry import rotations
+from surefoot.geometry.heightmap import HeightMap
+from surefoot.robot import kinematics
+from surefoot.robot.reader import load_robot
+from surefoot.services.walker.interface import MotionCommand, StanceVerdict
+from surefoot.services.walker.legged.gait import LeggedWalker
+from surefoot.services.walker.legged.params import WalkerParams
+from surefoot.services.walker.legged.standins import hull_margin
+from surefoot.services.walker.legged.state import Stage
+from tests.services.walker.legged.plant import Plant, begun, plant
+
+LUPO = load_robot("lupo")
+PARAMS = WalkerParams.for_robot(LUPO)
+
+
+def margin(p):
+    """Margin of the planned centre of mass in the hull of the planned standing feet, m: an oracle by joint angles."""
+    s = p.walker.state
+    rot = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
+    com = s.body + rot @ kinematics.com(LUPO.model, s.q)
+    feet = s.body + kinematics.foot_positions(LUPO.model, s.q) @ rot.T
+    return hull_margin(feet[p.out.stance, :2], com[:2])
+
+
+def crawled(command, seconds=60.0, heights=None):
+    """Obey a command; yield the plant after each tick until it stands again."""
+    p = Plant(LeggedWalker(LUPO), heights)
+    p.run(1.0)
+    assert p.walker.command(command).accepted
+    for _ in range(round(100 * seconds)):
+        p.step()
+        yield p
+        if p.out.state in ("standing", "refused"):
+            return
+    raise AssertionError(f"still {p.out.state}: {p.out.reason}")
+
+
+def rough(amplitude=0.04):
+    """Return ground of random heights between nodes 8 cm apart, flat about the start."""
+    rng = np.random.default_rng(5)
+    z = np.kron(rng.uniform(0.0, amplitude, (25, 25)), np.ones((16, 16))).astype(np.float32)
+    x = -0.7 + 0.005 * np.arange(z.shape[1])
+    z[:, x < 0.35] = 0.0
+    return HeightMap(z=z, cell=0.005, origin=(-0.7, -1.0))
+
+
+@pytest.mark.parametrize(
+    ("command", "ground"),
+    [
+        (MotionCommand("walk", distance=0.4), None),
+        (MotionCommand("walk", distance=-0.3), None),
+        (MotionCommand("turn", angle=0.8), None),
+        (MotionCommand("walk", distance=0.4), rough()),
+    ],
+    ids=["forward", "backward", "turn", "rough"],
+)
+def test_the_centre_of_mass_stays_over_the_standing_feet(command, ground):
+    least, most = np.inf, 0
+    for p in crawled(command, heights=ground):
+        least, most = min(least, margin(p)), max(most, np.count_nonzero(~p.out.stance))
+        assert p.out.unreachable == 0
+    assert most == 1
+    assert least > 0.5 * PARAMS.lean_margin_m
+
+
+def test_the_trunk_rests_while_a_foot_is_in_the_air():
+    places = [(p.out.stance.copy(), p.walker.state.body.copy()) for p in crawled(MotionCommand("walk", distance=0.3))]
+    moved = 0.0
+    for (before, a), (after, b) in itertools.pairwise(places):
+        if before.all() and after.all():
+            moved += np.hypot(*(b - a)[:2])
+        elif not before.all() and not after.all():
+            assert np.array_equal(a, b)
+    assert moved > 0.3
+
+
+def test_the_trunk_accelerates_within_its_limit():
+    ticks = [(p.out.state, p.walker.state.body[:2].copy()) for p in crawled(MotionCommand("walk", distance=0.3))]
+    bodies = np.array([body for state, body in ticks if state == "walking"])
+    fastest = np.hypot(*np.diff(bodies, n=2, axis=0).T).max() / 0.01**2
+    assert 0.8 * PARAMS.lean_acceleration < fastest < 1.2 * PARAMS.lean_acceleration
+
+
+@pytest.mark.parametrize("velocity", [0.02, 0.04, -0.03])
+def test_keeps_the_commanded_velocity(velocity):
+    p = begun(MotionCommand("walk", velocity=velocity), LUPO)
+    p.run(10.0)
+    begin = p.walker._place().x
+    p.run(40.0)
+    assert (p.walker._place().x - begin) / 40.0 == pytest.approx(velocity, rel=0.1)
+
+
+def test_refuses_a_velocity_that_no_crawl_reaches():
+    p = plant(LUPO)
+    p.run(1.0)
+    reply = p.walker.command(MotionCommand("walk", velocity=0.2))
+    assert (reply.accepted, reply.code, reply.field) == (False, "too_fast", "velocity")
+    assert p.walker.command(MotionCommand("walk", distance=1.0, gait="tripod")).code == "unknown_gait"
+
+
+def test_stop_in_the_middle_of_a_swing_closes_and_stands_upright():
+    p = begun(MotionCommand("walk", velocity=0.04), LUPO)
+    while p.step().stance.all() or p.tick < 1000:
+        pass
+    where = p.walker._place().x
+    assert p.walker.command(MotionCommand("stop")).accepted
+    p.until("standing", limit=30.0)
+    s = p.walker.state
+    assert abs(s.body[0] - where) < 0.1
+    assert np.hypot(*s.lean) < 1e-3
+    feet = s.footholds[:, :2] - s.body[:2]
+    assert np.hypot(*(feet - p.walker.frame.neutral).T).max() < PARAMS.close_tolerance_m + 1e-3
+
+
+def test_shifts_the_trunk_over_its_feet_and_walks_on_from_there():
+    p = plant(LUPO)
+    p.run(1.0)
+    assert p.walker.command(MotionCommand("stand", shift=(0.03, -0.02))).accepted
+    p.run(3.0)
+    assert p.walker.state.body[:2] == pytest.approx([0.03, -0.02], abs=1e-3)
+    assert p.walker.state.lean == pytest.approx([0.03, -0.02], abs=1e-3)
+    p.obey(MotionCommand("walk", distance=0.2))
+    assert p.walker.state.body[:2] == pytest.approx([0.2, 0.0], abs=0.006)
+
+
+def test_a_step_that_stability_refuses_is_not_taken():
+    p = plant(LUPO, check=lambda step: StanceVerdict(False, -0.01, "infeasible"))
+    p.run(1.0)
+    assert p.walker.command(MotionCommand("walk", distance=0.3)).accepted
+    outs = p.until("refused", limit=20.0)
+    assert all(out.stance.all() for out in outs)
+    assert "not be stable" in outs[-1].reason
+    assert p.walker.state.stage is Stage.STAND
+
+
+def test_the_check_is_that_of_the_trunk_over_three_feet():
+    asked = []
+
+    def check(step):
+        asked.append(step)
+        return StanceVerdict(True, 0.03)
+
+    p = plant(LUPO, check=check)
+    p.run(1.0)
+    p.walker.command(MotionCommand("walk", distance=0.1))
+    p.until("walking")
+    p.run(1.0)
+    step, plan = asked[0], p.walker.state.plan
+    assert step.movement == (0.0, 0.0, 0.0)
+    assert step.legs == ("lf", "rf", "rh")
+    assert step.base_position[:2] == pytest.approx([plan.end.x, plan.end.y])
