@@ -7,8 +7,8 @@ import sys
 from surefoot.lab.runs.local import run_local
 from surefoot.services.supervisor.scenarios.scenario import Scenario, find_scenario, load_scenario
 
-WALKS = {"rough-terrain": 0.1, "nao-walk": 0.06}
-"""Scenarios of a hexapod and a biped, with the distance of their walk, m."""
+WALKS = {"rough-terrain": 0.1, "nao-walk": 0.06, "crawl-rough": 0.1}
+"""Scenarios of a hexapod, a biped and a quadruped, with the distance of their walk, m."""
 
 
 def short(name: str, distance: float) -> Scenario:

@@ -10,13 +10,20 @@ from surefoot.services.footholds.select import SelectParams
 from surefoot.services.walker.interface import MotionCommand
 
 CHOSEN = model_rule(HandScore(), SelectParams())
+RULES = {"ragno": CHOSEN, "lupo": None}
+"""Rule of the footholds by robot; None = nominal ones, as the foothold service knows no roll-pitch-pitch legs."""
+WAYS = {"ragno": 0.15, "lupo": 0.3}
+"""Way of a short walk by robot, m."""
+MOST_SLIDING_MM = {"ragno": 0.5, "lupo": 1.5}
+"""Largest mean of the sliding of a stance, mm: a foot of Lupo bears five times the load."""
 
 
-def test_walks_on_flat_ground_by_the_estimate_alone_without_sliding():
-    result = walk(1, Setting(terrain="flat", distance=0.15), CHOSEN)
+@pytest.mark.parametrize("robot", RULES)
+def test_walks_on_flat_ground_by_the_estimate_alone_without_sliding(robot):
+    result = walk(1, Setting(terrain="flat", distance=WAYS[robot], robot=robot), RULES[robot])
     assert result.reached
-    assert result.x == pytest.approx(0.15, abs=0.015)
-    assert result.sliding_mm < 0.5
+    assert result.x == pytest.approx(WAYS[robot], abs=0.015)
+    assert result.sliding_mm < MOST_SLIDING_MM[robot]
     assert result.tilt_deg < 3.0
     assert result.unreachable == 0
 
@@ -27,8 +34,19 @@ def test_walks_over_the_first_hills_of_the_demo():
     assert result.odometry_mm < 20.0
 
 
-def test_turns_on_the_spot():
-    turned = JoinedWalk(3, Setting(terrain="flat", command=MotionCommand("turn", angle=0.4)), CHOSEN).run()
+def test_crawls_over_rough_ground_with_a_margin_in_every_step():
+    setting = Setting("rough", 0.4, 0.04, robot="lupo")
+    result = walk(2, setting)
+    assert result.reached
+    assert result.odometry_mm < 20.0
+    assert result.margin_mm > 20.0
+    assert result.tilt_deg < 5.0
+
+
+@pytest.mark.parametrize("robot", RULES)
+def test_turns_on_the_spot(robot):
+    setting = Setting("flat", robot=robot, command=MotionCommand("turn", angle=0.4))
+    turned = JoinedWalk(3, setting, RULES[robot]).run()
     result, quat = turned.verdict(), turned.world.truth().quat_wxyz
     assert not result.fallen
     assert 2.0 * np.arctan2(quat[3], quat[0]) == pytest.approx(0.4, abs=0.03)
