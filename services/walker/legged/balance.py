@@ -144,7 +144,7 @@ def lean(state: WalkerState, frame: PlanningContext, legs: tuple[int, ...], plac
     """
     s, model = state, frame.robot.model
     standing = [i for i in range(frame.robot.nlegs) if i not in legs]
-    edges, bounds = hull_edges(ring_of(s.footholds[standing, :2]))
+    edges, bounds = hull_edges(ring_of(planning.contacts(frame, s.footholds[standing])[0][:, :2]))
     rot = rotations.matrix_from_rpy(s.level[0], s.level[1], place.yaw)
     at = np.array([place.x, place.y]) + planning.rotated(place.yaw, s.lean[None])[0]
     for _ in range(LEAN_ROUNDS):

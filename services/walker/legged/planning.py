@@ -209,15 +209,20 @@ def complete(
     return StepPlan(swinging, begin, end, feet.copy(), feet_to, deepest, top, go, arrive, status, duration, shape)
 
 
+def contacts(frame: PlanningContext, feet: Array) -> tuple[Array, Array]:
+    """Return the points of the ground under standing foot centres (n, 3) m, and its unit normals there, (n, 3)."""
+    r, ground = frame.robot.foot_radius, frame.ground
+    up = np.array([0.0, 0.0, 1.0])
+    normals = np.array([up if ground is None else ground.normal(p[0], p[1], p[2] - r) for p in feet])
+    return feet - r * normals, normals
+
+
 def check_request(frame: PlanningContext, plan: StepPlan, joints: Array, rot: Array) -> StanceCheck:
     """Return the request to the stability service: the standing feet and the way of the trunk over them."""
-    r = frame.robot.foot_radius
-    standing = plan.feet_from[~plan.swing]
-    up = np.array([0.0, 0.0, 1.0])
-    normals = np.array([up if frame.ground is None else frame.ground.normal(p[0], p[1], p[2] - r) for p in standing])
+    positions, normals = contacts(frame, plan.feet_from[~plan.swing])
     begin, end = plan.begin, plan.end
     return StanceCheck(
-        positions=standing - r * normals,
+        positions=positions,
         normals=normals,
         mu=frame.params.friction,
         joints=joints,
