@@ -25,8 +25,11 @@ print(json.dumps([len(at_start), sorted(name for name in now if now[name] != at_
 """
 
 
+SCENARIOS = ["rough-terrain", "bioloid-walk", "nao-turn", "messor", "nao-corner", "crawl-rough"]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("scenario", ["rough-terrain", "bioloid-walk", "nao-turn", "messor", "nao-corner", "crawl-rough"])
+@pytest.mark.parametrize("scenario", SCENARIOS)
 def test_nothing_is_loaded_after_the_start(scenario: str) -> None:
     command = [sys.executable, "-W", "ignore", "-c", PROGRAM, scenario]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
