@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from surefoot.geometry.constants import GRAVITY
+from surefoot.geometry.linear import product
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions
 from surefoot.schemas.stability import (
@@ -92,15 +93,15 @@ def equilibrium_reply(request: EquilibriumRequest) -> EquilibriumReply:
     if not found.held:
         proof = None
         if found.twist is not None:
-            proof = tuple(np.concatenate((back @ found.twist[:3], back @ found.twist[3:])).tolist())
+            proof = tuple(np.concatenate((product(back, found.twist[:3]), product(back, found.twist[3:]))).tolist())
         return EquilibriumReply(held=False, forces_n=None, friction_share=None, certificate=proof)
     least, even = least_forces(asked.contacts, asked.com), least_friction(asked.contacts, asked.com)
     force = found.force if least is None else least
     return EquilibriumReply(
         held=True,
-        forces_n=None if force is None else triples(asked.weight * force @ back.T),
+        forces_n=None if force is None else triples(product(asked.weight * force, back.T)),
         friction_share=None if even is None else even.share,
-        minmax_forces_n=None if even is None else triples(asked.weight * even.force @ back.T),
+        minmax_forces_n=None if even is None else triples(product(asked.weight * even.force, back.T)),
     )
 
 
@@ -110,7 +111,7 @@ def com_reply(request: ComRequest, own: Robot) -> ComReply:
     base = within(request.base.position, "base.position")
     stands = posed(robot, request.joints, request.base.quat_wxyz, base)
     joints, rot = stands.joints, stands.rot
-    c = base + rot @ stands.com_in_base()
+    c = base + product(rot, stands.com_in_base())
     planned = (float(c[0]), float(c[1]), float(c[2]))
     if request.torque is None:
         return ComReply(com=planned, mass_kg=robot.mass, com_measured=None)
@@ -121,19 +122,19 @@ def com_reply(request: ComRequest, own: Robot) -> ComReply:
     touch = np.ones(legs, dtype=np.bool_) if request.touch is None else np.array(request.touch)
     if touch.size != legs:
         raise StabilityError("shape", "touch", f"got {touch.size} feet, {robot.name} has {legs}")
-    up = np.ascontiguousarray(rot.T @ np.array([0.0, 0.0, GRAVITY]))
+    up = GRAVITY * rot[2]
     gain: float | None = None
     if request.known_weight:
         gain = gain_from_weight(robot, joints, torque, up, touch)
         torque = torque if gain is None else gain * torque
     found = forces_from_torques(robot, joints, torque, up, WatchParams().torque_variance)
-    found = FootForces(found.force @ rot.T, rot @ found.covariance @ rot.T, found.observed)
+    found = FootForces(product(found.force, rot.T), product(product(rot, found.covariance), rot.T), found.observed)
     if request.load_n is not None:
         found = _with_loads(found, request.load_n, robot)
     force, spread = found.force, found.covariance
     measured = None
     if touch.any() and found.observed[touch].all():
-        feet = base + foot_positions(robot.model, joints) @ rot.T
+        feet = base + product(foot_positions(robot.model, joints), rot.T)
         feet[:, 2] -= robot.foot_radii
         measured = com_from_forces(feet[touch], force[touch], spread[touch], tilt_sd=request.tilt_sd_rad)
     fields: dict[str, Any] = {}

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from surefoot.geometry.linear import norm
 from surefoot.robot.description import Robot
 from surefoot.schemas.calibration import CalibrateReply, CalibrateRequest
 
@@ -99,7 +100,7 @@ class CalibrationJob:
             ):
                 if size != wanted:
                     raise StabilityError("shape", f"poses.{i}.{name}", f"got {size} values, expected {wanted}")
-            if float(np.linalg.norm(up)) < 1.0 or abs(up[0]) > 0.99 * float(np.linalg.norm(up)):
+            if norm(up) < 1.0 or abs(up[0]) > 0.99 * norm(up):
                 raise StabilityError("zero_direction", f"poses.{i}.g_up", f"got {pose.g_up}, must point up")
             out.append(SweptPose(np.array(pose.joints), np.array(pose.torque), up, stance))
         return out

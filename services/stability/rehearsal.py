@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from surefoot.geometry.constants import GRAVITY
+from surefoot.geometry.linear import solve
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions
 from surefoot.schemas.stability import Actuation, CheckRequest, ComRequest, Contact, EquilibriumRequest, RegionRequest
@@ -92,6 +93,6 @@ def _holding(robot: Robot) -> Array:
     found = leg_inverses(robot, robot.neutral, AT_REST)
     torque = found.own.copy()
     for i in np.flatnonzero(found.observed):
-        push = np.linalg.solve(found.inverse[i], np.array([0.0, 0.0, GRAVITY * robot.mass / len(robot.legs)]))
+        push = solve(found.inverse[i], np.array([[0.0], [0.0], [GRAVITY * robot.mass / len(robot.legs)]]))[:, 0]
         torque[robot.model.leg_joints[i, :3]] -= push
     return torque

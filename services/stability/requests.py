@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from surefoot.geometry.constants import GRAVITY
+from surefoot.geometry.linear import product
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot, robot_names
 from surefoot.schemas.stability import (
@@ -138,7 +139,7 @@ def _limited_check(request: CheckRequest, actuation: Actuation, own: Robot) -> C
     if way.any():
         later = PosedRobot(stands.robot, moved.joints, stands.base + way, stands.rot)
         after = Actuated(later.servo_legs(legs, limit))
-    now = within(request.com or (stands.base + stands.rot @ stands.com_in_base())[:2], "com")
+    now = within(request.com or (stands.base + product(stands.rot, stands.com_in_base()))[:2], "com")
     names = tuple(stands.robot.legs[i].name for i in sorted(legs))
     return CheckQuestion(Movement(contacts, mode, after, wanted, now, way, moved.vector), names, moved.reachable)
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.geometry.linear import product
 from surefoot.geometry.rotations import matrix_from_quat, multiply, quat_from_matrix, quat_from_rpy
 
 Array = NDArray[np.float64]
@@ -103,7 +104,7 @@ def slab(
     q = quat_from_matrix(rot)
     if yaw != 0.0:
         turn = quat_from_rpy(0.0, 0.0, yaw)
-        q, centre = multiply(turn, q), np.array([x, y, height]) - depth * (matrix_from_quat(turn) @ normal)
+        q, centre = multiply(turn, q), np.array([x, y, height]) - depth * product(matrix_from_quat(turn), normal)
     return TerrainBox((centre[0], centre[1], centre[2]), half, (q[0], q[1], q[2], q[3]))
 
 

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from surefoot.geometry.linear import exp
+from surefoot.geometry.linear import dot, exp
 
 from .grid import (
     BLEND,
@@ -107,7 +107,7 @@ def _stones(grid: TerrainGrid, seed: int, amp: float, hills: _Hills) -> tuple[Te
             if cx < PAD_END + EDGES:
                 continue
             ground = float(hills.heights(np.array([[cx]]), np.array([[cy]]))[0, 0])
-            corner = 0.5 * float(np.abs(tilt) @ edges)  # how much the highest corner is above the middle
+            corner = 0.5 * dot(np.abs(tilt), edges)  # how much the highest corner is above the middle
             top = min(ground + up * amp, amp - corner)
             depth = 0.5 * (top - LOWEST * amp) + corner + 0.01
             boxes.append(slab(cx, cy, top, (float(tilt[0]), float(tilt[1])), depth, (edges[0], edges[1]), yaw))

@@ -125,7 +125,8 @@ def scatter(seed: int, low: tuple[float, float], high: tuple[float, float], dens
     area = (high[0] - low[0]) * (high[1] - low[1])
     n = round(density * area)
     descriptor = rng.standard_normal((n, DESCRIPTOR))
-    return Landmarks(rng.uniform(low, high, (n, 2)), descriptor / np.linalg.norm(descriptor, axis=1, keepdims=True))
+    length = np.sqrt(np.add.reduce(descriptor * descriptor, axis=1, keepdims=True))
+    return Landmarks(rng.uniform(low, high, (n, 2)), descriptor / length)
 
 
 def laid(field: Landmarks, terrain: Terrain, seed: int, copied: float, copies: int) -> Landmarks:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from surefoot.geometry.linear import dot
+from surefoot.geometry.linear import combined, dot, product
 
 from .clarabel_tools import clarabel_and_sparse
 from .contacts import Array, StabilityError
@@ -55,7 +55,7 @@ class Reference:
         self._solver.update(b=-np.ascontiguousarray(rhs).ravel())
         solution = self._solver.solve()
         z, x = np.array(solution.x), np.array(solution.z).reshape(self._shape)
-        name, cost, gain = str(solution.status), float(self._c @ z), float(np.sum(rhs * x))
+        name, cost, gain = str(solution.status), dot(self._c, z), float(np.sum(rhs * x))
         if name in ("Solved", "AlmostSolved", "InsufficientProgress", "MaxIterations"):
             error = self._error(z, x, rhs)
             return ReferenceAnswer(SOLVED if error <= LOOSE else FAILED, cost, z, x, error)
@@ -66,10 +66,10 @@ class Reference:
         return ReferenceAnswer(FAILED, np.nan, z, x, np.inf)
 
     def _error(self, z: Array, x: Array, rhs: Array) -> float:
-        s = self._a @ z - rhs  # (n, 3)
+        s = product(self._a, z) - rhs  # (n, 3)
         outside = max(np.max(np.hypot(v[:, 1], v[:, 2]) - v[:, 0], initial=0.0) for v in (s, x))
-        balance = np.abs(np.einsum("iqj,iq->j", self._a, x) - self._c).max(initial=0.0)
-        cost = float(self._c @ z)
+        balance = np.abs(combined(self._a, x).sum(axis=0) - self._c).max(initial=0.0)
+        cost = dot(self._c, z)
         return float(max(outside, balance, abs(cost - np.sum(rhs * x))) / max(1.0, abs(cost)))
 
 
@@ -95,12 +95,12 @@ def approach(r: Reduced, fan: Fan, count: int, goal: FanGoal) -> tuple[Outlook, 
         wanted, outlook = near_arcs(fan, count, goal, pick, 1)
         if not wanted or count == len(fan.value):
             break
-        answer = reference.solve(r.h @ pick[0])
+        answer = reference.solve(product(r.h, pick[0]))
         if answer.status != SOLVED:
             break
         fan.direction[count], fan.status[count] = pick[0], SOLVED
         fan.value[count], fan.unknown[count], fan.force[count] = answer.value, answer.unknown, answer.force
-        fan.point[count], fan.error[count] = np.einsum("iqd,iq->d", r.h, answer.force), answer.error
+        fan.point[count], fan.error[count] = combined(r.h, answer.force).sum(axis=0), answer.error
         insert(fan, count, count + 1)
         count += 1
     if not settled(fan, count, outlook):

@@ -69,7 +69,7 @@ class Oracle:
         """Gain of free tangential forces per direction (k, 2): rows (k, 2j), all zero if there is none."""
         if self.subspace is None:
             return np.zeros((len(direction), 0))
-        return direction @ self.subspace.drift.T
+        return product(direction, self.subspace.drift.T)
 
     def fan(self, direction: Array, capacity: int) -> Fan:
         """Solve for directions (k, 2), unit; the fan has room for more."""
@@ -85,7 +85,7 @@ class Oracle:
             return
         insert(fan, 0, count)
         for k in np.flatnonzero(fan.status[:count] == FAILED):
-            answer = self._reference.solve(r.h @ fan.direction[k])
+            answer = self._reference.solve(product(r.h, fan.direction[k]))
             if answer.status == FAILED:
                 raise StabilityError(
                     "no_convergence", "contacts", "neither solver found an answer for this contact set"
@@ -121,13 +121,15 @@ class Oracle:
                 gap[i] = value[i] - dot(direction[i], point[i])
                 force[i] = self.forces(fan.force[k], 1.0)
             elif status[i] == NO_DUAL:
-                free = drift[i] / (drift[i] @ drift[i]) if drifting[i] else None
+                free = drift[i] / dot(drift[i], drift[i]) if drifting[i] else None
                 force[i] = self.forces(np.zeros((n, 3)) if drifting[i] else fan.force[k], 0.0, free) / r.length
         return Support(direction, value, point, tuple(STATUS[int(s)] for s in status), gap, twist, force)
 
     def twist(self, unknown: Array, direction: Array) -> Array:
         """Twist (v, w_z) of the scaled frame from a solution of the reduced dual."""
-        return unknown if self.subspace is None else self.subspace.basis @ unknown + self.subspace.offset @ direction
+        if self.subspace is None:
+            return unknown
+        return product(self.subspace.basis, unknown) + product(self.subspace.offset, direction)
 
     def moved(self, scaled: Array, direction: Array) -> Array:
         """Twist of the scaled frame about the origin of the request's frame, m."""
@@ -146,13 +148,13 @@ class Oracle:
         own = s.columns
         force = combined(own[:, :, :3], cone)
         if s.free.size:
-            rest = np.array([0.0, 0.0, weight, 0.0]) - np.einsum("iqj,iq->j", own, cone)
+            rest = np.array([0.0, 0.0, weight, 0.0]) - combined(own, cone).sum(axis=0)
             amount = np.linalg.pinv(s.free, rcond=1e-10) @ rest
             if free is not None:
                 amount = amount + free
             unlimited = np.flatnonzero(np.isinf(self.contacts.mu))
             directions = s.free[:3].T.reshape(-1, 2, 3)
-            force[unlimited] += np.einsum("iqd,iq->id", directions, amount.reshape(-1, 2))
+            force[unlimited] += combined(directions, amount.reshape(-1, 2))
         return force
 
 

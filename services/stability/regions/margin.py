@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from surefoot.geometry.linear import dot, product
+from surefoot.geometry.linear import dot, product, solve
 from surefoot.geometry.polygon import ray, signed_distance
 
 from ..programs.contacts import Array
@@ -54,18 +54,21 @@ class Plane:
 
     def back(self, c: Array) -> Array:
         """The point (2,) of the region that lies at c (2,) in the plane."""
-        return np.asarray(np.linalg.solve(self.matrix, c - self.zero), dtype=np.float64)
+        return solve(self.matrix, (c - self.zero)[:, None])[:, 0]
 
     def solved(self, s: Solved) -> Solved:
         """The answers of a region seen in the plane: h(d) = h(a) / |M^-T a| for d = M^-T a / |M^-T a|."""
-        direction = s.fan.direction[: s.count] @ np.linalg.inv(self.matrix)
+        direction = solve(self.matrix.T, s.fan.direction[: s.count].T).T
         size = np.hypot(direction[:, 0], direction[:, 1])
         fan = with_room(s.fan, s.count, s.count)
         fan.direction[:], fan.value[:] = direction / size[:, None], s.fan.value[: s.count] / size
-        fan.point[:], fan.unknown[:] = s.fan.point[: s.count] @ self.matrix.T, s.fan.unknown[: s.count] / size[:, None]
+        fan.point[:], fan.unknown[:] = (
+            product(s.fan.point[: s.count], self.matrix.T),
+            s.fan.unknown[: s.count] / size[:, None],
+        )
         insert(fan, 0, s.count)
-        h = np.ascontiguousarray(s.reduced.h @ self.matrix.T)
-        return Solved(s.reduced._replace(h=h), fan, s.count, self.matrix @ s.anchor + self.zero)
+        h = product(s.reduced.h, self.matrix.T)
+        return Solved(s.reduced._replace(h=h), fan, s.count, product(self.matrix, s.anchor) + self.zero)
 
 
 def margin(region: Region, point: Array, plane: Plane | None = None) -> Margin:
@@ -88,7 +91,7 @@ def margin(region: Region, point: Array, plane: Plane | None = None) -> Margin:
         if not settled(fan, count, outlook):
             outlook, fan = approach(s.reduced, fan, count, goal)
         return Margin(outlook.best * s.reduced.length, fan.direction[outlook.arg].copy())
-    inner = region.inner if plane is None else region.inner @ plane.matrix.T + plane.zero
+    inner = region.inner if plane is None else product(region.inner, plane.matrix.T) + plane.zero
     value = float(signed_distance(inner, float(point[0]), float(point[1])))
     return Margin(0.0 if abs(value) < ON_EDGE else value)
 
@@ -97,10 +100,10 @@ def nearest_edge(polygon: Array, point: Array) -> Array:
     """Unit direction from a point to the nearest edge inside, from the polygon's nearest point outside."""
     along = np.roll(polygon, -1, axis=0) - polygon
     out = np.column_stack((along[:, 1], -along[:, 0])) / np.hypot(along[:, 0], along[:, 1])[:, None]
-    slack = np.einsum("ij,ij->i", out, polygon - point)
+    slack = np.add.reduce(out * (polygon - point), axis=1)
     if slack.min() >= 0.0:
         return out[int(slack.argmin())]
-    share = np.clip(np.einsum("ij,ij->i", point - polygon, along) / np.einsum("ij,ij->i", along, along), 0.0, 1.0)
+    share = np.clip(np.add.reduce((point - polygon) * along, axis=1) / np.add.reduce(along * along, axis=1), 0.0, 1.0)
     away = point - (polygon + share[:, None] * along)
     length = np.hypot(away[:, 0], away[:, 1])
     k = int(length.argmin())
@@ -137,17 +140,17 @@ def _edge(s: Solved, point: Array, a: Array) -> Extent:
     start = (point - s.anchor) / r.length
     gains = brakes = np.empty(0)
     if s.drift is not None:
-        gains, brakes = (a[None] @ s.drift.T)[0], (across[None] @ s.drift.T)[0]
+        gains, brakes = product(s.drift, a), product(s.drift, across)
     slowed = bool(np.abs(brakes).max(initial=0.0) > FLAT)
     drifting = slowed or bool(np.abs(gains).max(initial=0.0) > FLAT)
     if drifting:
         if not slowed:
             return Extent(None, "unbounded")
-        nu = float(gains @ brakes / (brakes @ brakes))
+        nu = dot(gains, brakes) / dot(brakes, brakes)
         if np.abs(gains - nu * brakes).max() > FLAT:
             return Extent(None, "unbounded")
         d = a - nu * across
-        columns, gain, cost, passed = r.a, r.h @ d, r.c, float(d @ start)
+        columns, gain, cost, passed = r.a, product(r.h, d), r.c, dot(d, start)
     else:
         columns = np.concatenate((r.a, product(r.h, across)[:, :, None]), axis=2)
         gain, cost, passed = product(r.h, a), np.append(r.c, dot(across, start)), dot(a, start)

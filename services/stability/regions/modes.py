@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from surefoot.geometry.constants import GRAVITY
+from surefoot.geometry.linear import dot, norm, product, solve
 from surefoot.geometry.polygon import gap, half_planes, hull
 
 from ..programs.contacts import Array, ContactSet, StabilityError
@@ -116,15 +117,15 @@ class Leaning:
         """Unit directions (k, 2) of a horizontal plane of the world as those of the leaning frame."""
         if given is None or (self.strength == GRAVITY and self.rot[2, 2] == 1.0):
             return given
-        turned = given @ self.to_world()
+        turned = product(given, self.to_world())
         return np.ascontiguousarray(turned / np.hypot(turned[:, 0], turned[:, 1])[:, None])
 
     def at_height(self, points: Array, height: float) -> Array:
         """Points (k, 2) of the leaning frame cut by the plane z = height of the world, (k, 2) world x, y."""
         back = self.rot.T  # world_from_leaning; a point (x, y, t) of the cylinder has free t
-        flat = points @ back[2, :2]
+        flat = product(points, back[2, :2])
         t = (height - flat) / back[2, 2]
-        return points @ back[:2, :2].T + t[:, None] * back[:2, 2]
+        return product(points, back[:2, :2].T) + t[:, None] * back[:2, 2]
 
     def to_world(self) -> Array:
         """d (world x, y) / d (leaning x, y) in a horizontal plane, (2, 2)."""
@@ -137,7 +138,7 @@ class Leaning:
 
     def seen(self, com: Array) -> Array:
         """The CoM (3,) m, world, as (2,) in the leaning frame."""
-        return (self.rot @ com)[:2]
+        return product(self.rot[:2], com)
 
     def level(self, found: Region, height: float, proofs: bool) -> Region:
         """Region of the leaning frame, cut by the plane z = height (m) of the world.
@@ -146,15 +147,15 @@ class Leaning:
         cut in direction d is |M'd| h(a) + d'c0.
         """
         s, k = found.support, len(found.support.direction)
-        direction = s.direction @ np.linalg.inv(self.to_world())  # rows d' = a'M^-1
+        direction = solve(self.to_world().T, s.direction.T).T  # rows d' = a'M^-1
         size = np.hypot(direction[:, 0], direction[:, 1])
         direction = direction / size[:, None]
         zero = self.at_height(np.zeros((1, 2)), height)[0]
-        value = np.array([s.value[i] / size[i] + direction[i] @ zero for i in range(k)])
+        value = np.array([s.value[i] / size[i] + dot(direction[i], zero) for i in range(k)])
         twist, force = np.full((k, 6), np.nan), s.force
         if proofs:
             twist = np.array([self._twist(s.twist[i], s.direction[i]) for i in range(k)]).reshape(k, 6)
-            force = np.array([f @ self.rot * (self.strength / GRAVITY) for f in s.force]).reshape(s.force.shape)
+            force = np.array([product(f, self.rot) * (self.strength / GRAVITY) for f in s.force]).reshape(s.force.shape)
         support = Support(direction, value, self.at_height(s.point, height), s.status, s.gap / size, twist, force)
         return Region(
             found.contacts,
@@ -171,7 +172,7 @@ class Leaning:
     def _twist(self, twist: Array, a: Array) -> Array:
         """(v, Om) (6,) in the world from (v, w_z) (4,) of the leaning frame and a direction (2,)."""
         spin = np.array([-a[1], a[0], twist[3]])
-        return np.concatenate((self.rot.T @ twist[:3], self.rot.T @ spin))
+        return np.concatenate((product(self.rot.T, twist[:3]), product(self.rot.T, spin)))
 
 
 def seen_region(seen: Leaning, wanted: Refinement) -> Region:
@@ -191,21 +192,19 @@ def lean(contacts: ContactSet, up: Array) -> Leaning:
     Raises:
         StabilityError: `up` is zero (free fall), not finite, or lies in the horizontal plane.
     """
-    strength = float(np.linalg.norm(up))
+    strength = norm(up)
     if not np.isfinite(strength) or strength < 1e-9:
         raise StabilityError("zero_direction", "up", f"got {up.tolist()}, effective gravity needs a direction")
     z = up / strength
     if abs(z[2]) < 1e-6:
         raise StabilityError("zero_direction", "up", f"got {up.tolist()}, effective gravity must not be horizontal")
     x = np.array([1.0, 0.0, 0.0]) - z[0] * z
-    if float(np.linalg.norm(x)) < 1e-3:
+    if norm(x) < 1e-3:
         x = np.array([0.0, 1.0, 0.0]) - z[1] * z
-    x /= np.linalg.norm(x)
+    x /= norm(x)
     y = np.array([z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]])
     rot = np.vstack((x, y, z))
-    turned = ContactSet(
-        np.ascontiguousarray(contacts.position @ rot.T), np.ascontiguousarray(contacts.normal @ rot.T), contacts.mu
-    )
+    turned = ContactSet(product(contacts.position, rot.T), product(contacts.normal, rot.T), contacts.mu)
     return Leaning(turned, rot, strength)
 
 
@@ -273,7 +272,7 @@ def _common(polygons: list[Array]) -> Array:
         if len(corners) < 3:  # its ends
             outward = np.concatenate((outward, along))
         normals.append(outward)
-        offsets.append((outward @ corners.T).max(axis=1) + (MET if len(corners) < 3 else 0.0))
+        offsets.append(product(outward, corners.T).max(axis=1) + (MET if len(corners) < 3 else 0.0))
     a, b = np.concatenate(normals), np.concatenate(offsets)
     size = 4.0 * float(np.abs(b).max()) + 1.0
     return _thinned(hull(half_planes(np.ascontiguousarray(a), np.ascontiguousarray(b), size)))

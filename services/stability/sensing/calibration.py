@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from surefoot.geometry.linear import dot, norm, product, solve
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import com, foot_positions
 
@@ -112,13 +113,13 @@ def calibrate(
         if found is None:
             continue
         a, b, per_torque = found
-        noise = torque_variance * per_torque @ per_torque.T
+        noise = torque_variance * product(per_torque, per_torque.T)
         noise += 1e-9 * np.trace(noise) * np.eye(6)
         if not np.isfinite(noise).all():
             raise StabilityError("not_finite", f"poses.{number}", "gives equations that are not finite")
-        weight = np.linalg.inv(noise)
-        information += a.T @ weight @ a
-        right += a.T @ weight @ b
+        weighted = solve(noise, np.column_stack((a, b)))
+        information += product(a.T, weighted[:, :-1])
+        right += product(a.T, weighted[:, -1])
         blocks.append((a, b))
     if not blocks:
         raise StabilityError("no_pose", "poses", f"none of {len(poses)} poses has observed legs on the ground")
@@ -126,15 +127,15 @@ def calibrate(
     spread = np.zeros((nj + 2, nj + 2))
     spread[:nj, :nj] = COMMON_SD**2 * np.ones((nj, nj)) + max(apart_sd, 1e-6) ** 2 * np.eye(nj)
     spread[nj:, nj:] = OFFSET_SD**2 * np.eye(2)
-    prior = np.linalg.inv(spread)
-    covariance = np.linalg.inv(information + prior)
-    best = covariance @ (right + prior @ mean)
+    prior = solve(spread, np.eye(nj + 2))
+    covariance = solve(information + prior, np.eye(nj + 2))
+    best = product(covariance, right + product(prior, mean))
     used = _used(robot, poses)
     share = used / used.sum()
-    rest = np.concatenate([(a @ best - b)[:3] for a, b in blocks])
+    rest = np.concatenate([(product(a, best) - b)[:3] for a, b in blocks])
     return Calibration(
-        common=float(share @ best[:nj]),
-        common_sd=math.sqrt(float(share @ covariance[:nj, :nj] @ share)),
+        common=dot(share, best[:nj]),
+        common_sd=math.sqrt(dot(share, product(covariance[:nj, :nj], share))),
         gain=best[:nj],
         gain_sd=np.sqrt(np.diag(covariance)[:nj]),
         offset=best[nj:],
@@ -155,21 +156,21 @@ def equations(robot: Robot, pose: SweptPose) -> tuple[Array, Array, Array] | Non
     found = leg_inverses(robot, pose.joints, pose.g_up)
     if not pose.stance.any() or not found.observed[pose.stance].all():
         return None
-    size = float(np.linalg.norm(pose.g_up))
+    size = norm(pose.g_up)
     rot = level_from_up(pose.g_up / size)
-    feet, nj = foot_positions(robot.model, pose.joints) @ rot.T, robot.nj
+    feet, nj = product(foot_positions(robot.model, pose.joints), rot.T), robot.nj
     feet[:, 2] -= [leg.foot.radius for leg in robot.legs]
     centre = feet[pose.stance].mean(axis=0)
     per_torque, own = np.zeros((6, nj)), np.zeros(6)
     for i in np.flatnonzero(pose.stance):
-        inverse, joints = rot @ found.inverse[i], robot.model.leg_joints[i, :3]
+        inverse, joints = product(rot, found.inverse[i]), robot.model.leg_joints[i, :3]
         arm = feet[i] - centre
         cross = np.array([[0.0, -arm[2], arm[1]], [arm[2], 0.0, -arm[0]], [-arm[1], arm[0], 0.0]])
-        both = np.vstack((inverse, cross @ inverse))  # (6, 3)
+        both = np.vstack((inverse, product(cross, inverse)))  # (6, 3)
         per_torque[:, joints] += both
-        own += both @ found.own[joints]
+        own += product(both, found.own[joints])
     weight = robot.mass * size
-    middle = rot @ com(robot.model, pose.joints) - centre
+    middle = product(rot, com(robot.model, pose.joints)) - centre
     a = np.zeros((6, nj + 2))
     a[:, :nj] = per_torque * pose.torque
     # sum F = own - a s must equal the weight; its moment c x (mg e_z) = mg (c_y, -c_x, 0)
@@ -183,7 +184,7 @@ def equations(robot: Robot, pose: SweptPose) -> tuple[Array, Array, Array] | Non
 def level_from_up(up: Array) -> Array:
     """rot_level_from_base (3, 3) for the unit vector up, base_link: x along the trunk's heading."""
     x = np.array([1.0, 0.0, 0.0]) - up[0] * up
-    x /= np.linalg.norm(x)
+    x /= norm(x)
     y = np.array([up[1] * x[2] - up[2] * x[1], up[2] * x[0] - up[0] * x[2], up[0] * x[1] - up[1] * x[0]])
     return np.vstack((x, y, up))
 

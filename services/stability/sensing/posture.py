@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from surefoot.geometry.constants import GRAVITY
+from surefoot.geometry.linear import norm, product
 from surefoot.geometry.linear_kernels import solve3
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.kernels.jit import kernel, row_kernel
@@ -137,7 +138,7 @@ class PosedRobot:
                 stance[leg] = True
         for i, name in enumerate(names):
             if name is None:
-                distance = np.linalg.norm(feet - contacts.position[i], axis=1) - self.robot.foot_radii
+                distance = _distance(feet, contacts.position[i]) - self.robot.foot_radii
                 if distance.min() < NEAR:
                     stance[int(distance.argmin())] = True
         return stance if stance.any() else np.ones_like(stance)
@@ -151,7 +152,7 @@ class PosedRobot:
         feet = feet_in_world(self.robot.model, self.joints, self.rot, self.base)
         known, out = [leg.name for leg in self.robot.legs], list[int]()
         for i, name in enumerate(names):
-            distance = np.linalg.norm(feet - contacts.position[i], axis=1) - self.robot.foot_radii
+            distance = _distance(feet, contacts.position[i]) - self.robot.foot_radii
             leg = int(distance.argmin()) if name is None else self._leg_named(name, i)
             if distance[leg] >= NEAR:
                 foot = f"the foot nearest to it, of {known[leg]}" if name is None else f"the foot of {name}"
@@ -164,11 +165,11 @@ class PosedRobot:
 
     def servo_legs(self, legs: list[int], limit: Array) -> ServoLegs:
         """Servos of some legs, in this order, with limits (nj,) Nm of all joints."""
-        model, up = self.robot.model, self.rot.T @ np.array([0.0, 0.0, 1.0])
-        jacobian = contact_jacobians(model, self.joints, np.ascontiguousarray(up), self.robot.foot_radii)
+        model, up = self.robot.model, self.rot[2].copy()
+        jacobian = contact_jacobians(model, self.joints, up, self.robot.foot_radii)
         index = model.leg_joints[legs]
-        own = gravity_torques(model, self.joints, np.ascontiguousarray(GRAVITY * up))[index]
-        return ServoLegs(self.rot @ jacobian[legs], own, limit[index], self.robot.mass * GRAVITY)
+        own = gravity_torques(model, self.joints, GRAVITY * up)[index]
+        return ServoLegs(product(self.rot, jacobian[legs]), own, limit[index], self.robot.mass * GRAVITY)
 
     def _leg_named(self, name: str, contact: int) -> int:
         known = [leg.name for leg in self.robot.legs]
@@ -194,7 +195,7 @@ def posed(robot: Robot, joints: ArrayLike, quat_wxyz: ArrayLike, base: Array, fi
     q, quat = np.array(joints), np.array(quat_wxyz)
     if q.size != robot.nj:
         raise StabilityError("shape", f"{field}joints", f"got {q.size} angles, {robot.name} has {robot.nj} joints")
-    length = float(np.linalg.norm(quat))
+    length = norm(quat)
     if not 1e-6 < length < 1e6:
         got = f"got {tuple(quat.tolist())}, must be a unit quaternion"
         raise StabilityError("not_unit", f"{field}base.quat_wxyz", got)
@@ -222,6 +223,12 @@ def torque_limits(robot: Robot, given: ArrayLike | None) -> Array:
     for i in np.flatnonzero(~(limit > 0.0)):
         raise StabilityError("not_positive", f"{field}.{i}", f"got {limit[i]}, must be more than 0")
     return limit
+
+
+def _distance(points: Array, point: Array) -> Array:
+    """Distances (n,) m of points (n, 3) from a point (3,)."""
+    away = points - point
+    return np.sqrt(product(away * away, np.ones(3)))
 
 
 def _twice(name: str, contact: int) -> StabilityError:
