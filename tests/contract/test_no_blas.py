@@ -73,9 +73,18 @@ def test_ticks_use_no_blas_and_the_exceptions_still_need_their_place() -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["a @ b", "a @= b", "np.dot(a, b)", "a.dot(b)", "np.linalg.norm(a)", "np.einsum('i,i', a, b)", "import scipy.optimize",
-     "from scipy import linalg", "from numpy.linalg import norm"],
-)  # fmt: skip
+    [
+        "a @ b",
+        "a @= b",
+        "np.dot(a, b)",
+        "a.dot(b)",
+        "np.linalg.norm(a)",
+        "np.einsum('i,i', a, b)",
+        "import scipy.optimize",
+        "from scipy import linalg",
+        "from numpy.linalg import norm",
+    ],
+)
 def test_each_way_to_blas_is_seen(text: str) -> None:
     assert list(blas_lines(text)) == [1]
     assert list(blas_lines("product(a, b) + norm(a) + np.add.reduce(a * b)")) == []
